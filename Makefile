@@ -1,0 +1,42 @@
+# make            set everything up in .venv and print scenarios/cylinder.toml
+# make test       lint, C and Python tests
+# make test-long  the proofs that take minutes
+# make benchmarks measured comparisons, printed as ratios
+PYTHON ?= python3.11
+BIN    := .venv/bin
+PIP    := $(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check
+
+.PHONY: run test lint format test-long benchmarks clean
+run: .venv/installed
+	$(BIN)/inkloop run scenarios/cylinder.toml
+
+.venv/installed: pyproject.toml CMakeLists.txt $(shell find fmus controller/core -type f) cosim/inkloop/fmu_archive.py cosim/inkloop/model_description.py
+	@command -v $(PYTHON) >/dev/null || { echo "inkloop needs $(PYTHON) (or: make PYTHON=/path/to/python)"; exit 1; }
+	@test -x $(BIN)/python || $(PYTHON) -m venv --without-pip .venv
+	@echo "installing into .venv ..."
+	$(PIP) 'scikit-build-core>=0.11' 'fmpy>=0.3.29'
+	$(PIP) --no-build-isolation --editable '.[dev]'
+	@touch $@
+
+test: lint
+	$(BIN)/python -m pytest
+
+lint: .venv/installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/clang-format --dry-run --Werror $(shell git ls-files '*.c' '*.h')
+
+format: .venv/installed
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+	$(BIN)/clang-format -i $(shell git ls-files '*.c' '*.h')
+
+test-long: .venv/installed
+	$(BIN)/python -m pytest -m long
+
+benchmarks: .venv/installed
+	$(BIN)/python -m benchmarks
+
+clean:
+	rm -rf build .venv

@@ -1,0 +1,121 @@
+"""The floor that every part stands on: what a component is, and what a component is told about the job.
+
+An FMU, the layer controller and a CAN device all fulfil `Component`. The master asks nothing more of them,
+and a class of one's own needs nothing else to take part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Values: TypeAlias = Mapping[str, NDArray[Any]]
+"""Port name -> array of the port's shape and dtype (a scalar is an array of shape ())."""
+
+FloatMap: TypeAlias = NDArray[np.float64]
+"""(nx, ny) heights [m], i along x, j along y."""
+
+BoolMap: TypeAlias = NDArray[np.bool_]
+"""(nx, ny) marks."""
+
+
+class Status(IntEnum):
+    """`status` of every part of the layer contract, the same codes in FMUs, Python and on the bus."""
+
+    IDLE = 0
+    BUSY = 1
+    DONE = 2
+    FAULT = 3
+    UNTRUSTED = 4
+
+
+@dataclass(frozen=True)
+class Port:
+    """One input or output: `unit` in FMI spelling ("m", "s", "1"), `shape` () for a scalar, NumPy `dtype` by name.
+
+    `start` is the value before the first step.
+    """
+
+    name: str
+    unit: str = "1"
+    shape: tuple[int, ...] = ()
+    dtype: str = "float64"
+    start: float = 0.0
+
+    def start_value(self) -> NDArray[Any]:
+        """The start value as an array of the port's shape and dtype."""
+        return np.full(self.shape, self.start, dtype=self.dtype)
+
+
+@runtime_checkable
+class Component(Protocol):
+    """A part of the loop. Times are integer nanoseconds.
+
+    `save() -> bytes` and `restore(bytes)` may be offered besides; without them a run cannot be resumed.
+    """
+
+    @property
+    def inputs(self) -> tuple[Port, ...]:
+        """Ports that `do_step` expects."""
+
+    @property
+    def outputs(self) -> tuple[Port, ...]:
+        """Ports that `initialize` and `do_step` return."""
+
+    def initialize(self, time_ns: int, inputs: Values) -> Values:
+        """Get ready to step from `time_ns`; returns the outputs at that time."""
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        """Advance from `time_ns` by `step_ns` with `inputs` held; returns the outputs at the end."""
+
+    def terminate(self) -> None:
+        """Release everything; called exactly once, also after a failure."""
+
+
+@runtime_checkable
+class Geometry(Protocol):
+    """A part in space: which points belong to it. Coordinates in metres, origin at the centre of cell (0, 0)."""
+
+    def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
+        """True where the point (x, y, z) lies in the part; the three broadcast against each other."""
+
+
+@dataclass(frozen=True)
+class Ink:
+    """Height that one droplet adds to its own cell, each side and each corner neighbour [m] (Lu et al. 2015, Table I)."""
+
+    h1: float = 4.4e-6
+    h2: float = 0.6e-6
+    h3: float = 0.2e-6
+
+    @property
+    def layer_height(self) -> float:
+        """Height of a full layer on a wide flat surface [m]: h1 + 4 h2 + 4 h3."""
+        return self.h1 + 4.0 * self.h2 + 4.0 * self.h3
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is to be printed, as every component is told it.
+
+    target_height: (nx, ny) [m]; mask: (nx, ny), the part's cells, over which errors count and droplets may fall;
+    inks: one per material; region: where material A belongs (None: one material everywhere);
+    passes: 1 or 4, with pass_order and pass_rotation as in LayerDeposition; seed: the component's own stream.
+    """
+
+    nx: int
+    ny: int
+    pitch: float
+    target_height: FloatMap
+    mask: BoolMap
+    inks: tuple[Ink, ...] = (Ink(),)
+    region: Geometry | None = None
+    passes: int = 1
+    pass_order: int = 1
+    pass_rotation: int = 0
+    seed: int = 0

@@ -1,0 +1,38 @@
+"""Errors of inkloop, split by who can mend them.
+
+InkloopError
+├── ScenarioError    the author of the file: every fault of the file at once, each with its place
+├── FmuError         the maker of an FMU: cannot be read, or does not offer what is asked of it
+├── ComponentError   a component failed while it ran: which one, when, in which layer
+└── ResultError      a run folder cannot be read or written
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+class InkloopError(Exception):
+    """Anything that inkloop reports to its user as a sentence, without a traceback."""
+
+
+class ScenarioError(InkloopError):
+    """Faults of one scenario; `faults` holds one sentence each: place, what was found, what is expected."""
+
+    def __init__(self, source: str, faults: Sequence[str]) -> None:
+        self.source = source
+        self.faults = tuple(faults)
+        count = "1 fault" if len(self.faults) == 1 else f"{len(self.faults)} faults"
+        super().__init__("\n".join([f"{source}: {count}", *(f"  - {fault}" for fault in self.faults)]))
+
+
+class FmuError(InkloopError):
+    """An FMU cannot be read, or lacks what is asked of it."""
+
+
+class ComponentError(InkloopError):
+    """A component refused or failed; the message names it and says why."""
+
+
+class ResultError(InkloopError):
+    """A run folder cannot be read or written."""
