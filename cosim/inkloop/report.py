@@ -1,0 +1,83 @@
+"""What a person gets to see of a run folder: one table and its pictures."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+
+import tomlkit
+from rich.console import Console
+from rich.table import Table
+
+from inkloop import plot
+from inkloop.files import write_text
+from inkloop.result import Result
+from inkloop.schema import Literature
+
+COMPARE_FOLDER = "compare"
+MAIN_RUN = "closed loop"
+
+
+def load_runs(folder: Path) -> dict[str, Result]:
+    """The run of `folder` first, then its comparison runs, by name. Raises ResultError."""
+    main = Result.load(folder)
+    runs = {main.dataset.attrs["label"]: main}
+    for result_file in sorted((folder / COMPARE_FOLDER).glob("*/result.nc")):
+        result = Result.load(result_file.parent)
+        runs[result.dataset.attrs["label"]] = result
+    return runs
+
+
+def write(folder: Path) -> Table:
+    """Write `summary.txt` and the pictures of the run in `folder`; returns the table for the screen."""
+    runs = load_runs(folder)
+    main = next(iter(runs.values()))
+    tables = tomlkit.parse(main.scenario_text).unwrap().get("literature", {})
+    literature = {name: Literature.model_validate(table) for name, table in tables.items()}
+    table = comparison_table(main.dataset.attrs["title"], runs, literature)
+    text = io.StringIO()
+    Console(file=text, width=120).print(table)
+    write_text(folder / "summary.txt", text.getvalue())
+    for name, figure in pictures(runs).items():
+        plot.save(figure, folder / f"{name}.png")
+    return table
+
+
+def pictures(runs: Mapping[str, Result]) -> dict[str, plot.Figure]:
+    """File name -> figure."""
+    labelled = {name: result.dataset for name, result in runs.items()}
+    name, main = next(iter(labelled.items()))
+    figures = {
+        "surface": plot.surfaces({name: main}),
+        "cross-section": plot.cross_section(labelled),
+        "error-map": plot.error_map(main, name),
+        "layers": plot.layers(labelled),
+    }
+    if len(labelled) > 1:
+        figures["open-against-closed"] = plot.surfaces(labelled)
+    if (main.pattern == 2).any():
+        figures["materials"] = plot.materials(main, name)
+    return figures
+
+
+def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping[str, Literature]) -> Table:
+    """Errors of every run over the part, and printed figures beside them."""
+    table = Table(title=title, caption="errors over the part's cells in um; mean error = target - mean height")
+    table.add_column("run")
+    for heading in ("mean error", "mae", "std", "layers", "droplets", "print [s]", "wall [s]"):
+        table.add_column(heading, justify="right")
+    for name, result in runs.items():
+        metrics = result.metrics()
+        table.add_row(
+            name,
+            *(f"{metrics[key] * 1e6:.2f}" for key in ("mean_error", "mae", "std")),
+            f"{metrics['layers']:.0f}",
+            f"{metrics['droplets']:.0f}",
+            f"{float(result.dataset.time[-1]):.0f}",
+            f"{result.wall_s:.2f}",
+        )
+    for name, figures in literature.items():
+        shown = (figures.mean_error_um, None, figures.std_um)
+        table.add_row(f"{name} ({figures.note})", *("-" if um is None else f"{um:g}" for um in shown), *"----")
+    return table

@@ -1,0 +1,199 @@
+"""A scenario: one TOML file that says what is printed, by which components, and when the run ends."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+from pydantic import ValidationError
+from tomlkit.exceptions import TOMLKitError
+
+from inkloop import catalog
+from inkloop.component import Component, Job
+from inkloop.errors import InkloopError, ScenarioError
+from inkloop.faults import nearest, sentence
+from inkloop.geometry import cell_centers
+from inkloop.master import Connection, check, contract_connections
+from inkloop.schema import ComponentTable, ScenarioFile
+
+PASS_ORDERS = {"raster": 1, "diagonal": 2}
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A valid scenario; `text` is the file as run, overrides included."""
+
+    source: str
+    text: str
+    tables: ScenarioFile
+
+    @classmethod
+    def load(cls, path: Path | str, overrides: Iterable[str] = ()) -> Scenario:
+        """Read `path` with `key=value` overrides. Raises ScenarioError with every fault of the file."""
+        source = str(path)
+        try:
+            document = tomlkit.parse(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ScenarioError(source, [f"cannot be read: {error.strerror}"]) from error
+        except (TOMLKitError, UnicodeDecodeError) as error:
+            raise ScenarioError(source, [f"is not TOML: {error}"]) from error
+        faults = [fault for override in overrides if (fault := _apply(document, override))]
+        return cls._from_tables(source, tomlkit.dumps(document), document.unwrap(), faults)
+
+    @classmethod
+    def _from_tables(cls, source: str, text: str, raw: dict[str, Any], faults: list[str]) -> Scenario:
+        try:
+            tables = ScenarioFile.model_validate(raw)
+        except ValidationError as error:
+            faults += [sentence(detail, ScenarioFile) for detail in error.errors()] + _component_faults(raw)
+            raise ScenarioError(source, faults) from error
+        scenario = cls(source, text, tables)
+        faults += scenario._faults()
+        if faults:
+            raise ScenarioError(source, faults)
+        return scenario
+
+    def variant(self, name: str) -> Scenario:
+        """The scenario of `[compare.NAME]`: same job, same seed, other components."""
+        components = {**self.tables.components, **self.tables.compare[name].components}
+        changes = {"label": name, "components": components, "compare": {}, "literature": {}}
+        tables = self.tables.model_copy(update=changes)
+        return Scenario(f"{self.source}, {name}", tomlkit.dumps(tables.model_dump(exclude_none=True)), tables)
+
+    def job(self, component: str = "") -> Job:
+        """The job as `component` is told it; its seed is a stream of its own, derived from the scenario's."""
+        grid, part, process = self.tables.grid, self.tables.part, self.tables.process
+        geometry = part.geometry(grid)
+        x, y = cell_centers(grid.nx, grid.ny, grid.pitch)
+        if self.tables.support is None:
+            mask = geometry.contains(x, y, np.zeros_like(x))
+        else:
+            mask = np.zeros((grid.nx, grid.ny), dtype=np.bool_)
+            margin = self.tables.support.margin_cells
+            mask[margin : grid.nx - margin, margin : grid.ny - margin] = True
+        return Job(
+            nx=grid.nx,
+            ny=grid.ny,
+            pitch=grid.pitch,
+            target_height=np.where(mask, geometry.height, 0.0),
+            mask=mask,
+            inks=(self.tables.ink.a.ink, self.tables.ink.b.ink),
+            region=None if self.tables.support is None else geometry,
+            passes=process.passes,
+            pass_order=PASS_ORDERS[process.pass_order],
+            pass_rotation=process.pass_rotation,
+            seed=component_seed(self.tables.seed, component),
+        )
+
+    def build(self) -> tuple[dict[str, Component], list[Connection]]:
+        """Components in file order and their checked connections. The caller terminates the components."""
+        components: dict[str, Component] = {}
+        try:
+            for name, table in self.tables.components.items():
+                components[name] = catalog.make(table.kind, self.job(name), table.options)
+            connections, faults = self._connect(components)
+            if faults:
+                raise ScenarioError(self.source, faults)
+        except BaseException:
+            for component in components.values():
+                component.terminate()
+            raise
+        return components, connections
+
+    def _connect(self, components: Mapping[str, Component]) -> tuple[list[Connection], list[str]]:
+        explicit = [Connection(table.source, table.target) for table in self.tables.connections]
+        connections = [*explicit]
+        faults: list[str] = []
+        try:
+            taken = {connection.target for connection in explicit}
+            connections += [wire for wire in contract_connections(components) if wire.target not in taken]
+        except InkloopError as error:
+            faults.append(str(error))
+        return connections, faults + check(components, connections)
+
+    def _faults(self) -> list[str]:
+        faults = self._part_faults()
+        for place, table in self._all_components():
+            job = self.job(place)
+            faults += [f"{place}.{fault}" for fault in catalog.faults(table.kind, job, table.options)]
+        for name in self.tables.compare:
+            unknown = [key for key in self.tables.compare[name].components if key not in self.tables.components]
+            faults += [f"compare.{name}.components.{key} replaces nothing: {nearest(key, self.tables.components)}"
+                       for key in unknown]
+        return faults + (self._wiring_faults() if not faults else [])
+
+    def _wiring_faults(self) -> list[str]:
+        try:
+            components, _ = self.build()
+        except ScenarioError as error:
+            return list(error.faults)
+        for component in components.values():
+            component.terminate()
+        return []
+
+    def _part_faults(self) -> list[str]:
+        job, grid = self.job(), self.tables.grid
+        if not job.mask.any():
+            return ["part covers no cell of the grid; make it larger, move it, or enlarge grid.nx and grid.ny"]
+        if self.tables.support is not None:
+            return []
+        x, y = cell_centers(grid.nx + 2, grid.ny + 2, grid.pitch)
+        around = self.tables.part.geometry(grid).contains(x - grid.pitch, y - grid.pitch, np.zeros_like(x))
+        around[1:-1, 1:-1] = False
+        if around.any():
+            return [f"part reaches beyond the grid of {grid.nx} x {grid.ny} cells; enlarge grid.nx and grid.ny "
+                    "(leave 2 empty cells around the part) or make it smaller"]
+        return []
+
+    def _all_components(self) -> Iterable[tuple[str, ComponentTable]]:
+        for name, table in self.tables.components.items():
+            yield f"components.{name}", table
+        for variant, comparison in self.tables.compare.items():
+            for name, table in comparison.components.items():
+                yield f"compare.{variant}.components.{name}", table
+
+
+def component_seed(seed: int, component: str) -> int:
+    """Seed of one component's random stream (0 .. 2^31 - 1), independent of the others and of their order."""
+    sequence = np.random.SeedSequence([seed, zlib.crc32(component.encode())])
+    return int(sequence.generate_state(1)[0] & 0x7FFFFFFF)
+
+
+def _apply(document: tomlkit.TOMLDocument, override: str) -> str | None:
+    """Set one `table.key=value` in the document; a sentence if it cannot be."""
+    path, separator, text = override.partition("=")
+    keys = [key.strip() for key in path.split(".")]
+    if not separator or not all(keys):
+        return f"--set {override}: expected key=value, e.g. --set components.controller.alpha=0.5"
+    try:
+        value: Any = tomlkit.value(text.strip())
+    except TOMLKitError:
+        value = text.strip()
+    table: Any = document
+    for key in keys[:-1]:
+        if key not in table:
+            table[key] = tomlkit.table()
+        table = table[key]
+        if not isinstance(table, Mapping):
+            return f"--set {override}: {key} is not a table"
+    table[keys[-1]] = value
+    return None
+
+
+def _component_faults(raw: Mapping[str, Any]) -> list[str]:
+    """Faults of the component tables of a file whose other tables are faulty, as far as they can be told."""
+    components = raw.get("components")
+    if not isinstance(components, Mapping):
+        return []
+    job = Job(nx=9, ny=9, pitch=1e-4, target_height=np.zeros((9, 9)), mask=np.ones((9, 9), dtype=np.bool_))
+    faults = []
+    for name, table in components.items():
+        if isinstance(table, Mapping) and isinstance(table.get("kind"), str):
+            options = {key: value for key, value in table.items() if key != "kind"}
+            faults += [f"components.{name}.{fault}" for fault in catalog.faults(table["kind"], job, options)]
+    return faults

@@ -1,0 +1,190 @@
+"""The scenario file as a set of tables: every key with its type, limits, default and meaning.
+
+The keys of a file carry units (`pitch_um`); this is the one place where they become SI. What a key of
+`[components.NAME]` may be depends on its `kind` and is checked by `inkloop.catalog`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from inkloop.component import Ink
+from inkloop.geometry import Cuboid, Cylinder, PipeJunction, Shape
+
+UM = 1e-6
+Length = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Position = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Table(BaseModel):
+    """A TOML table: unknown keys are faults, values are not converted between types, nothing changes later."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class Grid(Table):
+    """`[grid]`: the droplet sites."""
+
+    nx: int = Field(ge=1, description="cells along x")
+    ny: int = Field(ge=1, description="cells along y")
+    pitch_um: Length = Field(default=263.256, description="droplet spacing; 0.6268 x 420 um in Lu et al. 2015, Table I")
+
+    @property
+    def pitch(self) -> float:
+        """Droplet spacing [m]."""
+        return self.pitch_um * UM
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Centre of the grid [m]."""
+        return (self.nx - 1) / 2 * self.pitch, (self.ny - 1) / 2 * self.pitch
+
+
+class PartTable(Table):
+    """What every shape has: a top, and a centre that defaults to the middle of the grid."""
+
+    height_um: Length = Field(description="height of the flat top over the substrate")
+    center_x_um: Position | None = Field(default=None, description="centre along x; default: middle of the grid")
+    center_y_um: Position | None = Field(default=None, description="centre along y; default: middle of the grid")
+
+    def _center(self, grid: Grid) -> tuple[float, float]:
+        x, y = grid.middle
+        return (
+            x if self.center_x_um is None else self.center_x_um * UM,
+            y if self.center_y_um is None else self.center_y_um * UM,
+        )
+
+
+class CylinderTable(PartTable):
+    """`[part]` with `shape = "cylinder"`."""
+
+    shape: Literal["cylinder"]
+    radius_um: Length = Field(description="radius")
+
+    def geometry(self, grid: Grid) -> Shape:
+        """The part in space."""
+        return Cylinder(*self._center(grid), self.radius_um * UM, self.height_um * UM)
+
+
+class CuboidTable(PartTable):
+    """`[part]` with `shape = "cuboid"`."""
+
+    shape: Literal["cuboid"]
+    size_x_um: Length = Field(description="edge along x")
+    size_y_um: Length = Field(description="edge along y")
+
+    def geometry(self, grid: Grid) -> Shape:
+        """The part in space."""
+        return Cuboid(*self._center(grid), self.size_x_um * UM, self.size_y_um * UM, self.height_um * UM)
+
+
+class PipeJunctionTable(PartTable):
+    """`[part]` with `shape = "pipe-junction"`: two elliptic pipes along x and y at half the height."""
+
+    shape: Literal["pipe-junction"]
+    outer_across_um: Length = Field(description="outer half-axis in the plane")
+    outer_upright_um: Length = Field(description="outer half-axis along z")
+    inner_across_um: Length = Field(description="inner half-axis in the plane")
+    inner_upright_um: Length = Field(description="inner half-axis along z")
+
+    def geometry(self, grid: Grid) -> Shape:
+        """The part in space."""
+        lengths = (self.outer_across_um, self.outer_upright_um, self.inner_across_um, self.inner_upright_um)
+        return PipeJunction(*self._center(grid), *(length * UM for length in lengths), self.height_um * UM)
+
+
+class Support(Table):
+    """`[support]`: material B fills the block around the part up to the part's height."""
+
+    margin_cells: int = Field(default=2, ge=0, description="empty cells kept along the edge of the grid")
+
+
+class InkTable(Table):
+    """`[ink.a]`, `[ink.b]`: what one droplet adds; defaults of Lu et al. 2015, Table I."""
+
+    h1_um: Length = Field(default=4.4, description="height added to the hit cell")
+    h2_um: float = Field(default=0.6, ge=0.0, allow_inf_nan=False, description="height added to a side neighbour")
+    h3_um: float = Field(default=0.2, ge=0.0, allow_inf_nan=False, description="height added to a corner neighbour")
+
+    @property
+    def ink(self) -> Ink:
+        """The ink in SI."""
+        return Ink(self.h1_um * UM, self.h2_um * UM, self.h3_um * UM)
+
+
+class Inks(Table):
+    """`[ink]`: materials A and B."""
+
+    a: InkTable = InkTable()
+    b: InkTable = InkTable()
+
+
+class Process(Table):
+    """`[process]`: how a layer is laid down, the same for the plant and for the controller's model."""
+
+    passes: Literal[1, 4] = Field(default=1, description="4: a 2x2 colouring with cure between the passes")
+    pass_order: Literal["raster", "diagonal"] = "raster"
+    pass_rotation: int = Field(default=0, ge=0, le=3, description="places by which each layer's order starts later")
+
+
+class RunTable(Table):
+    """`[run]`: communication points and the end of the run."""
+
+    step_s: Annotated[float, Field(ge=1e-9, allow_inf_nan=False)] = Field(default=1.0, description="communication step")
+    algorithm: Literal["gauss-seidel", "jacobi"] = "gauss-seidel"
+    layers_max: int = Field(default=1000, ge=1, description="layers after which the run ends in any case")
+    time_max_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
+
+
+class ComponentTable(BaseModel):
+    """`[components.NAME]`: `kind`, and the options of that kind."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
+    kind: str = Field(description="a kind of the catalog")
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Everything but the kind."""
+        return dict(self.model_extra or {})
+
+
+class ConnectionTable(Table):
+    """`[[connections]]`: "component.port" to "component.port"; overrides the contract's wiring of that input."""
+
+    source: str
+    target: str
+
+
+class Comparison(Table):
+    """`[compare.NAME]`: the same job printed again with other components."""
+
+    components: dict[str, ComponentTable] = Field(description="components to put in place of those of the same name")
+
+
+class Literature(Table):
+    """`[literature.NAME]`: printed figures that the table shows beside ours."""
+
+    mean_error_um: float | None = None
+    std_um: float | None = None
+    note: str = "another plant"
+
+
+class ScenarioFile(Table):
+    """The whole file."""
+
+    schema_version: Literal[1] = 1
+    title: str = Field(description="what the table and the pictures are called")
+    label: str = Field(default="this run", description="short name of the run in the table and in legends")
+    seed: int = Field(default=0, ge=0, le=2**31 - 1)
+    grid: Grid
+    part: Annotated[CylinderTable | CuboidTable | PipeJunctionTable, Field(discriminator="shape")]
+    support: Support | None = None
+    ink: Inks = Inks()
+    process: Process = Process()
+    run: RunTable = RunTable()
+    components: dict[str, ComponentTable] = Field(min_length=1)
+    connections: list[ConnectionTable] = []
+    compare: dict[str, Comparison] = {}
+    literature: dict[str, Literature] = {}

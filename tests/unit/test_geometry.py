@@ -1,0 +1,45 @@
+"""Parts as analytic shapes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inkloop.geometry import Cuboid, Cylinder, PipeJunction, cell_centers
+
+PITCH = 263.256e-6
+
+
+def test_cylinder_stands_on_the_cells_whose_centres_it_covers() -> None:
+    x, y = cell_centers(35, 35, PITCH)
+    i, j = np.meshgrid(np.arange(35), np.arange(35), indexing="ij")
+    footprint = Cylinder(17 * PITCH, 17 * PITCH, 15 * PITCH, 400e-6).contains(x, y, np.zeros_like(x))
+    np.testing.assert_array_equal(footprint, (i - 17) ** 2 + (j - 17) ** 2 <= 225)
+    assert footprint.sum() == 709
+
+
+def test_cuboid_of_eight_pitches_stands_on_eight_cells_each_way() -> None:
+    x, y = cell_centers(12, 12, PITCH)
+    middle = 5.5 * PITCH
+    footprint = Cuboid(middle, middle, 8 * PITCH, 8 * PITCH, 22.8e-6).contains(x, y, np.zeros_like(x))
+    assert footprint.sum() == 64
+    assert footprint[2:10, 2:10].all()
+
+
+@pytest.mark.parametrize("z", [-1e-6, 401e-6])
+def test_part_ends_at_substrate_and_top(z: float) -> None:
+    assert not Cylinder(0.0, 0.0, 1.0, 400e-6).contains(np.zeros(1), np.zeros(1), np.full(1, z)).any()
+
+
+def test_bores_of_a_pipe_junction_open_into_each_other() -> None:
+    pipes = PipeJunction(0.0, 0.0, 20e-4, 180e-6, 13e-4, 117e-6, 400e-6)
+    at = np.array([0.0, 30e-4, 16e-4, 16e-4, 30e-4])  # centre, along the bore, wall of the other pipe, corner outside
+    across = np.array([0.0, 0.0, 16e-4, 0.0, 30e-4])
+    inside = pipes.contains(at, across, np.full(5, 200e-6))
+    np.testing.assert_array_equal(inside, [False, False, True, False, False])
+
+
+def test_pipe_junction_is_the_same_along_x_and_y() -> None:
+    pipes = PipeJunction(0.0, 0.0, 20e-4, 180e-6, 13e-4, 117e-6, 400e-6)
+    x, y, z = np.random.default_rng(1).uniform(0, 30e-4, (3, 1000)) * np.array([[1.0], [1.0], [0.13]])
+    np.testing.assert_array_equal(pipes.contains(x, y, z), pipes.contains(y, x, z))
