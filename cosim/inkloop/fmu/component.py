@@ -1,0 +1,160 @@
+"""A co-simulation FMU, FMI 2 or FMI 3, as a component of the loop.
+
+Values go from NumPy arrays to the FMU and back by pointer; no list of Python numbers is made.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import tempfile
+import zipfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import fmpy
+from numpy.typing import NDArray
+
+from inkloop.component import Port, Values
+from inkloop.errors import ComponentError, FmuError
+from inkloop.faults import nearest
+from inkloop.fmu.binding import Binding
+from inkloop.fmu.reading import describe
+from inkloop.fmu.variable import Variable
+
+PLATFORM = {2: fmpy.platform, 3: fmpy.platform_tuple}
+"""FMI version -> folder in binaries/ that this machine needs."""
+
+
+class FmuComponent:
+    """A co-simulation FMU behind the `Component` protocol.
+
+    `parameters` are in SI by the FMU's names, an array for an array; `structural` resizes FMI 3 arrays and is checked
+    against the grid of an FMU whose size is fixed. Both are checked here; the binary is started by `initialize`.
+    Outputs are fresh arrays at every step: whoever keeps one keeps its values. Raises FmuError, later ComponentError.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        *,
+        parameters: Mapping[str, object] | None = None,
+        structural: Mapping[str, int] | None = None,
+    ) -> None:
+        self.description = describe(path)
+        self._sizes = self.description.sizes(structural or {})
+        self._parameters = dict(self._checked(parameters or {}))
+        self._inputs = self.description.ports("input", self._sizes)
+        self._outputs = self.description.ports("output", self._sizes)
+        self._binding: Binding | None = None
+        self._cleanup = contextlib.ExitStack()
+        self.sha256 = hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        self._folder = self._extract(Path(path))
+
+    @property
+    def inputs(self) -> tuple[Port, ...]:
+        """Inputs in the order of the description."""
+        return self._inputs
+
+    @property
+    def outputs(self) -> tuple[Port, ...]:
+        """Outputs in the order of the description."""
+        return self._outputs
+
+    def initialize(self, time_ns: int, inputs: Values) -> Values:
+        """Start the binary, hand it sizes, parameters and inputs; outputs at `time_ns`."""
+        binding = self._binding = self._start()
+        if self._structural:
+            binding.configure(self._structural)
+        for variable, value in self._parameters.values():
+            if variable.causality != "structuralParameter":
+                binding.set(variable, value)
+        binding.enter_initialization(time_ns * 1e-9)
+        self._set(binding, inputs)
+        binding.exit_initialization()
+        self._cleanup.callback(binding.terminate)
+        return self._get(binding)
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        """Advance by one communication step."""
+        binding = self._running()
+        self._set(binding, inputs)
+        binding.do_step(time_ns * 1e-9, step_ns * 1e-9)
+        return self._get(binding)
+
+    def terminate(self) -> None:
+        """End the FMU, free the instance and remove its files, each whatever happened before."""
+        self._binding = None
+        self._cleanup.close()
+
+    def save(self) -> bytes:
+        """The whole state of the instance. Raises ComponentError where the FMU cannot give it."""
+        return self._serializable().save()
+
+    def restore(self, state: bytes) -> None:
+        """Put the instance back into a saved state; it must be initialized."""
+        self._serializable().restore(state)
+
+    @property
+    def _structural(self) -> list[tuple[Variable, NDArray[Any]]]:
+        variables = self.description.variables
+        return [
+            (variables[name], variables[name].convert(size, {}))
+            for name, size in self._sizes.items()
+            if size != self.description.default_sizes[name]
+        ]
+
+    def _checked(self, parameters: Mapping[str, object]) -> Iterator[tuple[str, tuple[Variable, NDArray[Any]]]]:
+        known = self.description.parameters
+        for name, value in parameters.items():
+            if name not in known:
+                raise FmuError(f"{self.description.path}: {name} is no parameter; {nearest(name, known)}")
+            try:
+                yield name, (known[name], known[name].convert(value, self._sizes))
+            except ValueError as error:
+                raise FmuError(f"{self.description.path}: {name} {error}") from error
+
+    def _extract(self, path: Path) -> Path:
+        needed = PLATFORM[self.description.fmi]
+        if needed not in self.description.platforms:
+            held = ", ".join(self.description.platforms) or "none"
+            raise FmuError(
+                f"{path}: this machine needs binaries for {needed}; found: {held}; compile or export it for {needed}"
+            )
+        folder = Path(self._cleanup.enter_context(tempfile.TemporaryDirectory(prefix="inkloop-fmu-")))
+        with zipfile.ZipFile(path) as archive:
+            archive.extractall(folder)
+        return folder
+
+    def _start(self) -> Binding:
+        here = Path.cwd()
+        try:
+            binding = Binding(self.description, self._folder)
+        except Exception as error:  # the loader raises bare exceptions
+            raise FmuError(f"{self.description.path}: the binary cannot be loaded: {error}") from error
+        finally:
+            os.chdir(here)  # the loader changes folder and stays there when it fails
+        self._cleanup.callback(binding.unload)
+        binding.instantiate()
+        self._cleanup.callback(binding.free)
+        return binding
+
+    def _running(self) -> Binding:
+        if self._binding is None:
+            raise ComponentError(f"{self.description.name} was used before it was initialized or after its end")
+        return self._binding
+
+    def _serializable(self) -> Binding:
+        if not self.description.can_serialize:
+            raise ComponentError(f"{self.description.name} cannot save its state (canSerializeFMUState is false)")
+        return self._running()
+
+    def _set(self, binding: Binding, inputs: Values) -> None:
+        for name, value in inputs.items():
+            binding.set(self.description.variables[name], value)
+
+    def _get(self, binding: Binding) -> Values:
+        variables = self.description.variables
+        return {port.name: binding.get(variables[port.name], port.shape) for port in self._outputs}

@@ -1,0 +1,99 @@
+"""What an FMU says about itself, in the same words for FMI 2 and FMI 3."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from inkloop.component import Port
+from inkloop.errors import FmuError
+from inkloop.faults import nearest
+from inkloop.fmu.variable import Variable, summary
+
+
+@dataclass(frozen=True)
+class FmuDescription:
+    """An FMU as its modelDescription.xml tells it; `platforms` are the folders with binaries in the archive."""
+
+    path: Path
+    name: str
+    fmi: int
+    identifier: str
+    token: str
+    variables: Mapping[str, Variable]
+    platforms: tuple[str, ...]
+    can_serialize: bool
+    can_vary_step: bool
+    description: str = ""
+    version: str = ""
+    license: str = ""
+    tool: str = ""
+
+    @property
+    def parameters(self) -> dict[str, Variable]:
+        """Variables that may be set before the first step, structural ones included."""
+        return {name: variable for name, variable in self.variables.items() if variable.is_settable}
+
+    @property
+    def default_sizes(self) -> dict[str, int]:
+        """Structural parameter -> start value."""
+        structural = (v for v in self.variables.values() if v.causality == "structuralParameter")
+        return {variable.name: int(variable.start[0]) for variable in structural if variable.start}
+
+    def sizes(self, structural: Mapping[str, int]) -> dict[str, int]:
+        """Structural parameters with `structural` put in. Raises FmuError where the FMU cannot take them."""
+        sizes = self.default_sizes
+        for name, size in structural.items():
+            if name in sizes:
+                sizes[name] = int(size)
+            elif self.grid is None or name not in ("nx", "ny"):
+                known = nearest(name, sizes) if sizes else "it has none"
+                raise FmuError(f"{self.path}: {name} is no structural parameter of {self.name}; {known}")
+        wanted = (structural.get("nx"), structural.get("ny"))
+        if self.grid and "nx" not in sizes and None not in wanted and wanted != self.grid:
+            nx, ny = wanted
+            flag = "--fmi 2" if self.fmi == 2 else "--fmi 3 --fixed"
+            raise FmuError(
+                f"{self.path}: {self.name} has a fixed grid of {self.grid[0]} x {self.grid[1]} cells, "
+                f"wanted are {nx} x {ny}; make one that fits: inkloop export {self.name} {flag} --nx {nx} --ny {ny}"
+            )
+        return sizes
+
+    @property
+    def grid(self) -> tuple[int, int] | None:
+        """(nx, ny) of the first map among inputs and outputs as delivered, None if there is no map."""
+        sizes = self.default_sizes
+        for port in (*self.ports("input", sizes), *self.ports("output", sizes)):
+            if len(port.shape) == 2:
+                return port.shape[0], port.shape[1]
+        return None
+
+    def ports(self, causality: str, sizes: Mapping[str, int]) -> tuple[Port, ...]:
+        """Inputs or outputs in the order of the description."""
+        return tuple(v.port(sizes) for v in self.variables.values() if v.causality == causality)
+
+    def lines(self) -> Iterator[str]:
+        """The description for a person."""
+        yield f"{self.name}  FMI {self.fmi} co-simulation  {self.version}".rstrip()
+        if self.description:
+            yield f"  {self.description}"
+        grid = "none" if self.grid is None else f"{self.grid[0]} x {self.grid[1]} cells"
+        resizable = " (any size: structural parameters nx, ny)" if "nx" in self.default_sizes else ""
+        yield f"  file       {self.path}"
+        yield f"  grid       {grid}{resizable}"
+        yield f"  platforms  {', '.join(self.platforms) or 'none (sources only)'}"
+        yield f"  state      {'can be saved and restored' if self.can_serialize else 'cannot be saved'}"
+        yield f"  step size  {'any' if self.can_vary_step else 'fixed'}"
+        yield f"  licence    {self.license or 'not stated'}"
+        yield f"  made by    {self.tool or 'not stated'}"
+        for title, causalities in (
+            ("inputs", ("input",)),
+            ("outputs", ("output",)),
+            ("parameters", ("structuralParameter", "parameter")),
+        ):
+            rows = [v for v in self.variables.values() if v.causality in causalities]
+            yield f"{title}{'' if rows else ': none'}"
+            width = max((len(row.name) for row in rows), default=0)
+            for row in rows:
+                yield f"  {row.name:{width}}  {summary(row)}"

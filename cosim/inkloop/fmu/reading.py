@@ -1,0 +1,129 @@
+"""Reading modelDescription.xml: from FMPy's parser to our words.
+
+The structured scalars of FMI 2 (`height[1,1]`, `height[1,2]`, ...) become one variable `height` of shape (nx, ny), and
+the dimensions of an FMI 3 array keep the names of the structural parameters that set them.
+"""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+
+from inkloop.errors import FmuError
+from inkloop.fmu.description import FmuDescription
+from inkloop.fmu.variable import DTYPES, Variable
+
+_ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>\d+(?:,\d+)*)\]")
+
+
+def describe(path: Path | str) -> FmuDescription:
+    """What the FMU says about itself. Raises FmuError where it cannot be read or is not for co-simulation."""
+    path = Path(path)
+    try:
+        return _describe(path, path.stat().st_mtime_ns)
+    except OSError as error:
+        raise FmuError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+@lru_cache(maxsize=32)
+def _describe(path: Path, changed_ns: int) -> FmuDescription:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = [name.split("/") for name in archive.namelist()]
+        model = fmpy.read_model_description(str(path), validate=False)
+    except OSError:
+        raise
+    except Exception as error:  # the parser raises bare exceptions
+        raise FmuError(f"{path}: is not a readable FMU: {error}") from error
+    if model.fmiVersion[:1] not in ("2", "3"):
+        raise FmuError(f"{path}: is FMI {model.fmiVersion}; inkloop takes FMI 2 and FMI 3")
+    if model.coSimulation is None:
+        offered = "model exchange" if model.modelExchange is not None else "scheduled execution"
+        raise FmuError(f"{path}: offers {offered} only; export it for co-simulation")
+    platforms = sorted({parts[1] for parts in names if parts[0] == "binaries" and len(parts) > 2})
+    return _translated(path, model, tuple(platforms))
+
+
+def _translated(path: Path, model: Any, platforms: tuple[str, ...]) -> FmuDescription:
+    """Translate the parsed modelDescription.xml of a co-simulation FMU. Raises FmuError."""
+    fmi = int(model.fmiVersion[0])
+    by_reference = {v.valueReference: v.name for v in model.modelVariables}
+    plain = (_variable(v, by_reference) for v in model.modelVariables if v.type in DTYPES)
+    return FmuDescription(
+        path=path,
+        name=model.modelName,
+        fmi=fmi,
+        identifier=model.coSimulation.modelIdentifier,
+        token=model.guid,
+        variables={v.name: v for v in (_joined(path, plain) if fmi == 2 else plain)},
+        platforms=platforms,
+        can_serialize=bool(model.coSimulation.canSerializeFMUstate),
+        can_vary_step=bool(model.coSimulation.canHandleVariableCommunicationStepSize),
+        description=model.description or "",
+        version=model.version or "",
+        license=model.license or "",
+        tool=model.generationTool or "",
+    )
+
+
+def _variable(found: Any, by_reference: Mapping[int, str]) -> Variable:
+    declared = found.declaredType
+    items = declared.items if declared is not None and found.type == "Enumeration" else ()
+    return Variable(
+        name=found.name,
+        type=found.type,
+        causality=found.causality,
+        variability=found.variability,
+        references=(found.valueReference,),
+        dimensions=tuple(by_reference[d.valueReference] if d.start is None else int(d.start) for d in found.dimensions),
+        unit=found.unit or (declared.unit if declared is not None else None) or "1",
+        start=tuple((found.start or "").split()),
+        minimum=found.min if found.min is not None or declared is None else declared.min,
+        maximum=found.max if found.max is not None or declared is None else declared.max,
+        items={item.name: int(item.value) for item in items},
+        description=found.description or "",
+    )
+
+
+def _joined(path: Path, scalars: Iterable[Variable]) -> Iterator[Variable]:
+    """Structured scalars joined to arrays; everything else as it is."""
+    arrays: dict[str, dict[tuple[int, ...], Variable]] = {}
+    for variable in scalars:
+        if match := _ELEMENT.fullmatch(variable.name):
+            index = tuple(int(part) for part in match["index"].split(","))
+            arrays.setdefault(match["name"], {})[index] = variable
+        else:
+            yield variable
+    for name, elements in arrays.items():
+        yield _join(path, name, elements)
+
+
+def _join(path: Path, name: str, elements: Mapping[tuple[int, ...], Variable]) -> Variable:
+    shape = tuple(max(along) for along in zip(*elements, strict=False))
+    order = [tuple(int(i) + 1 for i in index) for index in np.ndindex(shape)]
+    missing = [index for index in order if index not in elements]
+    if missing or len(order) != len(elements):
+        what = f"{name}[{','.join(map(str, missing[0]))}] is missing" if missing else "indices must be 1-based"
+        raise FmuError(f"{path}: the elements of {name} do not make an array of {' x '.join(map(str, shape))}: {what}")
+    first = elements[order[0]]
+    return Variable(
+        name=name,
+        type=first.type,
+        causality=first.causality,
+        variability=first.variability,
+        references=tuple(elements[index].references[0] for index in order),
+        dimensions=shape,
+        unit=first.unit,
+        start=tuple(text for index in order for text in elements[index].start),
+        minimum=first.minimum,
+        maximum=first.maximum,
+        items=first.items,
+        description=first.description,
+    )

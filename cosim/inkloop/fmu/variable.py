@@ -1,0 +1,119 @@
+"""One variable of an FMU: its type, shape and limits, and how a value of the outside becomes a value of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.component import Port
+
+DTYPES = {
+    "Real": "float64", "Integer": "int32", "Boolean": "bool", "Enumeration": "int64",
+    "Float64": "float64", "Float32": "float32",
+    "Int8": "int8", "Int16": "int16", "Int32": "int32", "Int64": "int64",
+    "UInt8": "uint8", "UInt16": "uint16", "UInt32": "uint32", "UInt64": "uint64",
+}  # fmt: skip
+"""FMI type -> NumPy dtype; texts, binaries and clocks have none and take no part in the exchange."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of an FMU: `references` holds one value reference, or one per element where FMI 2 scatters an array.
+
+    `dimensions` are lengths, or names of structural parameters; `items` are the names of an enumeration's values.
+    """
+
+    name: str
+    type: str
+    causality: str
+    variability: str
+    references: tuple[int, ...]
+    dimensions: tuple[int | str, ...] = ()
+    unit: str = "1"
+    start: tuple[str, ...] = ()
+    minimum: str | None = None
+    maximum: str | None = None
+    items: Mapping[str, int] = field(default_factory=dict)
+    description: str = ""
+
+    @property
+    def dtype(self) -> str:
+        """NumPy dtype of the values in memory."""
+        return DTYPES[self.type]
+
+    @property
+    def is_settable(self) -> bool:
+        """True for what may be set before the first step and is not an input."""
+        return self.causality in ("parameter", "structuralParameter") and self.variability in ("fixed", "tunable")
+
+    def shape(self, sizes: Mapping[str, int]) -> tuple[int, ...]:
+        """Lengths along the dimensions, given the structural parameters."""
+        return tuple(size if isinstance(size, int) else sizes[size] for size in self.dimensions)
+
+    def port(self, sizes: Mapping[str, int]) -> Port:
+        """The variable as an input or output; a start value that varies over an array is told by its first element."""
+        start = self._number(self.start[0]) if self.start else 0.0
+        return Port(self.name, self.unit, self.shape(sizes), self.dtype, start)
+
+    def convert(self, value: object, sizes: Mapping[str, int]) -> NDArray[Any]:
+        """`value` (SI) as an array of the variable's shape and dtype; ValueError says what was expected."""
+        if isinstance(value, str):
+            if value not in self.items:
+                raise ValueError(f"is {value!r}; {self._expected(sizes)}")
+            value = self.items[value]
+        try:
+            array = np.asarray(value)
+        except ValueError as error:
+            raise ValueError(f"is no array; {self._expected(sizes)}") from error
+        shape = self.shape(sizes)
+        wanted = np.dtype(self.dtype).kind
+        if array.shape not in ((), shape) or array.dtype.kind not in {"f": "fiu", "b": "b"}.get(wanted, "iu"):
+            raise ValueError(f"is {_show(array)}; {self._expected(sizes)}")
+        low, high = self._limit(self.minimum, -np.inf), self._limit(self.maximum, np.inf)
+        if wanted != "b" and not ((array >= low) & (array <= high) & np.isfinite(array)).all():
+            raise ValueError(f"is {_show(array)}; {self._expected(sizes)}")
+        if self.items and not np.isin(array, list(self.items.values())).all():
+            raise ValueError(f"is {_show(array)}; {self._expected(sizes)}")
+        return np.array(np.broadcast_to(array, shape), dtype=self.dtype, order="C")
+
+    def _expected(self, sizes: Mapping[str, int]) -> str:
+        if self.items:
+            return f"expected one of {', '.join(f'{name!r} ({number})' for name, number in self.items.items())}"
+        what = {"f": "a number", "b": "true or false"}.get(np.dtype(self.dtype).kind, "a whole number")
+        if self.minimum is not None and self.maximum is not None:
+            what += f" in {self.minimum} .. {self.maximum}"
+        elif self.minimum is not None or self.maximum is not None:
+            what += f" >= {self.minimum}" if self.minimum is not None else f" <= {self.maximum}"
+        if shape := self.shape(sizes):
+            what += f", or {' x '.join(map(str, shape))} of them"
+        return f"expected {what}" + (f" [{self.unit}]" if self.unit != "1" else "")
+
+    def _limit(self, text: str | None, otherwise: float) -> float:
+        return otherwise if text is None else float(text)
+
+    def _number(self, text: str) -> float:
+        return float({"true": 1, "false": 0}.get(text, text))
+
+
+def summary(variable: Variable) -> str:
+    dimensions = " x ".join(map(str, variable.dimensions))
+    parts = [variable.type + (f" ({dimensions})" if dimensions else "")]
+    if variable.unit != "1":
+        parts.append(f"[{variable.unit}]")
+    if variable.start and len(set(variable.start)) == 1:
+        parts.append(f"= {variable.start[0]}")
+    if variable.items:
+        parts.append("{" + ", ".join(f"{number} {name}" for name, number in variable.items.items()) + "}")
+    return " ".join(parts) + (f"  {variable.description}" if variable.description else "")
+
+
+def _show(array: NDArray[Any]) -> str:
+    if array.ndim == 0:
+        return repr(array.item())
+    return (
+        f"{' x '.join(map(str, array.shape))} values from {array.min()!r} to {array.max()!r}" if array.size else "empty"
+    )

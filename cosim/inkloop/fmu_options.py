@@ -1,0 +1,133 @@
+"""The options of an FMU in a scenario: its parameters, with units in the keys, and what the job says by itself."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inkloop.component import Job
+from inkloop.errors import FmuError
+from inkloop.export import export, find_fmu
+from inkloop.faults import nearest
+from inkloop.fmu import FmuComponent, FmuDescription, Variable, describe
+from inkloop.units import missing_suffix, spellings
+
+FORMS = ("fmi3", "fmi3-fixed", "fmi2")
+"""Values of the option `fmi` of our own FMUs; the first is the default."""
+
+
+@dataclass(frozen=True)
+class _Parsed:
+    """What the options come to: values in SI, sizes, and what is wrong."""
+
+    parameters: Mapping[str, object]
+    structural: Mapping[str, int]
+    faults: list[str]
+
+
+def faults_of_model(model: str, job: Job, options: Mapping[str, object]) -> list[str]:
+    """Everything wrong with the options of one of our FMUs. Raises FmuError if it is not there."""
+    form = options.get("fmi", FORMS[0])
+    wrong = [] if form in FORMS else [f"fmi is {form!r}; expected one of {', '.join(FORMS)}"]
+    return wrong + _parse(describe(find_fmu(model, "fmi3")), job, _without(options, "fmi"), ("fmi",)).faults
+
+
+def make_model(model: str, job: Job, options: Mapping[str, object]) -> FmuComponent:
+    """One of our FMUs, with faultless options; where its grid is fixed to another size, one made for the job."""
+    form = str(options.get("fmi", FORMS[0]))
+    parsed = _parse(describe(find_fmu(model, "fmi3")), job, _without(options, "fmi"), ("fmi",))
+    found = find_fmu(model, form)
+    sizes = parsed.structural
+    if form == "fmi3" or describe(found).grid == (sizes["nx"], sizes["ny"]):
+        return FmuComponent(found, parameters=parsed.parameters, structural=sizes)
+    with tempfile.TemporaryDirectory(prefix="inkloop-export-") as folder:  # a component keeps what it needs of the file
+        made = export(model, fmi="2" if form == "fmi2" else "3", nx=sizes["nx"], ny=sizes["ny"], fixed=True,
+                      out=Path(folder) / f"{model}.fmu")  # fmt: skip
+        return FmuComponent(made, parameters=parsed.parameters, structural=sizes)
+
+
+def faults_of_file(job: Job, options: Mapping[str, object]) -> list[str]:
+    """Everything wrong with the options of `kind = "Fmu"`. Raises FmuError if the file cannot be read."""
+    if not isinstance(options.get("file"), str):
+        return ["file is missing; name the .fmu file"]
+    return _parse(describe(str(options["file"])), job, _without(options, "file"), ("file",)).faults
+
+
+def make_from_file(job: Job, options: Mapping[str, object]) -> FmuComponent:
+    """Any FMU file, with faultless options."""
+    description = describe(str(options["file"]))
+    parsed = _parse(description, job, _without(options, "file"), ("file",))
+    return FmuComponent(description.path, parameters=parsed.parameters, structural=parsed.structural)
+
+
+def _parse(
+    description: FmuDescription, job: Job, options: Mapping[str, object], other_keys: tuple[str, ...]
+) -> _Parsed:
+    known = description.parameters
+    told = _told_by_job(job)
+    has_grid = description.grid is not None or "nx" in description.default_sizes
+    structural: dict[str, int] = {"nx": job.nx, "ny": job.ny} if has_grid else {}
+    parameters = {name: told[name] for name in known if name in told and name not in structural}
+    keys = {key: (variable, factor) for variable in known.values()
+            for key, factor in spellings(variable.name, variable.unit).items()}  # fmt: skip
+    faults: list[str] = []
+    written: dict[str, str] = {}
+    for key, value in options.items():
+        if key not in keys:
+            plain = missing_suffix(key, known[key].unit) if key in known else None
+            faults.append(plain or f"{key} is no option of {description.name}; {nearest(key, (*keys, *other_keys))}")
+            continue
+        variable, factor = keys[key]
+        if variable.name in written:
+            faults.append(f"{key} says again what {written[variable.name]} says; keep one")
+        written[variable.name] = key
+        in_si = _scaled(value, factor)
+        if variable.causality == "structuralParameter" and isinstance(in_si, int):
+            structural[variable.name] = in_si
+        else:
+            parameters[variable.name] = in_si
+    try:
+        sizes = description.sizes(structural)
+    except FmuError as error:
+        return _Parsed(parameters, structural, [*faults, f"kind: {error}"])
+    for name, key in written.items():
+        faults += _value_faults(known[name], key, (parameters | structural)[name], sizes)
+    return _Parsed(parameters, structural, faults)
+
+
+def _value_faults(variable: Variable, key: str, value: object, sizes: Mapping[str, int]) -> list[str]:
+    try:
+        variable.convert(value, sizes)
+    except ValueError as error:
+        return [f"{key} {error}" + (f" ({variable.description})" if variable.description else "")]
+    return []
+
+
+def _told_by_job(job: Job) -> dict[str, Any]:
+    """What the job says under the names that FMUs use for it."""
+    inks = {f"h{order}_{letter}": getattr(ink, f"h{order}")
+            for letter, ink in zip("ab", job.inks, strict=False) for order in (1, 2, 3)}  # fmt: skip
+    told = ("nx", "ny", "pitch", "passes", "pass_order", "pass_rotation", "seed")
+    return {name: getattr(job, name) for name in told} | inks
+
+
+def _scaled(value: object, factor: float) -> object:
+    """A number or nested list of numbers in SI; anything else as it is, to be refused by the variable."""
+    if factor == 1.0:
+        return value
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        return value
+    if array.dtype.kind not in "iuf":
+        return value
+    return (array * factor).item() if array.ndim == 0 else array * factor
+
+
+def _without(options: Mapping[str, object], key: str) -> dict[str, object]:
+    return {name: value for name, value in options.items() if name != key}

@@ -1,0 +1,120 @@
+"""Connections between components: the layer contract's own, and what is wrong with any of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from inkloop.component import Component, Port
+from inkloop.faults import nearest
+
+CONTRACT_INPUTS = frozenset(
+    {"pattern", "layer_command", "layers_printed", "height", "measured_height", "valid", "layers_scanned"}
+)
+"""Inputs without which the handshake cannot run; any other may stay unconnected at its start value."""
+
+
+@dataclass(frozen=True)
+class Connection:
+    """An output, `source`, that feeds an input, `target`; both "component.port"."""
+
+    source: str
+    target: str
+
+    @property
+    def source_parts(self) -> tuple[str, str]:
+        """Component and port of the output."""
+        return _parts(self.source)
+
+    @property
+    def target_parts(self) -> tuple[str, str]:
+        """Component and port of the input."""
+        return _parts(self.target)
+
+
+def contract_connections(components: Mapping[str, Component]) -> list[Connection]:
+    """Every input from the one other component that has an output of the same name.
+
+    An input with several such components is left open; `check` asks which one is meant.
+    """
+    wires = []
+    for name, component in components.items():
+        for port in component.inputs:
+            sources = _sources(components, name, port.name)
+            if len(sources) == 1:
+                wires.append(Connection(sources[0], f"{name}.{port.name}"))
+    return wires
+
+
+def check(components: Mapping[str, Component], connections: Sequence[Connection]) -> list[str]:
+    """Every fault of the wiring, one sentence each; empty if the loop may run."""
+    inputs = {name: {port.name: port for port in component.inputs} for name, component in components.items()}
+    outputs = {name: {port.name: port for port in component.outputs} for name, component in components.items()}
+    faults: list[str] = []
+    fed: dict[str, str] = {}
+    for connection in connections:
+        source = _find(connection.source, outputs, "output", faults)
+        target = _find(connection.target, inputs, "input", faults)
+        if source and target:
+            faults += _mismatches(connection, source, target)
+        if connection.target in fed:
+            faults.append(
+                f"{connection.target} is fed twice, by {fed[connection.target]} and {connection.source}; keep one"
+            )
+        fed[connection.target] = connection.source
+    return faults + list(_open_inputs(components, fed))
+
+
+def _open_inputs(components: Mapping[str, Component], fed: Mapping[str, str]) -> Iterator[str]:
+    for name, component in components.items():
+        for port in component.inputs:
+            place = f"{name}.{port.name}"
+            if place in fed:
+                continue
+            sources = _sources(components, name, port.name)
+            if len(sources) > 1:
+                yield f"{place} may come from {' or '.join(sources)}; say which under [[connections]]"
+            elif port.name in CONTRACT_INPUTS:
+                yield (
+                    f"{place} is not connected: no other component has an output {port.name}; "
+                    "add one that has, or name a source under [[connections]]"
+                )
+
+
+def _mismatches(connection: Connection, source: Port, target: Port) -> Iterator[str]:
+    for what, found, expected in (
+        ("unit", f"[{source.unit}]", f"[{target.unit}]"),
+        ("shape", _shape(source.shape), _shape(target.shape)),
+        ("type", source.dtype, target.dtype),
+    ):
+        if found != expected:
+            yield f"{connection.source} gives {found}, {connection.target} takes {expected}: same {what} needed"
+
+
+def _find(place: str, ports: Mapping[str, Mapping[str, Port]], direction: str, faults: list[str]) -> Port | None:
+    component, name = _parts(place)
+    if component not in ports:
+        faults.append(f"{place}: there is no component {component!r}; {nearest(component, ports)}")
+    elif name not in ports[component]:
+        known = nearest(name, ports[component]) if ports[component] else f"it has no {direction}s"
+        faults.append(f"{place}: {component} has no {direction} {name!r}; {known}")
+    else:
+        return ports[component][name]
+    return None
+
+
+def _sources(components: Mapping[str, Component], target: str, port: str) -> list[str]:
+    return [
+        f"{name}.{port}"
+        for name, component in components.items()
+        if name != target and any(output.name == port for output in component.outputs)
+    ]
+
+
+def _parts(place: str) -> tuple[str, str]:
+    component, _, port = place.partition(".")
+    return component, port
+
+
+def _shape(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape)) or "a scalar"
