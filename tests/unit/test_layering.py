@@ -1,0 +1,86 @@
+"""Who may import whom, and through which door each library comes in."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FLOOR = {"inkloop.component", "inkloop.errors"}
+BUILD_TIME = {"inkloop.model_description", "inkloop.fmu_archive", "inkloop.export"}
+DOORS = {
+    "fmpy": ("inkloop.fmu",),
+    "casadi": ("inkloop_controller",),
+    "matplotlib": ("inkloop.plot", "inkloop.report"),
+    "mpl_toolkits": ("inkloop.plot", "inkloop.report"),
+}
+
+
+def modules() -> Iterator[tuple[str, Path]]:
+    for root in (ROOT / "cosim", ROOT / "controller"):
+        for path in sorted(root.rglob("*.py")):
+            parts = path.relative_to(root).with_suffix("").parts
+            yield ".".join(parts[:-1] if parts[-1] == "__init__" else parts), path
+
+
+def imported(path: Path) -> set[str]:
+    """Every module that a file imports, at its top or inside a function."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            found.add(node.module or "")
+            found.update(f"{node.module}.{alias.name}" for alias in node.names if node.module == "inkloop")
+    return found
+
+
+MODULES = list(modules())
+EVERY_MODULE = pytest.mark.parametrize(("name", "path"), MODULES, ids=[name for name, _ in MODULES])
+
+
+def is_below(module: str, package: str) -> bool:
+    return module == package or module.startswith(f"{package}.")
+
+
+@EVERY_MODULE
+def test_each_library_comes_in_by_one_door(name: str, path: Path) -> None:
+    for library, doors in DOORS.items():
+        if any(is_below(name, door) for door in doors):
+            continue
+        assert not [found for found in imported(path) if is_below(found, library)]
+
+
+@EVERY_MODULE
+def test_floor_and_build_time_modules_stand_on_little(name: str, path: Path) -> None:
+    if name not in FLOOR | BUILD_TIME:
+        return
+    allowed = set(sys.stdlib_module_names) | ({"numpy"} if name in FLOOR else set())
+    own = FLOOR if name in FLOOR else BUILD_TIME | {"inkloop.errors", "inkloop.files"}
+    for found in imported(path) - {"inkloop"}:
+        assert found.split(".")[0] in allowed or found in own or found.rpartition(".")[0] in own, found
+
+
+@EVERY_MODULE
+def test_controller_stands_on_the_floor_only(name: str, path: Path) -> None:
+    found = {module for module in imported(path) if is_below(module, "inkloop")} - {"inkloop"}
+    if is_below(name, "inkloop_controller"):
+        assert found <= FLOOR
+    else:
+        assert not [module for module in imported(path) if is_below(module, "inkloop_controller")]
+
+
+def test_kernels_know_no_fmi_type() -> None:
+    sources = [path for path in (ROOT / "fmus").rglob("*.[ch]") if path.parent.name != "common"]
+    sources += (ROOT / "controller" / "core").rglob("*.[ch]")
+    assert sources
+    for source in sources:
+        text = source.read_text(encoding="utf-8")
+        assert not re.search(r"#\s*include\s*[<\"]fmi\d", text), source
+        assert not re.search(r"\bfmi[23][A-Z]\w*", text), source
