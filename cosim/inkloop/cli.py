@@ -51,7 +51,9 @@ def _parser() -> argparse.ArgumentParser:
     export.add_argument("--fmi", choices=("2", "3"), default="3", help="FMI version (default 3)")
     export.add_argument("--nx", type=int, default=9, help="cells along x (default 9)")
     export.add_argument("--ny", type=int, default=9, help="cells along y (default 9)")
-    export.add_argument("--fixed", action="store_true", help="FMI 3 with constant dimensions, for tools that cannot resize")
+    export.add_argument(
+        "--fixed", action="store_true", help="FMI 3 with constant dimensions, for tools that cannot resize"
+    )
     export.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: MODEL.fmu)")
     export.set_defaults(command=_export)
 
@@ -80,7 +82,8 @@ def _validate(options: argparse.Namespace, console: Console) -> int:
 
     scenario = Scenario.load(options.scenario, options.overrides)
     grid = scenario.tables.grid
-    console.print(f"{options.scenario}: no fault; {grid.nx} x {grid.ny} cells, {int(scenario.job().mask.sum())} printed, "
+    printed = int(scenario.job().mask.sum())
+    console.print(f"{options.scenario}: no fault; {grid.nx} x {grid.ny} cells, {printed} printed, "
                   f"components {', '.join(scenario.tables.components)}", highlight=False)  # fmt: skip
     return 0
 

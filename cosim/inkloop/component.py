@@ -87,7 +87,7 @@ class Geometry(Protocol):
 
 @dataclass(frozen=True)
 class Ink:
-    """Height that one droplet adds to its own cell, each side and each corner neighbour [m] (Lu et al. 2015, Table I)."""
+    """Height that a droplet adds to its own cell, each side and each corner neighbour [m] (Lu et al. 2015, Table I)."""
 
     h1: float = 4.4e-6
     h2: float = 0.6e-6

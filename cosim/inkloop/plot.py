@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import LogFormatter
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from inkloop.component import FloatMap
@@ -23,6 +25,13 @@ UM, MM = 1e6, 1e3
 WIDTH_IN = 7.0
 COLOURS = ("#0b5fa5", "#c8541b", "#3a7d44", "#7b4b94", "#8a6d1f")
 MATERIAL_COLOURS = ListedColormap(["#ffffff00", "#0b5fa5", "#e3c9a0"])
+WALL_COLOURS = ("0.75", "0.6")  # walls that face x and y
+FAR_UM = 10.0  # a run that misses by more than this is not drawn beside the others
+STYLE: dict[Any, float] = {
+    **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 8),
+    **dict.fromkeys(("legend.fontsize", "xtick.labelsize", "ytick.labelsize"), 7),
+    "axes.linewidth": 0.6,
+}
 Runs = Mapping[str, xr.Dataset]
 
 
@@ -33,24 +42,38 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def surfaces(runs: Runs) -> Figure:
-    """Final surfaces side by side on one height scale, at most three."""
+    """Final surfaces as printed, each cell a plate, its top coloured by the error on one scale; at most three runs."""
     shown = dict(list(runs.items())[:3])
-    top = max(float(run.height[-1].max()) for run in shown.values()) * UM
-    figure = _figure(3.1)
+    errors = {name: _error(run) for name, run in shown.items()}
+    limit = max(1e-3, *(float(np.nanquantile(np.abs(error), 0.99)) for error in errors.values()))
+    colours = ScalarMappable(Normalize(-limit, limit), "RdBu_r")
+    figure = _figure(2.9 if len(shown) > 1 else 3.8)
+    panels = []
     for place, (name, run) in enumerate(shown.items(), start=1):
         axes = figure.add_subplot(1, len(shown), place, projection="3d")
         assert isinstance(axes, Axes3D)
-        x, y = np.meshgrid(run.x * MM, run.y * MM, indexing="ij")
-        axes.plot_surface(
-            x, y, run.height[-1].values * UM, cmap="viridis", vmin=0, vmax=top, rcount=200, ccount=200, linewidth=0.1
-        )
-        axes.set(zlim=(0, top * 1.05), xlabel="x [mm]", ylabel="y [mm]")
-        axes.set_zlabel("height [µm]")
-        axes.set_box_aspect((1, 1, 0.7), zoom=0.85)
-        axes.view_init(elev=28, azim=-60)
-        axes.tick_params(labelsize=7, pad=0)
-        axes.set_title(f"{name}\n{_figures(run)}", fontsize=9)
+        _plates(axes, run, errors[name], colours)
+        axes.set_title(f"{name}\n{_figures(run)}", fontsize=8)
+        panels.append(axes)
+    figure.colorbar(colours, ax=panels, label="height - target [µm]", shrink=0.6, pad=0.08, extend="both")
     return figure
+
+
+def _plates(axes: Axes3D, run: xr.Dataset, error: FloatMap, colours: ScalarMappable) -> None:
+    height = np.repeat(np.repeat(run.height[-1].values * UM, 2, axis=0), 2, axis=1)
+    half = float(run.attrs["pitch"]) / 2
+    edges = [np.column_stack([axis - half, axis + half]).ravel() * MM for axis in (run.x.values, run.y.values)]
+    x, y = np.meshgrid(*edges, indexing="ij")
+    faces = np.empty((height.shape[0] - 1, height.shape[1] - 1, 4))
+    faces[:] = to_rgba(WALL_COLOURS[0])
+    faces[:, 1::2] = to_rgba(WALL_COLOURS[1])
+    faces[::2, ::2] = np.where(np.isnan(error)[..., None], to_rgba("0.96"), colours.to_rgba(np.nan_to_num(error)))
+    axes.plot_surface(x, y, height, facecolors=faces, rcount=400, ccount=400, linewidth=0, shade=False)
+    axes.set(zlim=(0, height.max() * 1.02), xlabel="x [mm]", ylabel="y [mm]")
+    axes.set_zlabel("height [µm]")
+    axes.set_box_aspect((1, 1, 0.6), zoom=1.0)
+    axes.view_init(elev=32, azim=-60)
+    axes.grid(False)
 
 
 def cross_section(runs: Runs) -> Figure:
@@ -62,49 +85,60 @@ def cross_section(runs: Runs) -> Figure:
     x = first.x.values * MM
     for layer in range(0, first.sizes["layer"] - 1, max(1, first.sizes["layer"] // 10)):
         whole.plot(x, first.height[layer, :, row] * UM, color="0.8", linewidth=0.7)
-    whole.plot(x, first.target_height[:, row] * UM, color="black", linestyle="--", linewidth=1, drawstyle="steps-mid")
-    whole.annotate("target", (x[0], 0), (2, 4), textcoords="offset points", fontsize=8)
+    target = first.target_height[:, row] * UM
+    whole.plot(x, target, color="black", linestyle="--", linewidth=1, drawstyle="steps-mid", label="target")
+    errors = {name: _error(run)[:, row] for name, run in runs.items()}
+    near = [error for error in errors.values() if abs(np.nanmean(error)) < FAR_UM] or list(errors.values())
+    limit = 1.2 * max(float(np.nanmax(np.abs(error))) for error in near)
     for colour, (name, run) in zip(COLOURS, runs.items(), strict=False):
-        height = run.height[-1, :, row] * UM
-        whole.plot(x, height, color=colour, label=name)
-        top.plot(x, (height - run.target_height[:, row] * UM).where(run.mask[:, row]), color=colour, marker=".", ms=3)
+        whole.plot(x, run.height[-1, :, row] * UM, color=colour, label=name)
+        top.plot(x, errors[name], color=colour, marker=".", ms=4, lw=1)
+        mean = float(np.nanmean(errors[name]))
+        if abs(mean) > limit:
+            top.text(0.01, 0.05 if mean < 0 else 0.9, f"{name}: {mean:+.0f} µm, out of the frame", color=colour,
+                     transform=top.transAxes)  # fmt: skip
     whole.set(ylabel="height [µm]", ylim=(0, None), title=f"cut at y = {float(first.y[row]) * MM:.2f} mm")
-    whole.legend(fontsize=8)
+    whole.legend(loc="lower center", ncols=2)
     top.axhline(0, color="black", linestyle="--", linewidth=1)
-    top.set(xlabel="x [mm]", ylabel="height - target [µm]")
+    top.set(xlabel="x [mm]", ylabel="height - target [µm]", ylim=(-limit, limit))
     return figure
 
 
 def error_map(run: xr.Dataset, name: str) -> Figure:
     """Final height minus target over the part, and how it is distributed."""
-    error = ((run.height[-1] - run.target_height) * UM).where(run.mask)
-    limit = max(float(np.abs(error).quantile(0.99)), 1e-3)
+    error = _error(run)
+    limit = max(float(np.nanquantile(np.abs(error), 0.99)), 1e-3)
     figure = _figure(3.2)
     plane, counts = figure.subplots(1, 2, width_ratios=(3, 2))
-    image = _image(plane, run, error.values, vmin=-limit, vmax=limit, cmap="RdBu_r")
+    half = float(run.attrs["pitch"]) / 2 * MM
+    x, y = run.x.values * MM, run.y.values * MM
+    extent = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
+    image = plane.imshow(error.T, origin="lower", extent=extent, interpolation="nearest", cmap="RdBu_r", vmin=-limit,
+                         vmax=limit)  # fmt: skip
     figure.colorbar(image, ax=plane, label="height - target [µm]", extend="both")
-    plane.set_title(f"{name}: {_figures(run)}", fontsize=9)
-    inside = error.values[run.mask.values]
-    counts.hist(inside, bins=40, color=COLOURS[0])
+    plane.set(xlabel="x [mm]", ylabel="y [mm]", title=f"{name}: {_figures(run)}")
+    counts.hist(error[~np.isnan(error)], bins=30, color=COLOURS[0])
     counts.axvline(0, color="black", linestyle="--", linewidth=1)
     counts.set(xlabel="height - target [µm]", ylabel="cells")
     return figure
 
 
 def layers(runs: Runs) -> Figure:
-    """Mean height against the target, unevenness and droplets, layer by layer."""
+    """How far the mean is from the target, unevenness and droplets, layer by layer."""
     figure = _figure(5.2)
     mean, spread, droplets = figure.subplots(3, 1, sharex=True)
     for colour, (name, run) in zip(COLOURS, runs.items(), strict=False):
         layer = run.layer.values
-        mean.plot(layer, run.mean_error * UM, color=colour, label=name)
-        spread.semilogy(layer[1:], run["std"][1:] * UM, color=colour)
-        droplets.step(layer[1:], (run.pattern[1:] != 0).sum(("x", "y")), color=colour, where="mid")
-    mean.axhline(0, color="black", linestyle="--", linewidth=1)
-    mean.set(ylabel="target - mean [µm]")
-    mean.legend(fontsize=8)
-    spread.set(ylabel="std over the part [µm]")
+        mean.plot(layer, np.abs(run.mean_error) * UM, color=colour, label=name)
+        spread.plot(layer[1:], run["std"][1:] * UM, color=colour)
+        droplets.plot(layer[1:], (run.pattern[1:] != 0).sum(("x", "y")), color=colour, lw=1, drawstyle="steps-mid")
+    mean.set(ylabel="|target - mean| [µm]", yscale="log")
+    mean.legend()
+    spread.set(ylabel="std over the part [µm]", yscale="log")
     droplets.set(ylabel="droplets", xlabel="layer", ylim=(0, None))
+    for axes in (mean, spread):
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(1, 0.5)))
     for axes in (mean, spread, droplets):
         axes.grid(color="0.92")
     return figure
@@ -128,7 +162,7 @@ def materials(run: xr.Dataset, name: str) -> Figure:
                 interpolation="nearest")  # fmt: skip
     axes.set(xlabel="x [mm]", ylabel="height [µm]", title=f"{name}: cut at y = {float(run.y[row]) * MM:.2f} mm")
     inks = [Patch(color=MATERIAL_COLOURS(1), label="ink A"), Patch(color=MATERIAL_COLOURS(2), label="ink B")]
-    axes.legend(handles=inks, fontsize=8, loc="upper right")
+    axes.legend(handles=inks, loc="center left", bbox_to_anchor=(1, 0.5))
     return figure
 
 
@@ -144,12 +178,10 @@ def _figure(height_in: float) -> Figure:
     return Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
 
 
-def _image(axes: Axes, run: xr.Dataset, values: FloatMap, **style: object):  # type: ignore[no-untyped-def]
-    half = float(run.attrs.get("pitch", 0.0)) / 2 * MM
-    x, y = run.x.values * MM, run.y.values * MM
-    extent = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
-    axes.set(xlabel="x [mm]", ylabel="y [mm]")
-    return axes.imshow(values.T, origin="lower", extent=extent, interpolation="nearest", **style)
+def _error(run: xr.Dataset) -> FloatMap:
+    """Final height minus target [um], NaN outside the part."""
+    error: FloatMap = ((run.height[-1] - run.target_height) * UM).where(run.mask.astype(bool)).values
+    return error
 
 
 def _middle_row(run: xr.Dataset) -> int:

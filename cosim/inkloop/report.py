@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import tomlkit
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
@@ -39,12 +41,13 @@ def write(folder: Path) -> Table:
     text = io.StringIO()
     Console(file=text, width=120).print(table)
     write_text(folder / "summary.txt", text.getvalue())
-    for name, figure in pictures(runs).items():
-        plot.save(figure, folder / f"{name}.png")
+    with rc_context(plot.STYLE):
+        for name, figure in pictures(runs).items():
+            plot.save(figure, folder / f"{name}.png")
     return table
 
 
-def pictures(runs: Mapping[str, Result]) -> dict[str, plot.Figure]:
+def pictures(runs: Mapping[str, Result]) -> dict[str, Figure]:
     """File name -> figure."""
     labelled = {name: result.dataset for name, result in runs.items()}
     name, main = next(iter(labelled.items()))

@@ -15,11 +15,11 @@ from tomlkit.exceptions import TOMLKitError
 
 from inkloop import catalog
 from inkloop.component import Component, Job
-from inkloop.errors import InkloopError, ScenarioError
+from inkloop.errors import ScenarioError
 from inkloop.faults import nearest, sentence
 from inkloop.geometry import cell_centers
-from inkloop.master import Connection, check, contract_connections
 from inkloop.schema import ComponentTable, ScenarioFile
+from inkloop.wiring import Connection, check, contract_connections
 
 PASS_ORDERS = {"raster": 1, "diagonal": 2}
 
@@ -63,7 +63,7 @@ class Scenario:
         components = {**self.tables.components, **self.tables.compare[name].components}
         changes = {"label": name, "components": components, "compare": {}, "literature": {}}
         tables = self.tables.model_copy(update=changes)
-        return Scenario(f"{self.source}, {name}", tomlkit.dumps(tables.model_dump(exclude_none=True)), tables)
+        return Scenario(self.source, tomlkit.dumps(tables.model_dump(exclude_none=True)), tables)
 
     def job(self, component: str = "") -> Job:
         """The job as `component` is told it; its seed is a stream of its own, derived from the scenario's."""
@@ -95,7 +95,7 @@ class Scenario:
         components: dict[str, Component] = {}
         try:
             for name, table in self.tables.components.items():
-                components[name] = catalog.make(table.kind, self.job(name), table.options)
+                components[name] = catalog.make(table.kind, self.job(name), self._options(table))
             connections, faults = self._connect(components)
             if faults:
                 raise ScenarioError(self.source, faults)
@@ -105,26 +105,30 @@ class Scenario:
             raise
         return components, connections
 
+    def _options(self, table: ComponentTable) -> dict[str, Any]:
+        """The options of a component; the file of an FMU is looked for beside the scenario."""
+        options = table.options
+        if table.kind == "Fmu" and isinstance(options.get("file"), str):
+            options["file"] = str(Path(self.source).parent / options["file"])
+        return options
+
     def _connect(self, components: Mapping[str, Component]) -> tuple[list[Connection], list[str]]:
         explicit = [Connection(table.source, table.target) for table in self.tables.connections]
-        connections = [*explicit]
-        faults: list[str] = []
-        try:
-            taken = {connection.target for connection in explicit}
-            connections += [wire for wire in contract_connections(components) if wire.target not in taken]
-        except InkloopError as error:
-            faults.append(str(error))
-        return connections, faults + check(components, connections)
+        taken = {connection.target for connection in explicit}
+        wires = [wire for wire in contract_connections(components) if wire.target not in taken]
+        return explicit + wires, check(components, explicit + wires)
 
     def _faults(self) -> list[str]:
         faults = self._part_faults()
         for place, table in self._all_components():
             job = self.job(place)
-            faults += [f"{place}.{fault}" for fault in catalog.faults(table.kind, job, table.options)]
+            faults += [f"{place}.{fault}" for fault in catalog.faults(table.kind, job, self._options(table))]
         for name in self.tables.compare:
             unknown = [key for key in self.tables.compare[name].components if key not in self.tables.components]
-            faults += [f"compare.{name}.components.{key} replaces nothing: {nearest(key, self.tables.components)}"
-                       for key in unknown]
+            faults += [
+                f"compare.{name}.components.{key} replaces nothing: {nearest(key, self.tables.components)}"
+                for key in unknown
+            ]
         return faults + (self._wiring_faults() if not faults else [])
 
     def _wiring_faults(self) -> list[str]:
@@ -146,8 +150,10 @@ class Scenario:
         around = self.tables.part.geometry(grid).contains(x - grid.pitch, y - grid.pitch, np.zeros_like(x))
         around[1:-1, 1:-1] = False
         if around.any():
-            return [f"part reaches beyond the grid of {grid.nx} x {grid.ny} cells; enlarge grid.nx and grid.ny "
-                    "(leave 2 empty cells around the part) or make it smaller"]
+            return [
+                f"part reaches beyond the grid of {grid.nx} x {grid.ny} cells; enlarge grid.nx and grid.ny "
+                "(leave 2 empty cells around the part) or make it smaller"
+            ]
         return []
 
     def _all_components(self) -> Iterable[tuple[str, ComponentTable]]:

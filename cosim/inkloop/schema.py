@@ -91,8 +91,14 @@ class PipeJunctionTable(PartTable):
 
     def geometry(self, grid: Grid) -> Shape:
         """The part in space."""
-        lengths = (self.outer_across_um, self.outer_upright_um, self.inner_across_um, self.inner_upright_um)
-        return PipeJunction(*self._center(grid), *(length * UM for length in lengths), self.height_um * UM)
+        return PipeJunction(
+            *self._center(grid),
+            outer_across=self.outer_across_um * UM,
+            outer_upright=self.outer_upright_um * UM,
+            inner_across=self.inner_across_um * UM,
+            inner_upright=self.inner_upright_um * UM,
+            height=self.height_um * UM,
+        )
 
 
 class Support(Table):

@@ -1,0 +1,126 @@
+"""A scenario file is read whole or refused with every fault named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inkloop.errors import ScenarioError
+from inkloop.scenario import Scenario, component_seed
+
+GOOD = """
+title = "small"
+[grid]
+nx = 9
+ny = 8
+[part]
+shape = "cuboid"
+size_x_um = 1316.28
+size_y_um = 1053.024
+height_um = 22.8
+[components.controller]
+kind = "OpenLoop"
+[components.printer]
+kind = "LayerDeposition"
+[components.profiler]
+kind = "ProfileSensor"
+scan_duration_s = 0.0
+"""
+
+
+def faults_of(tmp_path: Path, text: str, *overrides: str) -> tuple[str, ...]:
+    path = tmp_path / "case.toml"
+    path.write_text(text)
+    with pytest.raises(ScenarioError) as caught:
+        Scenario.load(path, overrides)
+    assert str(path) in str(caught.value)
+    return caught.value.faults
+
+
+def test_good_file_becomes_a_job_in_si(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(GOOD)
+    job = Scenario.load(path).job("printer")
+    assert (job.nx, job.ny, int(job.mask.sum())) == (9, 8, 20)
+    assert job.pitch == pytest.approx(263.256e-6)
+    assert job.target_height[job.mask] == pytest.approx(22.8e-6)
+    assert not job.target_height[~job.mask].any()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ("nx = 9", "nx = 0", "grid.nx is 0"),
+        ("nx = 9", "nx = 9.5", "grid.nx is 9.5"),
+        ("nx = 9", 'nx = "9"', "grid.nx is '9'"),
+        ("nx = 9", "nz = 9", "did you mean nx?"),
+        ("ny = 8", "", "grid.ny is missing"),
+        ("height_um = 22.8", "height_um = nan", "part.height_um is nan"),
+        ("height_um = 22.8", "height_um = -1.0", "part.height_um is -1.0"),
+        ("height_um", "hight_um", "did you mean height_um?"),
+        ('"cuboid"', '"cone"', "part.shape is 'cone'; expected one of cylinder, cuboid, pipe-junction"),
+        ('shape = "cuboid"', "", "part.shape is missing"),
+        ("size_x_um = 1316.28", "size_x_um = 13162.8", "part reaches beyond the grid"),
+        ("size_x_um = 1316.28", "size_x_um = 1316.28\ncenter_x_um = -9e6", "part covers no cell"),
+        ('"OpenLoop"', '"OpenLop"', "did you mean OpenLoop?"),
+        ("scan_duration_s", "scan_duration", "scan_duration_s"),
+        ("scan_duration_s = 0.0", 'scan_duration_s = "fast"', "components.profiler.scan_duration_s"),
+        ("[components.profiler]", "[components.profiler]\nnoise = 1", "components.profiler.noise is no option"),
+        ('[components.profiler]\nkind = "ProfileSensor"\nscan_duration_s = 0.0', "", "controller.measured_height"),
+        ("[grid]", "[grid", "is not TOML"),
+    ],
+)
+def test_each_fault_is_named_with_its_place(tmp_path: Path, old: str, new: str, fault: str) -> None:
+    assert old in GOOD
+    assert any(fault in sentence for sentence in faults_of(tmp_path, GOOD.replace(old, new)))
+
+
+def test_all_faults_of_a_file_are_reported_at_once(tmp_path: Path) -> None:
+    text = GOOD.replace("nx = 9", "nx = 0").replace("height_um = 22.8", "").replace('"OpenLoop"', '"OpenLop"')
+    found = "\n".join(faults_of(tmp_path, text.replace("scan_duration_s = 0.0", "noise_std_um = -1.0")))
+    for fault in ("grid.nx is 0", "part.height_um is missing", "did you mean OpenLoop?", "noise_std_um"):
+        assert fault in found
+
+
+def test_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"absent\.toml"):
+        Scenario.load(tmp_path / "absent.toml")
+
+
+def test_override_changes_the_run_and_its_record(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(GOOD)
+    scenario = Scenario.load(path, ["grid.nx=11", "components.printer.variation=0.3", "label=wide"])
+    assert scenario.job().nx == 11
+    assert scenario.tables.components["printer"].options == {"variation": 0.3}
+    again = tmp_path / "again.toml"
+    again.write_text(scenario.text)
+    assert Scenario.load(again).tables == scenario.tables
+
+
+@pytest.mark.parametrize("override", ["grid.nx", "=3", "grid.nx.far=3"])
+def test_override_that_sets_nothing_is_a_fault(tmp_path: Path, override: str) -> None:
+    assert any("--set" in fault for fault in faults_of(tmp_path, GOOD, override))
+
+
+def test_comparison_must_replace_a_component(tmp_path: Path) -> None:
+    text = GOOD + '[compare.x.components.controler]\nkind = "OpenLoop"\n'
+    assert any("did you mean controller?" in fault for fault in faults_of(tmp_path, text))
+
+
+def test_components_draw_from_streams_of_their_own() -> None:
+    seeds = {component_seed(seed, name) for seed in range(50) for name in ("printer", "profiler", "controller")}
+    assert len(seeds) == 150
+    assert component_seed(7, "printer") == component_seed(7, "printer")
+
+
+def test_support_fills_the_block_around_the_part(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(GOOD + "[support]\nmargin_cells = 1\n")
+    job = Scenario.load(path).job()
+    assert job.mask.sum() == 7 * 6
+    assert job.region is not None
+    inside = job.region.contains(np.array([4 * job.pitch]), np.array([3.5 * job.pitch]), np.array([1e-6]))
+    assert inside.all()
