@@ -77,6 +77,7 @@ def _parse(
             for key, factor in spellings(variable.name, variable.unit).items()}  # fmt: skip
     faults: list[str] = []
     written: dict[str, str] = {}
+    values: dict[str, object] = {}
     for key, value in options.items():
         if key not in keys:
             plain = missing_suffix(key, known[key].unit) if key in known else None
@@ -86,17 +87,17 @@ def _parse(
         if variable.name in written:
             faults.append(f"{key} says again what {written[variable.name]} says; keep one")
         written[variable.name] = key
-        in_si = _scaled(value, factor)
-        if variable.causality == "structuralParameter" and isinstance(in_si, int):
-            structural[variable.name] = in_si
-        else:
-            parameters[variable.name] = in_si
+        values[variable.name] = _scaled(value, factor)
+        if variable.causality != "structuralParameter":
+            parameters[variable.name] = values[variable.name]
+        elif isinstance(value, int):
+            structural[variable.name] = value
     try:
         sizes = description.sizes(structural)
     except FmuError as error:
         return _Parsed(parameters, structural, [*faults, f"kind: {error}"])
     for name, key in written.items():
-        faults += _value_faults(known[name], key, (parameters | structural)[name], sizes)
+        faults += _value_faults(known[name], key, values[name], sizes)
     return _Parsed(parameters, structural, faults)
 
 

@@ -65,26 +65,29 @@ class Binding:
 
     def configure(self, structural: Sequence[tuple[Variable, NDArray[Any]]]) -> None:
         """Set structural parameters in Configuration Mode (FMI 3)."""
-        self._call("enterConfigurationMode", self._fmu.enterConfigurationMode)
+        self._call(None, self._fmu.enterConfigurationMode)
         for variable, value in structural:
-            self.set(variable, value)
-        self._call("exitConfigurationMode", self._fmu.exitConfigurationMode)
+            self.set(variable, value, value.shape)
+        self._call(None, self._fmu.exitConfigurationMode)
 
     def enter_initialization(self, time: float) -> None:
         """Initialization Mode from `time` [s] on, without an end."""
         if self._fmi == 2:
-            self._call("setupExperiment", lambda: self._fmu.setupExperiment(startTime=time))
-            self._call("enterInitializationMode", self._fmu.enterInitializationMode)
+            self._call(None, lambda: self._fmu.setupExperiment(startTime=time))
+            self._call(None, self._fmu.enterInitializationMode)
         else:
-            self._call("enterInitializationMode", lambda: self._fmu.enterInitializationMode(startTime=time))
+            self._call(None, lambda: self._fmu.enterInitializationMode(startTime=time))
 
     def exit_initialization(self) -> None:
         """Step Mode; the outputs are those of the start time from here on."""
-        self._call("exitInitializationMode", self._fmu.exitInitializationMode)
+        self._call(None, self._fmu.exitInitializationMode)
 
-    def set(self, variable: Variable, value: NDArray[Any]) -> None:
-        """Hand over `value`, of the variable's shape; copied into a buffer that is kept."""
-        slot = self._slot(variable, value.shape)
+    def set(self, variable: Variable, value: NDArray[Any], shape: tuple[int, ...]) -> None:
+        """Hand over `value`, which must have the variable's shape; copied into a buffer that is kept."""
+        if value.shape != shape:
+            expected, found = (" x ".join(map(str, lengths)) or "a scalar" for lengths in (shape, value.shape))
+            raise ComponentError(f"{variable.name} takes {expected}, found {found}")
+        slot = self._slot(variable, shape)
         slot.buffer[...] = value
         self._call(variable.name, slot.setter, self._fmu.component, *slot.references, slot.pointer, *slot.length)
 
@@ -99,30 +102,30 @@ class Binding:
     def do_step(self, time: float, step: float) -> None:
         """One communication step from `time` [s] on."""
         self._messages.clear()
-        answer = self._call("doStep", self._fmu.doStep, time, step)
+        answer = self._call(None, self._fmu.doStep, time, step)
         if self._fmi == 3 and answer[1]:
             raise ComponentError(f"the FMU asks to end the simulation{self._said()}")
 
     def save(self) -> bytes:
         """The serialized state."""
-        state = self._call("getFMUState", self._fmu.getFMUState)
+        state = self._call(None, self._fmu.getFMUState)
         try:
-            return bytes(self._call("serializeFMUState", self._fmu.serializeFMUState, state))
+            return bytes(self._call(None, self._fmu.serializeFMUState, state))
         finally:
             self._fmu.freeFMUState(state)
 
     def restore(self, serialized: bytes) -> None:
         """Put the instance into a saved state."""
-        state = self._call("deserializeFMUState", self._fmu.deserializeFMUState, serialized)
+        state = self._call(None, self._fmu.deserializeFMUState, serialized)
         try:
-            self._call("setFMUState", self._fmu.setFMUState, state)
+            self._call(None, self._fmu.setFMUState, state)
         finally:
             self._fmu.freeFMUState(state)
 
     def terminate(self) -> None:
         """End of Step Mode, where the standard still allows it."""
         if self.worst < ERROR:
-            self._call("terminate", self._fmu.terminate)
+            self._call(None, self._fmu.terminate)
 
     def free(self) -> None:
         """Free the instance; after a fatal error the standard forbids every call."""
@@ -135,22 +138,19 @@ class Binding:
         _listeners.pop(self._environment, None)
         self._fmu.freeLibrary()
 
-    def _call(self, subject: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    def _call(self, variable: str | None, function: Callable[..., Any], *arguments: Any) -> Any:
         try:
             return function(*arguments)
         except FMICallException as error:
             self.worst = max(self.worst, error.status)
             status = _STATUS[error.status] if error.status < len(_STATUS) else f"status {error.status}"
-            place = "" if subject in error.function or subject[1:] in error.function else f"{subject}: "
+            place = f"{variable}: " if variable else ""
             raise ComponentError(f"{place}{error.function} returned {status}{self._said()}") from error
 
     def _slot(self, variable: Variable, shape: tuple[int, ...]) -> _Slot:
         slot = self._slots.get(variable.name)
         if slot is None:
             slot = self._slots[variable.name] = _slot_of(self._fmu, self._fmi, variable, shape)
-        if slot.buffer.shape != shape:
-            expected, found = (" x ".join(map(str, s)) or "a scalar" for s in (slot.buffer.shape, shape))
-            raise ComponentError(f"{variable.name} takes {expected}, found {found}")
         return slot
 
     def _hear(self, status: int, message: bytes | None) -> None:

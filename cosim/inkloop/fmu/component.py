@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import fmpy
+import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Port, Values
@@ -69,8 +70,7 @@ class FmuComponent:
         if self._structural:
             binding.configure(self._structural)
         for variable, value in self._parameters.values():
-            if variable.causality != "structuralParameter":
-                binding.set(variable, value)
+            binding.set(variable, value, value.shape)
         binding.enter_initialization(time_ns * 1e-9)
         self._set(binding, inputs)
         binding.exit_initialization()
@@ -107,7 +107,7 @@ class FmuComponent:
         ]
 
     def _checked(self, parameters: Mapping[str, object]) -> Iterator[tuple[str, tuple[Variable, NDArray[Any]]]]:
-        known = self.description.parameters
+        known = {n: v for n, v in self.description.parameters.items() if v.causality == "parameter"}
         for name, value in parameters.items():
             if name not in known:
                 raise FmuError(f"{self.description.path}: {name} is no parameter; {nearest(name, known)}")
@@ -121,7 +121,7 @@ class FmuComponent:
         if needed not in self.description.platforms:
             held = ", ".join(self.description.platforms) or "none"
             raise FmuError(
-                f"{path}: this machine needs binaries for {needed}; found: {held}; compile or export it for {needed}"
+                f"{path}: holds binaries for {held}, this machine needs {needed}; export or compile it for that"
             )
         folder = Path(self._cleanup.enter_context(tempfile.TemporaryDirectory(prefix="inkloop-fmu-")))
         with zipfile.ZipFile(path) as archive:
@@ -152,8 +152,9 @@ class FmuComponent:
         return self._running()
 
     def _set(self, binding: Binding, inputs: Values) -> None:
-        for name, value in inputs.items():
-            binding.set(self.description.variables[name], value)
+        for port in self._inputs:
+            if port.name in inputs:
+                binding.set(self.description.variables[port.name], np.asarray(inputs[port.name]), port.shape)
 
     def _get(self, binding: Binding) -> Values:
         variables = self.description.variables

@@ -114,6 +114,5 @@ def summary(variable: Variable) -> str:
 def _show(array: NDArray[Any]) -> str:
     if array.ndim == 0:
         return repr(array.item())
-    return (
-        f"{' x '.join(map(str, array.shape))} values from {array.min()!r} to {array.max()!r}" if array.size else "empty"
-    )
+    values = f" from {array.min().item()!r} to {array.max().item()!r}" if array.size else ""
+    return f"{' x '.join(map(str, array.shape))} values{values}"

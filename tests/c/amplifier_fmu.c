@@ -1,0 +1,345 @@
+/* A foreign FMU for tests: y = gain * x (mode 2: squared), count = steps so far, high = y > 1; refuses x < 0.
+ *
+ * Compiled with -DFMI=2 (three cells) or -DFMI=3 (n cells, structural). It shares nothing with the FMUs of this
+ * project and writes out the signatures of the standard that it needs, so that it stands for somebody else's work. */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { CELLS_MAX = 64, OK = 0, WARNING = 1, DISCARD = 2, ERROR = 3, FATAL = 4 };
+enum { N = 1, ON = 3, GAIN = 4, MODE = 5, COUNT = 6, X = 100, Y = 200, HIGH = 300 };
+
+typedef void (*Logger2)(void *, const char *, int, const char *, const char *, ...);
+typedef void (*Logger3)(void *, int, const char *, const char *);
+
+typedef struct {
+    uint64_t n;
+    int64_t mode;
+    int32_t count;
+    bool on;
+    double gain, x[CELLS_MAX], y[CELLS_MAX];
+} State;
+
+typedef struct {
+    State state;
+    void *environment;
+    Logger2 log2;
+    Logger3 log3;
+} Instance;
+
+static int refuse(Instance *instance, int status, const char *message) {
+    if (instance->log2)
+        instance->log2(instance->environment, "amplifier", status, "logStatus", "%s (%d cells)", message,
+                       (int)instance->state.n);
+    if (instance->log3)
+        instance->log3(instance->environment, status, "logStatus", message);
+    return status;
+}
+
+static Instance *instantiate(void *environment, Logger2 log2, Logger3 log3) {
+    Instance *instance = calloc(1, sizeof *instance);
+    instance->state = (State){.n = 3, .mode = 1, .on = true, .gain = 2.0};
+    instance->environment = environment;
+    instance->log2 = log2;
+    instance->log3 = log3;
+    return instance;
+}
+
+static int set_x(Instance *instance, size_t cell, double x) {
+    if (x < 0.0)
+        return refuse(instance, DISCARD, "x is negative");
+    instance->state.x[cell] = x;
+    return OK;
+}
+
+static int step(Instance *instance, double size) {
+    State *state = &instance->state;
+    if (size > 1000.0)
+        return refuse(instance, size > 1e6 ? FATAL : ERROR, "step is too long");
+    for (size_t i = 0; i < state->n; i++) {
+        const double y = state->on ? state->gain * state->x[i] : 0.0;
+        state->y[i] = state->mode == 2 ? y * y : y;
+    }
+    state->count++;
+    return OK;
+}
+
+static int copy_state(Instance *instance, void **copy) {
+    if (!*copy)
+        *copy = malloc(sizeof(State));
+    memcpy(*copy, &instance->state, sizeof(State));
+    return OK;
+}
+
+#define DONE_NOTHING(name)                                                                                             \
+    int name(void) {                                                                                                   \
+        return OK;                                                                                                     \
+    }
+#define NOT_OFFERED(name)                                                                                              \
+    int name(void) {                                                                                                   \
+        return ERROR;                                                                                                  \
+    }
+
+#if FMI == 2
+
+typedef struct {
+    Logger2 logger;
+    void *allocate, *release, *finished, *environment;
+} Callbacks;
+
+const char *fmi2GetTypesPlatform(void) {
+    return "default";
+}
+const char *fmi2GetVersion(void) {
+    return "2.0";
+}
+void *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const Callbacks *callbacks,
+                      int visible, int logging) {
+    (void)name, (void)type, (void)resources, (void)visible, (void)logging;
+    return strcmp(guid, "amplifier") ? NULL : instantiate(callbacks->environment, callbacks->logger, NULL);
+}
+void fmi2FreeInstance(Instance *instance) {
+    free(instance);
+}
+int fmi2SetReal(Instance *instance, const uint32_t *reference, size_t count, const double *value) {
+    for (size_t i = 0; i < count; i++) {
+        if (reference[i] == GAIN)
+            instance->state.gain = value[i];
+        else if (set_x(instance, reference[i] - X, value[i]))
+            return DISCARD;
+    }
+    return OK;
+}
+int fmi2GetReal(Instance *instance, const uint32_t *reference, size_t count, double *value) {
+    for (size_t i = 0; i < count; i++)
+        value[i] = reference[i] == GAIN ? instance->state.gain : instance->state.y[reference[i] - Y];
+    return OK;
+}
+int fmi2SetInteger(Instance *instance, const uint32_t *reference, size_t count, const int32_t *value) {
+    for (size_t i = 0; i < count && reference[i] == MODE; i++)
+        instance->state.mode = value[i];
+    return OK;
+}
+int fmi2GetInteger(Instance *instance, const uint32_t *reference, size_t count, int32_t *value) {
+    for (size_t i = 0; i < count; i++)
+        value[i] = reference[i] == MODE ? (int32_t)instance->state.mode : instance->state.count;
+    return OK;
+}
+int fmi2SetBoolean(Instance *instance, const uint32_t *reference, size_t count, const int32_t *value) {
+    for (size_t i = 0; i < count && reference[i] == ON; i++)
+        instance->state.on = value[i];
+    return OK;
+}
+int fmi2GetBoolean(Instance *instance, const uint32_t *reference, size_t count, int32_t *value) {
+    for (size_t i = 0; i < count; i++)
+        value[i] = instance->state.y[reference[i] - HIGH] > 1.0;
+    return OK;
+}
+int fmi2DoStep(Instance *instance, double time, double size, int no_rollback) {
+    (void)time, (void)no_rollback;
+    return step(instance, size);
+}
+int fmi2GetFMUstate(Instance *instance, void **state) {
+    return copy_state(instance, state);
+}
+int fmi2SetFMUstate(Instance *instance, const void *state) {
+    memcpy(&instance->state, state, sizeof(State));
+    return OK;
+}
+int fmi2FreeFMUstate(Instance *instance, void **state) {
+    (void)instance;
+    free(*state);
+    *state = NULL;
+    return OK;
+}
+int fmi2SerializedFMUstateSize(Instance *instance, const void *state, size_t *size) {
+    (void)instance, (void)state;
+    *size = sizeof(State);
+    return OK;
+}
+int fmi2SerializeFMUstate(Instance *instance, const void *state, void *bytes, size_t size) {
+    (void)instance;
+    memcpy(bytes, state, size);
+    return OK;
+}
+int fmi2DeSerializeFMUstate(Instance *instance, const void *bytes, size_t size, void **state) {
+    copy_state(instance, state);
+    memcpy(*state, bytes, size);
+    return OK;
+}
+DONE_NOTHING(fmi2SetupExperiment)
+DONE_NOTHING(fmi2EnterInitializationMode)
+DONE_NOTHING(fmi2ExitInitializationMode)
+DONE_NOTHING(fmi2Terminate)
+NOT_OFFERED(fmi2SetDebugLogging)
+NOT_OFFERED(fmi2Reset)
+NOT_OFFERED(fmi2CancelStep)
+NOT_OFFERED(fmi2GetStatus)
+NOT_OFFERED(fmi2GetRealStatus)
+NOT_OFFERED(fmi2GetIntegerStatus)
+NOT_OFFERED(fmi2GetBooleanStatus)
+NOT_OFFERED(fmi2GetStringStatus)
+NOT_OFFERED(fmi2GetString)
+NOT_OFFERED(fmi2SetString)
+NOT_OFFERED(fmi2GetDirectionalDerivative)
+NOT_OFFERED(fmi2SetRealInputDerivatives)
+NOT_OFFERED(fmi2GetRealOutputDerivatives)
+
+#else
+
+const char *fmi3GetVersion(void) {
+    return "3.0";
+}
+void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, bool visible,
+                                  bool logging, bool events, bool early, const uint32_t *required, size_t count,
+                                  void *environment, Logger3 logger, void *update) {
+    (void)name, (void)resources, (void)visible, (void)logging, (void)events, (void)early, (void)required, (void)count;
+    (void)update;
+    return strcmp(token, "amplifier") ? NULL : instantiate(environment, NULL, logger);
+}
+void fmi3FreeInstance(Instance *instance) {
+    free(instance);
+}
+int fmi3SetUInt64(Instance *instance, const uint32_t *reference, size_t count, const uint64_t *value, size_t values) {
+    (void)reference, (void)count, (void)values;
+    instance->state.n = *value;
+    return OK;
+}
+int fmi3SetFloat64(Instance *instance, const uint32_t *reference, size_t count, const double *value, size_t values) {
+    (void)count;
+    if (*reference == GAIN) {
+        instance->state.gain = *value;
+        return OK;
+    }
+    if (values != instance->state.n)
+        return refuse(instance, ERROR, "wrong number of values");
+    for (size_t i = 0; i < values; i++)
+        if (set_x(instance, i, value[i]))
+            return DISCARD;
+    return OK;
+}
+int fmi3GetFloat64(Instance *instance, const uint32_t *reference, size_t count, double *value, size_t values) {
+    (void)reference, (void)count;
+    if (values != instance->state.n)
+        return refuse(instance, ERROR, "wrong number of values");
+    memcpy(value, instance->state.y, values * sizeof *value);
+    return OK;
+}
+int fmi3SetInt64(Instance *instance, const uint32_t *reference, size_t count, const int64_t *value, size_t values) {
+    (void)reference, (void)count, (void)values;
+    instance->state.mode = *value;
+    return OK;
+}
+int fmi3GetInt32(Instance *instance, const uint32_t *reference, size_t count, int32_t *value, size_t values) {
+    (void)reference, (void)count, (void)values;
+    *value = instance->state.count;
+    return OK;
+}
+int fmi3SetBoolean(Instance *instance, const uint32_t *reference, size_t count, const bool *value, size_t values) {
+    (void)reference, (void)count, (void)values;
+    instance->state.on = *value;
+    return OK;
+}
+int fmi3GetBoolean(Instance *instance, const uint32_t *reference, size_t count, bool *value, size_t values) {
+    (void)reference, (void)count;
+    for (size_t i = 0; i < values; i++)
+        value[i] = instance->state.y[i] > 1.0;
+    return OK;
+}
+int fmi3DoStep(Instance *instance, double time, double size, bool no_rollback, bool *event, bool *terminate,
+               bool *early, double *last) {
+    (void)no_rollback;
+    *event = *terminate = *early = false;
+    *last = time + size;
+    return step(instance, size);
+}
+int fmi3GetFMUState(Instance *instance, void **state) {
+    return copy_state(instance, state);
+}
+int fmi3SetFMUState(Instance *instance, const void *state) {
+    memcpy(&instance->state, state, sizeof(State));
+    return OK;
+}
+int fmi3FreeFMUState(Instance *instance, void **state) {
+    (void)instance;
+    free(*state);
+    *state = NULL;
+    return OK;
+}
+int fmi3SerializedFMUStateSize(Instance *instance, const void *state, size_t *size) {
+    (void)instance, (void)state;
+    *size = sizeof(State);
+    return OK;
+}
+int fmi3SerializeFMUState(Instance *instance, const void *state, void *bytes, size_t size) {
+    (void)instance;
+    memcpy(bytes, state, size);
+    return OK;
+}
+int fmi3DeserializeFMUState(Instance *instance, const void *bytes, size_t size, void **state) {
+    copy_state(instance, state);
+    memcpy(*state, bytes, size);
+    return OK;
+}
+DONE_NOTHING(fmi3EnterConfigurationMode)
+DONE_NOTHING(fmi3ExitConfigurationMode)
+DONE_NOTHING(fmi3EnterInitializationMode)
+DONE_NOTHING(fmi3ExitInitializationMode)
+DONE_NOTHING(fmi3Terminate)
+NOT_OFFERED(fmi3InstantiateModelExchange)
+NOT_OFFERED(fmi3InstantiateScheduledExecution)
+NOT_OFFERED(fmi3SetDebugLogging)
+NOT_OFFERED(fmi3Reset)
+NOT_OFFERED(fmi3EnterEventMode)
+NOT_OFFERED(fmi3EnterStepMode)
+NOT_OFFERED(fmi3EnterContinuousTimeMode)
+NOT_OFFERED(fmi3CompletedIntegratorStep)
+NOT_OFFERED(fmi3EvaluateDiscreteStates)
+NOT_OFFERED(fmi3UpdateDiscreteStates)
+NOT_OFFERED(fmi3ActivateModelPartition)
+NOT_OFFERED(fmi3GetAdjointDerivative)
+NOT_OFFERED(fmi3GetDirectionalDerivative)
+NOT_OFFERED(fmi3GetOutputDerivatives)
+NOT_OFFERED(fmi3GetContinuousStateDerivatives)
+NOT_OFFERED(fmi3GetContinuousStates)
+NOT_OFFERED(fmi3SetContinuousStates)
+NOT_OFFERED(fmi3GetNominalsOfContinuousStates)
+NOT_OFFERED(fmi3GetNumberOfContinuousStates)
+NOT_OFFERED(fmi3GetEventIndicators)
+NOT_OFFERED(fmi3GetNumberOfEventIndicators)
+NOT_OFFERED(fmi3GetNumberOfVariableDependencies)
+NOT_OFFERED(fmi3GetVariableDependencies)
+NOT_OFFERED(fmi3SetTime)
+NOT_OFFERED(fmi3GetBinary)
+NOT_OFFERED(fmi3SetBinary)
+NOT_OFFERED(fmi3GetClock)
+NOT_OFFERED(fmi3SetClock)
+NOT_OFFERED(fmi3GetString)
+NOT_OFFERED(fmi3SetString)
+NOT_OFFERED(fmi3GetFloat32)
+NOT_OFFERED(fmi3SetFloat32)
+NOT_OFFERED(fmi3GetInt8)
+NOT_OFFERED(fmi3SetInt8)
+NOT_OFFERED(fmi3GetUInt8)
+NOT_OFFERED(fmi3SetUInt8)
+NOT_OFFERED(fmi3GetInt16)
+NOT_OFFERED(fmi3SetInt16)
+NOT_OFFERED(fmi3GetUInt16)
+NOT_OFFERED(fmi3SetUInt16)
+NOT_OFFERED(fmi3SetInt32)
+NOT_OFFERED(fmi3GetUInt32)
+NOT_OFFERED(fmi3SetUInt32)
+NOT_OFFERED(fmi3GetInt64)
+NOT_OFFERED(fmi3GetUInt64)
+NOT_OFFERED(fmi3GetIntervalDecimal)
+NOT_OFFERED(fmi3SetIntervalDecimal)
+NOT_OFFERED(fmi3GetIntervalFraction)
+NOT_OFFERED(fmi3SetIntervalFraction)
+NOT_OFFERED(fmi3GetShiftDecimal)
+NOT_OFFERED(fmi3SetShiftDecimal)
+NOT_OFFERED(fmi3GetShiftFraction)
+NOT_OFFERED(fmi3SetShiftFraction)
+
+#endif

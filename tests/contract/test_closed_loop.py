@@ -1,0 +1,76 @@
+"""The loop of real parts prints the same layers whoever steps them, in whatever steps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from inkloop import catalog
+from inkloop.component import Job
+from inkloop.master import Master
+from inkloop.recorder import Recorder
+from inkloop.wiring import check, contract_connections
+
+SECOND = 1_000_000_000
+REPRODUCIBLE = ("height", "measured_height", "valid", "estimated_height", "pattern", "objective", "droplets_a", "std")
+
+
+def job() -> Job:
+    mask = np.zeros((10, 9), np.bool_)
+    mask[2:-2, 2:-2] = True
+    return Job(10, 9, 263.256e-6, np.where(mask, 30e-6, 0.0), mask, seed=3)
+
+
+def printed(
+    *,
+    algorithm: str = "gauss-seidel",
+    step_ns: int = SECOND,
+    fmi: str = "fmi3",
+    duration_s: float = 0.0,
+    scan_s: float = 0.0,
+) -> xr.Dataset:
+    """The run of a small block with all the plant's and the sensor's imperfections."""
+    tables: dict[str, tuple[str, dict[str, object]]] = {
+        "controller": ("LayerMpc", {"alpha": 0.8}),
+        "printer": ("LayerDeposition", {"fmi": fmi, "variation": 0.2, "layer_duration_s": duration_s}),
+        "profiler": ("ProfileSensor", {"fmi": fmi, "noise_std_um": 0.3, "scan_duration_s": scan_s}),
+    }
+    parts = {name: catalog.make(kind, job(), options) for name, (kind, options) in tables.items()}
+    wires = contract_connections(parts)
+    assert check(parts, wires) == []
+    recorder = Recorder(job(), parts)
+    master = Master(parts, wires, step_ns=step_ns, algorithm=algorithm, observers=[recorder])  # type: ignore[arg-type]
+    assert master.run(layers_max=50, time_max_ns=10_000 * SECOND) == "done"
+    return recorder.dataset()
+
+
+def assert_same_layers(one: xr.Dataset, other: xr.Dataset) -> None:
+    for name in REPRODUCIBLE:
+        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def reference() -> xr.Dataset:
+    return printed()
+
+
+def test_block_reaches_its_height(reference: xr.Dataset) -> None:
+    assert 4 <= reference.sizes["layer"] - 1 <= 8
+    assert abs(float(reference.mean_error[-1])) < 3e-6
+
+
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
+@pytest.mark.parametrize("step_ns", [SECOND // 7, SECOND, 13 * SECOND])
+def test_same_layers_from_any_master_and_step(reference: xr.Dataset, algorithm: str, step_ns: int) -> None:
+    assert_same_layers(printed(algorithm=algorithm, step_ns=step_ns), reference)
+
+
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
+def test_same_layers_however_long_printing_and_scanning_take(reference: xr.Dataset, algorithm: str) -> None:
+    assert_same_layers(printed(algorithm=algorithm, duration_s=2.0, scan_s=6.0), reference)
+
+
+@pytest.mark.parametrize("fmi", ["fmi3-fixed", "fmi2"])
+def test_same_layers_from_every_form_of_the_fmus(reference: xr.Dataset, fmi: str) -> None:
+    assert_same_layers(printed(fmi=fmi), reference)
