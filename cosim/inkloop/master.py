@@ -24,7 +24,7 @@ StopReason = Literal["done", "layers_max", "time_max", "fault", "interrupted"]
 
 
 class Observer(Protocol):
-    """Watches the run; whoever keeps an array copies nothing, for the master never changes one."""
+    """Watches the run. The arrays are read-only views of what components gave; an observer copies what it keeps."""
 
     def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         """All components are ready; `outputs` are those of the start time, by component."""
@@ -205,6 +205,8 @@ def _checked_value(port: Port, outputs: Values, must_be_finite: bool) -> NDArray
         raise ComponentError(
             f"output {port.name} is {value[cell]} in cell {cell}" if cell else f"output {port.name} is {value}"
         )
+    value = value.view()
+    value.flags.writeable = False  # consumers share it
     return value
 
 

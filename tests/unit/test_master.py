@@ -197,6 +197,16 @@ def test_output_must_be_what_was_declared(value: Values, said: str) -> None:
         Master({"a": part}, [], step_ns=1).run(time_max_ns=1)
 
 
+def test_consumer_cannot_change_what_its_source_gave() -> None:
+    def spoil(time_ns: int, step_ns: int, inputs: Values) -> Values:
+        inputs["x"][...] = 5.0
+        return {}
+
+    parts = {"a": counter(), "b": FunctionComponent(inputs=[Port("x")], step=spoil)}
+    with pytest.raises(ComponentError, match="b failed at t = 0 s: ValueError: assignment destination is read-only"):
+        Master(parts, [Connection("a.y", "b.x")], step_ns=1).run(time_max_ns=1)
+
+
 def test_interrupt_ends_after_the_step_and_keeps_what_was_recorded() -> None:
     job = toy_job()
     parts = toy_loop(job)
