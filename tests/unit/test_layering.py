@@ -12,7 +12,9 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 FLOOR = {"inkloop.component", "inkloop.errors"}
-BUILD_TIME = {"inkloop.model_description", "inkloop.fmu_archive", "inkloop.export"}
+BUILD_TIME = {
+    f"inkloop.{name}" for name in ("model_definition", "model_description", "c_variables", "fmu_archive", "export")
+}
 DOORS = {
     "fmpy": ("inkloop.fmu",),
     "casadi": ("inkloop_controller",),
