@@ -12,7 +12,9 @@ FloatMap = NDArray[np.float64]
 Pattern = NDArray[np.int32]
 
 
-def naive_search(objective: Callable[[Pattern], float], start: Pattern, batch: int, rng: np.random.Generator) -> Pattern:
+def naive_search(
+    objective: Callable[[Pattern], float], start: Pattern, batch: int, rng: np.random.Generator
+) -> Pattern:
     """Best pattern found from `start` by flips in random batches of at most `batch` cells.
 
     A batch that raises the objective although each of its flips lowers it is undone and the batch size halved;

@@ -131,7 +131,9 @@ def layers(runs: Runs) -> Figure:
         layer = run.layer.values
         mean.plot(layer, np.abs(run.mean_error) * UM, color=colour, label=name)
         spread.plot(layer[1:], run["std"][1:] * UM, color=colour)
-        droplets.plot(layer[1:], (run.pattern[1:] != 0).sum(("x", "y")), color=colour, lw=1, drawstyle="steps-mid")
+        if "pattern" in run:  # a print that nobody controls has none
+            jetted = (run.pattern[1:] != 0).sum(("x", "y"))
+            droplets.plot(layer[1:], jetted, color=colour, lw=1, drawstyle="steps-mid")
     mean.set(ylabel="|target - mean| [µm]", yscale="log")
     mean.legend()
     spread.set(ylabel="std over the part [µm]", yscale="log")

@@ -59,7 +59,7 @@ def pictures(runs: Mapping[str, Result]) -> dict[str, Figure]:
     }
     if len(labelled) > 1:
         figures["open-against-closed"] = plot.surfaces(labelled)
-    if (main.pattern == 2).any():
+    if "pattern" in main and (main.pattern == 2).any():
         figures["materials"] = plot.materials(main, name)
     return figures
 

@@ -34,13 +34,3 @@ def missing_suffix(name: str, unit: str) -> str | None:
         return None
     *firsts, last = spellings(name, unit)
     return f"{name} is {QUANTITIES[unit]}; write {', '.join(firsts)} or {last}"
-
-
-def parse_key(key: str) -> tuple[str, str, float]:
-    """`pitch_um` -> ("pitch", "m", 1e-6): name, SI unit and factor of a key; unit "1" where no suffix is known."""
-    for unit, suffixes in SUFFIXES.items():
-        for suffix, factor in suffixes.items():
-            name = key.removesuffix(f"_{suffix}")
-            if name and name != key and not name.endswith("_per"):
-                return name, unit, factor
-    return key, "1", 1.0

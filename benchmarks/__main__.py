@@ -1,0 +1,25 @@
+"""Run all benchmarks, or those named: python -m benchmarks [layer_step master controllers recoverability]."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+from rich.console import Console
+
+NAMES = ("layer_step", "master", "controllers", "recoverability")
+
+
+def main(names: list[str]) -> int:
+    """Measure and print one table after the other."""
+    unknown = sorted(set(names) - set(NAMES))
+    if unknown:
+        print(f"no benchmark called {', '.join(unknown)}; there are {', '.join(NAMES)}", file=sys.stderr)
+        return 1
+    console = Console(width=120)
+    for name in names or NAMES:
+        console.print(importlib.import_module(f"benchmarks.{name}").measure())
+    return 0
+
+
+sys.exit(main(sys.argv[1:]))

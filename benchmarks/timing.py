@@ -1,0 +1,31 @@
+"""Wall times of calls, by the median of several rounds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from statistics import median
+from time import perf_counter
+
+
+def seconds(call: Callable[[], object], *, at_least_s: float = 0.2, rounds: int = 5) -> float:
+    """Median time of one call [s] over rounds that each last long enough to be measured."""
+    begin = perf_counter()
+    call()
+    once = max(perf_counter() - begin, 1e-9)
+    repeats = max(1, round(at_least_s / rounds / once))
+    return median(_round(call, repeats) for _ in range(rounds))
+
+
+def _round(call: Callable[[], object], repeats: int) -> float:
+    begin = perf_counter()
+    for _ in range(repeats):
+        call()
+    return (perf_counter() - begin) / repeats
+
+
+def scaled(time_s: float) -> str:
+    """A time in the unit that reads best."""
+    for unit, factor in (("s", 1.0), ("ms", 1e3), ("us", 1e6)):
+        if time_s * factor >= 1.0:
+            return f"{time_s * factor:.3g} {unit}"
+    return f"{time_s * 1e9:.3g} ns"

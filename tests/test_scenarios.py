@@ -1,0 +1,99 @@
+"""Every shipped scenario prints, and the cylinder keeps its promises over ten seeds."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inkloop.result import Result
+from inkloop.run import print_part
+from inkloop.scenario import Scenario
+
+FOLDER = Path(__file__).parent.parent / "scenarios"
+SCENARIOS = sorted(FOLDER.glob("*.toml"))
+SEEDS = range(1, 11)
+UM = 1e6
+
+
+@cache
+def printed(name: str, seed: int, variant: str = "") -> Result:
+    scenario = Scenario.load(FOLDER / f"{name}.toml", [f"seed={seed}"])
+    return print_part(scenario.variant(variant) if variant else scenario)
+
+
+def mean_over_seeds(name: str, variant: str = "") -> dict[str, float]:
+    """Mean over the seeds of each figure [um]."""
+    metrics = [printed(name, seed, variant).metrics() for seed in SEEDS]
+    return {key: float(np.mean([figures[key] for figures in metrics])) * UM for key in ("mean_error", "mae", "std")}
+
+
+@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
+def test_scenario_says_what_to_look_at(path: Path) -> None:
+    comment = [line for line in path.read_text().split("title =")[0].splitlines() if line]
+    assert comment
+    assert all(line.startswith("#") for line in comment)
+    assert "What to look at:" in " ".join(comment)
+
+
+@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
+def test_scenario_prints_until_its_controller_is_done(path: Path) -> None:
+    result = printed(path.stem, seed=1)
+    assert result.stop_reason == "done"
+    assert result.dataset.sizes["layer"] > 1
+    assert np.isfinite(result.dataset.height).all()
+
+
+def test_cylinder_with_20_percent_variation_ends_flat_and_on_target() -> None:
+    figures = mean_over_seeds("cylinder")
+    assert abs(figures["mean_error"]) <= 0.3
+    assert figures["mae"] <= 1.2
+    assert figures["std"] <= 1.45
+
+
+def test_cylinder_with_40_percent_variation_ends_flat_and_on_target() -> None:
+    figures = mean_over_seeds("cylinder-40")
+    assert figures["mae"] <= 1.1
+    assert figures["std"] <= 1.35
+
+
+@pytest.mark.parametrize(("name", "expected"), [("cylinder", 44.0), ("cylinder-40", 84.0)])
+def test_open_loop_cylinder_ends_as_low_as_the_paper_says(name: str, expected: float) -> None:
+    """Lu et al. 2015, Fig. 11 and 12: mean error 44.1 and 84.7 um."""
+    assert mean_over_seeds(name, "open loop")["mean_error"] == pytest.approx(expected, abs=2.0)
+
+
+def test_open_loop_scenario_is_the_open_loop_of_the_cylinder() -> None:
+    alone, beside = printed("cylinder-open-loop", 1), printed("cylinder", 1, "open loop")
+    np.testing.assert_array_equal(alone.final_height, beside.final_height)
+
+
+def test_cylinder_beats_the_papers_algorithm_on_the_same_plant() -> None:
+    ours, theirs = mean_over_seeds("cylinder"), mean_over_seeds("cylinder", "paper's algorithm")
+    assert ours["mae"] < theirs["mae"]
+
+
+def test_same_seed_prints_the_same_bits() -> None:
+    scenario = Scenario.load(FOLDER / "cuboid.toml")
+    first, second = print_part(scenario).dataset, print_part(scenario).dataset
+    for name in ("height", "pattern", "measured_height"):
+        np.testing.assert_array_equal(first[name], second[name])
+
+
+def test_two_inks_stay_where_the_part_says() -> None:
+    """Voxels of the wrong ink, at the height where each droplet landed, over voxels of the part."""
+    result = printed("two-materials", 1)
+    scenario = Scenario.load(FOLDER / "two-materials.toml")
+    region = scenario.job().region
+    assert region is not None
+    run = result.dataset
+    x, y = np.meshgrid(run.x, run.y, indexing="ij")
+    middle = (run.height.values[1:] + run.height.values[:-1]) / 2
+    wanted_a = np.stack([region.contains(x, y, z) for z in middle])
+    pattern = run.pattern.values[1:]
+    wrong = ((pattern == 1) & ~wanted_a) | ((pattern == 2) & wanted_a)
+    assert {1, 2} <= set(np.unique(pattern))
+    assert wrong.sum() / wanted_a.sum() < 0.04
+    assert abs(result.metrics()["mean_error"]) * UM < 1.0

@@ -1,0 +1,88 @@
+"""The command says what it did, or what is wrong, and answers with an exit code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from inkloop.cli import main
+from inkloop.result import Result
+
+CUBOID = str(Path(__file__).parents[2] / "scenarios" / "cuboid.toml")
+
+
+def test_run_leaves_a_folder_with_result_table_and_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "cuboid"
+    assert main(["run", CUBOID, "--out", str(folder)]) == 0
+    names = {path.name for path in folder.iterdir()}
+    pictures = {"surface.png", "cross-section.png", "error-map.png", "layers.png", "open-against-closed.png"}
+    assert names >= pictures | {"result.nc", "run.json", "scenario.toml", "summary.txt", "compare"}
+    assert not [name for name in names if name.endswith(".part")]
+    assert "open loop" in (folder / "summary.txt").read_text()
+    assert str(folder) in capsys.readouterr().out.replace("\n", "")
+
+
+def test_report_makes_table_and_pictures_again(tmp_path: Path) -> None:
+    folder = tmp_path / "cuboid"
+    main(["run", CUBOID, "--out", str(folder)])
+    summary = (folder / "summary.txt").read_text()
+    (folder / "summary.txt").unlink()
+    (folder / "layers.png").unlink()
+    assert main(["report", str(folder)]) == 0
+    assert (folder / "summary.txt").read_text() == summary
+    assert (folder / "layers.png").exists()
+
+
+def test_run_never_overwrites(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "kept").write_text("mine")
+    assert main(["run", CUBOID, "--out", str(tmp_path)]) == 1
+    assert "nothing is overwritten" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
+
+
+def test_run_folders_are_numbered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        assert main(["run", CUBOID, "--no-compare"]) == 0
+    assert sorted(path.name for path in (tmp_path / "runs").iterdir()) == ["cuboid", "cuboid-2"]
+
+
+def test_override_is_recorded_in_the_run(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    assert main(["run", CUBOID, "--no-compare", "--out", str(folder), "--set", "seed=5"]) == 0
+    assert Result.load(folder).run["seed"] == 5
+    assert "seed = 5" in (folder / "scenario.toml").read_text()
+
+
+def test_validate_answers_with_an_exit_code(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["validate", CUBOID]) == 0
+    assert "no fault" in capsys.readouterr().out
+    assert main(["validate", CUBOID, "--set", "grid.nx=0"]) == 1
+    assert "grid.nx is 0" in capsys.readouterr().err
+
+
+def test_export_and_info_show_the_same_grid(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "printer.fmu"
+    assert main(["export", "LayerDeposition", "--fmi", "2", "--nx", "4", "--ny", "5", "--out", str(path)]) == 0
+    assert main(["info", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert "LayerDeposition" in shown
+    assert "4 x 5" in shown
+    assert "layer_command" in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["report", "absent"], "result.nc"),
+        (["info", "absent.fmu"], "absent.fmu"),
+        (["run", "absent.toml"], "absent.toml"),
+        (["export", "LayerDepositoin"], "LayerDeposition"),
+    ],
+)
+def test_what_is_wrong_is_said_without_a_traceback(
+    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == 1
+    assert said in capsys.readouterr().err
