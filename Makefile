@@ -10,7 +10,7 @@ PIP    := $(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-
 run: .venv/installed
 	$(BIN)/inkloop run scenarios/cylinder.toml
 
-.venv/installed: pyproject.toml CMakeLists.txt $(shell find fmus controller/core -type f) cosim/inkloop/fmu_archive.py cosim/inkloop/model_description.py
+.venv/installed: pyproject.toml CMakeLists.txt $(shell find fmus controller/core -type f) $(wildcard cosim/inkloop/*model_de*.py cosim/inkloop/fmu_*.py) cosim/inkloop/c_variables.py
 	@command -v $(PYTHON) >/dev/null || { echo "inkloop needs $(PYTHON) (or: make PYTHON=/path/to/python)"; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv --without-pip .venv
 	@echo "installing into .venv ..."

@@ -1,0 +1,138 @@
+"""What variables a model has: variables.toml as objects, and the value references that follow from it."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from inkloop.errors import FmuError
+
+EXPOSED = ("independent", "structural", "input", "output", "parameter")
+HIDDEN = ("state", "scratch")
+TYPES = ("real", "integer", "boolean", "enumeration", "count")
+
+
+@dataclass(frozen=True)
+class VariableDefinition:
+    """One variable: a scalar or a map over the grid.
+
+    `initial_from` names what the value at the start is computed from; `declared` the enumeration.
+    """
+
+    name: str
+    causality: str
+    description: str = ""
+    type: str = "real"
+    shape: str = "scalar"
+    unit: str = "1"
+    start: float = 0
+    min: float | None = None
+    max: float | None = None
+    declared: str | None = None
+    terminal: str | None = None
+    initial_from: str | None = None
+
+    @property
+    def is_grid(self) -> bool:
+        """True for a value per cell."""
+        return self.shape == "grid"
+
+    @property
+    def is_exposed(self) -> bool:
+        """True for what importers see."""
+        return self.causality in EXPOSED
+
+
+@dataclass(frozen=True)
+class EnumerationDefinition:
+    """An enumeration: item name -> number."""
+
+    description: str
+    items: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class ModelDefinition:
+    """A model: its variables in the order of the C table, and what a description says besides."""
+
+    name: str
+    description: str
+    step_size: float
+    stop_time: float
+    variables: tuple[VariableDefinition, ...]
+    types: Mapping[str, EnumerationDefinition] = field(default_factory=dict)
+    terminals: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def exposed(self) -> tuple[VariableDefinition, ...]:
+        """The variables that importers see; they come first in the table."""
+        return tuple(v for v in self.variables if v.is_exposed)
+
+    @property
+    def fingerprint(self) -> str:
+        """16 hexadecimal digits that change with anything the binary must know."""
+        known = [(v.name, v.causality, v.type, v.shape, v.start, *self.limits(v)) for v in self.variables]
+        return hashlib.sha256(repr((self.name, known)).encode()).hexdigest()[:16]
+
+    def token(self, nx: int, ny: int, *, resizable: bool) -> str:
+        """GUID or instantiation token: the binary reads the grid from it, so one binary serves every grid."""
+        return f"{self.name}-{self.fingerprint}-{nx}x{ny}" + ("-resizable" if resizable else "")
+
+    def limits(self, variable: VariableDefinition) -> tuple[float | None, float | None]:
+        """Smallest and largest value, None where there is no limit."""
+        if variable.declared is None:
+            return variable.min, variable.max
+        numbers = self.types[variable.declared].items.values()
+        return min(numbers), max(numbers)
+
+    def scalar_references(self, nx: int, ny: int) -> Iterator[tuple[VariableDefinition, int]]:
+        """Each exposed variable with the first of its references where every cell has one of its own (FMI 2)."""
+        reference = 0
+        for variable in self.exposed:
+            yield variable, reference
+            reference += nx * ny if variable.is_grid else 1
+
+
+def load(text: str, source: str | Path) -> ModelDefinition:
+    """Read the text of a variables.toml. Raises FmuError with every fault."""
+    table = tomllib.loads(text)
+    types = {name: EnumerationDefinition(**entry) for name, entry in table.get("types", {}).items()}
+    variables = tuple(VariableDefinition(name, **entry) for name, entry in table["variables"].items())
+    faults = list(_faults(variables, table))
+    if faults:
+        raise FmuError("\n".join([f"{source}: {len(faults)} faults", *(f"  - {fault}" for fault in faults)]))
+    return ModelDefinition(
+        name=table["model"],
+        description=table["description"],
+        step_size=table["step_size"],
+        stop_time=table["stop_time"],
+        variables=variables,
+        types=types,
+        terminals=table.get("terminals", {}),
+    )
+
+
+def _faults(variables: tuple[VariableDefinition, ...], table: Mapping[str, Any]) -> Iterator[str]:
+    names = {v.name for v in variables}
+    ranks = [(*EXPOSED, *HIDDEN).index(v.causality) for v in variables if v.causality in (*EXPOSED, *HIDDEN)]
+    if len(ranks) < len(variables):
+        yield f"a causality is none of {', '.join((*EXPOSED, *HIDDEN))}"
+    if ranks != sorted(ranks):
+        yield f"variables must come in the order {', '.join((*EXPOSED, *HIDDEN))}"
+    if [v.name for v in variables[:3]] != ["time", "nx", "ny"]:
+        yield "the first variables must be time, nx, ny"
+    for v in variables:
+        if v.type not in TYPES:
+            yield f"{v.name}: type is {v.type!r}; expected one of {', '.join(TYPES)}"
+        if v.is_exposed and not v.description:
+            yield f"{v.name}: has no description"
+        if (v.type == "enumeration") != (v.declared in table.get("types", {})):
+            yield f"{v.name}: declared is {v.declared!r}; an enumeration names one of [types], others none"
+        if v.terminal is not None and v.terminal not in table.get("terminals", {}):
+            yield f"{v.name}: terminal is {v.terminal!r}; it is not in [terminals]"
+        if v.initial_from is not None and v.initial_from not in names:
+            yield f"{v.name}: initial_from is {v.initial_from!r}; there is no such variable"

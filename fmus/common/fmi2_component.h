@@ -1,0 +1,40 @@
+/* What fmi2Component points to, and the calls that it knows, shared by the two files of the FMI 2 adapter. */
+#ifndef INKLOOP_FMI2_COMPONENT_H
+#define INKLOOP_FMI2_COMPONENT_H
+
+#include "fmi2Functions.h"
+#include "instance.h"
+
+typedef struct {
+    Instance *core;
+    char *name;
+    fmi2CallbackLogger log;
+    fmi2ComponentEnvironment environment;
+} Component;
+
+typedef enum {
+    SET_DEBUG_LOGGING,
+    SETUP_EXPERIMENT,
+    ENTER_INITIALIZATION,
+    EXIT_INITIALIZATION,
+    TERMINATE,
+    RESET,
+    GET,
+    SET,
+    GET_STATE,
+    SET_STATE,
+    SERIALIZE_STATE,
+    DO_STEP,
+    UNSUPPORTED
+} Call;
+
+/* True, and logged, where the call is not legal in the present mode. */
+bool fmi2_is_illegal(const Component *component, Call call, const char *function);
+
+/* The status of an outcome; logs the kept message if it was not accepted. */
+fmi2Status fmi2_finish(const Component *component, Call call, const char *function, Outcome outcome);
+
+/* Logged and an error: a call that these models have nothing for. */
+fmi2Status fmi2_unsupported(const Component *component, const char *function);
+
+#endif

@@ -1,0 +1,276 @@
+/* FMI 3.0 co-simulation: the calls that a model takes part in. A variable has one value reference, its number. */
+#include "fmi3_component.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef enum {
+    SET_DEBUG_LOGGING,
+    ENTER_CONFIGURATION,
+    EXIT_CONFIGURATION,
+    ENTER_INITIALIZATION,
+    EXIT_INITIALIZATION,
+    TERMINATE,
+    RESET,
+    GET,
+    SET,
+    GET_STATE,
+    SET_STATE,
+    SERIALIZE_STATE,
+    DO_STEP
+} Call;
+
+enum { HOLDS_STATE = RUNNING | TERMINATED };
+
+/* Where each call is legal, and the status of a refusal (FMI 3.0, state machine of co-simulation). */
+static const struct {
+    unsigned modes;
+    fmi3Status refused;
+} CALLS[] = {
+    [SET_DEBUG_LOGGING] = {ANY_MODE, fmi3Error},
+    [ENTER_CONFIGURATION] = {INSTANTIATED, fmi3Error},
+    [EXIT_CONFIGURATION] = {CONFIGURATION, fmi3Error},
+    [ENTER_INITIALIZATION] = {INSTANTIATED, fmi3Error},
+    [EXIT_INITIALIZATION] = {INITIALIZATION, fmi3Error},
+    [TERMINATE] = {STEP, fmi3Error},
+    [RESET] = {ANY_MODE, fmi3Error},
+    [GET] = {ANY_MODE, fmi3Error},
+    [SET] = {RUNNING | CONFIGURATION, fmi3Discard},
+    [GET_STATE] = {HOLDS_STATE, fmi3Error},
+    [SET_STATE] = {HOLDS_STATE, fmi3Error},
+    [SERIALIZE_STATE] = {ANY_MODE, fmi3Error},
+    [DO_STEP] = {STEP, fmi3Discard},
+};
+
+fmi3Status fmi3_report(const Component *component, const char *function, fmi3Status status) {
+    char text[MESSAGE_SIZE + 64];
+    snprintf(text, sizeof text, "%s: %s", function, component->core->message);
+    if (component->log)
+        component->log(component->environment, status, status == fmi3Discard ? "logStatusDiscard" : "logStatusError",
+                       text);
+    return status;
+}
+
+static bool is_illegal(const Component *component, Call call, const char *function) {
+    if (!component)
+        return true;
+    if (component->core->mode & CALLS[call].modes)
+        return false;
+    misuse(component->core, "not allowed in %s", mode_name(component->core->mode));
+    fmi3_report(component, function, fmi3Error);
+    return true;
+}
+
+static fmi3Status finish(const Component *component, Call call, const char *function, Outcome outcome) {
+    if (outcome == ACCEPTED)
+        return fmi3OK;
+    return fmi3_report(component, function, outcome == REFUSED ? CALLS[call].refused : fmi3Error);
+}
+
+const char *fmi3GetVersion(void) {
+    return fmi3Version;
+}
+
+fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String instantiationToken,
+                                         fmi3String resourcePath, fmi3Boolean visible, fmi3Boolean loggingOn,
+                                         fmi3Boolean eventModeUsed, fmi3Boolean earlyReturnAllowed,
+                                         const fmi3ValueReference requiredIntermediateVariables[],
+                                         size_t nRequiredIntermediateVariables,
+                                         fmi3InstanceEnvironment instanceEnvironment, fmi3LogMessageCallback logMessage,
+                                         fmi3IntermediateUpdateCallback intermediateUpdate) {
+    (void)instanceName, (void)resourcePath, (void)visible, (void)loggingOn; /* refusals are always logged */
+    (void)earlyReturnAllowed, (void)requiredIntermediateVariables, (void)intermediateUpdate;
+    char message[MESSAGE_SIZE] = "";
+    Component *component = NULL;
+    if (eventModeUsed)
+        snprintf(message, sizeof message, "eventModeUsed is true, but %s has no Event Mode (hasEventMode)", MODEL_NAME);
+    else if (nRequiredIntermediateVariables > 0)
+        snprintf(message, sizeof message, "%s provides no intermediate variables", MODEL_NAME);
+    else if (!(component = calloc(1, sizeof *component)))
+        snprintf(message, sizeof message, "no memory for an instance");
+    else if (!(component->core = instance_create(instantiationToken, false, message))) {
+        free(component);
+        component = NULL;
+    }
+    if (!component) {
+        if (logMessage)
+            logMessage(instanceEnvironment, fmi3Error, "logStatusError", message);
+        return NULL;
+    }
+    component->environment = instanceEnvironment;
+    component->log = logMessage;
+    return component;
+}
+
+void fmi3FreeInstance(fmi3Instance instance) {
+    Component *component = instance;
+    if (!component)
+        return;
+    instance_free(component->core);
+    free(component);
+}
+
+fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean loggingOn, size_t nCategories,
+                               const fmi3String categories[]) {
+    const Component *component = instance;
+    (void)loggingOn; /* there are no debug messages */
+    if (is_illegal(component, SET_DEBUG_LOGGING, __func__))
+        return fmi3Error;
+    for (size_t k = 0; k < nCategories; k++)
+        if (strcmp(categories[k], "logStatusDiscard") != 0 && strcmp(categories[k], "logStatusError") != 0)
+            return finish(component, SET_DEBUG_LOGGING, __func__,
+                          misuse(component->core, "category is %.100s; expected logStatusDiscard or logStatusError",
+                                 categories[k]));
+    return fmi3OK;
+}
+
+fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance) {
+    const Component *component = instance;
+    if (is_illegal(component, ENTER_CONFIGURATION, __func__))
+        return fmi3Error;
+    return finish(component, ENTER_CONFIGURATION, __func__, instance_enter_configuration(component->core));
+}
+
+fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance) {
+    const Component *component = instance;
+    if (is_illegal(component, EXIT_CONFIGURATION, __func__))
+        return fmi3Error;
+    return finish(component, EXIT_CONFIGURATION, __func__, instance_exit_configuration(component->core));
+}
+
+fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean toleranceDefined, fmi3Float64 tolerance,
+                                       fmi3Float64 startTime, fmi3Boolean stopTimeDefined, fmi3Float64 stopTime) {
+    const Component *component = instance;
+    (void)toleranceDefined, (void)tolerance, (void)stopTimeDefined, (void)stopTime;
+    if (is_illegal(component, ENTER_INITIALIZATION, __func__))
+        return fmi3Error;
+    return finish(component, ENTER_INITIALIZATION, __func__, instance_enter_initialization(component->core, startTime));
+}
+
+fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
+    const Component *component = instance;
+    if (is_illegal(component, EXIT_INITIALIZATION, __func__))
+        return fmi3Error;
+    return finish(component, EXIT_INITIALIZATION, __func__, instance_exit_initialization(component->core));
+}
+
+fmi3Status fmi3Terminate(fmi3Instance instance) {
+    const Component *component = instance;
+    if (is_illegal(component, TERMINATE, __func__))
+        return fmi3Error;
+    component->core->mode = TERMINATED;
+    return fmi3OK;
+}
+
+fmi3Status fmi3Reset(fmi3Instance instance) {
+    const Component *component = instance;
+    if (is_illegal(component, RESET, __func__))
+        return fmi3Error;
+    return finish(component, RESET, __func__, instance_reset(component->core));
+}
+
+#define ACCESS(Name, TYPE)                                                                                             \
+    fmi3Status fmi3Get##Name(fmi3Instance instance, const fmi3ValueReference valueReferences[],                        \
+                             size_t nValueReferences, fmi3##Name values[], size_t nValues) {                           \
+        const Component *component = instance;                                                                         \
+        if (is_illegal(component, GET, __func__))                                                                      \
+            return fmi3Error;                                                                                          \
+        return finish(component, GET, __func__,                                                                        \
+                      get_values(component->core, TYPE, valueReferences, nValueReferences, values, nValues));          \
+    }                                                                                                                  \
+    fmi3Status fmi3Set##Name(fmi3Instance instance, const fmi3ValueReference valueReferences[],                        \
+                             size_t nValueReferences, const fmi3##Name values[], size_t nValues) {                     \
+        const Component *component = instance;                                                                         \
+        if (is_illegal(component, SET, __func__))                                                                      \
+            return fmi3Error;                                                                                          \
+        return finish(component, SET, __func__,                                                                        \
+                      set_values(component->core, TYPE, valueReferences, nValueReferences, values, nValues));          \
+    }
+
+ACCESS(Float64, TYPE_REAL)
+ACCESS(Int32, TYPE_INTEGER)
+ACCESS(Boolean, TYPE_BOOLEAN)
+ACCESS(Int64, TYPE_ENUMERATION)
+ACCESS(UInt64, TYPE_COUNT)
+
+fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *FMUState) {
+    const Component *component = instance;
+    if (is_illegal(component, GET_STATE, __func__))
+        return fmi3Error;
+    Snapshot *snapshot = *FMUState;
+    const Outcome outcome = snapshot_take(component->core, &snapshot);
+    *FMUState = snapshot;
+    return finish(component, GET_STATE, __func__, outcome);
+}
+
+fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState FMUState) {
+    const Component *component = instance;
+    if (is_illegal(component, SET_STATE, __func__))
+        return fmi3Error;
+    return finish(component, SET_STATE, __func__, snapshot_restore(component->core, FMUState));
+}
+
+fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *FMUState) {
+    (void)instance;
+    if (FMUState) {
+        free(*FMUState);
+        *FMUState = NULL;
+    }
+    return fmi3OK;
+}
+
+fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState FMUState, size_t *size) {
+    const Component *component = instance;
+    if (is_illegal(component, SERIALIZE_STATE, __func__) || !FMUState)
+        return fmi3Error;
+    *size = ((const Snapshot *)FMUState)->size;
+    return fmi3OK;
+}
+
+fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState FMUState, fmi3Byte serializedState[],
+                                 size_t size) {
+    const Component *component = instance;
+    const Snapshot *snapshot = FMUState;
+    if (is_illegal(component, SERIALIZE_STATE, __func__) || !snapshot)
+        return fmi3Error;
+    if (size < snapshot->size)
+        return finish(component, SERIALIZE_STATE, __func__,
+                      misuse(component->core, "the buffer has %lu bytes; the state takes %lu", (unsigned long)size,
+                             (unsigned long)snapshot->size));
+    memcpy(serializedState, snapshot->bytes, snapshot->size);
+    return fmi3OK;
+}
+
+fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte serializedState[], size_t size,
+                                   fmi3FMUState *FMUState) {
+    const Component *component = instance;
+    if (is_illegal(component, SERIALIZE_STATE, __func__))
+        return fmi3Error;
+    Snapshot *snapshot = *FMUState;
+    const Outcome outcome = snapshot_from_bytes(component->core, serializedState, size, &snapshot);
+    *FMUState = snapshot;
+    return finish(component, SERIALIZE_STATE, __func__, outcome);
+}
+
+fmi3Status fmi3EnterStepMode(fmi3Instance instance) {
+    const Component *component = instance;
+    if (!component)
+        return fmi3Error;
+    misuse(component->core, "%s has no Event Mode to come from; Step Mode begins with the end of initialisation",
+           MODEL_NAME);
+    return fmi3_report(component, __func__, fmi3Error);
+}
+
+fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoint, fmi3Float64 communicationStepSize,
+                      fmi3Boolean noSetFMUStatePriorToCurrentPoint, fmi3Boolean *eventHandlingNeeded,
+                      fmi3Boolean *terminateSimulation, fmi3Boolean *earlyReturn, fmi3Float64 *lastSuccessfulTime) {
+    const Component *component = instance;
+    (void)noSetFMUStatePriorToCurrentPoint;
+    if (is_illegal(component, DO_STEP, __func__))
+        return fmi3Error;
+    const Outcome outcome = instance_do_step(component->core, currentCommunicationPoint, communicationStepSize);
+    *eventHandlingNeeded = *terminateSimulation = *earlyReturn = fmi3False;
+    *lastSuccessfulTime = instance_time(component->core);
+    return finish(component, DO_STEP, __func__, outcome);
+}

@@ -1,0 +1,266 @@
+#include "instance.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { TIME, NX, NY }; /* the first variables of every model */
+enum { ALIGNMENT = 8 };
+static const uint64_t MAX_CELLS = UINT64_C(1) << 26; /* 8192 x 8192; beyond that a wrong number is likelier */
+
+static void write_message(char message[MESSAGE_SIZE], const char *format, va_list arguments) {
+    vsnprintf(message, MESSAGE_SIZE, format, arguments);
+}
+
+Outcome refuse(Instance *instance, const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    write_message(instance->message, format, arguments);
+    va_end(arguments);
+    return REFUSED;
+}
+
+Outcome misuse(Instance *instance, const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    write_message(instance->message, format, arguments);
+    va_end(arguments);
+    return MISUSED;
+}
+
+const char *mode_name(Mode mode) {
+    switch (mode) {
+    case INSTANTIATED:
+        return "Instantiated";
+    case CONFIGURATION:
+        return "Configuration Mode";
+    case INITIALIZATION:
+        return "Initialization Mode";
+    case STEP:
+        return "Step Mode";
+    case TERMINATED:
+        return "Terminated";
+    }
+    return "no mode";
+}
+
+size_t value_size(ValueType type) {
+    static const size_t SIZES[] = {sizeof(double), sizeof(int32_t), sizeof(bool), sizeof(int64_t), sizeof(uint64_t)};
+    return SIZES[type];
+}
+
+size_t value_count(const Instance *instance, size_t variable) {
+    return VARIABLES[variable].is_grid ? (size_t)(instance->nx * instance->ny) : 1;
+}
+
+void *values_of(Instance *instance, size_t variable) {
+    return instance->block + instance->offsets[variable];
+}
+
+double instance_time(Instance *instance) {
+    return *(double *)values_of(instance, TIME);
+}
+
+static void fill(Instance *instance, size_t variable) {
+    const VariableDefinition *definition = &VARIABLES[variable];
+    unsigned char *values = values_of(instance, variable);
+    union {
+        double real;
+        int32_t integer;
+        bool boolean;
+        int64_t enumeration;
+        uint64_t count;
+    } start;
+    memset(&start, 0, sizeof start);
+    switch (definition->type) {
+    case TYPE_REAL:
+        start.real = definition->start;
+        break;
+    case TYPE_INTEGER:
+        start.integer = (int32_t)definition->start;
+        break;
+    case TYPE_BOOLEAN:
+        start.boolean = definition->start != 0.0;
+        break;
+    case TYPE_ENUMERATION:
+        start.enumeration = (int64_t)definition->start;
+        break;
+    case TYPE_COUNT:
+        start.count = (uint64_t)definition->start;
+        break;
+    }
+    const size_t size = value_size(definition->type);
+    for (size_t k = 0; k < value_count(instance, variable); k++)
+        memcpy(values + k * size, &start, size);
+}
+
+/* A block for nx * ny cells with all start values; false, and nothing changed, if there is no memory for it. */
+static bool allocate(Instance *instance, uint64_t nx, uint64_t ny) {
+    Instance sized = *instance;
+    sized.nx = nx;
+    sized.ny = ny;
+    sized.offsets = malloc((VARIABLE_COUNT + 1) * sizeof *sized.offsets);
+    sized.first_references = malloc((EXPOSED_COUNT + 1) * sizeof *sized.first_references);
+    sized.block = NULL;
+    if (sized.offsets && sized.first_references) {
+        size_t end = 0, reference = 0;
+        sized.saved_size = 0;
+        for (size_t k = 0; k < VARIABLE_COUNT; k++) {
+            const size_t size = value_count(&sized, k) * value_size(VARIABLES[k].type);
+            sized.offsets[k] = end;
+            if (k < EXPOSED_COUNT) {
+                sized.first_references[k] = reference;
+                reference += sized.has_scalar_references ? value_count(&sized, k) : 1;
+            }
+            end += (size + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
+            if (VARIABLES[k].causality != SCRATCH)
+                sized.saved_size = end;
+        }
+        sized.offsets[VARIABLE_COUNT] = end;
+        sized.first_references[EXPOSED_COUNT] = reference;
+        sized.block = calloc(end, 1);
+    }
+    if (!sized.block) {
+        free(sized.offsets);
+        free(sized.first_references);
+        return false;
+    }
+    sized.last_found = 0;
+    *instance = sized;
+    for (size_t k = 0; k < VARIABLE_COUNT; k++)
+        fill(instance, k);
+    *(uint64_t *)values_of(instance, NX) = nx;
+    *(uint64_t *)values_of(instance, NY) = ny;
+    instance->is_outdated = true;
+    return true;
+}
+
+static void release(Instance *instance) {
+    free(instance->block);
+    free(instance->offsets);
+    free(instance->first_references);
+}
+
+static bool is_possible(uint64_t nx, uint64_t ny) {
+    return nx >= 1 && ny >= 1 && nx <= MAX_CELLS && ny <= MAX_CELLS / nx;
+}
+
+/* The grid that a token carries; false if the token is not one of this binary. */
+static bool read_token(const char *token, Instance *instance) {
+    char own[128];
+    const int length = snprintf(own, sizeof own, "%s-%s-", MODEL_NAME, MODEL_FINGERPRINT);
+    if (!token || strncmp(token, own, (size_t)length) != 0)
+        return false;
+    unsigned long long nx = 0, ny = 0;
+    int used = 0;
+    if (sscanf(token + length, "%llux%llu%n", &nx, &ny, &used) != 2)
+        return false;
+    const char *rest = token + length + used;
+    instance->is_resizable = strcmp(rest, "-resizable") == 0;
+    instance->start_nx = nx;
+    instance->start_ny = ny;
+    return (instance->is_resizable || *rest == '\0') && is_possible(nx, ny);
+}
+
+Instance *instance_create(const char *token, bool has_scalar_references, char message[MESSAGE_SIZE]) {
+    Instance *instance = calloc(1, sizeof *instance);
+    if (!instance) {
+        snprintf(message, MESSAGE_SIZE, "no memory for an instance");
+        return NULL;
+    }
+    instance->mode = INSTANTIATED;
+    instance->has_scalar_references = has_scalar_references;
+    if (!read_token(token, instance)) {
+        snprintf(
+            message, MESSAGE_SIZE,
+            "the GUID or instantiation token is %s; this binary expects %s-%s-NXxNY as in the modelDescription.xml "
+            "of the same FMU",
+            token ? token : "missing", MODEL_NAME, MODEL_FINGERPRINT);
+    } else if (!allocate(instance, instance->start_nx, instance->start_ny)) {
+        snprintf(message, MESSAGE_SIZE, "no memory for %llu x %llu cells", (unsigned long long)instance->start_nx,
+                 (unsigned long long)instance->start_ny);
+    } else {
+        return instance;
+    }
+    free(instance);
+    return NULL;
+}
+
+void instance_free(Instance *instance) {
+    release(instance);
+    free(instance);
+}
+
+Outcome instance_reset(Instance *instance) {
+    Instance old = *instance;
+    if (!allocate(instance, instance->start_nx, instance->start_ny))
+        return misuse(instance, "no memory for a second block; the instance is as it was");
+    release(&old);
+    instance->mode = INSTANTIATED;
+    return ACCEPTED;
+}
+
+Outcome instance_enter_configuration(Instance *instance) {
+    if (!instance->is_resizable)
+        return misuse(instance,
+                      "%s has no structural parameters here, its grid is %llu x %llu cells; use the FMI 3 "
+                      "variant with structural parameters, or export one for the grid",
+                      MODEL_NAME, (unsigned long long)instance->nx, (unsigned long long)instance->ny);
+    instance->mode = CONFIGURATION;
+    return ACCEPTED;
+}
+
+Outcome instance_exit_configuration(Instance *instance) {
+    const uint64_t nx = *(uint64_t *)values_of(instance, NX), ny = *(uint64_t *)values_of(instance, NY);
+    if (nx != instance->nx || ny != instance->ny) {
+        if (!is_possible(nx, ny))
+            return refuse(instance, "nx is %llu, ny is %llu; expected 1 to %llu cells together", (unsigned long long)nx,
+                          (unsigned long long)ny, (unsigned long long)MAX_CELLS);
+        Instance old = *instance;
+        if (!allocate(instance, nx, ny))
+            return refuse(instance, "no memory for %llu x %llu cells", (unsigned long long)nx, (unsigned long long)ny);
+        for (size_t k = NY + 1; k < EXPOSED_COUNT; k++) /* what was set before outlives the new size, maps cannot */
+            if (!VARIABLES[k].is_grid)
+                memcpy(values_of(instance, k), values_of(&old, k), value_size(VARIABLES[k].type));
+        release(&old);
+    }
+    instance->mode = INSTANTIATED;
+    return ACCEPTED;
+}
+
+Outcome instance_enter_initialization(Instance *instance, double start_time) {
+    if (!isfinite(start_time))
+        return misuse(instance, "the start time is %g; expected a finite number", start_time);
+    *(double *)values_of(instance, TIME) = start_time;
+    instance->mode = INITIALIZATION;
+    instance->is_outdated = true;
+    return ACCEPTED;
+}
+
+Outcome instance_exit_initialization(Instance *instance) {
+    const Outcome outcome = kernel_initialize(instance);
+    if (outcome == ACCEPTED) {
+        instance->mode = STEP;
+        instance->is_outdated = false;
+    }
+    return outcome;
+}
+
+Outcome instance_do_step(Instance *instance, double start, double step) {
+    const double now = instance_time(instance);
+    if (!isfinite(start) || !isfinite(step) || step <= 0.0)
+        return refuse(instance, "the step is %g s from %g s on; expected finite numbers and a step above 0", step,
+                      start);
+    const double rounding = 1e-6 * step + 1e-12 * fabs(now); /* importers' times carry rounding */
+    if (start < now - rounding)
+        return refuse(instance,
+                      "the step begins at %.17g s, but the instance is at %.17g s already; restore a saved "
+                      "state to go back",
+                      start, now);
+    const Outcome outcome = kernel_do_step(instance, start, start + step);
+    if (outcome == ACCEPTED)
+        *(double *)values_of(instance, TIME) = start + step;
+    return outcome;
+}

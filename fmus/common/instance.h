@@ -1,0 +1,83 @@
+/* One instance of a model: values, life cycle, messages, saved states. No FMI type, no global variable. */
+#ifndef INKLOOP_INSTANCE_H
+#define INKLOOP_INSTANCE_H
+
+#include "kernel.h"
+
+/* Where an instance is in its life; bits, so that a call is legal in a set of modes. */
+typedef enum { INSTANTIATED = 1, CONFIGURATION = 2, INITIALIZATION = 4, STEP = 8, TERMINATED = 16 } Mode;
+enum { BEFORE_STEP = INSTANTIATED | INITIALIZATION, RUNNING = BEFORE_STEP | STEP, ANY_MODE = 31 };
+enum { MESSAGE_SIZE = 512 };
+
+struct Instance {
+    Mode mode;
+    bool has_scalar_references; /* FMI 2: every cell has a value reference; FMI 3: every variable */
+    bool is_resizable;
+    bool is_outdated;            /* outputs must be calculated before they are read */
+    uint64_t start_nx, start_ny; /* grid of a new instance */
+    uint64_t nx, ny;             /* grid of the block */
+    unsigned char *block;
+    size_t *offsets;          /* VARIABLE_COUNT + 1 places in the block, 8-byte aligned */
+    size_t *first_references; /* EXPOSED_COUNT + 1 value references */
+    size_t saved_size;        /* bytes of the block before the scratch variables */
+    size_t last_found;        /* variable of the last reference that was looked up */
+    char message[MESSAGE_SIZE];
+};
+
+/* The token is "Model-fingerprint-NXxNY", with "-resizable" at the end where nx and ny can be set (see
+ * model_definition.py). NULL on failure, with the reason in `message`. */
+Instance *instance_create(const char *token, bool has_scalar_references, char message[MESSAGE_SIZE]);
+void instance_free(Instance *instance);
+
+/* Everything as in a new instance. */
+Outcome instance_reset(Instance *instance);
+
+Outcome instance_enter_configuration(Instance *instance);
+Outcome instance_exit_configuration(Instance *instance);
+Outcome instance_enter_initialization(Instance *instance, double start_time);
+Outcome instance_exit_initialization(Instance *instance);
+Outcome instance_do_step(Instance *instance, double start, double step);
+double instance_time(Instance *instance);
+
+/* Like refuse, for a call that the standard does not allow. */
+#if defined(__GNUC__)
+__attribute__((format(printf, 2, 3)))
+#endif
+Outcome misuse(Instance *instance, const char *format, ...);
+
+/* "Instantiated", "Step Mode", ... */
+const char *mode_name(Mode mode);
+
+size_t value_size(ValueType type);
+size_t value_count(const Instance *instance, size_t variable);
+
+/* values.c: what one value reference stands for, a whole variable or one cell of it. */
+typedef struct {
+    size_t variable, first, count;
+} Span;
+
+Outcome find_span(Instance *instance, uint32_t reference, Span *span);
+
+/* MISUSED if it cannot be set now, REFUSED if a value is not taken; `values` are of the variable's own type. */
+Outcome check_values(Instance *instance, Span span, const void *values);
+void write_values(Instance *instance, Span span, const void *values);
+const void *read_values(Instance *instance, Span span);
+
+/* Several references of one type at once, all or nothing. */
+Outcome get_values(Instance *instance, ValueType type, const uint32_t references[], size_t count, void *values,
+                   size_t value_total);
+Outcome set_values(Instance *instance, ValueType type, const uint32_t references[], size_t count, const void *values,
+                   size_t value_total);
+
+/* snapshot.c: the whole state, bit by bit. */
+typedef struct {
+    size_t size;
+    unsigned char bytes[];
+} Snapshot;
+
+/* `*snapshot` may hold an older snapshot of the same size, which is reused, or be NULL. */
+Outcome snapshot_take(Instance *instance, Snapshot **snapshot);
+Outcome snapshot_restore(Instance *instance, const Snapshot *snapshot);
+Outcome snapshot_from_bytes(Instance *instance, const void *bytes, size_t size, Snapshot **snapshot);
+
+#endif

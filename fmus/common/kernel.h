@@ -1,0 +1,63 @@
+/* The version-free floor between FMI adapters and models: what a kernel offers and what it may use.
+ *
+ * A model is a table of variables (variables.c, written from its variables.toml) and four functions. An instance keeps
+ * all values in one block of memory, so reading, writing and saving a model is walking the table; a kernel sees the
+ * values through the struct of pointers in variables.h and knows no FMI type. */
+#ifndef INKLOOP_KERNEL_H
+#define INKLOOP_KERNEL_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+typedef enum { TYPE_REAL, TYPE_INTEGER, TYPE_BOOLEAN, TYPE_ENUMERATION, TYPE_COUNT } ValueType;
+
+/* In this order in the table; STATE is saved with the instance but not exposed, SCRATCH neither. */
+typedef enum { INDEPENDENT, STRUCTURAL, INPUT, OUTPUT, PARAMETER, STATE, SCRATCH } Causality;
+
+typedef struct {
+    const char *name;
+    ValueType type; /* stored as double, int32_t, bool, int64_t, uint64_t */
+    Causality causality;
+    bool is_grid;           /* nx * ny values in C order instead of one */
+    double start, min, max; /* reals must be finite besides */
+} VariableDefinition;
+
+extern const char MODEL_NAME[];
+extern const char MODEL_FINGERPRINT[]; /* changes with the table */
+extern const VariableDefinition VARIABLES[];
+extern const size_t VARIABLE_COUNT;
+extern const size_t EXPOSED_COUNT; /* the exposed variables come first */
+
+typedef enum {
+    ACCEPTED,
+    REFUSED, /* a value or command that the model does not take; nothing has changed */
+    MISUSED  /* a call that the standard does not allow here; nothing has changed */
+} Outcome;
+
+typedef struct Instance Instance;
+
+/* Values of a variable by its number. */
+void *values_of(Instance *instance, size_t variable);
+
+/* Keep the message "what was found; what was expected; what to do" for the log; `return refuse(...)`. */
+#if defined(__GNUC__)
+__attribute__((format(printf, 2, 3)))
+#endif
+Outcome refuse(Instance *instance, const char *format, ...);
+
+/* What every kernel defines: */
+
+/* Further checks of one value, already within the limits of the table; called before anything is written. */
+Outcome kernel_check_value(Instance *instance, size_t variable, const void *value);
+
+/* Outputs at the start time from the present parameters and inputs; may be called many times before the first step. */
+void kernel_calculate(Instance *instance);
+
+/* End of initialisation: checks parameters against each other, takes inputs as references, sets state and outputs. */
+Outcome kernel_initialize(Instance *instance);
+
+/* One communication step with inputs held. Refusing, it must not have changed anything. */
+Outcome kernel_do_step(Instance *instance, double start, double end);
+
+#endif

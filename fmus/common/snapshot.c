@@ -1,0 +1,84 @@
+#include "instance.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum { FINGERPRINT_SIZE = 16 };
+
+typedef struct {
+    char fingerprint[FINGERPRINT_SIZE];
+    uint64_t nx, ny, mode;
+} Header;
+
+static Header header_of(const Instance *instance) {
+    Header header = {.nx = instance->nx, .ny = instance->ny, .mode = instance->mode};
+    memcpy(header.fingerprint, MODEL_FINGERPRINT, FINGERPRINT_SIZE);
+    return header;
+}
+
+static Outcome check_snapshot(Instance *instance, const void *bytes, size_t size) {
+    const Header own = header_of(instance);
+    Header found;
+    if (!bytes || size < sizeof found)
+        return misuse(instance, "the state has %lu bytes; not even its head fits", (unsigned long)size);
+    memcpy(&found, bytes, sizeof found);
+    if (memcmp(found.fingerprint, own.fingerprint, FINGERPRINT_SIZE) != 0)
+        return misuse(instance, "the state is not of this build of %s; restore it into the FMU that saved it",
+                      MODEL_NAME);
+    if (found.nx != own.nx || found.ny != own.ny)
+        return misuse(instance, "the state is of a grid of %llu x %llu cells; this instance has %llu x %llu",
+                      (unsigned long long)found.nx, (unsigned long long)found.ny, (unsigned long long)own.nx,
+                      (unsigned long long)own.ny);
+    const bool is_mode =
+        found.mode == INSTANTIATED || found.mode == INITIALIZATION || found.mode == STEP || found.mode == TERMINATED;
+    if (size != sizeof found + instance->saved_size || !is_mode)
+        return misuse(instance, "the state is damaged: %lu bytes; expected %lu", (unsigned long)size,
+                      (unsigned long)(sizeof found + instance->saved_size));
+    return ACCEPTED;
+}
+
+static Snapshot *sized(Snapshot *old, size_t size) {
+    if (old && old->size == size)
+        return old;
+    Snapshot *snapshot = realloc(old, sizeof *snapshot + size);
+    if (snapshot)
+        snapshot->size = size;
+    return snapshot;
+}
+
+Outcome snapshot_take(Instance *instance, Snapshot **snapshot) {
+    const Header header = header_of(instance);
+    Snapshot *taken = sized(*snapshot, sizeof header + instance->saved_size);
+    if (!taken)
+        return misuse(instance, "no memory for a state of %lu bytes", (unsigned long)instance->saved_size);
+    memcpy(taken->bytes, &header, sizeof header);
+    memcpy(taken->bytes + sizeof header, instance->block, instance->saved_size);
+    *snapshot = taken;
+    return ACCEPTED;
+}
+
+Outcome snapshot_restore(Instance *instance, const Snapshot *snapshot) {
+    if (!snapshot)
+        return misuse(instance, "there is no state to restore");
+    const Outcome outcome = check_snapshot(instance, snapshot->bytes, snapshot->size);
+    if (outcome != ACCEPTED)
+        return outcome;
+    Header header;
+    memcpy(&header, snapshot->bytes, sizeof header);
+    memcpy(instance->block, snapshot->bytes + sizeof header, instance->saved_size);
+    instance->mode = (Mode)header.mode;
+    instance->is_outdated = (header.mode & BEFORE_STEP) != 0;
+    return ACCEPTED;
+}
+
+Outcome snapshot_from_bytes(Instance *instance, const void *bytes, size_t size, Snapshot **snapshot) {
+    const Outcome outcome = check_snapshot(instance, bytes, size);
+    if (outcome != ACCEPTED)
+        return outcome;
+    Snapshot *taken = sized(*snapshot, size);
+    if (!taken)
+        return misuse(instance, "no memory for a state of %lu bytes", (unsigned long)size);
+    memcpy(taken->bytes, bytes, size);
+    *snapshot = taken;
+    return ACCEPTED;
+}

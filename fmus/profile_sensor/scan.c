@@ -1,0 +1,48 @@
+#include "scan.h"
+
+#include <math.h>
+#include <string.h>
+
+static const double SPOT_REACH = 4.0; /* standard deviations; beyond lies 6e-5 of the weight */
+
+/* Weighted mean over the neighbours of place `at` in a line of `length` values, `stride` apart. */
+static double line_mean(const double *line, size_t length, size_t stride, size_t at, double pitch, double radius) {
+    const double cells = floor(SPOT_REACH * radius / pitch);
+    const size_t reach = cells < (double)length ? (size_t)cells : length;
+    const size_t first = at > reach ? at - reach : 0, last = at + reach < length ? at + reach : length - 1;
+    double sum = 0.0, weights = 0.0;
+    for (size_t k = first; k <= last; k++) {
+        const double ratio = ((double)k - (double)at) * pitch / radius;
+        const double weight = exp(-0.5 * ratio * ratio);
+        sum += weight * line[k * stride];
+        weights += weight;
+    }
+    return sum / weights;
+}
+
+void average_over_spot(const double *height, double *average, double *lines, size_t nx, size_t ny, double pitch,
+                       double radius) {
+    if (radius <= 0.0) {
+        memcpy(average, height, nx * ny * sizeof *average);
+        return;
+    }
+    for (size_t i = 0; i < nx; i++)
+        for (size_t j = 0; j < ny; j++)
+            lines[i * ny + j] = line_mean(height + i * ny, ny, 1, j, pitch, radius);
+    for (size_t i = 0; i < nx; i++)
+        for (size_t j = 0; j < ny; j++)
+            average[i * ny + j] = line_mean(lines + j, nx, ny, i, pitch, radius);
+}
+
+static double difference(const double *line, size_t length, size_t stride, size_t at, double pitch) {
+    const size_t low = at > 0 ? at - 1 : at, high = at + 1 < length ? at + 1 : at;
+    if (high == low)
+        return 0.0;
+    return (line[high * stride] - line[low * stride]) / ((double)(high - low) * pitch);
+}
+
+double slope_at(const double *height, size_t nx, size_t ny, size_t i, size_t j, double pitch) {
+    const double along_x = difference(height + j, nx, ny, i, pitch);
+    const double along_y = difference(height + i * ny, ny, 1, j, pitch);
+    return sqrt(along_x * along_x + along_y * along_y);
+}

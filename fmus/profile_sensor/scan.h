@@ -1,0 +1,16 @@
+/* What a scanning profile sensor reads from a surface. A grid is nx * ny cells in C order, cell (i, j) at i * ny + j;
+ * all functions are pure. */
+#ifndef INKLOOP_SCAN_H
+#define INKLOOP_SCAN_H
+
+#include <stddef.h>
+
+/* Mean over a Gaussian spot of standard deviation `radius`, truncated at 4 of them and weighted anew where it hangs
+ * over the border; `lines` is room for one grid. All lengths in m. */
+void average_over_spot(const double *height, double *average, double *lines, size_t nx, size_t ny, double pitch,
+                       double radius);
+
+/* Length of the gradient at cell (i, j): central differences, one-sided at the border, 0 along a single cell. */
+double slope_at(const double *height, size_t nx, size_t ny, size_t i, size_t j, double pitch);
+
+#endif
