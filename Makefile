@@ -4,6 +4,8 @@
 # make benchmarks measured comparisons, printed as ratios
 PYTHON ?= python3.11
 BIN    := .venv/bin
+# what decides about the compiled parts: C sources, their tables, and the modules that run while building
+BUILD_MODULES := $(addprefix cosim/inkloop/,c_variables.py fmu_archive.py model_definition.py model_description.py)
 PIP    := $(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check
 
 .PHONY: run test lint format test-long benchmarks clean

@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from time import perf_counter
 
 import fmpy
-from inkloop.export import find_fmu
 from rich.table import Table
 
 from benchmarks.timing import scaled
-from inkloop.component import Values
+from inkloop.component import Port, Values
+from inkloop.export import find_fmu
 from inkloop.fmu import FmuComponent
 from inkloop.master import Master
+from inkloop.wiring import contract_connections
 
 STEPS = 2000
 FORMS = ("fmi3", "fmi2")
@@ -52,12 +53,33 @@ def _simulate_fmu(form: str) -> float:
 def _master(form: str) -> tuple[float, float]:
     printer = FmuComponent(find_fmu("LayerDeposition", form), parameters={"layer_period": 10.0})
     observer = _EveryPoint()
-    master = Master({"printer": printer}, [], step_ns=1_000_000_000, observers=[observer])
+    components = {"printer": printer, "held": _Held(printer)}
+    wires = contract_connections(components)
+    master = Master(components, wires, step_ns=1_000_000_000, observers=[observer])
     begin = perf_counter()
     master.run(time_max_ns=STEPS * 1_000_000_000)
     elapsed = perf_counter() - begin
     assert observer.layers[-1] == STEPS // 10
     return elapsed / STEPS, master.wall_s["master"] / STEPS
+
+
+class _Held:
+    """Holds the printer's inputs at their start values: the printer commands itself."""
+
+    inputs: tuple[Port, ...] = ()
+
+    def __init__(self, printer: FmuComponent) -> None:
+        self.outputs = printer.inputs
+        self._values = {port.name: port.start_value() for port in printer.inputs}
+
+    def initialize(self, time_ns: int, inputs: Values) -> Values:
+        return self._values
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        return self._values
+
+    def terminate(self) -> None:
+        """Nothing to release."""
 
 
 class _EveryPoint:
