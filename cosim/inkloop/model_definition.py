@@ -99,7 +99,10 @@ class ModelDefinition:
 
 def load(text: str, source: str | Path) -> ModelDefinition:
     """Read the text of a variables.toml. Raises FmuError with every fault."""
-    table = tomllib.loads(text)
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise FmuError(f"{source}: is not TOML: {error}") from error
     types = {name: EnumerationDefinition(**entry) for name, entry in table.get("types", {}).items()}
     variables = tuple(VariableDefinition(name, **entry) for name, entry in table["variables"].items())
     faults = list(_faults(variables, table))

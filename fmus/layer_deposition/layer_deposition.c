@@ -2,6 +2,7 @@
 #include "random.h"
 #include "variables.h"
 
+#include <math.h>
 #include <string.h>
 
 enum { IDLE, BUSY };
@@ -86,7 +87,8 @@ static void command_layer(const LayerDepositionVariables *v, double time) {
 }
 
 static bool is_ready(const LayerDepositionVariables *v, double time) {
-    return *v->status == BUSY && time >= *v->ready_at - ROUNDING * *v->layer_duration;
+    const double rounding = ROUNDING * fmax(*v->layer_duration, *v->layer_period);
+    return *v->status == BUSY && time >= *v->ready_at - rounding;
 }
 
 /* layer_period > 0: layer k is commanded at start_time + k * layer_period. */

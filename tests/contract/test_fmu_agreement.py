@@ -1,0 +1,89 @@
+"""FMI 3, FMI 3 with a fixed grid, FMI 2 and NumPy are the same model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fmpy import simulate_fmu
+
+from contract.fmu_driver import FORMS, OK, Driver, random_patterns
+from inkloop.export import find_fmu
+from reference import lu_numpy, sensor_numpy
+
+GRIDS = [(9, 9), (1, 7), (6, 1), (1, 1), (5, 8)]
+PITCH = 263.256e-6
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(("nx", "ny"), GRIDS)
+@pytest.mark.parametrize("passes", [1, 4])
+def test_deposition_is_the_reference_model_over_five_layers(form, nx, ny, passes) -> None:
+    inks = (lu_numpy.INK, (3e-6, 0.9e-6, 0.3e-6))
+    start = np.random.default_rng(1).uniform(0.0, 10e-6, (nx, ny))
+    varied = {"variation": 0.3, "nozzle_pitch": 3, "nozzle_variation": 0.1, "seed": 77}
+    own = {"h1_b": 3e-6, "h2_b": 0.9e-6, "h3_b": 0.3e-6, "passes": passes, "pass_order": 2, "pass_rotation": 1}
+    surface, lost = start, 0.0
+    with Driver("LayerDeposition", form, nx, ny).start({**varied, **own, "height_start": start}) as fmu:
+        for number, pattern in enumerate(random_patterns(nx, ny, 5), start=1):
+            factor = lu_numpy.factors((nx, ny), number, **varied)
+            surface, fell = lu_numpy.layer(surface, pattern, inks, factor, passes, 2, 1, number)
+            lost += fell
+            assert fmu.print_layer(pattern) == pytest.approx(surface, rel=1e-12)
+            assert fmu.get("height_mean") == pytest.approx(surface.mean(), rel=1e-12)
+        assert fmu.get("volume_lost") == pytest.approx(lost * PITCH**2, rel=1e-12)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("kind", [1, 2, 3, 4])
+def test_every_kind_of_variation_is_the_reference_model(form, kind) -> None:
+    surface = np.zeros((9, 9))
+    with Driver("LayerDeposition", form).start({"variation": 0.4, "variation_kind": kind, "seed": 3}) as fmu:
+        for number in range(1, 6):
+            factor = lu_numpy.factors((9, 9), number, seed=3, variation=0.4, kind=kind)
+            surface, _ = lu_numpy.layer(surface, np.ones((9, 9), dtype=int), factor=factor)
+            assert fmu.print_layer() == pytest.approx(surface, rel=1e-12)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(("nx", "ny"), GRIDS)
+def test_sensor_is_the_reference_model_over_five_scans(form, nx, ny) -> None:
+    parameters = {"noise_std": 1e-6, "noise_correlation": 0.3, "bias": 2e-6, "drift_rate": 0.5e-6, "tilt_x": 1e-3,
+                  "tilt_y": 2e-3, "spot_radius": 200e-6, "slope_bias": 3e-6, "dropout_rate": 0.2,
+                  "seed": 4}  # fmt: skip
+    last = np.zeros((nx, ny))
+    with Driver("ProfileSensor", form, nx, ny).start({"scan_duration": 0.0, **parameters}) as fmu:
+        for number in range(5):
+            surface = np.random.default_rng(number).uniform(0.0, 50e-6, (nx, ny))
+            assert max(fmu.set("height", surface), fmu.set("layers_printed", 3 * number)) == OK
+            assert fmu.step(float(number)) == OK
+            reading, valid = sensor_numpy.scan(surface, number, pitch=PITCH, **parameters)
+            last = np.where(valid, reading, last)
+            assert np.array_equal(fmu.get("valid"), valid)
+            assert fmu.get("measured_height") == pytest.approx(last, rel=1e-12, abs=1e-18)
+
+
+def test_the_three_forms_give_the_same_bits() -> None:
+    surfaces = []
+    for form in FORMS:
+        with Driver("LayerDeposition", form, 5, 8).start({"variation": 0.3, "passes": 4}) as fmu:
+            for pattern in random_patterns(5, 8, 4):
+                fmu.print_layer(pattern)
+            surfaces.append(fmu.get("height"))
+    assert np.array_equal(surfaces[0], surfaces[1])
+    assert np.array_equal(surfaces[0], surfaces[2])
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_deposition_alone_prints_a_block_in_an_ordinary_importer(form) -> None:
+    result = simulate_fmu(
+        str(find_fmu("LayerDeposition", form)),
+        start_values={"layer_period": 0.5, "layer_duration": 0.25},
+        output_interval=1.0,
+        stop_time=4.0,
+        output=["layers_printed", "height_mean"],
+    )
+    assert result["layers_printed"].tolist() == [0, 1, 3, 5, 7]
+    surface = np.zeros((9, 9))
+    for _ in range(7):
+        surface, _ = lu_numpy.layer(surface, np.ones((9, 9), dtype=int))
+    assert result["height_mean"][-1] == pytest.approx(surface.mean(), rel=1e-12)

@@ -1,0 +1,176 @@
+"""What is inside the FMUs: valid descriptions, honest flags, only the standard's symbols, sources that compile."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import fmpy
+import pytest
+from fmpy.build import build_platform_binary
+from fmpy.validation import validate_fmu
+from lxml import etree
+
+from contract.fmu_driver import FORMS, MODELS, Driver, random_patterns
+from inkloop.export import export, find_fmu
+
+EVERY_FORM = pytest.mark.parametrize("form", FORMS)
+EVERY_MODEL = pytest.mark.parametrize("model", MODELS)
+HEADERS = Path(fmpy.__file__).parent / "c-code"
+
+
+def described(path: Path):
+    with zipfile.ZipFile(path) as archive:
+        return ElementTree.fromstring(archive.read("modelDescription.xml"))
+
+
+def binary_of(path: Path, folder: Path) -> Path:
+    with zipfile.ZipFile(path) as archive:
+        (name,) = (name for name in archive.namelist() if name.startswith("binaries/"))
+        return Path(archive.extract(name, folder))
+
+
+@EVERY_FORM
+@EVERY_MODEL
+@pytest.mark.parametrize(("nx", "ny"), [(9, 9), (1, 1), (1, 12), (7, 4)])
+def test_descriptions_are_valid(model, form, nx, ny, tmp_path) -> None:
+    path = export(model, fmi=form[3], nx=nx, ny=ny, fixed=form != "fmi3", out=tmp_path / "it.fmu")
+    assert validate_fmu(str(path)) == []
+    assert validate_fmu(str(find_fmu(model, form))) == []
+
+
+@EVERY_FORM
+@EVERY_MODEL
+def test_archive_holds_what_people_and_tools_look_for(model, form) -> None:
+    with zipfile.ZipFile(find_fmu(model, form)) as archive:
+        names = set(archive.namelist())
+        index = archive.read("documentation/index.html").decode()
+        assert "Redistribution" in archive.read("documentation/licenses/license.txt").decode()
+        icon = archive.read("model.png" if form == "fmi2" else "terminalsAndIcons/icon.png")
+        assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+    platform = fmpy.platform if form == "fmi2" else fmpy.platform_tuple
+    assert f"binaries/{platform}/{model}{fmpy.sharedLibraryExtension}" in names
+    assert icon.startswith(b"\x89PNG")
+    for variable in ("seed", "layers_printed", "pitch"):
+        assert f"<td>{variable}</td>" in index
+
+
+@EVERY_FORM
+@EVERY_MODEL
+def test_flags_are_those_that_other_tests_show(model, form) -> None:
+    """Variable steps and states: see the handshake and state tests."""
+    root = described(find_fmu(model, form))
+    interface = root.find("CoSimulation")
+    word = "state" if form == "fmi2" else "State"
+    flags = ("canHandleVariableCommunicationStepSize", f"canGetAndSetFMU{word}", f"canSerializeFMU{word}")
+    assert [interface.get(flag) for flag in flags] == ["true"] * 3
+    assert interface.get("hasEventMode", "false") == "false"
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", root.get("generationDateAndTime"))
+    assert root.get("license") == "BSD-3-Clause"
+    assert float(root.find("DefaultExperiment").get("stepSize")) > 0.0
+
+
+@EVERY_FORM
+def test_date_follows_the_source_date(form, tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
+    paths = [export("ProfileSensor", fmi=form[3], nx=3, ny=2, fixed=form != "fmi3", out=tmp_path / f"{k}.fmu")
+             for k in range(2)]  # fmt: skip
+    assert described(paths[0]).get("generationDateAndTime") == "1970-01-02T00:00:00Z"
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+@EVERY_FORM
+@EVERY_MODEL
+def test_variables_have_descriptions_units_and_display_units(model, form) -> None:
+    root = described(find_fmu(model, form))
+    units = {unit.get("name") for unit in root.find("UnitDefinitions")}
+    variables = list(root.find("ModelVariables"))
+    assert all(variable.get("description") for variable in variables)
+    reals = [element for element in root.find("ModelVariables").iter() if element.get("unit")]
+    assert len(reals) > 5
+    assert all(element.get("unit") in units and element.get("displayUnit") for element in reals)
+
+
+@EVERY_MODEL
+def test_same_variables_in_every_form(model) -> None:
+    found = []
+    for form in FORMS:
+        variables = fmpy.read_model_description(str(find_fmu(model, form))).modelVariables
+        found.append(list(dict.fromkeys(v.name.partition("[")[0] for v in variables)))
+    assert found[0] == found[1] == found[2]
+
+
+@EVERY_FORM
+@EVERY_MODEL
+@pytest.mark.skipif(shutil.which("nm") is None, reason="needs nm")
+def test_only_the_standards_functions_are_exported(model, form, tmp_path) -> None:
+    binary = binary_of(find_fmu(model, form), tmp_path)
+    listing = subprocess.run(["nm", "-D", "--defined-only", binary], check=True, capture_output=True, text=True).stdout
+    exported = {line.split()[-1] for line in listing.splitlines()}
+    version = 2 if form == "fmi2" else 3
+    header = (HEADERS / f"fmi{version}Functions.h").read_text()
+    if version == 2:
+        *_, co_simulation = header.split("Functions for FMI2 for Co-Simulation")
+        header = header.split("Functions for FMI2 for Model Exchange")[1] + co_simulation
+    declared = set(re.findall(rf"FMI{version}_Export fmi\w+TYPE\s+(fmi\w+);", header))
+    assert len(declared) > 30
+    assert exported == declared
+
+
+@EVERY_FORM
+@EVERY_MODEL
+@pytest.mark.skipif(shutil.which("readelf") is None, reason="needs readelf")
+def test_binary_needs_the_c_library_only(model, form, tmp_path) -> None:
+    binary = binary_of(find_fmu(model, form), tmp_path)
+    dynamic = subprocess.run(["readelf", "-d", binary], check=True, capture_output=True, text=True).stdout
+    assert {name.split(".")[0] for name in re.findall(r"NEEDED.*\[(.*)\]", dynamic)} <= {"libc", "libm"}
+
+
+@EVERY_FORM
+@EVERY_MODEL
+@pytest.mark.skipif(shutil.which("cmake") is None or shutil.which("gcc") is None, reason="needs cmake and gcc")
+def test_sources_compile_to_the_same_bits(model, form, tmp_path) -> None:
+    fmpy.extract(str(find_fmu(model, form)), str(tmp_path))
+    shutil.rmtree(tmp_path / "binaries")
+    build_platform_binary(tmp_path, all_warnings=True)
+    random = {
+        "LayerDeposition": {"variation": 0.3, "passes": 4},
+        "ProfileSensor": {"noise_std": 1e-6, "spot_radius": 3e-4},
+    }
+    states = []
+    for folder in (None, tmp_path):
+        with Driver(model, form, folder=folder).start(random[model]) as fmu:
+            if model == "LayerDeposition":
+                for pattern in random_patterns(9, 9, 3):
+                    fmu.print_layer(pattern)
+            else:
+                fmu.step(0.0, 10.0)
+            states.append(fmu.save())
+    assert states[0] == states[1]
+
+
+@pytest.mark.parametrize("form", ["fmi3", "fmi3-fixed"])
+@EVERY_MODEL
+def test_terminals_group_the_signals_of_the_contract(model, form) -> None:
+    schema = etree.XMLSchema(file=str(HEADERS.parent / "schema" / "fmi3" / "fmi3TerminalsAndIcons.xsd"))
+    with zipfile.ZipFile(find_fmu(model, form)) as archive:
+        root = etree.fromstring(archive.read("terminalsAndIcons/terminalsAndIcons.xml"))
+    schema.assertValid(root)
+    members = {t.get("name"): {m.get("memberName") for m in t} for t in root.iter("Terminal")}
+    assert {"height", "layers_printed"} <= members["surface"]
+    own = {"LayerDeposition": ("command", {"pattern", "layer_command"}),
+           "ProfileSensor": ("scan", {"measured_height", "valid", "layers_scanned"})}[model]  # fmt: skip
+    assert own[1] <= members[own[0]]
+
+
+@EVERY_FORM
+def test_binary_refuses_the_description_of_another_model(form, tmp_path) -> None:
+    fmpy.extract(str(find_fmu("LayerDeposition", form)), str(tmp_path))
+    description = tmp_path / "modelDescription.xml"
+    description.write_text(description.read_text().replace("LayerDeposition-", "LayerDeposition-0"))
+    with pytest.raises(Exception, match="instantiate"):
+        fmpy.simulate_fmu(str(tmp_path), stop_time=1.0)

@@ -1,0 +1,116 @@
+"""Saved states, resets and many instances: a state is everything that the future depends on, bit by bit."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from contract.fmu_driver import ERROR, FORMS, MODELS, OK, Driver, equal, random_patterns
+
+EVERY_FORM = pytest.mark.parametrize("form", FORMS)
+EVERY_MODEL = pytest.mark.parametrize("model", MODELS)
+PARAMETERS = {
+    "LayerDeposition": {"variation": 0.3, "passes": 4, "pass_rotation": 1, "layer_duration": 2.5},
+    "ProfileSensor": {"noise_std": 1e-6, "dropout_rate": 0.3, "drift_rate": 1e-7, "scan_duration": 2.5},
+}
+
+
+def started(model: str, form: str, seed: int = 1) -> Driver:
+    return Driver(model, form, 5, 4).start({**PARAMETERS[model], "seed": seed})
+
+
+def act(fmu: Driver, first: int, last: int) -> None:
+    """Steps of 1 s from `first` to `last`, with a new layer each 3 s."""
+    for time in range(first, last):
+        if time % 3 == 0:
+            layer = time // 3 + 1
+            if "pattern" in fmu.references:
+                assert fmu.set("pattern", random_patterns(5, 4, 1, seed=layer)[0]) == OK
+                assert fmu.set("layer_command", layer) == OK
+            else:
+                surface = np.random.default_rng(layer).uniform(0.0, 1e-5, (5, 4))
+                assert max(fmu.set("height", surface), fmu.set("layers_printed", layer)) == OK
+        assert fmu.step(float(time)) == OK
+
+
+@EVERY_FORM
+@EVERY_MODEL
+@pytest.mark.parametrize("at", [6, 7, 8])
+def test_run_replays_from_a_saved_state_bit_by_bit(model, form, at) -> None:
+    """At 7 and 8 s a layer or scan is under way."""
+    with started(model, form) as fmu, started(model, form, seed=2) as other:
+        act(fmu, 0, at)
+        saved = fmu.save()
+        act(fmu, at, 14)
+        end = fmu.save()
+        assert saved != end
+        for instance in (fmu, other):
+            assert instance.restore(saved) == OK
+            assert instance.save() == saved
+            act(instance, at, 14)
+            assert instance.save() == end
+
+
+@EVERY_FORM
+@EVERY_MODEL
+def test_in_memory_state_survives_what_comes_after(model, form) -> None:
+    with started(model, form) as fmu:
+        act(fmu, 0, 7)
+        before = fmu.outputs()
+        state = fmu.fmu.getFMUState()
+        act(fmu, 7, 11)
+        assert not equal(before, fmu.outputs())
+        assert fmu.call("setFMUState", state) == OK
+        assert equal(before, fmu.outputs())
+        fmu.fmu.freeFMUState(state)
+
+
+@EVERY_FORM
+@EVERY_MODEL
+def test_reset_instance_is_a_new_instance(model, form) -> None:
+    with Driver(model, form) as new, Driver(model, form).start(PARAMETERS[model]) as used:
+        for time in range(4):
+            assert used.step(float(time)) == OK
+        assert used.save() != new.save()
+        assert used.call("reset") == OK
+        assert used.save() == new.save()
+        assert equal(used.outputs(), new.outputs())
+
+
+def test_reset_gives_back_the_grid_of_the_start() -> None:
+    with Driver("LayerDeposition") as new, Driver("LayerDeposition", nx=3, ny=4).start() as used:
+        assert used.call("reset") == OK
+        assert used.save() == new.save()
+
+
+@EVERY_FORM
+@EVERY_MODEL
+def test_state_of_another_model_grid_or_length_is_refused(model, form) -> None:
+    other = {"LayerDeposition": "ProfileSensor", "ProfileSensor": "LayerDeposition"}[model]
+    with Driver(other, form, 5, 4) as alien, Driver(model, form) as larger, started(model, form) as fmu:
+        act(fmu, 0, 4)
+        before = fmu.save()
+        wrong = [alien.save(), larger.save(), before[:-8], before + bytes(8), before[:10], b""]
+        for state in wrong:
+            assert fmu.restore(state) == ERROR
+            assert fmu.save() == before
+
+
+@EVERY_FORM
+@EVERY_MODEL
+def test_instances_in_parallel_threads_are_like_one_after_the_other(model, form) -> None:
+    """ctypes lets go of Python's lock during a call, so the binaries do run at the same time."""
+
+    def run(fmu: Driver) -> bytes:
+        act(fmu, 0, 40)
+        return fmu.save()
+
+    together, alone = ([started(model, form, seed) for seed in range(8)] for _ in range(2))
+    with ThreadPoolExecutor(8) as pool:
+        found = list(pool.map(run, together))
+    assert found == [run(fmu) for fmu in alone]
+    assert len(set(found)) == 8
+    for fmu in (*together, *alone):
+        fmu.fmu.freeInstance()
