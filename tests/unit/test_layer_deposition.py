@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contract.fmu_driver import DISCARD, ERROR, Driver, random_patterns
+from contract.fmu_driver import DISCARD, ERROR, OK, Driver, random_patterns
 from reference import lu_numpy
 
 H1, H2, H3 = lu_numpy.INK
