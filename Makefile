@@ -5,14 +5,15 @@
 PYTHON ?= python3.11
 BIN    := .venv/bin
 # what decides about the compiled parts: C sources, their tables, and the modules that run while building
-BUILD_MODULES := $(addprefix cosim/inkloop/,c_variables.py fmu_archive.py model_definition.py model_description.py)
+BUILD_MODULES := $(addprefix cosim/inkloop/,c_variables.py fmu_archive.py fmu_documentation.py \
+                   model_definition.py model_description.py)
 PIP    := $(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check
 
 .PHONY: run test lint format test-long benchmarks clean
 run: .venv/installed
 	$(BIN)/inkloop run scenarios/cylinder.toml
 
-.venv/installed: pyproject.toml CMakeLists.txt $(shell find fmus controller/core -type f) $(wildcard cosim/inkloop/*model_de*.py cosim/inkloop/fmu_*.py) cosim/inkloop/c_variables.py
+.venv/installed: pyproject.toml CMakeLists.txt $(shell find fmus controller/core -type f) $(BUILD_MODULES)
 	@command -v $(PYTHON) >/dev/null || { echo "inkloop needs $(PYTHON) (or: make PYTHON=/path/to/python)"; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv --without-pip .venv
 	@echo "installing into .venv ..."

@@ -145,7 +145,7 @@ class Binding:
             self.worst = max(self.worst, error.status)
             status = _STATUS[error.status] if error.status < len(_STATUS) else f"status {error.status}"
             place = f"{variable}: " if variable else ""
-            raise ComponentError(f"{place}{error.function} returned {status}{self._said()}") from error
+            raise ComponentError(f"{place}{error.function} returned {status}{self._said(error.function)}") from error
 
     def _slot(self, variable: Variable, shape: tuple[int, ...]) -> _Slot:
         slot = self._slots.get(variable.name)
@@ -162,10 +162,10 @@ class Binding:
     def _hear_fmi3(self, environment: object, status: int, category: bytes | None, message: bytes | None) -> None:
         self._hear(status, message)
 
-    def _said(self) -> str:
-        """What the FMU logged of late, complaints only if there are any."""
+    def _said(self, function: str = "") -> str:
+        """What the FMU logged of late, complaints only if there are any, without the name of the function again."""
         complaints = [text for status, text in self._messages if status > WARNING]
-        texts = complaints or [text for _, text in self._messages]
+        texts = [text.removeprefix(f"{function}: ") for text in complaints or [text for _, text in self._messages]]
         self._messages.clear()
         return f": {'; '.join(texts)}" if texts else " without a message"
 
