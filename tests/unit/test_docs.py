@@ -1,0 +1,56 @@
+"""What the pages say is so: their Python runs, their links lead somewhere, the scenario page names every key."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+
+from inkloop import catalog, schema
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+
+
+def python_blocks() -> Iterator[object]:
+    for page in PAGES:
+        for number, block in enumerate(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)):
+            yield pytest.param(block, id=f"{page.stem}-{number}")
+
+
+@pytest.mark.parametrize("block", list(python_blocks()))
+def test_python_of_the_pages_runs(block: str, tmp_path: Path) -> None:
+    run = subprocess.run([sys.executable, "-c", block], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.strip()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_links_lead_to_a_file(page: Path) -> None:
+    targets = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text())
+    missing = [target for target in targets if not (page.parent / target).exists()]
+    assert not missing
+
+
+def test_scenario_page_names_every_key_and_kind() -> None:
+    page = (ROOT / "docs/reference/scenario.md").read_text()
+    tables = [table for table in vars(schema).values() if isinstance(table, type) and issubclass(table, BaseModel)]
+    inner = {"components", "connections", "compare", "literature", "grid", "part", "support", "ink", "process", "run"}
+    keys = {key for table in tables for key in table.model_fields} - inner - {"a", "b"}
+    assert not sorted(key for key in keys | set(catalog.kinds()) if f"`{key}`" not in page)
+
+
+def test_every_option_of_the_controllers_is_on_the_scenario_page() -> None:
+    page = (ROOT / "docs/reference/scenario.md").read_text()
+    for module, name in catalog.PYTHON_KINDS.values():
+        parameters = inspect.signature(getattr(importlib.import_module(module), name)).parameters.values()
+        options = [parameter.name for parameter in parameters if parameter.kind is parameter.KEYWORD_ONLY]
+        assert options
+        assert not [option for option in options if f"`{option}`" not in page], name
