@@ -1,0 +1,76 @@
+#include "paper_search.h"
+
+#include "counter_random.h"
+
+typedef struct {
+    uint64_t seed, drawn;
+} Draw;
+
+/* A new random order of the cells (Fisher, Yates). */
+static void shuffle(size_t *order, size_t count, Draw *draw) {
+    for (size_t left = count; left > 1; left--) {
+        const size_t picked = (size_t)random_below(draw->seed, draw->drawn++, left);
+        const size_t swapped = order[left - 1];
+        order[left - 1] = order[picked];
+        order[picked] = swapped;
+    }
+}
+
+/* Marks the cells of the batch whose flip alone lowers the objective; returns how many. */
+static size_t mark(const LayerSurface *surface, const size_t *batch, size_t count, size_t *marked,
+                   SearchReport *report) {
+    size_t marks = 0;
+    for (size_t k = 0; k < count; k++) {
+        const Sums change = surface_flip_change(surface, batch[k]);
+        report->evaluations++;
+        if (objective_change(&surface->sums, &change, &surface->weighting) < -surface->least_gain)
+            marked[marks++] = batch[k];
+    }
+    return marks;
+}
+
+/* Flips all marked cells; undoes it and returns false if together they do not lower the objective. */
+static bool flip_together(LayerSurface *surface, const size_t *marked, size_t marks) {
+    const double before = objective(&surface->sums, &surface->weighting);
+    for (size_t k = 0; k < marks; k++) {
+        const Sums change = surface_flip_change(surface, marked[k]);
+        surface_flip(surface, marked[k], &change);
+    }
+    if (marks == 1 || objective(&surface->sums, &surface->weighting) < before)
+        return true;
+    for (size_t k = 0; k < marks; k++) {
+        const Sums change = surface_flip_change(surface, marked[k]);
+        surface_flip(surface, marked[k], &change);
+    }
+    return false;
+}
+
+int32_t paper_search(LayerSurface *surface, size_t batch, int64_t iterations_max, uint64_t seed, size_t *order,
+                     size_t *marked, SearchReport *report) {
+    size_t count = 0;
+    for (size_t cell = 0; cell < surface->nx * surface->ny; cell++)
+        if (surface->allowed[cell])
+            order[count++] = cell;
+    Draw draw = {seed, 0};
+    int64_t iterations = 0;
+    for (bool improved = true; improved;) {
+        improved = false;
+        report->sweeps++;
+        shuffle(order, count, &draw);
+        for (size_t first = 0; first < count;) {
+            if (iterations++ == iterations_max)
+                return CORE_BUDGET;
+            const size_t size = batch < count - first ? batch : count - first;
+            const size_t marks = mark(surface, order + first, size, marked, report);
+            first += size;
+            if (marks == 0)
+                continue;
+            improved = true;
+            if (flip_together(surface, marked, marks))
+                report->flips += (int64_t)marks;
+            else
+                batch = batch > 1 ? batch / 2 : 1;
+        }
+    }
+    return CORE_DONE;
+}

@@ -1,0 +1,1 @@
+"""The layer controller of inkloop: prediction model, layer problem, estimator, baselines."""

@@ -1,0 +1,118 @@
+"""Where the C search core is, and what its entry points look like to ctypes (controller/core/inkloop_core.h)."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import sysconfig
+from collections.abc import Iterator
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+
+from inkloop.errors import InkloopError
+
+VARIABLE = "INKLOOP_CORE_LIB"
+_PACKAGE = "inkloop_controller"
+_REALS = ctypes.POINTER(ctypes.c_double)
+_INTEGERS = ctypes.POINTER(ctypes.c_int32)
+_MARKS = ctypes.POINTER(ctypes.c_uint8)
+
+
+class InkStruct(ctypes.Structure):
+    """`Ink` of layer_map.h."""
+
+    _fields_ = (("h1", ctypes.c_double), ("h2", ctypes.c_double), ("h3", ctypes.c_double))
+
+
+class ProblemStruct(ctypes.Structure):
+    """`LayerProblem` of inkloop_core.h."""
+
+    _fields_ = (
+        ("nx", ctypes.c_size_t),
+        ("ny", ctypes.c_size_t),
+        ("height", _REALS),
+        ("target", _REALS),
+        ("part", _MARKS),
+        ("allowed", _MARKS),
+        ("material", _INTEGERS),
+        ("ink", InkStruct * 2),
+        ("alpha", ctypes.c_double),
+    )
+
+
+class ReportStruct(ctypes.Structure):
+    """`SearchReport` of inkloop_core.h."""
+
+    _fields_ = (
+        ("objective", ctypes.c_double),
+        ("incremental", ctypes.c_double),
+        ("sweeps", ctypes.c_int64),
+        ("flips", ctypes.c_int64),
+        ("swaps", ctypes.c_int64),
+        ("evaluations", ctypes.c_int64),
+    )
+
+
+_PROBLEM = ctypes.POINTER(ProblemStruct)
+_REPORT = ctypes.POINTER(ReportStruct)
+_ENTRY_POINTS = {
+    "inkloop_layer": (
+        ctypes.c_double,
+        (ctypes.c_size_t, ctypes.c_size_t, _REALS, _INTEGERS, ctypes.POINTER(InkStruct), _REALS)
+        + (ctypes.c_int32, _INTEGERS, _REALS, _REALS),
+    ),
+    "inkloop_objective": (ctypes.c_int32, (_PROBLEM, _INTEGERS, _REALS)),
+    "inkloop_search": (
+        ctypes.c_int32,
+        (_PROBLEM, _INTEGERS, ctypes.c_int64, ctypes.c_int64, ctypes.c_uint64, _REPORT),
+    ),
+    "inkloop_paper_search": (
+        ctypes.c_int32,
+        (_PROBLEM, _INTEGERS, ctypes.c_int64, ctypes.c_int64, ctypes.c_uint64, _REPORT),
+    ),
+}
+
+
+@cache
+def library() -> ctypes.CDLL:
+    """The loaded search core. Raises InkloopError if it is not installed or cannot be loaded."""
+    path = _path()
+    try:
+        core = ctypes.CDLL(str(path))
+        for name, (result, arguments) in _ENTRY_POINTS.items():
+            function = getattr(core, name)
+            function.restype, function.argtypes = result, arguments
+    except (OSError, AttributeError) as error:
+        raise InkloopError(f"{path}: is not the search core of this inkloop ({error}); install inkloop again") from error
+    return core
+
+
+def _path() -> Path:
+    named = os.environ.get(VARIABLE)
+    if named:
+        if not Path(named).is_file():
+            raise InkloopError(f"{VARIABLE} is {named!r}: no such file; unset it to take the installed search core")
+        return Path(named)
+    places = [folder / _file_name() for folder in _folders()]
+    found = next((place for place in places if place.is_file()), None)
+    if found is None:
+        looked = ", ".join(str(place) for place in places)
+        raise InkloopError(f"the search core is not installed (looked for {looked}); run make, or pip install inkloop")
+    return found
+
+
+def _folders() -> Iterator[Path]:
+    """Package folders; an editable install leaves the sources where they are and puts built files beside NumPy."""
+    package = files(_PACKAGE)
+    if isinstance(package, Path):
+        yield package
+    for scheme in ("platlib", "purelib"):
+        yield Path(sysconfig.get_path(scheme)) / _PACKAGE
+
+
+def _file_name() -> str:
+    if sys.platform == "win32":
+        return "inkloop_core.dll"
+    return "libinkloop_core.dylib" if sys.platform == "darwin" else "libinkloop_core.so"
