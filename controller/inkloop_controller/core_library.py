@@ -15,6 +15,7 @@ from inkloop.errors import InkloopError
 
 VARIABLE = "INKLOOP_CORE_LIB"
 _PACKAGE = "inkloop_controller"
+_GRID = (ctypes.c_size_t, ctypes.c_size_t)
 _REALS = ctypes.POINTER(ctypes.c_double)
 _INTEGERS = ctypes.POINTER(ctypes.c_int32)
 _MARKS = ctypes.POINTER(ctypes.c_uint8)
@@ -60,8 +61,7 @@ _REPORT = ctypes.POINTER(ReportStruct)
 _ENTRY_POINTS = {
     "inkloop_layer": (
         ctypes.c_double,
-        (ctypes.c_size_t, ctypes.c_size_t, _REALS, _INTEGERS, ctypes.POINTER(InkStruct), _REALS)
-        + (ctypes.c_int32, _INTEGERS, _REALS, _REALS),
+        (*_GRID, _REALS, _INTEGERS, ctypes.POINTER(InkStruct), _REALS, ctypes.c_int32, _INTEGERS, _REALS, _REALS),
     ),
     "inkloop_objective": (ctypes.c_int32, (_PROBLEM, _INTEGERS, _REALS)),
     "inkloop_search": (
@@ -85,7 +85,9 @@ def library() -> ctypes.CDLL:
             function = getattr(core, name)
             function.restype, function.argtypes = result, arguments
     except (OSError, AttributeError) as error:
-        raise InkloopError(f"{path}: is not the search core of this inkloop ({error}); install inkloop again") from error
+        raise InkloopError(
+            f"{path}: is not the search core of this inkloop ({error}); install inkloop again"
+        ) from error
     return core
 
 

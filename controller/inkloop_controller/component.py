@@ -1,0 +1,202 @@
+"""The controller as a component of the loop: the handshake of the layer contract around any planner."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import asdict, dataclass, replace
+from math import nan
+from time import perf_counter
+
+import numpy as np
+
+from inkloop.component import BoolMap, FloatMap, Job, Port, Status, Values
+from inkloop.errors import ComponentError
+from inkloop_controller.baselines import OpenLoop, StochasticGreedy
+from inkloop_controller.core import IntMap
+from inkloop_controller.height_estimator import Estimate, HeightEstimator
+from inkloop_controller.layer_mpc import LayerMpc, Relaxation
+from inkloop_controller.layer_plan import Planner, PlanStatus
+from inkloop_controller.regions import RegionTest
+
+
+@dataclass(frozen=True)
+class _State:
+    """All that a step leaves for the next one, and for the outputs."""
+
+    pattern: IntMap
+    layer_command: int
+    answered: int  # number of the scan that the last plan was made from; -1: none
+    status: int
+    objective: float
+    bound: float
+    bound_valid: bool
+    solve_time: float
+    sweeps: int
+    height: FloatMap
+    ink_scale: float
+    measured: float
+    expected: float
+
+    @property
+    def estimate(self) -> Estimate:
+        return Estimate(self.height, self.ink_scale, self.measured, self.expected)
+
+
+class LayerController:
+    """Commands layer k + 1 when layer k is printed and scanned, once per scan, until its planner is done.
+
+    It goes by sequence numbers only, so any master may step it in any order and step size.
+    """
+
+    def __init__(self, job: Job, planner: Planner, estimator: HeightEstimator) -> None:
+        shape = (job.nx, job.ny)
+        self._planner, self._estimator = planner, estimator
+        self.inputs = (
+            Port("measured_height", "m", shape),
+            Port("valid", shape=shape, dtype="bool"),
+            Port("layers_scanned", dtype="int32", start=-1),
+            Port("layers_printed", dtype="int32"),
+        )
+        self.outputs = (
+            Port("pattern", shape=shape, dtype="int32"),
+            Port("layer_command", dtype="int32"),
+            Port("status", dtype="int32"),
+            Port("objective", "m"),
+            Port("bound", "m", start=nan),
+            Port("bound_valid", dtype="bool"),
+            Port("solve_time", "s"),
+            Port("sweeps", dtype="int32"),
+            Port("estimated_height", "m", shape),
+            Port("volume_scale"),
+        )
+        self._state = _start(shape, 0)
+
+    def initialize(self, time_ns: int, inputs: Values) -> Values:
+        """Start anew; the layers printed by now are the number that commands count from."""
+        self._state = _start(self._state.pattern.shape, int(inputs["layers_printed"]))
+        return self._outputs()
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        """Answer a new scan of the layer commanded last. Raises ComponentError for heights that are not finite."""
+        state = self._state
+        scanned, printed = int(inputs["layers_scanned"]), int(inputs["layers_printed"])
+        if state.status != Status.DONE and scanned == printed == state.layer_command and scanned > state.answered:
+            self._answer(scanned, inputs["measured_height"], inputs["valid"])
+        return self._outputs()
+
+    def terminate(self) -> None:
+        """Nothing is held open."""
+
+    def save(self) -> bytes:
+        """The whole state, bit by bit, as NumPy's npz."""
+        buffer = io.BytesIO()
+        np.savez(buffer, **asdict(self._state))
+        return buffer.getvalue()
+
+    def restore(self, saved: bytes) -> None:
+        """Go on from a saved state. Raises ComponentError if it belongs to another grid or is none."""
+        try:
+            with np.load(io.BytesIO(saved), allow_pickle=False) as arrays:
+                fields = {name: arrays[name] if arrays[name].ndim else arrays[name].item() for name in arrays.files}
+            state = _State(**fields)
+        except (ValueError, TypeError, OSError) as error:
+            raise ComponentError(f"layer controller: what is to be restored is no state of it ({error})") from error
+        if state.pattern.shape != self._state.pattern.shape:
+            raise ComponentError(
+                f"layer controller: the state to be restored is of a grid {state.pattern.shape}; "
+                f"needs {self._state.pattern.shape}"
+            )
+        self._state = state
+
+    def _answer(self, scan: int, measured: FloatMap, valid: BoolMap) -> None:
+        _check_finite(scan, measured, valid)
+        before = self._state
+        if before.answered < 0:
+            estimate = self._estimator.first(measured, valid)
+        else:
+            estimate = self._estimator.next(before.estimate, before.pattern, scan, measured, valid)
+        started = perf_counter()
+        plan = self._planner.plan(estimate.height, estimate.ink_scale, scan, before.pattern)
+        done = plan.status is PlanStatus.DONE
+        self._state = replace(
+            before,
+            **vars(estimate),
+            pattern=plan.pattern,
+            layer_command=before.layer_command if done else before.layer_command + 1,
+            answered=scan,
+            status=int(Status.DONE if done else Status.IDLE),
+            objective=plan.objective,
+            bound=plan.bound,
+            bound_valid=plan.bound_valid,
+            solve_time=perf_counter() - started,
+            sweeps=plan.sweeps,
+        )
+
+    def _outputs(self) -> Values:
+        values = {**vars(self._state), "estimated_height": self._state.height, "volume_scale": self._state.ink_scale}
+        return {port.name: np.asarray(values[port.name], port.dtype) for port in self.outputs}
+
+
+def LayerMpcController(
+    job: Job,
+    *,
+    alpha: float = 0.8,
+    horizon: int = 1,
+    relaxation: Relaxation = "none",
+    sweeps: int = 50,
+    annealing_sweeps: int = 50,
+    region_test: RegionTest = "middle",
+    adapt_ink: bool = True,
+) -> LayerController:
+    """The controller of this project; see LayerMpc for its options, HeightEstimator for adapt_ink."""
+    planner = LayerMpc(
+        job,
+        alpha=alpha,
+        horizon=horizon,
+        relaxation=relaxation,
+        sweeps=sweeps,
+        annealing_sweeps=annealing_sweeps,
+        region_test=region_test,
+    )
+    return LayerController(job, planner, HeightEstimator(job, adapt_ink=adapt_ink))
+
+
+def OpenLoopController(job: Job, *, layers: int | None = None) -> LayerController:
+    """Full layers, blindly; see OpenLoop."""
+    return LayerController(job, OpenLoop(job, layers=layers), HeightEstimator(job, adapt_ink=False))
+
+
+def StochasticGreedyController(
+    job: Job, *, alpha: float = 0.8, batch: int = 20, iterations_max: int = 100_000
+) -> LayerController:
+    """The paper's controller; see StochasticGreedy. The paper takes the ink as known: no adaptation."""
+    planner = StochasticGreedy(job, alpha=alpha, batch=batch, iterations_max=iterations_max)
+    return LayerController(job, planner, HeightEstimator(job, adapt_ink=False))
+
+
+def _start(shape: tuple[int, ...], layer_command: int) -> _State:
+    return _State(
+        pattern=np.zeros(shape, np.int32),
+        layer_command=layer_command,
+        answered=-1,
+        status=int(Status.IDLE),
+        objective=0.0,
+        bound=nan,
+        bound_valid=False,
+        solve_time=0.0,
+        sweeps=0,
+        height=np.zeros(shape),
+        ink_scale=1.0,
+        measured=0.0,
+        expected=0.0,
+    )
+
+
+def _check_finite(scan: int, measured: FloatMap, valid: BoolMap) -> None:
+    wrong = np.argwhere(valid & ~np.isfinite(measured))
+    if wrong.size:
+        i, j = (int(index) for index in wrong[0])
+        raise ComponentError(
+            f"layer controller: measured_height is {measured[i, j]} at cell ({i}, {j}) of scan {scan}, which is marked "
+            "valid; needs a finite height there, or valid = false"
+        )
