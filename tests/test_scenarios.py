@@ -71,7 +71,7 @@ def test_open_loop_scenario_is_the_open_loop_of_the_cylinder() -> None:
 
 
 def test_cylinder_beats_the_papers_algorithm_on_the_same_plant() -> None:
-    ours, theirs = mean_over_seeds("cylinder"), mean_over_seeds("cylinder", "paper's algorithm")
+    ours, theirs = mean_over_seeds("cylinder"), mean_over_seeds("cylinder", "paper's algorithm, same plant")
     assert ours["mae"] < theirs["mae"]
 
 

@@ -16,7 +16,7 @@ from inkloop.errors import InkloopError
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; 0 when it did what was asked, 1 when it could not, 130 when it was interrupted."""
     options = _parser().parse_args(arguments)
-    console = Console()
+    console = Console(width=None if sys.stdout.isatty() else 120)
     try:
         return int(options.command(options, console))
     except InkloopError as error:

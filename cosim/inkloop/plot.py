@@ -15,7 +15,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import LogFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from inkloop.component import FloatMap
@@ -25,6 +25,11 @@ UM, MM = 1e6, 1e3
 WIDTH_IN = 7.0
 COLOURS = ("#0b5fa5", "#c8541b", "#3a7d44", "#7b4b94", "#8a6d1f")
 MATERIAL_COLOURS = ListedColormap(["#ffffff00", "#0b5fa5", "#e3c9a0"])
+# The first run lies broad below, the others thin above it, so that lines that coincide can be told apart.
+LINES: tuple[dict[str, Any], ...] = (
+    {"color": COLOURS[0], "linewidth": 2.4},
+    *({"color": colour, "linewidth": 1.0} for colour in COLOURS[1:]),
+)
 WALL_COLOURS = ("0.75", "0.6")  # walls that face x and y
 FAR_UM = 10.0  # a run that misses by more than this is not drawn beside the others
 STYLE: dict[Any, float] = {
@@ -47,15 +52,18 @@ def surfaces(runs: Runs) -> Figure:
     errors = {name: _error(run) for name, run in shown.items()}
     limit = max(1e-3, *(float(np.nanquantile(np.abs(error), 0.99)) for error in errors.values()))
     colours = ScalarMappable(Normalize(-limit, limit), "RdBu_r")
-    figure = _figure(2.9 if len(shown) > 1 else 3.8)
-    panels = []
-    for place, (name, run) in enumerate(shown.items(), start=1):
-        axes = figure.add_subplot(1, len(shown), place, projection="3d")
+    top = max(float(run.height[-1].max()) for run in shown.values()) * UM
+    count = len(shown)
+    figure = Figure(figsize=(WIDTH_IN, 2.5) if count > 1 else (4.6, 3.2))
+    width = 0.87 / count
+    for place, (name, run) in enumerate(shown.items()):
+        axes = figure.add_axes((place * width, 0.0, width, 0.84), projection="3d")
         assert isinstance(axes, Axes3D)
         _plates(axes, run, errors[name], colours)
-        axes.set_title(f"{name}\n{_figures(run)}", fontsize=8)
-        panels.append(axes)
-    figure.colorbar(colours, ax=panels, label="height - target [µm]", shrink=0.6, pad=0.08, extend="both")
+        axes.set_zlim(0, top * 1.02)
+        axes.set_title(f"{name}\n{_figures(run)}", y=0.94)
+    scale = figure.add_axes((0.9, 0.25, 0.012, 0.5))
+    figure.colorbar(colours, cax=scale, label="height - target [µm]", extend="both")
     return figure
 
 
@@ -69,9 +77,12 @@ def _plates(axes: Axes3D, run: xr.Dataset, error: FloatMap, colours: ScalarMappa
     faces[:, 1::2] = to_rgba(WALL_COLOURS[1])
     faces[::2, ::2] = np.where(np.isnan(error)[..., None], to_rgba("0.96"), colours.to_rgba(np.nan_to_num(error)))
     axes.plot_surface(x, y, height, facecolors=faces, rcount=400, ccount=400, linewidth=0, shade=False)
-    axes.set(zlim=(0, height.max() * 1.02), xlabel="x [mm]", ylabel="y [mm]")
-    axes.set_zlabel("height [µm]")
-    axes.set_box_aspect((1, 1, 0.6), zoom=1.0)
+    axes.set_xlabel("x [mm]", labelpad=-4)
+    axes.set_ylabel("y [mm]", labelpad=-4)
+    axes.set_zlabel("height [µm]", labelpad=-3)
+    axes.tick_params(pad=-2)
+    axes.zaxis.set_major_locator(MaxNLocator(4))
+    axes.set_box_aspect((1, 1, 0.6), zoom=0.82)
     axes.view_init(elev=32, azim=-60)
     axes.grid(False)
 
@@ -90,12 +101,12 @@ def cross_section(runs: Runs) -> Figure:
     errors = {name: _error(run)[:, row] for name, run in runs.items()}
     near = [error for error in errors.values() if abs(np.nanmean(error)) < FAR_UM] or list(errors.values())
     limit = 1.2 * max(float(np.nanmax(np.abs(error))) for error in near)
-    for colour, (name, run) in zip(COLOURS, runs.items(), strict=False):
-        whole.plot(x, run.height[-1, :, row] * UM, color=colour, label=name)
-        top.plot(x, errors[name], color=colour, marker=".", ms=4, lw=1)
+    for line, (name, run) in zip(LINES, runs.items(), strict=False):
+        whole.plot(x, run.height[-1, :, row] * UM, label=name, **line)
+        top.plot(x, errors[name], marker=".", ms=4, **line)
         mean = float(np.nanmean(errors[name]))
         if abs(mean) > limit:
-            top.text(0.01, 0.05 if mean < 0 else 0.9, f"{name}: {mean:+.0f} µm, out of the frame", color=colour,
+            top.text(0.01, 0.05 if mean < 0 else 0.9, f"{name}: {mean:+.0f} µm, out of the frame", color=line["color"],
                      transform=top.transAxes)  # fmt: skip
     whole.set(ylabel="height [µm]", ylim=(0, None), title=f"cut at y = {float(first.y[row]) * MM:.2f} mm")
     whole.legend(loc="lower center", ncols=2)
@@ -127,20 +138,21 @@ def layers(runs: Runs) -> Figure:
     """How far the mean is from the target, unevenness and droplets, layer by layer."""
     figure = _figure(5.2)
     mean, spread, droplets = figure.subplots(3, 1, sharex=True)
-    for colour, (name, run) in zip(COLOURS, runs.items(), strict=False):
+    for line, (name, run) in zip(LINES, runs.items(), strict=False):
         layer = run.layer.values
-        mean.plot(layer, np.abs(run.mean_error) * UM, color=colour, label=name)
-        spread.plot(layer[1:], run["std"][1:] * UM, color=colour)
+        mean.plot(layer, np.abs(run.mean_error) * UM, label=name, **line)
+        spread.plot(layer[1:], run["std"][1:] * UM, **line)
         if "pattern" in run:  # a print that nobody controls has none
             jetted = (run.pattern[1:] != 0).sum(("x", "y"))
-            droplets.plot(layer[1:], jetted, color=colour, lw=1, drawstyle="steps-mid")
+            droplets.plot(layer[1:], jetted, drawstyle="steps-mid", **line)
     mean.set(ylabel="|target - mean| [µm]", yscale="log")
     mean.legend()
     spread.set(ylabel="std over the part [µm]", yscale="log")
     droplets.set(ylabel="droplets", xlabel="layer", ylim=(0, None))
     for axes in (mean, spread):
         axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(1, 0.5)))
+    spread.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))
+    spread.yaxis.set_minor_formatter("{x:g}")
     for axes in (mean, spread, droplets):
         axes.grid(color="0.92")
     return figure

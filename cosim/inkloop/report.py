@@ -67,8 +67,8 @@ def pictures(runs: Mapping[str, Result]) -> dict[str, Figure]:
 def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping[str, Literature]) -> Table:
     """Errors of every run over the part, and printed figures beside them."""
     table = Table(title=title, caption="errors over the part's cells in um; mean error = target - mean height")
-    table.add_column("run")
-    for heading in ("mean error", "mae", "std", "layers", "droplets", "print [s]", "wall [s]"):
+    table.add_column("run", no_wrap=True)
+    for heading in ("mean error", "mae", "std", "layers", "droplets", r"wall \[s]"):
         table.add_column(heading, justify="right")
     for name, result in runs.items():
         metrics = result.metrics()
@@ -77,10 +77,9 @@ def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping
             *(f"{metrics[key] * 1e6:.2f}" for key in ("mean_error", "mae", "std")),
             f"{metrics['layers']:.0f}",
             f"{metrics['droplets']:.0f}",
-            f"{float(result.dataset.time[-1]):.0f}",
             f"{result.wall_s:.2f}",
         )
     for name, figures in literature.items():
         shown = (figures.mean_error_um, None, figures.std_um)
-        table.add_row(f"{name} ({figures.note})", *("-" if um is None else f"{um:g}" for um in shown), *"----")
+        table.add_row(f"{name} ({figures.note})", *("-" if um is None else f"{um:g}" for um in shown), *"---")
     return table

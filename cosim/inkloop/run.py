@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn
+from rich.table import Column
 
 from inkloop import report
 from inkloop.errors import ResultError
@@ -90,8 +91,9 @@ class _LayerBar:
 
 
 def _progress(console: Console) -> Progress:
-    columns = (TextColumn("{task.description:>18}"), BarColumn(24), TextColumn("{task.fields[figures]}"))
-    return Progress(*columns, TimeElapsedColumn(), console=console)
+    name = TextColumn("{task.description}", table_column=Column(no_wrap=True, min_width=12))
+    figures = TextColumn("{task.fields[figures]}", table_column=Column(no_wrap=True, min_width=66))
+    return Progress(name, BarColumn(16), figures, console=console)
 
 
 def _runs(scenario: Scenario, folder: Path, compare: bool) -> Iterator[tuple[Path, Scenario]]:
