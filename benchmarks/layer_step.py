@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import sys
-from pathlib import Path
 
 import numpy as np
 from rich.table import Table
@@ -12,9 +10,7 @@ from rich.table import Table
 from benchmarks.timing import scaled, seconds
 from inkloop.export import find_fmu
 from inkloop.fmu import FmuComponent
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from reference.lu_numpy import one_pass  # the evaluation that the tests compare with
+from reference.lu_numpy import one_pass
 
 SIDES = (20, 50, 100, 200, 500, 1000, 2000)
 SECOND_NS = 1_000_000_000

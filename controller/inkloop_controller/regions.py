@@ -24,5 +24,6 @@ def materials(job: Job, height: FloatMap, test: RegionTest) -> IntMap:
 
 
 def nominal_layer_height(job: Job) -> float:
-    """Height of a full layer, the mean over the inks [m]."""
-    return sum(ink.layer_height for ink in job.inks) / len(job.inks)
+    """Height of a full layer [m]; where the job has a region, the mean over its inks."""
+    inks = job.inks if job.region is not None else job.inks[:1]
+    return sum(ink.layer_height for ink in inks) / len(inks)

@@ -9,8 +9,11 @@ from pathlib import Path
 
 from rich.console import Console
 
-from inkloop import __version__
+from inkloop import __version__, fmu, report
 from inkloop.errors import InkloopError
+from inkloop.export import export
+from inkloop.run import run
+from inkloop.scenario import Scenario
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -32,30 +35,30 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"inkloop {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
-    run = commands.add_parser("run", help="print the part of a scenario: table, pictures and result file")
-    _add_scenario(run)
-    run.add_argument("--out", type=Path, metavar="DIR", help="run folder (default: runs/NAME, never overwritten)")
-    run.add_argument("--no-compare", action="store_true", help="leave out the scenario's comparison runs")
-    run.set_defaults(command=_run)
+    print_it = commands.add_parser("run", help="print the part of a scenario: table, pictures and result file")
+    _add_scenario(print_it)
+    print_it.add_argument("--out", type=Path, metavar="DIR", help="run folder (default: runs/NAME, never overwritten)")
+    print_it.add_argument("--no-compare", action="store_true", help="leave out the scenario's comparison runs")
+    print_it.set_defaults(command=_run)
 
     validate = commands.add_parser("validate", help="check a scenario and name every fault")
     _add_scenario(validate)
     validate.set_defaults(command=_validate)
 
-    report = commands.add_parser("report", help="make table and pictures of a run folder again")
-    report.add_argument("run", type=Path, metavar="RUN")
-    report.set_defaults(command=_report)
+    again = commands.add_parser("report", help="make table and pictures of a run folder again")
+    again.add_argument("run", type=Path, metavar="RUN")
+    again.set_defaults(command=_report)
 
-    export = commands.add_parser("export", help="write one of our FMUs for a grid")
-    export.add_argument("model", metavar="MODEL", help="LayerDeposition or ProfileSensor")
-    export.add_argument("--fmi", choices=("2", "3"), default="3", help="FMI version (default 3)")
-    export.add_argument("--nx", type=int, default=9, help="cells along x (default 9)")
-    export.add_argument("--ny", type=int, default=9, help="cells along y (default 9)")
-    export.add_argument(
+    write = commands.add_parser("export", help="write one of our FMUs for a grid")
+    write.add_argument("model", metavar="MODEL", help="LayerDeposition or ProfileSensor")
+    write.add_argument("--fmi", choices=("2", "3"), default="3", help="FMI version (default 3)")
+    write.add_argument("--nx", type=int, default=9, help="cells along x (default 9)")
+    write.add_argument("--ny", type=int, default=9, help="cells along y (default 9)")
+    write.add_argument(
         "--fixed", action="store_true", help="FMI 3 with constant dimensions, for tools that cannot resize"
     )
-    export.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: MODEL.fmu)")
-    export.set_defaults(command=_export)
+    write.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: MODEL.fmu)")
+    write.set_defaults(command=_export)
 
     info = commands.add_parser("info", help="show what an FMU is and offers")
     info.add_argument("fmu", type=Path, metavar="FMU")
@@ -69,18 +72,18 @@ def _add_scenario(parser: argparse.ArgumentParser) -> None:
                         help="override a key, e.g. components.controller.alpha=0.5; may be repeated")  # fmt: skip
 
 
-def _run(options: argparse.Namespace, console: Console) -> int:
-    from inkloop.run import run
-    from inkloop.scenario import Scenario
+def _scenario(options: argparse.Namespace) -> Scenario:
+    """The scenario of the command line; classes that it names as "module:Class" may stand beside it."""
+    sys.path.append(str(options.scenario.parent.resolve()))
+    return Scenario.load(options.scenario, options.overrides)
 
-    scenario = Scenario.load(options.scenario, options.overrides)
-    return run(scenario, options.out, console, compare=not options.no_compare)
+
+def _run(options: argparse.Namespace, console: Console) -> int:
+    return run(_scenario(options), options.out, console, compare=not options.no_compare)
 
 
 def _validate(options: argparse.Namespace, console: Console) -> int:
-    from inkloop.scenario import Scenario
-
-    scenario = Scenario.load(options.scenario, options.overrides)
+    scenario = _scenario(options)
     grid = scenario.tables.grid
     printed = int(scenario.job().mask.sum())
     console.print(f"{options.scenario}: no fault; {grid.nx} x {grid.ny} cells, {printed} printed, "
@@ -89,15 +92,11 @@ def _validate(options: argparse.Namespace, console: Console) -> int:
 
 
 def _report(options: argparse.Namespace, console: Console) -> int:
-    from inkloop import report
-
     console.print(report.write(options.run))
     return 0
 
 
 def _export(options: argparse.Namespace, console: Console) -> int:
-    from inkloop.export import export
-
     path = export(options.model, fmi=options.fmi, nx=options.nx, ny=options.ny, fixed=options.fixed,
                   out=options.out or Path(f"{options.model}.fmu"))  # fmt: skip
     console.print(f"wrote {path}", highlight=False)
@@ -105,8 +104,6 @@ def _export(options: argparse.Namespace, console: Console) -> int:
 
 
 def _info(options: argparse.Namespace, console: Console) -> int:
-    from inkloop import fmu
-
     for line in fmu.describe(options.fmu).lines():
         console.print(line, highlight=False, markup=False)
     return 0

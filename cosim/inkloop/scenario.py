@@ -14,11 +14,11 @@ from pydantic import ValidationError
 from tomlkit.exceptions import TOMLKitError
 
 from inkloop import catalog
-from inkloop.component import Component, Job
+from inkloop.component import Component, Ink, Job
 from inkloop.errors import ScenarioError
 from inkloop.faults import nearest, sentence
 from inkloop.geometry import cell_centers
-from inkloop.schema import ComponentTable, ScenarioFile
+from inkloop.schema import ComponentTable, InkTable, ScenarioFile
 from inkloop.wiring import Connection, check, contract_connections
 
 PASS_ORDERS = {"raster": 1, "diagonal": 2}
@@ -82,13 +82,19 @@ class Scenario:
             pitch=grid.pitch,
             target_height=np.where(mask, geometry.height, 0.0),
             mask=mask,
-            inks=(self.tables.ink.a.ink, self.tables.ink.b.ink),
+            inks=self._inks(),
             region=None if self.tables.support is None else geometry,
             passes=process.passes,
             pass_order=PASS_ORDERS[process.pass_order],
             pass_rotation=process.pass_rotation,
             seed=component_seed(self.tables.seed, component),
         )
+
+    def _inks(self) -> tuple[Ink, ...]:
+        inks = self.tables.ink
+        if inks.b is None and self.tables.support is None:
+            return (inks.a.ink,)
+        return inks.a.ink, (inks.b or InkTable()).ink
 
     def build(self) -> tuple[dict[str, Component], list[Connection]]:
         """Components in file order and their checked connections. The caller terminates the components."""

@@ -124,7 +124,7 @@ class Inks(Table):
     """`[ink]`: materials A and B."""
 
     a: InkTable = InkTable()
-    b: InkTable = InkTable()
+    b: InkTable | None = None
 
 
 class Process(Table):

@@ -14,6 +14,8 @@ import pytest
 from pydantic import BaseModel
 
 from inkloop import catalog, schema
+from inkloop.cli import main
+from inkloop.result import Result
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
@@ -29,7 +31,22 @@ def python_blocks() -> Iterator[object]:
 def test_python_of_the_pages_runs(block: str, tmp_path: Path) -> None:
     run = subprocess.run([sys.executable, "-c", block], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
-    assert run.stdout.strip()
+
+
+def test_controller_of_the_how_to_prints_the_cuboid(tmp_path: Path) -> None:
+    page = (ROOT / "docs/how-to/bring-your-own-component.md").read_text()
+    code, table = (re.search(rf"```{kind}\n(.*?)```", page, re.DOTALL) for kind in ("python", "toml"))
+    assert code is not None
+    assert table is not None
+    (tmp_path / "threshold.py").write_text(code[1])
+    cuboid = (ROOT / "scenarios/cuboid.toml").read_text()
+    ours = re.search(r"\[components\.controller\]\n(?:\S.*\n)+", cuboid)
+    assert ours is not None
+    (tmp_path / "mine.toml").write_text(cuboid.replace(ours[0], table[1]))
+    assert main(["run", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "run"), "--no-compare"]) == 0
+    metrics = Result.load(tmp_path / "run").metrics()
+    assert metrics["layers"] >= 3
+    assert abs(metrics["mean_error"]) < 3e-6
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
