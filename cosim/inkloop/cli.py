@@ -105,5 +105,5 @@ def _export(options: argparse.Namespace, console: Console) -> int:
 
 def _info(options: argparse.Namespace, console: Console) -> int:
     for line in fmu.describe(options.fmu).lines():
-        console.print(line, highlight=False, markup=False)
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
     return 0

@@ -28,8 +28,8 @@ def python_blocks() -> Iterator[object]:
 
 
 @pytest.mark.parametrize("block", list(python_blocks()))
-def test_python_of_the_pages_runs(block: str, tmp_path: Path) -> None:
-    run = subprocess.run([sys.executable, "-c", block], cwd=tmp_path, capture_output=True, text=True, check=False)
+def test_python_of_the_pages_runs(block: str) -> None:
+    run = subprocess.run([sys.executable, "-c", block], cwd=ROOT, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
 
 
