@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import itertools
 import logging
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,9 +22,9 @@ from fmpy.fmi1 import FMICallException, printLogMessage
 from fmpy.logging import addLoggerProxy
 from numpy.typing import NDArray
 
+from inkloop.component import Port, Values
 from inkloop.errors import ComponentError
 from inkloop.fmu.description import FmuDescription
-from inkloop.fmu.variable import Variable
 
 WARNING, ERROR, FATAL = 1, 3, 4
 _STATUS = ("OK", "a warning", "discard", "an error", "a fatal error", "pending")
@@ -48,7 +49,8 @@ class Binding:
             modelIdentifier=description.identifier,
             instanceName=description.name,
         )
-        self._slots: dict[str, _Slot] = {}
+        self._description = description
+        self._grouped: dict[tuple[str, ...], list[_Group]] = {}
         self._messages: deque[tuple[int, str]] = deque(maxlen=_MESSAGES_KEPT)
         self._environment = next(_environments)
         self.worst = 0
@@ -63,11 +65,10 @@ class Binding:
         except Exception as error:  # FMPy raises a bare exception when the FMU returns no instance
             raise ComponentError(f"the FMU made no instance{self._said()}") from error
 
-    def configure(self, structural: Sequence[tuple[Variable, NDArray[Any]]]) -> None:
+    def configure(self, ports: Sequence[Port], values: Values) -> None:
         """Set structural parameters in Configuration Mode (FMI 3)."""
         self._call(None, self._fmu.enterConfigurationMode)
-        for variable, value in structural:
-            self.set(variable, value, value.shape)
+        self.set(ports, values)
         self._call(None, self._fmu.exitConfigurationMode)
 
     def enter_initialization(self, time: float) -> None:
@@ -82,22 +83,28 @@ class Binding:
         """Step Mode; the outputs are those of the start time from here on."""
         self._call(None, self._fmu.exitInitializationMode)
 
-    def set(self, variable: Variable, value: NDArray[Any], shape: tuple[int, ...]) -> None:
-        """Hand over `value`, which must have the variable's shape; copied into a buffer that is kept."""
-        if value.shape != shape:
-            expected, found = (" x ".join(map(str, lengths)) or "a scalar" for lengths in (shape, value.shape))
-            raise ComponentError(f"{variable.name} takes {expected}, found {found}")
-        slot = self._slot(variable, shape)
-        slot.buffer[...] = value
-        self._call(variable.name, slot.setter, self._fmu.component, *slot.references, slot.pointer, *slot.length)
+    def set(self, ports: Sequence[Port], values: Values) -> None:
+        """Hand over a value for each port, of the port's shape; one call for all of one type."""
+        for group in self._groups(ports):
+            for port, place in group.places:
+                value = np.asarray(values[port.name])
+                if value.shape != port.shape:
+                    expected, found = (" x ".join(map(str, n)) or "a scalar" for n in (port.shape, value.shape))
+                    raise ComponentError(f"{port.name} takes {expected}, found {found}")
+                group.buffer[place] = value.reshape(-1)
+            pointer = group.array_type.from_buffer(group.buffer)
+            self._call(group.names, group.setter, self._fmu.component, *group.references, pointer, *group.length)
 
-    def get(self, variable: Variable, shape: tuple[int, ...]) -> NDArray[Any]:
-        """The present value as a fresh array."""
-        slot = self._slot(variable, shape)
-        array: NDArray[Any] = np.empty(shape, slot.buffer.dtype)
-        pointer = slot.array_type.from_buffer(array)
-        self._call(variable.name, slot.getter, self._fmu.component, *slot.references, pointer, *slot.length)
-        return array if array.dtype == variable.dtype else array.astype(variable.dtype)
+    def get(self, ports: Sequence[Port]) -> dict[str, NDArray[Any]]:
+        """The present value of each port, in fresh memory; one call for all of one type."""
+        values = {}
+        for group in self._groups(ports):
+            buffer: NDArray[Any] = np.empty_like(group.buffer)
+            pointer = group.array_type.from_buffer(buffer)
+            self._call(group.names, group.getter, self._fmu.component, *group.references, pointer, *group.length)
+            for port, place in group.places:
+                values[port.name] = buffer[place].reshape(port.shape).astype(port.dtype, copy=False)
+        return values
 
     def do_step(self, time: float, step: float) -> None:
         """One communication step from `time` [s] on."""
@@ -138,20 +145,45 @@ class Binding:
         _listeners.pop(self._environment, None)
         self._fmu.freeLibrary()
 
-    def _call(self, variable: str | None, function: Callable[..., Any], *arguments: Any) -> Any:
+    def _call(self, variables: str | None, function: Callable[..., Any], *arguments: Any) -> Any:
         try:
             return function(*arguments)
         except FMICallException as error:
             self.worst = max(self.worst, error.status)
             status = _STATUS[error.status] if error.status < len(_STATUS) else f"status {error.status}"
-            place = f"{variable}: " if variable else ""
+            place = f"{variables}: " if variables else ""
             raise ComponentError(f"{place}{error.function} returned {status}{self._said(error.function)}") from error
 
-    def _slot(self, variable: Variable, shape: tuple[int, ...]) -> _Slot:
-        slot = self._slots.get(variable.name)
-        if slot is None:
-            slot = self._slots[variable.name] = _slot_of(self._fmu, self._fmi, variable, shape)
-        return slot
+    def _groups(self, ports: Sequence[Port]) -> list[_Group]:
+        key = tuple(port.name for port in ports)
+        if key not in self._grouped:
+            by_function: dict[str, list[Port]] = {}
+            for port in ports:
+                by_function.setdefault(self._function(port), []).append(port)
+            self._grouped[key] = [self._group(function, members) for function, members in by_function.items()]
+        return self._grouped[key]
+
+    def _function(self, port: Port) -> str:
+        """The type in the names of the functions that get and set a port: "Float64", "Integer", ..."""
+        kind = self._description.variables[port.name].type
+        return (_FMI2_FUNCTION if self._fmi == 2 else _FMI3_FUNCTION).get(kind, kind)
+
+    def _group(self, function: str, ports: Sequence[Port]) -> _Group:
+        variables = [self._description.variables[port.name] for port in ports]
+        references = [reference for variable in variables for reference in variable.references]
+        ends = list(itertools.accumulate(math.prod(port.shape) for port in ports))
+        dtype = _FMI2_WIRE[variables[0].type] if self._fmi == 2 else ports[0].dtype
+        buffer: NDArray[Any] = np.empty(ends[-1], dtype)
+        return _Group(
+            names=", ".join(port.name for port in ports),
+            setter=getattr(self._fmu, f"fmi{self._fmi}Set{function}"),
+            getter=getattr(self._fmu, f"fmi{self._fmi}Get{function}"),
+            references=((ctypes.c_uint * len(references))(*references), len(references)),
+            places=[(port, slice(begin, end)) for port, begin, end in zip(ports, [0, *ends], ends, strict=False)],
+            buffer=buffer,
+            array_type=np.ctypeslib.as_ctypes_type(buffer.dtype) * buffer.size,
+            length=() if self._fmi == 2 else (buffer.size,),
+        )
 
     def _hear(self, status: int, message: bytes | None) -> None:
         text = (message or b"").decode("utf-8", "replace").strip()
@@ -171,33 +203,17 @@ class Binding:
 
 
 @dataclass(frozen=True)
-class _Slot:
-    """What it takes to hand one variable over: functions, references, and a buffer with a pointer to it."""
+class _Group:
+    """Variables of one FMI type and what it takes to hand them over in one call, their values end to end."""
 
+    names: str
     setter: Callable[..., Any]
     getter: Callable[..., Any]
     references: tuple[ctypes.Array[Any], int]
+    places: Sequence[tuple[Port, slice]]
     buffer: NDArray[Any]
     array_type: Any
-    pointer: ctypes.Array[Any]
     length: tuple[()] | tuple[int]
-
-
-def _slot_of(fmu: Any, fmi: int, variable: Variable, shape: tuple[int, ...]) -> _Slot:
-    prefix, functions = ("fmi2", _FMI2_FUNCTION) if fmi == 2 else ("fmi3", _FMI3_FUNCTION)
-    function = functions.get(variable.type, variable.type)
-    buffer: NDArray[Any] = np.empty(shape, _FMI2_WIRE[variable.type] if fmi == 2 else variable.dtype)
-    array_type = np.ctypeslib.as_ctypes_type(buffer.dtype) * buffer.size
-    count = len(variable.references)
-    return _Slot(
-        setter=getattr(fmu, f"{prefix}Set{function}"),
-        getter=getattr(fmu, f"{prefix}Get{function}"),
-        references=((ctypes.c_uint * count)(*variable.references), count),
-        buffer=buffer,
-        array_type=array_type,
-        pointer=array_type.from_buffer(buffer),
-        length=() if fmi == 2 else (buffer.size,),
-    )
 
 
 _listeners: dict[int, Callable[[int, bytes | None], None]] = {}

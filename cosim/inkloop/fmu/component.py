@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import fmpy
-import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Port, Values
@@ -23,7 +22,6 @@ from inkloop.errors import ComponentError, FmuError
 from inkloop.faults import nearest
 from inkloop.fmu.binding import Binding
 from inkloop.fmu.reading import describe
-from inkloop.fmu.variable import Variable
 
 PLATFORM = {2: fmpy.platform, 3: fmpy.platform_tuple}
 """FMI version -> folder in binaries/ that this machine needs."""
@@ -67,22 +65,22 @@ class FmuComponent:
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         """Start the binary, hand it sizes, parameters and inputs; outputs at `time_ns`."""
         binding = self._binding = self._start()
-        if self._structural:
-            binding.configure(self._structural)
-        for variable, value in self._parameters.values():
-            binding.set(variable, value, value.shape)
+        structural = self._structural
+        if structural:
+            binding.configure([self.description.variables[name].port({}) for name in structural], structural)
+        binding.set([self.description.variables[name].port(self._sizes) for name in self._parameters], self._parameters)
         binding.enter_initialization(time_ns * 1e-9)
         self._set(binding, inputs)
         binding.exit_initialization()
         self._cleanup.callback(binding.terminate)
-        return self._get(binding)
+        return binding.get(self._outputs)
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Advance by one communication step."""
         binding = self._running()
         self._set(binding, inputs)
         binding.do_step(time_ns * 1e-9, step_ns * 1e-9)
-        return self._get(binding)
+        return binding.get(self._outputs)
 
     def terminate(self) -> None:
         """End the FMU, free the instance and remove its files, each whatever happened before."""
@@ -98,21 +96,19 @@ class FmuComponent:
         self._serializable().restore(state)
 
     @property
-    def _structural(self) -> list[tuple[Variable, NDArray[Any]]]:
+    def _structural(self) -> Values:
+        """Sizes that differ from those that the FMU begins with."""
         variables = self.description.variables
-        return [
-            (variables[name], variables[name].convert(size, {}))
-            for name, size in self._sizes.items()
-            if size != self.description.default_sizes[name]
-        ]
+        changed = {n: size for n, size in self._sizes.items() if size != self.description.default_sizes[n]}
+        return {name: variables[name].convert(size, {}) for name, size in changed.items()}
 
-    def _checked(self, parameters: Mapping[str, object]) -> Iterator[tuple[str, tuple[Variable, NDArray[Any]]]]:
+    def _checked(self, parameters: Mapping[str, object]) -> Iterator[tuple[str, NDArray[Any]]]:
         known = {n: v for n, v in self.description.parameters.items() if v.causality == "parameter"}
         for name, value in parameters.items():
             if name not in known:
                 raise FmuError(f"{self.description.path}: {name} is no parameter; {nearest(name, known)}")
             try:
-                yield name, (known[name], known[name].convert(value, self._sizes))
+                yield name, known[name].convert(value, self._sizes)
             except ValueError as error:
                 raise FmuError(f"{self.description.path}: {name} {error}") from error
 
@@ -152,10 +148,4 @@ class FmuComponent:
         return self._running()
 
     def _set(self, binding: Binding, inputs: Values) -> None:
-        for port in self._inputs:
-            if port.name in inputs:
-                binding.set(self.description.variables[port.name], np.asarray(inputs[port.name]), port.shape)
-
-    def _get(self, binding: Binding) -> Values:
-        variables = self.description.variables
-        return {port.name: binding.get(variables[port.name], port.shape) for port in self._outputs}
+        binding.set([port for port in self._inputs if port.name in inputs], inputs)
