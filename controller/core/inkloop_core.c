@@ -7,6 +7,10 @@
 #include "flip_search.h"
 #include "paper_search.h"
 
+int32_t inkloop_core_interface(void) {
+    return CORE_INTERFACE;
+}
+
 double inkloop_layer(size_t nx, size_t ny, const double *height, const int32_t *pattern, const Ink ink[2],
                      const double *factor, int32_t passes, const int32_t order[4], double *scratch, double *after) {
     const size_t bytes = nx * ny * sizeof(double);

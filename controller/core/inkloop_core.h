@@ -15,6 +15,7 @@
 #define INKLOOP_CORE_API __attribute__((visibility("default")))
 #endif
 
+enum { CORE_INTERFACE = 1 }; /* counts up with every change of a signature or struct below */
 enum { CORE_DONE = 0, CORE_BUDGET = 1, CORE_NO_MEMORY = 2 };
 
 /* The problem of one layer: which allowed cells get a droplet, so that the surface after it comes close to the target.
@@ -35,6 +36,9 @@ typedef struct {
     double incremental; /* the same as the running sums had it [m] */
     int64_t sweeps, flips, swaps, evaluations;
 } SearchReport;
+
+/* CORE_INTERFACE of the library: the caller can refuse one that was built for other sources. */
+INKLOOP_CORE_API int32_t inkloop_core_interface(void);
 
 /* Surface after one layer of `passes` (1, or 4 in the colours `order`, each on the surface that the last one left).
  * `factor` scales each cell's droplet, NULL: all 1. `scratch` and `after` hold nx * ny; returns what left the grid [m].

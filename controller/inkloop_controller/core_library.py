@@ -14,6 +14,7 @@ from pathlib import Path
 from inkloop.errors import InkloopError
 
 VARIABLE = "INKLOOP_CORE_LIB"
+_INTERFACE = 1  # CORE_INTERFACE of inkloop_core.h
 _PACKAGE = "inkloop_controller"
 _GRID = (ctypes.c_size_t, ctypes.c_size_t)
 _REALS = ctypes.POINTER(ctypes.c_double)
@@ -59,6 +60,7 @@ class ReportStruct(ctypes.Structure):
 _PROBLEM = ctypes.POINTER(ProblemStruct)
 _REPORT = ctypes.POINTER(ReportStruct)
 _ENTRY_POINTS = {
+    "inkloop_core_interface": (ctypes.c_int32, ()),
     "inkloop_layer": (
         ctypes.c_double,
         (*_GRID, _REALS, _INTEGERS, ctypes.POINTER(InkStruct), _REALS, ctypes.c_int32, _INTEGERS, _REALS, _REALS),
@@ -88,6 +90,10 @@ def library() -> ctypes.CDLL:
         raise InkloopError(
             f"{path}: is not the search core of this inkloop ({error}); install inkloop again"
         ) from error
+    if core.inkloop_core_interface() != _INTERFACE:
+        raise InkloopError(
+            f"{path}: was built from other sources than this Python code; run make, or pip install again"
+        )
     return core
 
 

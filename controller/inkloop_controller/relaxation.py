@@ -86,7 +86,7 @@ class LayerRelaxation:
         try:
             solution = self._opti.solve_limited()
         except RuntimeError as error:  # CasADi's word for a solver that cannot even start
-            return RelaxedPlan(0.5 * problem.allowed, np.nan, False, str(error))
+            return RelaxedPlan(np.zeros(problem.height.shape), np.nan, False, str(error))
         droplets = np.reshape(solution.value(self._droplets), problem.height.shape)
         stats = solution.stats()
         cost = float(solution.value(self._cost)) * MICROMETRE

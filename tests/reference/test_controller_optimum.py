@@ -1,0 +1,66 @@
+"""The layer controller against the proven optimum of the layer problem (mixed-integer linear program, HiGHS)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.optimize import Bounds, LinearConstraint, milp
+
+from inkloop.component import Ink, Job
+from inkloop_controller.layer_mpc import LayerMpc
+from reference import lu_numpy
+
+GAP = 0.005  # of the optimum
+MICROMETRE = 1e-6
+
+
+def optimum(height: Any, target: Any) -> float:
+    """Least mean |target - height| over all patterns [m], from the NumPy map alone."""
+    cells = height.size
+    shares = np.zeros((cells, cells))
+    for cell in range(cells):
+        pattern = np.zeros(cells, np.int64)
+        pattern[cell] = 1
+        shares[:, cell] = (lu_numpy.one_pass(height, pattern.reshape(height.shape))[0] - height).ravel() / MICROMETRE
+    error = (height - target).ravel() / MICROMETRE
+    B, identity = sparse.csr_array(shares), sparse.eye_array(cells)
+    rows = sparse.vstack([sparse.hstack([B, -identity]), sparse.hstack([-B, -identity])]).tocsr()
+    found = milp(
+        np.r_[np.zeros(cells), np.full(cells, 1.0 / cells)],
+        constraints=LinearConstraint(rows, -np.inf, np.r_[-error, error]),
+        integrality=np.r_[np.ones(cells), np.zeros(cells)],
+        bounds=Bounds(0.0, np.r_[np.ones(cells), np.full(cells, np.inf)]),
+        options={"mip_rel_gap": 1e-6},
+    )
+    assert found.success, found.message
+    return float(found.fun) * MICROMETRE
+
+
+def gap(n: int, seed: int) -> float:
+    """How far the plan is above the optimum on a rough surface with a flat target out of reach, relative."""
+    height = np.random.default_rng(seed).uniform(0.0, 8e-6, (n, n))
+    target = np.full((n, n), height.mean() + 3.8e-6)
+    job = Job(n, n, 263.256e-6, target, np.ones((n, n), np.bool_), (Ink(),))
+    plan = LayerMpc(job, alpha=1.0).plan(height, 1.0, 0, np.zeros((n, n), np.int32))
+    best = optimum(height, target)
+    assert plan.objective >= best * (1 - 1e-6)
+    return plan.objective / best - 1
+
+
+@pytest.mark.parametrize("seed", range(100, 106))
+def test_plan_is_within_half_a_per_cent_of_the_optimum_on_8_by_8(seed: int) -> None:
+    assert gap(8, seed) <= GAP
+
+
+@pytest.mark.parametrize("seed", [101, 103])
+def test_plan_is_within_half_a_per_cent_of_the_optimum_on_12_by_12(seed: int) -> None:
+    assert gap(12, seed) <= GAP
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("n", "seed"), [*((12, seed) for seed in range(104, 110)), (20, 102), (20, 103)])
+def test_plan_is_within_half_a_per_cent_of_the_optimum_on_larger_grids(n: int, seed: int) -> None:
+    assert gap(n, seed) <= GAP
