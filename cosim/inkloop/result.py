@@ -25,7 +25,7 @@ from inkloop.metrics import masked_error
 
 SCHEMA_VERSION = 1
 RESULT_FILE, RUN_FILE, SCENARIO_FILE = "result.nc", "run.json", "scenario.toml"
-_LIBRARIES = ("inkloop", "casadi", "fmpy", "numpy", "scipy", "xarray")
+_LIBRARIES = ("inkloop", "casadi", "fmpy", "numpy", "xarray")
 
 
 @dataclass(frozen=True)
