@@ -15,6 +15,7 @@ from reference import lu_numpy
 
 GAP = 0.005  # of the optimum
 MICROMETRE = 1e-6
+PROVEN_20 = ((20, 102), (20, 103))  # of the seeds 100 to 103 those that HiGHS proves within a minute
 
 
 def optimum(height: Any, target: Any) -> float:
@@ -61,6 +62,6 @@ def test_plan_is_within_half_a_per_cent_of_the_optimum_on_12_by_12(seed: int) ->
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("n", "seed"), [*((12, seed) for seed in range(104, 110)), (20, 102), (20, 103)])
+@pytest.mark.parametrize(("n", "seed"), [*((12, seed) for seed in range(100, 112)), *PROVEN_20])
 def test_plan_is_within_half_a_per_cent_of_the_optimum_on_larger_grids(n: int, seed: int) -> None:
     assert gap(n, seed) <= GAP
