@@ -12,6 +12,7 @@ from rich.table import Column
 
 from inkloop import report
 from inkloop.errors import ResultError
+from inkloop.interrupt import deferred
 from inkloop.master import Master
 from inkloop.recorder import LayerRow, Recorder
 from inkloop.result import Result
@@ -23,17 +24,17 @@ INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
 def run(scenario: Scenario, out: Path | None, console: Console, *, compare: bool = True) -> int:
     """Print, compare, save and show; returns the exit code of the command. An interrupted run keeps its layers."""
     folder = new_run_folder(out, Path(scenario.source).stem)
-    stop_reason = ""
-    with _progress(console) as progress:
+    with deferred() as interrupted, _progress(console) as progress:
         for place, variant in _runs(scenario, folder, compare):
             result = print_part(variant, progress)
             result.save(place)
-            stop_reason = result.stop_reason
-            if stop_reason == "interrupted":
+            stopped = interrupted() or result.stop_reason == "interrupted"
+            if stopped:
                 break
     console.print(report.write(folder))
-    console.print(f"{stop_reason}: table, pictures and result.nc are in {folder}/", highlight=False)
-    return INTERRUPTED if stop_reason == "interrupted" else 0
+    reason = "interrupted" if stopped else result.stop_reason
+    console.print(f"{reason}: table, pictures and result.nc are in {folder}/", highlight=False)
+    return INTERRUPTED if stopped else 0
 
 
 def print_part(scenario: Scenario, progress: Progress | None = None) -> Result:

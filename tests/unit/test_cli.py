@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
 
 from inkloop.cli import main
+from inkloop.recorder import LayerRow
 from inkloop.result import Result
 
 CUBOID = str(Path(__file__).parents[2] / "scenarios" / "cuboid.toml")
@@ -86,3 +88,23 @@ def test_what_is_wrong_is_said_without_a_traceback(
 ) -> None:
     assert main(arguments) == 1
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("at_layer", [2, 4])
+def test_ctrl_c_keeps_the_layers_that_are_printed(
+    at_layer: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Layer 2 is within the print, layer 4 the last one before the run is saved."""
+
+    def press(bar: object, row: LayerRow) -> None:
+        if row.layer == at_layer:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("inkloop.run._LayerBar.__call__", press)
+    folder = tmp_path / "run"
+    assert main(["run", CUBOID, "--out", str(folder)]) == 130
+    kept = Result.load(folder).dataset
+    assert kept.sizes["layer"] == at_layer + 1
+    assert (folder / "summary.txt").exists()
+    assert (folder / "surface.png").exists()
+    assert not (folder / "compare").exists()
