@@ -101,6 +101,8 @@ def _fmi2(model: ModelDefinition, nx: int, ny: int, sources: Sequence[str], rele
     _add_experiment(root, model)
     variables = add(root, "ModelVariables")
     for v, first in model.scalar_references(nx, ny):
+        if v.causality == "independent":
+            continue  # optional in FMI 2, and FMI Library takes it for a fault
         sized = {"nx": nx, "ny": ny}.get(v.name, v.start)
         for offset, name in enumerate(_scalar_names(v, nx, ny)):
             scalar = add(variables, "ScalarVariable", name=name, valueReference=first + offset,
@@ -115,8 +117,11 @@ def _fmi2(model: ModelDefinition, nx: int, ny: int, sources: Sequence[str], rele
 
 
 def _fmi2_outputs(model: ModelDefinition, nx: int, ny: int) -> Iterator[tuple[int, str]]:
-    """Index of each scalar output (counted from 1) and the indices that its value at the start depends on."""
-    firsts = {v.name: (v, reference + 1) for v, reference in model.scalar_references(nx, ny)}
+    """Index of each scalar output and the indices that its value at the start depends on.
+
+    An index counts the variables from 1; it is the value reference, because time, reference 0, is not listed.
+    """
+    firsts = {v.name: (v, reference) for v, reference in model.scalar_references(nx, ny)}
     for v, first in firsts.values():
         if v.causality != "output":
             continue

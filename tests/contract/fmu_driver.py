@@ -52,6 +52,8 @@ class Driver:
         self.references: dict[str, list[int]] = {}
         self.types: dict[str, str] = {}
         self.roles: dict[str, str] = {}
+        if self.is_fmi2:  # time is not listed there, but kept under reference 0 all the same
+            self.references["time"], self.types["time"] = [0], "Real"
         for variable in description.modelVariables:
             name = variable.name.partition("[")[0]
             self.references.setdefault(name, []).append(variable.valueReference)
