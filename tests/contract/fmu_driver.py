@@ -49,11 +49,10 @@ class Driver:
         self.fmu: Any = load(guid=description.guid, unzipDirectory=str(folder or unpacked), modelIdentifier=model,
                              instanceName="it")  # fmt: skip
         self.messages: list[str] = []
+        self.now = 0.0  # where the next layer's step begins
         self.references: dict[str, list[int]] = {}
         self.types: dict[str, str] = {}
         self.roles: dict[str, str] = {}
-        if self.is_fmi2:  # time is not listed there, but kept under reference 0 all the same
-            self.references["time"], self.types["time"] = [0], "Real"
         for variable in description.modelVariables:
             name = variable.name.partition("[")[0]
             self.references.setdefault(name, []).append(variable.valueReference)
@@ -115,11 +114,15 @@ class Driver:
         for name, value in (parameters or {}).items():
             assert self.set(name, value) == OK, (name, self.messages)
         assert max(self.enter(start), self.exit()) == OK, self.messages
+        self.now = start
         return self
 
     def step(self, time: float, step: float = 1.0) -> int:
         """One communication step."""
-        return self.call("doStep", time, step)
+        status = self.call("doStep", time, step)
+        if status == OK:
+            self.now = time + step
+        return status
 
     def print_layer(self, pattern: Any = None) -> Any:
         """Command one layer in a step of 1 s; returns the new height."""
@@ -127,7 +130,7 @@ class Driver:
         if pattern is not None:
             assert self.set("pattern", pattern) == OK
         assert self.set("layer_command", layer) == OK
-        assert self.step(float(self.get("time"))) == OK, self.messages
+        assert self.step(self.now) == OK, self.messages
         assert self.get("layers_printed") == layer
         return self.get("height")
 
