@@ -40,6 +40,7 @@ test-long: .venv/installed
 	$(BIN)/python -m pytest -m long
 
 benchmarks: .venv/installed
+	$(PIP) 'libcosimpy>=0.0.6'   # a peer, of use nowhere else
 	$(BIN)/python -m benchmarks
 
 # the pictures of the README

@@ -1,40 +1,84 @@
-"""What the master adds to a communication step, beside FMPy's `simulate_fmu` on the same FMU."""
+"""What the master adds to a communication step: beside other masters on the same FMU, and on large grids alone."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import tempfile
+from pathlib import Path
 from time import perf_counter
 
 import fmpy
+import numpy as np
+from libcosimpy.CosimExecution import CosimExecution
+from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+from libcosimpy.CosimObserver import CosimObserver
+from libcosimpy.CosimSlave import CosimLocalSlave
+from rich.console import Group
 from rich.table import Table
 
 from benchmarks.timing import scaled
-from inkloop.component import Port, Values
-from inkloop.export import find_fmu
+from inkloop.component import Job, Port, Values
+from inkloop.export import export
 from inkloop.fmu import FmuComponent
 from inkloop.master import Master
+from inkloop.recorder import Recorder
 from inkloop.wiring import contract_connections
 
 STEPS = 2000
-FORMS = ("fmi3", "fmi2")
+SIDE = 20
+SIDES = (20, 200, 1000)
+SECOND_NS = 1_000_000_000
 
 
-def measure() -> Table:
-    """Time per communication step of a self-commanding LayerDeposition, one layer every tenth step."""
-    table = Table(title=f"communication step, LayerDeposition 9 x 9, {STEPS} steps, all outputs recorded")
-    for heading in ("FMU", "FMPy simulate_fmu", "inkloop master", "FMPy / inkloop", "of it the master itself"):
+def measure() -> Group:
+    """Time per communication step beside other masters, and the master's own share on grids up to 10^6 cells."""
+    return Group(_beside_others(), _own_share())
+
+
+def _beside_others() -> Table:
+    """A LayerDeposition that commands itself, one layer every tenth step, all outputs read in every step."""
+    table = Table(title=f"communication step, LayerDeposition {SIDE} x {SIDE}, {STEPS} steps")
+    for heading in ("FMU", "inkloop", "of it the master", "FMPy", "FMPy / inkloop", "libcosim", "libcosim / inkloop"):
         table.add_column(heading, justify="right")
-    for form in FORMS:
-        peer = min(_simulate_fmu(form) for _ in range(3))
-        ours, own = min(_master(form) for _ in range(3))
-        table.add_row(form, scaled(peer), scaled(ours), f"{peer / ours:.2f}", scaled(own))
+    log_output_level(CosimLogLevel.ERROR)
+    with tempfile.TemporaryDirectory() as folder:
+        for fmi in ("3", "2"):
+            path = export("LayerDeposition", fmi=fmi, nx=SIDE, ny=SIDE, fixed=False, out=Path(folder) / f"{fmi}.fmu")
+            ours, own = min(_inkloop(path) for _ in range(3))
+            fmpy_s = min(_fmpy(path) for _ in range(3))
+            row = [f"FMI {fmi}", scaled(ours), scaled(own), scaled(fmpy_s), f"{fmpy_s / ours:.2f}"]
+            if fmi == "2":
+                cosim_s = min(_libcosim(path) for _ in range(3))
+                row += [scaled(cosim_s), f"{cosim_s / ours:.2f}"]
+            table.add_row(*row)
     return table
 
 
-def _simulate_fmu(form: str) -> float:
-    path = str(find_fmu("LayerDeposition", form))
-    description = fmpy.read_model_description(path, validate=False)
-    folder = fmpy.extract(path)
+def _own_share() -> Table:
+    """Three components that cost nothing hand maps round; what remains is the master's and the recorder's."""
+    table = Table(title="the loop without its components: controller, printer and profiler hand over ready maps")
+    for heading in ("grid", "master per step", "per cell", "recorder per layer", "per cell"):
+        table.add_column(heading, justify="right")
+    for side in SIDES:
+        master_s, recorder_s = _ready_maps(side)
+        cells = side * side
+        row = (scaled(master_s), scaled(master_s / cells), scaled(recorder_s), scaled(recorder_s / cells))
+        table.add_row(f"{side} x {side}", *row)
+    return table
+
+
+def _inkloop(path: Path) -> tuple[float, float]:
+    """Seconds per step of our master with the FMU alone, and the master's own share."""
+    printer = FmuComponent(path, parameters={"layer_period": 10.0}, structural={"nx": SIDE, "ny": SIDE})
+    components = {"printer": printer, "held": _Ready(printer.inputs)}
+    master = Master(components, contract_connections(components), step_ns=SECOND_NS)
+    begin = perf_counter()
+    master.run(time_max_ns=STEPS * SECOND_NS)
+    return (perf_counter() - begin) / STEPS, master.wall_s["master"] / STEPS
+
+
+def _fmpy(path: Path) -> float:
+    description = fmpy.read_model_description(str(path), validate=False)
+    folder = fmpy.extract(str(path))
     begin = perf_counter()
     result = fmpy.simulate_fmu(
         folder,
@@ -50,50 +94,55 @@ def _simulate_fmu(form: str) -> float:
     return elapsed / STEPS
 
 
-def _master(form: str) -> tuple[float, float]:
-    printer = FmuComponent(find_fmu("LayerDeposition", form), parameters={"layer_period": 10.0})
-    observer = _EveryPoint()
-    components = {"printer": printer, "held": _Held(printer)}
-    wires = contract_connections(components)
-    master = Master(components, wires, step_ns=1_000_000_000, observers=[observer])
+def _libcosim(path: Path) -> float:
+    execution = CosimExecution.from_step_size(SECOND_NS)
+    slave = execution.add_local_slave(CosimLocalSlave(fmu_path=str(path), instance_name="printer"))
+    references = {variable.name.decode(): variable.reference for variable in execution.slave_variables(slave)}
+    execution.real_initial_value(slave, references["layer_period"], 10.0)
+    observer = CosimObserver.create_last_value()
+    execution.add_observer(observer)
     begin = perf_counter()
-    master.run(time_max_ns=STEPS * 1_000_000_000)
+    execution.step(step_count=STEPS)
     elapsed = perf_counter() - begin
-    assert observer.layers[-1] == STEPS // 10
-    return elapsed / STEPS, master.wall_s["master"] / STEPS
+    assert observer.last_integer_values(slave, [references["layers_printed"]]) == [STEPS // 10]
+    return elapsed / STEPS
 
 
-class _Held:
-    """Holds the printer's inputs at their start values: the printer commands itself."""
+def _ready_maps(side: int) -> tuple[float, float]:
+    """Seconds of the master per step, and of the recorder per layer, for a layer in every step."""
+    steps = max(5, min(500, 2_000_000 // side**2))
+    grid = (side, side)
+    height, pattern = Port("height", "m", grid), Port("pattern", shape=grid, dtype="int32")
+    measured, valid = Port("measured_height", "m", grid), Port("valid", shape=grid, dtype="bool")
+    command, printed, scanned = (
+        Port(name, dtype="int32") for name in ("layer_command", "layers_printed", "layers_scanned")
+    )
+    components = {
+        "controller": _Ready((pattern, command), (measured, valid, scanned, printed), counts="layer_command"),
+        "printer": _Ready((height, printed), (pattern, command), counts="layers_printed"),
+        "profiler": _Ready((measured, valid, scanned), (height, printed), counts="layers_scanned"),
+    }
+    job = Job(side, side, 1e-4, np.zeros(grid), np.ones(grid, dtype=np.bool_))
+    recorder = Recorder(job, components)
+    master = Master(components, contract_connections(components), step_ns=SECOND_NS, observers=[recorder])
+    master.run(time_max_ns=steps * SECOND_NS)
+    return master.wall_s["master"] / steps, master.wall_s["observers"] / steps
 
-    inputs: tuple[Port, ...] = ()
 
-    def __init__(self, printer: FmuComponent) -> None:
-        self.outputs = printer.inputs
-        self._values = {port.name: port.start_value() for port in printer.inputs}
+class _Ready:
+    """A component whose outputs are ready before it is asked; `counts` names the one that rises with every step."""
+
+    def __init__(self, outputs: tuple[Port, ...], inputs: tuple[Port, ...] = (), counts: str = "") -> None:
+        self.inputs, self.outputs, self._counts = inputs, outputs, counts
+        self._values: Values = {port.name: port.start_value() for port in outputs}
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         return self._values
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        if self._counts:
+            self._values = {**self._values, self._counts: self._values[self._counts] + np.int32(1)}
         return self._values
 
     def terminate(self) -> None:
         """Nothing to release."""
-
-
-class _EveryPoint:
-    """Keeps every output of every communication point, as FMPy's recorder does."""
-
-    def __init__(self) -> None:
-        self.points: list[Mapping[str, Values]] = []
-
-    @property
-    def layers(self) -> list[int]:
-        return [int(point["printer"]["layers_printed"]) for point in self.points]
-
-    def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
-        self.points.append(dict(outputs))
-
-    def stepped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
-        self.points.append(dict(outputs))
