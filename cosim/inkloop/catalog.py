@@ -33,42 +33,45 @@ PYTHON_KINDS: Mapping[str, tuple[str, str]] = {
 
 def make(kind: str, job: Job, options: Mapping[str, object]) -> Component:
     """The component of a kind, made for a job. Raises ScenarioError with everything wrong, FmuError."""
+    if kind != "Fmu" and kind not in FMU_MODELS:
+        component, found = _make_python(kind, job, options)
+        if component is not None:
+            return component
+        raise ScenarioError(kind, found)
     found = faults(kind, job, options)
     if found:
         raise ScenarioError(kind, found)
-    if kind == "Fmu":
-        return fmu_options.make_from_file(job, options)
-    if kind in FMU_MODELS:
-        return fmu_options.make_model(kind, job, options)
-    factory = _load(kind)
-    try:
-        component: Component = factory(job, **_validated(factory, options))
-    except ValueError as error:
-        raise ScenarioError(kind, [f"kind {kind}: {error}"]) from error
-    return component
+    return fmu_options.make_from_file(job, options) if kind == "Fmu" else fmu_options.make_model(kind, job, options)
 
 
 def faults(kind: str, job: Job, options: Mapping[str, object]) -> list[str]:
     """Everything wrong with the options of a kind, one sentence each, each beginning with the key; starts nothing."""
+    if kind != "Fmu" and kind not in FMU_MODELS:
+        return _make_python(kind, job, options)[1]
     try:
         if kind == "Fmu":
             return fmu_options.faults_of_file(job, options)
-        if kind in FMU_MODELS:
-            return fmu_options.faults_of_model(kind, job, options)
-        factory = _load(kind)
+        return fmu_options.faults_of_model(kind, job, options)
     except FmuError as error:
         return [f"kind is {kind!r}: {error}"]
-    except LookupError:
-        return [f"kind is {kind!r}; {nearest(kind, kinds())}"]
-    except (ImportError, AttributeError) as error:
-        return [f"kind is {kind!r}, which cannot be loaded: {error}"]
+
+
+def _make_python(kind: str, job: Job, options: Mapping[str, object]) -> tuple[Component | None, list[str]]:
+    """A Python component, or what is wrong; a ValueError of its constructor is a fault of the file."""
     try:
-        _validated(factory, options)
+        factory = _load(kind)
+        component: Component = factory(job, **_validated(factory, options))
     except ValidationError as error:
-        return [sentence(detail, _options_table(factory)) for detail in error.errors()]
+        return None, [sentence(detail, _options_table(factory)) for detail in error.errors()]
+    except ValueError as error:
+        return None, [str(error)]
+    except LookupError:
+        return None, [f"kind is {kind!r}; {nearest(kind, kinds())}"]
+    except (ImportError, AttributeError) as error:
+        return None, [f"kind is {kind!r}, which cannot be loaded: {error}"]
     except TypeError as error:
-        return [f"kind is {kind!r}: its options are not what a scenario file can hold: {error}"]
-    return []
+        return None, [f"kind is {kind!r}: its options are not what a scenario file can hold: {error}"]
+    return component, []
 
 
 def kinds() -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -128,6 +128,8 @@ class Scenario:
         faults = self._part_faults()
         for place, table in self._all_components():
             job = self.job(place)
+            if not job.mask.any():  # a fault already named; the components are checked all the same
+                job = replace(job, mask=~job.mask)
             faults += [f"{place}.{fault}" for fault in catalog.faults(table.kind, job, self._options(table))]
         for name in self.tables.compare:
             unknown = [key for key in self.tables.compare[name].components if key not in self.tables.components]

@@ -124,3 +124,12 @@ def test_support_fills_the_block_around_the_part(tmp_path: Path) -> None:
     assert job.region is not None
     inside = job.region.contains(np.array([4 * job.pitch]), np.array([3.5 * job.pitch]), np.array([1e-6]))
     assert inside.all()
+
+
+def test_value_that_a_controller_refuses_is_a_fault_with_its_place_in_every_run(tmp_path: Path) -> None:
+    text = GOOD.replace('kind = "OpenLoop"', 'kind = "LayerMpc"\nalpha = 2.0')
+    found = faults_of(tmp_path, text + '[compare.x.components.controller]\nkind = "OpenLoop"\nlayers = -1\n')
+    assert [fault.split(" is ")[0] for fault in found] == [
+        "components.controller.alpha",
+        "compare.x.components.controller.layers",
+    ]
