@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from inkloop.component import Job
 from inkloop.errors import FmuError
 from inkloop.export import export, find_fmu
 from inkloop.faults import nearest
 from inkloop.fmu import FmuComponent, FmuDescription, Variable, describe
-from inkloop.units import missing_suffix, spellings
+from inkloop.units import missing_suffix, scaled, spellings
 
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
 """Values of the option `fmi` of our own FMUs; the first is the default."""
@@ -87,7 +85,7 @@ def _parse(
         if variable.name in written:
             faults.append(f"{key} says again what {written[variable.name]} says; keep one")
         written[variable.name] = key
-        values[variable.name] = _scaled(value, factor)
+        values[variable.name] = scaled(value, factor)
         if variable.causality != "structuralParameter":
             parameters[variable.name] = values[variable.name]
         elif isinstance(value, int):
@@ -115,19 +113,6 @@ def _told_by_job(job: Job) -> dict[str, Any]:
             for letter, ink in zip("ab", job.inks, strict=False) for order in (1, 2, 3)}  # fmt: skip
     told = ("nx", "ny", "pitch", "passes", "pass_order", "pass_rotation", "seed")
     return {name: getattr(job, name) for name in told} | inks
-
-
-def _scaled(value: object, factor: float) -> object:
-    """A number or nested list of numbers in SI; anything else as it is, to be refused by the variable."""
-    if factor == 1.0:
-        return value
-    try:
-        array = np.asarray(value)
-    except ValueError:
-        return value
-    if array.dtype.kind not in "iuf":
-        return value
-    return (array * factor).item() if array.ndim == 0 else array * factor
 
 
 def _without(options: Mapping[str, object], key: str) -> dict[str, object]:

@@ -6,7 +6,7 @@ observers see the newest outputs of all. Components are terminated whatever happ
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from time import perf_counter_ns
 from typing import Any, Literal, Protocol
@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from inkloop.component import Component, Port, Status, Values
 from inkloop.errors import ComponentError, ScenarioError
+from inkloop.events import Event, Manipulator
 from inkloop.interrupt import deferred
-from inkloop.wiring import Connection, check
+from inkloop.pacing import Pacing
+from inkloop.wiring import Connection, check, feeds
 
 Algorithm = Literal["gauss-seidel", "jacobi"]
 StopReason = Literal["done", "layers_max", "time_max", "fault", "interrupted"]
@@ -39,6 +41,7 @@ class Master:
     step_ns: distance of communication points. algorithm: "gauss-seidel" hands each component the newest outputs of
     those before it in the order of `components`; "jacobi" hands all of them the outputs of the last point.
     every: component -> whole number of master steps per own step, 1 if not named; its outputs hold in between.
+    events: changes to values between components, see `inkloop.events`. pacing: waits for the clock after each step.
     """
 
     def __init__(
@@ -50,6 +53,8 @@ class Master:
         algorithm: Algorithm = "gauss-seidel",
         every: Mapping[str, int] | None = None,
         observers: Sequence[Observer] = (),
+        events: Sequence[Event] = (),
+        pacing: Pacing | None = None,
     ) -> None:
         faults = check(components, connections)
         faults += [
@@ -66,10 +71,9 @@ class Master:
         self._jacobi = algorithm == "jacobi"
         self._every = {name: (every or {}).get(name, 1) for name in components}
         self._observers = tuple(observers)
-        self._feeds: dict[str, list[tuple[str, str, str]]] = {name: [] for name in components}
-        for connection in connections:
-            target, port = connection.target_parts
-            self._feeds[target].append((port, *connection.source_parts))
+        self._feeds = feeds(components, connections)
+        self._manipulator = Manipulator(events, components)
+        self._pacing = pacing
         read = {connection.source for connection in connections}
         self._checked_ports = {
             name: [
@@ -81,7 +85,10 @@ class Master:
             name: {port.name: port.start_value() for port in component.outputs}
             for name, component in components.items()
         }
-        self._wall_ns = dict.fromkeys((*components, "observers", "total"), 0)
+        commander = (name for name, part in components.items() if any(p.name == "layer_command" for p in part.outputs))
+        self._commander = next(commander, None)
+        parts = (*components, "observers", *(["waiting"] if pacing else []), "total")
+        self._wall_ns = dict.fromkeys(parts, 0)
 
     def run(self, *, layers_max: int | None = None, time_max_ns: int | None = None) -> StopReason:
         """Initialize, step and terminate; what ended the run. Raises ComponentError.
@@ -99,19 +106,25 @@ class Master:
                     stack.callback(component.terminate)
                 self._initialize()
                 time_ns = step = 0
+                if self._pacing:
+                    self._pacing.start(time_ns)
                 while (reason := self._end(time_ns, layers_max, time_max_ns)) is None:
                     if interrupted():
                         return "interrupted"
                     time_ns += self._step_ns
                     step += 1
                     self._step(time_ns, step)
+                    self._wait(time_ns, interrupted)
                 return reason
         finally:
             self._wall_ns["total"] += perf_counter_ns() - begin
 
     @property
     def wall_s(self) -> dict[str, float]:
-        """Wall time [s] by component, of the observers, the master's own ("master") and in total ("total")."""
+        """Wall time [s] by component, of the observers, the master's own ("master") and in total ("total").
+
+        Where the run is paced, also what it waited for the clock ("waiting").
+        """
         *parts, total = self._wall_ns.values()
         return {name: ns * 1e-9 for name, ns in self._wall_ns.items()} | {"master": (total - sum(parts)) * 1e-9}
 
@@ -119,9 +132,8 @@ class Master:
         for name in self._initial_order():
             begin = perf_counter_ns()
             try:
-                self._outputs[name] = self._checked(
-                    name, self._components[name].initialize(0, self._gather(name, self._outputs))
-                )
+                outputs = self._components[name].initialize(0, self._gather(name, self._outputs, 0))
+                self._publish(name, outputs, 0)
             except Exception as error:
                 raise ComponentError(f"{name} could not be initialized: {_text(error)}") from error
             self._wall_ns[name] += perf_counter_ns() - begin
@@ -134,12 +146,13 @@ class Master:
             if step % self._every[name]:
                 continue
             own_step_ns = self._every[name] * self._step_ns
+            begin_ns = time_ns - own_step_ns
             begin = perf_counter_ns()
             try:
-                outputs = component.do_step(time_ns - own_step_ns, own_step_ns, self._gather(name, before))
-                self._outputs[name] = self._checked(name, outputs)
+                outputs = component.do_step(begin_ns, own_step_ns, self._gather(name, before, begin_ns))
+                self._publish(name, outputs, begin_ns)
             except Exception as error:
-                place = f"at t = {(time_ns - own_step_ns) * 1e-9:.9g} s{self._layer()}"
+                place = f"at t = {begin_ns * 1e-9:.9g} s{self._layer()}"
                 raise ComponentError(f"{name} failed {place}: {_text(error)}") from error
             self._wall_ns[name] += perf_counter_ns() - begin
         self._observe("stepped", time_ns)
@@ -150,8 +163,27 @@ class Master:
             getattr(observer, event)(time_ns, self._outputs)
         self._wall_ns["observers"] += perf_counter_ns() - begin
 
-    def _gather(self, name: str, outputs: Mapping[str, Values]) -> Values:
-        return {port: outputs[source][output] for port, source, output in self._feeds[name]}
+    def _wait(self, time_ns: int, interrupted: Callable[[], bool]) -> None:
+        if self._pacing:
+            begin = perf_counter_ns()
+            self._pacing.wait(time_ns, interrupted)
+            self._wall_ns["waiting"] += perf_counter_ns() - begin
+
+    def _gather(self, name: str, outputs: Mapping[str, Values], time_ns: int) -> Values:
+        """The inputs of a step that begins at `time_ns`."""
+        inputs = {port: transfer(outputs[source][output]) for port, source, output, transfer in self._feeds[name]}
+        return self._manipulator.inputs(name, inputs, time_ns, self._commanded(outputs))
+
+    def _publish(self, name: str, outputs: Values, time_ns: int) -> None:
+        """Let everybody see the outputs of a step that began at `time_ns`."""
+        self._outputs[name] = self._checked(name, outputs)
+        self._outputs[name] = self._manipulator.outputs(
+            name, self._outputs[name], time_ns, self._commanded(self._outputs)
+        )
+
+    def _commanded(self, outputs: Mapping[str, Values]) -> int:
+        """Number of the last layer commanded, 0 if nobody commands layers."""
+        return int(outputs[self._commander]["layer_command"]) if self._commander else 0
 
     def _checked(self, name: str, outputs: Values) -> Values:
         """The outputs as arrays of the declared shape and type; finite where another component reads them."""
@@ -165,7 +197,7 @@ class Master:
         waiting = list(self._components)
         order = []
         while waiting:
-            free = (n for n in waiting if not any(source in waiting and source != n for _, source, _ in self._feeds[n]))
+            free = (n for n in waiting if not any(feed[1] in waiting and feed[1] != n for feed in self._feeds[n]))
             order.append(next(free, waiting[0]))
             waiting.remove(order[-1])
         return order

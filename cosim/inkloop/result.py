@@ -47,8 +47,12 @@ class Result:
         stop_reason: str,
         wall_s: Mapping[str, float],
         components: Mapping[str, Component],
+        notes: Mapping[str, Any] | None = None,
     ) -> Result:
-        """A result from what a recorder holds; `label` names the run where several stand side by side."""
+        """A result from what a recorder holds; `label` names the run where several stand side by side.
+
+        notes: what run.json shall say besides.
+        """
         attributes = {
             "Conventions": "CF-1.11",
             "schema_version": SCHEMA_VERSION,
@@ -71,6 +75,7 @@ class Result:
             "platform": platform.platform(),
             "sha256": hashes,
             "wall_s": dict(wall_s),
+            **(notes or {}),
         }
         return cls(dataset.assign_attrs(attributes), run)
 

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+import xarray as xr
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.table import Column
 
 from inkloop import report
 from inkloop.errors import ResultError
+from inkloop.events import Event, Manipulator
 from inkloop.interrupt import deferred
 from inkloop.master import Master
+from inkloop.pacing import Pacing, sentence
 from inkloop.recorder import LayerRow, Recorder
 from inkloop.result import Result
 from inkloop.scenario import Scenario
@@ -28,6 +32,8 @@ def run(scenario: Scenario, out: Path | None, console: Console, *, compare: bool
         for place, variant in _runs(scenario, folder, compare):
             result = print_part(variant, progress)
             result.save(place)
+            if "real_time" in result.run:
+                progress.console.print(f"{result.run['label']}: {sentence(result.run['real_time'])}", highlight=False)
             stopped = interrupted() or result.stop_reason == "interrupted"
             if stopped:
                 break
@@ -44,17 +50,21 @@ def print_part(scenario: Scenario, progress: Progress | None = None) -> Result:
     nominal = max(1, round(float(job.target_height.max()) / job.inks[0].layer_height))
     bar = _LayerBar(progress, scenario.tables.label, nominal) if progress else None
     recorder = Recorder(job, components, bar)
+    events = scenario.events(components)
+    pacing = Pacing(limits.real_time_factor) if limits.real_time_factor else None
     master = Master(
         components,
         connections,
         step_ns=round(limits.step_s * 1e9),
         algorithm=limits.algorithm,
         observers=[recorder],
+        events=events,
+        pacing=pacing,
     )
     time_max_ns = None if limits.time_max_s is None else round(limits.time_max_s * 1e9)
     stop_reason = master.run(layers_max=limits.layers_max, time_max_ns=time_max_ns)
     return Result.of(
-        recorder.dataset(),
+        _marked(recorder.dataset(), events, Manipulator(events, components), round(limits.step_s * 1e9)),
         title=scenario.tables.title,
         label=scenario.tables.label,
         scenario_text=scenario.text,
@@ -62,7 +72,20 @@ def print_part(scenario: Scenario, progress: Progress | None = None) -> Result:
         stop_reason=stop_reason,
         wall_s=master.wall_s,
         components=components,
+        notes=({"events": [str(event) for event in events]} if events else {})
+        | ({"real_time": pacing.statistics} if pacing else {}),
     )
+
+
+def _marked(dataset: xr.Dataset, events: Sequence[Event], manipulator: Manipulator, step_ns: int) -> xr.Dataset:
+    """A dataset with `modified` by layer: an event was in effect in the step that completed it. Events in words."""
+    if not events:
+        return dataset
+    ends_ns = np.nan_to_num(dataset["time"].values * 1e9).round().astype(np.int64)
+    modified = [manipulator.in_effect(max(0, int(end_ns) - step_ns), layer) for layer, end_ns in enumerate(ends_ns)]
+    attributes = {"units": "1", "long_name": "layers in which an event was in effect"}
+    marked = dataset.assign(modified=xr.Variable(("layer",), np.array(modified), attributes))
+    return marked.assign_attrs(events="\n".join(map(str, events)))
 
 
 def new_run_folder(out: Path | None, name: str) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -16,9 +17,12 @@ from tomlkit.exceptions import TOMLKitError
 from inkloop import catalog
 from inkloop.component import Component, Ink, Job
 from inkloop.errors import ScenarioError
+from inkloop.event_options import read_events
+from inkloop.events import Event
 from inkloop.faults import nearest, sentence
 from inkloop.geometry import cell_centers
-from inkloop.schema import ComponentTable, InkTable, ScenarioFile
+from inkloop.schema import ComponentTable, ConnectionTable, InkTable, ScenarioFile
+from inkloop.units import read_quantities
 from inkloop.wiring import Connection, check, contract_connections
 
 PASS_ORDERS = {"raster": 1, "diagonal": 2}
@@ -97,19 +101,31 @@ class Scenario:
         return inks.a.ink, (inks.b or InkTable()).ink
 
     def build(self) -> tuple[dict[str, Component], list[Connection]]:
-        """Components in file order and their checked connections. The caller terminates the components."""
+        """Components in file order and their checked connections. The caller terminates the components.
+
+        Raises ScenarioError, also with the faults of the events.
+        """
         components: dict[str, Component] = {}
         try:
             for name, table in self.tables.components.items():
                 components[name] = catalog.make(table.kind, self.job(name), self._options(table))
             connections, faults = self._connect(components)
-            if faults:
+            if faults := faults + self._read_events(components)[1]:
                 raise ScenarioError(self.source, faults)
         except BaseException:
             for component in components.values():
                 component.terminate()
             raise
         return components, connections
+
+    def events(self, components: Mapping[str, Component]) -> list[Event]:
+        """The events of the file for the components that `build` has made."""
+        return self._read_events(components)[0]
+
+    def _read_events(self, components: Mapping[str, Component]) -> tuple[list[Event], list[str]]:
+        counts = {name: table.options.get("nozzle_pitch") for name, table in self.tables.components.items()}
+        nozzle_pitch = {name: count for name, count in counts.items() if isinstance(count, int)}
+        return read_events(self.tables.events, components, nozzle_pitch, self.tables.grid.pitch)
 
     def _options(self, table: ComponentTable) -> dict[str, Any]:
         """The options of a component; the file of an FMU is looked for beside the scenario."""
@@ -119,10 +135,14 @@ class Scenario:
         return options
 
     def _connect(self, components: Mapping[str, Component]) -> tuple[list[Connection], list[str]]:
-        explicit = [Connection(table.source, table.target) for table in self.tables.connections]
+        faults: list[str] = []
+        explicit = [
+            _connection(f"connections.[{number}]", table, components, faults)
+            for number, table in enumerate(self.tables.connections)
+        ]
         taken = {connection.target for connection in explicit}
         wires = [wire for wire in contract_connections(components) if wire.target not in taken]
-        return explicit + wires, check(components, explicit + wires)
+        return explicit + wires, faults + check(components, explicit + wires)
 
     def _faults(self) -> list[str]:
         faults = self._part_faults()
@@ -176,6 +196,22 @@ def component_seed(seed: int, component: str) -> int:
     """Seed of one component's random stream (0 .. 2^31 - 1), independent of the others and of their order."""
     sequence = np.random.SeedSequence([seed, zlib.crc32(component.encode())])
     return int(sequence.generate_state(1)[0] & 0x7FFFFFFF)
+
+
+def _connection(
+    place: str, table: ConnectionTable, components: Mapping[str, Component], faults: list[str]
+) -> Connection:
+    """The connection of a table, its offset in the unit of its input; `faults` gets what is wrong with the keys."""
+    component, _, name = table.target.partition(".")
+    inputs = {port.name: port for port in components[component].inputs} if component in components else {}
+    unit = inputs[name].unit if name in inputs else "1"
+    values, wrong = read_quantities(table.quantities, {"offset": unit}, ConnectionTable.model_fields)
+    offset = values.get("offset", 0.0)
+    if isinstance(offset, bool) or not isinstance(offset, int | float) or not math.isfinite(offset):
+        wrong.append(f"offset is {offset!r}; expected a finite number")
+        offset = 0.0
+    faults += [f"{place}.{fault}" for fault in wrong]
+    return Connection(table.source, table.target, table.gain, float(offset))
 
 
 def _apply(document: tomlkit.TOMLDocument, override: str) -> str | None:

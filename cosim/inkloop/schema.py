@@ -142,6 +142,9 @@ class RunTable(Table):
     algorithm: Literal["gauss-seidel", "jacobi"] = "gauss-seidel"
     layers_max: int = Field(default=1000, ge=1, description="layers after which the run ends in any case")
     time_max_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
+    real_time_factor: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = Field(
+        default=None, description="seconds of the run per second of the clock; left out: as fast as possible"
+    )
 
 
 class ComponentTable(BaseModel):
@@ -156,11 +159,49 @@ class ComponentTable(BaseModel):
         return dict(self.model_extra or {})
 
 
-class ConnectionTable(Table):
-    """`[[connections]]`: "component.port" to "component.port"; overrides the contract's wiring of that input."""
+class ConnectionTable(BaseModel):
+    """`[[connections]]`: "component.port" to "component.port"; overrides the contract's wiring of that input.
 
+    Beside these keys: `offset`, with the unit in the key where the input has one.
+    """
+
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
     source: str
     target: str
+    gain: Annotated[float, Field(allow_inf_nan=False)] = Field(default=1.0, description="factor on the way")
+
+    @property
+    def quantities(self) -> dict[str, Any]:
+        """The keys that carry a unit."""
+        return dict(self.model_extra or {})
+
+
+class EventTable(BaseModel):
+    """`[[events]]`: a change to what a component gives or gets, from a layer or a time on.
+
+    Beside these keys: `value`, and for a bias `per_layer`, with the unit in the key where the port has one.
+    """
+
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
+    at_layer: int | None = Field(default=None, ge=1, description="from the layer commanded with this number on")
+    at_time_s: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = Field(
+        default=None, description="from the step that begins then on"
+    )
+    action: Literal["override", "bias", "reset"] = Field(
+        description="replace the value, add to it, or take back what earlier events of the file do"
+    )
+    port: str = Field(description='"component.port", an input or an output')
+    tilt_x: Annotated[float, Field(allow_inf_nan=False)] = Field(default=0.0, description="bias: slope along x")
+    tilt_y: Annotated[float, Field(allow_inf_nan=False)] = Field(default=0.0, description="bias: slope along y")
+    cells: list[Annotated[list[int], Field(min_length=2, max_length=2)]] | None = Field(
+        default=None, description="only these cells, each [i, j]"
+    )
+    nozzles: list[int] | None = Field(default=None, description="only the cells of these nozzles")
+
+    @property
+    def quantities(self) -> dict[str, Any]:
+        """The keys that carry a unit."""
+        return dict(self.model_extra or {})
 
 
 class Comparison(Table):
@@ -192,5 +233,6 @@ class ScenarioFile(Table):
     run: RunTable = RunTable()
     components: dict[str, ComponentTable] = Field(min_length=1)
     connections: list[ConnectionTable] = []
+    events: list[EventTable] = []
     compare: dict[str, Comparison] = {}
     literature: dict[str, Literature] = {}

@@ -5,7 +5,11 @@ SI inside, units in names where a number crosses a file. Units are spelled as in
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from inkloop.faults import nearest
 
 SUFFIXES: Mapping[str, Mapping[str, float]] = {
     "m": {"um": 1e-6, "mm": 1e-3, "nm": 1e-9, "m": 1.0},
@@ -17,6 +21,13 @@ SUFFIXES: Mapping[str, Mapping[str, float]] = {
 }
 """SI unit -> suffix of a key -> factor to SI."""
 
+UNITS: Mapping[str, tuple[str, float]] = {
+    suffix.replace("_per_", "/"): (si, factor)
+    for si, suffixes in SUFFIXES.items()
+    for suffix, factor in suffixes.items()
+}
+"""Unit in FMI spelling -> its SI unit and the factor to it."""
+
 QUANTITIES = {"m": "a length", "m2": "an area", "m3": "a volume", "s": "a time", "m/s": "a speed", "rad": "an angle"}
 
 
@@ -25,12 +36,58 @@ def spellings(name: str, unit: str) -> dict[str, float]:
 
     A number without a unit ("1"), or with one that has no suffix here, is written under its plain name in that unit.
     """
-    return {f"{name}_{suffix}": factor for suffix, factor in SUFFIXES.get(unit, {}).items()} or {name: 1.0}
+    si, to_si = UNITS.get(unit, (unit, 1.0))
+    return {f"{name}_{suffix}": factor / to_si for suffix, factor in SUFFIXES.get(si, {}).items()} or {name: 1.0}
+
+
+def read_quantities(
+    found: Mapping[str, object], units: Mapping[str, str], other_keys: Iterable[str] = ()
+) -> tuple[dict[str, object], list[str]]:
+    """Values of a table by quantity, in `units` (quantity -> unit), and what is wrong with its keys.
+
+    A value is a number, a boolean or a nested list of them; `other_keys` are known to the table besides.
+    """
+    keys = {key: (name, to_unit) for name, unit in units.items() for key, to_unit in spellings(name, unit).items()}
+    values: dict[str, object] = {}
+    written: dict[str, str] = {}
+    faults: list[str] = []
+    for key, value in found.items():
+        if key not in keys:
+            plain = missing_suffix(key, units[key]) if key in units else None
+            faults.append(plain or f"{key} is not a key of this table; {nearest(key, (*keys, *other_keys))}")
+            continue
+        name, factor = keys[key]
+        if name in written:
+            faults.append(f"{key} says again what {written[name]} says; keep one")
+        written[name] = key
+        values[name] = scaled(value, factor)
+    return values, faults
+
+
+def scaled(value: object, factor: float) -> object:
+    """A number or nested list of numbers times `factor`; anything else as it is, to be refused by who reads it."""
+    if factor == 1.0:
+        return value
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        return value
+    if array.dtype.kind not in "iuf":
+        return value
+    return (array * factor).item() if array.ndim == 0 else array * factor
+
+
+def conversion(source: str, target: str) -> float | None:
+    """Factor from one unit to another, None if they are not known to be of the same quantity."""
+    if source == target:
+        return 1.0
+    (source_si, from_source), (target_si, from_target) = (UNITS.get(unit, (unit, 1.0)) for unit in (source, target))
+    return from_source / from_target if source_si == target_si else None
 
 
 def missing_suffix(name: str, unit: str) -> str | None:
     """What is wrong with the plain `name` as a key for a quantity in `unit`, None if nothing is."""
-    if unit not in SUFFIXES:
+    if unit not in UNITS:
         return None
     *firsts, last = spellings(name, unit)
-    return f"{name} is {QUANTITIES[unit]}; write {', '.join(firsts)} or {last}"
+    return f"{name} is {QUANTITIES[UNITS[unit][0]]}; write {', '.join(firsts)} or {last}"

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from inkloop.component import Component, Port
 from inkloop.faults import nearest
+from inkloop.units import conversion
 
 CONTRACT_INPUTS = frozenset(
     {"pattern", "layer_command", "layers_printed", "height", "measured_height", "valid", "layers_scanned"}
@@ -16,10 +21,15 @@ CONTRACT_INPUTS = frozenset(
 
 @dataclass(frozen=True)
 class Connection:
-    """An output, `source`, that feeds an input, `target`; both "component.port"."""
+    """An output, `source`, that feeds an input, `target`; both "component.port".
+
+    The input is gain * output + offset, the output in the unit of the input, the offset too.
+    """
 
     source: str
     target: str
+    gain: float = 1.0
+    offset: float = 0.0
 
     @property
     def source_parts(self) -> tuple[str, str]:
@@ -30,6 +40,32 @@ class Connection:
     def target_parts(self) -> tuple[str, str]:
         """Component and port of the input."""
         return _parts(self.target)
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """What happens to a value on its way: value * factor + offset, in the unit of the input."""
+
+    factor: float = 1.0
+    offset: float = 0.0
+
+    @classmethod
+    def of(cls, connection: Connection, source: Port, target: Port) -> Transfer:
+        """The transfer of a connection without faults between its two ports."""
+        return cls((conversion(source.unit, target.unit) or 1.0) * connection.gain, connection.offset)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether values arrive as they are sent."""
+        return self.factor == 1.0 and self.offset == 0.0
+
+    def __call__(self, value: NDArray[Any]) -> NDArray[Any]:
+        """The value as it arrives; the array itself if nothing is to be done."""
+        if self.is_plain:
+            return value
+        arrived = np.asarray(value * self.factor + self.offset, dtype=value.dtype)
+        arrived.flags.writeable = False
+        return arrived
 
 
 def contract_connections(components: Mapping[str, Component]) -> list[Connection]:
@@ -44,6 +80,23 @@ def contract_connections(components: Mapping[str, Component]) -> list[Connection
             if len(sources) == 1:
                 wires.append(Connection(sources[0], f"{name}.{port.name}"))
     return wires
+
+
+def feeds(
+    components: Mapping[str, Component], connections: Sequence[Connection]
+) -> dict[str, list[tuple[str, str, str, Transfer]]]:
+    """By component, what its inputs get: input, component and output it comes from, and the way between.
+
+    The connections have no faults.
+    """
+    inputs = {f"{name}.{port.name}": port for name, component in components.items() for port in component.inputs}
+    outputs = {f"{name}.{port.name}": port for name, component in components.items() for port in component.outputs}
+    found: dict[str, list[tuple[str, str, str, Transfer]]] = {name: [] for name in components}
+    for connection in connections:
+        target, port = connection.target_parts
+        transfer = Transfer.of(connection, outputs[connection.source], inputs[connection.target])
+        found[target].append((port, *connection.source_parts, transfer))
+    return found
 
 
 def check(components: Mapping[str, Component], connections: Sequence[Connection]) -> list[str]:
@@ -82,13 +135,19 @@ def _open_inputs(components: Mapping[str, Component], fed: Mapping[str, str]) ->
 
 
 def _mismatches(connection: Connection, source: Port, target: Port) -> Iterator[str]:
-    for what, found, expected in (
-        ("unit", f"[{source.unit}]", f"[{target.unit}]"),
-        ("shape", _shape(source.shape), _shape(target.shape)),
-        ("type", source.dtype, target.dtype),
+    is_one_quantity = conversion(source.unit, target.unit) is not None
+    for what, found, expected, fits in (
+        ("quantity", f"[{source.unit}]", f"[{target.unit}]", is_one_quantity),
+        ("shape", _shape(source.shape), _shape(target.shape), source.shape == target.shape),
+        ("type", source.dtype, target.dtype, source.dtype == target.dtype),
     ):
-        if found != expected:
+        if not fits:
             yield f"{connection.source} gives {found}, {connection.target} takes {expected}: same {what} needed"
+    if is_one_quantity and not Transfer.of(connection, source, target).is_plain and not _is_float(source):
+        yield (
+            f"{connection.source} is {source.dtype}; a gain, an offset or another unit needs floating-point values; "
+            "leave gain and offset out"
+        )
 
 
 def _find(place: str, ports: Mapping[str, Mapping[str, Port]], direction: str, faults: list[str]) -> Port | None:
@@ -114,6 +173,10 @@ def _sources(components: Mapping[str, Component], target: str, port: str) -> lis
 def _parts(place: str) -> tuple[str, str]:
     component, _, port = place.partition(".")
     return component, port
+
+
+def _is_float(port: Port) -> bool:
+    return port.dtype.startswith("float")
 
 
 def _shape(shape: tuple[int, ...]) -> str:

@@ -34,7 +34,7 @@ def test_missing_contract_input_is_a_fault_and_any_other_open_input_is_not() -> 
 @pytest.mark.parametrize(
     ("port", "said"),
     [
-        (Port("y", "um"), "a.y gives [um], b.x takes [m]"),
+        (Port("y", "s"), "a.y gives [s], b.x takes [m]: same quantity needed"),
         (Port("y", "m", (3,)), "a.y gives 3, b.x takes a scalar"),
         (Port("y", "m", dtype="int32"), "a.y gives int32, b.x takes float64"),
     ],
