@@ -58,8 +58,8 @@ class _Reader:
             units["per_layer"] = port.unit
         values, faults = read_quantities(table.quantities, units, type(table).model_fields)
         self.faults += faults
-        value = self._array("value", values["value"]) if "value" in values else None
-        per_layer = self._array("per_layer", values["per_layer"]) if "per_layer" in values else None
+        value = self._array(*values["value"]) if "value" in values else None
+        per_layer = self._array(*values["per_layer"]) if "per_layer" in values else None
         if table.action == "bias" and port.dtype == "bool":
             self.faults.append(f"action is 'bias', but {table.port} is true or false; override it")
         if per_layer is not None and table.at_layer is None:

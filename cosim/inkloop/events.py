@@ -54,7 +54,7 @@ class Event:
             changed = value + change if self.action == "bias" else np.broadcast_to(change, value.shape)
         if self.cells is not None:
             changed = np.where(self.cells, changed, value)
-        return changed.astype(original.dtype, copy=False)
+        return np.asarray(changed, dtype=original.dtype)
 
     def __str__(self) -> str:
         when = f"layer {self.at_layer}" if self.at_layer is not None else f"t = {(self.at_time_ns or 0) * 1e-9:.9g} s"

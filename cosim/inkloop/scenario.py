@@ -206,9 +206,9 @@ def _connection(
     inputs = {port.name: port for port in components[component].inputs} if component in components else {}
     unit = inputs[name].unit if name in inputs else "1"
     values, wrong = read_quantities(table.quantities, {"offset": unit}, ConnectionTable.model_fields)
-    offset = values.get("offset", 0.0)
+    key, offset = values.get("offset", ("offset", 0.0))
     if isinstance(offset, bool) or not isinstance(offset, int | float) or not math.isfinite(offset):
-        wrong.append(f"offset is {offset!r}; expected a finite number")
+        wrong.append(f"{key} is {offset!r}; expected a finite number")
         offset = 0.0
     faults += [f"{place}.{fault}" for fault in wrong]
     return Connection(table.source, table.target, table.gain, float(offset))

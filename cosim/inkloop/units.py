@@ -42,14 +42,13 @@ def spellings(name: str, unit: str) -> dict[str, float]:
 
 def read_quantities(
     found: Mapping[str, object], units: Mapping[str, str], other_keys: Iterable[str] = ()
-) -> tuple[dict[str, object], list[str]]:
-    """Values of a table by quantity, in `units` (quantity -> unit), and what is wrong with its keys.
+) -> tuple[dict[str, tuple[str, object]], list[str]]:
+    """By quantity of a table the key as written and the value in `units` (quantity -> unit); what is wrong with keys.
 
     A value is a number, a boolean or a nested list of them; `other_keys` are known to the table besides.
     """
     keys = {key: (name, to_unit) for name, unit in units.items() for key, to_unit in spellings(name, unit).items()}
-    values: dict[str, object] = {}
-    written: dict[str, str] = {}
+    values: dict[str, tuple[str, object]] = {}
     faults: list[str] = []
     for key, value in found.items():
         if key not in keys:
@@ -57,10 +56,9 @@ def read_quantities(
             faults.append(plain or f"{key} is not a key of this table; {nearest(key, (*keys, *other_keys))}")
             continue
         name, factor = keys[key]
-        if name in written:
-            faults.append(f"{key} says again what {written[name]} says; keep one")
-        written[name] = key
-        values[name] = scaled(value, factor)
+        if name in values:
+            faults.append(f"{key} says again what {values[name][0]} says; keep one")
+        values[name] = key, scaled(value, factor)
     return values, faults
 
 

@@ -108,3 +108,15 @@ def test_ctrl_c_keeps_the_layers_that_are_printed(
     assert (folder / "summary.txt").exists()
     assert (folder / "surface.png").exists()
     assert not (folder / "compare").exists()
+
+
+def test_run_in_real_time_accounts_for_its_deadlines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "run"
+    pace = ["--set", "run.real_time_factor=1000.0"]
+    assert main(["run", CUBOID, "--no-compare", "--out", str(folder), *pace]) == 0
+    result = Result.load(folder)
+    account = result.run["real_time"]
+    assert account["steps"] == result.dataset.time[-1] + 1  # the controller ends the run a step after the last layer
+    assert 0 <= account["missed"] <= account["steps"]
+    assert 0 <= account["p99_s"] <= account["worst_s"]
+    assert f"of {account['steps']} steps late" in " ".join(capsys.readouterr().out.split())

@@ -133,3 +133,30 @@ def test_value_that_a_controller_refuses_is_a_fault_with_its_place_in_every_run(
         "components.controller.alpha",
         "compare.x.components.controller.layers",
     ]
+
+
+WIRE = '\n[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\n'
+
+
+def test_offset_of_a_connection_comes_in_its_unit(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(GOOD + WIRE + "gain = 1.5\noffset_um = 20\n")
+    components, (wire, *_) = Scenario.load(path).build()
+    for component in components.values():
+        component.terminate()
+    assert (wire.target, wire.gain) == ("profiler.height", 1.5)
+    assert wire.offset == pytest.approx(20e-6)
+
+
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [
+        ("offset = 1.0", "connections.[0].offset is a length; write offset_um"),
+        ("offset_um = true", "connections.[0].offset_um is True; expected a finite number"),
+        ("gian = 2.0", "connections.[0].gian is not a key of this table; did you mean gain?"),
+        ("gain = nan", "connections.[0].gain is nan; expected a finite number"),
+    ],
+)
+def test_fault_of_a_gain_or_an_offset_is_named(tmp_path: Path, key: str, said: str) -> None:
+    (fault,) = faults_of(tmp_path, f"{GOOD}{WIRE}{key}\n")
+    assert fault.startswith(said)

@@ -1,9 +1,10 @@
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from inkloop.component import Port
-from inkloop.wiring import Connection, check, contract_connections
+from inkloop.wiring import Connection, Transfer, check, contract_connections, feeds
 from toys import FunctionComponent, toy_job, toy_loop
 
 
@@ -63,3 +64,50 @@ def test_input_is_fed_once() -> None:
     parts = {"a": FunctionComponent(outputs=[Port("y"), Port("z")]), "b": FunctionComponent(inputs=[Port("x")])}
     (fault,) = check(parts, [Connection("a.y", "b.x"), Connection("a.z", "b.x")])
     assert fault.startswith("b.x is fed twice, by a.y and a.z")
+
+
+def fed(connection: Connection, source: str, target: str, value: float) -> float:
+    parts = {"a": FunctionComponent(outputs=[Port("y", source)]), "b": FunctionComponent(inputs=[Port("x", target)])}
+    assert check(parts, [connection]) == []
+    ((port, component, output, transfer),) = feeds(parts, [connection])["b"]
+    assert (port, component, output) == ("x", "a", "y")
+    return float(transfer(np.asarray(value)))
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "given", "expected"),
+    [
+        ("m", "um", 2e-6, 2.0),
+        ("mm", "um", 3.0, 3000.0),
+        ("um", "m", 250.0, 250e-6),
+        ("s", "ms", 0.5, 500.0),
+        ("mm/s", "m/s", 40.0, 0.04),
+        ("deg", "rad", 180.0, np.pi),
+        ("V", "V", 5.0, 5.0),
+    ],
+)
+def test_value_arrives_in_the_unit_of_the_input(source: str, target: str, given: float, expected: float) -> None:
+    assert fed(Connection("a.y", "b.x"), source, target, given) == pytest.approx(expected)
+
+
+def test_gain_acts_before_the_offset_and_both_after_the_unit() -> None:
+    assert fed(Connection("a.y", "b.x", gain=2.0, offset=5.0), "m", "um", 3e-6) == pytest.approx(11.0)
+
+
+def test_value_of_a_plain_connection_is_the_very_array_of_its_source() -> None:
+    assert Transfer()(value := np.ones(3)) is value
+
+
+def test_array_on_its_way_keeps_its_type_and_cannot_be_written() -> None:
+    arrived = Transfer(factor=2.0)(np.ones(3, np.float32))
+    assert arrived.dtype == np.float32
+    assert not arrived.flags.writeable
+
+
+@pytest.mark.parametrize("dtype", ["int32", "bool"])
+def test_gain_is_of_floating_point_values_only(dtype: str) -> None:
+    port = {"dtype": dtype}
+    parts = {"a": FunctionComponent(outputs=[Port("y", **port)]), "b": FunctionComponent(inputs=[Port("x", **port)])}
+    assert check(parts, [Connection("a.y", "b.x")]) == []
+    (fault,) = check(parts, [Connection("a.y", "b.x", gain=2.0)])
+    assert fault.startswith(f"a.y is {dtype}; a gain, an offset or another unit needs floating-point values")
