@@ -24,12 +24,12 @@ static double mean(const double *values, size_t count) {
     return sum / (double)count;
 }
 
-/* Volume factor of the droplet on a cell: 1 - U[0, variation] of its kind, times that of its nozzle. */
+/* Volume factor of the droplet on a cell: 1 - U[0, variation] of its kind, times those of its nozzle and its layer. */
 static double factor_of(const LayerDepositionVariables *v, size_t cell, int32_t layer) {
     const int64_t kind = *v->variation_kind;
     const double amplitude = *v->variation;
     const int32_t seed = *v->seed;
-    double factor = 1.0;
+    double factor = *v->captured_volume;
     if (amplitude > 0.0) {
         if (kind == PER_DROPLET)
             factor *= 1.0 - amplitude * random_uniform(seed, STREAM_DROPLET, cell, layer);
@@ -63,7 +63,7 @@ static void complete_layer(const LayerDepositionVariables *v) {
     const Ink ink[2] = {{*v->h1_a, *v->h2_a, *v->h3_a}, {*v->h1_b, *v->h2_b, *v->h3_b}};
     const size_t nx = (size_t)*v->nx, ny = (size_t)*v->ny, count = cell_count(v);
     const int32_t layer = *v->layers_printed + 1;
-    const bool is_varied = *v->variation > 0.0 || *v->nozzle_variation > 0.0;
+    const bool is_varied = *v->variation > 0.0 || *v->nozzle_variation > 0.0 || *v->captured_volume != 1.0;
     if (is_varied)
         draw_factors(v, layer);
     double lost = 0.0;
@@ -82,6 +82,7 @@ static void complete_layer(const LayerDepositionVariables *v) {
 
 static void command_layer(const LayerDepositionVariables *v, double time) {
     memcpy(v->captured, v->pattern, cell_count(v) * sizeof *v->pattern);
+    *v->captured_volume = *v->volume_factor;
     *v->ready_at = time + *v->layer_duration;
     *v->status = BUSY;
 }

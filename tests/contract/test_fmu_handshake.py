@@ -80,6 +80,14 @@ def test_pattern_is_taken_when_the_command_is_accepted(form) -> None:
 
 
 @EVERY_FORM
+def test_volume_factor_is_taken_when_the_command_is_accepted(form) -> None:
+    with Driver("LayerDeposition", form).start({"layer_duration": 2.0, "volume_factor": 0.5, "h2_a": 0.0, "h3_a": 0.0,
+                                                "h1_a": 4e-6}) as fmu:  # fmt: skip
+        assert max(fmu.set("layer_command", 1), fmu.step(0.0), fmu.set("volume_factor", 3.0), fmu.step(1.0)) == OK
+        assert fmu.get("height") == pytest.approx(np.full((9, 9), 2e-6), rel=1e-12)
+
+
+@EVERY_FORM
 def test_step_longer_than_the_duration_prints_only_the_commanded_layer(form) -> None:
     with Driver("LayerDeposition", form).start({"layer_duration": 1.0}) as fmu:
         assert max(fmu.set("layer_command", 1), fmu.step(0.0, 1000.0)) == OK

@@ -146,6 +146,20 @@ def test_variation_per_cell_and_layer_is_the_product_of_both() -> None:
     assert drawn(4, variation=0.4) == pytest.approx(drawn(2, variation=0.4) * drawn(3, variation=0.4), rel=1e-9)
 
 
+def test_volume_factor_scales_all_heights_of_a_droplet_together() -> None:
+    patterns = random_patterns(7, 6, 4)
+    scaled = {f"{height}_a": 0.7 * value for height, value in (("h1", H1), ("h2", H2), ("h3", H3))}
+    scaled |= {f"{height[:2]}_b": value for height, value in scaled.items()}
+    assert printed(7, 6, patterns, volume_factor=0.7)[-1] == pytest.approx(
+        printed(7, 6, patterns, **scaled)[-1], rel=1e-12
+    )
+    np.testing.assert_array_equal(printed(7, 6, patterns, volume_factor=1.0), printed(7, 6, patterns))
+
+
+def test_volume_factor_multiplies_what_is_drawn() -> None:
+    assert drawn(1, variation=0.4, volume_factor=0.5) == pytest.approx(0.5 * drawn(1, variation=0.4), rel=1e-9)
+
+
 def test_nozzle_jets_every_cell_of_its_lines_alike() -> None:
     factor = drawn(1, nozzle_pitch=3, nozzle_variation=0.4)
     assert factor[:, :, :3] == pytest.approx(factor[:, :, 3:6], rel=1e-9)
