@@ -1,8 +1,8 @@
-"""What every component of the loop keeps, whatever it is made of."""
+"""What every component of the loop keeps, whatever it is made of: the laws of `inkloop.testing`, and that they bite."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +10,23 @@ import pytest
 
 from amplifier import build
 from inkloop import catalog
-from inkloop.component import Component, Values
+from inkloop.component import Component, Port, Values
 from inkloop.fmu import FmuComponent
-from toys import toy_job
+from inkloop.testing import (
+    RESUMABLE_LAWS,
+    Law,
+    inputs_are_left_alone,
+    it_is_a_component,
+    job,
+    names_of_ports_are_unique,
+    outputs_are_as_declared_from_the_start_on,
+    outputs_of_a_step_stay_as_they_were,
+    restored_component_goes_on_with_the_same_bits,
+    same_inputs_give_the_same_bits,
+)
+from toys import FunctionComponent
 
-SECOND = 1_000_000_000
-JOB = toy_job(nx=7, ny=5)
+JOB = job()
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
 MAKERS: dict[str, Callable[[Path], Component]] = {
     **{
@@ -34,91 +45,68 @@ MAKERS: dict[str, Callable[[Path], Component]] = {
 }
 
 
-@pytest.fixture(params=MAKERS)
-def make(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Callable[[], Component]]:
-    """Makes components of one kind and terminates them."""
-    made: list[Component] = []
-
-    def one() -> Component:
-        made.append(MAKERS[request.param](tmp_path))
-        return made[-1]
-
-    yield one
-    for part in made:
-        part.terminate()
+@pytest.mark.parametrize("law", RESUMABLE_LAWS)
+@pytest.mark.parametrize("maker", MAKERS.values(), ids=MAKERS)
+def test_ours_keep(maker: Callable[[Path], Component], law: Law, tmp_path: Path) -> None:
+    law(lambda: maker(tmp_path))
 
 
-def starts(part: Component) -> Values:
-    return {port.name: port.start_value() for port in part.inputs}
+Y = Port("y", shape=(2,))
 
 
-def assert_as_declared(part: Component, outputs: Values) -> None:
-    assert set(outputs) == {port.name for port in part.outputs}
-    for port in part.outputs:
-        assert np.asarray(outputs[port.name]).shape == port.shape, port.name
-        assert np.asarray(outputs[port.name]).dtype == port.dtype, port.name
+def counting(start: int = 0) -> Component:
+    """A component that writes into one array, step by step."""
+    kept = np.full(2, float(start))
+
+    def step(time_ns: int, step_ns: int, values: Values) -> Values:
+        np.add(kept, 1, out=kept)
+        return {"y": kept}
+
+    return FunctionComponent(outputs=[Y], step=step)
 
 
-def steps(part: Component, first: int, count: int) -> list[Values]:
-    """Steps of one second; the layer after the printed one is scanned, commanded and jetted by turns."""
-    found = []
-    for k in range(first, first + count):
-        inputs = dict(starts(part))
-        counters = {"layers_printed": k, "layers_scanned": k, "layer_command": k}
-        for name in counters.keys() & inputs.keys():
-            inputs[name] = np.asarray(counters[name], inputs[name].dtype)
-        for name in {"valid"} & inputs.keys():
-            inputs[name] = np.ones_like(inputs[name])
-        for name in {"height", "measured_height", "x"} & inputs.keys():
-            inputs[name] = np.linspace(0, 1e-6 * k, inputs[name].size).reshape(inputs[name].shape)
-        found.append({name: np.array(value) for name, value in part.do_step(k * SECOND, SECOND, inputs).items()})
-    return found
+def writing() -> Component:
+    def step(time_ns: int, step_ns: int, values: Values) -> Values:
+        values["x"][...] = 0
+        return {}
+
+    return FunctionComponent(inputs=[Port("x")], step=step)
 
 
-def test_is_a_component(make: Callable[[], Component]) -> None:
-    assert isinstance(make(), Component)
+class Lacking:
+    """Only ports."""
+
+    inputs = outputs = ()
 
 
-def test_names_of_ports_are_unique(make: Callable[[], Component]) -> None:
-    part = make()
-    for ports in (part.inputs, part.outputs):
-        assert len({port.name for port in ports}) == len(ports)
+numbers = iter(range(1_000))
 
 
-def test_outputs_are_as_declared_from_the_start_on(make: Callable[[], Component]) -> None:
-    part = make()
-    assert_as_declared(part, part.initialize(0, starts(part)))
-    for outputs in steps(part, 0, 3):
-        assert_as_declared(part, outputs)
+@pytest.mark.parametrize(
+    ("law", "broken", "said"),
+    [
+        (it_is_a_component, Lacking, "Lacking has no initialize, do_step, terminate"),
+        (names_of_ports_are_unique, lambda: FunctionComponent(outputs=[Y, Y]), "twice among y, y"),
+        (
+            outputs_are_as_declared_from_the_start_on,
+            lambda: FunctionComponent(outputs=[Y], start=lambda values: {}),
+            r"initialize returns \[\]; declared are \['y'\]",
+        ),
+        (
+            outputs_are_as_declared_from_the_start_on,
+            lambda: FunctionComponent(outputs=[Y], start=lambda values: {"y": np.zeros(3)}),
+            r"initialize returns y as \(\(3,\), 'float64'\)",
+        ),
+        (same_inputs_give_the_same_bits, lambda: counting(next(numbers)), "y differs from that of another one"),
+        (outputs_of_a_step_stay_as_they_were, counting, "y differs from that of the same arrays two steps later"),
+        (restored_component_goes_on_with_the_same_bits, counting, "FunctionComponent has no save"),
+    ],
+)
+def test_broken_law_is_told_in_words(law: Law, broken: Callable[[], Component], said: str) -> None:
+    with pytest.raises(AssertionError, match=said):
+        law(broken)
 
 
-def test_same_inputs_give_the_same_bits(make: Callable[[], Component]) -> None:
-    runs = []
-    for part in (make(), make()):
-        part.initialize(0, starts(part))
-        runs.append(steps(part, 0, 4))
-    assert_same(*runs)
-
-
-def test_restored_component_goes_on_with_the_same_bits(make: Callable[[], Component]) -> None:
-    part, other = make(), make()
-    for one in (part, other):
-        one.initialize(0, starts(one))
-    steps(part, 0, 2)
-    other.restore(part.save())  # type: ignore[attr-defined]
-    assert_same(steps(part, 2, 3), steps(other, 2, 3))
-
-
-def test_inputs_are_left_alone(make: Callable[[], Component]) -> None:
-    part = make()
-    part.initialize(0, starts(part))
-    inputs = starts(part)
-    for value in inputs.values():
-        value.setflags(write=False)
-    part.do_step(0, SECOND, inputs)
-
-
-def assert_same(left: list[Values], right: list[Values]) -> None:
-    for k, (one, other) in enumerate(zip(left, right, strict=True)):
-        for name in one.keys() - {"solve_time"}:
-            np.testing.assert_array_equal(one[name], other[name], err_msg=f"{name} at step {k}")
+def test_writing_into_an_input_is_caught() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        inputs_are_left_alone(writing)
