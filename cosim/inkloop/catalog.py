@@ -2,7 +2,8 @@
 
 A Python class takes part as `Class(job, *, option: type = default, ...)`: its options are checked against these
 annotations. It is named in the table below, by an entry point of the group "inkloop.components", or as
-"package.module:Class". The options of an FMU are its parameters, with a unit in the key where they have one.
+"package.module:Class". It is a component, or has a method `pattern` and becomes a controller that goes by it. The
+options of an FMU are its parameters, with a unit in the key where they have one.
 """
 
 from __future__ import annotations
@@ -18,9 +19,10 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from inkloop import fmu_options
-from inkloop.component import Component, Job
+from inkloop.component import MEMBERS, Component, Job
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.faults import nearest, sentence
+from inkloop.plain_plant import PlainPlant
 
 GROUP = "inkloop.components"
 FMU_MODELS = ("LayerDeposition", "ProfileSensor")
@@ -29,12 +31,16 @@ PYTHON_KINDS: Mapping[str, tuple[str, str]] = {
     "OpenLoop": ("inkloop_controller.component", "OpenLoopController"),
     "StochasticGreedy": ("inkloop_controller.component", "StochasticGreedyController"),
 }
+PLAIN_PLANT = "PlainPlant"
+"""The kind of a plant without the handshake; `plant` is the kind of the plant itself."""
+_RULE_CONTROLLER = ("inkloop_controller.pattern_rule", "rule_controller")
+_PORT_OPTIONS = ("pattern_input", "height_output")
 
 
 def make(kind: str, job: Job, options: Mapping[str, object]) -> Component:
     """The component of a kind, made for a job. Raises ScenarioError with everything wrong, FmuError."""
     if kind != "Fmu" and kind not in FMU_MODELS:
-        component, found = _make_python(kind, job, options)
+        component, found = _make_plain(job, options) if kind == PLAIN_PLANT else _make_python(kind, job, options)
         if component is not None:
             return component
         raise ScenarioError(kind, found)
@@ -47,7 +53,10 @@ def make(kind: str, job: Job, options: Mapping[str, object]) -> Component:
 def faults(kind: str, job: Job, options: Mapping[str, object]) -> list[str]:
     """Everything wrong with the options of a kind, one sentence each, each beginning with the key; starts nothing."""
     if kind != "Fmu" and kind not in FMU_MODELS:
-        return _make_python(kind, job, options)[1]
+        component, found = _make_plain(job, options) if kind == PLAIN_PLANT else _make_python(kind, job, options)
+        if component is not None:
+            component.terminate()
+        return found
     try:
         if kind == "Fmu":
             return fmu_options.faults_of_file(job, options)
@@ -60,7 +69,7 @@ def _make_python(kind: str, job: Job, options: Mapping[str, object]) -> tuple[Co
     """A Python component, or what is wrong; a ValueError of its constructor is a fault of the file."""
     try:
         factory = _load(kind)
-        component: Component = factory(job, **_validated(factory, options))
+        component = _component(kind, job, factory(job, **_validated(factory, options)))
     except ValidationError as error:
         return None, [sentence(detail, _options_table(factory)) for detail in error.errors()]
     except ValueError as error:
@@ -74,9 +83,47 @@ def _make_python(kind: str, job: Job, options: Mapping[str, object]) -> tuple[Co
     return component, []
 
 
+def _make_plain(job: Job, options: Mapping[str, object]) -> tuple[Component | None, list[str]]:
+    """A plant without the handshake in its adapter, or what is wrong."""
+    ports = {name: options[name] for name in _PORT_OPTIONS if name in options}
+    found = [
+        f"{name} is {value!r}; expected the name of a port"
+        for name, value in ports.items()
+        if not isinstance(value, str)
+    ]
+    kind = options.get("plant", "Fmu")
+    if not isinstance(kind, str) or kind == PLAIN_PLANT:
+        return None, [*found, f"plant is {kind!r}; expected a kind, such as 'Fmu' or 'package.module:Class'"]
+    inner = {name: value for name, value in options.items() if name not in ("plant", *_PORT_OPTIONS)}
+    if found := found + faults(kind, job, inner):
+        return None, found
+    try:
+        plant = make(kind, job, inner)
+    except FmuError as error:
+        return None, [f"plant is {kind!r}: {error}"]
+    try:
+        return PlainPlant(job, plant, **{name: str(value) for name, value in ports.items()}), []
+    except ValueError as error:
+        plant.terminate()
+        return None, [str(error)]
+
+
+def _component(kind: str, job: Job, made: Any) -> Component:
+    """What a class made, as a component. Raises ValueError if it is neither one nor a rule for patterns."""
+    if isinstance(made, Component):
+        return made
+    if callable(getattr(made, "pattern", None)):
+        module, name = _RULE_CONTROLLER
+        return typing.cast(Component, getattr(importlib.import_module(module), name)(job, made))
+    missing = [name for name in MEMBERS if not hasattr(made, name)]
+    raise ValueError(f"kind is {kind!r}, which has no {', '.join(missing)}; needs those, or a method pattern")
+
+
 def kinds() -> list[str]:
     """All kinds that can be named here and now, but for "package.module:Class"."""
-    return sorted({*FMU_MODELS, "Fmu", *PYTHON_KINDS, *(point.name for point in entry_points(group=GROUP))})
+    return sorted(
+        {*FMU_MODELS, "Fmu", PLAIN_PLANT, *PYTHON_KINDS, *(point.name for point in entry_points(group=GROUP))}
+    )
 
 
 def _load(kind: str) -> Callable[..., Any]:

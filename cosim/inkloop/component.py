@@ -77,6 +77,10 @@ class Component(Protocol):
         """Release everything; called exactly once, also after a failure."""
 
 
+MEMBERS = ("inputs", "outputs", "initialize", "do_step", "terminate")
+"""What a component has at least."""
+
+
 @runtime_checkable
 class Geometry(Protocol):
     """A part in space: which points belong to it. Coordinates in metres, origin at the centre of cell (0, 0)."""
@@ -105,7 +109,8 @@ class Job:
 
     target_height: (nx, ny) [m]; mask: (nx, ny), the part's cells, over which errors count and droplets may fall;
     inks: one per material; region: where material A belongs (None: one material everywhere);
-    passes: 1 or 4, with pass_order and pass_rotation as in LayerDeposition; seed: the component's own stream.
+    passes: 1 or 4, with pass_order and pass_rotation as in LayerDeposition; seed: the component's own stream;
+    height_start: (nx, ny) [m], the surface to print on (None: flat), for who prints; a controller is to measure it.
     """
 
     nx: int
@@ -119,3 +124,4 @@ class Job:
     pass_order: int = 1
     pass_rotation: int = 0
     seed: int = 0
+    height_start: FloatMap | None = None

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from tomlkit.exceptions import TOMLKitError
 
 from inkloop import catalog
-from inkloop.component import Component, Ink, Job
+from inkloop.component import Component, FloatMap, Ink, Job
 from inkloop.errors import ScenarioError
 from inkloop.event_options import read_events
 from inkloop.events import Event
@@ -76,7 +76,9 @@ class Scenario:
         x, y = cell_centers(grid.nx, grid.ny, grid.pitch)
         if self.tables.support is None:
             mask = geometry.contains(x, y, np.zeros_like(x))
+            top = geometry.top(x, y)
         else:
+            top = np.full_like(x, geometry.height)
             mask = np.zeros((grid.nx, grid.ny), dtype=np.bool_)
             margin = self.tables.support.margin_cells
             mask[margin : grid.nx - margin, margin : grid.ny - margin] = True
@@ -84,7 +86,7 @@ class Scenario:
             nx=grid.nx,
             ny=grid.ny,
             pitch=grid.pitch,
-            target_height=np.where(mask, geometry.height, 0.0),
+            target_height=np.where(mask, top, 0.0),
             mask=mask,
             inks=self._inks(),
             region=None if self.tables.support is None else geometry,
@@ -92,7 +94,14 @@ class Scenario:
             pass_order=PASS_ORDERS[process.pass_order],
             pass_rotation=process.pass_rotation,
             seed=component_seed(self.tables.seed, component),
+            height_start=self._height_start(),
         )
+
+    def _height_start(self) -> FloatMap | None:
+        grid, table = self.tables.grid, self.tables.substrate
+        if table is None:
+            return None
+        return table.substrate.height(grid.nx, grid.ny, grid.pitch, self.tables.seed)
 
     def _inks(self) -> tuple[Ink, ...]:
         inks = self.tables.ink
@@ -130,7 +139,7 @@ class Scenario:
     def _options(self, table: ComponentTable) -> dict[str, Any]:
         """The options of a component; the file of an FMU is looked for beside the scenario."""
         options = table.options
-        if table.kind == "Fmu" and isinstance(options.get("file"), str):
+        if table.kind in ("Fmu", catalog.PLAIN_PLANT) and isinstance(options.get("file"), str):
             options["file"] = str(Path(self.source).parent / options["file"])
         return options
 

@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import Component, Job, Port, Values
+from inkloop.component import MEMBERS, Component, Job, Port, Values
 
 SECOND = 1_000_000_000
 COUNTERS = ("layers_printed", "layers_scanned", "layer_command")
@@ -99,7 +99,6 @@ def restored_component_goes_on_with_the_same_bits(make: Maker) -> None:
         _check_same(_steps(part, 2, 3), _steps(other, 2, 3), "the restored one")
 
 
-MEMBERS = ("inputs", "outputs", "initialize", "do_step", "terminate")
 LAWS: tuple[Law, ...] = (
     it_is_a_component,
     names_of_ports_are_unique,

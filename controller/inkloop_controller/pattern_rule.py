@@ -1,0 +1,62 @@
+"""A controller from one function: the surface in, the pattern of the next layer out; the handshake is ours."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inkloop.component import FloatMap, Job
+from inkloop.errors import ComponentError
+from inkloop_controller.component import LayerController
+from inkloop_controller.core import IntMap
+from inkloop_controller.height_estimator import HeightEstimator
+from inkloop_controller.layer_model import LayerModel
+from inkloop_controller.layer_plan import LayerPlan, PlanStatus, layer_objective
+
+
+class PatternRule(Protocol):
+    """What a class needs to control the print."""
+
+    def pattern(self, height: FloatMap, layer: int) -> ArrayLike:
+        """The pattern (nx, ny) for the surface `height` (nx, ny) [m] after `layer` layers.
+
+        0 or False: nothing; 1 or True: material A; 2: material B. No droplet at all ends the print. Cells that the
+        sensor did not see have the height that the layer model predicts.
+        """
+
+
+class RulePlanner:
+    """A rule as a planner. Its objective is the mean error over the part that the layer model predicts [m]."""
+
+    def __init__(self, job: Job, rule: PatternRule) -> None:
+        self._job, self._rule, self._model = job, rule, LayerModel.of(job)
+
+    def plan(self, height: FloatMap, ink_scale: float, layer: int, last: IntMap) -> LayerPlan:
+        """What the rule says, DONE if that is nothing. Raises ComponentError for what is no pattern."""
+        pattern = self._checked(np.asarray(self._rule.pattern(height.copy(), layer)), layer)
+        status = PlanStatus.FIXED if pattern.any() else PlanStatus.DONE
+        predicted = self._model.scaled(ink_scale).layer(height, pattern, layer + 1)
+        objective = layer_objective(predicted, self._job.target_height, self._job.mask, 1.0)
+        return LayerPlan(pattern, objective, predicted, status, "rule")
+
+    def _checked(self, pattern: np.ndarray, layer: int) -> IntMap:
+        shape, inks = (self._job.nx, self._job.ny), len(self._job.inks)
+        place = f"the pattern for layer {layer + 1}"
+        if pattern.shape != shape:
+            raise ComponentError(f"{place} has shape {pattern.shape}; needs {shape}")
+        if pattern.dtype.kind not in "bui":
+            raise ComponentError(f"{place} is {pattern.dtype}; needs whole numbers or booleans")
+        wrong = np.argwhere((pattern < 0) | (pattern > inks))
+        if wrong.size:
+            i, j = (int(index) for index in wrong[0])
+            raise ComponentError(
+                f"{place} is {pattern[i, j]} in cell ({i}, {j}); needs 0 .. {inks}, the number of inks"
+            )
+        return pattern.astype(np.int32)
+
+
+def rule_controller(job: Job, rule: PatternRule) -> LayerController:
+    """The layer controller that goes by `rule`; it takes the nominal ink as known."""
+    return LayerController(job, RulePlanner(job, rule), HeightEstimator(job, adapt_ink=False))
