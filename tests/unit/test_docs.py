@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import os
 import re
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from pydantic import BaseModel
 from inkloop import catalog, schema
 from inkloop.cli import main
 from inkloop.result import Result
+from inkloop.testing import LAWS
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
@@ -33,20 +35,56 @@ def test_python_of_the_pages_runs(block: str) -> None:
     assert run.returncode == 0, run.stderr
 
 
-def test_controller_of_the_how_to_prints_the_cuboid(tmp_path: Path) -> None:
+def blocks_of_the_how_to(folder: Path) -> list[str]:
+    """Writes the modules of the page on components of one's own into a folder; its TOML."""
     page = (ROOT / "docs/how-to/bring-your-own-component.md").read_text()
-    code, table = (re.search(rf"```{kind}\n(.*?)```", page, re.DOTALL) for kind in ("python", "toml"))
-    assert code is not None
-    assert table is not None
-    (tmp_path / "threshold.py").write_text(code[1])
-    cuboid = (ROOT / "scenarios/cuboid.toml").read_text()
-    ours = re.search(r"\[components\.controller\]\n(?:\S.*\n)+", cuboid)
+    for name, code in re.findall(r"```python\n# (\w+\.py)\n(.*?)```", page, re.DOTALL):
+        (folder / name).write_text(code)
+    return re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+
+
+def cuboid_with(name: str, table: str, text: str) -> str:
+    """A scenario with another table of a component."""
+    ours = re.search(rf"\[components\.{name}\]\n(?:\S.*\n)+", text)
     assert ours is not None
-    (tmp_path / "mine.toml").write_text(cuboid.replace(ours[0], table[1]))
+    return text.replace(ours[0], table)
+
+
+@pytest.mark.parametrize("kind", ["threshold:Threshold", "threshold_by_hand:Threshold"])
+def test_controllers_of_the_how_to_print_the_cuboid(kind: str, tmp_path: Path) -> None:
+    table, *_ = blocks_of_the_how_to(tmp_path)
+    cuboid = (ROOT / "scenarios/cuboid.toml").read_text()
+    (tmp_path / "mine.toml").write_text(cuboid_with("controller", table.replace("threshold:Threshold", kind), cuboid))
     assert main(["run", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "run"), "--no-compare"]) == 0
     metrics = Result.load(tmp_path / "run").metrics()
     assert metrics["layers"] >= 3
     assert abs(metrics["mean_error"]) < 3e-6
+
+
+def test_plant_of_the_how_to_prints_the_cuboid_to_the_droplet(tmp_path: Path) -> None:
+    controller, printer, *_ = blocks_of_the_how_to(tmp_path)
+    cuboid = (ROOT / "scenarios/cuboid.toml").read_text()
+    (tmp_path / "mine.toml").write_text(cuboid_with("printer", printer, cuboid_with("controller", controller, cuboid)))
+    assert main(["run", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "run"), "--no-compare"]) == 0
+    metrics = Result.load(tmp_path / "run").metrics()
+    assert metrics["layers"] == 3
+    assert metrics["std"] < 1e-12
+    assert metrics["mean_error"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_laws_of_the_how_to_are_tested_as_it_says(tmp_path: Path) -> None:
+    blocks_of_the_how_to(tmp_path)
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_columns.py"]
+    run = subprocess.run(
+        command,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stdout
+    assert f"{len(LAWS)} passed" in run.stdout
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
