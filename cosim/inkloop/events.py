@@ -24,7 +24,7 @@ class Event:
     """A change to the port at `place` ("component.port"), in the port's unit and type.
 
     It begins with the layer that is commanded as `at_layer`, or with the first step that begins at `at_time_ns` or
-    later; one of the two is None. value: a scalar or an array of the port's shape; per_layer: what each further layer
+    later; one of the two is None. value: a scalar or an array of the port's shape, None for a reset; per_layer: what each further layer
     adds to it; cells: where, None: everywhere.
     """
 
@@ -44,10 +44,9 @@ class Event:
 
     def applied(self, value: NDArray[Any], original: NDArray[Any], layer: int) -> NDArray[Any]:
         """What becomes of `value`, which was `original` before all events."""
-        if self.action == "reset":
+        if self.action == "reset" or self.value is None:
             changed = original
         else:
-            assert self.value is not None
             change = self.value
             if self.per_layer is not None and self.at_layer is not None:
                 change = change + self.per_layer * (layer - self.at_layer)
