@@ -24,8 +24,8 @@ class Event:
     """A change to the port at `place` ("component.port"), in the port's unit and type.
 
     It begins with the layer that is commanded as `at_layer`, or with the first step that begins at `at_time_ns` or
-    later; one of the two is None. value: a scalar or an array of the port's shape, None for a reset; per_layer: what each further layer
-    adds to it; cells: where, None: everywhere.
+    later; one of the two is None. value: a scalar or an array of the port's shape, None for a reset; per_layer: what
+    each further layer adds to it; cells: where, None: everywhere.
     """
 
     place: str
