@@ -97,3 +97,40 @@ def test_two_inks_stay_where_the_part_says() -> None:
     assert {1, 2} <= set(np.unique(pattern))
     assert wrong.sum() / wanted_a.sum() < 0.04
     assert abs(result.metrics()["mean_error"]) * UM < 1.0
+
+
+def test_noise_of_the_sensor_makes_the_print_too_high() -> None:
+    """The controller fills what only looks low; an exact sensor shows it no such cell."""
+    noisy, exact = printed("noisy-sensor", 1).metrics(), printed("noisy-sensor", 1, "exact sensor").metrics()
+    assert noisy["mean_error"] < -1e-6
+    assert abs(exact["mean_error"]) < 0.3e-6
+    assert noisy["layers"] > exact["layers"]
+
+
+def test_four_passes_print_as_much_as_one_and_more_evenly() -> None:
+    four, one = printed("four-passes", 1).metrics(), printed("four-passes", 1, "one pass").metrics()
+    assert four["droplets"] == one["droplets"]
+    assert four["mean_error"] == pytest.approx(one["mean_error"], abs=0.1e-6)
+    assert four["std"] < one["std"]
+
+
+def test_uneven_substrate_is_not_seen_at_the_top() -> None:
+    uneven, flat = printed("uneven-start", 1), printed("cylinder", 1)
+    assert float(uneven.dataset.height[0].std()) > 10e-6
+    assert uneven.metrics()["std"] < 1.1 * flat.metrics()["std"]
+    assert printed("uneven-start", 1, "open loop").metrics()["std"] > 10e-6
+
+
+def test_every_step_of_the_staircase_ends_at_its_height() -> None:
+    run = printed("staircase", 1).dataset
+    for top in (40e-6, 80e-6, 120e-6, 160e-6, 200e-6):
+        step = np.isclose(run.target_height.values, top)
+        assert step.any()
+        assert float(run.height[-1].values[step].mean()) == pytest.approx(top, abs=2e-6)
+
+
+def test_error_of_the_closed_loop_does_not_grow_with_the_height() -> None:
+    tall, cylinder = printed("tall-cylinder", 1).metrics(), printed("cylinder", 1).metrics()
+    assert tall["mae"] < 1.2 * cylinder["mae"]
+    blind = [printed(name, 1, "open loop").metrics()["mean_error"] for name in ("cylinder", "tall-cylinder")]
+    assert blind[1] > 2 * blind[0]

@@ -14,27 +14,28 @@ from inkloop_controller.regions import materials, nominal_layer_height
 
 
 class OpenLoop:
-    """Full layers until the nominal height is reached; measured heights change nothing.
+    """Layers until the nominal height of each cell is reached; measured heights change nothing.
 
-    layers: how many; None: mean target height / height of a full layer, rounded. A cell's ink is chosen at the middle
-    of the layer's nominal position. Its objective is the mean error. Raises ValueError for a number below 0.
+    layers: how many on every cell; None: its target height / height of a full layer, rounded. A cell's ink is chosen
+    at the middle of the layer's nominal position. Its objective is the mean error. Raises ValueError for layers < 0.
     """
 
     def __init__(self, job: Job, *, layers: int | None = None) -> None:
         if layers is not None and layers < 0:
             raise ValueError(f"layers is {layers}; needs a whole number >= 0")
-        nominal = round(float(job.target_height[job.mask].mean()) / nominal_layer_height(job))
+        nominal = np.round(job.target_height / nominal_layer_height(job))
         self._job, self._model = job, LayerModel.of(job)
-        self._layers = nominal if layers is None else layers
+        self._layers = np.where(job.mask, nominal if layers is None else layers, 0)
 
     def plan(self, height: FloatMap, ink_scale: float, layer: int, last: IntMap) -> LayerPlan:
-        """A droplet on every cell of the part, DONE after the last layer."""
+        """A droplet on every cell of the part that is to be higher, DONE after the last layer."""
         job = self._job
-        if layer >= self._layers:
+        lacking = layer < self._layers
+        if not lacking.any():
             objective = layer_objective(height, job.target_height, job.mask, 1.0)
             return LayerPlan(np.zeros_like(last), objective, height, PlanStatus.DONE, "nothing")
         nominal_surface = np.full(height.shape, layer * nominal_layer_height(job))
-        pattern = np.where(job.mask, 1 + materials(job, nominal_surface, "middle"), 0).astype(np.int32)
+        pattern = np.where(lacking, 1 + materials(job, nominal_surface, "middle"), 0).astype(np.int32)
         predicted = self._model.scaled(ink_scale).layer(height, pattern, layer + 1)
         objective = layer_objective(predicted, job.target_height, job.mask, 1.0)
         return LayerPlan(pattern, objective, predicted, PlanStatus.FIXED, "everything")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from inkloop.errors import FmuError
 from inkloop.export import export, find_fmu
 from inkloop.faults import nearest
 from inkloop.fmu import FmuComponent, FmuDescription, Variable, describe
+from inkloop.presets import PRESETS, preset_of
 from inkloop.units import missing_suffix, scaled, spellings
 
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
@@ -32,13 +33,13 @@ def faults_of_model(model: str, job: Job, options: Mapping[str, object]) -> list
     """Everything wrong with the options of one of our FMUs. Raises FmuError if it is not there."""
     form = options.get("fmi", FORMS[0])
     wrong = [] if form in FORMS else [f"fmi is {form!r}; expected one of {', '.join(FORMS)}"]
-    return wrong + _parse(describe(find_fmu(model, "fmi3")), job, _without(options, "fmi"), ("fmi",)).faults
+    return wrong + _parse_model(model, job, options).faults
 
 
 def make_model(model: str, job: Job, options: Mapping[str, object]) -> FmuComponent:
     """One of our FMUs, with faultless options; where its grid is fixed to another size, one made for the job."""
     form = str(options.get("fmi", FORMS[0]))
-    parsed = _parse(describe(find_fmu(model, "fmi3")), job, _without(options, "fmi"), ("fmi",))
+    parsed = _parse_model(model, job, options)
     found = find_fmu(model, form)
     sizes = parsed.structural
     if form == "fmi3" or describe(found).grid == (sizes["nx"], sizes["ny"]):
@@ -61,6 +62,15 @@ def make_from_file(job: Job, options: Mapping[str, object]) -> FmuComponent:
     description = describe(str(options["file"]))
     parsed = _parse(description, job, _without(options, "file"), ("file",))
     return FmuComponent(description.path, parameters=parsed.parameters, structural=parsed.structural)
+
+
+def _parse_model(model: str, job: Job, options: Mapping[str, object]) -> _Parsed:
+    """The options of one of our FMUs; a preset stands where the table says nothing."""
+    preset, wrong = preset_of(model, options.get("preset"))
+    own_keys = ("fmi", "preset") if model in PRESETS else ("fmi",)
+    parameters = _without(options, "fmi", "preset")
+    parsed = _parse(describe(find_fmu(model, "fmi3")), job, parameters, own_keys)
+    return replace(parsed, parameters={**preset, **parsed.parameters}, faults=wrong + parsed.faults)
 
 
 def _parse(
@@ -112,8 +122,9 @@ def _told_by_job(job: Job) -> dict[str, Any]:
     inks = {f"h{order}_{letter}": getattr(ink, f"h{order}")
             for letter, ink in zip("ab", job.inks, strict=False) for order in (1, 2, 3)}  # fmt: skip
     told = ("nx", "ny", "pitch", "passes", "pass_order", "pass_rotation", "seed")
-    return {name: getattr(job, name) for name in told} | inks
+    surface = {} if job.height_start is None else {"height_start": job.height_start}
+    return {name: getattr(job, name) for name in told} | inks | surface
 
 
-def _without(options: Mapping[str, object], key: str) -> dict[str, object]:
-    return {name: value for name, value in options.items() if name != key}
+def _without(options: Mapping[str, object], *keys: str) -> dict[str, object]:
+    return {name: value for name, value in options.items() if name not in keys}

@@ -18,11 +18,14 @@ TOLERANCE_M = 1e-12
 
 
 class Shape(Geometry, Protocol):
-    """A geometry that rests on the substrate and has a flat top."""
+    """A geometry that rests on the substrate."""
 
     @property
     def height(self) -> float:
-        """Height of the top over the substrate [m]."""
+        """Height of its highest point over the substrate [m]."""
+
+    def top(self, x: FloatMap, y: FloatMap) -> FloatMap:
+        """Height of the top over the substrate at (x, y), within the footprint [m]."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,10 @@ class Cylinder:
         """True where (x, y, z) [m] lies in the cylinder."""
         distance = np.hypot(x - self.center_x, y - self.center_y)
         return (distance <= self.radius + TOLERANCE_M) & _between(z, 0.0, self.height)
+
+    def top(self, x: FloatMap, y: FloatMap) -> FloatMap:
+        """Flat [m]."""
+        return np.full_like(x, self.height)
 
 
 @dataclass(frozen=True)
@@ -55,6 +62,34 @@ class Cuboid:
         inside_x = np.abs(x - self.center_x) <= self.size_x / 2 + TOLERANCE_M
         inside_y = np.abs(y - self.center_y) <= self.size_y / 2 + TOLERANCE_M
         return inside_x & inside_y & _between(z, 0.0, self.height)
+
+    def top(self, x: FloatMap, y: FloatMap) -> FloatMap:
+        """Flat [m]."""
+        return np.full_like(x, self.height)
+
+
+@dataclass(frozen=True)
+class Staircase:
+    """Steps of equal height and width that rise along x: centre of the base, edges of the base, height [m]."""
+
+    center_x: float
+    center_y: float
+    size_x: float
+    size_y: float
+    steps: int
+    height: float
+
+    def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
+        """True where (x, y, z) [m] lies in the staircase."""
+        inside_x = np.abs(x - self.center_x) <= self.size_x / 2 + TOLERANCE_M
+        inside_y = np.abs(y - self.center_y) <= self.size_y / 2 + TOLERANCE_M
+        return inside_x & inside_y & _between(z, 0.0, self.top(x, y))
+
+    def top(self, x: FloatMap, y: FloatMap) -> FloatMap:
+        """The step at x [m]; a point on an edge belongs to the lower step."""
+        along = (x - self.center_x + self.size_x / 2 - TOLERANCE_M) / self.size_x
+        step = np.clip(np.ceil(along * self.steps), 1, self.steps)
+        return np.asarray(step * self.height / self.steps)
 
 
 @dataclass(frozen=True)
@@ -81,6 +116,10 @@ class PipeJunction:
         inner |= self._in_pipe(along_y, z, self.inner_across, self.inner_upright)
         return outer & ~inner
 
+    def top(self, x: FloatMap, y: FloatMap) -> FloatMap:
+        """Flat [m]."""
+        return np.full_like(x, self.height)
+
     def _in_pipe(self, across: FloatMap, z: FloatMap, half_across: float, half_upright: float) -> BoolMap:
         upright = z - self.height / 2
         inside: BoolMap = (across / half_across) ** 2 + (upright / half_upright) ** 2 <= 1.0 + 1e-9
@@ -93,5 +132,5 @@ def cell_centers(nx: int, ny: int, pitch: float) -> tuple[FloatMap, FloatMap]:
     return x, y
 
 
-def _between(z: FloatMap, low: float, high: float) -> BoolMap:
+def _between(z: FloatMap, low: float, high: float | FloatMap) -> BoolMap:
     return (z >= low - TOLERANCE_M) & (z <= high + TOLERANCE_M)

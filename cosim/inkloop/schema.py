@@ -11,7 +11,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from inkloop.component import Ink
-from inkloop.geometry import Cuboid, Cylinder, PipeJunction, Shape
+from inkloop.geometry import Cuboid, Cylinder, PipeJunction, Shape, Staircase
+from inkloop.substrate import Substrate
 
 UM = 1e-6
 Length = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -80,6 +81,20 @@ class CuboidTable(PartTable):
         return Cuboid(*self._center(grid), self.size_x_um * UM, self.size_y_um * UM, self.height_um * UM)
 
 
+class StaircaseTable(PartTable):
+    """`[part]` with `shape = "staircase"`: steps of equal width that rise along x to the full height."""
+
+    shape: Literal["staircase"]
+    size_x_um: Length = Field(description="edge along x, all steps together")
+    size_y_um: Length = Field(description="edge along y")
+    steps: int = Field(ge=1, description="number of steps")
+
+    def geometry(self, grid: Grid) -> Shape:
+        """The part in space."""
+        edges = self.size_x_um * UM, self.size_y_um * UM
+        return Staircase(*self._center(grid), *edges, self.steps, self.height_um * UM)
+
+
 class PipeJunctionTable(PartTable):
     """`[part]` with `shape = "pipe-junction"`: two elliptic pipes along x and y at half the height."""
 
@@ -99,6 +114,25 @@ class PipeJunctionTable(PartTable):
             inner_upright=self.inner_upright_um * UM,
             height=self.height_um * UM,
         )
+
+
+class SubstrateTable(Table):
+    """`[substrate]`: the surface to print on, over its lowest cell; only the printer is told."""
+
+    tilt_x: Position = Field(default=0.0, description="slope along x")
+    tilt_y: Position = Field(default=0.0, description="slope along y")
+    step_um: Position = Field(default=0.0, description="height of a step up, along the middle of the grid in x")
+    wave_um: float = Field(default=0.0, ge=0.0, allow_inf_nan=False, description="amplitude of an egg-box wave")
+    wavelength_um: Length = Field(default=5000.0, description="wavelength of the wave along x and along y")
+    roughness_um: float = Field(
+        default=0.0, ge=0.0, allow_inf_nan=False, description="standard deviation of a cell, drawn from the seed"
+    )
+
+    @property
+    def substrate(self) -> Substrate:
+        """The surface in SI."""
+        lengths = (self.step_um, self.wave_um, self.wavelength_um, self.roughness_um)
+        return Substrate(self.tilt_x, self.tilt_y, *(length * UM for length in lengths))
 
 
 class Support(Table):
@@ -226,7 +260,8 @@ class ScenarioFile(Table):
     label: str = Field(default="this run", description="short name of the run in the table and in legends")
     seed: int = Field(default=0, ge=0, le=2**31 - 1)
     grid: Grid
-    part: Annotated[CylinderTable | CuboidTable | PipeJunctionTable, Field(discriminator="shape")]
+    part: Annotated[CylinderTable | CuboidTable | StaircaseTable | PipeJunctionTable, Field(discriminator="shape")]
+    substrate: SubstrateTable | None = None
     support: Support | None = None
     ink: Inks = Inks()
     process: Process = Process()

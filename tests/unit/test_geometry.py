@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inkloop.geometry import Cuboid, Cylinder, PipeJunction, cell_centers
+from inkloop.geometry import Cuboid, Cylinder, PipeJunction, Staircase, cell_centers
 
 PITCH = 263.256e-6
 
@@ -43,3 +43,19 @@ def test_pipe_junction_is_the_same_along_x_and_y() -> None:
     pipes = PipeJunction(0.0, 0.0, 20e-4, 180e-6, 13e-4, 117e-6, 400e-6)
     x, y, z = np.random.default_rng(1).uniform(0, 30e-4, (3, 1000)) * np.array([[1.0], [1.0], [0.13]])
     np.testing.assert_array_equal(pipes.contains(x, y, z), pipes.contains(y, x, z))
+
+
+def test_steps_of_a_staircase_are_equally_wide_and_high() -> None:
+    x, y = cell_centers(12, 5, PITCH)
+    stairs = Staircase(5.5 * PITCH, 2.0 * PITCH, 8 * PITCH, 3 * PITCH, 4, 200e-6)
+    top = np.where(stairs.contains(x, y, np.zeros_like(x)), stairs.top(x, y), 0.0)
+    np.testing.assert_allclose(top[:, 2] * 1e6, [0, 0, 50, 50, 100, 100, 150, 150, 200, 200, 0, 0])
+    assert not stairs.contains(x, y, stairs.top(x, y) + 1e-6).any()
+
+
+@pytest.mark.parametrize("edge", [-2.0, 0.0, 2.0])
+def test_edge_of_a_step_belongs_to_the_lower_step(edge: float) -> None:
+    stairs = Staircase(0.0, 0.0, 8e-3, 1e-3, 4, 200e-6)
+    at = np.array([edge * 1e-3, edge * 1e-3 + 1e-6])
+    below, above = stairs.top(at, np.zeros(2))
+    assert above - below == pytest.approx(50e-6)

@@ -60,7 +60,7 @@ def test_good_file_becomes_a_job_in_si(tmp_path: Path) -> None:
         ("height_um = 22.8", "height_um = nan", "part.height_um is nan"),
         ("height_um = 22.8", "height_um = -1.0", "part.height_um is -1.0"),
         ("height_um", "hight_um", "did you mean height_um?"),
-        ('"cuboid"', '"cone"', "part.shape is 'cone'; expected one of cylinder, cuboid, pipe-junction"),
+        ('"cuboid"', '"cone"', "part.shape is 'cone'; expected one of cylinder, cuboid, staircase, pipe-junction"),
         ('shape = "cuboid"', "", "part.shape is missing"),
         ("size_x_um = 1316.28", "size_x_um = 13162.8", "part reaches beyond the grid"),
         ("size_x_um = 1316.28", "size_x_um = 1316.28\ncenter_x_um = -9e6", "part covers no cell"),
