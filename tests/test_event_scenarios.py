@@ -1,4 +1,4 @@
-"""What the scenarios with events promise, and a sensor that goes blind in places."""
+"""What the scenarios promise in which something goes wrong, and a sensor that goes blind in places."""
 
 from __future__ import annotations
 
@@ -73,9 +73,9 @@ def test_tilted_substrate_shows_in_the_top_of_the_open_loop_only(seed: int) -> N
     closed, blind = printed("tilted-substrate", seed), printed("tilted-substrate", seed, "open loop")
     mask = closed.dataset["mask"].values
     tilt = 0.004 * 263.256
-    for result, expected in ((closed, 0.0), (blind, tilt)):
-        assert slope_x(result.dataset["height"].values[0], mask) == pytest.approx(tilt, rel=1e-6)
-        assert slope_x(result.final_height.values, mask) == pytest.approx(expected, abs=0.05)
+    assert slope_x(closed.dataset["height"].values[0], mask) == pytest.approx(tilt, rel=1e-6)
+    assert 0.8 * tilt < slope_x(blind.final_height.values, mask) < tilt
+    assert slope_x(closed.final_height.values, mask) == pytest.approx(0.0, abs=0.03)
     assert closed.metrics()["std"] * UM <= 1.5
 
 
