@@ -13,15 +13,20 @@ _COMMON = 'modelName="Amplifier" description="Foreign FMU" generationTool="gcc" 
 _MODES = '<Item name="plain" value="1"/><Item name="squared" value="2"/>'
 
 
-def build(folder: Path, fmi: int, *, element_missing: bool = False, platform: str | None = None) -> Path:
-    """Compile and pack; `element_missing` leaves a hole in the FMI 2 arrays, `platform` says where the binary goes."""
-    library = folder / f"amplifier{fmi}.so"
+def build(
+    folder: Path, fmi: int, *, element_missing: bool = False, platform: str | None = None, crashes: bool = False
+) -> Path:
+    """Compile and pack; `element_missing` leaves a hole in the FMI 2 arrays, `platform` says where the binary goes.
+
+    With `crashes` a step aborts the process.
+    """
+    library = folder / f"amplifier{fmi}{'-crashes' if crashes else ''}.so"
     if not library.exists():
-        warnings = ("-Wall", "-Wextra", "-Werror")
+        flags = ("-Wall", "-Wextra", "-Werror", *(["-DCRASHES"] if crashes else []))
         subprocess.run(
-            ["gcc", "-std=c11", *warnings, f"-DFMI={fmi}", "-shared", "-fPIC", SOURCE, "-o", library], check=True
+            ["gcc", "-std=c11", *flags, f"-DFMI={fmi}", "-shared", "-fPIC", SOURCE, "-o", library], check=True
         )
-    path = folder / f"amplifier{fmi}{'-hole' if element_missing else ''}{platform or ''}.fmu"
+    path = folder / f"{library.stem}{'-hole' if element_missing else ''}{platform or ''}.fmu"
     place = platform or (fmpy.platform if fmi == 2 else fmpy.platform_tuple)
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", _fmi2(element_missing) if fmi == 2 else _fmi3())

@@ -12,15 +12,19 @@ from rich.console import Console
 from inkloop import __version__, fmu, report
 from inkloop.errors import InkloopError
 from inkloop.export import export
+from inkloop.isolation import run_isolated
 from inkloop.run import run
 from inkloop.scenario import Scenario
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; 0 when it did what was asked, 1 when it could not, 130 when it was interrupted."""
-    options = _parser().parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    options = _parser().parse_args(words)
     console = Console(width=None if sys.stdout.isatty() else 120)
     try:
+        if getattr(options, "isolate", False):
+            return run_isolated([word for word in words if word != "--isolate"])
         return int(options.command(options, console))
     except InkloopError as error:
         print(error, file=sys.stderr)
@@ -39,6 +43,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_scenario(print_it)
     print_it.add_argument("--out", type=Path, metavar="DIR", help="run folder (default: runs/NAME, never overwritten)")
     print_it.add_argument("--no-compare", action="store_true", help="leave out the scenario's comparison runs")
+    print_it.add_argument(
+        "--isolate", action="store_true", help="print in a process of its own, so that a crashing FMU ends in words"
+    )
     print_it.set_defaults(command=_run)
 
     validate = commands.add_parser("validate", help="check a scenario and name every fault")

@@ -19,7 +19,7 @@ from inkloop.errors import ComponentError, ScenarioError
 from inkloop.events import Event, Manipulator
 from inkloop.interrupt import deferred
 from inkloop.pacing import Pacing
-from inkloop.wiring import Connection, check, feeds
+from inkloop.wiring import Connection, check, feeds, without_start
 
 Algorithm = Literal["gauss-seidel", "jacobi"]
 StopReason = Literal["done", "layers_max", "time_max", "fault", "interrupted"]
@@ -129,7 +129,10 @@ class Master:
         return {name: ns * 1e-9 for name, ns in self._wall_ns.items()} | {"master": (total - sum(parts)) * 1e-9}
 
     def _initialize(self) -> None:
-        for name in self._initial_order():
+        order = self._initial_order()
+        for k, name in enumerate(order):
+            if fault := without_start(name, self._feeds, self._outputs, order[:k]):
+                raise ComponentError(fault)
             begin = perf_counter_ns()
             try:
                 outputs = self._components[name].initialize(0, self._gather(name, self._outputs, 0))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import Component, Port
+from inkloop.component import Component, Port, Values
 from inkloop.faults import nearest
 from inkloop.units import conversion
 
@@ -97,6 +97,21 @@ def feeds(
         transfer = Transfer.of(connection, outputs[connection.source], inputs[connection.target])
         found[target].append((port, *connection.source_parts, transfer))
     return found
+
+
+Feeds: TypeAlias = Mapping[str, Sequence[tuple[str, str, str, Transfer]]]
+"""What `feeds` gives."""
+
+
+def without_start(name: str, feeds: Feeds, outputs: Mapping[str, Values], ready: Container[str]) -> str | None:
+    """What keeps a component from being initialized: it stands in a loop and is fed an output without start value."""
+    for port, source, output, _ in feeds[name]:
+        if source not in ready and not np.isfinite(outputs[source][output]).all():
+            return (
+                f"{name}.{port} stands in a loop with {source}.{output}, which has no start value (it is not finite); "
+                f"give the port a start, or put {source} before {name} in the scenario"
+            )
+    return None
 
 
 def check(components: Mapping[str, Component], connections: Sequence[Connection]) -> list[str]:

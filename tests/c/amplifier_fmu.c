@@ -1,6 +1,6 @@
 /* A foreign FMU for tests: y = gain * x (mode 2: squared), count = steps so far, high = y > 1; refuses x < 0.
  *
- * Compiled with -DFMI=2 (three cells) or -DFMI=3 (n cells, structural). It shares nothing with the FMUs of this
+ * Compiled with -DFMI=2 (three cells) or -DFMI=3 (n cells, structural); with -DCRASHES a step aborts the process. It shares nothing with the FMUs of this
  * project and writes out the signatures of the standard that it needs, so that it stands for somebody else's work. */
 #include <stdbool.h>
 #include <stddef.h>
@@ -58,6 +58,9 @@ static int step(Instance *instance, double size) {
     State *state = &instance->state;
     if (size > 1000.0)
         return refuse(instance, size > 1e6 ? FATAL : ERROR, "step is too long");
+#ifdef CRASHES
+    abort();
+#endif
     for (size_t i = 0; i < state->n; i++) {
         const double y = state->on ? state->gain * state->x[i] : 0.0;
         state->y[i] = state->mode == 2 ? y * y : y;
