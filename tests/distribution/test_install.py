@@ -1,0 +1,64 @@
+"""A user who has only the package can print: from a wheel, from a source distribution, from an editable install."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+
+import pytest
+
+from inkloop import __version__
+from inkloop.result import Result
+
+ROOT = Path(__file__).parents[2]
+PIP = (sys._base_executable, "-m", "pip", "--disable-pip-version-check", "--quiet")  # type: ignore[attr-defined]
+pytestmark = pytest.mark.long
+
+
+def call(*command: str | Path, cwd: Path) -> str:
+    """What a command prints; fails with its errors."""
+    run = subprocess.run([*command], cwd=cwd, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stdout + run.stderr
+    return run.stdout
+
+
+@pytest.fixture(scope="module")
+def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A source distribution of the working tree."""
+    folder = tmp_path_factory.mktemp("sdist")
+    code = "import sys; from scikit_build_core.build import build_sdist; print(build_sdist(sys.argv[1]))"
+    name = call(sys.executable, "-c", code, folder, cwd=ROOT).splitlines()[-1]
+    return folder / name
+
+
+def target(way: str, sdist: Path, folder: Path) -> list[str | Path]:
+    """What pip is told to install; built below `folder`."""
+    if way == "editable":
+        with tarfile.open(sdist) as archive:
+            archive.extractall(folder, filter="data")
+        return ["--editable", folder / sdist.name.removesuffix(".tar.gz")]
+    source = sdist if way == "wheel of sdist" else ROOT
+    build_folder = f"--config-settings=build-dir={folder / 'build'}"  # leaves the one of the working tree alone
+    call(*PIP, "wheel", "--no-deps", "--wheel-dir", folder / "dist", build_folder, source, cwd=folder)
+    (wheel,) = (folder / "dist").glob("inkloop-*.whl")
+    assert "py3-none" in wheel.name
+    return [wheel]
+
+
+@pytest.mark.parametrize("way", ["wheel", "wheel of sdist", "editable"])
+def test_clean_environment_prints_from_another_folder(way: str, sdist: Path, tmp_path: Path) -> None:
+    call(sys._base_executable, "-m", "venv", "--without-pip", tmp_path / "venv", cwd=tmp_path)  # type: ignore[attr-defined]
+    bin_folder = tmp_path / "venv" / "bin"
+    call(*PIP, "--python", bin_folder / "python", "install", *target(way, sdist, tmp_path), cwd=tmp_path)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "mine.toml").write_text((ROOT / "scenarios" / "cuboid.toml").read_text("utf-8"), encoding="utf-8")
+    assert call(bin_folder / "inkloop", "--version", cwd=elsewhere).split() == ["inkloop", __version__]
+    code = "import inkloop_fmus, inkloop.export as e; print(e.find_fmu('LayerDeposition', 'fmi2').resolve())"
+    fmu = Path(call(bin_folder / "python", "-c", code, cwd=elsewhere).strip())
+    assert tmp_path in fmu.parents
+    assert "made by    inkloop" in call(bin_folder / "inkloop", "info", fmu, cwd=elsewhere)
+    call(bin_folder / "inkloop", "run", "mine.toml", "--out", "run", cwd=elsewhere)
+    assert Result.load(elsewhere / "run").metrics()["layers"] >= 3

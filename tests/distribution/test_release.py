@@ -1,0 +1,61 @@
+"""A release says one version, one licence and its sources, wherever it says them."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from inkloop import __version__
+from inkloop.export import find_fmu
+from inkloop.fmu import describe
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+CITATION = (ROOT / "CITATION.cff").read_text("utf-8")
+
+
+def cited(key: str) -> list[str]:
+    """Values of a key of CITATION.cff, at any depth."""
+    return re.findall(rf"^ *(?:- )?{key}: (.+)$", CITATION, re.MULTILINE)
+
+
+def test_package_is_of_the_version_that_the_project_names() -> None:
+    assert PROJECT["version"] == __version__
+
+
+@pytest.mark.parametrize("form", ["fmi2", "fmi3", "fmi3-fixed"])
+@pytest.mark.parametrize("model", ["LayerDeposition", "ProfileSensor"])
+def test_fmu_is_of_the_version_and_licence_of_the_project(model: str, form: str) -> None:
+    description = describe(find_fmu(model, form))
+    assert (description.version, description.license) == (PROJECT["version"], PROJECT["license"])
+
+
+def test_version_is_written_once_for_the_build() -> None:
+    assert "VERSION ${SKBUILD_PROJECT_VERSION}" in (ROOT / "CMakeLists.txt").read_text("utf-8")
+
+
+def test_citation_is_of_the_version_and_licence_of_the_project() -> None:
+    assert cited("version") == [PROJECT["version"]]
+    assert cited("license") == [PROJECT["license"]]
+    assert cited("title")[0] == PROJECT["name"]
+
+
+def test_citation_is_plain_yaml_with_the_keys_that_the_format_requires() -> None:
+    top = {line.partition(":")[0] for line in CITATION.splitlines() if re.match(r"[a-z]", line)}
+    assert top >= {"cff-version", "message", "title", "authors"}
+    assert all(re.fullmatch(r" *(- )?([a-z-]+:( [^:#]+)?|[^:#]+)", line) for line in CITATION.splitlines())
+
+
+def test_citation_names_the_papers_with_authors_and_year() -> None:
+    references = CITATION.partition("references:")[2].split("- type: article")[1:]
+    families = [re.findall(r"family-names: (\w+)", reference) for reference in references]
+    assert families == [["Lu", "Zheng", "Mishra"], ["Hume", "Rosen"], ["Wu", "Chiu"]]
+    assert [re.findall(r"year: (\d{4})", reference) for reference in references] == [["2015"], ["2018"], ["2024"]]
+
+
+def test_changelog_has_a_place_for_what_comes() -> None:
+    headings = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
+    assert headings[0] == "Unreleased" or headings[0].startswith(PROJECT["version"])
