@@ -119,6 +119,11 @@ def _component(kind: str, job: Job, made: Any) -> Component:
     raise ValueError(f"kind is {kind!r}, which has no {', '.join(missing)}; needs those, or a method pattern")
 
 
+def python_options(kind: str) -> type[BaseModel]:
+    """The options of a Python kind as a table. Raises LookupError, ImportError and AttributeError from loading."""
+    return _options_table(_load(kind))
+
+
 def kinds() -> list[str]:
     """All kinds that can be named here and now, but for "package.module:Class"."""
     return sorted(

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 
-from inkloop import __version__, fmu, report
+from inkloop import __version__, fmu, report, template
 from inkloop.errors import InkloopError
 from inkloop.export import export
+from inkloop.files import write_text
 from inkloop.isolation import run_isolated
-from inkloop.run import run
+from inkloop.json_schema import scenario_schema
+from inkloop.run import resume, run, scenario_file
 from inkloop.scenario import Scenario
 
 
@@ -48,6 +51,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     print_it.set_defaults(command=_run)
 
+    go_on = commands.add_parser("resume", help="go on with a run after its last layer, however it was stopped")
+    go_on.add_argument("run", type=Path, metavar="RUN")
+    go_on.set_defaults(command=_resume)
+
     validate = commands.add_parser("validate", help="check a scenario and name every fault")
     _add_scenario(validate)
     validate.set_defaults(command=_validate)
@@ -55,6 +62,21 @@ def _parser() -> argparse.ArgumentParser:
     again = commands.add_parser("report", help="make table and pictures of a run folder again")
     again.add_argument("run", type=Path, metavar="RUN")
     again.set_defaults(command=_report)
+
+    compare = commands.add_parser("compare", help="put several runs of one grid into one table and one picture")
+    compare.add_argument("runs", type=Path, nargs="+", metavar="RUN")
+    compare.add_argument("--out", type=Path, default=Path("compare.png"), metavar="FILE",
+                         help="picture to write (default: compare.png)")  # fmt: skip
+    compare.set_defaults(command=_compare)
+
+    new = commands.add_parser("new", help="write a commented scenario to start from")
+    new.add_argument("name", type=Path, metavar="NAME", help="writes NAME.toml")
+    new.add_argument("--shape", choices=tuple(template.PARTS), default="cylinder", help="default: cylinder")
+    new.set_defaults(command=_new)
+
+    schema = commands.add_parser("schema", help="print the JSON Schema of scenario files, for editors")
+    schema.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: print it)")
+    schema.set_defaults(command=_schema)
 
     write = commands.add_parser("export", help="write one of our FMUs for a grid")
     write.add_argument("model", metavar="MODEL", help="LayerDeposition or ProfileSensor")
@@ -67,8 +89,8 @@ def _parser() -> argparse.ArgumentParser:
     write.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: MODEL.fmu)")
     write.set_defaults(command=_export)
 
-    info = commands.add_parser("info", help="show what an FMU is and offers")
-    info.add_argument("fmu", type=Path, metavar="FMU")
+    info = commands.add_parser("info", help="show what an FMU is and offers, or how a run came about and ended")
+    info.add_argument("path", type=Path, metavar="FMU|RUN", help="an .fmu file or a run folder")
     info.set_defaults(command=_info)
     return parser
 
@@ -89,6 +111,11 @@ def _run(options: argparse.Namespace, console: Console) -> int:
     return run(_scenario(options), options.out, console, compare=not options.no_compare)
 
 
+def _resume(options: argparse.Namespace, console: Console) -> int:
+    sys.path.append(str(scenario_file(options.run).parent))
+    return resume(options.run, console)
+
+
 def _validate(options: argparse.Namespace, console: Console) -> int:
     scenario = _scenario(options)
     grid = scenario.tables.grid
@@ -103,6 +130,28 @@ def _report(options: argparse.Namespace, console: Console) -> int:
     return 0
 
 
+def _compare(options: argparse.Namespace, console: Console) -> int:
+    console.print(report.compare(options.runs, options.out))
+    console.print(f"wrote {options.out}", highlight=False)
+    return 0
+
+
+def _new(options: argparse.Namespace, console: Console) -> int:
+    path = template.write(options.name, options.shape)
+    console.print(f"wrote {path}; inkloop run {path} prints it", highlight=False)
+    return 0
+
+
+def _schema(options: argparse.Namespace, console: Console) -> int:
+    text = json.dumps(scenario_schema(), indent=2)
+    if options.out is None:
+        print(text)
+    else:
+        write_text(options.out, text + "\n")
+        console.print(f"wrote {options.out}", highlight=False)
+    return 0
+
+
 def _export(options: argparse.Namespace, console: Console) -> int:
     path = export(options.model, fmi=options.fmi, nx=options.nx, ny=options.ny, fixed=options.fixed,
                   out=options.out or Path(f"{options.model}.fmu"))  # fmt: skip
@@ -111,6 +160,7 @@ def _export(options: argparse.Namespace, console: Console) -> int:
 
 
 def _info(options: argparse.Namespace, console: Console) -> int:
-    for line in fmu.describe(options.fmu).lines():
+    lines = report.lines(options.path) if options.path.is_dir() else fmu.describe(options.path).lines()
+    for line in lines:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     return 0

@@ -121,11 +121,8 @@ def error_map(run: xr.Dataset, name: str) -> Figure:
     limit = max(float(np.nanquantile(np.abs(error), 0.99)), 1e-3)
     figure = _figure(3.2)
     plane, counts = figure.subplots(1, 2, width_ratios=(3, 2))
-    half = float(run.attrs["pitch"]) / 2 * MM
-    x, y = run.x.values * MM, run.y.values * MM
-    extent = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
-    image = plane.imshow(error.T, origin="lower", extent=extent, interpolation="nearest", cmap="RdBu_r", vmin=-limit,
-                         vmax=limit)  # fmt: skip
+    image = plane.imshow(error.T, origin="lower", extent=_extent(run), interpolation="nearest", cmap="RdBu_r",
+                         vmin=-limit, vmax=limit)  # fmt: skip
     figure.colorbar(image, ax=plane, label="height - target [µm]", extend="both")
     plane.set(xlabel="x [mm]", ylabel="y [mm]", title=f"{name}: {_figures(run)}")
     counts.hist(error[~np.isnan(error)], bins=30, color=COLOURS[0])
@@ -180,6 +177,39 @@ def materials(run: xr.Dataset, name: str) -> Figure:
     return figure
 
 
+def comparison(runs: Runs, wall_s: Mapping[str, float]) -> Figure:
+    """Final error maps on one scale; below them error, unevenness and droplets by layer, and the wall time of each."""
+    errors = {name: _error(run) for name, run in runs.items()}
+    limit = max(1e-3, *(float(np.nanquantile(np.abs(error), 0.99)) for error in errors.values()))
+    figure = _figure(5.0)
+    above, below = np.ravel(np.asarray(figure.subfigures(2, 1), dtype=object))
+    maps = above.subplots(1, len(runs), squeeze=False)[0]
+    for axes, (name, run) in zip(maps, runs.items(), strict=True):
+        image = axes.imshow(errors[name].T, origin="lower", extent=_extent(run), interpolation="nearest",
+                            cmap="RdBu_r", vmin=-limit, vmax=limit)  # fmt: skip
+        axes.set(xlabel="x [mm]", title=f"{name}\n{_figures(run)}".replace(", ", "\n"))
+    maps[0].set_ylabel("y [mm]")
+    above.colorbar(image, ax=list(maps), label="height - target [µm]", extend="both")
+    mean, spread, droplets, times = below.subplots(1, 4)
+    for number, (name, run) in enumerate(runs.items()):
+        line = LINES[number % len(LINES)]
+        layer = run.layer.values
+        mean.plot(layer, np.abs(run.mean_error) * UM, **line)
+        spread.plot(layer[1:], run["std"][1:] * UM, **line)
+        if "pattern" in run:
+            droplets.plot(layer[1:], (run.pattern[1:] != 0).sum(("x", "y")), drawstyle="steps-mid", **line)
+        times.barh(name, wall_s[name], color=line["color"])
+    mean.set(title="|target - mean| [µm]", xlabel="layer", yscale="log")
+    spread.set(title="std over the part [µm]", xlabel="layer", yscale="log")
+    droplets.set(title="droplets of the layer", xlabel="layer", ylim=(0, None))
+    times.set(title="wall time [s]")
+    times.invert_yaxis()
+    for axes in (mean, spread):
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter("")
+    return figure
+
+
 def _ink_of_layer(ink: FloatMap) -> FloatMap:
     """Ink of each layer at one site; a layer without a droplet there takes the ink of the last droplet."""
     last = np.maximum.accumulate(np.where(ink != 0, np.arange(ink.size), 0))
@@ -196,6 +226,13 @@ def _error(run: xr.Dataset) -> FloatMap:
     """Final height minus target [um], NaN outside the part."""
     error: FloatMap = ((run.height[-1] - run.target_height) * UM).where(run.mask.astype(bool)).values
     return error
+
+
+def _extent(run: xr.Dataset) -> tuple[float, float, float, float]:
+    """Edges of the grid [mm]: left, right, bottom, top."""
+    half = float(run.attrs["pitch"]) / 2 * MM
+    x, y = run.x.values * MM, run.y.values * MM
+    return float(x[0] - half), float(x[-1] + half), float(y[0] - half), float(y[-1] + half)
 
 
 def _middle_row(run: xr.Dataset) -> int:

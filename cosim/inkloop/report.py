@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import tomlkit
@@ -13,12 +13,13 @@ from rich.console import Console
 from rich.table import Table
 
 from inkloop import plot
+from inkloop.errors import ResultError
 from inkloop.files import write_text
 from inkloop.result import Result
 from inkloop.schema import Literature
 
 COMPARE_FOLDER = "compare"
-MAIN_RUN = "closed loop"
+ERRORS = {"mean error": "mean_error", "mean absolute error": "mae", "standard deviation": "std"}
 
 
 def load_runs(folder: Path) -> dict[str, Result]:
@@ -45,6 +46,30 @@ def write(folder: Path) -> Table:
         for name, figure in pictures(runs).items():
             plot.save(figure, folder / f"{name}.png")
     return table
+
+
+def compare(folders: Sequence[Path], picture: Path) -> Table:
+    """The table of several run folders, and their picture written to `picture`. Raises ResultError."""
+    loaded = {folder: Result.load(folder) for folder in folders}
+    labels = [str(result.dataset.attrs["label"]) for result in loaded.values()]
+    distinct = len(set(labels)) == len(labels)
+    runs = {label if distinct else str(folder): result
+            for label, (folder, result) in zip(labels, loaded.items(), strict=True)}  # fmt: skip
+    grids = [(folder, _grid(result)) for folder, result in loaded.items()]
+    for folder, grid in grids[1:]:
+        if grid != grids[0][1]:
+            raise ResultError(
+                f"{folder}: printed on {grid}, but {grids[0][0]} on {grids[0][1]}; compare runs of one grid and pitch"
+            )
+    with rc_context(plot.STYLE):
+        datasets = {name: result.dataset for name, result in runs.items()}
+        plot.save(plot.comparison(datasets, {name: result.wall_s for name, result in runs.items()}), picture)
+    return comparison_table("Comparison", runs, {})
+
+
+def _grid(result: Result) -> str:
+    sizes = result.dataset.sizes
+    return f"{sizes['x']} x {sizes['y']} cells of {float(result.dataset.attrs['pitch']) * 1e6:g} um"
 
 
 def pictures(runs: Mapping[str, Result]) -> dict[str, Figure]:
@@ -83,3 +108,21 @@ def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping
         shown = (figures.mean_error_um, None, figures.std_um)
         table.add_row(f"{name} ({figures.note})", *("-" if um is None else f"{um:g}" for um in shown), *"---")
     return table
+
+
+def lines(folder: Path) -> list[str]:
+    """What a run folder holds, in words: origin, end, errors, versions, times. Raises ResultError."""
+    result = Result.load(folder)
+    run, metrics = result.run, result.metrics()
+    errors = ", ".join(f"{name} {metrics[key] * 1e6:.2f} um" for name, key in ERRORS.items())
+    return [
+        f"{folder}: {run['title']} ({run['label']})",
+        f"grid: {_grid(result)}",
+        f"seed: {run['seed']}",
+        f"ended: {result.stop_reason}, after {metrics['layers']:.0f} layers and {metrics['droplets']:.0f} droplets",
+        f"errors over the part: {errors}",
+        *(f"event: {event}" for event in run.get("events", ())),
+        "versions: " + ", ".join(f"{name} {number}" for name, number in run["versions"].items()),
+        f"platform: {run['platform']}",
+        "wall time: " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in run["wall_s"].items()),
+    ]
