@@ -14,6 +14,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from inkloop.checkpoint import Checkpoint
 from inkloop.component import Component, Port, Status, Values
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.events import Event, Manipulator
@@ -90,8 +91,12 @@ class Master:
         parts = (*components, "observers", *(["waiting"] if pacing else []), "total")
         self._wall_ns = dict.fromkeys(parts, 0)
 
-    def run(self, *, layers_max: int | None = None, time_max_ns: int | None = None) -> StopReason:
+    def run(
+        self, *, layers_max: int | None = None, time_max_ns: int | None = None, resume: Checkpoint | None = None
+    ) -> StopReason:
         """Initialize, step and terminate; what ended the run. Raises ComponentError.
+
+        resume: the point to go on from, the start if None.
 
         "done": the component that commands layers says so. "layers_max": that many layers are printed, and scanned
         where somebody scans. "fault": a component's status is fault. "interrupted": Ctrl-C; all observers saw the last
@@ -105,7 +110,9 @@ class Master:
                 for component in self._components.values():
                     stack.callback(component.terminate)
                 self._initialize()
-                time_ns = step = 0
+                time_ns = self._restore(resume) if resume else 0
+                step = time_ns // self._step_ns
+                self._observe("initialized", time_ns)
                 if self._pacing:
                     self._pacing.start(time_ns)
                 while (reason := self._end(time_ns, layers_max, time_max_ns)) is None:
@@ -140,7 +147,16 @@ class Master:
             except Exception as error:
                 raise ComponentError(f"{name} could not be initialized: {_text(error)}") from error
             self._wall_ns[name] += perf_counter_ns() - begin
-        self._observe("initialized", 0)
+
+    def _restore(self, checkpoint: Checkpoint) -> int:
+        """Bring the initialized components to where a checkpoint was taken; the time there."""
+        for name, component in self._components.items():
+            try:
+                component.restore(checkpoint.states[name])  # type: ignore[attr-defined]
+            except Exception as error:
+                raise ComponentError(f"{name} could not be restored: {_text(error)}") from error
+        self._outputs = {name: dict(checkpoint.outputs[name]) for name in self._components}
+        return checkpoint.time_ns
 
     def _step(self, time_ns: int, step: int) -> None:
         """Bring every component whose turn it is to `time_ns`, then tell the observers."""

@@ -62,6 +62,7 @@ class Recorder:
         self._rows: dict[str, dict[int, NDArray[Any]]] = {}
         self._layer_times: dict[int, float] = {}
         self._seen: dict[str, int] = {}
+        self._new_rows: dict[str, NDArray[Any]] = {}
         for counter, role in COUNTERS.items():
             for name, component in components.items():
                 if role not in self._roles and any(port.name == counter for port in component.outputs):
@@ -76,9 +77,11 @@ class Recorder:
         return max(self._layer_times, default=0)
 
     def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
-        """Row 0: the start surface; on a resumed run the layer it starts from."""
+        """Row 0: the start surface; nothing where it goes on from the rows of an earlier part of the run."""
         self._seen = {counter: int(outputs[self._roles[role]][counter]) for counter, role in COUNTERS.items()
                       if role in self._roles}  # fmt: skip
+        if self._layer_times:
+            return
         if "printer" in self._roles:
             self._printed(self._seen["layers_printed"], time_ns, outputs[self._roles["printer"]])
         if self._seen.get("layers_scanned", -1) >= 0:
@@ -102,6 +105,22 @@ class Recorder:
                 self._printed(number, time_ns, values)
             else:
                 self._scanned(number, values)
+
+    def take_rows(self) -> dict[str, NDArray[Any]]:
+        """What was recorded since this was last called, for `put_rows` of a recorder of the same components."""
+        rows, self._new_rows = self._new_rows, {}
+        return rows
+
+    def put_rows(self, rows: Mapping[str, NDArray[Any]]) -> None:
+        """Record what `take_rows` of an earlier part of the run gave; all of its calls in their order."""
+        for key, value in rows.items():
+            place, _, layer = key.rpartition("/")
+            role, _, name = place.partition("/")
+            if role == "run":
+                self._layer_times[int(layer)] = float(value)
+            else:
+                self._keep(role, name, int(layer), {name: value})
+        self._new_rows = {}
 
     def dataset(self) -> xr.Dataset:
         """Everything recorded, as labelled arrays with units; layers that were jumped over hold NaN or 0."""
@@ -141,6 +160,7 @@ class Recorder:
 
     def _printed(self, number: int, time_ns: int, values: Values) -> None:
         self._layer_times[number] = time_ns * 1e-9
+        self._new_rows[f"run/time/{number}"] = np.asarray(time_ns * 1e-9)
         self._keep("printer", "height", number, values)
         self._keep_scalars("printer", number, values)
         if self._on_layer and "height" in values:
@@ -166,7 +186,7 @@ class Recorder:
             return
         label = name if self._ports.setdefault(name, port) is port else f"{role}_{name}"
         self._ports.setdefault(label, port)
-        self._rows.setdefault(label, {})[layer] = np.array(values[name])
+        self._rows.setdefault(label, {})[layer] = self._new_rows[f"{role}/{name}/{layer}"] = np.array(values[name])
 
 
 def _variable(dims: tuple[str, ...], values: NDArray[Any] | FloatMap, unit: str, long_name: str) -> xr.Variable:

@@ -1,7 +1,7 @@
 """A finished run: labelled arrays with units, and the record of how they came about.
 
 A run folder holds `result.nc` (the arrays), `scenario.toml` (the file as run) and `run.json` (versions, seed, hashes,
-wall times, stop reason).
+wall times, stop reason). The latter two are there from the start of the run.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from inkloop.metrics import masked_error
 
 SCHEMA_VERSION = 1
 RESULT_FILE, RUN_FILE, SCENARIO_FILE = "result.nc", "run.json", "scenario.toml"
+UNFINISHED = ("running", "interrupted", "failed")
+"""Stop reasons of a run that `inkloop resume` can go on with."""
 _LIBRARIES = ("inkloop", "casadi", "fmpy", "numpy", "xarray")
 
 
@@ -63,7 +65,7 @@ class Result:
             "stop_reason": stop_reason,
             "source": f"inkloop {_version('inkloop')}",
         }
-        hashes = {"scenario": hashlib.sha256(scenario_text.encode()).hexdigest()}
+        hashes = {"scenario": _sha256(scenario_text)}
         hashes |= {name: part.sha256 for name, part in components.items() if hasattr(part, "sha256")}
         run = {
             "schema_version": SCHEMA_VERSION,
@@ -111,6 +113,17 @@ class Result:
         figures = {name: getattr(error, name) for name in ("mean_error", "mae", "rms", "std", "min", "max")}
         return figures | {"layers": float(self.dataset.sizes["layer"] - 1), "droplets": self._droplets()}
 
+    @staticmethod
+    def begin(folder: Path, scenario_text: str, notes: Mapping[str, Any]) -> None:
+        """Write what a run folder holds while the run goes on. Raises ResultError."""
+        run = {"schema_version": SCHEMA_VERSION, "stop_reason": "running", "scenario_sha256": _sha256(scenario_text)}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            write_text(folder / SCENARIO_FILE, scenario_text)
+            write_text(folder / RUN_FILE, json.dumps(run | dict(notes), indent=2) + "\n")
+        except OSError as error:
+            raise ResultError(f"{folder}: the run cannot be written there: {error}") from error
+
     def save(self, folder: Path) -> None:
         """Write the run folder's files, each whole or not at all. Raises ResultError."""
         packed = {name: {"zlib": True, "complevel": 4} for name, a in self.dataset.variables.items() if a.ndim > 0}
@@ -136,9 +149,7 @@ class Result:
             run = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise ResultError(f"{folder}: cannot be read: {error}") from error
-        found = dataset.attrs.get("schema_version")
-        if found != SCHEMA_VERSION:
-            raise ResultError(f"{folder}: schema version is {found}; this inkloop reads {SCHEMA_VERSION}; run it again")
+        _check_schema(folder, dataset.attrs.get("schema_version"))
         return cls(dataset, run)
 
     def _droplets(self) -> float:
@@ -147,6 +158,35 @@ class Result:
         if counts:
             return float(sum(int(count[-1]) for count in counts))
         return float(np.count_nonzero(self.dataset["pattern"])) if "pattern" in self.dataset else float("nan")
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """The run.json of a run folder, finished or not. Raises ResultError where it is none, or of another schema."""
+    try:
+        record = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ResultError(f"{folder}: holds no {RUN_FILE}; name a folder that `inkloop run` has made") from error
+    except (OSError, ValueError) as error:
+        raise ResultError(f"{folder}: cannot be read: {error}") from error
+    if not isinstance(record, dict):
+        raise ResultError(f"{folder / RUN_FILE}: is no record of a run; name a folder that `inkloop run` has made")
+    _check_schema(folder, record.get("schema_version"))
+    return record
+
+
+def is_unchanged(folder: Path, record: Mapping[str, Any]) -> bool:
+    """Whether the scenario in a run folder is the one that its record was begun with."""
+    expected = record.get("scenario_sha256") or record.get("sha256", {}).get("scenario")
+    return bool(expected == _sha256((folder / SCENARIO_FILE).read_text(encoding="utf-8")))
+
+
+def _check_schema(folder: Path, found: object) -> None:
+    if found != SCHEMA_VERSION:
+        raise ResultError(f"{folder}: schema version is {found}; this inkloop reads {SCHEMA_VERSION}; run it again")
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _version(package: str) -> str:

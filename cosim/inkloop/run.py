@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-import xarray as xr
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.table import Column
 
 from inkloop import report
+from inkloop.checkpoint import remove_layers
 from inkloop.errors import ResultError
-from inkloop.events import Event, Manipulator
 from inkloop.interrupt import deferred
-from inkloop.master import Master
-from inkloop.pacing import Pacing, sentence
-from inkloop.recorder import LayerRow, Recorder
-from inkloop.result import Result
+from inkloop.pacing import sentence
+from inkloop.printing import Print
+from inkloop.recorder import LayerRow
+from inkloop.result import RUN_FILE, SCENARIO_FILE, UNFINISHED, Result, is_unchanged, read_record
 from inkloop.scenario import Scenario
 
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
@@ -27,11 +26,59 @@ INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
 
 def run(scenario: Scenario, out: Path | None, console: Console, *, compare: bool = True) -> int:
     """Print, compare, save and show; returns the exit code of the command. An interrupted run keeps its layers."""
-    folder = new_run_folder(out, Path(scenario.source).stem)
+    return _print_all(scenario, new_run_folder(out, Path(scenario.source).stem), console, compare)
+
+
+def resume(folder: Path, console: Console) -> int:
+    """Go on with a run and its comparison runs after the last layer on disk; the exit code as of `run`.
+
+    Raises ResultError where nothing can go on from the folder, ScenarioError, ComponentError.
+    """
+    scenario = Scenario.load(folder / SCENARIO_FILE, source=scenario_file(folder))
+    record = read_record(folder)
+    if not is_unchanged(folder, record):
+        raise ResultError(f"{folder / SCENARIO_FILE}: was changed since the run began; put it back, or run it anew")
+    places = [place for place, _ in _runs(scenario, folder, record["compare"])]
+    finished = [place for place in places if _is_finished(place)]
+    for place in finished:
+        remove_layers(place)  # there still if it was stopped between saving and this
+    if finished == places:
+        console.print(f"{folder}: the run is finished ({record['stop_reason']}), nothing is changed; "
+                      f"`inkloop report {folder}` shows it", highlight=False)  # fmt: skip
+        return 0
+    return _print_all(scenario, folder, console, record["compare"])
+
+
+def scenario_file(folder: Path) -> Path:
+    """The file that the run in `folder` was started from. Raises ResultError."""
+    record = read_record(folder)
+    if "scenario_file" not in record:
+        raise ResultError(f"{folder}: an earlier inkloop made this run and kept no state to go on from; run it again")
+    return Path(record["scenario_file"])
+
+
+def print_part(
+    scenario: Scenario,
+    progress: Progress | None = None,
+    folder: Path | None = None,
+    notes: Mapping[str, Any] | None = None,
+) -> Result:
+    """One print, shown as it goes, from the start surface or the layers in `folder` to its end; see `Print`."""
+    job = scenario.job()
+    nominal = max(1, round(float(job.target_height.max()) / job.inks[0].layer_height))
+    bar = _LayerBar(progress, scenario.tables.label, nominal) if progress else None
+    return Print(scenario, folder, on_layer=bar, notes=notes).run()
+
+
+def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool) -> int:
+    """Print whatever of a scenario and its comparison runs is not finished in `folder`, and show all of it."""
+    notes = {"scenario_file": str(Path(scenario.source).resolve()), "compare": compare}
     with deferred() as interrupted, _progress(console) as progress:
         for place, variant in _runs(scenario, folder, compare):
-            result = print_part(variant, progress)
-            result.save(place)
+            if _is_finished(place):
+                continue
+            Result.begin(place, variant.text, notes)
+            result = print_part(variant, progress, place, notes)
             if "real_time" in result.run:
                 progress.console.print(f"{result.run['label']}: {sentence(result.run['real_time'])}", highlight=False)
             stopped = interrupted() or result.stop_reason == "interrupted"
@@ -40,52 +87,15 @@ def run(scenario: Scenario, out: Path | None, console: Console, *, compare: bool
     console.print(report.write(folder))
     reason = "interrupted" if stopped else result.stop_reason
     console.print(f"{reason}: table, pictures and result.nc are in {folder}/", highlight=False)
+    if stopped:
+        refusal = result.run.get("not_resumable")
+        advice = f"cannot be resumed: {refusal}" if refusal else f"`inkloop resume {folder}` goes on"
+        console.print(advice, highlight=False)
     return INTERRUPTED if stopped else 0
 
 
-def print_part(scenario: Scenario, progress: Progress | None = None) -> Result:
-    """One print in memory, from the start surface to the end of the run. Raises ScenarioError, ComponentError."""
-    job, limits = scenario.job(), scenario.tables.run
-    components, connections = scenario.build()
-    nominal = max(1, round(float(job.target_height.max()) / job.inks[0].layer_height))
-    bar = _LayerBar(progress, scenario.tables.label, nominal) if progress else None
-    recorder = Recorder(job, components, bar)
-    events = scenario.events(components)
-    pacing = Pacing(limits.real_time_factor) if limits.real_time_factor else None
-    master = Master(
-        components,
-        connections,
-        step_ns=round(limits.step_s * 1e9),
-        algorithm=limits.algorithm,
-        observers=[recorder],
-        events=events,
-        pacing=pacing,
-    )
-    time_max_ns = None if limits.time_max_s is None else round(limits.time_max_s * 1e9)
-    stop_reason = master.run(layers_max=limits.layers_max, time_max_ns=time_max_ns)
-    return Result.of(
-        _marked(recorder.dataset(), events, Manipulator(events, components), round(limits.step_s * 1e9)),
-        title=scenario.tables.title,
-        label=scenario.tables.label,
-        scenario_text=scenario.text,
-        seed=scenario.tables.seed,
-        stop_reason=stop_reason,
-        wall_s=master.wall_s,
-        components=components,
-        notes=({"events": [str(event) for event in events]} if events else {})
-        | ({"real_time": pacing.statistics} if pacing else {}),
-    )
-
-
-def _marked(dataset: xr.Dataset, events: Sequence[Event], manipulator: Manipulator, step_ns: int) -> xr.Dataset:
-    """A dataset with `modified` by layer: an event was in effect in the step that completed it. Events in words."""
-    if not events:
-        return dataset
-    ends_ns = np.nan_to_num(dataset["time"].values * 1e9).round().astype(np.int64)
-    modified = [manipulator.in_effect(max(0, int(end_ns) - step_ns), layer) for layer, end_ns in enumerate(ends_ns)]
-    attributes = {"units": "1", "long_name": "layers in which an event was in effect"}
-    marked = dataset.assign(modified=xr.Variable(("layer",), np.array(modified), attributes))
-    return marked.assign_attrs(events="\n".join(map(str, events)))
+def _is_finished(place: Path) -> bool:
+    return (place / RUN_FILE).is_file() and read_record(place).get("stop_reason") not in UNFINISHED
 
 
 def new_run_folder(out: Path | None, name: str) -> Path:

@@ -37,9 +37,12 @@ class Scenario:
     tables: ScenarioFile
 
     @classmethod
-    def load(cls, path: Path | str, overrides: Iterable[str] = ()) -> Scenario:
-        """Read `path` with `key=value` overrides. Raises ScenarioError with every fault of the file."""
-        source = str(path)
+    def load(cls, path: Path | str, overrides: Iterable[str] = (), *, source: Path | str | None = None) -> Scenario:
+        """Read `path` with `key=value` overrides. Raises ScenarioError with every fault of the file.
+
+        source: the file that `path` is a copy of; its FMUs stand beside it.
+        """
+        source = str(source or path)
         try:
             document = tomlkit.parse(Path(path).read_text(encoding="utf-8"))
         except OSError as error:
