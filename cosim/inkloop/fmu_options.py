@@ -12,7 +12,7 @@ from inkloop.component import Job
 from inkloop.errors import FmuError
 from inkloop.export import export, find_fmu
 from inkloop.faults import nearest
-from inkloop.fmu import FmuComponent, FmuDescription, Variable, describe
+from inkloop.fmu import FmuComponent, FmuDescription, Variable, describe, platform_fault
 from inkloop.presets import PRESETS, preset_of
 from inkloop.units import missing_suffix, scaled, spellings
 
@@ -54,7 +54,10 @@ def faults_of_file(job: Job, options: Mapping[str, object]) -> list[str]:
     """Everything wrong with the options of `kind = "Fmu"`. Raises FmuError if the file cannot be read."""
     if not isinstance(options.get("file"), str):
         return ["file is missing; name the .fmu file"]
-    return _parse(describe(str(options["file"])), job, _without(options, "file"), ("file",)).faults
+    description = describe(str(options["file"]))
+    fault = platform_fault(description)
+    wrong = [f"file is {options['file']!r}, which {fault}"] if fault else []
+    return wrong + _parse(description, job, _without(options, "file"), ("file",)).faults
 
 
 def make_from_file(job: Job, options: Mapping[str, object]) -> FmuComponent:

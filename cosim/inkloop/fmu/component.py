@@ -21,10 +21,19 @@ from inkloop.component import Port, Values
 from inkloop.errors import ComponentError, FmuError
 from inkloop.faults import nearest
 from inkloop.fmu.binding import Binding
+from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.reading import describe
 
 PLATFORM = {2: fmpy.platform, 3: fmpy.platform_tuple}
 """FMI version -> folder in binaries/ that this machine needs."""
+
+
+def platform_fault(description: FmuDescription) -> str | None:
+    """What keeps this machine from running an FMU: it holds no binary for it."""
+    needed, held = PLATFORM[description.fmi], ", ".join(description.platforms) or "none"
+    if needed in description.platforms:
+        return None
+    return f"holds binaries for {held}, this machine needs {needed}; export or compile it for that"
 
 
 class FmuComponent:
@@ -113,12 +122,8 @@ class FmuComponent:
                 raise FmuError(f"{self.description.path}: {name} {error}") from error
 
     def _extract(self, path: Path) -> Path:
-        needed = PLATFORM[self.description.fmi]
-        if needed not in self.description.platforms:
-            held = ", ".join(self.description.platforms) or "none"
-            raise FmuError(
-                f"{path}: holds binaries for {held}, this machine needs {needed}; export or compile it for that"
-            )
+        if fault := platform_fault(self.description):
+            raise FmuError(f"{path}: {fault}")
         folder = Path(self._cleanup.enter_context(tempfile.TemporaryDirectory(prefix="inkloop-fmu-")))
         with zipfile.ZipFile(path) as archive:
             archive.extractall(folder)
