@@ -3,6 +3,7 @@
 # make test-long  the proofs that take minutes
 # make benchmarks measured comparisons, printed as ratios
 # make pictures   the pictures of the README
+# make gallery    docs/gallery: every scenario with one picture
 PYTHON ?= python3.11
 BIN    := .venv/bin
 # what decides about the compiled parts: C sources, their tables, and the modules that run while building
@@ -10,7 +11,7 @@ BUILD_MODULES := $(addprefix cosim/inkloop/,c_variables.py fmu_archive.py fmu_do
                    model_definition.py model_description.py)
 PIP    := $(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check
 
-.PHONY: run test lint format test-long benchmarks pictures clean
+.PHONY: run test lint format test-long benchmarks pictures gallery clean
 run: .venv/installed
 	$(BIN)/inkloop run scenarios/cylinder.toml
 
@@ -50,6 +51,10 @@ pictures: .venv/installed
 	$(BIN)/inkloop run scenarios/two-materials.toml --out build/pictures/two-materials
 	cp build/pictures/cylinder/open-against-closed.png build/pictures/cylinder/cross-section.png docs/pictures/
 	cp build/pictures/two-materials/materials.png docs/pictures/
+
+# every scenario with one picture, docs/gallery
+gallery: .venv/installed
+	$(BIN)/python docs/gallery/gallery.py
 
 clean:
 	rm -rf build .venv

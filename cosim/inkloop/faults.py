@@ -12,6 +12,8 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
+SHORT = 3  # letters of a word in which one wrong letter is already a third
+
 
 def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
     """One fault of the file whose tables `root` describes."""
@@ -30,10 +32,12 @@ def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
 
 
 def nearest(found: str, known: Iterable[str]) -> str:
-    """What to write instead of `found`: the nearest known word, else all of them."""
+    """What to write instead of `found`: the nearest known words that are equally near, else all of them."""
     words = sorted(known)
-    close = difflib.get_close_matches(found, words, n=1)
-    return f"did you mean {close[0]}?" if close else f"known: {', '.join(words)}"
+    near = {word: difflib.SequenceMatcher(None, word, found).ratio() for word in words}
+    limit = 0.5 if len(found) <= SHORT else 0.6
+    close = [word for word in words if near[word] >= max(limit, *near.values())]
+    return f"did you mean {' or '.join(close)}?" if close else f"known: {', '.join(words)}"
 
 
 def _locate(

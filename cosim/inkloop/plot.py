@@ -206,7 +206,9 @@ def comparison(runs: Runs, wall_s: Mapping[str, float]) -> Figure:
     times.invert_yaxis()
     for axes in (mean, spread):
         axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter("")
+        axes.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))
+    spread.yaxis.set_minor_formatter("{x:g}")
+    mean.yaxis.set_minor_formatter("")
     return figure
 
 

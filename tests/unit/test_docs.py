@@ -110,3 +110,12 @@ def test_every_option_of_the_controllers_is_on_the_scenario_page() -> None:
         options = [parameter.name for parameter in parameters if parameter.kind is parameter.KEYWORD_ONLY]
         assert options
         assert not [option for option in options if f"`{option}`" not in page], name
+
+
+def test_gallery_shows_every_scenario_with_its_own_words() -> None:
+    page = (ROOT / "docs/gallery/README.md").read_text()
+    for path in (ROOT / "scenarios").glob("*.toml"):
+        assert f"]({path.stem}.png)" in page
+        assert (ROOT / "docs/gallery" / f"{path.stem}.png").exists()
+        comment = path.read_text().split("title =")[0]
+        assert "\n".join(line.removeprefix("#").strip() for line in comment.splitlines()).strip() in page, path.stem

@@ -55,7 +55,7 @@ def test_good_file_becomes_a_job_in_si(tmp_path: Path) -> None:
         ("nx = 9", "nx = 0", "grid.nx is 0"),
         ("nx = 9", "nx = 9.5", "grid.nx is 9.5"),
         ("nx = 9", 'nx = "9"', "grid.nx is '9'"),
-        ("nx = 9", "nz = 9", "grid.nz is not a key of this table; known: nx, ny, pitch_um"),
+        ("nx = 9", "nz = 9", "grid.nz is not a key of this table; did you mean nx or ny?"),
         ("ny = 8", "", "grid.ny is missing"),
         ("height_um = 22.8", "height_um = nan", "part.height_um is nan"),
         ("height_um = 22.8", "height_um = -1.0", "part.height_um is -1.0"),
