@@ -23,7 +23,8 @@ class PatternRule(Protocol):
         """The pattern (nx, ny) for the surface `height` (nx, ny) [m] after `layer` layers.
 
         0 or False: nothing; 1 or True: material A; 2: material B. No droplet at all ends the print. Cells that the
-        sensor did not see have the height that the layer model predicts.
+        sensor did not see have the height that the layer model predicts. What the rule remembers of earlier layers is
+        not saved: a resumed run begins with a new rule.
         """
 
 

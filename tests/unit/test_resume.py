@@ -124,16 +124,18 @@ def test_run_killed_twice_goes_on_to_the_same_end(whole: tuple[Path, int], tmp_p
     assert_same_print(folder, whole[0])
 
 
-def interrupt(monkeypatch: pytest.MonkeyPatch, folder: Path, *words: str) -> None:
-    """Print up to layer 2, then Ctrl-C."""
+def interrupt(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, *words: str, scenario: Path = CUBOID, at_layer: int = 2
+) -> None:
+    """Print up to a layer, then Ctrl-C."""
 
     def press(bar: object, row: LayerRow) -> None:
-        if row.layer == 2:
+        if row.layer == at_layer:
             signal.raise_signal(signal.SIGINT)
 
     with monkeypatch.context() as patch:
         patch.setattr("inkloop.run._LayerBar.__call__", press)
-        assert main(["run", str(CUBOID), "--out", str(folder), *words]) == 130
+        assert main(["run", str(scenario), "--out", str(folder), *words]) == 130
 
 
 def test_interrupted_run_goes_on_to_the_same_end(
@@ -145,6 +147,31 @@ def test_interrupted_run_goes_on_to_the_same_end(
     assert Result.load(folder).dataset.sizes["layer"] == 3
     assert main(["resume", str(folder)]) == 0
     assert_same_print(folder, whole[0])
+
+
+def test_events_go_on_with_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario, short = CUBOID.with_name("drifting-ink.toml"), ["--no-compare", "--set", "part.height_um=150.0"]
+    interrupt(monkeypatch, tmp_path / "run", *short, scenario=scenario, at_layer=13)
+    assert main(["resume", str(tmp_path / "run")]) == 0
+    assert main(["run", str(scenario), "--out", str(tmp_path / "reference"), *short]) == 0
+    assert_same_print(tmp_path / "run", tmp_path / "reference")
+    assert Result.load(tmp_path / "run").dataset.modified[[9, 10, -1]].values.tolist() == [False, True, True]
+
+
+@pytest.mark.parametrize("fmi", ["2", "3"])
+def test_fmu_of_a_file_goes_on_from_its_state(fmi: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The FMUs stand beside the scenario, not in the run folder."""
+    assert main(["export", "LayerDeposition", "--fmi", fmi, "--nx", "12", "--ny", "12",
+                 "--out", str(tmp_path / "printer.fmu")]) == 0  # fmt: skip
+    scenario = tmp_path / "mine.toml"
+    ours = 'kind = "LayerDeposition"\nvariation = 0.2\nvariation_kind = "per_droplet"\n'
+    text = CUBOID.read_text()
+    assert ours in text
+    scenario.write_text(text.replace(ours, 'kind = "Fmu"\nfile = "printer.fmu"\n'))
+    interrupt(monkeypatch, tmp_path / "run", "--no-compare", scenario=scenario)
+    assert main(["resume", str(tmp_path / "run")]) == 0
+    assert main(["run", str(scenario), "--out", str(tmp_path / "reference"), "--no-compare"]) == 0
+    assert_same_print(tmp_path / "run", tmp_path / "reference")
 
 
 def test_resume_goes_on_at_the_next_layer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -256,3 +283,10 @@ def test_folder_that_nothing_can_go_on_from_is_refused_in_words(
     assert "remove this folder, and the run begins at its first layer" in refusal()
     (folder / "layers" / "state.npz").write_bytes(state)
     assert main(["resume", str(folder)]) == 0
+
+
+def test_folder_that_cannot_be_written_is_refused_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("no folder")
+    folder = tmp_path / "file" / "run"
+    assert main(["run", str(CUBOID), "--out", str(folder)]) == 1
+    assert f"{folder}: the run cannot be written there: " in capsys.readouterr().err
