@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 PRESETS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
     "ProfileSensor": {
-        # line laser beside Fig. 17 of Lu, Zheng, Mishra 2015: its repeatability taken as the standard deviation of a reading
+        # line laser of Lu, Zheng, Mishra 2015, Fig. 17; repeatability taken as the standard deviation of a reading
         "laser": {"noise_std": 1e-6, "resolution": 0.1e-6, "scan_duration": 6.0},
         # optical profilometer of Wu, Chiu 2024: resolution along z; its noise is not given, the duration assumed
         "zeta-20": {"resolution": 0.04e-6, "scan_duration": 6.0},
