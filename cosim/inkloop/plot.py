@@ -100,7 +100,7 @@ def cross_section(runs: Runs) -> Figure:
     whole.plot(x, target, color="black", linestyle="--", linewidth=1, drawstyle="steps-mid", label="target")
     errors = {name: _error(run)[:, row] for name, run in runs.items()}
     near = [error for error in errors.values() if abs(np.nanmean(error)) < FAR_UM] or list(errors.values())
-    limit = 1.2 * max(float(np.nanmax(np.abs(error))) for error in near)
+    limit = max(0.1, *(1.2 * float(np.nanmax(np.abs(error))) for error in near))
     for line, (name, run) in zip(LINES, runs.items(), strict=False):
         whole.plot(x, run.height[-1, :, row] * UM, label=name, **line)
         top.plot(x, errors[name], marker=".", ms=4, **line)
