@@ -2,7 +2,6 @@
 # make test       lint, C and Python tests
 # make test-long  the proofs that take minutes
 # make benchmarks measured comparisons, printed as ratios
-# make pictures   the pictures of the README
 # make gallery    docs/gallery: every scenario with one picture
 PYTHON ?= python3.11
 BIN    := .venv/bin
@@ -11,7 +10,7 @@ BUILD_MODULES := $(addprefix cosim/inkloop/,c_variables.py fmu_archive.py fmu_do
                    model_definition.py model_description.py)
 PIP    := $(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check
 
-.PHONY: run test lint format test-long benchmarks pictures gallery clean
+.PHONY: run test lint format test-long benchmarks gallery clean
 run: .venv/installed
 	$(BIN)/inkloop run scenarios/cylinder.toml
 
@@ -43,14 +42,6 @@ test-long: .venv/installed
 benchmarks: .venv/installed
 	$(PIP) 'libcosimpy>=0.0.6'   # a peer, of use nowhere else
 	$(BIN)/python -m benchmarks
-
-# the pictures of the README
-pictures: .venv/installed
-	rm -rf build/pictures
-	$(BIN)/inkloop run scenarios/cylinder.toml --out build/pictures/cylinder
-	$(BIN)/inkloop run scenarios/two-materials.toml --out build/pictures/two-materials
-	cp build/pictures/cylinder/open-against-closed.png build/pictures/cylinder/cross-section.png docs/pictures/
-	cp build/pictures/two-materials/materials.png docs/pictures/
 
 # every scenario with one picture, docs/gallery
 gallery: .venv/installed
