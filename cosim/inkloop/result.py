@@ -142,7 +142,9 @@ class Result:
         folder = Path(folder)
         for name in (RESULT_FILE, RUN_FILE):
             if not (folder / name).is_file():
-                raise ResultError(f"{folder}: holds no {name}; name a folder that `inkloop run` has made")
+                begun = name == RESULT_FILE and (folder / RUN_FILE).is_file()
+                advice = f"`inkloop resume {folder}` ends it" if begun else "name a folder that `inkloop run` has made"
+                raise ResultError(f"{folder}: holds no {name}; {advice}")
         try:
             with xr.open_dataset(folder / RESULT_FILE, engine="h5netcdf") as stored:
                 dataset = stored.load()

@@ -120,3 +120,11 @@ def test_run_in_real_time_accounts_for_its_deadlines(tmp_path: Path, capsys: pyt
     assert 0 <= account["missed"] <= account["steps"]
     assert 0 <= account["p99_s"] <= account["worst_s"]
     assert f"of {account['steps']} steps late" in " ".join(capsys.readouterr().out.split())
+
+
+def test_run_that_was_begun_is_told_from_a_folder_of_something_else(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "run.json").write_text("{}")
+    assert main(["info", str(tmp_path)]) == 1
+    assert f"`inkloop resume {tmp_path}` ends it" in capsys.readouterr().err
