@@ -1,0 +1,74 @@
+/* The layer problem over a horizon: which droplets to jet in the next layers, so that the surface after the last of
+ * them comes close to the target.
+ *
+ * A grid is nx * ny cells in C order, cell (i, j) at i * ny + j; heights in metres. A droplet is of a kind: an ink, or
+ * on a grey head an ink in a drop size. A plan is layers * nx * ny values: 0 nothing, 1 + k a droplet of kind k. */
+#ifndef INKLOOP_HORIZON_PROBLEM_H
+#define INKLOOP_HORIZON_PROBLEM_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "layer_map.h"
+
+enum { HORIZON_MAX = 5, KINDS_MAX = 16 };
+
+typedef struct {
+    size_t nx, ny;
+    size_t layers;           /* the horizon, 1 to HORIZON_MAX */
+    const double *height;    /* surface before the first layer [m] */
+    const double *target;    /* for the surface after the last layer [m] */
+    const double *ceiling;   /* what the last surface should not exceed [m]; NULL: none */
+    const uint8_t *part;     /* cells whose standard deviation counts; at least one */
+    const double *weight;    /* of each cell's error: 1 in the part, less on a fringe beside it, 0 where none counts */
+    const uint16_t *choices; /* layers * nx * ny: bit k is set where a droplet of kind k may fall */
+    size_t kinds;            /* 1 to KINDS_MAX */
+    Ink kind[KINDS_MAX];     /* what a droplet of each kind adds */
+    double alpha;            /* weight of the mean error against the standard deviation, 0 to 1 */
+    double overshoot;        /* what a metre above the target costs when a metre below costs 1; > 0 */
+    double ceiling_cost;     /* what a metre above the ceiling costs besides; >= 0 */
+    int32_t passes;          /* 1, or 4 in a 2x2 colouring, each on the surface that the last one left */
+    int32_t colours[HORIZON_MAX][4]; /* for 4 passes: colours 2 (i % 2) + j % 2 of each layer in the order jetted */
+} HorizonProblem;
+
+/* Objective of a plan and what it is made of, over the cells of the surface after the last layer [m]:
+ * value = alpha * (error + over_ceiling) + (1 - alpha) * deviation. */
+typedef struct {
+    double value;
+    double error;        /* weighted mean of what lies below the target and `overshoot` times what lies above it */
+    double over_ceiling; /* weighted mean of what lies above the ceiling, times ceiling_cost */
+    double deviation;    /* population standard deviation over the part */
+} Objective;
+
+enum { MOVE_FLIPS = 1, MOVE_SWAPS = 2, MOVE_SHIFTS = 4, MOVES_ALL = 7 };
+enum { CORE_DONE = 0, CORE_BUDGET = 1, CORE_TIME = 2, CORE_STOPPED = 3, CORE_NO_MEMORY = 4 };
+
+typedef struct {
+    Objective objective; /* of the plan so far, or of the one returned, evaluated from scratch */
+    double incremental;  /* the value as the running sums had it [m] */
+    int64_t sweeps, evaluations;
+    int64_t flips, swaps, shifts; /* changes made: of a cell's droplet, to a neighbouring cell, to another layer */
+} SearchReport;
+
+typedef struct {
+    int32_t moves;            /* MOVE_... that the descent may make */
+    int64_t annealing_sweeps; /* before the descent; 0: none */
+    int64_t sweeps_max;       /* of the descent */
+    uint64_t seed;            /* of the annealing */
+    double seconds_max;       /* guard by the clock; infinite: none */
+    int32_t threads;          /* 1 or more; the bits of the answer do not depend on it */
+    int32_t (*after_sweep)(void *caller, const SearchReport *so_far); /* not 0: stop here; NULL: not asked */
+    void *caller;
+} SearchOptions;
+
+typedef struct {
+    int64_t iterations_max;
+    double seconds_max;
+} RelaxationOptions;
+
+typedef struct {
+    double value; /* smoothed objective of the droplets returned [m] */
+    int64_t iterations;
+} RelaxationReport;
+
+#endif
