@@ -20,6 +20,8 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from inkloop.component import FloatMap
 from inkloop.files import replaced
+from inkloop.solid import STEP_M, voxels
+from inkloop.solid_view import view
 
 UM, MM = 1e6, 1e3
 WIDTH_IN = 7.0
@@ -32,6 +34,7 @@ LINES: tuple[dict[str, Any], ...] = (
 )
 WALL_COLOURS = ("0.75", "0.6")  # walls that face x and y
 FAR_UM = 10.0  # a run that misses by more than this is not drawn beside the others
+SOLID_UPRIGHT = 0.45  # height of a solid's picture as a share of its width: parts are far wider than high
 STYLE: dict[Any, float] = {
     **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 8),
     **dict.fromkeys(("legend.fontsize", "xtick.labelsize", "ytick.labelsize"), 7),
@@ -158,22 +161,25 @@ def layers(runs: Runs) -> Figure:
 def materials(run: xr.Dataset, name: str) -> Figure:
     """Cut through the middle of a print in two inks: which ink fills it at each height."""
     row = _middle_row(run)
-    height = run.height[:, :, row].values * UM
-    ink = run.pattern[:, :, row].values
-    levels = np.linspace(0.0, float(height.max()), 400)
-    cut = np.zeros((height.shape[1], levels.size))
-    for site in range(height.shape[1]):
-        layer = np.searchsorted(height[:, site], levels, side="right").clip(max=len(height) - 1)
-        filled = levels <= height[-1, site]
-        cut[site] = np.where(filled, _ink_of_layer(ink[:, site])[layer], 0)
+    cut = voxels(run.isel(y=[row]))[:, 0]
     figure = _figure(2.6)
     axes = figure.subplots()
-    extent = (float(run.x[0]) * MM, float(run.x[-1]) * MM, 0.0, float(levels[-1]))
+    extent = (float(run.x[0]) * MM, float(run.x[-1]) * MM, 0.0, cut.shape[1] * STEP_M * UM)
     axes.imshow(cut.T, origin="lower", extent=extent, aspect="auto", cmap=MATERIAL_COLOURS, vmin=0, vmax=2,
                 interpolation="nearest")  # fmt: skip
     axes.set(xlabel="x [mm]", ylabel="height [µm]", title=f"{name}: cut at y = {float(run.y[row]) * MM:.2f} mm")
     inks = [Patch(color=MATERIAL_COLOURS(1), label="ink A"), Patch(color=MATERIAL_COLOURS(2), label="ink B")]
     axes.legend(handles=inks, loc="center left", bbox_to_anchor=(1, 0.5))
+    return figure
+
+
+def solids(runs: Runs) -> Figure:
+    """What is left of prints in two inks when ink B, the support, is washed away; upright stretched."""
+    figure = _figure(2.6)
+    for axes, (name, run) in zip(figure.subplots(1, len(runs), squeeze=False)[0], runs.items(), strict=True):
+        axes.imshow(view(voxels(run) == 1, SOLID_UPRIGHT), origin="lower", cmap="gray", vmin=0, vmax=1)
+        axes.set_title(f"{name}\nmismatch {float(run.mismatch):.1%}")
+        axes.set_axis_off()
     return figure
 
 
@@ -210,14 +216,6 @@ def comparison(runs: Runs, wall_s: Mapping[str, float]) -> Figure:
     spread.yaxis.set_minor_formatter("{x:g}")
     mean.yaxis.set_minor_formatter("")
     return figure
-
-
-def _ink_of_layer(ink: FloatMap) -> FloatMap:
-    """Ink of each layer at one site; a layer without a droplet there takes the ink of the last droplet."""
-    last = np.maximum.accumulate(np.where(ink != 0, np.arange(ink.size), 0))
-    filled = ink[last]
-    first = ink[np.flatnonzero(ink)[:1]]
-    return np.where(filled == 0, first if first.size else 0, filled)
 
 
 def _figure(height_in: float) -> Figure:

@@ -17,6 +17,7 @@ from inkloop.pacing import Pacing
 from inkloop.recorder import LayerRow, Recorder
 from inkloop.result import RESULT_FILE, UNFINISHED, Result
 from inkloop.scenario import Scenario
+from inkloop.solid import with_solid
 
 
 class Print:
@@ -102,8 +103,9 @@ class Print:
         if self._checkpoints and self._checkpoints.refusal:
             notes["not_resumable"] = self._checkpoints.refusal
         manipulator = Manipulator(self._events, self._components)
+        dataset = with_solid(self._recorder.dataset(), self._scenario.job())
         return Result.of(
-            _marked(self._recorder.dataset(), self._events, manipulator, self._step_ns),
+            _marked(dataset, self._events, manipulator, self._step_ns),
             title=tables.title,
             label=tables.label,
             scenario_text=self._scenario.text,

@@ -84,8 +84,9 @@ def pictures(runs: Mapping[str, Result]) -> dict[str, Figure]:
     }
     if len(labelled) > 1:
         figures["open-against-closed"] = plot.surfaces(labelled)
-    if "pattern" in main and (main.pattern == 2).any():
+    if "ink" in main:
         figures["materials"] = plot.materials(main, name)
+        figures["solid"] = plot.solids(labelled)
     return figures
 
 
@@ -93,20 +94,24 @@ def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping
     """Errors of every run over the part, and printed figures beside them."""
     table = Table(title=title, caption="errors over the part's cells in um; mean error = target - mean height")
     table.add_column("run", no_wrap=True)
-    for heading in ("mean error", "mae", "std", "layers", "droplets", r"wall \[s]"):
+    in_two_inks = any("mismatch" in result.metrics() for result in runs.values())
+    mismatch = ("mismatch",) if in_two_inks else ()
+    for heading in ("mean error", "mae", "std", *mismatch, "layers", "droplets", r"wall \[s]"):
         table.add_column(heading, justify="right")
     for name, result in runs.items():
         metrics = result.metrics()
         table.add_row(
             name,
             *(f"{metrics[key] * 1e6:.2f}" for key in ("mean_error", "mae", "std")),
+            *(f"{metrics[key]:.1%}" if key in metrics else "-" for key in mismatch),
             f"{metrics['layers']:.0f}",
             f"{metrics['droplets']:.0f}",
             f"{result.wall_s:.2f}",
         )
     for name, figures in literature.items():
         shown = (figures.mean_error_um, None, figures.std_um)
-        table.add_row(f"{name} ({figures.note})", *("-" if um is None else f"{um:g}" for um in shown), *"---")
+        cells = ["-" if um is None else f"{um:g}" for um in shown]
+        table.add_row(f"{name} ({figures.note})", *cells, *("-" for _ in mismatch), *"---")
     return table
 
 

@@ -107,11 +107,12 @@ class Result:
         return (self.dataset["target_height"] - self.final_height).where(self.dataset["mask"])
 
     def metrics(self) -> dict[str, float]:
-        """Errors of the final surface over the part [m], and the number of layers and droplets."""
+        """Errors of the final surface over the part [m], layers and droplets; of a part in two inks its mismatch."""
         height, target, mask = (a.values for a in (self.final_height, self.dataset.target_height, self.dataset.mask))
         error = masked_error(height, target, mask)
         figures = {name: getattr(error, name) for name in ("mean_error", "mae", "rms", "std", "min", "max")}
-        return figures | {"layers": float(self.dataset.sizes["layer"] - 1), "droplets": self._droplets()}
+        figures |= {"layers": float(self.dataset.sizes["layer"] - 1), "droplets": self._droplets()}
+        return figures | ({"mismatch": float(self.dataset.mismatch)} if "mismatch" in self.dataset else {})
 
     @staticmethod
     def begin(folder: Path, scenario_text: str, notes: Mapping[str, Any]) -> None:
