@@ -1,0 +1,218 @@
+"""The layer problem over a horizon: which droplets to jet in the coming layers, and what plans are judged by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum, IntFlag
+from math import inf
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.component import BoolMap, FloatMap, Ink
+
+IntMap: TypeAlias = NDArray[np.int32]
+"""(nx, ny): a pattern, 0 none, 1 + k a droplet of kind k."""
+IntPlan: TypeAlias = NDArray[np.int32]
+"""(layers, nx, ny): a plan, one pattern for each layer of the horizon."""
+ChoiceMaps: TypeAlias = NDArray[np.uint16]
+"""(layers, nx, ny): bit k is set where a droplet of kind k may fall."""
+
+HORIZON_MAX = 5
+KINDS_MAX = 16
+HEIGHT_MAX = 0.5  # [m] above that heights leave the lattice of controller/core/lattice.h
+
+
+@dataclass(frozen=True)
+class HorizonProblem:
+    """Which droplets to jet in the coming layers, so that the surface after the last of them comes close to the target.
+
+    height, target: (nx, ny) [m]; part: cells whose standard deviation counts; choices: (layers, nx, ny), bit k is set
+    where a droplet of kinds[k] may fall in that layer; alpha: weight of the mean error against the standard deviation
+    (Lu, Zheng, Mishra 2015, eq. 8); weight: (nx, ny) of each cell's error (None: 1 in the part, 0 beside it);
+    overshoot: what a metre above the target costs when a metre below costs 1; ceiling: (nx, ny) [m], a metre above it
+    costs ceiling_cost besides (None: no ceiling); colours: of each layer, in the order jetted, the four colours
+    2 (i % 2) + j % 2 of its passes, each on the surface that the last one left (empty: layers of one pass).
+    Raises ValueError, all faults in one sentence, if a value cannot be meant.
+    """
+
+    height: FloatMap
+    target: FloatMap
+    part: BoolMap
+    choices: ChoiceMaps
+    kinds: tuple[Ink, ...]
+    alpha: float
+    weight: FloatMap | None = None
+    overshoot: float = 1.0
+    ceiling: FloatMap | None = None
+    ceiling_cost: float = 0.0
+    colours: tuple[tuple[int, ...], ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.weight is None:
+            object.__setattr__(self, "weight", np.asarray(self.part, np.float64))
+        shape = np.shape(self.height)
+        if len(shape) != 2 or 0 in shape:
+            raise ValueError(f"height has shape {shape}; a layer problem needs (nx, ny) with at least one cell")
+        faults = [*self._faults_of_arrays(shape), *self._faults_of_values()]
+        if not faults:
+            faults = [*self._faults_of_choices(), *self._faults_of_heights()]
+        if faults:
+            raise ValueError("; ".join(faults))
+        for name in ("height", "target", "part", "choices", "weight", "ceiling"):
+            array = getattr(self, name)
+            object.__setattr__(self, name, None if array is None else np.ascontiguousarray(array))
+
+    @property
+    def layers(self) -> int:
+        """Length of the horizon."""
+        return len(self.choices)
+
+    @property
+    def passes(self) -> int:
+        """Of each layer: 1 or 4."""
+        return 4 if self.colours else 1
+
+    def _faults_of_arrays(self, shape: tuple[int, ...]) -> list[str]:
+        layers = len(self.choices) if np.ndim(self.choices) == 3 else 1
+        wanted: list[tuple[str, Any, str, tuple[int, ...]]] = [
+            ("height", self.height, "f8", shape),
+            ("target", self.target, "f8", shape),
+            ("part", self.part, "?", shape),
+            ("choices", self.choices, "u2", (layers, *shape)),
+            ("weight", self.weight, "f8", shape),
+        ]
+        if self.ceiling is not None:
+            wanted.append(("ceiling", self.ceiling, "f8", shape))
+        return [fault for entry in wanted if (fault := fault_of_array(*entry))]
+
+    def _faults_of_values(self) -> list[str]:
+        faults = []
+        if not 1 <= len(self.kinds) <= KINDS_MAX:
+            faults.append(f"kinds holds {len(self.kinds)} kinds of droplets; needs 1 to {KINDS_MAX}")
+        faults += [
+            f"kind {k} is {kind}; needs h1 > 0 and neither h2 nor h3 below 0 [m]"
+            for k, kind in enumerate(self.kinds)
+            if not (0.0 < kind.h1 < inf and 0.0 <= kind.h2 < inf and 0.0 <= kind.h3 < inf)
+        ]
+        if not 0.0 <= self.alpha <= 1.0:
+            faults.append(f"alpha is {self.alpha}; needs a weight between 0 and 1")
+        if not 0.0 < self.overshoot < inf:
+            faults.append(f"overshoot is {self.overshoot}; needs a cost above 0")
+        if not 0.0 <= self.ceiling_cost < inf:
+            faults.append(f"ceiling_cost is {self.ceiling_cost}; needs a cost of at least 0")
+        if self.colours and [sorted(order) for order in self.colours] != [[0, 1, 2, 3]] * len(self.choices):
+            faults.append(
+                f"colours is {self.colours}; needs for each of {len(self.choices)} layers the colours 0 to 3 once"
+            )
+        return faults
+
+    def _faults_of_choices(self) -> list[str]:
+        faults = []
+        if not 1 <= self.layers <= HORIZON_MAX:
+            faults.append(f"choices holds {self.layers} layers; needs a horizon of 1 to {HORIZON_MAX}")
+        elif (self.choices >> len(self.kinds)).any():
+            layer, *cell = first_cell(self.choices >> len(self.kinds) > 0)
+            faults.append(
+                f"choices of layer {layer} is {self.choices[layer, *cell]} at cell {tuple(cell)}; "
+                f"needs bits of the {len(self.kinds)} kinds given"
+            )
+        if not self.part.any():
+            faults.append("part marks no cell; an objective over no cell means nothing")
+        if self.weight is not None and (self.weight < 0.0).any():
+            cell = first_cell(self.weight < 0.0)
+            faults.append(f"weight is {self.weight[*cell]} at cell {cell}; needs weights of at least 0")
+        return faults
+
+    def _faults_of_heights(self) -> list[str]:
+        tallest = max(kind.layer_height for kind in self.kinds)
+        room = HEIGHT_MAX - 2.0 * self.layers * tallest  # a cell gets at most its own layers and its neighbours' spill
+        maps = {"height": self.height, "target": self.target, "ceiling": self.ceiling}
+        return [
+            f"{name} reaches {np.abs(array).max():.3g} m with {self.layers} layers to come; "
+            f"needs heights within {room:.3g} m: count them from a surface near by"
+            for name, array in maps.items()
+            if array is not None and np.abs(array).max() >= room
+        ]
+
+
+@dataclass(frozen=True)
+class Objective:
+    """What a plan is worth [m]: value = alpha * (error + over_ceiling) + (1 - alpha) * deviation, over the part.
+
+    error: mean of what lies below the target and `overshoot` times what lies above; over_ceiling: mean of what lies
+    above the ceiling, times its cost; deviation: population standard deviation of the surface after the last layer.
+    """
+
+    value: float
+    error: float
+    over_ceiling: float
+    deviation: float
+
+
+class Moves(IntFlag):
+    """What a search may change in one step."""
+
+    FLIPS = 1  # a cell's droplet: put, taken, or of another kind
+    SWAPS = 2  # the place of a droplet: a neighbouring cell of the same layer
+    SHIFTS = 4  # the layer of a droplet on its cell
+    ALL = 7
+
+
+class SearchStatus(Enum):
+    """Why a search ended."""
+
+    DONE = 0  # no single change improves the plan
+    BUDGET = 1  # all sweeps done
+    TIME = 2  # the guard by the clock
+    STOPPED = 3  # by after_sweep
+
+
+@dataclass(frozen=True)
+class SearchProgress:
+    """How far a search is: value of the plan [m], and what was done so far."""
+
+    value: float
+    sweeps: int
+    evaluations: int
+    flips: int
+    swaps: int
+    shifts: int
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """A plan (layers, nx, ny) with its objective, evaluated from scratch; `incremental`: its value by running sums [m].
+
+    interrupted: it was stopped by KeyboardInterrupt.
+    """
+
+    plan: IntPlan
+    objective: Objective
+    incremental: float
+    status: SearchStatus
+    sweeps: int
+    evaluations: int
+    flips: int
+    swaps: int
+    shifts: int
+    interrupted: bool = False
+
+
+def fault_of_array(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -> str | None:
+    """What is wrong with an array that should have this shape and dtype, and finite values; None: nothing."""
+    if np.shape(array) != tuple(shape):
+        return f"{name} has shape {np.shape(array)}; needs {tuple(shape)}"
+    if array.dtype != np.dtype(dtype):
+        return f"{name} has dtype {array.dtype}; needs {np.dtype(dtype)}"
+    if dtype == "f8" and not np.isfinite(array).all():
+        cell = first_cell(~np.isfinite(array))
+        return f"{name} is {array[*cell]} at cell {cell}; needs finite values"
+    return None
+
+
+def first_cell(marks: NDArray[np.bool_]) -> tuple[int, ...]:
+    """Index of the first cell marked."""
+    return tuple(int(index) for index in np.argwhere(marks)[0])
