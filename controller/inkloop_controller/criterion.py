@@ -1,0 +1,94 @@
+"""What a good surface is: the weights and limits of the layer objective."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import TypeAlias
+
+import numpy as np
+
+from inkloop.component import BoolMap, FloatMap
+
+AlphaSchedule: TypeAlias = float | Sequence[tuple[int, float]]
+"""One weight for the whole print, or (layer, weight) pairs: from the layer of that number (counted from 1) on."""
+
+CEILING_COST = 100.0  # a metre above the ceiling for 100 below the target: no gain elsewhere is worth it (assumed)
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """alpha * mean error + (1 - alpha) * standard deviation (Lu, Zheng, Mishra 2015, eq. 8), and what it may not do.
+
+    overshoot: what a metre above the target costs when a metre below costs 1 (what was jetted stays);
+    overshoot_limit: height above the target that is not to be exceeded [m], kept with a probability of `chance_margin`
+    standard deviations of the predicted height (0: by the prediction itself);
+    fringe_weight: weight, 0 to 1, of the ring of cells beside the part: what spills there counts against target_height.
+    Raises ValueError, all faults in one sentence, for values that cannot be meant.
+    """
+
+    alpha: AlphaSchedule = 0.8
+    overshoot: float = 1.0
+    overshoot_limit: float = inf
+    chance_margin: float = 0.0
+    fringe_weight: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "alpha", self.alpha if _is_number(self.alpha) else _sorted(self.alpha))
+        faults = [
+            f"alpha is {weight}; needs a weight between 0 (evenness only) and 1 (height only)"
+            for weight in self._weights()
+            if not 0.0 <= weight <= 1.0
+        ]
+        if not 0.0 < self.overshoot < inf:
+            faults.append(f"overshoot is {self.overshoot}; needs a cost above 0 (1: like what is lacking)")
+        faults += [
+            f"{name} is {getattr(self, name)}; needs a value of at least 0"
+            for name in ("overshoot_limit", "chance_margin")
+            if not getattr(self, name) >= 0.0
+        ]
+        if not 0.0 <= self.fringe_weight <= 1.0:
+            faults.append(f"fringe_weight is {self.fringe_weight}; needs a weight between 0 and 1")
+        if faults:
+            raise ValueError("; ".join(faults))
+
+    def alpha_of(self, layer: int) -> float:
+        """The weight for layer number `layer`, counted from 1."""
+        if isinstance(self.alpha, int | float):
+            return float(self.alpha)
+        return next((weight for start, weight in reversed(self.alpha) if start <= layer), self.alpha[0][1])
+
+    def ceiling(self, target: FloatMap, height_std: FloatMap) -> FloatMap | None:
+        """The height that the surface is not to exceed, (nx, ny) [m], where the prediction is off by `height_std`."""
+        if self.overshoot_limit == inf:
+            return None
+        return target + self.overshoot_limit - self.chance_margin * height_std
+
+    def weight(self, part: BoolMap) -> FloatMap:
+        """(nx, ny) weight of each cell's error."""
+        return np.where(part, 1.0, np.where(beside(part), self.fringe_weight, 0.0))
+
+    def _weights(self) -> list[float]:
+        if isinstance(self.alpha, int | float):
+            return [float(self.alpha)]
+        return [weight for _, weight in self.alpha]
+
+
+def beside(part: BoolMap) -> BoolMap:
+    """(nx, ny) the cells next to the part, by a side or a corner: the fringe."""
+    framed = np.pad(part, 1)
+    near = [framed[i : i + part.shape[0], j : j + part.shape[1]] for i in range(3) for j in range(3)]
+    return np.asarray(np.logical_or.reduce(near) & ~part, np.bool_)
+
+
+def _is_number(alpha: AlphaSchedule) -> bool:
+    return isinstance(alpha, int | float)
+
+
+def _sorted(alpha: AlphaSchedule) -> tuple[tuple[int, float], ...]:
+    pairs = tuple((int(layer), float(weight)) for layer, weight in alpha)  # type: ignore[union-attr]
+    starts = [layer for layer, _ in pairs]
+    if not pairs or min(starts) < 1 or starts != sorted(set(starts)):
+        raise ValueError(f"alpha is {alpha!r}; needs a number, or (layer, weight) pairs with rising layers from 1 on")
+    return pairs
