@@ -3,9 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "annealing.h"
-#include "flip_search.h"
 #include "paper_search.h"
+#include "plan_search.h"
 
 int32_t inkloop_core_interface(void) {
     return CORE_INTERFACE;
@@ -25,47 +24,48 @@ double inkloop_layer(size_t nx, size_t ny, const double *height, const int32_t *
     return lost;
 }
 
-int32_t inkloop_objective(const LayerProblem *problem, const int32_t *pattern, double *value) {
-    LayerSurface surface;
-    if (!surface_open(&surface, problem, pattern))
+int32_t inkloop_objective(const HorizonProblem *problem, const int32_t *plan, Objective *value) {
+    PlanSurface surface;
+    if (!surface_open(&surface, problem, plan))
         return CORE_NO_MEMORY;
-    *value = objective(&surface.sums, &surface.weighting);
+    *value = surface_objective(&surface);
     surface_close(&surface);
     return CORE_DONE;
 }
 
-static void finish(LayerSurface *surface, const LayerProblem *problem, int32_t *pattern, SearchReport *report) {
-    report->incremental = objective(&surface->sums, &surface->weighting);
-    surface_evaluate(surface, problem);
-    report->objective = objective(&surface->sums, &surface->weighting);
-    surface_pattern(surface, problem, pattern);
+static void finish(PlanSurface *surface, int32_t *plan, SearchReport *report) {
+    surface_evaluate(surface);
+    report->objective = surface_objective(surface);
+    surface_plan(surface, plan);
     surface_close(surface);
 }
 
-int32_t inkloop_search(const LayerProblem *problem, int32_t *pattern, int64_t annealing_sweeps, int64_t sweeps_max,
-                       uint64_t seed, SearchReport *report) {
-    LayerSurface surface;
+int32_t inkloop_search(const HorizonProblem *problem, const SearchOptions *options, int32_t *plan,
+                       SearchReport *report) {
+    PlanSurface surface;
     *report = (SearchReport){0};
-    if (!surface_open(&surface, problem, pattern))
+    if (!surface_open(&surface, problem, plan))
         return CORE_NO_MEMORY;
-    anneal(&surface, annealing_sweeps, seed, report);
-    const int32_t status = flip_search(&surface, report->sweeps + sweeps_max, report);
-    finish(&surface, problem, pattern, report);
+    const int32_t status = plan_search(&surface, options, report);
+    finish(&surface, plan, report);
     return status;
 }
 
-int32_t inkloop_paper_search(const LayerProblem *problem, int32_t *pattern, int64_t batch, int64_t iterations_max,
+int32_t inkloop_paper_search(const HorizonProblem *problem, int32_t *plan, int64_t batch, int64_t iterations_max,
                              uint64_t seed, SearchReport *report) {
-    LayerSurface surface;
+    PlanSurface surface;
     *report = (SearchReport){0};
-    if (!surface_open(&surface, problem, pattern))
+    if (!surface_open(&surface, problem, plan))
         return CORE_NO_MEMORY;
     const size_t cells = problem->nx * problem->ny;
     size_t *order = malloc(2 * cells * sizeof(size_t));
+    Window window;
     int32_t status = CORE_NO_MEMORY;
-    if (order)
-        status = paper_search(&surface, (size_t)batch, iterations_max, seed, order, order + cells, report);
+    if (window_open(&window, &surface) && order)
+        status = paper_search(&surface, (size_t)batch, iterations_max, seed, order, order + cells, &window, report);
+    report->incremental = objective(&surface.sums, &surface.weighting);
+    window_close(&window);
     free(order);
-    finish(&surface, problem, pattern, report);
+    finish(&surface, plan, report);
     return status;
 }

@@ -7,7 +7,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "layer_map.h"
+#include "horizon_problem.h"
 
 #if defined(_WIN32)
 #define INKLOOP_CORE_API __declspec(dllexport)
@@ -15,27 +15,7 @@
 #define INKLOOP_CORE_API __attribute__((visibility("default")))
 #endif
 
-enum { CORE_INTERFACE = 1 }; /* counts up with every change of a signature or struct below */
-enum { CORE_DONE = 0, CORE_BUDGET = 1, CORE_NO_MEMORY = 2 };
-
-/* The problem of one layer: which allowed cells get a droplet, so that the surface after it comes close to the target.
- */
-typedef struct {
-    size_t nx, ny;
-    const double *height;    /* surface before the layer [m] */
-    const double *target;    /* [m] */
-    const uint8_t *part;     /* cells that count in the objective; at least one */
-    const uint8_t *allowed;  /* cells that may get a droplet */
-    const int32_t *material; /* 0 or 1: which ink a droplet on the cell is of */
-    Ink ink[2];
-    double alpha;
-} LayerProblem;
-
-typedef struct {
-    double objective;   /* of the pattern returned, evaluated from scratch [m] */
-    double incremental; /* the same as the running sums had it [m] */
-    int64_t sweeps, flips, swaps, evaluations;
-} SearchReport;
+enum { CORE_INTERFACE = 2 }; /* counts up with every change of a signature or struct below */
 
 /* CORE_INTERFACE of the library: the caller can refuse one that was built for other sources. */
 INKLOOP_CORE_API int32_t inkloop_core_interface(void);
@@ -47,17 +27,18 @@ INKLOOP_CORE_API double inkloop_layer(size_t nx, size_t ny, const double *height
                                       const Ink ink[2], const double *factor, int32_t passes, const int32_t order[4],
                                       double *scratch, double *after);
 
-/* Objective of a pattern (0 none, else a droplet of the cell's material) in *value. CORE_DONE or CORE_NO_MEMORY. */
-INKLOOP_CORE_API int32_t inkloop_objective(const LayerProblem *problem, const int32_t *pattern, double *value);
+/* Objective of a plan (layers * nx * ny). CORE_DONE or CORE_NO_MEMORY. */
+INKLOOP_CORE_API int32_t inkloop_objective(const HorizonProblem *problem, const int32_t *plan, Objective *value);
 
-/* Improves `pattern` (in: start, out: 0 none, 1 + material) by `annealing_sweeps` sweeps of annealing, then by flips
- * and swaps until neither helps (CORE_DONE) or for `sweeps_max` sweeps (CORE_BUDGET). Without annealing it never gets
- * worse and needs no seed. The same input gives the same bits. */
-INKLOOP_CORE_API int32_t inkloop_search(const LayerProblem *problem, int32_t *pattern, int64_t annealing_sweeps,
-                                        int64_t sweeps_max, uint64_t seed, SearchReport *report);
+/* Improves `plan` (in: start, out: the best found) by annealing, if asked for, then by the moves asked for until none
+ * helps (CORE_DONE), or until CORE_BUDGET, CORE_TIME or CORE_STOPPED. It never ends worse than it began. The same
+ * input gives the same bits, on any number of threads, unless the clock ends it. */
+INKLOOP_CORE_API int32_t inkloop_search(const HorizonProblem *problem, const SearchOptions *options, int32_t *plan,
+                                        SearchReport *report);
 
-/* The stochastic greedy search of Lu, Zheng, Mishra (2015, IV-C) with random batches of at most `batch` cells. */
-INKLOOP_CORE_API int32_t inkloop_paper_search(const LayerProblem *problem, int32_t *pattern, int64_t batch,
+/* The stochastic greedy search of Lu, Zheng, Mishra (2015, IV-C) with random batches of at most `batch` cells, for a
+ * horizon of one layer with at most one choice on each cell. */
+INKLOOP_CORE_API int32_t inkloop_paper_search(const HorizonProblem *problem, int32_t *plan, int64_t batch,
                                               int64_t iterations_max, uint64_t seed, SearchReport *report);
 
 #endif

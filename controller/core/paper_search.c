@@ -16,12 +16,33 @@ static void shuffle(size_t *order, size_t count, Draw *draw) {
     }
 }
 
+/* Takes the droplet from a cell, or puts one of the first kind that may fall there. */
+static Change flip_of(const PlanSurface *surface, size_t cell) {
+    Change flip = {0, cell / surface->ny, cell % surface->ny, 0};
+    if (surface_layer(surface, 0)[surface_cell(surface, flip.i, flip.j)])
+        return flip;
+    do
+        flip.value++;
+    while (!surface_allows(surface, 0, flip.i, flip.j, flip.value));
+    return flip;
+}
+
+static void flip_all(PlanSurface *surface, const size_t *marked, size_t marks, Window *window) {
+    for (size_t k = 0; k < marks; k++) {
+        const Change flip = flip_of(surface, marked[k]);
+        const Sums change = plan_trial(surface, &flip, 1, window);
+        plan_apply(surface, &flip, 1, window);
+        surface->sums = sums_after(&surface->sums, &change);
+    }
+}
+
 /* Marks the cells of the batch whose flip alone lowers the objective; returns how many. */
-static size_t mark(const LayerSurface *surface, const size_t *batch, size_t count, size_t *marked,
+static size_t mark(const PlanSurface *surface, const size_t *batch, size_t count, size_t *marked, Window *window,
                    SearchReport *report) {
     size_t marks = 0;
     for (size_t k = 0; k < count; k++) {
-        const Sums change = surface_flip_change(surface, batch[k]);
+        const Change flip = flip_of(surface, batch[k]);
+        const Sums change = plan_trial(surface, &flip, 1, window);
         report->evaluations++;
         if (objective_change(&surface->sums, &change, &surface->weighting) < -surface->least_gain)
             marked[marks++] = batch[k];
@@ -30,26 +51,20 @@ static size_t mark(const LayerSurface *surface, const size_t *batch, size_t coun
 }
 
 /* Flips all marked cells; undoes it and returns false if together they do not lower the objective. */
-static bool flip_together(LayerSurface *surface, const size_t *marked, size_t marks) {
+static bool flip_together(PlanSurface *surface, const size_t *marked, size_t marks, Window *window) {
     const double before = objective(&surface->sums, &surface->weighting);
-    for (size_t k = 0; k < marks; k++) {
-        const Sums change = surface_flip_change(surface, marked[k]);
-        surface_flip(surface, marked[k], &change);
-    }
+    flip_all(surface, marked, marks, window);
     if (marks == 1 || objective(&surface->sums, &surface->weighting) < before)
         return true;
-    for (size_t k = 0; k < marks; k++) {
-        const Sums change = surface_flip_change(surface, marked[k]);
-        surface_flip(surface, marked[k], &change);
-    }
+    flip_all(surface, marked, marks, window);
     return false;
 }
 
-int32_t paper_search(LayerSurface *surface, size_t batch, int64_t iterations_max, uint64_t seed, size_t *order,
-                     size_t *marked, SearchReport *report) {
+int32_t paper_search(PlanSurface *surface, size_t batch, int64_t iterations_max, uint64_t seed, size_t *order,
+                     size_t *marked, Window *window, SearchReport *report) {
     size_t count = 0;
     for (size_t cell = 0; cell < surface->nx * surface->ny; cell++)
-        if (surface->allowed[cell])
+        if (surface->problem->choices[cell])
             order[count++] = cell;
     Draw draw = {seed, 0};
     int64_t iterations = 0;
@@ -61,12 +76,12 @@ int32_t paper_search(LayerSurface *surface, size_t batch, int64_t iterations_max
             if (iterations++ == iterations_max)
                 return CORE_BUDGET;
             const size_t size = batch < count - first ? batch : count - first;
-            const size_t marks = mark(surface, order + first, size, marked, report);
+            const size_t marks = mark(surface, order + first, size, marked, window, report);
             first += size;
             if (marks == 0)
                 continue;
             improved = true;
-            if (flip_together(surface, marked, marks))
+            if (flip_together(surface, marked, marks, window))
                 report->flips += (int64_t)marks;
             else
                 batch = batch > 1 ? batch / 2 : 1;

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from inkloop.component import FloatMap, Job
-from inkloop_controller import core
+from inkloop_controller import one_layer as core
 from inkloop_controller.core import IntMap
 from inkloop_controller.layer_model import LayerModel
 from inkloop_controller.layer_mpc import check_alpha, check_single_pass, layer_problem, random_key

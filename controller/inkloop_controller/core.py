@@ -3,119 +3,138 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from collections.abc import Callable, Sequence
+from math import inf
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import BoolMap, FloatMap, Ink
-from inkloop_controller.core_library import InkStruct, ProblemStruct, ReportStruct, library
+from inkloop.component import FloatMap, Ink
+from inkloop_controller.core_library import (
+    AFTER_SWEEP,
+    InkStruct,
+    ObjectiveStruct,
+    ProblemStruct,
+    ReportStruct,
+    SearchOptionsStruct,
+    library,
+)
+from inkloop_controller.horizon_problem import (
+    HORIZON_MAX,
+    KINDS_MAX,
+    ChoiceMaps,
+    HorizonProblem,
+    IntMap,
+    IntPlan,
+    Moves,
+    Objective,
+    SearchProgress,
+    SearchResult,
+    SearchStatus,
+    fault_of_array,
+    first_cell,
+)
 
-IntMap: TypeAlias = NDArray[np.int32]
-"""(nx, ny): a pattern (0 none, 1 material A, 2 material B), or the material of each cell (0 is A, 1 is B)."""
+__all__ = [
+    "HORIZON_MAX",
+    "KINDS_MAX",
+    "ChoiceMaps",
+    "HorizonProblem",
+    "IntMap",
+    "IntPlan",
+    "Moves",
+    "Objective",
+    "SearchProgress",
+    "SearchResult",
+    "SearchStatus",
+    "layer",
+    "objective",
+    "paper_search",
+    "search",
+]
 
-_BUDGET, _NO_MEMORY = 1, 2
-
-
-@dataclass(frozen=True)
-class LayerProblem:
-    """Which of the allowed cells get a droplet in the coming layer, so that the surface comes close to the target.
-
-    height, target: (nx, ny) [m]; part: cells that count in the objective; allowed: cells that may get a droplet;
-    material: (nx, ny), index into `inks` of a droplet on the cell; alpha: weight of the mean error against the
-    standard deviation (Lu, Zheng, Mishra 2015, eq. 8). Raises ValueError if a value cannot be meant.
-    """
-
-    height: FloatMap
-    target: FloatMap
-    part: BoolMap
-    allowed: BoolMap
-    material: IntMap
-    inks: tuple[Ink, ...]
-    alpha: float
-
-    def __post_init__(self) -> None:
-        shape = np.shape(self.height)
-        if len(shape) != 2 or 0 in shape:
-            raise ValueError(f"height has shape {shape}; a layer problem needs (nx, ny) with at least one cell")
-        for name, dtype in (("height", "f8"), ("target", "f8"), ("part", "?"), ("allowed", "?"), ("material", "i4")):
-            object.__setattr__(self, name, _checked(name, getattr(self, name), dtype, shape))
-        if not self.part.any():
-            raise ValueError("part marks no cell; an objective over no cell means nothing")
-        if not 1 <= len(self.inks) <= 2 or self.material.min() < 0 or self.material.max() >= len(self.inks):
-            raise ValueError(
-                f"material runs from {self.material.min()} to {self.material.max()} with {len(self.inks)} inks; "
-                "needs 1 or 2 inks and materials that name one of them, counted from 0"
-            )
-        if not 0.0 <= self.alpha <= 1.0:
-            raise ValueError(f"alpha is {self.alpha}; needs a weight between 0 and 1")
-
-    def _struct(self) -> ProblemStruct:
-        return ProblemStruct(
-            *self.height.shape,
-            _pointer(self.height),
-            _pointer(self.target),
-            _pointer(self.part, ctypes.c_uint8),
-            _pointer(self.allowed, ctypes.c_uint8),
-            _pointer(self.material),
-            _ink_pair(self.inks),
-            self.alpha,
-        )
+_NO_MEMORY = 4
 
 
-@dataclass(frozen=True)
-class SearchResult:
-    """A pattern with its objective [m], evaluated from scratch; `incremental` as the running sums had it [m].
-
-    finished: no single change improves the pattern (else the work budget ended first).
-    """
-
-    pattern: IntMap
-    objective: float
-    incremental: float
-    finished: bool
-    sweeps: int
-    flips: int
-    swaps: int
-    evaluations: int
-
-
-def objective(problem: LayerProblem, pattern: IntMap) -> float:
-    """Objective [m] of a pattern (not 0: a droplet of the cell's own material)."""
-    droplets = _droplets(problem, pattern)
-    value = ctypes.c_double()
-    _answered(library().inkloop_objective(problem._struct(), _pointer(droplets), value))
-    return value.value
+def objective(problem: HorizonProblem, plan: IntPlan) -> Objective:
+    """Objective of a plan (layers, nx, ny)."""
+    droplets = _droplets(problem, plan)
+    found = ObjectiveStruct()
+    _answered(library().inkloop_objective(_struct(problem), _pointer(droplets), found))
+    return _objective(found)
 
 
 def search(
-    problem: LayerProblem, start: IntMap, sweeps_max: int, *, annealing_sweeps: int = 0, seed: int = 0
+    problem: HorizonProblem,
+    start: IntPlan,
+    *,
+    sweeps_max: int,
+    moves: Moves = Moves.ALL,
+    annealing_sweeps: int = 0,
+    seed: int = 0,
+    seconds_max: float = inf,
+    threads: int = 1,
+    after_sweep: Callable[[SearchProgress], bool] | None = None,
 ) -> SearchResult:
-    """Improve a pattern by flips and swaps until neither helps, or for `sweeps_max` sweeps; the result is never worse.
+    """Improve a plan by `moves` until none helps, or for `sweeps_max` sweeps; the result is never worse than `start`.
 
-    annealing_sweeps: sweeps of simulated annealing before (they may end worse than `start`), drawn from `seed` >= 0.
+    annealing_sweeps: sweeps of simulated annealing before, drawn from `seed`, 0 to 2^64 - 1; seconds_max: guard by the
+    clock; threads: the answer is the same for any number; after_sweep: called after every sweep, True stops the search.
+    KeyboardInterrupt in it stops the search, the result tells; any other exception stops it and is raised again.
+    Raises ValueError for options that cannot be meant.
     """
-    pattern = _droplets(problem, start)
+    faults = [
+        f"{name} is {value}; needs {wanted}"
+        for name, value, wanted, is_meant in (
+            ("sweeps_max", sweeps_max, "a whole number >= 0", sweeps_max >= 0),
+            ("annealing_sweeps", annealing_sweeps, "a whole number >= 0", annealing_sweeps >= 0),
+            ("seed", seed, "0 to 2^64 - 1", 0 <= seed < 2**64),
+            ("seconds_max", seconds_max, "a time of at least 0 s", seconds_max >= 0.0),
+            ("threads", threads, "at least 1", threads >= 1),
+        )
+        if not is_meant
+    ]
+    if faults:
+        raise ValueError("; ".join(faults))
+    plan = _droplets(problem, start)
     report = ReportStruct()
-    struct = problem._struct()
-    code = library().inkloop_search(struct, _pointer(pattern), annealing_sweeps, sweeps_max, seed, report)
-    return _result(pattern, report, _answered(code))
+    raised: list[BaseException] = []
+
+    def ask(_: int | None, so_far: Any) -> int:
+        try:
+            stop = after_sweep is not None and after_sweep(_progress(so_far.contents))
+        except BaseException as error:  # it must not pass through C: kept, and raised below
+            raised.append(error)
+            return 1
+        return int(stop)
+
+    callback = AFTER_SWEEP(ask) if after_sweep is not None else AFTER_SWEEP()
+    options = SearchOptionsStruct(int(moves), annealing_sweeps, sweeps_max, seed, seconds_max, threads, callback, None)
+    code = _answered(library().inkloop_search(_struct(problem), options, _pointer(plan), report))
+    interrupted = bool(raised) and isinstance(raised[0], KeyboardInterrupt)
+    if raised and not interrupted:
+        raise raised[0]
+    return _result(plan, report, code, interrupted)
 
 
-def paper_search(problem: LayerProblem, start: IntMap, batch: int, iterations_max: int, seed: int) -> SearchResult:
-    """Improve a pattern by the stochastic greedy search of Lu, Zheng, Mishra (2015, IV-C).
+def paper_search(problem: HorizonProblem, start: IntPlan, batch: int, iterations_max: int, seed: int) -> SearchResult:
+    """Improve a plan of one layer by the stochastic greedy search of Lu, Zheng, Mishra (2015, IV-C).
 
     batch: flips tried before those that help are made together, >= 1 (their M); iterations_max: batches; seed >= 0.
+    Raises ValueError for a longer horizon, and where a cell may choose between kinds of droplets.
     """
     if batch < 1 or seed < 0:
         raise ValueError(f"batch is {batch} and seed {seed}; needs a batch of at least 1 cell and a seed >= 0")
-    pattern = _droplets(problem, start)
+    if problem.layers > 1 or (problem.choices & (problem.choices - 1)).any():
+        raise ValueError(
+            f"choices holds {problem.layers} layers with up to {np.bitwise_count(problem.choices).max()} kinds on a "
+            "cell; the paper's search needs 1 layer and at most 1 kind"
+        )
+    plan = _droplets(problem, start)
     report = ReportStruct()
-    struct = problem._struct()
-    code = library().inkloop_paper_search(struct, _pointer(pattern), batch, iterations_max, seed, report)
-    return _result(pattern, report, _answered(code))
+    code = library().inkloop_paper_search(_struct(problem), _pointer(plan), batch, iterations_max, seed, report)
+    return _result(plan, report, _answered(code), False)
 
 
 def layer(
@@ -150,36 +169,73 @@ def layer(
     return after
 
 
-def _checked(name: str, array: NDArray[Any], dtype: str, shape: tuple[int, ...]) -> NDArray[Any]:
-    """The array in C order; it must have shape and dtype already, and finite values."""
-    if np.shape(array) != shape:
-        raise ValueError(f"{name} has shape {np.shape(array)}; needs {shape}")
-    if array.dtype != np.dtype(dtype):
-        raise ValueError(f"{name} has dtype {array.dtype}; needs {np.dtype(dtype)}")
-    if dtype == "f8" and not np.isfinite(array).all():
-        cell = tuple(int(index) for index in np.argwhere(~np.isfinite(array))[0])
-        raise ValueError(f"{name} is {array[cell]} at cell {cell}; needs finite values")
-    return np.ascontiguousarray(array)
+def _struct(problem: HorizonProblem) -> ProblemStruct:
+    """The problem for C; its arrays must stay alive as long."""
+    kinds = [InkStruct(kind.h1, kind.h2, kind.h3) for kind in problem.kinds]
+    orders = [(ctypes.c_int32 * 4)(*order) for order in problem.colours]
+    return ProblemStruct(
+        *problem.height.shape,
+        problem.layers,
+        _pointer(problem.height),
+        _pointer(problem.target),
+        None if problem.ceiling is None else _pointer(problem.ceiling),
+        _pointer(problem.part),
+        _pointer(problem.weights),
+        _pointer(problem.choices),
+        len(kinds),
+        (InkStruct * KINDS_MAX)(*kinds),
+        problem.alpha,
+        problem.overshoot,
+        problem.ceiling_cost,
+        problem.passes,
+        (ctypes.c_int32 * 4 * HORIZON_MAX)(*orders),
+    )
 
 
-def _droplets(problem: LayerProblem, pattern: IntMap) -> IntMap:
-    """A copy of a pattern that C may write to, with droplets on allowed cells only."""
-    droplets = np.array(_checked("pattern", pattern, "i4", problem.height.shape))
-    if (droplets[~problem.allowed] != 0).any():
-        cell = tuple(int(index) for index in np.argwhere((droplets != 0) & ~problem.allowed)[0])
-        raise ValueError(f"pattern has a droplet at cell {cell}, where none is allowed")
+def _droplets(problem: HorizonProblem, plan: IntPlan) -> IntPlan:
+    """A copy of a plan that C may write to, with droplets of the kinds that may fall on their cells only."""
+    droplets = np.array(_checked("plan", plan, "i4", problem.choices.shape))
+    if droplets.min() < 0 or droplets.max() > len(problem.kinds):
+        raise ValueError(
+            f"plan holds {droplets.min()} to {droplets.max()}; needs 0 to {len(problem.kinds)}, the kinds given"
+        )
+    forbidden = (2 * problem.choices.astype(np.int32) + 1) >> droplets & 1 == 0
+    if forbidden.any():
+        cell = first_cell(forbidden)
+        raise ValueError(
+            f"plan has a droplet of kind {droplets[cell] - 1} at cell {cell[1:]} of layer {cell[0]}, where the choices "
+            "do not allow it"
+        )
     return droplets
 
 
-def _result(pattern: IntMap, report: ReportStruct, code: int) -> SearchResult:
-    counts = (report.sweeps, report.flips, report.swaps, report.evaluations)
-    return SearchResult(pattern, report.objective, report.incremental, code != _BUDGET, *counts)
+def _result(plan: IntPlan, report: ReportStruct, code: int, interrupted: bool) -> SearchResult:
+    counts = (report.sweeps, report.evaluations, report.flips, report.swaps, report.shifts)
+    status = SearchStatus(code)
+    return SearchResult(plan, _objective(report.objective), report.incremental, status, *counts, interrupted)
+
+
+def _progress(report: ReportStruct) -> SearchProgress:
+    counts = (report.sweeps, report.evaluations, report.flips, report.swaps, report.shifts)
+    return SearchProgress(report.objective.value, *counts)
+
+
+def _objective(found: ObjectiveStruct) -> Objective:
+    return Objective(found.value, found.error, found.over_ceiling, found.deviation)
 
 
 def _answered(code: int) -> int:
     if code == _NO_MEMORY:
-        raise MemoryError("no memory for the search of a layer; it takes about 100 bytes per cell")
+        raise MemoryError("no memory for the search of a plan; it takes about 40 bytes per cell and 10 more per step")
     return code
+
+
+def _checked(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -> NDArray[Any]:
+    """The array in C order; it must have shape and dtype already, and finite values."""
+    fault = fault_of_array(name, array, dtype, shape)
+    if fault:
+        raise ValueError(fault)
+    return np.ascontiguousarray(array)
 
 
 def _ink_pair(inks: Sequence[Ink]) -> ctypes.Array[InkStruct]:
@@ -187,7 +243,9 @@ def _ink_pair(inks: Sequence[Ink]) -> ctypes.Array[InkStruct]:
     return (InkStruct * 2)(*(InkStruct(ink.h1, ink.h2, ink.h3) for ink in both))
 
 
-def _pointer(array: NDArray[Any], kind: type[Any] | None = None) -> Any:
+_C_TYPES: dict[str, Any] = {"f8": ctypes.c_double, "i4": ctypes.c_int32, "u2": ctypes.c_uint16, "b1": ctypes.c_uint8}
+
+
+def _pointer(array: NDArray[Any]) -> Any:
     """A ctypes pointer to the array, which it keeps alive."""
-    c_type = kind or {"f8": ctypes.c_double, "i4": ctypes.c_int32}[array.dtype.str[1:]]
-    return array.ctypes.data_as(ctypes.POINTER(c_type))
+    return array.ctypes.data_as(ctypes.POINTER(_C_TYPES[array.dtype.str[1:]]))

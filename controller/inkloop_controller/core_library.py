@@ -12,14 +12,16 @@ from importlib.resources import files
 from pathlib import Path
 
 from inkloop.errors import InkloopError
+from inkloop_controller.horizon_problem import HORIZON_MAX, KINDS_MAX
 
 VARIABLE = "INKLOOP_CORE_LIB"
-_INTERFACE = 1  # CORE_INTERFACE of inkloop_core.h
+_INTERFACE = 2  # CORE_INTERFACE of inkloop_core.h
 _PACKAGE = "inkloop_controller"
 _GRID = (ctypes.c_size_t, ctypes.c_size_t)
 _REALS = ctypes.POINTER(ctypes.c_double)
 _INTEGERS = ctypes.POINTER(ctypes.c_int32)
 _MARKS = ctypes.POINTER(ctypes.c_uint8)
+_CHOICES = ctypes.POINTER(ctypes.c_uint16)
 
 
 class InkStruct(ctypes.Structure):
@@ -29,31 +31,68 @@ class InkStruct(ctypes.Structure):
 
 
 class ProblemStruct(ctypes.Structure):
-    """`LayerProblem` of inkloop_core.h."""
+    """`HorizonProblem` of horizon_problem.h."""
 
     _fields_ = (
         ("nx", ctypes.c_size_t),
         ("ny", ctypes.c_size_t),
+        ("layers", ctypes.c_size_t),
         ("height", _REALS),
         ("target", _REALS),
+        ("ceiling", _REALS),
         ("part", _MARKS),
-        ("allowed", _MARKS),
-        ("material", _INTEGERS),
-        ("ink", InkStruct * 2),
+        ("weight", _REALS),
+        ("choices", _CHOICES),
+        ("kinds", ctypes.c_size_t),
+        ("kind", InkStruct * KINDS_MAX),
         ("alpha", ctypes.c_double),
+        ("overshoot", ctypes.c_double),
+        ("ceiling_cost", ctypes.c_double),
+        ("passes", ctypes.c_int32),
+        ("colours", ctypes.c_int32 * 4 * HORIZON_MAX),
+    )
+
+
+class ObjectiveStruct(ctypes.Structure):
+    """`Objective` of horizon_problem.h."""
+
+    _fields_ = (
+        ("value", ctypes.c_double),
+        ("error", ctypes.c_double),
+        ("over_ceiling", ctypes.c_double),
+        ("deviation", ctypes.c_double),
     )
 
 
 class ReportStruct(ctypes.Structure):
-    """`SearchReport` of inkloop_core.h."""
+    """`SearchReport` of horizon_problem.h."""
 
     _fields_ = (
-        ("objective", ctypes.c_double),
+        ("objective", ObjectiveStruct),
         ("incremental", ctypes.c_double),
         ("sweeps", ctypes.c_int64),
+        ("evaluations", ctypes.c_int64),
         ("flips", ctypes.c_int64),
         ("swaps", ctypes.c_int64),
-        ("evaluations", ctypes.c_int64),
+        ("shifts", ctypes.c_int64),
+    )
+
+
+AFTER_SWEEP = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.POINTER(ReportStruct))
+
+
+class SearchOptionsStruct(ctypes.Structure):
+    """`SearchOptions` of horizon_problem.h."""
+
+    _fields_ = (
+        ("moves", ctypes.c_int32),
+        ("annealing_sweeps", ctypes.c_int64),
+        ("sweeps_max", ctypes.c_int64),
+        ("seed", ctypes.c_uint64),
+        ("seconds_max", ctypes.c_double),
+        ("threads", ctypes.c_int32),
+        ("after_sweep", AFTER_SWEEP),
+        ("caller", ctypes.c_void_p),
     )
 
 
@@ -65,10 +104,10 @@ _ENTRY_POINTS = {
         ctypes.c_double,
         (*_GRID, _REALS, _INTEGERS, ctypes.POINTER(InkStruct), _REALS, ctypes.c_int32, _INTEGERS, _REALS, _REALS),
     ),
-    "inkloop_objective": (ctypes.c_int32, (_PROBLEM, _INTEGERS, _REALS)),
+    "inkloop_objective": (ctypes.c_int32, (_PROBLEM, _INTEGERS, ctypes.POINTER(ObjectiveStruct))),
     "inkloop_search": (
         ctypes.c_int32,
-        (_PROBLEM, _INTEGERS, ctypes.c_int64, ctypes.c_int64, ctypes.c_uint64, _REPORT),
+        (_PROBLEM, ctypes.POINTER(SearchOptionsStruct), _INTEGERS, _REPORT),
     ),
     "inkloop_paper_search": (
         ctypes.c_int32,

@@ -51,8 +51,6 @@ class HorizonProblem:
     colours: tuple[tuple[int, ...], ...] = ()
 
     def __post_init__(self) -> None:
-        if self.weight is None:
-            object.__setattr__(self, "weight", np.asarray(self.part, np.float64))
         shape = np.shape(self.height)
         if len(shape) != 2 or 0 in shape:
             raise ValueError(f"height has shape {shape}; a layer problem needs (nx, ny) with at least one cell")
@@ -61,6 +59,7 @@ class HorizonProblem:
             faults = [*self._faults_of_choices(), *self._faults_of_heights()]
         if faults:
             raise ValueError("; ".join(faults))
+        object.__setattr__(self, "weight", self.weights)
         for name in ("height", "target", "part", "choices", "weight", "ceiling"):
             array = getattr(self, name)
             object.__setattr__(self, name, None if array is None else np.ascontiguousarray(array))
@@ -75,6 +74,11 @@ class HorizonProblem:
         """Of each layer: 1 or 4."""
         return 4 if self.colours else 1
 
+    @property
+    def weights(self) -> FloatMap:
+        """(nx, ny) weight of each cell's error."""
+        return np.asarray(self.part, np.float64) if self.weight is None else self.weight
+
     def _faults_of_arrays(self, shape: tuple[int, ...]) -> list[str]:
         layers = len(self.choices) if np.ndim(self.choices) == 3 else 1
         wanted: list[tuple[str, Any, str, tuple[int, ...]]] = [
@@ -83,10 +87,9 @@ class HorizonProblem:
             ("part", self.part, "?", shape),
             ("choices", self.choices, "u2", (layers, *shape)),
             ("weight", self.weight, "f8", shape),
+            ("ceiling", self.ceiling, "f8", shape),
         ]
-        if self.ceiling is not None:
-            wanted.append(("ceiling", self.ceiling, "f8", shape))
-        return [fault for entry in wanted if (fault := fault_of_array(*entry))]
+        return [fault for entry in wanted if entry[1] is not None and (fault := fault_of_array(*entry))]
 
     def _faults_of_values(self) -> list[str]:
         faults = []
@@ -114,16 +117,16 @@ class HorizonProblem:
         if not 1 <= self.layers <= HORIZON_MAX:
             faults.append(f"choices holds {self.layers} layers; needs a horizon of 1 to {HORIZON_MAX}")
         elif (self.choices >> len(self.kinds)).any():
-            layer, *cell = first_cell(self.choices >> len(self.kinds) > 0)
+            found = first_cell(self.choices >> len(self.kinds) > 0)
             faults.append(
-                f"choices of layer {layer} is {self.choices[layer, *cell]} at cell {tuple(cell)}; "
+                f"choices of layer {found[0]} is {self.choices[found]} at cell {found[1:]}; "
                 f"needs bits of the {len(self.kinds)} kinds given"
             )
         if not self.part.any():
             faults.append("part marks no cell; an objective over no cell means nothing")
         if self.weight is not None and (self.weight < 0.0).any():
             cell = first_cell(self.weight < 0.0)
-            faults.append(f"weight is {self.weight[*cell]} at cell {cell}; needs weights of at least 0")
+            faults.append(f"weight is {self.weight[cell]} at cell {cell}; needs weights of at least 0")
         return faults
 
     def _faults_of_heights(self) -> list[str]:
@@ -209,7 +212,7 @@ def fault_of_array(name: str, array: NDArray[Any], dtype: str, shape: Sequence[i
         return f"{name} has dtype {array.dtype}; needs {np.dtype(dtype)}"
     if dtype == "f8" and not np.isfinite(array).all():
         cell = first_cell(~np.isfinite(array))
-        return f"{name} is {array[*cell]} at cell {cell}; needs finite values"
+        return f"{name} is {array[cell]} at cell {cell}; needs finite values"
     return None
 
 

@@ -7,10 +7,11 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from inkloop.component import FloatMap, Job
-from inkloop_controller import core
-from inkloop_controller.core import IntMap, LayerProblem
+from inkloop_controller import one_layer as core
+from inkloop_controller.core import IntMap
 from inkloop_controller.layer_model import LayerModel
 from inkloop_controller.layer_plan import LayerPlan, PlanStatus
+from inkloop_controller.one_layer import LayerProblem
 from inkloop_controller.regions import RegionTest, materials
 from inkloop_controller.relaxation import LayerRelaxation, RelaxedPlan
 
@@ -75,7 +76,7 @@ class LayerMpc:
             starts["relaxation"] = (self._job.mask & (relaxed.droplets >= 0.5)).astype(np.int32)
         return starts
 
-    def _best(self, problem: LayerProblem, starts: dict[str, IntMap], key: int) -> tuple[str, core.SearchResult]:
+    def _best(self, problem: LayerProblem, starts: dict[str, IntMap], key: int) -> tuple[str, core.LayerResult]:
         found = {name: core.search(problem, start, self._sweeps) for name, start in starts.items()}
         if self._annealing_sweeps:
             found["annealed"] = core.search(

@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap
-from inkloop_controller.core import LayerProblem
 from inkloop_controller.layer_model import ink_maps
+from inkloop_controller.one_layer import LayerProblem
 from inkloop_controller.symbolic_layer import Symbolic, symbolic_layer
 
 Engine: TypeAlias = Literal["ipopt", "highs"]

@@ -10,7 +10,7 @@ import pytest
 
 from closed_loop import block
 from inkloop.component import BoolMap, FloatMap, Ink, Job
-from inkloop_controller import core
+from inkloop_controller import one_layer as core
 from inkloop_controller.baselines import OpenLoop, StochasticGreedy
 from inkloop_controller.layer_model import LayerModel
 from inkloop_controller.layer_mpc import LayerMpc, layer_problem

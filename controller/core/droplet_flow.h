@@ -1,0 +1,33 @@
+/* What droplets give to their neighbours (the layer map of layer_map.h, on the lattice of lattice.h). */
+#ifndef INKLOOP_DROPLET_FLOW_H
+#define INKLOOP_DROPLET_FLOW_H
+
+#include "lattice.h"
+#include "layer_map.h"
+
+enum { SIDE, CORNER };
+
+typedef struct {
+    double volume;    /* what it adds in all: h1 + 4 h2 + 4 h3 [m] */
+    double spread[2]; /* what a side and a corner neighbour take at most: h2 and h3 [m] */
+    double slope[2];  /* how much less they take per metre that they lie above the cell hit */
+} Droplet;
+
+static inline Droplet droplet_of(const Ink *ink) {
+    const double side = on_lattice(ink->h2), corner = on_lattice(ink->h3);
+    return (Droplet){on_lattice(ink->h1) + 4.0 * side + 4.0 * corner,
+                     {side, corner},
+                     {ink->h2 / (ink->h1 + ink->h2), ink->h3 / (ink->h1 + ink->h3)}};
+}
+
+static inline double between(double low, double value, double high) {
+    const double raised = value < low ? low : value;
+    return raised > high ? high : raised;
+}
+
+/* Share that a neighbour takes when the cell hit lies `rise` above it; without a droplet spread is 0, and so is it. */
+static inline double flow(double spread, double slope, double rise) {
+    return between(0.0, spread + on_lattice(slope * rise), spread);
+}
+
+#endif

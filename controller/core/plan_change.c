@@ -1,0 +1,254 @@
+#include "plan_change.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* Cells of the grid counted with the frame, ends included; empty if bottom < top. */
+typedef struct {
+    ptrdiff_t top, bottom, left, right;
+} Box;
+
+typedef struct {
+    const PlanSurface *surface;
+    const Change *change;
+    size_t count;
+    Window *window;
+    ptrdiff_t top, left; /* cell of the map that is the window's first */
+} Trial;
+
+bool window_open(Window *window, const PlanSurface *surface) {
+    const size_t side = 2 * surface->steps + 6; /* a 4x4 box, one more cell each way for every step and for reading */
+    const size_t cells = side * side;
+    *window = (Window){.side = side, .memory = calloc(1, cells * (6 * sizeof(double) + 1))};
+    if (!window->memory)
+        return false;
+    window->after = window->memory;
+    window->before = window->after + cells;
+    for (int place = SIDE; place <= CORNER; place++) {
+        window->spread[place] = window->after + (2 + place) * cells;
+        window->slope[place] = window->after + (4 + place) * cells;
+    }
+    window->value = (uint8_t *)(window->after + 6 * cells);
+    return true;
+}
+
+void window_close(Window *window) {
+    free(window->memory);
+    window->memory = NULL;
+}
+
+static bool is_empty(const Box *box) {
+    return box->bottom < box->top;
+}
+
+static Box widened(const PlanSurface *surface, const Box *box) {
+    const ptrdiff_t nx = (ptrdiff_t)surface->nx, ny = (ptrdiff_t)surface->ny;
+    return (Box){box->top > 1 ? box->top - 1 : 1, box->bottom < nx ? box->bottom + 1 : nx,
+                 box->left > 1 ? box->left - 1 : 1, box->right < ny ? box->right + 1 : ny};
+}
+
+static Box joined(const Box *one, const Box *other) {
+    if (is_empty(one))
+        return *other;
+    return (Box){
+        one->top < other->top ? one->top : other->top, one->bottom > other->bottom ? one->bottom : other->bottom,
+        one->left < other->left ? one->left : other->left, one->right > other->right ? one->right : other->right};
+}
+
+static size_t in_window(const Trial *trial, ptrdiff_t row, ptrdiff_t column) {
+    return (size_t)(row - trial->top) * trial->window->side + (size_t)(column - trial->left);
+}
+
+static size_t in_map(const Trial *trial, ptrdiff_t row, ptrdiff_t column) {
+    return (size_t)row * trial->surface->stride + (size_t)column;
+}
+
+static bool is_in_step(const Trial *trial, const Change *change, size_t step) {
+    return surface_step(trial->surface, change->layer, change->i, change->j) == step;
+}
+
+/* The box with the 3x3 cells around every change of the step. */
+static Box with_changes(const Trial *trial, Box box, size_t step) {
+    for (size_t k = 0; k < trial->count; k++) {
+        const Change *change = &trial->change[k];
+        const ptrdiff_t row = (ptrdiff_t)change->i + 1, column = (ptrdiff_t)change->j + 1;
+        const Box cell = {row, row, column, column};
+        const Box around = widened(trial->surface, &cell);
+        if (is_in_step(trial, change, step))
+            box = joined(&box, &around);
+    }
+    return box;
+}
+
+static void copy_rows(const Trial *trial, const double *map, double *local, const Box *box) {
+    const size_t columns = (size_t)(box->right - box->left + 1);
+    for (ptrdiff_t row = box->top; row <= box->bottom; row++)
+        memcpy(local + in_window(trial, row, box->left), map + in_map(trial, row, box->left), columns * sizeof(double));
+}
+
+/* The first step that differs: droplets are added to and taken from the surface as it is. */
+static void begin(const Trial *trial, const Box *box, size_t step) {
+    const PlanSurface *surface = trial->surface;
+    const double *before = surface_height(surface, step);
+    double *after = trial->window->after;
+    copy_rows(trial, surface_height(surface, step + 1), after, box);
+    for (size_t k = 0; k < trial->count; k++) {
+        const Change *change = &trial->change[k];
+        if (!is_in_step(trial, change, step))
+            continue;
+        const size_t cell = surface_cell(surface, change->i, change->j);
+        const size_t there = in_window(trial, (ptrdiff_t)change->i + 1, (ptrdiff_t)change->j + 1);
+        const unsigned value = surface_layer(surface, change->layer)[cell];
+        if (value)
+            surface_add_droplet(surface, before, cell, value, -1.0, after, there, trial->window->side);
+        if (change->value)
+            surface_add_droplet(surface, before, cell, change->value, 1.0, after, there, trial->window->side);
+    }
+}
+
+/* Values jetted in the step on the cells of `box` and what they give away. */
+static void load_droplets(const Trial *trial, const Box *box, size_t step) {
+    const PlanSurface *surface = trial->surface;
+    const Window *window = trial->window;
+    const size_t passes = (size_t)surface->problem->passes, layer = step / passes;
+    const int32_t colour = passes == 1 ? COLOUR_ALL : surface->problem->colours[layer][step % passes];
+    for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
+        const uint8_t *values = surface_layer(surface, layer) + in_map(trial, row, box->left);
+        uint8_t *own = window->value + in_window(trial, row, box->left);
+        const ptrdiff_t columns = box->right - box->left + 1;
+        for (ptrdiff_t k = 0; k < columns; k++) /* the frame moves the parities of a colour */
+            own[k] = colour == COLOUR_ALL || colour == 2 * ((row + 1) % 2) + (box->left + k + 1) % 2 ? values[k] : 0;
+    }
+    for (size_t k = 0; k < trial->count; k++)
+        if (is_in_step(trial, &trial->change[k], step))
+            window->value[in_window(trial, (ptrdiff_t)trial->change[k].i + 1, (ptrdiff_t)trial->change[k].j + 1)] =
+                (uint8_t)trial->change[k].value;
+    for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
+        const size_t end = in_window(trial, row, box->right);
+        for (size_t here = in_window(trial, row, box->left); here <= end; here++) {
+            const Droplet *droplet = &surface->droplet[window->value[here]];
+            for (int place = SIDE; place <= CORNER; place++) {
+                window->spread[place][here] = droplet->spread[place];
+                window->slope[place][here] = droplet->slope[place];
+            }
+        }
+    }
+}
+
+/* What cell `here` loses to `there` less what it gets from it. */
+static inline double loss(const Window *window, int place, const double *height, ptrdiff_t here, ptrdiff_t there) {
+    const double rise = height[here] - height[there];
+    return flow(window->spread[place][here], window->slope[place][here], rise) -
+           flow(window->spread[place][there], window->slope[place][there], -rise);
+}
+
+/* Prints the step on the surface in `before`. */
+static void print_window(const Trial *trial, const Box *box) {
+    const Window *window = trial->window;
+    const ptrdiff_t side = (ptrdiff_t)window->side;
+    const double *before = window->before;
+    for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
+        const ptrdiff_t first = (ptrdiff_t)in_window(trial, row, box->left), last = first + box->right - box->left;
+        for (ptrdiff_t here = first; here <= last; here++) {
+            double height = before[here] + trial->surface->droplet[window->value[here]].volume;
+            for (int k = -1; k <= 1; k += 2) {
+                height -= loss(window, SIDE, before, here, here + k);
+                height -= loss(window, SIDE, before, here, here + k * side);
+                height -= loss(window, CORNER, before, here, here + k * side - 1);
+                height -= loss(window, CORNER, before, here, here + k * side + 1);
+            }
+            window->after[here] = height;
+        }
+    }
+}
+
+/* One more step: the surface in `after`, which differs in `box`, becomes the one before it. */
+static void carry(const Trial *trial, const Box *box, const Box *next, size_t step) {
+    Window *window = trial->window;
+    const Box read = {next->top - 1, next->bottom + 1, next->left - 1, next->right + 1};
+    const size_t columns = (size_t)(box->right - box->left + 1);
+    copy_rows(trial, surface_height(trial->surface, step), window->before, &read);
+    for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
+        const size_t first = in_window(trial, row, box->left);
+        memcpy(window->before + first, window->after + first, columns * sizeof(double));
+    }
+    load_droplets(trial, &read, step);
+    print_window(trial, next);
+}
+
+/* The part of the box that holds all cells whose height after the step differs. */
+static Box differing(const Trial *trial, const Box *box, size_t step) {
+    const double *map = surface_height(trial->surface, step + 1), *after = trial->window->after;
+    Box found = {box->bottom + 1, box->top - 1, box->right + 1, box->left - 1};
+    for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
+        for (ptrdiff_t column = box->left; column <= box->right; column++) {
+            if (after[in_window(trial, row, column)] == map[in_map(trial, row, column)])
+                continue;
+            found.top = row < found.top ? row : found.top;
+            found.bottom = row;
+            found.left = column < found.left ? column : found.left;
+            found.right = column > found.right ? column : found.right;
+        }
+    }
+    return found;
+}
+
+static Sums change_of_sums(const Trial *trial, const Box *box) {
+    const PlanSurface *surface = trial->surface;
+    const double *last = surface_height(surface, surface->steps);
+    Sums change = {0.0, 0.0, 0.0};
+    for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
+        for (ptrdiff_t column = box->left; column <= box->right; column++) {
+            const size_t cell = in_map(trial, row, column);
+            const double was = last[cell], is = trial->window->after[in_window(trial, row, column)];
+            const double raised = surface->goal[cell].inside * (is - was);
+            change.cost += surface_cost(surface, cell, is) - surface_cost(surface, cell, was);
+            change.height += raised;
+            change.squared_height += raised * ((is - surface->reference) + (was - surface->reference));
+        }
+    }
+    return change;
+}
+
+/* Carries the changes through all steps, to the maps in `kept` if that is not NULL; returns where the last differs. */
+static Box carry_through(const Trial *trial, double *kept) {
+    const PlanSurface *surface = trial->surface;
+    Box box = {1, 0, 1, 0};
+    for (size_t step = 0; step < surface->steps; step++) {
+        const bool begins = is_empty(&box);
+        const Box wide = begins ? box : widened(surface, &box);
+        const Box next = with_changes(trial, wide, step);
+        if (is_empty(&next))
+            continue;
+        trial->window->work += (next.bottom - next.top + 1) * (next.right - next.left + 1);
+        if (begins)
+            begin(trial, &next, step);
+        else
+            carry(trial, &box, &next, step);
+        box = step + 1 < surface->steps ? differing(trial, &next, step) : next;
+        for (ptrdiff_t row = next.top; kept && row <= next.bottom; row++)
+            memcpy(kept + (step + 1) * surface->framed + in_map(trial, row, next.left),
+                   trial->window->after + in_window(trial, row, next.left),
+                   (size_t)(next.right - next.left + 1) * sizeof(double));
+    }
+    return box;
+}
+
+static Trial trial_of(const PlanSurface *surface, const Change *change, size_t count, Window *window) {
+    const ptrdiff_t reach = (ptrdiff_t)surface->steps + 2;
+    return (Trial){surface, change, count, window, (ptrdiff_t)change->i + 1 - reach, (ptrdiff_t)change->j + 1 - reach};
+}
+
+Sums plan_trial(const PlanSurface *surface, const Change *change, size_t count, Window *window) {
+    const Trial trial = trial_of(surface, change, count, window);
+    const Box box = carry_through(&trial, NULL);
+    return change_of_sums(&trial, &box);
+}
+
+void plan_apply(PlanSurface *surface, const Change *change, size_t count, Window *window) {
+    const Trial trial = trial_of(surface, change, count, window);
+    carry_through(&trial, surface->height);
+    for (size_t k = 0; k < count; k++)
+        surface_layer(surface, change[k].layer)[surface_cell(surface, change[k].i, change[k].j)] =
+            (uint8_t)change[k].value;
+}

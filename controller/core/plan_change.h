@@ -1,0 +1,44 @@
+/* What a few changed values of a plan do to the surfaces: tried without a trace, or made.
+ *
+ * A change raises or lowers the nine cells around it in its own step. Every later step carries the difference one cell
+ * further, because what flows between two cells depends on both of their heights. So a step is printed again in a
+ * window that grows by one cell each way, and nowhere else. */
+#ifndef INKLOOP_PLAN_CHANGE_H
+#define INKLOOP_PLAN_CHANGE_H
+
+#include "plan_surface.h"
+
+enum { CHANGES_MAX = 2 };
+
+typedef struct {
+    size_t layer, i, j;
+    unsigned value; /* of the plan from now on */
+} Change;
+
+/* Room for the window of one thread. */
+typedef struct {
+    size_t side;   /* from row to row */
+    double *after; /* surface after the step */
+    double *before;
+    double *spread[2]; /* what its droplet gives to a neighbour at most: side, corner [m] */
+    double *slope[2];
+    uint8_t *value; /* of the droplet jetted on each cell in the step */
+    int64_t work;   /* cells printed so far, in all trials */
+    void *memory;
+} Window;
+
+/* Cells by which a change may reach beyond its own: one for each step, and one for what is read. */
+static inline size_t change_reach(size_t steps) {
+    return steps + 1;
+}
+
+bool window_open(Window *window, const PlanSurface *surface);
+void window_close(Window *window);
+
+/* What the changes add to the sums. They are on cells that touch or are the same. */
+Sums plan_trial(const PlanSurface *surface, const Change *change, size_t count, Window *window);
+
+/* Makes the changes: plan and surfaces, not the sums. */
+void plan_apply(PlanSurface *surface, const Change *change, size_t count, Window *window);
+
+#endif

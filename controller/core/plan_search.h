@@ -1,0 +1,12 @@
+/* Search for a better plan: annealing if asked for, then descent by flips, shifts and swaps. */
+#ifndef INKLOOP_PLAN_SEARCH_H
+#define INKLOOP_PLAN_SEARCH_H
+
+#include "plan_surface.h"
+
+/* Improves the plan of the surface. It never ends worse than it began: the best plan at the end of a sweep is kept.
+ * Counts what it did in `report`. Returns CORE_DONE (no change of the moves asked for helps), CORE_BUDGET, CORE_TIME,
+ * CORE_STOPPED or CORE_NO_MEMORY. */
+int32_t plan_search(PlanSurface *surface, const SearchOptions *options, SearchReport *report);
+
+#endif

@@ -1,0 +1,98 @@
+/* The surfaces that a plan gives, one before every step of printing and one after the last, and their objective.
+ *
+ * A plan is printed in steps: one for each layer, or one for each of its four passes. Every map has a frame of one
+ * cell, so that no edge need be checked: nothing falls there, and it lies so deep that it takes every share. */
+#ifndef INKLOOP_PLAN_SURFACE_H
+#define INKLOOP_PLAN_SURFACE_H
+
+#include <stdbool.h>
+
+#include "droplet_flow.h"
+#include "horizon_problem.h"
+#include "objective.h"
+
+enum { STEPS_MAX = 4 * HORIZON_MAX };
+
+typedef struct {
+    double target; /* [m] */
+    double weight; /* of the cell's error */
+    double inside; /* 1 in the part, 0 beside it */
+} Goal;
+
+typedef struct {
+    const HorizonProblem *problem;
+    size_t nx, ny, stride, framed; /* stride: from row to row; framed: cells of a map */
+    size_t steps;
+    Droplet droplet[1 + KINDS_MAX]; /* of each value of a plan */
+    double *height;                 /* steps + 1 maps [m] */
+    double *ceiling;                /* a map [m]; NULL: none */
+    Goal *goal;                     /* a map */
+    uint8_t *plan;                  /* a map for each layer: 0 nothing, 1 + k a droplet of kind k */
+    double upward, skew;            /* cost of an error e: weight * (upward |e| + skew e) */
+    double reference;               /* what heights count from in the sums [m] */
+    Weighting weighting;
+    Sums sums;
+    double droplet_worth; /* what one cell nearer by the height of a droplet is worth in the objective [m] */
+    double least_gain;    /* a change of the objective counts as a gain below minus this [m] */
+    void *memory;
+} PlanSurface;
+
+/* Takes memory and evaluates the plan (layers * nx * ny). False if there is no memory. */
+bool surface_open(PlanSurface *surface, const HorizonProblem *problem, const int32_t *plan);
+void surface_close(PlanSurface *surface);
+
+/* All surfaces and sums of the present plan from scratch. */
+void surface_evaluate(PlanSurface *surface);
+
+/* Objective of the present plan, in its parts, from scratch. */
+Objective surface_objective(const PlanSurface *surface);
+
+/* Sets every value of the plan, or writes them out: layers * nx * ny. The surfaces want an evaluation afterwards. */
+void surface_set_plan(PlanSurface *surface, const int32_t *plan);
+void surface_plan(const PlanSurface *surface, int32_t *plan);
+
+/* Cell (i, j) of the grid in a map with its frame. */
+static inline size_t surface_cell(const PlanSurface *surface, size_t i, size_t j) {
+    return (i + 1) * surface->stride + j + 1;
+}
+
+static inline double *surface_height(const PlanSurface *surface, size_t step) {
+    return surface->height + step * surface->framed;
+}
+
+static inline uint8_t *surface_layer(const PlanSurface *surface, size_t layer) {
+    return surface->plan + layer * surface->framed;
+}
+
+/* Whether a droplet on cell (i, j) may be of this value of a plan; 0 always may. */
+static inline bool surface_allows(const PlanSurface *surface, size_t layer, size_t i, size_t j, unsigned value) {
+    const uint16_t *choices = surface->problem->choices + (layer * surface->nx + i) * surface->ny + j;
+    return ((2u * *choices + 1u) >> value) & 1u;
+}
+
+/* The step in which cell (i, j) of a layer is jetted. */
+static inline size_t surface_step(const PlanSurface *surface, size_t layer, size_t i, size_t j) {
+    if (surface->problem->passes == 1)
+        return layer;
+    const int32_t colour = (int32_t)(2 * (i % 2) + j % 2), *order = surface->problem->colours[layer];
+    size_t pass = 0;
+    while (order[pass] != colour)
+        pass++;
+    return 4 * layer + pass;
+}
+
+/* What the height of a cell after the last step costs [m]. */
+static inline double surface_cost(const PlanSurface *surface, size_t cell, double height) {
+    const double error = height - surface->goal[cell].target;
+    double cost = surface->upward * fabs(error) + surface->skew * error;
+    if (surface->ceiling && height > surface->ceiling[cell])
+        cost += surface->problem->ceiling_cost * (height - surface->ceiling[cell]);
+    return surface->goal[cell].weight * cost;
+}
+
+/* Adds `sign` times the shares of a droplet at `cell` on the surface `before` to `after`, where `cell` is `there` and
+ * rows are `stride` apart. */
+void surface_add_droplet(const PlanSurface *surface, const double *before, size_t cell, unsigned value, double sign,
+                         double *after, size_t there, size_t stride);
+
+#endif

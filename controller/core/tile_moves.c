@@ -1,0 +1,184 @@
+#include "tile_moves.h"
+
+#include <string.h>
+
+#include "counter_random.h"
+#include "stopwatch.h"
+
+/* Cells printed between two looks at the clock: about a tenth of a millisecond (by trial). */
+static const int64_t WORK_BETWEEN_LOOKS = 20000;
+
+/* A change wakes the moves of cells so near; a last sweep over all cells sees to the others (by trial). */
+enum { WAKE_REACH = 2 };
+
+typedef struct {
+    PlanSurface *surface;
+    uint8_t *awake;
+    const Sweep *sweep;
+    const Sums *before;
+    Window *window;
+    Tally *tally;
+    int64_t next_look;
+} Work;
+
+/* The best set of changes tried so far. */
+typedef struct {
+    Change change[CHANGES_MAX];
+    size_t count;
+    Sums sums;
+    double cost; /* what it does to the objective [m] */
+} Best;
+
+static void consider(Work *work, const Change *change, size_t count, Best *best) {
+    const Sums sums = sums_after(work->before, &work->tally->change);
+    const Sums added = plan_trial(work->surface, change, count, work->window);
+    const double cost = objective_change(&sums, &added, &work->surface->weighting);
+    work->tally->evaluations++;
+    if (cost >= best->cost)
+        return;
+    best->count = count;
+    best->sums = added;
+    best->cost = cost;
+    memcpy(best->change, change, count * sizeof(Change));
+}
+
+void wake_all(const PlanSurface *surface, uint8_t *awake) {
+    memset(awake, MOVES_ALL, surface->framed);
+}
+
+static void wake(Work *work, size_t i, size_t j) {
+    const PlanSurface *surface = work->surface;
+    const size_t top = i > WAKE_REACH ? i - WAKE_REACH : 0, left = j > WAKE_REACH ? j - WAKE_REACH : 0;
+    const size_t bottom = i + WAKE_REACH < surface->nx ? i + WAKE_REACH : surface->nx - 1;
+    const size_t right = j + WAKE_REACH < surface->ny ? j + WAKE_REACH : surface->ny - 1;
+    for (size_t row = top; row <= bottom; row++)
+        memset(work->awake + surface_cell(surface, row, left), MOVES_ALL, right - left + 1);
+}
+
+static void make(Work *work, const Best *best) {
+    plan_apply(work->surface, best->change, best->count, work->window);
+    work->tally->change = sums_after(&work->tally->change, &best->sums);
+    for (size_t k = 0; k < best->count; k++)
+        wake(work, best->change[k].i, best->change[k].j);
+}
+
+static unsigned value_at(const Work *work, size_t layer, size_t i, size_t j) {
+    return surface_layer(work->surface, layer)[surface_cell(work->surface, i, j)];
+}
+
+static Best no_better(const Work *work) {
+    return (Best){.cost = -work->surface->least_gain};
+}
+
+/* Another droplet, or none, on the cell in this layer. */
+static void flip(Work *work, size_t layer, size_t i, size_t j) {
+    const unsigned own = value_at(work, layer, i, j);
+    Best best = no_better(work);
+    for (unsigned value = 0; value <= work->surface->problem->kinds; value++) {
+        const Change change = {layer, i, j, value};
+        if (value != own && surface_allows(work->surface, layer, i, j, value))
+            consider(work, &change, 1, &best);
+    }
+    if (best.count) {
+        make(work, &best);
+        work->tally->flips++;
+    }
+}
+
+/* The cell's droplet against what one of its neighbours has in the same layer. */
+static void swap(Work *work, size_t layer, size_t i, size_t j) {
+    const PlanSurface *surface = work->surface;
+    const unsigned own = value_at(work, layer, i, j);
+    Best best = no_better(work);
+    for (size_t k = 0; own && k < FOOTPRINT; k++) {
+        const size_t row = i + k / 3, column = j + k % 3; /* one more than the neighbour's own: no wrap at 0 */
+        if (row < 1 || row > surface->nx || column < 1 || column > surface->ny)
+            continue;
+        const unsigned other = value_at(work, layer, row - 1, column - 1);
+        const Change change[2] = {{layer, i, j, other}, {layer, row - 1, column - 1, own}};
+        if (other != own && surface_allows(surface, layer, i, j, other) &&
+            surface_allows(surface, layer, row - 1, column - 1, own))
+            consider(work, change, 2, &best);
+    }
+    if (best.count) {
+        make(work, &best);
+        work->tally->swaps++;
+    }
+}
+
+/* The cell's droplet against what the cell has in another layer. */
+static void shift(Work *work, size_t layer, size_t i, size_t j) {
+    const PlanSurface *surface = work->surface;
+    const unsigned own = value_at(work, layer, i, j);
+    Best best = no_better(work);
+    for (size_t other_layer = 0; own && other_layer < surface->problem->layers; other_layer++) {
+        const unsigned other = value_at(work, other_layer, i, j);
+        const Change change[2] = {{layer, i, j, other}, {other_layer, i, j, own}};
+        if (other != own && surface_allows(surface, layer, i, j, other) &&
+            surface_allows(surface, other_layer, i, j, own))
+            consider(work, change, 2, &best);
+    }
+    if (best.count) {
+        make(work, &best);
+        work->tally->shifts++;
+    }
+}
+
+/* A random change of the cell in this layer, made if it helps and sometimes if it does not (Metropolis). */
+static void anneal(Work *work, size_t layer, size_t i, size_t j) {
+    const PlanSurface *surface = work->surface;
+    const uint64_t cell = (layer * surface->nx + i) * surface->ny + j;
+    const unsigned own = value_at(work, layer, i, j);
+    unsigned other[KINDS_MAX];
+    uint64_t others = 0;
+    for (unsigned value = 0; value <= surface->problem->kinds; value++)
+        if (value != own && surface_allows(surface, layer, i, j, value))
+            other[others++] = value;
+    if (!others)
+        return;
+    const Change change = {layer, i, j, other[random_below(work->sweep->key, 2 * cell, others)]};
+    Best best = {.cost = INFINITY};
+    consider(work, &change, 1, &best);
+    if (best.cost >= 0.0 && random_unit(work->sweep->key, 2 * cell + 1) >= exp(-best.cost / work->sweep->temperature))
+        return;
+    make(work, &best);
+    work->tally->flips++;
+}
+
+static bool is_out_of_time(Work *work) {
+    if (work->window->work < work->next_look)
+        return false;
+    work->next_look = work->window->work + WORK_BETWEEN_LOOKS;
+    work->tally->out_of_time = stopwatch_seconds() >= work->sweep->deadline;
+    return work->tally->out_of_time;
+}
+
+void tile_sweep(PlanSurface *surface, uint8_t *awake, const Tile *tile, const Sweep *sweep, const Sums *before,
+                Window *window, Tally *tally) {
+    Work work = {surface, awake, sweep, before, window, tally, window->work};
+    for (size_t i = tile->top; i < tile->bottom; i++) {
+        for (size_t j = tile->left; j < tile->right; j++) {
+            uint8_t *own = &awake[surface_cell(surface, i, j)];
+            if (sweep->move != MOVE_ANNEAL && !(*own & sweep->move))
+                continue;
+            if (is_out_of_time(&work))
+                return;
+            *own &= (uint8_t)~sweep->move;
+            for (size_t layer = 0; layer < surface->problem->layers; layer++) {
+                switch (sweep->move) {
+                case MOVE_FLIPS:
+                    flip(&work, layer, i, j);
+                    break;
+                case MOVE_SWAPS:
+                    swap(&work, layer, i, j);
+                    break;
+                case MOVE_SHIFTS:
+                    shift(&work, layer, i, j);
+                    break;
+                default:
+                    anneal(&work, layer, i, j);
+                }
+            }
+        }
+    }
+}

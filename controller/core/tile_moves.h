@@ -1,0 +1,36 @@
+/* One sweep of a search over one tile of the grid: every move of one sort that its cells can make. */
+#ifndef INKLOOP_TILE_MOVES_H
+#define INKLOOP_TILE_MOVES_H
+
+#include "plan_change.h"
+
+typedef struct {
+    size_t top, bottom, left, right; /* cells of the grid, ends excluded */
+} Tile;
+
+/* What a sweep did in a tile. */
+typedef struct {
+    Sums change; /* of the sums of the surface */
+    int64_t evaluations, flips, swaps, shifts;
+    bool out_of_time;
+} Tally;
+
+/* Sorts of sweeps besides MOVE_FLIPS, MOVE_SWAPS and MOVE_SHIFTS. */
+enum { MOVE_ANNEAL = 8 };
+
+typedef struct {
+    int32_t move;       /* MOVE_... */
+    double temperature; /* of annealing [m] */
+    uint64_t key;       /* of its random numbers, one for each sweep */
+    double deadline;    /* by the stopwatch [s] */
+} Sweep;
+
+/* `awake`: a map with the surface's frame; bit MOVE_... is set on cells where that move may have begun to help. The
+ * tile begins with the sums `before` and leaves the surface's own alone: other tiles may be at work. */
+void tile_sweep(PlanSurface *surface, uint8_t *awake, const Tile *tile, const Sweep *sweep, const Sums *before,
+                Window *window, Tally *tally);
+
+/* Sets all moves awake everywhere. */
+void wake_all(const PlanSurface *surface, uint8_t *awake);
+
+#endif

@@ -1,0 +1,162 @@
+#include "tiled_sweep.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#if !defined(_WIN32)
+#include <pthread.h>
+#endif
+
+_Static_assert(TILE > 2 * (STEPS_MAX + 2), "windows of two tiles of one colour must not meet");
+
+enum { THREADS_MAX = 64 }; /* more share no tile that fewer would not (assumed) */
+
+/* The tiles of one colour that one thread sweeps: every `stride`th from `first` on. */
+typedef struct {
+    Tiling *tiling;
+    const Sweep *sweep;
+    size_t colour, first, stride;
+    Sums before;
+} Share;
+
+bool tiling_open(Tiling *tiling, PlanSurface *surface, int32_t threads) {
+    const size_t rows = (surface->nx + TILE - 1) / TILE, columns = (surface->ny + TILE - 1) / TILE;
+    const size_t alike = ((rows + 1) / 2) * ((columns + 1) / 2);
+    *tiling = (Tiling){.surface = surface, .rows = rows, .columns = columns};
+    const size_t usable = alike < THREADS_MAX ? alike : THREADS_MAX;
+    const size_t wanted = (size_t)threads < usable ? (size_t)threads : usable;
+    tiling->awake = malloc(surface->framed);
+    tiling->kept = malloc(surface->problem->layers * surface->framed);
+    tiling->tally = malloc(rows * columns * sizeof(Tally));
+    tiling->window = calloc(wanted, sizeof(Window));
+    bool complete = tiling->awake && tiling->kept && tiling->tally && tiling->window;
+    while (complete && tiling->threads < wanted) {
+        complete = window_open(&tiling->window[tiling->threads], surface);
+        tiling->threads += complete;
+    }
+    if (!complete)
+        tiling_close(tiling);
+    return complete;
+}
+
+void tiling_close(Tiling *tiling) {
+    for (size_t k = 0; k < tiling->threads; k++)
+        window_close(&tiling->window[k]);
+    free(tiling->window);
+    free(tiling->tally);
+    free(tiling->kept);
+    free(tiling->awake);
+}
+
+static size_t tiles_of_colour(const Tiling *tiling, size_t colour) {
+    return ((tiling->rows + 1 - colour / 2) / 2) * ((tiling->columns + 1 - colour % 2) / 2);
+}
+
+/* Index of the colour's tile number `k`. */
+static size_t tile_index(const Tiling *tiling, size_t colour, size_t k) {
+    const size_t columns = (tiling->columns + 1 - colour % 2) / 2;
+    return (2 * (k / columns) + colour / 2) * tiling->columns + 2 * (k % columns) + colour % 2;
+}
+
+static Tile tile_at(const Tiling *tiling, size_t index) {
+    const size_t top = TILE * (index / tiling->columns), left = TILE * (index % tiling->columns);
+    const size_t nx = tiling->surface->nx, ny = tiling->surface->ny;
+    return (Tile){top, top + TILE < nx ? top + TILE : nx, left, left + TILE < ny ? left + TILE : ny};
+}
+
+static void sweep_one(Tiling *tiling, const Sweep *sweep, size_t index, const Sums *before, Window *window) {
+    const Tile tile = tile_at(tiling, index);
+    tiling->tally[index] = (Tally){0};
+    tile_sweep(tiling->surface, tiling->awake, &tile, sweep, before, window, &tiling->tally[index]);
+}
+
+static void *sweep_share(void *handed) {
+    const Share *share = handed;
+    const size_t tiles = tiles_of_colour(share->tiling, share->colour);
+    for (size_t k = share->first; k < tiles; k += share->stride)
+        sweep_one(share->tiling, share->sweep, tile_index(share->tiling, share->colour, k), &share->before,
+                  &share->tiling->window[share->first]);
+    return NULL;
+}
+
+/* Sweeps the tiles of a colour side by side, each on the same sums; a thread that cannot be started is done here. */
+static void sweep_together(Tiling *tiling, const Sweep *sweep, size_t colour) {
+    const size_t tiles = tiles_of_colour(tiling, colour);
+    const size_t threads = tiling->threads < tiles ? tiling->threads : tiles;
+    Share share = {tiling, sweep, colour, 0, threads, tiling->surface->sums};
+#if defined(_WIN32)
+    for (; share.first < threads; share.first++)
+        sweep_share(&share);
+#else
+    pthread_t thread[THREADS_MAX];
+    bool started[THREADS_MAX];
+    Share others[THREADS_MAX];
+    for (size_t k = 1; k < threads; k++) {
+        others[k] = share;
+        others[k].first = k;
+        started[k] = pthread_create(&thread[k], NULL, sweep_share, &others[k]) == 0;
+    }
+    sweep_share(&share);
+    for (size_t k = 1; k < threads; k++) {
+        if (started[k])
+            pthread_join(thread[k], NULL);
+        else
+            sweep_share(&others[k]);
+    }
+#endif
+}
+
+/* Sums with what the tiles of a colour did to them, in the order of the tiles. */
+static Sums joined_sums(const Tiling *tiling, size_t colour) {
+    Sums sums = tiling->surface->sums;
+    for (size_t k = 0; k < tiles_of_colour(tiling, colour); k++)
+        sums = sums_after(&sums, &tiling->tally[tile_index(tiling, colour, k)].change);
+    return sums;
+}
+
+static void sweep_in_turn(Tiling *tiling, const Sweep *sweep, size_t colour) {
+    PlanSurface *surface = tiling->surface;
+    for (size_t k = 0; k < tiles_of_colour(tiling, colour); k++) {
+        const size_t index = tile_index(tiling, colour, k);
+        sweep_one(tiling, sweep, index, &surface->sums, &tiling->window[0]);
+        surface->sums = sums_after(&surface->sums, &tiling->tally[index].change);
+    }
+}
+
+static void sweep_colour(Tiling *tiling, const Sweep *sweep, size_t colour) {
+    PlanSurface *surface = tiling->surface;
+    const size_t values = surface->problem->layers * surface->framed;
+    const Weighting *weighting = &surface->weighting;
+    const bool separable =
+        weighting->alpha == 1.0 || tiles_of_colour(tiling, colour) == 1 || sweep->move == MOVE_ANNEAL;
+    if (!separable)
+        memcpy(tiling->kept, surface->plan, values);
+    sweep_together(tiling, sweep, colour);
+    const Sums sums = joined_sums(tiling, colour);
+    if (separable || objective(&sums, weighting) <= objective(&surface->sums, weighting)) {
+        surface->sums = sums;
+        return;
+    }
+    memcpy(surface->plan, tiling->kept, values);
+    surface_evaluate(surface);
+    wake_all(surface, tiling->awake);
+    sweep_in_turn(tiling, sweep, colour);
+}
+
+int64_t tiled_sweep(Tiling *tiling, const Sweep *sweep, SearchReport *report, bool *out_of_time) {
+    int64_t changes = 0;
+    *out_of_time = false;
+    for (size_t colour = 0; colour < 4 && !*out_of_time; colour++) {
+        sweep_colour(tiling, sweep, colour);
+        for (size_t k = 0; k < tiles_of_colour(tiling, colour); k++) {
+            const Tally *tally = &tiling->tally[tile_index(tiling, colour, k)];
+            report->evaluations += tally->evaluations;
+            report->flips += tally->flips;
+            report->swaps += tally->swaps;
+            report->shifts += tally->shifts;
+            changes += tally->flips + tally->swaps + tally->shifts;
+            *out_of_time = *out_of_time || tally->out_of_time;
+        }
+    }
+    return changes;
+}

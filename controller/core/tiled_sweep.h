@@ -1,0 +1,31 @@
+/* A sweep over the whole grid, tile by tile, on one thread or several with the same bits.
+ *
+ * Tiles are coloured 2x2. Tiles of one colour lie further apart than any of their windows reach, so they work on the
+ * shared surface at once; each goes with the sums as they stood when its colour began and its own changes. */
+#ifndef INKLOOP_TILED_SWEEP_H
+#define INKLOOP_TILED_SWEEP_H
+
+#include "tile_moves.h"
+
+enum { TILE = 64 }; /* cells on a side (assumed); more than two windows of 2 * change_reach(STEPS_MAX) */
+
+typedef struct {
+    PlanSurface *surface;
+    uint8_t *awake;       /* a map: see tile_sweep */
+    uint8_t *kept;        /* the plan when a colour began: as many values as the surface's */
+    size_t rows, columns; /* of tiles */
+    Tally *tally;         /* one for each tile */
+    size_t threads;
+    Window *window; /* one for each thread */
+} Tiling;
+
+/* False if there is no memory. */
+bool tiling_open(Tiling *tiling, PlanSurface *surface, int32_t threads);
+void tiling_close(Tiling *tiling);
+
+/* Makes one sweep and adds what it did to `report`; returns how many changes were made. `out_of_time` tells whether the
+ * deadline passed; the plan and the sums are valid all the same. A sweep that is no annealing never raises the
+ * objective: where that depends on more than the sums of each tile, the tiles of a colour go one after another. */
+int64_t tiled_sweep(Tiling *tiling, const Sweep *sweep, SearchReport *report, bool *out_of_time);
+
+#endif
