@@ -1,0 +1,99 @@
+#include "projected_gradient.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "drop_levels.h"
+
+/* By trial on random rough and nearly flat printed surfaces of 20 to 100 cells a side, horizons 1 to 3: 30 iterations
+ * from here to there end within 0.01 um of the optimum, a ceiling that binds excepted. */
+static const double SMOOTHING_FIRST = 0.3;  /* of a droplet's height */
+static const double SMOOTHING_LAST = 0.003; /* of a droplet's height */
+
+typedef struct {
+    double *start;    /* droplets as given */
+    double *ahead;    /* where the gradient is taken: the droplets with their momentum */
+    double *limit;    /* the largest drop allowed */
+    double *gradient; /* [m] */
+    double momentum;
+} Descent;
+
+static double seconds(void) {
+    struct timespec now;
+    timespec_get(&now, TIME_UTC);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+static double within(double value, double limit) {
+    return value < 0.0 ? 0.0 : value > limit ? limit : value;
+}
+
+/* The largest height of a droplet in all: the length that smoothing and steps are measured by [m]. */
+static double unit_height(const HorizonProblem *problem) {
+    double largest = 0.0;
+    for (size_t kind = 0; kind < problem->kinds; kind++)
+        largest = fmax(largest, drop_height(&problem->kind[kind]));
+    return largest;
+}
+
+/* One step against the gradient and on with the momentum, which ends when it has led uphill. */
+static void take_step(Descent *descent, double step, double *droplets, size_t places) {
+    const double next = 0.5 * (1.0 + sqrt(1.0 + 4.0 * descent->momentum * descent->momentum));
+    const double onward = (descent->momentum - 1.0) / next;
+    double uphill = 0.0;
+    for (size_t place = 0; place < places; place++) {
+        const double limit = descent->limit[place];
+        const double moved = within(descent->ahead[place] - step * descent->gradient[place], limit);
+        const double change = moved - droplets[place];
+        uphill += descent->gradient[place] * change;
+        droplets[place] = moved;
+        descent->ahead[place] = within(moved + onward * change, limit);
+    }
+    descent->momentum = next;
+    if (uphill > 0.0) {
+        descent->momentum = 1.0;
+        memcpy(descent->ahead, droplets, places * sizeof(double));
+    }
+}
+
+int32_t projected_gradient(RelaxedSurface *surface, const RelaxationOptions *options, double *droplets,
+                           RelaxationReport *report) {
+    const HorizonProblem *problem = surface->problem;
+    const size_t places = problem->layers * problem->nx * problem->ny, bytes = places * sizeof(double);
+    const double began = seconds(), unit = unit_height(problem), last = SMOOTHING_LAST * unit;
+    const double shrink = pow(SMOOTHING_LAST / SMOOTHING_FIRST, 1.0 / fmax(1.0, (double)options->iterations_max));
+    int32_t status = CORE_DONE;
+    *report = (RelaxationReport){0};
+    double *memory = malloc(4 * bytes);
+    if (!memory)
+        return CORE_NO_MEMORY;
+    Descent descent = {memory, memory + places, memory + 2 * places, memory + 3 * places, 1.0};
+    for (size_t place = 0; place < places; place++) {
+        descent.limit[place] = drop_level_max(problem, problem->choices[place]);
+        droplets[place] = within(droplets[place], descent.limit[place]);
+    }
+    memcpy(descent.start, droplets, bytes);
+    memcpy(descent.ahead, droplets, bytes);
+    double smoothing = SMOOTHING_FIRST * unit;
+    for (; report->iterations < options->iterations_max; report->iterations++) {
+        if (seconds() - began > options->seconds_max) {
+            status = CORE_TIME;
+            break;
+        }
+        relaxed_value(surface, descent.ahead, smoothing);
+        relaxed_gradient(surface, descent.ahead, smoothing, descent.gradient);
+        /* One over the curvature that the smoothing leaves, if every cell's error moves with every droplet on it. */
+        const double step = smoothing * surface->count / (unit * unit * (double)problem->layers);
+        take_step(&descent, step, droplets, places);
+        smoothing *= shrink;
+    }
+    const double before = relaxed_value(surface, descent.start, last);
+    report->value = relaxed_value(surface, droplets, last);
+    if (before < report->value) {
+        memcpy(droplets, descent.start, bytes);
+        report->value = before;
+    }
+    free(memory);
+    return status;
+}
