@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, fields, replace
 from math import nan
 from time import perf_counter
 
@@ -14,6 +14,7 @@ from inkloop.errors import ComponentError
 from inkloop_controller.baselines import OpenLoop, StochasticGreedy
 from inkloop_controller.core import IntMap
 from inkloop_controller.height_estimator import Estimate, HeightEstimator
+from inkloop_controller.ink_identification import InkModel
 from inkloop_controller.layer_mpc import LayerMpc, Relaxation
 from inkloop_controller.layer_plan import Planner, PlanStatus
 from inkloop_controller.regions import RegionTest
@@ -32,14 +33,7 @@ class _State:
     bound_valid: bool
     solve_time: float
     sweeps: int
-    height: FloatMap
-    ink_scale: float
-    measured: float
-    expected: float
-
-    @property
-    def estimate(self) -> Estimate:
-        return Estimate(self.height, self.ink_scale, self.measured, self.expected)
+    estimate: Estimate
 
 
 class LayerController:
@@ -50,7 +44,7 @@ class LayerController:
 
     def __init__(self, job: Job, planner: Planner, estimator: HeightEstimator) -> None:
         shape = (job.nx, job.ny)
-        self._planner, self._estimator = planner, estimator
+        self._job, self._planner, self._estimator = job, planner, estimator
         self.inputs = (
             Port("measured_height", "m", shape),
             Port("valid", shape=shape, dtype="bool"),
@@ -69,11 +63,11 @@ class LayerController:
             Port("estimated_height", "m", shape),
             Port("volume_scale"),
         )
-        self._state = _start(shape, 0)
+        self._state = _start(job, 0)
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         """Start anew; the layers printed by now are the number that commands count from."""
-        self._state = _start(self._state.pattern.shape, int(inputs["layers_printed"]))
+        self._state = _start(self._job, int(inputs["layers_printed"]))
         return self._outputs()
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
@@ -90,16 +84,18 @@ class LayerController:
     def save(self) -> bytes:
         """The whole state, bit by bit, as NumPy's npz."""
         buffer = io.BytesIO()
-        np.savez(buffer, **asdict(self._state))
+        state = vars(self._state)
+        np.savez(buffer, **{name: state[name] for name in state if name != "estimate"}, **self._state.estimate.arrays())
         return buffer.getvalue()
 
     def restore(self, saved: bytes) -> None:
         """Go on from a saved state. Raises ComponentError if it belongs to another grid or is none."""
         try:
             with np.load(io.BytesIO(saved), allow_pickle=False) as arrays:
-                fields = {name: arrays[name] if arrays[name].ndim else arrays[name].item() for name in arrays.files}
-            state = _State(**fields)
-        except (ValueError, TypeError, OSError) as error:
+                found = {name: arrays[name] if arrays[name].ndim else arrays[name].item() for name in arrays.files}
+            estimate = Estimate.of_arrays({field.name: found.pop(field.name) for field in fields(Estimate)})
+            state = _State(**found, estimate=estimate)
+        except (ValueError, TypeError, KeyError, OSError) as error:
             raise ComponentError(f"layer controller: what is to be restored is no state of it ({error})") from error
         if state.pattern.shape != self._state.pattern.shape:
             raise ComponentError(
@@ -120,11 +116,11 @@ class LayerController:
         done = plan.status is PlanStatus.DONE
         self._state = replace(
             before,
-            **vars(estimate),
+            estimate=estimate,
             pattern=plan.pattern,
             layer_command=before.layer_command if done else before.layer_command + 1,
             answered=scan,
-            status=int(Status.DONE if done else Status.IDLE),
+            status=int(Status.DONE if done else Status.UNTRUSTED if estimate.untrusted.any() else Status.IDLE),
             objective=plan.objective,
             bound=plan.bound,
             bound_valid=plan.bound_valid,
@@ -133,7 +129,8 @@ class LayerController:
         )
 
     def _outputs(self) -> Values:
-        values = {**vars(self._state), "estimated_height": self._state.height, "volume_scale": self._state.ink_scale}
+        estimate = self._state.estimate
+        values = {**vars(self._state), "estimated_height": estimate.height, "volume_scale": estimate.ink_scale}
         return {port.name: np.asarray(values[port.name], port.dtype) for port in self.outputs}
 
 
@@ -146,9 +143,12 @@ def LayerMpcController(
     sweeps: int = 50,
     annealing_sweeps: int = 50,
     region_test: RegionTest = "middle",
-    adapt_ink: bool = True,
+    adapt_ink: InkModel = "scale",
+    sensor_noise_std: float | None = None,
+    sensor_resolution: float = 0.0,
+    untrusted_layers: int = 5,
 ) -> LayerController:
-    """The controller of this project; see LayerMpc for its options, HeightEstimator for adapt_ink."""
+    """The controller of this project; LayerMpc has the options up to region_test, HeightEstimator the others."""
     planner = LayerMpc(
         job,
         alpha=alpha,
@@ -158,23 +158,31 @@ def LayerMpcController(
         annealing_sweeps=annealing_sweeps,
         region_test=region_test,
     )
-    return LayerController(job, planner, HeightEstimator(job, adapt_ink=adapt_ink))
+    estimator = HeightEstimator(
+        job,
+        adapt_ink=adapt_ink,
+        sensor_noise_std=sensor_noise_std,
+        sensor_resolution=sensor_resolution,
+        untrusted_layers=untrusted_layers,
+    )
+    return LayerController(job, planner, estimator)
 
 
 def OpenLoopController(job: Job, *, layers: int | None = None) -> LayerController:
     """Full layers, blindly; see OpenLoop."""
-    return LayerController(job, OpenLoop(job, layers=layers), HeightEstimator(job, adapt_ink=False))
+    return LayerController(job, OpenLoop(job, layers=layers), HeightEstimator(job, adapt_ink="off", take_as_read=True))
 
 
 def StochasticGreedyController(
     job: Job, *, alpha: float = 0.8, batch: int = 20, iterations_max: int = 100_000
 ) -> LayerController:
-    """The paper's controller; see StochasticGreedy. The paper takes the ink as known: no adaptation."""
+    """The paper's controller; see StochasticGreedy. The paper takes ink and scans as they are."""
     planner = StochasticGreedy(job, alpha=alpha, batch=batch, iterations_max=iterations_max)
-    return LayerController(job, planner, HeightEstimator(job, adapt_ink=False))
+    return LayerController(job, planner, HeightEstimator(job, adapt_ink="off", take_as_read=True))
 
 
-def _start(shape: tuple[int, ...], layer_command: int) -> _State:
+def _start(job: Job, layer_command: int) -> _State:
+    shape = (job.nx, job.ny)
     return _State(
         pattern=np.zeros(shape, np.int32),
         layer_command=layer_command,
@@ -185,10 +193,7 @@ def _start(shape: tuple[int, ...], layer_command: int) -> _State:
         bound_valid=False,
         solve_time=0.0,
         sweeps=0,
-        height=np.zeros(shape),
-        ink_scale=1.0,
-        measured=0.0,
-        expected=0.0,
+        estimate=Estimate.exact(np.zeros(shape), job.inks),
     )
 
 

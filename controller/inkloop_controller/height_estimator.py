@@ -2,60 +2,182 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from inkloop.component import BoolMap, FloatMap, Job
-from inkloop_controller.core import IntMap
+from inkloop.component import BoolMap, FloatMap, Ink, Job
+from inkloop_controller.droplet_increments import droplet_increments, ink_table
+from inkloop_controller.horizon_problem import IntMap
+from inkloop_controller.ink_identification import InkEvidence, InkIdentification, InkModel
 from inkloop_controller.layer_model import LayerModel
 from inkloop_controller.regions import nominal_layer_height
+from inkloop_controller.scan_drift import ScanDrift
 
-PRIOR_DROPLETS = 100.0  # the nominal ink counts as so many droplets that were measured (assumed)
-FORGETTING = 0.98  # weight of a layer against the next: about the last 50 layers count (assumed)
-LEAST_DROPLETS = 20  # fewer say more about single droplets than about the ink (assumed)
-LEAST_INCREMENT = 0.02  # of a full layer, mean over the cells seen: below it a scan shows noise, not ink (assumed)
-INK_SCALE_RANGE = (0.25, 4.0)  # beyond it something else is wrong than the ink (assumed)
+DROPLET_STD = 0.1  # of a droplet's volume about its mean [1]; 20 % uniform variation has 0.06, 40 % 0.12 (assumed)
+SURPRISE = 3.0  # standard deviations off the prediction from which on a cell's model is taken to be wrong, not the scan
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """height: (nx, ny) [m]; ink_scale: droplet volume as a share of the nominal one [1].
+    """What is known after a scan.
 
-    measured, expected: height sums [m] over the layers so far, recent ones more; the ink scale is their ratio.
+    height: (nx, ny) [m]; height_variance: (nx, ny) of its error [m^2]; inks: what their droplets really add; ink_scale:
+    their volume as a share of the nominal one, mean over the inks [1]; unseen: (nx, ny) layers that each cell has lived
+    on prediction alone; untrusted: (nx, ny) where these are too many; scans: so far; noise_variance: of a reading
+    [m^2]; evidence: what the inks are concluded from.
     """
 
     height: FloatMap
+    height_variance: FloatMap
+    inks: tuple[Ink, ...]
     ink_scale: float
-    measured: float
-    expected: float
+    unseen: IntMap
+    untrusted: BoolMap
+    scans: int
+    noise_variance: float
+    evidence: InkEvidence
+
+    @classmethod
+    def exact(cls, height: FloatMap, inks: tuple[Ink, ...]) -> Estimate:
+        """A surface (nx, ny) [m] and inks that are known for sure."""
+        none = np.zeros(height.shape, np.int32)
+        return cls(height, np.zeros(height.shape), inks, 1.0, none, none > 0, 0, 0.0, InkEvidence.none(len(inks)))
+
+    def arrays(self) -> dict[str, Any]:
+        """All of it by name, for an archive of arrays."""
+        return {**vars(self), "inks": ink_table(self.inks), "evidence": self.evidence.sums()}
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, Any]) -> Estimate:
+        """What `arrays` gave, bit by bit."""
+        inks = tuple(Ink(*(float(value) for value in row)) for row in arrays["inks"])
+        return cls(**{**arrays, "inks": inks, "evidence": InkEvidence.of_sums(arrays["evidence"])})
 
 
 class HeightEstimator:
-    """Takes measured cells as they are and predicts the invalid ones; follows the ink from layer to layer.
+    """A Kalman filter per cell on the layer model, around sensor drift, the ink, and cells that were not seen.
 
-    adapt_ink: False keeps the nominal ink. The ink scale stays where it is when too little is printed to tell.
+    A layer adds droplet_std^2 * (sum of the squares of what each droplet adds to the cell) to the variance of a cell's
+    prediction, a reading has sensor_noise_std^2 + sensor_resolution^2 / 12. Without sensor_noise_std [m] the noise is
+    what the unprinted cells show; a sensor that shows none is taken as it is. Errors of neighbours are taken to be
+    independent. A cell that grew in a way that neither explains follows the scan: its droplets are not what they should
+    be. untrusted_layers: as many a cell may live on prediction alone; take_as_read: neither drift nor noise are looked
+    for. Raises ValueError for options that cannot be meant.
     """
 
-    def __init__(self, job: Job, *, adapt_ink: bool = True) -> None:
-        self._model, self._part, self._adapt_ink = LayerModel.of(job), job.mask, adapt_ink
-        self._layer_height = nominal_layer_height(job)
+    def __init__(
+        self,
+        job: Job,
+        *,
+        adapt_ink: InkModel = "scale",
+        sensor_noise_std: float | None = None,
+        sensor_resolution: float = 0.0,
+        untrusted_layers: int = 5,
+        take_as_read: bool = False,
+    ) -> None:
+        faults = []
+        if adapt_ink not in ("scale", "full", "off"):
+            faults.append(f'adapt_ink is {adapt_ink!r}; needs "scale", "full" or "off"')
+        if sensor_noise_std is not None and not 0.0 <= sensor_noise_std < np.inf:
+            faults.append(f"sensor_noise_std is {sensor_noise_std}; needs a standard deviation of at least 0 m")
+        if not 0.0 <= sensor_resolution < np.inf:
+            faults.append(f"sensor_resolution is {sensor_resolution}; needs a step of at least 0 m")
+        if untrusted_layers < 0:
+            faults.append(f"untrusted_layers is {untrusted_layers}; needs a number of layers >= 0")
+        if faults:
+            raise ValueError("; ".join(faults))
+        self._job, self._model, self._untrusted_layers = job, LayerModel.of(job), untrusted_layers
+        self._drift, self._ink = ScanDrift(job.mask), InkIdentification(job, adapt_ink)
+        self._steps_variance = sensor_resolution**2 / 12.0
+        self._noise_variance = None if sensor_noise_std is None else sensor_noise_std**2 + self._steps_variance
+        self._take_as_read = take_as_read
 
     def first(self, measured: FloatMap, valid: BoolMap) -> Estimate:
-        """The start surface; a cell that was not measured counts as bare substrate, height 0."""
-        prior = PRIOR_DROPLETS * self._layer_height
-        return Estimate(np.where(valid, measured, 0.0), 1.0, prior, prior)
+        """The start surface; a cell that was not measured counts as bare substrate, height 0, give or take a layer."""
+        noise = self._noise_variance or 0.0
+        unseen = (~valid).astype(np.int32)
+        return Estimate(
+            height=np.where(valid, measured, 0.0),
+            height_variance=np.where(valid, noise, nominal_layer_height(self._job) ** 2),
+            inks=self._job.inks,
+            ink_scale=1.0,
+            unseen=unseen,
+            untrusted=self._untrusted(unseen),
+            scans=1,
+            noise_variance=noise,
+            evidence=self._ink.start(),
+        )
 
-    def next(self, before: Estimate, pattern: IntMap, layer: int, measured: FloatMap, valid: BoolMap) -> Estimate:
-        """Layer number `layer` (from 1) was printed as `pattern` and scanned: measured (nx, ny) [m], where valid."""
-        predicted = self._model.scaled(before.ink_scale).layer(before.height, pattern, layer)
-        height = np.where(valid, measured, predicted)
-        seen = self._part & valid
-        nominal = float((self._model.layer(before.height, pattern, layer) - before.height)[seen].sum())
-        enough = nominal >= LEAST_INCREMENT * self._layer_height * np.count_nonzero(seen)
-        if not self._adapt_ink or np.count_nonzero(pattern[seen]) < LEAST_DROPLETS or not enough:
-            return Estimate(height, before.ink_scale, before.measured, before.expected)
-        prior = PRIOR_DROPLETS * self._layer_height * (1.0 - FORGETTING)  # the prior is not forgotten
-        total = FORGETTING * before.measured + prior + float((height - before.height)[seen].sum())
-        expected = FORGETTING * before.expected + prior + nominal
-        return Estimate(height, float(np.clip(total / expected, *INK_SCALE_RANGE)), total, expected)
+    def next(
+        self,
+        before: Estimate,
+        pattern: IntMap,
+        layer: int,
+        measured: FloatMap,
+        valid: BoolMap,
+        factor: FloatMap | None = None,
+    ) -> Estimate:
+        """Layer number `layer` (from 1) was printed as `pattern` and scanned: measured (nx, ny) [m], where valid.
+
+        factor: (nx, ny) volume of each droplet [1].
+        """
+        scan, noise = np.where(valid, measured, 0.0), 0.0
+        if not self._take_as_read:
+            drift = self._drift.seen(scan, before.height, valid)
+            scan, noise = scan - drift.plane, self._noise(before, drift.residual_variance)
+        known = before.height_variance
+        if before.scans == 1 and self._noise_variance is None:  # only now the first scan shows what it was worth
+            known = np.where(before.unseen == 0, noise, known)
+        order = self._model.colours(layer)
+        increments = droplet_increments(before.height, pattern, before.inks, order, factor)
+        flat = droplet_increments(np.zeros(scan.shape), pattern, before.inks, (), factor)
+        spread = known + DROPLET_STD**2 * increments.squares
+        growth = scan - before.height
+        evidence = self._ink.after(before.evidence, pattern, increments, flat, growth, spread + noise, valid)
+        inks = self._ink.inks(evidence)
+        predicted = replace(self._model, inks=inks).layer(before.height, pattern, layer, factor)
+        unseen = np.where(valid, 0, before.unseen + 1).astype(np.int32)
+        height, variance = _corrected(predicted, spread, scan, noise, valid)
+        return Estimate(
+            height=height,
+            height_variance=variance,
+            inks=inks,
+            ink_scale=_volume(inks) / _volume(self._job.inks),
+            unseen=unseen,
+            untrusted=self._untrusted(unseen),
+            scans=before.scans + 1,
+            noise_variance=noise,
+            evidence=evidence,
+        )
+
+    def _noise(self, before: Estimate, residual_variance: float | None) -> float:
+        """Variance of a reading [m^2]: as given, or the mean over the scans of what the unprinted cells show."""
+        if self._noise_variance is not None:
+            return self._noise_variance
+        if residual_variance is None:
+            return max(before.noise_variance, self._steps_variance)
+        of_reading = residual_variance / (1.0 + 1.0 / before.scans)  # the known heights have been averaged so often
+        weight = 1.0 / before.scans
+        return max((1.0 - weight) * before.noise_variance + weight * of_reading, self._steps_variance)
+
+    def _untrusted(self, unseen: IntMap) -> BoolMap:
+        return np.asarray(self._job.mask & (unseen > self._untrusted_layers), np.bool_)
+
+
+def _corrected(
+    predicted: FloatMap, spread: FloatMap, scan: FloatMap, noise: float, valid: BoolMap
+) -> tuple[FloatMap, FloatMap]:
+    """Kalman correction of each cell: (height [m], variance [m^2])."""
+    if noise == 0.0:
+        return np.where(valid, scan, predicted), np.where(valid, 0.0, spread)
+    surprise = (scan - predicted) ** 2
+    spread = np.where(valid & (surprise > SURPRISE**2 * (spread + noise)), surprise, spread)
+    gain = np.where(valid, spread / (spread + noise), 0.0)
+    return predicted + gain * (scan - predicted), (1.0 - gain) * spread
+
+
+def _volume(inks: tuple[Ink, ...]) -> float:
+    return sum(ink.layer_height for ink in inks)

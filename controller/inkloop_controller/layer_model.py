@@ -51,7 +51,7 @@ class LayerModel:
         height: (nx, ny) [m]; pattern: (nx, ny), 0 none, 1 material A, 2 material B; factor: (nx, ny), volume of each
         droplet as a share of the nominal one [1].
         """
-        return core.layer(height, pattern, self.inks, self._colours(number), factor)
+        return core.layer(height, pattern, self.inks, self.colours(number), factor)
 
     def symbolic(self, H: Symbolic, U: Symbolic, material: IntMap | None = None) -> Symbolic:
         """The same map in CasADi for one pass: H (nx, ny) [m], U (nx, ny) relaxed to 0..1, material of each cell."""
@@ -60,7 +60,8 @@ class LayerModel:
         chosen = np.zeros(H.shape, np.int32) if material is None else material
         return symbolic_layer(H, U, *ink_maps(self.inks, chosen))
 
-    def _colours(self, number: int) -> tuple[int, ...]:
+    def colours(self, number: int) -> tuple[int, ...]:
+        """Colours in the order in which layer `number` jets them; none in one pass."""
         if self.passes == 1:
             return ()
         order = PASS_ORDERS[self.pass_order]

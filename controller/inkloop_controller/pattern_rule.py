@@ -60,4 +60,4 @@ class RulePlanner:
 
 def rule_controller(job: Job, rule: PatternRule) -> LayerController:
     """The layer controller that goes by `rule`; it takes the nominal ink as known."""
-    return LayerController(job, RulePlanner(job, rule), HeightEstimator(job, adapt_ink=False))
+    return LayerController(job, RulePlanner(job, rule), HeightEstimator(job, adapt_ink="off", take_as_read=True))
