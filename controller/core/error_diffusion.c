@@ -67,8 +67,9 @@ int32_t diffuse_droplets(const HorizonProblem *problem, const double *droplets, 
         return CORE_NO_MEMORY;
     double *room = wanted + cells;
     for (size_t place = 0; place < problem->layers * cells; place++) {
-        room[place % cells] += drop_level_max(problem, problem->choices[place]);
-        wanted[place % cells] += droplets[place];
+        const double limit = drop_level_max(problem, problem->choices[place]);
+        room[place % cells] += limit;
+        wanted[place % cells] += fmin(limit, droplets[place]);
     }
     for (size_t i = 0; i < problem->nx; i++) {
         const bool backwards = i % 2;

@@ -3,8 +3,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "error_diffusion.h"
 #include "paper_search.h"
 #include "plan_search.h"
+#include "projected_gradient.h"
 
 int32_t inkloop_core_interface(void) {
     return CORE_INTERFACE;
@@ -68,4 +70,30 @@ int32_t inkloop_paper_search(const HorizonProblem *problem, int32_t *plan, int64
     free(order);
     finish(&surface, plan, report);
     return status;
+}
+
+int32_t inkloop_relax(const HorizonProblem *problem, const RelaxationOptions *options, double *droplets,
+                      RelaxationReport *report) {
+    RelaxedSurface surface;
+    *report = (RelaxationReport){0};
+    if (!relaxed_open(&surface, problem))
+        return CORE_NO_MEMORY;
+    const int32_t status = projected_gradient(&surface, options, droplets, report);
+    relaxed_close(&surface);
+    return status;
+}
+
+int32_t inkloop_relaxed_gradient(const HorizonProblem *problem, const double *droplets, double smoothing, double *value,
+                                 double *gradient) {
+    RelaxedSurface surface;
+    if (!relaxed_open(&surface, problem))
+        return CORE_NO_MEMORY;
+    *value = relaxed_value(&surface, droplets, smoothing);
+    relaxed_gradient(&surface, droplets, smoothing, gradient);
+    relaxed_close(&surface);
+    return CORE_DONE;
+}
+
+int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, int32_t *plan) {
+    return diffuse_droplets(problem, droplets, plan);
 }

@@ -41,4 +41,17 @@ INKLOOP_CORE_API int32_t inkloop_search(const HorizonProblem *problem, const Sea
 INKLOOP_CORE_API int32_t inkloop_paper_search(const HorizonProblem *problem, int32_t *plan, int64_t batch,
                                               int64_t iterations_max, uint64_t seed, SearchReport *report);
 
+/* Moves relaxed `droplets` (layers * nx * ny, relaxed_surface.h; in: start, out: not worse) against the gradient of the
+ * smoothed objective. CORE_DONE, CORE_TIME or CORE_NO_MEMORY. */
+INKLOOP_CORE_API int32_t inkloop_relax(const HorizonProblem *problem, const RelaxationOptions *options,
+                                       double *droplets, RelaxationReport *report);
+
+/* Smoothed objective of relaxed droplets in *value [m], and its gradient (layers * nx * ny) [m per droplet]. CORE_DONE
+ * or CORE_NO_MEMORY. */
+INKLOOP_CORE_API int32_t inkloop_relaxed_gradient(const HorizonProblem *problem, const double *droplets,
+                                                  double smoothing, double *value, double *gradient);
+
+/* Rounds relaxed droplets to a plan (error_diffusion.h). CORE_DONE or CORE_NO_MEMORY. */
+INKLOOP_CORE_API int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, int32_t *plan);
+
 #endif

@@ -2,9 +2,9 @@
 
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "drop_levels.h"
+#include "stopwatch.h"
 
 /* By trial on random rough and nearly flat printed surfaces of 20 to 100 cells a side, horizons 1 to 3: 30 iterations
  * from here to there end within 0.01 um of the optimum, a ceiling that binds excepted. */
@@ -18,12 +18,6 @@ typedef struct {
     double *gradient; /* [m] */
     double momentum;
 } Descent;
-
-static double seconds(void) {
-    struct timespec now;
-    timespec_get(&now, TIME_UTC);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
 
 static double within(double value, double limit) {
     return value < 0.0 ? 0.0 : value > limit ? limit : value;
@@ -61,7 +55,7 @@ int32_t projected_gradient(RelaxedSurface *surface, const RelaxationOptions *opt
                            RelaxationReport *report) {
     const HorizonProblem *problem = surface->problem;
     const size_t places = problem->layers * problem->nx * problem->ny, bytes = places * sizeof(double);
-    const double began = seconds(), unit = unit_height(problem), last = SMOOTHING_LAST * unit;
+    const double began = stopwatch_seconds(), unit = unit_height(problem), last = SMOOTHING_LAST * unit;
     const double shrink = pow(SMOOTHING_LAST / SMOOTHING_FIRST, 1.0 / fmax(1.0, (double)options->iterations_max));
     int32_t status = CORE_DONE;
     *report = (RelaxationReport){0};
@@ -77,7 +71,7 @@ int32_t projected_gradient(RelaxedSurface *surface, const RelaxationOptions *opt
     memcpy(descent.ahead, droplets, bytes);
     double smoothing = SMOOTHING_FIRST * unit;
     for (; report->iterations < options->iterations_max; report->iterations++) {
-        if (seconds() - began > options->seconds_max) {
+        if (stopwatch_seconds() - began > options->seconds_max) {
             status = CORE_TIME;
             break;
         }

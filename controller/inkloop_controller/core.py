@@ -61,7 +61,7 @@ def objective(problem: HorizonProblem, plan: IntPlan) -> Objective:
     """Objective of a plan (layers, nx, ny)."""
     droplets = _droplets(problem, plan)
     found = ObjectiveStruct()
-    _answered(library().inkloop_objective(_struct(problem), _pointer(droplets), found))
+    answered(library().inkloop_objective(problem_struct(problem), pointer(droplets), found))
     return _objective(found)
 
 
@@ -111,7 +111,7 @@ def search(
 
     callback = AFTER_SWEEP(ask) if after_sweep is not None else AFTER_SWEEP()
     options = SearchOptionsStruct(int(moves), annealing_sweeps, sweeps_max, seed, seconds_max, threads, callback, None)
-    code = _answered(library().inkloop_search(_struct(problem), options, _pointer(plan), report))
+    code = answered(library().inkloop_search(problem_struct(problem), options, pointer(plan), report))
     interrupted = bool(raised) and isinstance(raised[0], KeyboardInterrupt)
     if raised and not interrupted:
         raise raised[0]
@@ -133,8 +133,8 @@ def paper_search(problem: HorizonProblem, start: IntPlan, batch: int, iterations
         )
     plan = _droplets(problem, start)
     report = ReportStruct()
-    code = library().inkloop_paper_search(_struct(problem), _pointer(plan), batch, iterations_max, seed, report)
-    return _result(plan, report, _answered(code), False)
+    code = library().inkloop_paper_search(problem_struct(problem), pointer(plan), batch, iterations_max, seed, report)
+    return _result(plan, report, answered(code), False)
 
 
 def layer(
@@ -146,42 +146,42 @@ def layer(
     passes, each on the surface that the last one left (empty: one pass); factor: (nx, ny) volume of each droplet [1].
     """
     shape = np.shape(height)
-    before = _checked("height", height, "f8", shape)
-    droplets = _checked("pattern", pattern, "i4", shape)
+    before = checked("height", height, "f8", shape)
+    droplets = checked("pattern", pattern, "i4", shape)
     if droplets.size and (droplets.min() < 0 or droplets.max() > len(inks)):
         raise ValueError(f"pattern holds {droplets.min()} to {droplets.max()}; needs 0 to {len(inks)}, the inks given")
     if len(order) and sorted(order) != [0, 1, 2, 3]:
         raise ValueError(f"order is {list(order)}; needs each of the colours 0 to 3 once")
     colours = (ctypes.c_int32 * 4)(*order)
-    factors = None if factor is None else _checked("factor", factor, "f8", shape)
+    factors = None if factor is None else checked("factor", factor, "f8", shape)
     scratch, after = np.empty(shape), np.empty(shape)
     library().inkloop_layer(
         *shape,
-        _pointer(before),
-        _pointer(droplets),
+        pointer(before),
+        pointer(droplets),
         _ink_pair(inks),
-        None if factors is None else _pointer(factors),
+        None if factors is None else pointer(factors),
         4 if len(order) else 1,
         colours,
-        _pointer(scratch),
-        _pointer(after),
+        pointer(scratch),
+        pointer(after),
     )
     return after
 
 
-def _struct(problem: HorizonProblem) -> ProblemStruct:
+def problem_struct(problem: HorizonProblem) -> ProblemStruct:
     """The problem for C; its arrays must stay alive as long."""
     kinds = [InkStruct(kind.h1, kind.h2, kind.h3) for kind in problem.kinds]
     orders = [(ctypes.c_int32 * 4)(*order) for order in problem.colours]
     return ProblemStruct(
         *problem.height.shape,
         problem.layers,
-        _pointer(problem.height),
-        _pointer(problem.target),
-        None if problem.ceiling is None else _pointer(problem.ceiling),
-        _pointer(problem.part),
-        _pointer(problem.weights),
-        _pointer(problem.choices),
+        pointer(problem.height),
+        pointer(problem.target),
+        None if problem.ceiling is None else pointer(problem.ceiling),
+        pointer(problem.part),
+        pointer(problem.weights),
+        pointer(problem.choices),
         len(kinds),
         (InkStruct * KINDS_MAX)(*kinds),
         problem.alpha,
@@ -194,7 +194,7 @@ def _struct(problem: HorizonProblem) -> ProblemStruct:
 
 def _droplets(problem: HorizonProblem, plan: IntPlan) -> IntPlan:
     """A copy of a plan that C may write to, with droplets of the kinds that may fall on their cells only."""
-    droplets = np.array(_checked("plan", plan, "i4", problem.choices.shape))
+    droplets = np.array(checked("plan", plan, "i4", problem.choices.shape))
     if droplets.min() < 0 or droplets.max() > len(problem.kinds):
         raise ValueError(
             f"plan holds {droplets.min()} to {droplets.max()}; needs 0 to {len(problem.kinds)}, the kinds given"
@@ -224,13 +224,13 @@ def _objective(found: ObjectiveStruct) -> Objective:
     return Objective(found.value, found.error, found.over_ceiling, found.deviation)
 
 
-def _answered(code: int) -> int:
+def answered(code: int) -> int:
     if code == _NO_MEMORY:
         raise MemoryError("no memory for the search of a plan; it takes about 40 bytes per cell and 10 more per step")
     return code
 
 
-def _checked(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -> NDArray[Any]:
+def checked(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -> NDArray[Any]:
     """The array in C order; it must have shape and dtype already, and finite values."""
     fault = fault_of_array(name, array, dtype, shape)
     if fault:
@@ -246,6 +246,6 @@ def _ink_pair(inks: Sequence[Ink]) -> ctypes.Array[InkStruct]:
 _C_TYPES: dict[str, Any] = {"f8": ctypes.c_double, "i4": ctypes.c_int32, "u2": ctypes.c_uint16, "b1": ctypes.c_uint8}
 
 
-def _pointer(array: NDArray[Any]) -> Any:
+def pointer(array: NDArray[Any]) -> Any:
     """A ctypes pointer to the array, which it keeps alive."""
     return array.ctypes.data_as(ctypes.POINTER(_C_TYPES[array.dtype.str[1:]]))

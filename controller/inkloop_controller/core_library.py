@@ -96,6 +96,18 @@ class SearchOptionsStruct(ctypes.Structure):
     )
 
 
+class RelaxationOptionsStruct(ctypes.Structure):
+    """`RelaxationOptions` of horizon_problem.h."""
+
+    _fields_ = (("iterations_max", ctypes.c_int64), ("seconds_max", ctypes.c_double))
+
+
+class RelaxationReportStruct(ctypes.Structure):
+    """`RelaxationReport` of horizon_problem.h."""
+
+    _fields_ = (("value", ctypes.c_double), ("iterations", ctypes.c_int64))
+
+
 _PROBLEM = ctypes.POINTER(ProblemStruct)
 _REPORT = ctypes.POINTER(ReportStruct)
 _ENTRY_POINTS = {
@@ -113,6 +125,12 @@ _ENTRY_POINTS = {
         ctypes.c_int32,
         (_PROBLEM, _INTEGERS, ctypes.c_int64, ctypes.c_int64, ctypes.c_uint64, _REPORT),
     ),
+    "inkloop_relax": (
+        ctypes.c_int32,
+        (_PROBLEM, ctypes.POINTER(RelaxationOptionsStruct), _REALS, ctypes.POINTER(RelaxationReportStruct)),
+    ),
+    "inkloop_relaxed_gradient": (ctypes.c_int32, (_PROBLEM, _REALS, ctypes.c_double, _REALS, _REALS)),
+    "inkloop_diffuse": (ctypes.c_int32, (_PROBLEM, _REALS, _INTEGERS)),
 }
 
 
