@@ -135,30 +135,35 @@ static void load_droplets(const Trial *trial, const Box *box, size_t step) {
     }
 }
 
-/* What cell `here` loses to `there` less what it gets from it. */
-static inline double loss(const Window *window, int place, const double *height, ptrdiff_t here, ptrdiff_t there) {
-    const double rise = height[here] - height[there];
-    return flow(window->spread[place][here], window->slope[place][here], rise) -
-           flow(window->spread[place][there], window->slope[place][there], -rise);
+/* What a cell loses to a neighbour less what it gets from it, `rise` above it. */
+static inline double loss(double spread, double slope, double its_spread, double its_slope, double rise) {
+    return flow(spread, slope, rise) - flow(its_spread, its_slope, -rise);
+}
+
+/* Takes from a row of cells what they lose to the neighbours `one` and `other` cells before and behind. The arrays do
+ * not overlap: a compiler may do several cells at once. */
+static void take_losses(double *restrict after, const double *restrict before, const double *restrict spread,
+                        const double *restrict slope, ptrdiff_t one, ptrdiff_t other, ptrdiff_t columns) {
+    for (ptrdiff_t k = 0; k < columns; k++)
+        after[k] -= loss(spread[k], slope[k], spread[k - one], slope[k - one], before[k] - before[k - one]) +
+                    loss(spread[k], slope[k], spread[k + one], slope[k + one], before[k] - before[k + one]) +
+                    loss(spread[k], slope[k], spread[k - other], slope[k - other], before[k] - before[k - other]) +
+                    loss(spread[k], slope[k], spread[k + other], slope[k + other], before[k] - before[k + other]);
 }
 
 /* Prints the step on the surface in `before`. */
 static void print_window(const Trial *trial, const Box *box) {
     const Window *window = trial->window;
-    const ptrdiff_t side = (ptrdiff_t)window->side;
-    const double *before = window->before;
+    const ptrdiff_t side = (ptrdiff_t)window->side, columns = box->right - box->left + 1;
     for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
-        const ptrdiff_t first = (ptrdiff_t)in_window(trial, row, box->left), last = first + box->right - box->left;
-        for (ptrdiff_t here = first; here <= last; here++) {
-            double height = before[here] + trial->surface->droplet[window->value[here]].volume;
-            for (int k = -1; k <= 1; k += 2) {
-                height -= loss(window, SIDE, before, here, here + k);
-                height -= loss(window, SIDE, before, here, here + k * side);
-                height -= loss(window, CORNER, before, here, here + k * side - 1);
-                height -= loss(window, CORNER, before, here, here + k * side + 1);
-            }
-            window->after[here] = height;
-        }
+        const size_t first = in_window(trial, row, box->left);
+        const double *before = window->before + first;
+        double *after = window->after + first;
+        for (ptrdiff_t k = 0; k < columns; k++)
+            after[k] = before[k] + trial->surface->droplet[window->value[first + (size_t)k]].volume;
+        take_losses(after, before, window->spread[SIDE] + first, window->slope[SIDE] + first, 1, side, columns);
+        take_losses(after, before, window->spread[CORNER] + first, window->slope[CORNER] + first, side + 1, side - 1,
+                    columns);
     }
 }
 

@@ -124,25 +124,44 @@ static void shift(Work *work, size_t layer, size_t i, size_t j) {
     }
 }
 
-/* A random change of the cell in this layer, made if it helps and sometimes if it does not (Metropolis). */
-static void anneal(Work *work, size_t layer, size_t i, size_t j) {
-    const PlanSurface *surface = work->surface;
-    const uint64_t cell = (layer * surface->nx + i) * surface->ny + j;
+/* Proposes another droplet on the cell in this layer, drawn from all that may fall there; false: there is none. */
+static bool draw_flip(const Work *work, size_t layer, size_t i, size_t j, uint64_t draw, Change *change) {
     const unsigned own = value_at(work, layer, i, j);
     unsigned other[KINDS_MAX];
     uint64_t others = 0;
-    for (unsigned value = 0; value <= surface->problem->kinds; value++)
-        if (value != own && surface_allows(surface, layer, i, j, value))
+    for (unsigned value = 0; value <= work->surface->problem->kinds; value++)
+        if (value != own && surface_allows(work->surface, layer, i, j, value))
             other[others++] = value;
-    if (!others)
+    if (others)
+        *change = (Change){layer, i, j, other[random_below(work->sweep->key, draw, others)]};
+    return others > 0;
+}
+
+/* Proposes to exchange what the cell has in this layer and in another one, which is drawn; false: it is the same. */
+static bool draw_shift(const Work *work, size_t layer, size_t i, size_t j, uint64_t draw, Change change[2]) {
+    const size_t layers = work->surface->problem->layers;
+    const size_t other = (layer + 1 + (size_t)random_below(work->sweep->key, draw, layers - 1)) % layers;
+    change[0] = (Change){layer, i, j, value_at(work, other, i, j)};
+    change[1] = (Change){other, i, j, value_at(work, layer, i, j)};
+    return change[0].value != change[1].value && surface_allows(work->surface, layer, i, j, change[0].value) &&
+           surface_allows(work->surface, other, i, j, change[1].value);
+}
+
+/* A random change of the cell in this layer, made if it helps and sometimes if it does not (Metropolis). With more
+ * layers every second one is a shift: what layer a droplet falls in costs less than whether it falls. */
+static void anneal(Work *work, size_t layer, size_t i, size_t j) {
+    const uint64_t key = work->sweep->key, draw = 3 * ((layer * work->surface->nx + i) * work->surface->ny + j);
+    const bool shifts = work->surface->problem->layers > 1 && random_unit(key, draw) < 0.5;
+    Change change[CHANGES_MAX];
+    if (!(shifts ? draw_shift : draw_flip)(work, layer, i, j, draw + 1, change))
         return;
-    const Change change = {layer, i, j, other[random_below(work->sweep->key, 2 * cell, others)]};
     Best best = {.cost = INFINITY};
-    consider(work, &change, 1, &best);
-    if (best.cost >= 0.0 && random_unit(work->sweep->key, 2 * cell + 1) >= exp(-best.cost / work->sweep->temperature))
+    consider(work, change, shifts ? 2 : 1, &best);
+    if (best.cost >= 0.0 && random_unit(key, draw + 2) >= exp(-best.cost / work->sweep->temperature))
         return;
     make(work, &best);
-    work->tally->flips++;
+    work->tally->flips += !shifts;
+    work->tally->shifts += shifts;
 }
 
 static bool is_out_of_time(Work *work) {
