@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from inkloop.component import FloatMap, Job
-from inkloop_controller import one_layer as core
-from inkloop_controller.core import IntMap
+from inkloop.component import Job
+from inkloop_controller import core
+from inkloop_controller.criterion import Criterion
+from inkloop_controller.droplet_choices import DropletChoices
+from inkloop_controller.height_estimator import Estimate
+from inkloop_controller.horizon_problem import HorizonProblem, IntMap, IntPlan, SearchStatus
 from inkloop_controller.layer_model import LayerModel
-from inkloop_controller.layer_mpc import check_alpha, check_single_pass, layer_problem, random_key
-from inkloop_controller.layer_plan import LayerPlan, PlanStatus, layer_objective
+from inkloop_controller.layer_mpc import random_key
+from inkloop_controller.layer_plan import LayerPlan, PlanStatus, surface_objective
 from inkloop_controller.regions import materials, nominal_layer_height
+from inkloop_controller.starts import full_layers, no_droplets
 
 
 class OpenLoop:
@@ -24,21 +30,16 @@ class OpenLoop:
         if layers is not None and layers < 0:
             raise ValueError(f"layers is {layers}; needs a whole number >= 0")
         nominal = np.round(job.target_height / nominal_layer_height(job))
-        self._job, self._model = job, LayerModel.of(job)
+        self._job = job
         self._layers = np.where(job.mask, nominal if layers is None else layers, 0)
 
-    def plan(self, height: FloatMap, ink_scale: float, layer: int, last: IntMap) -> LayerPlan:
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
         """A droplet on every cell of the part that is to be higher, DONE after the last layer."""
-        job = self._job
         lacking = layer < self._layers
-        if not lacking.any():
-            objective = layer_objective(height, job.target_height, job.mask, 1.0)
-            return LayerPlan(np.zeros_like(last), objective, height, PlanStatus.DONE, "nothing")
-        nominal_surface = np.full(height.shape, layer * nominal_layer_height(job))
-        pattern = np.where(lacking, 1 + materials(job, nominal_surface, "middle"), 0).astype(np.int32)
-        predicted = self._model.scaled(ink_scale).layer(height, pattern, layer + 1)
-        objective = layer_objective(predicted, job.target_height, job.mask, 1.0)
-        return LayerPlan(pattern, objective, predicted, PlanStatus.FIXED, "everything")
+        nominal_surface = np.full(lacking.shape, layer * nominal_layer_height(self._job))
+        pattern = np.where(lacking, 1 + materials(self._job, nominal_surface, "middle"), 0).astype(np.int32)
+        status = PlanStatus.FIXED if lacking.any() else PlanStatus.DONE
+        return judged(self._job, estimate, layer, pattern, status, "full layer")
 
 
 class StochasticGreedy:
@@ -54,19 +55,39 @@ class StochasticGreedy:
         if batch < 1 or iterations_max < 1:
             raise ValueError(f"batch is {batch} and iterations_max {iterations_max}; needs whole numbers >= 1")
         check_single_pass(job)
-        check_alpha(alpha)
-        self._job, self._model, self._alpha = job, LayerModel.of(job), alpha
+        self._job, self._model, self._alpha = job, LayerModel.of(job), Criterion(alpha=alpha).alpha_of(1)
+        self._choices = DropletChoices(job, region_test="surface")
         self._batch, self._iterations_max = batch, iterations_max
 
-    def plan(self, height: FloatMap, ink_scale: float, layer: int, last: IntMap) -> LayerPlan:
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
         """The pattern that the search ends with; DONE if printing nothing is better."""
         job = self._job
-        problem = layer_problem(job, height, ink_scale, self._alpha, "surface")
-        nothing, everything = np.zeros_like(last), job.mask.astype(np.int32)
-        found = core.paper_search(problem, everything, self._batch, self._iterations_max, random_key(job, layer))
-        idle = core.objective(problem, nothing)
-        if found.objective >= idle:
-            return LayerPlan(nothing, idle, height, PlanStatus.DONE, "nothing", found.sweeps)
-        predicted = self._model.scaled(ink_scale).layer(height, found.pattern, layer + 1)
-        status = PlanStatus.REPAIRED if found.finished else PlanStatus.BUDGET
-        return LayerPlan(found.pattern, found.objective, predicted, status, "everything", found.sweeps)
+        problem = HorizonProblem(
+            estimate.height,
+            job.target_height,
+            job.mask,
+            self._choices.allowed(estimate.height, 1),
+            self._choices.kinds(estimate.inks),
+            self._alpha,
+        )
+        key = random_key(job, layer)
+        found = core.paper_search(problem, full_layers(problem), self._batch, self._iterations_max, key)
+        idle = core.objective(problem, no_droplets(problem))
+        if found.objective.value >= idle.value:
+            return LayerPlan.of_pattern(no_droplets(problem)[0], idle, estimate.height, PlanStatus.DONE, "nothing")
+        predicted = replace(self._model, inks=estimate.inks).layer(estimate.height, found.plan[0], layer + 1)
+        status = PlanStatus.REPAIRED if found.status is SearchStatus.DONE else PlanStatus.BUDGET
+        return LayerPlan.of_pattern(found.plan[0], found.objective, predicted, status, "full layer", found.sweeps)
+
+
+def judged(job: Job, estimate: Estimate, layer: int, pattern: IntMap, status: PlanStatus, start: str) -> LayerPlan:
+    """A pattern that was chosen without an objective, as a plan; the mean error that it leaves is what it is worth."""
+    predicted = replace(LayerModel.of(job), inks=estimate.inks).layer(estimate.height, pattern, layer + 1)
+    objective = surface_objective(predicted, job.target_height, job.mask, 1.0)
+    return LayerPlan.of_pattern(pattern, objective, predicted, status, start)
+
+
+def check_single_pass(job: Job) -> None:
+    """Raises ValueError for a job of several passes: over them the surface is not linear in the pattern."""
+    if job.passes != 1:
+        raise ValueError(f"passes is {job.passes}; this controller plans layers of 1 pass (LayerMpc takes 4)")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass, fields, replace
-from math import nan
+from math import inf, isfinite, nan
 from time import perf_counter
 
 import numpy as np
@@ -12,10 +12,12 @@ import numpy as np
 from inkloop.component import BoolMap, FloatMap, Job, Port, Status, Values
 from inkloop.errors import ComponentError
 from inkloop_controller.baselines import OpenLoop, StochasticGreedy
-from inkloop_controller.core import IntMap
+from inkloop_controller.criterion import Criterion
+from inkloop_controller.droplet_choices import DropletChoices
 from inkloop_controller.height_estimator import Estimate, HeightEstimator
+from inkloop_controller.horizon_problem import IntMap, IntPlan
 from inkloop_controller.ink_identification import InkModel
-from inkloop_controller.layer_mpc import LayerMpc, Relaxation
+from inkloop_controller.layer_mpc import LayerMpc, Relaxation, Work
 from inkloop_controller.layer_plan import Planner, PlanStatus
 from inkloop_controller.regions import RegionTest
 
@@ -24,13 +26,19 @@ from inkloop_controller.regions import RegionTest
 class _State:
     """All that a step leaves for the next one, and for the outputs."""
 
+    plan: IntPlan
     pattern: IntMap
+    drop_level: IntMap
     layer_command: int
     answered: int  # number of the scan that the last plan was made from; -1: none
     status: int
     objective: float
+    objective_error: float
+    objective_deviation: float
     bound: float
     bound_valid: bool
+    gap: float
+    plan_status: int
     solve_time: float
     sweeps: int
     estimate: Estimate
@@ -53,11 +61,16 @@ class LayerController:
         )
         self.outputs = (
             Port("pattern", shape=shape, dtype="int32"),
+            Port("drop_level", shape=shape, dtype="int32", start=1),
             Port("layer_command", dtype="int32"),
             Port("status", dtype="int32"),
             Port("objective", "m"),
+            Port("objective_error", "m"),
+            Port("objective_deviation", "m"),
             Port("bound", "m", start=nan),
             Port("bound_valid", dtype="bool"),
+            Port("gap", start=nan),
+            Port("plan_status", dtype="int32"),
             Port("solve_time", "s"),
             Port("sweeps", dtype="int32"),
             Port("estimated_height", "m", shape),
@@ -112,18 +125,24 @@ class LayerController:
         else:
             estimate = self._estimator.next(before.estimate, before.pattern, scan, measured, valid)
         started = perf_counter()
-        plan = self._planner.plan(estimate.height, estimate.ink_scale, scan, before.pattern)
+        plan = self._planner.plan(estimate, scan, before.plan)
         done = plan.status is PlanStatus.DONE
         self._state = replace(
             before,
             estimate=estimate,
+            plan=plan.plan,
             pattern=plan.pattern,
+            drop_level=np.maximum(plan.drop_level, 1),
             layer_command=before.layer_command if done else before.layer_command + 1,
             answered=scan,
             status=int(Status.DONE if done else Status.UNTRUSTED if estimate.untrusted.any() else Status.IDLE),
-            objective=plan.objective,
+            objective=plan.objective.value,
+            objective_error=plan.objective.error,
+            objective_deviation=plan.objective.deviation,
             bound=plan.bound,
-            bound_valid=plan.bound_valid,
+            bound_valid=isfinite(plan.bound),
+            gap=plan.gap,
+            plan_status=list(PlanStatus).index(plan.status),
             solve_time=perf_counter() - started,
             sweeps=plan.sweeps,
         )
@@ -137,26 +156,43 @@ class LayerController:
 def LayerMpcController(
     job: Job,
     *,
-    alpha: float = 0.8,
-    horizon: int = 1,
-    relaxation: Relaxation = "none",
-    sweeps: int = 50,
-    annealing_sweeps: int = 50,
+    alpha: float | list[tuple[int, float]] = 0.8,
+    horizon: int = 3,
+    overshoot: float = 1.0,
+    overshoot_limit_um: float = inf,
+    chance_margin: float = 0.0,
+    fringe_weight: float = 0.0,
     region_test: RegionTest = "middle",
+    drop_levels: int = 1,
+    dead_nozzles: list[int] | None = None,
+    nozzle_pitch: int = 0,
+    relaxation: Relaxation = "gradient",
+    iterations: int = 60,
+    sweeps: int = 50,
+    annealing_sweeps: int = 0,
+    threads: int = 1,
+    time_limit_s: float = inf,
+    certified: bool = False,
     adapt_ink: InkModel = "scale",
     sensor_noise_std: float | None = None,
     sensor_resolution: float = 0.0,
     untrusted_layers: int = 5,
 ) -> LayerController:
-    """The controller of this project; LayerMpc has the options up to region_test, HeightEstimator the others."""
+    """The controller of this project; see LayerMpc, Criterion, DropletChoices, Work and HeightEstimator."""
     planner = LayerMpc(
         job,
-        alpha=alpha,
+        criterion=Criterion(alpha, overshoot, overshoot_limit_um * 1e-6, chance_margin, fringe_weight),
         horizon=horizon,
+        choices=DropletChoices(
+            job,
+            region_test=region_test,
+            drop_levels=drop_levels,
+            dead_nozzles=dead_nozzles or (),
+            nozzle_pitch=nozzle_pitch,
+        ),
         relaxation=relaxation,
-        sweeps=sweeps,
-        annealing_sweeps=annealing_sweeps,
-        region_test=region_test,
+        work=Work(sweeps, annealing_sweeps, iterations, threads, time_limit_s),
+        certified=certified,
     )
     estimator = HeightEstimator(
         job,
@@ -184,13 +220,19 @@ def StochasticGreedyController(
 def _start(job: Job, layer_command: int) -> _State:
     shape = (job.nx, job.ny)
     return _State(
+        plan=np.zeros((1, *shape), np.int32),
         pattern=np.zeros(shape, np.int32),
+        drop_level=np.ones(shape, np.int32),
         layer_command=layer_command,
         answered=-1,
         status=int(Status.IDLE),
         objective=0.0,
+        objective_error=0.0,
+        objective_deviation=0.0,
         bound=nan,
         bound_valid=False,
+        gap=nan,
+        plan_status=0,
         solve_time=0.0,
         sweeps=0,
         estimate=Estimate.exact(np.zeros(shape), job.inks),

@@ -92,3 +92,7 @@ def _sorted(alpha: AlphaSchedule) -> tuple[tuple[int, float], ...]:
     if not pairs or min(starts) < 1 or starts != sorted(set(starts)):
         raise ValueError(f"alpha is {alpha!r}; needs a number, or (layer, weight) pairs with rising layers from 1 on")
     return pairs
+
+
+PLAIN = Criterion()
+"""The paper's objective, with the weight of this project."""

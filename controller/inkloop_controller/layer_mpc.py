@@ -1,94 +1,237 @@
-"""The layer problem of the model predictive controller, solved by local search from several starts."""
+"""The layer problem of the model predictive controller: relaxed, rounded, repaired, and compared."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf, nan
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from inkloop.component import FloatMap, Job
-from inkloop_controller import one_layer as core
-from inkloop_controller.core import IntMap
+from inkloop_controller import core
+from inkloop_controller.criterion import CEILING_COST, PLAIN, Criterion
+from inkloop_controller.droplet_choices import DropletChoices
+from inkloop_controller.droplet_relaxation import diffuse, relax
+from inkloop_controller.height_estimator import Estimate
+from inkloop_controller.horizon_problem import (
+    HORIZON_MAX,
+    HorizonProblem,
+    IntPlan,
+    Objective,
+    SearchProgress,
+    SearchResult,
+    SearchStatus,
+)
+from inkloop_controller.horizon_program import HorizonProgram
 from inkloop_controller.layer_model import LayerModel
-from inkloop_controller.layer_plan import LayerPlan, PlanStatus
-from inkloop_controller.one_layer import LayerProblem
-from inkloop_controller.regions import RegionTest, materials
-from inkloop_controller.relaxation import LayerRelaxation, RelaxedPlan
+from inkloop_controller.layer_plan import PROVEN, LayerPlan, PlanStatus
+from inkloop_controller.starts import even_droplets, full_layers, no_droplets, shifted, without_idle_start
+from inkloop_controller.stopwatch import Stopwatch
 
-Relaxation: TypeAlias = Literal["none", "ipopt", "highs"]
+Relaxation: TypeAlias = Literal["gradient", "ipopt", "highs", "none"]
+
+REPAIRED = 2  # starts that are repaired when the horizon is longer than one layer: the best of them (by trial)
+
+
+_STATUS = {
+    SearchStatus.DONE: PlanStatus.REPAIRED,
+    SearchStatus.BUDGET: PlanStatus.BUDGET,
+    SearchStatus.TIME: PlanStatus.TIME_LIMIT,
+    SearchStatus.STOPPED: PlanStatus.INTERRUPTED,
+}
+
+
+@dataclass(frozen=True)
+class Work:
+    """Budgets of one layer, in work so that the same bits come out everywhere.
+
+    sweeps: of the repair of one start; annealing_sweeps: of one more start that is annealed first (0: none);
+    iterations: of the relaxation; threads: does not change the answer; time_limit: guard by the clock [s].
+    Raises ValueError, all faults in one sentence, for budgets that cannot be meant.
+    """
+
+    sweeps: int = 50
+    annealing_sweeps: int = 0
+    iterations: int = 60
+    threads: int = 1
+    time_limit: float = inf
+
+    def __post_init__(self) -> None:
+        least = {"sweeps": 1, "annealing_sweeps": 0, "iterations": 1, "threads": 1}
+        faults = [
+            f"{name} is {getattr(self, name)}; needs at least {bound}"
+            for name, bound in least.items()
+            if getattr(self, name) < bound
+        ]
+        if not self.time_limit > 0.0:
+            faults.append(f"time_limit is {self.time_limit}; needs a time above 0 s")
+        if faults:
+            raise ValueError("; ".join(faults))
+
+
+DEFAULT_WORK = Work()
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A plan that may win."""
+
+    start: str
+    plan: IntPlan
+    objective: Objective
+    found: SearchResult | None = None
+
+
+@dataclass(frozen=True)
+class _Relaxed:
+    """Droplets of any size (layers, nx, ny), and what no plan can be below [m] (NaN: not known)."""
+
+    droplets: FloatMap
+    bound: float
 
 
 class LayerMpc:
-    """Chooses the layer that minimises alpha * mean |target - H| + (1 - alpha) * std(H) over the part.
+    """Chooses the coming layers that minimise the criterion over the surface after the last of them.
 
-    Every start is repaired by flips and swaps, the best result is taken, and compared with printing nothing: without
-    that a small alpha trades height for evenness for ever. Below an alpha of about 0.1 it never begins: on the flat
-    substrate the first layer's unevenness costs more than its height gains.
+    The relaxed problem is solved and rounded by ordered error diffusion; that start, the rest of the last plan, full
+    layers and none are repaired by flips, swaps and shifts, and the best result is taken. It is compared with printing
+    nothing: without that a small alpha trades height for evenness for ever. Below an alpha of about 0.1 it never
+    begins: on the flat substrate the first layer's unevenness costs more than its height gains.
 
-    relaxation: solver of the relaxed problem, which adds a start and a bound; sweeps: work budget of one repair;
-    annealing_sweeps: work of one more start that is annealed first (0: none); region_test: see regions.
-    Raises ValueError for options that cannot be meant.
+    horizon: layers ahead, 1 to 5; relaxation: its engine: "ipopt" for small grids, "highs" for one layer and alpha = 1;
+    certified: for one layer and alpha = 1, every plan comes with a bound; after_sweep: sees each sweep of a repair,
+    True ends it. Ctrl-C ends a repair too, and the plan says so. Raises ValueError for options that cannot be meant.
     """
 
     def __init__(
         self,
         job: Job,
         *,
-        alpha: float = 0.8,
-        horizon: int = 1,
-        relaxation: Relaxation = "none",
-        sweeps: int = 50,
-        annealing_sweeps: int = 50,
-        region_test: RegionTest = "middle",
+        criterion: Criterion = PLAIN,
+        horizon: int = 3,
+        choices: DropletChoices | None = None,
+        relaxation: Relaxation = "gradient",
+        work: Work = DEFAULT_WORK,
+        certified: bool = False,
+        after_sweep: Callable[[SearchProgress], bool] | None = None,
     ) -> None:
-        if horizon != 1:
-            raise ValueError(f"horizon is {horizon}; this version looks 1 layer ahead")
-        if sweeps < 1 or annealing_sweeps < 0:
+        if not 1 <= horizon <= HORIZON_MAX:
+            raise ValueError(f"horizon is {horizon}; needs 1 to {HORIZON_MAX} layers ahead")
+        if certified and (horizon != 1 or criterion.alpha != 1.0):
             raise ValueError(
-                f"sweeps is {sweeps} and annealing_sweeps {annealing_sweeps}; needs at least 1 and at least 0"
+                f"certified with horizon {horizon} and alpha {criterion.alpha}; a bound needs horizon = 1 and alpha = 1"
             )
-        check_single_pass(job)
-        check_alpha(alpha)
-        self._job, self._alpha, self._region_test = job, alpha, region_test
-        self._sweeps, self._annealing_sweeps = sweeps, annealing_sweeps
-        self._model = LayerModel.of(job)
-        self._relaxation = None if relaxation == "none" else LayerRelaxation(job.mask, job.mask, alpha, relaxation)
+        self._job, self._criterion, self._horizon = job, criterion, horizon
+        self._choices = choices or DropletChoices(job)
+        self._relaxation, self._work, self._certified = relaxation, work, certified
+        self._after_sweep, self._model = after_sweep, LayerModel.of(job)
+        self._weight = criterion.weight(job.mask)
+        self._programs: dict[bool, HorizonProgram] = {}  # by whether alpha is 1, where the deviation falls out
+        if relaxation in ("ipopt", "highs"):
+            self._program(self.problem(Estimate.exact(np.zeros((job.nx, job.ny)), job.inks), 0))
 
-    def plan(self, height: FloatMap, ink_scale: float, layer: int, last: IntMap) -> LayerPlan:
-        """The best pattern found for the surface `height` (nx, ny) [m]; DONE if that is to print nothing."""
-        job = self._job
-        problem = layer_problem(job, height, ink_scale, self._alpha, self._region_test)
-        relaxed = None if self._relaxation is None else self._relaxation.solve(problem)
-        start, best = self._best(problem, self._starts(last, relaxed), random_key(job, layer))
-        bound_valid = relaxed is not None and relaxed.solved
-        bound = relaxed.objective if relaxed is not None and bound_valid else np.nan
-        nothing = np.zeros_like(last)
-        idle = core.objective(problem, nothing)
-        if best.objective >= idle:
-            return LayerPlan(nothing, idle, height, PlanStatus.DONE, "nothing", best.sweeps, bound, bound_valid)
-        predicted = self._model.scaled(ink_scale).layer(height, best.pattern, layer + 1)
-        status = PlanStatus.REPAIRED if best.finished else PlanStatus.BUDGET
-        return LayerPlan(best.pattern, best.objective, predicted, status, start, best.sweeps, bound, bound_valid)
+    def problem(self, estimate: Estimate, layer: int) -> HorizonProblem:
+        """The problem of the layers that follow layer number `layer`."""
+        job, numbers = self._job, range(layer + 1, layer + 1 + self._horizon)
+        return HorizonProblem(
+            height=estimate.height,
+            target=job.target_height,
+            part=job.mask,
+            choices=self._choices.allowed(estimate.height, self._horizon),
+            kinds=self._choices.kinds(estimate.inks),
+            alpha=self._criterion.alpha_of(layer + 1),
+            weight=self._weight,
+            overshoot=self._criterion.overshoot,
+            ceiling=self._criterion.ceiling(job.target_height, np.sqrt(estimate.height_variance)),
+            ceiling_cost=CEILING_COST,
+            colours=tuple(self._model.colours(number) for number in numbers) if job.passes > 1 else (),
+        )
 
-    def _starts(self, last: IntMap, relaxed: RelaxedPlan | None) -> dict[str, IntMap]:
-        starts = {"nothing": np.zeros_like(last), "everything": self._job.mask.astype(np.int32), "last layer": last}
-        if relaxed is not None and relaxed.solved:
-            starts["relaxation"] = (self._job.mask & (relaxed.droplets >= 0.5)).astype(np.int32)
-        return starts
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
+        """The best plan found; DONE if that is to print nothing."""
+        watch, problem = Stopwatch(self._work.time_limit), self.problem(estimate, layer)
+        relaxed = self._relaxed(problem, watch)
+        starts = self._starts(problem, last, relaxed, watch)
+        with watch.phase("repair"):
+            repaired = self._repaired(problem, starts, random_key(self._job, layer), watch)
+        best = _best(problem, [*starts.values(), *repaired])
+        bound = relaxed.bound if relaxed else nan
+        pattern, drop_level = self._choices.split(best.plan[0])
+        model = replace(self._model, inks=estimate.inks)
+        return LayerPlan(
+            plan=best.plan,
+            pattern=pattern,
+            drop_level=drop_level,
+            objective=best.objective,
+            predicted_height=model.layer(estimate.height, pattern, layer + 1, drop_level.astype(np.float64)),
+            status=_status(best, bound),
+            start=best.start,
+            sweeps=sum(candidate.found.sweeps for candidate in repaired if candidate.found),
+            bound=bound,
+            seconds=watch.seconds,
+        )
 
-    def _best(self, problem: LayerProblem, starts: dict[str, IntMap], key: int) -> tuple[str, core.LayerResult]:
-        found = {name: core.search(problem, start, self._sweeps) for name, start in starts.items()}
-        if self._annealing_sweeps:
-            found["annealed"] = core.search(
-                problem, starts["everything"], self._sweeps, annealing_sweeps=self._annealing_sweeps, seed=key
+    def _starts(
+        self, problem: HorizonProblem, last: IntPlan, relaxed: _Relaxed | None, watch: Stopwatch
+    ) -> dict[str, _Candidate]:
+        """Plans to begin from, the empty one first."""
+        with watch.phase("rounding"):
+            plans = {"nothing": no_droplets(problem), "full layers": full_layers(problem)}
+            if last.shape[1:] == problem.height.shape:
+                plans["last plan"] = shifted(last, problem)
+            if relaxed is not None:
+                plans["relaxation"] = diffuse(problem, relaxed.droplets)
+            return {name: _Candidate(name, plan, core.objective(problem, plan)) for name, plan in plans.items()}
+
+    def _repaired(
+        self, problem: HorizonProblem, starts: Mapping[str, _Candidate], key: int, watch: Stopwatch
+    ) -> list[_Candidate]:
+        """The starts after their repair; of a long horizon only the best ones, for a repair costs more there."""
+        count = len(starts) if problem.layers == 1 else REPAIRED
+        chosen = sorted(starts.values(), key=lambda start: start.objective.value)[:count]
+        repaired: list[_Candidate] = []
+        for start, annealing_sweeps in [*((start, 0) for start in chosen), (chosen[0], self._work.annealing_sweeps)]:
+            if len(repaired) == len(chosen) and not annealing_sweeps:
+                break
+            if watch.remaining == 0.0:
+                break
+            found = core.search(
+                problem,
+                start.plan,
+                sweeps_max=self._work.sweeps,
+                annealing_sweeps=annealing_sweeps,
+                seed=key,
+                seconds_max=watch.remaining,
+                threads=self._work.threads,
+                after_sweep=self._after_sweep,
             )
-        return min(found.items(), key=lambda item: item[1].objective)
+            name = f"{start.start}, annealed" if annealing_sweeps else start.start
+            repaired.append(_Candidate(name, found.plan, found.objective, found))
+            if found.interrupted:
+                break
+        return repaired
 
+    def _relaxed(self, problem: HorizonProblem, watch: Stopwatch) -> _Relaxed | None:
+        """Droplets of any size; None if there is no relaxation, or its engine has failed."""
+        if self._relaxation == "none":
+            return None
+        with watch.phase("relaxation"):
+            start = even_droplets(problem)
+            if self._relaxation == "gradient":
+                found = relax(problem, start, iterations_max=self._work.iterations, seconds_max=watch.remaining)
+                return _Relaxed(found.droplets, nan)
+            solved = self._program(problem).solve(problem, start)
+            return _Relaxed(solved.droplets, solved.bound) if solved.solved else None
 
-def layer_problem(job: Job, height: FloatMap, ink_scale: float, alpha: float, test: RegionTest) -> LayerProblem:
-    """The problem of the job's next layer on the surface `height` (nx, ny) [m]."""
-    inks = LayerModel.of(job).scaled(ink_scale).inks
-    return LayerProblem(height, job.target_height, job.mask, job.mask, materials(job, height, test), inks, alpha)
+    def _program(self, problem: HorizonProblem) -> HorizonProgram:
+        """The program for problems of this shape; built the first time."""
+        linear = problem.alpha == 1.0
+        if linear not in self._programs:
+            assert self._relaxation in ("ipopt", "highs")
+            self._programs[linear] = HorizonProgram(problem, self._relaxation)
+        return self._programs[linear]
 
 
 def random_key(job: Job, layer: int) -> int:
@@ -96,13 +239,27 @@ def random_key(job: Job, layer: int) -> int:
     return (job.seed * 2**32 + layer) % 2**64
 
 
-def check_single_pass(job: Job) -> None:
-    """Raises ValueError for a job of several passes: over them the surface is not linear in the pattern."""
-    if job.passes != 1:
-        raise ValueError(f"passes is {job.passes}; this version plans layers of 1 pass (OpenLoop takes 4)")
+def _best(problem: HorizonProblem, candidates: Sequence[_Candidate]) -> _Candidate:
+    """The one with the lowest objective that begins with a layer, the first of them; else to do nothing."""
+    nothing = candidates[0]
+    ready = [nothing]
+    for candidate in candidates[1:]:
+        plan = without_idle_start(candidate.plan, problem)
+        if plan is candidate.plan:
+            ready.append(candidate)
+        elif plan is not None:
+            ready.append(replace(candidate, plan=plan, objective=core.objective(problem, plan)))
+    return min(ready, key=lambda candidate: candidate.objective.value)
 
 
-def check_alpha(alpha: float) -> None:
-    """Raises ValueError for a weight outside 0 to 1."""
-    if not 0.0 <= alpha <= 1.0:
-        raise ValueError(f"alpha is {alpha}; needs a weight between 0 (evenness only) and 1 (height only)")
+def _status(best: _Candidate, bound: float) -> PlanStatus:
+    """How the winner came about."""
+    if not best.plan.any():
+        return PlanStatus.DONE
+    if best.objective.value * (1.0 - PROVEN) <= bound:
+        return PlanStatus.OPTIMAL
+    if best.found is None:
+        return PlanStatus.FALLBACK
+    if best.found.interrupted:
+        return PlanStatus.INTERRUPTED
+    return _STATUS[best.found.status]

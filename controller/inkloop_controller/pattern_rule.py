@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -10,10 +11,10 @@ from numpy.typing import ArrayLike
 from inkloop.component import FloatMap, Job
 from inkloop.errors import ComponentError
 from inkloop_controller.component import LayerController
-from inkloop_controller.core import IntMap
-from inkloop_controller.height_estimator import HeightEstimator
+from inkloop_controller.height_estimator import Estimate, HeightEstimator
+from inkloop_controller.horizon_problem import IntMap, IntPlan
 from inkloop_controller.layer_model import LayerModel
-from inkloop_controller.layer_plan import LayerPlan, PlanStatus, layer_objective
+from inkloop_controller.layer_plan import LayerPlan, PlanStatus, surface_objective
 
 
 class PatternRule(Protocol):
@@ -34,13 +35,13 @@ class RulePlanner:
     def __init__(self, job: Job, rule: PatternRule) -> None:
         self._job, self._rule, self._model = job, rule, LayerModel.of(job)
 
-    def plan(self, height: FloatMap, ink_scale: float, layer: int, last: IntMap) -> LayerPlan:
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
         """What the rule says, DONE if that is nothing. Raises ComponentError for what is no pattern."""
-        pattern = self._checked(np.asarray(self._rule.pattern(height.copy(), layer)), layer)
+        pattern = self._checked(np.asarray(self._rule.pattern(estimate.height.copy(), layer)), layer)
         status = PlanStatus.FIXED if pattern.any() else PlanStatus.DONE
-        predicted = self._model.scaled(ink_scale).layer(height, pattern, layer + 1)
-        objective = layer_objective(predicted, self._job.target_height, self._job.mask, 1.0)
-        return LayerPlan(pattern, objective, predicted, status, "rule")
+        predicted = replace(self._model, inks=estimate.inks).layer(estimate.height, pattern, layer + 1)
+        objective = surface_objective(predicted, self._job.target_height, self._job.mask, 1.0)
+        return LayerPlan.of_pattern(pattern, objective, predicted, status, "rule")
 
     def _checked(self, pattern: np.ndarray, layer: int) -> IntMap:
         shape, inks = (self._job.nx, self._job.ny), len(self._job.inks)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from inkloop.component import FloatMap
 from inkloop_controller.horizon_problem import HorizonProblem, IntPlan
 
 
@@ -18,6 +19,12 @@ def full_layers(problem: HorizonProblem) -> IntPlan:
     choices = problem.choices.astype(np.int32)
     lowest = choices & -choices
     return np.where(choices > 0, np.round(np.log2(np.maximum(lowest, 1))) + 1, 0).astype(np.int32)
+
+
+def even_droplets(problem: HorizonProblem) -> FloatMap:
+    """What lacks on each cell in equal shares of the layers: droplets of any size (layers, nx, ny), 0 to 1."""
+    lacking = (problem.target - problem.height) / (problem.layers * problem.kinds[0].layer_height)
+    return np.where(problem.choices > 0, np.clip(lacking, 0.0, 1.0), 0.0)
 
 
 def shifted(last: IntPlan, problem: HorizonProblem) -> IntPlan:
