@@ -17,6 +17,7 @@ from inkloop_controller.regions import nominal_layer_height
 from inkloop_controller.scan_drift import ScanDrift
 
 DROPLET_STD = 0.1  # of a droplet's volume about its mean [1]; 20 % uniform variation has 0.06, 40 % 0.12 (assumed)
+ROUNDS, WIDTHS_AGREE = 5, 0.01  # of the ink by the widths of saturation that follow from it, until they agree (assumed)
 SURPRISE = 3.0  # standard deviations off the prediction from which on a cell's model is taken to be wrong, not the scan
 
 
@@ -131,13 +132,17 @@ class HeightEstimator:
         known = before.height_variance
         if before.scans == 1 and self._noise_variance is None:  # only now the first scan shows what it was worth
             known = np.where(before.unseen == 0, noise, known)
-        order = self._model.colours(layer)
-        increments = droplet_increments(before.height, pattern, before.inks, order, factor)
-        flat = droplet_increments(np.zeros(scan.shape), pattern, before.inks, (), factor)
-        spread = known + DROPLET_STD**2 * increments.squares
-        growth = scan - before.height
-        evidence = self._ink.after(before.evidence, pattern, increments, flat, growth, spread + noise, valid)
-        inks = self._ink.inks(evidence)
+        evidence, inks, spread = before.evidence, before.inks, known
+        flat = droplet_increments(np.zeros(scan.shape), pattern, inks, (), factor)
+        for _ in range(ROUNDS):
+            widths = inks
+            increments = droplet_increments(before.height, pattern, widths, self._model.colours(layer), factor)
+            spread = known + DROPLET_STD**2 * increments.squares
+            growth = scan - before.height
+            evidence = self._ink.after(before.evidence, pattern, increments, flat, growth, spread + noise, valid)
+            inks = self._ink.inks(evidence)
+            if np.allclose(ink_table(inks), ink_table(widths), rtol=WIDTHS_AGREE, atol=0.0):
+                break
         predicted = replace(self._model, inks=inks).layer(before.height, pattern, layer, factor)
         unseen = np.where(valid, 0, before.unseen + 1).astype(np.int32)
         height, variance = _corrected(predicted, spread, scan, noise, valid)
