@@ -14,15 +14,15 @@ _MODES = '<Item name="plain" value="1"/><Item name="squared" value="2"/>'
 
 
 def build(
-    folder: Path, fmi: int, *, element_missing: bool = False, platform: str | None = None, crashes: bool = False
+    folder: Path, fmi: int, *, element_missing: bool = False, platform: str | None = None, crashes: str = ""
 ) -> Path:
     """Compile and pack; `element_missing` leaves a hole in the FMI 2 arrays, `platform` says where the binary goes.
 
-    With `crashes` a step aborts the process.
+    `crashes` names a signal that the step after the third raises.
     """
-    library = folder / f"amplifier{fmi}{'-crashes' if crashes else ''}.so"
+    library = folder / f"amplifier{fmi}{f'-{crashes}' if crashes else ''}.so"
     if not library.exists():
-        flags = ("-Wall", "-Wextra", "-Werror", *(["-DCRASHES"] if crashes else []))
+        flags = ("-Wall", "-Wextra", "-Werror", *([f"-DCRASHES={crashes}"] if crashes else []))
         subprocess.run(
             ["gcc", "-std=c11", *flags, f"-DFMI={fmi}", "-shared", "-fPIC", SOURCE, "-o", library], check=True
         )

@@ -124,6 +124,11 @@ def python_options(kind: str) -> type[BaseModel]:
     return _options_table(_load(kind))
 
 
+def is_foreign_fmu(kind: str, options: Mapping[str, object]) -> bool:
+    """A component of this kind runs the native code of an FMU that is none of ours."""
+    return kind == "Fmu" or (kind == PLAIN_PLANT and options.get("plant", "Fmu") == "Fmu")
+
+
 def kinds() -> list[str]:
     """All kinds that can be named here and now, but for "package.module:Class"."""
     return sorted(

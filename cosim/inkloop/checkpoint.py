@@ -23,6 +23,7 @@ from inkloop.files import replaced
 from inkloop.recorder import Recorder
 
 LAYERS_FOLDER, STATE_FILE = "layers", "state.npz"
+_UNREADABLE = (OSError, ValueError, KeyError, BadZipFile)
 
 
 @dataclass(frozen=True)
@@ -71,19 +72,17 @@ class Checkpoints:
 
     def load(self) -> Checkpoint | None:
         """The last checkpoint, None if there is none; the recorder gets the rows of its layers. Raises ResultError."""
-        if not (self._folder / STATE_FILE).is_file():
+        checkpoint = last(self._run_folder)
+        if checkpoint is None:
             return None
         try:
-            checkpoint = _unpacked(_read(self._folder / STATE_FILE))
             for path in sorted(self._folder.glob("[0-9]*.npz")):
                 if int(path.stem) > checkpoint.layer:
                     path.unlink()  # its state was never written
                 else:
                     self._recorder.put_rows(_read(path))
-        except (OSError, ValueError, KeyError, BadZipFile) as error:
-            raise ResultError(
-                f"{self._folder}: cannot be read ({error}); remove this folder, and the run begins at its first layer"
-            ) from error
+        except _UNREADABLE as error:
+            raise _unreadable(self._folder, error) from error
         self._last, self.refusal = checkpoint.layer, checkpoint.refusal
         return checkpoint
 
@@ -105,6 +104,15 @@ class Checkpoints:
         self._last = layer
 
 
+def last(run_folder: Path) -> Checkpoint | None:
+    """The last checkpoint of a run that is not finished, None if there is none. Raises ResultError."""
+    folder = run_folder / LAYERS_FOLDER
+    try:
+        return _unpacked(_read(folder / STATE_FILE)) if (folder / STATE_FILE).is_file() else None
+    except _UNREADABLE as error:
+        raise _unreadable(folder, error) from error
+
+
 def remove_layers(run_folder: Path) -> None:
     """Remove the checkpoints of a finished run, if there are any. Raises ResultError."""
     try:
@@ -112,6 +120,10 @@ def remove_layers(run_folder: Path) -> None:
             shutil.rmtree(run_folder / LAYERS_FOLDER)
     except OSError as error:
         raise ResultError(f"{run_folder / LAYERS_FOLDER}: cannot be removed: {error.strerror}; remove it") from error
+
+
+def _unreadable(folder: Path, error: Exception) -> ResultError:
+    return ResultError(f"{folder}: cannot be read ({error}); remove this folder, and the run begins at its first layer")
 
 
 def _states(components: Mapping[str, Component]) -> tuple[dict[str, bytes], str]:

@@ -17,18 +17,16 @@ from inkloop.export import export
 from inkloop.files import write_text
 from inkloop.isolation import run_isolated
 from inkloop.json_schema import scenario_schema
-from inkloop.run import resume, run, scenario_file
+from inkloop.run import new_run_folder, resume, run, scenario_file, scenario_of
 from inkloop.scenario import Scenario
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; 0 when it did what was asked, 1 when it could not, 130 when it was interrupted."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    options = _parser().parse_args(words)
+    options = _parser().parse_args(words, argparse.Namespace(words=words))
     console = Console(width=None if sys.stdout.isatty() else 120)
     try:
-        if getattr(options, "isolate", False):
-            return run_isolated([word for word in words if word != "--isolate"])
         return int(options.command(options, console))
     except InkloopError as error:
         print(error, file=sys.stderr)
@@ -50,13 +48,12 @@ def _parser() -> argparse.ArgumentParser:
     _add_scenario(print_it)
     print_it.add_argument("--out", type=Path, metavar="DIR", help="run folder (default: runs/NAME, never overwritten)")
     print_it.add_argument("--no-compare", action="store_true", help="leave out the scenario's comparison runs")
-    print_it.add_argument(
-        "--isolate", action="store_true", help="print in a process of its own, so that a crashing FMU ends in words"
-    )
+    _add_isolate(print_it)
     print_it.set_defaults(command=_run)
 
     go_on = commands.add_parser("resume", help="go on with a run after its last layer, however it was stopped")
     go_on.add_argument("run", type=Path, metavar="RUN")
+    _add_isolate(go_on)
     go_on.set_defaults(command=_resume)
 
     validate = commands.add_parser("validate", help="check a scenario and name every fault")
@@ -105,6 +102,15 @@ def _add_scenario(parser: argparse.ArgumentParser) -> None:
                         help="override a key, e.g. components.controller.alpha=0.5; may be repeated")  # fmt: skip
 
 
+def _add_isolate(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--isolate",
+        action=argparse.BooleanOptionalAction,
+        help="print in a process of its own, so that crashing native code ends in words "
+        "(default: where a component is an FMU of others)",
+    )
+
+
 def _scenario(options: argparse.Namespace) -> Scenario:
     """The scenario of the command line; classes that it names as "module:Class" may stand beside it."""
     sys.path.append(str(options.scenario.parent.resolve()))
@@ -112,12 +118,23 @@ def _scenario(options: argparse.Namespace) -> Scenario:
 
 
 def _run(options: argparse.Namespace, console: Console) -> int:
-    return run(_scenario(options), options.out, console, compare=not options.no_compare)
+    scenario = _scenario(options)
+    if _is_isolated(options, scenario):
+        folder = new_run_folder(options.out, options.scenario.stem)
+        return run_isolated([*options.words, "--no-isolate", "--out", str(folder)], folder, scenario.foreign_fmus)
+    return run(scenario, options.out, console, compare=not options.no_compare)
 
 
 def _resume(options: argparse.Namespace, console: Console) -> int:
     sys.path.append(str(scenario_file(options.run).parent))
+    scenario = scenario_of(options.run)
+    if _is_isolated(options, scenario):
+        return run_isolated([*options.words, "--no-isolate"], options.run, scenario.foreign_fmus)
     return resume(options.run, console)
+
+
+def _is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:
+    return bool(scenario.foreign_fmus) if options.isolate is None else bool(options.isolate)
 
 
 def _validate(options: argparse.Namespace, console: Console) -> int:

@@ -34,7 +34,7 @@ def resume(folder: Path, console: Console) -> int:
 
     Raises ResultError where nothing can go on from the folder, ScenarioError, ComponentError.
     """
-    scenario = Scenario.load(folder / SCENARIO_FILE, source=scenario_file(folder))
+    scenario = scenario_of(folder)
     record = read_record(folder)
     if not is_unchanged(folder, record):
         raise ResultError(f"{folder / SCENARIO_FILE}: was changed since the run began; put it back, or run it anew")
@@ -55,6 +55,11 @@ def scenario_file(folder: Path) -> Path:
     if "scenario_file" not in record:
         raise ResultError(f"{folder}: an earlier inkloop made this run and kept no state to go on from; run it again")
     return Path(record["scenario_file"])
+
+
+def scenario_of(folder: Path) -> Scenario:
+    """The scenario as the run in `folder` began it. Raises ResultError, ScenarioError."""
+    return Scenario.load(folder / SCENARIO_FILE, source=scenario_file(folder))
 
 
 def print_part(

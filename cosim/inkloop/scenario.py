@@ -112,6 +112,12 @@ class Scenario:
             return (inks.a.ink,)
         return inks.a.ink, (inks.b or InkTable()).ink
 
+    @property
+    def foreign_fmus(self) -> list[str]:
+        """The components, comparison runs included, that run an FMU of others."""
+        places = self._all_components()
+        return [place for place, table in places if catalog.is_foreign_fmu(table.kind, table.options)]
+
     def build(self) -> tuple[dict[str, Component], list[Connection]]:
         """Components in file order and their checked connections. The caller terminates the components.
 
@@ -236,6 +242,10 @@ def _apply(document: tomlkit.TOMLDocument, override: str) -> str | None:
         value: Any = tomlkit.value(text.strip())
     except TOMLKitError:
         value = text.strip()
+    components = document.get("components", {})
+    if keys[0] == "components" and len(keys) > 2 and keys[1] not in components and keys[2:] != ["kind"]:
+        known = [f"components.{name}" for name in components]
+        return f"--set {override}: there is no components.{keys[1]}; {nearest(f'components.{keys[1]}', known)}"
     table: Any = document
     for key in keys[:-1]:
         if key not in table:

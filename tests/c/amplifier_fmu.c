@@ -1,8 +1,9 @@
 /* A foreign FMU for tests: y = gain * x (mode 2: squared), count = steps so far, high = y > 1; refuses x < 0.
  *
- * Compiled with -DFMI=2 (three cells) or -DFMI=3 (n cells, structural); with -DCRASHES a step aborts the process. It
+ * Compiled with -DFMI=2 (three cells) or -DFMI=3 (n cells, structural); with -DCRASHES=signal a step after the third raises it. It
  * shares nothing with the FMUs of this project and writes out the signatures of the standard that it needs, so that it
  * stands for somebody else's work. */
+#include <signal.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -60,7 +61,8 @@ static int step(Instance *instance, double size) {
     if (size > 1000.0)
         return refuse(instance, size > 1e6 ? FATAL : ERROR, "step is too long");
 #ifdef CRASHES
-    abort();
+    if (state->count == 3)
+        raise(CRASHES);
 #endif
     for (size_t i = 0; i < state->n; i++) {
         const double y = state->on ? state->gain * state->x[i] : 0.0;

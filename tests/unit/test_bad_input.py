@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,6 +23,7 @@ from inkloop.wiring import Connection
 from toys import FunctionComponent
 
 CUBOID = (Path(__file__).parents[2] / "scenarios" / "cuboid.toml").read_text(encoding="utf-8").partition("[compare.")[0]
+COMMAND = "import sys; from inkloop.cli import main; sys.exit(main(sys.argv[1:]))"
 SENSOR = CUBOID[CUBOID.index("[components.profiler]") :]
 
 
@@ -51,7 +55,6 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fmus")
     build(folder, 3)
     build(folder, 3, platform="riscv64-plan9")
-    build(folder, 3, crashes=True)
     (folder / "text.fmu").write_text("no archive")
     return folder
 
@@ -92,12 +95,12 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
 )
 def test_it_is_told_and_no_file_is_half_written(
-    text: str, said: str, fmus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    text: str, said: str, fmus: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = fmus / "case.toml"
     path.write_text(text, encoding="utf-8")
     assert main(["run", str(path), "--out", str(tmp_path / "run")]) == 1
-    assert said in capsys.readouterr().err
+    assert said in capfd.readouterr().err
     assert half_written(tmp_path) == []
 
 
@@ -128,15 +131,80 @@ def test_loop_without_start_value_is_refused_before_anything_starts() -> None:
     assert loop_of(0.0).run(time_max_ns=0) == "time_max"
 
 
-def test_crash_in_a_step_ends_in_words(fmus: Path, tmp_path: Path) -> None:
-    path = fmus / "crash.toml"
-    path.write_text(lamp("amplifier3-crashes.fmu"), encoding="utf-8")
-    command = "import sys; from inkloop.cli import main; sys.exit(main(sys.argv[1:]))"
-    words = ["run", str(path), "--isolate", "--out", str(tmp_path / "run")]
-    run = subprocess.run([sys.executable, "-c", command, *words], capture_output=True, text=True, check=False)
+@pytest.fixture(params=["SIGABRT", "SIGSEGV"])
+def crash(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[str, Path, subprocess.CompletedProcess[str]]:
+    """The signal, the scenario, and the print of a loop whose lamp raises it in layer 3."""
+    path, unpacked = tmp_path / "crash.toml", tmp_path / "unpacked"
+    build(tmp_path, 3, crashes=request.param).rename(tmp_path / AMPLIFIER)
+    path.write_text(lamp(AMPLIFIER), encoding="utf-8")
+    unpacked.mkdir()
+    words = [sys.executable, "-c", COMMAND, "run", str(path), "--out", str(tmp_path / "run")]
+    environment = {**os.environ, "TMPDIR": str(unpacked)}
+    return request.param, path, subprocess.run(words, capture_output=True, text=True, check=False, env=environment)
+
+
+def test_crash_in_a_step_ends_in_words(crash: tuple[str, Path, subprocess.CompletedProcess[str]]) -> None:
+    signal_name, path, run = crash
+    folder = path.parent / "run"
     assert run.returncode == 1
-    assert "the process was ended by SIGABRT: native code of a component, an FMU or a library, crashed" in run.stderr
-    assert half_written(tmp_path) == []
+    assert f"the print was ended by {signal_name}: native code crashed, most likely of components.lamp" in run.stderr
+    assert f"layers 0 to 2 are in {folder}; once it is mended, `inkloop resume {folder}` goes on" in run.stderr
+    assert half_written(folder) == []
+    assert list((path.parent / "unpacked").iterdir()) == []
+
+
+def test_print_goes_on_once_the_crashing_fmu_is_mended(
+    crash: tuple[str, Path, subprocess.CompletedProcess[str]], capfd: pytest.CaptureFixture[str]
+) -> None:
+    signal_name, path, _ = crash
+    folder = path.parent
+    assert main(["resume", str(folder / "run")]) == 1
+    assert f"the print was ended by {signal_name}" in capfd.readouterr().err
+    build(folder, 3)
+    assert main(["resume", str(folder / "run")]) == 0
+    assert main(["run", str(path), "--out", str(folder / "whole"), "--no-isolate"]) == 0
+    one, other = (Result.load(folder / name) for name in ("run", "whole"))
+    np.testing.assert_array_equal(one.dataset["height"], other.dataset["height"])
+
+
+LEAVER = """
+import os
+
+
+class Leaver:
+    inputs = outputs = ()
+
+    def __init__(self, job): ...
+    def initialize(self, time_ns, inputs): return {}
+    def do_step(self, time_ns, step_ns, inputs): os._exit(0)
+    def terminate(self): ...
+"""
+
+
+def test_print_that_a_component_leaves_without_a_word_is_no_success(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "leaver.py").write_text(LEAVER, encoding="utf-8")
+    path, folder = tmp_path / "leaves.toml", tmp_path / "run"
+    path.write_text(f'{CUBOID}\n[components.leaver]\nkind = "leaver:Leaver"\n', encoding="utf-8")
+    assert main(["run", str(path), "--isolate", "--out", str(folder)]) == 1
+    said = capsys.readouterr().err
+    assert "the print was ended by exit code 0x0: native code crashed, of a component or a library" in said
+    assert f"layers 0 to 0 are in {folder}; the run cannot be resumed: leaver has no save and no restore" in said
+
+
+def test_ctrl_c_of_an_isolated_print_keeps_its_layers(tmp_path: Path) -> None:
+    path, folder = tmp_path / "slow.toml", tmp_path / "run"
+    path.write_text(CUBOID, encoding="utf-8")
+    words = ["run", str(path), "--isolate", "--out", str(folder), "--set", "run.real_time_factor=5.0"]
+    print_it = subprocess.Popen([sys.executable, "-c", COMMAND, *words], start_new_session=True)
+    while not (folder / "layers" / "0001.npz").exists():
+        assert print_it.poll() is None
+        time.sleep(0.01)
+    os.killpg(print_it.pid, signal.SIGINT)  # as the terminal does it: to both processes
+    assert print_it.wait() == 130
+    assert Result.load(folder).run["stop_reason"] == "interrupted"
+    assert main(["resume", str(folder)]) == 0
 
 
 def test_isolated_run_is_the_same_run(fmus: Path, tmp_path: Path) -> None:

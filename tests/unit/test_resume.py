@@ -135,7 +135,7 @@ def interrupt(
 
     with monkeypatch.context() as patch:
         patch.setattr("inkloop.run._LayerBar.__call__", press)
-        assert main(["run", str(scenario), "--out", str(folder), *words]) == 130
+        assert main(["run", str(scenario), "--no-isolate", "--out", str(folder), *words]) == 130
 
 
 def test_interrupted_run_goes_on_to_the_same_end(

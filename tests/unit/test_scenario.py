@@ -105,6 +105,13 @@ def test_override_that_sets_nothing_is_a_fault(tmp_path: Path, override: str) ->
     assert any("--set" in fault for fault in faults_of(tmp_path, GOOD, override))
 
 
+def test_override_of_a_component_that_is_not_there_names_the_nearest(tmp_path: Path) -> None:
+    found = faults_of(tmp_path, GOOD, "components.controler.alpha=1")
+    assert found == (
+        "--set components.controler.alpha=1: there is no components.controler; did you mean components.controller?",
+    )
+
+
 def test_comparison_must_replace_a_component(tmp_path: Path) -> None:
     text = GOOD + '[compare.x.components.controler]\nkind = "OpenLoop"\n'
     assert any("did you mean controller?" in fault for fault in faults_of(tmp_path, text))
