@@ -18,7 +18,9 @@ from inkloop_controller.scan_drift import ScanDrift
 
 DROPLET_STD = 0.1  # of a droplet's volume about its mean [1]; 20 % uniform variation has 0.06, 40 % 0.12 (assumed)
 ROUNDS, WIDTHS_AGREE = 5, 0.01  # of the ink by the widths of saturation that follow from it, until they agree (assumed)
-SURPRISE = 3.0  # standard deviations off the prediction from which on a cell's model is taken to be wrong, not the scan
+SURPRISE = (
+    5.0  # standard deviations off the prediction from which on the model of a cell is wrong, not the scan (by trial)
+)
 
 
 @dataclass(frozen=True)
