@@ -156,7 +156,7 @@ class LayerMpc:
         starts = self._starts(problem, last, relaxed, watch)
         with watch.phase("repair"):
             repaired = self._repaired(problem, starts, random_key(self._job, layer), watch)
-        best = _best(problem, [*starts.values(), *repaired])
+        best = _best(problem, [starts["nothing"], *repaired, *starts.values()])
         bound = relaxed.bound if relaxed else nan
         pattern, drop_level = self._choices.split(best.plan[0])
         model = replace(self._model, inks=estimate.inks)
@@ -166,7 +166,7 @@ class LayerMpc:
             drop_level=drop_level,
             objective=best.objective,
             predicted_height=model.layer(estimate.height, pattern, layer + 1, drop_level.astype(np.float64)),
-            status=_status(best, bound),
+            status=_status(problem, best, bound),
             start=best.start,
             sweeps=sum(candidate.found.sweeps for candidate in repaired if candidate.found),
             bound=bound,
@@ -252,11 +252,11 @@ def _best(problem: HorizonProblem, candidates: Sequence[_Candidate]) -> _Candida
     return min(ready, key=lambda candidate: candidate.objective.value)
 
 
-def _status(best: _Candidate, bound: float) -> PlanStatus:
+def _status(problem: HorizonProblem, best: _Candidate, bound: float) -> PlanStatus:
     """How the winner came about."""
     if not best.plan.any():
         return PlanStatus.DONE
-    if best.objective.value * (1.0 - PROVEN) <= bound:
+    if best.objective.value - bound <= PROVEN * problem.kinds[0].layer_height:
         return PlanStatus.OPTIMAL
     if best.found is None:
         return PlanStatus.FALLBACK

@@ -28,7 +28,7 @@ class PlanStatus(StrEnum):
     DONE = "done"  # printing nothing is best: the print is finished
 
 
-PROVEN = 1e-6  # a relative gap below this is rounding of the solvers
+PROVEN = 1e-6  # of a layer's height: an objective this near its bound differs by the rounding of the solvers
 
 
 @dataclass(frozen=True)
