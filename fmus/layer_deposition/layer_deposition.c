@@ -24,12 +24,13 @@ static double mean(const double *values, size_t count) {
     return sum / (double)count;
 }
 
-/* Volume factor of the droplet on a cell: 1 - U[0, variation] of its kind, times those of its nozzle and its layer. */
+/* Volume of the droplet on a cell, in nominal drops: their number, times the factor of the layer, times
+ * 1 - U[0, variation] of its kind and 1 - U[0, nozzle_variation] of its nozzle. */
 static double factor_of(const LayerDepositionVariables *v, size_t cell, int32_t layer) {
     const int64_t kind = *v->variation_kind;
     const double amplitude = *v->variation;
     const int32_t seed = *v->seed;
-    double factor = *v->captured_volume;
+    double factor = *v->captured_volume * v->captured_level[cell];
     if (amplitude > 0.0) {
         if (kind == PER_DROPLET)
             factor *= 1.0 - amplitude * random_uniform(seed, STREAM_DROPLET, cell, layer);
@@ -53,9 +54,22 @@ static void draw_factors(const LayerDepositionVariables *v, int32_t layer) {
 
 static void count_droplets(const LayerDepositionVariables *v) {
     for (size_t cell = 0; cell < cell_count(v); cell++) {
-        *v->droplets_a += v->captured[cell] == 1;
-        *v->droplets_b += v->captured[cell] == 2;
+        *v->droplets_a += v->captured[cell] == 1 ? v->captured_level[cell] : 0;
+        *v->droplets_b += v->captured[cell] == 2 ? v->captured_level[cell] : 0;
     }
+}
+
+/* Cuts the surface at the roller's height after a layer; what was cut, as a sum of heights [m]. */
+static double roll(const LayerDepositionVariables *v, int32_t layer) {
+    const double top = *v->roller_datum + *v->roller_step * layer;
+    double cut = 0.0;
+    for (size_t cell = 0; cell < cell_count(v); cell++) {
+        if (v->height[cell] > top) {
+            cut += v->height[cell] - top;
+            v->height[cell] = top;
+        }
+    }
+    return cut;
 }
 
 /* The captured pattern becomes the next layer, in one pass or in four that each act on the surface of the last. */
@@ -63,25 +77,29 @@ static void complete_layer(const LayerDepositionVariables *v) {
     const Ink ink[2] = {{*v->h1_a, *v->h2_a, *v->h3_a}, {*v->h1_b, *v->h2_b, *v->h3_b}};
     const size_t nx = (size_t)*v->nx, ny = (size_t)*v->ny, count = cell_count(v);
     const int32_t layer = *v->layers_printed + 1;
-    const bool is_varied = *v->variation > 0.0 || *v->nozzle_variation > 0.0 || *v->captured_volume != 1.0;
-    if (is_varied)
-        draw_factors(v, layer);
+    const double cell_area = *v->pitch * *v->pitch;
+    draw_factors(v, layer);
     double lost = 0.0;
     for (int pass = 0; pass < *v->passes; pass++) {
         const int64_t place = ((int64_t)*v->pass_rotation * layer + pass) % COLOURS;
         const int colour = *v->passes == 1 ? COLOUR_ALL : ORDERS[*v->pass_order - 1][place];
         memcpy(v->before, v->height, count * sizeof *v->height);
-        lost += deposit_pass(v->before, v->height, nx, ny, v->captured, ink, is_varied ? v->factor : NULL, colour);
+        lost += deposit_pass(v->before, v->height, nx, ny, v->captured, ink, v->factor, colour);
     }
+    if (*v->roller_step > 0.0)
+        *v->volume_removed += roll(v, layer) * cell_area;
     count_droplets(v);
     *v->layers_printed = layer;
     *v->height_mean = mean(v->height, count);
-    *v->volume_lost += lost * *v->pitch * *v->pitch;
+    *v->volume_lost += lost * cell_area;
     *v->status = IDLE;
 }
 
 static void command_layer(const LayerDepositionVariables *v, double time) {
-    memcpy(v->captured, v->pattern, cell_count(v) * sizeof *v->pattern);
+    for (size_t cell = 0; cell < cell_count(v); cell++) {
+        v->captured[cell] = v->drop_level[cell] > 0 ? v->pattern[cell] : 0;
+        v->captured_level[cell] = v->drop_level[cell];
+    }
     *v->captured_volume = *v->volume_factor;
     *v->ready_at = time + *v->layer_duration;
     *v->status = BUSY;
@@ -121,7 +139,7 @@ void kernel_calculate(Instance *instance) {
     *v.status = IDLE;
     *v.droplets_a = *v.droplets_b = 0;
     *v.height_mean = mean(v.height, cell_count(&v));
-    *v.volume_lost = 0.0;
+    *v.volume_lost = *v.volume_removed = 0.0;
 }
 
 Outcome kernel_initialize(Instance *instance) {

@@ -34,6 +34,25 @@ def test_deposition_is_the_reference_model_over_five_layers(form, nx, ny, passes
 
 
 @pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(("nx", "ny"), GRIDS)
+def test_grey_droplets_under_a_roller_are_the_reference_model(form, nx, ny) -> None:
+    generator, varied = np.random.default_rng(9), {"variation": 0.3, "seed": 5}
+    surface, cut, drops = np.zeros((nx, ny)), 0.0, 0
+    with Driver("LayerDeposition", form, nx, ny).start({**varied, "roller_step": 9e-6, "roller_datum": 1e-6}) as fmu:
+        for number, pattern in enumerate(random_patterns(nx, ny, 5), start=1):
+            level = generator.integers(0, 4, (nx, ny)).astype(np.int32)
+            jetted = np.where(level > 0, pattern, 0)
+            factor = level * lu_numpy.factors((nx, ny), number, **varied)
+            surface, _ = lu_numpy.layer(surface, jetted, factor=factor, number=number)
+            surface, removed = lu_numpy.rolled(surface, 1e-6 + number * 9e-6)
+            cut, drops = cut + removed, drops + int(level[pattern == 1].sum())
+            assert fmu.set("drop_level", level) == OK
+            assert fmu.print_layer(pattern) == pytest.approx(surface, rel=1e-12)
+        assert fmu.get("volume_removed") == pytest.approx(cut * PITCH**2, rel=1e-12)
+        assert fmu.get("droplets_a") == drops
+
+
+@pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("kind", [1, 2, 3, 4])
 def test_every_kind_of_variation_is_the_reference_model(form, kind) -> None:
     surface = np.zeros((9, 9))

@@ -146,7 +146,8 @@ def test_period_shorter_than_the_duration_is_refused_at_the_end_of_initialisatio
 
 
 @EVERY_FORM
-@pytest.mark.parametrize(("name", "value"), [("pattern", 3), ("pattern", -1), ("height_start", np.nan),
+@pytest.mark.parametrize(("name", "value"), [("pattern", 3), ("pattern", -1), ("drop_level", -1),
+                                             ("drop_level", 256), ("height_start", np.nan),
                                              ("variation", np.nan), ("variation", -0.1), ("seed", -1),
                                              ("layer_duration", np.inf), ("nozzle_pitch", 0), ("passes", 3),
                                              ("variation_kind", 0), ("layer_command", -1)])  # fmt: skip

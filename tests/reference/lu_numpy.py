@@ -49,6 +49,11 @@ def layer(height: Any, pattern: Any, inks: Any = (INK, INK), factor: Any = 1.0, 
     return height, lost
 
 
+def rolled(height: Any, top: float) -> tuple[Any, float]:
+    """The surface under a roller at height `top`, and the height that it cut."""
+    return np.minimum(height, top), float(np.maximum(height - top, 0.0).sum())
+
+
 def factors(shape: tuple[int, int], number: int, *, seed: int, variation: float = 0.0, kind: int = 1,
             nozzle_pitch: int = 1, nozzle_variation: float = 0.0) -> Any:  # fmt: skip
     """Volume factor of a droplet on every cell in a layer."""

@@ -91,6 +91,6 @@ def test_every_fault_of_a_definition_is_reported() -> None:
     with pytest.raises(FmuError) as caught:
         model_definition.load(text, "it.toml")
     message = str(caught.value)
-    assert message.startswith("it.toml: 4 faults")
+    assert message.startswith("it.toml: 5 faults")
     for part in ("pattern: terminal is 'nowhere'", "pass_order: declared is None", "layers_printed: initial_from is"):
         assert part in message

@@ -156,6 +156,50 @@ def test_volume_factor_scales_all_heights_of_a_droplet_together() -> None:
     np.testing.assert_array_equal(printed(7, 6, patterns, volume_factor=1.0), printed(7, 6, patterns))
 
 
+def test_droplet_of_several_drops_is_an_ink_of_so_many_heights() -> None:
+    patterns = random_patterns(7, 6, 4)
+    scaled = {f"h{k + 1}_{letter}": 3 * height for letter in "ab" for k, height in enumerate(lu_numpy.INK)}
+    three = printed(7, 6, patterns, drop_level=3)
+    assert three[-1] == pytest.approx(printed(7, 6, patterns, **scaled)[-1], rel=1e-12)
+    np.testing.assert_array_equal(printed(7, 6, patterns, drop_level=0), np.zeros((5, 7, 6)))
+
+
+def test_drops_are_counted_one_by_one() -> None:
+    pattern = np.array([[1, 1, 2], [0, 2, 1]], dtype=np.int32)
+    with Driver("LayerDeposition", nx=2, ny=3).start({"drop_level": [[2, 0, 255], [7, 1, 1]]}) as fmu:
+        fmu.print_layer(pattern)
+        assert (fmu.get("droplets_a"), fmu.get("droplets_b")) == (3, 256)
+
+
+def test_drop_levels_are_taken_when_the_command_is_accepted() -> None:
+    with Driver("LayerDeposition", nx=3, ny=3).start({"layer_duration": 2.0, "drop_level": 2}) as fmu:
+        assert max(fmu.set("layer_command", 1), fmu.step(0.0), fmu.set("drop_level", 0), fmu.step(1.0)) == OK
+        assert (fmu.get("layers_printed"), fmu.get("droplets_a")) == (1, 18)
+
+
+def test_roller_leaves_no_cell_above_its_height_and_counts_what_it_cuts() -> None:
+    pitch, step = 2e-4, 6e-6
+    with Driver("LayerDeposition", nx=8, ny=7).start({"pitch": pitch, "roller_step": step, "variation": 0.1}) as fmu:
+        for number in range(1, 6):
+            surface = fmu.print_layer(1)
+            assert surface.max() == number * step
+        factor = sum(lu_numpy.factors((8, 7), number, seed=0, variation=0.1).sum() for number in range(1, 6))
+        gone = (fmu.get("volume_lost") + fmu.get("volume_removed")) / pitch**2
+        assert fmu.get("volume_removed") > 0.0
+        assert surface.sum() + gone == pytest.approx(factor * FULL, rel=1e-12)
+
+
+def test_roller_above_the_surface_changes_nothing() -> None:
+    patterns = random_patterns(6, 5, 4)
+    np.testing.assert_array_equal(printed(6, 5, patterns, roller_step=2 * FULL), printed(6, 5, patterns))
+
+
+def test_roller_counts_layers_from_its_datum_on_also_in_a_print_that_goes_on() -> None:
+    """Two layers after layer 4 would reach 15.2 um."""
+    goes_on = printed(5, 5, [1, 1], roller_step=2e-6, roller_datum=1e-6, layer_command=4)
+    assert [surface.max() for surface in goes_on[1:]] == pytest.approx([FULL, 13e-6], rel=1e-12)
+
+
 def test_volume_factor_multiplies_what_is_drawn() -> None:
     assert drawn(1, variation=0.4, volume_factor=0.5) == pytest.approx(0.5 * drawn(1, variation=0.4), rel=1e-9)
 
