@@ -41,8 +41,7 @@ static double fill_layers(const HorizonProblem *problem, size_t cell, double amo
     return amount - left;
 }
 
-/* Passes `error` on to the later neighbours that can take it: more where there is room, less where there is some.
- * `forward`: +1 or -1 along the row. */
+/* Passes `error` on to the later neighbours that may get droplets at all; `forward`: +1 or -1 along the row. */
 static void pass_on(const HorizonProblem *problem, const double *room, size_t i, size_t j, ptrdiff_t forward,
                     double error, double *wanted) {
     ptrdiff_t place[LATERS];
@@ -51,7 +50,7 @@ static void pass_on(const HorizonProblem *problem, const double *room, size_t i,
         const ptrdiff_t row = (ptrdiff_t)i + LATER[k].rows, column = (ptrdiff_t)j + forward * LATER[k].ahead;
         const bool inside = row < (ptrdiff_t)problem->nx && column >= 0 && column < (ptrdiff_t)problem->ny;
         place[k] = inside ? row * (ptrdiff_t)problem->ny + column : -1;
-        if (inside && (error > 0.0 ? wanted[place[k]] >= room[place[k]] : wanted[place[k]] <= 0.0))
+        if (inside && room[place[k]] == 0.0)
             place[k] = -1;
         share += place[k] >= 0 ? LATER[k].share : 0.0;
     }
