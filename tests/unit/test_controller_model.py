@@ -11,7 +11,6 @@ import pytest
 from inkloop.component import Ink
 from inkloop_controller.layer_model import LayerModel
 from inkloop_controller.layer_plan import layer_objective
-from inkloop_controller.relaxation import LayerRelaxation
 from reference import lu_numpy
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
@@ -90,9 +89,3 @@ def test_objective_is_the_papers() -> None:
     part = np.array([[True, True], [True, False]])
     expected = 0.25 * (3.0 + 1.0 + 1.0) / 3 + 0.75 * np.sqrt((4.0 + 0.0 + 4.0) / 3)
     assert layer_objective(height, np.full((2, 2), 4.0), part, 0.25) == pytest.approx(expected)
-
-
-def test_linear_program_wants_the_mean_error_alone() -> None:
-    everywhere = np.ones((3, 3), np.bool_)
-    with pytest.raises(ValueError, match="needs alpha = 1: take 'ipopt'"):
-        LayerRelaxation(everywhere, everywhere, 0.8, "highs")

@@ -118,7 +118,7 @@ def test_dead_cells_get_no_droplet() -> None:
 def test_problems_and_engines_that_do_not_fit_are_refused() -> None:
     with pytest.raises(ValueError, match="engine 'highs' with 2 layers"):
         HorizonProgram(rough((3, 3), 2), "highs")
-    with pytest.raises(ValueError, match="alpha 0.5; a linear program needs"):
+    with pytest.raises(ValueError, match=r"alpha 0\.5; a linear program needs"):
         HorizonProgram(rough((3, 3), alpha=0.5), "highs")
     with pytest.raises(ValueError, match="with whole droplets"):
         HorizonProgram(rough((3, 3)), "ipopt", whole=True)
