@@ -123,7 +123,8 @@ class LayerController:
         if before.answered < 0:
             estimate = self._estimator.first(measured, valid)
         else:
-            estimate = self._estimator.next(before.estimate, before.pattern, scan, measured, valid)
+            drops = before.drop_level.astype(np.float64)
+            estimate = self._estimator.next(before.estimate, before.pattern, scan, measured, valid, drops)
         started = perf_counter()
         plan = self._planner.plan(estimate, scan, before.plan)
         done = plan.status is PlanStatus.DONE
@@ -174,8 +175,8 @@ def LayerMpcController(
     time_limit_s: float = inf,
     certified: bool = False,
     adapt_ink: InkModel = "scale",
-    sensor_noise_std: float | None = None,
-    sensor_resolution: float = 0.0,
+    sensor_noise_std_um: float | None = None,
+    sensor_resolution_um: float = 0.0,
     untrusted_layers: int = 5,
 ) -> LayerController:
     """The controller of this project; see LayerMpc, Criterion, DropletChoices, Work and HeightEstimator."""
@@ -197,8 +198,8 @@ def LayerMpcController(
     estimator = HeightEstimator(
         job,
         adapt_ink=adapt_ink,
-        sensor_noise_std=sensor_noise_std,
-        sensor_resolution=sensor_resolution,
+        sensor_noise_std=None if sensor_noise_std_um is None else sensor_noise_std_um * 1e-6,
+        sensor_resolution=sensor_resolution_um * 1e-6,
         untrusted_layers=untrusted_layers,
     )
     return LayerController(job, planner, estimator)

@@ -123,3 +123,35 @@ def test_bound_counts_only_with_a_relaxation() -> None:
     bounded = answer(started(LayerMpcController(JOB, relaxation="ipopt")), FLAT, 0, 0)
     assert bounded["bound_valid"]
     assert bounded["bound"] <= bounded["objective"]
+
+
+def test_cell_that_is_never_seen_makes_the_status_untrusted_while_the_print_goes_on() -> None:
+    controller, plant, height = started(LayerMpcController(JOB, untrusted_layers=1)), LayerModel.of(JOB), FLAT
+    hidden = np.ones(FLAT.shape, np.bool_)
+    hidden[4, 4] = False
+    statuses = []
+    for layer in range(20):
+        outputs = answer(controller, height, layer, layer, hidden)
+        statuses.append(int(outputs["status"]))
+        if outputs["status"] == Status.DONE:
+            break
+        assert outputs["layer_command"] == layer + 1
+        height = plant.layer(height, outputs["pattern"], layer + 1)
+    assert statuses[0] == Status.IDLE
+    assert set(statuses[1:-1]) == {Status.UNTRUSTED}
+    assert statuses[-1] == Status.DONE
+
+
+def test_restored_controller_goes_on_with_the_same_bits_on_noisy_scans() -> None:
+    controller, resumed = started(LayerMpcController(JOB)), started(LayerMpcController(JOB))
+    height, plant, rng = FLAT, LayerModel.of(JOB), np.random.default_rng(6)
+    for layer in range(6):
+        if layer == 3:
+            resumed.restore(controller.save())  # type: ignore[attr-defined]
+        scan = height + rng.normal(0.0, 1e-6, height.shape)
+        outputs = answer(controller, scan, layer, layer)
+        if layer >= 3:
+            again = answer(resumed, scan, layer, layer)
+            for name in ("pattern", "estimated_height", "volume_scale"):
+                np.testing.assert_array_equal(again[name], outputs[name], err_msg=name)
+        height = plant.layer(height, outputs["pattern"], layer + 1, np.full(height.shape, 0.9))
