@@ -21,8 +21,8 @@ static inline Droplet droplet_of(const Ink *ink) {
 }
 
 static inline double between(double low, double value, double high) {
-    const double raised = value < low ? low : value;
-    return raised > high ? high : raised;
+    const double raised = value > low ? value : low;
+    return raised < high ? raised : high;
 }
 
 /* Share that a neighbour takes when the cell hit lies `rise` above it; without a droplet spread is 0, and so is it. */

@@ -60,32 +60,40 @@ static int32_t anneal(Search *search) {
     return status;
 }
 
-/* The move that comes first of those that may still help goes next: flips until none helps, then shifts and so on. */
+/* Sweeps one move until none helps; *changed is set if one did. */
+static int32_t repeat(Search *search, int32_t move, int64_t *sweeps, bool *changed) {
+    const Sweep wanted = {.move = move, .deadline = search->deadline};
+    for (int64_t changes = 1; changes > 0;) {
+        if ((*sweeps)++ == search->options->sweeps_max)
+            return CORE_BUDGET;
+        const int32_t status = sweep(search, &wanted, &changes);
+        if (status != CORE_DONE)
+            return status;
+        *changed = *changed || changes > 0;
+    }
+    return CORE_DONE;
+}
+
+/* Rounds of flips, swaps and shifts, each until none helps (the order by trial on nearly flat printed surfaces). When a
+ * round has changed nothing, one more over all cells makes sure, unless no change is felt further than it wakes. */
 static int32_t descend(Search *search) {
-    static const int32_t ORDER[] = {MOVE_FLIPS, MOVE_SHIFTS, MOVE_SWAPS};
-    enum { MOVES = sizeof ORDER / sizeof ORDER[0] };
-    const SearchOptions *options = search->options;
-    wake_all(search->surface, search->tiling.awake);
-    bool changed = false;
+    static const int32_t ORDER[] = {MOVE_FLIPS, MOVE_SWAPS, MOVE_SHIFTS};
+    const PlanSurface *surface = search->surface;
+    const bool local = surface->steps == 1 && surface->weighting.alpha == 1.0;
     int64_t sweeps = 0;
-    for (size_t k = 0; k < MOVES;) {
-        if (!(options->moves & ORDER[k])) {
-            k++;
-        } else {
-            if (sweeps++ == options->sweeps_max)
-                return CORE_BUDGET;
-            const Sweep wanted = {.move = ORDER[k], .deadline = search->deadline};
-            int64_t changes;
-            const int32_t status = sweep(search, &wanted, &changes);
-            if (status != CORE_DONE)
-                return status;
-            changed = changed || changes > 0;
-            k = changes > 0 ? 0 : k + 1;
-        }
-        if (k == MOVES && changed) {
-            wake_all(search->surface, search->tiling.awake);
+    for (bool changed_since_all = true; changed_since_all;) {
+        wake_all(surface, search->tiling.awake);
+        changed_since_all = false;
+        for (bool changed = true; changed;) {
             changed = false;
-            k = 0;
+            for (size_t k = 0; k < sizeof ORDER / sizeof ORDER[0]; k++) {
+                if (!(search->options->moves & ORDER[k]))
+                    continue;
+                const int32_t status = repeat(search, ORDER[k], &sweeps, &changed);
+                if (status != CORE_DONE)
+                    return status;
+            }
+            changed_since_all = changed_since_all || (changed && !local);
         }
     }
     return CORE_DONE;

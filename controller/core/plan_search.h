@@ -1,4 +1,4 @@
-/* Search for a better plan: annealing if asked for, then descent by flips, shifts and swaps. */
+/* Search for a better plan: annealing if asked for, then descent by flips, swaps and shifts. */
 #ifndef INKLOOP_PLAN_SEARCH_H
 #define INKLOOP_PLAN_SEARCH_H
 

@@ -8,8 +8,9 @@
 /* Cells printed between two looks at the clock: about a tenth of a millisecond (by trial). */
 static const int64_t WORK_BETWEEN_LOOKS = 20000;
 
-/* A change wakes the moves of cells so near; a last sweep over all cells sees to the others (by trial). */
-enum { WAKE_REACH = 2 };
+/* A change wakes the moves of cells so near. Over one step nothing further away feels it: a swap reads the cells within
+ * 2 and a change alters those within 1. Over more steps a last sweep over all cells sees to the others (by trial). */
+enum { WAKE_REACH = 3 };
 
 typedef struct {
     PlanSurface *surface;
@@ -183,7 +184,7 @@ void tile_sweep(PlanSurface *surface, uint8_t *awake, const Tile *tile, const Sw
             if (is_out_of_time(&work))
                 return;
             *own &= (uint8_t)~sweep->move;
-            for (size_t layer = 0; layer < surface->problem->layers; layer++) {
+            for (size_t layer = surface->problem->layers; layer-- > 0;) { /* the last costs least to try */
                 switch (sweep->move) {
                 case MOVE_FLIPS:
                     flip(&work, layer, i, j);
