@@ -17,9 +17,9 @@ InkModel: TypeAlias = Literal["scale", "full", "off"]
 """What is learnt of each ink: its droplet volume; h1, h2 and h3 as far as the patterns tell them apart; nothing."""
 
 PRIOR_STD = 0.5  # of a learnt share about 1, the nominal ink; 0.2 pulls h3 to it for twenty layers (by trial)
-FORGETTING = 0.95  # weight of a layer against the next: about the last 20 layers count (by trial)
+FORGETTING = 0.8  # weight of a layer against the next: the last 5 layers count (by trial: 0.95 lags behind a drift)
 LEAST_DROPLETS = 20  # fewer say more about single droplets than about the ink (assumed)
-LEAST_INCREMENT = 0.02  # of a full layer, mean over the cells seen: below it a scan shows noise, not ink (assumed)
+LEAST_INCREMENT = 0.1  # of a full layer, mean over the cells: below it droplets go where scans read low (by trial)
 STRANGE = 0.6  # growth that is off by more than this share of what was expected is no ink: a dead nozzle (assumed)
 STRANGE_NOISE = 3.0  # ... and by more than so many standard deviations
 SHARE_RANGE = (0.25, 4.0)  # beyond it something else is wrong than the ink (assumed)
