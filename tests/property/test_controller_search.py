@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,69 +12,98 @@ from hypothesis import strategies as st
 
 from inkloop.component import Ink
 from inkloop_controller import core
-from inkloop_controller.core import LayerProblem
-from inkloop_controller.layer_plan import layer_objective
+from inkloop_controller.core import HorizonProblem
 
-INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
+KINDS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6), Ink(8.8e-6, 1.2e-6, 0.4e-6))
 
 
 @st.composite
-def problems(draw: st.DrawFn) -> tuple[LayerProblem, Any]:
-    """A layer problem with a part, forbidden cells and two inks, and a start pattern."""
+def problems(draw: st.DrawFn) -> tuple[HorizonProblem, Any]:
+    """A problem with a part, forbidden cells, up to three kinds of droplets, layers and passes, and a start."""
     shape = (draw(st.integers(1, 7)), draw(st.integers(1, 7)))
+    layers = draw(st.integers(1, 3))
+    kinds = KINDS[: draw(st.integers(1, 3))]
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     part = rng.random(shape) < draw(st.sampled_from([0.5, 0.9, 1.0]))
     part.flat[0] = True
-    allowed = part & (rng.random(shape) < draw(st.sampled_from([0.7, 1.0])))
+    choices = rng.integers(0, 2 ** len(kinds), (layers, *shape)).astype(np.uint16) * part
     height = rng.uniform(0.0, draw(st.sampled_from([0.0, 1e-6, 2e-5])), shape) + draw(st.sampled_from([0.0, 4e-4]))
-    target = height.mean() + rng.uniform(-1e-5, 2e-5, shape)
-    material = rng.integers(0, 2, shape, dtype=np.int32)
-    alpha = draw(st.sampled_from([0.0, 0.1, 0.5, 0.8, 1.0]))
-    start = (rng.integers(0, 2, shape) * allowed).astype(np.int32)
-    return LayerProblem(height, target, part, allowed, material, INKS, alpha), start
+    colours = tuple(tuple(rng.permutation(4).tolist()) for _ in range(layers)) if draw(st.booleans()) else ()
+    problem = HorizonProblem(
+        height,
+        height.mean() + rng.uniform(-1e-5, 2e-5, shape),
+        part,
+        choices,
+        kinds,
+        draw(st.sampled_from([0.0, 0.1, 0.5, 0.8, 1.0])),
+        overshoot=draw(st.sampled_from([1.0, 4.0])),
+        colours=colours,
+    )
+    wished = rng.integers(0, 1 + len(kinds), choices.shape, dtype=np.int32)
+    return problem, np.where((2 * choices.astype(np.int32) + 1) >> wished & 1, wished, 0).astype(np.int32)
 
 
-def evaluated(problem: LayerProblem, pattern: Any) -> float:
+def evaluated(problem: HorizonProblem, plan: Any) -> float:
     """The objective from the predicted surface, without the core's sums."""
-    inked = np.where(pattern > 0, 1 + problem.material, 0).astype(np.int32)
-    after = core.layer(problem.height, inked, INKS)
-    return layer_objective(after, problem.target, problem.part, problem.alpha)
+    height = problem.height
+    i, j = np.indices(height.shape)
+    for layer, pattern in enumerate(plan):
+        passes = [[colour] for colour in problem.colours[layer]] if problem.colours else [[0, 1, 2, 3]]
+        for colours in passes:
+            jetted = np.where(np.isin(2 * (i % 2) + j % 2, colours), pattern, 0)
+            added = [
+                core.layer(height, (jetted == 1 + k).astype(np.int32), (kind,)) - height
+                for k, kind in enumerate(problem.kinds)
+            ]
+            height = height + sum(added)
+    over = (height - problem.target)[problem.part]
+    error = np.maximum(-over, problem.overshoot * over).mean()
+    return float(problem.alpha * error + (1.0 - problem.alpha) * height[problem.part].std())
 
 
 @given(problems())
 @settings(deadline=None, max_examples=200)
-def test_objective_is_that_of_the_predicted_surface(case: tuple[LayerProblem, Any]) -> None:
+def test_objective_is_that_of_the_predicted_surface(case: tuple[HorizonProblem, Any]) -> None:
     problem, start = case
-    assert core.objective(problem, start) == pytest.approx(evaluated(problem, start), rel=1e-9, abs=1e-16)
-    found = core.search(problem, start, 100)
-    assert found.objective == pytest.approx(evaluated(problem, found.pattern), rel=1e-9, abs=1e-16)
-    assert found.incremental == pytest.approx(found.objective, rel=1e-6, abs=1e-13)
+    assert core.objective(problem, start).value == pytest.approx(evaluated(problem, start), rel=1e-9, abs=1e-14)
+    found = core.search(problem, start, sweeps_max=100)
+    assert found.objective.value == pytest.approx(evaluated(problem, found.plan), rel=1e-9, abs=1e-14)
+    assert found.incremental == pytest.approx(found.objective.value, rel=1e-9, abs=1e-13)
+
+
+@given(problems(), st.integers(0, 3))
+@settings(deadline=None, max_examples=200)
+def test_search_never_ends_worse_than_it_began(case: tuple[HorizonProblem, Any], annealing_sweeps: int) -> None:
+    problem, start = case
+    before = core.objective(problem, start).value
+    found = core.search(problem, start, sweeps_max=100, annealing_sweeps=annealing_sweeps)
+    assert found.objective.value <= before + 1e-14
 
 
 @given(problems())
-@settings(deadline=None, max_examples=200)
-def test_search_never_ends_worse_than_it_began(case: tuple[LayerProblem, Any]) -> None:
+@settings(deadline=None, max_examples=100)
+def test_papers_search_never_ends_worse_than_it_began(case: tuple[HorizonProblem, Any]) -> None:
     problem, start = case
-    before = core.objective(problem, start)
-    assert core.search(problem, start, 100).objective <= before + 1e-18
-    assert core.paper_search(problem, start, 8, 1000, 1).objective <= before + 1e-18
+    single = problem.choices[:1] & -problem.choices[:1].astype(np.int32)
+    problem = replace(problem, choices=single.astype(np.uint16), colours=problem.colours[:1])
+    start = np.where((2 * single + 1) >> start[:1] & 1, start[:1], 0).astype(np.int32)
+    before = core.objective(problem, start).value
+    assert core.paper_search(problem, start, 8, 1000, 1).objective.value <= before + 1e-14
 
 
 @given(problems(), st.integers(0, 2**64 - 1))
 @settings(deadline=None, max_examples=100)
-def test_same_problem_and_seed_give_the_same_pattern(case: tuple[LayerProblem, Any], seed: int) -> None:
+def test_same_problem_and_seed_give_the_same_plan(case: tuple[HorizonProblem, Any], seed: int) -> None:
     problem, start = case
     kept = start.copy()
-    one, other = (core.search(problem, start, 100, annealing_sweeps=5, seed=seed) for _ in range(2))
-    np.testing.assert_array_equal(one.pattern, other.pattern)
+    one, other = (core.search(problem, start, sweeps_max=100, annealing_sweeps=5, seed=seed) for _ in range(2))
+    np.testing.assert_array_equal(one.plan, other.plan)
     np.testing.assert_array_equal(start, kept)
 
 
 @given(problems())
 @settings(deadline=None, max_examples=100)
-def test_droplets_keep_to_allowed_cells_and_materials(case: tuple[LayerProblem, Any]) -> None:
+def test_droplets_keep_to_the_choices(case: tuple[HorizonProblem, Any]) -> None:
     problem, start = case
-    for found in (core.search(problem, start, 100), core.paper_search(problem, start, 8, 1000, 1)):
-        assert not found.pattern[~problem.allowed].any()
-        droplets = found.pattern > 0
-        np.testing.assert_array_equal(found.pattern[droplets], 1 + problem.material[droplets])
+    plan = core.search(problem, start, sweeps_max=100, annealing_sweeps=2).plan
+    assert ((2 * problem.choices.astype(np.int32) + 1) >> plan & 1).all()

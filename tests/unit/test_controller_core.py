@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,17 +10,17 @@ import pytest
 
 from inkloop.component import Ink
 from inkloop_controller import core
-from inkloop_controller.core import LayerProblem
+from inkloop_controller.core import HorizonProblem, Moves, SearchProgress, SearchStatus
 
 INK = Ink()
 ONE_MICROMETRE = 1e-6
 
 
-def problem(height: Any, target: Any, alpha: float = 1.0, **fields: Any) -> LayerProblem:
-    shape = height.shape
-    values = {"part": np.ones(shape, np.bool_), "allowed": np.ones(shape, np.bool_), "inks": (INK,)}
-    values |= {"material": np.zeros(shape, np.int32), **fields}
-    return LayerProblem(height=height, target=target, alpha=alpha, **values)
+def problem(height: Any, target: Any, alpha: float = 1.0, *, layers: int = 1, **fields: Any) -> HorizonProblem:
+    kinds = fields.pop("kinds", (INK,))
+    choices = np.full((layers, *height.shape), 2 ** len(kinds) - 1, np.uint16)
+    values = {"part": np.ones(height.shape, np.bool_), "choices": choices, "kinds": kinds, **fields}
+    return HorizonProblem(height=height, target=target, alpha=alpha, **values)
 
 
 def rough(seed: int, n: int = 20) -> tuple[Any, Any]:
@@ -28,8 +29,25 @@ def rough(seed: int, n: int = 20) -> tuple[Any, Any]:
     return height, np.full((n, n), height.mean() + 3.8e-6)
 
 
-def everything(n: int = 20) -> Any:
-    return np.ones((n, n), np.int32)
+def everything(n: int = 20, layers: int = 1) -> Any:
+    return np.ones((layers, n, n), np.int32)
+
+
+def printed(height: Any, plan: Any, kinds: tuple[Ink, ...] = (INK,), orders: Any = ()) -> Any:
+    """Surface after all layers of a plan, by the layer map: one kind of droplet after the other on the same surface."""
+    for number, layer in enumerate(plan):
+        for colours in [[colour] for colour in orders[number]] if orders else [range(4)]:
+            i, j = np.indices(height.shape)
+            jetted = np.where(np.isin(2 * (i % 2) + j % 2, list(colours)), layer, 0)
+            added = [
+                core.layer(height, (jetted == 1 + k).astype(np.int32), (kind,)) - height for k, kind in enumerate(kinds)
+            ]
+            height = height + sum(added)
+    return height
+
+
+def value(wanted: HorizonProblem, plan: Any) -> float:
+    return core.objective(wanted, plan).value
 
 
 @pytest.mark.parametrize("search", ["ours", "paper's"])
@@ -38,53 +56,67 @@ def test_pattern_that_made_a_surface_is_recovered(search: str) -> None:
     for seed in range(50):
         rng = np.random.default_rng(seed)
         height = rng.uniform(0.0, 8e-6, (20, 20))
-        pattern = rng.integers(0, 2, (20, 20), dtype=np.int32)
-        wanted = problem(height, core.layer(height, pattern, (INK,)))
+        plan = rng.integers(0, 2, (1, 20, 20), dtype=np.int32)
+        wanted = problem(height, printed(height, plan))
         if search == "ours":
-            found = core.search(wanted, everything(), 50)
+            found = core.search(wanted, everything(), sweeps_max=50)
         else:
             found = core.paper_search(wanted, everything(), 20, 100_000, seed)
-        np.testing.assert_array_equal(found.pattern, pattern)
-        assert found.objective < 1e-9 * ONE_MICROMETRE
+        np.testing.assert_array_equal(found.plan, plan)
+        assert found.objective.value < 1e-9 * ONE_MICROMETRE
 
 
 @pytest.mark.parametrize("alpha", [0.0, 0.3, 0.8, 1.0])
 def test_running_sums_do_not_drift(alpha: float) -> None:
     height, target = rough(1, 40)
     for offset in (0.0, 1e-2):  # 10 mm above the substrate, squares would cancel without a reference height
-        found = core.search(problem(height + offset, target + offset, alpha), everything(40), 200, annealing_sweeps=200)
+        found = core.search(
+            problem(height + offset, target + offset, alpha), everything(40), sweeps_max=200, annealing_sweeps=200
+        )
         assert found.flips > 3000
-        assert found.incremental == pytest.approx(found.objective, rel=1e-9 if offset == 0.0 else 1e-6)
+        assert found.incremental == pytest.approx(found.objective.value, rel=1e-9)
 
 
-def test_finished_search_leaves_no_flip_and_no_swap_that_helps() -> None:
-    height, target = rough(2, 9)
-    wanted = problem(height, target, 0.7)
-    found = core.search(wanted, everything(9), 200)
-    assert found.finished
-    for changed in [*flips(found.pattern), *swaps(found.pattern)]:
-        assert core.objective(wanted, changed) > found.objective - 1e-9 * ONE_MICROMETRE / 81
+@pytest.mark.parametrize("layers", [1, 2, 3])
+@pytest.mark.parametrize("alpha", [0.7, 1.0])
+def test_finished_search_leaves_no_move_that_helps(layers: int, alpha: float) -> None:
+    height, target = rough(2, 7)
+    wanted = problem(height, target, alpha, layers=layers)
+    found = core.search(wanted, everything(7, layers), sweeps_max=500)
+    assert found.status is SearchStatus.DONE
+    for changed in [*flips(found.plan), *swaps(found.plan), *shifts(found.plan)]:
+        assert value(wanted, changed) > found.objective.value - 1e-8 * ONE_MICROMETRE / 81
 
 
-def flips(pattern: Any) -> list[Any]:
+def flips(plan: Any) -> list[Any]:
     changes = []
-    for cell in range(pattern.size):
-        changed = pattern.copy()
+    for cell in range(plan.size):
+        changed = plan.copy()
         changed.flat[cell] = 1 - changed.flat[cell]
         changes.append(changed)
     return changes
 
 
-def swaps(pattern: Any) -> list[Any]:
-    n = len(pattern)
+def swaps(plan: Any) -> list[Any]:
+    n = plan.shape[1]
     changes = []
-    for i, j in np.argwhere(pattern):
+    for layer, i, j in np.argwhere(plan):
         for k, m in np.ndindex(3, 3):
-            place = (i + k - 1, j + m - 1)
-            if 0 <= place[0] < n and 0 <= place[1] < n and not pattern[place]:
-                changed = pattern.copy()
-                changed[i, j], changed[place] = 0, 1
+            place = (layer, i + k - 1, j + m - 1)
+            if 0 <= place[1] < n and 0 <= place[2] < n and not plan[place]:
+                changed = plan.copy()
+                changed[layer, i, j], changed[place] = 0, 1
                 changes.append(changed)
+    return changes
+
+
+def shifts(plan: Any) -> list[Any]:
+    changes = []
+    for layer, i, j in np.argwhere(plan):
+        for other in np.flatnonzero(plan[:, i, j] == 0):
+            changed = plan.copy()
+            changed[layer, i, j], changed[other, i, j] = 0, 1
+            changes.append(changed)
     return changes
 
 
@@ -92,10 +124,10 @@ def test_finished_paper_search_leaves_no_flip_that_helps() -> None:
     height, target = rough(3, 9)
     wanted = problem(height, target, 0.7)
     found = core.paper_search(wanted, everything(9), 20, 100_000, 1)
-    assert found.finished
+    assert found.status is SearchStatus.DONE
     assert found.swaps == 0
-    for changed in flips(found.pattern):
-        assert core.objective(wanted, changed) > found.objective - 1e-9 * ONE_MICROMETRE / 81
+    for changed in flips(found.plan):
+        assert value(wanted, changed) > found.objective.value - 1e-8 * ONE_MICROMETRE / 81
 
 
 def test_batch_of_flips_never_raises_the_objective() -> None:
@@ -103,19 +135,20 @@ def test_batch_of_flips_never_raises_the_objective() -> None:
     height = np.zeros((12, 12))
     wanted = problem(height, np.full((12, 12), 3.8e-6))
     values = [
-        core.paper_search(wanted, everything(12), 144, batches, 7).objective for batches in (1, 2, 3, 5, 9, 17, 33, 100)
+        core.paper_search(wanted, everything(12), 144, batches, 7).objective.value
+        for batches in (1, 2, 3, 5, 9, 17, 33, 100)
     ]
     assert values == sorted(values, reverse=True)
-    assert values[-1] < core.objective(wanted, everything(12))
+    assert values[-1] < value(wanted, everything(12))
 
 
 def test_work_budget_is_kept() -> None:
     height, target = rough(4)
-    found = core.search(problem(height, target), everything(), 2)
-    assert not found.finished
+    found = core.search(problem(height, target), everything(), sweeps_max=2)
+    assert found.status is SearchStatus.BUDGET
     assert found.sweeps == 2
     greedy = core.paper_search(problem(height, target), everything(), 10, 3, 0)
-    assert not greedy.finished
+    assert greedy.status is SearchStatus.BUDGET
     assert greedy.evaluations == 30
 
 
@@ -123,24 +156,106 @@ def test_same_seed_gives_the_same_bits() -> None:
     height, target = rough(5)
     wanted = problem(height, target, 0.8)
     for repeat in (
-        lambda: core.search(wanted, everything(), 50, annealing_sweeps=20, seed=3),
+        lambda: core.search(wanted, everything(), sweeps_max=50, annealing_sweeps=20, seed=3),
         lambda: core.paper_search(wanted, everything(), 20, 1000, 3),
     ):
         first, second = repeat(), repeat()
-        np.testing.assert_array_equal(first.pattern, second.pattern)
+        np.testing.assert_array_equal(first.plan, second.plan)
         assert first.objective == second.objective
 
 
-def test_droplets_fall_on_allowed_cells_only_and_are_of_the_cells_material() -> None:
+@pytest.mark.parametrize("threads", [2, 3])
+@pytest.mark.parametrize(("shape", "layers", "passes", "alpha"), [((150, 70), 2, 1, 1.0), ((65, 200), 1, 4, 0.6)])
+def test_any_number_of_threads_gives_the_same_bits(
+    threads: int, shape: tuple[int, int], layers: int, passes: int, alpha: float
+) -> None:
+    """Also on grids that are no multiple of a tile."""
+    height = np.random.default_rng(8).uniform(0.0, 8e-6, shape)
+    colours = ((0, 3, 1, 2),) * layers if passes == 4 else ()
+    wanted = problem(height, np.full(shape, height.mean() + 4.5e-6 * layers), alpha, layers=layers, colours=colours)
+    start = np.zeros((layers, *shape), np.int32)
+    one, many = (
+        core.search(wanted, start, sweeps_max=12, annealing_sweeps=2, threads=number) for number in (1, threads)
+    )
+    assert one == replace(many, plan=one.plan)
+    np.testing.assert_array_equal(one.plan, many.plan)
+
+
+def test_tiles_side_by_side_never_raise_the_objective() -> None:
+    """The standard deviation is no sum over tiles: each may lower it alone and all together raise it."""
+    height = np.zeros((129, 129))
+    wanted = problem(height, np.full(height.shape, 3.8e-6), 0.0)
+    start = (np.indices(height.shape).sum(axis=0) % 2).astype(np.int32)[None]
+    values = [value(wanted, start)]
+    core.search(wanted, start, sweeps_max=40, after_sweep=lambda progress: values.append(progress.value) or False)
+    assert len(values) > 3
+    assert values == sorted(values, reverse=True)
+
+
+@pytest.mark.parametrize("orders", [(), ((0, 3, 1, 2), (2, 1, 3, 0))])
+def test_objective_is_that_of_all_layers_and_passes(orders: Any) -> None:
+    height, target = rough(9, 12)
+    kinds = (INK, Ink(3.9e-6, 0.55e-6, 0.15e-6), Ink(8.8e-6, 1.2e-6, 0.4e-6))
+    weight = np.random.default_rng(9).uniform(0.0, 1.0, height.shape)
+    ceiling = target + 10e-6
+    wanted = problem(
+        height, target, 0.6, layers=2, kinds=kinds, colours=orders,
+        weight=weight, overshoot=3.0, ceiling=ceiling, ceiling_cost=50.0,
+    )  # fmt: skip
+    plan = np.random.default_rng(1).integers(0, 4, (2, 12, 12), dtype=np.int32)
+    after = printed(height, plan, kinds, orders)
+    found = core.objective(wanted, plan)
+    below, above = np.maximum(target - after, 0.0), np.maximum(after - target, 0.0)
+    assert found.error == pytest.approx((weight * (below + 3.0 * above)).mean(), rel=1e-9)
+    assert found.over_ceiling == pytest.approx(50.0 * (weight * np.maximum(after - ceiling, 0.0)).mean(), rel=1e-9)
+    assert found.over_ceiling > 0.0
+    assert found.deviation == pytest.approx(after.std(), rel=1e-9)
+    assert found.value == pytest.approx(0.6 * (found.error + found.over_ceiling) + 0.4 * found.deviation, rel=1e-12)
+
+
+def test_two_layers_that_made_a_surface_are_recovered() -> None:
+    """Droplets that fell in the wrong layer together are what descent alone leaves: annealing shifts them."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        height = rng.uniform(0.0, 5e-6, (20, 20))
+        wanted = problem(height, printed(height, rng.integers(0, 2, (2, 20, 20), dtype=np.int32)), layers=2)
+        found = core.search(wanted, everything(layers=2), sweeps_max=200, annealing_sweeps=100, seed=1)
+        assert found.objective.value < 1e-9 * ONE_MICROMETRE
+
+
+@pytest.mark.parametrize("alpha", [0.5, 1.0])
+def test_two_layers_of_a_few_cells_are_as_good_as_they_can_be(alpha: float) -> None:
+    """Against every plan of 2 x 3 cells in 2 layers."""
+    for seed in range(6):
+        height = np.random.default_rng(seed).uniform(0.0, 8e-6, (2, 3))
+        wanted = problem(height, np.full((2, 3), height.mean() + 7.6e-6), alpha, layers=2)
+        plans = (np.arange(2**12)[:, None] >> np.arange(12)) & 1
+        least = min(value(wanted, plan.astype(np.int32).reshape(2, 2, 3)) for plan in plans)
+        found = core.search(wanted, np.zeros((2, 2, 3), np.int32), sweeps_max=200, annealing_sweeps=500, seed=2)
+        assert found.objective.value == pytest.approx(least, rel=1e-9)
+
+
+def test_drop_sizes_come_closer_than_one_size() -> None:
+    height, target = rough(10)
+    sizes = tuple(Ink(k * INK.h1, k * INK.h2, k * INK.h3) for k in (0.5, 1.0, 1.5))
+    one, many = (
+        core.search(problem(height, target, kinds=kinds), np.zeros((1, 20, 20), np.int32), sweeps_max=200)
+        for kinds in (sizes[1:2], sizes)
+    )
+    assert {1, 2} <= set(np.unique(many.plan))
+    assert many.objective.value < 0.7 * one.objective.value
+
+
+def test_droplets_keep_to_the_choices_of_their_cell_and_layer() -> None:
+    """Also where a nozzle is dead in one layer only."""
     height, target = rough(6)
-    allowed = np.indices((20, 20)).sum(axis=0) % 3 > 0
-    material = (np.indices((20, 20))[0] > 9).astype(np.int32)
-    inks = (INK, Ink(3.9e-6, 0.55e-6, 0.15e-6))
-    wanted = problem(height, target, allowed=allowed, material=material, inks=inks)
-    found = core.search(wanted, np.zeros((20, 20), np.int32), 100)
-    assert set(np.unique(found.pattern[allowed & (material == 0)])) == {0, 1}
-    assert set(np.unique(found.pattern[allowed & (material == 1)])) == {0, 2}
-    assert not found.pattern[~allowed].any()
+    wanted = problem(height, target, layers=2, kinds=(INK, Ink(3.9e-6, 0.55e-6, 0.15e-6)))
+    choices = np.random.default_rng(6).integers(0, 4, (2, 20, 20)).astype(np.uint16)
+    found = core.search(replace(wanted, choices=choices), np.zeros((2, 20, 20), np.int32), sweeps_max=100)
+    assert set(np.unique(found.plan)) == {0, 1, 2}
+    assert not found.plan[choices == 0].any()
+    assert not (found.plan[choices == 1] == 2).any()
+    assert not (found.plan[choices == 2] == 1).any()
 
 
 def test_what_falls_beside_the_part_costs_nothing() -> None:
@@ -148,13 +263,77 @@ def test_what_falls_beside_the_part_costs_nothing() -> None:
     part = np.zeros((20, 20), np.bool_)
     part[5:15, 5:15] = True
     near, far = target.copy(), target.copy()
-    far[~part] = 1.0
+    far[~part] = 0.1
     left, right = (
-        core.search(problem(height, there, 0.8, part=part, allowed=part), part.astype(np.int32), 100)
+        core.search(
+            problem(height, there, 0.8, part=part, choices=part.astype(np.uint16)[None]),
+            part.astype(np.int32)[None],
+            sweeps_max=100,
+        )
         for there in (near, far)
     )
-    np.testing.assert_array_equal(left.pattern, right.pattern)
+    np.testing.assert_array_equal(left.plan, right.plan)
     assert left.objective == right.objective
+
+
+def test_clock_ends_a_search_with_a_valid_plan() -> None:
+    height, target = rough(11, 60)
+    wanted = problem(height, target, 0.8, layers=3)
+    found = core.search(wanted, everything(60, 3), sweeps_max=10**6, annealing_sweeps=10**6, seconds_max=0.02)
+    assert found.status is SearchStatus.TIME
+    assert found.objective == core.objective(wanted, found.plan)
+    assert found.objective.value <= value(wanted, everything(60, 3))
+
+
+def test_search_without_any_time_or_work_returns_its_start() -> None:
+    height, target = rough(11)
+    for budget, status in (({"seconds_max": 0.0}, SearchStatus.TIME), ({"sweeps_max": 0}, SearchStatus.BUDGET)):
+        found = core.search(problem(height, target), everything(), **{"sweeps_max": 9, **budget})
+        assert found.status is status
+        np.testing.assert_array_equal(found.plan, everything())
+
+
+def test_search_stops_where_it_is_told_to() -> None:
+    height, target = rough(12)
+    seen: list[SearchProgress] = []
+
+    def after_sweep(progress: SearchProgress) -> bool:
+        seen.append(progress)
+        return progress.sweeps == 3
+
+    found = core.search(problem(height, target), everything(), sweeps_max=100, after_sweep=after_sweep)
+    assert found.status is SearchStatus.STOPPED
+    assert [progress.sweeps for progress in seen] == [1, 2, 3]
+    assert found.objective.value == pytest.approx(seen[-1].value, rel=1e-12)
+
+
+def test_interrupt_stops_the_search_and_keeps_its_plan() -> None:
+    height, target = rough(13)
+
+    def interrupt(_: SearchProgress) -> bool:
+        raise KeyboardInterrupt
+
+    found = core.search(problem(height, target), everything(), sweeps_max=100, after_sweep=interrupt)
+    assert (found.status, found.interrupted, found.sweeps) == (SearchStatus.STOPPED, True, 1)
+    assert found.objective.value < value(problem(height, target), everything())
+
+
+def test_fault_of_a_caller_is_not_lost_in_the_search() -> None:
+    def fail(_: SearchProgress) -> bool:
+        raise RuntimeError("display is gone")
+
+    with pytest.raises(RuntimeError, match="display is gone"):
+        core.search(problem(*rough(14)), everything(), sweeps_max=100, after_sweep=fail)
+
+
+def test_only_the_moves_asked_for_are_made() -> None:
+    height, target = rough(15)
+    start = (np.arange(800).reshape(2, 20, 20) % 3 > 0).astype(np.int32)
+    wanted = problem(height, target + 6.3e-6, layers=2)
+    for moves in (Moves.FLIPS, Moves.SWAPS, Moves.SHIFTS):
+        found = core.search(wanted, start, sweeps_max=100, moves=moves)
+        made = {Moves.FLIPS: found.flips, Moves.SWAPS: found.swaps, Moves.SHIFTS: found.shifts}
+        assert [move for move in made if made[move]] == [moves]
 
 
 @pytest.mark.parametrize(
@@ -162,10 +341,20 @@ def test_what_falls_beside_the_part_costs_nothing() -> None:
     [
         ({"target": np.zeros((3, 4))}, r"target has shape \(3, 4\); needs \(4, 4\)"),
         ({"height": np.full((4, 4), np.nan)}, r"height is nan at cell \(0, 0\)"),
-        ({"material": np.zeros((4, 4))}, "material has dtype float64; needs int32"),
-        ({"material": np.ones((4, 4), np.int32)}, "1 or 2 inks and materials that name one"),
+        ({"height": np.full((4, 4), 0.7)}, "height reaches 0.7 m"),
+        ({"choices": np.zeros((1, 4, 4))}, "choices has dtype float64; needs uint16"),
+        ({"choices": np.zeros((0, 4, 4), np.uint16)}, "horizon of 1 to 5"),
+        ({"choices": np.zeros((6, 4, 4), np.uint16)}, "choices holds 6 layers; needs a horizon of 1 to 5"),
+        ({"choices": np.full((1, 4, 4), 2, np.uint16)}, r"layer 0 is 2 at cell \(0, 0\); needs bits of the 1 kinds"),
+        ({"kinds": (), "choices": np.zeros((1, 4, 4), np.uint16)}, "kinds holds 0 kinds"),
+        ({"kinds": (Ink(4.4e-6, -1e-6, 0.0),)}, "kind 0 is .* neither h2 nor h3 below 0"),
         ({"part": np.zeros((4, 4), np.bool_)}, "part marks no cell"),
         ({"alpha": 1.5}, "alpha is 1.5; needs a weight between 0 and 1"),
+        ({"alpha": np.nan, "overshoot": 0.0}, "alpha is nan.*; overshoot is 0.0; needs a cost above 0"),
+        ({"weight": np.full((4, 4), -1.0)}, r"weight is -1.0 at cell \(0, 0\)"),
+        ({"ceiling": np.full((4, 4), np.inf)}, r"ceiling is inf at cell \(0, 0\)"),
+        ({"ceiling_cost": -1.0}, "ceiling_cost is -1.0"),
+        ({"colours": ((0, 1, 2, 2),)}, "for each of 1 layers the colours 0 to 3 once"),
     ],
 )
 def test_problem_that_cannot_be_meant_is_refused(fields: dict[str, Any], words: str) -> None:
@@ -174,7 +363,25 @@ def test_problem_that_cannot_be_meant_is_refused(fields: dict[str, Any], words: 
         problem(**whole)
 
 
-def test_pattern_off_the_allowed_cells_is_refused() -> None:
-    wanted = problem(np.zeros((2, 2)), np.zeros((2, 2)), allowed=np.array([[True, False], [True, True]]))
-    with pytest.raises(ValueError, match=r"droplet at cell \(0, 1\), where none is allowed"):
-        core.search(wanted, np.ones((2, 2), np.int32), 10)
+@pytest.mark.parametrize(
+    ("plan", "words"),
+    [
+        (np.ones((1, 2, 2), np.int32), r"kind 0 at cell \(0, 1\) of layer 0, where the choices do not allow it"),
+        (np.full((1, 2, 2), 2, np.int32), "plan holds 2 to 2; needs 0 to 1"),
+        (np.zeros((2, 2, 2), np.int32), r"plan has shape \(2, 2, 2\); needs \(1, 2, 2\)"),
+    ],
+)
+def test_plan_that_cannot_be_printed_is_refused(plan: Any, words: str) -> None:
+    choices = np.array([[[1, 0], [1, 1]]], np.uint16)
+    with pytest.raises(ValueError, match=words):
+        core.search(problem(np.zeros((2, 2)), np.zeros((2, 2)), choices=choices), plan, sweeps_max=10)
+
+
+def test_budgets_that_cannot_be_meant_are_refused_together() -> None:
+    with pytest.raises(ValueError, match=r"sweeps_max is -1; .*; seconds_max is nan; .*; threads is 0"):
+        core.search(problem(*rough(0)), everything(), sweeps_max=-1, seconds_max=np.nan, threads=0)
+
+
+def test_papers_search_is_for_one_layer_and_one_kind() -> None:
+    with pytest.raises(ValueError, match="2 layers with up to 1 kinds"):
+        core.paper_search(problem(*rough(0), layers=2), everything(layers=2), 20, 100, 0)
