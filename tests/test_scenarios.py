@@ -107,6 +107,18 @@ def test_noise_of_the_sensor_makes_the_print_too_high() -> None:
     assert noisy["layers"] > exact["layers"]
 
 
+def test_roller_reaches_the_height_for_more_ink_and_leaves_the_rim_low() -> None:
+    rolled, closed = printed("roller", 1), printed("roller", 1, "closed loop, no roller")
+    lacking = rolled.dataset.target_height.values - rolled.final_height.values
+    i, j = np.meshgrid(np.arange(35) - 17, np.arange(35) - 17, indexing="ij")
+    assert lacking[np.hypot(i, j) <= 15].min() > -1e-12
+    assert lacking[np.hypot(i, j) <= 12].max() < 1e-6
+    assert lacking[np.hypot(i, j) <= 15].max() > 10e-6
+    assert rolled.metrics()["mae"] < printed("roller", 1, "open loop, no roller").metrics()["mae"] / 20
+    assert rolled.metrics()["droplets"] > 1.05 * closed.metrics()["droplets"]
+    assert closed.metrics()["std"] < rolled.metrics()["std"] / 3
+
+
 def test_four_passes_weave_the_middle_and_lift_the_rim() -> None:
     """The same droplets, 8 cells around the middle and the ring outside 13 cells."""
     four, one = printed("four-passes", 1), printed("four-passes", 1, "one pass")

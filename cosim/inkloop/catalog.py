@@ -29,6 +29,8 @@ FMU_MODELS = ("LayerDeposition", "ProfileSensor")
 PYTHON_KINDS: Mapping[str, tuple[str, str]] = {
     "LayerMpc": ("inkloop_controller.component", "LayerMpcController"),
     "OpenLoop": ("inkloop_controller.component", "OpenLoopController"),
+    "CohenLipson": ("inkloop_controller.geometric_feedback", "CohenLipsonController"),
+    "ErrorDiffusion": ("inkloop_controller.geometric_feedback", "ErrorDiffusionController"),
     "StochasticGreedy": ("inkloop_controller.component", "StochasticGreedyController"),
 }
 PLAIN_PLANT = "PlainPlant"

@@ -23,6 +23,7 @@ PICTURES = {
     "drifting-ink": "cross-section",
     "four-passes": COMPARISON,
     "noisy-sensor": COMPARISON,
+    "roller": COMPARISON,
     "staircase": "cross-section",
     "tall-cylinder": "layers",
     "tilted-substrate": "cross-section",
