@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,14 +53,23 @@ def inputs_of(job: Job, height: Any, layer: int, valid: Any = None) -> dict[str,
 
 
 def print_part(
-    controller: Component, job: Job, *, variation: float = 0.0, seed: int = 0, layers_max: int = 200
+    controller: Component,
+    job: Job,
+    *,
+    variation: float = 0.0,
+    seed: int = 0,
+    layers_max: int = 200,
+    scan: Callable[[Any, int], Any] = lambda height, layer: height,
 ) -> Print:
-    """Print until the controller is done; every droplet lacks up to `variation` of its volume, at random."""
+    """Print until the controller is done; every droplet lacks up to `variation` of its volume, at random.
+
+    scan: the reading of a surface after a number of layers; exact if not given.
+    """
     plant, rng = LayerModel.of(job), np.random.default_rng(seed)
     height, patterns = np.zeros((job.nx, job.ny)), []
-    controller.initialize(0, inputs_of(job, height, 0))
+    controller.initialize(0, inputs_of(job, scan(height, 0), 0))
     for layer in range(layers_max + 1):
-        outputs = dict(controller.do_step(layer * SECOND, SECOND, inputs_of(job, height, layer)))
+        outputs = dict(controller.do_step(layer * SECOND, SECOND, inputs_of(job, scan(height, layer), layer)))
         if outputs["status"] == Status.DONE:
             return Print(height, patterns, outputs)
         assert outputs["layer_command"] == layer + 1

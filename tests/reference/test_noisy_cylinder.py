@@ -1,0 +1,48 @@
+"""The cylinder of Lu, Zheng, Mishra (2015) with a sensor like theirs, and an ink that nobody told the controller."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from closed_loop import cylinder, print_part
+from inkloop_controller.component import LayerMpcController
+
+SEEDS = range(2)
+
+
+def mean_errors(variation: float, drift: float = 0.0, **options: Any) -> Any:
+    """(|bias|, mae, std) in um, means over the seeds; 1 um of noise, steps of 0.1 um, `drift` a scan [m]."""
+    job = cylinder()
+
+    def errors(seed: int) -> tuple[float, float, float]:
+        def scan(height: Any, layer: int) -> Any:
+            noise = np.random.default_rng([seed, layer]).normal(0.0, 1e-6, height.shape)
+            return np.round((height + noise + drift * layer) / 0.1e-6) * 0.1e-6
+
+        done = print_part(LayerMpcController(job, **options), job, variation=variation, seed=seed, scan=scan)
+        return done.errors_um(job)
+
+    return np.abs(np.mean([errors(seed) for seed in SEEDS], axis=0))
+
+
+@pytest.mark.parametrize(("variation", "mae", "std"), [(0.2, 0.50, 0.65), (0.4, 0.66, 0.85)])
+def test_laser_costs_little_against_an_exact_sensor(variation: float, mae: float, std: float) -> None:
+    bias, found_mae, found_std = mean_errors(variation)
+    assert bias < 0.2
+    assert found_mae < mae
+    assert found_std < std
+
+
+def test_drift_of_the_sensor_does_not_reach_the_part() -> None:
+    bias, mae, std = mean_errors(0.2, drift=0.1e-6)
+    assert bias < 0.2
+    assert mae < 0.50
+    assert std < 0.65
+
+
+def test_readings_taken_for_the_truth_end_too_high() -> None:
+    bias, *_ = mean_errors(0.2, sensor_noise_std_um=0.0)
+    assert bias > 1.0
