@@ -7,6 +7,7 @@
 #include "paper_search.h"
 #include "plan_search.h"
 #include "projected_gradient.h"
+#include "stopwatch.h"
 
 int32_t inkloop_core_interface(void) {
     return CORE_INTERFACE;
@@ -46,9 +47,11 @@ int32_t inkloop_search(const HorizonProblem *problem, const SearchOptions *optio
                        SearchReport *report) {
     PlanSurface surface;
     *report = (SearchReport){0};
+    const double began = stopwatch_seconds();
     if (!surface_open(&surface, problem, plan))
         return CORE_NO_MEMORY;
-    const int32_t status = plan_search(&surface, options, report);
+    const double evaluation = stopwatch_seconds() - began; /* the one at the end takes as long */
+    const int32_t status = plan_search(&surface, options, began + options->seconds_max - evaluation, report);
     finish(&surface, plan, report);
     return status;
 }

@@ -4,7 +4,6 @@
 #include <string.h>
 
 #include "counter_random.h"
-#include "stopwatch.h"
 #include "tiled_sweep.h"
 
 /* Temperatures as shares of what one droplet's own height is worth in the objective: hot enough to move between the
@@ -99,12 +98,12 @@ static int32_t descend(Search *search) {
     return CORE_DONE;
 }
 
-int32_t plan_search(PlanSurface *surface, const SearchOptions *options, SearchReport *report) {
+int32_t plan_search(PlanSurface *surface, const SearchOptions *options, double deadline, SearchReport *report) {
     const size_t values = surface->problem->layers * surface->framed;
     Search search = {.surface = surface,
                      .options = options,
                      .report = report,
-                     .deadline = stopwatch_seconds() + options->seconds_max,
+                     .deadline = deadline,
                      .best = malloc(values),
                      .best_value = INFINITY};
     if (!search.best || !tiling_open(&search.tiling, surface, options->threads)) {

@@ -5,8 +5,8 @@
 #include "plan_surface.h"
 
 /* Improves the plan of the surface. It never ends worse than it began: the best plan at the end of a sweep is kept.
- * Counts what it did in `report`. Returns CORE_DONE (no change of the moves asked for helps), CORE_BUDGET, CORE_TIME,
- * CORE_STOPPED or CORE_NO_MEMORY. */
-int32_t plan_search(PlanSurface *surface, const SearchOptions *options, SearchReport *report);
+ * Counts what it did in `report`; ends at the `deadline` by the stopwatch. Returns CORE_DONE (no change of the moves
+ * asked for helps), CORE_BUDGET, CORE_TIME, CORE_STOPPED or CORE_NO_MEMORY. */
+int32_t plan_search(PlanSurface *surface, const SearchOptions *options, double deadline, SearchReport *report);
 
 #endif
