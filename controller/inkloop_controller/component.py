@@ -4,22 +4,16 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass, fields, replace
-from math import inf, isfinite, nan
+from math import isfinite, nan
 from time import perf_counter
 
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Job, Port, Status, Values
 from inkloop.errors import ComponentError
-from inkloop_controller.baselines import OpenLoop, StochasticGreedy
-from inkloop_controller.criterion import Criterion
-from inkloop_controller.droplet_choices import DropletChoices
 from inkloop_controller.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.horizon_problem import IntMap, IntPlan
-from inkloop_controller.ink_identification import InkModel
-from inkloop_controller.layer_mpc import LayerMpc, Relaxation, Work
 from inkloop_controller.layer_plan import Planner, PlanStatus
-from inkloop_controller.regions import RegionTest
 
 
 @dataclass(frozen=True)
@@ -37,6 +31,7 @@ class _State:
     objective_deviation: float
     bound: float
     bound_valid: bool
+    bound_confidence: float
     gap: float
     plan_status: int
     solve_time: float
@@ -69,6 +64,7 @@ class LayerController:
             Port("objective_deviation", "m"),
             Port("bound", "m", start=nan),
             Port("bound_valid", dtype="bool"),
+            Port("bound_confidence", start=1.0),
             Port("gap", start=nan),
             Port("plan_status", dtype="int32"),
             Port("solve_time", "s"),
@@ -142,6 +138,7 @@ class LayerController:
             objective_deviation=plan.objective.deviation,
             bound=plan.bound,
             bound_valid=isfinite(plan.bound),
+            bound_confidence=plan.bound_confidence,
             gap=plan.gap,
             plan_status=list(PlanStatus).index(plan.status),
             solve_time=perf_counter() - started,
@@ -152,70 +149,6 @@ class LayerController:
         estimate = self._state.estimate
         values = {**vars(self._state), "estimated_height": estimate.height, "volume_scale": estimate.ink_scale}
         return {port.name: np.asarray(values[port.name], port.dtype) for port in self.outputs}
-
-
-def LayerMpcController(
-    job: Job,
-    *,
-    alpha: float | list[tuple[int, float]] = 0.8,
-    horizon: int = 3,
-    overshoot: float = 1.0,
-    overshoot_limit_um: float = inf,
-    chance_margin: float = 0.0,
-    fringe_weight: float = 0.0,
-    region_test: RegionTest = "middle",
-    drop_levels: int = 1,
-    dead_nozzles: list[int] | None = None,
-    nozzle_pitch: int = 0,
-    relaxation: Relaxation = "gradient",
-    iterations: int = 60,
-    sweeps: int = 50,
-    annealing_sweeps: int = 0,
-    threads: int = 1,
-    time_limit_s: float = inf,
-    certified: bool = False,
-    adapt_ink: InkModel = "scale",
-    sensor_noise_std_um: float | None = None,
-    sensor_resolution_um: float = 0.0,
-    untrusted_layers: int = 5,
-) -> LayerController:
-    """The controller of this project; see LayerMpc, Criterion, DropletChoices, Work and HeightEstimator."""
-    planner = LayerMpc(
-        job,
-        criterion=Criterion(alpha, overshoot, overshoot_limit_um * 1e-6, chance_margin, fringe_weight),
-        horizon=horizon,
-        choices=DropletChoices(
-            job,
-            region_test=region_test,
-            drop_levels=drop_levels,
-            dead_nozzles=dead_nozzles or (),
-            nozzle_pitch=nozzle_pitch,
-        ),
-        relaxation=relaxation,
-        work=Work(sweeps, annealing_sweeps, iterations, threads, time_limit_s),
-        certified=certified,
-    )
-    estimator = HeightEstimator(
-        job,
-        adapt_ink=adapt_ink,
-        sensor_noise_std=None if sensor_noise_std_um is None else sensor_noise_std_um * 1e-6,
-        sensor_resolution=sensor_resolution_um * 1e-6,
-        untrusted_layers=untrusted_layers,
-    )
-    return LayerController(job, planner, estimator)
-
-
-def OpenLoopController(job: Job, *, layers: int | None = None) -> LayerController:
-    """Full layers, blindly; see OpenLoop."""
-    return LayerController(job, OpenLoop(job, layers=layers), HeightEstimator(job, adapt_ink="off", take_as_read=True))
-
-
-def StochasticGreedyController(
-    job: Job, *, alpha: float = 0.8, batch: int = 20, iterations_max: int = 100_000
-) -> LayerController:
-    """The paper's controller; see StochasticGreedy. The paper takes ink and scans as they are."""
-    planner = StochasticGreedy(job, alpha=alpha, batch=batch, iterations_max=iterations_max)
-    return LayerController(job, planner, HeightEstimator(job, adapt_ink="off", take_as_read=True))
 
 
 def _start(job: Job, layer_command: int) -> _State:
@@ -232,6 +165,7 @@ def _start(job: Job, layer_command: int) -> _State:
         objective_deviation=0.0,
         bound=nan,
         bound_valid=False,
+        bound_confidence=1.0,
         gap=nan,
         plan_status=0,
         solve_time=0.0,

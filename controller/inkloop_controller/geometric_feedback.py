@@ -6,10 +6,9 @@ import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Job
 from inkloop_controller.baselines import judged
-from inkloop_controller.component import LayerController
 from inkloop_controller.droplet_choices import DropletChoices
 from inkloop_controller.droplet_relaxation import diffuse
-from inkloop_controller.height_estimator import Estimate, HeightEstimator
+from inkloop_controller.height_estimator import Estimate
 from inkloop_controller.horizon_problem import HorizonProblem, IntMap, IntPlan
 from inkloop_controller.layer_model import ink_maps
 from inkloop_controller.layer_plan import LayerPlan, PlanStatus
@@ -79,21 +78,6 @@ class ErrorDiffusion:
         lacking = (job.target_height - estimate.height) / (h1 + 4.0 * h2 + 4.0 * h3)
         pattern = diffuse(problem, np.where(choices > 0, lacking, 0.0))[0]
         return _judged(job, estimate, layer, pattern, "error diffusion")
-
-
-def CohenLipsonController(
-    job: Job, *, threshold_um: float | None = None, region_test: RegionTest = "middle"
-) -> LayerController:
-    """Greedy geometric feedback; see CohenLipson. Scans are taken as they are."""
-    threshold = None if threshold_um is None else threshold_um * 1e-6
-    planner = CohenLipson(job, threshold=threshold, region_test=region_test)
-    return LayerController(job, planner, HeightEstimator(job, adapt_ink="off", take_as_read=True))
-
-
-def ErrorDiffusionController(job: Job, *, region_test: RegionTest = "middle") -> LayerController:
-    """Error diffusion of what each layer lacks; see ErrorDiffusion. Scans are taken as they are."""
-    planner = ErrorDiffusion(job, region_test=region_test)
-    return LayerController(job, planner, HeightEstimator(job, adapt_ink="off", take_as_read=True))
 
 
 def _judged(job: Job, estimate: Estimate, layer: int, pattern: IntMap, start: str) -> LayerPlan:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf, nan
+from math import nan
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from inkloop.component import FloatMap, Job
 from inkloop_controller import core
+from inkloop_controller.certificate import certify
 from inkloop_controller.criterion import CEILING_COST, PLAIN, Criterion
 from inkloop_controller.droplet_choices import DropletChoices
 from inkloop_controller.droplet_relaxation import diffuse, relax
@@ -29,9 +30,11 @@ from inkloop_controller.layer_model import LayerModel
 from inkloop_controller.layer_plan import PROVEN, LayerPlan, PlanStatus
 from inkloop_controller.starts import even_droplets, full_layers, no_droplets, shifted, without_idle_start
 from inkloop_controller.stopwatch import Stopwatch
+from inkloop_controller.work import DEFAULT_WORK, Work
 
 Relaxation: TypeAlias = Literal["gradient", "ipopt", "highs", "none"]
 
+CERTIFICATE_S = 60.0  # what a certificate may take if no limit is given (assumed)
 REPAIRED = 2  # starts that are repaired when the horizon is longer than one layer: the best of them (by trial)
 
 
@@ -41,37 +44,6 @@ _STATUS = {
     SearchStatus.TIME: PlanStatus.TIME_LIMIT,
     SearchStatus.STOPPED: PlanStatus.INTERRUPTED,
 }
-
-
-@dataclass(frozen=True)
-class Work:
-    """Budgets of one layer, in work so that the same bits come out everywhere.
-
-    sweeps: of the repair of one start; annealing_sweeps: of one more start that is annealed first (0: none);
-    iterations: of the relaxation; threads: does not change the answer; time_limit: guard by the clock [s].
-    Raises ValueError, all faults in one sentence, for budgets that cannot be meant.
-    """
-
-    sweeps: int = 50
-    annealing_sweeps: int = 0
-    iterations: int = 60
-    threads: int = 1
-    time_limit: float = inf
-
-    def __post_init__(self) -> None:
-        least = {"sweeps": 1, "annealing_sweeps": 0, "iterations": 1, "threads": 1}
-        faults = [
-            f"{name} is {getattr(self, name)}; needs at least {bound}"
-            for name, bound in least.items()
-            if getattr(self, name) < bound
-        ]
-        if not self.time_limit > 0.0:
-            faults.append(f"time_limit is {self.time_limit}; needs a time above 0 s")
-        if faults:
-            raise ValueError("; ".join(faults))
-
-
-DEFAULT_WORK = Work()
 
 
 @dataclass(frozen=True)
@@ -157,7 +129,7 @@ class LayerMpc:
         with watch.phase("repair"):
             repaired = self._repaired(problem, starts, random_key(self._job, layer), watch)
         best = _best(problem, [starts["nothing"], *repaired, *starts.values()])
-        bound = relaxed.bound if relaxed else nan
+        bound, confidence = self._bound(problem, best, relaxed, watch)
         pattern, drop_level = self._choices.split(best.plan[0])
         model = replace(self._model, inks=estimate.inks)
         return LayerPlan(
@@ -170,6 +142,7 @@ class LayerMpc:
             start=best.start,
             sweeps=sum(candidate.found.sweeps for candidate in repaired if candidate.found),
             bound=bound,
+            bound_confidence=confidence,
             seconds=watch.seconds,
         )
 
@@ -224,6 +197,17 @@ class LayerMpc:
                 return _Relaxed(found.droplets, nan)
             solved = self._program(problem).solve(problem, start)
             return _Relaxed(solved.droplets, solved.bound) if solved.solved else None
+
+    def _bound(
+        self, problem: HorizonProblem, best: _Candidate, relaxed: _Relaxed | None, watch: Stopwatch
+    ) -> tuple[float, float]:
+        """What no plan can be below [m], and the probability that it holds; NaN and 1 if that is not known."""
+        proven = relaxed.bound if relaxed else nan
+        if not self._certified or not best.plan.any() or watch.remaining == 0.0:
+            return proven, 1.0
+        with watch.phase("certificate"):
+            found = certify(problem, best.plan, seconds_max=min(CERTIFICATE_S, watch.remaining))
+        return (proven, 1.0) if proven >= found.bound else (found.bound, found.confidence)
 
     def _program(self, problem: HorizonProblem) -> HorizonProgram:
         """The program for problems of this shape; built the first time."""

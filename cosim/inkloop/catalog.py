@@ -27,11 +27,11 @@ from inkloop.plain_plant import PlainPlant
 GROUP = "inkloop.components"
 FMU_MODELS = ("LayerDeposition", "ProfileSensor")
 PYTHON_KINDS: Mapping[str, tuple[str, str]] = {
-    "LayerMpc": ("inkloop_controller.component", "LayerMpcController"),
-    "OpenLoop": ("inkloop_controller.component", "OpenLoopController"),
-    "CohenLipson": ("inkloop_controller.geometric_feedback", "CohenLipsonController"),
-    "ErrorDiffusion": ("inkloop_controller.geometric_feedback", "ErrorDiffusionController"),
-    "StochasticGreedy": ("inkloop_controller.component", "StochasticGreedyController"),
+    "LayerMpc": ("inkloop_controller.controllers", "LayerMpcController"),
+    "OpenLoop": ("inkloop_controller.controllers", "OpenLoopController"),
+    "CohenLipson": ("inkloop_controller.controllers", "CohenLipsonController"),
+    "ErrorDiffusion": ("inkloop_controller.controllers", "ErrorDiffusionController"),
+    "StochasticGreedy": ("inkloop_controller.controllers", "StochasticGreedyController"),
 }
 PLAIN_PLANT = "PlainPlant"
 """The kind of a plant without the handshake; `plant` is the kind of the plant itself."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from closed_loop import cylinder, print_part
-from inkloop_controller.component import LayerMpcController, OpenLoopController, StochasticGreedyController
+from inkloop_controller.controllers import LayerMpcController, OpenLoopController, StochasticGreedyController
 
 SEEDS = range(10)
 

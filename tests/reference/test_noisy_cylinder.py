@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from closed_loop import cylinder, print_part
-from inkloop_controller.component import LayerMpcController
+from inkloop_controller.controllers import LayerMpcController
 
 SEEDS = range(2)
 

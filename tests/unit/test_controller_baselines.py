@@ -9,13 +9,8 @@ import pytest
 
 from closed_loop import block, cylinder, print_part
 from inkloop.component import Ink, Job
-from inkloop_controller.component import OpenLoopController
-from inkloop_controller.geometric_feedback import (
-    CohenLipson,
-    CohenLipsonController,
-    ErrorDiffusion,
-    ErrorDiffusionController,
-)
+from inkloop_controller.controllers import CohenLipsonController, ErrorDiffusionController, OpenLoopController
+from inkloop_controller.geometric_feedback import CohenLipson, ErrorDiffusion
 from inkloop_controller.height_estimator import Estimate
 from inkloop_controller.layer_model import ink_maps
 from inkloop_controller.layer_plan import PlanStatus

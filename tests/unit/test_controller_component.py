@@ -10,7 +10,7 @@ import pytest
 from closed_loop import SECOND, block, inputs_of, print_part
 from inkloop.component import Component, Status
 from inkloop.errors import ComponentError
-from inkloop_controller.component import LayerMpcController, OpenLoopController, StochasticGreedyController
+from inkloop_controller.controllers import LayerMpcController, OpenLoopController, StochasticGreedyController
 from inkloop_controller.layer_model import LayerModel
 
 MAKERS = [LayerMpcController, OpenLoopController, StochasticGreedyController]
@@ -120,7 +120,7 @@ def test_bound_counts_only_with_a_relaxation() -> None:
     without = answer(started(LayerMpcController(JOB)), FLAT, 0, 0)
     assert not without["bound_valid"]
     assert np.isnan(without["bound"])
-    bounded = answer(started(LayerMpcController(JOB, relaxation="ipopt")), FLAT, 0, 0)
+    bounded = answer(started(LayerMpcController(JOB, horizon=1, relaxation="ipopt")), FLAT, 0, 0)
     assert bounded["bound_valid"]
     assert bounded["bound"] <= bounded["objective"]
 

@@ -10,7 +10,7 @@ import pytest
 
 from inkloop.component import Ink
 from inkloop_controller.layer_model import LayerModel
-from inkloop_controller.layer_plan import layer_objective
+from inkloop_controller.layer_plan import surface_objective
 from reference import lu_numpy
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
@@ -88,4 +88,4 @@ def test_objective_is_the_papers() -> None:
     height = np.array([[1.0, 3.0], [5.0, 100.0]])
     part = np.array([[True, True], [True, False]])
     expected = 0.25 * (3.0 + 1.0 + 1.0) / 3 + 0.75 * np.sqrt((4.0 + 0.0 + 4.0) / 3)
-    assert layer_objective(height, np.full((2, 2), 4.0), part, 0.25) == pytest.approx(expected)
+    assert surface_objective(height, np.full((2, 2), 4.0), part, 0.25).value == pytest.approx(expected)

@@ -16,10 +16,11 @@ from inkloop_controller.criterion import Criterion
 from inkloop_controller.droplet_choices import DropletChoices
 from inkloop_controller.height_estimator import Estimate
 from inkloop_controller.layer_model import LayerModel
-from inkloop_controller.layer_mpc import LayerMpc, Work
+from inkloop_controller.layer_mpc import LayerMpc
 from inkloop_controller.layer_plan import LayerPlan, PlanStatus, surface_objective
 from inkloop_controller.regions import materials
 from inkloop_controller.starts import full_layers, no_droplets, shifted
+from inkloop_controller.work import Work
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
 ENGINES = [("highs", 1.0), ("ipopt", 1.0), ("ipopt", 0.8), ("ipopt", 0.3), ("ipopt", 0.0)]
@@ -143,6 +144,14 @@ def test_first_layer_is_never_empty_unless_the_print_is_done() -> None:
         job, height = rough_job(seed)
         plan = planned(job, height, horizon=3)
         assert plan.pattern.any() == (plan.status is not PlanStatus.DONE)
+
+
+def test_certified_plan_comes_with_a_proven_bound() -> None:
+    job, height = rough_job(5)
+    plan = planned(job, height, alpha=1.0, horizon=1, certified=True)
+    assert plan.bound_confidence == 1.0
+    assert plan.gap <= 0.01
+    assert "certificate" in plan.seconds
 
 
 def test_exact_plan_is_optimal_by_its_bound() -> None:

@@ -1,0 +1,102 @@
+"""The controllers that a scenario can name, each with its options as a scenario writes them."""
+
+from __future__ import annotations
+
+from math import inf
+
+from inkloop.component import Job
+from inkloop_controller.baselines import OpenLoop, StochasticGreedy
+from inkloop_controller.component import LayerController
+from inkloop_controller.criterion import Criterion
+from inkloop_controller.droplet_choices import DropletChoices
+from inkloop_controller.geometric_feedback import CohenLipson, ErrorDiffusion
+from inkloop_controller.height_estimator import HeightEstimator
+from inkloop_controller.ink_identification import InkModel
+from inkloop_controller.layer_mpc import LayerMpc, Relaxation
+from inkloop_controller.regions import RegionTest
+from inkloop_controller.work import Work
+
+
+def LayerMpcController(
+    job: Job,
+    *,
+    alpha: float | list[tuple[int, float]] = 0.8,
+    horizon: int = 3,
+    overshoot: float = 1.0,
+    overshoot_limit_um: float | None = None,
+    chance_margin: float = 0.0,
+    fringe_weight: float = 0.0,
+    region_test: RegionTest = "middle",
+    drop_levels: int = 1,
+    dead_nozzles: list[int] | None = None,
+    nozzle_pitch: int = 0,
+    relaxation: Relaxation = "gradient",
+    iterations: int = 60,
+    sweeps: int = 50,
+    annealing_sweeps: int = 0,
+    threads: int = 1,
+    time_limit_s: float | None = None,
+    certified: bool = False,
+    adapt_ink: InkModel = "scale",
+    sensor_noise_std_um: float | None = None,
+    sensor_resolution_um: float = 0.0,
+    untrusted_layers: int = 5,
+) -> LayerController:
+    """The controller of this project; see LayerMpc, Criterion, DropletChoices, Work and HeightEstimator."""
+    planner = LayerMpc(
+        job,
+        criterion=Criterion(
+            alpha=alpha,
+            overshoot=overshoot,
+            overshoot_limit=inf if overshoot_limit_um is None else overshoot_limit_um * 1e-6,
+            chance_margin=chance_margin,
+            fringe_weight=fringe_weight,
+        ),
+        horizon=horizon,
+        choices=DropletChoices(
+            job,
+            region_test=region_test,
+            drop_levels=drop_levels,
+            dead_nozzles=dead_nozzles or (),
+            nozzle_pitch=nozzle_pitch,
+        ),
+        relaxation=relaxation,
+        work=Work(sweeps, annealing_sweeps, iterations, threads, inf if time_limit_s is None else time_limit_s),
+        certified=certified,
+    )
+    estimator = HeightEstimator(
+        job,
+        adapt_ink=adapt_ink,
+        sensor_noise_std=None if sensor_noise_std_um is None else sensor_noise_std_um * 1e-6,
+        sensor_resolution=sensor_resolution_um * 1e-6,
+        untrusted_layers=untrusted_layers,
+    )
+    return LayerController(job, planner, estimator)
+
+
+def OpenLoopController(job: Job, *, layers: int | None = None) -> LayerController:
+    """Full layers, blindly; see OpenLoop."""
+    return LayerController(job, OpenLoop(job, layers=layers), HeightEstimator(job, adapt_ink="off", take_as_read=True))
+
+
+def StochasticGreedyController(
+    job: Job, *, alpha: float = 0.8, batch: int = 20, iterations_max: int = 100_000
+) -> LayerController:
+    """The paper's controller; see StochasticGreedy. The paper takes ink and scans as they are."""
+    planner = StochasticGreedy(job, alpha=alpha, batch=batch, iterations_max=iterations_max)
+    return LayerController(job, planner, HeightEstimator(job, adapt_ink="off", take_as_read=True))
+
+
+def CohenLipsonController(
+    job: Job, *, threshold_um: float | None = None, region_test: RegionTest = "middle"
+) -> LayerController:
+    """Greedy geometric feedback; see CohenLipson. Scans are taken as they are."""
+    threshold = None if threshold_um is None else threshold_um * 1e-6
+    planner = CohenLipson(job, threshold=threshold, region_test=region_test)
+    return LayerController(job, planner, HeightEstimator(job, adapt_ink="off", take_as_read=True))
+
+
+def ErrorDiffusionController(job: Job, *, region_test: RegionTest = "middle") -> LayerController:
+    """Error diffusion of what each layer lacks; see ErrorDiffusion. Scans are taken as they are."""
+    planner = ErrorDiffusion(job, region_test=region_test)
+    return LayerController(job, planner, HeightEstimator(job, adapt_ink="off", take_as_read=True))
