@@ -9,16 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from time import perf_counter_ns
-from typing import Any, Literal, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Literal, Protocol
 
 from inkloop.checkpoint import Checkpoint
-from inkloop.component import Component, Port, Status, Values
+from inkloop.component import Component, Status, Values
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.events import Event, Manipulator
 from inkloop.interrupt import deferred
+from inkloop.output_check import checked_output
 from inkloop.pacing import Pacing
 from inkloop.wiring import Connection, check, feeds, without_start
 
@@ -207,7 +205,7 @@ class Master:
     def _checked(self, name: str, outputs: Values) -> Values:
         """The outputs as arrays of the declared shape and type; finite where another component reads them."""
         return {
-            port.name: _checked_value(port, outputs, must_be_finite)
+            port.name: checked_output(port, outputs, must_be_finite)
             for port, must_be_finite in self._checked_ports[name]
         }
 
@@ -239,26 +237,6 @@ class Master:
     def _layer(self) -> str:
         printer = self._find("layers_printed")
         return f", after layer {int(printer['layers_printed'])}" if printer else ""
-
-
-def _checked_value(port: Port, outputs: Values, must_be_finite: bool) -> NDArray[Any]:
-    if port.name not in outputs:
-        raise ComponentError(f"output {port.name} was declared but not returned")
-    value = np.asarray(outputs[port.name])
-    if value.shape != port.shape:
-        raise ComponentError(f"output {port.name} has shape {value.shape}, declared {port.shape}")
-    if value.dtype != port.dtype:
-        if not np.can_cast(value.dtype, port.dtype, "same_kind"):
-            raise ComponentError(f"output {port.name} is {value.dtype}, declared {port.dtype}")
-        value = value.astype(port.dtype)
-    if must_be_finite and not np.isfinite(value).all():
-        cell = tuple(int(i) for i in np.argwhere(~np.isfinite(value))[0])
-        raise ComponentError(
-            f"output {port.name} is {value[cell]} in cell {cell}" if cell else f"output {port.name} is {value}"
-        )
-    value = value.view()
-    value.flags.writeable = False  # consumers share it
-    return value
 
 
 def _text(error: Exception) -> str:

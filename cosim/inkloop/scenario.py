@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,17 +14,16 @@ from pydantic import ValidationError
 from tomlkit.exceptions import TOMLKitError
 
 from inkloop import catalog
-from inkloop.component import Component, FloatMap, Ink, Job
+from inkloop.component import Component, Job
 from inkloop.errors import ScenarioError
 from inkloop.event_options import read_events
 from inkloop.events import Event
 from inkloop.faults import nearest, sentence
 from inkloop.geometry import cell_centers
-from inkloop.schema import ComponentTable, ConnectionTable, InkTable, ScenarioFile
+from inkloop.job import job_of
+from inkloop.schema import ComponentTable, ConnectionTable, ScenarioFile
 from inkloop.units import read_quantities
 from inkloop.wiring import Connection, check, contract_connections
-
-PASS_ORDERS = {"raster": 1, "diagonal": 2}
 
 
 @dataclass(frozen=True)
@@ -73,44 +71,8 @@ class Scenario:
         return Scenario(self.source, tomlkit.dumps(tables.model_dump(exclude_none=True)), tables)
 
     def job(self, component: str = "") -> Job:
-        """The job as `component` is told it; its seed is a stream of its own, derived from the scenario's."""
-        grid, part, process = self.tables.grid, self.tables.part, self.tables.process
-        geometry = part.geometry(grid)
-        x, y = cell_centers(grid.nx, grid.ny, grid.pitch)
-        if self.tables.support is None:
-            mask = geometry.contains(x, y, np.zeros_like(x))
-            top = geometry.top(x, y)
-        else:
-            top = np.full_like(x, geometry.height)
-            mask = np.zeros((grid.nx, grid.ny), dtype=np.bool_)
-            margin = self.tables.support.margin_cells
-            mask[margin : grid.nx - margin, margin : grid.ny - margin] = True
-        return Job(
-            nx=grid.nx,
-            ny=grid.ny,
-            pitch=grid.pitch,
-            target_height=np.where(mask, top, 0.0),
-            mask=mask,
-            inks=self._inks(),
-            region=None if self.tables.support is None else geometry,
-            passes=process.passes,
-            pass_order=PASS_ORDERS[process.pass_order],
-            pass_rotation=process.pass_rotation,
-            seed=component_seed(self.tables.seed, component),
-            height_start=self._height_start(),
-        )
-
-    def _height_start(self) -> FloatMap | None:
-        grid, table = self.tables.grid, self.tables.substrate
-        if table is None:
-            return None
-        return table.substrate.height(grid.nx, grid.ny, grid.pitch, self.tables.seed)
-
-    def _inks(self) -> tuple[Ink, ...]:
-        inks = self.tables.ink
-        if inks.b is None and self.tables.support is None:
-            return (inks.a.ink,)
-        return inks.a.ink, (inks.b or InkTable()).ink
+        """The job as `component` is told it."""
+        return job_of(self.tables, component)
 
     @property
     def foreign_fmus(self) -> list[str]:
@@ -208,12 +170,6 @@ class Scenario:
         for variant, comparison in self.tables.compare.items():
             for name, table in comparison.components.items():
                 yield f"compare.{variant}.components.{name}", table
-
-
-def component_seed(seed: int, component: str) -> int:
-    """Seed of one component's random stream (0 .. 2^31 - 1), independent of the others and of their order."""
-    sequence = np.random.SeedSequence([seed, zlib.crc32(component.encode())])
-    return int(sequence.generate_state(1)[0] & 0x7FFFFFFF)
 
 
 def _connection(

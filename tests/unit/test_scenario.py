@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from inkloop.errors import ScenarioError
-from inkloop.scenario import Scenario, component_seed
+from inkloop.job import component_seed
+from inkloop.scenario import Scenario
 
 GOOD = """
 title = "small"
