@@ -3,10 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Cells of the grid counted with the frame, ends included; empty if bottom < top. */
-typedef struct {
-    ptrdiff_t top, bottom, left, right;
-} Box;
+#include "box.h"
 
 typedef struct {
     const PlanSurface *surface;
@@ -37,24 +34,6 @@ void window_close(Window *window) {
     window->memory = NULL;
 }
 
-static bool is_empty(const Box *box) {
-    return box->bottom < box->top;
-}
-
-static Box widened(const PlanSurface *surface, const Box *box) {
-    const ptrdiff_t nx = (ptrdiff_t)surface->nx, ny = (ptrdiff_t)surface->ny;
-    return (Box){box->top > 1 ? box->top - 1 : 1, box->bottom < nx ? box->bottom + 1 : nx,
-                 box->left > 1 ? box->left - 1 : 1, box->right < ny ? box->right + 1 : ny};
-}
-
-static Box joined(const Box *one, const Box *other) {
-    if (is_empty(one))
-        return *other;
-    return (Box){
-        one->top < other->top ? one->top : other->top, one->bottom > other->bottom ? one->bottom : other->bottom,
-        one->left < other->left ? one->left : other->left, one->right > other->right ? one->right : other->right};
-}
-
 static size_t in_window(const Trial *trial, ptrdiff_t row, ptrdiff_t column) {
     return (size_t)(row - trial->top) * trial->window->side + (size_t)(column - trial->left);
 }
@@ -73,9 +52,9 @@ static Box with_changes(const Trial *trial, Box box, size_t step) {
         const Change *change = &trial->change[k];
         const ptrdiff_t row = (ptrdiff_t)change->i + 1, column = (ptrdiff_t)change->j + 1;
         const Box cell = {row, row, column, column};
-        const Box around = widened(trial->surface, &cell);
+        const Box around = box_widened(&cell, trial->surface->nx, trial->surface->ny);
         if (is_in_step(trial, change, step))
-            box = joined(&box, &around);
+            box = box_joined(&box, &around);
     }
     return box;
 }
@@ -220,10 +199,10 @@ static Box carry_through(const Trial *trial, double *kept) {
     const PlanSurface *surface = trial->surface;
     Box box = {1, 0, 1, 0};
     for (size_t step = 0; step < surface->steps; step++) {
-        const bool begins = is_empty(&box);
-        const Box wide = begins ? box : widened(surface, &box);
+        const bool begins = box_is_empty(&box);
+        const Box wide = begins ? box : box_widened(&box, surface->nx, surface->ny);
         const Box next = with_changes(trial, wide, step);
-        if (is_empty(&next))
+        if (box_is_empty(&next))
             continue;
         trial->window->work += (next.bottom - next.top + 1) * (next.right - next.left + 1);
         if (begins)

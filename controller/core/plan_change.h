@@ -27,11 +27,6 @@ typedef struct {
     void *memory;
 } Window;
 
-/* Cells by which a change may reach beyond its own: one for each step, and one for what is read. */
-static inline size_t change_reach(size_t steps) {
-    return steps + 1;
-}
-
 bool window_open(Window *window, const PlanSurface *surface);
 void window_close(Window *window);
 

@@ -7,7 +7,7 @@
 #include <pthread.h>
 #endif
 
-_Static_assert(TILE > 2 * (STEPS_MAX + 2), "windows of two tiles of one colour must not meet");
+_Static_assert(TILE > 2 * (STEPS_MAX + 2), "a swap of one tile reaches STEPS_MAX + 1 cells, and one more is read");
 
 enum { THREADS_MAX = 64 }; /* more share no tile that fewer would not (assumed) */
 

@@ -7,7 +7,7 @@
 
 #include "tile_moves.h"
 
-enum { TILE = 64 }; /* cells on a side (assumed); more than two windows of 2 * change_reach(STEPS_MAX) */
+enum { TILE = 64 }; /* cells on a side (assumed); windows of two tiles of one colour do not meet */
 
 typedef struct {
     PlanSurface *surface;
