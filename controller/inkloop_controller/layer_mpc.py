@@ -35,8 +35,6 @@ from inkloop_controller.work import DEFAULT_WORK, Work
 Relaxation: TypeAlias = Literal["gradient", "ipopt", "highs", "none"]
 
 CERTIFICATE_S = 60.0  # what a certificate may take if no limit is given (assumed)
-REPAIRED = 2  # starts that are repaired when the horizon is longer than one layer: the best of them (by trial)
-
 
 _STATUS = {
     SearchStatus.DONE: PlanStatus.REPAIRED,
@@ -161,11 +159,14 @@ class LayerMpc:
     def _repaired(
         self, problem: HorizonProblem, starts: Mapping[str, _Candidate], key: int, watch: Stopwatch
     ) -> list[_Candidate]:
-        """The starts after their repair; of a long horizon only the best ones, for a repair costs more there."""
-        count = len(starts) if problem.layers == 1 else REPAIRED
-        chosen = sorted(starts.values(), key=lambda start: start.objective.value)[:count]
+        """The starts after their repair; of a longer horizon the best one: further ones gain nothing (by trial)."""
+        ranked = sorted(starts.values(), key=lambda start: start.objective.value)
+        chosen = ranked if problem.layers == 1 else ranked[:1]
         repaired: list[_Candidate] = []
-        for start, annealing_sweeps in [*((start, 0) for start in chosen), (chosen[0], self._work.annealing_sweeps)]:
+        for start, annealing_sweeps in [
+            *((start, 0) for start in chosen),
+            (chosen[0], self._work.annealing_of(problem.layers)),
+        ]:
             if len(repaired) == len(chosen) and not annealing_sweeps:
                 break
             if watch.remaining == 0.0:
