@@ -1,4 +1,4 @@
-"""Run all benchmarks, or those named: python -m benchmarks [layer_step master controllers recoverability]."""
+"""Run all benchmarks, or those named: python -m benchmarks [layer_step master controllers recoverability ...]."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 
 from rich.console import Console
 
-NAMES = ("layer_step", "master", "controllers", "recoverability")
+NAMES = ("layer_step", "master", "controllers", "recoverability", "peers", "scaling")
 
 
 def main(names: list[str]) -> int:
