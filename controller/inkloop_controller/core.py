@@ -81,7 +81,7 @@ def search(
 
     annealing_sweeps: sweeps of simulated annealing before, drawn from `seed`, 0 to 2^64 - 1; seconds_max: guard by the
     clock; threads: the answer is the same for any number; after_sweep: called after every sweep, True stops the search.
-    KeyboardInterrupt in it stops the search, the result tells; any other exception stops it and is raised again.
+    KeyboardInterrupt stops the search after a sweep, the result tells; any other exception is raised again.
     Raises ValueError for options that cannot be meant.
     """
     faults = [
@@ -109,8 +109,10 @@ def search(
             return 1
         return int(stop)
 
-    callback = AFTER_SWEEP(ask) if after_sweep is not None else AFTER_SWEEP()
-    options = SearchOptionsStruct(int(moves), annealing_sweeps, sweeps_max, seed, seconds_max, threads, callback, None)
+    # Without after_sweep too: Python sees Ctrl-C only while it runs.
+    options = SearchOptionsStruct(
+        int(moves), annealing_sweeps, sweeps_max, seed, seconds_max, threads, AFTER_SWEEP(ask), None
+    )
     code = answered(library().inkloop_search(problem_struct(problem), options, pointer(plan), report))
     interrupted = bool(raised) and isinstance(raised[0], KeyboardInterrupt)
     if raised and not interrupted:

@@ -165,7 +165,7 @@ class LayerMpc:
         repaired: list[_Candidate] = []
         for start, annealing_sweeps in [
             *((start, 0) for start in chosen),
-            (chosen[0], self._work.annealing_of(problem.layers)),
+            (chosen[0], self._work.annealing_of(problem)),
         ]:
             if len(repaired) == len(chosen) and not annealing_sweeps:
                 break

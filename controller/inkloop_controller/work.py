@@ -5,7 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
-ONE_LAYER_ANNEALING = 50  # sweeps (by trial)
+import numpy as np
+
+from inkloop_controller.horizon_problem import HorizonProblem
+
+ONE_LAYER_ANNEALING = 50  # sweeps: these reach the proven optima of small grids (by trial)
+SMALL_PLAN = 1000  # values of a plan of several layers up to which annealing is worth its time (by trial)
+SMALL_ANNEALING = 40_000  # values drawn for such a plan, in at most 200 sweeps (by trial)
 
 
 @dataclass(frozen=True)
@@ -13,7 +19,7 @@ class Work:
     """Budgets of one layer, in work so that the same bits come out everywhere.
 
     sweeps: of the repair of one start; annealing_sweeps: of one more start that is annealed first (None: 50 for a
-    horizon of one layer, where they reach proven optima, and none beyond, where they gain little for their time);
+    horizon of one layer, up to 200 for a small plan of several, none for a large one);
     iterations: of the relaxation; threads: does not change the answer; time_limit: guard by the clock [s].
     Raises ValueError, all faults in one sentence, for budgets that cannot be meant.
     """
@@ -36,11 +42,14 @@ class Work:
         if faults:
             raise ValueError("; ".join(faults))
 
-    def annealing_of(self, layers: int) -> int:
-        """Annealing sweeps for a horizon of that many layers."""
-        if self.annealing_sweeps is None:
-            return ONE_LAYER_ANNEALING if layers == 1 else 0
-        return self.annealing_sweeps
+    def annealing_of(self, problem: HorizonProblem) -> int:
+        """Annealing sweeps for a problem."""
+        if self.annealing_sweeps is not None:
+            return self.annealing_sweeps
+        if problem.layers == 1:
+            return ONE_LAYER_ANNEALING
+        values = int(np.count_nonzero(problem.choices)) + 1
+        return min(200, SMALL_ANNEALING // values) if values <= SMALL_PLAN else 0
 
 
 DEFAULT_WORK = Work()
