@@ -35,13 +35,13 @@ def shifted(last: IntPlan, problem: HorizonProblem) -> IntPlan:
     return plan
 
 
-def without_idle_start(plan: IntPlan, problem: HorizonProblem) -> IntPlan | None:
-    """The plan with its empty first layers moved to its end, where they change nothing; None if that may not fall."""
+def without_idle_start(plan: IntPlan, problem: HorizonProblem) -> IntPlan:
+    """The plan with its empty first layers moved to its end; what may not fall so early becomes the kind that may."""
     filled = np.flatnonzero(plan.reshape(len(plan), -1).max(axis=1))
     if not filled.size or filled[0] == 0:
         return plan
     moved = np.roll(plan, -int(filled[0]), axis=0)
-    return moved if _may_fall(moved, problem).all() else None
+    return np.where(_may_fall(moved, problem), moved, full_layers(problem))
 
 
 def _may_fall(plan: IntPlan, problem: HorizonProblem) -> NDArray[np.bool_]:

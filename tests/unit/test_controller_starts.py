@@ -40,10 +40,11 @@ def test_shifted_plan_leaves_out_what_may_not_fall_any_longer() -> None:
 
 def test_empty_first_layers_move_to_the_end() -> None:
     free = problem([3, 3, 3])
-    assert without_idle_start(layers(0, 0, 1), free)[:, 0, 0].tolist() == [1, 0, 0]  # type: ignore[index]
-    assert without_idle_start(layers(2, 0, 1), free)[:, 0, 0].tolist() == [2, 0, 1]  # type: ignore[index]
-    assert not without_idle_start(layers(0, 0, 0), free).any()  # type: ignore[union-attr]
+    assert without_idle_start(layers(0, 0, 1), free)[:, 0, 0].tolist() == [1, 0, 0]
+    assert without_idle_start(layers(2, 0, 1), free)[:, 0, 0].tolist() == [2, 0, 1]
+    assert not without_idle_start(layers(0, 0, 0), free).any()
 
 
-def test_plan_whose_first_layer_must_stay_empty_cannot_begin_earlier() -> None:
-    assert without_idle_start(layers(0, 1), problem([2, 1])) is None
+def test_droplet_that_moves_to_an_earlier_layer_becomes_the_kind_that_may_fall_there() -> None:
+    assert without_idle_start(layers(0, 1), problem([2, 1]))[:, 0, 0].tolist() == [2, 0]
+    assert not without_idle_start(layers(0, 1), problem([0, 1])).any()
