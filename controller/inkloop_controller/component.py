@@ -71,6 +71,8 @@ class LayerController:
             Port("sweeps", dtype="int32"),
             Port("estimated_height", "m", shape),
             Port("volume_scale"),
+            Port("untrusted_cells", dtype="int32"),
+            Port("dead_cells", dtype="int32"),
         )
         self._state = _start(job, 0)
 
@@ -147,7 +149,13 @@ class LayerController:
 
     def _outputs(self) -> Values:
         estimate = self._state.estimate
-        values = {**vars(self._state), "estimated_height": estimate.height, "volume_scale": estimate.ink_scale}
+        values = {
+            **vars(self._state),
+            "estimated_height": estimate.height,
+            "volume_scale": estimate.ink_scale,
+            "untrusted_cells": np.count_nonzero(estimate.untrusted),
+            "dead_cells": np.count_nonzero(estimate.dead),
+        }
         return {port.name: np.asarray(values[port.name], port.dtype) for port in self.outputs}
 
 

@@ -15,11 +15,13 @@ from inkloop_controller.horizon_problem import IntMap
 @dataclass(frozen=True)
 class DropletIncrements:
     """rates: (inks, 3, nx, ny), height added per metre of h1, h2, h3 of each ink [1], for given widths of saturation;
-    squares: (nx, ny), sum over the droplets of the square of what each adds [m^2].
+    squares: (nx, ny), sum over the droplets of the square of what each adds [m^2]; own: (nx, ny), what the cell's own
+    droplet leaves on it [m], with the heights of the ink that the widths are of.
     """
 
     rates: NDArray[np.float64]
     squares: FloatMap
+    own: FloatMap
 
     def added(self, inks: Sequence[Ink]) -> FloatMap:
         """(nx, ny) height that the droplets add [m] with the heights of `inks`."""
@@ -38,11 +40,11 @@ def droplet_increments(
         return _of_pass(height, pattern, inks, factor)
     nx, ny = height.shape
     colours = 2 * (np.arange(nx)[:, None] % 2) + np.arange(ny) % 2
-    total = DropletIncrements(np.zeros((len(inks), 3, *height.shape)), np.zeros(height.shape))
+    total = DropletIncrements(np.zeros((len(inks), 3, nx, ny)), np.zeros((nx, ny)), np.zeros((nx, ny)))
     for colour in order:
         jetted = np.where(colours == colour, pattern, 0)
         added = _of_pass(height, jetted, inks, factor)
-        total = DropletIncrements(total.rates + added.rates, total.squares + added.squares)
+        total = DropletIncrements(total.rates + added.rates, total.squares + added.squares, total.own + added.own)
         height = height + added.added(inks)
     return total
 
@@ -81,4 +83,4 @@ def _of_pass(height: FloatMap, pattern: IntMap, inks: Sequence[Ink], factor: Flo
         rates[(ink, np.s_[:], *inside)] += mine
         own += np.tensordot(table, mine, 1)
     squares[inside] += own**2
-    return DropletIncrements(rates[(np.s_[:], np.s_[:], *inside)], squares[inside])
+    return DropletIncrements(rates[(np.s_[:], np.s_[:], *inside)], squares[inside], own)

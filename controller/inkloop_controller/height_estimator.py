@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Ink, Job
+from inkloop_controller.dead_cells import DEAD_EVIDENCE, dead_evidence
 from inkloop_controller.droplet_increments import droplet_increments, ink_table
 from inkloop_controller.horizon_problem import IntMap
 from inkloop_controller.ink_identification import InkEvidence, InkIdentification, InkModel
@@ -29,8 +30,8 @@ class Estimate:
 
     height: (nx, ny) [m]; height_variance: (nx, ny) of its error [m^2]; inks: what their droplets really add; ink_scale:
     their volume as a share of the nominal one, mean over the inks [1]; unseen: (nx, ny) layers that each cell has lived
-    on prediction alone; untrusted: (nx, ny) where these are too many; scans: so far; noise_variance: of a reading
-    [m^2]; evidence: what the inks are concluded from.
+    on prediction alone; untrusted: (nx, ny) where these are too many; dead_evidence: (nx, ny), see `dead_cells`; scans:
+    so far; noise_variance: of a reading [m^2]; evidence: what the inks are concluded from.
     """
 
     height: FloatMap
@@ -39,6 +40,7 @@ class Estimate:
     ink_scale: float
     unseen: IntMap
     untrusted: BoolMap
+    dead_evidence: FloatMap
     scans: int
     noise_variance: float
     evidence: InkEvidence
@@ -46,8 +48,14 @@ class Estimate:
     @classmethod
     def exact(cls, height: FloatMap, inks: tuple[Ink, ...]) -> Estimate:
         """A surface (nx, ny) [m] and inks that are known for sure."""
-        none = np.zeros(height.shape, np.int32)
-        return cls(height, np.zeros(height.shape), inks, 1.0, none, none > 0, 0, 0.0, InkEvidence.none(len(inks)))
+        never = np.zeros(height.shape, np.int32)
+        zero, nothing = np.zeros(height.shape), InkEvidence.none(len(inks))
+        return cls(height, zero, inks, 1.0, never, never > 0, zero, 0, 0.0, nothing)
+
+    @property
+    def dead(self) -> BoolMap:
+        """(nx, ny) cells whose droplets do not come."""
+        return np.asarray(self.dead_evidence >= DEAD_EVIDENCE, np.bool_)
 
     def arrays(self) -> dict[str, Any]:
         """All of it by name, for an archive of arrays."""
@@ -67,8 +75,8 @@ class HeightEstimator:
     prediction, a reading has sensor_noise_std^2 + sensor_resolution^2 / 12. Without sensor_noise_std [m] the noise is
     what the unprinted cells show; a sensor that shows none is taken as it is. Errors of neighbours are taken to be
     independent. A cell that grew in a way that neither explains follows the scan: its droplets are not what they should
-    be. untrusted_layers: as many a cell may live on prediction alone; take_as_read: neither drift nor noise are looked
-    for. Raises ValueError for options that cannot be meant.
+    be; where they bring nothing layer after layer it is dead. untrusted_layers: as many a cell may live on prediction
+    alone; take_as_read: neither drift nor noise are looked for. Raises ValueError for options that cannot be meant.
     """
 
     def __init__(
@@ -109,6 +117,7 @@ class HeightEstimator:
             ink_scale=1.0,
             unseen=unseen,
             untrusted=self._untrusted(unseen),
+            dead_evidence=np.zeros(unseen.shape),
             scans=1,
             noise_variance=noise,
             evidence=self._ink.start(),
@@ -155,6 +164,12 @@ class HeightEstimator:
             ink_scale=_volume(inks) / _volume(self._job.inks),
             unseen=unseen,
             untrusted=self._untrusted(unseen),
+            dead_evidence=dead_evidence(
+                before.dead_evidence,
+                np.where(valid, increments.own, 0.0),
+                growth - increments.added(widths) + increments.own,
+                spread + noise,
+            ),
             scans=before.scans + 1,
             noise_variance=noise,
             evidence=evidence,

@@ -13,6 +13,7 @@ from inkloop.component import FloatMap, Job
 from inkloop_controller import core
 from inkloop_controller.certificate import certify
 from inkloop_controller.criterion import CEILING_COST, PLAIN, Criterion
+from inkloop_controller.dead_cells import is_probe
 from inkloop_controller.droplet_choices import DropletChoices
 from inkloop_controller.droplet_relaxation import diffuse, relax
 from inkloop_controller.height_estimator import Estimate
@@ -68,7 +69,8 @@ class LayerMpc:
     The relaxed problem is solved and rounded by ordered error diffusion; that start, the rest of the last plan, full
     layers and none are repaired by flips, swaps and shifts, and the best result is taken. It is compared with printing
     nothing: without that a small alpha trades height for evenness for ever. Below an alpha of about 0.1 it never
-    begins: on the flat substrate the first layer's unevenness costs more than its height gains.
+    begins: on the flat substrate the first layer's unevenness costs more than its height gains. Dead cells are left
+    out, but for a layer now and then in which they are tried again.
 
     horizon: layers ahead, 1 to 5; relaxation: its engine: "ipopt" for small grids, "highs" for one layer and alpha = 1;
     certified: for one layer and alpha = 1, every plan comes with a bound; after_sweep: sees each sweep of a repair,
@@ -105,11 +107,13 @@ class LayerMpc:
     def problem(self, estimate: Estimate, layer: int) -> HorizonProblem:
         """The problem of the layers that follow layer number `layer`."""
         job, numbers = self._job, range(layer + 1, layer + 1 + self._horizon)
+        choices = self._choices.allowed(estimate.height, self._horizon)
+        choices[1 if is_probe(layer + 1) else 0 :, estimate.dead] = 0
         return HorizonProblem(
             height=estimate.height,
             target=job.target_height,
             part=job.mask,
-            choices=self._choices.allowed(estimate.height, self._horizon),
+            choices=choices,
             kinds=self._choices.kinds(estimate.inks),
             alpha=self._criterion.alpha_of(layer + 1),
             weight=self._weight,
@@ -232,7 +236,7 @@ def _best(problem: HorizonProblem, candidates: Sequence[_Candidate]) -> _Candida
         plan = without_idle_start(candidate.plan, problem)
         if plan is candidate.plan:
             ready.append(candidate)
-        elif plan is not None:
+        else:
             ready.append(replace(candidate, plan=plan, objective=core.objective(problem, plan)))
     return min(ready, key=lambda candidate: candidate.objective.value)
 
