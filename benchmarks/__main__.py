@@ -1,4 +1,4 @@
-"""Run all benchmarks, or those named: python -m benchmarks [layer_step master controllers recoverability ...]."""
+"""Run all benchmarks, or those named: python -m benchmarks [layer_step master recoverability scaling peers targets]."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 
 from rich.console import Console
 
-NAMES = ("layer_step", "master", "controllers", "recoverability", "peers", "scaling")
+NAMES = ("layer_step", "master", "recoverability", "scaling", "peers", "targets")
 
 
 def main(names: list[str]) -> int:
@@ -16,7 +16,7 @@ def main(names: list[str]) -> int:
     if unknown:
         print(f"no benchmark called {', '.join(unknown)}; there are {', '.join(NAMES)}", file=sys.stderr)
         return 1
-    console = Console(width=120)
+    console = Console(width=140)
     for name in names or NAMES:
         console.print(importlib.import_module(f"benchmarks.{name}").measure())
     return 0

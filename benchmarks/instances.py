@@ -29,10 +29,10 @@ def nearly_flat(side: int, layers: int, seed: int = 0, alpha: float = 1.0) -> Ho
     return problem(height, np.full_like(height, height.mean() + SHARE * layers * INK.layer_height), layers, alpha)
 
 
-def rough(side: int, seed: int = 0, alpha: float = 1.0) -> HorizonProblem:
-    """A random surface of 0 to 8 um, half a layer wanted: no pattern reaches it."""
-    height = np.random.default_rng(seed).uniform(0.0, 8e-6, (side, side))
-    return problem(height, np.full_like(height, height.mean() + INK.layer_height / 2), 1, alpha)
+def rough(shape: tuple[int, int], layers: int = 1, seed: int = 0, alpha: float = 1.0) -> HorizonProblem:
+    """A random surface of 0 to 8 um, half a layer wanted for each layer to come: no plan reaches it."""
+    height = np.random.default_rng(seed).uniform(0.0, 8e-6, shape)
+    return problem(height, np.full(shape, height.mean() + layers * INK.layer_height / 2), layers, alpha)
 
 
 def recoverable(side: int, layers: int, seed: int, rise: float) -> HorizonProblem:

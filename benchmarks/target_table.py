@@ -1,0 +1,85 @@
+"""One row for each figure that the controller is to reach, and how far it got."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isnan, nan
+
+import numpy as np
+from rich.table import Table
+
+HEADINGS = ("case", "figure", "ours", "scatter", "paper's search", "open loop", "printed", "must", "aim", "reached")
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of a case, measured on one or more seeds; the mean counts.
+
+    ours, papers, open_loop: of our controller, of the paper's search and of blind printing on the same plant (empty: it
+    does not apply); printed: by the paper, on another plant; must, aim: the largest mean that will do, or how far off
+    `wanted` it may be (NaN: nothing is asked).
+    """
+
+    name: str
+    ours: Sequence[float]
+    must: float = nan
+    aim: float = nan
+    wanted: float | None = None
+    papers: Sequence[float] = ()
+    open_loop: Sequence[float] = ()
+    printed: str = "-"
+
+    @property
+    def reached(self) -> str:
+        """Whether the aim, or what must be, is reached, or by how much it is missed; "-" where nothing is asked."""
+        mean = float(np.mean(self.ours))
+        off = mean if self.wanted is None else abs(mean - self.wanted)
+        if isnan(self.must) and isnan(self.aim):
+            return "-"
+        if off <= self.aim:
+            return "aim"
+        if isnan(self.must):
+            return "not the aim"
+        if off <= self.must:
+            return "must"
+        return f"MISSED: {off / self.must:.2f} x" if self.must else "MISSED"
+
+    def row(self) -> tuple[str, ...]:
+        """Its cells in the table, after the case."""
+        sample = len(self.ours)
+        scatter = f"{np.std(self.ours, ddof=1):.2g}" if sample > 1 else "-"
+        others = (_mean(self.papers), _mean(self.open_loop), self.printed)
+        limits = (self._limit(self.must), self._limit(self.aim))
+        return (self.name, _mean(self.ours), scatter, *others, *limits, self.reached)
+
+    def _limit(self, off: float) -> str:
+        if isnan(off):
+            return "-"
+        if self.wanted is None:
+            return f"{off:.3g}"
+        return f"{self.wanted:g} ± {off:g}" if off else f"{self.wanted:g}"
+
+
+def table(title: str, cases: Mapping[str, Sequence[Figure]]) -> Table:
+    """The figures of all cases, without columns that say nothing; "scatter" is the standard deviation over seeds."""
+    rows = [
+        ("" if number else case, *figure.row())
+        for case, figures in cases.items()
+        for number, figure in enumerate(figures)
+    ]
+    said = [index for index in range(len(HEADINGS)) if any(row[index] not in ("", "-") for row in rows)]
+    shown = Table(title=title)
+    for index in said:
+        shown.add_column(HEADINGS[index], justify="left" if index < 2 else "right", no_wrap=index > 1)
+    for number, row in enumerate(rows):
+        last = number + 1 == len(rows) or rows[number + 1][0] != ""
+        shown.add_row(*(row[index] for index in said), end_section=last)
+    return shown
+
+
+def _mean(figures: Sequence[float]) -> str:
+    if not len(figures):
+        return "-"
+    mean = float(np.mean(figures))
+    return f"{mean:.4g}" if abs(mean) >= 10.0 else f"{mean:.3g}"
