@@ -19,6 +19,10 @@ from inkloop.result import Result
 from inkloop.schema import Literature
 
 COMPARE_FOLDER = "compare"
+REMARKS = {
+    "untrusted_cells": "untrusted cells: {}, unseen for too long, their heights are predictions",
+    "dead_cells": "dead cells: {}, droplets commanded there bring nothing",
+}
 ERRORS = {"mean error": "mean_error", "mean absolute error": "mae", "standard deviation": "std"}
 
 
@@ -115,6 +119,12 @@ def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping
     return table
 
 
+def remarks(result: Result) -> list[str]:
+    """What the controller could not make good in its last layer, a sentence each; none where all is well."""
+    told = [(said, result.dataset[name]) for name, said in REMARKS.items() if name in result.dataset]
+    return [said.format(cells[-1].item()) for said, cells in told if cells.dims == ("layer",) and cells[-1] > 0]
+
+
 def lines(folder: Path) -> list[str]:
     """What a run folder holds, in words: origin, end, errors, versions, times. Raises ResultError."""
     result = Result.load(folder)
@@ -126,6 +136,7 @@ def lines(folder: Path) -> list[str]:
         f"seed: {run['seed']}",
         f"ended: {result.stop_reason}, after {metrics['layers']:.0f} layers and {metrics['droplets']:.0f} droplets",
         f"errors over the part: {errors}",
+        *remarks(result),
         *(f"event: {event}" for event in run.get("events", ())),
         "versions: " + ", ".join(f"{name} {number}" for name, number in run["versions"].items()),
         f"platform: {run['platform']}",

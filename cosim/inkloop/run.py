@@ -86,6 +86,8 @@ def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool
             result = print_part(variant, progress, place, notes)
             if "real_time" in result.run:
                 progress.console.print(f"{result.run['label']}: {sentence(result.run['real_time'])}", highlight=False)
+            for remark in report.remarks(result):
+                progress.console.print(f"{result.run['label']}: {remark}", highlight=False)
             stopped = interrupted() or result.stop_reason == "interrupted"
             if stopped:
                 break

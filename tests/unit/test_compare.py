@@ -53,3 +53,21 @@ def test_info_says_how_a_run_ended(tmp_path: Path, capsys: pytest.CaptureFixture
     shown = capsys.readouterr().out
     for said in ("Cuboid, 8 x 8 droplets", "seed: 7", "after 2 layers", "mean error", "casadi", "wall time: "):
         assert said in shown
+
+
+@pytest.mark.parametrize(
+    ("port", "value", "said"),
+    [("printer.pattern", "0", "dead cells: 2, "), ("profiler.valid", "false", "untrusted cells: 2, ")],
+)
+def test_cells_that_cannot_be_printed_or_seen_are_said_when_the_run_ends_and_by_info(
+    port: str, value: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    event = f'at_layer = 1\naction = "override"\nport = "{port}"\nvalue = {value}\ncells = [[6, 6], [7, 6]]\n'
+    broken = tmp_path / "broken.toml"
+    broken.write_text(f"{CUBOID.read_text(encoding='utf-8')}\n[[events]]\n{event}", encoding="utf-8")
+    for scenario, expected in ((CUBOID, False), (broken, True)):
+        folder = str(tmp_path / scenario.stem)
+        assert main(["run", str(scenario), "--out", folder, "--no-compare"]) == 0
+        assert (said in capsys.readouterr().out) is expected
+        assert main(["info", folder]) == 0
+        assert (said in capsys.readouterr().out) is expected
