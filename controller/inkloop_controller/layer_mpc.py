@@ -163,16 +163,12 @@ class LayerMpc:
     def _repaired(
         self, problem: HorizonProblem, starts: Mapping[str, _Candidate], key: int, watch: Stopwatch
     ) -> list[_Candidate]:
-        """The starts after their repair; of a longer horizon the best one: further ones gain nothing (by trial)."""
+        """Starts after their repair: the best one, or where annealing is worth its time all of them and it annealed."""
+        annealing = self._work.annealing_of(problem)
         ranked = sorted(starts.values(), key=lambda start: start.objective.value)
-        chosen = ranked if problem.layers == 1 else ranked[:1]
+        tasks = [(start, 0) for start in ranked] + [(ranked[0], annealing)] if annealing else [(ranked[0], 0)]
         repaired: list[_Candidate] = []
-        for start, annealing_sweeps in [
-            *((start, 0) for start in chosen),
-            (chosen[0], self._work.annealing_of(problem)),
-        ]:
-            if len(repaired) == len(chosen) and not annealing_sweeps:
-                break
+        for start, annealing_sweeps in tasks:
             if watch.remaining == 0.0:
                 break
             found = core.search(
@@ -197,6 +193,10 @@ class LayerMpc:
             return None
         with watch.phase("relaxation"):
             start = even_droplets(problem)
+            if self._relaxation == "gradient" and problem.layers == problem.passes == 1:
+                return _Relaxed(
+                    start, nan
+                )  # nothing flows back from later layers: further work gains nothing (by trial)
             if self._relaxation == "gradient":
                 found = relax(problem, start, iterations_max=self._work.iterations, seconds_max=watch.remaining)
                 return _Relaxed(found.droplets, nan)

@@ -174,14 +174,12 @@ def test_fmu_of_a_file_goes_on_from_its_state(fmi: str, tmp_path: Path, monkeypa
     assert_same_print(tmp_path / "run", tmp_path / "reference")
 
 
-def test_resume_goes_on_at_the_next_layer(
-    whole: tuple[Path, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_resume_goes_on_at_the_next_layer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder, layers = tmp_path / "run", list[int]()
     interrupt(monkeypatch, folder, "--no-compare")
     monkeypatch.setattr("inkloop.run._LayerBar.__call__", lambda bar, row: layers.append(row.layer))
     assert main(["resume", str(folder)]) == 0
-    assert layers == list(range(3, Result.load(whole[0]).dataset.sizes["layer"]))
+    assert layers == list(range(3, Result.load(folder).dataset.sizes["layer"]))
 
 
 def test_finished_run_is_not_changed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
