@@ -46,17 +46,12 @@ def test_scenario_prints_until_its_controller_is_done(path: Path) -> None:
     assert np.isfinite(result.dataset.height).all()
 
 
-def test_cylinder_with_20_percent_variation_ends_flat_and_on_target() -> None:
-    figures = mean_over_seeds("cylinder")
-    assert abs(figures["mean_error"]) <= 0.3
-    assert figures["mae"] <= 1.2
-    assert figures["std"] <= 1.45
-
-
-def test_cylinder_with_40_percent_variation_ends_flat_and_on_target() -> None:
-    figures = mean_over_seeds("cylinder-40")
-    assert figures["mae"] <= 1.1
-    assert figures["std"] <= 1.35
+@pytest.mark.parametrize(("name", "mae", "std"), [("cylinder", 0.45, 0.60), ("cylinder-40", 0.60, 0.76)])
+def test_cylinder_ends_flat_and_on_target(name: str, mae: float, std: float) -> None:
+    figures = mean_over_seeds(name)
+    assert abs(figures["mean_error"]) <= 0.2
+    assert figures["mae"] <= mae
+    assert figures["std"] <= std
 
 
 @pytest.mark.parametrize(("name", "expected"), [("cylinder", 44.0), ("cylinder-40", 84.0)])
@@ -83,28 +78,23 @@ def test_same_seed_prints_the_same_bits() -> None:
 
 
 def test_two_inks_stay_where_the_part_says() -> None:
-    """Voxels of the wrong ink, at the height where each droplet landed, over voxels of the part."""
-    result = printed("two-materials", 1)
-    scenario = Scenario.load(FOLDER / "two-materials.toml")
-    region = scenario.job().region
-    assert region is not None
-    run = result.dataset
-    x, y = np.meshgrid(run.x, run.y, indexing="ij")
-    middle = (run.height.values[1:] + run.height.values[:-1]) / 2
-    wanted_a = np.stack([region.contains(x, y, z) for z in middle])
-    pattern = run.pattern.values[1:]
-    wrong = ((pattern == 1) & ~wanted_a) | ((pattern == 2) & wanted_a)
-    assert {1, 2} <= set(np.unique(pattern))
-    assert wrong.sum() / wanted_a.sum() < 0.04
-    assert abs(result.metrics()["mean_error"]) * UM < 1.0
+    """Cells as wide as these leave a tenth of the walls to the wrong ink, whoever prints."""
+    closed, blind = printed("two-materials", 1).metrics(), printed("two-materials", 1, "open loop").metrics()
+    assert closed["mismatch"] < 0.11
+    assert blind["mismatch"] > 0.5
+    assert abs(closed["mean_error"]) * UM < 0.3
 
 
-def test_noise_of_the_sensor_makes_the_print_too_high() -> None:
-    """The controller fills what only looks low; an exact sensor shows it no such cell."""
-    noisy, exact = printed("noisy-sensor", 1).metrics(), printed("noisy-sensor", 1, "exact sensor").metrics()
-    assert noisy["mean_error"] < -1e-6
-    assert abs(exact["mean_error"]) < 0.3e-6
-    assert noisy["layers"] > exact["layers"]
+def test_noise_of_the_sensor_is_filtered_out() -> None:
+    """Readings taken for the truth: the controller fills what only looks low."""
+    filtered, exact, taken = (
+        printed("noisy-sensor", 1, variant).metrics()
+        for variant in ("", "exact sensor", "readings taken for the truth")
+    )
+    assert abs(filtered["mean_error"]) < 0.3e-6
+    assert filtered["std"] < 1.3 * exact["std"]
+    assert taken["mean_error"] < -1e-6
+    assert taken["layers"] > filtered["layers"] > exact["layers"]
 
 
 def test_roller_reaches_the_height_for_more_ink_and_leaves_the_rim_low() -> None:

@@ -12,7 +12,7 @@ import pytest
 from closed_loop import cylinder, print_part
 from inkloop_controller.controllers import LayerMpcController, OpenLoopController, StochasticGreedyController
 
-SEEDS = range(10)
+SEEDS = range(3)
 
 
 @pytest.mark.parametrize(("variation", "mean_error"), [(0.2, 44.0), (0.4, 84.0)])
@@ -24,12 +24,17 @@ def test_open_loop_ends_low_by_the_missing_ink(variation: float, mean_error: flo
     assert found == pytest.approx(mean_error, abs=2.0)
 
 
-@pytest.mark.parametrize(("variation", "bias", "mae", "std"), [(0.2, 0.3, 1.2, 1.45), (0.4, 0.3, 1.1, 1.35)])
-def test_closed_loop_reaches_the_height_and_is_flat(variation: float, bias: float, mae: float, std: float) -> None:
+@pytest.mark.parametrize(
+    ("horizon", "variation", "mae", "std"),
+    [(1, 0.2, 1.2, 1.45), (1, 0.4, 1.1, 1.35), (2, 0.2, 0.50, 0.65), (3, 0.2, 0.45, 0.60), (3, 0.4, 0.60, 0.76)],
+)
+def test_longer_horizons_end_flatter(horizon: int, variation: float, mae: float, std: float) -> None:
     job = cylinder()
-    prints = [print_part(LayerMpcController(job), job, variation=variation, seed=seed) for seed in SEEDS]
+    prints = [
+        print_part(LayerMpcController(job, horizon=horizon), job, variation=variation, seed=seed) for seed in SEEDS
+    ]
     errors = np.mean([one.errors_um(job) for one in prints], axis=0)
-    assert abs(errors[0]) <= bias
+    assert abs(errors[0]) <= 0.3
     assert errors[1] <= mae
     assert errors[2] <= std
     scales = np.array([float(one.outputs["volume_scale"]) for one in prints])
@@ -58,7 +63,9 @@ def test_no_alpha_runs_away(make: type, alpha: float) -> None:
 def test_smallest_alpha_ends_flatter_and_higher() -> None:
     """At alpha 0.1 one layer of prediction ends 2.8 um high with a std of 0.6 um, against 1.3 um at 0.8."""
     job = cylinder()
-    prints = [print_part(LayerMpcController(job, alpha=0.1), job, variation=0.2, seed=seed) for seed in SEEDS]
+    prints = [
+        print_part(LayerMpcController(job, alpha=0.1, horizon=1), job, variation=0.2, seed=seed) for seed in SEEDS
+    ]
     mean_error, _, std = np.mean([one.errors_um(job) for one in prints], axis=0)
     assert mean_error == pytest.approx(-2.8, abs=0.3)
     assert std == pytest.approx(0.6, abs=0.15)
