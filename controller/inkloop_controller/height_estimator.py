@@ -57,6 +57,12 @@ class Estimate:
         """(nx, ny) cells whose droplets do not come."""
         return np.asarray(self.dead_evidence >= DEAD_EVIDENCE, np.bool_)
 
+    @property
+    def predicted_variance(self) -> FloatMap:
+        """(nx, ny) of the height after one more layer [m^2], full and on a flat surface; then the next scan comes."""
+        squares = max(ink.h1**2 + 4.0 * ink.h2**2 + 4.0 * ink.h3**2 for ink in self.inks)
+        return self.height_variance + DROPLET_STD**2 * squares
+
     def arrays(self) -> dict[str, Any]:
         """All of it by name, for an archive of arrays."""
         return {**vars(self), "inks": ink_table(self.inks), "evidence": self.evidence.sums()}

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from closed_loop import block, print_part
+from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.criterion import Criterion, beside
 
 
@@ -23,6 +25,20 @@ def test_ceiling_is_lower_where_the_prediction_is_less_sure() -> None:
     assert ceiling is not None
     assert ceiling == pytest.approx(np.array([[105e-6, 101e-6]]))
     assert Criterion().ceiling(target, std) is None
+
+
+def test_chance_margin_of_two_keeps_the_limit_on_all_but_a_few_cells() -> None:
+    """A normal prediction is exceeded by 2.3 % of the cells at two standard deviations, by half of those at the limit
+    at none."""
+    job = block(16, 16)
+
+    def share_above(margin: float) -> float:
+        controller = LayerMpcController(job, overshoot_limit_um=0.0, chance_margin=margin)
+        prints = [print_part(controller, job, variation=0.2, seed=seed) for seed in range(8)]
+        return float(np.mean([(one.height > job.target_height)[job.mask].mean() for one in prints]))
+
+    assert share_above(2.0) < 0.023
+    assert share_above(0.0) > 0.035
 
 
 def test_fringe_is_the_ring_beside_the_part() -> None:
