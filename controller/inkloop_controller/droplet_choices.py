@@ -31,6 +31,8 @@ class DropletChoices:
     ) -> None:
         nozzles = nozzle_pitch or job.ny
         faults = []
+        if job.mask.shape != (job.nx, job.ny):
+            faults.append(f"mask has shape {job.mask.shape}; needs {(job.nx, job.ny)}")
         if not 1 <= drop_levels * len(job.inks) <= KINDS_MAX:
             faults.append(
                 f"drop_levels is {drop_levels} with {len(job.inks)} inks; needs 1 to {KINDS_MAX // len(job.inks)}"

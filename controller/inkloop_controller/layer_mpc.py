@@ -105,8 +105,10 @@ class LayerMpc:
             self._program(self.problem(Estimate.exact(np.zeros((job.nx, job.ny)), job.inks), 0))
 
     def problem(self, estimate: Estimate, layer: int) -> HorizonProblem:
-        """The problem of the layers that follow layer number `layer`."""
+        """The problem of the layers that follow layer number `layer`. Raises ValueError for what cannot be one."""
         job, numbers = self._job, range(layer + 1, layer + 1 + self._horizon)
+        if estimate.height.shape != (job.nx, job.ny):
+            raise ValueError(f"height has shape {estimate.height.shape}; needs {(job.nx, job.ny)}")
         choices = self._choices.allowed(estimate.height, self._horizon)
         choices[1 if is_probe(layer + 1) else 0 :, estimate.dead] = 0
         return HorizonProblem(

@@ -1,0 +1,221 @@
+"""Laws of the planner on any small job."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from inkloop.component import BoolMap, FloatMap, Ink, Job
+from inkloop_controller import core
+from inkloop_controller.criterion import Criterion
+from inkloop_controller.dead_cells import DEAD_EVIDENCE
+from inkloop_controller.droplet_choices import DropletChoices
+from inkloop_controller.height_estimator import Estimate
+from inkloop_controller.horizon_problem import IntPlan
+from inkloop_controller.layer_model import LayerModel
+from inkloop_controller.layer_mpc import LayerMpc
+from inkloop_controller.layer_plan import LayerPlan, PlanStatus
+from inkloop_controller.starts import full_layers, no_droplets, shifted
+from inkloop_controller.work import Work
+
+INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
+ROUNDING = 1e-13  # [m]
+
+
+@dataclass(frozen=True)
+class Wavy:
+    """Below a plane that leans along x."""
+
+    lean: float
+
+    def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
+        return z < 4e-4 + self.lean * x + 0.0 * y
+
+
+@dataclass(frozen=True)
+class Case:
+    """A job, how it is planned, and where the print stands."""
+
+    job: Job
+    criterion: Criterion
+    options: dict[str, Any]
+    horizon: int
+    estimate: Estimate
+    layer: int
+    last: IntPlan
+
+    def mpc(self, threads: int = 1) -> LayerMpc:
+        choices = DropletChoices(self.job, **self.options)
+        return LayerMpc(
+            self.job, criterion=self.criterion, horizon=self.horizon, choices=choices, work=Work(threads=threads)
+        )
+
+    def planned(self, threads: int = 1) -> LayerPlan:
+        return self.mpc(threads).plan(self.estimate, self.layer, self.last)
+
+
+@st.composite
+def cases(draw: st.DrawFn) -> Case:
+    """Jobs of one ink or two, of one pass or four, with all that the planner can be told."""
+    nx, ny = draw(st.integers(1, 8)), draw(st.integers(1, 8))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    mask = rng.random((nx, ny)) < draw(st.sampled_from([0.4, 0.9, 1.0]))
+    mask.flat[0] = True
+    ground, rough = draw(st.sampled_from([0.0, 4e-4])), draw(st.sampled_from([0.0, 1e-6, 2e-5]))
+    height = ground + rng.uniform(0.0, rough, (nx, ny))
+    target = np.where(mask, height.mean() + rng.uniform(-1e-5, 3e-5, (nx, ny)), 0.0)
+    inks = INKS[: draw(st.integers(1, 2))]
+    job = Job(
+        nx,
+        ny,
+        263.256e-6,
+        target,
+        mask,
+        inks=inks,
+        region=Wavy(draw(st.sampled_from([-0.05, 0.0, 0.02]))) if len(inks) == 2 else None,
+        passes=draw(st.sampled_from([1, 4])),
+        pass_order=draw(st.integers(1, 2)),
+        pass_rotation=draw(st.integers(0, 3)),
+        seed=draw(st.integers(0, 9)),
+    )
+    pitch = draw(st.sampled_from([0, 3]))
+    nozzles = st.lists(st.integers(0, (pitch or ny) - 1), max_size=2)
+    options = {
+        "region_test": draw(st.sampled_from(["middle", "surface", "either"])),
+        "drop_levels": draw(st.integers(1, 3)),
+        "dead_nozzles": tuple(draw(nozzles)),
+        "nozzle_pitch": pitch,
+    }
+    criterion = Criterion(
+        alpha=draw(st.sampled_from([0.0, 0.1, 0.8, 1.0, [(1, 0.3), (3, 0.9)]])),
+        overshoot=draw(st.sampled_from([0.5, 1.0, 4.0])),
+        overshoot_limit=draw(st.sampled_from([np.inf, 0.0, 5e-6])),
+        chance_margin=draw(st.sampled_from([0.0, 2.0])),
+        fringe_weight=draw(st.sampled_from([0.0, 0.3, 1.0])),
+    )
+    scale = draw(st.sampled_from([0.6, 1.0]))
+    estimate = replace(
+        Estimate.exact(height, LayerModel(inks).scaled(scale).inks),
+        height_variance=rng.uniform(0.0, 1e-12, (nx, ny)),
+        dead_evidence=DEAD_EVIDENCE * (rng.random((nx, ny)) < draw(st.sampled_from([0.0, 0.3, 1.0]))),
+    )
+    shape = draw(st.sampled_from([(nx, ny), (nx + 1, ny)]))
+    last = rng.integers(0, 1 + len(inks) * options["drop_levels"], (draw(st.integers(1, 5)), *shape), dtype=np.int32)
+    return Case(job, criterion, options, draw(st.integers(1, 3)), estimate, draw(st.integers(0, 9)), last)
+
+
+def same(one: LayerPlan, other: LayerPlan) -> bool:
+    """Whether two plans agree in every bit, but for their times."""
+    return all(
+        np.array_equal(getattr(one, name), value, equal_nan=name == "bound")
+        for name, value in vars(other).items()
+        if name != "seconds"
+    )
+
+
+@given(cases())
+@settings(deadline=None, max_examples=300)
+def test_plan_keeps_to_the_choices_and_begins_with_a_layer_unless_the_print_is_done(case: Case) -> None:
+    plan, problem = case.planned(), case.mpc().problem(case.estimate, case.layer)
+    assert ((2 * problem.choices.astype(np.int64) + 1) >> plan.plan & 1).all()
+    assert plan.plan[0].any() == (plan.status is not PlanStatus.DONE)
+    assert plan.plan.any() == plan.plan[0].any()
+    np.testing.assert_array_equal(plan.pattern > 0, plan.plan[0] > 0)
+    np.testing.assert_array_equal(plan.drop_level > 0, plan.plan[0] > 0)
+
+
+@given(cases())
+@settings(deadline=None, max_examples=300)
+def test_plan_is_never_worse_than_nothing_full_layers_or_the_rest_of_the_last_plan(case: Case) -> None:
+    plan, problem = case.planned(), case.mpc().problem(case.estimate, case.layer)
+    others = [no_droplets(problem)]
+    others += [full for full in [full_layers(problem)] if full[0].any()]
+    if case.last.shape[1:] == problem.height.shape:
+        others += [rest for rest in [shifted(case.last, problem)] if rest[0].any()]
+    for other in others:
+        assert plan.objective.value <= core.objective(problem, other).value + ROUNDING
+
+
+@given(cases())
+@settings(deadline=None, max_examples=200)
+def test_objective_is_that_of_the_layers_printed_one_after_the_other(case: Case) -> None:
+    plan, problem, job = case.planned(), case.mpc().problem(case.estimate, case.layer), case.job
+    model, split = replace(LayerModel.of(job), inks=case.estimate.inks), DropletChoices(job, **case.options).split
+    height = case.estimate.height
+    for ahead, layer in enumerate(plan.plan):
+        pattern, level = split(layer)
+        height = model.layer(height, pattern, case.layer + 1 + ahead, level.astype(np.float64))
+        if ahead == 0:
+            np.testing.assert_array_equal(plan.predicted_height, height)
+    over, count, weight = height - job.target_height, job.mask.sum(), problem.weights
+    error = (weight * (np.maximum(-over, 0.0) + case.criterion.overshoot * np.maximum(over, 0.0))).sum() / count
+    excess = np.zeros(height.shape) if problem.ceiling is None else np.maximum(height - problem.ceiling, 0.0)
+    above = problem.ceiling_cost * (weight * excess).sum() / count
+    value = problem.alpha * (error + above) + (1.0 - problem.alpha) * height[job.mask].std()
+    assert plan.objective.value == pytest.approx(value, rel=1e-9, abs=ROUNDING)
+
+
+@given(cases())
+@settings(deadline=None, max_examples=200)
+def test_same_question_gives_the_same_bits_again_with_any_number_of_threads(case: Case) -> None:
+    kept, mpc = case.last.copy(), case.mpc()
+    first = mpc.plan(case.estimate, case.layer, case.last)
+    assert same(first, mpc.plan(case.estimate, case.layer, case.last))
+    assert same(first, case.planned(threads=2))
+    np.testing.assert_array_equal(case.last, kept)
+
+
+def test_threads_that_share_the_tiles_of_a_large_part_do_not_change_the_plan() -> None:
+    rng = np.random.default_rng(5)
+    target = rng.uniform(1e-5, 3e-5, (150, 140))
+    job = job_of(nx=150, ny=140, target_height=target, mask=np.ones(target.shape, np.bool_))
+    estimate = Estimate.exact(rng.uniform(0.0, 1e-5, target.shape), job.inks)
+    one, two = (
+        LayerMpc(job, horizon=2, work=Work(threads=threads)).plan(estimate, 0, np.zeros((2, 150, 140), np.int32))
+        for threads in (1, 2)
+    )
+    assert same(one, two)
+
+
+def job_of(**changes: Any) -> Job:
+    """A block of 4 x 4 cells with some fields changed."""
+    fields: dict[str, Any] = {"nx": 4, "ny": 4, "pitch": 1e-4, "target_height": np.full((4, 4), 1e-5)}
+    return Job(**{**fields, "mask": np.ones((4, 4), np.bool_), **changes})
+
+
+def with_value(value: float) -> Any:
+    heights = np.full((4, 4), 1e-5)
+    heights[1, 2] = value
+    return heights
+
+
+@pytest.mark.parametrize(
+    ("changes", "height", "words"),
+    [
+        ({}, with_value(np.nan), r"height is nan at cell \(1, 2\); needs finite values"),
+        ({}, with_value(np.inf), r"height is inf at cell \(1, 2\); needs finite values"),
+        ({}, np.zeros((4, 5)), r"height has shape \(4, 5\); needs \(4, 4\)"),
+        ({}, with_value(0.6), r"height reaches 0.6 m with 3 layers to come"),
+        ({"target_height": with_value(np.nan)}, np.zeros((4, 4)), r"target is nan at cell \(1, 2\)"),
+        ({"target_height": np.zeros((5, 4))}, np.zeros((4, 4)), r"target has shape \(5, 4\)"),
+        ({"mask": np.ones((4, 5), np.bool_)}, np.zeros((4, 4)), r"mask has shape \(4, 5\); needs \(4, 4\)"),
+        ({"mask": np.zeros((4, 4), np.bool_)}, np.zeros((4, 4)), "part marks no cell"),
+        ({"inks": (Ink(-4.4e-6),)}, np.zeros((4, 4)), r"kind 0 is .*needs h1 > 0"),
+        ({"inks": (Ink(h2=np.nan),)}, np.zeros((4, 4)), r"kind 0 is .*needs h1 > 0"),
+    ],
+)
+def test_what_no_surface_or_job_can_be_is_refused_in_words(changes: Any, height: Any, words: str) -> None:
+    job = job_of(**changes)
+    with pytest.raises(ValueError, match=words):
+        LayerMpc(job).plan(Estimate.exact(height, job.inks), 0, np.zeros((3, 4, 4), np.int32))
+
+
+@pytest.mark.parametrize("horizon", [0, 6])
+def test_horizon_that_cannot_be_is_refused_in_words(horizon: int) -> None:
+    with pytest.raises(ValueError, match=f"horizon is {horizon}; needs 1 to 5 layers ahead"):
+        LayerMpc(job_of(), horizon=horizon)
