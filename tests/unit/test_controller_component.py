@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
 from closed_loop import SECOND, block, inputs_of, print_part
-from inkloop.component import Component, Status
+from inkloop.component import BoolMap, Component, FloatMap, Ink, Status
 from inkloop.errors import ComponentError
 from inkloop_controller.controllers import LayerMpcController, OpenLoopController, StochasticGreedyController
 from inkloop_controller.layer_model import LayerModel
@@ -155,3 +156,49 @@ def test_restored_controller_goes_on_with_the_same_bits_on_noisy_scans() -> None
             for name in ("pattern", "estimated_height", "volume_scale"):
                 np.testing.assert_array_equal(again[name], outputs[name], err_msg=name)
         height = plant.layer(height, outputs["pattern"], layer + 1, np.full(height.shape, 0.9))
+
+
+@dataclass(frozen=True)
+class Below:
+    """Everything below a height [m]."""
+
+    z: float
+
+    def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
+        return np.broadcast_to(z < self.z, np.broadcast_shapes(x.shape, z.shape))
+
+
+@pytest.mark.parametrize(
+    ("fields", "options"),
+    [
+        ({"passes": 4, "pass_rotation": 1}, {}),
+        ({"inks": (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6)), "region": Below(20e-6)}, {"region_test": "either"}),
+        ({}, {"drop_levels": 3}),
+    ],
+    ids=["four passes", "two inks", "grey"],
+)
+def test_controller_restored_after_every_layer_prints_the_same_bits(fields: Any, options: Any) -> None:
+    """Noisy scans, droplets that vary, and a cell that is dead from layer 2 on."""
+    job = block(height=45e-6, **fields)
+    plant, droplets, sensor = LayerModel.of(job), np.random.default_rng(7), np.random.default_rng(8)
+    steady, resumed = (LayerMpcController(job, adapt_ink="full", **options) for _ in range(2))
+    height = np.zeros((job.nx, job.ny))
+    for controller in (steady, resumed):
+        controller.initialize(0, inputs_of(job, height, 0))
+    dead_cells = []
+    for layer in range(60):
+        scan = height + sensor.normal(0.0, 0.3e-6, height.shape)
+        outputs = answer(steady, scan, layer, layer)
+        again = answer(resumed, scan, layer, layer)
+        for name in outputs.keys() - {"solve_time"}:
+            np.testing.assert_array_equal(again[name], outputs[name], err_msg=f"{name} of layer {layer}")
+        saved, resumed = resumed.save(), LayerMpcController(job, adapt_ink="full", **options)
+        resumed.restore(saved)
+        dead_cells.append(int(outputs["dead_cells"]))
+        if outputs["status"] == Status.DONE:
+            break
+        factor = outputs["drop_level"] * (1.0 - 0.2 * droplets.random(height.shape))
+        factor[5, 5] *= 1e-9 if layer > 1 else 1.0
+        height = plant.layer(height, outputs["pattern"], layer + 1, factor)
+    assert outputs["status"] == Status.DONE
+    assert max(dead_cells) == 1
