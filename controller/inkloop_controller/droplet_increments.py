@@ -57,7 +57,9 @@ def ink_table(inks: Sequence[Ink]) -> NDArray[np.float64]:
 def _of_pass(height: FloatMap, pattern: IntMap, inks: Sequence[Ink], factor: FloatMap | None) -> DropletIncrements:
     nx, ny = height.shape
     bare = np.zeros(3)  # no droplet, no spread; its width is never asked for
-    heights = np.vstack([bare, ink_table(inks)])[pattern] * (1.0 if factor is None else factor[..., None])
+    table = np.vstack([bare, ink_table(inks)])
+    heights = np.stack([of_kind[pattern] for of_kind in table.T]) * (1.0 if factor is None else factor)
+    widths = np.where(pattern > 0, heights[0] + heights, 1.0)
     volume = np.where(pattern > 0, 1.0 if factor is None else factor, 0.0)
     beyond = np.pad(height, 1, constant_values=-np.inf)
     rates, squares = np.zeros((len(inks), 3, nx + 2, ny + 2)), np.zeros((nx + 2, ny + 2))
@@ -70,17 +72,16 @@ def _of_pass(height: FloatMap, pattern: IntMap, inks: Sequence[Ink], factor: Flo
                 continue
             there = np.s_[1 + di : 1 + di + nx, 1 + dj : 1 + dj + ny]
             kind = 1 if di * dj == 0 else 2
-            width = np.where(pattern > 0, heights[..., 0] + heights[..., kind], 1.0)
-            share = np.clip(1.0 + (height - beyond[there]) / width, 0.0, 1.0)
+            share = np.clip(1.0 + (height - beyond[there]) / widths[kind], 0.0, 1.0)
             given = share * volume
             kept[kind] += volume - given
-            squares[there] += (share * heights[..., kind]) ** 2
+            squares[there] += (share * heights[kind]) ** 2
             for ink in range(len(inks)):
                 rates[(ink, kind, *there)] += given if len(inks) == 1 else np.where(pattern == ink + 1, given, 0.0)
     own = np.zeros((nx, ny))
-    for ink, table in enumerate(ink_table(inks)):
+    for ink in range(len(inks)):
         mine = np.where(pattern == ink + 1, kept, 0.0)
         rates[(ink, np.s_[:], *inside)] += mine
-        own += np.tensordot(table, mine, 1)
+        own += np.tensordot(table[1 + ink], mine, 1)
     squares[inside] += own**2
     return DropletIncrements(rates[(np.s_[:], np.s_[:], *inside)], squares[inside], own)
