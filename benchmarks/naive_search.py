@@ -4,6 +4,8 @@ evaluates the whole layer. The peer of the search core."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
+from time import monotonic
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,16 +15,21 @@ Pattern = NDArray[np.int32]
 
 
 def naive_search(
-    objective: Callable[[Pattern], float], start: Pattern, batch: int, rng: np.random.Generator
+    objective: Callable[[Pattern], float],
+    start: Pattern,
+    batch: int,
+    rng: np.random.Generator,
+    seconds_max: float = inf,
 ) -> Pattern:
-    """Best pattern found from `start` by flips in random batches of at most `batch` cells.
+    """Best pattern, or plan, found from `start` by flips in random batches of at most `batch` cells.
 
     A batch that raises the objective although each of its flips lowers it is undone and the batch size halved;
-    the search ends when every single flip has been tried in vain.
+    the search ends when every single flip has been tried in vain, or after `seconds_max`.
     """
+    end = monotonic() + seconds_max
     pattern, best = start.copy(), objective(start)
     order: list[int] = []
-    while True:
+    while monotonic() < end:
         if not order:
             order, improved = rng.permutation(pattern.size).tolist(), False
         cells, order = order[:batch], order[batch:]
@@ -34,7 +41,8 @@ def naive_search(
         elif marked and batch > 1:
             batch, improved = batch // 2, True
         if not order and not improved:
-            return pattern
+            break
+    return pattern
 
 
 def _flipped(pattern: Pattern, cells: list[int]) -> Pattern:

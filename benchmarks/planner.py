@@ -10,14 +10,17 @@ from inkloop_controller.height_estimator import Estimate
 from inkloop_controller.horizon_problem import HorizonProblem
 from inkloop_controller.layer_mpc import LayerMpc
 from inkloop_controller.layer_plan import LayerPlan
+from inkloop_controller.work import Work
 
 PITCH = 1e-4  # [m] of no account
 
 
-def planned(problem: HorizonProblem) -> LayerPlan:
+def planned(problem: HorizonProblem, threads: int = 1) -> LayerPlan:
     """The plan of `LayerMpc` with its default work for a problem as those of `instances`."""
     nx, ny = problem.height.shape
     job = Job(nx, ny, PITCH, problem.target, problem.part, problem.kinds)
-    controller = LayerMpc(job, criterion=Criterion(alpha=problem.alpha), horizon=problem.layers)
+    controller = LayerMpc(
+        job, criterion=Criterion(alpha=problem.alpha), horizon=problem.layers, work=Work(threads=threads)
+    )
     estimate, no_last_plan = Estimate.exact(problem.height, problem.kinds), np.zeros((1, 0, 0), np.int32)
     return controller.plan(estimate, 0, no_last_plan)
