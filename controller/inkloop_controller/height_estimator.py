@@ -175,6 +175,7 @@ class HeightEstimator:
                 np.where(valid, increments.own, 0.0),
                 growth - increments.added(widths) + increments.own,
                 spread + noise,
+                int(self._job.mask.sum()),
             ),
             scans=before.scans + 1,
             noise_variance=noise,

@@ -107,6 +107,8 @@ class InkIdentification:
         hit = cells & (pattern > 0)
         usual = 1.0 if evidence.response.any() else float(np.median(growth[hit] / expected[hit]))
         cells &= ~_strange(hit, usual * expected, growth, variance)
+        if not cells.any():
+            return evidence
         adds = np.tensordot(self._directions, increments.rates[:, :, cells], 2)
         instrument = np.tensordot(self._directions, flat.rates[:, :, cells], 2)
         if self._model == "scale":  # all cells that an ink reaches alike: what flows from one to the other cancels

@@ -30,8 +30,10 @@ class Print:
     layers: int
 
 
-def printed(job: Job, seed: int, variation: float, noise: float, dead: range, volume: float = NOTHING) -> Print:
-    """A print in which nozzle line LINE jets droplets of `volume` in the layers `dead`."""
+def printed(
+    job: Job, seed: int, variation: float, noise: float, dead: range, volume: float = NOTHING, line: Any = LINE
+) -> Print:
+    """A print in which the nozzles of `line` jet droplets of `volume` in the layers `dead`."""
     controller, plant = LayerMpcController(job), LayerModel.of(job)
     droplets, sensor = np.random.default_rng(seed), np.random.default_rng(seed + 1000)
     height, dead_cells, false_alarms = np.zeros((job.nx, job.ny)), [], 0
@@ -49,7 +51,7 @@ def printed(job: Job, seed: int, variation: float, noise: float, dead: range, vo
             return Print(dead_cells, false_alarms, height, layer)
         factor = 1.0 - variation * droplets.random(height.shape)
         if layer + 1 in dead:
-            factor[:, LINE] = volume
+            factor[:, line] = volume
         height = plant.layer(height, outputs["pattern"], layer + 1, factor)
     raise AssertionError("not done after 200 layers")
 
@@ -87,12 +89,19 @@ def test_nozzle_that_brings_a_third_of_its_ink_is_weak_and_not_dead() -> None:
 
 def test_one_layer_is_not_enough_and_cells_that_nothing_is_commanded_to_say_nothing() -> None:
     own, nothing, variance = np.array([5e-6, 0.0]), np.zeros(2), np.full(2, 1e-14)
-    evidence = dead_evidence(np.zeros(2), own, nothing, variance)
+    evidence = dead_evidence(np.zeros(2), own, nothing, variance, 2)
     assert 0.0 < evidence[0] < DEAD_EVIDENCE
     for _ in range(5):
-        evidence = dead_evidence(evidence, own, nothing, variance)
+        evidence = dead_evidence(evidence, own, nothing, variance, 2)
     np.testing.assert_array_equal(evidence, [DEAD_EVIDENCE, 0.0])
-    assert dead_evidence(evidence, own, own, variance)[0] < DEAD_EVIDENCE
+    assert dead_evidence(evidence, own, own, variance, 2)[0] < DEAD_EVIDENCE
+
+
+def test_ink_that_runs_out_is_no_dead_nozzle_and_the_print_goes_on_when_it_is_back() -> None:
+    job = cylinder()
+    found = printed(job, 4, 0.2, 0.0, range(10, 20), line=slice(None))
+    assert not any(found.dead_cells)
+    assert np.abs((job.target_height - found.height)[job.mask]).mean() < 0.8e-6
 
 
 def test_dead_cells_are_left_out_of_the_plan_and_tried_in_every_fifth_layer() -> None:
