@@ -2,7 +2,7 @@
 # make test       lint, C and Python tests
 # make test-long  the proofs that take minutes
 # make benchmarks measured comparisons, printed as ratios
-# make gallery    docs/gallery: every scenario with one picture
+# make gallery    docs/gallery: every scenario with one picture; the pictures of docs/explanation
 PYTHON ?= python3.11
 BIN    := .venv/bin
 # what decides about the compiled parts: C sources, their tables, and the modules that run while building
@@ -43,9 +43,10 @@ benchmarks: .venv/installed
 	$(PIP) 'libcosimpy>=0.0.6'   # a peer, of use nowhere else
 	$(BIN)/python -m benchmarks
 
-# every scenario with one picture, docs/gallery
+# every scenario with one picture, docs/gallery; pictures and tables of docs/explanation
 gallery: .venv/installed
 	$(BIN)/python docs/gallery/gallery.py
+	$(BIN)/python -m docs.explanation.pictures
 
 clean:
 	rm -rf build .venv

@@ -91,8 +91,16 @@ shape = "{shape}"
 # real_time_factor = 1.0       # left out: as fast as possible
 
 [components.controller]   # the order of the components is that of a step
-kind = "LayerMpc"         # or "OpenLoop", "StochasticGreedy"
+kind = "LayerMpc"         # or "OpenLoop", "CohenLipson", "ErrorDiffusion", "StochasticGreedy"
 alpha = 0.8               # weight of the mean error against the standard deviation
+horizon = 3               # layers ahead, 1 to 5
+# overshoot = 1.0         # what a um too high costs when one too low costs 1
+# overshoot_limit_um = 2.0
+# drop_levels = 4         # a grey head: 1 to 4 drops at once
+# dead_nozzles = [5]
+# nozzle_pitch = 16       # nozzles of the head
+# adapt_ink = "scale"     # what is learnt of the ink: its volume; or "full", "off"
+# time_limit_s = 2.0      # guard by the clock for each layer
 
 [components.printer]
 kind = "LayerDeposition"
