@@ -42,7 +42,7 @@ UM = 1e6
 
 @dataclass(frozen=True)
 class Answer:
-    """A plan (layers, nx, ny), None if there is none within the limit; what no plan can be below [m], NaN: not known."""
+    """A plan (layers, nx, ny), None: none within the limit; and what no plan can be below [m], NaN: not known."""
 
     plan: IntPlan | None
     bound: float = nan
