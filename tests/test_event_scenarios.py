@@ -51,6 +51,19 @@ def test_dead_nozzles_leave_grooves_that_only_the_closed_loop_fills(seed: int) -
 
 
 @EVERY_SEED
+def test_part_beside_a_nozzle_that_stays_dead_ends_flat_and_the_print_ends(seed: int) -> None:
+    result = printed("nozzle-stays-dead", seed)
+    mask = result.dataset["mask"].values.astype(bool)
+    alive = mask & (np.arange(mask.shape[1]) % 16 != 5)
+    lacking = (result.dataset["target_height"].values - result.final_height.values) * UM
+    assert result.stop_reason == "done"
+    assert result.dataset["dead_cells"].values[-1] == (mask & ~alive).sum()
+    assert lacking[mask & ~alive].mean() > 100.0
+    assert abs(lacking[alive].mean()) <= 0.3
+    assert lacking[alive].std() <= 0.8
+
+
+@EVERY_SEED
 def test_print_with_fading_ink_ends_on_target_where_the_loop_is_closed(seed: int) -> None:
     assert abs(printed("drifting-ink", seed).metrics()["mean_error"]) * UM <= 0.4
     assert printed("drifting-ink", seed).metrics()["std"] * UM <= 1.2

@@ -111,13 +111,22 @@ def test_roller_reaches_the_height_for_more_ink_and_leaves_the_rim_low() -> None
 
 def test_four_passes_weave_the_middle_and_lift_the_rim() -> None:
     """The same droplets, 8 cells around the middle and the ring outside 13 cells."""
-    four, one = printed("four-passes", 1), printed("four-passes", 1, "one pass")
+    four, one = printed("four-passes", 1, "open loop"), printed("four-passes", 1, "open loop, one pass")
     assert four.metrics()["droplets"] == one.metrics()["droplets"]
     i, j = np.meshgrid(np.arange(35) - 17, np.arange(35) - 17, indexing="ij")
     middle, ring = np.hypot(i, j) <= 8, (np.hypot(i, j) > 13) & (np.hypot(i, j) <= 15)
     four_top, one_top = four.final_height.values, one.final_height.values
     assert four_top[middle].std() > 2 * one_top[middle].std()
     assert four_top[ring].mean() > one_top[ring].mean() + 1e-6
+    assert abs(printed("four-passes", 1).metrics()["mean_error"]) < 0.3e-6
+    assert printed("four-passes", 1).final_height.values[middle].std() < four_top[middle].std() / 2
+
+
+def test_smaller_drops_make_an_evener_top_and_more_of_them_at_once_fewer_layers() -> None:
+    grey, single = printed("grey-head", 1).metrics(), printed("grey-head", 1, "single drops").metrics()
+    assert abs(grey["mean_error"]) < 0.3e-6
+    assert max(grey["std"], single["std"]) < 0.6 * printed("cylinder", 1).metrics()["std"]
+    assert single["layers"] > 2 * grey["layers"]
 
 
 def test_uneven_substrate_is_not_seen_at_the_top() -> None:
