@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import inspect
 import os
@@ -17,7 +18,11 @@ from pydantic import BaseModel
 from inkloop import catalog, schema
 from inkloop.cli import main
 from inkloop.result import Result
-from inkloop.testing import LAWS
+from inkloop.testing import LAWS, job
+from inkloop_controller.baselines import OpenLoop
+from inkloop_controller.component import LayerController
+from inkloop_controller.height_estimator import HeightEstimator
+from inkloop_controller.layer_plan import LayerPlan, PlanStatus
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
@@ -110,6 +115,15 @@ def test_every_option_of_the_controllers_is_on_the_scenario_page() -> None:
         options = [parameter.name for parameter in parameters if parameter.kind is parameter.KEYWORD_ONLY]
         assert options
         assert not [option for option in options if f"`{option}`" not in page], name
+
+
+def test_plan_page_names_every_field_status_and_output() -> None:
+    page = (ROOT / "docs/reference/layer-plan.md").read_text()
+    part = job()
+    outputs = [port.name for port in LayerController(part, OpenLoop(part), HeightEstimator(part)).outputs]
+    fields = [field.name for field in dataclasses.fields(LayerPlan)]
+    assert not [name for name in (*outputs, *fields, "gap") if f"`{name}`" not in page]
+    assert not [word for number, word in enumerate(PlanStatus) if f"| `{word}` | {number} |" not in page]
 
 
 def test_gallery_shows_every_scenario_with_its_own_words() -> None:
