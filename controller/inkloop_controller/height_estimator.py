@@ -110,7 +110,7 @@ class HeightEstimator:
         self._drift, self._ink = ScanDrift(job.mask), InkIdentification(job, adapt_ink)
         self._steps_variance = sensor_resolution**2 / 12.0
         self._noise_variance = None if sensor_noise_std is None else sensor_noise_std**2 + self._steps_variance
-        self._take_as_read = take_as_read
+        self._take_as_read, self._learns_widths = take_as_read, adapt_ink == "full"
 
     def first(self, measured: FloatMap, valid: BoolMap) -> Estimate:
         """The start surface; a cell that was not measured counts as bare substrate, height 0, give or take a layer."""
@@ -160,6 +160,10 @@ class HeightEstimator:
             inks = self._ink.inks(evidence)
             if np.allclose(ink_table(inks), ink_table(widths), rtol=WIDTHS_AGREE, atol=0.0):
                 break
+        in_proportion = widths
+        if self._learns_widths:  # what droplets spill is surer by the nominal proportions
+            in_proportion = _of_volumes(self._job.inks, inks)
+            increments = droplet_increments(before.height, pattern, in_proportion, self._model.colours(layer), factor)
         predicted = replace(self._model, inks=inks).layer(before.height, pattern, layer, factor)
         unseen = np.where(valid, 0, before.unseen + 1).astype(np.int32)
         height, variance = _corrected(predicted, spread, scan, noise, valid)
@@ -173,7 +177,7 @@ class HeightEstimator:
             dead_evidence=dead_evidence(
                 before.dead_evidence,
                 np.where(valid, increments.own, 0.0),
-                growth - increments.added(widths) + increments.own,
+                growth - increments.added(in_proportion) + increments.own,
                 spread + noise,
                 int(self._job.mask.sum()),
             ),
@@ -206,6 +210,12 @@ def _corrected(
     spread = np.where(valid & (surprise > SURPRISE**2 * (spread + noise)), surprise, spread)
     gain = np.where(valid, spread / (spread + noise), 0.0)
     return predicted + gain * (scan - predicted), (1.0 - gain) * spread
+
+
+def _of_volumes(nominal: tuple[Ink, ...], learnt: tuple[Ink, ...]) -> tuple[Ink, ...]:
+    """The nominal inks in the volumes of the learnt ones."""
+    shares = [one.layer_height / other.layer_height for one, other in zip(learnt, nominal, strict=True)]
+    return tuple(Ink(s * ink.h1, s * ink.h2, s * ink.h3) for s, ink in zip(shares, nominal, strict=True))
 
 
 def _volume(inks: tuple[Ink, ...]) -> float:

@@ -31,10 +31,18 @@ class Print:
 
 
 def printed(
-    job: Job, seed: int, variation: float, noise: float, dead: range, volume: float = NOTHING, line: Any = LINE
+    job: Job,
+    seed: int,
+    variation: float,
+    noise: float,
+    dead: range,
+    volume: float = NOTHING,
+    line: Any = LINE,
+    **options: Any,
 ) -> Print:
-    """A print in which the nozzles of `line` jet droplets of `volume` in the layers `dead`."""
-    controller, plant = LayerMpcController(job), LayerModel.of(job)
+    """A print by a controller with `options` in which the nozzles of `line` jet droplets of `volume` in the layers
+    `dead`."""
+    controller, plant = LayerMpcController(job, **options), LayerModel.of(job)
     droplets, sensor = np.random.default_rng(seed), np.random.default_rng(seed + 1000)
     height, dead_cells, false_alarms = np.zeros((job.nx, job.ny)), [], 0
 
@@ -81,6 +89,11 @@ def test_nozzle_that_is_cleaned_is_noticed_and_its_line_filled(noise: float) -> 
 @pytest.mark.parametrize("seed", range(10))
 def test_droplets_that_vary_and_scans_that_are_noisy_are_no_dead_nozzles(seed: int) -> None:
     assert printed(cylinder(), seed, 0.4, 1e-6, range(0)).false_alarms == 0
+
+
+def test_widths_that_noise_makes_unsure_are_no_dead_nozzles() -> None:
+    """With the learnt proportions of h1, h2 and h3 cells were taken for dead here."""
+    assert printed(cylinder(), 1, 0.4, 1e-6, range(0), adapt_ink="full").false_alarms == 0
 
 
 def test_nozzle_that_brings_a_third_of_its_ink_is_weak_and_not_dead() -> None:
