@@ -188,12 +188,12 @@ def comparison(runs: Runs, wall_s: Mapping[str, float]) -> Figure:
     errors = {name: _error(run) for name, run in runs.items()}
     limit = max(1e-3, *(float(np.nanquantile(np.abs(error), 0.99)) for error in errors.values()))
     figure = _figure(5.0)
-    above, below = np.ravel(np.asarray(figure.subfigures(2, 1), dtype=object))
+    above, below = np.ravel(np.asarray(figure.subfigures(2, 1, height_ratios=(6, 5)), dtype=object))
     maps = above.subplots(1, len(runs), squeeze=False)[0]
     for axes, (name, run) in zip(maps, runs.items(), strict=True):
         image = axes.imshow(errors[name].T, origin="lower", extent=_extent(run), interpolation="nearest",
                             cmap="RdBu_r", vmin=-limit, vmax=limit)  # fmt: skip
-        axes.set(xlabel="x [mm]", title=f"{name}\n{_figures(run)}".replace(", ", "\n"))
+        axes.set(xlabel="x [mm]", title="\n".join((name, *_figures(run).split(", "))))
     maps[0].set_ylabel("y [mm]")
     above.colorbar(image, ax=list(maps), label="height - target [µm]", extend="both")
     mean, spread, droplets, times = below.subplots(1, 4)
