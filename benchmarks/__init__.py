@@ -1,4 +1,5 @@
-"""Measured comparisons: ours against a peer in the same run, printed as ratios. `make benchmarks` runs them all."""
+"""Measured comparisons: ours against peers in the same run and against what is to be reached. `make benchmarks` runs
+them all in some ten minutes."""
 
 import sys
 from pathlib import Path
