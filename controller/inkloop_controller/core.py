@@ -107,7 +107,7 @@ def search(
         except BaseException as error:  # it must not pass through C: kept, and raised below
             raised.append(error)
             return 1
-        return int(stop)
+        return int(bool(stop))
 
     # Without after_sweep too: Python sees Ctrl-C only while it runs.
     options = SearchOptionsStruct(

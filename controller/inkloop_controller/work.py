@@ -25,9 +25,9 @@ class Work:
     Raises ValueError, all faults in one sentence, for budgets that cannot be meant.
     """
 
-    sweeps: int = 50
+    sweeps: int = 30
     annealing_sweeps: int | None = None
-    iterations: int = 30
+    iterations: int = 10
     threads: int = 1
     time_limit: float = inf
 
