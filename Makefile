@@ -7,18 +7,19 @@ PYTHON ?= python3.11
 BIN    := .venv/bin
 # what decides about the compiled parts: C sources, their tables, and the modules that run while building
 BUILD_MODULES := $(addprefix cosim/inkloop/,c_variables.py fmu_archive.py fmu_documentation.py \
-                   model_definition.py model_description.py)
+                   model_definition.py model_description.py) \
+                 $(addprefix hardware/inkloop_hardware/,c_codec.py inkloop.dbc)
 PIP    := $(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check
 
 .PHONY: run test lint format test-long benchmarks gallery clean
 run: .venv/installed
 	$(BIN)/inkloop run scenarios/cylinder.toml
 
-.venv/installed: pyproject.toml CMakeLists.txt $(shell find fmus controller/core -type f) $(BUILD_MODULES)
+.venv/installed: pyproject.toml CMakeLists.txt $(shell find fmus controller/core hardware/firmware -type f) $(BUILD_MODULES)
 	@command -v $(PYTHON) >/dev/null || { echo "inkloop needs $(PYTHON) (or: make PYTHON=/path/to/python)"; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv --without-pip .venv
 	@echo "installing into .venv ..."
-	$(PIP) 'scikit-build-core>=0.11' 'fmpy>=0.3.29'
+	$(PIP) 'scikit-build-core>=0.11' 'fmpy>=0.3.29' 'cantools>=45'
 	$(PIP) --no-build-isolation --editable '.[dev]'
 	@touch $@
 

@@ -19,13 +19,18 @@ BUILD_TIME = {
 DOORS = {
     "fmpy": ("inkloop.fmu",),
     "casadi": ("inkloop_controller",),
+    "can": ("inkloop_hardware",),
+    "cantools": ("inkloop_hardware",),
+    "isotp": ("inkloop_hardware",),
+    "udsoncan": ("inkloop_hardware",),
+    "e2e": ("inkloop_hardware",),
     "matplotlib": ("inkloop.plot", "inkloop.report"),
     "mpl_toolkits": ("inkloop.plot", "inkloop.report"),
 }
 
 
 def modules() -> Iterator[tuple[str, Path]]:
-    for root in (ROOT / "cosim", ROOT / "controller"):
+    for root in (ROOT / "cosim", ROOT / "controller", ROOT / "hardware"):
         for path in sorted(root.rglob("*.py")):
             parts = path.relative_to(root).with_suffix("").parts
             yield ".".join(parts[:-1] if parts[-1] == "__init__" else parts), path
@@ -71,19 +76,32 @@ def test_floor_and_build_time_modules_stand_on_little(name: str, path: Path) -> 
 
 
 @EVERY_MODULE
-def test_controller_stands_on_the_floor_only(name: str, path: Path) -> None:
+@pytest.mark.parametrize("package", ["inkloop_controller", "inkloop_hardware"])
+def test_controller_and_hardware_stand_on_the_floor_only(package: str, name: str, path: Path) -> None:
     found = {module for module in imported(path) if is_below(module, "inkloop")} - {"inkloop"}
-    if is_below(name, "inkloop_controller"):
+    if is_below(name, package):
         assert found <= FLOOR
     else:
-        assert not [module for module in imported(path) if is_below(module, "inkloop_controller")]
+        assert not [module for module in imported(path) if is_below(module, package)]
 
 
 def test_kernels_know_no_fmi_type() -> None:
     sources = [path for path in (ROOT / "fmus").rglob("*.[ch]") if path.parent.name != "common"]
     sources += (ROOT / "controller" / "core").rglob("*.[ch]")
+    sources += (ROOT / "hardware" / "firmware").rglob("*.[ch]")
     assert sources
     for source in sources:
         text = source.read_text(encoding="utf-8")
         assert not re.search(r"#\s*include\s*[<\"]fmi\d", text), source
         assert not re.search(r"\bfmi[23][A-Z]\w*", text), source
+
+
+def test_firmware_stands_on_no_operating_system() -> None:
+    """Outside host/: a microcontroller without one runs the same files, and nothing is allocated."""
+    allowed = {"stdbool.h", "stddef.h", "stdint.h", "string.h"}
+    sources = sorted((ROOT / "hardware" / "firmware").glob("*.[ch]"))
+    assert sources
+    for source in sources:
+        text = source.read_text(encoding="utf-8")
+        assert set(re.findall(r"#\s*include\s*<(.*?)>", text)) <= allowed, source
+        assert not re.search(r"\b(malloc|calloc|realloc|free)\s*\(", text), source

@@ -1,0 +1,44 @@
+/* What a receiver makes of the check bytes and counters of one supervised frame.
+ *
+ * Two bad frames among the last five, and the sender counts as missing, until fewer than two of the last five are bad.
+ * Silence is not seen here: who waits for the frame has a clock. The same laws are in e2e_monitor.py. */
+#ifndef INKLOOP_E2E_MONITOR_H
+#define INKLOOP_E2E_MONITOR_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+enum {
+    E2E_WINDOW = 5,      /* frames that are looked back at */
+    E2E_BAD_LIMIT = 2,   /* so many bad ones among them, and the sender counts as missing */
+    E2E_LOST_MAX = 2,    /* so many frames may be lost in a row; the third cycle is a missing sender anyway */
+    E2E_STUCK_AFTER = 3, /* so many repeats in a row make a stuck counter */
+};
+
+typedef enum {
+    E2E_FIRST,    /* good: nothing to compare with */
+    E2E_GOOD,     /* good: the next counter */
+    E2E_LOST,     /* good: up to E2E_LOST_MAX frames are missing before it */
+    E2E_REPEATED, /* bad: the counter of the last frame */
+    E2E_JUMPED,   /* bad: any other counter; the next frame is compared with it */
+    E2E_DAMAGED,  /* bad: wrong check byte or a counter of 15; the next frame is compared with the one before it */
+} E2eVerdict;
+
+typedef struct {
+    uint8_t last;                                    /* counter of the last undamaged frame */
+    bool seen;                                       /* there was one */
+    uint8_t bad;                                     /* the last E2E_WINDOW frames, newest in bit 0: 1 is a bad one */
+    uint8_t repeat;                                  /* repeats in a row */
+    uint32_t damaged, repeated, jumped, lost, stuck; /* frames, and for `stuck` how often the counter stood still */
+} E2eMonitor;
+
+void e2e_monitor_init(E2eMonitor *monitor);
+
+/* Takes note of one received frame. */
+E2eVerdict e2e_monitor_take(E2eMonitor *monitor, bool check, uint8_t counter);
+
+/* Whether the sender can be believed: an undamaged frame came, and fewer than E2E_BAD_LIMIT of the last E2E_WINDOW were
+ * bad. */
+bool e2e_monitor_trusts(const E2eMonitor *monitor);
+
+#endif

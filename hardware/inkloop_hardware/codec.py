@@ -1,0 +1,198 @@
+"""Physical values to CAN frames and back, as a DBC says it.
+
+The DBC is the only place of ids, scales, units and limits. A message with the attribute `E2EDataId` is supervised: its
+signals `Crc8` and `Counter` are the codec's own, by AUTOSAR E2E profile 1. They find damage; they make nothing safe.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import cantools
+from cantools.database import errors as cantools_errors
+from cantools.database.can import Database, Message, Signal
+from e2e import p01
+
+from inkloop_hardware.errors import FrameError
+
+BENCH_DBC = Path(__file__).with_name("inkloop.dbc")
+SUPERVISION_SIGNALS = frozenset({"Crc8", "Counter"})
+COUNTERS = 15
+"""Alive counters of E2E profile 1: 0 to 14."""
+
+
+class Frame(NamedTuple):
+    """A classic CAN data frame."""
+
+    arbitration_id: int
+    data: bytes
+
+    def __str__(self) -> str:
+        return f"0x{self.arbitration_id:03X} [{len(self.data)}] {self.data.hex(' ')}"
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a frame says: physical values by signal, in the units of the DBC.
+
+    `counter` is None for a message that is not supervised. `intact` is False, and `values` empty, when the check byte
+    is wrong.
+    """
+
+    message: str
+    values: Mapping[str, float]
+    counter: int | None = None
+    intact: bool = True
+
+
+class Codec:
+    """Encodes and decodes by one DBC."""
+
+    def __init__(self, path: Path = BENCH_DBC) -> None:
+        try:
+            database = cantools.database.load_file(path, strict=True)
+        except (OSError, cantools_errors.Error) as error:
+            raise FrameError(f"{path} cannot be read as a DBC: {error}") from error
+        if not isinstance(database, Database):
+            raise FrameError(f"{path} is no CAN database; expected a DBC")
+        self.database = database
+        self._by_name = {message.name: message for message in database.messages}
+        self._by_id = {message.frame_id: message for message in database.messages}
+
+    @property
+    def protocol_version(self) -> int | None:
+        """Version of the DBC, None if it says none."""
+        attribute = self.database.dbc.attributes.get("ProtocolVersion") if self.database.dbc else None
+        return None if attribute is None else int(attribute.value)
+
+    def message(self, name: str) -> Message:
+        """Its description; FrameError for a name that the DBC does not have."""
+        if name not in self._by_name:
+            raise FrameError(f"no message {name!r} in the DBC; it has {', '.join(sorted(self._by_name))}")
+        return self._by_name[name]
+
+    def cycle_time(self, name: str) -> float | None:
+        """Seconds between two frames, None for a message without a cycle."""
+        cycle_ms = self.message(name).cycle_time
+        return None if not cycle_ms else cycle_ms / 1e3
+
+    def data_id(self, name: str) -> int | None:
+        """Data id of E2E profile 1, None for a message that is not supervised."""
+        dbc = self.message(name).dbc
+        attribute = dbc.attributes.get("E2EDataId") if dbc else None
+        return int(attribute.value) or None if attribute is not None else None
+
+    def encode(self, name: str, values: Mapping[str, float | str], counter: int | None = None) -> Frame:
+        """The frame of a message.
+
+        values: every signal but those of supervision, in the units of the DBC, or a word of its value table.
+        counter: 0 to 14 for a supervised message, None for any other.
+        Raises FrameError for a value that is missing, unknown, not finite or out of its limits.
+        """
+        message, data_id = self.message(name), self.data_id(name)
+        expected = {signal.name for signal in message.signals} - (SUPERVISION_SIGNALS if data_id else set())
+        faults = [f"has no signal {extra!r}" for extra in sorted(set(values) - expected)]
+        if not message.is_multiplexed():
+            faults += [f"lacks a value for {missing!r}" for missing in sorted(expected - set(values))]
+        if (counter is not None) != (data_id is not None) or (counter is not None and not 0 <= counter < COUNTERS):
+            needed = f"needs a counter of 0 to {COUNTERS - 1}" if data_id else "takes no counter"
+            faults.append(f"{needed}, found {counter}")
+        if faults:
+            raise FrameError(f"message {name} " + ", ".join(faults))
+        raw = {signal: _raw(message, signal, value) for signal, value in values.items()}
+        if data_id is None or counter is None:
+            return Frame(message.frame_id, self._encode_raw(message, raw))
+        data = bytearray(self._encode_raw(message, raw | {"Crc8": 0, "Counter": counter}))
+        p01.e2e_p01_protect(data, data_id, increment_counter=False)
+        return Frame(message.frame_id, bytes(data))
+
+    def decode(self, frame: Frame) -> Reading:
+        """What a frame says.
+
+        Raises FrameError for an unknown id, a wrong length, or an undamaged value out of its limits. A wrong check byte
+        raises nothing: who supervises must count it (`e2e_monitor`).
+        """
+        message = self._by_id.get(frame.arbitration_id)
+        if message is None:
+            raise FrameError(f"frame {frame}: no message with this id in the DBC")
+        if len(frame.data) != message.length:
+            raise FrameError(f"frame {frame} of {message.name} has {len(frame.data)} bytes, expected {message.length}")
+        data_id = self.data_id(message.name)
+        counter = frame.data[1] & 0xF if data_id else None
+        if data_id and not p01.e2e_p01_check(bytearray(frame.data), data_id):
+            return Reading(message.name, {}, counter, intact=False)
+        raw = message.decode(frame.data, decode_choices=False, scaling=False)
+        if not isinstance(raw, dict):
+            raise FrameError(f"frame {frame} of {message.name} is a container; only plain messages are read")
+        values = {
+            signal: _physical(message, signal, number)
+            for signal, number in raw.items()
+            if not (data_id and signal in SUPERVISION_SIGNALS) and isinstance(number, int | float)
+        }
+        return Reading(message.name, values, counter)
+
+    def word(self, name: str, signal: str, value: float) -> str | None:
+        """The word of a value in the signal's value table, None if there is none."""
+        choices = self.message(name).get_signal_by_name(signal).choices
+        return str(choices[int(value)]) if choices and int(value) in choices else None
+
+    @staticmethod
+    def _encode_raw(message: Message, raw: Mapping[str, float]) -> bytes:
+        try:
+            return message.encode(dict(raw), scaling=False, strict=False)
+        except cantools_errors.Error as error:
+            raise FrameError(f"message {message.name} cannot be encoded: {error}") from error
+
+
+def _limits(signal: Signal) -> tuple[float, float]:
+    """Smallest and largest physical value: those of the DBC, else what the bits hold."""
+    if signal.is_float:
+        lowest, highest = -math.inf, math.inf
+    else:
+        bits = signal.length - 1 if signal.is_signed else signal.length
+        ends = [signal.offset + signal.scale * raw for raw in (-(2**bits) if signal.is_signed else 0, 2**bits - 1)]
+        lowest, highest = min(ends), max(ends)
+    return (
+        lowest if signal.minimum is None else signal.minimum,
+        highest if signal.maximum is None else signal.maximum,
+    )
+
+
+def _checked(message: Message, signal: Signal, value: float, slack: float = 0.0) -> None:
+    lowest, highest = _limits(signal)
+    if not lowest - slack <= value <= highest + slack:  # also refuses NaN
+        unit = f" {signal.unit}" if signal.unit else ""
+        raise FrameError(
+            f"message {message.name}: {signal.name} is {value:g}{unit}, expected {lowest:.10g} to {highest:.10g}{unit}"
+        )
+
+
+def _raw(message: Message, name: str, value: float | str) -> float:
+    """The number on the wire: rounded, halves away from zero as C's round() does."""
+    signal = message.get_signal_by_name(name)
+    if isinstance(value, str):
+        words = {str(word): number for number, word in (signal.choices or {}).items()}
+        if value not in words:
+            expected = f"one of {', '.join(words)}" if words else "a number"
+            raise FrameError(f"message {message.name}: {name} is {value!r}, expected {expected}")
+        return words[value]
+    half_step = 0.0 if signal.is_float or (signal.scale == 1 and signal.offset == 0) else abs(signal.scale) / 2
+    _checked(message, signal, value, slack=half_step * (1 - 1e-9))
+    if signal.is_float:
+        return (value - signal.offset) / signal.scale
+    if isinstance(value, int) and signal.scale == 1:
+        return value - int(signal.offset)
+    steps = (value - signal.offset) / signal.scale
+    whole = math.floor(abs(steps))
+    return int(math.copysign(whole + (abs(steps) - whole >= 0.5), steps))
+
+
+def _physical(message: Message, name: str, raw: float) -> float:
+    signal = message.get_signal_by_name(name)
+    value = raw if signal.scale == 1 and signal.offset == 0 else raw * signal.scale + signal.offset
+    _checked(message, signal, value, slack=1e-9 * abs(signal.scale))
+    return value
