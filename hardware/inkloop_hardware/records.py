@@ -8,84 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from enum import IntEnum, StrEnum
 from typing import Any, ClassVar, get_type_hints
 
 from inkloop_hardware.codec import Codec, Frame, Reading
 from inkloop_hardware.errors import FrameError
+from inkloop_hardware.vocabulary import Fault, Node, Source, State
 
 SI = {"": 1.0, "um": 1e-6, "ms": 1e-3, "%": 1e-2, "degC": 1.0, "Pa": 1.0, "W/m2": 1.0}
 """One unit of the DBC in the unit of the records."""
-
-
-class Node(StrEnum):
-    """Who is on the bus besides the master; the first word of its messages."""
-
-    HEAD = "Head"
-    STAGE = "Stage"
-    CURE = "Cure"
-    PROFILER = "Profiler"
-
-    def request_id(self, codec: Codec) -> int:
-        """Arbitration id of ISO-TP frames to this node."""
-        return codec.message(f"{self}Request").frame_id
-
-    def answer_id(self, codec: Codec) -> int:
-        """Arbitration id of ISO-TP frames from this node."""
-        return codec.message(f"{self}Answer").frame_id
-
-
-class State(IntEnum):
-    """State of a node."""
-
-    SAFE = 0
-    IDLE = 1
-    RECEIVING = 2
-    VERIFIED = 3
-    PRINTING = 4
-    PRINTED = 5
-    CURING = 6
-    CURED = 7
-    SCANNING = 8
-    MAP_READY = 9
-    FAULT = 10
-
-
-class Fault(IntEnum):
-    """Why a node is in SAFE or FAULT."""
-
-    NONE = 0
-    MASTER_LOST = 1
-    STOP_REQUEST = 2
-    ENABLE_DROPPED = 3
-    TWO_MASTERS = 4
-    SUPERVISION = 5
-    STEP_EXPIRED = 6
-    GATE_NOT_CONFIRMED = 7
-    LAMP_TIME = 8
-    LAMP_TEMPERATURE = 9
-    HEAD_TEMPERATURE = 10
-    BACK_PRESSURE = 11
-    STAGE_POSITION = 12
-    STAGE_LIMIT = 13
-    SCAN_FAILED = 14
-    PATTERN_CHECKSUM = 15
-    JOURNAL_DAMAGED = 16
-    PASS_UNKNOWN = 17
-    RECEIVE_OVERRUN = 18
-    INTERNAL = 19
-
-
-class Source(IntEnum):
-    """Who asks for a stop."""
-
-    NONE = 0
-    OPERATOR = 1
-    MASTER = 2
-    HEAD = 3
-    STAGE = 4
-    CURE = 5
-    PROFILER = 6
 
 
 @dataclass(frozen=True)
@@ -202,6 +132,11 @@ def kinds() -> Mapping[str, tuple[type[Any], Node | None]]:
 
 
 KINDS = kinds()
+TYPES = {
+    kind: {field: type_ for field, type_ in get_type_hints(kind).items() if field not in ("message", "node")}
+    for kind in (*BUS_WIDE, *PER_NODE)
+}
+"""Type of each field that is a signal."""
 
 
 def signal_name(field: str) -> str:
@@ -232,9 +167,7 @@ def unpack(codec: Codec, reading: Reading) -> Record:
     kind, node = KINDS[reading.message]
     message = codec.message(reading.message)
     found: dict[str, Any] = {} if node is None else {"node": node}
-    for field, type_ in get_type_hints(kind).items():
-        if field in ("message", "node"):
-            continue
+    for field, type_ in TYPES[kind].items():
         signal = signal_name(field)
         value = reading.values[signal]
         try:

@@ -17,21 +17,18 @@ from inkloop_hardware.c_codec import snake
 from inkloop_hardware.codec import Codec, Frame, Reading
 from inkloop_hardware.errors import FrameError
 from inkloop_hardware.records import (
-    Fault,
     HeadMeasurement,
     MasterAlive,
-    Node,
     NodeFault,
     NodeStatus,
     ProfilerMeasurement,
     Record,
-    Source,
     StageMeasurement,
-    State,
     StopRequest,
     pack,
     unpack,
 )
+from inkloop_hardware.vocabulary import Fault, Node, Source, State
 from wire_library import wire_library
 
 CODEC = Codec()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from dataclasses import fields
 from enum import IntEnum
 from pathlib import Path
@@ -14,12 +16,14 @@ from inkloop_hardware.c_codec import write_codec
 from inkloop_hardware.codec import BENCH_DBC, Codec
 from inkloop_hardware.errors import FrameError
 from inkloop_hardware.protocol_page import renewed
-from inkloop_hardware.records import KINDS, SI, Fault, Node, Source, State, signal_name
+from inkloop_hardware.records import KINDS, SI, signal_name
+from inkloop_hardware.vocabulary import Fault, Node, Source, State
 
 ROOT = Path(__file__).parents[2]
 CODEC = Codec()
 MESSAGES = CODEC.database.messages
 BIT_RATE = 500_000
+STATUS_SIGNALS = [signal.name for signal in CODEC.message("CureStatus").signals[2:]]
 EVERY_MESSAGE = pytest.mark.parametrize("message", MESSAGES, ids=[message.name for message in MESSAGES])
 
 
@@ -128,6 +132,16 @@ def test_page_is_what_the_dbc_says() -> None:
     assert page == renewed(page, CODEC), "run: python -m inkloop_hardware.protocol_page docs/reference/can-protocol.md"
     with pytest.raises(ValueError, match="no single pair of lines"):
         renewed("no marks", CODEC)
+
+
+def test_stock_cantools_reads_a_log_of_the_bus() -> None:
+    status = CODEC.encode("CureStatus", dict.fromkeys(STATUS_SIGNALS, 0) | {"State": "CURING", "LampOn": "ON"}, 4)
+    line = f"  can0  {status.arbitration_id:03X}   [8]  {status.data.hex(' ').upper()}\n"
+    command = [sys.executable, "-m", "cantools", "decode", BENCH_DBC]
+    decoded = subprocess.run(command, input=line, capture_output=True, text=True, check=True).stdout
+    assert "CureStatus" in decoded
+    assert "State: CURING" in decoded
+    assert "LampOn: ON" in decoded
 
 
 def test_file_that_is_no_dbc_is_refused_in_words(tmp_path: Path) -> None:

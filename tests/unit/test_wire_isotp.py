@@ -23,12 +23,12 @@ def payload(length: int) -> bytes:
 class Peer:
     """can-isotp without threads, as the master uses it."""
 
-    def __init__(self, block_size: int = 0) -> None:
+    def __init__(self, block_size: int = 0, longest: int = 4095) -> None:
         self.inbox: deque[Frame] = deque()
         self.outbox: deque[Frame] = deque()
         self.errors: list[Exception] = []
         address = isotp.Address(isotp.AddressingMode.Normal_11bits, rxid=ANSWER_ID, txid=REQUEST_ID)
-        parameters = {"blocksize": block_size, "stmin": 0, "tx_padding": 0x55, "max_frame_size": 4095}
+        parameters = {"blocksize": block_size, "stmin": 0, "tx_padding": 0x55, "max_frame_size": longest}
         self.layer = isotp.TransportLayerLogic(self._receive, self._send, address, self.errors.append, parameters)
 
     def _receive(self, timeout: float) -> isotp.CanMessage | None:
@@ -75,6 +75,16 @@ def test_messages_reach_can_isotp(size: int, block_size: int) -> None:
     talk(node, peer)
     assert peer.layer.recv() == payload(size)
     assert (node.state.sent, node.state.unexpected, peer.errors) == ("done", 0, [])
+
+
+def test_overflow_of_can_isotp_ends_our_message_at_once() -> None:
+    node, peer = IsotpEnd(), Peer(longest=100)
+    assert node.send(payload(101))
+    talk(node, peer)
+    assert (node.state.sent, peer.layer.recv()) == ("overflow", None)
+    assert node.send(payload(100))
+    talk(node, peer)
+    assert (node.state.sent, peer.layer.recv()) == ("done", payload(100))
 
 
 def test_both_ways_at_once_do_not_disturb_each_other() -> None:

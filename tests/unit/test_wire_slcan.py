@@ -106,6 +106,10 @@ def test_malformed_lines_are_answered_with_bel_counted_and_forgotten(line: bytes
     assert end.take(b"t0201AB\r") == ([SlcanFrame(0x20, False, False, 1, b"\xab")], b"z\r")
 
 
+def test_hexadecimal_digits_may_be_small() -> None:
+    assert SlcanEnd().take(b"t7fe2abcd\r") == ([SlcanFrame(0x7FE, False, False, 2, b"\xab\xcd")], b"z\r")
+
+
 def test_frames_are_refused_while_closed_or_listening() -> None:
     end = SlcanEnd(opened=False)
     assert end.take(b"t0200\r") == ([], b"\a")
