@@ -26,6 +26,7 @@ def LayerMpcController(
     overshoot_limit_um: float | None = None,
     chance_margin: float = 0.0,
     fringe_weight: float = 0.0,
+    layer_worth: float = 0.0,
     region_test: RegionTest = "middle",
     drop_levels: int = 1,
     dead_nozzles: list[int] | None = None,
@@ -51,6 +52,7 @@ def LayerMpcController(
             overshoot_limit=inf if overshoot_limit_um is None else overshoot_limit_um * 1e-6,
             chance_margin=chance_margin,
             fringe_weight=fringe_weight,
+            layer_worth=layer_worth,
         ),
         horizon=horizon,
         choices=DropletChoices(

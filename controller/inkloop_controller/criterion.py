@@ -24,7 +24,8 @@ class Criterion:
     overshoot: what a metre above the target costs when a metre below costs 1 (what was jetted stays);
     overshoot_limit: height above the target that is not to be exceeded [m], kept with a probability of `chance_margin`
     standard deviations of the predicted height (0: by the prediction itself);
-    fringe_weight: weight, 0 to 1, of the ring of cells beside the part: what spills there counts against target_height.
+    fringe_weight: weight, 0 to 1, of the ring of cells beside the part: what spills there counts against target_height;
+    layer_worth: share of the objective that a layer must gain to be printed before the fuller ones planned after it.
     Raises ValueError, all faults in one sentence, for values that cannot be meant.
     """
 
@@ -33,6 +34,7 @@ class Criterion:
     overshoot_limit: float = inf
     chance_margin: float = 0.0
     fringe_weight: float = 0.0
+    layer_worth: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "alpha", self.alpha if _is_number(self.alpha) else _sorted(self.alpha))
@@ -45,7 +47,7 @@ class Criterion:
             faults.append(f"overshoot is {self.overshoot}; needs a cost above 0 (1: like what is lacking)")
         faults += [
             f"{name} is {getattr(self, name)}; needs a value of at least 0"
-            for name in ("overshoot_limit", "chance_margin")
+            for name in ("overshoot_limit", "chance_margin", "layer_worth")
             if not getattr(self, name) >= 0.0
         ]
         if not 0.0 <= self.fringe_weight <= 1.0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import nan
 from typing import Literal, TypeAlias
@@ -11,6 +11,7 @@ import numpy as np
 
 from inkloop.component import FloatMap, Job
 from inkloop_controller import core
+from inkloop_controller.candidates import Candidate, best_candidate, status_of
 from inkloop_controller.certificate import certify
 from inkloop_controller.criterion import CEILING_COST, PLAIN, Criterion
 from inkloop_controller.dead_cells import is_probe
@@ -21,38 +22,18 @@ from inkloop_controller.horizon_problem import (
     HORIZON_MAX,
     HorizonProblem,
     IntPlan,
-    Objective,
     SearchProgress,
-    SearchResult,
-    SearchStatus,
 )
 from inkloop_controller.horizon_program import HorizonProgram
 from inkloop_controller.layer_model import LayerModel
-from inkloop_controller.layer_plan import PROVEN, LayerPlan, PlanStatus
-from inkloop_controller.starts import even_droplets, full_layers, no_droplets, shifted, without_idle_start
+from inkloop_controller.layer_plan import LayerPlan
+from inkloop_controller.starts import even_droplets, full_layers, no_droplets, shifted
 from inkloop_controller.stopwatch import Stopwatch
 from inkloop_controller.work import DEFAULT_WORK, Work
 
 Relaxation: TypeAlias = Literal["gradient", "ipopt", "highs", "none"]
 
 CERTIFICATE_S = 60.0  # what a certificate may take if no limit is given (assumed)
-
-_STATUS = {
-    SearchStatus.DONE: PlanStatus.REPAIRED,
-    SearchStatus.BUDGET: PlanStatus.BUDGET,
-    SearchStatus.TIME: PlanStatus.TIME_LIMIT,
-    SearchStatus.STOPPED: PlanStatus.INTERRUPTED,
-}
-
-
-@dataclass(frozen=True)
-class _Candidate:
-    """A plan that may win."""
-
-    start: str
-    plan: IntPlan
-    objective: Objective
-    found: SearchResult | None = None
 
 
 @dataclass(frozen=True)
@@ -132,7 +113,7 @@ class LayerMpc:
         starts = self._starts(problem, last, relaxed, watch)
         with watch.phase("repair"):
             repaired = self._repaired(problem, starts, random_key(self._job, layer), watch)
-        best = _best(problem, [starts["nothing"], *repaired, *starts.values()])
+        best = best_candidate(problem, [starts["nothing"], *repaired, *starts.values()], self._criterion.layer_worth)
         bound, confidence = self._bound(problem, best, relaxed, watch)
         pattern, drop_level = self._choices.split(best.plan[0])
         model = replace(self._model, inks=estimate.inks)
@@ -142,7 +123,7 @@ class LayerMpc:
             drop_level=drop_level,
             objective=best.objective,
             predicted_height=model.layer(estimate.height, pattern, layer + 1, drop_level.astype(np.float64)),
-            status=_status(problem, best, bound),
+            status=status_of(problem, best, bound),
             start=best.start,
             sweeps=sum(candidate.found.sweeps for candidate in repaired if candidate.found),
             bound=bound,
@@ -152,7 +133,7 @@ class LayerMpc:
 
     def _starts(
         self, problem: HorizonProblem, last: IntPlan, relaxed: _Relaxed | None, watch: Stopwatch
-    ) -> dict[str, _Candidate]:
+    ) -> dict[str, Candidate]:
         """Plans to begin from, the empty one first."""
         with watch.phase("rounding"):
             plans = {"nothing": no_droplets(problem), "full layers": full_layers(problem)}
@@ -160,16 +141,16 @@ class LayerMpc:
                 plans["last plan"] = shifted(last, problem)
             if relaxed is not None:
                 plans["relaxation"] = diffuse(problem, relaxed.droplets)
-            return {name: _Candidate(name, plan, core.objective(problem, plan)) for name, plan in plans.items()}
+            return {name: Candidate(name, plan, core.objective(problem, plan)) for name, plan in plans.items()}
 
     def _repaired(
-        self, problem: HorizonProblem, starts: Mapping[str, _Candidate], key: int, watch: Stopwatch
-    ) -> list[_Candidate]:
+        self, problem: HorizonProblem, starts: Mapping[str, Candidate], key: int, watch: Stopwatch
+    ) -> list[Candidate]:
         """Starts after their repair: the best one, or where annealing is worth its time all of them and it annealed."""
         annealing = self._work.annealing_of(problem)
         ranked = sorted(starts.values(), key=lambda start: start.objective.value)
         tasks = [(start, 0) for start in ranked] + [(ranked[0], annealing)] if annealing else [(ranked[0], 0)]
-        repaired: list[_Candidate] = []
+        repaired: list[Candidate] = []
         for start, annealing_sweeps in tasks:
             if watch.remaining == 0.0:
                 break
@@ -184,7 +165,7 @@ class LayerMpc:
                 after_sweep=self._after_sweep,
             )
             name = f"{start.start}, annealed" if annealing_sweeps else start.start
-            repaired.append(_Candidate(name, found.plan, found.objective, found))
+            repaired.append(Candidate(name, found.plan, found.objective, found))
             if found.interrupted:
                 break
         return repaired
@@ -206,7 +187,7 @@ class LayerMpc:
             return _Relaxed(solved.droplets, solved.bound) if solved.solved else None
 
     def _bound(
-        self, problem: HorizonProblem, best: _Candidate, relaxed: _Relaxed | None, watch: Stopwatch
+        self, problem: HorizonProblem, best: Candidate, relaxed: _Relaxed | None, watch: Stopwatch
     ) -> tuple[float, float]:
         """What no plan can be below [m], and the probability that it holds; NaN and 1 if that is not known."""
         proven = relaxed.bound if relaxed else nan
@@ -228,29 +209,3 @@ class LayerMpc:
 def random_key(job: Job, layer: int) -> int:
     """Key of the random numbers of one layer's search, 64 bits: the job's seed above, the layer below."""
     return (job.seed * 2**32 + layer) % 2**64
-
-
-def _best(problem: HorizonProblem, candidates: Sequence[_Candidate]) -> _Candidate:
-    """The one with the lowest objective that begins with a layer, the first of them; else to do nothing."""
-    nothing = candidates[0]
-    ready = [nothing]
-    for candidate in candidates[1:]:
-        plan = without_idle_start(candidate.plan, problem)
-        if plan is candidate.plan:
-            ready.append(candidate)
-        else:
-            ready.append(replace(candidate, plan=plan, objective=core.objective(problem, plan)))
-    return min(ready, key=lambda candidate: candidate.objective.value)
-
-
-def _status(problem: HorizonProblem, best: _Candidate, bound: float) -> PlanStatus:
-    """How the winner came about."""
-    if not best.plan.any():
-        return PlanStatus.DONE
-    if best.objective.value - bound <= PROVEN * problem.kinds[0].layer_height:
-        return PlanStatus.OPTIMAL
-    if best.found is None:
-        return PlanStatus.FALLBACK
-    if best.found.interrupted:
-        return PlanStatus.INTERRUPTED
-    return _STATUS[best.found.status]

@@ -44,6 +44,13 @@ def without_idle_start(plan: IntPlan, problem: HorizonProblem) -> IntPlan:
     return np.where(_may_fall(moved, problem), moved, full_layers(problem))
 
 
+def without_first_layer(plan: IntPlan, problem: HorizonProblem) -> IntPlan:
+    """The plan without the droplets of its first layer, and with all others as early as can be."""
+    later = plan.copy()
+    later[0] = 0
+    return without_idle_start(later, problem)
+
+
 def _may_fall(plan: IntPlan, problem: HorizonProblem) -> NDArray[np.bool_]:
     bits = np.left_shift(1, np.maximum(plan - 1, 0))
     return np.asarray((plan == 0) | (problem.choices & bits > 0), np.bool_)

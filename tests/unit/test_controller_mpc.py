@@ -19,7 +19,7 @@ from inkloop_controller.layer_model import LayerModel
 from inkloop_controller.layer_mpc import LayerMpc
 from inkloop_controller.layer_plan import LayerPlan, PlanStatus, surface_objective
 from inkloop_controller.regions import materials
-from inkloop_controller.starts import full_layers, no_droplets, shifted
+from inkloop_controller.starts import full_layers, no_droplets, shifted, without_first_layer
 from inkloop_controller.work import Work
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
@@ -144,6 +144,19 @@ def test_first_layer_is_never_empty_unless_the_print_is_done() -> None:
         job, height = rough_job(seed)
         plan = planned(job, height, horizon=3)
         assert plan.pattern.any() == (plan.status is not PlanStatus.DONE)
+
+
+def test_layer_is_printed_first_only_for_what_it_must_gain() -> None:
+    left_out = 0
+    for seed in range(20):
+        job, height = rough_job(seed)
+        mpc = LayerMpc(job, criterion=Criterion(layer_worth=0.2))
+        plan, problem = mpc.plan(known(height), 0, none(job)), mpc.problem(known(height), 0)
+        left_out += plan.objective.value > planned(job, height).objective.value
+        if plan.plan[1:].any():
+            sooner = core.objective(problem, without_first_layer(plan.plan, problem)).value
+            assert sooner > 1.2 * plan.objective.value or sooner >= core.objective(problem, no_droplets(problem)).value
+    assert left_out > 0
 
 
 def test_certified_plan_comes_with_a_proven_bound() -> None:
