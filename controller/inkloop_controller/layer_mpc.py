@@ -49,9 +49,10 @@ class LayerMpc:
 
     The relaxed problem is solved and rounded by ordered error diffusion; that start, the rest of the last plan, full
     layers and none are repaired by flips, swaps and shifts, and the best result is taken. It is compared with printing
-    nothing: without that a small alpha trades height for evenness for ever. Below an alpha of about 0.1 it never
-    begins: on the flat substrate the first layer's unevenness costs more than its height gains. Dead cells are left
-    out, but for a layer now and then in which they are tried again.
+    nothing: without that a small alpha trades height for evenness for ever. Below an alpha of about 0.1 the
+    criterion makes no sense: one layer ahead nothing is printed, for the first layer's unevenness costs more than its
+    height gains; further ahead a print may end too high. Dead cells are left out, but for a layer now and then in which
+    they are tried again.
 
     horizon: layers ahead, 1 to 5; relaxation: its engine: "ipopt" for small grids, "highs" for one layer and alpha = 1;
     certified: for one layer and alpha = 1, every plan comes with a bound; after_sweep: sees each sweep of a repair,
