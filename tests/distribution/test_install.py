@@ -60,5 +60,7 @@ def test_clean_environment_prints_from_another_folder(way: str, sdist: Path, tmp
     fmu = Path(call(bin_folder / "python", "-c", code, cwd=elsewhere).strip())
     assert tmp_path in fmu.parents
     assert "made by    inkloop" in call(bin_folder / "inkloop", "info", fmu, cwd=elsewhere)
+    code = "from inkloop_hardware.codec import Codec; print(Codec().protocol_version)"
+    assert call(bin_folder / "python", "-c", code, cwd=elsewhere).strip() == "1"
     call(bin_folder / "inkloop", "run", "mine.toml", "--out", "run", cwd=elsewhere)
     assert Result.load(elsewhere / "run").metrics()["layers"] >= 3
