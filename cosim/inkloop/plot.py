@@ -176,8 +176,12 @@ def materials(run: xr.Dataset, name: str) -> Figure:
 def solids(runs: Runs) -> Figure:
     """What is left of prints in two inks when ink B, the support, is washed away; upright stretched."""
     figure = _figure(2.6)
-    for axes, (name, run) in zip(figure.subplots(1, len(runs), squeeze=False)[0], runs.items(), strict=True):
-        axes.imshow(view(voxels(run) == 1, SOLID_UPRIGHT), origin="lower", cmap="gray", vmin=0, vmax=1)
+    views = [view(voxels(run) == 1, SOLID_UPRIGHT) for run in runs.values()]
+    seen = np.logical_or.reduce([~np.isnan(image) for image in views])
+    frame = np.ix_(seen.any(1), seen.any(0))  # one for all, so that sizes can be compared
+    columns = figure.subplots(1, len(runs), squeeze=False)[0]
+    for axes, image, (name, run) in zip(columns, views, runs.items(), strict=True):
+        axes.imshow(image[frame], origin="lower", cmap="gray", vmin=0, vmax=1)
         axes.set_title(f"{name}\nmismatch {float(run.mismatch):.1%}")
         axes.set_axis_off()
     return figure

@@ -35,7 +35,7 @@ def view(solid: NDArray[np.bool_], upright: float, *, azimuth_deg: float = -60.0
         hit = map_coordinates(density, points.T, order=1, cval=0.0) > 0.5
         image.ravel()[open_rays[hit]] = _brightness(density, points[hit], scale)
         seen.ravel()[open_rays[hit]] = True
-    return image[np.ix_(seen.any(1), seen.any(0))] if seen.any() else image
+    return image
 
 
 def _axes(azimuth: float, elevation: float) -> tuple[NDArray[np.float64], ...]:
