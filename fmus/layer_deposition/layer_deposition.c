@@ -1,12 +1,11 @@
+#include "droplet_volume.h"
 #include "layer_map.h"
-#include "random.h"
 #include "variables.h"
 
 #include <math.h>
 #include <string.h>
 
 enum { IDLE, BUSY };
-enum { PER_DROPLET = 1, PER_CELL, PER_LAYER, PER_CELL_AND_LAYER };
 enum { COLOURS = 4 };
 static const double ROUNDING = 1e-6; /* of a duration: importers' times carry rounding */
 
@@ -24,32 +23,18 @@ static double mean(const double *values, size_t count) {
     return sum / (double)count;
 }
 
-/* Volume of the droplet on a cell, in nominal drops: their number, times the factor of the layer, times
- * 1 - U[0, variation] of its kind and 1 - U[0, nozzle_variation] of its nozzle. */
-static double factor_of(const LayerDepositionVariables *v, size_t cell, int32_t layer) {
-    const int64_t kind = *v->variation_kind;
-    const double amplitude = *v->variation;
-    const int32_t seed = *v->seed;
-    double factor = *v->captured_volume * v->captured_level[cell];
-    if (amplitude > 0.0) {
-        if (kind == PER_DROPLET)
-            factor *= 1.0 - amplitude * random_uniform(seed, STREAM_DROPLET, cell, layer);
-        if (kind == PER_CELL || kind == PER_CELL_AND_LAYER)
-            factor *= 1.0 - amplitude * random_uniform(seed, STREAM_CELL, cell, 0);
-        if (kind == PER_LAYER || kind == PER_CELL_AND_LAYER)
-            factor *= 1.0 - amplitude * random_uniform(seed, STREAM_LAYER, 0, layer);
-    }
-    if (*v->nozzle_variation > 0.0) {
-        const uint64_t nozzle = cell % *v->ny % (uint64_t)*v->nozzle_pitch;
-        factor *= 1.0 - *v->nozzle_variation * random_uniform(seed, STREAM_NOZZLE, nozzle, 0);
-    }
-    return factor;
-}
-
+/* Volumes in nominal drops: their number, times the factor of the layer, times what varies. */
 static void draw_factors(const LayerDepositionVariables *v, int32_t layer) {
-    for (size_t cell = 0; cell < cell_count(v); cell++)
+    const VolumeVariation how = {.variation = *v->variation,
+                                 .kind = (VariationKind)*v->variation_kind,
+                                 .nozzle_variation = *v->nozzle_variation,
+                                 .nozzle_pitch = *v->nozzle_pitch,
+                                 .seed = *v->seed};
+    for (size_t cell = 0; cell < cell_count(v); cell++) {
+        const double nominal = *v->captured_volume * v->captured_level[cell];
         if (v->captured[cell] != 0)
-            v->factor[cell] = factor_of(v, cell, layer);
+            v->factor[cell] = droplet_volume(&how, nominal, (size_t)*v->ny, cell, layer);
+    }
 }
 
 static void count_droplets(const LayerDepositionVariables *v) {

@@ -1,8 +1,6 @@
-#include "random.h"
-#include "scan.h"
+#include "reading.h"
 #include "variables.h"
 
-#include <math.h>
 #include <string.h>
 
 enum { IDLE, BUSY };
@@ -13,45 +11,22 @@ static size_t cell_count(const ProfileSensorVariables *v) {
     return (size_t)(*v->nx * *v->ny);
 }
 
-static double noise_at(const ProfileSensorVariables *v, size_t cell, double common) {
-    if (*v->noise_std == 0.0)
-        return 0.0;
-    const double white = random_normal(*v->seed, STREAM_WHITE_NOISE, cell, *v->scans);
-    return *v->noise_std * (sqrt(*v->noise_correlation) * common + sqrt(1.0 - *v->noise_correlation) * white);
-}
-
-static bool is_lost(const ProfileSensorVariables *v, size_t cell, double slope) {
-    if (*v->dropout_slope > 0.0 && slope > *v->dropout_slope)
-        return true;
-    return *v->dropout_rate > 0.0 && random_uniform(*v->seed, STREAM_DROPOUT, cell, *v->scans) < *v->dropout_rate;
-}
-
-/* The plane and the offset that a badly set up sensor adds at cell (i, j). */
-static double set_up_error(const ProfileSensorVariables *v, size_t i, size_t j) {
-    const double x = ((double)i - 0.5 * (double)(*v->nx - 1)) * *v->pitch;
-    const double y = ((double)j - 0.5 * (double)(*v->ny - 1)) * *v->pitch;
-    return *v->tilt_x * x + *v->tilt_y * y + *v->bias + *v->drift_rate * *v->scans;
-}
-
-/* Reading of the captured surface, in the order of the hardware: spot, slope, noise, drop-out, tilt, bias, steps. */
 static void publish_scan(const ProfileSensorVariables *v) {
-    const size_t nx = (size_t)*v->nx, ny = (size_t)*v->ny;
-    average_over_spot(v->captured, v->spot, v->lines, nx, ny, *v->pitch, *v->spot_radius);
-    const double common = random_normal(*v->seed, STREAM_COMMON_NOISE, 0, *v->scans);
-    for (size_t i = 0; i < nx; i++) {
-        for (size_t j = 0; j < ny; j++) {
-            const size_t cell = i * ny + j;
-            const double slope = slope_at(v->spot, nx, ny, i, j, *v->pitch);
-            const double sine_of_double_angle = 2.0 * slope / (1.0 + slope * slope);
-            double reading = v->spot[cell] + *v->slope_bias * sine_of_double_angle + noise_at(v, cell, common);
-            reading += set_up_error(v, i, j);
-            if (*v->resolution > 0.0)
-                reading = rint(reading / *v->resolution) * *v->resolution;
-            v->valid[cell] = !is_lost(v, cell, slope);
-            if (v->valid[cell])
-                v->measured_height[cell] = reading;
-        }
-    }
+    const Instrument instrument = {.pitch = *v->pitch,
+                                   .noise_std = *v->noise_std,
+                                   .noise_correlation = *v->noise_correlation,
+                                   .resolution = *v->resolution,
+                                   .bias = *v->bias,
+                                   .drift_rate = *v->drift_rate,
+                                   .tilt_x = *v->tilt_x,
+                                   .tilt_y = *v->tilt_y,
+                                   .spot_radius = *v->spot_radius,
+                                   .slope_bias = *v->slope_bias,
+                                   .dropout_slope = *v->dropout_slope,
+                                   .dropout_rate = *v->dropout_rate,
+                                   .seed = *v->seed};
+    read_surface(&instrument, v->captured, (size_t)*v->nx, (size_t)*v->ny, *v->scans, v->spot, v->lines,
+                 v->measured_height, v->valid);
     *v->layers_scanned = *v->captured_layer;
     *v->scans += 1;
     *v->status = IDLE;

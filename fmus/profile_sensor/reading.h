@@ -1,0 +1,21 @@
+/* What a profile sensor says of a surface, with all its errors. A grid is nx * ny cells in C order. */
+#ifndef INKLOOP_READING_H
+#define INKLOOP_READING_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* Lengths in m; what each means: variables.toml. */
+typedef struct {
+    double pitch, noise_std, noise_correlation, resolution, bias, drift_rate, tilt_x, tilt_y, spot_radius, slope_bias,
+        dropout_slope, dropout_rate;
+    int32_t seed;
+} Instrument;
+
+/* Scan number `scan` (from 0) of `surface`: a reading for each valid cell, the others are left alone. `spot` and
+ * `lines` are room for one grid each. */
+void read_surface(const Instrument *instrument, const double *surface, size_t nx, size_t ny, int32_t scan, double *spot,
+                  double *lines, double *reading, bool *valid);
+
+#endif
