@@ -1,0 +1,59 @@
+/* What a node needs of the board it runs on. Every call returns at once; the node asks again at its next tick.
+ *
+ * The core never sends a frame and never reads a clock: its caller does, and passes bytes and milliseconds in. */
+#ifndef INKLOOP_HAL_H
+#define INKLOOP_HAL_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "pattern.h"
+
+/* Wired inputs, seen by every node: the cure lamp and the head must each know what the other does without the bus. */
+enum {
+    LINE_GATE_CLOSED = 1, /* end switch: the gate between lamp and nozzles is closed */
+    LINE_GATE_OPEN = 2,   /* end switch: it is open; neither: it is on its way, or broken */
+    LINE_LAMP_ON = 4,     /* current of the cure lamp */
+    LINE_READY = 8,       /* ink temperature and back pressure are in their ranges */
+    LINE_HOMED = 16       /* the stage knows where it is */
+};
+
+typedef enum { WORK_HOME, WORK_MOVE, WORK_PURGE, WORK_JET, WORK_SCAN } WorkKind;
+typedef enum { WORK_RUNNING, WORK_FINISHED, WORK_FAILED } WorkProgress;
+
+typedef struct {
+    WorkKind kind;
+    bool dry;               /* move, but jet nothing */
+    uint8_t colour;         /* WORK_JET: jet cells (i, j) with 2 * (i % 2) + j % 2 equal to this, 255: all */
+    uint8_t station;        /* WORK_MOVE: 0 home, 1 print, 2 cure, 3 scan */
+    uint16_t layer;         /* counted from 1 */
+    const Pattern *pattern; /* WORK_JET */
+} Work;
+
+typedef struct {
+    uint16_t nx, ny, lsb_nm; /* cells; value of one step of a reading [nm] */
+    int32_t datum;           /* steps to add to every reading */
+} MapShape;
+
+typedef struct {
+    void *context; /* first argument of all of these */
+
+    /* Non-volatile memory: `sectors` of `sector_bytes`, 0xFF where erased. A write may be torn by a power failure. */
+    uint32_t sectors, sector_bytes;
+    bool (*storage_read)(void *context, uint32_t offset, uint8_t *to, uint32_t length);
+    bool (*storage_write)(void *context, uint32_t offset, const uint8_t *from, uint32_t length);
+    bool (*storage_erase)(void *context, uint32_t sector);
+
+    void (*set_lamp)(void *context, bool on);
+    void (*set_gate)(void *context, bool open);
+    uint32_t (*lines)(void *context); /* LINE_... that are true now */
+
+    bool (*begin)(void *context, const Work *work); /* false: cannot be begun */
+    WorkProgress (*progress)(void *context);        /* of the work begun last */
+    void (*halt)(void *context);                    /* no jetting, stage held, work given up */
+
+    MapShape (*map_shape)(void *context);                                /* of the last finished scan */
+    bool (*map_reading)(void *context, uint32_t cell, int16_t *reading); /* false: no valid reading */
+} Hal;
+
+#endif

@@ -1,0 +1,241 @@
+#include "bench.h"
+
+#include <math.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "board.h"
+
+typedef enum { REAL, COUNT16, COUNT32, SIGNED32, KIND, FLAG } Type;
+
+typedef struct {
+    const char *name;
+    Type type;
+    size_t at;
+} Option;
+
+#define WORLD(member) offsetof(BenchOptions, world.member)
+static const Option OPTIONS[] = {
+    {"nx", COUNT16, WORLD(nx)},
+    {"ny", COUNT16, WORLD(ny)},
+    {"h1_a", REAL, WORLD(ink[0].h1)},
+    {"h2_a", REAL, WORLD(ink[0].h2)},
+    {"h3_a", REAL, WORLD(ink[0].h3)},
+    {"h1_b", REAL, WORLD(ink[1].h1)},
+    {"h2_b", REAL, WORLD(ink[1].h2)},
+    {"h3_b", REAL, WORLD(ink[1].h3)},
+    {"variation", REAL, WORLD(variation.variation)},
+    {"variation_kind", KIND, WORLD(variation.kind)},
+    {"nozzle_variation", REAL, WORLD(variation.nozzle_variation)},
+    {"nozzle_pitch", SIGNED32, WORLD(variation.nozzle_pitch)},
+    {"printer_seed", SIGNED32, WORLD(variation.seed)},
+    {"pitch", REAL, WORLD(instrument.pitch)},
+    {"noise_std", REAL, WORLD(instrument.noise_std)},
+    {"noise_correlation", REAL, WORLD(instrument.noise_correlation)},
+    {"resolution", REAL, WORLD(instrument.resolution)},
+    {"bias", REAL, WORLD(instrument.bias)},
+    {"drift_rate", REAL, WORLD(instrument.drift_rate)},
+    {"tilt_x", REAL, WORLD(instrument.tilt_x)},
+    {"tilt_y", REAL, WORLD(instrument.tilt_y)},
+    {"spot_radius", REAL, WORLD(instrument.spot_radius)},
+    {"slope_bias", REAL, WORLD(instrument.slope_bias)},
+    {"dropout_slope", REAL, WORLD(instrument.dropout_slope)},
+    {"dropout_rate", REAL, WORLD(instrument.dropout_rate)},
+    {"sensor_seed", SIGNED32, WORLD(instrument.seed)},
+    {"pass_ms", COUNT32, WORLD(pass_ms)},
+    {"scan_ms", COUNT32, WORLD(scan_ms)},
+    {"home_ms", COUNT32, WORLD(home_ms)},
+    {"move_ms", COUNT32, WORLD(move_ms)},
+    {"purge_ms", COUNT32, WORLD(purge_ms)},
+    {"gate_ms", COUNT32, WORLD(gate_ms)},
+    {"lamp_limit_ms", COUNT32, offsetof(BenchOptions, limits.lamp)},
+    {"one_node", FLAG, offsetof(BenchOptions, one_node)},
+};
+
+static const char *const NAMES[BENCH_NODES] = {"head", "stage", "cure", "profiler"};
+static const uint8_t ROLES[BENCH_NODES] = {ROLE_HEAD, ROLE_STAGE, ROLE_CURE, ROLE_PROFILER};
+enum { ALL_ROLES = ROLE_HEAD | ROLE_STAGE | ROLE_CURE | ROLE_PROFILER };
+static const char SURFACE_MAGIC[8] = "INKSURF1";
+
+BenchOptions bench_defaults(void) {
+    return (BenchOptions){.world = world_defaults(), .limits = NODE_LIMITS};
+}
+
+static bool store(void *to, Type type, double value) {
+    if (type == REAL) {
+        *(double *)to = value;
+        return isfinite(value);
+    }
+    if (value != rint(value) || fabs(value) > INT32_MAX || (value < 0.0 && type != SIGNED32))
+        return false;
+    switch (type) {
+    case COUNT16:
+        *(uint16_t *)to = (uint16_t)value;
+        return value >= 1.0 && value <= UINT16_MAX;
+    case COUNT32:
+        *(uint32_t *)to = (uint32_t)value;
+        return true;
+    case SIGNED32:
+        *(int32_t *)to = (int32_t)value;
+        return true;
+    case KIND:
+        *(VariationKind *)to = (VariationKind)value;
+        return value >= PER_DROPLET && value <= PER_CELL_AND_LAYER;
+    default:
+        *(bool *)to = value != 0.0;
+        return value <= 1.0;
+    }
+}
+
+bool bench_set(BenchOptions *options, const char *name, double value) {
+    for (size_t k = 0; k < sizeof OPTIONS / sizeof *OPTIONS; k++)
+        if (strcmp(OPTIONS[k].name, name) == 0)
+            return store((char *)options + OPTIONS[k].at, OPTIONS[k].type, value);
+    return false;
+}
+
+static const char *fault_of(const BenchOptions *options) {
+    const WorldOptions *world = &options->world;
+    const double nanometres = world->instrument.resolution * 1e9;
+    if ((uint32_t)world->nx * world->ny > PATTERN_CELLS_MAX)
+        return "nx * ny is above 1000000 cells, the largest pattern of the protocol";
+    if (nanometres < 0.5 || nanometres > UINT16_MAX || fabs(nanometres - rint(nanometres)) > 1e-6)
+        return "resolution is not a whole number of nanometres from 1 to 65535: a map on the bus has such steps";
+    if (world->variation.nozzle_pitch < 1)
+        return "nozzle_pitch is below 1";
+    return NULL;
+}
+
+static size_t surface_bytes(const Bench *bench) {
+    return (size_t)bench->options.world.nx * bench->options.world.ny * sizeof(double);
+}
+
+bool bench_keep_surface(const Bench *bench) {
+    if (bench->surface_path[0] == '\0')
+        return true;
+    char temporary[sizeof bench->surface_path + 4];
+    snprintf(temporary, sizeof temporary, "%s.new", bench->surface_path);
+    FILE *file = fopen(temporary, "wb");
+    if (!file)
+        return false;
+    const int32_t head[3] = {bench->options.world.nx, bench->options.world.ny, bench->world.scans};
+    const bool written = fwrite(SURFACE_MAGIC, 1, sizeof SURFACE_MAGIC, file) == sizeof SURFACE_MAGIC &&
+                         fwrite(head, 1, sizeof head, file) == sizeof head &&
+                         fwrite(bench->world.height, 1, surface_bytes(bench), file) == surface_bytes(bench);
+    if (fclose(file) != 0 || !written)
+        return false;
+#ifdef _WIN32
+    remove(bench->surface_path); /* rename does not replace a file there */
+#endif
+    return rename(temporary, bench->surface_path) == 0;
+}
+
+/* A surface that is there is gone on with. */
+static const char *load_surface(Bench *bench) {
+    FILE *file = fopen(bench->surface_path, "rb");
+    if (!file)
+        return NULL;
+    char magic[sizeof SURFACE_MAGIC];
+    int32_t head[3] = {0};
+    const bool known = fread(magic, 1, sizeof magic, file) == sizeof magic &&
+                       memcmp(magic, SURFACE_MAGIC, sizeof magic) == 0 &&
+                       fread(head, 1, sizeof head, file) == sizeof head;
+    const bool fits = known && head[0] == bench->options.world.nx && head[1] == bench->options.world.ny;
+    const bool whole = fits && fread(bench->world.height, 1, surface_bytes(bench), file) == surface_bytes(bench);
+    fclose(file);
+    bench->world.scans = head[2];
+    if (!known)
+        return "surface.bin is no surface of a bench; choose another folder or remove it";
+    if (!fits)
+        return "surface.bin has another number of cells than nx and ny say; choose another folder or remove it";
+    return whole ? NULL : "surface.bin is cut off; remove it and the journals to begin anew";
+}
+
+static const char *open_files(Bench *bench, const char *folder) {
+    char path[sizeof bench->surface_path];
+    for (int node = 0; node < bench_node_count(bench); node++) {
+        const int length = snprintf(path, sizeof path, "%s/journal-%s.bin", folder, NAMES[node]);
+        if (length < 0 || (size_t)length >= sizeof path || !board_open_file(&bench->board[node], path))
+            return "a journal could not be opened or made in the folder";
+    }
+    snprintf(bench->surface_path, sizeof bench->surface_path, "%s/surface.bin", folder);
+    return load_surface(bench);
+}
+
+static void join(Bench *bench) {
+    for (int node = 0; node < BENCH_NODES; node++) {
+        Board *board = &bench->board[node];
+        board->bench = bench;
+        board->torn_at = -1;
+        memset(board->storage, 0xFF, sizeof board->storage);
+        bench->hal[node] = board_hal(board);
+    }
+}
+
+Bench *bench_create(const BenchOptions *options, const char *folder, char *why, size_t room) {
+    const char *fault = fault_of(options);
+    Bench *bench = fault ? NULL : calloc(1, sizeof *bench);
+    if (bench) {
+        const uint32_t cells = (uint32_t)options->world.nx * options->world.ny;
+        bench->options = *options;
+        bench->pattern_bytes = (2 * cells + 7) / 8;
+        bench->pattern_memory = malloc(bench->pattern_bytes);
+        const bool complete = bench->pattern_memory && world_create(&bench->world, &options->world);
+        join(bench);
+        fault = complete ? NULL : "there is no memory for a grid of this size";
+        if (complete && folder)
+            fault = open_files(bench, folder);
+    } else if (!fault) {
+        fault = "there is no memory";
+    }
+    if (!fault)
+        return bench;
+    snprintf(why, room, "%s", fault);
+    bench_delete(bench);
+    return NULL;
+}
+
+void bench_delete(Bench *bench) {
+    if (!bench)
+        return;
+    for (int node = 0; node < BENCH_NODES; node++)
+        if (bench->board[node].file)
+            fclose(bench->board[node].file);
+    world_delete(&bench->world);
+    free(bench->pattern_memory);
+    free(bench);
+}
+
+int bench_node_count(const Bench *bench) {
+    return bench->options.one_node ? 1 : BENCH_NODES;
+}
+
+void bench_power_up(Bench *bench, int node, uint32_t now) {
+    const bool head = node == BENCH_HEAD;
+    const NodeOptions options = {.roles = bench->options.one_node ? ALL_ROLES : ROLES[node],
+                                 .limits = bench->options.limits,
+                                 .pattern_memory = head ? bench->pattern_memory : NULL,
+                                 .pattern_bytes = head ? bench->pattern_bytes : 0};
+    world_tick(&bench->world, now);
+    bench->board[node].torn_at = -1;
+    node_init(&bench->node[node], &options, &bench->hal[node], now);
+}
+
+void bench_tick(Bench *bench, uint32_t now) {
+    world_tick(&bench->world, now);
+    for (int node = 0; node < bench_node_count(bench); node++)
+        node_tick(&bench->node[node], now);
+}
+
+Node *bench_node(Bench *bench, int node) {
+    return &bench->node[node];
+}
+
+World *bench_world(Bench *bench) {
+    return &bench->world;
+}
+
+Board *bench_board(Bench *bench, int node) {
+    return &bench->board[node];
+}

@@ -1,0 +1,70 @@
+/* The four nodes of the emulated bench on one world, and the HAL that joins them.
+ *
+ * All memory is taken by bench_create. With a folder, journals and surface are files there that outlive the process:
+ * journal-head.bin, journal-stage.bin, journal-cure.bin, journal-profiler.bin, surface.bin. */
+#ifndef INKLOOP_BENCH_H
+#define INKLOOP_BENCH_H
+
+#include <stdio.h>
+
+#include "node.h"
+#include "world.h"
+
+enum { BENCH_HEAD, BENCH_STAGE, BENCH_CURE, BENCH_PROFILER, BENCH_NODES };
+enum { BENCH_SECTORS = 4, BENCH_SECTOR_BYTES = 4096, BENCH_STORAGE_BYTES = BENCH_SECTORS * BENCH_SECTOR_BYTES };
+
+typedef struct Bench Bench;
+
+/* What stands behind one node's HAL. */
+typedef struct {
+    Bench *bench;
+    uint8_t storage[BENCH_STORAGE_BYTES];
+    FILE *file;      /* NULL: memory only */
+    int32_t torn_at; /* >= 0: the next write ends after so many bytes, as in a power failure */
+    Work work;
+    bool working;
+    uint32_t work_began;
+} Board;
+
+typedef struct {
+    WorldOptions world;
+    NodeLimits limits;
+    bool one_node; /* the first node has all four roles, and the others stay off */
+} BenchOptions;
+
+struct Bench {
+    BenchOptions options;
+    World world;
+    Board board[BENCH_NODES];
+    Hal hal[BENCH_NODES];
+    Node node[BENCH_NODES];
+    uint8_t *pattern_memory;
+    uint32_t pattern_bytes;
+    char surface_path[4096]; /* "": not kept */
+};
+
+BenchOptions bench_defaults(void);
+
+/* Sets an option by its name, as variables.toml of the FMUs has it, SI; also pass_ms, scan_ms, home_ms, move_ms,
+ * purge_ms, gate_ms, one_node, lamp_limit_ms. False: no such name, or not a value for it. */
+bool bench_set(BenchOptions *options, const char *name, double value);
+
+/* NULL: no memory, or a file in `folder` could not be made or belongs to another grid; `why` says so. */
+Bench *bench_create(const BenchOptions *options, const char *folder, char *why, size_t room);
+void bench_delete(Bench *bench);
+
+/* Power-up of a node; what it is doing ends as in a power failure. */
+void bench_power_up(Bench *bench, int node, uint32_t now);
+
+/* Time goes on for the world and every node. */
+void bench_tick(Bench *bench, uint32_t now);
+
+/* Writes the surface to its file, if it has one: before anybody says that a pass is done. False: it could not be. */
+bool bench_keep_surface(const Bench *bench);
+
+Node *bench_node(Bench *bench, int node);
+int bench_node_count(const Bench *bench);
+World *bench_world(Bench *bench);
+Board *bench_board(Bench *bench, int node);
+
+#endif

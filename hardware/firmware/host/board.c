@@ -1,0 +1,153 @@
+#include "board.h"
+
+#include <string.h>
+
+static bool write_through(Board *board, uint32_t offset, uint32_t length) {
+    if (!board->file)
+        return true;
+    return fseek(board->file, (long)offset, SEEK_SET) == 0 &&
+           fwrite(board->storage + offset, 1, length, board->file) == length && fflush(board->file) == 0;
+}
+
+static bool storage_read(void *context, uint32_t offset, uint8_t *to, uint32_t length) {
+    const Board *board = context;
+    if (offset > BENCH_STORAGE_BYTES || length > BENCH_STORAGE_BYTES - offset)
+        return false;
+    memcpy(to, board->storage + offset, length);
+    return true;
+}
+
+static bool storage_write(void *context, uint32_t offset, const uint8_t *from, uint32_t length) {
+    Board *board = context;
+    if (offset > BENCH_STORAGE_BYTES || length > BENCH_STORAGE_BYTES - offset)
+        return false;
+    const bool torn = board->torn_at >= 0 && (uint32_t)board->torn_at < length;
+    const uint32_t written = torn ? (uint32_t)board->torn_at : length;
+    for (uint32_t k = 0; k < written; k++)
+        board->storage[offset + k] &= from[k]; /* as flash: a bit goes to 0 only */
+    return write_through(board, offset, written) && !torn;
+}
+
+static bool storage_erase(void *context, uint32_t sector) {
+    Board *board = context;
+    if (sector >= BENCH_SECTORS)
+        return false;
+    memset(board->storage + sector * BENCH_SECTOR_BYTES, 0xFF, BENCH_SECTOR_BYTES);
+    return write_through(board, sector * BENCH_SECTOR_BYTES, BENCH_SECTOR_BYTES);
+}
+
+static World *world_of(void *context) {
+    return &((Board *)context)->bench->world;
+}
+
+static void set_lamp(void *context, bool on) {
+    world_set_lamp(world_of(context), on);
+}
+
+static void set_gate(void *context, bool open) {
+    world_set_gate(world_of(context), open);
+}
+
+static uint32_t lines(void *context) {
+    return world_lines(world_of(context));
+}
+
+static uint32_t duration_of(const World *world, WorkKind kind) {
+    const WorldOptions *options = &world->options;
+    switch (kind) {
+    case WORK_HOME:
+        return options->home_ms;
+    case WORK_MOVE:
+        return options->move_ms;
+    case WORK_PURGE:
+        return options->purge_ms;
+    case WORK_JET:
+        return options->pass_ms;
+    default:
+        return options->scan_ms;
+    }
+}
+
+static bool begin(void *context, const Work *work) {
+    Board *board = context;
+    const World *world = world_of(context);
+    const Pattern *pattern = work->pattern;
+    if (board->working ||
+        (work->kind == WORK_JET && (pattern->nx != world->options.nx || pattern->ny != world->options.ny)))
+        return false;
+    board->work = *work;
+    board->working = true;
+    board->work_began = world->now;
+    return true;
+}
+
+/* What the work has done by now: all of it, or the share of it that time allowed. */
+static bool finish(Board *board, double share) {
+    World *world = &board->bench->world;
+    board->working = false;
+    if (board->work.kind == WORK_JET && !board->work.dry)
+        world_jet(world, &board->work, share);
+    if (board->work.kind == WORK_HOME && share >= 1.0)
+        world->homed = true;
+    if (board->work.kind == WORK_SCAN && share >= 1.0)
+        world_scan(world);
+    return bench_keep_surface(board->bench);
+}
+
+static WorkProgress progress(void *context) {
+    Board *board = context;
+    const World *world = world_of(context);
+    if (!board->working || world->broken & BROKEN_WORK_FAILS)
+        return WORK_FAILED;
+    if (world->broken & BROKEN_WORK_HANGS || world->now - board->work_began < duration_of(world, board->work.kind))
+        return WORK_RUNNING;
+    return finish(board, 1.0) ? WORK_FINISHED : WORK_FAILED;
+}
+
+static void halt(void *context) {
+    Board *board = context;
+    const World *world = world_of(context);
+    if (!board->working)
+        return;
+    const double whole = duration_of(world, board->work.kind);
+    const double elapsed = world->now - board->work_began;
+    finish(board, elapsed < whole ? elapsed / whole : 0.999);
+}
+
+static MapShape map_shape(void *context) {
+    return world_map_shape(world_of(context));
+}
+
+static bool map_reading(void *context, uint32_t cell, int16_t *reading) {
+    return world_map_reading(world_of(context), cell, reading);
+}
+
+Hal board_hal(Board *board) {
+    return (Hal){.context = board,
+                 .sectors = BENCH_SECTORS,
+                 .sector_bytes = BENCH_SECTOR_BYTES,
+                 .storage_read = storage_read,
+                 .storage_write = storage_write,
+                 .storage_erase = storage_erase,
+                 .set_lamp = set_lamp,
+                 .set_gate = set_gate,
+                 .lines = lines,
+                 .begin = begin,
+                 .progress = progress,
+                 .halt = halt,
+                 .map_shape = map_shape,
+                 .map_reading = map_reading};
+}
+
+bool board_open_file(Board *board, const char *path) {
+    board->file = fopen(path, "r+b");
+    const bool found = board->file != NULL;
+    if (!found)
+        board->file = fopen(path, "w+b");
+    if (!board->file)
+        return false;
+    if (found && fread(board->storage, 1, BENCH_STORAGE_BYTES, board->file) == BENCH_STORAGE_BYTES)
+        return true;
+    memset(board->storage, 0xFF, BENCH_STORAGE_BYTES); /* new, or its first writing was interrupted */
+    return write_through(board, 0, BENCH_STORAGE_BYTES);
+}

@@ -1,0 +1,70 @@
+/* What lies under the emulated nodes: a substrate, droplets, a gate, a lamp, a stage and a profile sensor.
+ *
+ * Surface and readings are those of the FMUs LayerDeposition and ProfileSensor, from the same kernels. Not modelled:
+ * heat, cure dose, ink that is still wet, a stage that loses steps; a pass that ends midway has printed the lines along
+ * x that its share of the time reached. */
+#ifndef INKLOOP_WORLD_H
+#define INKLOOP_WORLD_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "droplet_volume.h"
+#include "hal.h"
+#include "layer_map.h"
+#include "reading.h"
+
+enum { /* what can be broken, one bit each */
+       BROKEN_GATE_STAYS_OPEN = 1,
+       BROKEN_GATE_STAYS_CLOSED = 2,
+       BROKEN_LAMP_STAYS_ON = 4,
+       BROKEN_NOT_READY = 8,
+       BROKEN_WORK_FAILS = 16,
+       BROKEN_WORK_HANGS = 32
+};
+
+typedef struct {
+    uint16_t nx, ny;
+    Ink ink[2];
+    VolumeVariation variation;
+    Instrument instrument; /* resolution > 0: one step of a reading, a whole number of nanometres */
+    uint32_t pass_ms, scan_ms, home_ms, move_ms, purge_ms, gate_ms;
+} WorldOptions;
+
+typedef struct {
+    WorldOptions options;
+    double *height; /* (nx, ny) [m], the surface as it is */
+    double *before, *factor, *spot, *lines, *reading;
+    int32_t *jetted;
+    bool *valid;
+    double datum;  /* steps to add to every reading of the last scan */
+    int32_t scans; /* finished */
+    uint64_t droplets;
+    uint32_t now, broken;
+    bool gate_driven, lamp_driven, homed;
+    uint32_t gate_since;
+    uint32_t gate_openings, lamp_pulses;
+    uint32_t lamp_with_gate; /* ticks in which the lamp was on and the gate not closed: must stay 0 */
+} World;
+
+/* The inks of Lu et al. 2015, an exact sensor of 0.1 um, 9 x 9 cells, short mechanical times. */
+WorldOptions world_defaults(void);
+
+/* False: no memory. */
+bool world_create(World *world, const WorldOptions *options);
+void world_delete(World *world);
+void world_tick(World *world, uint32_t now);
+
+uint32_t world_lines(const World *world);
+void world_set_gate(World *world, bool open);
+void world_set_lamp(World *world, bool on);
+
+/* Prints the share (0 to 1) of a pass that lies on the first lines. */
+void world_jet(World *world, const Work *work, double share);
+void world_scan(World *world);
+
+MapShape world_map_shape(const World *world);
+bool world_map_reading(const World *world, uint32_t cell, int16_t *reading);
+
+#endif

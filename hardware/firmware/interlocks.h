@@ -1,0 +1,31 @@
+/* What a node enforces by itself, whatever it was asked: the lamp only with the gate confirmed closed and never longer
+ * than its limit, nothing energised without a living master that enables it, and off means off. */
+#ifndef INKLOOP_INTERLOCKS_H
+#define INKLOOP_INTERLOCKS_H
+
+#include "node.h"
+
+/* Lamp off, gate closed, jets off, stage held. */
+void interlocks_all_off(Node *node);
+
+/* Looks at everything that can go wrong by itself; at each tick, before anything else. */
+void interlocks_watch(Node *node);
+
+/* The lamp goes on only through here; false, and nothing done, unless the gate is confirmed closed. */
+bool interlocks_lamp_on(Node *node);
+void interlocks_lamp_off(Node *node);
+
+/* The gate opens only through here; false, and nothing done, while the lamp is on. */
+bool interlocks_gate_open(Node *node);
+void interlocks_gate_close(Node *node);
+
+/* Whether the master lives and allows all of `enables`. */
+bool interlocks_enabled(const Node *node, uint8_t enables);
+
+/* Whether a wired input is true. */
+bool interlocks_line(const Node *node, uint32_t line);
+
+/* A master lives, and it is the only one. */
+bool interlocks_one_master(const Node *node);
+
+#endif

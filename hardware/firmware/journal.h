@@ -1,0 +1,68 @@
+/* What a node must not forget: a ring of records in non-volatile memory.
+ *
+ * Every record carries the whole book (which layer, which passes) besides what happened, so that the newest readable
+ * record alone says where the node is. An INTENT is written before anything is energised, a DONE after it ended; an
+ * INTENT that is the newest record at power-up is a step whose outcome nobody knows. A torn record fails its CRC and
+ * counts as never written: nothing had been energised then (INTENT), or the outcome is unknown (DONE). */
+#ifndef INKLOOP_JOURNAL_H
+#define INKLOOP_JOURNAL_H
+
+#include "hal.h"
+
+enum { RECORD_BYTES = 40, PASSES_MAX = 4 };
+
+typedef enum {
+    RECORD_BOOT = 1, /* power-up; its book holds what became unknown */
+    RECORD_PATTERN,  /* a pattern was verified: layer, passes and CRC of the book are its */
+    RECORD_INTENT,   /* a step begins */
+    RECORD_DONE,     /* it has ended as it should */
+    RECORD_UNKNOWN,  /* it was given up midway */
+    RECORD_CLEAR     /* a person has released the node */
+} RecordKind;
+
+typedef enum { STEP_NONE, STEP_HOME, STEP_MOVE, STEP_PURGE, STEP_PASS, STEP_CURE, STEP_SCAN } StepKind;
+
+enum {
+    BOOK_ABANDONED = 1,    /* the layer is not to be finished */
+    BOOK_CURE_UNKNOWN = 2, /* a cure was given up midway and not repeated yet */
+    BOOK_ACKNOWLEDGED = 4  /* a person knows of the unknown step */
+};
+
+typedef struct {
+    uint32_t job;
+    uint16_t layer;
+    uint32_t pattern_crc;
+    uint8_t passes;  /* of the layer; 0: no pattern belongs to it */
+    uint8_t done;    /* bit p: pass p was jetted */
+    uint8_t unknown; /* bit p: pass p was begun, and nobody knows how far it came */
+    uint8_t cured;   /* bit p: pass p was cured */
+    uint8_t flags;   /* BOOK_... */
+    uint16_t boots;
+} Book;
+
+typedef struct {
+    uint32_t number; /* counts up from 1 over the whole life */
+    RecordKind kind;
+    StepKind step;
+    uint8_t pass, attempt;
+    Book book;
+    uint32_t time_ms; /* since power-up */
+} Record;
+
+typedef struct {
+    const Hal *hal;
+    uint32_t next; /* slot of the next record */
+    Record newest; /* number 0: none yet */
+    bool damaged;  /* storage refuses writes: nothing may be energised any more */
+} Journal;
+
+/* Finds the newest record. */
+void journal_open(Journal *journal, const Hal *hal);
+
+/* Appends; numbers the record. False: it could not be written and read back. */
+bool journal_append(Journal *journal, Record record);
+
+/* Reads up to `most` records, newest first, as stored bytes; returns how many. */
+uint32_t journal_read(const Journal *journal, uint8_t *to, uint32_t most);
+
+#endif

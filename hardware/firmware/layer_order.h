@@ -1,0 +1,27 @@
+/* What may come next: which pattern, pass, cure and scan follow from the book of a node. */
+#ifndef INKLOOP_LAYER_ORDER_H
+#define INKLOOP_LAYER_ORDER_H
+
+#include "uds.h"
+
+/* A pass of it was begun, whether or not it came to its end. */
+bool layer_is_begun(const Book *book);
+
+/* All its passes were jetted. */
+bool layer_is_finished(const Book *book);
+
+/* No more will be: a pass is unknown, or a person gave it up. */
+bool layer_is_closed(const Book *book);
+
+/* UDS_OK, or the code that refuses the pattern of a layer. */
+uint8_t order_of_pattern(const Node *node, uint32_t job, uint16_t layer);
+
+/* UDS_OK, or the code that refuses to begin what outcome_of does not know as done. */
+uint8_t order_of_pass(const Node *node, const Key *key);
+uint8_t order_of_cure(const Node *node, const Key *key);
+uint8_t order_of_scan(const Node *node, const Key *key);
+
+/* What the node knows of a pass, cure or scan. */
+Outcome outcome_of(const Node *node, StepKind kind, const Key *key);
+
+#endif

@@ -1,0 +1,179 @@
+#include "routines.h"
+
+#include "bytes.h"
+#include "interlocks.h"
+#include "layer_order.h"
+#include "steps.h"
+
+enum { ROUTINE_HEAD = 4 };
+
+typedef struct {
+    uint16_t routine;
+    StepKind kind; /* STEP_NONE: done at once */
+    uint8_t roles; /* one of them is needed */
+    uint8_t option_bytes;
+} Routine;
+
+static const Routine ROUTINES[] = {
+    {ROUTINE_CLEAR, STEP_NONE, 0xFF, 1},       {ROUTINE_HOME, STEP_HOME, ROLE_STAGE, 0},
+    {ROUTINE_PURGE, STEP_PURGE, ROLE_HEAD, 0}, {ROUTINE_PASS, STEP_PASS, ROLE_HEAD, 1},
+    {ROUTINE_CURE, STEP_CURE, ROLE_CURE, 2},   {ROUTINE_SCAN, STEP_SCAN, ROLE_PROFILER, 0},
+    {ROUTINE_DRY_RUN, STEP_NONE, 0xFF, 1},     {ROUTINE_MOVE, STEP_MOVE, ROLE_STAGE, 1},
+};
+
+static const Routine *find(const Node *node, uint16_t number) {
+    for (size_t k = 0; k < sizeof ROUTINES / sizeof *ROUTINES; k++)
+        if (ROUTINES[k].routine == number && node_has(node, ROUTINES[k].roles))
+            return &ROUTINES[k];
+    return NULL;
+}
+
+static bool same_key(const Key *left, const Key *right) {
+    return left->job == right->job && left->layer == right->layer && left->pass == right->pass &&
+           left->attempt == right->attempt;
+}
+
+static uint8_t clear(Node *node, uint16_t option) {
+    if (option > (CLEAR_OPERATOR | CLEAR_ABANDON))
+        return UDS_OUT_OF_RANGE;
+    const bool released = (option & CLEAR_OPERATOR) != 0;
+    if (node->stop_active || node->journal.damaged || !interlocks_one_master(node))
+        return UDS_CONDITIONS;
+    if ((node->needs_operator || option & CLEAR_ABANDON) && !released)
+        return UDS_CONDITIONS;
+    if (released)
+        node->book.flags |= BOOK_ACKNOWLEDGED;
+    if (option & CLEAR_ABANDON)
+        node->book.flags |= BOOK_ABANDONED;
+    if (released && !node_record(node, RECORD_CLEAR, STEP_NONE, NULL))
+        return UDS_FAILED;
+    node->needs_operator = false;
+    node->cause = CAUSE_NONE;
+    if (node_is_off(node))
+        node->state = NODE_IDLE;
+    return UDS_OK;
+}
+
+static uint8_t set_dry_run(Node *node, uint16_t option) {
+    if (option > 1)
+        return UDS_OUT_OF_RANGE;
+    const bool dry = option == 1;
+    if (node_is_off(node))
+        return UDS_CONDITIONS;
+    if (dry == node->dry)
+        return UDS_OK;
+    if (dry && node->state != NODE_IDLE)
+        return UDS_SEQUENCE;
+    if (dry)
+        node->book_before_dry_run = node->book;
+    else
+        node->book = node->book_before_dry_run;
+    node->dry = dry;
+    node->pattern_loaded = node->scanned = false;
+    node->transfer.active = node->transfer.ended = false;
+    node->state = NODE_IDLE;
+    return UDS_OK;
+}
+
+static uint8_t conditions_of_pass(const Node *node, uint16_t option) {
+    const bool one_pass = node->book.passes == 1;
+    if (one_pass ? option != ALL_COLOURS : option >= COLOUR_COUNT)
+        return UDS_OUT_OF_RANGE;
+    const bool stage = node_has(node, ROLE_STAGE);
+    if (stage && (!interlocks_enabled(node, ENABLE_MOTION) || !interlocks_line(node, LINE_HOMED)))
+        return UDS_CONDITIONS;
+    if (!interlocks_line(node, LINE_READY) || interlocks_line(node, LINE_LAMP_ON))
+        return UDS_CONDITIONS;
+    return node->dry || interlocks_enabled(node, ENABLE_GATE) ? UDS_OK : UDS_CONDITIONS;
+}
+
+static uint8_t conditions_of_cure(const Node *node, uint16_t option) {
+    if (option == 0 || option >= node->options.limits.lamp)
+        return UDS_OUT_OF_RANGE;
+    if (node->gate_driven || !interlocks_line(node, LINE_GATE_CLOSED) || interlocks_line(node, LINE_GATE_OPEN))
+        return UDS_CONDITIONS;
+    return node->dry || interlocks_enabled(node, ENABLE_LAMP) ? UDS_OK : UDS_CONDITIONS;
+}
+
+static uint8_t conditions_of_motion(const Node *node, StepKind kind, uint16_t option) {
+    if (kind == STEP_MOVE && option >= STATION_COUNT)
+        return UDS_OUT_OF_RANGE;
+    if (kind == STEP_PURGE)
+        return interlocks_line(node, LINE_READY) ? UDS_OK : UDS_CONDITIONS;
+    const bool stage = node_has(node, ROLE_STAGE);
+    if (stage && !interlocks_enabled(node, ENABLE_MOTION))
+        return UDS_CONDITIONS;
+    return kind == STEP_HOME || !stage || interlocks_line(node, LINE_HOMED) ? UDS_OK : UDS_CONDITIONS;
+}
+
+/* What forbids to begin now: first the order of the layer, then what is enabled and confirmed. */
+static uint8_t refusal_of(const Node *node, StepKind kind, const Key *key, uint16_t option) {
+    uint8_t code = UDS_OK;
+    if (kind == STEP_PASS)
+        code = order_of_pass(node, key);
+    if (kind == STEP_CURE)
+        code = order_of_cure(node, key);
+    if (kind == STEP_SCAN)
+        code = order_of_scan(node, key);
+    if (code != UDS_OK)
+        return code;
+    if (kind == STEP_PASS)
+        return conditions_of_pass(node, option);
+    return kind == STEP_CURE ? conditions_of_cure(node, option) : conditions_of_motion(node, kind, option);
+}
+
+static Outcome known(const Node *node, const Routine *routine, const Key *key) {
+    if (node->step.kind == routine->kind && routine->kind != STEP_NONE && same_key(&node->step.key, key))
+        return OUTCOME_UNDER_WAY;
+    if (routine->kind == STEP_PASS || routine->kind == STEP_CURE || routine->kind == STEP_SCAN)
+        return outcome_of(node, routine->kind, key);
+    return node->last_routine == routine->routine && same_key(&node->last_key, key) ? OUTCOME_DONE_BEFORE
+                                                                                    : OUTCOME_NEVER;
+}
+
+static size_t start(Node *node, const Routine *routine, const Key *key, uint16_t option, uint8_t *answer) {
+    const Outcome outcome = known(node, routine, key);
+    if (outcome == OUTCOME_UNDER_WAY)
+        return uds_refusal(answer, UDS_ROUTINE_CONTROL, UDS_PENDING);
+    if (outcome == OUTCOME_DONE_BEFORE && routine->kind != STEP_NONE)
+        return uds_routine_answer(answer, UDS_START, routine->routine, outcome, key);
+    if (node->step.kind != STEP_NONE)
+        return uds_refusal(answer, UDS_ROUTINE_CONTROL, UDS_BUSY);
+    uint8_t code = UDS_OK;
+    if (routine->routine == ROUTINE_CLEAR)
+        code = clear(node, option);
+    else if (routine->routine == ROUTINE_DRY_RUN)
+        code = set_dry_run(node, option);
+    else if (node_is_off(node))
+        code = UDS_CONDITIONS;
+    else
+        code = refusal_of(node, routine->kind, key, option);
+    if (code != UDS_OK)
+        return uds_refusal(answer, UDS_ROUTINE_CONTROL, code);
+    if (routine->kind == STEP_NONE)
+        return uds_routine_answer(answer, UDS_START, routine->routine, OUTCOME_DONE, key);
+    node->answer_length = 0;
+    const bool begun = steps_begin(node, routine->kind, routine->routine, key, option);
+    if (!begun)
+        node->answer_length = 0;
+    return uds_refusal(answer, UDS_ROUTINE_CONTROL, begun ? UDS_PENDING : UDS_FAILED);
+}
+
+size_t routine_control(Node *node, const uint8_t *request, size_t length, uint8_t *answer) {
+    if (length < ROUTINE_HEAD)
+        return uds_refusal(answer, UDS_ROUTINE_CONTROL, UDS_LENGTH);
+    if (request[1] != UDS_START && request[1] != UDS_RESULTS)
+        return uds_refusal(answer, UDS_ROUTINE_CONTROL, UDS_SUBFUNCTION_NOT_SUPPORTED);
+    const Routine *routine = find(node, get_u16(request + 2));
+    if (!routine)
+        return uds_refusal(answer, UDS_ROUTINE_CONTROL, UDS_OUT_OF_RANGE);
+    const bool starts = request[1] == UDS_START;
+    if (length != (size_t)ROUTINE_HEAD + KEY_BYTES + (starts ? routine->option_bytes : 0))
+        return uds_refusal(answer, UDS_ROUTINE_CONTROL, UDS_LENGTH);
+    const Key key = uds_key(request + ROUTINE_HEAD);
+    if (!starts)
+        return uds_routine_answer(answer, UDS_RESULTS, routine->routine, known(node, routine, &key), &key);
+    const uint8_t *option = request + ROUTINE_HEAD + KEY_BYTES;
+    const uint16_t value = routine->option_bytes == 2 ? get_u16(option) : routine->option_bytes == 1 ? option[0] : 0;
+    return start(node, routine, &key, value, answer);
+}

@@ -1,0 +1,23 @@
+/* The steps that take time: homing, moving, purging, a pass, a cure, a scan. One at a time. */
+#ifndef INKLOOP_STEPS_H
+#define INKLOOP_STEPS_H
+
+#include "node.h"
+
+/* Begins a step that is allowed now; its INTENT is in the journal before anything is energised. `option`: colour of a
+ * pass, milliseconds of a cure, station of a move. False: nothing was begun, and the node is in FAULT. */
+bool steps_begin(Node *node, StepKind kind, uint16_t routine, const Key *key, uint16_t option);
+
+/* Goes on with it; its answer is ready when it has ended. */
+void steps_continue(Node *node);
+
+/* Forgets it; its answer says that it failed. Actuators are the caller's. */
+void steps_give_up(Node *node);
+
+/* Whether its DONE is in the journal. */
+bool steps_is_done(const Node *node, const Step *step);
+
+/* Droplets are on their way: the gate must be open. */
+bool steps_is_jetting(const Node *node);
+
+#endif

@@ -1,0 +1,21 @@
+/* Download of a pattern and upload of a height map (0x34, 0x35, 0x36, 0x37).
+ *
+ *     34 00 44 layer (4) size (4)   pattern as pattern.h has it; 10 instead of 00: run-length coded. The job is the one
+ *                                   that MasterAlive says
+ *     35 00 44 layer (4) size (4)   the last scan as height_map.h has it
+ *     36 counter bytes...           counter from 1, after 255 comes 0; the newest block may be repeated
+ *     37 crc (4)                    CRC-32 of all bytes as transferred; of an upload: 37 alone, the answer carries it
+ */
+#ifndef INKLOOP_TRANSFER_H
+#define INKLOOP_TRANSFER_H
+
+#include "uds.h"
+
+enum { BLOCK_MAX = 4095 }; /* of 0x36 with its two first bytes: what ISO-TP carries */
+
+size_t transfer_download(Node *node, const uint8_t *request, size_t length, uint8_t *answer);
+size_t transfer_upload(Node *node, const uint8_t *request, size_t length, uint8_t *answer);
+size_t transfer_block(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room);
+size_t transfer_exit(Node *node, const uint8_t *request, size_t length, uint8_t *answer);
+
+#endif

@@ -1,0 +1,65 @@
+"""What a microcontroller can run: no memory taken, no global state, no operating system, the numbers of the DBC."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import cantools
+import pytest
+
+from node_bench import CORE, FIRMWARE, ROOT, STRICT
+
+WIRE = [FIRMWARE / f"{name}.c" for name in ("e2e", "e2e_monitor", "slcan", "isotp")]
+HEADERS = {"stdbool.h", "stddef.h", "stdint.h", "string.h"}
+
+
+def symbols(source: Path, folder: Path) -> list[tuple[str, str]]:
+    """(kind, name) of every symbol of a compiled file."""
+    compiled = folder / f"{source.stem}.o"
+    subprocess.run(["gcc", *STRICT, f"-I{FIRMWARE}", "-c", source, "-o", compiled], check=True)
+    listed = subprocess.run(["nm", compiled], capture_output=True, text=True, check=True).stdout
+    return [(line.split()[-2], line.split()[-1]) for line in listed.splitlines()]
+
+
+def test_firmware_asks_for_nothing_but_bytes_to_be_copied(tmp_path: Path) -> None:
+    """So it takes no memory after it was linked, and reads no clock and no file."""
+    found = [symbol for source in (*CORE, *WIRE) for symbol in symbols(source, tmp_path)]
+    defined = {name for kind, name in found if kind != "U"}
+    asked = {name for kind, name in found if kind == "U"} - defined - {"_GLOBAL_OFFSET_TABLE_"}
+    assert "node_tick" in defined
+    assert asked <= {"memcpy", "memset", "memcmp", "memmove", "__stack_chk_fail"}
+
+
+def test_firmware_has_no_global_that_changes(tmp_path: Path) -> None:
+    for source in (*CORE, *WIRE):
+        assert not [name for kind, name in symbols(source, tmp_path) if kind in "BbDdCGgSs"], source
+
+
+def test_firmware_includes_itself_and_the_freestanding_headers_only() -> None:
+    own = {path.name for path in FIRMWARE.glob("*.h")}
+    for source in (*CORE, *WIRE, *FIRMWARE.glob("*.h")):
+        found = set(re.findall(r'#\s*include\s*[<"]([^">]+)', source.read_text(encoding="utf-8")))
+        assert found <= own | HEADERS, source
+
+
+def test_every_source_of_the_firmware_is_checked_here() -> None:
+    assert set(FIRMWARE.glob("*.c")) == {*CORE, *WIRE}
+
+
+@pytest.mark.parametrize(("signal", "prefix"), [("State", "NODE_"), ("Fault", "CAUSE_")])
+def test_states_and_faults_are_numbered_as_in_the_dbc(signal: str, prefix: str) -> None:
+    dbc = cantools.database.load_file(ROOT / "hardware" / "inkloop_hardware" / "inkloop.dbc")
+    choices = dbc.get_message_by_name("HeadStatus").get_signal_by_name(signal).choices
+    text = (FIRMWARE / "node.h").read_text(encoding="utf-8")
+    names = re.findall(rf"^    {prefix}(\w+)[,\n]", text, re.MULTILINE)
+    assert names == [str(choices[number]) for number in range(len(choices))]
+
+
+@pytest.mark.skipif(not shutil.which("arm-none-eabi-gcc"), reason="arm-none-eabi-gcc is not installed")
+def test_firmware_compiles_for_a_cortex_m3(tmp_path: Path) -> None:
+    for source in (*CORE, *WIRE):
+        command = ["arm-none-eabi-gcc", "-mcpu=cortex-m3", "-mthumb", *STRICT, "-Wconversion", f"-I{FIRMWARE}", "-c"]
+        subprocess.run([*command, source, "-o", tmp_path / f"{source.stem}.o"], check=True)
