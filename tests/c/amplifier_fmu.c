@@ -1,8 +1,8 @@
 /* A foreign FMU for tests: y = gain * x (mode 2: squared), count = steps so far, high = y > 1; refuses x < 0.
  *
- * Compiled with -DFMI=2 (three cells) or -DFMI=3 (n cells, structural); with -DCRASHES=signal a step after the third raises it. It
- * shares nothing with the FMUs of this project and writes out the signatures of the standard that it needs, so that it
- * stands for somebody else's work. */
+ * Compiled with -DFMI=2 (three cells) or -DFMI=3 (n cells, structural); with -DCRASHES=signal a step after the third
+ * raises it. It shares nothing with the FMUs of this project and writes out the signatures of the standard that it
+ * needs, so that it stands for somebody else's work. */
 #include <signal.h>
 #include <stdbool.h>
 #include <stddef.h>
