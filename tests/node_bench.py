@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import subprocess
+import sys
 import tempfile
 import zlib
 from dataclasses import dataclass
@@ -319,3 +320,21 @@ def heights(blob: bytes, resolution: float) -> tuple[Any, Any]:
     steps = np.frombuffer(blob, ">i2", cells, 12).astype(np.int64) + datum
     valid = np.unpackbits(np.frombuffer(blob, np.uint8, offset=12 + 2 * cells), count=cells).astype(np.bool_)
     return np.where(valid, steps * resolution, 0.0).reshape(nx, ny), valid.reshape(nx, ny)
+
+
+def write_codec(folder: Path) -> Path:
+    """Generates the C codec from the DBC; the folder."""
+    write = [sys.executable, "-B", "-m", "inkloop_hardware.c_codec"]
+    subprocess.run([*write, ROOT / "hardware" / "inkloop_hardware" / "inkloop.dbc", folder], check=True)
+    return folder
+
+
+def build_process(folder: Path) -> Path:
+    """The emulated bench as a program, with the codec generated from the DBC."""
+    write_codec(folder)
+    wire = [FIRMWARE / f"{name}.c" for name in ("e2e", "e2e_monitor", "slcan", "isotp", "node_frames")]
+    host = [*HOST, *(FIRMWARE / "host" / f"{name}.c" for name in ("hub", "main"))]
+    program = folder / "bench_nodes"
+    sources = (*CORE, *wire, *host, *KERNELS, folder / "inkloop.c")
+    subprocess.run(["gcc", *STRICT, *PLACES, f"-I{folder}", *sources, "-lm", "-o", program], check=True)
+    return program

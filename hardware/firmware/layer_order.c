@@ -63,7 +63,7 @@ uint8_t order_of_cure(const Node *node, const Key *key) {
     if (key->pass >= PASSES_MAX)
         return UDS_OUT_OF_RANGE;
     if (node_has(node, ROLE_HEAD))
-        return is_of(book, key) && ((touched(book) >> key->pass) & 1u) ? UDS_OK : UDS_SEQUENCE;
+        return is_of(book, key) && ((touched(book) & (1u << key->pass)) != 0) ? UDS_OK : UDS_SEQUENCE;
     return book->job == key->job && key->layer < book->layer ? UDS_SEQUENCE : UDS_OK;
 }
 

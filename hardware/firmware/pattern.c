@@ -75,7 +75,7 @@ bool pattern_is_complete(const Pattern *pattern) {
 uint8_t pattern_cell(const Pattern *pattern, uint32_t cell) {
     const uint32_t bit = cell * pattern->bits;
     const uint32_t shift = 8u - pattern->bits - bit % 8u;
-    return (uint8_t)((pattern->cells[bit / 8u] >> shift) & ((1u << pattern->bits) - 1u));
+    return (uint8_t)(((uint32_t)pattern->cells[bit / 8u] >> shift) & ((1u << pattern->bits) - 1u));
 }
 
 bool pattern_is_printable(const Pattern *pattern) {

@@ -10,43 +10,57 @@ from pathlib import Path
 import cantools
 import pytest
 
-from node_bench import CORE, FIRMWARE, ROOT, STRICT
+from node_bench import CORE, FIRMWARE, ROOT, STRICT, write_codec
 
-WIRE = [FIRMWARE / f"{name}.c" for name in ("e2e", "e2e_monitor", "slcan", "isotp")]
+ALL = [*CORE, *(FIRMWARE / f"{name}.c" for name in ("e2e", "e2e_monitor", "slcan", "isotp", "node_frames"))]
+GENERATED = {"inkloop.h", "inkloop_protocol.h"}
 HEADERS = {"stdbool.h", "stddef.h", "stdint.h", "string.h"}
 
 
-def symbols(source: Path, folder: Path) -> list[tuple[str, str]]:
+@pytest.fixture(scope="module")
+def codec(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the generated C codec; objects go there too."""
+    return write_codec(tmp_path_factory.mktemp("codec"))
+
+
+def compiled(source: Path, codec: Path, *command: str) -> Path:
+    """The object file of a source."""
+    path = codec / f"{source.stem}.o"
+    places = (f"-I{FIRMWARE}", f"-I{codec}")
+    subprocess.run([*command, *STRICT, "-Wconversion", *places, "-c", source, "-o", path], check=True)
+    return path
+
+
+def symbols(source: Path, codec: Path) -> list[tuple[str, str]]:
     """(kind, name) of every symbol of a compiled file."""
-    compiled = folder / f"{source.stem}.o"
-    subprocess.run(["gcc", *STRICT, f"-I{FIRMWARE}", "-c", source, "-o", compiled], check=True)
-    listed = subprocess.run(["nm", compiled], capture_output=True, text=True, check=True).stdout
+    listed = subprocess.run(["nm", compiled(source, codec, "gcc")], capture_output=True, text=True, check=True).stdout
     return [(line.split()[-2], line.split()[-1]) for line in listed.splitlines()]
 
 
-def test_firmware_asks_for_nothing_but_bytes_to_be_copied(tmp_path: Path) -> None:
+def test_firmware_asks_for_nothing_but_bytes_to_be_copied(codec: Path) -> None:
     """So it takes no memory after it was linked, and reads no clock and no file."""
-    found = [symbol for source in (*CORE, *WIRE) for symbol in symbols(source, tmp_path)]
+    found = [symbol for source in ALL for symbol in symbols(source, codec)]
     defined = {name for kind, name in found if kind != "U"}
     asked = {name for kind, name in found if kind == "U"} - defined - {"_GLOBAL_OFFSET_TABLE_"}
     assert "node_tick" in defined
+    asked -= {name for name in asked if name.startswith("inkloop_")}  # the generated codec
     assert asked <= {"memcpy", "memset", "memcmp", "memmove", "__stack_chk_fail"}
 
 
-def test_firmware_has_no_global_that_changes(tmp_path: Path) -> None:
-    for source in (*CORE, *WIRE):
-        assert not [name for kind, name in symbols(source, tmp_path) if kind in "BbDdCGgSs"], source
+def test_firmware_has_no_global_that_changes(codec: Path) -> None:
+    for source in ALL:
+        assert not [name for kind, name in symbols(source, codec) if kind in "BbDdCGgSs"], source
 
 
 def test_firmware_includes_itself_and_the_freestanding_headers_only() -> None:
     own = {path.name for path in FIRMWARE.glob("*.h")}
-    for source in (*CORE, *WIRE, *FIRMWARE.glob("*.h")):
+    for source in (*ALL, *FIRMWARE.glob("*.h")):
         found = set(re.findall(r'#\s*include\s*[<"]([^">]+)', source.read_text(encoding="utf-8")))
-        assert found <= own | HEADERS, source
+        assert found <= own | HEADERS | GENERATED, source
 
 
 def test_every_source_of_the_firmware_is_checked_here() -> None:
-    assert set(FIRMWARE.glob("*.c")) == {*CORE, *WIRE}
+    assert set(FIRMWARE.glob("*.c")) == set(ALL)
 
 
 @pytest.mark.parametrize(("signal", "prefix"), [("State", "NODE_"), ("Fault", "CAUSE_")])
@@ -59,7 +73,6 @@ def test_states_and_faults_are_numbered_as_in_the_dbc(signal: str, prefix: str) 
 
 
 @pytest.mark.skipif(not shutil.which("arm-none-eabi-gcc"), reason="arm-none-eabi-gcc is not installed")
-def test_firmware_compiles_for_a_cortex_m3(tmp_path: Path) -> None:
-    for source in (*CORE, *WIRE):
-        command = ["arm-none-eabi-gcc", "-mcpu=cortex-m3", "-mthumb", *STRICT, "-Wconversion", f"-I{FIRMWARE}", "-c"]
-        subprocess.run([*command, source, "-o", tmp_path / f"{source.stem}.o"], check=True)
+def test_firmware_compiles_for_a_cortex_m3(codec: Path) -> None:
+    for source in ALL:
+        compiled(source, codec, "arm-none-eabi-gcc", "-mcpu=cortex-m3", "-mthumb")

@@ -1,0 +1,196 @@
+#define _DEFAULT_SOURCE
+#define _XOPEN_SOURCE 700
+#ifdef __APPLE__
+#define _DARWIN_C_SOURCE
+#endif
+#include "hub.h"
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <termios.h>
+#include <unistd.h>
+
+enum { READ_AT_ONCE = 2048, ROOM_NEEDED = HUB_BUFFER / 2, NOBODY = -1 };
+
+void hub_init(Hub *hub) {
+    hub->listener = hub->kept_open = NOBODY;
+    for (int k = 0; k < HUB_CLIENTS; k++)
+        hub->client[k].file = NOBODY;
+}
+
+static void put_off(HubClient *client) {
+    if (client->terminal) { /* its device stays; whoever opens it next begins anew */
+        slcan_init(&client->slcan);
+        client->used = 0;
+        return;
+    }
+    close(client->file);
+    client->file = NOBODY;
+}
+
+void hub_close(Hub *hub) {
+    for (int k = 0; k < HUB_CLIENTS; k++)
+        if (hub->client[k].file != NOBODY)
+            close(hub->client[k].file);
+    if (hub->listener != NOBODY)
+        close(hub->listener);
+    if (hub->kept_open != NOBODY)
+        close(hub->kept_open);
+    hub_init(hub);
+}
+
+static bool do_not_block(int file) {
+    const int flags = fcntl(file, F_GETFL, 0);
+    return flags >= 0 && fcntl(file, F_SETFL, flags | O_NONBLOCK) == 0;
+}
+
+static HubClient *add_client(Hub *hub, int file, bool terminal, uint32_t now) {
+    for (int k = 0; k < HUB_CLIENTS; k++) {
+        HubClient *client = &hub->client[k];
+        if (client->file != NOBODY)
+            continue;
+        client->file = file;
+        client->terminal = terminal;
+        client->used = 0;
+        client->moved_at = now;
+        slcan_init(&client->slcan);
+        return client;
+    }
+    return NULL;
+}
+
+int hub_listen(Hub *hub, uint16_t port) {
+    const int file = socket(AF_INET, SOCK_STREAM, 0);
+    if (file < 0)
+        return -1;
+    const int yes = 1;
+    setsockopt(file, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
+    struct sockaddr_in address = {.sin_family = AF_INET, .sin_port = htons(port)};
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    socklen_t length = sizeof address;
+    if (bind(file, (struct sockaddr *)&address, sizeof address) != 0 || listen(file, HUB_CLIENTS) != 0 ||
+        getsockname(file, (struct sockaddr *)&address, &length) != 0 || !do_not_block(file)) {
+        const int reason = errno;
+        close(file);
+        errno = reason;
+        return -1;
+    }
+    hub->listener = file;
+    return ntohs(address.sin_port);
+}
+
+bool hub_open_terminal(Hub *hub, char *path, size_t room) {
+    const int file = posix_openpt(O_RDWR | O_NOCTTY);
+    if (file < 0)
+        return false;
+    const char *name = grantpt(file) == 0 && unlockpt(file) == 0 ? ptsname(file) : NULL;
+    const int other = name && strlen(name) < room ? open(name, O_RDWR | O_NOCTTY) : -1;
+    struct termios raw;
+    if (other < 0 || tcgetattr(other, &raw) != 0) {
+        close(file);
+        return false;
+    }
+    cfmakeraw(&raw);
+    tcsetattr(other, TCSANOW, &raw);
+    strcpy(path, name);
+    hub->kept_open = other;
+    return do_not_block(file) && add_client(hub, file, true, 0) != NULL;
+}
+
+bool hub_has_room(const Hub *hub) {
+    for (int k = 0; k < HUB_CLIENTS; k++)
+        if (hub->client[k].file != NOBODY && hub->client[k].used > ROOM_NEEDED)
+            return false;
+    return true;
+}
+
+static void put(HubClient *client, const char *bytes, size_t length) {
+    if (length > HUB_BUFFER - client->used)
+        return; /* cannot be while its callers ask hub_has_room */
+    memcpy(client->out + client->used, bytes, length);
+    client->used += length;
+}
+
+static void send_except(Hub *hub, const CanFrame *frame, const HubClient *sender) {
+    char line[SLCAN_LINE_MAX];
+    const size_t length = slcan_write(frame, line);
+    for (int k = 0; k < HUB_CLIENTS; k++) {
+        HubClient *client = &hub->client[k];
+        if (client->file != NOBODY && client != sender && client->slcan.open)
+            put(client, line, length);
+    }
+}
+
+void hub_send(Hub *hub, const CanFrame *frame) {
+    send_except(hub, frame, NULL);
+}
+
+static void flush(HubClient *client, uint32_t now) {
+    const ssize_t written = client->used > 0 ? write(client->file, client->out, client->used) : 0;
+    if (written > 0) {
+        client->used -= (size_t)written;
+        memmove(client->out, client->out + written, client->used);
+    }
+    if (written > 0 || client->used == 0)
+        client->moved_at = now;
+    const bool gone = written < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR;
+    if (gone || now - client->moved_at >= HUB_PATIENCE)
+        put_off(client);
+}
+
+static void take_bytes(Hub *hub, HubClient *client, HubTake *take, void *context) {
+    uint8_t bytes[READ_AT_ONCE];
+    const ssize_t got = read(client->file, bytes, sizeof bytes);
+    if (got == 0 || (got < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)) {
+        put_off(client);
+        return;
+    }
+    for (ssize_t k = 0; k < got; k++) {
+        SlcanEvent event;
+        if (!slcan_take(&client->slcan, bytes[k], &event))
+            continue;
+        put(client, event.answer, event.answer_length);
+        if (!event.has_frame)
+            continue;
+        send_except(hub, &event.frame, client);
+        take(context, &event.frame);
+    }
+}
+
+static void welcome(Hub *hub, uint32_t now) {
+    const int file = accept(hub->listener, NULL, NULL);
+    if (file < 0)
+        return;
+    const int yes = 1;
+    setsockopt(file, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
+    if (!do_not_block(file) || !add_client(hub, file, false, now))
+        close(file);
+}
+
+void hub_turn(Hub *hub, int wait_ms, uint32_t now, HubTake *take, void *context) {
+    struct pollfd polled[HUB_CLIENTS + 1];
+    const bool room = hub_has_room(hub);
+    for (int k = 0; k < HUB_CLIENTS; k++) {
+        const HubClient *client = &hub->client[k];
+        const int events = (room ? POLLIN : 0) | (client->used > 0 ? POLLOUT : 0);
+        polled[k] = (struct pollfd){.fd = client->file, .events = (short)events};
+    }
+    polled[HUB_CLIENTS] = (struct pollfd){.fd = hub->listener, .events = POLLIN};
+    if (poll(polled, HUB_CLIENTS + 1, wait_ms) > 0) {
+        for (int k = 0; k < HUB_CLIENTS; k++)
+            if (polled[k].revents & (POLLIN | POLLHUP | POLLERR) && hub_has_room(hub))
+                take_bytes(hub, &hub->client[k], take, context);
+        if (polled[HUB_CLIENTS].revents & POLLIN)
+            welcome(hub, now);
+    }
+    for (int k = 0; k < HUB_CLIENTS; k++)
+        if (hub->client[k].file != NOBODY)
+            flush(&hub->client[k], now);
+}

@@ -1,0 +1,50 @@
+/* A CAN bus of serial adapters (slcan) on this machine: each client of a TCP port on 127.0.0.1, or the one behind a
+ * pseudo-terminal, is an adapter on the same bus and sees what all others send. Frames are never lost: who does not
+ * read for HUB_PATIENCE is put off the bus. POSIX. */
+#ifndef INKLOOP_HUB_H
+#define INKLOOP_HUB_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "slcan.h"
+
+enum { HUB_CLIENTS = 8, HUB_BUFFER = 65536, HUB_PATIENCE = 1000 /* ms */ };
+
+typedef struct {
+    int file; /* -1: nobody */
+    bool terminal;
+    Slcan slcan;
+    size_t used;       /* bytes of `out` that wait */
+    uint32_t moved_at; /* when a byte was taken from it last, or it was empty [ms] */
+    char out[HUB_BUFFER];
+} HubClient;
+
+typedef struct {
+    int listener;  /* -1: none */
+    int kept_open; /* the other end of the pseudo-terminal, so that it stays when its user leaves; -1: none */
+    HubClient client[HUB_CLIENTS];
+} Hub;
+
+typedef void HubTake(void *context, const CanFrame *frame);
+
+void hub_init(Hub *hub);
+void hub_close(Hub *hub);
+
+/* Listens on 127.0.0.1; `port` 0 takes a free one. The port, or -1 with errno. */
+int hub_listen(Hub *hub, uint16_t port);
+
+/* Makes a pseudo-terminal; false with errno. */
+bool hub_open_terminal(Hub *hub, char *path, size_t room);
+
+/* Waits up to `wait_ms` for something to happen, takes what clients sent and hands every frame on, also to `take`. */
+void hub_turn(Hub *hub, int wait_ms, uint32_t now, HubTake *take, void *context);
+
+/* Whether every client can take some more frames. */
+bool hub_has_room(const Hub *hub);
+
+/* To all clients that have opened their channel. */
+void hub_send(Hub *hub, const CanFrame *frame);
+
+#endif

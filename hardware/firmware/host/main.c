@@ -1,0 +1,175 @@
+/* The emulated bench as a process: four nodes on an slcan bus, with journals and surface in a folder.
+ *
+ *     inkloop_bench_nodes [--port N | --pty] [--folder DIR] [--until-stdin-closes] [option=value ...]
+ *
+ * The first line it prints is the channel: "socket://127.0.0.1:PORT" or the path of a terminal. */
+#define _POSIX_C_SOURCE 200809L
+#include <errno.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "bench.h"
+#include "hub.h"
+#include "node_frames.h"
+
+enum { TURN_MS = 1, FRAMES_AT_ONCE = 64, TEXT = 300 };
+
+typedef struct {
+    BenchOptions bench;
+    const char *folder;
+    uint16_t port;
+    bool terminal, until_stdin_closes;
+} Options;
+
+typedef struct {
+    Bench *bench;
+    NodeFrames frames[BENCH_NODES];
+    uint32_t now;
+} Nodes;
+
+static volatile sig_atomic_t asked_to_end;
+
+static void end(int signal_number) {
+    (void)signal_number;
+    asked_to_end = 1;
+}
+
+/* Since the process began: a node counts from its power-up. */
+static uint32_t clock_ms(void) {
+    static struct timespec start;
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    if (start.tv_sec == 0 && start.tv_nsec == 0)
+        start = now;
+    return (uint32_t)((now.tv_sec - start.tv_sec) * 1000 + (now.tv_nsec - start.tv_nsec) / 1000000);
+}
+
+static bool read_option(Options *options, const char *text) {
+    char name[TEXT];
+    const char *equals = strchr(text, '=');
+    const size_t length = equals ? (size_t)(equals - text) : 0;
+    if (length == 0 || length >= sizeof name)
+        return false;
+    memcpy(name, text, length);
+    name[length] = '\0';
+    char *rest;
+    const double value = strtod(equals + 1, &rest);
+    return rest != equals + 1 && *rest == '\0' && bench_set(&options->bench, name, value);
+}
+
+static bool read_port(Options *options, const char *text) {
+    char *rest;
+    const long port = strtol(text, &rest, 10);
+    options->port = (uint16_t)port;
+    return rest != text && *rest == '\0' && port >= 0 && port <= UINT16_MAX;
+}
+
+/* The argument that is wrong, NULL if none. */
+static const char *read_arguments(Options *options, int count, char **arguments) {
+    for (int k = 1; k < count; k++) {
+        const char *argument = arguments[k];
+        const char *next = k + 1 < count ? arguments[k + 1] : NULL;
+        bool good = true;
+        if (strcmp(argument, "--pty") == 0)
+            options->terminal = true;
+        else if (strcmp(argument, "--until-stdin-closes") == 0)
+            options->until_stdin_closes = true;
+        else if (strcmp(argument, "--folder") == 0 && next)
+            options->folder = arguments[++k];
+        else if (strcmp(argument, "--port") == 0 && next)
+            good = read_port(options, arguments[++k]);
+        else
+            good = read_option(options, argument);
+        if (!good)
+            return arguments[k];
+    }
+    return NULL;
+}
+
+static void take(void *context, const CanFrame *frame) {
+    Nodes *nodes = context;
+    for (int node = 0; node < bench_node_count(nodes->bench); node++)
+        node_frames_take(&nodes->frames[node], frame, nodes->now);
+}
+
+static void run_nodes(Nodes *nodes, Hub *hub) {
+    world_tick(bench_world(nodes->bench), nodes->now);
+    for (int node = 0; node < bench_node_count(nodes->bench); node++) {
+        CanFrame frame;
+        node_frames_tick(&nodes->frames[node], nodes->now);
+        for (int sent = 0; sent < FRAMES_AT_ONCE && hub_has_room(hub); sent++) {
+            if (!node_frames_next(&nodes->frames[node], nodes->now, &frame))
+                break;
+            hub_send(hub, &frame);
+        }
+    }
+}
+
+static bool stdin_is_closed(void) {
+    struct pollfd polled = {.fd = STDIN_FILENO, .events = POLLIN};
+    char byte;
+    return poll(&polled, 1, 0) > 0 && read(STDIN_FILENO, &byte, 1) == 0;
+}
+
+static bool open_channel(Hub *hub, const Options *options) {
+    char path[TEXT];
+    hub_init(hub);
+    if (options->terminal) {
+        if (!hub_open_terminal(hub, path, sizeof path))
+            return false;
+        printf("%s\n", path);
+    } else {
+        const int port = hub_listen(hub, options->port);
+        if (port < 0)
+            return false;
+        printf("socket://127.0.0.1:%d\n", port);
+    }
+    fflush(stdout);
+    return true;
+}
+
+int main(int count, char **arguments) {
+    static Nodes nodes;
+    static Hub hub;
+    Options options = {.bench = bench_defaults()};
+    char why[TEXT];
+    const char *wrong = read_arguments(&options, count, arguments);
+    if (wrong) {
+        fprintf(stderr,
+                "inkloop_bench_nodes: %s is not understood; expected --port N, --pty, --folder DIR, "
+                "--until-stdin-closes, or an option with its value in SI, such as nx=40 or variation=0.1\n",
+                wrong);
+        return 2;
+    }
+    nodes.bench = bench_create(&options.bench, options.folder, why, sizeof why);
+    if (!nodes.bench) {
+        fprintf(stderr, "inkloop_bench_nodes: %s\n", why);
+        return 1;
+    }
+    nodes.now = clock_ms();
+    for (int node = 0; node < bench_node_count(nodes.bench); node++) {
+        bench_power_up(nodes.bench, node, nodes.now);
+        node_frames_init(&nodes.frames[node], bench_node(nodes.bench, node), (uint8_t)node);
+    }
+    signal(SIGPIPE, SIG_IGN);
+    signal(SIGTERM, end);
+    signal(SIGINT, end);
+    if (!open_channel(&hub, &options)) {
+        fprintf(stderr, "inkloop_bench_nodes: the channel could not be opened: %s\n", strerror(errno));
+        bench_delete(nodes.bench);
+        return 1;
+    }
+    while (!asked_to_end && !(options.until_stdin_closes && stdin_is_closed())) {
+        nodes.now = clock_ms();
+        hub_turn(&hub, TURN_MS, nodes.now, take, &nodes);
+        nodes.now = clock_ms();
+        run_nodes(&nodes, &hub);
+    }
+    hub_close(&hub);
+    bench_delete(nodes.bench);
+    return 0;
+}
