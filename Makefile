@@ -2,6 +2,7 @@
 # make test       lint, C and Python tests
 # make test-long  the proofs that take minutes
 # make benchmarks measured comparisons, printed as ratios
+# make firmware-cortex-m  the firmware of the nodes for a Cortex-M3, with its size
 # make gallery    docs/gallery: every scenario with one picture; the pictures of docs/explanation
 PYTHON ?= python3.11
 BIN    := .venv/bin
@@ -11,7 +12,7 @@ BUILD_MODULES := $(addprefix cosim/inkloop/,c_variables.py fmu_archive.py fmu_do
                  $(addprefix hardware/inkloop_hardware/,c_codec.py inkloop.dbc)
 PIP    := $(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check
 
-.PHONY: run test lint format test-long benchmarks gallery clean
+.PHONY: run test lint format test-long benchmarks firmware-cortex-m gallery clean
 run: .venv/installed
 	$(BIN)/inkloop run scenarios/cylinder.toml
 
@@ -43,6 +44,15 @@ test-long: .venv/installed
 benchmarks: .venv/installed
 	$(PIP) 'libcosimpy>=0.0.6'   # a peer, of use nowhere else
 	$(BIN)/python -m benchmarks
+
+CORTEX_M := arm-none-eabi-gcc -mcpu=cortex-m3 -mthumb -std=c11 -Os -ffunction-sections -ffp-contract=off \
+            -Wall -Wextra -Wconversion -Wpedantic -Werror -I../../hardware/firmware -I.
+firmware-cortex-m: .venv/installed
+	@if ! command -v arm-none-eabi-gcc >/dev/null; then \
+	  echo "arm-none-eabi-gcc is not installed: the firmware was not compiled for a Cortex-M"; exit 0; fi; \
+	mkdir -p build/cortex-m && $(BIN)/python -m inkloop_hardware.c_codec hardware/inkloop_hardware/inkloop.dbc build/cortex-m && \
+	cd build/cortex-m && for source in inkloop.c ../../hardware/firmware/*.c; do \
+	  $(CORTEX_M) -c $$source || exit 1; done && arm-none-eabi-size *.o
 
 # every scenario with one picture, docs/gallery; pictures and tables of docs/explanation
 gallery: .venv/installed

@@ -59,6 +59,14 @@ def test_firmware_includes_itself_and_the_freestanding_headers_only() -> None:
         assert found <= own | HEADERS | GENERATED, source
 
 
+def test_node_knows_no_frame() -> None:
+    """Requests and answers are byte strings; who carries them is `node_frames.c` alone."""
+    wire = {"can_frame.h", "e2e.h", "e2e_monitor.h", "isotp.h", "slcan.h", "node_frames.h", *GENERATED}
+    for source in CORE:
+        for path in (source, source.with_suffix(".h")):
+            assert not wire & set(re.findall(r'#\s*include\s*[<"]([^">]+)', path.read_text(encoding="utf-8"))), path
+
+
 def test_every_source_of_the_firmware_is_checked_here() -> None:
     assert set(FIRMWARE.glob("*.c")) == set(ALL)
 
