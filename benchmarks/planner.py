@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from inkloop.component import Job
@@ -15,12 +17,11 @@ from inkloop_controller.work import Work
 PITCH = 1e-4  # [m] of no account
 
 
-def planned(problem: HorizonProblem, threads: int = 1) -> LayerPlan:
-    """The plan of `LayerMpc` with its default work for a problem as those of `instances`."""
+def planned(problem: HorizonProblem, threads: int = 1, **work: float) -> LayerPlan:
+    """The plan of `LayerMpc` for a problem as those of `instances`; work: what differs from the default Work."""
     nx, ny = problem.height.shape
     job = Job(nx, ny, PITCH, problem.target, problem.part, problem.kinds)
-    controller = LayerMpc(
-        job, criterion=Criterion(alpha=problem.alpha), horizon=problem.layers, work=Work(threads=threads)
-    )
+    budgets = replace(Work(threads=threads), **work)  # type: ignore[arg-type]
+    controller = LayerMpc(job, criterion=Criterion(alpha=problem.alpha), horizon=problem.layers, work=budgets)
     estimate, no_last_plan = Estimate.exact(problem.height, problem.kinds), np.zeros((1, 0, 0), np.int32)
     return controller.plan(estimate, 0, no_last_plan)

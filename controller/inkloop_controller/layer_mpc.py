@@ -33,6 +33,7 @@ from inkloop_controller.work import DEFAULT_WORK, Work
 
 Relaxation: TypeAlias = Literal["gradient", "ipopt", "highs", "none"]
 
+RELAXATION_SHARE = 0.3  # of a time limit, at most (assumed)
 CERTIFICATE_S = 60.0  # what a certificate may take if no limit is given (assumed)
 
 
@@ -153,7 +154,10 @@ class LayerMpc:
         tasks = [(start, 0) for start in ranked] + [(ranked[0], annealing)] if annealing else [(ranked[0], 0)]
         repaired: list[Candidate] = []
         for start, annealing_sweeps in tasks:
-            if watch.remaining == 0.0:
+            seconds = (
+                watch.remaining - watch.seconds["rounding"]
+            )  # what comes after takes about as long as the rounding
+            if seconds <= 0.0:
                 break
             found = core.search(
                 problem,
@@ -161,7 +165,7 @@ class LayerMpc:
                 sweeps_max=self._work.sweeps,
                 annealing_sweeps=annealing_sweeps,
                 seed=key,
-                seconds_max=watch.remaining,
+                seconds_max=seconds,
                 threads=self._work.threads,
                 after_sweep=self._after_sweep,
             )
@@ -182,7 +186,8 @@ class LayerMpc:
                     start, nan
                 )  # nothing flows back from later layers: further work gains nothing (by trial)
             if self._relaxation == "gradient":
-                found = relax(problem, start, iterations_max=self._work.iterations, seconds_max=watch.remaining)
+                seconds = RELAXATION_SHARE * watch.remaining
+                found = relax(problem, start, iterations_max=self._work.iterations, seconds_max=seconds)
                 return _Relaxed(found.droplets, nan)
             solved = self._program(problem).solve(problem, start)
             return _Relaxed(solved.droplets, solved.bound) if solved.solved else None
