@@ -333,7 +333,7 @@ def build_process(folder: Path) -> Path:
     """The emulated bench as a program, with the codec generated from the DBC."""
     write_codec(folder)
     wire = [FIRMWARE / f"{name}.c" for name in ("e2e", "e2e_monitor", "slcan", "isotp", "node_frames")]
-    host = [*HOST, *(FIRMWARE / "host" / f"{name}.c" for name in ("hub", "main"))]
+    host = [*HOST, *(FIRMWARE / "host" / f"{name}.c" for name in ("hub", "main", "measurements"))]
     program = folder / "bench_nodes"
     sources = (*CORE, *wire, *host, *KERNELS, folder / "inkloop.c")
     subprocess.run(["gcc", *STRICT, *PLACES, f"-I{folder}", *sources, "-lm", "-o", program], check=True)

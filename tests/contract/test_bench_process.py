@@ -19,7 +19,7 @@ from udsoncan.client import Client
 from udsoncan.connections import PythonIsoTpConnection
 
 import node_bench
-from inkloop_hardware.codec import Codec
+from inkloop_hardware.codec import Codec, Frame
 from inkloop_hardware.records import MasterAlive, StopRequest
 from inkloop_hardware.records import pack as pack_frame
 from inkloop_hardware.vocabulary import Source
@@ -171,16 +171,18 @@ def test_stock_tools_print_cure_scan_and_read_the_journal(program: Path) -> None
         assert read_map(profiler, 1) == same.upload(1)
 
 
-def test_every_adapter_sees_the_supervised_frames_of_all_nodes(program: Path) -> None:
+def test_every_adapter_sees_the_frames_of_all_nodes_and_the_dbc_reads_them(program: Path) -> None:
     """Also those of the other adapters."""
     with process(program) as (_, channel), adapter(channel), adapter(channel) as other:
         seen = can.BufferedReader()
         other.notifier.add_listener(seen)
-        missing = {0x020, 0x101, 0x102, 0x103, 0x104}
+        missing = {0x020, *range(0x101, 0x105), *range(0x111, 0x115)}
         while missing:
             message = seen.get_message(10)
             assert message, f"no frame of {missing}"
             missing.discard(message.arbitration_id)
+            if message.arbitration_id < 0x600:
+                assert other.codec.decode(Frame(message.arbitration_id, bytes(message.data)))
 
 
 def test_stop_request_on_the_bus_is_latched(program: Path) -> None:

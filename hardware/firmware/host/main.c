@@ -14,6 +14,7 @@
 
 #include "bench.h"
 #include "hub.h"
+#include "measurements.h"
 #include "node_frames.h"
 
 enum { TURN_MS = 1, FRAMES_AT_ONCE = 64, TEXT = 300 };
@@ -28,6 +29,7 @@ typedef struct {
 typedef struct {
     Bench *bench;
     NodeFrames frames[BENCH_NODES];
+    Measurements measurements;
     uint32_t now;
 } Nodes;
 
@@ -106,6 +108,8 @@ static void run_nodes(Nodes *nodes, Hub *hub) {
                 break;
             hub_send(hub, &frame);
         }
+        if (hub_has_room(hub) && measurements_next(&nodes->measurements, nodes->bench, node, nodes->now, &frame))
+            hub_send(hub, &frame);
     }
 }
 
