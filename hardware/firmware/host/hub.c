@@ -17,7 +17,7 @@
 #include <termios.h>
 #include <unistd.h>
 
-enum { READ_AT_ONCE = 2048, ROOM_NEEDED = HUB_BUFFER / 2, NOBODY = -1 };
+enum { READ_AT_ONCE = 2048, NOBODY = -1 };
 
 void hub_init(Hub *hub) {
     hub->listener = hub->kept_open = NOBODY;
@@ -59,6 +59,7 @@ static HubClient *add_client(Hub *hub, int file, bool terminal, uint32_t now) {
         client->file = file;
         client->terminal = terminal;
         client->used = 0;
+        client->dropped = 0;
         client->moved_at = now;
         slcan_init(&client->slcan);
         return client;
@@ -104,16 +105,11 @@ bool hub_open_terminal(Hub *hub, char *path, size_t room) {
     return do_not_block(file) && add_client(hub, file, true, 0) != NULL;
 }
 
-bool hub_has_room(const Hub *hub) {
-    for (int k = 0; k < HUB_CLIENTS; k++)
-        if (hub->client[k].file != NOBODY && hub->client[k].used > ROOM_NEEDED)
-            return false;
-    return true;
-}
-
 static void put(HubClient *client, const char *bytes, size_t length) {
-    if (length > HUB_BUFFER - client->used)
-        return; /* cannot be while its callers ask hub_has_room */
+    if (length > HUB_BUFFER - client->used) {
+        client->dropped++;
+        return;
+    }
     memcpy(client->out + client->used, bytes, length);
     client->used += length;
 }
@@ -176,16 +172,15 @@ static void welcome(Hub *hub, uint32_t now) {
 
 void hub_turn(Hub *hub, int wait_ms, uint32_t now, HubTake *take, void *context) {
     struct pollfd polled[HUB_CLIENTS + 1];
-    const bool room = hub_has_room(hub);
     for (int k = 0; k < HUB_CLIENTS; k++) {
         const HubClient *client = &hub->client[k];
-        const int events = (room ? POLLIN : 0) | (client->used > 0 ? POLLOUT : 0);
+        const int events = POLLIN | (client->used > 0 ? POLLOUT : 0);
         polled[k] = (struct pollfd){.fd = client->file, .events = (short)events};
     }
     polled[HUB_CLIENTS] = (struct pollfd){.fd = hub->listener, .events = POLLIN};
     if (poll(polled, HUB_CLIENTS + 1, wait_ms) > 0) {
         for (int k = 0; k < HUB_CLIENTS; k++)
-            if (polled[k].revents & (POLLIN | POLLHUP | POLLERR) && hub_has_room(hub))
+            if (polled[k].revents & (POLLIN | POLLHUP | POLLERR))
                 take_bytes(hub, &hub->client[k], take, context);
         if (polled[HUB_CLIENTS].revents & POLLIN)
             welcome(hub, now);

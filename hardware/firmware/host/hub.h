@@ -1,6 +1,7 @@
 /* A CAN bus of serial adapters (slcan) on this machine: each client of a TCP port on 127.0.0.1, or the one behind a
- * pseudo-terminal, is an adapter on the same bus and sees what all others send. Frames are never lost: who does not
- * read for HUB_PATIENCE is put off the bus. POSIX. */
+ * pseudo-terminal, is an adapter on the same bus and sees what all others send. The bus waits for nobody: frames for a
+ * client whose buffer is full are dropped and counted, as an adapter does, and who does not read for HUB_PATIENCE is
+ * put off. It is as fast as the machine, not as a bit rate. POSIX. */
 #ifndef INKLOOP_HUB_H
 #define INKLOOP_HUB_H
 
@@ -10,12 +11,13 @@
 
 #include "slcan.h"
 
-enum { HUB_CLIENTS = 8, HUB_BUFFER = 65536, HUB_PATIENCE = 1000 /* ms */ };
+enum { HUB_CLIENTS = 8, HUB_BUFFER = 65536, HUB_PATIENCE = 10000 /* ms */ };
 
 typedef struct {
     int file; /* -1: nobody */
     bool terminal;
     Slcan slcan;
+    uint32_t dropped;  /* frames */
     size_t used;       /* bytes of `out` that wait */
     uint32_t moved_at; /* when a byte was taken from it last, or it was empty [ms] */
     char out[HUB_BUFFER];
@@ -40,9 +42,6 @@ bool hub_open_terminal(Hub *hub, char *path, size_t room);
 
 /* Waits up to `wait_ms` for something to happen, takes what clients sent and hands every frame on, also to `take`. */
 void hub_turn(Hub *hub, int wait_ms, uint32_t now, HubTake *take, void *context);
-
-/* Whether every client can take some more frames. */
-bool hub_has_room(const Hub *hub);
 
 /* To all clients that have opened their channel. */
 void hub_send(Hub *hub, const CanFrame *frame);

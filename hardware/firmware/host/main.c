@@ -103,12 +103,12 @@ static void run_nodes(Nodes *nodes, Hub *hub) {
     for (int node = 0; node < bench_node_count(nodes->bench); node++) {
         CanFrame frame;
         node_frames_tick(&nodes->frames[node], nodes->now);
-        for (int sent = 0; sent < FRAMES_AT_ONCE && hub_has_room(hub); sent++) {
+        for (int sent = 0; sent < FRAMES_AT_ONCE; sent++) {
             if (!node_frames_next(&nodes->frames[node], nodes->now, &frame))
                 break;
             hub_send(hub, &frame);
         }
-        if (hub_has_room(hub) && measurements_next(&nodes->measurements, nodes->bench, node, nodes->now, &frame))
+        if (measurements_next(&nodes->measurements, nodes->bench, node, nodes->now, &frame))
             hub_send(hub, &frame);
     }
 }
