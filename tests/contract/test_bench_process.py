@@ -6,7 +6,7 @@ import subprocess
 import threading
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from struct import pack, unpack
 
@@ -110,7 +110,8 @@ class Adapter:
         self.over.set()
         self.heart.join()
         self.notifier.stop()
-        self.bus.shutdown()
+        with suppress(can.CanOperationError):  # the process behind it may have been killed
+            self.bus.shutdown()
 
 
 @contextmanager
