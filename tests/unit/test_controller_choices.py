@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
 from closed_loop import block
-from inkloop.component import BoolMap, FloatMap, Ink
+from half_spaces import Below
+from inkloop.component import Ink
 from inkloop_controller.droplet_choices import DropletChoices
 from inkloop_controller.regions import ink_choices, nominal_layer_height
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
-
-
-@dataclass(frozen=True)
-class Below:
-    """Everything below a height [m]."""
-
-    z: float
-
-    def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
-        return np.broadcast_to(z < self.z, np.broadcast_shapes(x.shape, z.shape))
 
 
 def two_inks(boundary: float) -> Any:

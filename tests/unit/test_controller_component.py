@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
 from closed_loop import SECOND, block, inputs_of, print_part
-from inkloop.component import BoolMap, Component, FloatMap, Ink, Status
+from half_spaces import Below
+from inkloop.component import Component, Ink, Status
 from inkloop.errors import ComponentError
 from inkloop_controller.controllers import LayerMpcController, OpenLoopController, StochasticGreedyController
 from inkloop_controller.layer_model import LayerModel
@@ -156,16 +156,6 @@ def test_restored_controller_goes_on_with_the_same_bits_on_noisy_scans() -> None
             for name in ("pattern", "estimated_height", "volume_scale"):
                 np.testing.assert_array_equal(again[name], outputs[name], err_msg=name)
         height = plant.layer(height, outputs["pattern"], layer + 1, np.full(height.shape, 0.9))
-
-
-@dataclass(frozen=True)
-class Below:
-    """Everything below a height [m]."""
-
-    z: float
-
-    def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
-        return np.broadcast_to(z < self.z, np.broadcast_shapes(x.shape, z.shape))
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
 from closed_loop import block
+from half_spaces import Above
 from inkloop.component import BoolMap, FloatMap, Ink, Job
 from inkloop_controller import core
 from inkloop_controller.baselines import OpenLoop, StochasticGreedy
@@ -24,16 +24,6 @@ from inkloop_controller.work import Work
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
 ENGINES = [("highs", 1.0), ("ipopt", 1.0), ("ipopt", 0.8), ("ipopt", 0.3), ("ipopt", 0.0)]
-
-
-@dataclass(frozen=True)
-class Above:
-    """Everything above a height [m]."""
-
-    z: float
-
-    def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
-        return np.broadcast_to(z > self.z, np.broadcast_shapes(x.shape, z.shape))
 
 
 def rough_job(seed: int = 0, n: int = 9) -> tuple[Job, Any]:

@@ -2,26 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 import xarray as xr
 
-from inkloop.component import BoolMap, FloatMap, Ink, Job
+from half_spaces import Below
+from inkloop.component import Ink, Job
 from inkloop.solid import layer_inks, voxels, with_solid
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
-
-
-@dataclass(frozen=True)
-class Below:
-    """Everything below a height [m]."""
-
-    z: float
-
-    def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
-        return np.broadcast_to(z < self.z, np.broadcast_shapes(x.shape, z.shape))
 
 
 def printed(heights: list[float], inks: list[int], boundary: float) -> xr.Dataset:
