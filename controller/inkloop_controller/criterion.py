@@ -15,6 +15,7 @@ AlphaSchedule: TypeAlias = float | Sequence[tuple[int, float]]
 """One weight for the whole print, or (layer, weight) pairs: from the layer of that number (counted from 1) on."""
 
 CEILING_COST = 100.0  # a metre above the ceiling for 100 below the target: no gain elsewhere is worth it (assumed)
+NO_CEILING_M = 0.4  # higher than anything printed from droplets, and within what the search core takes
 
 
 @dataclass(frozen=True)
@@ -61,11 +62,14 @@ class Criterion:
             return float(self.alpha)
         return next((weight for start, weight in reversed(self.alpha) if start <= layer), self.alpha[0][1])
 
-    def ceiling(self, target: FloatMap, height_std: FloatMap) -> FloatMap | None:
-        """The height that the surface is not to exceed, (nx, ny) [m], where the prediction is off by `height_std`."""
+    def ceiling(self, target: FloatMap, height_std: FloatMap, part: BoolMap) -> FloatMap | None:
+        """The height that the surface is not to exceed, (nx, ny) [m], where the prediction is off by `height_std`.
+
+        It holds over the part: what spills beside it would forbid every droplet at the edge.
+        """
         if self.overshoot_limit == inf:
             return None
-        return target + self.overshoot_limit - self.chance_margin * height_std
+        return np.where(part, target + self.overshoot_limit - self.chance_margin * height_std, NO_CEILING_M)
 
     def weight(self, part: BoolMap) -> FloatMap:
         """(nx, ny) weight of each cell's error."""

