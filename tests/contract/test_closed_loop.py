@@ -29,10 +29,11 @@ def printed(
     fmi: str = "fmi3",
     duration_s: float = 0.0,
     scan_s: float = 0.0,
+    horizon: int = 3,
 ) -> xr.Dataset:
     """The run of a small block with all the plant's and the sensor's imperfections."""
     tables: dict[str, tuple[str, dict[str, object]]] = {
-        "controller": ("LayerMpc", {"alpha": 0.8}),
+        "controller": ("LayerMpc", {"alpha": 0.8, "horizon": horizon}),
         "printer": ("LayerDeposition", {"fmi": fmi, "variation": 0.2, "layer_duration_s": duration_s}),
         "profiler": ("ProfileSensor", {"fmi": fmi, "noise_std_um": 0.3, "scan_duration_s": scan_s}),
     }
@@ -55,9 +56,11 @@ def reference() -> xr.Dataset:
     return printed()
 
 
-def test_block_reaches_its_height(reference: xr.Dataset) -> None:
-    assert 4 <= reference.sizes["layer"] - 1 <= 9
-    assert abs(float(reference.mean_error[-1])) < 1e-6
+@pytest.mark.parametrize(("horizon", "layers_max"), [(1, 8), (3, 10)])
+def test_block_reaches_its_height(horizon: int, layers_max: int) -> None:
+    run = printed(horizon=horizon)
+    assert 4 <= run.sizes["layer"] - 1 <= layers_max
+    assert abs(float(run.mean_error[-1])) < 1e-6
 
 
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
