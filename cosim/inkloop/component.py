@@ -56,7 +56,10 @@ class Port:
 class Component(Protocol):
     """A part of the loop. Times are integer nanoseconds.
 
-    `save() -> bytes` and `restore(bytes)` may be offered besides; without them a run cannot be resumed.
+    `save() -> bytes` and `restore(bytes)` may be offered besides; without them a run cannot be resumed. Three attributes
+    may stand on the class: `is_device = True` for one that acts on or measures something real; `is_shadow = True` for a
+    model that runs beside a device, whose outputs give way to those of the same name of others; `optional_inputs`, names
+    of the layer contract that may stay unconnected.
     """
 
     @property
@@ -75,6 +78,16 @@ class Component(Protocol):
 
     def terminate(self) -> None:
         """Release everything; called exactly once, also after a failure."""
+
+
+def is_device(component: Component) -> bool:
+    """Whether a component acts on or measures something real."""
+    return bool(getattr(component, "is_device", False))
+
+
+def is_shadow(component: Component) -> bool:
+    """Whether a component is a model beside a device: it stands in where nobody else has its outputs."""
+    return bool(getattr(component, "is_shadow", False))
 
 
 MEMBERS = ("inputs", "outputs", "initialize", "do_step", "terminate")

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import Component, Port, Values
+from inkloop.component import Component, Port, Values, is_shadow
 from inkloop.faults import nearest
 from inkloop.units import conversion
 
@@ -69,7 +69,7 @@ class Transfer:
 
 
 def contract_connections(components: Mapping[str, Component]) -> list[Connection]:
-    """Every input from the one other component that has an output of the same name.
+    """Every input from the one other component that has an output of the same name, a shadow only if no other has it.
 
     An input with several such components is left open; `check` asks which one is meant.
     """
@@ -142,7 +142,7 @@ def _open_inputs(components: Mapping[str, Component], fed: Mapping[str, str]) ->
             sources = _sources(components, name, port.name)
             if len(sources) > 1:
                 yield f"{place} may come from {' or '.join(sources)}; say which under [[connections]]"
-            elif port.name in CONTRACT_INPUTS:
+            elif port.name in CONTRACT_INPUTS.difference(getattr(component, "optional_inputs", ())):
                 yield (
                     f"{place} is not connected: no other component has an output {port.name}; "
                     "add one that has, or name a source under [[connections]]"
@@ -178,11 +178,13 @@ def _find(place: str, ports: Mapping[str, Mapping[str, Port]], direction: str, f
 
 
 def _sources(components: Mapping[str, Component], target: str, port: str) -> list[str]:
-    return [
-        f"{name}.{port}"
+    having = [
+        name
         for name, component in components.items()
         if name != target and any(output.name == port for output in component.outputs)
     ]
+    real = [name for name in having if not is_shadow(components[name])]
+    return [f"{name}.{port}" for name in real or having]
 
 
 def _parts(place: str) -> tuple[str, str]:
