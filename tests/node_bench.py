@@ -24,13 +24,14 @@ CORE = [FIRMWARE / f"{name}.c" for name in (
 HOST = [FIRMWARE / "host" / f"{name}.c" for name in ("bench", "board", "world")]
 FMUS = ROOT / "fmus"
 KERNELS = [
-    *(FMUS / "layer_deposition" / f"{name}.c" for name in ("layer_map", "droplet_volume")),
+    FMUS / "layer_deposition" / "layer_map.c",
+    FMUS / "deposition" / "droplet_volume.c",
     *(FMUS / "profile_sensor" / f"{name}.c" for name in ("scan", "reading")),
     FMUS / "common" / "random.c",
 ]
 STRICT = ("-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror")
 PLACES = (f"-I{FIRMWARE}", f"-I{FIRMWARE / 'host'}", *(f"-isystem{FMUS / name}" for name in
-          ("layer_deposition", "profile_sensor", "common")))  # fmt: skip
+          ("deposition", "layer_deposition", "profile_sensor", "common")))  # fmt: skip
 
 HEAD, STAGE, CURE, PROFILER = range(4)
 STATES = (
