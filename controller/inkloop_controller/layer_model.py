@@ -6,13 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inkloop.component import FloatMap, Ink, Job
+from inkloop.component import PASS_ORDERS, FloatMap, Ink, Job, pass_colours
 from inkloop_controller import core
 from inkloop_controller.core import IntMap
 from inkloop_controller.symbolic_layer import Symbolic, symbolic_layer
-
-PASS_ORDERS = {1: (0, 1, 2, 3), 2: (0, 3, 1, 2)}
-"""pass_order -> colours 2 (i % 2) + j % 2 in the order they are jetted: raster, diagonal."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +59,7 @@ class LayerModel:
 
     def colours(self, number: int) -> tuple[int, ...]:
         """Colours in the order in which layer `number` jets them; none in one pass."""
-        if self.passes == 1:
-            return ()
-        order = PASS_ORDERS[self.pass_order]
-        first = self.pass_rotation * number % len(order)
-        return order[first:] + order[:first]
+        return pass_colours(self.passes, self.pass_order, self.pass_rotation, number)
 
 
 def ink_maps(inks: tuple[Ink, ...], material: IntMap) -> tuple[FloatMap, FloatMap, FloatMap]:
