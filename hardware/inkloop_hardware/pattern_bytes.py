@@ -1,0 +1,94 @@
+"""A pattern as it crosses the bus: a head, then packed cells, run-length coded where that is shorter.
+
+The bytes are described on the page of the node's services; the C side is `pattern.c`.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+VERSION = 1
+CELLS_MAX = 1_000_000
+_HEAD = struct.Struct(">BBHHBB")  # version, bits per cell, nx, ny, passes, 0
+_RUN_MIN, _RUN_MAX, _LITERAL_MAX, _RUN_OFFSET = 3, 129, 128, 126
+
+
+@dataclass(frozen=True)
+class PatternBytes:
+    """One layer's pattern in both forms: `plain` is packed, `coded` the same with its cells run-length coded."""
+
+    plain: bytes
+    coded: bytes
+
+    @classmethod
+    def of(cls, pattern: NDArray[Any], *, passes: int, materials: int) -> PatternBytes:
+        """Bytes of a pattern (nx, ny): 0 none, 1 material A, 2 material B. ValueError for what the bus cannot carry.
+
+        One bit a cell for one material, two for two; first index slowest, most significant bit first.
+        """
+        values = np.asarray(pattern)
+        _check(values, materials)
+        bits = 1 if materials == 1 else 2
+        planes = (values.astype(np.uint8).ravel()[:, None] >> np.arange(bits - 1, -1, -1)) & 1
+        head = _HEAD.pack(VERSION, bits, *values.shape, passes, 0)
+        cells = np.packbits(planes.ravel().astype(np.uint8))
+        return cls(head + cells.tobytes(), head + run_length(cells))
+
+    @property
+    def is_shorter_coded(self) -> bool:
+        """Whether the run-length coded form has fewer bytes."""
+        return len(self.coded) < len(self.plain)
+
+    def form_of(self, crc: int) -> bool | None:
+        """Whether a CRC-32 is that of the coded form (True) or of the plain one (False); None for another pattern."""
+        return {zlib.crc32(self.coded): True, zlib.crc32(self.plain): False}.get(crc)
+
+
+def run_length(cells: NDArray[np.uint8]) -> bytes:
+    """Packed cells with runs of three and more coded as runs.
+
+    A byte c < 128 stands before c + 1 bytes as they are, any other before one byte that stands c - 126 times.
+    """
+    if cells.size == 0:
+        return b""
+    starts = np.concatenate([[0], np.flatnonzero(cells[1:] != cells[:-1]) + 1])
+    lengths = np.diff(np.append(starts, cells.size))
+    long = lengths >= _RUN_MIN
+    plain, coded, at = cells.tobytes(), bytearray(), 0
+    for start, length in zip(starts[long].tolist(), lengths[long].tolist(), strict=True):
+        for part in _pieces(plain, at, start):
+            coded += part
+        whole, rest = divmod(length, _RUN_MAX)
+        coded += bytes([_RUN_MAX + _RUN_OFFSET, plain[start]]) * whole
+        if rest >= _RUN_MIN - 1:
+            coded += bytes([rest + _RUN_OFFSET, plain[start]])
+            rest = 0
+        at = start + length - rest
+    for part in _pieces(plain, at, len(plain)):
+        coded += part
+    return bytes(coded)
+
+
+def _pieces(plain: bytes, first: int, end: int) -> Iterator[bytes]:
+    for at in range(first, end, _LITERAL_MAX):
+        piece = plain[at : min(end, at + _LITERAL_MAX)]
+        yield bytes([len(piece) - 1]) + piece
+
+
+def _check(values: NDArray[Any], materials: int) -> None:
+    if values.ndim != 2 or not 0 < values.size <= CELLS_MAX:
+        raise ValueError(
+            f"a pattern of {values.shape} cells; the bus carries two dimensions and up to {CELLS_MAX} cells"
+        )
+    if materials not in (1, 2):
+        raise ValueError(f"{materials} materials; a pattern on the bus knows 1 or 2")
+    low, high = int(values.min()), int(values.max())
+    if low < 0 or high > materials:
+        raise ValueError(f"a pattern with values from {low} to {high}; the head jets 0 to {materials}")
