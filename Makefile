@@ -2,7 +2,8 @@
 # make test       lint, C and Python tests
 # make test-long  the proofs that take minutes
 # make benchmarks measured comparisons, printed as ratios
-# make firmware-cortex-m  the firmware of the nodes for a Cortex-M3, with its size
+# make firmware-cortex-m  the emulated bench as an image for a Cortex-M3, with its size
+# make tools      compilers and emulators that some tests use and skip without (Debian)
 # make gallery    docs/gallery: every scenario with one picture; the pictures of docs/explanation
 PYTHON ?= python3.11
 BIN    := .venv/bin
@@ -12,7 +13,7 @@ BUILD_MODULES := $(addprefix cosim/inkloop/,c_variables.py fmu_archive.py fmu_do
                  $(addprefix hardware/inkloop_hardware/,c_codec.py inkloop.dbc)
 PIP    := $(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check
 
-.PHONY: run test lint format test-long benchmarks firmware-cortex-m gallery clean
+.PHONY: run test lint format test-long benchmarks firmware-cortex-m tools gallery clean
 run: .venv/installed
 	$(BIN)/inkloop run scenarios/cylinder.toml
 
@@ -45,14 +46,15 @@ benchmarks: .venv/installed
 	$(PIP) 'libcosimpy>=0.0.6'   # a peer, of use nowhere else
 	$(BIN)/python -m benchmarks
 
-CORTEX_M := arm-none-eabi-gcc -mcpu=cortex-m3 -mthumb -std=c11 -Os -ffunction-sections -ffp-contract=off \
-            -Wall -Wextra -Wconversion -Wpedantic -Werror -I../../hardware/firmware -I.
 firmware-cortex-m: .venv/installed
-	@if ! command -v arm-none-eabi-gcc >/dev/null; then \
-	  echo "arm-none-eabi-gcc is not installed: the firmware was not compiled for a Cortex-M"; exit 0; fi; \
-	mkdir -p build/cortex-m && $(BIN)/python -m inkloop_hardware.c_codec hardware/inkloop_hardware/inkloop.dbc build/cortex-m && \
-	cd build/cortex-m && for source in inkloop.c ../../hardware/firmware/*.c; do \
-	  $(CORTEX_M) -c $$source || exit 1; done && arm-none-eabi-size *.o
+	@if command -v arm-none-eabi-gcc >/dev/null; then $(MAKE) --no-print-directory -C hardware/firmware/cortex_m; \
+	else echo "arm-none-eabi-gcc is not installed: the firmware was not compiled for a Cortex-M; make tools"; fi
+
+# compilers and emulators that some tests use and skip without
+tools:
+	@if command -v apt-get >/dev/null; then \
+	  apt-get install --yes --no-install-recommends gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm clang; \
+	else echo "install with your own package manager: arm-none-eabi-gcc with newlib, qemu-system-arm, clang"; fi
 
 # every scenario with one picture, docs/gallery; pictures and tables of docs/explanation
 gallery: .venv/installed
