@@ -1,9 +1,59 @@
-"""Errors of the bench, split by who can mend them."""
+"""Errors of the bench, split by who can mend them.
+
+HardwareError
+├── BusError        adapter, cable, bus process: the message names the interface and the channel
+├── NodeLost        a node is silent or not to be believed
+├── NodeStopped     a node fell to SAFE or FAULT in the middle of something; `fault` says why
+├── NodeRefused     a node answered that it will not; `code` is its negative response code
+├── LinkTimeout     a node is alive and does not answer a request
+└── TransferError   a pattern or a map did not get across whole
+"""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from inkloop.errors import InkloopError
+
+if TYPE_CHECKING:
+    from inkloop_hardware.vocabulary import Fault
 
 
 class FrameError(InkloopError):
     """A frame or a value does not fit the DBC; the message names both and says what would."""
+
+
+class HardwareError(InkloopError):
+    """Anything that goes wrong between the master and the nodes of a bench."""
+
+
+class BusError(HardwareError):
+    """The bus cannot be opened or used any more."""
+
+
+class NodeLost(HardwareError):
+    """A node is silent, or its frames are not to be believed."""
+
+
+class NodeStopped(HardwareError):
+    """A node took its de-energised state while something was asked of it."""
+
+    def __init__(self, message: str, fault: Fault) -> None:
+        super().__init__(message)
+        self.fault = fault
+
+
+class NodeRefused(HardwareError):
+    """A node will not do what it was asked; `code` is that of UDS (0x22, 0x24 ...)."""
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class LinkTimeout(HardwareError):
+    """No answer to a request, in all its tries."""
+
+
+class TransferError(HardwareError):
+    """A pattern or a map did not arrive as it was sent."""

@@ -1,0 +1,51 @@
+"""Which bus, and how it is used."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class BusSettings:
+    """An adapter as python-can knows it, the traffic log, and how long the control loop may be silent.
+
+    interface, channel, bitrate (bit/s): those of `can.Bus`; what is None is looked up by python-can in its own
+    configuration (environment, ~/.canrc, can.ini). options: further arguments of that interface.
+    traffic_log: file of all frames, BLF or ASC by its suffix; a relative one lies in the folder of the rig; None: none.
+    loop_timeout_s: so long the control loop may be busy (a plan) while nothing is enabled, then the heartbeat ends;
+    grace_s: the same while something is enabled.
+    """
+
+    interface: str | None = None
+    channel: str | None = None
+    bitrate: int | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    traffic_log: Path | None = None
+    loop_timeout_s: float = 120.0
+    grace_s: float = 0.5
+
+    def __str__(self) -> str:
+        """How it is called in sentences: "slcan on /dev/ttyACM0 at 500 kbit/s"."""
+        words = self.interface or "the interface of python-can's configuration"
+        if self.channel is not None:
+            words += f" on {self.channel}"
+        return words + (f" at {self.bitrate / 1e3:g} kbit/s" if self.bitrate else "")
+
+    def arguments(self) -> dict[str, Any]:
+        """Those of `can.Bus`."""
+        given = {"interface": self.interface, "channel": self.channel, "bitrate": self.bitrate}
+        return {name: value for name, value in given.items() if value is not None} | dict(self.options)
+
+    def to_json(self) -> str:
+        """For another process; TypeError for an option that JSON does not know."""
+        return json.dumps(asdict(self) | {"traffic_log": str(self.traffic_log) if self.traffic_log else None})
+
+    @classmethod
+    def from_json(cls, text: str) -> BusSettings:
+        """What `to_json` wrote."""
+        found = json.loads(text)
+        return cls(**found | {"traffic_log": Path(found["traffic_log"]) if found["traffic_log"] else None})
