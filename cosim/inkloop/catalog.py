@@ -18,7 +18,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
-from inkloop import fmu_options
+from inkloop import fmu_options, shadow_options
 from inkloop.component import MEMBERS, Component, Job
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.faults import nearest, sentence
@@ -35,6 +35,7 @@ PYTHON_KINDS: Mapping[str, tuple[str, str]] = {
 }
 PLAIN_PLANT = "PlainPlant"
 """The kind of a plant without the handshake; `plant` is the kind of the plant itself."""
+SHADOW = shadow_options.KIND
 _RULE_CONTROLLER = ("inkloop_controller.pattern_rule", "rule_controller")
 _PORT_OPTIONS = ("pattern_input", "height_output")
 
@@ -42,7 +43,7 @@ _PORT_OPTIONS = ("pattern_input", "height_output")
 def make(kind: str, job: Job, options: Mapping[str, object]) -> Component:
     """The component of a kind, made for a job. Raises ScenarioError with everything wrong, FmuError."""
     if kind != "Fmu" and kind not in FMU_MODELS:
-        component, found = _make_plain(job, options) if kind == PLAIN_PLANT else _make_python(kind, job, options)
+        component, found = _make_other(kind, job, options)
         if component is not None:
             return component
         raise ScenarioError(kind, found)
@@ -55,7 +56,7 @@ def make(kind: str, job: Job, options: Mapping[str, object]) -> Component:
 def faults(kind: str, job: Job, options: Mapping[str, object]) -> list[str]:
     """Everything wrong with the options of a kind, one sentence each, each beginning with the key; starts nothing."""
     if kind != "Fmu" and kind not in FMU_MODELS:
-        component, found = _make_plain(job, options) if kind == PLAIN_PLANT else _make_python(kind, job, options)
+        component, found = _make_other(kind, job, options)
         if component is not None:
             component.terminate()
         return found
@@ -65,6 +66,18 @@ def faults(kind: str, job: Job, options: Mapping[str, object]) -> list[str]:
         return fmu_options.faults_of_model(kind, job, options)
     except FmuError as error:
         return [f"kind is {kind!r}: {error}"]
+
+
+def _make_other(kind: str, job: Job, options: Mapping[str, object]) -> tuple[Component | None, list[str]]:
+    """A component that is no FMU by itself, or what is wrong."""
+    if kind == PLAIN_PLANT:
+        return _make_plain(job, options)
+    if kind == SHADOW:
+        try:
+            return shadow_options.make_shadow(job, options, make)
+        except ScenarioError as error:
+            return None, list(error.faults)
+    return _make_python(kind, job, options)
 
 
 def _make_python(kind: str, job: Job, options: Mapping[str, object]) -> tuple[Component | None, list[str]]:
@@ -128,13 +141,14 @@ def python_options(kind: str) -> type[BaseModel]:
 
 def is_foreign_fmu(kind: str, options: Mapping[str, object]) -> bool:
     """A component of this kind runs the native code of an FMU that is none of ours."""
-    return kind == "Fmu" or (kind == PLAIN_PLANT and options.get("plant", "Fmu") == "Fmu")
+    plant = options.get("plant", "Fmu" if kind == PLAIN_PLANT else None)
+    return kind == "Fmu" or (kind in (PLAIN_PLANT, SHADOW) and plant == "Fmu")
 
 
 def kinds() -> list[str]:
     """All kinds that can be named here and now, but for "package.module:Class"."""
     return sorted(
-        {*FMU_MODELS, "Fmu", PLAIN_PLANT, *PYTHON_KINDS, *(point.name for point in entry_points(group=GROUP))}
+        {*FMU_MODELS, "Fmu", PLAIN_PLANT, SHADOW, *PYTHON_KINDS, *(point.name for point in entry_points(group=GROUP))}
     )
 
 

@@ -56,10 +56,10 @@ class Port:
 class Component(Protocol):
     """A part of the loop. Times are integer nanoseconds.
 
-    `save() -> bytes` and `restore(bytes)` may be offered besides; without them a run cannot be resumed. Three attributes
-    may stand on the class: `is_device = True` for one that acts on or measures something real; `is_shadow = True` for a
-    model that runs beside a device, whose outputs give way to those of the same name of others; `optional_inputs`, names
-    of the layer contract that may stay unconnected.
+    `save() -> bytes` and `restore(bytes)` may be offered besides; without them a run cannot be resumed. The class may
+    say: `is_device = True`, it acts on or measures something real; `is_shadow = True`, it is a model beside a device,
+    and its outputs give way to those of the same name of others; `optional_inputs`, names of inputs of the layer
+    contract that may stay unconnected.
     """
 
     @property

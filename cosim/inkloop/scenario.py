@@ -21,6 +21,7 @@ from inkloop.events import Event
 from inkloop.faults import nearest, sentence
 from inkloop.geometry import cell_centers
 from inkloop.job import job_of
+from inkloop.legal_mixes import mix_faults, shadow_faults
 from inkloop.schema import ComponentTable, ConnectionTable, ScenarioFile
 from inkloop.units import read_quantities
 from inkloop.wiring import Connection, check, contract_connections
@@ -110,7 +111,7 @@ class Scenario:
     def _options(self, table: ComponentTable) -> dict[str, Any]:
         """The options of a component; the file of an FMU is looked for beside the scenario."""
         options = table.options
-        if table.kind in ("Fmu", catalog.PLAIN_PLANT) and isinstance(options.get("file"), str):
+        if table.kind in ("Fmu", catalog.PLAIN_PLANT, catalog.SHADOW) and isinstance(options.get("file"), str):
             options["file"] = str(Path(self.source).parent / options["file"])
         return options
 
@@ -122,7 +123,10 @@ class Scenario:
         ]
         taken = {connection.target for connection in explicit}
         wires = [wire for wire in contract_connections(components) if wire.target not in taken]
-        return explicit + wires, faults + check(components, explicit + wires)
+        if mixed := mix_faults(components):  # what they leave unconnected is no fault of its own
+            return [], faults + mixed
+        connections = explicit + wires
+        return connections, faults + check(components, connections) + shadow_faults(components, connections)
 
     def _faults(self) -> list[str]:
         faults = self._part_faults()

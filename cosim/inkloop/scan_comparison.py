@@ -1,0 +1,54 @@
+"""How far a model's surface is from what was scanned: as a whole, and in what the last layers have added."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from inkloop.component import BoolMap, FloatMap
+
+
+@dataclass(frozen=True)
+class Divergence:
+    """Root mean squares over the part [m]; NaN where no cell can be compared.
+
+    growth: of what was added since the scan before, over cells seen in both; surface: of the heights, over cells seen.
+    Growth tells a device that goes wrong from one that is only a little off in every layer, and knows no datum.
+    """
+
+    growth: float = math.nan
+    surface: float = math.nan
+
+
+@dataclass(frozen=True)
+class ScannedLayer:
+    """One layer as measured and as the model has it: (nx, ny) heights [m], `valid` the cells that were measured."""
+
+    measured: FloatMap
+    valid: BoolMap
+    surface: FloatMap
+
+    def divergence(self, before: ScannedLayer | None, mask: BoolMap) -> Divergence:
+        """Against the scan before it (None: there is none), over the cells of `mask` (nx, ny)."""
+        error, seen = self.measured - self.surface, self.valid & mask
+        if before is None:
+            return Divergence(surface=_rms(error[seen]))
+        both = seen & before.valid
+        return Divergence(_rms((error - (before.measured - before.surface))[both]), _rms(error[seen]))
+
+
+def start_surface(assumed: FloatMap, measured: FloatMap, valid: BoolMap) -> FloatMap:
+    """The surface to begin on: the scan of layer 0, and where it saw nothing `assumed`, raised by what it is off by.
+
+    All (nx, ny), heights [m]; `assumed` itself where no cell was seen.
+    """
+    if not valid.any():
+        return assumed
+    offset = float(np.median((measured - assumed)[valid]))
+    return np.where(valid, measured, assumed + offset)
+
+
+def _rms(differences: FloatMap) -> float:
+    return float(np.sqrt(np.square(differences).mean())) if differences.size else math.nan
