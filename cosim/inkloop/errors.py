@@ -4,6 +4,7 @@ InkloopError
 ├── ScenarioError    the author of the file: every fault of the file at once, each with its place
 ├── FmuError         the maker of an FMU: cannot be read, or does not offer what is asked of it
 ├── ComponentError   a component failed while it ran: which one, when, in which layer
+├── HeightMapError   a measured map cannot be read, or does not lie on the grid as it is said to
 └── ResultError      a run folder cannot be read or written
 """
 
@@ -32,6 +33,10 @@ class FmuError(InkloopError):
 
 class ComponentError(InkloopError):
     """A component refused or failed; the message names it and says why."""
+
+
+class HeightMapError(InkloopError):
+    """A file is no height map that can be read, or a map cannot be laid over the grid; the message names it."""
 
 
 class ResultError(InkloopError):
