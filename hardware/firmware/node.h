@@ -113,7 +113,7 @@ typedef struct {
     bool any;                       /* at least one block went through: its repeat is answered as it was */
     bool ended;                     /* the last transfer ended well: its end may be asked for again */
     uint32_t size, done, last_size; /* bytes: of all blocks, so far, of the newest block */
-    uint32_t crc;                   /* of the bytes so far */
+    uint32_t crc, crc_before;       /* of the bytes so far; without the newest block */
     uint16_t layer;
     uint32_t job;
     NodeState before;

@@ -69,6 +69,15 @@ static size_t put_map(const Node *node, uint8_t *to) {
     return 8;
 }
 
+static size_t put_transfer(const Node *node, uint8_t *to) {
+    const Transfer *transfer = &node->transfer;
+    to[0] = (uint8_t)((transfer->active ? 1 : 0) | (transfer->upload ? 2 : 0));
+    to[1] = transfer->next_counter;
+    put_u16(to + 2, transfer->layer);
+    const uint32_t numbers[] = {transfer->job, transfer->done, transfer->size};
+    return 4 + put_numbers(to + 4, numbers, sizeof numbers / sizeof *numbers);
+}
+
 static size_t put_journal(const Node *node, uint8_t *to, size_t room) {
     const size_t records = (room < BLOCK_MAX ? room : BLOCK_MAX) / RECORD_BYTES;
     const uint32_t most = records < JOURNAL_RECORDS_MAX ? (uint32_t)records : JOURNAL_RECORDS_MAX;
@@ -98,6 +107,9 @@ static size_t read_identifier(const Node *node, const uint8_t *request, size_t l
         if (!node_has(node, ROLE_PROFILER))
             return uds_refusal(answer, UDS_READ, UDS_OUT_OF_RANGE);
         size = put_map(node, to);
+        break;
+    case ID_TRANSFER:
+        size = put_transfer(node, to);
         break;
     case ID_JOURNAL:
         size = put_journal(node, to, room - READ_HEAD);

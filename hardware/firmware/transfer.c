@@ -5,7 +5,8 @@
 #include "height_map.h"
 #include "layer_order.h"
 
-enum { REQUEST_BYTES = 11, LENGTH_FORMAT = 0x44, PLAIN = 0x00, RUN_LENGTH = 0x10, BLOCK_HEAD = 2, CRC_BYTES = 4 };
+enum { REQUEST_BYTES = 11, LENGTH_FORMAT = 0x44, PLAIN = 0x00, RUN_LENGTH = 0x10 };
+enum { BLOCK_HEAD = 2, MOST_BYTES = 2, CRC_BYTES = 4 };
 
 static size_t accepted(uint8_t *answer, uint8_t service) {
     answer[0] = (uint8_t)(service + UDS_POSITIVE);
@@ -81,26 +82,40 @@ static size_t block_answer(const uint8_t *request, uint8_t *answer) {
     return BLOCK_HEAD;
 }
 
-static void count(Transfer *transfer, uint32_t size) {
+static void count(Transfer *transfer, const uint8_t *bytes, uint32_t size) {
+    transfer->crc_before = transfer->crc;
+    transfer->crc = crc32_after(transfer->crc, bytes, size);
     transfer->done += size;
     transfer->last_size = size;
     transfer->next_counter++;
     transfer->any = true;
 }
 
-static size_t give_block(Node *node, const uint8_t *request, uint8_t *answer, size_t room, bool repeated) {
+/* As if the newest block had not been asked for. */
+static void take_back(Transfer *transfer) {
+    transfer->crc = transfer->crc_before;
+    transfer->done -= transfer->last_size;
+    transfer->next_counter--;
+}
+
+static uint32_t most_bytes(const uint8_t *request, size_t length, size_t room) {
+    const uint32_t fit = (uint32_t)(room < BLOCK_MAX ? room : BLOCK_MAX) - BLOCK_HEAD;
+    const uint32_t asked = length == BLOCK_HEAD ? fit : get_u16(request + BLOCK_HEAD);
+    return asked < fit ? asked : fit;
+}
+
+static size_t give_block(Node *node, const uint8_t *request, uint8_t *answer, uint32_t most, bool repeated) {
     Transfer *transfer = &node->transfer;
-    const uint32_t left = transfer->size - transfer->done;
-    const uint32_t most = (uint32_t)(room < BLOCK_MAX ? room : BLOCK_MAX) - BLOCK_HEAD;
-    const uint32_t size = repeated ? transfer->last_size : left < most ? left : most;
-    const uint32_t from = repeated ? transfer->done - size : transfer->done;
-    if (size == 0)
+    const uint32_t left = repeated ? transfer->last_size : transfer->size - transfer->done;
+    const uint32_t size = left < most ? left : most;
+    if (most == 0)
+        return uds_refusal(answer, UDS_TRANSFER, UDS_OUT_OF_RANGE);
+    if (left == 0)
         return uds_refusal(answer, UDS_TRANSFER, UDS_SEQUENCE);
-    height_map_read(node->hal, from, answer + BLOCK_HEAD, size);
-    if (!repeated) {
-        transfer->crc = crc32_after(transfer->crc, answer + BLOCK_HEAD, size);
-        count(transfer, size);
-    }
+    if (repeated)
+        take_back(transfer);
+    height_map_read(node->hal, transfer->done, answer + BLOCK_HEAD, size);
+    count(transfer, answer + BLOCK_HEAD, size);
     return block_answer(request, answer) + size;
 }
 
@@ -111,8 +126,7 @@ static size_t take_block(Node *node, const uint8_t *request, size_t length, uint
         return give_up(node, answer, UDS_TRANSFER, UDS_SUSPENDED);
     if (!pattern_take(&node->pattern, request + BLOCK_HEAD, size))
         return give_up(node, answer, UDS_TRANSFER, UDS_OUT_OF_RANGE);
-    transfer->crc = crc32_after(transfer->crc, request + BLOCK_HEAD, size);
-    count(transfer, size);
+    count(transfer, request + BLOCK_HEAD, size);
     return block_answer(request, answer);
 }
 
@@ -120,13 +134,14 @@ size_t transfer_block(Node *node, const uint8_t *request, size_t length, uint8_t
     Transfer *transfer = &node->transfer;
     if (!transfer->active)
         return uds_refusal(answer, UDS_TRANSFER, UDS_SEQUENCE);
-    if (length < BLOCK_HEAD || (transfer->upload ? length != BLOCK_HEAD : length == BLOCK_HEAD))
+    const bool limited = length == (size_t)BLOCK_HEAD + MOST_BYTES;
+    if (length < BLOCK_HEAD || (transfer->upload ? length != BLOCK_HEAD && !limited : length == BLOCK_HEAD))
         return uds_refusal(answer, UDS_TRANSFER, UDS_LENGTH);
     const bool repeated = transfer->any && request[1] == (uint8_t)(transfer->next_counter - 1);
     if (!repeated && request[1] != transfer->next_counter)
         return uds_refusal(answer, UDS_TRANSFER, UDS_COUNTER);
     if (transfer->upload)
-        return give_block(node, request, answer, room, repeated);
+        return give_block(node, request, answer, most_bytes(request, length, room), repeated);
     return repeated ? block_answer(request, answer) : take_block(node, request, length, answer);
 }
 

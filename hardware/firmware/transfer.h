@@ -4,6 +4,8 @@
  *                                   that MasterAlive says
  *     35 00 44 layer (4) size (4)   the last scan as height_map.h has it
  *     36 counter bytes...           counter from 1, after 255 comes 0; the newest block may be repeated
+ *     36 counter [most (2)]         of an upload: no more than `most` bytes, else as many as fit; a repeat with a lower
+ *                                   `most` gives the front of that block, and the next block begins behind it
  *     37 crc (4)                    CRC-32 of all bytes as transferred; of an upload: 37 alone, the answer carries it
  */
 #ifndef INKLOOP_TRANSFER_H

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator
-from struct import pack
+from struct import Struct, pack
 
 import numpy as np
 import pytest
@@ -173,6 +173,34 @@ def test_block_of_a_map_may_be_asked_for_again(bench: NodeBench) -> None:
     second = bench.raw(b"\x36\x02", PROFILER, 100)
     assert second[2:] != first[2:] or len(second) != len(first)
     assert bench.raw(b"\x36\x01", PROFILER, 100) == bytes((0x7F, 0x36, COUNTER))
+
+
+def test_block_of_a_map_may_be_asked_for_in_smaller_pieces(bench: NodeBench) -> None:
+    """A repeat with a lower limit is the front of the block, and the rest comes with the next counter."""
+    assert bench.scan(0) == DONE
+    whole = bench.upload(0)
+    bench.raw(pack(">BBBII", 0x35, 0, 0x44, 0, len(whole)), PROFILER)
+    assert bench.raw(b"\x36\x01" + pack(">H", 50), PROFILER) == b"\x76\x01" + whole[:50]
+    assert bench.raw(b"\x36\x02", PROFILER, 100) == b"\x76\x02" + whole[50:148]
+    for most in (40, 90, 40):
+        assert bench.raw(b"\x36\x02" + pack(">H", most), PROFILER) == b"\x76\x02" + whole[50:90]
+    assert bench.raw(b"\x36\x03\x00\x00", PROFILER) == bytes((0x7F, 0x36, RANGE))
+    assert bench.raw(b"\x36\x03" + pack(">H", 5000), PROFILER) == b"\x76\x03" + whole[90:]
+    assert bench.raw(b"\x37", PROFILER) == pack(">BI", 0x77, zlib.crc32(whole))
+
+
+def test_node_says_how_far_a_transfer_has_come(bench: NodeBench) -> None:
+    said = Struct(">BBHIII")
+    blob = pattern_blob(np.ones((9, 9)))
+    bench.raw(begin(len(blob), layer=1))
+    assert said.unpack(bench.raw(b"\x22\x01\x04")[3:]) == (1, 1, 1, 7, 0, len(blob))
+    for _ in range(2):
+        bench.raw(b"\x36\x01" + blob[:10])
+        assert said.unpack(bench.raw(b"\x22\x01\x04")[3:]) == (1, 2, 1, 7, 10, len(blob))
+    assert bench.scan(0) == DONE
+    bench.raw(pack(">BBBII", 0x35, 0, 0x44, 0, 185), PROFILER)
+    bench.raw(b"\x36\x01", PROFILER, 100)
+    assert said.unpack(bench.raw(b"\x22\x01\x04", PROFILER)[3:]) == (3, 2, 0, 7, 98, 185)
 
 
 def test_map_says_which_cells_are_not_valid_and_stands_on_a_datum_when_the_part_is_tall() -> None:
