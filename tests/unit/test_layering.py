@@ -24,6 +24,9 @@ DOORS = {
     "isotp": ("inkloop_hardware",),
     "udsoncan": ("inkloop_hardware",),
     "e2e": ("inkloop_hardware",),
+    "tifffile": ("inkloop.metrology",),
+    "sdfio": ("inkloop.metrology",),
+    "SurfaceTopography": ("inkloop.metrology",),
     "matplotlib": ("inkloop.plot", "inkloop.report"),
     "mpl_toolkits": ("inkloop.plot", "inkloop.report"),
 }

@@ -1,0 +1,57 @@
+"""A measured height map: fine pixels, each with a height or none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from inkloop.component import BoolMap, FloatMap
+from inkloop.errors import HeightMapError
+
+Mirror: TypeAlias = Literal["none", "x", "y"]
+
+
+@dataclass(frozen=True, eq=False)
+class HeightMap:
+    """Heights of a regular grid of pixels in the coordinates of the profiler.
+
+    z: (m, n) [m], i along x, j along y, NaN where nothing was measured (infinities become NaN); dx, dy: size of a pixel
+    [m]; x0, y0: centre of pixel (0, 0) [m]; source: what messages call it. Raises HeightMapError.
+    """
+
+    z: FloatMap
+    dx: float
+    dy: float
+    x0: float = 0.0
+    y0: float = 0.0
+    source: str = "height map"
+
+    def __post_init__(self) -> None:
+        z = np.array(self.z, dtype=np.float64)
+        if z.ndim != 2 or z.size == 0:
+            raise HeightMapError(f"{self.source}: holds an array of shape {z.shape}; a map needs rows and columns")
+        for name in ("dx", "dy"):
+            size = getattr(self, name)
+            if not (np.isfinite(size) and size > 0):
+                raise HeightMapError(f"{self.source}: the pixel size {name} is {size} m; needs a length above 0")
+        z[~np.isfinite(z)] = np.nan
+        z.flags.writeable = False
+        object.__setattr__(self, "z", z)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Pixels along x and along y."""
+        return self.z.shape[0], self.z.shape[1]
+
+    @property
+    def valid(self) -> BoolMap:
+        """(m, n), true where a height was measured."""
+        return np.isfinite(self.z)
+
+    def mirrored(self, mirror: Mirror) -> HeightMap:
+        """The map with x or y counted the other way, over the same field: for files whose rows go down."""
+        if mirror == "none":
+            return self
+        return replace(self, z=np.flip(self.z, axis=0 if mirror == "x" else 1))

@@ -1,0 +1,107 @@
+"""Height maps from files: the format by the suffix, the unit and the pixel size by the file or by the caller.
+
+Neither is ever guessed: a map that is wrong by a factor of 1000 looks like any other.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from inkloop.errors import HeightMapError
+from inkloop.metrology.file_contents import FileContents, length_factor, required_factor
+from inkloop.metrology.height_map import HeightMap
+
+PIXEL_TOLERANCE = 0.01  # files round what they say of their pixels (assumed)
+
+READERS: Mapping[str, tuple[str, str]] = {
+    **dict.fromkeys((".csv", ".txt", ".tsv", ".asc"), ("inkloop.metrology.table_file", "read_table")),
+    **dict.fromkeys((".npy", ".npz"), ("inkloop.metrology.array_file", "read_array")),
+    **dict.fromkeys((".tif", ".tiff"), ("inkloop.metrology.tiff_file", "read_tiff")),
+    ".sdf": ("inkloop.metrology.instrument_file", "read_sdf"),
+}
+"""Suffix -> module and function; any other suffix is an instrument's own format."""
+_INSTRUMENTS = ("inkloop.metrology.instrument_file", "read_instrument")
+
+
+def read(
+    path: Path | str,
+    *,
+    unit: str | None = None,
+    pixel: float | tuple[float, float] | None = None,
+    scale: float | None = None,
+    invalid_value: float | None = None,
+    rows_along: Literal["x", "y"] | None = None,
+) -> HeightMap:
+    """The map in a file: CSV, NPY, NPZ, TIFF, SDF, and with `inkloop[metrology]` SUR, X3P and some 40 formats more.
+
+    unit: of the heights, "nm", "um", "mm" or "m"; pixel: size, or (dx, dy) [m]; both may be left to a file that says
+    them, and may not contradict it. scale: height of one count in `unit`, for files of whole-number counts.
+    invalid_value: the number that marks a pixel without a height, as stored. rows_along: "x" where a stored row lies
+    along x (default of tables and pictures), "y" where the first index goes along x (default of NPY and NPZ).
+    Raises HeightMapError with everything that is wrong.
+    """
+    path = Path(path)
+    contents = _contents(path)
+    faults: list[str] = []
+    factor = _factor(path, contents, unit, faults)
+    dx, dy = _pixel(contents, pixel, faults)
+    values = np.asarray(contents.values)
+    if values.ndim != 2:
+        faults.append(f"holds an array of shape {values.shape}; expected rows and columns")
+    elif values.dtype.kind not in "iuf":
+        faults.append(f"holds values of type {values.dtype}; expected numbers")
+    elif values.dtype.kind in "iu" and scale is None:
+        faults.append(f"holds whole-number counts ({values.dtype}); say what height one count is: scale, in the unit")
+    if scale is not None and not (np.isfinite(scale) and scale > 0):
+        faults.append(f"scale is {scale}; expected a height per count above 0")
+    if faults:
+        raise HeightMapError(f"{path}: " + "; ".join(faults))
+    z = values.astype(np.float64)
+    if invalid_value is not None:
+        z[values == invalid_value] = np.nan
+    z *= factor * (1.0 if scale is None else scale)
+    if (rows_along or contents.rows_along) == "x":
+        z = z.T
+    return HeightMap(z, dx, dy, source=str(path))
+
+
+def _contents(path: Path) -> FileContents:
+    module, name = READERS.get(path.suffix.lower(), _INSTRUMENTS)
+    reader: Callable[[Path], FileContents] = getattr(importlib.import_module(module), name)
+    try:
+        return reader(path)
+    except OSError as error:
+        raise HeightMapError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _factor(path: Path, contents: FileContents, unit: str | None, faults: list[str]) -> float:
+    """Metres per unit of the stored heights; where both say it, they agree."""
+    if unit is not None and length_factor(unit) is None:
+        faults.append(f"unit is {unit!r}; expected one of nm, um, mm, m")
+        return 1.0
+    if unit is None and contents.unit is None:
+        faults.append("does not say the unit of its heights; give unit: nm, um, mm or m")
+        return 1.0
+    said = required_factor(str(path), contents.unit if contents.unit is not None else str(unit))
+    if unit is not None and length_factor(unit) != said:
+        faults.append(f"says that its heights are in {contents.unit}, unit is {unit!r}; leave unit out or correct it")
+    return said
+
+
+def _pixel(contents: FileContents, pixel: float | tuple[float, float] | None, faults: list[str]) -> tuple[float, float]:
+    """Size of a pixel along x and y [m]; where both say it, they agree."""
+    asked = (float(pixel), float(pixel)) if isinstance(pixel, int | float) else pixel
+    if asked is None and contents.pixel is None:
+        faults.append("does not say how large its pixels are; give pixel, the distance of two pixels")
+    if asked is not None and not all(np.isfinite(size) and size > 0 for size in asked):
+        faults.append(f"pixel is {asked} m; expected lengths above 0")
+        return 1.0, 1.0
+    if asked and contents.pixel and not np.allclose(asked, contents.pixel, rtol=PIXEL_TOLERANCE, atol=0.0):
+        said, given = (" x ".join(f"{size * 1e6:g}" for size in sizes) for sizes in (contents.pixel, asked))
+        faults.append(f"says that its pixels are {said} um, pixel is {given} um; leave pixel out or correct it")
+    return contents.pixel or asked or (1.0, 1.0)
