@@ -2,8 +2,9 @@
 
 A Python class takes part as `Class(job, *, option: type = default, ...)`: its options are checked against these
 annotations. It is named in the table below, by an entry point of the group "inkloop.components", or as
-"package.module:Class". It is a component, or has a method `pattern` and becomes a controller that goes by it. The
-options of an FMU are its parameters, with a unit in the key where they have one.
+"package.module:Class". It is a component, or has a method `pattern` and becomes a controller that goes by it; a class
+with a parameter `rig` is given the bus of `[bench]`. The options of an FMU are its parameters, with a unit in the key
+where they have one.
 """
 
 from __future__ import annotations
@@ -18,14 +19,16 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
-from inkloop import fmu_options, shadow_options
+from inkloop import devices, fmu_options, shadow_options
 from inkloop.component import MEMBERS, Component, Job
+from inkloop.devices import Bench
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.faults import nearest, sentence
 from inkloop.plain_plant import PlainPlant
 
 GROUP = "inkloop.components"
-FMU_MODELS = ("LayerDeposition", "ProfileSensor")
+DEPOSITION_MODELS = ("LayerDeposition", "SuperpositionDeposition", "VolumeAreaDeposition")
+FMU_MODELS = (*DEPOSITION_MODELS, "ProfileSensor")
 PYTHON_KINDS: Mapping[str, tuple[str, str]] = {
     "LayerMpc": ("inkloop_controller.controllers", "LayerMpcController"),
     "OpenLoop": ("inkloop_controller.controllers", "OpenLoopController"),
@@ -40,35 +43,49 @@ _RULE_CONTROLLER = ("inkloop_controller.pattern_rule", "rule_controller")
 _PORT_OPTIONS = ("pattern_input", "height_output")
 
 
-def make(kind: str, job: Job, options: Mapping[str, object]) -> Component:
-    """The component of a kind, made for a job. Raises ScenarioError with everything wrong, FmuError."""
-    if kind != "Fmu" and kind not in FMU_MODELS:
-        component, found = _make_other(kind, job, options)
+def make(kind: str, job: Job, options: Mapping[str, object], bench: Bench | None = None) -> Component:
+    """The component of a kind, made for a job; bench: of all devices of its loop.
+
+    Raises ScenarioError with everything wrong, FmuError.
+    """
+    if not _goes_by_parameters(kind):
+        component, found = _make_other(kind, job, options, bench)
         if component is not None:
             return component
         raise ScenarioError(kind, found)
     found = faults(kind, job, options)
     if found:
         raise ScenarioError(kind, found)
+    if kind in devices.KINDS:
+        return devices.make(kind, job, options, bench or Bench())
     return fmu_options.make_from_file(job, options) if kind == "Fmu" else fmu_options.make_model(kind, job, options)
 
 
 def faults(kind: str, job: Job, options: Mapping[str, object]) -> list[str]:
     """Everything wrong with the options of a kind, one sentence each, each beginning with the key; starts nothing."""
-    if kind != "Fmu" and kind not in FMU_MODELS:
-        component, found = _make_other(kind, job, options)
+    if not _goes_by_parameters(kind):
+        component, found = _make_other(kind, job, options, None)
         if component is not None:
             component.terminate()
         return found
     try:
         if kind == "Fmu":
             return fmu_options.faults_of_file(job, options)
+        if kind in devices.KINDS:
+            return devices.faults(kind, job, options)
         return fmu_options.faults_of_model(kind, job, options)
     except FmuError as error:
         return [f"kind is {kind!r}: {error}"]
 
 
-def _make_other(kind: str, job: Job, options: Mapping[str, object]) -> tuple[Component | None, list[str]]:
+def _goes_by_parameters(kind: str) -> bool:
+    """Whether the options of a kind are the parameters of an FMU."""
+    return kind == "Fmu" or kind in FMU_MODELS or kind in devices.KINDS
+
+
+def _make_other(
+    kind: str, job: Job, options: Mapping[str, object], bench: Bench | None
+) -> tuple[Component | None, list[str]]:
     """A component that is no FMU by itself, or what is wrong."""
     if kind == PLAIN_PLANT:
         return _make_plain(job, options)
@@ -77,14 +94,19 @@ def _make_other(kind: str, job: Job, options: Mapping[str, object]) -> tuple[Com
             return shadow_options.make_shadow(job, options, make)
         except ScenarioError as error:
             return None, list(error.faults)
-    return _make_python(kind, job, options)
+    return _make_python(kind, job, options, bench)
 
 
-def _make_python(kind: str, job: Job, options: Mapping[str, object]) -> tuple[Component | None, list[str]]:
+def _make_python(
+    kind: str, job: Job, options: Mapping[str, object], bench: Bench | None
+) -> tuple[Component | None, list[str]]:
     """A Python component, or what is wrong; a ValueError of its constructor is a fault of the file."""
     try:
         factory = _load(kind)
-        component = _component(kind, job, factory(job, **_validated(factory, options)))
+        chosen = _validated(factory, options)
+        if "rig" in inspect.signature(factory).parameters:
+            chosen["rig"] = (bench or Bench()).rig
+        component = _component(kind, job, factory(job, **chosen))
     except ValidationError as error:
         return None, [sentence(detail, _options_table(factory)) for detail in error.errors()]
     except ValueError as error:
@@ -148,7 +170,15 @@ def is_foreign_fmu(kind: str, options: Mapping[str, object]) -> bool:
 def kinds() -> list[str]:
     """All kinds that can be named here and now, but for "package.module:Class"."""
     return sorted(
-        {*FMU_MODELS, "Fmu", PLAIN_PLANT, SHADOW, *PYTHON_KINDS, *(point.name for point in entry_points(group=GROUP))}
+        {
+            *FMU_MODELS,
+            *devices.KINDS,
+            "Fmu",
+            PLAIN_PLANT,
+            SHADOW,
+            *PYTHON_KINDS,
+            *(point.name for point in entry_points(group=GROUP)),
+        }
     )
 
 

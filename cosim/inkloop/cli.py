@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from inkloop import __version__, fmu, report, template
+from inkloop import __version__, bench_commands, fmu, report, template
 from inkloop.errors import InkloopError
 from inkloop.export import export
 from inkloop.files import write_text
@@ -93,11 +93,22 @@ def _parser() -> argparse.ArgumentParser:
     info = commands.add_parser("info", help="show what an FMU is and offers, or how a run came about and ended")
     info.add_argument("path", type=Path, metavar="FMU|RUN", help="an .fmu file or a run folder")
     info.set_defaults(command=_info)
+
+    bench, device = bench_commands.add_parsers(commands)
+    bench.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO", help="a .toml file: grid, ink and sensor")
+    bench.set_defaults(command=_bench)
+    device.set_defaults(command=_device)
+    for on_a_bench in (bench, device):
+        _add_overrides(on_a_bench)
     return parser
 
 
 def _add_scenario(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="a .toml file")
+    _add_overrides(parser)
+
+
+def _add_overrides(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides",
                         help="override a key, e.g. components.controller.alpha=0.5; may be repeated")  # fmt: skip
 
@@ -131,6 +142,14 @@ def _resume(options: argparse.Namespace, console: Console) -> int:
     if _is_isolated(options, scenario):
         return run_isolated([*options.words, "--no-isolate"], options.run, scenario.foreign_fmus)
     return resume(options.run, console)
+
+
+def _bench(options: argparse.Namespace, console: Console) -> int:
+    return bench_commands.emulate(_scenario(options) if options.scenario else None, options, console)
+
+
+def _device(options: argparse.Namespace, console: Console) -> int:
+    return bench_commands.act(_scenario(options), options, console)
 
 
 def _is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:

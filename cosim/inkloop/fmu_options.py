@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import NDArray
+
 from inkloop.component import Job
 from inkloop.errors import FmuError
 from inkloop.export import export, find_fmu
@@ -48,6 +50,14 @@ def make_model(model: str, job: Job, options: Mapping[str, object]) -> FmuCompon
         made = export(model, fmi="2" if form == "fmi2" else "3", nx=sizes["nx"], ny=sizes["ny"], fixed=True,
                       out=Path(folder) / f"{model}.fmu")  # fmt: skip
         return FmuComponent(made, parameters=parsed.parameters, structural=sizes)
+
+
+def values_of_model(model: str, job: Job, options: Mapping[str, object]) -> dict[str, NDArray[Any]]:
+    """What faultless options and the job come to: by parameter its value in SI, enumerations as numbers."""
+    parsed = _parse_model(model, job, options)
+    description = describe(find_fmu(model, FORMS[0]))
+    sizes = description.sizes(parsed.structural)
+    return {name: description.parameters[name].convert(value, sizes) for name, value in parsed.parameters.items()}
 
 
 def faults_of_file(job: Job, options: Mapping[str, object]) -> list[str]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from inkloop import catalog
+from inkloop import catalog, devices
 from inkloop.export import find_fmu
 from inkloop.fmu import Variable, describe
 from inkloop.fmu_options import FORMS
@@ -27,6 +27,7 @@ def scenario_schema() -> Schema:
     schema = ScenarioFile.model_json_schema()
     definitions = schema["$defs"]
     options = {model: _model_options(model) for model in catalog.FMU_MODELS}
+    options |= {kind: _model_options(device.model) for kind, device in devices.KINDS.items()}
     for kind in catalog.PYTHON_KINDS:
         table = catalog.python_options(kind).model_json_schema()
         definitions.update(table.pop("$defs", {}))

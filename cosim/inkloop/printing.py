@@ -36,7 +36,7 @@ class Print:
     ) -> None:
         limits = scenario.tables.run
         self._scenario, self._folder, self._notes = scenario, folder, dict(notes or {})
-        self._components, connections = scenario.build()
+        self._components, connections = scenario.build(folder)
         self._events = scenario.events(self._components)
         self._recorder = Recorder(scenario.job(), self._components, on_layer)
         self._checkpoints = Checkpoints(folder, self._components, self._recorder) if folder else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.table import Column
 
-from inkloop import report
+from inkloop import devices, report
 from inkloop.checkpoint import remove_layers
+from inkloop.emulation import check_listening
 from inkloop.errors import ResultError
 from inkloop.interrupt import deferred
+from inkloop.live_words import live_words
 from inkloop.pacing import sentence
 from inkloop.printing import Print
 from inkloop.recorder import LayerRow
@@ -82,8 +85,9 @@ def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool
         for place, variant in _runs(scenario, folder, compare):
             if _is_finished(place):
                 continue
-            Result.begin(place, variant.text, notes)
-            result = print_part(variant, progress, place, notes)
+            with _words_of_devices(variant, progress.console, place):
+                Result.begin(place, variant.text, notes)
+                result = print_part(variant, progress, place, notes)
             if "real_time" in result.run:
                 progress.console.print(f"{result.run['label']}: {sentence(result.run['real_time'])}", highlight=False)
             for remark in report.remarks(result):
@@ -99,6 +103,14 @@ def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool
         advice = f"cannot be resumed: {refusal}" if refusal else f"`inkloop resume {folder}` goes on"
         console.print(advice, highlight=False)
     return INTERRUPTED if stopped else 0
+
+
+def _words_of_devices(scenario: Scenario, console: Console, folder: Path) -> AbstractContextManager[None]:
+    """Shows what devices say, if there are any. Raises ComponentError if nobody listens at their emulated bus."""
+    if not any(table.kind in devices.KINDS for table in scenario.tables.components.values()):
+        return nullcontext()
+    check_listening(scenario)
+    return live_words(console, folder)
 
 
 def _is_finished(place: Path) -> bool:

@@ -15,6 +15,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from inkloop import catalog
 from inkloop.component import Component, Job
+from inkloop.devices import Bench
 from inkloop.errors import ScenarioError
 from inkloop.event_options import read_events
 from inkloop.events import Event
@@ -81,15 +82,17 @@ class Scenario:
         places = self._all_components()
         return [place for place, table in places if catalog.is_foreign_fmu(table.kind, table.options)]
 
-    def build(self) -> tuple[dict[str, Component], list[Connection]]:
+    def build(self, folder: Path | None = None) -> tuple[dict[str, Component], list[Connection]]:
         """Components in file order and their checked connections. The caller terminates the components.
 
-        Raises ScenarioError, also with the faults of the events.
+        folder: of the run, where devices log the traffic of their bus; no bus is opened yet. Raises ScenarioError, also
+        with the faults of the events.
         """
         components: dict[str, Component] = {}
+        bench = Bench(self.tables.bench, folder)
         try:
             for name, table in self.tables.components.items():
-                components[name] = catalog.make(table.kind, self.job(name), self._options(table))
+                components[name] = catalog.make(table.kind, self.job(name), self._options(table), bench)
             connections, faults = self._connect(components)
             if faults := faults + self._read_events(components)[1]:
                 raise ScenarioError(self.source, faults)

@@ -78,6 +78,27 @@ class Process(Table):
     pass_rotation: int = Field(default=0, ge=0, le=3, description="places by which each layer's order starts later")
 
 
+class BenchTable(Table):
+    """`[bench]`: the CAN bus that devices share, and what a layer on them is besides its pattern.
+
+    Without `interface` and `channel`, python-can's own configuration says which bus it is.
+    """
+
+    interface: str | None = Field(default=None, description='of python-can: "socketcan", "slcan", "pcan", ...')
+    channel: str | None = Field(default=None, description='"can0", "/dev/ttyACM0", "socket://127.0.0.1:28550", ...')
+    bitrate: int | None = Field(default=None, ge=10_000, le=1_000_000, description="bit/s")
+    options: dict[str, Any] = Field(default={}, description="further options of the python-can interface")
+    traffic_log: str = Field(
+        default="traffic.blf",
+        pattern=r"^([^/\\]+\.(blf|asc))?$",
+        description="file in the run folder with all frames, .blf or .asc; empty: none",
+    )
+    cure_ms: int = Field(default=100, ge=1, le=65534, description="light after each pass")
+    loop_timeout_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = Field(
+        default=120.0, description="silence of the control loop, with nothing enabled, after which its heartbeat stops"
+    )
+
+
 class RunTable(Table):
     """`[run]`: communication points and the end of the run."""
 
@@ -175,6 +196,7 @@ class ScenarioFile(Table):
     ink: Inks = Inks()
     process: Process = Process()
     run: RunTable = RunTable()
+    bench: BenchTable = BenchTable()
     components: dict[str, ComponentTable] = Field(min_length=1)
     connections: list[ConnectionTable] = Field(default=[])
     events: list[EventTable] = Field(default=[])

@@ -1,0 +1,84 @@
+"""Components on a CAN bus: which kinds there are, what each is called in simulation, and the one rig that they share.
+
+The options of a device are those of the model in its place, so that a scenario goes from one to the other by its kinds
+alone. A real device does not read them; they say how it is emulated. The package of the devices is loaded when one is
+made, and opens nothing before it is initialized.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, cast
+
+from inkloop import fmu_options
+from inkloop.component import Component, Job
+from inkloop.schema import BenchTable
+
+LOGGER = "inkloop_hardware"
+"""Where devices say what they do."""
+
+
+@dataclass(frozen=True)
+class Device:
+    """A kind of device: the model in its place, and the class that drives it."""
+
+    model: str
+    module: str
+    name: str
+
+
+KINDS: Mapping[str, Device] = {
+    "hardware.printer": Device("LayerDeposition", "inkloop_hardware.printer", "Printer"),
+    "hardware.profiler": Device("ProfileSensor", "inkloop_hardware.profiler", "Profiler"),
+}
+
+
+class Bench:
+    """What the devices of one loop have in common. folder: of the traffic log, if one is kept."""
+
+    def __init__(self, table: BenchTable | None = None, folder: Path | None = None) -> None:
+        self.table = table or BenchTable()
+        self._folder = folder
+
+    @cached_property
+    def rig(self) -> Any:
+        """The bus with its nodes, not opened yet."""
+        table = self.table
+        settings = _load("inkloop_hardware.bus_settings", "BusSettings")(
+            interface=table.interface,
+            channel=table.channel,
+            bitrate=table.bitrate,
+            options=table.options,
+            traffic_log=Path(table.traffic_log) if self._folder and table.traffic_log else None,
+            loop_timeout_s=table.loop_timeout_s,
+        )
+        return _load("inkloop_hardware.rig", "Rig")(settings, folder=self._folder)
+
+
+def faults(kind: str, job: Job, options: Mapping[str, object]) -> list[str]:
+    """Everything wrong with the options of a device. Raises FmuError where its model is not there."""
+    return fmu_options.faults_of_model(KINDS[kind].model, job, options)
+
+
+def make(kind: str, job: Job, options: Mapping[str, object], bench: Bench) -> Component:
+    """A device with faultless options."""
+    device = KINDS[kind]
+    factory = _load(device.module, device.name)
+    if device.model == "LayerDeposition":
+        return cast(Component, factory(told(job, options), bench.rig, cure_ms=bench.table.cure_ms))
+    return cast(Component, factory(job, bench.rig))
+
+
+def told(job: Job, options: Mapping[str, object]) -> Job:
+    """The job with the passes that the options of its printer say, as the model in its place would take them."""
+    values = fmu_options.values_of_model("LayerDeposition", job, options)
+    passes, order, rotation = (int(values[name]) for name in ("passes", "pass_order", "pass_rotation"))
+    return replace(job, passes=passes, pass_order=order, pass_rotation=rotation)
+
+
+def _load(module: str, name: str) -> Any:
+    return getattr(importlib.import_module(module), name)

@@ -1,0 +1,85 @@
+"""What an emulated bench is to be like, so that a scenario prints on it what it prints with our FMUs, bit for bit."""
+
+from __future__ import annotations
+
+import re
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from inkloop import devices, fmu_options
+from inkloop.component import FloatMap
+from inkloop.errors import ComponentError, ScenarioError
+from inkloop.scenario import Scenario
+
+_LOCAL = re.compile(r"socket://127\.0\.0\.1:(\d+)")
+_SEEDS = {"LayerDeposition": "printer_seed", "ProfileSensor": "sensor_seed"}
+_EMULATED = {
+    "LayerDeposition": (
+        *(f"h{order}_{ink}" for ink in "ab" for order in (1, 2, 3)),
+        *("variation", "variation_kind", "nozzle_variation", "nozzle_pitch"),
+    ),
+    "ProfileSensor": (
+        *("pitch", "noise_std", "noise_correlation", "resolution", "bias", "drift_rate", "tilt_x", "tilt_y"),
+        *("spot_radius", "slope_bias", "dropout_slope", "dropout_rate"),
+    ),
+}
+"""Parameters of the models that the emulated bench has too, under the same names."""
+_SAID_OTHERWISE = {"pitch", "passes", "pass_order", "pass_rotation", "layer_duration", "scan_duration", "height_start"}
+"""Told to the nodes by the master, by files, or by the times of the nodes."""
+
+
+@dataclass(frozen=True)
+class Emulation:
+    """Options of the emulated bench in SI, and the surface to print on (nx, ny) [m], flat if None."""
+
+    parameters: dict[str, float] = field(default_factory=dict)
+    surface: FloatMap | None = None
+
+
+def emulation_of(scenario: Scenario) -> Emulation:
+    """The bench that stands for printer and profiler of a scenario, devices or our FMUs.
+
+    Raises ScenarioError with every option that only the FMUs have.
+    """
+    grid = scenario.tables.grid
+    parameters: dict[str, float] = {"nx": grid.nx, "ny": grid.ny}
+    faults: list[str] = []
+    for name, table in scenario.tables.components.items():
+        model = devices.KINDS[table.kind].model if table.kind in devices.KINDS else table.kind
+        if model not in _EMULATED:
+            continue
+        values = fmu_options.values_of_model(model, scenario.job(name), table.options)
+        faults += [f"components.{name}.{fault}" for fault in _unknown(model, values)]
+        parameters |= {key: value.item() for key, value in values.items() if key in _EMULATED[model]}
+        parameters[_SEEDS[model]] = values["seed"].item()
+    if faults:
+        raise ScenarioError(scenario.source, faults)
+    return Emulation(parameters, scenario.job().height_start)
+
+
+def local_port(channel: str | None) -> int | None:
+    """Port of a channel on this machine that an emulated bench may listen at; None for any other channel."""
+    found = _LOCAL.fullmatch(channel or "")
+    return int(found[1]) if found else None
+
+
+def check_listening(scenario: Scenario) -> None:
+    """Raises ComponentError where the scenario's channel is a port of this machine at which nobody listens."""
+    channel = scenario.tables.bench.channel
+    port = local_port(channel)
+    if port is None:
+        return
+    try:
+        socket.create_connection(("127.0.0.1", port), timeout=2.0).close()
+    except OSError as error:
+        raise ComponentError(
+            f"nothing listens at {channel}, the channel of [bench] ({error.strerror or error}); "
+            f"`inkloop bench {scenario.source}` in another terminal starts an emulated bench there"
+        ) from error
+
+
+def _unknown(model: str, values: Mapping[str, Any]) -> list[str]:
+    known = {*_EMULATED[model], *_SAID_OTHERWISE, "seed", "nx", "ny"}
+    return [f"{name} is not emulated on a bench; leave it out" for name in values if name not in known]

@@ -1,0 +1,116 @@
+"""The emulated bench as a process: four nodes with the firmware, and behind them a printer made of the FMUs' kernels.
+
+Nothing of it is known to the components: they see a bus like any other.
+"""
+
+from __future__ import annotations
+
+import shutil
+import struct
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+import inkloop_hardware
+from inkloop.component import FloatMap
+from inkloop_hardware.errors import BusError
+
+PROGRAM = "inkloop_bench_nodes"
+SURFACE_FILE = "surface.bin"
+_SURFACE_MAGIC = b"INKSURF1"
+
+
+class EmulatedBench:
+    """Runs from its start to `close`, at the latest to the end of this process; `channel` is what a bus connects to.
+
+    parameters: options of the bench in SI, as on the page of the node's services; port: 0 takes a free one; terminal: a
+    pseudo-terminal in place of a port; folder: keeps journals and surface there, a next start goes on with them;
+    surface: (nx, ny) [m] to print on, flat if None, without meaning where the folder holds one. Raises BusError.
+    """
+
+    def __init__(
+        self,
+        parameters: Mapping[str, float],
+        *,
+        port: int = 0,
+        terminal: bool = False,
+        folder: Path | None = None,
+        surface: FloatMap | None = None,
+    ) -> None:
+        self._own_folder = None if folder or surface is None else Path(tempfile.mkdtemp(prefix="inkloop-bench-"))
+        place = folder or self._own_folder
+        if place:
+            place.mkdir(parents=True, exist_ok=True)
+            if surface is not None and not (place / SURFACE_FILE).exists():
+                _write_surface(place / SURFACE_FILE, surface)
+        words = ["--pty"] if terminal else ["--port", str(port)]
+        words += ["--folder", str(place)] if place else []
+        words += [f"{name}={value:.17g}" for name, value in parameters.items()]
+        # its standard input is ours: when this process ends, however it does, the bench ends too
+        self._process = subprocess.Popen(
+            [program(), "--until-stdin-closes", *words],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        assert self._process.stdout is not None
+        self.channel = self._process.stdout.readline().strip()
+        if not self.channel:
+            raise BusError(f"the emulated bench did not start: {self._last_words()}")
+
+    def wait(self) -> int:
+        """Wait until it ends by itself; its exit code."""
+        return self._process.wait()
+
+    def kill(self) -> None:
+        """End it as a power failure would."""
+        self._process.kill()
+        self.close()
+
+    def close(self) -> None:
+        """End it; a second time does nothing."""
+        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
+            if stream is not None:
+                stream.close()
+        self._process.wait()
+        if self._own_folder:
+            shutil.rmtree(self._own_folder, ignore_errors=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def _last_words(self) -> str:
+        assert self._process.stderr is not None
+        said = self._process.stderr.read().strip().removeprefix(f"{PROGRAM}: ")
+        self.close()
+        if "in use" in said:
+            said += "; a bench runs there already, end it or take another port"
+        return said or f"it ended with exit code {self._process.returncode}"
+
+
+def program() -> Path:
+    """The program of the nodes, beside this package. Raises BusError where it was not built."""
+    for folder in map(Path, inkloop_hardware.__path__):
+        for name in (PROGRAM, f"{PROGRAM}.exe"):
+            if (folder / name).is_file():
+                return folder / name
+    raise BusError(
+        f"{PROGRAM} is not installed: the emulated bench is built on Linux and macOS only; install inkloop anew there, "
+        "or run the bench on such a machine and name its channel"
+    )
+
+
+def _write_surface(path: Path, surface: FloatMap) -> None:
+    """The surface as the nodes keep it: magic, nx, ny, scans made, heights [m]; the byte order of the machine."""
+    head = struct.pack("=8s3i", _SURFACE_MAGIC, *surface.shape, 0)
+    path.write_bytes(head + np.ascontiguousarray(surface, np.float64).tobytes())

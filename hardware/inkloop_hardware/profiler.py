@@ -1,0 +1,93 @@
+"""The kind `hardware.profiler`: a profile sensor over the stage, on a CAN bus, as a component of the loop."""
+
+from __future__ import annotations
+
+from struct import Struct
+from struct import error as StructError
+
+import numpy as np
+
+from inkloop.component import Job, Port, Status, Values
+from inkloop.errors import ComponentError
+from inkloop_hardware.height_map_bytes import read_map
+from inkloop_hardware.layer_steps import LayerSteps
+from inkloop_hardware.readiness import make_ready
+from inkloop_hardware.rig import Rig
+from inkloop_hardware.vocabulary import Node
+
+NODES = (Node.PROFILER, Node.STAGE)
+_STATE = Struct(">Ii")  # job, layers scanned
+
+
+class Profiler:
+    """Scans each newest layer, the start surface first; a step in which a layer is new lasts until its map is here.
+
+    It takes no `height`: it looks for itself. A cell that a scan did not see repeats its last height that was seen, at
+    first 0. rig: shared with the other devices.
+    """
+
+    is_device = True
+
+    def __init__(self, job: Job, rig: Rig) -> None:
+        self._job, self._rig = job, rig
+        shape = (job.nx, job.ny)
+        self.inputs = (Port("layers_printed", dtype="int32"),)
+        self.outputs = (
+            Port("measured_height", "m", shape),
+            Port("valid", shape=shape, dtype="bool"),
+            Port("layers_scanned", dtype="int32", start=-1),
+            Port("status", dtype="int32"),
+        )
+        self._attached = False
+        self._steps: LayerSteps | None = None
+        self._scanned = -1
+        self._height = np.zeros(shape)
+        self._valid = np.zeros(shape, np.bool_)
+
+    def initialize(self, time_ns: int, inputs: Values) -> Values:
+        """Open the bus, look at the nodes, clear them and home the stage. The first scan is that of the first step."""
+        self._rig.attach()
+        self._attached = True
+        self._steps = LayerSteps(self._rig, self._job, make_ready(self._rig, NODES))
+        self._scanned = -1
+        return self._outputs()
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        """Scan the layer that is new, if one is."""
+        self._rig.alive()
+        newest = int(inputs["layers_printed"])
+        if newest != self._scanned and self._steps is not None:
+            height, valid = read_map(self._steps.scan(newest), self._job.nx, self._job.ny)
+            self._height, self._valid = np.where(valid, height, self._height), valid
+            self._scanned = newest
+        return self._outputs()
+
+    def terminate(self) -> None:
+        """Leave the bus; the last device closes it."""
+        if self._attached:
+            self._attached = False
+            self._rig.detach()
+
+    def save(self) -> bytes:
+        """Job, layer, heights and marks."""
+        return _STATE.pack(self._rig.job, self._scanned) + self._height.tobytes() + self._valid.tobytes()
+
+    def restore(self, saved: bytes) -> None:
+        """Go on with a job. ComponentError for what is no state of a profiler of this grid."""
+        cells = self._height.size
+        try:
+            job, scanned = _STATE.unpack_from(saved)
+            height = np.frombuffer(saved, np.float64, cells, _STATE.size)
+            valid = np.frombuffer(saved, np.bool_, cells, _STATE.size + height.nbytes)
+        except (StructError, ValueError) as error:
+            raise ComponentError(f"what is to be restored is no state of this profiler ({error})") from error
+        self._rig.job, self._scanned = job, scanned
+        self._height, self._valid = height.reshape(self._height.shape).copy(), valid.reshape(self._valid.shape).copy()
+
+    def _outputs(self) -> Values:
+        return {
+            "measured_height": self._height,
+            "valid": self._valid,
+            "layers_scanned": np.asarray(self._scanned, np.int32),
+            "status": np.asarray(int(Status.IDLE), np.int32),
+        }
