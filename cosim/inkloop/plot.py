@@ -158,6 +158,29 @@ def layers(runs: Runs) -> Figure:
     return figure
 
 
+def divergence(runs: Runs) -> Figure:
+    """How far the scans are from the shadow's model, layer by layer: of the layer, and of the whole surface.
+
+    A ring stands where the status was untrusted or a fault.
+    """
+    figure = _figure(3.8)
+    growth, surface = figure.subplots(2, 1, sharex=True)
+    for line, (name, run) in zip(LINES, runs.items(), strict=False):
+        if "growth_divergence" not in run:
+            continue
+        layer, of_layer = run.layer.values, run.growth_divergence.values * UM
+        growth.plot(layer, of_layer, label=name, **line)
+        surface.plot(layer, run.surface_divergence * UM, **line)
+        alarmed = run.shadow_status.values > 0
+        growth.plot(layer[alarmed], of_layer[alarmed], "o", ms=7, mfc="none", mec=line["color"], clip_on=False)
+    growth.set(ylabel="of the layer [µm]", ylim=(0, None), title="scan against the shadow's model, rms over the part")
+    growth.legend()
+    surface.set(ylabel="of the surface [µm]", xlabel="layer", ylim=(0, None))
+    for axes in (growth, surface):
+        axes.grid(color="0.92")
+    return figure
+
+
 def materials(run: xr.Dataset, name: str) -> Figure:
     """Cut through the middle of a print in two inks: which ink fills it at each height."""
     row = _middle_row(run)

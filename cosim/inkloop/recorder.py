@@ -1,7 +1,9 @@
 """What a run leaves behind, layer by layer: an observer that knows the layer contract and nothing else.
 
 Row k belongs to layer k, row 0 to the start surface. The roles are found by what a component puts out: who gives
-`layer_command` is the controller, `layers_printed` the printer, `layers_scanned` the profiler; any may be missing.
+`layer_command` is the controller, `layers_printed` the printer, `layers_scanned` the profiler, `layers_followed` a
+shadow of the printer; any may be missing. A printer that cannot tell its surface, as no real one can, is judged by the
+scans of a real profiler, else by its shadow.
 """
 
 from __future__ import annotations
@@ -14,10 +16,18 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from inkloop.component import Component, FloatMap, Job, Port, Status, Values
+from inkloop.component import Component, FloatMap, Job, Port, Status, Values, is_device
 from inkloop.metrics import surface_error
 
-COUNTERS = {"layer_command": "controller", "layers_printed": "printer", "layers_scanned": "profiler"}
+COUNTERS = {
+    "layer_command": "controller",
+    "layers_printed": "printer",
+    "layers_scanned": "profiler",
+    "layers_followed": "shadow",
+    "layers_compared": "shadow",
+}
+LABELS = {("shadow", "height"): "shadow_height", ("shadow", "status"): "shadow_status"}
+"""What is recorded under another name than that of its port, for it never is what a printer says."""
 NOT_REPRODUCIBLE = frozenset({"solve_time"})
 LONG_NAMES = {
     "height": "surface after the layer",
@@ -26,6 +36,10 @@ LONG_NAMES = {
     "estimated_height": "the controller's estimate from the scan of the layer",
     "pattern": "what was jetted in the layer: 0 none, 1 material A, 2 material B",
     "time": "time at which the layer was complete",
+    "shadow_height": "surface of the model that follows the commanded patterns",
+    "shadow_status": "4: grown otherwise than the model says, or not to be compared; 3: so much that the run ended",
+    "growth_divergence": "rms over the part of what was scanned to be added less what the model adds",
+    "surface_divergence": "rms over the part of scan less model",
     "mean_error": "target minus mean height over the part",
     "mae": "mean absolute error over the part",
     "rms": "root mean square error over the part",
@@ -70,6 +84,7 @@ class Recorder:
         self._own_ports = {
             role: {port.name: port for port in components[name].outputs} for role, name in self._roles.items()
         }
+        self._surface_role, self._surface_port = self._who_tells_the_surface(components)
 
     @property
     def layers(self) -> int:
@@ -84,8 +99,10 @@ class Recorder:
             return
         if "printer" in self._roles:
             self._printed(self._seen["layers_printed"], time_ns, outputs[self._roles["printer"]])
+        if "shadow" in self._roles:
+            self._followed("layers_followed", self._seen["layers_followed"], time_ns, outputs[self._roles["shadow"]])
         if self._seen.get("layers_scanned", -1) >= 0:
-            self._scanned(self._seen["layers_scanned"], outputs[self._roles["profiler"]])
+            self._scanned(self._seen["layers_scanned"], time_ns, outputs[self._roles["profiler"]])
 
     def stepped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         """Record whatever a sequence number says is new."""
@@ -103,8 +120,10 @@ class Recorder:
                 self._commanded(number, values)
             elif role == "printer":
                 self._printed(number, time_ns, values)
+            elif role == "shadow":
+                self._followed(counter, number, time_ns, values)
             else:
-                self._scanned(number, values)
+                self._scanned(number, time_ns, values)
 
     def take_rows(self) -> dict[str, NDArray[Any]]:
         """What was recorded since this was last called, for `put_rows` of a recorder of the same components."""
@@ -141,7 +160,10 @@ class Recorder:
                 variables[name].attrs["reproducible"] = "no: wall-clock"
         times = np.array([self._layer_times.get(layer, np.nan) for layer in range(count)])
         variables["time"] = _variable(("layer",), times, "s", LONG_NAMES["time"])
-        if "height" in self._rows:
+        if "height" not in variables and (surface := self._surface_label()) in variables:
+            told = _carried(variables[surface].values, self._rows[surface])
+            variables["height"] = _variable(("layer", "x", "y"), told, "m", f"{LONG_NAMES['height']}: {surface}")
+        if "height" in variables:
             errors = [surface_error(surface, job) for surface in variables["height"].values]
             for name in ("mean_error", "mae", "rms", "std"):
                 values = np.array([getattr(error, name) for error in errors])
@@ -163,16 +185,43 @@ class Recorder:
         self._new_rows[f"run/time/{number}"] = np.asarray(time_ns * 1e-9)
         self._keep("printer", "height", number, values)
         self._keep_scalars("printer", number, values)
-        if self._on_layer and "height" in values:
-            error = surface_error(values["height"], self._job)
-            scalars = {name: float(rows[number]) for name, rows in self._rows.items()
-                       if number in rows and rows[number].ndim == 0}  # fmt: skip
-            self._on_layer(LayerRow(number, time_ns * 1e-9, error.mean_error, error.mae, error.std, scalars))
+        self._tell("printer", number, time_ns, values)
 
-    def _scanned(self, number: int, values: Values) -> None:
+    def _scanned(self, number: int, time_ns: int, values: Values) -> None:
         for name in ("measured_height", "valid"):
             self._keep("profiler", name, number, values)
         self._keep_scalars("profiler", number, values)
+        self._tell("profiler", number, time_ns, values)
+
+    def _followed(self, counter: str, number: int, time_ns: int, values: Values) -> None:
+        """The shadow has deposited a layer, or was held against a scan; the scan of layer 0 may move its surface."""
+        if counter == "layers_compared":
+            self._keep_scalars("shadow", number, values)
+            self._keep("shadow", "status", number, values)
+        if number == int(values["layers_followed"]):
+            self._keep("shadow", "height", number, values)
+        if counter == "layers_followed":
+            self._tell("shadow", number, time_ns, values)
+
+    def _tell(self, role: str, number: int, time_ns: int, values: Values) -> None:
+        """Tell of a layer when its surface is known."""
+        if self._on_layer is None or role != self._surface_role:
+            return
+        error = surface_error(values[self._surface_port], self._job)
+        scalars = {name: float(rows[number]) for name, rows in self._rows.items()
+                   if number in rows and rows[number].ndim == 0}  # fmt: skip
+        self._on_layer(LayerRow(number, time_ns * 1e-9, error.mean_error, error.mae, error.std, scalars))
+
+    def _who_tells_the_surface(self, components: Mapping[str, Component]) -> tuple[str, str]:
+        """Role and output: the printer, else a profiler that scans something real, else the shadow; "" if nobody."""
+        candidates = [("printer", "height"), ("shadow", "height"), ("profiler", "measured_height")]
+        if "profiler" in self._roles and is_device(components[self._roles["profiler"]]):
+            candidates.insert(1, candidates.pop())
+        telling = (told for told in candidates if told[1] in self._own_ports.get(told[0], {}))
+        return next(telling, ("", ""))
+
+    def _surface_label(self) -> str:
+        return LABELS.get((self._surface_role, self._surface_port), self._surface_port)
 
     def _keep_scalars(self, role: str, layer: int, values: Values) -> None:
         for name, port in self._own_ports[role].items():
@@ -184,9 +233,19 @@ class Recorder:
         port = self._own_ports[role].get(name)
         if port is None or layer < 0:
             return
-        label = name if self._ports.setdefault(name, port) is port else f"{role}_{name}"
-        self._ports.setdefault(label, port)
+        label = LABELS.get((role, name), name)
+        if self._ports.setdefault(label, port) is not port:
+            label = f"{role}_{name}"
+            self._ports.setdefault(label, port)
         self._rows.setdefault(label, {})[layer] = self._new_rows[f"{role}/{name}/{layer}"] = np.array(values[name])
+
+
+def _carried(maps: NDArray[Any], known: Mapping[int, object]) -> NDArray[Any]:
+    """Maps by layer, those that are not known as the one before them: a layer may be printed and not yet scanned."""
+    layers = np.arange(len(maps))
+    last = np.maximum.accumulate(np.where(np.isin(layers, list(known)), layers, 0))
+    carried: NDArray[Any] = maps[last]
+    return carried
 
 
 def _variable(dims: tuple[str, ...], values: NDArray[Any] | FloatMap, unit: str, long_name: str) -> xr.Variable:

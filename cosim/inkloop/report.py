@@ -6,7 +6,9 @@ import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 import tomlkit
+import xarray as xr
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -44,7 +46,11 @@ def write(folder: Path) -> Table:
     literature = {name: Literature.model_validate(table) for name, table in tables.items()}
     table = comparison_table(main.dataset.attrs["title"], runs, literature)
     text = io.StringIO()
-    Console(file=text, width=120).print(table)
+    summary = Console(file=text, width=120)
+    summary.print(table)
+    for name, result in runs.items():
+        for remark in remarks(result):
+            summary.print(f"{name}: {remark}", highlight=False)
     write_text(folder / "summary.txt", text.getvalue())
     with rc_context(plot.STYLE):
         for name, figure in pictures(runs).items():
@@ -88,6 +94,8 @@ def pictures(runs: Mapping[str, Result]) -> dict[str, Figure]:
     }
     if len(labelled) > 1:
         figures["open-against-closed"] = plot.surfaces(labelled)
+    if "growth_divergence" in main:
+        figures["divergence"] = plot.divergence(labelled)
     if "ink" in main:
         figures["materials"] = plot.materials(main, name)
         figures["solid"] = plot.solids(labelled)
@@ -120,9 +128,29 @@ def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping
 
 
 def remarks(result: Result) -> list[str]:
-    """What the controller could not make good in its last layer, a sentence each; none where all is well."""
+    """What the controller could not make good in its last layer, and where a shadow's model and the scans disagree.
+
+    A sentence each; none where all is well.
+    """
     told = [(said, result.dataset[name]) for name, said in REMARKS.items() if name in result.dataset]
-    return [said.format(cells[-1].item()) for said, cells in told if cells.dims == ("layer",) and cells[-1] > 0]
+    found = [said.format(cells[-1].item()) for said, cells in told if cells.dims == ("layer",) and cells[-1] > 0]
+    return found + _alarms(result.dataset)
+
+
+def _alarms(run: xr.Dataset) -> list[str]:
+    """One sentence on the layers in which the shadow's status was untrusted or a fault."""
+    if "shadow_status" not in run:
+        return []
+    growth = run.growth_divergence.values
+    layers = np.flatnonzero(run.shadow_status.values > 0)
+    unseen = [f"layer {layer} could not be compared with the model" for layer in layers if np.isnan(growth[layer])]
+    strayed = [layer for layer in layers if not np.isnan(growth[layer])]
+    if not strayed:
+        return unseen[:1]
+    worst = max(strayed, key=lambda layer: float(growth[layer]))
+    others = f"; {len(strayed)} layers in all, the first is layer {strayed[0]}" if len(strayed) > 1 else ""
+    return [f"layer {worst} grew otherwise than the shadow's model says, by {growth[worst] * 1e6:.2f} um rms{others}",
+            *unseen[:1]]  # fmt: skip
 
 
 def lines(folder: Path) -> list[str]:

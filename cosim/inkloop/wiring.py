@@ -71,7 +71,8 @@ class Transfer:
 def contract_connections(components: Mapping[str, Component]) -> list[Connection]:
     """Every input from the one other component that has an output of the same name, a shadow only if no other has it.
 
-    An input with several such components is left open; `check` asks which one is meant.
+    An input with several such components is left open; `check` asks which one is meant. Who scans the height of a
+    shadow goes by the layers of the shadow, which may be a step behind the printer's.
     """
     wires = []
     for name, component in components.items():
@@ -79,7 +80,7 @@ def contract_connections(components: Mapping[str, Component]) -> list[Connection
             sources = _sources(components, name, port.name)
             if len(sources) == 1:
                 wires.append(Connection(sources[0], f"{name}.{port.name}"))
-    return wires
+    return [_counted_by_its_surface(wire, wires, components) for wire in wires]
 
 
 def feeds(
@@ -175,6 +176,17 @@ def _find(place: str, ports: Mapping[str, Mapping[str, Port]], direction: str, f
     else:
         return ports[component][name]
     return None
+
+
+def _counted_by_its_surface(
+    wire: Connection, wires: Sequence[Connection], components: Mapping[str, Component]
+) -> Connection:
+    component, port = wire.target_parts
+    if port != "layers_printed":
+        return wire
+    surfaces = [other.source_parts[0] for other in wires if other.target_parts == (component, "height")]
+    shadow = next((name for name in surfaces if is_shadow(components[name])), None)
+    return wire if shadow is None else Connection(f"{shadow}.layers_followed", wire.target)
 
 
 def _sources(components: Mapping[str, Component], target: str, port: str) -> list[str]:
