@@ -2,14 +2,68 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
-from inkloop_hardware.node_state import JournalRecord, MapSize, NodeLimits, NodeState, NodeTimes
-from inkloop_hardware.services import Key, Outcome, Routine
+import udsoncan
+from udsoncan.client import Client
+from udsoncan.exceptions import InvalidResponseException, NegativeResponseException, TimeoutException
+
+from inkloop_hardware.codec import Codec
+from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
+from inkloop_hardware.isotp_connection import IsoTpConnection, Wire
+from inkloop_hardware.node_state import (
+    Identifier,
+    JournalRecord,
+    MapSize,
+    NodeLimits,
+    NodeState,
+    NodeTimes,
+    TransferState,
+)
+from inkloop_hardware.services import REFUSALS, Key, Outcome, Routine
+from inkloop_hardware.transfers import Progress, receive_map, send_pattern
 from inkloop_hardware.vocabulary import Node
 
-Progress = Callable[[int, int], None]
-"""Called with bytes that went through and bytes in all."""
+TRIES = 6
+P2 = 1.0
+"""Seconds for a node to begin its answer."""
+P2_STAR = 5.0
+"""Seconds between two "still busy"; a node says it every second."""
+NEGATIVE, POSITIVE = 0x7F, 0x40
+ECHOED = {0x22: slice(1, 3), 0x36: slice(1, 2)}
+"""Bytes of a request that its positive answer begins with again."""
+ROUTINE_CONTROL, KEY_AT, KEY_ECHO = 0x31, slice(4, 12), slice(5, 13)
+
+Answer = TypeVar("Answer")
+
+
+@dataclass
+class LinkCounts:
+    """What went wrong and was mended: requests sent again, answers that came late or twice, broken ISO-TP messages,
+    transfers begun anew."""
+
+    again: int = 0
+    stray: int = 0
+    broken: int = 0
+    anew: int = 0
+
+
+class Bytes(udsoncan.DidCodec):
+    """An identifier as its bytes."""
+
+    def encode(self, value: bytes) -> bytes:
+        """The same."""
+        return value
+
+    def decode(self, payload: bytes) -> bytes:
+        """The same."""
+        return payload
+
+    def __len__(self) -> int:
+        raise udsoncan.DidCodec.ReadAllRemainingData
 
 
 class Link:
@@ -21,7 +75,25 @@ class Link:
     refusal, in words) and LinkTimeout (all tries in vain).
     """
 
-    node: Node
+    def __init__(self, node: Node, codec: Codec, wire: Wire, place: str) -> None:
+        self.node = node
+        self.name = f"{node.lower()} (0x{node.answer_id(codec):03X} on {place})"
+        self._wire = wire
+        self._again = 0
+        self._anew = 0
+        self._unsure = False
+        """Answers to requests of before may still come."""
+        self._connection = IsoTpConnection(wire, node.request_id(codec), node.answer_id(codec), is_answer)
+        config: Any = dict(udsoncan.configs.default_client_config)
+        config |= {"data_identifiers": {"default": Bytes()}, "request_timeout": None}
+        config |= {"p2_timeout": P2, "p2_star_timeout": P2_STAR, "use_server_timing": False}
+        self.client = Client(self._connection, config=config)
+        self.client.logger.setLevel(logging.WARNING)
+
+    @property
+    def counts(self) -> LinkCounts:
+        """Since it was made."""
+        return LinkCounts(self._again, self._connection.stray, self._connection.broken, self._anew)
 
     def download(self, layer: int, blob: bytes, *, coded: bool = False, progress: Progress | None = None) -> None:
         """Brings a pattern to the head, checked by CRC-32 end to end.
@@ -29,43 +101,128 @@ class Link:
         blob: as docs/reference/node-services.md has it; coded: its cells are run-length coded. The job is that of the
         rig. TransferError if it does not arrive whole in two attempts; a refused layer is a NodeRefused of code 0x24.
         """
-        raise NotImplementedError
+        self._twice(lambda: send_pattern(self, layer, blob, coded, progress))
 
     def upload(self, layer: int, *, progress: Progress | None = None) -> bytes:
         """Fetches the map of the last scan, which must be of this layer, checked by CRC-32 end to end."""
-        raise NotImplementedError
+        return self._twice(lambda: receive_map(self, layer, progress))
 
     def routine(self, routine: Routine, key: Key, option: bytes = b"", *, limit_s: float) -> Outcome:
         """Has a node do something and waits until it is done: DONE, or DONE_BEFORE if nothing was changed.
 
         limit_s: how long it may last in all; then LinkTimeout, and what became of it is to be asked (`ask`).
         """
-        raise NotImplementedError
+        what = f"{routine.name.lower().replace('_', ' ')} of {key}"
+        self._connection.deadline = self._wire.now() + limit_s
+        try:
+            answer = self.request(what, lambda: self.client.start_routine(routine, bytes(key) + option))
+        finally:
+            self._connection.deadline = None
+        return Outcome(answer.service_data.routine_status_record[0])
 
     def ask(self, routine: Routine, key: Key) -> Outcome:
         """What is known of a routine; changes nothing."""
-        raise NotImplementedError
+        what = f"what became of {routine.name.lower()} of {key}"
+        answer = self.request(what, lambda: self.client.get_routine_result(routine, bytes(key)))
+        return Outcome(answer.service_data.routine_status_record[0])
 
     def state(self) -> NodeState:
         """State, layer and passes (identifier 0100)."""
-        raise NotImplementedError
+        return self._read(Identifier.STATE, NodeState.of)
 
     def times(self) -> NodeTimes:
         """When its interlocks acted last (0101)."""
-        raise NotImplementedError
+        return self._read(Identifier.TIMES, NodeTimes.of)
 
     def limits(self) -> NodeLimits:
         """What it bears (0102)."""
-        raise NotImplementedError
+        return self._read(Identifier.LIMITS, NodeLimits.of)
 
     def map_size(self) -> MapSize:
         """Size of the map of the last scan (0103)."""
-        raise NotImplementedError
+        return self._read(Identifier.MAP, MapSize.of)
+
+    def transfer(self) -> TransferState:
+        """How far a transfer has come (0104)."""
+        return self._read(Identifier.TRANSFER, TransferState.of)
 
     def journal(self) -> tuple[JournalRecord, ...]:
         """What it remembers, newest first (0110)."""
-        raise NotImplementedError
+        return self._read(Identifier.JOURNAL, JournalRecord.of)
 
     def version(self) -> str:
         """Its firmware (F195)."""
-        raise NotImplementedError
+        return self._read(Identifier.VERSION, lambda data: data.decode("ascii", "replace"))
+
+    def request(self, what: str, ask: Callable[[], Any], tries: int = TRIES) -> Any:
+        """The answer of a request of `client`, repeated until one comes; `what` names it in errors."""
+        if self._unsure:
+            self._settle()
+        for _ in range(tries):
+            try:
+                answer = ask()
+            except TimeoutException:
+                self._again += 1
+                self._unsure = True
+                self._check_deadline(what)
+            except NegativeResponseException as error:
+                code = error.response.code or 0
+                raise NodeRefused(f"the {self.name} refuses: {what} (0x{code:02X}): {_words(code)}", code) from None
+            except InvalidResponseException as error:
+                raise TransferError(f"the {self.name} answers what cannot be read: {what}: {error}") from error
+            except BaseException:
+                self._unsure = True
+                raise
+            else:
+                return answer
+        raise LinkTimeout(f"no answer of the {self.name} within {P2:g} s, {tries} tries: {what}; {_advice()}")
+
+    def _read(self, identifier: Identifier, of: Callable[[bytes], Answer]) -> Answer:
+        what = f"identifier {identifier:04X}, {identifier.name.lower()}"
+        answer = self.request(what, lambda: self.client.read_data_by_identifier(identifier))
+        data = answer.service_data.values[int(identifier)]
+        try:
+            return of(data)
+        except (ValueError, ArithmeticError) as error:
+            raise TransferError(
+                f"the {self.name} answers {what} with {data.hex(' ')}: {error}; is it newer?"
+            ) from error
+
+    def _settle(self) -> None:
+        """Answers come in the order of their requests: after that to a question of its own, none is old."""
+        self._unsure = False
+        self.request("are you there (0x3E)", self.client.tester_present)
+        self._unsure = False
+
+    def _check_deadline(self, what: str) -> None:
+        deadline = self._connection.deadline
+        if deadline is not None and self._wire.now() > deadline:
+            raise LinkTimeout(f"the {self.name} has not ended in time: {what}; ask it what became of it")
+
+    def _twice(self, transfer: Callable[[], Answer]) -> Answer:
+        """Once more from the beginning, if bytes were lost or altered on the way."""
+        try:
+            return transfer()
+        except TransferError:
+            self._anew += 1
+        return transfer()
+
+
+def is_answer(request: bytes, message: bytes) -> bool:
+    """Whether a message answers this request, as far as its first bytes tell."""
+    if message[:1] == bytes([NEGATIVE]):
+        return message[1:2] == request[:1]
+    if not message or message[0] != request[0] + POSITIVE:
+        return False
+    if request[0] == ROUTINE_CONTROL:
+        return message[1:4] == request[1:4] and message[KEY_ECHO] == request[KEY_AT]
+    echoed = ECHOED.get(request[0])
+    return echoed is None or message[echoed] == request[echoed]
+
+
+def _words(code: int) -> str:
+    return REFUSALS.get(code, "a code that this protocol does not have; does it run other firmware?")
+
+
+def _advice() -> str:
+    return "its status frames come in, so look at what its firmware does"

@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+import logging
+import secrets
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from inkloop_hardware.bus_connection import BusConnection
 from inkloop_hardware.bus_settings import BusSettings
+from inkloop_hardware.codec import Codec, Frame
+from inkloop_hardware.errors import BusError, FrameError, HardwareError, NodeLost, NodeStopped
+from inkloop_hardware.heartbeat import Enables
 from inkloop_hardware.link import Link
-from inkloop_hardware.records import NodeStatus
+from inkloop_hardware.node_watch import NodeWatch, because
+from inkloop_hardware.records import KINDS, NodeFault, NodeStatus, unpack
 from inkloop_hardware.vocabulary import Node
+
+LOG = logging.getLogger("inkloop_hardware")
+WORD_CYCLE = 0.02
+"""Seconds between two words of the control loop to the bus process, at least."""
+LAST_WORD = 0.25
+"""Seconds that a node that fell to SAFE or FAULT is given to answer what it was asked."""
+PAUSE = 0.02
+SESSION_MAX, JOB_MAX = 0xFFFF, 0xFFFFFFFF
 
 
 class Rig:
@@ -27,43 +44,68 @@ class Rig:
     def __init__(self, settings: BusSettings, *, folder: Path | None = None) -> None:
         self.settings = settings
         self.folder = folder
+        self.codec = Codec()
+        self._session = 1 + secrets.randbelow(SESSION_MAX)
+        self._job = 1 + secrets.randbelow(JOB_MAX)
+        self._users = 0
+        self._bus: BusConnection | None = None
+        self._enables = Enables.NONE
+        self._word_due = 0.0
+        self._watches = {node: NodeWatch(node) for node in Node}
+        self._links: dict[Node, Link] = {}
+        self._said_by = {
+            self.codec.message(name).frame_id: (kind, node) for name, (kind, node) in KINDS.items() if node is not None
+        }
 
     @property
     def session(self) -> int:
         """Number that this master took when it started, 1 to 65535."""
-        raise NotImplementedError
+        return self._session
 
     @property
     def job(self) -> int:
         """The print job, 1 to 2^32 - 1; random unless set. To be kept with the state of a run, so that a resumed one
         goes on with it. May be set at any time while nothing is enabled; ValueError for a number out of range."""
-        raise NotImplementedError
+        return self._job
 
     @job.setter
     def job(self, number: int) -> None:
-        raise NotImplementedError
+        if not 1 <= number <= JOB_MAX:
+            raise ValueError(f"job is {number}, expected 1 to {JOB_MAX}")
+        if self._enables:
+            raise HardwareError("the job cannot change while a step is enabled")
+        self._job = number
+        if self._bus is not None:
+            self._bus.say_job(number)
 
     def attach(self) -> None:
         """One more user; the first one opens the bus. BusError if it cannot be opened, which does not count."""
-        raise NotImplementedError
+        if self._users == 0:
+            self._open()
+        self._users += 1
 
     def detach(self) -> None:
         """One user less; with the last one enables drop, the heartbeat ends, the traffic log and the bus are closed.
         Does nothing without an `attach`, so it may stand in every clean-up."""
-        raise NotImplementedError
+        if self._users == 1 and self._bus is not None:
+            self._bus.close()
+            self._take_frames()
+            self._bus = None
+            self._enables = Enables.NONE
+        self._users = max(0, self._users - 1)
 
     def __enter__(self) -> Self:
         self.attach()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.detach()
 
     def link(self, node: Node) -> Link:
         """What talks to one node; always the same object. To be used while attached."""
-        raise NotImplementedError
+        if node not in self._links:
+            self._links[node] = Link(node, self.codec, NodeWire(self, node), str(self.settings))
+        return self._links[node]
 
     def alive(self) -> None:
         """Says that the control loop lives, and takes note of what the nodes said meanwhile.
@@ -71,31 +113,149 @@ class Rig:
         To be called at least every `settings.grace_s` while something is enabled (a waiting link does so), and once per
         do_step otherwise. BusError when the bus process ended, with its words.
         """
-        raise NotImplementedError
+        self.bus.check()
+        now = time.monotonic()
+        if now >= self._word_due:
+            self._word_due = now + WORD_CYCLE
+            self.bus.say_alive(self._enables)
+        self._take_frames()
 
     @contextmanager
     def enabled(self, *, lamp: bool = False, gate: bool = False, motion: bool = False) -> Iterator[None]:
         """Enables for one step; on leaving, whatever happened, nothing is enabled any more. Not to be nested."""
-        raise NotImplementedError
-        yield
+        if self._enables:
+            raise HardwareError("a step is enabled already; enables belong to one step at a time")
+        wanted = (Enables.LAMP * lamp) | (Enables.GATE * gate) | (Enables.MOTION * motion)
+        try:
+            self._enables = Enables(wanted)
+            self.bus.say_alive(self._enables)
+            yield
+        finally:
+            self._enables = Enables.NONE
+            with suppress(BusError):  # without a bus process nothing is enabled; the next call tells what happened
+                self.bus.say_alive(self._enables)
 
     def wait_for(self, nodes: Iterable[Node], limit_s: float = 3.0) -> None:
         """Waits until every one of `nodes` is heard and believed; NodeLost that names those that are not."""
-        raise NotImplementedError
+        wanted, until = tuple(nodes), time.monotonic() + limit_s
+        while True:
+            self.alive()
+            with suppress(NodeLost):
+                self.check(wanted)
+                return
+            if time.monotonic() > until:
+                self.check(wanted)
+                return
+            time.sleep(PAUSE)
 
     def check(self, nodes: Iterable[Node]) -> None:
         """NodeLost if one of them was never heard, is silent for three cycles (300 ms) or is not to be believed."""
-        raise NotImplementedError
+        self._take_frames()
+        now = self.bus.clock
+        troubles = [trouble for node in nodes if (trouble := self._watches[node].trouble(now)) is not None]
+        if troubles:
+            raise NodeLost(f"{self.settings}: {'; '.join(troubles)}")
 
     def status(self, node: Node) -> NodeStatus | None:
         """The last intact status of a node; None: none yet."""
-        raise NotImplementedError
+        return self._watches[node].status
 
     def age(self, node: Node) -> float | None:
         """Seconds since that status came in; None: none yet."""
-        raise NotImplementedError
+        at = self._watches[node].at
+        return None if at is None else max(0.0, self.bus.clock - at)
 
     def stop_request(self, active: bool = True) -> None:
         """Asks all nodes to take their de-energised state and to stay in it, every 50 ms until called with False.
         Afterwards a person must clear them. No emergency stop."""
-        raise NotImplementedError
+        self.bus.say_stop(active)
+
+    @property
+    def bus(self) -> BusConnection:
+        """The bus process; HardwareError while nobody is attached."""
+        if self._bus is None:
+            raise HardwareError("the bench is not open: attach to it first")
+        return self._bus
+
+    def watch(self, node: Node) -> NodeWatch:
+        """What a node said of itself."""
+        return self._watches[node]
+
+    def _open(self) -> None:
+        log = self.settings.traffic_log
+        if log is not None and self.folder is not None:
+            log = self.folder / log
+        settings = replace(self.settings, traffic_log=log)
+        self._watches = {node: NodeWatch(node) for node in Node}
+        answers = [node.answer_id(self.codec) for node in Node]
+        self._bus = BusConnection(settings, self._session, self._job, answers)
+        LOG.info("%s is open, session %d, job %d", self.settings, self._session, self._job)
+        self.alive()
+
+    def _take_frames(self) -> None:
+        """Status and faults of all nodes, and words of the bus process."""
+        while self.bus.words:
+            LOG.warning("%s", self.bus.words.popleft())
+        while self.bus.others:
+            now, frame = self.bus.others.popleft()
+            try:
+                self._take(now, frame)
+            except FrameError as error:
+                LOG.warning("%s", error)
+
+    def _take(self, now: float, frame: Frame) -> None:
+        if frame.arbitration_id not in self._said_by:
+            return
+        kind, node = self._said_by[frame.arbitration_id]
+        reading = self.codec.decode(frame)
+        record = unpack(self.codec, reading) if reading.intact else None
+        if kind is NodeStatus:
+            status = record if isinstance(record, NodeStatus) else None
+            self._watches[node].take_status(now, status, reading.counter or 0)
+        elif isinstance(record, NodeFault):
+            self._watches[node].take_fault(record)
+
+
+class NodeWire:
+    """The wire of a link: frames through the bus process, signs of life and the node's state while it waits."""
+
+    def __init__(self, rig: Rig, node: Node) -> None:
+        self._rig = rig
+        self._node = node
+        self._answer_id = node.answer_id(rig.codec)
+        self._falls: int | None = None
+        self._fell_at: float | None = None
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        """Sends frames in this order."""
+        self._rig.bus.send(frames)
+
+    def receive(self, wait_s: float) -> bytes | None:
+        """Data of the next ISO-TP frame of the node, None if none comes within `wait_s`."""
+        return self._rig.bus.receive(self._answer_id, wait_s)
+
+    def now(self) -> float:
+        """Seconds of a clock that only goes forward."""
+        return time.monotonic()
+
+    def begin(self) -> None:
+        """A request begins: from now on a fall of the node matters."""
+        self._rig.alive()
+        self._falls, self._fell_at = self._rig.watch(self._node).falls, None
+
+    def check(self) -> None:
+        """Says that the control loop lives; NodeLost, or NodeStopped if the node fell and does not say so itself."""
+        self._rig.alive()
+        self._rig.check((self._node,))
+        watch = self._rig.watch(self._node)
+        if watch.falls == self._falls:
+            return
+        now = time.monotonic()
+        if self._fell_at is None:
+            self._fell_at = now
+        if now - self._fell_at > LAST_WORD:
+            raise NodeStopped(
+                f"the {self._node.lower()} took its de-energised state{because(watch.fault)} while it was asked; "
+                "mend the cause and clear it",
+                watch.fault,
+            )

@@ -1,0 +1,94 @@
+"""What a node says of itself all the time: its status, its faults, whether it is there and to be believed."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, field
+
+from inkloop_hardware.e2e_monitor import E2eMonitor
+from inkloop_hardware.records import NodeFault, NodeStatus
+from inkloop_hardware.vocabulary import Fault, Node, State
+
+LOG = logging.getLogger("inkloop_hardware")
+LOST_AFTER = 0.3
+"""Seconds without a status: three cycles."""
+OFF = (State.SAFE, State.FAULT)
+
+
+@dataclass
+class NodeWatch:
+    """Follows the status and fault frames of one node and says what changes, once each.
+
+    status, at: the last intact one and its second; falls: how often the node took its de-energised state; fault: why.
+    """
+
+    node: Node
+    status: NodeStatus | None = None
+    at: float | None = None
+    falls: int = 0
+    fault: Fault = Fault.NONE
+    monitor: E2eMonitor = field(default_factory=E2eMonitor)
+    _said: str = ""
+
+    def take_status(self, now: float, status: NodeStatus | None, counter: int) -> None:
+        """A status frame; None: a damaged one."""
+        verdict = self.monitor.take(status is not None, counter)
+        if status is None or verdict.bad:
+            return
+        before, self.status, self.at = self.status, status, now
+        if before is not None and before.state not in OFF and status.state in OFF:
+            self._fall(status.fault)
+        self._say(sentence(self.node, status), logging.WARNING if status.state is State.FAULT else logging.INFO)
+
+    def take_fault(self, fault: NodeFault) -> None:
+        """A fault frame; it comes before the status that says the same."""
+        if fault.fault is not Fault.NONE and self.status is not None and self.status.state not in OFF:
+            self._fall(fault.fault)
+
+    def trouble(self, now: float) -> str | None:
+        """Why the node cannot be counted on at this second, None if it can."""
+        name = self.node.lower()
+        if self.at is None:
+            return f"the {name} was never heard"
+        if now - self.at > LOST_AFTER:
+            return f"the {name} is silent for {now - self.at:.1f} s; is it powered, and the cable plugged in?"
+        if not self.monitor.trusted:
+            return (
+                f"the {name} is not to be believed: of its last frames {self.monitor.damaged} were damaged, "
+                f"{self.monitor.repeated} repeated, {self.monitor.jumped} jumped; do two nodes use its ids?"
+            )
+        return None
+
+    def _fall(self, fault: Fault) -> None:
+        if self.fault is not fault or self.status is None or self.status.state not in OFF:
+            self.falls += 1
+        self.fault = fault
+
+    def _say(self, words: str, level: int) -> None:
+        if words != self._said:
+            LOG.log(level, "%s", words)
+        self._said = words
+
+
+def sentence(node: Node, status: NodeStatus) -> str:
+    """A node in words: "head: pass 2 of layer 7"."""
+    jetted = status.pass_mask.bit_count()
+    words = {
+        State.SAFE: "off" + because(status.fault),
+        State.IDLE: "idle",
+        State.RECEIVING: "receiving a pattern",
+        State.VERIFIED: f"pattern of layer {status.layer} verified",
+        State.PRINTING: f"pass {jetted + 1} of layer {status.layer}",
+        State.PRINTED: f"{jetted} {'pass' if jetted == 1 else 'passes'} of layer {status.layer} jetted",
+        State.CURING: "lamp on" if status.lamp_on else "curing",
+        State.CURED: "cured",
+        State.SCANNING: "scanning",
+        State.MAP_READY: "map ready",
+        State.FAULT: "fault" + because(status.fault),
+    }[status.state]
+    return f"{node.lower()}: {words}"
+
+
+def because(fault: Fault) -> str:
+    """ " (gate not confirmed)", nothing without a fault."""
+    return f" ({fault.name.lower().replace('_', ' ')})" if fault else ""

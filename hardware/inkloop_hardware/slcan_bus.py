@@ -1,0 +1,106 @@
+"""Serial CAN adapters (slcan, LAWICEL lines) read in bulk.
+
+python-can's own class takes one byte per read, 16 to 20 kB/s, and a malformed line ends its reading with an IndexError.
+Here a read takes all there is, and a line that is not understood is counted. Classic frames only.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import time
+from collections import deque
+from typing import Any
+
+import can
+from can.interfaces.slcan import slcanBus
+
+READ_AT_ONCE = 1 << 16
+LINE_MAX = 64
+"""Bytes; the longest line of a classic frame has 30 with a time stamp."""
+WRITE_TIMEOUT = 1.0
+"""Seconds for a line to leave."""
+TIME_STAMP = 4
+"""Hexadecimal digits that some adapters put behind a frame."""
+BEL = 7
+
+
+class BulkSlcanBus(slcanBus):
+    """An slcan adapter on a serial port, a terminal or `socket://host:port`.
+
+    malformed: lines that were no frame and no answer; refused: commands or frames that the adapter answered with BEL,
+    counted from the first frame on (many adapters refuse the commands that open them).
+    """
+
+    def __init__(self, channel: str, **options: Any) -> None:
+        self.malformed = 0
+        self.refused = 0
+        self._waiting: deque[can.Message] = deque()
+        self._rest = b""
+        self._heard = False
+        if channel.startswith("socket://"):
+            options.setdefault("sleep_after_open", 0.0)
+        super().__init__(channel, **options)
+        self.serialPortOrig.write_timeout = WRITE_TIMEOUT
+        self._selectable = os.name == "posix"
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Writes one line; CanOperationError if it cannot leave within WRITE_TIMEOUT."""
+        head = f"T{msg.arbitration_id:08X}" if msg.is_extended_id else f"t{msg.arbitration_id:03X}"
+        with can.exceptions.error_check("Could not write to serial device"):
+            self.serialPortOrig.write(f"{head}{msg.dlc:d}{msg.data.hex().upper()}\r".encode())
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if not self._waiting:
+            self._take(self._read_bytes(timeout))
+        return (self._waiting.popleft() if self._waiting else None), False
+
+    def _read_bytes(self, timeout: float | None) -> bytes:
+        port = self.serialPortOrig
+        with can.exceptions.error_check("Could not read from serial device"):
+            if not self._selectable:
+                return bytes(port.read(max(1, port.in_waiting)))
+            if not select.select([port.fileno()], [], [], timeout)[0]:
+                return b""
+            try:
+                found = os.read(port.fileno(), READ_AT_ONCE)
+            except BlockingIOError:
+                return b""
+            if not found:
+                raise can.CanOperationError("the other side closed the connection")
+            return found
+
+    def _take(self, found: bytes) -> None:
+        """Frames of all lines that are whole; the rest waits."""
+        *lines, self._rest = (self._rest + found).split(b"\r")
+        now = time.time()
+        for line in lines:
+            refusals = line.count(BEL)
+            self.refused += refusals if self._heard else 0
+            self._take_line(line.replace(b"\a", b"") if refusals else line, now)
+        if len(self._rest) > LINE_MAX:
+            self.malformed += 1
+            self._rest = b""
+
+    def _take_line(self, line: bytes, now: float) -> None:
+        if line[:1] not in (b"t", b"T", b"r", b"R"):
+            self.malformed += bool(line) and line[:1] not in b"zZVNF"  # answers of the adapter
+            return
+        try:
+            self._waiting.append(frame_of(line, now))
+            self._heard = True
+        except ValueError:
+            self.malformed += 1
+
+
+def frame_of(line: bytes, now: float) -> can.Message:
+    """Frame of a line without its end; ValueError for one that is malformed. `now`: its time stamp [s]."""
+    extended, remote = line[:1] in b"TR", line[:1] in b"rR"
+    at = 9 if extended else 4
+    length = int(line[at : at + 1])
+    digits = 0 if remote else 2 * length
+    if length > 8 or len(line) - at - 1 - digits not in (0, TIME_STAMP):
+        raise ValueError(f"line {line!r} has another length than it says")
+    identifier = int(line[1:at], 16)
+    data = None if remote else bytes.fromhex(line[at + 1 : at + 1 + digits].decode("ascii"))
+    return can.Message(now, identifier, extended, remote, dlc=length, data=data)

@@ -1,0 +1,48 @@
+"""All frames of a bus in a file: BLF or ASC, by its suffix."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import can
+from can.io import ASCWriter, BLFWriter
+
+from inkloop_hardware.errors import BusError
+
+WRITERS = {".blf": BLFWriter, ".asc": ASCWriter}
+FLUSH_CYCLE = 1.0
+"""Seconds of traffic that a killed process may lose."""
+
+
+class TrafficLog:
+    """A log that can be read even if nobody closed it, up to FLUSH_CYCLE before its end.
+
+    BusError for a suffix that is not known or a file that cannot be written. An existing file is replaced.
+    """
+
+    def __init__(self, path: Path) -> None:
+        if path.suffix.lower() not in WRITERS:
+            raise BusError(f"traffic log {path}: its suffix is {path.suffix!r}, expected .blf or .asc")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._writer = WRITERS[path.suffix.lower()](path)
+        except OSError as error:
+            raise BusError(f"traffic log {path} cannot be written: {error}") from error
+        self._flushed = 0.0
+
+    def take(self, message: can.Message) -> None:
+        """Writes one frame."""
+        self._writer.on_message_received(message)
+
+    def flush(self, now: float) -> None:
+        """Brings what was taken to the disk, once per FLUSH_CYCLE."""
+        if now - self._flushed < FLUSH_CYCLE:
+            return
+        self._flushed = now
+        if isinstance(self._writer, BLFWriter):
+            self._writer._flush()  # ends the container; python-can has no public way
+        self._writer.file.flush()
+
+    def close(self) -> None:
+        """Ends the file."""
+        self._writer.stop()
