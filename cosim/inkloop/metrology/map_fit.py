@@ -1,0 +1,216 @@
+"""Registration by the relief itself: the shift and turn under which a map looks most like a known surface.
+
+The map is taken as a * surface + plane, so that neither the height of the layers nor the tilt and level of the
+profiler need be known; what is sought is where the surface's edges lie.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+from scipy.optimize import least_squares
+
+from inkloop.component import BoolMap, FloatMap
+from inkloop.errors import HeightMapError
+from inkloop.metrology.height_map import HeightMap
+from inkloop.metrology.registration import Registration
+
+EXPLAINED_MIN = 0.5
+"""Share of the relief that the known surface has to explain (assumed)."""
+POINTS_PER_CELL = 4  # along x and along y, in the fine fit
+ROTATION_STEPS = 5  # of the search, within its reach
+CLIP = 4.0  # standard deviations beyond which a point is left out: dust, spikes (assumed)
+_NORMAL = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
+_ROUNDS = 3
+_EDGE = 0.1  # of a cell: rotation counts as seen where its standard deviation moves the part's edge by less
+
+Move: TypeAlias = tuple[float, float, float]
+"""Shift along x and y [m] and turn [rad] about the middle of the map, besides the registration to start from."""
+
+
+@dataclass(frozen=True)
+class SurfaceFit:
+    """residual: rms of what the known surface leaves of the relief [m]; explained: share of the relief's variance.
+
+    offset_std: standard deviation of the shift [m]; rotation_seen: false where the surface looks the same from every
+    side, such as a round part, and the rotation was left as it was.
+    """
+
+    registration: Registration
+    residual: float
+    explained: float
+    offset_std: float
+    rotation_seen: bool
+
+
+def fit_to_surface(
+    map_: HeightMap,
+    surface: FloatMap,
+    pitch: float,
+    start: Registration,
+    *,
+    reach: float,
+    rotation_reach: float = 0.0,
+) -> SurfaceFit:
+    """The registration near `start` that explains most of the map's relief by a known surface (robust least squares).
+
+    surface: (nx, ny) [m] or any relief in proportion to it, such as the mask of the part; reach: how far the map may
+    lie from where `start` puts it, along x and y [m]; rotation_reach: how far it may be turned [rad]. Raises
+    HeightMapError where less than `EXPLAINED_MIN` is explained, or the best place is at the edge of what was searched.
+    """
+    if np.ptp(surface) == 0.0:
+        raise HeightMapError(f"{map_.source}: the known surface is flat, so nothing tells where the map lies")
+    coarse = _Relief.of(map_, surface, pitch, start, 1)
+    shifts = np.arange(-math.ceil(2 * reach / pitch), math.ceil(2 * reach / pitch) + 1) * pitch / 2
+    turns = np.linspace(-rotation_reach, rotation_reach, ROTATION_STEPS if rotation_reach > 0.0 else 1)
+    moves = [(float(u), float(v), float(turn)) for turn in turns for u in shifts for v in shifts]
+    best = min(moves, key=lambda move: float(np.sum(coarse.residuals(move) ** 2)))
+    fine = _Relief.of(map_, surface, pitch, start, POINTS_PER_CELL)
+    move, turned = _refined(fine, best, pitch, rotation_reach > 0.0)
+    residuals = fine.residuals(move)
+    explained = 1.0 - float(np.sum(residuals**2) / max(np.sum(fine.relief**2), np.finfo(np.float64).tiny))
+    rms = float(np.sqrt(np.mean(residuals**2)))
+    if explained < EXPLAINED_MIN or fine.gain(move) <= 0.0:
+        raise HeightMapError(
+            f"{map_.source}: the part explains {max(explained, 0.0):.0%} of its relief and leaves {rms * 1e6:.3g} um "
+            f"rms; needs {EXPLAINED_MIN:.0%}: check offset, rotation, mirror and pixel size, or give fiducials"
+        )
+    if max(abs(move[0]), abs(move[1])) > reach or abs(move[2]) > rotation_reach * 1.2 + 1e-12:
+        raise HeightMapError(
+            f"{map_.source}: the part seems to lie {move[0] * 1e6:.0f}, {move[1] * 1e6:.0f} um and "
+            f"{math.degrees(move[2]):.2f} deg from where it was said to; beyond what is searched: correct "
+            "offset and rotation, or search wider"
+        )
+    deviation = rms * float(np.sqrt(np.diag(np.linalg.pinv(_normal(fine, move, pitch)))[:2].max())) * pitch
+    return SurfaceFit(fine.registration(move), rms, explained, deviation, turned)
+
+
+@dataclass(frozen=True)
+class _Relief:
+    """The map in points on the grid, less its plane, and the known surface to compare it with.
+
+    x, y: (k,) as `start` puts them [m]; relief: (k,) [m]; plane: (k, 3) orthonormal columns.
+    """
+
+    x: FloatMap
+    y: FloatMap
+    relief: FloatMap
+    plane: FloatMap
+    surface: FloatMap
+    pitch: float
+    start: Registration
+    middle: tuple[float, float]
+
+    @classmethod
+    def of(cls, map_: HeightMap, surface: FloatMap, pitch: float, start: Registration, per_cell: int) -> _Relief:
+        x, y, z = _points(map_, pitch / per_cell / start.scale)
+        if z.size < 4 * 3:
+            raise HeightMapError(f"{map_.source}: {z.size} places were measured; too few to tell where the map lies")
+        x, y = start.to_grid(x, y)
+        reach = max(np.ptp(x), np.ptp(y), pitch)
+        plane, _ = np.linalg.qr(np.stack([np.ones_like(x), (x - x.mean()) / reach, (y - y.mean()) / reach], axis=1))
+        relief = z - plane @ (plane.T @ z)
+        return cls(x, y, relief, plane, surface, pitch, start, (float(x.mean()), float(y.mean())))
+
+    def without(self, outliers: BoolMap) -> _Relief:
+        """The relief without some of its points."""
+        kept = np.logical_not(outliers)
+        plane, _ = np.linalg.qr(self.plane[kept])
+        relief = self.relief[kept] - plane @ (plane.T @ self.relief[kept])
+        return replace(self, x=self.x[kept], y=self.y[kept], relief=relief, plane=plane)
+
+    def residuals(self, move: Move) -> FloatMap:
+        """(k,) relief less the best multiple of the known surface there [m]."""
+        known = self._known(move)
+        return np.asarray(self.relief - self.gain(move, known) * known, np.float64)
+
+    def gain(self, move: Move, known: FloatMap | None = None) -> float:
+        """The multiple of the known surface that the relief shows."""
+        known = self._known(move) if known is None else known
+        power = float(known @ known)
+        return float(known @ self.relief) / power if power > 0.0 else 0.0
+
+    def _known(self, move: Move) -> FloatMap:
+        """(k,) known surface at the moved points, less its plane."""
+        x, y = _moved(self.x, self.y, move, self.middle)
+        known = map_coordinates(self.surface, [x / self.pitch, y / self.pitch], order=1, mode="nearest")
+        return np.asarray(known - self.plane @ (self.plane.T @ known), np.float64)
+
+    def registration(self, move: Move) -> Registration:
+        """`start` and then the move."""
+        x, y = _moved(np.array(self.start.offset_x), np.array(self.start.offset_y), move, self.middle)
+        rotation = math.remainder(self.start.rotation + move[2], math.tau)
+        return replace(self.start, offset_x=float(x), offset_y=float(y), rotation=rotation)
+
+
+def _moved(x: FloatMap, y: FloatMap, move: Move, middle: tuple[float, float]) -> tuple[FloatMap, FloatMap]:
+    u, v, cos, sin = x - middle[0], y - middle[1], math.cos(move[2]), math.sin(move[2])
+    return middle[0] + move[0] + cos * u - sin * v, middle[1] + move[1] + sin * u + cos * v
+
+
+def _points(map_: HeightMap, size: float) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """Centres and means of tiles of about `size` [m], in map coordinates, where at least half a tile was measured."""
+    a, b = max(1, round(size / map_.dx)), max(1, round(size / map_.dy))
+    m, n = map_.shape[0] // a, map_.shape[1] // b
+    tiles = map_.z[: m * a, : n * b].reshape(m, a, n, b)
+    count = np.isfinite(tiles).sum(axis=(1, 3))
+    mean = np.nansum(tiles, axis=(1, 3)) / np.maximum(count, 1)
+    i, j = np.nonzero(2 * count >= a * b)
+    x = map_.x0 + (i * a + (a - 1) / 2) * map_.dx
+    y = map_.y0 + (j * b + (b - 1) / 2) * map_.dy
+    return x.astype(np.float64), y.astype(np.float64), mean[i, j].astype(np.float64)
+
+
+def _refined(relief: _Relief, first: Move, pitch: float, may_turn: bool) -> tuple[Move, bool]:
+    """The best move near the first one, outliers left out round by round, and whether the rotation was seen in it."""
+    for _ in range(_ROUNDS):
+        move, turned = _least_squares(relief, first, pitch, may_turn)
+        residuals = relief.residuals(move)
+        limit = CLIP * _NORMAL * float(np.median(np.abs(residuals)))
+        outliers = np.abs(residuals) > max(limit, np.finfo(np.float64).tiny)
+        if not outliers.any() or outliers.mean() > 0.5:
+            break
+        relief, first = relief.without(outliers), move
+    return move, turned
+
+
+def _least_squares(relief: _Relief, first: Move, pitch: float, may_turn: bool) -> tuple[Move, bool]:
+    scale = max(float(np.sqrt(np.mean(relief.relief**2))), np.finfo(np.float64).tiny)
+    radius = max(float(np.ptp(relief.x)), float(np.ptp(relief.y))) / 2
+
+    def solve(count: int) -> Move:
+        def residuals(values: FloatMap) -> FloatMap:
+            return relief.residuals(_move(values, pitch, radius)) / scale
+
+        start = np.array([first[0] / pitch, first[1] / pitch, first[2] * radius / pitch][:count])
+        return _move(least_squares(residuals, start, diff_step=[1e-3] * count).x, pitch, radius)
+
+    if may_turn:
+        move = solve(3)
+        rms = float(np.sqrt(np.mean(relief.residuals(move) ** 2)))
+        covariance = np.linalg.pinv(_normal(relief, move, pitch)) * rms**2
+        if math.sqrt(covariance[2, 2]) < _EDGE:
+            return move, True
+    return solve(2), False
+
+
+def _move(cells: FloatMap, pitch: float, radius: float) -> Move:
+    """The move of a shift in cells and, if it turns, a turn as a shift of the rim in cells."""
+    return float(cells[0]) * pitch, float(cells[1]) * pitch, float(cells[2]) * pitch / radius if len(cells) > 2 else 0.0
+
+
+def _normal(relief: _Relief, move: Move, pitch: float) -> FloatMap:
+    """(3, 3) normal matrix of the residuals by shifts in cells and by the turn as a shift of the rim in cells."""
+    radius = max(float(np.ptp(relief.x)), float(np.ptp(relief.y))) / 2
+    steps = np.diag([0.1 * pitch, 0.1 * pitch, 0.1 * pitch / radius])
+    slopes = [(relief.residuals(_added(move, step)) - relief.residuals(_added(move, -step))) / 0.2 for step in steps]
+    jacobian = np.stack(slopes, axis=1)
+    return np.asarray(jacobian.T @ jacobian, np.float64)
+
+
+def _added(move: Move, step: FloatMap) -> Move:
+    return move[0] + float(step[0]), move[1] + float(step[1]), move[2] + float(step[2])
