@@ -6,6 +6,7 @@ own timeouts are out of the way: no progress for the time of the caller ends a w
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
@@ -26,6 +27,7 @@ PARAMETERS = {
     "stmin": 0,
     "wftmax": 8,
     "max_frame_size": 4095,
+    "logger_name": "inkloop_isotp",
     "rx_flowcontrol_timeout": NEVER_MS,
     "rx_consecutive_frame_timeout": NEVER_MS,
 }
@@ -72,6 +74,7 @@ class IsoTpConnection(BaseConnection):
         self._checked = 0.0
         address = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=request_id, rxid=answer_id)
         self._stack = isotp.TransportLayerLogic(self._take, self._give, address, self._count, PARAMETERS)
+        self._stack.logger.setLevel(logging.CRITICAL)  # its warnings, thousands where one frame is lost, are counted
 
     def open(self) -> IsoTpConnection:
         """Nothing to open: the wire is."""

@@ -88,7 +88,8 @@ class Link:
         config |= {"data_identifiers": {"default": Bytes()}, "request_timeout": None}
         config |= {"p2_timeout": P2, "p2_star_timeout": P2_STAR, "use_server_timing": False}
         self.client = Client(self._connection, config=config)
-        self.client.logger.setLevel(logging.WARNING)
+        self.client.logger = logging.getLogger("inkloop_uds")
+        self.client.logger.setLevel(logging.CRITICAL)  # what it logs as an error is tried again, or raised
 
     @property
     def counts(self) -> LinkCounts:
