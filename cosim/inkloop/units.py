@@ -12,6 +12,7 @@ import numpy as np
 from inkloop.faults import nearest
 
 SUFFIXES: Mapping[str, Mapping[str, float]] = {
+    "1/m": {"per_um": 1e6, "per_mm": 1e3, "per_m": 1.0},
     "m": {"um": 1e-6, "mm": 1e-3, "nm": 1e-9, "m": 1.0},
     "m2": {"um2": 1e-12, "mm2": 1e-6, "m2": 1.0},
     "m3": {"pl": 1e-15, "nl": 1e-12, "um3": 1e-18, "mm3": 1e-9, "m3": 1.0},
@@ -22,13 +23,21 @@ SUFFIXES: Mapping[str, Mapping[str, float]] = {
 """SI unit -> suffix of a key -> factor to SI."""
 
 UNITS: Mapping[str, tuple[str, float]] = {
-    suffix.replace("_per_", "/"): (si, factor)
+    suffix.replace("_per_", "/").replace("per_", "1/"): (si, factor)
     for si, suffixes in SUFFIXES.items()
     for suffix, factor in suffixes.items()
 }
 """Unit in FMI spelling -> its SI unit and the factor to it."""
 
-QUANTITIES = {"m": "a length", "m2": "an area", "m3": "a volume", "s": "a time", "m/s": "a speed", "rad": "an angle"}
+QUANTITIES = {
+    "1/m": "an inverse length",
+    "m": "a length",
+    "m2": "an area",
+    "m3": "a volume",
+    "s": "a time",
+    "m/s": "a speed",
+    "rad": "an angle",
+}
 
 
 def spellings(name: str, unit: str) -> dict[str, float]:

@@ -1,3 +1,4 @@
+#include "far_neighbours.h"
 #include "layer_handshake.h"
 #include "layer_map.h"
 #include "passes.h"
@@ -24,6 +25,10 @@ static void print_layer(Instance *instance, int32_t layer) {
     const LayerHandshake handshake = LAYER_HANDSHAKE(v);
     const VolumeVariation variation = VOLUME_VARIATION(v);
     const Passes passes = {*v.passes, *v.pass_order, *v.pass_rotation};
+    const FarInk far_ink[2] = {
+        {{*v.h1_a, *v.h2_a, *v.h3_a, *v.h4_a, *v.h5_a, *v.h6_a, *v.h7_a, *v.h8_a, *v.h9_a, *v.h10_a}},
+        {{*v.h1_b, *v.h2_b, *v.h3_b, *v.h4_b, *v.h5_b, *v.h6_b, *v.h7_b, *v.h8_b, *v.h9_b, *v.h10_b}},
+    };
     const Ink ink[2] = {{*v.h1_a, *v.h2_a, *v.h3_a}, {*v.h1_b, *v.h2_b, *v.h3_b}};
     const size_t nx = (size_t)*v.nx, ny = (size_t)*v.ny;
     const double cell_area = *v.pitch * *v.pitch;
@@ -31,7 +36,10 @@ static void print_layer(Instance *instance, int32_t layer) {
     double lost = 0.0;
     for (int pass = 0; pass < passes.passes; pass++) {
         memcpy(v.before, v.height, nx * ny * sizeof *v.height);
-        lost += deposit_pass(v.before, v.height, nx, ny, v.captured, ink, v.factor, pass_colour(&passes, layer, pass));
+        const int colour = pass_colour(&passes, layer, pass);
+        lost += *v.reach == 1
+                    ? deposit_pass(v.before, v.height, nx, ny, v.captured, ink, v.factor, colour)
+                    : deposit_far_pass(v.before, v.height, nx, ny, v.captured, far_ink, *v.reach, v.factor, colour);
     }
     *v.volume_lost += lost * cell_area;
     if (*v.roller_step > 0.0)

@@ -2,8 +2,7 @@
 
 #include <stdbool.h>
 
-/* Lu et al. eq. 5: the share that a neighbour takes when the hit cell lies `rise` above it. */
-static double saturate(double rise, double width) {
+double taken_share(double rise, double width) {
     if (rise >= 0.0)
         return 1.0;
     return rise <= -width ? 0.0 : 1.0 + rise / width;
@@ -24,7 +23,7 @@ void droplet_shares(const double *height, size_t nx, size_t ny, size_t i, size_t
             const double spread = di == 0 || dj == 0 ? ink->h2 : ink->h3;
             double taken = spread;
             if (is_inside(nx, ny, i, j, di, dj))
-                taken *= saturate(*here - here[di * (ptrdiff_t)ny + dj], ink->h1 + spread);
+                taken *= taken_share(*here - here[di * (ptrdiff_t)ny + dj], ink->h1 + spread);
             share[3 * (di + 1) + dj + 1] = taken;
             kept += spread - taken;
         }

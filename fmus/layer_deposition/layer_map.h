@@ -15,6 +15,9 @@ typedef struct {
 enum { FOOTPRINT = 9, CENTRE = 4 }; /* share[3 * (di + 1) + (dj + 1)] belongs to cell (i + di, j + dj) */
 enum { COLOUR_ALL = -1 };           /* colour of cell (i, j): 2 * (i % 2) + (j % 2) */
 
+/* Eq. 5: the share of its part that a neighbour takes when the hit cell lies `rise` above it [m]. */
+double taken_share(double rise, double width);
+
 /* What one droplet at cell (i, j) adds to its 3x3 cells on the surface `height`; the nine sum to h1 + 4 h2 + 4 h3. */
 void droplet_shares(const double *height, size_t nx, size_t ny, size_t i, size_t j, const Ink *ink,
                     double share[FOOTPRINT]);

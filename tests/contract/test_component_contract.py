@@ -30,7 +30,8 @@ JOB = job()
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
 MAKERS: dict[str, Callable[[Path], Component]] = {
     **{
-        f"LayerDeposition {form}": lambda _, form=form: catalog.make("LayerDeposition", JOB, {"fmi": form})
+        f"{model} {form}": lambda _, model=model, form=form: catalog.make(model, JOB, {"fmi": form})
+        for model in catalog.DEPOSITION_MODELS
         for form in FORMS
     },
     **{

@@ -15,7 +15,7 @@ from fmpy.build import build_platform_binary
 from fmpy.validation import validate_fmu
 from lxml import etree
 
-from contract.fmu_driver import FORMS, MODELS, Driver, random_patterns
+from contract.fmu_driver import DEPOSITION_MODELS, FORMS, MODELS, Driver, random_patterns
 from inkloop.export import export, find_fmu
 
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
@@ -139,12 +139,14 @@ def test_sources_compile_to_the_same_bits(model, form, tmp_path) -> None:
     build_platform_binary(tmp_path, all_warnings=True)
     random = {
         "LayerDeposition": {"variation": 0.3, "passes": 4},
+        "SuperpositionDeposition": {"variation": 0.3},
+        "VolumeAreaDeposition": {"variation": 0.3, "passes": 4},
         "ProfileSensor": {"noise_std": 1e-6, "spot_radius": 3e-4},
     }
     states = []
     for folder in (None, tmp_path):
         with Driver(model, form, folder=folder).start(random[model]) as fmu:
-            if model == "LayerDeposition":
+            if model in DEPOSITION_MODELS:
                 for pattern in random_patterns(9, 9, 3):
                     fmu.print_layer(pattern)
             else:
@@ -162,8 +164,8 @@ def test_terminals_group_the_signals_of_the_contract(model, form) -> None:
     schema.assertValid(root)
     members = {t.get("name"): {m.get("memberName") for m in t} for t in root.iter("Terminal")}
     assert {"height", "layers_printed"} <= members["surface"]
-    own = {"LayerDeposition": ("command", {"pattern", "layer_command"}),
-           "ProfileSensor": ("scan", {"measured_height", "valid", "layers_scanned"})}[model]  # fmt: skip
+    own = {"ProfileSensor": ("scan", {"measured_height", "valid", "layers_scanned"}),
+           **dict.fromkeys(DEPOSITION_MODELS, ("command", {"pattern", "layer_command"}))}[model]  # fmt: skip
     assert own[1] <= members[own[0]]
 
 

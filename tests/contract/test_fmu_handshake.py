@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from contract.fmu_driver import DISCARD, ERROR, FORMS, MODELS, OK, Driver, equal, random_patterns
+from contract.fmu_driver import DEPOSITION_MODELS, DISCARD, ERROR, FORMS, MODELS, OK, Driver, equal, random_patterns
 
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 EVERY_MODEL = pytest.mark.parametrize("model", MODELS)
+EVERY_DEPOSITION = pytest.mark.parametrize("model", DEPOSITION_MODELS)
 
 
 def refused_step(form: str) -> int:
@@ -17,9 +18,10 @@ def refused_step(form: str) -> int:
 
 
 @EVERY_FORM
+@EVERY_DEPOSITION
 @pytest.mark.parametrize("command", [0, 3, 4, 7, 8, 2**31 - 1])
-def test_command_that_is_not_the_next_is_refused_and_changes_nothing(form, command) -> None:
-    with Driver("LayerDeposition", form).start({"layer_command": 4, "variation": 0.2}) as fmu:
+def test_command_that_is_not_the_next_is_refused_and_changes_nothing(model, form, command) -> None:
+    with Driver(model, form).start({"layer_command": 4, "variation": 0.2}) as fmu:
         fmu.print_layer()
         assert fmu.set("layer_command", command) == OK
         before = fmu.save()
@@ -32,8 +34,9 @@ def test_command_that_is_not_the_next_is_refused_and_changes_nothing(form, comma
 
 
 @EVERY_FORM
-def test_command_while_busy_is_refused_and_the_layer_is_still_printed(form) -> None:
-    with Driver("LayerDeposition", form).start({"layer_duration": 3.0}) as fmu:
+@EVERY_DEPOSITION
+def test_command_while_busy_is_refused_and_the_layer_is_still_printed(model, form) -> None:
+    with Driver(model, form).start({"layer_duration": 3.0}) as fmu:
         assert max(fmu.set("layer_command", 1), fmu.step(0.0)) == OK
         assert fmu.set("layer_command", 2) == OK
         before = fmu.save()
@@ -53,8 +56,9 @@ def test_refusal_says_what_was_found_and_expected() -> None:
 
 
 @EVERY_FORM
-def test_repeated_command_changes_nothing(form) -> None:
-    with Driver("LayerDeposition", form).start({"variation": 0.2}) as fmu:
+@EVERY_DEPOSITION
+def test_repeated_command_changes_nothing(model, form) -> None:
+    with Driver(model, form).start({"variation": 0.2}) as fmu:
         surface = fmu.print_layer()
         assert max(fmu.set("pattern", 2), fmu.step(1.0), fmu.step(2.0, 100.0)) == OK
         assert np.array_equal(fmu.get("height"), surface)
@@ -62,8 +66,9 @@ def test_repeated_command_changes_nothing(form) -> None:
 
 
 @EVERY_FORM
-def test_layer_is_complete_a_duration_after_its_command(form) -> None:
-    with Driver("LayerDeposition", form).start({"layer_duration": 0.3}, start=2.0) as fmu:
+@EVERY_DEPOSITION
+def test_layer_is_complete_a_duration_after_its_command(model, form) -> None:
+    with Driver(model, form).start({"layer_duration": 0.3}, start=2.0) as fmu:
         assert fmu.set("layer_command", 1) == OK
         seen = []
         for k in range(5):
@@ -73,8 +78,9 @@ def test_layer_is_complete_a_duration_after_its_command(form) -> None:
 
 
 @EVERY_FORM
-def test_pattern_is_taken_when_the_command_is_accepted(form) -> None:
-    with Driver("LayerDeposition", form).start({"layer_duration": 2.0, "pattern": 1}) as fmu:
+@EVERY_DEPOSITION
+def test_pattern_is_taken_when_the_command_is_accepted(model, form) -> None:
+    with Driver(model, form).start({"layer_duration": 2.0, "pattern": 1}) as fmu:
         assert max(fmu.set("layer_command", 1), fmu.step(0.0), fmu.set("pattern", 0), fmu.step(1.0)) == OK
         assert fmu.get("droplets_a") == 81
 
@@ -88,17 +94,19 @@ def test_volume_factor_is_taken_when_the_command_is_accepted(form) -> None:
 
 
 @EVERY_FORM
-def test_step_longer_than_the_duration_prints_only_the_commanded_layer(form) -> None:
-    with Driver("LayerDeposition", form).start({"layer_duration": 1.0}) as fmu:
+@EVERY_DEPOSITION
+def test_step_longer_than_the_duration_prints_only_the_commanded_layer(model, form) -> None:
+    with Driver(model, form).start({"layer_duration": 1.0}) as fmu:
         assert max(fmu.set("layer_command", 1), fmu.step(0.0, 1000.0)) == OK
         assert fmu.get("layers_printed") == 1
 
 
 @EVERY_FORM
+@EVERY_DEPOSITION
 @pytest.mark.parametrize("size", [0.05, 0.1, 0.3, 1.0, 2.5])
-def test_steps_of_any_size_print_the_same_layers(form, size) -> None:
+def test_steps_of_any_size_print_the_same_layers(model, form, size) -> None:
     patterns = random_patterns(5, 4, 4)
-    with Driver("LayerDeposition", form, 5, 4).start({"variation": 0.3, "layer_duration": 0.7}) as fmu:
+    with Driver(model, form, 5, 4).start({"variation": 0.3, "layer_duration": 0.7}) as fmu:
         time = 0.0
         for number, pattern in enumerate(patterns, start=1):
             assert max(fmu.set("pattern", pattern), fmu.set("layer_command", number)) == OK
@@ -106,17 +114,18 @@ def test_steps_of_any_size_print_the_same_layers(form, size) -> None:
                 assert fmu.step(time, size) == OK
                 time += size
         found = fmu.get("height")
-    with Driver("LayerDeposition", form, 5, 4).start({"variation": 0.3}) as fmu:
+    with Driver(model, form, 5, 4).start({"variation": 0.3}) as fmu:
         for pattern in patterns:
             fmu.print_layer(pattern)
         assert np.array_equal(fmu.get("height"), found)
 
 
 @EVERY_FORM
+@EVERY_DEPOSITION
 @pytest.mark.parametrize("size", [0.1, 0.25, 1.0, 3.0, 7.0])
-def test_self_commanding_counts_periods_not_steps(form, size) -> None:
+def test_self_commanding_counts_periods_not_steps(model, form, size) -> None:
     """0.1 cannot be added up exactly: the layer at k periods must neither be missed nor come twice."""
-    with Driver("LayerDeposition", form).start({"layer_period": 0.5}, start=10.0) as fmu:
+    with Driver(model, form).start({"layer_period": 0.5}, start=10.0) as fmu:
         time = 10.0
         for k in range(1, 22):
             assert fmu.step(time, size) == OK
@@ -125,8 +134,9 @@ def test_self_commanding_counts_periods_not_steps(form, size) -> None:
 
 
 @EVERY_FORM
-def test_self_commanding_refuses_commands(form) -> None:
-    with Driver("LayerDeposition", form).start({"layer_period": 0.5, "layer_command": 2}) as fmu:
+@EVERY_DEPOSITION
+def test_self_commanding_refuses_commands(model, form) -> None:
+    with Driver(model, form).start({"layer_period": 0.5, "layer_command": 2}) as fmu:
         assert fmu.step(0.0) == OK
         assert fmu.get("layers_printed") == 4
         assert fmu.set("layer_command", 3) == OK
@@ -136,8 +146,9 @@ def test_self_commanding_refuses_commands(form) -> None:
 
 
 @EVERY_FORM
-def test_period_shorter_than_the_duration_is_refused_at_the_end_of_initialisation(form) -> None:
-    with Driver("LayerDeposition", form) as fmu:
+@EVERY_DEPOSITION
+def test_period_shorter_than_the_duration_is_refused_at_the_end_of_initialisation(model, form) -> None:
+    with Driver(model, form) as fmu:
         assert max(fmu.set("layer_period", 0.5), fmu.set("layer_duration", 0.6), fmu.enter()) == OK
         assert fmu.exit() == ERROR
         assert max(fmu.set("layer_duration", 0.5), fmu.exit()) == OK
@@ -146,13 +157,14 @@ def test_period_shorter_than_the_duration_is_refused_at_the_end_of_initialisatio
 
 
 @EVERY_FORM
+@EVERY_DEPOSITION
 @pytest.mark.parametrize(("name", "value"), [("pattern", 3), ("pattern", -1), ("drop_level", -1),
                                              ("drop_level", 256), ("height_start", np.nan),
                                              ("variation", np.nan), ("variation", -0.1), ("seed", -1),
-                                             ("layer_duration", np.inf), ("nozzle_pitch", 0), ("passes", 3),
+                                             ("layer_duration", np.inf), ("nozzle_pitch", 0),
                                              ("variation_kind", 0), ("layer_command", -1)])  # fmt: skip
-def test_value_that_the_model_does_not_take_is_refused_whole(form, name, value) -> None:
-    with Driver("LayerDeposition", form, 4, 3) as fmu:
+def test_value_that_the_model_does_not_take_is_refused_whole(model, form, name, value) -> None:
+    with Driver(model, form, 4, 3) as fmu:
         before = fmu.save()
         values = np.full(fmu.shape(name), fmu.get(name))
         if values.ndim:
@@ -160,6 +172,16 @@ def test_value_that_the_model_does_not_take_is_refused_whole(form, name, value) 
             values[2, 1] = value
         assert fmu.set(name, values if values.ndim else value) == DISCARD
         assert fmu.save() == before
+
+
+@EVERY_FORM
+@pytest.mark.parametrize("model", [model for model in DEPOSITION_MODELS if model != "SuperpositionDeposition"])
+@pytest.mark.parametrize("passes", [0, 2, 3, 5])
+def test_passes_other_than_one_and_four_are_refused(model, form, passes) -> None:
+    with Driver(model, form) as fmu:
+        assert fmu.set("passes", passes) == DISCARD
+        assert fmu.get("passes") == 1
+        assert fmu.set("passes", 4) == OK
 
 
 @EVERY_FORM
@@ -209,10 +231,11 @@ def test_calls_out_of_order_are_errors_and_change_nothing(model, form) -> None:
 
 
 @EVERY_FORM
+@EVERY_DEPOSITION
 @pytest.mark.parametrize(("time", "size"), [(5.0, 0.0), (5.0, -1.0), (5.0, np.nan), (np.nan, 1.0), (5.0, np.inf),
                                             (4.0, 1.0)])  # fmt: skip
-def test_step_that_leads_nowhere_or_back_is_refused(form, time, size) -> None:
-    with Driver("LayerDeposition", form).start(start=5.0) as fmu:
+def test_step_that_leads_nowhere_or_back_is_refused(model, form, time, size) -> None:
+    with Driver(model, form).start(start=5.0) as fmu:
         fmu.set("layer_command", 1)
         before = fmu.save()
         assert fmu.step(time, size) == refused_step(form)
@@ -238,8 +261,9 @@ def test_call_with_one_bad_value_sets_none_of_the_others() -> None:
 
 
 @EVERY_FORM
-def test_outputs_during_initialisation_follow_the_start_values(form) -> None:
-    with Driver("LayerDeposition", form, 4, 3) as fmu:
+@EVERY_DEPOSITION
+def test_outputs_during_initialisation_follow_the_start_values(model, form) -> None:
+    with Driver(model, form, 4, 3) as fmu:
         assert fmu.enter() == OK
         surface = np.arange(12.0).reshape(4, 3) * 1e-6
         assert max(fmu.set("height_start", surface), fmu.set("layer_command", 7)) == OK

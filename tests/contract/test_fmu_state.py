@@ -13,6 +13,8 @@ EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 EVERY_MODEL = pytest.mark.parametrize("model", MODELS)
 PARAMETERS = {
     "LayerDeposition": {"variation": 0.3, "passes": 4, "pass_rotation": 1, "layer_duration": 2.5},
+    "SuperpositionDeposition": {"variation": 0.3, "layer_duration": 2.5},
+    "VolumeAreaDeposition": {"variation": 0.3, "passes": 4, "pass_rotation": 1, "guard": True, "layer_duration": 2.5},
     "ProfileSensor": {"noise_std": 1e-6, "dropout_rate": 0.3, "drift_rate": 1e-7, "scan_duration": 2.5},
 }
 
@@ -88,7 +90,7 @@ def test_reset_gives_back_the_grid_of_the_start() -> None:
 @EVERY_FORM
 @EVERY_MODEL
 def test_state_of_another_model_grid_or_length_is_refused(model, form) -> None:
-    other = {"LayerDeposition": "ProfileSensor", "ProfileSensor": "LayerDeposition"}[model]
+    other = MODELS[MODELS.index(model) - 1]
     with Driver(other, form, 5, 4) as alien, Driver(model, form) as larger, started(model, form) as fmu:
         act(fmu, 0, 4)
         before = fmu.save()

@@ -49,6 +49,35 @@ def layer(height: Any, pattern: Any, inks: Any = (INK, INK), factor: Any = 1.0, 
     return height, lost
 
 
+def far_pass(height: Any, pattern: Any, heights: Any, reach: int, factor: Any = 1.0,
+             colour: Any = None) -> tuple[Any, float]:  # fmt: skip
+    """As `one_pass` for one ink that reaches further, on the cells of one colour (i % 2, j % 2) if there is one.
+
+    heights: of the cell itself and of (1, 0), (1, 1), (2, 0), (2, 1), (2, 2), (3, 0) ... cells away.
+    """
+    nx, ny = height.shape
+    i, j = np.indices(height.shape)
+    jetted = (pattern > 0) & ((colour is None) | ((i % 2, j % 2) == np.reshape(colour or (0, 0), (2, 1, 1))).all(0))
+    volume = jetted * factor
+    beyond = np.pad(height, reach, constant_values=-np.inf)
+    grown = np.zeros_like(beyond)
+    own = (slice(reach, reach + nx), slice(reach, reach + ny))
+    grown[own] += heights[0] * volume
+    away = [pair for m in range(reach + 1) for pair in ((m, n) for n in range(m + 1))]
+    for di in range(-reach, reach + 1):
+        for dj in range(-reach, reach + 1):
+            place = away.index((max(abs(di), abs(dj)), min(abs(di), abs(dj))))
+            if place == 0:
+                continue
+            there = (slice(reach + di, reach + di + nx), slice(reach + dj, reach + dj + ny))
+            share = heights[place] * volume
+            width = np.where(jetted, heights[0] * volume + share, 1.0)
+            given = share * np.clip(1.0 + (height - beyond[there]) / width, 0.0, 1.0)
+            grown[there] += given
+            grown[own] += share - given
+    return height + grown[own], float(grown.sum() - grown[own].sum())
+
+
 def rolled(height: Any, top: float) -> tuple[Any, float]:
     """The surface under a roller at height `top`, and the height that it cut."""
     return np.minimum(height, top), float(np.maximum(height - top, 0.0).sum())

@@ -200,6 +200,56 @@ def test_roller_counts_layers_from_its_datum_on_also_in_a_print_that_goes_on() -
     assert [surface.max() for surface in goes_on[1:]] == pytest.approx([FULL, 13e-6], rel=1e-12)
 
 
+FAR = [4.4e-6, 0.6e-6, 0.2e-6, 0.15e-6, 0.1e-6, 0.05e-6, 0.04e-6, 0.03e-6, 0.02e-6, 0.01e-6]
+
+
+def far_heights(*, materials: str = "ab") -> dict[str, float]:
+    return {f"h{k}_{letter}": height for letter in materials for k, height in enumerate(FAR, start=1)}
+
+
+@pytest.mark.parametrize("reach", [2, 3])
+@pytest.mark.parametrize(("nx", "ny"), [(9, 8), (1, 5), (2, 2)])
+@pytest.mark.parametrize("passes", [1, 4])
+def test_every_neighbour_within_reach_takes_its_share_by_the_same_rule(reach, nx, ny, passes) -> None:
+    start = np.random.default_rng(1).uniform(0.0, 10e-6, (nx, ny))
+    varied = {"variation": 0.3, "seed": 77}
+    surface, lost = start, 0.0
+    parameters = {**far_heights(), **varied, "reach": reach, "passes": passes, "height_start": start}
+    with Driver("LayerDeposition", nx=nx, ny=ny).start(parameters) as fmu:
+        for number, pattern in enumerate(random_patterns(nx, ny, 4), start=1):
+            factor = lu_numpy.factors((nx, ny), number, **varied)
+            for colour in lu_numpy.ORDERS[1] if passes == 4 else [None]:
+                surface, fell = lu_numpy.far_pass(surface, pattern, FAR, reach, factor, colour)
+                lost += fell
+            assert fmu.print_layer(pattern) == pytest.approx(surface, rel=1e-12)
+        assert fmu.get("volume_lost") == pytest.approx(lost * 263.256e-6**2, rel=1e-12)
+
+
+def test_interior_droplet_with_a_long_reach_adds_its_full_height() -> None:
+    start = np.random.default_rng(3).uniform(0.0, 50e-6, (7, 7))
+    pattern = np.zeros((7, 7), dtype=np.int32)
+    pattern[3, 3] = 1
+    before, after = printed(7, 7, [pattern], height_start=start, reach=3, **far_heights())
+    places = np.array([1, 4, 4, 4, 8, 4, 4, 8, 8, 4])
+    assert (after - before).sum() == pytest.approx((places * FAR).sum(), rel=1e-9)
+
+
+@pytest.mark.parametrize("reach", [2, 3])
+def test_longer_reach_without_shares_is_the_reach_of_one(reach) -> None:
+    patterns = random_patterns(7, 6, 4)
+    assert printed(7, 6, patterns, reach=reach)[-1] == pytest.approx(printed(7, 6, patterns)[-1], rel=1e-13)
+
+
+def test_shares_beyond_the_reach_change_nothing() -> None:
+    patterns = random_patterns(7, 6, 4)
+    near = {f"h{k}_{letter}": 9e-6 for letter in "ab" for k in range(4, 11)}
+    np.testing.assert_array_equal(printed(7, 6, patterns, **near), printed(7, 6, patterns))
+    second = {name: height for name, height in far_heights().items() if int(name[1:-2]) < 7}
+    np.testing.assert_array_equal(
+        printed(7, 6, patterns, reach=2, **far_heights()), printed(7, 6, patterns, reach=2, **second)
+    )
+
+
 def test_volume_factor_multiplies_what_is_drawn() -> None:
     assert drawn(1, variation=0.4, volume_factor=0.5) == pytest.approx(0.5 * drawn(1, variation=0.4), rel=1e-9)
 

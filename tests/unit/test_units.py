@@ -8,6 +8,7 @@ def test_key_carries_its_unit() -> None:
     assert spellings("duration", "s")["duration_ms"] == 1e-3
     assert spellings("droplet_volume", "m3")["droplet_volume_pl"] == 1e-15
     assert spellings("speed", "m/s")["speed_mm_per_s"] == 1e-3
+    assert spellings("gain", "1/m") == {"gain_per_um": 1e6, "gain_per_mm": 1e3, "gain_per_m": 1.0}
 
 
 def test_length_without_a_unit_is_a_fault() -> None:
