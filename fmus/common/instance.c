@@ -59,6 +59,27 @@ void *values_of(Instance *instance, size_t variable) {
     return instance->block + instance->offsets[variable];
 }
 
+/* `*memory` with another size; NULL if that is 0, and NULL, nothing changed, if there is none. */
+static void *resized(unsigned char **memory, size_t *present, size_t size) {
+    if (*memory && *present == size)
+        return *memory;
+    unsigned char *fresh = size == 0 ? NULL : calloc(size, 1);
+    if (!fresh && size > 0)
+        return NULL;
+    free(*memory);
+    *memory = fresh;
+    *present = size;
+    return fresh;
+}
+
+void *kept_memory(Instance *instance, size_t size) {
+    return resized(&instance->kept, &instance->kept_size, size);
+}
+
+void *scratch_memory(Instance *instance, size_t size) {
+    return resized(&instance->scratch, &instance->scratch_size, size);
+}
+
 double instance_time(Instance *instance) {
     return *(double *)values_of(instance, TIME);
 }
@@ -128,6 +149,8 @@ static bool allocate(Instance *instance, uint64_t nx, uint64_t ny) {
         return false;
     }
     sized.last_found = 0;
+    sized.kept = sized.scratch = NULL;
+    sized.kept_size = sized.scratch_size = 0;
     *instance = sized;
     for (size_t k = 0; k < VARIABLE_COUNT; k++)
         fill(instance, k);
@@ -141,6 +164,8 @@ static void release(Instance *instance) {
     free(instance->block);
     free(instance->offsets);
     free(instance->first_references);
+    free(instance->kept);
+    free(instance->scratch);
 }
 
 static bool is_possible(uint64_t nx, uint64_t ny) {

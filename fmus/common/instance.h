@@ -21,6 +21,9 @@ struct Instance {
     size_t *first_references; /* EXPOSED_COUNT + 1 value references */
     size_t saved_size;        /* bytes of the block before the scratch variables */
     size_t last_found;        /* variable of the last reference that was looked up */
+    unsigned char *kept;      /* what the kernel keeps beside the block, and its scratch memory */
+    unsigned char *scratch;
+    size_t kept_size, scratch_size;
     char message[MESSAGE_SIZE];
 };
 

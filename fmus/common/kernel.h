@@ -40,6 +40,11 @@ typedef struct Instance Instance;
 /* Values of a variable by its number. */
 void *values_of(Instance *instance, size_t variable);
 
+/* Memory beside the variables, for what has a size of its own, as large as last asked for and zeroed whenever that
+ * changes: the first is saved with the instance, the second is not. NULL if there is no memory. */
+void *kept_memory(Instance *instance, size_t size);
+void *scratch_memory(Instance *instance, size_t size);
+
 /* Keep the message "what was found; what was expected; what to do" for the log; `return refuse(...)`. */
 #if defined(__GNUC__)
 __attribute__((format(printf, 2, 3)))

@@ -7,11 +7,11 @@ enum { FINGERPRINT_SIZE = 16 };
 
 typedef struct {
     char fingerprint[FINGERPRINT_SIZE];
-    uint64_t nx, ny, mode;
+    uint64_t nx, ny, mode, kept_size;
 } Header;
 
 static Header header_of(const Instance *instance) {
-    Header header = {.nx = instance->nx, .ny = instance->ny, .mode = instance->mode};
+    Header header = {.nx = instance->nx, .ny = instance->ny, .mode = instance->mode, .kept_size = instance->kept_size};
     memcpy(header.fingerprint, MODEL_FINGERPRINT, FINGERPRINT_SIZE);
     return header;
 }
@@ -31,9 +31,10 @@ static Outcome check_snapshot(Instance *instance, const void *bytes, size_t size
                       (unsigned long long)own.ny);
     const bool is_mode =
         found.mode == INSTANTIATED || found.mode == INITIALIZATION || found.mode == STEP || found.mode == TERMINATED;
-    if (size != sizeof found + instance->saved_size || !is_mode)
-        return misuse(instance, "the state is damaged: %lu bytes; expected %lu", (unsigned long)size,
-                      (unsigned long)(sizeof found + instance->saved_size));
+    const uint64_t expected = sizeof found + instance->saved_size + found.kept_size;
+    if (size != expected || found.kept_size > size || !is_mode)
+        return misuse(instance, "the state is damaged: %lu bytes; expected %llu", (unsigned long)size,
+                      (unsigned long long)expected);
     return ACCEPTED;
 }
 
@@ -48,11 +49,14 @@ static Snapshot *sized(Snapshot *old, size_t size) {
 
 Outcome snapshot_take(Instance *instance, Snapshot **snapshot) {
     const Header header = header_of(instance);
-    Snapshot *taken = sized(*snapshot, sizeof header + instance->saved_size);
+    Snapshot *taken = sized(*snapshot, sizeof header + instance->saved_size + instance->kept_size);
     if (!taken)
-        return misuse(instance, "no memory for a state of %lu bytes", (unsigned long)instance->saved_size);
+        return misuse(instance, "no memory for a state of %lu bytes",
+                      (unsigned long)(instance->saved_size + instance->kept_size));
     memcpy(taken->bytes, &header, sizeof header);
     memcpy(taken->bytes + sizeof header, instance->block, instance->saved_size);
+    if (instance->kept_size > 0)
+        memcpy(taken->bytes + sizeof header + instance->saved_size, instance->kept, instance->kept_size);
     *snapshot = taken;
     return ACCEPTED;
 }
@@ -65,6 +69,12 @@ Outcome snapshot_restore(Instance *instance, const Snapshot *snapshot) {
         return outcome;
     Header header;
     memcpy(&header, snapshot->bytes, sizeof header);
+    void *kept = kept_memory(instance, header.kept_size);
+    if (!kept && header.kept_size > 0)
+        return misuse(instance, "no memory for the %llu bytes that the state keeps beside the variables",
+                      (unsigned long long)header.kept_size);
+    if (kept)
+        memcpy(kept, snapshot->bytes + sizeof header + instance->saved_size, header.kept_size);
     memcpy(instance->block, snapshot->bytes + sizeof header, instance->saved_size);
     instance->mode = (Mode)header.mode;
     instance->is_outdated = (header.mode & BEFORE_STEP) != 0;

@@ -1,0 +1,248 @@
+#include "liquid_body.h"
+
+#include "banded_cholesky.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { STEPS = 60, FREE_STEPS = 30 };      /* a node may leave the solid again only in the first ones */
+static const double SMALL = 2e-3;          /* of a Newton step, in spacings: the next one would be about its square */
+static const double OVERSHOOT = 0.5;       /* slope at the end of a step over the slope at its begin */
+static const double UPRIGHT = 5.0;         /* slope, 79 degrees */
+static const double UPRIGHT_SHARE = 0.125; /* of the edge */
+static const double SHORTEST = 1e-3;       /* share of a step */
+
+/* Slope of the liquid along an arm, outwards. */
+static double slope(const LiquidBody *body, const WettedNode *node, double depth, int arm) {
+    const double far = node->next[arm] < 0 ? 0.0 : body->depth[node->next[arm]];
+    return node->rise[arm] + (far - depth) / node->arm[arm];
+}
+
+/* Half of an arm belongs to its node, all of it where it ends on the edge. */
+static double extent(const WettedNode *node, int arm) {
+    return node->next[arm] < 0 ? node->arm[arm] : 0.5 * node->arm[arm];
+}
+
+/* One arm of the node at hand. */
+typedef struct {
+    int32_t next;
+    double inverse, weight, slope; /* of its length; of its half of a flux; of the liquid */
+} Arm;
+
+/* What a quarter of a square adds: its fluxes along both arms, and how they change with the slopes. */
+typedef struct {
+    double x, y, xx, xy, yy;
+} Fluxes;
+
+/* Where one of the arms is cut the weights differ, and the change of one flux with the other slope would not be
+ * symmetric: with the mean of both Newton's method still converges. */
+static Fluxes fluxes(SurfaceForm form, const Arm *x, const Arm *y) {
+    if (form == LINEAR)
+        return (Fluxes){x->weight * x->slope, y->weight * y->slope, x->weight, 0.0, y->weight};
+    const double xx = x->slope * x->slope, yy = y->slope * y->slope;
+    const double shrink = 1.0 / sqrt(1.0 + xx + yy), cubed = shrink * shrink * shrink;
+    const double both = x->weight == y->weight ? x->weight : sqrt(x->weight * y->weight);
+    return (Fluxes){x->weight * x->slope * shrink, y->weight * y->slope * shrink, x->weight * cubed * (1.0 + yy),
+                    -both * cubed * x->slope * y->slope, y->weight * cubed * (1.0 + xx)};
+}
+
+static double *element(LiquidBody *body, size_t one, size_t other) {
+    const size_t low = one < other ? one : other, high = one < other ? other : one;
+    return &body->matrix[low * (body->wet.bandwidth + 1) + high - low];
+}
+
+static void add_quarter(LiquidBody *body, SurfaceForm form, size_t k, const Arm *x, const Arm *y) {
+    const Fluxes f = fluxes(form, x, y);
+    const double along_x = f.xx * x->inverse + f.xy * y->inverse, along_y = f.yy * y->inverse + f.xy * x->inverse;
+    body->force[k] -= f.x * x->inverse + f.y * y->inverse;
+    *element(body, k, k) += along_x * x->inverse + along_y * y->inverse;
+    if (x->next >= 0) {
+        const size_t next = (size_t)x->next;
+        body->force[next] += f.x * x->inverse;
+        *element(body, next, next) += f.xx * x->inverse * x->inverse;
+        *element(body, k, next) -= along_x * x->inverse;
+    }
+    if (y->next >= 0) {
+        const size_t next = (size_t)y->next;
+        body->force[next] += f.y * y->inverse;
+        *element(body, next, next) += f.yy * y->inverse * y->inverse;
+        *element(body, k, next) -= along_y * y->inverse;
+    }
+    if (x->next >= 0 && y->next >= 0)
+        *element(body, (size_t)x->next, (size_t)y->next) += f.xy * x->inverse * y->inverse;
+}
+
+static void assemble(LiquidBody *body, SurfaceForm form) {
+    const size_t count = body->wet.count;
+    memset(body->force, 0, count * sizeof *body->force);
+    memset(body->matrix, 0, count * (body->wet.bandwidth + 1) * sizeof *body->matrix);
+    for (size_t k = 0; k < count; k++) {
+        const WettedNode *node = &body->wet.nodes[k];
+        Arm arms[ARMS];
+        for (int arm = 0; arm < ARMS; arm++)
+            arms[arm] = (Arm){node->next[arm], 1.0 / node->arm[arm], 0.5 * extent(node, arm),
+                              slope(body, node, body->depth[k], arm)};
+        for (int x = LEFT; x <= RIGHT; x++)
+            for (int y = DOWN; y <= UP; y++)
+                add_quarter(body, form, k, &arms[x], &arms[y]);
+    }
+}
+
+/* Lets nodes go that the liquid pulls off the solid; how many. */
+static size_t release(LiquidBody *body) {
+    size_t released = 0;
+    for (size_t k = 0; k < body->wet.count; k++) {
+        if (body->is_pinned[k] && body->force[k] < body->pressure) {
+            body->is_pinned[k] = false;
+            released++;
+        }
+    }
+    return released;
+}
+
+/* Pins nodes that a step has taken below the solid; how many. */
+static size_t pin(LiquidBody *body) {
+    size_t pinned = 0;
+    for (size_t k = 0; k < body->wet.count; k++) {
+        if (body->depth[k] < 0.0) {
+            body->depth[k] = 0.0;
+            body->is_pinned[k] = true;
+            pinned++;
+        }
+    }
+    return pinned;
+}
+
+static void cut_off_pinned(LiquidBody *body) {
+    const size_t bandwidth = body->wet.bandwidth, stride = bandwidth + 1;
+    for (size_t k = 0; k < body->wet.count; k++) {
+        if (!body->is_pinned[k])
+            continue;
+        for (size_t j = 1; j <= bandwidth && j <= k; j++)
+            body->matrix[(k - j) * stride + j] = 0.0;
+        memset(body->matrix + k * stride, 0, stride * sizeof *body->matrix);
+        body->matrix[k * stride] = 1.0;
+    }
+}
+
+/* The Newton step to equilibrium at the given volume, in `step`; false if there is none. */
+static bool find_step(LiquidBody *body, double volume) {
+    const size_t count = body->wet.count, bandwidth = body->wet.bandwidth;
+    cut_off_pinned(body);
+    double missing = volume;
+    for (size_t k = 0; k < count; k++) {
+        body->step[k] = body->is_pinned[k] ? 0.0 : -body->force[k];
+        body->response[k] = body->is_pinned[k] ? 0.0 : 1.0;
+        missing -= body->depth[k];
+    }
+    if (!band_factor(body->matrix, count, bandwidth))
+        return false;
+    band_solve(body->matrix, count, bandwidth, body->step, body->response);
+    double all_responses = 0.0;
+    for (size_t k = 0; k < count; k++) {
+        missing -= body->step[k];
+        all_responses += body->response[k];
+    }
+    body->pressure = missing / all_responses;
+    for (size_t k = 0; k < count; k++)
+        body->step[k] += body->pressure * body->response[k];
+    return all_responses > 0.0 && isfinite(body->pressure);
+}
+
+/* Slope of the energy along the last step, the pressure's work taken off, at the present depths. */
+static double slope_along_step(const LiquidBody *body) {
+    double sum = 0.0;
+    for (size_t k = 0; k < body->wet.count; k++)
+        if (!body->is_pinned[k])
+            sum += (body->force[k] - body->pressure) * body->step[k];
+    return sum;
+}
+
+/* Takes back what a longer share of the step has pinned: nodes that were pinned before have no step. */
+static void move(LiquidBody *body, double share) {
+    for (size_t k = 0; k < body->wet.count; k++) {
+        body->depth[k] = body->previous[k] + share * body->step[k];
+        body->is_pinned[k] = body->is_pinned[k] && body->step[k] == 0.0;
+    }
+}
+
+static bool has_pinned(const LiquidBody *body) {
+    for (size_t k = 0; k < body->wet.count; k++)
+        if (body->is_pinned[k])
+            return true;
+    return false;
+}
+
+/* Takes as much of the step as does not overshoot the lowest energy along it; how many nodes it pinned. A linear body
+ * that touches the solid nowhere is done, its forces are of no use. */
+static size_t take_step(LiquidBody *body, SurfaceForm form) {
+    const double begin = slope_along_step(body);
+    memcpy(body->previous, body->depth, body->wet.count * sizeof *body->depth);
+    for (double share = 1.0;; share *= 0.5) {
+        move(body, share);
+        const size_t pinned = pin(body);
+        if (form == LINEAR && !has_pinned(body))
+            return 0;
+        assemble(body, form);
+        if (form == LINEAR || share < SHORTEST || slope_along_step(body) <= OVERSHOOT * fabs(begin))
+            return pinned;
+    }
+}
+
+static double largest(const double *values, size_t count) {
+    double found = 0.0;
+    for (size_t k = 0; k < count; k++)
+        found = fmax(found, fabs(values[k]));
+    return found;
+}
+
+/* From the present depths to equilibrium. */
+int ITERS, FACTS;
+static bool iterate(LiquidBody *body, SurfaceForm form, double volume) {
+    assemble(body, form);
+    size_t changed = 0;
+    for (int step = 0; step < STEPS; step++) {
+        ITERS++;
+        if (!find_step(body, volume))
+            return false;
+        changed = take_step(body, form);
+        if (step < FREE_STEPS)
+            changed += release(body);
+        if (changed == 0 && (form == LINEAR || largest(body->step, body->wet.count) < SMALL))
+            return true;
+    }
+    return form == LINEAR;
+}
+
+/* Rounding, and pinned nodes of a last step, off the volume. */
+static bool scale_to(LiquidBody *body, double volume) {
+    double sum = 0.0;
+    for (size_t k = 0; k < body->wet.count; k++)
+        sum += body->depth[k];
+    for (size_t k = 0; k < body->wet.count; k++)
+        body->depth[k] *= volume / sum;
+    return sum > 0.0;
+}
+
+/* An edge that would have to overhang: where the surface is no function of the place, the least area is a wall along
+ * the edge. Ends of lines may stand steep over a few points. */
+static bool is_overhanging(const LiquidBody *body) {
+    size_t edge = 0, upright = 0;
+    for (size_t k = 0; k < body->wet.count; k++) {
+        for (int arm = 0; arm < ARMS; arm++) {
+            const bool is_edge = body->wet.nodes[k].next[arm] < 0;
+            edge += is_edge;
+            upright += is_edge && slope(body, &body->wet.nodes[k], body->depth[k], arm) < -UPRIGHT;
+        }
+    }
+    return (double)upright > UPRIGHT_SHARE * (double)edge;
+}
+
+bool settle(LiquidBody *body, SurfaceForm form, double volume) {
+    memset(body->depth, 0, body->wet.count * sizeof *body->depth);
+    memset(body->is_pinned, 0, body->wet.count * sizeof *body->is_pinned);
+    bool is_found = iterate(body, LINEAR, volume);
+    if (is_found && form == NONLINEAR)
+        is_found = iterate(body, NONLINEAR, volume) && !is_overhanging(body);
+    return is_found && scale_to(body, volume);
+}
