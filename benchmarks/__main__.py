@@ -1,4 +1,4 @@
-"""Run all benchmarks, or those named: python -m benchmarks [layer_step master scaling time_limit peers targets]."""
+"""Run all benchmarks, or those named: python -m benchmarks [layer_step master ...]; `NAMES` has them all."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 
 from rich.console import Console
 
-NAMES = ("layer_step", "master", "scaling", "time_limit", "peers", "targets")
+NAMES = ("layer_step", "deposition_models", "master", "scaling", "time_limit", "peers", "targets")
 
 
 def main(names: list[str]) -> int:
