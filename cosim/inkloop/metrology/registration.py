@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from inkloop.component import FloatMap
 from inkloop.errors import HeightMapError
 from inkloop.metrology.height_map import Mirror
 
-Points = Sequence[Sequence[float]]
+Points: TypeAlias = Sequence[Sequence[float]] | NDArray[np.float64]
 FIDUCIALS_MIN = 2
 MIRROR_SUSPECTED = 0.2  # of the residual: so much better does the mirrored map have to fit (assumed)
 

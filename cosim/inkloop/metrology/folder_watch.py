@@ -1,0 +1,114 @@
+"""Files that another program writes: which one is awaited, and when it is complete."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+Complete: TypeAlias = Literal["stable", "renamed", "done"]
+"""How a file is known to be complete.
+
+"stable": its size and time have not changed for a while; "renamed": it appears under its name only when it is, as
+programs do that write to a temporary name; "done": a file of its name and .done stands beside it.
+"""
+
+POLL_S = 0.05
+
+
+@dataclass(frozen=True)
+class _Sight:
+    size: int
+    modified_ns: int
+    since: float
+
+
+@dataclass
+class Wait:
+    """A layer that is awaited since a time of the clock [s], and after how long to say so next [s]."""
+
+    layer: int
+    since: float
+    next_word_s: float = 2.0
+
+
+class FolderWatch:
+    """Looks for the file of a layer, `file_name.format(layer=7)` in `folder`.
+
+    settle_s: how long a "stable" file has to be unchanged. clock: monotonic [s]; sleep: waits that many seconds.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        file_name: str,
+        complete: Complete,
+        settle_s: float,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.folder = folder
+        self._file_name, self._complete, self._settle_s = file_name, complete, settle_s
+        self.clock, self._sleep = clock, sleep
+        self._sights: dict[Path, _Sight] = {}
+
+    def path(self, layer: int) -> Path:
+        """Where the file of a layer is looked for."""
+        return self.folder / self._file_name.format(layer=layer)
+
+    def look(self, layer: int, patience_s: float) -> Path | None:
+        """The file of a layer if it is complete; waits up to `patience_s` for it, and for one in sight to settle.
+
+        Raises OSError if the folder cannot be read.
+        """
+        path, end = self.path(layer), self.clock() + patience_s
+        while not self._is_complete(path):
+            sight = self._sights.get(path)
+            if self.clock() >= (end if sight is None else max(end, sight.since + self._settle_s)):
+                return None
+            self._sleep(min(POLL_S, self._settle_s) or POLL_S)
+        return path
+
+    def is_in_sight(self, layer: int) -> bool:
+        """Whether there is something of the name, complete or not."""
+        return self.path(layer).exists()
+
+    def layers(self) -> dict[int, Path]:
+        """Layer -> file, of all files in the folder that have the name of a layer."""
+        number = re.compile(r"\d+")
+        found: dict[int, Path] = {}
+        for path in self.folder.iterdir():
+            found |= {int(text): path for text in number.findall(path.name) if self.path(int(text)) == path}
+        return found
+
+    def _is_complete(self, path: Path) -> bool:
+        try:
+            state = path.stat()
+        except FileNotFoundError:
+            self._sights.pop(path, None)
+            return False
+        if self._complete == "renamed":
+            return True
+        if self._complete == "done":
+            return path.with_name(f"{path.name}.done").exists()
+        sight = self._sights.get(path)
+        if sight is None or (sight.size, sight.modified_ns) != (state.st_size, state.st_mtime_ns):
+            self._sights[path] = _Sight(state.st_size, state.st_mtime_ns, self.clock())
+            return False
+        return state.st_size > 0 and self.clock() - sight.since >= self._settle_s
+
+
+def name_faults(file_name: str) -> list[str]:
+    """What is wrong with the pattern of a file name, a sentence or none."""
+    expected = "expected a name of its own for each layer, such as 'layer_{layer:04d}.csv'"
+    try:
+        names = {file_name.format(layer=layer) for layer in (1, 2, 30)}
+    except (KeyError, IndexError, ValueError, AttributeError) as error:
+        return [f"file_name is {file_name!r} ({type(error).__name__}: {error}); {expected}"]
+    if len(names) < 3 or any(Path(name).name != name for name in names):
+        return [f"file_name is {file_name!r}; {expected}"]
+    return []

@@ -1,0 +1,248 @@
+"""A profiler that is not on the bus: its height maps are awaited as files in a folder, one per layer."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import logging
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+from zipfile import BadZipFile
+
+import numpy as np
+from pydantic import Field
+
+from inkloop.component import Job, Port, Status, Values
+from inkloop.devices import LOGGER
+from inkloop.errors import ComponentError, HeightMapError
+from inkloop.metrology.datum import Datum
+from inkloop.metrology.folder_watch import Complete, FolderWatch, Wait, name_faults
+from inkloop.metrology.height_map import HeightMap, Mirror
+from inkloop.metrology.map_file import read
+from inkloop.metrology.placement import Method, Placement
+from inkloop.metrology.registration import Registration, from_fiducials
+
+UM = 1e-6
+PATIENCE_S = 0.2
+"""How long a step waits for a file that is not there: Ctrl-C ends a run between two steps."""
+NEXT_WORD_S = 30.0
+FIT_REACH_CELLS = 3
+FIDUCIAL_SHARE = 0.1  # of the pitch that fiducials may be off by (assumed)
+
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Point = Annotated[list[Finite], Field(min_length=2, max_length=2)]
+_LOG = logging.getLogger(f"{LOGGER}.map_folder")
+
+
+class MapFolder:
+    """Scans the newest printed layer by waiting for its file, and lays it over the grid.
+
+    Each step waits a moment and leaves the loop running: `status` is busy until the file is there and complete, and the
+    run ends in words after `timeout_s` (wall clock). What the options mean is on the page of the scenario file. Raises
+    ValueError with what does not fit together, later ComponentError.
+    """
+
+    is_device: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        job: Job,
+        *,
+        folder: str,
+        file_name: str = "layer_{layer:04d}.csv",
+        unit: Literal["nm", "um", "mm", "m"] | None = None,
+        pixel_um: Positive | None = None,
+        count_scale: Positive | None = None,
+        invalid_value: Finite | None = None,
+        rows_along: Literal["x", "y"] | None = None,
+        registration: Method = "given",
+        offset_x_um: Finite = 0.0,
+        offset_y_um: Finite = 0.0,
+        rotation_deg: Finite = 0.0,
+        mirror: Mirror = "none",
+        fiducials_map_um: list[Point] | None = None,
+        fiducials_grid_um: list[Point] | None = None,
+        residual_max_um: Positive | None = None,
+        fit_reach_um: Positive | None = None,
+        fit_reach_deg: Annotated[float, Field(ge=0.0, le=45.0)] = 2.0,
+        valid_share_min: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5,
+        datum: Datum = "none",
+        datum_margin_cells: Annotated[int, Field(ge=1)] = 2,
+        complete: Complete = "stable",
+        settle_s: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.5,
+        timeout_s: Positive = 600.0,
+        replay: bool = False,
+    ) -> None:
+        faults = name_faults(file_name)
+        placed = Registration(offset_x_um * UM, offset_y_um * UM, math.radians(rotation_deg), mirror=mirror)
+        if [fiducials_map_um is None, fiducials_grid_um is None] != [registration != "fiducials"] * 2:
+            faults.append(
+                "fiducials_map_um and fiducials_grid_um: give both with registration = 'fiducials', else none"
+            )
+        elif fiducials_map_um is not None and fiducials_grid_um is not None:
+            limit = FIDUCIAL_SHARE * job.pitch if residual_max_um is None else residual_max_um * UM
+            on_map, on_grid = (np.array(points) * UM for points in (fiducials_map_um, fiducials_grid_um))
+            try:
+                placed = from_fiducials(on_map, on_grid, mirror=mirror, residual_max=limit).registration
+            except HeightMapError as error:
+                faults.append(str(error))
+        if faults:
+            raise ValueError("; ".join(faults))
+        reach = FIT_REACH_CELLS * job.pitch if fit_reach_um is None else fit_reach_um * UM
+        fit_reach = (reach, math.radians(fit_reach_deg)) if registration == "fit" else None
+        self._placement = Placement(job, placed, valid_share_min, fit_reach, datum, datum_margin_cells)
+        self._watch = FolderWatch(Path(folder), file_name, complete, settle_s)
+        self._reading: Mapping[str, Any] = {
+            "unit": unit,
+            "pixel": None if pixel_um is None else pixel_um * UM,
+            "scale": count_scale,
+            "invalid_value": invalid_value,
+            "rows_along": rows_along,
+        }
+        self._timeout_s, self._replay = timeout_s, replay
+        shape = (job.nx, job.ny)
+        self.inputs = (Port("layers_printed", dtype="int32"),)
+        self.outputs = (
+            Port("measured_height", "m", shape),
+            Port("valid", shape=shape, dtype="bool"),
+            Port("layers_scanned", dtype="int32", start=-1),
+            Port("status", dtype="int32"),
+        )
+        self._height, self._valid = np.zeros(shape), np.zeros(shape, np.bool_)
+        self._scanned, self._status = -1, Status.IDLE
+        self._map_shape: tuple[int, ...] = ()
+        self._digest = b""
+        self._looked = False
+        self._wait: Wait | None = None
+
+    def initialize(self, time_ns: int, inputs: Values) -> Values:
+        """Nothing is scanned yet. Raises ComponentError if the folder is not there."""
+        if not self._watch.folder.is_dir():
+            raise ComponentError(
+                f"{self._watch.folder.resolve()} is no folder; make it, let the profiler write there, or correct folder"
+            )
+        return self._outputs()
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        """Look for the file of the newest layer if it is not scanned yet. Raises ComponentError."""
+        layer = int(inputs["layers_printed"])
+        if not self._looked:
+            self._refuse_leftovers(layer)
+            self._looked = True
+        if layer > self._scanned:
+            self._status = Status.BUSY
+            path = self._awaited(layer)
+            if path is not None:
+                self._scan(path, layer)
+        return self._outputs()
+
+    def terminate(self) -> None:
+        """Nothing to release."""
+
+    def save(self) -> bytes:
+        """The last scan."""
+        buffer = io.BytesIO()
+        np.savez(
+            buffer,
+            height=self._height,
+            valid=self._valid,
+            scanned=self._scanned,
+            map_shape=np.array(self._map_shape, np.int64),
+            digest=np.frombuffer(self._digest, np.uint8),
+        )
+        return buffer.getvalue()
+
+    def restore(self, saved: bytes) -> None:
+        """Go on after the scan of a saved state. Raises ComponentError if it is none of this grid."""
+        try:
+            with np.load(io.BytesIO(saved), allow_pickle=False) as stored:
+                height, valid = stored["height"], stored["valid"]
+                scanned, digest = int(stored["scanned"]), stored["digest"].tobytes()
+                map_shape = tuple(int(count) for count in stored["map_shape"])
+        except (ValueError, KeyError, OSError, BadZipFile) as error:
+            raise ComponentError(f"what is to be restored is no state of a map folder ({error})") from error
+        if height.shape != self._height.shape:
+            raise ComponentError(
+                f"the state to be restored has {height.shape} cells; this grid has {self._height.shape}"
+            )
+        self._height, self._valid, self._scanned, self._digest = height, valid, scanned, digest
+        self._map_shape, self._status, self._wait, self._looked = map_shape, Status.IDLE, None, False
+
+    def _refuse_leftovers(self, layer: int) -> None:
+        """Files of layers that are not printed yet are of another print; taken for this one they would ruin it."""
+        later = sorted(number for number in self._watch.layers() if number > layer)
+        if later and not self._replay:
+            raise ComponentError(
+                f"{self._watch.path(later[0])} is there before layer {later[0]} is printed, left by an earlier print "
+                f"({len(later)} such files); move them away or name another folder; recorded maps: replay = true"
+            )
+
+    def _awaited(self, layer: int) -> Path | None:
+        """The complete file of a layer, None while it is awaited. Raises ComponentError after the time limit."""
+        if self._wait is None or self._wait.layer != layer:
+            self._wait = Wait(layer, self._watch.clock())
+        try:
+            path = self._watch.look(layer, PATIENCE_S)
+        except OSError as error:
+            raise ComponentError(f"{self._watch.folder}: cannot be read: {error.strerror or error}") from error
+        waited = self._watch.clock() - self._wait.since
+        if path is not None:
+            return path
+        if waited > self._timeout_s:
+            raise ComponentError(self._too_late(layer))
+        if waited >= self._wait.next_word_s:
+            self._wait.next_word_s += NEXT_WORD_S
+            _LOG.info("layer %d is printed: waiting for %s since %.0f s (up to %.0f s)", layer, self._watch.path(layer),
+                      waited, self._timeout_s)  # fmt: skip
+        return None
+
+    def _too_late(self, layer: int) -> str:
+        path, known = self._watch.path(layer), self._watch.layers()
+        if self._watch.is_in_sight(layer):
+            return (
+                f"{path} was not complete within {self._timeout_s:g} s: it keeps changing, is empty, or its .done mark "
+                "is missing; check what writes it and the option complete"
+            )
+        newest = f"the newest there is {known[max(known)].name}" if known else "there is no file of any layer"
+        return (
+            f"{path} did not come within {self._timeout_s:g} s; {newest}: scan layer {layer} and save it under that "
+            "name, or correct folder, file_name or timeout_s"
+        )
+
+    def _scan(self, path: Path, layer: int) -> None:
+        try:
+            map_ = read(path, **self._reading)
+            digest = self._checked(map_)
+            placed = self._placement.place(map_, layer)
+        except HeightMapError as error:
+            raise ComponentError(f"layer {layer}: {error}") from error
+        self._height = np.where(placed.valid, placed.height, self._height)
+        self._valid, self._scanned, self._status = placed.valid, layer, Status.IDLE
+        self._map_shape, self._digest, self._wait = map_.shape, digest, None
+        _LOG.info("layer %d: %s, %s", layer, path.name, placed.words)
+
+    def _checked(self, map_: HeightMap) -> bytes:
+        """Fingerprint of a map that is not the last one again and as large as it. Raises HeightMapError."""
+        digest = hashlib.sha256(map_.z.tobytes()).digest()
+        if digest == self._digest and not self._replay:
+            raise HeightMapError(
+                f"{map_.source}: holds the heights of the scan of layer {self._scanned} again; scan anew and save that"
+            )
+        if self._map_shape not in ((), map_.shape):
+            m, n = self._map_shape
+            raise HeightMapError(
+                f"{map_.source}: has {map_.shape[0]} x {map_.shape[1]} pixels, the scans before it {m} x {n}; scan "
+                "the same field again: another one lies elsewhere on the grid"
+            )
+        return digest
+
+    def _outputs(self) -> Values:
+        return {
+            "measured_height": self._height.copy(),
+            "valid": self._valid.copy(),
+            "layers_scanned": np.asarray(self._scanned, np.int32),
+            "status": np.asarray(int(self._status), np.int32),
+        }
