@@ -25,13 +25,14 @@ BUS_OFF = 0x40
 class Adapter:
     """A bus of python-can.
 
-    repeated: frames that had to be sent more than once; errors: error frames seen. `monotonic` and `sleep` can be
-    replaced.
+    bus: one that is open already; None: that of the settings, BusError in words if it cannot be opened.
+    repeated: how often a frame had to be sent again; errors: error frames seen.
     """
 
     def __init__(
         self,
         settings: BusSettings,
+        bus: can.BusABC | None = None,
         *,
         monotonic: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
@@ -42,7 +43,7 @@ class Adapter:
         self._monotonic = monotonic
         self._sleep = sleep
         try:
-            self.bus = _open(settings)
+            self.bus = bus or _open(settings)
         except (can.CanError, OSError, ValueError, TypeError, NameError, ImportError) as error:
             raise BusError(f"{settings} cannot be opened: {error}. {_advice(settings)}") from error
 

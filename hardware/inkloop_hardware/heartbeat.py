@@ -66,7 +66,7 @@ class Heartbeat:
         """What is to be sent now."""
         if not self.beating or now < self._due:
             return []
-        self._due = now + (self._cycle if self._said == self.enables else AGAIN)
+        self._due = after(self._due, self._cycle if self._said == self.enables else AGAIN, now)
         return [self._frame()]
 
     def silence(self, now: float) -> float | None:
@@ -118,8 +118,13 @@ class StopCall:
         if now < self._due or not (self.active or self._left):
             return []
         self._left = max(0, self._left - 1)
-        self._due = now + self._cycle
+        self._due = after(self._due, self._cycle, now)
         return [self._sender.frame(StopRequest(self.active, Source.MASTER))]
+
+
+def after(due: float, cycle: float, now: float) -> float:
+    """When the next one is due: without drift, but never a burst of what was missed."""
+    return due + cycle if due + cycle > now else now + cycle
 
 
 @dataclass

@@ -28,6 +28,7 @@ class NodeWatch:
     falls: int = 0
     fault: Fault = Fault.NONE
     monitor: E2eMonitor = field(default_factory=E2eMonitor)
+    _off: bool = True
     _said: str = ""
 
     def take_status(self, now: float, status: NodeStatus | None, counter: int) -> None:
@@ -35,34 +36,32 @@ class NodeWatch:
         verdict = self.monitor.take(status is not None, counter)
         if status is None or verdict.bad:
             return
-        before, self.status, self.at = self.status, status, now
-        if before is not None and before.state not in OFF and status.state in OFF:
-            self._fall(status.fault)
+        self.status, self.at = status, now
+        self._turn(status.state in OFF, status.fault)
         self._say(sentence(self.node, status), logging.WARNING if status.state is State.FAULT else logging.INFO)
 
     def take_fault(self, fault: NodeFault) -> None:
         """A fault frame; it comes before the status that says the same."""
-        if fault.fault is not Fault.NONE and self.status is not None and self.status.state not in OFF:
-            self._fall(fault.fault)
+        if fault.fault is not Fault.NONE:
+            self._turn(True, fault.fault)
 
     def trouble(self, now: float) -> str | None:
         """Why the node cannot be counted on at this second, None if it can."""
         name = self.node.lower()
         if self.at is None:
             return f"the {name} was never heard"
-        if now - self.at > LOST_AFTER:
-            return f"the {name} is silent for {now - self.at:.1f} s; is it powered, and the cable plugged in?"
         if not self.monitor.trusted:
             return (
                 f"the {name} is not to be believed: of its last frames {self.monitor.damaged} were damaged, "
                 f"{self.monitor.repeated} repeated, {self.monitor.jumped} jumped; do two nodes use its ids?"
             )
+        if now - self.at > LOST_AFTER:
+            return f"the {name} is silent for {now - self.at:.1f} s; is it powered, and the cable plugged in?"
         return None
 
-    def _fall(self, fault: Fault) -> None:
-        if self.fault is not fault or self.status is None or self.status.state not in OFF:
-            self.falls += 1
-        self.fault = fault
+    def _turn(self, off: bool, fault: Fault) -> None:
+        self.falls += off and not self._off
+        self._off, self.fault = off, fault
 
     def _say(self, words: str, level: int) -> None:
         if words != self._said:

@@ -33,16 +33,20 @@ class BulkSlcanBus(slcanBus):
     """
 
     def __init__(self, channel: str, **options: Any) -> None:
-        self.malformed = 0
-        self.refused = 0
-        self._waiting: deque[can.Message] = deque()
-        self._rest = b""
-        self._heard = False
+        self.begin_reading()
         if channel.startswith("socket://"):
             options.setdefault("sleep_after_open", 0.0)
         super().__init__(channel, **options)
         self.serialPortOrig.write_timeout = WRITE_TIMEOUT
         self._selectable = os.name == "posix"
+
+    def begin_reading(self) -> None:
+        """Nothing was read yet."""
+        self.malformed = 0
+        self.refused = 0
+        self.waiting: deque[can.Message] = deque()
+        self._rest = b""
+        self._heard = False
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Writes one line; CanOperationError if it cannot leave within WRITE_TIMEOUT."""
@@ -51,9 +55,9 @@ class BulkSlcanBus(slcanBus):
             self.serialPortOrig.write(f"{head}{msg.dlc:d}{msg.data.hex().upper()}\r".encode())
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        if not self._waiting:
-            self._take(self._read_bytes(timeout))
-        return (self._waiting.popleft() if self._waiting else None), False
+        if not self.waiting:
+            self.take(self._read_bytes(timeout))
+        return (self.waiting.popleft() if self.waiting else None), False
 
     def _read_bytes(self, timeout: float | None) -> bytes:
         port = self.serialPortOrig
@@ -70,8 +74,8 @@ class BulkSlcanBus(slcanBus):
                 raise can.CanOperationError("the other side closed the connection")
             return found
 
-    def _take(self, found: bytes) -> None:
-        """Frames of all lines that are whole; the rest waits."""
+    def take(self, found: bytes) -> None:
+        """Frames of all lines that are whole go to `waiting`; the rest is kept."""
         *lines, self._rest = (self._rest + found).split(b"\r")
         now = time.time()
         for line in lines:
@@ -87,7 +91,7 @@ class BulkSlcanBus(slcanBus):
             self.malformed += bool(line) and line[:1] not in b"zZVNF"  # answers of the adapter
             return
         try:
-            self._waiting.append(frame_of(line, now))
+            self.waiting.append(frame_of(line, now))
             self._heard = True
         except ValueError:
             self.malformed += 1
@@ -99,6 +103,8 @@ def frame_of(line: bytes, now: float) -> can.Message:
     at = 9 if extended else 4
     length = int(line[at : at + 1])
     digits = 0 if remote else 2 * length
+    if not line.isalnum():
+        raise ValueError(f"line {line!r} has other characters than digits")
     if length > 8 or len(line) - at - 1 - digits not in (0, TIME_STAMP):
         raise ValueError(f"line {line!r} has another length than it says")
     identifier = int(line[1:at], 16)
