@@ -38,8 +38,8 @@ def level(height: FloatMap, reference: BoolMap, datum: Datum) -> FloatMap:
     used = reference & np.isfinite(height)
     if np.count_nonzero(used) < CELLS_MIN[datum]:
         raise HeightMapError(
-            f"datum: {np.count_nonzero(used)} cells beside the part were measured, a {datum} needs {CELLS_MIN[datum]}; "
-            "scan a wider field, enlarge the grid around the part, or set datum = 'none'"
+            f"datum: {np.count_nonzero(used)} cells beside the part were measured, the {datum} needs "
+            f"{CELLS_MIN[datum]}; scan a wider field, enlarge the grid around the part, or set datum = 'none'"
         )
     if datum == "offset":
         return height - np.median(height[used])

@@ -93,7 +93,8 @@ def fit_to_surface(
 class _Relief:
     """The map in points on the grid, less its plane, and the known surface to compare it with.
 
-    x, y: (k,) as `start` puts them [m]; relief: (k,) [m]; plane: (k, 3) orthonormal columns.
+    x, y: (k,) as `start` puts them [m]; relief: (k,) [m]; plane: (k, 3) orthonormal columns; surface: each cell in
+    per_cell x per_cell points, so that the ramp between two cells is as wide as a point of the map.
     """
 
     x: FloatMap
@@ -101,6 +102,7 @@ class _Relief:
     relief: FloatMap
     plane: FloatMap
     surface: FloatMap
+    per_cell: int
     pitch: float
     start: Registration
     middle: tuple[float, float]
@@ -114,7 +116,9 @@ class _Relief:
         reach = max(np.ptp(x), np.ptp(y), pitch)
         plane, _ = np.linalg.qr(np.stack([np.ones_like(x), (x - x.mean()) / reach, (y - y.mean()) / reach], axis=1))
         relief = z - plane @ (plane.T @ z)
-        return cls(x, y, relief, plane, surface, pitch, start, (float(x.mean()), float(y.mean())))
+        points = np.repeat(np.repeat(np.asarray(surface, np.float64), per_cell, axis=0), per_cell, axis=1)
+        middle = float(x.mean()), float(y.mean())
+        return cls(x, y, relief, plane, points, per_cell, pitch, start, middle)
 
     def without(self, outliers: BoolMap) -> _Relief:
         """The relief without some of its points."""
@@ -137,7 +141,8 @@ class _Relief:
     def _known(self, move: Move) -> FloatMap:
         """(k,) known surface at the moved points, less its plane."""
         x, y = _moved(self.x, self.y, move, self.middle)
-        known = map_coordinates(self.surface, [x / self.pitch, y / self.pitch], order=1, mode="nearest")
+        i, j = (position / self.pitch * self.per_cell + (self.per_cell - 1) / 2 for position in (x, y))
+        known = map_coordinates(self.surface, [i, j], order=1, mode="nearest")
         return np.asarray(known - self.plane @ (self.plane.T @ known), np.float64)
 
     def registration(self, move: Move) -> Registration:
