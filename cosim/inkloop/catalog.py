@@ -15,6 +15,7 @@ import json
 import typing
 from collections.abc import Callable, Mapping
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
@@ -29,16 +30,21 @@ from inkloop.plain_plant import PlainPlant
 GROUP = "inkloop.components"
 DEPOSITION_MODELS = ("LayerDeposition", "SuperpositionDeposition", "VolumeAreaDeposition")
 FMU_MODELS = (*DEPOSITION_MODELS, "ProfileSensor")
+MAP_FOLDER = "MapFolder"
+"""The kind of a profiler whose maps come as files; `folder` stands beside the scenario."""
 PYTHON_KINDS: Mapping[str, tuple[str, str]] = {
     "LayerMpc": ("inkloop_controller.controllers", "LayerMpcController"),
     "OpenLoop": ("inkloop_controller.controllers", "OpenLoopController"),
     "CohenLipson": ("inkloop_controller.controllers", "CohenLipsonController"),
     "ErrorDiffusion": ("inkloop_controller.controllers", "ErrorDiffusionController"),
     "StochasticGreedy": ("inkloop_controller.controllers", "StochasticGreedyController"),
+    MAP_FOLDER: ("inkloop.metrology.map_folder", "MapFolder"),
 }
 PLAIN_PLANT = "PlainPlant"
 """The kind of a plant without the handshake; `plant` is the kind of the plant itself."""
 SHADOW = shadow_options.KIND
+MAPPED = "hardware.mapped"
+"""The kind of a rig that `mapping`, a file beside the scenario, binds to the contract's ports."""
 _RULE_CONTROLLER = ("inkloop_controller.pattern_rule", "rule_controller")
 _PORT_OPTIONS = ("pattern_input", "height_output")
 
@@ -109,6 +115,8 @@ def _make_python(
         component = _component(kind, job, factory(job, **chosen))
     except ValidationError as error:
         return None, [sentence(detail, _options_table(factory)) for detail in error.errors()]
+    except ScenarioError as error:  # a file of its own: each fault with that file's name
+        return None, [f"{Path(error.source).name}: {fault}" for fault in error.faults]
     except ValueError as error:
         return None, [str(error)]
     except LookupError:
@@ -176,6 +184,7 @@ def kinds() -> list[str]:
             "Fmu",
             PLAIN_PLANT,
             SHADOW,
+            MAPPED,
             *PYTHON_KINDS,
             *(point.name for point in entry_points(group=GROUP)),
         }
@@ -184,8 +193,8 @@ def kinds() -> list[str]:
 
 def _load(kind: str) -> Callable[..., Any]:
     """The class of a kind. Raises LookupError if the kind is unknown, ImportError and AttributeError from loading."""
-    if kind in PYTHON_KINDS:
-        module, name = PYTHON_KINDS[kind]
+    if kind in PYTHON_KINDS or kind == MAPPED:
+        module, name = PYTHON_KINDS.get(kind, ("inkloop_hardware.mapped", "Mapped"))
         return typing.cast(Callable[..., Any], getattr(importlib.import_module(module), name))
     if ":" in kind:
         return typing.cast(Callable[..., Any], EntryPoint(kind, kind, GROUP).load())

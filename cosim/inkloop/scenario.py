@@ -116,6 +116,10 @@ class Scenario:
         options = table.options
         if table.kind in ("Fmu", catalog.PLAIN_PLANT, catalog.SHADOW) and isinstance(options.get("file"), str):
             options["file"] = str(Path(self.source).parent / options["file"])
+        if table.kind == catalog.MAPPED and isinstance(options.get("mapping"), str):
+            options["mapping"] = str(Path(self.source).parent / options["mapping"])
+        if table.kind == catalog.MAP_FOLDER and isinstance(options.get("folder"), str):
+            options["folder"] = str(Path(self.source).parent / options["folder"])
         return options
 
     def _connect(self, components: Mapping[str, Component]) -> tuple[list[Connection], list[str]]:

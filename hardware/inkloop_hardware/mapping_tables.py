@@ -1,0 +1,151 @@
+"""The tables of a mapping file: how the layer contract is brought to a rig with frames and services of its own."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Identifier = Annotated[int, Field(ge=0, le=0xFFFF)]
+Bytes = Annotated[int, Field(ge=1, le=8)]
+Limit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Value = int | Finite | str
+"""A number, a word of the signal's value table, or a template of a number such as "{layer}"."""
+
+CELLS = {"int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
+METRES = {"nm": 1e-9, "um": 1e-6, "µm": 1e-6, "mm": 1e-3, "m": 1.0}
+
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
+
+
+class Table(BaseModel):
+    """No key but those that are named."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class Peer(Table):
+    """`[peers.NAME]`: somebody who answers services over ISO-TP, normal addressing, 11-bit ids."""
+
+    request: int | str = Field(description="id of requests to it, or the name of that message in the DBC")
+    answer: int | str = Field(description="id of its answers, or the name of that message in the DBC")
+    answer_s: Limit = Field(default=1.0, description="seconds for it to begin an answer")
+
+
+class PatternTable(Table):
+    """`[pattern]`: a pattern as bytes: header, then the cells."""
+
+    header: str = Field(default="", description="hexadecimal template before the cells")
+    bits: Literal[1, 2, 4, 8] = Field(default=1, description="of a cell: 0 none, 1 material A, 2 material B")
+    bit_order: Literal["msb", "lsb"] = Field(default="msb", description="which bit of a byte is the first cell")
+    fastest: Literal["x", "y"] = Field(default="y", description="axis along which neighbouring cells follow")
+    whole_lines: bool = Field(default=False, description="each line of cells begins with a new byte")
+
+
+class MapTable(Table):
+    """`[map]`: a height map as bytes: header, a number for each cell, then perhaps a bit for each: valid."""
+
+    header: str = Field(default="", description="hexadecimal template; the map must begin with it")
+    cell: Literal["int16", "uint16", "int32", "uint32", "float32", "float64"] = "int16"
+    byte_order: Literal["big", "little"] = "big"
+    unit: str = Field(description="of `scale` and `datum`: nm, um, mm or m")
+    scale: Finite = Field(default=1.0, description="height that a step of 1 is")
+    datum: Finite = Field(default=0.0, description="height that a reading of 0 is")
+    fastest: Literal["x", "y"] = Field(default="y", description="axis along which neighbouring cells follow")
+    invalid: int | Finite | None = Field(default=None, description="reading of a cell that was not seen; NaN never is")
+    valid_bits: bool = Field(default=False, description="a bit for each cell follows, most significant first")
+
+
+class Act(Table):
+    """What all steps have."""
+
+    limit_s: Limit = Field(default=60.0, description="seconds that the step may take")
+    enables: tuple[Literal["lamp", "gate", "motion"], ...] = Field(
+        default=(), strict=False, description="of the heartbeat, as long as the step lasts"
+    )
+
+
+class Memory(Act):
+    """A place of a peer's memory."""
+
+    peer: str
+    address: int | str = Field(default=0, description='number, or template such as "{layer}"')
+    address_bytes: Literal[1, 2, 3, 4, 5] = 4
+    size_bytes: Literal[1, 2, 3, 4] = 4
+    check: Literal["none", "crc32"] = Field(default="none", description="CRC-32 (zlib) of all bytes with 0x37")
+
+
+class Download(Memory):
+    """0x34, 0x36, 0x37: the pattern goes to a peer."""
+
+    do: Literal["download"]
+
+
+class Upload(Memory):
+    """0x35, 0x36, 0x37: the height map comes from a peer."""
+
+    do: Literal["upload"]
+
+
+class RoutineStep(Act):
+    """0x31 01; done when it is answered, "still busy" (0x78) extends. Never repeated."""
+
+    do: Literal["routine"]
+    peer: str
+    routine: Identifier
+    option: str = Field(default="", description="hexadecimal template")
+    answer: str = Field(default="", description="hexadecimal template that its answer's record must begin with")
+
+
+class Read(Act):
+    """0x22 again and again, until a number in the answer is what it is to be."""
+
+    do: Literal["read"]
+    peer: str
+    identifier: Identifier
+    at: int = Field(default=0, ge=0, description="first byte of the number, big-endian")
+    bytes: Bytes = 1
+    expected: int | str = Field(description='number, or template such as "{layer}"')
+
+
+class Send(Act):
+    """A frame with all its signals."""
+
+    do: Literal["send"]
+    message: str
+    signals: dict[str, Value] = Field(default={}, description="in the units of the DBC")
+
+
+class Wait(Act):
+    """Until a frame that came in since something was last done says what it is to say."""
+
+    do: Literal["wait"]
+    message: str
+    signal: str
+    expected: Value
+
+
+Step = Annotated[Download | Upload | RoutineStep | Read | Send | Wait, Field(discriminator="do")]
+
+
+class OutputTable(Table):
+    """`[outputs.NAME]`: a signal as one more output, NaN until a frame brings it."""
+
+    message: str
+    signal: str
+    unit: str | None = Field(default=None, description="of the output; default: that of the DBC")
+
+
+class MappingFile(Table):
+    """The whole file. `printer` and `profiler` are the steps of a layer and of a scan, each in order."""
+
+    dbc: str = Field(description="file beside this one")
+    heartbeat: bool = Field(default=False, description="send MasterAlive, as inkloop's own nodes need it")
+    peers: dict[str, Peer] = {}
+    pattern: PatternTable | None = None
+    map: MapTable | None = None
+    start: tuple[Step, ...] = Field(default=(), strict=False)
+    printer: tuple[Step, ...] = Field(default=(), strict=False)
+    profiler: tuple[Step, ...] = Field(default=(), strict=False)
+    outputs: dict[str, OutputTable] = {}
