@@ -185,21 +185,19 @@ def test_fit_finds_a_known_shift_and_turn(u: float, v: float, turn_deg: float) -
     middle = np.array(2.9e-3), np.array(2.7e-3)
     missed = np.subtract(fit.registration.to_grid(*middle), truth.to_grid(*middle))
     assert np.abs(missed).max() < 0.01 * PITCH
-    assert fit.rotation_seen
+    assert 0.0 < fit.offset_std < 0.02 * PITCH
+    assert 0.0 < fit.rotation_std < math.radians(0.1)
     assert fit.registration.rotation == pytest.approx(truth.rotation, abs=math.radians(0.05))
     assert fit.explained > 0.7
 
 
-def test_rotation_of_a_part_too_small_to_show_it_stays_as_given() -> None:
-    dot = np.zeros((24, 24))
-    dot[11, 12] = 8 * UM
-    fine = fine_map(dot, PITCH, Registration(-0.5 * PITCH, 0.3 * PITCH), (700, 700), 9e-6)
-    seen = HeightMap(fine.z + 1.5 * UM * np.random.default_rng(1).standard_normal(fine.shape), 9e-6, 9e-6)
-    fit = fit_to_surface(seen, dot, PITCH, Registration(), reach=2 * PITCH, rotation_reach=math.radians(2))
-    assert not fit.rotation_seen
-    assert fit.registration.rotation == 0.0
-    assert fit.registration.offset_x == pytest.approx(-0.5 * PITCH, abs=0.03 * PITCH)
-    assert fit.registration.offset_y == pytest.approx(0.3 * PITCH, abs=0.03 * PITCH)
+def test_fit_that_may_not_turn_keeps_the_rotation_that_it_was_given() -> None:
+    truth = Registration(0.4 * PITCH, -0.7 * PITCH, 0.02)
+    start = Registration(rotation=0.02)
+    fit = fit_to_surface(measured(truth, np.random.default_rng(4)), block(), PITCH, start, reach=2 * PITCH)
+    assert (fit.registration.rotation, fit.rotation_std) == (0.02, 0.0)
+    assert fit.registration.offset_x == pytest.approx(truth.offset_x, abs=0.01 * PITCH)
+    assert fit.registration.offset_y == pytest.approx(truth.offset_y, abs=0.01 * PITCH)
 
 
 def test_fit_to_a_map_without_the_part_is_refused() -> None:

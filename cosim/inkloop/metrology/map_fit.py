@@ -26,7 +26,6 @@ ROTATION_STEPS = 5  # of the search, within its reach
 CLIP = 4.0  # standard deviations beyond which a point is left out: dust, spikes (assumed)
 _NORMAL = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 _ROUNDS = 3
-_EDGE = 0.1  # of a cell: rotation counts as seen where its standard deviation moves the part's edge by less
 
 Move: TypeAlias = tuple[float, float, float]
 """Shift along x and y [m] and turn [rad] about the middle of the map, besides the registration to start from."""
@@ -36,15 +35,14 @@ Move: TypeAlias = tuple[float, float, float]
 class SurfaceFit:
     """residual: rms of what the known surface leaves of the relief [m]; explained: share of the relief's variance.
 
-    offset_std: standard deviation of the shift [m]; rotation_seen: false where the surface looks the same from every
-    side, such as a round part, and the rotation was left as it was.
+    offset_std, rotation_std: standard deviations of the shift [m] and of the turn [rad], 0 where it was not sought.
     """
 
     registration: Registration
     residual: float
     explained: float
     offset_std: float
-    rotation_seen: bool
+    rotation_std: float
 
 
 def fit_to_surface(
@@ -70,7 +68,7 @@ def fit_to_surface(
     moves = [(float(u), float(v), float(turn)) for turn in turns for u in shifts for v in shifts]
     best = min(moves, key=lambda move: float(np.sum(coarse.residuals(move) ** 2)))
     fine = _Relief.of(map_, surface, pitch, start, POINTS_PER_CELL)
-    move, turned = _refined(fine, best, pitch, rotation_reach > 0.0)
+    move = _refined(fine, best, pitch, rotation_reach > 0.0)
     residuals = fine.residuals(move)
     explained = 1.0 - float(np.sum(residuals**2) / max(np.sum(fine.relief**2), np.finfo(np.float64).tiny))
     rms = float(np.sqrt(np.mean(residuals**2)))
@@ -85,8 +83,10 @@ def fit_to_surface(
             f"{math.degrees(move[2]):.2f} deg from where it was said to; beyond what is searched: correct "
             "offset and rotation, or search wider"
         )
-    deviation = rms * float(np.sqrt(np.diag(np.linalg.pinv(_normal(fine, move, pitch)))[:2].max())) * pitch
-    return SurfaceFit(fine.registration(move), rms, explained, deviation, turned)
+    count = 3 if rotation_reach > 0.0 else 2
+    deviations = rms * np.sqrt(np.diag(np.linalg.pinv(_normal(fine, move, pitch)[:count, :count])))
+    turn_std = float(deviations[2]) * pitch / fine.radius if count > 2 else 0.0
+    return SurfaceFit(fine.registration(move), rms, explained, float(deviations[:2].max()) * pitch, turn_std)
 
 
 @dataclass(frozen=True)
@@ -119,6 +119,11 @@ class _Relief:
         points = np.repeat(np.repeat(np.asarray(surface, np.float64), per_cell, axis=0), per_cell, axis=1)
         middle = float(x.mean()), float(y.mean())
         return cls(x, y, relief, plane, points, per_cell, pitch, start, middle)
+
+    @property
+    def radius(self) -> float:
+        """Half the width of the map [m]."""
+        return max(float(np.ptp(self.x)), float(np.ptp(self.y))) / 2
 
     def without(self, outliers: BoolMap) -> _Relief:
         """The relief without some of its points."""
@@ -170,37 +175,27 @@ def _points(map_: HeightMap, size: float) -> tuple[FloatMap, FloatMap, FloatMap]
     return x.astype(np.float64), y.astype(np.float64), mean[i, j].astype(np.float64)
 
 
-def _refined(relief: _Relief, first: Move, pitch: float, may_turn: bool) -> tuple[Move, bool]:
-    """The best move near the first one, outliers left out round by round, and whether the rotation was seen in it."""
+def _refined(relief: _Relief, first: Move, pitch: float, may_turn: bool) -> Move:
+    """The best move near the first one, outliers left out round by round."""
     for _ in range(_ROUNDS):
-        move, turned = _least_squares(relief, first, pitch, may_turn)
+        move = _least_squares(relief, first, pitch, may_turn)
         residuals = relief.residuals(move)
         limit = CLIP * _NORMAL * float(np.median(np.abs(residuals)))
         outliers = np.abs(residuals) > max(limit, np.finfo(np.float64).tiny)
         if not outliers.any() or outliers.mean() > 0.5:
             break
         relief, first = relief.without(outliers), move
-    return move, turned
+    return move
 
 
-def _least_squares(relief: _Relief, first: Move, pitch: float, may_turn: bool) -> tuple[Move, bool]:
+def _least_squares(relief: _Relief, first: Move, pitch: float, may_turn: bool) -> Move:
     scale = max(float(np.sqrt(np.mean(relief.relief**2))), np.finfo(np.float64).tiny)
-    radius = max(float(np.ptp(relief.x)), float(np.ptp(relief.y))) / 2
 
-    def solve(count: int) -> Move:
-        def residuals(values: FloatMap) -> FloatMap:
-            return relief.residuals(_move(values, pitch, radius)) / scale
+    def residuals(cells: FloatMap) -> FloatMap:
+        return relief.residuals(_move(cells, pitch, relief.radius)) / scale
 
-        start = np.array([first[0] / pitch, first[1] / pitch, first[2] * radius / pitch][:count])
-        return _move(least_squares(residuals, start, diff_step=[1e-3] * count).x, pitch, radius)
-
-    if may_turn:
-        move = solve(3)
-        rms = float(np.sqrt(np.mean(relief.residuals(move) ** 2)))
-        covariance = np.linalg.pinv(_normal(relief, move, pitch)) * rms**2
-        if math.sqrt(covariance[2, 2]) < _EDGE:
-            return move, True
-    return solve(2), False
+    start = np.array([first[0] / pitch, first[1] / pitch, first[2] * relief.radius / pitch][: 3 if may_turn else 2])
+    return _move(least_squares(residuals, start, diff_step=[1e-3] * start.size).x, pitch, relief.radius)
 
 
 def _move(cells: FloatMap, pitch: float, radius: float) -> Move:
@@ -210,8 +205,7 @@ def _move(cells: FloatMap, pitch: float, radius: float) -> Move:
 
 def _normal(relief: _Relief, move: Move, pitch: float) -> FloatMap:
     """(3, 3) normal matrix of the residuals by shifts in cells and by the turn as a shift of the rim in cells."""
-    radius = max(float(np.ptp(relief.x)), float(np.ptp(relief.y))) / 2
-    steps = np.diag([0.1 * pitch, 0.1 * pitch, 0.1 * pitch / radius])
+    steps = np.diag([0.1 * pitch, 0.1 * pitch, 0.1 * pitch / relief.radius])
     slopes = [(relief.residuals(_added(move, step)) - relief.residuals(_added(move, -step))) / 0.2 for step in steps]
     jacobian = np.stack(slopes, axis=1)
     return np.asarray(jacobian.T @ jacobian, np.float64)
