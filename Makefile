@@ -2,6 +2,7 @@
 # make test       lint, C and Python tests
 # make test-long  the proofs that take minutes
 # make benchmarks measured comparisons, printed as ratios
+# make fuzz       ten minutes of libFuzzer on the inputs of the firmware
 # make firmware-cortex-m  the emulated bench as an image for a Cortex-M3, with its size
 # make tools      compilers and emulators that some tests use and skip without (Debian)
 # make gallery    docs/gallery: every scenario with one picture; the pictures of docs/explanation
@@ -13,11 +14,11 @@ BUILD_MODULES := $(addprefix cosim/inkloop/,c_variables.py fmu_archive.py fmu_do
                  $(addprefix hardware/inkloop_hardware/,c_codec.py inkloop.dbc)
 PIP    := $(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check
 
-.PHONY: run test lint format test-long benchmarks firmware-cortex-m tools gallery clean
+.PHONY: run test lint format test-long benchmarks fuzz firmware-cortex-m tools gallery clean
 run: .venv/installed
 	$(BIN)/inkloop run scenarios/cylinder.toml
 
-.venv/installed: pyproject.toml CMakeLists.txt $(shell find fmus controller/core hardware/firmware -type f) $(BUILD_MODULES)
+.venv/installed: pyproject.toml CMakeLists.txt $(shell find fmus controller/core hardware/firmware -type f -not -path '*/fuzz/*') $(BUILD_MODULES)
 	@command -v $(PYTHON) >/dev/null || { echo "inkloop needs $(PYTHON) (or: make PYTHON=/path/to/python)"; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv --without-pip .venv
 	@echo "installing into .venv ..."
@@ -45,6 +46,9 @@ test-long: .venv/installed
 benchmarks: .venv/installed
 	$(PIP) 'libcosimpy>=0.0.6'   # a peer, of use nowhere else
 	$(BIN)/python -m benchmarks
+
+fuzz: .venv/installed
+	$(BIN)/python tests/fuzzing.py
 
 firmware-cortex-m: .venv/installed
 	@if command -v arm-none-eabi-gcc >/dev/null; then $(MAKE) --no-print-directory -C hardware/firmware/cortex_m; \

@@ -110,6 +110,8 @@ void interlocks_watch(Node *node) {
         fault(node, CAUSE_LAMP_TIME);
     else if (steps_is_jetting(node) && !interlocks_line(node, LINE_GATE_OPEN))
         fault(node, CAUSE_GATE_NOT_CONFIRMED);
+    else if (node->gate_driven && interlocks_line(node, LINE_LAMP_ON)) /* it would cure the ink in the nozzles */
+        fault(node, CAUSE_LAMP_TIME);
     else if (node->step.kind != STEP_NONE && node->now - node->step.began >= node->step.expires_in)
         fault(node, CAUSE_STEP_EXPIRED);
 }

@@ -27,6 +27,7 @@ static void end_sending(Isotp *end, IsotpEnd how) {
 static void end_receiving(Isotp *end, IsotpEnd how) {
     end->receiving.state = how == ISOTP_DONE ? ISOTP_RECEIVE_HELD : ISOTP_RECEIVE_IDLE;
     end->receiving.end = how;
+    end->receiving.flow = ISOTP_FLOW_NONE; /* a sender that did not wait for it needs it no more */
     if (how == ISOTP_DONE)
         end->count.received++;
 }

@@ -37,9 +37,16 @@ static void write_bytes(const Record *record, uint8_t bytes[RECORD_BYTES]) {
     put_u32(bytes + CRC_AT, crc32_after(0, bytes, CRC_AT));
 }
 
+/* A checksum that is right does not make numbers possible: another firmware may have used the memory. */
+static bool is_possible(const uint8_t bytes[RECORD_BYTES]) {
+    const uint8_t passes = bytes[20], masks = bytes[21] | bytes[22] | bytes[23];
+    return get_u32(bytes) > 0 && bytes[4] >= RECORD_BOOT && bytes[4] <= RECORD_CLEAR && bytes[5] <= STEP_SCAN &&
+           bytes[6] < PASSES_MAX && (passes == 0 || passes == 1 || passes == PASSES_MAX) && masks < 1u << PASSES_MAX;
+}
+
 /* False: erased, torn, or never a record. */
 static bool read_bytes(const uint8_t bytes[RECORD_BYTES], Record *record) {
-    if (get_u32(bytes + CRC_AT) != crc32_after(0, bytes, CRC_AT) || get_u32(bytes) == 0)
+    if (get_u32(bytes + CRC_AT) != crc32_after(0, bytes, CRC_AT) || !is_possible(bytes))
         return false;
     record->number = get_u32(bytes);
     record->kind = (RecordKind)bytes[4];
@@ -85,11 +92,19 @@ static bool is_erased(const Journal *journal, uint32_t slot) {
     return true;
 }
 
-/* Moves `next` to a slot that can be written: past torn ones, and into a sector that is erased first. */
+static bool is_sector_erased(const Journal *journal, uint32_t first, uint32_t slots) {
+    for (uint32_t slot = first; slot < first + slots; slot++)
+        if (!is_erased(journal, slot))
+            return false;
+    return true;
+}
+
+/* Moves `next` to a slot that can be written: past torn ones, and into a sector that is erased first. All of it: an
+ * erasure that a power failure cut short may have left old records behind the first slot. */
 static bool find_room(Journal *journal) {
     const uint32_t in_sector = journal->hal->sector_bytes / RECORD_BYTES;
     for (uint32_t tried = 0; tried <= in_sector; tried++) {
-        if (journal->next % in_sector == 0 && !is_erased(journal, journal->next) &&
+        if (journal->next % in_sector == 0 && !is_sector_erased(journal, journal->next, in_sector) &&
             !journal->hal->storage_erase(journal->hal->context, journal->next / in_sector))
             return false;
         if (is_erased(journal, journal->next))

@@ -69,6 +69,8 @@ uint8_t order_of_cure(const Node *node, const Key *key) {
 
 uint8_t order_of_scan(const Node *node, const Key *key) {
     const Book *book = &node->book;
+    if (key->pass >= PASSES_MAX)
+        return UDS_OUT_OF_RANGE;
     if (book->job == key->job && key->layer < book->layer)
         return UDS_SEQUENCE;
     if (node_has(node, ROLE_HEAD)) {
@@ -82,7 +84,8 @@ uint8_t order_of_scan(const Node *node, const Key *key) {
 Outcome outcome_of(const Node *node, StepKind kind, const Key *key) {
     const Book *book = &node->book;
     const Step *step = &node->step;
-    if (step->kind == kind && step->key.job == key->job && step->key.layer == key->layer && step->key.pass == key->pass)
+    const bool same = step->key.job == key->job && step->key.layer == key->layer && step->key.pass == key->pass;
+    if (step->kind == kind && same && (kind != STEP_SCAN || step->key.attempt == key->attempt))
         return OUTCOME_UNDER_WAY;
     if (!is_of(book, key) || key->pass >= PASSES_MAX)
         return OUTCOME_NEVER;

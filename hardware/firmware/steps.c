@@ -73,16 +73,21 @@ static Cause cause_of(StepKind kind) {
     }
 }
 
-/* Cure and scan may be the first a node hears of a layer. */
-static void open_layer(Book *book, const Key *key) {
-    if (book->job == key->job && book->layer == key->layer)
-        return;
-    *book = (Book){.job = key->job, .layer = key->layer, .boots = book->boots};
+/* Cure and scan may be the first a node hears of a layer; what was under way of another one is over. */
+static void open_layer(Node *node, StepKind kind, const Key *key) {
+    Book *book = &node->book;
+    const bool same = book->job == key->job && book->layer == key->layer;
+    if (!same)
+        *book = (Book){.job = key->job, .layer = key->layer, .boots = book->boots};
+    if (!same || kind == STEP_SCAN) /* blocks of a map are of one scan */
+        node->scanned = false;
+    if (node->transfer.active)
+        node->transfer.active = node->transfer.ended = false;
 }
 
 bool steps_begin(Node *node, StepKind kind, uint16_t routine, const Key *key, uint16_t option) {
     if (kind == STEP_CURE || kind == STEP_SCAN)
-        open_layer(&node->book, key);
+        open_layer(node, kind, key);
     if (is_journalled(kind) && !node_record(node, RECORD_INTENT, kind, key))
         return false;
     node->step = (Step){.kind = kind,

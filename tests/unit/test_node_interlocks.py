@@ -22,6 +22,7 @@ from node_bench import (
     LAMP,
     LAMP_PULSES,
     LAMP_STAYS_ON,
+    LAMP_TIME,
     LAMP_WITH_GATE,
     MASTER_LOST,
     MOTION,
@@ -173,6 +174,16 @@ def test_nothing_is_jetted_while_the_lamp_is_on(bench: NodeBench) -> None:
     begin_cure(bench)
     assert bench.run(PASS, layer=1, option=b"\x00") == -NRC_CONDITIONS
     assert bench.counted(LAMP_WITH_GATE) == bench.counted(GATE_OPENINGS) == 0
+
+
+def test_lamp_that_comes_on_under_the_open_gate_ends_the_pass(bench: NodeBench) -> None:
+    """Whoever lit it: a second later the nozzles would be full of cured ink."""
+    begin_pass(bench)
+    bench.broken(LAMP_STAYS_ON)
+    seen = bench.clock + 5
+    bench.tick()
+    assert bench.times().gate_closed == seen
+    assert (bench.state().state, bench.state().cause, bench.state().unknown) == ("FAULT", LAMP_TIME, 1)
 
 
 def test_lamp_time_has_a_limit() -> None:

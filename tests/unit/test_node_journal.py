@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterator
+from struct import pack, unpack_from
 
 import numpy as np
 import pytest
@@ -30,6 +32,7 @@ from node_bench import (
 FULL = np.ones((9, 9), np.uint8)
 RECORD = 40
 INTENT, DONE_RECORD = 3, 4
+SECTOR, SECTORS, IN_SECTOR = 4096, 4, 4096 // RECORD
 
 
 @pytest.fixture
@@ -129,6 +132,19 @@ def test_altered_record_is_not_believed(bench: NodeBench) -> None:
     assert bench.state().unknown == 1
 
 
+@pytest.mark.parametrize(("where", "byte"), [(4, 0), (4, 99), (5, 7), (6, 255), (20, 255), (20, 2), (21, 16)])
+def test_record_of_another_firmware_is_not_believed(bench: NodeBench, where: int, byte: int) -> None:
+    """Its checksum may be right and its kinds, passes and masks impossible."""
+    before = bench.state()
+    record = bytearray(bench.storage()[(len(bench.journal()) - 1) * RECORD :][:RECORD].tobytes())
+    record[:4], record[12:14], record[where] = pack(">I", 1000), b"\0\x4d", byte
+    record[36:] = pack(">I", zlib.crc32(record[:36]))
+    bench.storage()[3 * SECTOR :][:RECORD] = list(record)
+    reboot(bench)
+    state = bench.state()
+    assert (state.layer, state.passes, state.done, state.boots) == (before.layer, 4, 0, before.boots + 1)
+
+
 def test_unknown_pass_given_up_by_an_interlock_is_said_at_once_and_after_a_reboot(bench: NodeBench) -> None:
     bench.raw(bench.routine(PASS, 1, 0, option=b"\x00"))
     bench.tick(30)
@@ -193,6 +209,19 @@ def test_ring_goes_on_after_a_record_torn_at_any_place(bench: NodeBench, written
     bench.power_up()
     assert bench.state().layer == 1
     assert bench.state().boots == 452
+
+
+def test_journal_is_newest_first_after_an_erasure_that_was_cut_short(bench: NodeBench) -> None:
+    """Old records that such an erasure has left behind its first slot come back nowhere."""
+    while unpack_from(">I", bench.raw(b"\x22\x01\x10"), 3)[0] < SECTORS * IN_SECTOR:
+        bench.power_up()
+    bench.storage()[:RECORD] = 0xFF
+    for _ in range(3):
+        bench.power_up()
+    records = bench.raw(b"\x22\x01\x10")[3:]
+    numbers = [unpack_from(">I", records, at)[0] for at in range(0, len(records), RECORD)]
+    newest = SECTORS * IN_SECTOR + 3
+    assert numbers == list(range(newest, newest - len(numbers), -1))
 
 
 def test_journal_and_surface_outlive_the_process(tmp_path) -> None:

@@ -22,7 +22,9 @@ from node_bench import (
     LAMP_WITH_GATE,
     MOVE,
     NEVER,
+    NRC_BUSY,
     NRC_CONDITIONS,
+    NRC_PENDING,
     NRC_RANGE,
     NRC_SEQUENCE,
     PASS,
@@ -209,6 +211,17 @@ def test_rescan_is_allowed_and_a_stale_map_is_not_given(bench: NodeBench) -> Non
     assert bench.scan(1, attempt=2) == DONE
     assert bench.upload(1, profiler) != first
     assert bench.scan(0) == -NRC_SEQUENCE
+
+
+def test_scan_of_another_attempt_waits_until_this_one_is_over(bench: NodeBench) -> None:
+    profiler = PROFILER if bench.count == 4 else HEAD
+    bench.ready()
+    assert bench.raw(bench.routine(SCAN, attempt=1), profiler)[2] == NRC_PENDING
+    assert bench.raw(bench.routine(SCAN, attempt=2), profiler)[2] == NRC_BUSY
+    assert bench.raw(bench.routine(SCAN, attempt=1), profiler)[2] == NRC_PENDING
+    bench.tick(8000)
+    assert bench.scan(0, attempt=1) == DONE_BEFORE
+    assert bench.run(SCAN, profiler, which=4) == -NRC_RANGE, "what could not be known as done before"
 
 
 def test_service_of_another_role_is_refused() -> None:

@@ -189,6 +189,16 @@ def test_block_of_a_map_may_be_asked_for_in_smaller_pieces(bench: NodeBench) -> 
     assert bench.raw(b"\x37", PROFILER) == pack(">BI", 0x77, zlib.crc32(whole))
 
 
+def test_all_blocks_of_a_map_are_of_one_scan(bench: NodeBench) -> None:
+    assert bench.scan(0) == DONE
+    size = int.from_bytes(bench.raw(b"\x22\x01\x03", PROFILER)[3:7], "big")
+    bench.raw(pack(">BBBII", 0x35, 0, 0x44, 0, size), PROFILER)
+    assert bench.raw(b"\x36\x01", PROFILER, 100)[0] == 0x76
+    assert bench.scan(0, attempt=2) == DONE
+    assert bench.raw(b"\x36\x02", PROFILER, 100) == bytes((0x7F, 0x36, SEQUENCE))
+    assert bench.upload(0)
+
+
 def test_node_says_how_far_a_transfer_has_come(bench: NodeBench) -> None:
     said = Struct(">BBHIII")
     blob = pattern_blob(np.ones((9, 9)))

@@ -122,6 +122,15 @@ def test_a_lost_doubled_or_swapped_frame_ends_the_message_and_the_next_one_arriv
         assert (node.receive(), node.state.received) == (message, "done")
 
 
+def test_sender_that_waited_for_no_flow_control_gets_none_after_the_end() -> None:
+    whole = segments(payload(100))
+    for last in (whole[4], whole[3]):
+        node = IsotpEnd(block_size=2)
+        for frame in (*whole[:3], last, last):
+            node.take(frame, 0)
+        assert (node.state.received, node.next(0)) == ("sequence", None)
+
+
 def test_sender_that_stops_is_given_up_after_a_second_even_where_the_clock_wraps() -> None:
     start = 2**32 - 500
     node = IsotpEnd()

@@ -1,0 +1,269 @@
+#include "board.h"
+
+#include <string.h>
+
+#include "bytes.h"
+#include "crc32.h"
+#include "input.h"
+#include "layer_order.h"
+
+static bool is_broken(const FuzzBoard *board, uint8_t what) {
+    return (board->broken & what) != 0;
+}
+
+static bool storage_read(void *context, uint32_t offset, uint8_t *to, uint32_t length) {
+    const FuzzBoard *board = context;
+    law(offset <= FUZZ_STORAGE_BYTES && length <= FUZZ_STORAGE_BYTES - offset, "reads stay in the storage");
+    memcpy(to, board->storage + offset, length);
+    return true;
+}
+
+/* How many of `length` bytes go through before the power fails. */
+static uint32_t through(FuzzBoard *board, uint32_t length) {
+    return board->power_fails && board->written < length ? board->written : length;
+}
+
+static void fail_if_due(FuzzBoard *board) {
+    if (!board->power_fails)
+        return;
+    board->power_fails = false;
+    longjmp(board->power_failure, 1);
+}
+
+static bool storage_write(void *context, uint32_t offset, const uint8_t *from, uint32_t length) {
+    FuzzBoard *board = context;
+    law(offset <= FUZZ_STORAGE_BYTES && length <= FUZZ_STORAGE_BYTES - offset, "writes stay in the storage");
+    if (is_broken(board, BROKEN_STORAGE))
+        return false;
+    board->written_to = true;
+    const uint32_t written = through(board, length);
+    for (uint32_t k = 0; k < written; k++) {
+        law(board->tampered || board->storage[offset + k] == 0xFF, "only erased bytes are written");
+        board->storage[offset + k] &= from[k];
+    }
+    fail_if_due(board);
+    return true;
+}
+
+static bool storage_erase(void *context, uint32_t sector) {
+    FuzzBoard *board = context;
+    law(sector < board->hal.sectors, "erasures stay in the storage");
+    if (is_broken(board, BROKEN_STORAGE))
+        return false;
+    board->written_to = true;
+    memset(board->storage + sector * FUZZ_SECTOR_BYTES, 0xFF, through(board, FUZZ_SECTOR_BYTES));
+    fail_if_due(board);
+    return true;
+}
+
+static uint32_t lines(void *context) {
+    const FuzzBoard *board = context;
+    const bool there = board->now - board->gate_at >= FUZZ_GATE_MS;
+    const bool stays_open = is_broken(board, BROKEN_GATE_STAYS_OPEN);
+    const bool open = stays_open || (!is_broken(board, BROKEN_GATE_STAYS_CLOSED) && board->gate && there);
+    const bool closed = !stays_open && (is_broken(board, BROKEN_GATE_STAYS_CLOSED) || (!board->gate && there));
+    const bool lamp = board->lamp || is_broken(board, BROKEN_LAMP_STAYS_ON);
+    const bool ready = !is_broken(board, BROKEN_NOT_READY);
+    return (uint32_t)((open ? LINE_GATE_OPEN : 0) | (closed ? LINE_GATE_CLOSED : 0) | (lamp ? LINE_LAMP_ON : 0) |
+                      (ready ? LINE_READY : 0) | (board->homed ? LINE_HOMED : 0));
+}
+
+/* A living master said so last. */
+static bool is_allowed(const FuzzBoard *board, uint8_t enable) {
+    const int which = enable == ENABLE_LAMP ? 0 : enable == ENABLE_GATE ? 1 : 2;
+    return board->enabled[which] && board->now - board->enabled_at[which] < board->node->options.limits.alive;
+}
+
+static void set_lamp(void *context, bool on) {
+    FuzzBoard *board = context;
+    const uint32_t gate = lines(board) & (LINE_GATE_OPEN | LINE_GATE_CLOSED);
+    law(!on || (gate == LINE_GATE_CLOSED && !board->gate), "lamp on only with the gate confirmed closed");
+    law(!on || is_allowed(board, ENABLE_LAMP), "lamp on only when a living master allows it");
+    law(!on || !board->node->dry, "no lamp in a dry run");
+    if (on && !board->lamp)
+        board->lamp_at = board->now;
+    board->lamp = on;
+}
+
+static void set_gate(void *context, bool open) {
+    FuzzBoard *board = context;
+    law(!open || !(lines(board) & LINE_LAMP_ON), "gate open only with the lamp off");
+    law(!open || is_allowed(board, ENABLE_GATE), "gate open only when a living master allows it");
+    law(!open || !board->node->dry, "no gate in a dry run");
+    if (open != board->gate)
+        board->gate_at = board->now;
+    board->gate = open;
+}
+
+/* A pass is jetted once and in its turn. */
+static void note_jetting(FuzzBoard *board, const Work *work) {
+    const Key *key = &board->node->step.key;
+    const uint8_t bit = (uint8_t)(1u << key->pass);
+    const uint32_t here = lines(board);
+    law((here & LINE_GATE_OPEN) && !(here & LINE_LAMP_ON), "jetting only with the gate open and the lamp off");
+    law(pattern_is_complete(work->pattern) && pattern_is_printable(work->pattern), "jetting a whole pattern only");
+    law(work->colour < 4 ? work->pattern->passes == 4 : work->colour == 255 && work->pattern->passes == 1, "colours");
+    board->jets++;
+    if (board->tampered)
+        return;
+    if (board->jetted.job != key->job || board->jetted.layer != key->layer)
+        board->jetted = (Jetted){.job = key->job, .layer = key->layer};
+    law(!(board->jetted.opened & bit), "no pass is opened twice");
+    law(board->jetted.finished == bit - 1, "no pass is left out");
+    board->jetted.opened |= bit;
+}
+
+static bool begin(void *context, const Work *work) {
+    FuzzBoard *board = context;
+    const bool moves = work->kind == WORK_HOME || work->kind == WORK_MOVE;
+    law(!moves || is_allowed(board, ENABLE_MOTION), "motion only when a living master allows it");
+    law(!board->working, "one thing at a time");
+    if (is_broken(board, BROKEN_BEGIN_REFUSED))
+        return false;
+    if (work->kind == WORK_JET && !work->dry)
+        note_jetting(board, work);
+    board->work = *work;
+    board->working = true;
+    board->work_at = board->now;
+    return true;
+}
+
+static WorkProgress progress(void *context) {
+    FuzzBoard *board = context;
+    if (!board->working || is_broken(board, BROKEN_WORK_FAILS))
+        return WORK_FAILED;
+    if (is_broken(board, BROKEN_WORK_HANGS) || board->now - board->work_at < FUZZ_WORK_MS)
+        return WORK_RUNNING;
+    board->working = false;
+    if (board->work.kind == WORK_HOME)
+        board->homed = true;
+    if (board->work.kind == WORK_SCAN) {
+        board->scans++;
+        board->seen = board->node->step.key;
+    }
+    if (board->work.kind == WORK_JET && !board->work.dry)
+        board->jetted.finished |= (uint8_t)(1u << board->node->step.key.pass);
+    return WORK_FINISHED;
+}
+
+static void halt(void *context) {
+    ((FuzzBoard *)context)->working = false;
+}
+
+static MapShape map_shape(void *context) {
+    const FuzzBoard *board = context;
+    return (MapShape){.nx = 3, .ny = 5, .lsb_nm = 100, .datum = (int32_t)board->scans};
+}
+
+static bool map_reading(void *context, uint32_t cell, int16_t *reading) {
+    const FuzzBoard *board = context;
+    law(cell < 15, "readings of cells of the map");
+    *reading = (int16_t)(cell * 1000 + board->scans % 1000);
+    return cell % 4 != 3;
+}
+
+void fuzz_board_init(FuzzBoard *board, Node *node, uint8_t sectors) {
+    *board = (FuzzBoard){.node = node, .shows = getenv("INKLOOP_FUZZ_SHOWS") != NULL};
+    memset(board->storage, 0xFF, sizeof board->storage);
+    board->hal = (Hal){.context = board,
+                       .sectors = sectors,
+                       .sector_bytes = FUZZ_SECTOR_BYTES,
+                       .storage_read = storage_read,
+                       .storage_write = storage_write,
+                       .storage_erase = storage_erase,
+                       .set_lamp = set_lamp,
+                       .set_gate = set_gate,
+                       .lines = lines,
+                       .begin = begin,
+                       .progress = progress,
+                       .halt = halt,
+                       .map_shape = map_shape,
+                       .map_reading = map_reading};
+}
+
+void fuzz_board_power_off(FuzzBoard *board) {
+    board->lamp = board->gate = board->working = board->homed = board->power_fails = false;
+    for (int k = 0; k < 3; k++)
+        board->enabled[k] = false;
+    board->book_known = false;
+}
+
+void fuzz_board_master_alive(FuzzBoard *board, const MasterAlive *master) {
+    for (int k = 0; k < 3; k++) {
+        board->enabled[k] = (master->enables >> k & 1) != 0;
+        if (board->enabled[k])
+            board->enabled_at[k] = board->now;
+    }
+}
+
+static void check_outputs(const FuzzBoard *board) {
+    const Node *node = board->node;
+    const uint32_t here = lines((void *)board);
+    law(!node_is_off(node) || (!board->lamp && !board->gate && !board->working), "SAFE and FAULT are off");
+    law(!board->lamp || ((here & LINE_GATE_CLOSED) && !(here & LINE_GATE_OPEN)), "lamp only with the gate closed");
+    law(!board->lamp || is_allowed(board, ENABLE_LAMP), "lamp only while a living master allows it");
+    law(!board->lamp || board->now - board->lamp_at < node->options.limits.lamp, "lamp never longer than its limit");
+    law(!board->gate || is_allowed(board, ENABLE_GATE), "gate only while a living master allows it");
+    const bool jets = board->working && board->work.kind == WORK_JET && !board->work.dry;
+    law(!jets || ((here & LINE_GATE_OPEN) && !(here & LINE_LAMP_ON)), "droplets fly only with gate open and lamp off");
+    law(!board->working || node->step.kind != STEP_NONE, "nothing works without a step");
+    law((board->lamp || board->gate) <= (node->step.kind != STEP_NONE), "nothing is energised without a step");
+}
+
+static void check_book(FuzzBoard *board) {
+    const Node *node = board->node;
+    const Book *book = &node->book, *before = &board->book;
+    const Jetted *jetted = &board->jetted;
+    if (node->dry || board->tampered)
+        return;
+    const bool head = node_has(node, ROLE_HEAD);
+    const uint8_t known = (uint8_t)(book->done | book->unknown);
+    law(!(book->done & book->unknown), "a pass is done or unknown");
+    if (book->job == jetted->job && book->layer == jetted->layer && head) {
+        const uint8_t now = (uint8_t)(node->step.kind == STEP_PASS ? 1u << node->step.key.pass : 0u);
+        law(!(jetted->opened & ~(known | now)), "what was jetted is done, unknown or under way");
+        law(!(book->done & ~jetted->finished), "what is done was jetted to its end");
+    }
+    if (board->book_known && book->job == before->job && book->layer == before->layer)
+        law(!(before->done & ~book->done), "passes done never shrink");
+    else if (board->book_known && head)
+        law(layer_is_finished(before) || layer_is_closed(before) || !layer_is_begun(before), "no open layer is left");
+    if (board->book_known && book->job == before->job && head)
+        law(book->layer >= before->layer, "layers go up");
+    if (board->book_known && book->job != before->job) /* a node knows of one job */
+        board->jetted = (Jetted){.job = book->job};
+    board->book = *book;
+    board->book_known = true;
+}
+
+static void check_journal(const FuzzBoard *board) {
+    const Journal *journal = &board->node->journal;
+    enum { MOST = FUZZ_STORAGE_BYTES / RECORD_BYTES };
+    uint8_t records[MOST][RECORD_BYTES];
+    const uint32_t found = journal_read(journal, records[0], MOST);
+    law(found <= MOST, "as many records as asked for");
+    uint32_t above = 0;
+    for (uint32_t k = 0; k < found; k++) {
+        law(get_u32(records[k] + RECORD_BYTES - 4) == crc32_after(0, records[k], RECORD_BYTES - 4),
+            "records are whole");
+        law(board->tampered || k == 0 || get_u32(records[k]) < above, "newest first");
+        above = get_u32(records[k]);
+    }
+    if (board->tampered || journal->newest.number == 0)
+        return;
+    law(found > 0 && get_u32(records[0]) == journal->newest.number, "the newest record can be read");
+}
+
+void fuzz_board_check(FuzzBoard *board) {
+    check_outputs(board);
+    check_book(board);
+    if (board->written_to)
+        check_journal(board);
+    board->written_to = false;
+    const NodeStatus status = node_status(board->node);
+    law(status.state <= NODE_FAULT && status.cause <= CAUSE_INTERNAL, "states and causes of the DBC");
+    law(board->node->answer_length <= ANSWER_ROOM, "answers stay in their room");
+    if (board->shows && (status.state != board->shown.state || status.cause != board->shown.cause))
+        fprintf(stderr, "state %d cause %d\n", (int)status.state, (int)status.cause);
+    board->shown = status;
+}
