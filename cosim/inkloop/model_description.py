@@ -11,8 +11,14 @@ from inkloop.model_definition import ModelDefinition, VariableDefinition
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
 """FMI 3 with structural parameters, FMI 3 with constant dimensions, FMI 2 with a scalar per cell."""
 
-_BASE_UNITS = {"1/m": {"m": "-1"}, "m": {"m": "1"}, "m3": {"m": "3"}, "s": {"s": "1"}}
-_DISPLAY_UNITS = {"1/m": ("1/um", "1e-6"), "m": ("um", "1e6"), "m3": ("um3", "1e18"), "s": ("ms", "1e3")}
+_BASE_UNITS = {"1/m": {"m": "-1"}, "m": {"m": "1"}, "m3": {"m": "3"}, "rad": {"rad": "1"}, "s": {"s": "1"}}
+_DISPLAY_UNITS = {
+    "1/m": ("1/um", "1e-6"),
+    "m": ("um", "1e6"),
+    "m3": ("um3", "1e18"),
+    "rad": ("deg", "57.29577951308232"),
+    "s": ("ms", "1e3"),
+}
 _FMI2_TYPES = {"real": "Real", "integer": "Integer", "boolean": "Boolean", "enumeration": "Enumeration",
                "count": "Integer"}  # fmt: skip
 _FMI3_TYPES = {"real": "Float64", "integer": "Int32", "boolean": "Boolean", "enumeration": "Enumeration",

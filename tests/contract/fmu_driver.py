@@ -17,7 +17,7 @@ from inkloop.export import export, find_fmu
 
 OK, DISCARD, ERROR = 0, 2, 3
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
-DEPOSITION_MODELS = ("LayerDeposition", "SuperpositionDeposition", "VolumeAreaDeposition")
+DEPOSITION_MODELS = ("LayerDeposition", "SuperpositionDeposition", "VolumeAreaDeposition", "YoungLaplaceDeposition")
 MODELS = (*DEPOSITION_MODELS, "ProfileSensor")
 NUMPY_TYPES = {"Float64": np.float64, "Real": np.float64, "Int32": np.int32, "Integer": np.int32, "Int64": np.int64,
                "Boolean": np.bool_, "Enumeration": np.int64, "UInt64": np.uint64}  # fmt: skip

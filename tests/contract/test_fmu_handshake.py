@@ -125,7 +125,7 @@ def test_steps_of_any_size_print_the_same_layers(model, form, size) -> None:
 @pytest.mark.parametrize("size", [0.1, 0.25, 1.0, 3.0, 7.0])
 def test_self_commanding_counts_periods_not_steps(model, form, size) -> None:
     """0.1 cannot be added up exactly: the layer at k periods must neither be missed nor come twice."""
-    with Driver(model, form).start({"layer_period": 0.5}, start=10.0) as fmu:
+    with Driver(model, form).start({"layer_period": 0.5, "pattern": 0}, start=10.0) as fmu:
         time = 10.0
         for k in range(1, 22):
             assert fmu.step(time, size) == OK
@@ -179,9 +179,10 @@ def test_value_that_the_model_does_not_take_is_refused_whole(model, form, name, 
 @pytest.mark.parametrize("passes", [0, 2, 3, 5])
 def test_passes_other_than_one_and_four_are_refused(model, form, passes) -> None:
     with Driver(model, form) as fmu:
+        before = fmu.get("passes")
         assert fmu.set("passes", passes) == DISCARD
-        assert fmu.get("passes") == 1
-        assert fmu.set("passes", 4) == OK
+        assert fmu.get("passes") == before
+        assert max(fmu.set("passes", 4), fmu.set("passes", 1)) == OK
 
 
 @EVERY_FORM
