@@ -112,6 +112,7 @@ class Plc(can.Listener):
     def on_message_received(self, message: can.Message) -> None:
         if message.arbitration_id == 0x210 and message.data[2] & 1 and message.data[3] == 75:
             self.asked, self.busy_until = int.from_bytes(message.data[:2], "little"), time.monotonic() + 0.1
+            self.done = self.asked - 1
 
     def run(self) -> None:
         while True:

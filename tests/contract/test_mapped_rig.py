@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 
@@ -17,6 +18,7 @@ from inkloop.errors import ComponentError
 from inkloop.result import Result
 from inkloop.run import print_part
 from inkloop.scenario import Scenario
+from inkloop.testing import LAWS, Law, same_inputs_give_the_same_bits
 from inkloop_hardware.codec import BENCH_DBC
 from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.errors import LinkTimeout
@@ -124,8 +126,13 @@ def bus() -> Iterator[str]:
 
 
 def test_rig_with_its_own_dbc_prints_what_is_commanded(bus: str, tmp_path: Path) -> None:
-    with stranger(bus):
+    with stranger(bus), can.Bus(interface="slcan", channel=bus, sleep_after_open=0.0) as listener:
+        heard: set[int] = set()
+        notifier = can.Notifier(listener, [lambda message: heard.add(message.arbitration_id)])
         run = printed(tmp_path, bus, foreign_rig.MAPPING).dataset
+        notifier.stop()
+    assert {0x210, 0x220, 0x7A0, 0x7B0} <= heard
+    assert not heard & {0x010, 0x020}, "a rig of another protocol is not to hear MasterAlive or StopRequest"
     assert run.sizes["layer"] == 3
     heights = foreign_rig.DROPLET_UM * 1e-6 * np.cumsum(run.pattern.values != 0, axis=0)
     assert heights.max() == pytest.approx(20e-6)
@@ -149,6 +156,14 @@ def test_emulated_bench_prints_by_a_mapping_of_its_own_dbc(tmp_path: Path) -> No
 
 def component(made: Scenario) -> Component:
     return made.build()[0]["rig"]
+
+
+@pytest.mark.parametrize("law", [law for law in LAWS if law is not same_inputs_give_the_same_bits])
+def test_mapped_rig_keeps(law: Law, bus: str, tmp_path: Path) -> None:
+    """All laws but that of equal bits: what was printed on a real bed stays there."""
+    made = scenario(tmp_path, bus, foreign_rig.MAPPING)
+    with stranger(bus):
+        law(lambda: component(made))
 
 
 def test_silence_of_a_rig_is_said_with_its_ids(bus: str, tmp_path: Path) -> None:
