@@ -31,7 +31,7 @@ GROUP = "inkloop.components"
 DEPOSITION_MODELS = ("LayerDeposition", "SuperpositionDeposition", "VolumeAreaDeposition")
 FMU_MODELS = (*DEPOSITION_MODELS, "ProfileSensor")
 MAP_FOLDER = "MapFolder"
-"""The kind of a profiler whose maps come as files; `folder` stands beside the scenario."""
+"""The kind of a profiler whose maps come as files in a `folder`."""
 PYTHON_KINDS: Mapping[str, tuple[str, str]] = {
     "LayerMpc": ("inkloop_controller.controllers", "LayerMpcController"),
     "OpenLoop": ("inkloop_controller.controllers", "OpenLoopController"),
@@ -45,6 +45,12 @@ PLAIN_PLANT = "PlainPlant"
 SHADOW = shadow_options.KIND
 MAPPED = "hardware.mapped"
 """The kind of a rig that `mapping`, a file beside the scenario, binds to the contract's ports."""
+BESIDE_SCENARIO: Mapping[str, str] = {
+    **dict.fromkeys(("Fmu", PLAIN_PLANT, SHADOW), "file"),
+    MAPPED: "mapping",
+    MAP_FOLDER: "folder",
+}
+"""Kind -> its option that names a file or folder, which stands beside the scenario."""
 _RULE_CONTROLLER = ("inkloop_controller.pattern_rule", "rule_controller")
 _PORT_OPTIONS = ("pattern_input", "height_output")
 

@@ -112,14 +112,11 @@ class Scenario:
         return read_events(self.tables.events, components, nozzle_pitch, self.tables.grid.pitch)
 
     def _options(self, table: ComponentTable) -> dict[str, Any]:
-        """The options of a component; the file of an FMU is looked for beside the scenario."""
+        """The options of a component; a file or folder that they name stands beside the scenario."""
         options = table.options
-        if table.kind in ("Fmu", catalog.PLAIN_PLANT, catalog.SHADOW) and isinstance(options.get("file"), str):
-            options["file"] = str(Path(self.source).parent / options["file"])
-        if table.kind == catalog.MAPPED and isinstance(options.get("mapping"), str):
-            options["mapping"] = str(Path(self.source).parent / options["mapping"])
-        if table.kind == catalog.MAP_FOLDER and isinstance(options.get("folder"), str):
-            options["folder"] = str(Path(self.source).parent / options["folder"])
+        name = catalog.BESIDE_SCENARIO.get(table.kind)
+        if name is not None and isinstance(options.get(name), str):
+            options[name] = str(Path(self.source).parent / options[name])
         return options
 
     def _connect(self, components: Mapping[str, Component]) -> tuple[list[Connection], list[str]]:

@@ -28,6 +28,19 @@ from toys import FunctionComponent
 
 JOB = job()
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
+CONTROLLERS = [kind for kind in catalog.PYTHON_KINDS if kind != catalog.MAP_FOLDER]
+
+
+def recorded_maps(folder: Path) -> Component:
+    """A folder with the maps of layers 0 to 9, each 4 x 4 pixels a cell."""
+    for layer in range(10):
+        heights = layer + np.linspace(0.0, 1.0, JOB.nx * 4 * JOB.ny * 4).reshape(JOB.nx * 4, JOB.ny * 4)
+        np.savez(folder / f"{layer}.npz", z_um=heights, pixel_um=JOB.pitch * 1e6 / 4)
+    corner_um = -0.375 * JOB.pitch * 1e6
+    options = {"folder": str(folder), "file_name": "{layer}.npz", "replay": True, "complete": "renamed"}
+    return catalog.make("MapFolder", JOB, {**options, "offset_x_um": corner_um, "offset_y_um": corner_um})
+
+
 MAKERS: dict[str, Callable[[Path], Component]] = {
     **{
         f"{model} {form}": lambda _, model=model, form=form: catalog.make(model, JOB, {"fmi": form})
@@ -40,7 +53,8 @@ MAKERS: dict[str, Callable[[Path], Component]] = {
         )
         for form in FORMS
     },
-    **{kind: lambda _, kind=kind: catalog.make(kind, JOB, {}) for kind in catalog.PYTHON_KINDS},
+    **{kind: lambda _, kind=kind: catalog.make(kind, JOB, {}) for kind in CONTROLLERS},
+    "MapFolder": recorded_maps,
     "foreign FMI 2": lambda folder: FmuComponent(build(folder, 2)),
     "foreign FMI 3": lambda folder: FmuComponent(build(folder, 3)),
 }
