@@ -23,6 +23,7 @@ from typing import Self
 from node_bench import FIRMWARE, ROOT, write_codec
 
 TARGETS = ("frames", "isotp", "services", "slcan")
+PARTS = ("asking", "board", "laws", "requests", "wire")
 FUZZ = FIRMWARE / "fuzz"
 CORPUS = FUZZ / "corpus"
 CLANGS = ("clang", *(f"clang-{version}" for version in range(22, 13, -1)))
@@ -51,7 +52,7 @@ def build(folder: Path, compiler: str = "gcc", *, fuzzer: bool = False) -> dict[
     write_codec(folder)
     sanitizers = (f"{SANITIZERS},fuzzer-no-link" if fuzzer else SANITIZERS, "-fno-sanitize-recover=all")
     flags = (compiler, *FLAGS, *sanitizers, f"-I{FIRMWARE}", f"-I{FUZZ}", f"-isystem{folder}")
-    shared = [*sorted(FIRMWARE.glob("*.c")), folder / "inkloop.c", FUZZ / "board.c", FUZZ / "requests.c"]
+    shared = [*sorted(FIRMWARE.glob("*.c")), folder / "inkloop.c", *(FUZZ / f"{name}.c" for name in PARTS)]
     driver = () if fuzzer else (FUZZ / "replay.c",)
     own = [FUZZ / f"{target}.c" for target in TARGETS]
 

@@ -63,7 +63,14 @@ void fuzz_board_power_off(FuzzBoard *board);
 /* A MasterAlive was handed to the node. */
 void fuzz_board_master_alive(FuzzBoard *board, const MasterAlive *master);
 
-/* What holds after a tick, whatever came before. */
+/* Wired inputs as they are now, and whether a living master allows something, by its last word. */
+uint32_t fuzz_board_lines(const FuzzBoard *board);
+bool fuzz_board_allows(const FuzzBoard *board, uint8_t enable);
+
+/* Options of a node for it, with limits that are soon reached. */
+NodeOptions fuzz_options(uint8_t roles, uint8_t *pattern_memory);
+
+/* What holds after a tick, whatever came before; laws.c. */
 void fuzz_board_check(FuzzBoard *board);
 
 #endif

@@ -1,0 +1,77 @@
+#include "board.h"
+#include "bytes.h"
+#include "crc32.h"
+#include "input.h"
+#include "layer_order.h"
+
+static void check_outputs(const FuzzBoard *board) {
+    const Node *node = board->node;
+    const uint32_t here = fuzz_board_lines(board);
+    law(!node_is_off(node) || (!board->lamp && !board->gate && !board->working), "SAFE and FAULT are off");
+    law(!board->lamp || ((here & LINE_GATE_CLOSED) && !(here & LINE_GATE_OPEN)), "lamp only with the gate closed");
+    law(!board->lamp || fuzz_board_allows(board, ENABLE_LAMP), "lamp only while a living master allows it");
+    law(!board->lamp || board->now - board->lamp_at < node->options.limits.lamp, "lamp never longer than its limit");
+    law(!board->gate || fuzz_board_allows(board, ENABLE_GATE), "gate only while a living master allows it");
+    const bool jets = board->working && board->work.kind == WORK_JET && !board->work.dry;
+    law(!jets || ((here & LINE_GATE_OPEN) && !(here & LINE_LAMP_ON)), "droplets fly only with gate open and lamp off");
+    law(!board->working || node->step.kind != STEP_NONE, "nothing works without a step");
+    law((board->lamp || board->gate) <= (node->step.kind != STEP_NONE), "nothing is energised without a step");
+}
+
+static void check_book(FuzzBoard *board) {
+    const Node *node = board->node;
+    const Book *book = &node->book, *before = &board->book;
+    const Jetted *jetted = &board->jetted;
+    if (node->dry || board->tampered)
+        return;
+    const bool head = node_has(node, ROLE_HEAD);
+    const uint8_t known = (uint8_t)(book->done | book->unknown);
+    law(!(book->done & book->unknown), "a pass is done or unknown");
+    if (book->job == jetted->job && book->layer == jetted->layer && head) {
+        const uint8_t now = (uint8_t)(node->step.kind == STEP_PASS ? 1u << node->step.key.pass : 0u);
+        law(!(jetted->opened & ~(known | now)), "what was jetted is done, unknown or under way");
+        law(!(book->done & ~jetted->finished), "what is done was jetted to its end");
+    }
+    if (board->book_known && book->job == before->job && book->layer == before->layer)
+        law(!(before->done & ~book->done), "passes done never shrink");
+    else if (board->book_known && head)
+        law(layer_is_finished(before) || layer_is_closed(before) || !layer_is_begun(before), "no open layer is left");
+    if (board->book_known && book->job == before->job && head)
+        law(book->layer >= before->layer, "layers go up");
+    if (board->book_known && book->job != before->job) /* a node knows of one job */
+        board->jetted = (Jetted){.job = book->job};
+    board->book = *book;
+    board->book_known = true;
+}
+
+static void check_journal(const FuzzBoard *board) {
+    const Journal *journal = &board->node->journal;
+    enum { MOST = FUZZ_STORAGE_BYTES / RECORD_BYTES };
+    uint8_t records[MOST][RECORD_BYTES];
+    const uint32_t found = journal_read(journal, records[0], MOST);
+    law(found <= MOST, "as many records as asked for");
+    uint32_t above = 0;
+    for (uint32_t k = 0; k < found; k++) {
+        law(get_u32(records[k] + RECORD_BYTES - 4) == crc32_after(0, records[k], RECORD_BYTES - 4),
+            "records are whole");
+        law(board->tampered || k == 0 || get_u32(records[k]) < above, "newest first");
+        above = get_u32(records[k]);
+    }
+    if (board->tampered || journal->newest.number == 0)
+        return;
+    law(found > 0 && get_u32(records[0]) == journal->newest.number, "the newest record can be read");
+}
+
+void fuzz_board_check(FuzzBoard *board) {
+    check_outputs(board);
+    check_book(board);
+    if (board->written_to)
+        check_journal(board);
+    board->written_to = false;
+    const NodeStatus status = node_status(board->node);
+    law(status.state <= NODE_FAULT && status.cause <= CAUSE_INTERNAL, "states and causes of the DBC");
+    law(board->node->answer_length <= ANSWER_ROOM, "answers stay in their room");
+    if (board->shows && (status.state != board->shown.state || status.cause != board->shown.cause))
+        fprintf(stderr, "state %d cause %d\n", (int)status.state, (int)status.cause);
+    board->shown = status;
+}
