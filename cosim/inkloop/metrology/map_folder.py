@@ -70,7 +70,7 @@ class MapFolder:
         fit_reach_deg: Annotated[float, Field(ge=0.0, le=45.0)] = 2.0,
         valid_share_min: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5,
         datum: Datum = "none",
-        datum_margin_cells: Annotated[int, Field(ge=1)] = 2,
+        datum_margin_cells: Annotated[int, Field(ge=1)] = 1,
         complete: Complete = "stable",
         settle_s: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.5,
         timeout_s: Positive = 600.0,

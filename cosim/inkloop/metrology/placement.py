@@ -43,7 +43,7 @@ class Placement:
     share_min: float = 0.5
     fit_reach: tuple[float, float] | None = None
     datum: Datum = "none"
-    datum_margin: int = 2
+    datum_margin: int = 1
 
     def place(self, map_: HeightMap, layer: int) -> Placed:
         """The cells of a map of the surface after a layer. Raises HeightMapError in words that name the map's file."""
