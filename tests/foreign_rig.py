@@ -108,9 +108,13 @@ class Plc(can.Listener):
     def __init__(self, bus: can.BusABC, head: Head, scanner: Scanner) -> None:
         self.bus, self.head, self.scanner = bus, head, scanner
         self.done, self.asked, self.busy_until = 0, 0, 0.0
+        self.failed = False
 
     def on_message_received(self, message: can.Message) -> None:
-        if message.arbitration_id == 0x210 and message.data[2] & 1 and message.data[3] == 75:
+        if message.arbitration_id != 0x210:
+            return
+        self.failed = message.data[3] != 75  # a lamp at another power than 37.5 % is none of its own
+        if message.data[2] & 1 and not self.failed:
             self.asked, self.busy_until = int.from_bytes(message.data[:2], "little"), time.monotonic() + 0.1
             self.done = self.asked - 1
 
@@ -120,7 +124,7 @@ class Plc(can.Listener):
             if self.asked > self.done and now > self.busy_until and self.head.layer == self.asked:
                 self.scanner.surface_um = self.scanner.surface_um + DROPLET_UM * self.head.pattern
                 self.done = self.asked
-            state = 1 if self.asked > self.done else 2
+            state = 3 if self.failed else 1 if self.asked > self.done else 2
             data = struct.pack("<BHHhx", state, self.done, 1250, 215)
             self.bus.send(can.Message(arbitration_id=0x220, data=data, is_extended_id=False))
             time.sleep(0.02)

@@ -144,7 +144,8 @@ class Mapped:
         elif isinstance(step, Send):
             bus.send(step.message, {name: resolved(value, fields) for name, value in step.signals.items()})
         elif isinstance(step, Wait):
-            bus.wait(step.message, step.signal, resolved(step.expected, fields), step.limit_s)
+            unless = None if step.unless is None else resolved(step.unless, fields)
+            bus.wait(step.message, step.signal, resolved(step.expected, fields), step.limit_s, unless)
         elif isinstance(step, RoutineStep):
             found = bus.peer(step.peer).routine(step.routine, hexadecimal(step.option, fields), step.limit_s)
             expected = hexadecimal(step.answer, fields)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -11,24 +12,26 @@ from pathlib import Path
 from inkloop_hardware.bus_connection import BusConnection
 from inkloop_hardware.bus_settings import BusSettings
 from inkloop_hardware.codec import COUNTERS, Frame, Reading
-from inkloop_hardware.errors import FrameError, LinkTimeout
+from inkloop_hardware.errors import FrameError, HardwareError, LinkTimeout
 from inkloop_hardware.heartbeat import Enables
 from inkloop_hardware.mapped_peer import Peer
 from inkloop_hardware.mapping_file import RigMapping
 
 WORD_CYCLE = 0.02
 PAUSE = 0.005
+KEPT = 4096
+"""Frames of one message that wait to be looked at."""
 
 
 class MappedBus:
-    """An open bus; `readings` holds the newest of each message, `inbox` all since `forget`, oldest first."""
+    """An open bus; `readings` holds the newest of each message, `inbox` those since `forget`, oldest first."""
 
     def __init__(self, settings: BusSettings, folder: Path | None, mapping: RigMapping, session: int, job: int) -> None:
         log = settings.traffic_log
         if log is not None and folder is not None:
             log = folder / log
         self.readings: dict[str, Reading] = {}
-        self.inbox: list[Reading] = []
+        self.inbox: dict[str, deque[Reading]] = {}
         self._codec, self._heartbeat = mapping.codec, mapping.tables.heartbeat
         self._known = {message.frame_id for message in self._codec.database.messages if not message.is_extended_frame}
         self._counters: dict[str, int] = {}
@@ -73,15 +76,23 @@ class MappedBus:
         self.take()
         self.inbox.clear()
 
-    def wait(self, message: str, signal: str, expected: float | str, limit_s: float) -> None:
-        """Until a frame of the inbox says so; all before it are old then. LinkTimeout with what was said last."""
+    def wait(
+        self, message: str, signal: str, expected: float | str, limit_s: float, unless: float | str | None = None
+    ) -> None:
+        """Until a frame of the inbox says so; those of its message before it are old then.
+
+        LinkTimeout with what was said last, HardwareError at once when a frame says `unless`.
+        """
         until = time.monotonic() + limit_s
         while True:
             self.take()
-            for place, reading in enumerate(self.inbox):
-                if reading.message == message and self._says(reading, signal, expected):
-                    del self.inbox[: place + 1]
+            waiting = self.inbox.get(message, deque())
+            while waiting:
+                reading = waiting.popleft()
+                if self._says(reading, signal, expected):
                     return
+                if unless is not None and self._says(reading, signal, unless):
+                    raise HardwareError(f"{message}.{signal} is {unless}, expected {expected}; look at the rig")
             if time.monotonic() > until:
                 last = self.readings.get(message)
                 said = f"it says {self._told(last, signal)}" if last else "no frame of it came in"
@@ -117,7 +128,7 @@ class MappedBus:
             return
         if reading.intact:
             self.readings[reading.message] = reading
-            self.inbox.append(reading)
+            self.inbox.setdefault(reading.message, deque(maxlen=KEPT)).append(reading)
 
     def _says(self, reading: Reading, signal: str, expected: float | str) -> bool:
         if signal not in reading.values:

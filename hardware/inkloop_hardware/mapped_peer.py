@@ -69,6 +69,8 @@ class Peer:
     def _download(self, place: MemoryLocation, blob: bytes, crc: bool) -> None:
         opened: Any = self._client.request_download(place)
         block = opened.service_data.max_length - 2
+        if block < 1:
+            raise TransferError(f"{self.name} takes blocks of {block + 2} bytes; needs 3 at least, two are their head")
         for number, at in enumerate(range(0, len(blob), block), 1):
             self._client.transfer_data(number % 256, blob[at : at + block])
         self._client.request_transfer_exit(zlib.crc32(blob).to_bytes(4, "big") if crc else None)

@@ -138,7 +138,7 @@ class _Check:
         elif isinstance(step, Send) and self._message(place, step.message):
             self._encode(place, step)
         elif isinstance(step, Wait):
-            self._signal(place, step.message, step.signal, step.expected)
+            self._signal(place, step.message, step.signal, expected=step.expected, unless=step.unless)
 
     def _encode(self, place: str, step: Send) -> None:
         try:
@@ -148,8 +148,8 @@ class _Check:
         except (FrameError, ValueError) as error:
             self.faults.append(f"{place}: {error}")
 
-    def _signal(self, place: str, message: str, signal: str, expected: Value | None = None) -> str | None:
-        """Unit of a signal in the DBC, None where there is a fault."""
+    def _signal(self, place: str, message: str, signal: str, **values: Value | None) -> str | None:
+        """Unit of a signal in the DBC, None where there is none; values: by key what the file says that it may be."""
         found = self._message(place, message)
         if found is None:
             return None
@@ -157,12 +157,12 @@ class _Check:
             self.faults.append(f"{place}: signal is {signal!r}; {_nearest(signal, self._signals(found))}")
             return None
         described = found.get_signal_by_name(signal)
-        if isinstance(expected, str) and "{" in expected:
-            self._try(f"{place}: expected", number, expected)
-        elif isinstance(expected, str):
-            words = [str(word) for word in (described.choices or {}).values()]
-            if expected not in words:
-                self.faults.append(f"{place}: expected is {expected!r}; {_nearest(expected, words)}")
+        words = [str(word) for word in (described.choices or {}).values()]
+        for key, value in values.items():
+            if isinstance(value, str) and "{" in value:
+                self._try(f"{place}: {key}", number, value)
+            elif isinstance(value, str) and value not in words:
+                self.faults.append(f"{place}: {key} is {value!r}; {_nearest(value, words)}")
         return described.unit or "1"
 
     def _message(self, place: str, name: str) -> Message | None:

@@ -124,6 +124,7 @@ class Wait(Act):
     message: str
     signal: str
     expected: Value
+    unless: Value | None = Field(default=None, description="what it says when it will not come to that: ends the run")
 
 
 Step = Annotated[Download | Upload | RoutineStep | Read | Send | Wait, Field(discriminator="do")]

@@ -21,7 +21,7 @@ from inkloop.scenario import Scenario
 from inkloop.testing import LAWS, Law, same_inputs_give_the_same_bits
 from inkloop_hardware.codec import BENCH_DBC
 from inkloop_hardware.emulated_bench import EmulatedBench
-from inkloop_hardware.errors import LinkTimeout
+from inkloop_hardware.errors import HardwareError, LinkTimeout
 
 SCENARIO = """
 title = "A rig of one's own"
@@ -177,6 +177,18 @@ def test_silence_of_a_rig_is_said_with_its_ids(bus: str, tmp_path: Path) -> None
             part.do_step(0, 1, inputs)
     finally:
         part.terminate()
+
+
+def test_rig_that_says_it_cannot_ends_the_wait_at_once(bus: str, tmp_path: Path) -> None:
+    part = component(scenario(tmp_path, bus, foreign_rig.MAPPING.replace("Lamp = 37.5", "Lamp = 90")))
+    inputs = {port.name: port.start_value() for port in part.inputs}
+    with stranger(bus):
+        part.initialize(0, inputs)
+        try:
+            with pytest.raises(HardwareError, match=r"PlcState\.State is FAULT, expected BUSY; look at the rig"):
+                part.do_step(0, 1, {**inputs, "layer_command": np.asarray(1)})
+        finally:
+            part.terminate()
 
 
 def test_state_goes_on_and_anything_else_is_refused(bus: str, tmp_path: Path) -> None:

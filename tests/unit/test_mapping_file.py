@@ -51,6 +51,7 @@ def test_names_of_messages_become_the_ids_of_peers(tmp_path: Path) -> None:
         ('message = "PlcCommand"', 'message = "WideState"', "printer step 2 (send): WideState has a 29-bit id"),
         ('signal = "State"', 'signal = "Stat"', "printer step 3 (wait): signal is 'Stat'; did you mean State?"),
         ('expected = "BUSY"', 'expected = "BUZY"', "printer step 3 (wait): expected is 'BUZY'; did you mean BUSY?"),
+        ('unless = "FAULT"', 'unless = "FALT"', "printer step 3 (wait): unless is 'FALT'; did you mean FAULT?"),
         ('Go = "GO"', 'Go = "RUN"', "printer step 2 (send): message PlcCommand: Go is 'RUN', expected one of HOLD, GO"),
         ("Lamp = 37.5", "Lamp = 137.5",
          "printer step 2 (send): message PlcCommand: Lamp is 137.5 %, expected 0 to 100 %"),
