@@ -136,6 +136,25 @@ def test_uneven_substrate_is_not_seen_at_the_top() -> None:
     assert printed("uneven-start", 1, "open loop").metrics()["std"] > 10e-6
 
 
+@pytest.mark.parametrize(
+    ("name", "mean", "std", "ratio"),
+    [("no-flow", 0.5, 1.2, 3.0), ("wide-droplets", 0.2, 0.6, 5.0), ("wu-chiu-plant", 1.0, 2.2, 1.6)],
+)
+def test_controller_prints_on_plants_that_it_does_not_plan_with(
+    name: str, mean: float, std: float, ratio: float
+) -> None:
+    closed, blind = printed(name, 1).metrics(), printed(name, 1, "open loop").metrics()
+    assert abs(closed["mean_error"]) * UM <= mean
+    assert closed["std"] * UM <= std
+    assert blind["std"] > ratio * closed["std"]
+    assert blind["mae"] > 4 * closed["mae"]
+
+
+def test_scans_tell_how_much_of_a_wide_droplet_arrives() -> None:
+    learnt, told = printed("wide-droplets", 1), printed("wide-droplets", 1, "ink as told")
+    assert told.metrics()["mean_error"] * UM > 0.7 > 5 * abs(learnt.metrics()["mean_error"]) * UM
+
+
 def test_every_step_of_the_staircase_ends_at_its_height() -> None:
     run = printed("staircase", 1).dataset
     for top in (40e-6, 80e-6, 120e-6, 160e-6, 200e-6):

@@ -80,7 +80,7 @@ def _parser() -> argparse.ArgumentParser:
     schema.set_defaults(command=_schema)
 
     write = commands.add_parser("export", help="write one of our FMUs for a grid")
-    write.add_argument("model", metavar="MODEL", help="LayerDeposition or ProfileSensor")
+    write.add_argument("model", metavar="MODEL", help="LayerDeposition, ProfileSensor, ...; a wrong name lists them")
     write.add_argument("--fmi", choices=("2", "3"), default="3", help="FMI version (default 3)")
     write.add_argument("--nx", type=int, default=9, help="cells along x (default 9)")
     write.add_argument("--ny", type=int, default=9, help="cells along y (default 9)")
