@@ -1,0 +1,16 @@
+within InkLoop.Control;
+block OpenLoop "The same full layer again and again, whatever has been measured"
+  extends Interfaces.PartialController;
+
+  parameter Types.Pattern material[nx, ny] = fill(1, nx, ny) "What a full layer jets on each cell";
+
+equation
+  next = material;
+
+  annotation (Documentation(info="<html>
+<p>
+The traditional way to print: <code>layers_max</code> full layers. It waits for the scans and ignores them, so open and closed loop differ in
+nothing but the pattern.
+</p>
+</html>"));
+end OpenLoop;

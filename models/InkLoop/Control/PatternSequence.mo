@@ -1,0 +1,26 @@
+within InkLoop.Control;
+block PatternSequence "Given patterns, one each time a period has passed"
+  extends Icons.Controller;
+
+  parameter Types.Pattern patterns[:, :, :] "Patterns, the first index counts layers";
+  parameter Types.Duration period(min=1e-6) = 1 "Time from layer to layer";
+
+  Interfaces.PatternOutput pattern[size(patterns, 2), size(patterns, 3)](each start=0, each fixed=true) "What to jet in the layer commanded last"
+    annotation (Placement(transformation(extent={{100,50},{120,70}})));
+  Interfaces.LayerOutput layer_command(start=0, fixed=true) "Layers commanded"
+    annotation (Placement(transformation(extent={{100,-70},{120,-50}})));
+
+algorithm
+  when sample(period, period) then
+    pattern := patterns[min(size(patterns, 1), pre(layer_command) + 1), :, :];
+    layer_command := min(size(patterns, 1), pre(layer_command) + 1);
+  end when;
+
+  annotation (Documentation(info="<html>
+<p>Needs no sensor. After the last pattern nothing more is commanded.</p>
+<h4>Assumptions</h4>
+<ul>
+<li>The period is longer than the deposition's <code>layer_duration</code>.</li>
+</ul>
+</html>"));
+end PatternSequence;

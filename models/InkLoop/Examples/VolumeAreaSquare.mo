@@ -1,0 +1,17 @@
+within InkLoop.Examples;
+model VolumeAreaSquare "Two layers of a square by propagation of volume and area"
+  extends Icons.Example;
+  extends BaseClasses.PrintLoop(
+    redeclare Deposition.VolumeAreaDeposition deposition(nx=nx, ny=ny, guard=true),
+    controller(layers_max=2, material=Functions.cuboid(nx, ny, 2)),
+    sensor(scan_duration=1));
+
+  annotation (
+    experiment(StopTime=4, Tolerance=1e-6, Interval=0.5),
+    Documentation(info="<html>
+<p>
+Two layers of 5 x 5 drops, one drop after the other. Plot <code>deposition.height[5, 3]</code> to <code>[5, 7]</code> and <code>deposition.area[5, 2]</code>: the
+cell beside the part is partly covered.
+</p>
+</html>"));
+end VolumeAreaSquare;

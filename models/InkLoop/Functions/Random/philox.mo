@@ -1,0 +1,41 @@
+within InkLoop.Functions.Random;
+pure function philox "Philox 4x32-10: four random words for a key and a counter"
+  extends Icons.Function;
+
+  input Real key[2] "Two words";
+  input Real counter[4] "Four words";
+  output Real word[4] "Four random words, whole numbers from 0 to 2^32 - 1";
+
+protected
+  constant Real WORD = 4294967296.0 "2^32";
+  Real k0 = key[1] "First word of the key of the round";
+  Real k1 = key[2] "Second word of the key of the round";
+  Real x0 = counter[1] "First word";
+  Real x1 = counter[2] "Second word";
+  Real x2 = counter[3] "Third word";
+  Real x3 = counter[4] "Fourth word";
+  Real left_high = 0 "Upper word of the first product";
+  Real left_low = 0 "Lower word of the first product";
+  Real right_high = 0 "Upper word of the second product";
+  Real right_low = 0 "Lower word of the second product";
+
+algorithm
+  for round in 1:10 loop
+    (left_high, left_low) := wideProduct(3528531795.0, x0);
+    (right_high, right_low) := wideProduct(3449720151.0, x2);
+    x0 := exclusiveOr(right_high, x1, k0);
+    x1 := right_low;
+    x2 := exclusiveOr(left_high, x3, k1);
+    x3 := left_low;
+    k0 := mod(k0 + 2654435769.0, WORD);
+    k1 := mod(k1 + 3144134277.0, WORD);
+  end for;
+  word := {x0, x1, x2, x3};
+
+  annotation (Documentation(info="<html>
+<p>
+Ten rounds with the multipliers 0xD2511F53 and 0xCD9E8D57 and the key increments 0x9E3779B9 and 0xBB67AE85 of
+<a href=\"modelica://InkLoop.UsersGuide.References\">[Salmon2011]</a>.
+</p>
+</html>"));
+end philox;

@@ -1,0 +1,41 @@
+within InkLoop.Functions;
+pure function heightDifference "Height of the cells around a drop, less the mean of the cells that touch them"
+  extends Icons.Function;
+
+  input Types.Height height[:, :] "Heights of the covered parts";
+  input Integer i "Cell that is hit, along x";
+  input Integer j "Cell that is hit, along y";
+  output Types.Height difference[3, 3] "One for each cell of the region of interest; 0 outside the grid";
+
+protected
+  Types.Height around = 0 "Sum over the cells that touch";
+  Integer touching = 0 "Their number";
+
+algorithm
+  difference := zeros(3, 3);
+  for di in -1:1 loop
+    for dj in -1:1 loop
+      if isInside(i + di, j + dj, size(height, 1), size(height, 2)) then
+        around := -height[i + di, j + dj];
+        touching := -1;
+        for ei in -1:1 loop
+          for ej in -1:1 loop
+            if abs(ei - di) <= 1 and abs(ej - dj) <= 1 and isInside(i + ei, j + ej, size(height, 1), size(height, 2)) then
+              around := around + height[i + ei, j + ej];
+              touching := touching + 1;
+            end if;
+          end for;
+        end for;
+        difference[di + 2, dj + 2] := if touching > 0 then height[i + di, j + dj] - around/max(1, touching) else 0;
+      end if;
+    end for;
+  end for;
+
+  annotation (Documentation(info="<html>
+<p>
+Equations (7) to (9) of <a href=\"modelica://InkLoop.UsersGuide.References\">[Wu2024]</a>: the region of interest is the 3 x 3 cells around the
+drop, cut to the grid; the mean is over the cells that touch <em>inside</em> the region, 8, 5 or 3 of them. That reading gives the
+published differences (19).
+</p>
+</html>"));
+end heightDifference;

@@ -1,0 +1,11 @@
+within InkLoop;
+package Interfaces "Connectors and partial blocks of the layer contract"
+  extends Icons.Package;
+
+  annotation (Documentation(info="<html>
+<p>
+A printing loop has three parts, and each may be replaced by another that keeps the
+<a href=\"modelica://InkLoop.UsersGuide.LayerContract\">layer contract</a>.
+</p>
+</html>"));
+end Interfaces;
