@@ -115,10 +115,9 @@ class NodeRig:
 
     def status(self, node: Node) -> NodeStatus:
         state = self.link(node).state()
-        homed = any(asked[0] == Routine.HOME for asked in self.link(Node.STAGE).asked)
         return NodeStatus(
-            node, False, False, True, homed if node == Node.STAGE else True, State(state.state), state.done,
-            Fault(state.cause), state.layer, state.boots % 256, state.unknown, 1,
+            node, False, False, True, True, State(state.state), state.done, Fault(state.cause), state.layer,
+            state.boots % 256, state.unknown, 1,
         )  # fmt: skip
 
     def records(self, node: Node) -> list[tuple[int, ...]]:

@@ -2,7 +2,8 @@
 
 `layers/0007.npz` holds what was recorded up to layer 7 since the file before it, `layers/state.npz` the communication
 point after the last of these files: time, outputs and states of all components. Each file is there whole or not at all,
-and the state comes after its layer: a run goes on from the state, whatever moment it was stopped at.
+and the state comes after its layer: a run goes on from the state, whatever moment it was stopped at. A scan is kept as
+soon as it is there, for no real sensor would repeat it to the bit: the plan made from it is made again.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class Checkpoint:
 
 
 class Checkpoints:
-    """Observer of a master that writes one checkpoint per printed layer into the run folder `folder`.
+    """Observer of a master that writes a checkpoint per printed layer, and per scan, into the run folder `folder`.
 
     It stands after `recorder`, whose rows it writes. Where a component cannot save its state, the layers are written
     all the same, and the checkpoint says why nothing can go on from it.
@@ -53,6 +54,8 @@ class Checkpoints:
         self._components = components
         self._recorder = recorder
         self._last: int | None = None
+        self._scanned = -1
+        self._rows: dict[str, NDArray[Any]] = {}
         self.refusal = ""
 
     @property
@@ -62,12 +65,13 @@ class Checkpoints:
 
     def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         """Write layer 0, or nothing where the run goes on from a checkpoint."""
+        self._scanned = self._recorder.scanned
         if self._last is None:
             self._write(time_ns, outputs)
 
     def stepped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
-        """Write a checkpoint if a layer has been printed."""
-        if self._recorder.layers != self._last:
+        """Write a checkpoint if a layer has been printed or scanned."""
+        if (self._recorder.layers, self._recorder.scanned) != (self._last, self._scanned):
             self._write(time_ns, outputs)
 
     def load(self) -> Checkpoint | None:
@@ -80,7 +84,8 @@ class Checkpoints:
                 if int(path.stem) > checkpoint.layer:
                     path.unlink()  # its state was never written
                 else:
-                    self._recorder.put_rows(_read(path))
+                    self._rows = _read(path)
+                    self._recorder.put_rows(self._rows)
         except _UNREADABLE as error:
             raise _unreadable(self._folder, error) from error
         self._last, self.refusal = checkpoint.layer, checkpoint.refusal
@@ -88,11 +93,12 @@ class Checkpoints:
 
     def _write(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         layer = self._recorder.layers
+        self._rows = (self._rows if layer == self._last else {}) | self._recorder.take_rows()
         states, self.refusal = _states(self._components)
         path = self._folder / f"{layer:04d}.npz"
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            _save(path, self._recorder.take_rows())
+            _save(path, self._rows)
             path = self._folder / STATE_FILE
             _save(path, _packed(Checkpoint(time_ns, layer, outputs, states, self.refusal)))
         except OSError as error:
@@ -101,7 +107,7 @@ class Checkpoints:
                 f"{path}: cannot be written: {error.strerror or error}; {kept}; make room, then "
                 f"`inkloop resume {self._run_folder}` goes on"
             ) from error
-        self._last = layer
+        self._last, self._scanned = layer, self._recorder.scanned
 
 
 def last(run_folder: Path) -> Checkpoint | None:

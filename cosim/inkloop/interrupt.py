@@ -7,23 +7,37 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
+
+
+class _Ask:
+    """Takes note of the first Ctrl-C, also for the blocks around, and leaves the next one to who was there before."""
+
+    def __init__(self, before: Any) -> None:
+        self.asked = threading.Event()
+        self.before = before
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        self.asked.set()
+        if isinstance(self.before, _Ask):
+            self.before(number, frame)
+        else:
+            signal.signal(signal.SIGINT, self.before)
 
 
 @contextmanager
 def deferred() -> Iterator[Callable[[], bool]]:
-    """Within the block the first Ctrl-C only makes the yielded function true; the second one interrupts at once."""
-    asked = threading.Event()
+    """Within the block the first Ctrl-C only makes the yielded function true; the second one interrupts at once.
+
+    Blocks may stand in each other: the first one is everybody's.
+    """
     if threading.current_thread() is not threading.main_thread():
-        yield asked.is_set  # Python lets only the main thread handle signals
+        yield lambda: False  # Python lets only the main thread handle signals
         return
-    before = signal.getsignal(signal.SIGINT)
-
-    def ask(number: int, frame: FrameType | None) -> None:
-        asked.set()
-        signal.signal(signal.SIGINT, before)
-
+    ask = _Ask(signal.getsignal(signal.SIGINT))
     signal.signal(signal.SIGINT, ask)
     try:
-        yield asked.is_set
+        yield ask.asked.is_set
     finally:
-        signal.signal(signal.SIGINT, before)
+        if not ask.asked.is_set():
+            signal.signal(signal.SIGINT, ask.before)

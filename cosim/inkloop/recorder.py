@@ -91,6 +91,11 @@ class Recorder:
         """Number of the last printed layer."""
         return max(self._layer_times, default=0)
 
+    @property
+    def scanned(self) -> int:
+        """Layer of the last scan, -1 before the first."""
+        return self._seen.get("layers_scanned", -1)
+
     def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         """Row 0: the start surface; nothing where it goes on from the rows of an earlier part of the run."""
         self._seen = {counter: int(outputs[self._roles[role]][counter]) for counter, role in COUNTERS.items()

@@ -75,7 +75,7 @@ def _words(state: NodeState) -> str:
     if state.state in (State.SAFE, State.FAULT) and state.cause != Fault.NONE:
         words += f" because of {state.cause.name}"
     if state.passes:
-        words += f", layer {state.layer} of job {state.job:08x}: {state.done.bit_count()} of {state.passes} passes done"
+        words += f", layer {state.layer} of job {state.job}: {state.done.bit_count()} of {state.passes} passes done"
     if state.unknown:
         words += f", {state.unknown.bit_count()} unknown"
     told = {

@@ -94,8 +94,8 @@ class Printer:
         follows = head.job == job and head.layer in (printed, printed + 1)
         if not follows and printed > 0:
             raise ComponentError(
-                f"the head last had layer {head.layer} of job {head.job:08x}, this run was at layer {printed} of job "
-                f"{job:08x}: something else was printed since, or another head is mounted; run the scenario anew"
+                f"the head last had layer {head.layer} of job {head.job}, this run was at layer {printed} of job "
+                f"{job}: something else was printed since, or another head is mounted; run the scenario anew"
             )
         self._printed, self._droplets = printed, droplets
 

@@ -9,7 +9,7 @@ from inkloop_hardware.codec import Codec
 from inkloop_hardware.errors import HardwareError
 from inkloop_hardware.node_state import Flags, NodeLimits, NodeState, Roles
 from inkloop_hardware.rig import Rig
-from inkloop_hardware.services import Key, Routine
+from inkloop_hardware.services import Key, Outcome, Routine
 from inkloop_hardware.vocabulary import Fault, Node
 
 ROLES = {Node.HEAD: Roles.HEAD, Node.STAGE: Roles.STAGE, Node.CURE: Roles.CURE, Node.PROFILER: Roles.PROFILER}
@@ -24,8 +24,9 @@ class NotReady(HardwareError):
 
 
 def make_ready(rig: Rig, nodes: Sequence[Node]) -> dict[Node, NodeLimits]:
-    """Wait for the nodes, clear them, home the stage if it is one of them and not homed; what each of them bears.
+    """Wait for the nodes, clear them, home the stage if it is one of them; what each of them bears.
 
+    Homing has a key: for the second device of a rig the stage answers "done before", as long as it was not moved.
     Raises NodeLost for missing nodes, NotReady where a person is needed or the protocol is another, HardwareError.
     """
     rig.wait_for(nodes)
@@ -38,9 +39,7 @@ def make_ready(rig: Rig, nodes: Sequence[Node]) -> dict[Node, NodeLimits]:
         if state.flags & Flags.DRY_RUN:  # left over: a real layer would be printed without ink
             set_dry_run(rig, node, on=False)
     if Node.STAGE in nodes:
-        stage = rig.status(Node.STAGE)
-        if stage is None or not stage.ready:
-            home(rig)
+        home(rig)
     return {node: rig.link(node).limits() for node in nodes}
 
 
@@ -73,11 +72,12 @@ def set_dry_run(rig: Rig, node: Node, *, on: bool) -> None:
 
 def home(rig: Rig) -> None:
     """Have the stage find its zero."""
-    _log.info("stage: homing")
     stage = rig.link(Node.STAGE)
     limit_s = stage.limits().motion + MARGIN_S
     with rig.enabled(motion=True):
-        stage.routine(Routine.HOME, Key(rig.job, 0), limit_s=limit_s)
+        outcome = stage.routine(Routine.HOME, Key(rig.job, 0), limit_s=limit_s)
+    if outcome == Outcome.DONE:
+        _log.info("stage: at its zero")
 
 
 def _foreign(rig: Rig, states: dict[Node, NodeState]) -> list[str]:

@@ -242,7 +242,7 @@ def test_head_that_printed_something_else_since_is_refused_in_words() -> None:
         other = started(Printer(FOUR, NodeRig(nodes, job=8), cure_ms=5))
         print_layer(other, 1, full())
         again = started(Printer(FOUR, NodeRig(nodes, job=9), cure_ms=5))
-        with pytest.raises(ComponentError, match=r"layer 1 of job 00000008.* layer 1 of job 00000007.* anew"):
+        with pytest.raises(ComponentError, match=r"layer 1 of job 8.* layer 1 of job 7.* anew"):
             again.restore(saved)
 
 
