@@ -6,6 +6,7 @@ pure function heightDifference "Height of the cells around a drop, less the mean
   input Integer i "Cell that is hit, along x";
   input Integer j "Cell that is hit, along y";
   output Types.Height difference[3, 3] "One for each cell of the region of interest; 0 outside the grid";
+  output Types.Height largest "Largest amount of them";
 
 protected
   Types.Height around = 0 "Sum over the cells that touch";
@@ -13,20 +14,22 @@ protected
 
 algorithm
   difference := zeros(3, 3);
-  for di in -1:1 loop
-    for dj in -1:1 loop
-      if isInside(i + di, j + dj, size(height, 1), size(height, 2)) then
-        around := -height[i + di, j + dj];
+  largest := 0;
+  for qi in -1:1 loop
+    for qj in -1:1 loop
+      if isInside(i + qi, j + qj, size(height, 1), size(height, 2)) then
+        around := -height[i + qi, j + qj];
         touching := -1;
-        for ei in -1:1 loop
-          for ej in -1:1 loop
-            if abs(ei - di) <= 1 and abs(ej - dj) <= 1 and isInside(i + ei, j + ej, size(height, 1), size(height, 2)) then
-              around := around + height[i + ei, j + ej];
+        for ki in -1:1 loop
+          for kj in -1:1 loop
+            if abs(ki - qi) <= 1 and abs(kj - qj) <= 1 and isInside(i + ki, j + kj, size(height, 1), size(height, 2)) then
+              around := around + height[i + ki, j + kj];
               touching := touching + 1;
             end if;
           end for;
         end for;
-        difference[di + 2, dj + 2] := if touching > 0 then height[i + di, j + dj] - around/max(1, touching) else 0;
+        difference[qi + 2, qj + 2] := if touching > 0 then height[i + qi, j + qj] - around/max(1, touching) else 0;
+        largest := max(largest, abs(difference[qi + 2, qj + 2]));
       end if;
     end for;
   end for;

@@ -18,8 +18,9 @@ protected
   constant Types.Height FLAT = 1e-15 "Height differences up to here are none";
   Types.Height covered[size(height_before, 1), size(height_before, 2)] =
     coveredHeight(height_before, area_before, substrate) "Heights of the covered parts";
-  Types.Height difference[3, 3] = heightDifference(covered, i, j) "Height differences before the drop";
-  Boolean flat = max(abs(difference)) <= FLAT "= true, if the ground is flat";
+  Types.Height difference[3, 3] = zeros(3, 3) "Height differences before the drop";
+  Types.Height largest = 0 "Largest amount of them";
+  Boolean flat = false "= true, if the ground is flat";
   Types.Height rise = 0 "Height difference of a neighbour";
   Types.Height gained = 0 "Ink that a neighbour gains";
   Types.Height ink = 0 "Ink that it has, over the area of a cell";
@@ -27,6 +28,8 @@ protected
   Types.Height left = drop "Ink that is left for the cell that is hit";
 
 algorithm
+  (difference, largest) := heightDifference(covered, i, j);
+  flat := largest <= FLAT;
   height := height_before;
   area := area_before;
   for di in -1:1 loop
