@@ -28,7 +28,7 @@ from inkloop.faults import nearest, sentence
 from inkloop.plain_plant import PlainPlant
 
 GROUP = "inkloop.components"
-DEPOSITION_MODELS = ("LayerDeposition", "SuperpositionDeposition", "VolumeAreaDeposition")
+DEPOSITION_MODELS = ("LayerDeposition", "SuperpositionDeposition", "VolumeAreaDeposition", "YoungLaplaceDeposition")
 FMU_MODELS = (*DEPOSITION_MODELS, "ProfileSensor")
 MAP_FOLDER = "MapFolder"
 """The kind of a profiler whose maps come as files in a `folder`."""
