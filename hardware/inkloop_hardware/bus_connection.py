@@ -69,6 +69,11 @@ class BusConnection:
             self.close()
             raise
 
+    @property
+    def process_id(self) -> int:
+        """Of the bus process."""
+        return self._process.pid
+
     def check(self) -> None:
         """BusError if frames do not move any more."""
         if self._failure is not None:

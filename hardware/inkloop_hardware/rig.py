@@ -28,6 +28,9 @@ WORD_CYCLE = 0.02
 LAST_WORD = 0.25
 """Seconds that a node that fell to SAFE or FAULT is given to answer what it was asked."""
 PAUSE = 0.02
+FIRST_BEATS = 0.15
+"""Seconds of heartbeat before anything is asked: a node that knows this session from before takes the first frame of a
+new counter for a jump."""
 SESSION_MAX, JOB_MAX = 0xFFFF, 0xFFFFFFFF
 
 
@@ -51,6 +54,7 @@ class Rig:
         self._bus: BusConnection | None = None
         self._enables = Enables.NONE
         self._word_due = 0.0
+        self._opened_at = 0.0
         self._watches = {node: NodeWatch(node) for node in Node}
         self._links: dict[Node, Link] = {}
         self._said_by = {
@@ -140,12 +144,13 @@ class Rig:
         wanted, until = tuple(nodes), time.monotonic() + limit_s
         while True:
             self.alive()
+            now = time.monotonic()
+            if now > until:
+                return self.check(wanted)
             with suppress(NodeLost):
                 self.check(wanted)
-                return
-            if time.monotonic() > until:
-                self.check(wanted)
-                return
+                if now - self._opened_at > FIRST_BEATS:
+                    return
             time.sleep(PAUSE)
 
     def check(self, nodes: Iterable[Node]) -> None:
@@ -190,6 +195,7 @@ class Rig:
         answers = [node.answer_id(self.codec) for node in Node]
         self._bus = BusConnection(settings, self._session, self._job, answers)
         LOG.info("%s is open, session %d, job %d", self.settings, self._session, self._job)
+        self._opened_at = time.monotonic()
         self.alive()
 
     def _take_frames(self) -> None:
