@@ -45,11 +45,14 @@ def _layer(side: int, inks: int, limits: tuple[str, str]) -> Iterator[tuple[str,
     job = _job(side, inks)
     pattern = np.random.default_rng(1).integers(0, inks + 1, (side, side))
     name = f"{side} x {side}, {'one ink' if inks == 1 else 'two inks'}: "
-    with _steps(job) as (steps, folder):
-        took, size = _seconds(lambda: steps.print_layer(1, pattern)), 8 + (side * side * inks + 7) // 8
-        scan, blob = perf_counter(), steps.scan(1)
-        scan = perf_counter() - scan
-    printing, scanning = _of_each(folder / LOG)
+    size = 8 + (side * side * inks + 7) // 8
+    with tempfile.TemporaryDirectory() as folder:
+        with _steps(job, Path(folder)) as steps:
+            took = _seconds(lambda: steps.print_layer(1, pattern))
+            scan = perf_counter()
+            blob = steps.scan(1)
+            scan = perf_counter() - scan
+        printing, scanning = _of_each(Path(folder) / LOG)
     yield name + "pattern, passes, cures", *_figures(size, took, limits[0] if side > 100 else "", printing)
     yield name + "scan, map", *_figures(len(blob), scan, limits[1], scanning)
     if side == 100:
@@ -63,16 +66,12 @@ def _job(side: int, inks: int) -> Job:
 
 
 @contextmanager
-def _steps(job: Job) -> Iterator[tuple[LayerSteps, Path]]:
-    """The steps of a bench that is ready, and the folder of its log."""
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        EmulatedBench({"nx": job.nx, "ny": job.ny, **TIMES_MS}) as bench,
-    ):
+def _steps(job: Job, folder: Path) -> Iterator[LayerSteps]:
+    """The steps of a bench that is ready; its traffic is logged in the folder."""
+    with EmulatedBench({"nx": job.nx, "ny": job.ny, **TIMES_MS}) as bench:
         settings = BusSettings("slcan", bench.channel, 500_000, traffic_log=Path(LOG))
-        with Rig(settings, folder=Path(folder)) as rig:
-            limits = make_ready(rig, tuple(Node))
-            yield LayerSteps(rig, job, limits, cure_ms=CURE_MS), Path(folder)
+        with Rig(settings, folder=folder) as rig:
+            yield LayerSteps(rig, job, make_ready(rig, tuple(Node)), cure_ms=CURE_MS)
 
 
 def _seconds(call: Callable[[], object]) -> float:

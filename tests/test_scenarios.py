@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench_run import FMUS, assert_same_print, emulated
+from inkloop.devices import KINDS
 from inkloop.result import Result
 from inkloop.run import print_part
 from inkloop.scenario import Scenario
@@ -20,7 +22,11 @@ UM = 1e6
 
 @cache
 def printed(name: str, seed: int, variant: str = "") -> Result:
-    scenario = Scenario.load(FOLDER / f"{name}.toml", [f"seed={seed}"])
+    path, overrides = FOLDER / f"{name}.toml", [f"seed={seed}"]
+    scenario = Scenario.load(path, overrides)
+    if any(table.kind in KINDS for table in scenario.tables.components.values()):
+        with emulated(path, overrides) as (_, channel):
+            return print_part(Scenario.load(path, [*overrides, channel]))
     return print_part(scenario.variant(variant) if variant else scenario)
 
 
@@ -168,3 +174,7 @@ def test_error_of_the_closed_loop_does_not_grow_with_the_height() -> None:
     assert tall["mae"] < 1.2 * cylinder["mae"]
     blind = [printed(name, 1, "open loop").metrics()["mean_error"] for name in ("cylinder", "tall-cylinder")]
     assert blind[1] > 2 * blind[0]
+
+
+def test_bench_prints_what_the_fmus_print_to_the_bit() -> None:
+    assert_same_print(printed("bench", 1), print_part(Scenario.load(FOLDER / "bench.toml", [*FMUS, "seed=1"])))

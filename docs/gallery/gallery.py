@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import shutil
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from inkloop import report
 from inkloop.cli import main
+from inkloop.devices import KINDS
+from inkloop.emulation import emulation_of
 from inkloop.files import write_text
 from inkloop.scenario import Scenario
+from inkloop_hardware.emulated_bench import EmulatedBench
 
 HERE = Path(__file__).parent
 SCENARIOS = HERE.parents[1] / "scenarios"
@@ -18,6 +23,7 @@ COMPARISON = "compare"
 """In place of the name of a picture: the run beside its comparison runs."""
 
 PICTURES = {
+    "bench": "cross-section",
     "cuboid": COMPARISON,
     "cylinder-open-loop": "cross-section",
     "drifting-ink": "cross-section",
@@ -44,8 +50,9 @@ each file.
 def show(path: Path) -> str:
     """Run one scenario, put its picture beside this file; its entry of the page."""
     folder = BUILD / path.stem
-    if main(["run", str(path), "--out", str(folder)]) != 0:
-        raise SystemExit(f"{path}: did not print")
+    with bench_of(path) as words:
+        if main(["run", str(path), "--out", str(folder), *words]) != 0:
+            raise SystemExit(f"{path}: did not print")
     picture = HERE / f"{path.stem}.png"
     name = PICTURES.get(path.stem, DEFAULT_PICTURE)
     if name == COMPARISON:
@@ -53,6 +60,18 @@ def show(path: Path) -> str:
     else:
         shutil.copyfile(folder / f"{name}.png", picture)
     return entry(path)
+
+
+@contextmanager
+def bench_of(path: Path) -> Iterator[list[str]]:
+    """Runs an emulated bench for a scenario that prints on devices; words that lead `inkloop run` to it."""
+    scenario = Scenario.load(path)
+    if not any(table.kind in KINDS for table in scenario.tables.components.values()):
+        yield []
+        return
+    emulation = emulation_of(scenario)
+    with EmulatedBench(emulation.parameters, surface=emulation.surface) as bench:
+        yield ["--set", f"bench.channel={bench.channel}"]
 
 
 def entry(path: Path) -> str:
