@@ -2,6 +2,7 @@
 # make test       lint, C and Python tests
 # make test-long  the proofs that take minutes
 # make benchmarks measured comparisons, printed as ratios
+# make benchmarks-hardware  a layer on the emulated bench, beside the time of its frames on a real bus
 # make fuzz       ten minutes of libFuzzer on the inputs of the firmware
 # make firmware-cortex-m  the emulated bench as an image for a Cortex-M3, with its size
 # make tools      compilers and emulators that some tests use and skip without (Debian)
@@ -14,7 +15,7 @@ BUILD_MODULES := $(addprefix cosim/inkloop/,c_variables.py fmu_archive.py fmu_do
                  $(addprefix hardware/inkloop_hardware/,c_codec.py inkloop.dbc)
 PIP    := $(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check
 
-.PHONY: run test lint format test-long benchmarks fuzz firmware-cortex-m tools gallery clean
+.PHONY: run test lint format test-long benchmarks benchmarks-hardware fuzz firmware-cortex-m tools gallery clean
 run: .venv/installed
 	$(BIN)/inkloop run scenarios/cylinder.toml
 
@@ -47,6 +48,9 @@ benchmarks: .venv/installed
 	$(PIP) 'libcosimpy>=0.0.6'   # a peer, of use nowhere else
 	$(BIN)/python -m benchmarks
 
+benchmarks-hardware: .venv/installed
+	$(BIN)/python -m benchmarks hardware
+
 fuzz: .venv/installed
 	$(BIN)/python tests/fuzzing.py
 
@@ -64,6 +68,7 @@ tools:
 gallery: .venv/installed
 	$(BIN)/python docs/gallery/gallery.py
 	$(BIN)/python -m docs.explanation.pictures
+	$(BIN)/python docs/how-to/pictures.py
 
 clean:
 	rm -rf build .venv
