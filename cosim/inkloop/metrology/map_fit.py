@@ -180,8 +180,9 @@ def _refined(relief: _Relief, first: Move, pitch: float, may_turn: bool) -> Move
     for _ in range(_ROUNDS):
         move = _least_squares(relief, first, pitch, may_turn)
         residuals = relief.residuals(move)
-        limit = CLIP * _NORMAL * float(np.median(np.abs(residuals)))
-        outliers = np.abs(residuals) > max(limit, np.finfo(np.float64).tiny)
+        noise = _NORMAL * float(np.median(np.abs(residuals)))
+        step = relief.gain(move) * float(np.ptp(relief.surface))
+        outliers = np.abs(residuals) > max(CLIP * noise, 0.5 * step)  # no less: the flanks, which say most, are soft
         if not outliers.any() or outliers.mean() > 0.5:
             break
         relief, first = relief.without(outliers), move
