@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fmpy import simulate_fmu
 
-from contract.fmu_driver import FORMS, OK, Driver, random_patterns
+from contract.fmu_driver import DEPOSITION_MODELS, FORMS, OK, Driver, random_patterns
 from inkloop.export import find_fmu
 from reference import lu_numpy, sensor_numpy
 
@@ -81,10 +81,11 @@ def test_sensor_is_the_reference_model_over_five_scans(form, nx, ny) -> None:
             assert fmu.get("measured_height") == pytest.approx(last, rel=1e-12, abs=1e-18)
 
 
-def test_the_three_forms_give_the_same_bits() -> None:
+@pytest.mark.parametrize("model", DEPOSITION_MODELS)
+def test_the_three_forms_give_the_same_bits(model) -> None:
     surfaces = []
     for form in FORMS:
-        with Driver("LayerDeposition", form, 5, 8).start({"variation": 0.3, "passes": 4}) as fmu:
+        with Driver(model, form, 5, 8).start({"variation": 0.3}) as fmu:
             for pattern in random_patterns(5, 8, 4):
                 fmu.print_layer(pattern)
             surfaces.append(fmu.get("height"))
