@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -49,9 +49,3 @@ class HeightMap:
     def valid(self) -> BoolMap:
         """(m, n), true where a height was measured."""
         return np.isfinite(self.z)
-
-    def mirrored(self, mirror: Mirror) -> HeightMap:
-        """The map with x or y counted the other way, over the same field: for files whose rows go down."""
-        if mirror == "none":
-            return self
-        return replace(self, z=np.flip(self.z, axis=0 if mirror == "x" else 1))

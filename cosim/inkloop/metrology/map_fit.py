@@ -22,6 +22,7 @@ from inkloop.metrology.registration import Registration
 EXPLAINED_MIN = 0.5
 """Share of the relief that the known surface has to explain (assumed)."""
 POINTS_PER_CELL = 4  # along x and along y, in the fine fit
+SEARCH_POINTS_MAX, FIT_POINTS_MAX = 4_000, 60_000  # of larger maps every so many-th point is used
 ROTATION_STEPS = 5  # of the search, within its reach
 CLIP = 4.0  # standard deviations beyond which a point is left out: dust, spikes (assumed)
 _NORMAL = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
@@ -62,12 +63,12 @@ def fit_to_surface(
     """
     if np.ptp(surface) == 0.0:
         raise HeightMapError(f"{map_.source}: the known surface is flat, so nothing tells where the map lies")
-    coarse = _Relief.of(map_, surface, pitch, start, 1)
+    coarse = _Relief.of(map_, surface, pitch, start, 1, SEARCH_POINTS_MAX)
     shifts = np.arange(-math.ceil(2 * reach / pitch), math.ceil(2 * reach / pitch) + 1) * pitch / 2
     turns = np.linspace(-rotation_reach, rotation_reach, ROTATION_STEPS if rotation_reach > 0.0 else 1)
     moves = [(float(u), float(v), float(turn)) for turn in turns for u in shifts for v in shifts]
     best = min(moves, key=lambda move: float(np.sum(coarse.residuals(move) ** 2)))
-    fine = _Relief.of(map_, surface, pitch, start, POINTS_PER_CELL)
+    fine = _Relief.of(map_, surface, pitch, start, POINTS_PER_CELL, FIT_POINTS_MAX)
     move = _refined(fine, best, pitch, rotation_reach > 0.0)
     residuals = fine.residuals(move)
     explained = 1.0 - float(np.sum(residuals**2) / max(np.sum(fine.relief**2), np.finfo(np.float64).tiny))
@@ -108,8 +109,12 @@ class _Relief:
     middle: tuple[float, float]
 
     @classmethod
-    def of(cls, map_: HeightMap, surface: FloatMap, pitch: float, start: Registration, per_cell: int) -> _Relief:
+    def of(
+        cls, map_: HeightMap, surface: FloatMap, pitch: float, start: Registration, per_cell: int, points_max: int
+    ) -> _Relief:
         x, y, z = _points(map_, pitch / per_cell / start.scale)
+        every = max(1, -(-z.size // points_max))
+        x, y, z = x[::every], y[::every], z[::every]
         if z.size < 4 * 3:
             raise HeightMapError(f"{map_.source}: {z.size} places were measured; too few to tell where the map lies")
         x, y = start.to_grid(x, y)
