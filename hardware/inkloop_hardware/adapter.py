@@ -99,7 +99,7 @@ class Adapter:
 
     def _take_error(self, message: can.Message) -> None:
         self.errors += 1
-        if message.arbitration_id & BUS_OFF and self.settings.interface == "socketcan":
+        if message.arbitration_id & BUS_OFF and ".socketcan" in type(self.bus).__module__:
             raise BusError(
                 f"{self.settings} is bus-off: too many errors. Look at cables, termination and bit rate; then "
                 "`ip link set ... type can restart` or up again"

@@ -26,6 +26,11 @@ class Outbox:
         self._thread = threading.Thread(target=self._write, daemon=True)
         self._thread.start()
 
+    @property
+    def is_writing(self) -> bool:
+        """Whether what is put still goes anywhere."""
+        return self._thread.is_alive()
+
     def put(self, kind: Kind, content: bytes, *, may_drop: bool = False) -> None:
         """Takes a message; returns at once."""
         with self._changed:

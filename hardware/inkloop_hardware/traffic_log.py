@@ -40,9 +40,18 @@ class TrafficLog:
             return
         self._flushed = now
         if isinstance(self._writer, BLFWriter):
-            self._writer._flush()  # ends the container; python-can has no public way
+            _end_container(self._writer)
         self._writer.file.flush()
 
     def close(self) -> None:
         """Ends the file."""
         self._writer.stop()
+
+
+def _end_container(writer: BLFWriter) -> None:
+    """What `BLFWriter.stop` does without closing: the header holds the time that all frames count from."""
+    writer._flush()
+    end = writer.file.tell()
+    writer.file.seek(0)
+    writer._write_header(end)
+    writer.file.seek(end)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections import deque
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -12,6 +13,7 @@ from faulty_wire import FaultyWire
 from inkloop_hardware.codec import Frame
 from inkloop_hardware.errors import HardwareError, LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.services import Key, Outcome, Routine
+from inkloop_hardware.vocabulary import State
 from node_bench import CURE, HEAD, PROFILER, RASTER, NodeBench, pattern_blob, run_length
 
 JOB = 7
@@ -178,6 +180,59 @@ def test_altered_byte_of_a_map_is_found_and_the_map_fetched_once_more(bench: Nod
     link = FaultyWire(bench, PROFILER, alter=nth(0, fifth, change)).link()
     assert link.upload(0) == bench.upload(0)
     assert link.counts.anew == 1
+
+
+class LateWire(FaultyWire):
+    """Answers stay on the way, in their order, for 1.2 s: until after their requests were given up and sent again.
+    It happens `count` times, to the first frames of a kind."""
+
+    def __init__(self, bench: NodeBench, node: int, service: int, count: int) -> None:
+        self.held: deque[Frame] = deque()
+        self.until = 0
+        self.service, self.left = service, count
+        super().__init__(bench, node, alter=self.hold)
+
+    def hold(self, frame: Frame) -> Frame | None:
+        if frame.arbitration_id % 2 == 0:
+            return frame
+        said = frame.data[1:3][kind(frame)] if kind(frame) in (0, 1) else None
+        if self.left and not self.held and said == self.service:
+            self.left -= 1
+            self.until = self.bench.clock + 1200
+        if self.held or self.bench.clock < self.until:
+            self.held.append(frame)
+            return None
+        return frame
+
+    def receive(self, wait_s: float) -> bytes | None:
+        if self.bench.clock >= self.until:
+            self.waiting.extend(frame.data for frame in self.held)
+            self.held.clear()
+        return super().receive(wait_s)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("service", [0x74, ANSWER, 0x77, 0x62])
+def test_late_answers_of_a_head_belong_to_nothing_any_more(service: int, count: int) -> None:
+    blob = pattern_blob(random_pattern(200))
+    with NodeBench(nx=200, ny=200) as bench:
+        wire = LateWire(bench.ready(), HEAD, service, count)
+        link = wire.link()
+        assert link.state().state is State.IDLE
+        link.download(1, blob)
+        assert link.state().state is State.VERIFIED
+        assert bench.state().pattern_crc == zlib.crc32(blob)
+        assert (wire.left < count, link.counts.anew) == (True, 0)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("service", [0x75, ANSWER, 0x77])
+def test_late_answers_of_a_profiler_belong_to_nothing_any_more(service: int, count: int) -> None:
+    with NodeBench(nx=80, ny=70, noise_std=1e-6) as bench:
+        assert bench.ready().scan(0) == 0
+        wire = LateWire(bench, PROFILER, service, count)
+        assert wire.link().upload(0) == bench.upload(0)
+        assert wire.left < count
 
 
 def test_node_that_restarts_in_the_middle_takes_the_pattern_after_a_clear(bench: NodeBench) -> None:
