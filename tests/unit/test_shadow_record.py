@@ -84,6 +84,7 @@ def test_rows_on_disk_give_the_same_record(tmp_path: Path) -> None:
         np.testing.assert_array_equal(recorder.dataset()[name][:LAYERS], run[name][:LAYERS])
 
 
+@pytest.mark.filterwarnings("ignore:Data has no positive values")  # toy layers are all even
 def test_report_says_where_the_shadow_and_the_scans_disagree(tmp_path: Path) -> None:
     recorder, _, master = printed(parts("device"))
     result = Result.of(
