@@ -53,7 +53,7 @@ class Bench:
             channel=table.channel,
             bitrate=table.bitrate,
             options=table.options,
-            traffic_log=Path(table.traffic_log) if self._folder and table.traffic_log else None,
+            traffic_log=_free_name(self._folder, table.traffic_log) if self._folder and table.traffic_log else None,
             loop_timeout_s=table.loop_timeout_s,
         )
         return _load("inkloop_hardware.rig", "Rig")(settings, folder=self._folder)
@@ -78,6 +78,13 @@ def told(job: Job, options: Mapping[str, object]) -> Job:
     values = fmu_options.values_of_model("LayerDeposition", job, options)
     passes, order, rotation = (int(values[name]) for name in ("passes", "pass_order", "pass_rotation"))
     return replace(job, passes=passes, pass_order=order, pass_rotation=rotation)
+
+
+def _free_name(folder: Path, name: str) -> Path:
+    """The name, or with -2, -3, ... before its suffix: a resumed run keeps the traffic of its first part."""
+    plain = Path(name)
+    names = (plain if n == 1 else plain.with_stem(f"{plain.stem}-{n}") for n in range(1, 1_000_000))
+    return next(one for one in names if not (folder / one).exists())
 
 
 def _load(module: str, name: str) -> Any:

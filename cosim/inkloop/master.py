@@ -13,7 +13,7 @@ from typing import Literal, Protocol
 
 from inkloop.checkpoint import Checkpoint
 from inkloop.component import Component, Status, Values
-from inkloop.errors import ComponentError, ScenarioError
+from inkloop.errors import ComponentError, InkloopError, ScenarioError
 from inkloop.events import Event, Manipulator
 from inkloop.interrupt import deferred
 from inkloop.output_check import checked_output
@@ -240,4 +240,4 @@ class Master:
 
 
 def _text(error: Exception) -> str:
-    return str(error) if isinstance(error, ComponentError) else f"{type(error).__name__}: {error}"
+    return str(error) if isinstance(error, InkloopError) else f"{type(error).__name__}: {error}"
