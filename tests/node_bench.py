@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import subprocess
 import sys
 import tempfile
@@ -29,7 +30,9 @@ KERNELS = [
     *(FMUS / "profile_sensor" / f"{name}.c" for name in ("scan", "reading")),
     FMUS / "common" / "random.c",
 ]
-STRICT = ("-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror")
+SANITIZERS = os.environ.get("INKLOOP_SANITIZERS", "").split()
+"""More flags for everything that is compiled here; test_firmware_sanitized.py sets them."""
+STRICT = ("-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror", *SANITIZERS)
 PLACES = (f"-I{FIRMWARE}", f"-I{FIRMWARE / 'host'}", *(f"-isystem{FMUS / name}" for name in
           ("deposition", "layer_deposition", "profile_sensor", "common")))  # fmt: skip
 
@@ -64,7 +67,7 @@ def library() -> ctypes.CDLL:
         objects.append(folder / f"{source.stem}.o")
         subprocess.run(["gcc", *STRICT, *own, "-fPIC", *PLACES, "-c", source, "-o", objects[-1]], check=True)
     path = folder / "node_bench.so"
-    subprocess.run(["gcc", "-shared", *objects, "-lm", "-o", path], check=True)
+    subprocess.run(["gcc", *SANITIZERS, "-shared", *objects, "-lm", "-o", path], check=True)
     loaded = ctypes.CDLL(str(path))
     for name in ("bench_create", "bench_node", "probe_options", "probe_surface", "probe_storage"):
         getattr(loaded, name).restype = ctypes.c_void_p

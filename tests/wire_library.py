@@ -12,12 +12,13 @@ from pathlib import Path
 
 from inkloop_hardware.c_codec import write_codec
 from inkloop_hardware.codec import BENCH_DBC, Frame
+from node_bench import SANITIZERS
 
 ROOT = Path(__file__).parents[1]
 FIRMWARE = ROOT / "hardware" / "firmware"
 SOURCES = [FIRMWARE / f"{name}.c" for name in ("e2e", "e2e_monitor", "isotp", "slcan")]
-WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror")
-TRAPS = ("-fsanitize=undefined", "-fsanitize-undefined-trap-on-error", "-ffp-contract=off")
+WARNINGS = ("-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror")
+TRAPS = ("-fsanitize=undefined", "-fsanitize-undefined-trap-on-error")
 ENDS = ("none", "done", "timeout", "sequence", "overflow", "waits", "flow")
 REQUEST_ID, ANSWER_ID = 0x640, 0x641
 
@@ -30,7 +31,7 @@ def wire_library() -> ctypes.CDLL:
     sources = [*SOURCES, folder / "inkloop.c", ROOT / "tests" / "c" / "wire_probe.c"]
     places = (f"-I{FIRMWARE}", f"-I{folder}")
     library = folder / "wire.so"
-    flags = ("-std=c11", "-O1", "-fPIC", "-shared", *WARNINGS, *TRAPS)
+    flags = ("-std=c11", "-O1", "-fPIC", "-shared", *WARNINGS, *(SANITIZERS or TRAPS))
     subprocess.run(["gcc", *flags, *places, *sources, "-lm", "-o", library], check=True)
     loaded = ctypes.CDLL(str(library))
     for name in ("probe_sizes", "probe_isotp_received", "probe_slcan_write"):

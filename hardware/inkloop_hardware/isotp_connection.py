@@ -20,6 +20,8 @@ SLICE = 0.05
 """Seconds between two signs of life while something is waited for."""
 FLOW_TIMEOUT = 1.0
 """Seconds for the node to let go on with a long message (N_Bs of ISO 15765-2)."""
+ANSWER_LIMIT = 30.0
+"""Seconds for an answer, whatever the node says meanwhile ("still busy" ...), where there is no deadline."""
 NEVER_MS = 3_600_000
 PARAMETERS = {
     "tx_padding": 0xCC,
@@ -71,6 +73,7 @@ class IsoTpConnection(BaseConnection):
         self._request = b""
         self._unsent: list[Frame] = []
         self._moved = 0.0
+        self._asked = 0.0
         self._checked = 0.0
         address = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=request_id, rxid=answer_id)
         self._stack = isotp.TransportLayerLogic(self._take, self._give, address, self._count, PARAMETERS)
@@ -101,7 +104,7 @@ class IsoTpConnection(BaseConnection):
     def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
         """The whole message; TimeoutException if the node does not let it go on."""
         self._request = bytes(payload)
-        self._moved = self._wire.now()
+        self._moved = self._asked = self._wire.now()
         self._stack.send(payload)
         while self._stack.transmitting():
             self._turn(FLOW_TIMEOUT if timeout is None else timeout)
@@ -121,7 +124,8 @@ class IsoTpConnection(BaseConnection):
         self._stack.process(SLICE)
         self._flush()
         now = self._wire.now()
-        if now - self._moved > timeout or (self.deadline is not None and now > self.deadline):
+        limit = self._asked + ANSWER_LIMIT if self.deadline is None else self.deadline
+        if now - self._moved > timeout or now > limit:
             raise TimeoutException(f"no frame for {timeout:g} s")  # type: ignore[no-untyped-call]
 
     def _take(self, wait_s: float) -> isotp.CanMessage | None:

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import logging
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import udsoncan
 from udsoncan.client import Client
-from udsoncan.exceptions import InvalidResponseException, NegativeResponseException, TimeoutException
+from udsoncan.exceptions import (
+    InvalidResponseException,
+    NegativeResponseException,
+    TimeoutException,
+    UnexpectedResponseException,
+)
 
 from inkloop_hardware.codec import Codec
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
-from inkloop_hardware.isotp_connection import IsoTpConnection, Wire
+from inkloop_hardware.isotp_connection import ANSWER_LIMIT, IsoTpConnection, Wire
 from inkloop_hardware.node_state import (
     Identifier,
     JournalRecord,
@@ -32,6 +38,8 @@ P2 = 1.0
 """Seconds for a node to begin its answer."""
 P2_STAR = 5.0
 """Seconds between two "still busy"; a node says it every second."""
+UNREADABLE = (InvalidResponseException, UnexpectedResponseException, NotImplementedError)
+"""What udsoncan raises for an answer that is none; the last one for numbers of more than 64 bits."""
 NEGATIVE, POSITIVE = 0x7F, 0x40
 ECHOED = {0x22: slice(1, 3), 0x36: slice(1, 2)}
 """Bytes of a request that its positive answer begins with again."""
@@ -119,13 +127,13 @@ class Link:
             answer = self.request(what, lambda: self.client.start_routine(routine, bytes(key) + option))
         finally:
             self._connection.deadline = None
-        return Outcome(answer.service_data.routine_status_record[0])
+        return self._outcome(what, answer)
 
     def ask(self, routine: Routine, key: Key) -> Outcome:
         """What is known of a routine; changes nothing."""
         what = f"what became of {routine.name.lower()} of {key}"
         answer = self.request(what, lambda: self.client.get_routine_result(routine, bytes(key)))
-        return Outcome(answer.service_data.routine_status_record[0])
+        return self._outcome(what, answer)
 
     def state(self) -> NodeState:
         """State, layer and passes (identifier 0100)."""
@@ -157,6 +165,15 @@ class Link:
 
     def request(self, what: str, ask: Callable[[], Any], tries: int = TRIES) -> Any:
         """The answer of a request of `client`, repeated until one comes; `what` names it in errors."""
+        if self._connection.deadline is not None:
+            return self._tried(what, ask, tries)
+        self._connection.deadline = self._wire.now() + ANSWER_LIMIT
+        try:
+            return self._tried(what, ask, tries)
+        finally:
+            self._connection.deadline = None
+
+    def _tried(self, what: str, ask: Callable[[], Any], tries: int) -> Any:
         if self._unsure:
             self._settle()
         for _ in range(tries):
@@ -169,7 +186,7 @@ class Link:
             except NegativeResponseException as error:
                 code = error.response.code or 0
                 raise NodeRefused(f"the {self.name} refuses: {what} (0x{code:02X}): {_words(code)}", code) from None
-            except InvalidResponseException as error:
+            except UNREADABLE as error:
                 raise TransferError(f"the {self.name} answers what cannot be read: {what}: {error}") from error
             except BaseException:
                 self._unsure = True
@@ -181,10 +198,15 @@ class Link:
     def _read(self, identifier: Identifier, of: Callable[[bytes], Answer]) -> Answer:
         what = f"identifier {identifier:04X}, {identifier.name.lower()}"
         answer = self.request(what, lambda: self.client.read_data_by_identifier(identifier))
-        data = answer.service_data.values[int(identifier)]
+        return self._understood(what, answer.service_data.values[int(identifier)], of)
+
+    def _outcome(self, what: str, answer: Any) -> Outcome:
+        return self._understood(what, answer.service_data.routine_status_record, lambda record: Outcome(record[0]))
+
+    def _understood(self, what: str, data: bytes, of: Callable[[bytes], Answer]) -> Answer:
         try:
             return of(data)
-        except (ValueError, ArithmeticError) as error:
+        except (ValueError, ArithmeticError, struct.error) as error:
             raise TransferError(
                 f"the {self.name} answers {what} with {data.hex(' ')}: {error}; is it newer?"
             ) from error

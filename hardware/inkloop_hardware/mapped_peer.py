@@ -10,11 +10,12 @@ from typing import Any
 import udsoncan
 from udsoncan import MemoryLocation
 from udsoncan.client import Client
-from udsoncan.exceptions import InvalidResponseException, NegativeResponseException, TimeoutException
+from udsoncan.exceptions import NegativeResponseException, TimeoutException
 
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.isotp_connection import IsoTpConnection, Wire
-from inkloop_hardware.link import Bytes
+from inkloop_hardware.link import UNREADABLE, Bytes
+from inkloop_hardware.transfers import BLOCK_MOST
 
 TRIES = 3
 P2_STAR = 6.0
@@ -68,7 +69,7 @@ class Peer:
 
     def _download(self, place: MemoryLocation, blob: bytes, crc: bool) -> None:
         opened: Any = self._client.request_download(place)
-        block = opened.service_data.max_length - 2
+        block = min(opened.service_data.max_length, BLOCK_MOST) - 2
         if block < 1:
             raise TransferError(f"{self.name} takes blocks of {block + 2} bytes; needs 3 at least, two are their head")
         for number, at in enumerate(range(0, len(blob), block), 1):
@@ -109,7 +110,7 @@ class Peer:
         except NegativeResponseException as error:
             code, name = error.response.code or 0, error.response.code_name
             raise NodeRefused(f"{self.name} refuses: {what}: {name} (0x{code:02X})", code) from error
-        except InvalidResponseException as error:
+        except UNREADABLE as error:
             raise TransferError(f"{self.name} answers what cannot be read: {what}: {error}") from error
 
 

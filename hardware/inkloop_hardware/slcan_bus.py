@@ -46,6 +46,7 @@ class BulkSlcanBus(slcanBus):
         self.refused = 0
         self.waiting: deque[can.Message] = deque()
         self._rest = b""
+        self._overlong = False
         self._heard = False
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
@@ -78,13 +79,19 @@ class BulkSlcanBus(slcanBus):
         """Frames of all lines that are whole go to `waiting`; the rest is kept."""
         *lines, self._rest = (self._rest + found).split(b"\r")
         now = time.time()
+        if self._overlong and lines:  # the end of a line whose beginning was dropped
+            self._overlong = False
+            del lines[0]
         for line in lines:
             refusals = line.count(BEL)
             self.refused += refusals if self._heard else 0
+            if len(line) > LINE_MAX:
+                self.malformed += 1
+                continue
             self._take_line(line.replace(b"\a", b"") if refusals else line, now)
         if len(self._rest) > LINE_MAX:
-            self.malformed += 1
-            self._rest = b""
+            self.malformed += not self._overlong
+            self._overlong, self._rest = True, b""
 
     def _take_line(self, line: bytes, now: float) -> None:
         if line[:1] not in (b"t", b"T", b"r", b"R"):
@@ -108,5 +115,7 @@ def frame_of(line: bytes, now: float) -> can.Message:
     if length > 8 or len(line) - at - 1 - digits not in (0, TIME_STAMP):
         raise ValueError(f"line {line!r} has another length than it says")
     identifier = int(line[1:at], 16)
+    if identifier >= 1 << (29 if extended else 11):
+        raise ValueError(f"line {line!r} has an id that no frame can have")
     data = None if remote else bytes.fromhex(line[at + 1 : at + 1 + digits].decode("ascii"))
     return can.Message(now, identifier, extended, remote, dlc=length, data=data)

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 from udsoncan import DataFormatIdentifier, MemoryLocation
 
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
+from inkloop_hardware.height_map_bytes import map_size
+from inkloop_hardware.pattern_bytes import CELLS_MAX
 
 if TYPE_CHECKING:
     from inkloop_hardware.link import Link
@@ -22,6 +24,8 @@ TRIES = 6
 BLOCK_FLOOR = 256
 """Bytes of a block, with its two first ones."""
 BLOCK_HEAD = 2
+BLOCK_MOST = 4095
+"""Bytes that ISO-TP carries in one message."""
 GROW_AFTER = 8
 """So many blocks in a row without a retry, and blocks are twice as long again."""
 BROKEN = (0x24, 0x71, 0x72, 0x73)
@@ -32,7 +36,7 @@ class BlockSize:
     """How many bytes a block may carry: halved by a retry, doubled when the way is good again."""
 
     def __init__(self, most: int) -> None:
-        self._most = most - BLOCK_HEAD
+        self._most = min(most, BLOCK_MOST) - BLOCK_HEAD
         self._floor = min(self._most, BLOCK_FLOOR - BLOCK_HEAD)
         self._good = 0
         self.bytes = self._most
@@ -59,7 +63,7 @@ def send_pattern(link: Link, layer: int, blob: bytes, coded: bool, progress: Pro
     what = f"pattern of layer {layer} (0x34)"
     form = DataFormatIdentifier(compression=1 if coded else 0)
     answer = link.request(what, lambda: link.client.request_download(_place(layer, len(blob)), form))
-    size = BlockSize(answer.service_data.max_length)
+    size = _block_size(link, what, answer)
     at, number = 0, 1
     while at < len(blob):
         at += _send_block(link, layer, number, blob, at, size)
@@ -75,12 +79,15 @@ def send_pattern(link: Link, layer: int, blob: bytes, coded: bool, progress: Pro
 
 def receive_map(link: Link, layer: int, progress: Progress | None) -> bytes:
     """Upload of a map (0x35, 0x36, 0x37); TransferError if it is short or altered."""
-    total = link.map_size().size
+    said = link.map_size()
+    total = said.size
+    if total not in (0, map_size(said.nx, said.ny)) or said.nx * said.ny > CELLS_MAX:
+        raise TransferError(f"the {link.name} says that its map of {said.nx} x {said.ny} cells has {total} bytes")
     if total == 0:
         raise NodeRefused(f"the {link.name} has no map of layer {layer}: nothing was scanned since its power-up", 0x24)
     what = f"map of layer {layer} (0x35)"
     answer = link.request(what, lambda: link.client.request_upload(_place(layer, total)))
-    size = BlockSize(answer.service_data.max_length)
+    size = _block_size(link, what, answer)
     found, number = bytearray(), 1
     while len(found) < total:
         found += _fetch_block(link, layer, number, size)
@@ -125,11 +132,20 @@ def _fetch_block(link: Link, layer: int, number: int, size: BlockSize) -> bytes:
         except LinkTimeout:
             size.was_lost()
             continue
-        piece: bytes = answer.service_data.parameter_records
+        piece: bytes = answer.service_data.parameter_records or b""
+        if not piece:
+            raise TransferError(f"the {link.name} brings an empty one: {what}")
         if attempt == 0:
             size.went_through()
         return piece
     raise LinkTimeout(f"the {link.name} does not bring it in {TRIES} tries: {what}; look at cables and termination")
+
+
+def _block_size(link: Link, what: str, answer: Any) -> BlockSize:
+    most = answer.service_data.max_length
+    if most <= BLOCK_HEAD:
+        raise TransferError(f"the {link.name} takes blocks of {most} bytes, {BLOCK_HEAD} are their head: {what}")
+    return BlockSize(most)
 
 
 def _within(link: Link, what: str, ask: Callable[[], Any], tries: int = TRIES) -> Any:
