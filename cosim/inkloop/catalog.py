@@ -121,8 +121,9 @@ def _make_python(
         component = _component(kind, job, factory(job, **chosen))
     except ValidationError as error:
         return None, [sentence(detail, _options_table(factory)) for detail in error.errors()]
-    except ScenarioError as error:  # a file of its own: each fault with that file's name
-        return None, [f"{Path(error.source).name}: {fault}" for fault in error.faults]
+    except ScenarioError as error:  # faults of a file that an option names
+        key = next((key for key, value in options.items() if value == error.source), "kind")
+        return None, [f"{key}: {Path(error.source).name}: {fault}" for fault in error.faults]
     except ValueError as error:
         return None, [str(error)]
     except LookupError:

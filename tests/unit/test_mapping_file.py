@@ -122,9 +122,9 @@ def test_tables_that_steps_need_are_asked_for(tmp_path: Path) -> None:
 def test_scenario_names_the_faults_of_its_mapping(tmp_path: Path) -> None:
     path = written(tmp_path, ('unit = "um"', 'unit = "inch"'))
     (fault,) = catalog.faults("hardware.mapped", JOB, {"mapping": str(path)})
-    assert fault.startswith("rig.toml: map.unit is 'inch'")
+    assert fault.startswith("mapping: rig.toml: map.unit is 'inch'")
     (fault,) = catalog.faults("hardware.mapped", JOB, {"mapping": str(tmp_path / "none.toml")})
-    assert fault.startswith("none.toml: cannot be read")
+    assert fault.startswith("mapping: none.toml: cannot be read")
     assert catalog.faults("hardware.mapped", JOB, {"mapping": str(written(tmp_path))}) == []
 
 
