@@ -51,6 +51,12 @@ class Bed:
     def terminate(self) -> None:
         pass
 
+    def save(self) -> bytes:
+        return self._shown.to_bytes(8, "little", signed=True)
+
+    def restore(self, saved: bytes) -> None:
+        self._shown = int.from_bytes(saved, "little", signed=True)
+
 
 def scanned(surface: Any, layer: int, tilt: float) -> Any:
     """(m, n) heights [m] of a surface, NaN where nothing was measured."""

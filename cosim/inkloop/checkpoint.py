@@ -163,6 +163,7 @@ def _unpacked(packed: Mapping[str, NDArray[Any]]) -> Checkpoint:
         kind, _, rest = key.partition("/")
         if kind == "state":
             states[rest] = value.tobytes()
+            outputs.setdefault(rest, {})  # a component may have none
         elif kind == "output":
             name, _, port = rest.partition("/")
             value.flags.writeable = False  # consumers share it

@@ -14,11 +14,15 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from inkloop.checkpoint import Checkpoints, last
 from inkloop.cli import main
-from inkloop.component import Values
-from inkloop.recorder import LayerRow
+from inkloop.component import Port, Values
+from inkloop.master import Master
+from inkloop.recorder import LayerRow, Recorder
 from inkloop.result import Result
+from inkloop.testing import job
 from inkloop_controller.component import LayerController
+from toys import FunctionComponent
 
 CUBOID = Path(__file__).parents[2] / "scenarios" / "cuboid.toml"
 SLOW = ["--set", "components.profiler.scan_duration_s=2.5", "--set", "part.height_um=60.0"]
@@ -290,3 +294,23 @@ def test_folder_that_cannot_be_written_is_refused_in_words(tmp_path: Path, capsy
     folder = tmp_path / "file" / "run"
     assert main(["run", str(CUBOID), "--out", str(folder)]) == 1
     assert f"{folder}: the run cannot be written there: " in capsys.readouterr().err
+
+
+class Saved(FunctionComponent):
+    """Remembers nothing."""
+
+    def save(self) -> bytes:
+        return b""
+
+    def restore(self, saved: bytes) -> None:
+        self.log.append("restore")
+
+
+def test_component_without_outputs_goes_on_too(tmp_path: Path) -> None:
+    parts = {"printer": Saved(outputs=[Port("layers_printed", dtype="int32")]), "log": Saved()}
+    points = Checkpoints(tmp_path, parts, Recorder(job(), parts))
+    assert Master(parts, [], step_ns=1, observers=[points]).run(time_max_ns=1) == "time_max"
+    point = last(tmp_path)
+    assert point is not None
+    assert Master(parts, [], step_ns=1).run(time_max_ns=1, resume=point) == "time_max"
+    assert "restore" in parts["log"].log
