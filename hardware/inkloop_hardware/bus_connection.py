@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 from struct import unpack
@@ -26,21 +26,31 @@ END_LIMIT = 5.0
 """Seconds for it to end."""
 SILENCE_LIMIT = 5.0
 """Seconds without a sign of life of the bus process; it gives one every 50 ms."""
+OTHERS_MAX = 100_000
+"""Frames that wait at most, the newest ones: while a plan is made nobody takes them."""
 
 
 class BusConnection:
     """A running bus process.
 
     settings, session, job: see `BusSettings`, `Rig`; answer_ids: arbitration ids whose frames wait in a queue each
-    (`receive`); all others wait in `others`. BusError in every call once the process, the adapter or the reading
-    thread is gone, with what it said.
+    (`receive`); all others, or those in kept_ids, wait in `others`. BusError in every call once the process, the
+    adapter or the reading thread is gone, with what it said.
     """
 
-    def __init__(self, settings: BusSettings, session: int, job: int, answer_ids: Iterable[int]) -> None:
+    def __init__(
+        self,
+        settings: BusSettings,
+        session: int,
+        job: int,
+        answer_ids: Iterable[int],
+        kept_ids: Container[int] | None = None,
+    ) -> None:
         self.settings = settings
         self.clock = 0.0
         """Up to this second of the bus process's clock all frames are here."""
-        self.others: deque[tuple[float, Frame]] = deque()
+        self.others: deque[tuple[float, Frame]] = deque(maxlen=OTHERS_MAX)
+        self._kept_ids = kept_ids
         self.words: deque[str] = deque()
         self._queues: dict[int, SimpleQueue[bytes | None]] = {identifier: SimpleQueue() for identifier in answer_ids}
         self._failure: str | None = None
@@ -168,7 +178,7 @@ class BusConnection:
     def _sort(self, content: bytes) -> None:
         for now, frame in unpack_frames(content):
             queue = self._queues.get(frame.arbitration_id)
-            if queue is None:
-                self.others.append((now, frame))
-            else:
+            if queue is not None:
                 queue.put(frame.data)
+            elif self._kept_ids is None or frame.arbitration_id in self._kept_ids:
+                self.others.append((now, frame))

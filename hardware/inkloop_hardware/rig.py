@@ -17,7 +17,7 @@ from inkloop_hardware.bus_settings import BusSettings
 from inkloop_hardware.codec import Codec, Frame
 from inkloop_hardware.errors import BusError, FrameError, HardwareError, NodeLost
 from inkloop_hardware.heartbeat import Enables
-from inkloop_hardware.link import Link
+from inkloop_hardware.link import Link, LinkCounts
 from inkloop_hardware.node_watch import NodeWatch
 from inkloop_hardware.node_wire import NodeWire
 from inkloop_hardware.records import KINDS, NodeFault, NodeStatus, unpack
@@ -93,6 +93,7 @@ class Rig:
         if self._users == 1 and self._bus is not None:
             self._bus.close()
             self._take_frames()
+            self._say_counts()
             self._bus = None
             self._enables = Enables.NONE
         self._users = max(0, self._users - 1)
@@ -192,10 +193,18 @@ class Rig:
         settings = replace(self.settings, traffic_log=log)
         self._watches = {node: NodeWatch(node) for node in Node}
         answers = [node.answer_id(self.codec) for node in Node]
-        self._bus = BusConnection(settings, self._session, self._job, answers)
+        self._bus = BusConnection(settings, self._session, self._job, answers, self._said_by)
         LOG.info("%s is open, session %d, job %d", self.settings, self._session, self._job)
         self._opened_at = time.monotonic()
         self.alive()
+
+    def _say_counts(self) -> None:
+        for link in self._links.values():
+            if (counts := link.counts) != LinkCounts():
+                LOG.info(
+                    "%s: %d requests sent again, %d answers late or doubled, %d frames out of order, %d transfers anew",
+                    *(link.node.lower(), counts.again, counts.stray, counts.broken, counts.anew),
+                )
 
     def _take_frames(self) -> None:
         """Status and faults of all nodes, and words of the bus process."""
