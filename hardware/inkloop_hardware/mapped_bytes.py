@@ -14,13 +14,15 @@ from inkloop_hardware.mapping_tables import CELLS, METRES, MapTable, PatternTabl
 
 FIELDS = ("job", "layer", "nx", "ny")
 """What templates may name."""
+UNFIT = (LookupError, ValueError, AttributeError, TypeError)
+"""What `str.format` raises for a template that names or asks for something else."""
 
 
 def number(template: int | str, fields: Mapping[str, int]) -> int:
     """A number, or what a template such as "{layer}" comes to. Raises ValueError for what is neither."""
     try:
         return template if isinstance(template, int) else int(template.format(**fields), 0)
-    except (KeyError, IndexError, ValueError) as error:
+    except UNFIT as error:
         raise ValueError(f"{template!r}; expected a number or a template of one with {_known()}") from error
 
 
@@ -28,7 +30,7 @@ def hexadecimal(template: str, fields: Mapping[str, int]) -> bytes:
     """The bytes of a template such as "01 {layer:04x}". Raises ValueError for what gives none."""
     try:
         return bytes.fromhex(template.format(**fields))
-    except (KeyError, IndexError, ValueError) as error:
+    except UNFIT as error:
         raise ValueError(
             f"{template!r}; expected pairs of hexadecimal digits and fields such as {{layer:04x}}, of {_known()}"
         ) from error

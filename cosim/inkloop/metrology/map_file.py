@@ -75,8 +75,15 @@ def _contents(path: Path) -> FileContents:
     reader: Callable[[Path], FileContents] = getattr(importlib.import_module(module), name)
     try:
         return reader(path)
+    except HeightMapError:
+        raise
     except OSError as error:
         raise HeightMapError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except Exception as error:  # each library fails in its own way on bytes that are cut off or altered
+        said = (str(error).splitlines() or [""])[0]
+        raise HeightMapError(
+            f"{path}: is damaged, or not what its suffix says ({type(error).__name__}: {said})"
+        ) from error
 
 
 def _factor(path: Path, contents: FileContents, unit: str | None, faults: list[str]) -> float:

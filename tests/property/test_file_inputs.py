@@ -1,0 +1,149 @@
+"""Files that anybody may have written (mapping, scenario, DBC, height map) are read, or refused in words."""
+
+from __future__ import annotations
+
+import tempfile
+import tomllib
+from contextlib import suppress
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sdfio
+import tifffile
+import tomlkit
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import foreign_rig
+from inkloop.errors import HeightMapError, ScenarioError
+from inkloop.metrology.map_file import read
+from inkloop.scenario import Scenario
+from inkloop.testing import job as small_job
+from inkloop_hardware.codec import Codec
+from inkloop_hardware.errors import FrameError
+from inkloop_hardware.mapping_file import load
+
+ROOT = Path(__file__).parents[2]
+ONE_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
+JOB = small_job(6, 5)
+VALUES = st.sampled_from(
+    ["", "0", "{layer}", "{layer.real}", "{layer[0]}", "{0}", "{", "{nx:x}", "{job:04x}", "{job!r:>9}", "A5", "head",
+     "um", -1, 0, 3, 1 << 70, 0.5, float("inf"), float("nan"), True, [], [1], {}, {"a": 1}, ["lamp"], "BUSY", "State"]
+)  # fmt: skip
+
+
+def places(table: Any, at: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Every key of nested tables and arrays."""
+    keys = list(table) if isinstance(table, dict) else range(len(table)) if isinstance(table, list) else ()
+    return [place for key in keys for place in ((*at, key), *places(table[key], (*at, key)))]
+
+
+def changed(text: str, data: st.DataObject) -> str:
+    """The TOML with some values replaced, some keys added and some left out."""
+    table = tomllib.loads(text)
+    for _ in range(data.draw(st.integers(0, 3))):
+        *above, key = data.draw(st.sampled_from(places(table)))
+        inner: Any = table
+        for step in above:
+            inner = inner[step]
+        if isinstance(inner, dict) and data.draw(st.booleans()):
+            key = data.draw(st.sampled_from([key, "odd key", "address", "unit"]))
+        if data.draw(st.booleans()) and data.draw(st.booleans()):
+            inner.pop(key, None) if isinstance(inner, dict) else inner.pop(key)
+        else:
+            inner[key] = data.draw(VALUES)
+        if not places(table):
+            break
+    return tomlkit.dumps(table)
+
+
+@ONE_FOLDER
+@given(data=st.data())
+def test_mapping_file_is_taken_or_refused_with_its_faults(data: st.DataObject, tmp_path: Path) -> None:
+    (tmp_path / "rig.dbc").write_text(foreign_rig.DBC)
+    path = tmp_path / "rig.toml"
+    path.write_text(changed(foreign_rig.MAPPING, data), encoding="utf-8")
+    with suppress(ScenarioError):
+        load(path, JOB)
+
+
+@ONE_FOLDER
+@given(
+    data=st.data(),
+    table=st.dictionaries(
+        st.sampled_from(
+            ["interface", "channel", "bitrate", "options", "traffic_log", "cure_ms", "loop_timeout_s", "x"]
+        ),
+        VALUES,
+    ),
+)
+def test_table_of_the_bench_is_taken_or_refused_with_its_faults(
+    data: st.DataObject, table: dict[str, Any], tmp_path: Path
+) -> None:
+    text = (ROOT / "scenarios" / "cylinder.toml").read_text(encoding="utf-8")
+    path = tmp_path / "scenario.toml"
+    path.write_text(text + "\n" + tomlkit.dumps({"bench": table}), encoding="utf-8")
+    with suppress(ScenarioError):
+        Scenario.load(path)
+
+
+def edited(data: st.DataObject, whole: bytes) -> bytes:
+    """Cut off, and with some bytes altered, doubled or taken out."""
+    found = bytearray(whole[: data.draw(st.integers(0, len(whole)) | st.just(len(whole)))])
+    for _ in range(data.draw(st.integers(0, 4))):
+        at = data.draw(st.integers(0, max(0, len(found) - 1)))
+        found[at : at + data.draw(st.integers(0, 2))] = data.draw(st.binary(max_size=3))
+    return bytes(found)
+
+
+@ONE_FOLDER
+@given(data=st.data())
+def test_dbc_is_taken_or_refused_in_words(data: st.DataObject, tmp_path: Path) -> None:
+    path = tmp_path / "rig.dbc"
+    path.write_bytes(edited(data, foreign_rig.DBC.encode()))
+    with suppress(FrameError):
+        Codec(path)
+
+
+Z = np.array([[0.5, 1.5, -2.25], [3.0, np.nan, 4.125], [5.0, 6.5, 7.0], [8.0, 9.0, 1.0]])
+
+
+def saved(save: Any, *given: Any, **named: Any) -> bytes:
+    file = BytesIO()
+    save(file, *given, **named)
+    return file.getvalue()
+
+
+def sdf_of(form: sdfio.FileFormat) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        sdfio.write(Path(folder) / "map.sdf", Z * 1e-6, x_scale=5e-6, y_scale=4e-6, z_scale=1e-12, format=form)
+        return (Path(folder) / "map.sdf").read_bytes()
+
+
+MAPS = {
+    "table.csv": b"dx [um];5,0\ndy [um];4,0\nHeight [um]\n0,5;1,5;BAD\n3,0;;4,125\n",
+    "table.txt": b"# dx = 5 um\n# dy = 4 um\n# unit: um\n1 2 3\n4 5 nan\n",
+    "array.npy": saved(np.save, Z),
+    "arrays.npz": saved(np.savez, z_um=Z, dx_um=5.0, dy_um=4.0),
+    "imagej.tif": saved(
+        tifffile.imwrite, Z.astype(np.float32), imagej=True, resolution=(0.2, 0.25), metadata={"unit": "um"}
+    ),
+    "ome.tif": saved(
+        tifffile.imwrite, Z.astype(np.float32), ome=True, metadata={"PhysicalSizeX": 5.0, "PhysicalSizeY": 4.0}
+    ),
+    "binary.sdf": sdf_of(sdfio.FileFormat.BINARY),
+    "text.sdf": sdf_of(sdfio.FileFormat.ASCII),
+}
+
+
+@ONE_FOLDER
+@given(data=st.data())
+@pytest.mark.parametrize("name", MAPS)
+def test_height_map_is_read_or_refused_in_words(data: st.DataObject, name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(edited(data, MAPS[name]))
+    with suppress(HeightMapError):
+        read(path, unit=data.draw(st.sampled_from([None, "um"])), pixel=data.draw(st.sampled_from([None, 5e-6])))
