@@ -44,7 +44,7 @@ class Adapter:
         self._sleep = sleep
         try:
             self.bus = bus or _open(settings)
-        except (can.CanError, OSError, ValueError, TypeError, NameError, ImportError) as error:
+        except Exception as error:  # drivers of many makers: NotImplementedError, NameError, OSError, ...
             raise BusError(f"{settings} cannot be opened: {error}. {_advice(settings)}") from error
 
     def receive(self, wait_s: float) -> list[can.Message]:

@@ -42,8 +42,12 @@ class BusProcess:
     def __init__(self, settings: BusSettings, session: int, job: int, answers: Outbox) -> None:
         codec = Codec()
         self.answers = answers
-        self.log = TrafficLog(settings.traffic_log) if settings.traffic_log else None
         self.adapter = Adapter(settings)
+        try:
+            self.log = TrafficLog(settings.traffic_log) if settings.traffic_log else None
+        except BusError:
+            self.adapter.close()
+            raise
         self.heartbeat = Heartbeat(codec, session, job, settings.grace_s, settings.loop_timeout_s)
         self.stop_call = StopCall(codec)
         self.over = threading.Event()
@@ -168,6 +172,7 @@ def main() -> int:
         answers.put(Kind.FAILED, str(error).encode())
         answers.close()
         return 1
+    signal.signal(signal.SIGTERM, lambda *_: process.over.set())
     answers.put(Kind.OPENED, process.adapter.bus.channel_info.encode())
     process.run(commands)
     answers.close()

@@ -36,6 +36,8 @@ class NodeWatch:
         verdict = self.monitor.take(status is not None, counter)
         if status is None or verdict.bad:
             return
+        if self.status is not None and status.boot_count != self.status.boot_count:
+            LOG.warning("%s: restarted", self.node.lower())
         self.status, self.at = status, now
         self._turn(status.state in OFF, status.fault)
         self._say(sentence(self.node, status), logging.WARNING if status.state is State.FAULT else logging.INFO)

@@ -17,7 +17,8 @@ FLUSH_CYCLE = 1.0
 class TrafficLog:
     """A log that can be read even if nobody closed it, up to FLUSH_CYCLE before its end.
 
-    BusError for a suffix that is not known or a file that cannot be written. An existing file is replaced.
+    BusError for a suffix that is not known or a file that cannot be written. An existing file is kept: a resumed run
+    goes on in traffic-2.blf.
     """
 
     def __init__(self, path: Path) -> None:
@@ -25,7 +26,7 @@ class TrafficLog:
             raise BusError(f"traffic log {path}: its suffix is {path.suffix!r}, expected .blf or .asc")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._writer = WRITERS[path.suffix.lower()](path)
+            self._writer = WRITERS[path.suffix.lower()](unused(path))
         except OSError as error:
             raise BusError(f"traffic log {path} cannot be written: {error}") from error
         self._flushed = 0.0
@@ -46,6 +47,12 @@ class TrafficLog:
     def close(self) -> None:
         """Ends the file."""
         self._writer.stop()
+
+
+def unused(path: Path) -> Path:
+    """The path, or the first of name-2, name-3 ... that is not there yet."""
+    names = (path, *(path.with_stem(f"{path.stem}-{number}") for number in range(2, 1000)))
+    return next((name for name in names if not name.exists()), path)
 
 
 def _end_container(writer: BLFWriter) -> None:

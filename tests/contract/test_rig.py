@@ -282,6 +282,16 @@ def test_killed_bus_process_leaves_nothing_on_and_is_said_in_words(rig: Rig, cha
     observer.adapter.close()
 
 
+def test_ended_bus_process_closes_its_log(program: Path, tmp_path: Path) -> None:
+    with bench(program) as (_, channel), Rig(settings(channel, traffic_log=tmp_path / "t.blf")) as rig:
+        cleared(rig)
+        os.kill(rig.bus.process_id, signal.SIGTERM)
+        with pytest.raises(BusError, match="ended without a word"):
+            wait_until(lambda: rig.alive() is not None)
+        with can.LogReader(tmp_path / "t.blf") as reader:
+            assert {0x20, 0x640, 0x641} <= {message.arbitration_id for message in reader}
+
+
 def test_ctrl_c_in_the_terminal_is_left_to_the_master(rig: Rig) -> None:
     assert os.getpgid(rig.bus.process_id) != os.getpgid(0)
     os.kill(rig.bus.process_id, signal.SIGINT)

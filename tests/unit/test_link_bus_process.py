@@ -116,6 +116,16 @@ def test_log_is_readable_up_to_its_last_flush(tmp_path: Path, suffix: str, is_cl
         assert one.timestamp == pytest.approx(expected.timestamp, abs=1e-2)
 
 
+def test_log_of_before_is_kept(tmp_path: Path) -> None:
+    for count in (1, 2, 3):
+        log = TrafficLog(tmp_path / "traffic.asc")
+        for number in range(count):
+            log.take(message(number))
+        log.close()
+    counts = {path.name: len(list(can.LogReader(path))) for path in tmp_path.iterdir()}
+    assert counts == {"traffic.asc": 1, "traffic-2.asc": 2, "traffic-3.asc": 3}
+
+
 def test_log_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(BusError, match=r"traffic log .*file.a\.blf cannot be written"):

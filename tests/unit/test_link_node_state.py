@@ -111,6 +111,11 @@ def test_each_change_of_a_node_is_said_once(caplog: pytest.LogCaptureFixture) ->
     ]
 
 
+def test_restart_is_said(caplog: pytest.LogCaptureFixture) -> None:
+    off = {"state": State.SAFE, "boot_count": 2}
+    assert told(NodeWatch(Node.HEAD), caplog, {}, off, off) == ["head: idle", "head: restarted", "head: off"]
+
+
 def test_fall_is_counted_once_whether_seen_in_status_or_fault_frame() -> None:
     fault = NodeFault(Node.HEAD, Fault.LAMP_TIME, 0, 3, 1.0)
     for by_frame in (True, False):
