@@ -69,6 +69,7 @@ gallery: .venv/installed
 	$(BIN)/python docs/gallery/gallery.py
 	$(BIN)/python -m docs.explanation.pictures
 	$(BIN)/python docs/how-to/pictures.py
+	$(BIN)/python docs/how-to/modelica_picture.py
 
 clean:
 	rm -rf build .venv

@@ -10,7 +10,7 @@ partial block PartialController "Chooses the next pattern after each scan"
     annotation (Placement(transformation(extent={{-140,60},{-100,100}})));
   BooleanInput valid[nx, ny] "= true, if the last finished scan has measured the cell"
     annotation (Placement(transformation(extent={{-140,10},{-100,50}})));
-  LayerInput layers_scanned "The layer that the last finished scan belongs to"
+  LayerInput layers_scanned(start=-1) "The layer that the last finished scan belongs to"
     annotation (Placement(transformation(extent={{-140,-50},{-100,-10}})));
   LayerInput layers_printed "Layers completed"
     annotation (Placement(transformation(extent={{-140,-100},{-100,-60}})));

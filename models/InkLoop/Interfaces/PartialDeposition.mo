@@ -26,6 +26,8 @@ partial block PartialDeposition "Takes commands and patterns, prints layers"
 protected
   Boolean commanded "= true, if a command has come that has not been taken";
   Boolean completed "= true, if the layer being printed is complete";
+  Boolean in_order(start=true, fixed=true) "= true, if the command taken last was one more than the one before";
+  Boolean known(start=true, fixed=true) "= true, if the pattern taken last holds materials only";
   Types.Layer reference(start=0, fixed=true) "Command taken last";
   Types.Pattern captured[nx, ny](each start=0, each fixed=true) "Pattern of the layer being printed";
   discrete Types.Duration ready_at(start=0, fixed=true) "Time at which the layer is complete";
@@ -34,15 +36,13 @@ equation
   commanded = pre(layer_command) <> pre(reference);
   completed = pre(status) == Types.Status.busy and time >= pre(ready_at);
 
-  when commanded then
-    assert(pre(layer_command) == pre(reference) + 1 and pre(status) == Types.Status.idle,
-      "layer_command is out of order; expected one more than layers_printed, while status is 0 (idle)");
-    assert(min(pre(pattern)) >= 0 and max(pre(pattern)) <= 2,
-      "pattern has a value that is no material; expected 0 (none), 1 (A) or 2 (B)");
-  end when;
+  assert(in_order, "layer_command is out of order; expected one more than layers_printed, while status is 0 (idle)");
+  assert(known, "pattern has a value that is no material; expected 0 (none), 1 (A) or 2 (B)");
 
 algorithm
   when commanded then
+    in_order := pre(layer_command) == pre(reference) + 1 and pre(status) == Types.Status.idle;
+    known := min(pre(pattern)) >= 0 and max(pre(pattern)) <= 2;
     reference := pre(layer_command);
     captured := pre(pattern);
     ready_at := time + layer_duration;

@@ -2,7 +2,8 @@ within InkLoop.Validation;
 model HeightDifferences "Published height differences around a cell between two drops"
   extends Icons.Example;
 
-  parameter Types.Height published[3, 3] = 1e-6*[-1.50, -3.41, -1.55; 6.24, -1.03, 6.12; -1.42, -3.77, -1.40] "Equation (19)";
+  parameter Types.Height published[3, 3] = 
+    1e-6*{{-1.50, -3.41, -1.55}, {6.24, -1.03, 6.12}, {-1.42, -3.77, -1.40}} "Equation (19)";
   parameter Types.Height rms_max = 0.18e-6 "The measured differences of equal cells differ by up to 0.36 um";
   parameter Types.Height height_scale = 7.0751e-6 "Volume of a drop over the area of a cell";
   parameter Types.Length pitch = 90e-6 "Distance of neighbouring cells";

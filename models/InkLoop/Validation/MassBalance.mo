@@ -21,8 +21,10 @@ equation
   connect(controller.layer_command, deposition.layer_command)
     annotation (Line(points={{-18,-12},{16,-12}}, color={255,127,0}));
 
-  when change(deposition.layers_printed) then
-    assert(abs(present + gone - jetted) < 1e-12*jetted, "heights on the grid and heights lost do not add up to what was jetted");
+  assert(abs(present + gone - jetted) <= 1e-12*(jetted + sum(start)), "heights on the grid and heights lost do not add up to what was jetted");
+
+  when deposition.layers_printed >= 4 then
+    assert(deposition.droplets_a > 0 and deposition.droplets_b > 0, "one of the materials was not jetted");
     assert(gone > 0, "nothing was lost over the edges, although droplets fell on them");
   end when;
 

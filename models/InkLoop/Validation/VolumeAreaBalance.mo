@@ -16,9 +16,11 @@ equation
   connect(controller.layer_command, deposition.layer_command)
     annotation (Line(points={{-18,-12},{16,-12}}, color={255,127,0}));
 
-  when change(deposition.layers_printed) then
-    assert(abs(present - jetted) < 1e-12*jetted, "the drops on the grid do not add up to what was jetted");
-    assert(min(deposition.area) >= 0 and max(deposition.area) <= 1, "a cell is covered by less than nothing or by more than all of it");
+  assert(abs(present - jetted) <= 1e-12*jetted, "the drops on the grid do not add up to what was jetted");
+  assert(min(deposition.area) >= 0 and max(deposition.area) <= 1, "a cell is covered by less than nothing or by more than all of it");
+
+  when deposition.layers_printed >= 3 then
+    assert(max(deposition.area) >= 1, "no cell is covered, although drops fell on it");
   end when;
 
   annotation (

@@ -1,0 +1,151 @@
+"""The Modelica library and the FMUs are the same models: same patterns, same surfaces, same readings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from contract.fmu_driver import OK, Driver, random_patterns
+from modelica_library import literal, simulate_text
+from reference.philox_numpy import normal, philox, uniforms
+
+SHAPE = NX, NY = 5, 4
+START = np.random.default_rng(1).uniform(0.0, 10e-6, SHAPE)
+INKS = "ink_a(h1=4.4e-6, h2=0.6e-6, h3=0.2e-6), ink_b(h1=3e-6, h2=0.9e-6, h3=0.3e-6)"
+LAYERS = 4
+
+
+def printed(block: str, layers: int = LAYERS) -> tuple[str, np.ndarray]:
+    """The text of a model that prints random patterns, one per second, and the patterns."""
+    patterns = np.array(list(random_patterns(NX, NY, layers)))
+    text = f"""model M
+      InkLoop.Control.PatternSequence controller(patterns={literal(patterns)});
+      {block};
+    equation
+      connect(controller.pattern, deposition.pattern);
+      connect(controller.layer_command, deposition.layer_command);
+    end M;"""
+    return text, patterns
+
+
+def lu(modifiers: str) -> str:
+    return (
+        f"InkLoop.Deposition.LayerDeposition deposition(nx={NX}, ny={NY}, height_start={literal(START)}, {modifiers})"
+    )
+
+
+@pytest.mark.parametrize(
+    ("passes", "order", "rotation"), [(1, "raster", 0), (4, "raster", 0), (4, "diagonal", 1), (4, "raster", 3)]
+)
+def test_two_materials_give_the_surfaces_of_the_fmu(passes, order, rotation) -> None:
+    text, patterns = printed(
+        lu(f"{INKS}, passes={passes}, pass_order=InkLoop.Types.PassOrder.{order}, pass_rotation={rotation}")
+    )
+    run = simulate_text(text, LAYERS + 0.9)
+    parameters = {"h1_b": 3e-6, "h2_b": 0.9e-6, "h3_b": 0.3e-6, "passes": passes, "pass_rotation": rotation,
+                  "pass_order": 1 if order == "raster" else 2, "height_start": START}  # fmt: skip
+    with Driver("LayerDeposition", "fmi3", NX, NY).start(parameters) as fmu:
+        for layer, pattern in enumerate(patterns, start=1):
+            surface = fmu.print_layer(pattern)
+            assert run.at("deposition.layers_printed", layer + 0.5) == layer
+            assert run.at("deposition.height", layer + 0.5, SHAPE) == pytest.approx(surface, rel=1e-12)
+            for name in ("volume_lost", "height_mean", "droplets_a", "droplets_b"):
+                assert run.at(f"deposition.{name}", layer + 0.5) == pytest.approx(fmu.get(name), rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["per_droplet", "per_cell_and_layer"])
+def test_random_volumes_are_those_of_the_fmu(kind) -> None:
+    text, patterns = printed(
+        lu(f"seed=77, variation=0.4, variation_kind=InkLoop.Types.VariationKind.{kind}, "
+           "nozzle_pitch=3, nozzle_variation=0.2"), layers=2)  # fmt: skip
+    run = simulate_text(text, 2.9)
+    parameters = {"seed": 77, "variation": 0.4, "variation_kind": 1 if kind == "per_droplet" else 4,
+                  "nozzle_pitch": 3, "nozzle_variation": 0.2, "height_start": START}  # fmt: skip
+    with Driver("LayerDeposition", "fmi3", NX, NY).start(parameters) as fmu:
+        for layer, pattern in enumerate(patterns, start=1):
+            surface = fmu.print_layer(pattern)
+            assert run.at("deposition.height", layer + 0.5, SHAPE) == pytest.approx(surface, rel=1e-12)
+
+
+@pytest.mark.parametrize(("guard", "radius"), [(False, 0.0), (True, 120e-6)])
+def test_volume_and_area_are_those_of_the_fmu(guard, radius) -> None:
+    """Heights to 1e-12 of the tallest cell: v / a with a small area makes rounding grow, in a by ma_minus once more."""
+    own = f"guard={str(guard).lower()}" + (f", cap_radius={radius}" if radius else "")
+    block = f"InkLoop.Deposition.VolumeAreaDeposition deposition(nx={NX}, ny={NY}, {own})"
+    text, patterns = printed(block, layers=2)
+    run = simulate_text(text, 2.9)
+    with Driver("VolumeAreaDeposition", "fmi3", NX, NY).start({"guard": guard, "cap_radius": radius}) as fmu:
+        for layer, pattern in enumerate(patterns, start=1):
+            surface = fmu.print_layer(pattern)
+            assert run.at("deposition.height", layer + 0.5, SHAPE) == pytest.approx(
+                surface, rel=0.0, abs=1e-12 * surface.max()
+            )
+            assert run.at("deposition.area", layer + 0.5, SHAPE) == pytest.approx(fmu.get("area"), rel=0.0, abs=1e-11)
+
+
+SET_UPS = [
+    {"resolution": 0.5e-6, "bias": 2e-6, "drift_rate": 0.7e-6, "tilt_x": 1e-3, "tilt_y": -2e-3},
+    {"spot_radius": 200e-6, "slope_bias": 3e-6, "dropout_slope": 0.006},
+    {"noise_std": 1e-6, "noise_correlation": 0.3, "dropout_rate": 0.3, "seed": 4},
+]
+
+
+@pytest.mark.parametrize("own", SET_UPS, ids=["set-up", "optics", "chance"])
+def test_readings_are_those_of_the_fmu(own) -> None:
+    modifiers = "".join(f", {name}={value!r}" for name, value in own.items())
+    text, patterns = printed(lu(INKS), layers=1)
+    text = text.replace("equation", f"""
+      InkLoop.Sensors.ProfileSensor sensor(nx={NX}, ny={NY}, scan_duration=0.25{modifiers});
+    equation
+      connect(deposition.height, sensor.height);
+      connect(deposition.layers_printed, sensor.layers_printed);""")  # fmt: skip
+    run = simulate_text(text, len(patterns) + 0.9)
+    with Driver("ProfileSensor", "fmi3", NX, NY).start({"scan_duration": 0.0, **own}) as fmu:
+        for layer in range(len(patterns) + 1):
+            surface = run.at("deposition.height", layer + 0.5, SHAPE)
+            assert max(fmu.set("height", surface), fmu.set("layers_printed", layer)) == OK
+            assert fmu.step(float(layer)) == OK
+            assert run.at("sensor.layers_scanned", layer + 0.2) == layer - 1
+            assert run.at("sensor.layers_scanned", layer + 0.5) == layer
+            assert np.array_equal(run.at("sensor.valid", layer + 0.5, SHAPE), fmu.get("valid"))
+            reading = run.at("sensor.measured_height", layer + 0.5, SHAPE)
+            assert reading == pytest.approx(fmu.get("measured_height"), rel=1e-12, abs=1e-19)
+
+
+@pytest.mark.parametrize("count", [(0, 0, 0), (77, 4, 2_000_000_000), (2_147_483_647, 7, 123_456_789)])
+def test_random_numbers_are_philox_bit_for_bit(count) -> None:
+    """The last bit of a word decides nothing smaller than 2^-53, so equal numbers of 53 bits are equal bits."""
+    seed, stream, cell = count
+    run = simulate_text(f"""model M
+      discrete Real word[4](each start=-1, each fixed=true);
+      discrete Real u(start=-1, fixed=true);
+      discrete Real z(start=-1, fixed=true);
+    algorithm
+      when sample(0.25, 1) then
+        word := InkLoop.Functions.Random.philox({{{seed}, {stream}}}, {{{cell}, 0, 9, 0}});
+        u := InkLoop.Functions.Random.uniform({seed}, {stream}, {cell}, 9);
+        z := InkLoop.Functions.Random.normal({seed}, {stream}, {cell}, 9);
+      end when;
+    end M;""", 0.9)  # fmt: skip
+    assert tuple(run.at(f"word[{k}]", 0.5) for k in (1, 2, 3, 4)) == philox((seed, stream), (cell, 0, 9, 0))
+    assert run.at("u", 0.5) == uniforms(seed, stream, cell, 9)[0]
+    assert run.at("z", 0.5) == pytest.approx(normal(seed, stream, cell, 9), rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("command", "words"), [("2", "layer_command is out of order"), ("1", "pattern has a value that is no material")]
+)
+def test_what_the_contract_refuses_stops_the_simulation_with_a_message(command, words) -> None:
+    bad = "3" if command == "1" else "1"
+    with pytest.raises(Exception, match=words):
+        simulate_text(f"""model M
+          InkLoop.Deposition.LayerDeposition deposition(nx=2, ny=2);
+          Integer layer(start=0, fixed=true);
+        equation
+          deposition.layer_command = layer;
+          deposition.pattern = fill({bad}, 2, 2);
+        algorithm
+          when sample(1, 5) then
+            layer := {command};
+          end when;
+        end M;""", 2.0)  # fmt: skip
