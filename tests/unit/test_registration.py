@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
 
 from fine_maps import covering, fine_map
 from inkloop.errors import HeightMapError
@@ -189,6 +190,26 @@ def test_fit_finds_a_known_shift_and_turn(u: float, v: float, turn_deg: float) -
     assert 0.0 < fit.rotation_std < math.radians(0.1)
     assert fit.registration.rotation == pytest.approx(truth.rotation, abs=math.radians(0.05))
     assert fit.explained > 0.7
+
+
+@pytest.mark.parametrize("softness", [0.0, 0.2, 0.35])
+def test_fit_is_not_led_astray_by_soft_flanks_that_are_seen_in_part(softness: float) -> None:
+    """Where ink runs, flanks are soft, and where they are steepest little light comes back."""
+    truth = Registration(0.4 * PITCH, -0.7 * PITCH, 0.02)
+    soft = gaussian_filter(np.kron(block(), np.ones((12, 12))), 12 * softness)
+    fine = fine_map(soft, PITCH / 12, replaced_origin(truth), (640, 600), 9e-6)
+    steep = np.hypot(*np.gradient(fine.z, 9e-6)) > 0.02
+    seen = HeightMap(np.where(steep & (np.random.default_rng(6).random(fine.shape) < 0.6), np.nan, fine.z), 9e-6, 9e-6)
+    fit = fit_to_surface(seen, block(), PITCH, Registration(), reach=2 * PITCH, rotation_reach=math.radians(2))
+    middle = np.array(2.9e-3), np.array(2.7e-3)
+    assert np.abs(np.subtract(fit.registration.to_grid(*middle), truth.to_grid(*middle))).max() < 0.01 * PITCH
+    assert fit.registration.rotation == pytest.approx(truth.rotation, abs=math.radians(0.1))
+
+
+def replaced_origin(registration: Registration) -> Registration:
+    """The same place on a grid of twelfths, whose origin is the centre of its own first cell."""
+    shift = (PITCH - PITCH / 12) / 2
+    return Registration(registration.offset_x + shift, registration.offset_y + shift, registration.rotation)
 
 
 def test_fit_that_may_not_turn_keeps_the_rotation_that_it_was_given() -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.optimize import least_squares
 
 from inkloop.component import BoolMap, FloatMap
@@ -22,7 +22,8 @@ from inkloop.metrology.registration import Registration
 EXPLAINED_MIN = 0.5
 """Share of the relief that the known surface has to explain (assumed)."""
 POINTS_PER_CELL = 4  # along x and along y, in the fine fit
-SEARCH_POINTS_MAX, FIT_POINTS_MAX = 4_000, 60_000  # of larger maps every so many-th point is used
+SEARCH_POINTS_MAX, FIT_POINTS_MAX = 4_000, 20_000  # of larger maps every so many-th point is used
+SOFTNESS = (0.0, 0.15, 0.3)  # of flanks, standard deviation in cells: that which fits best is taken
 ROTATION_STEPS = 5  # of the search, within its reach
 CLIP = 4.0  # standard deviations beyond which a point is left out: dust, spikes (assumed)
 _NORMAL = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
@@ -68,8 +69,9 @@ def fit_to_surface(
     turns = np.linspace(-rotation_reach, rotation_reach, ROTATION_STEPS if rotation_reach > 0.0 else 1)
     moves = [(float(u), float(v), float(turn)) for turn in turns for u in shifts for v in shifts]
     best = min(moves, key=lambda move: float(np.sum(coarse.residuals(move) ** 2)))
-    fine = _Relief.of(map_, surface, pitch, start, POINTS_PER_CELL, FIT_POINTS_MAX)
-    move = _refined(fine, best, pitch, rotation_reach > 0.0)
+    points = _Relief.of(map_, surface, pitch, start, POINTS_PER_CELL, FIT_POINTS_MAX)
+    fits = [(fine := points.softened(width), _refined(fine, best, pitch, rotation_reach > 0.0)) for width in SOFTNESS]
+    fine, move = min(fits, key=lambda fit: float(np.sum(fit[0].residuals(fit[1]) ** 2)))
     residuals = fine.residuals(move)
     explained = 1.0 - float(np.sum(residuals**2) / max(np.sum(fine.relief**2), np.finfo(np.float64).tiny))
     rms = float(np.sqrt(np.mean(residuals**2)))
@@ -137,6 +139,10 @@ class _Relief:
         relief = self.relief[kept] - plane @ (plane.T @ self.relief[kept])
         return replace(self, x=self.x[kept], y=self.y[kept], relief=relief, plane=plane)
 
+    def softened(self, width: float) -> _Relief:
+        """The same with soft flanks on the known surface, `width` [cells]."""
+        return replace(self, surface=gaussian_filter(self.surface, width * self.per_cell)) if width else self
+
     def residuals(self, move: Move) -> FloatMap:
         """(k,) relief less the best multiple of the known surface there [m]."""
         known = self._known(move)
@@ -187,7 +193,7 @@ def _refined(relief: _Relief, first: Move, pitch: float, may_turn: bool) -> Move
         residuals = relief.residuals(move)
         noise = _NORMAL * float(np.median(np.abs(residuals)))
         step = relief.gain(move) * float(np.ptp(relief.surface))
-        outliers = np.abs(residuals) > max(CLIP * noise, 0.5 * step)  # no less: the flanks, which say most, are soft
+        outliers = np.abs(residuals) > max(CLIP * noise, 0.5 * step)  # no less: flanks differ most and say most
         if not outliers.any() or outliers.mean() > 0.5:
             break
         relief, first = relief.without(outliers), move
