@@ -12,9 +12,17 @@ static bool scale_column(double *column, size_t count) {
     if (!(column[0] > 0.0))
         return false;
     column[0] = sqrt(column[0]);
+    const double inverse = 1.0 / column[0];
     for (size_t k = 1; k <= count; k++)
-        column[k] /= column[0];
+        column[k] *= inverse;
     return true;
+}
+
+/* target -= share * one + other_share * other, for rows first .. last */
+static void subtract(double *restrict target, double share, const double *restrict one, double other_share,
+                     const double *restrict other, size_t first, size_t last) {
+    for (size_t row = first; row <= last; row++)
+        target[row] -= share * one[row] + other_share * other[row];
 }
 
 /* Two columns at a time: what is right of them is read and written half as often. */
@@ -35,8 +43,7 @@ bool band_factor(double *matrix, size_t size, size_t bandwidth) {
         for (size_t k = 2; k <= end; k++) {
             double *target = one + k * (stride - 1);
             const double share = k > count ? 0.0 : one[k], other_share = other[k];
-            for (size_t row = k; row <= count; row++)
-                target[row] -= share * one[row] + other_share * other[row];
+            subtract(target, share, one, other_share, other, k, count);
             if (end > count)
                 target[end] -= other_share * other[end];
         }
@@ -44,7 +51,8 @@ bool band_factor(double *matrix, size_t size, size_t bandwidth) {
     return true;
 }
 
-void band_solve(const double *factor, size_t size, size_t bandwidth, double *one, double *other) {
+void band_solve(const double *restrict factor, size_t size, size_t bandwidth, double *restrict one,
+                double *restrict other) {
     const size_t stride = bandwidth + 1;
     for (size_t column = 0; column < size; column++) {
         const double *pivot = factor + column * stride;
@@ -56,7 +64,8 @@ void band_solve(const double *factor, size_t size, size_t bandwidth, double *one
         }
     }
     for (size_t column = size; column-- > 0;) {
-        const double *pivot = factor + column * stride, *below_one = one + column, *below_other = other + column;
+        const double *restrict pivot = factor + column * stride, *below_one = one + column,
+                               *below_other = other + column;
         const size_t count = below(column, size, bandwidth);
         double value = 0.0, other_value = 0.0, odd = 0.0, other_odd = 0.0; /* short chains of sums */
         for (size_t k = 1; k + 1 <= count; k += 2) {

@@ -12,6 +12,7 @@
 bool band_factor(double *matrix, size_t size, size_t bandwidth);
 
 /* Replaces two right-hand sides by their solutions. */
-void band_solve(const double *factor, size_t size, size_t bandwidth, double *one, double *other);
+void band_solve(const double *restrict factor, size_t size, size_t bandwidth, double *restrict one,
+                double *restrict other);
 
 #endif

@@ -197,12 +197,10 @@ static double largest(const double *values, size_t count) {
 }
 
 /* From the present depths to equilibrium. */
-int ITERS, FACTS;
 static bool iterate(LiquidBody *body, SurfaceForm form, double volume) {
     assemble(body, form);
     size_t changed = 0;
     for (int step = 0; step < STEPS; step++) {
-        ITERS++;
         if (!find_step(body, volume))
             return false;
         changed = take_step(body, form);
