@@ -57,7 +57,7 @@ class BusConnection:
         self._heard = time.monotonic()
         self._opened = threading.Event()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "inkloop_hardware.bus_process"],
+            [sys.executable, "-P", "-m", "inkloop_hardware.bus_process"],  # -P: a can.py in this folder is not meant
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             bufsize=0,  # a message leaves at once, and whole, even if Ctrl-C falls upon it

@@ -356,6 +356,15 @@ def test_bus_is_open_from_the_first_attach_to_the_last_detach(channel: str) -> N
     rig.detach()
 
 
+def test_files_of_the_present_folder_are_not_taken_for_libraries(
+    channel: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "can.py").write_text("raise SystemExit('a script of the user')\n")
+    monkeypatch.chdir(tmp_path)
+    with Rig(settings(channel)) as rig:
+        rig.wait_for(Node, LIMIT)
+
+
 def test_bus_that_cannot_be_opened_does_not_count(channel: str) -> None:
     rig = Rig(settings("socket://127.0.0.1:1"))
     with pytest.raises(BusError, match=r"socket://127.0.0.1:1 at 500 kbit/s cannot be opened.*inkloop bench"):
