@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import rumoca
 
 from contract.fmu_driver import OK, Driver, random_patterns
 from modelica_library import literal, simulate_text
@@ -137,7 +138,7 @@ def test_random_numbers_are_philox_bit_for_bit(count) -> None:
 )
 def test_what_the_contract_refuses_stops_the_simulation_with_a_message(command, words) -> None:
     bad = "3" if command == "1" else "1"
-    with pytest.raises(Exception, match=words):
+    with pytest.raises(rumoca.SimulationError, match=words):
         simulate_text(f"""model M
           InkLoop.Deposition.LayerDeposition deposition(nx=2, ny=2);
           Integer layer(start=0, fixed=true);
