@@ -133,7 +133,10 @@ class Mapped:
             if not isinstance(step, Wait | Read):
                 self._open.forget()
             with self._open.enabled(step.enables):
-                self._one(step, fields)
+                try:
+                    self._one(step, fields)
+                except ValueError as error:  # a template that was right for layer 1
+                    raise ComponentError(f"{what}, step {place} ({step.do}): {error}; correct the mapping") from error
 
     def _one(self, step: Step, fields: dict[str, int]) -> None:
         bus = self._open

@@ -6,6 +6,7 @@ import difflib
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from cantools.database.can import Message
@@ -129,7 +130,7 @@ class _Check:
         if isinstance(step, Memory | RoutineStep | Read) and step.peer not in self._tables.peers:
             self.faults.append(f"{place}: peer is {step.peer!r}; {_nearest(step.peer, self._tables.peers)}")
         if isinstance(step, Memory):
-            self._try(f"{place}: address", number, step.address)
+            self._try(f"{place}: address", partial(_address, 256**step.address_bytes), step.address)
         elif isinstance(step, RoutineStep):
             self._try(f"{place}: option", hexadecimal, step.option)
             self._try(f"{place}: answer", hexadecimal, step.answer)
@@ -205,6 +206,13 @@ class _Check:
     @staticmethod
     def _signals(message: Message) -> list[str]:
         return [signal.name for signal in message.signals]
+
+
+def _address(end: int, template: int | str, fields: Mapping[str, int]) -> int:
+    found = number(template, fields)
+    if not 0 <= found < end:
+        raise ValueError(f"0x{found:X}; expected 0 to 0x{end - 1:X}, as address_bytes has it")
+    return found
 
 
 def _count(steps: Iterable[Step], kind: type) -> int:

@@ -64,6 +64,7 @@ def test_names_of_messages_become_the_ids_of_peers(tmp_path: Path) -> None:
         ('unit = "um"', 'unit = "inch"', "map.unit is 'inch'; expected one of nm, um"),
         ('unit = "m"', 'unit = "s"',
          "outputs.bed_position: unit is 's', to which the [mm] of BedPosition does not convert"),
+        ('header = "A5 {layer:04x}"', 'header = "A5 {layer.x}"', "pattern.header is 'A5 {layer.x}'; expected pairs"),
         ('header = "A5 {layer:04x}"', 'header = "A5 {layer:03x}"',
          "pattern.header is 'A5 {layer:03x}'; expected pairs of hexadecimal digits"),
         ('answer = "01"', 'answer = "0{x}"', "profiler step 1 (routine): answer is '0{x}'; expected pairs"),
@@ -74,6 +75,7 @@ def test_names_of_messages_become_the_ids_of_peers(tmp_path: Path) -> None:
          "printer step 3 (wait): enables are of the heartbeat; write heartbeat = true"),
         ('dbc = "rig.dbc"', 'dbc = "none.dbc"', "dbc: "),
         ("[peers.head]", "[peers.head", "is not TOML"),
+        ('address = "{layer}"', "address = -1", "printer step 1 (download): address is 0x-1; expected 0 to 0xFF"),
     ],
 )  # fmt: skip
 def test_fault_is_said_with_its_place(old: str, new: str, said: str, tmp_path: Path) -> None:
