@@ -2,10 +2,12 @@
  * (Young-Laplace; Hume and Rosen 2018, eq. 3 and 5), its edge stays on the footprint, its volume is given (eq. 4), and
  * it never cuts into the solid.
  *
- * Unknown is the liquid's depth w at each node, in spacings. The nonlinear form minimises the area of the surface over
- * the rectangles between the arms of each node, area * sqrt(1 + gx^2 + gy^2) with the slopes along the arms, under
- * sum(w) = volume and w >= 0; the linear form minimises area * (gx^2 + gy^2) / 2. Both are convex: Newton's method,
- * each step with one banded factorisation and two right-hand sides, and a set of nodes pinned to the solid. */
+ * Unknown is the liquid's depth w at each node, in spacings. The flux through an arm, gx / sqrt(1 + gx^2 + gy^2), or gx
+ * in the linear form, is taken as the mean over the quarters of squares beside it, with the slopes along the arms; what
+ * flows out of a node is the pressure, but on the solid. Away from the edge that is the least area of the surface under
+ * sum(w) = volume and w >= 0. Newton's method, each step with one banded factorisation and two right-hand sides, and a
+ * set of nodes pinned to the solid. An arm that the edge cuts counts with its own length and the width of a square
+ * (Gibou, Fedkiw, Cheng, Kang 2002: symmetric, of second order). */
 #ifndef INKLOOP_LIQUID_BODY_H
 #define INKLOOP_LIQUID_BODY_H
 
@@ -16,7 +18,7 @@ typedef enum { LINEAR = 1, NONLINEAR } SurfaceForm;
 typedef struct {
     WettedNodes wet;
     double *depth;                      /* w of each node, in spacings */
-    double *force;                      /* slope of the minimised function */
+    double *force;                      /* what flows out of each node */
     double *step, *response, *previous; /* without pressure, per unit of pressure; depths before the step */
     bool *is_pinned;
     double *matrix;  /* of the second slopes, a band */
