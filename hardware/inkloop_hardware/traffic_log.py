@@ -30,9 +30,14 @@ class TrafficLog:
         except OSError as error:
             raise BusError(f"traffic log {path} cannot be written: {error}") from error
         self._flushed = 0.0
+        self._first: float | None = None
 
     def take(self, message: can.Message) -> None:
-        """Writes one frame."""
+        """Writes one frame. Sent and received ones come from two threads: a frame from before the first one would get
+        a time of its own kind in an ASC file, so it gets that of the first."""
+        if self._first is None:
+            self._first = message.timestamp
+        message.timestamp = max(message.timestamp, self._first)
         self._writer.on_message_received(message)
 
     def flush(self, now: float) -> None:

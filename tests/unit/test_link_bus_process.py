@@ -116,6 +116,18 @@ def test_log_is_readable_up_to_its_last_flush(tmp_path: Path, suffix: str, is_cl
         assert one.timestamp == pytest.approx(expected.timestamp, abs=1e-2)
 
 
+@pytest.mark.parametrize("suffix", [".blf", ".asc"])
+def test_frame_from_before_the_first_one_keeps_a_sane_time(tmp_path: Path, suffix: str) -> None:
+    log = TrafficLog(tmp_path / f"traffic{suffix}")
+    for number in (5, 3, 8):
+        log.take(message(number))
+    log.close()
+    options = {} if suffix == ".blf" else {"relative_timestamp": False}
+    times = [one.timestamp for one in can.LogReader(tmp_path / f"traffic{suffix}", **options)]
+    assert [round(at - times[0], 3) for at in times] == [0.0, 0.0, 0.03]
+    assert abs(times[0] - message(5).timestamp) < 1
+
+
 def test_log_of_before_is_kept(tmp_path: Path) -> None:
     for count in (1, 2, 3):
         log = TrafficLog(tmp_path / "traffic.asc")
