@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
+
 import numpy as np
 import pytest
 import rumoca
 
 from contract.fmu_driver import OK, Driver, random_patterns
-from modelica_library import literal, simulate_text
+from modelica_library import LIBRARY, compiled, literal, simulate_text
 from reference.philox_numpy import normal, philox, uniforms
 
 SHAPE = NX, NY = 5, 4
@@ -33,6 +36,31 @@ def lu(modifiers: str) -> str:
     return (
         f"InkLoop.Deposition.LayerDeposition deposition(nx={NX}, ny={NY}, height_start={literal(START)}, {modifiers})"
     )
+
+
+SET_IN_THE_MODEL = {"nx", "ny", "scan_duration", "cap_radius"}
+
+
+@pytest.mark.parametrize(
+    ("model", "part", "fmu"),
+    [
+        ("Validation.CuboidFourLayers", "deposition", "layer_deposition"),
+        ("Validation.VolumeAreaBalance", "deposition", "volume_area_deposition"),
+        ("Examples.CuboidOpenLoop", "sensor", "profile_sensor"),
+    ],
+)
+def test_parameters_have_the_names_units_and_values_of_the_fmu(model, part, fmu) -> None:
+    variables = tomllib.loads((LIBRARY.parents[1] / "fmus" / fmu / "variables.toml").read_text())["variables"]
+    ours = [found for found in compiled(model).parameters if found.name.startswith(f"{part}.")]
+    assert len(ours) >= 14
+    for parameter in ours:
+        name = parameter.name.removeprefix(f"{part}.")
+        if name == "cap":
+            continue
+        theirs = variables[re.sub(r"ink_(.)\.(h\d)", r"\2_\1", name)]
+        assert (parameter.unit or "1") == theirs.get("unit", "1"), name
+        if name not in SET_IN_THE_MODEL and not parameter.dims:
+            assert parameter.value == theirs["start"], name
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import rumoca
 
-from modelica_library import LIBRARY, simulate
+from modelica_library import LIBRARY, compiled, simulate
 
 FILES = sorted(LIBRARY.rglob("*.mo"))
 FOLDERS = sorted({path.parent for path in FILES})
@@ -114,6 +114,14 @@ def stop_time(model: str) -> float:
     stop = re.search(r"experiment\(StopTime=([\d.]+), Tolerance=", text)
     assert stop is not None
     return float(stop[1])
+
+
+@pytest.mark.parametrize("model", RUNNING)
+def test_every_example_and_validation_has_as_many_equations_as_unknowns_and_no_loop(model: str) -> None:
+    structure = compiled(model).structure()
+    assert structure.is_balanced
+    assert structure.is_matched
+    assert structure.n_algebraic_loops == 0
 
 
 @pytest.mark.parametrize("model", RUNNING)
