@@ -6,7 +6,7 @@ class Contact "Contact and licence"
     DocumentationClass=true,
     Documentation(info="<html>
 <p>
-The library is part of the project inkloop and written by its authors. Questions and faults go to the issue tracker of the project.
+The library is part of the project inkloop and written by its authors. Questions and faults go to them, where the project is kept.
 </p>
 <p>Licence: BSD-3-Clause, as the whole project; its text is the file LICENSE of the project.</p>
 </html>"));
