@@ -337,7 +337,8 @@ def build_process(folder: Path) -> Path:
     """The emulated bench as a program, with the codec generated from the DBC."""
     write_codec(folder)
     wire = [FIRMWARE / f"{name}.c" for name in ("e2e", "e2e_monitor", "slcan", "isotp", "node_frames")]
-    host = [*HOST, *(FIRMWARE / "host" / f"{name}.c" for name in ("hub", "main", "measurements"))]
+    faults = ("fault", "fault_text", "frame_faults", "node_faults", "wire_faults")
+    host = [*HOST, *(FIRMWARE / "host" / f"{name}.c" for name in ("hub", "main", "measurements", *faults))]
     program = folder / "bench_nodes"
     sources = (*CORE, *wire, *host, *KERNELS, folder / "inkloop.c")
     subprocess.run(["gcc", *STRICT, *PLACES, f"-I{folder}", *sources, "-lm", "-o", program], check=True)

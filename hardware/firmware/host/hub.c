@@ -18,6 +18,7 @@
 #include <unistd.h>
 
 enum { READ_AT_ONCE = 2048, NOBODY = -1 };
+static const char BEL[] = "\a";
 
 void hub_init(Hub *hub) {
     hub->listener = hub->kept_open = NOBODY;
@@ -61,6 +62,7 @@ static HubClient *add_client(Hub *hub, int file, bool terminal, uint32_t now) {
         client->used = 0;
         client->dropped = 0;
         client->moved_at = now;
+        client->bus_off = client->relapsing = false;
         slcan_init(&client->slcan);
         return client;
     }
@@ -114,18 +116,56 @@ static void put(HubClient *client, const char *bytes, size_t length) {
     client->used += length;
 }
 
-static void send_except(Hub *hub, const CanFrame *frame, const HubClient *sender) {
-    char line[SLCAN_LINE_MAX];
-    const size_t length = slcan_write(frame, line);
+static void put_except(Hub *hub, const char *bytes, size_t length, const HubClient *sender) {
     for (int k = 0; k < HUB_CLIENTS; k++) {
         HubClient *client = &hub->client[k];
-        if (client->file != NOBODY && client != sender && client->slcan.open)
-            put(client, line, length);
+        if (client->file != NOBODY && client != sender && client->slcan.open && !client->bus_off)
+            put(client, bytes, length);
     }
+}
+
+static void send_except(Hub *hub, const CanFrame *frame, const HubClient *sender) {
+    char line[SLCAN_LINE_MAX];
+    put_except(hub, line, slcan_write(frame, line), sender);
 }
 
 void hub_send(Hub *hub, const CanFrame *frame) {
     send_except(hub, frame, NULL);
+}
+
+void hub_send_line(Hub *hub, const char *bytes, size_t length) {
+    put_except(hub, bytes, length, NULL);
+}
+
+void hub_unplug(Hub *hub, int client, uint32_t refusals) {
+    HubClient *gone = &hub->client[client];
+    hub->refusals = refusals;
+    if (gone->file == NOBODY)
+        return;
+    if (gone->terminal && hub->kept_open != NOBODY) {
+        close(hub->kept_open);
+        hub->kept_open = NOBODY;
+    }
+    gone->terminal = false;
+    put_off(gone);
+}
+
+void hub_bus_off(Hub *hub, int client, uint32_t times) {
+    hub->client[client].bus_off = hub->client[client].file != NOBODY;
+    hub->relapses = times - 1;
+}
+
+/* Whether an adapter takes no part in the bus. Closing its channel brings it back. */
+static bool is_bus_off(Hub *hub, HubClient *client, bool sends) {
+    if (client->bus_off && !client->slcan.open) {
+        client->bus_off = false;
+        client->relapsing = hub->relapses > 0;
+    } else if (sends && client->relapsing) {
+        hub->relapses--;
+        client->relapsing = false;
+        client->bus_off = true;
+    }
+    return client->bus_off;
 }
 
 static void flush(HubClient *client, uint32_t now) {
@@ -152,11 +192,18 @@ static void take_bytes(Hub *hub, HubClient *client, HubTake *take, void *context
         SlcanEvent event;
         if (!slcan_take(&client->slcan, bytes[k], &event))
             continue;
-        put(client, event.answer, event.answer_length);
-        if (!event.has_frame)
+        const bool off = is_bus_off(hub, client, event.has_frame);
+        if (off && event.has_frame)
+            put(client, BEL, sizeof BEL - 1);
+        else
+            put(client, event.answer, event.answer_length);
+        if (off || !event.has_frame)
             continue;
         send_except(hub, &event.frame, client);
+        hub->sender = (int)(client - hub->client);
         take(context, &event.frame);
+        if (client->file == NOBODY) /* unplugged meanwhile */
+            return;
     }
 }
 
@@ -166,7 +213,9 @@ static void welcome(Hub *hub, uint32_t now) {
         return;
     const int yes = 1;
     setsockopt(file, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
-    if (!do_not_block(file) || !add_client(hub, file, false, now))
+    const bool refused = hub->refusals > 0;
+    hub->refusals -= refused ? 1 : 0;
+    if (refused || !do_not_block(file) || !add_client(hub, file, false, now))
         close(file);
 }
 

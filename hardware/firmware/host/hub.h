@@ -16,6 +16,8 @@ enum { HUB_CLIENTS = 8, HUB_BUFFER = 65536, HUB_PATIENCE = 10000 /* ms */ };
 typedef struct {
     int file; /* -1: nobody */
     bool terminal;
+    bool bus_off;   /* until its channel is closed: nothing comes in, and what it is told to send is refused with BEL */
+    bool relapsing; /* it goes bus-off again with the next frame that it sends */
     Slcan slcan;
     uint32_t dropped;  /* frames */
     size_t used;       /* bytes of `out` that wait */
@@ -27,6 +29,9 @@ typedef struct {
     int listener;  /* -1: none */
     int kept_open; /* the other end of the pseudo-terminal, so that it stays when its user leaves; -1: none */
     HubClient client[HUB_CLIENTS];
+    int sender;        /* whose frame is handed on */
+    uint32_t refusals; /* connections that will be closed as soon as they are made */
+    uint32_t relapses; /* so often an adapter that comes back from bus-off is bus-off again at its first frame */
 } Hub;
 
 typedef void HubTake(void *context, const CanFrame *frame);
@@ -45,5 +50,14 @@ void hub_turn(Hub *hub, int wait_ms, uint32_t now, HubTake *take, void *context)
 
 /* To all clients that have opened their channel. */
 void hub_send(Hub *hub, const CanFrame *frame);
+
+/* Bytes in place of a frame, to the same ones. */
+void hub_send_line(Hub *hub, const char *bytes, size_t length);
+
+/* Ends the connection of a client, and the next `refusals` ones; a pseudo-terminal is gone for good. */
+void hub_unplug(Hub *hub, int client, uint32_t refusals);
+
+/* Sends an adapter bus-off, `times` times: each time until its channel is closed and opened again. */
+void hub_bus_off(Hub *hub, int client, uint32_t times);
 
 #endif

@@ -1,6 +1,7 @@
 /* The emulated bench as a process: four nodes on an slcan bus, with journals and surface in a folder.
  *
- *     inkloop_bench_nodes [--port N | --pty] [--folder DIR] [--until-stdin-closes] [option=value ...]
+ *     inkloop_bench_nodes [--port N | --pty] [--folder DIR] [--until-stdin-closes] [--fault KIND[:key=value,...]]
+ *                         [option=value ...]
  *
  * The first line it prints is the channel: "socket://127.0.0.1:PORT" or the path of a terminal. */
 #define _POSIX_C_SOURCE 200809L
@@ -15,7 +16,9 @@
 #include "bench.h"
 #include "hub.h"
 #include "measurements.h"
+#include "node_faults.h"
 #include "node_frames.h"
+#include "wire_faults.h"
 
 enum { TURN_MS = 1, FRAMES_AT_ONCE = 64, TEXT = 300 };
 
@@ -24,12 +27,18 @@ typedef struct {
     const char *folder;
     uint16_t port;
     bool terminal, until_stdin_closes;
+    Faults *faults;
+    char why[TEXT]; /* a fault is not understood */
 } Options;
 
 typedef struct {
     Bench *bench;
     NodeFrames frames[BENCH_NODES];
     Measurements measurements;
+    Faults faults;
+    WireFaults wire;
+    NodeFaults faulty;
+    Hub hub;
     uint32_t now;
 } Nodes;
 
@@ -70,6 +79,10 @@ static bool read_port(Options *options, const char *text) {
     return rest != text && *rest == '\0' && port >= 0 && port <= UINT16_MAX;
 }
 
+static bool read_fault(Options *options, const char *text) {
+    return faults_add(options->faults, text, options->why, sizeof options->why);
+}
+
 /* The argument that is wrong, NULL if none. */
 static const char *read_arguments(Options *options, int count, char **arguments) {
     for (int k = 1; k < count; k++) {
@@ -82,6 +95,8 @@ static const char *read_arguments(Options *options, int count, char **arguments)
             options->until_stdin_closes = true;
         else if (strcmp(argument, "--folder") == 0 && next)
             options->folder = arguments[++k];
+        else if (strcmp(argument, "--fault") == 0 && next)
+            good = read_fault(options, arguments[++k]);
         else if (strcmp(argument, "--port") == 0 && next)
             good = read_port(options, arguments[++k]);
         else
@@ -92,25 +107,61 @@ static const char *read_arguments(Options *options, int count, char **arguments)
     return NULL;
 }
 
-static void take(void *context, const CanFrame *frame) {
+/* A frame that has come through. */
+static void deliver(void *context, Way way, const CanFrame *frame) {
     Nodes *nodes = context;
+    if (way == FROM_NODES) {
+        hub_send(&nodes->hub, frame);
+        return;
+    }
     for (int node = 0; node < bench_node_count(nodes->bench); node++)
-        node_frames_take(&nodes->frames[node], frame, nodes->now);
+        if (!nodes->faulty.node[node].dead)
+            node_frames_take(&nodes->frames[node], frame, nodes->now);
 }
 
-static void run_nodes(Nodes *nodes, Hub *hub) {
-    world_tick(bench_world(nodes->bench), nodes->now);
-    for (int node = 0; node < bench_node_count(nodes->bench); node++) {
-        CanFrame frame;
-        node_frames_tick(&nodes->frames[node], nodes->now);
-        for (int sent = 0; sent < FRAMES_AT_ONCE; sent++) {
-            if (!node_frames_next(&nodes->frames[node], nodes->now, &frame))
-                break;
-            hub_send(hub, &frame);
-        }
-        if (measurements_next(&nodes->measurements, nodes->bench, node, nodes->now, &frame))
-            hub_send(hub, &frame);
+static void deliver_line(void *context, const char *bytes, size_t length) {
+    hub_send_line(&((Nodes *)context)->hub, bytes, length);
+}
+
+static void take(void *context, const CanFrame *frame) {
+    Nodes *nodes = context;
+    CanFrame other;
+    node_faults_happen(&nodes->faulty, frame, nodes->now);
+    wire_faults_pass(&nodes->wire, TO_NODES, frame);
+    if (node_faults_intrude(&nodes->faulty, frame, &other)) {
+        deliver(nodes, TO_NODES, &other);
+        deliver(nodes, FROM_NODES, &other);
     }
+}
+
+static void run_node(Nodes *nodes, int node) {
+    CanFrame frame;
+    node_faults_tick(&nodes->faulty, node, nodes->now);
+    for (int sent = 0; sent < FRAMES_AT_ONCE; sent++) {
+        if (!node_frames_next(&nodes->frames[node], nodes->now, &frame))
+            break;
+        wire_faults_pass(&nodes->wire, FROM_NODES, &frame);
+    }
+    if (measurements_next(&nodes->measurements, nodes->bench, node, nodes->now, &frame))
+        wire_faults_pass(&nodes->wire, FROM_NODES, &frame);
+}
+
+static void run_nodes(Nodes *nodes) {
+    world_tick(bench_world(nodes->bench), nodes->now);
+    faults_arm(&nodes->faults, nodes->bench);
+    node_faults_happen(&nodes->faulty, NULL, nodes->now);
+    for (int node = 0; node < bench_node_count(nodes->bench); node++)
+        if (!nodes->faulty.node[node].dead)
+            run_node(nodes, node);
+}
+
+static void begin(Nodes *nodes) {
+    const WireEnds ends = {.context = nodes, .frame = deliver, .line = deliver_line};
+    nodes->now = clock_ms();
+    wire_faults_init(&nodes->wire, &nodes->faults, &ends);
+    node_faults_init(&nodes->faulty, &nodes->faults, nodes->bench, &nodes->hub, nodes->frames);
+    for (int node = 0; node < bench_node_count(nodes->bench); node++)
+        node_faults_power_up(&nodes->faulty, node, nodes->now);
 }
 
 static bool stdin_is_closed(void) {
@@ -138,15 +189,15 @@ static bool open_channel(Hub *hub, const Options *options) {
 
 int main(int count, char **arguments) {
     static Nodes nodes;
-    static Hub hub;
-    Options options = {.bench = bench_defaults()};
+    Options options = {.bench = bench_defaults(), .faults = &nodes.faults, .why = ""};
     char why[TEXT];
     const char *wrong = read_arguments(&options, count, arguments);
     if (wrong) {
-        fprintf(stderr,
-                "inkloop_bench_nodes: %s is not understood; expected --port N, --pty, --folder DIR, "
-                "--until-stdin-closes, or an option with its value in SI, such as nx=40 or variation=0.1\n",
-                wrong);
+        static const char EXPECTED[] =
+            "expected --port N, --pty, --folder DIR, --until-stdin-closes, --fault KIND[:key=value,...], or an option "
+            "with its value in SI, such as nx=40 or variation=0.1";
+        fprintf(stderr, "inkloop_bench_nodes: %s is not understood; %s\n", wrong,
+                options.why[0] ? options.why : EXPECTED);
         return 2;
     }
     nodes.bench = bench_create(&options.bench, options.folder, why, sizeof why);
@@ -154,26 +205,22 @@ int main(int count, char **arguments) {
         fprintf(stderr, "inkloop_bench_nodes: %s\n", why);
         return 1;
     }
-    nodes.now = clock_ms();
-    for (int node = 0; node < bench_node_count(nodes.bench); node++) {
-        bench_power_up(nodes.bench, node, nodes.now);
-        node_frames_init(&nodes.frames[node], bench_node(nodes.bench, node), (uint8_t)node);
-    }
+    begin(&nodes);
     signal(SIGPIPE, SIG_IGN);
     signal(SIGTERM, end);
     signal(SIGINT, end);
-    if (!open_channel(&hub, &options)) {
+    if (!open_channel(&nodes.hub, &options)) {
         fprintf(stderr, "inkloop_bench_nodes: the channel could not be opened: %s\n", strerror(errno));
         bench_delete(nodes.bench);
         return 1;
     }
     while (!asked_to_end && !(options.until_stdin_closes && stdin_is_closed())) {
         nodes.now = clock_ms();
-        hub_turn(&hub, TURN_MS, nodes.now, take, &nodes);
+        hub_turn(&nodes.hub, TURN_MS, nodes.now, take, &nodes);
         nodes.now = clock_ms();
-        run_nodes(&nodes, &hub);
+        run_nodes(&nodes);
     }
-    hub_close(&hub);
+    hub_close(&nodes.hub);
     bench_delete(nodes.bench);
     return 0;
 }

@@ -1,0 +1,145 @@
+#include "fault_text.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { WORD = 64, DIGITS_BASE = 0 /* decimal, or hexadecimal with 0x */ };
+
+static const char *const KINDS[FAULT_KINDS] = {
+    "loss",         "burst",          "corruption",    "duplication",   "swap",        "delay",
+    "flow-control", "malformed-line", "stuck-counter", "bad-check",     "late-answer", "repeated-answer",
+    "short-map",    "reboot",         "death",         "second-master", "unplugged",   "bus-off"};
+static const char *const WAY_NAMES[] = {"to-nodes", "from-nodes", NULL};
+static const char *const NODE_NAMES[] = {"head", "stage", "cure", "profiler", NULL};
+static const char *const STEP_NAMES[] = {"none", "home", "move",     "purge",  "pass",
+                                         "cure", "scan", "download", "upload", NULL};
+
+typedef struct {
+    const char *name;
+    const char *const *words; /* NULL: a number */
+    size_t at;
+    double least, most;
+} KeyOf;
+
+#define MEMBER(name) offsetof(Fault, name)
+static const KeyOf COUNTS[] = {{"nth", NULL, MEMBER(nth), 1, UINT32_MAX},
+                               {"count", NULL, MEMBER(count), 1, UINT32_MAX},
+                               {"frames", NULL, MEMBER(frames), 1, UINT32_MAX}};
+static const KeyOf CHOICES[] = {
+    {"way", WAY_NAMES, MEMBER(way), 0, 0},         {"node", NODE_NAMES, MEMBER(node), 0, 0},
+    {"step", STEP_NAMES, MEMBER(step), 0, 0},      {"id", NULL, MEMBER(id), 0, CAN_ID_MAX},
+    {"service", NULL, MEMBER(service), 0, 0xBF},   {"byte", NULL, MEMBER(byte), 0, CAN_DATA_MAX - 1},
+    {"layer", NULL, MEMBER(layer), 0, UINT16_MAX}, {"pass", NULL, MEMBER(pass), 0, PASSES_MAX - 1},
+    {"seed", NULL, MEMBER(seed), 0, INT32_MAX}};
+
+static bool read_number(const char *text, double least, double most, double *number) {
+    char *rest;
+    const long long whole = strtoll(text, &rest, DIGITS_BASE);
+    *number = (double)whole;
+    return rest != text && *rest == '\0' && *number >= least && *number <= most;
+}
+
+static bool read_choice(const KeyOf *key, const char *text, int32_t *to) {
+    double number;
+    for (int k = 0; key->words && key->words[k]; k++)
+        if (strcmp(key->words[k], text) == 0) {
+            *to = k;
+            return true;
+        }
+    if (key->words || !read_number(text, key->least, key->most, &number))
+        return false;
+    *to = (int32_t)number;
+    return true;
+}
+
+static bool read_probability(Fault *fault, const char *text) {
+    char *rest;
+    fault->probability = strtod(text, &rest);
+    return rest != text && *rest == '\0' && fault->probability > 0.0 && fault->probability <= 1.0;
+}
+
+/* -1: no such key; 0: not a value for it; 1: read. */
+static int read_pair(Fault *fault, const char *name, const char *value) {
+    if (strcmp(name, "probability") == 0)
+        return read_probability(fault, value);
+    for (size_t k = 0; k < sizeof COUNTS / sizeof *COUNTS; k++) {
+        double number;
+        if (strcmp(COUNTS[k].name, name) != 0)
+            continue;
+        if (!read_number(value, COUNTS[k].least, COUNTS[k].most, &number))
+            return 0;
+        *(uint32_t *)(void *)((char *)fault + COUNTS[k].at) = (uint32_t)number;
+        return 1;
+    }
+    for (size_t k = 0; k < sizeof CHOICES / sizeof *CHOICES; k++)
+        if (strcmp(CHOICES[k].name, name) == 0)
+            return read_choice(&CHOICES[k], value, (int32_t *)(void *)((char *)fault + CHOICES[k].at));
+    return -1;
+}
+
+static void set_defaults(Fault *fault, FaultKind kind) {
+    const bool often =
+        kind == FAULT_BURST || kind == FAULT_STUCK_COUNTER || kind == FAULT_BAD_CHECK || kind == FAULT_SECOND_MASTER;
+    *fault = (Fault){.kind = kind,
+                     .count = often ? (kind == FAULT_BURST ? 16 : 10) : 1,
+                     .frames = kind == FAULT_DELAY  ? 10
+                               : kind == FAULT_SWAP ? 1
+                                                    : 0,
+                     .way = ANY,
+                     .id = ANY,
+                     .node = ANY,
+                     .service = ANY,
+                     .byte = ANY,
+                     .layer = ANY,
+                     .pass = ANY,
+                     .step = ANY};
+}
+
+static bool read_kind(Fault *fault, const char *word) {
+    for (int kind = 0; kind < FAULT_KINDS; kind++)
+        if (strcmp(KINDS[kind], word) == 0) {
+            set_defaults(fault, (FaultKind)kind);
+            return true;
+        }
+    return false;
+}
+
+/* The next word up to one of `ends`, which is skipped; false if it is too long. */
+static bool next_word(const char **text, const char *ends, char word[WORD]) {
+    const size_t length = strcspn(*text, ends);
+    if (length >= WORD)
+        return false;
+    memcpy(word, *text, length);
+    word[length] = '\0';
+    *text += length + ((*text)[length] != '\0');
+    return true;
+}
+
+bool fault_read(Fault *fault, const char *text, char *why, size_t room) {
+    char name[WORD], value[WORD];
+    if (!next_word(&text, ":", name) || !read_kind(fault, name)) {
+        snprintf(why, room, "no fault is called %s", name);
+        return false;
+    }
+    while (*text) {
+        const bool whole = next_word(&text, "=", name) && next_word(&text, ",", value);
+        const int read = whole ? read_pair(fault, name, value) : -1;
+        if (read == 1)
+            continue;
+        snprintf(why, room, "%s=%s of %s is %s", name, whole ? value : "", KINDS[fault->kind],
+                 read < 0 ? "no key of a fault" : "no value of this key");
+        return false;
+    }
+    if (fault->probability > 0.0 && fault->nth > 0) {
+        snprintf(why, room, "give probability or nth, not both");
+        return false;
+    }
+    const bool alone = fault->kind == FAULT_REBOOT || fault->kind == FAULT_DEATH;
+    if (alone && fault->node == ANY) {
+        snprintf(why, room, "it needs node=head, stage, cure or profiler");
+        return false;
+    }
+    return true;
+}

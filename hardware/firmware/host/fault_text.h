@@ -1,0 +1,10 @@
+/* The text of a fault. */
+#ifndef INKLOOP_FAULT_TEXT_H
+#define INKLOOP_FAULT_TEXT_H
+
+#include "fault.h"
+
+/* Reads KIND[:key=value,...] into a fault with the defaults of its kind; false, with `why` in words. */
+bool fault_read(Fault *fault, const char *text, char *why, size_t room);
+
+#endif

@@ -1,0 +1,43 @@
+/* What goes wrong in the nodes of the emulated bench and with the adapters on its bus, not on the wire itself. */
+#ifndef INKLOOP_NODE_FAULTS_H
+#define INKLOOP_NODE_FAULTS_H
+
+#include "fault.h"
+#include "hub.h"
+#include "node_frames.h"
+
+/* One node with its end of the bus. */
+typedef struct {
+    bool dead;
+    uint32_t revives_after; /* MasterAlive frames; 0: never */
+    bool is_late;           /* `kept` was held back, and goes out before the next answer; else it is sent again */
+    size_t kept_length;
+    uint8_t kept[ISOTP_LENGTH_MAX];
+} FaultyNode;
+
+typedef struct {
+    Faults *faults;
+    Bench *bench;
+    Hub *hub;
+    NodeFrames *frames; /* BENCH_NODES */
+    FaultyNode node[BENCH_NODES];
+    int master_adapter; /* where the last MasterAlive came from */
+    uint32_t intrusions;
+    uint8_t intruder_counter;
+} NodeFaults;
+
+void node_faults_init(NodeFaults *faulty, Faults *faults, Bench *bench, Hub *hub, NodeFrames *frames);
+
+/* Power for a node: at the start, and after a fault. */
+void node_faults_power_up(NodeFaults *faulty, int node, uint32_t now);
+
+/* Lets all events happen that are due; `frame`: what has just come from an adapter, NULL once per turn. */
+void node_faults_happen(NodeFaults *faulty, const CanFrame *frame, uint32_t now);
+
+/* What `node_frames_tick` does, with answers that go wrong; not for a dead node. */
+void node_faults_tick(NodeFaults *faulty, int node, uint32_t now);
+
+/* The MasterAlive of a second master that follows `frame`, if one does. */
+bool node_faults_intrude(NodeFaults *faulty, const CanFrame *frame, CanFrame *other);
+
+#endif

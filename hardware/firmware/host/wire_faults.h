@@ -1,0 +1,35 @@
+/* The wire between adapters and nodes: every frame passes it, either way, and through every fault in turn. */
+#ifndef INKLOOP_WIRE_FAULTS_H
+#define INKLOOP_WIRE_FAULTS_H
+
+#include "fault.h"
+
+enum { HELD_FRAMES = 64 };
+
+/* Where frames go on to; `line`: bytes that an adapter writes in place of a frame. */
+typedef struct {
+    void *context;
+    void (*frame)(void *context, Way way, const CanFrame *frame);
+    void (*line)(void *context, const char *bytes, size_t length);
+} WireEnds;
+
+typedef struct {
+    CanFrame frame;
+    Way way;
+    uint32_t behind; /* frames of its way that overtake it yet; 0: nobody is held here */
+    uint32_t next;   /* fault that it meets next */
+} HeldFrame;
+
+typedef struct {
+    Faults *faults;
+    WireEnds ends;
+    HeldFrame held[HELD_FRAMES];
+    uint8_t counter[STANDARD_IDS]; /* of the supervised frame before */
+} WireFaults;
+
+void wire_faults_init(WireFaults *wire, Faults *faults, const WireEnds *ends);
+
+/* Takes a frame; it comes out at once, later, twice, altered, or never. */
+void wire_faults_pass(WireFaults *wire, Way way, const CanFrame *frame);
+
+#endif
