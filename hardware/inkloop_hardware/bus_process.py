@@ -116,7 +116,7 @@ class BusProcess:
                 elif kind is Kind.STOP:
                     self.stop_call.set(now, bool(content[0]))
                 elif kind is Kind.JOB:
-                    self.heartbeat.job = int(content)
+                    self.heartbeat.change_job(now, int(content))
                 self._send_due(now)
 
     def _beat(self) -> None:

@@ -139,7 +139,7 @@ def test_second_interrupt_ends_at_once_with_everything_off(tmp_path: Path, capsy
 
 def test_killed_run_goes_on_where_it_was_once_a_person_has_looked(tmp_path: Path) -> None:
     """It is killed while the lamp is lit, so that nothing is jetted: what became of that cure, nobody knows."""
-    path, folder = write(tmp_path, BLOCK.replace("cure_ms = 2", "cure_ms = 400")), tmp_path / "run"
+    path, folder = write(tmp_path, BLOCK.replace("cure_ms = 2", "cure_ms = 500")), tmp_path / "run"
     with emulated(path, ["part.height_um=6.0"]) as (_, channel):
         words = ["--set", channel, "--set", "part.height_um=6.0"]
         running = started("run", str(path), "--out", str(folder), *words)
@@ -164,15 +164,17 @@ def test_what_a_person_asks_of_the_nodes_leaves_the_part_alone(
     assert_same_print(bench, printed_with_fmus(path, exact))
 
 
-def test_bench_command_runs_until_it_is_interrupted_and_says_what_to_type(tmp_path: Path) -> None:
+def test_bench_command_runs_until_it_is_interrupted_and_says_what_to_type(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = write(tmp_path)
     running = started("bench", str(path), "--port", "0")
     assert running.stdout
     lines = [running.stdout.readline() for _ in range(4)]
     channel = lines[0].split()[3].rstrip(":")
     assert f"inkloop run {path} --set bench.interface=slcan --set bench.channel={channel}" in lines[2]
-    taken = started("bench", str(path), "--port", channel.rpartition(":")[2])
-    assert "a bench runs there already" in taken.communicate(timeout=PATIENCE_S)[0]
+    assert main(["bench", str(path), "--port", channel.rpartition(":")[2]]) == 1
+    assert "a bench runs there already" in capsys.readouterr().err
     running.send_signal(signal.SIGINT)
     running.communicate(timeout=PATIENCE_S)
     assert running.returncode == 0

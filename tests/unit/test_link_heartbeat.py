@@ -68,6 +68,14 @@ def test_master_alive_comes_every_100_ms_while_the_loop_lives() -> None:
     assert {(alive.session, alive.job, enables(alive)) for _, alive in loop.sent} == {(3, 9, Enables.NONE)}
 
 
+def test_another_job_is_said_at_once_and_twice() -> None:
+    """A pattern for it may be the next thing on the bus."""
+    loop = Loop()
+    loop.run(1.0, Enables.NONE)
+    loop.heartbeat.change_job(loop.now, 10)
+    assert [alive.job for alive in loop.run(0.05, Enables.NONE)] == [10, 10]
+
+
 @pytest.mark.parametrize("step", [Enables.LAMP, Enables.GATE | Enables.MOTION, ALL])
 def test_change_of_enables_is_said_at_once_and_twice(step: Enables) -> None:
     """A single lost frame must neither delay a step nor keep it enabled."""
