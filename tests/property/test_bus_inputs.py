@@ -13,6 +13,7 @@ import pytest
 from e2e import p01
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from udsoncan import MemoryLocation
 
 from inkloop_hardware.codec import Codec, Frame
 from inkloop_hardware.errors import FrameError, HardwareError
@@ -202,12 +203,14 @@ def test_answers_of_any_bytes_to_a_link_end_in_words(name: str, says: list[bytes
 PEER_CALLS: dict[str, Callable[[Peer], object]] = {
     "read": lambda peer: peer.read(0x0100),
     "routine": lambda peer: peer.routine(0x0200, b"\1", 20.0),
+    "download": lambda peer: peer.download(MemoryLocation(1, 300, 32, 32), bytes(300), True),
+    "upload": lambda peer: peer.upload(MemoryLocation(1, 45, 32, 32), 45, True),
 }
 
 
 @pytest.mark.parametrize("name", PEER_CALLS)
 @settings(max_examples=40, deadline=None)
-@given(says=st.lists(SAID | FRAMES, min_size=1, max_size=6))
+@given(says=st.lists(SAID | LENGTHS | FRAMES, min_size=1, max_size=6))
 @example(says=[b"\2"])
 @example(says=[b"\0"])
 def test_answers_of_any_bytes_to_a_peer_end_in_words(name: str, says: list[bytes | Frame]) -> None:
