@@ -79,6 +79,8 @@ static uint8_t needed(const Node *node) {
         return node->dry ? motion : (uint8_t)(motion | ENABLE_GATE);
     case STEP_CURE:
         return node->dry ? 0 : ENABLE_LAMP;
+    case STEP_SELF_TEST:
+        return node->step.lamp_ms ? ENABLE_LAMP : ENABLE_GATE;
     case STEP_SCAN:
         return motion;
     default:

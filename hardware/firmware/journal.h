@@ -20,7 +20,7 @@ typedef enum {
     RECORD_CLEAR     /* a person has released the node */
 } RecordKind;
 
-typedef enum { STEP_NONE, STEP_HOME, STEP_MOVE, STEP_PURGE, STEP_PASS, STEP_CURE, STEP_SCAN } StepKind;
+typedef enum { STEP_NONE, STEP_HOME, STEP_MOVE, STEP_PURGE, STEP_PASS, STEP_CURE, STEP_SCAN, STEP_SELF_TEST } StepKind;
 
 enum {
     BOOK_ABANDONED = 1,    /* the layer is not to be finished */

@@ -15,10 +15,15 @@ typedef struct {
 } Routine;
 
 static const Routine ROUTINES[] = {
-    {ROUTINE_CLEAR, STEP_NONE, 0xFF, 1},       {ROUTINE_HOME, STEP_HOME, ROLE_STAGE, 0},
-    {ROUTINE_PURGE, STEP_PURGE, ROLE_HEAD, 0}, {ROUTINE_PASS, STEP_PASS, ROLE_HEAD, 1},
-    {ROUTINE_CURE, STEP_CURE, ROLE_CURE, 2},   {ROUTINE_SCAN, STEP_SCAN, ROLE_PROFILER, 0},
-    {ROUTINE_DRY_RUN, STEP_NONE, 0xFF, 1},     {ROUTINE_MOVE, STEP_MOVE, ROLE_STAGE, 1},
+    {ROUTINE_CLEAR, STEP_NONE, 0xFF, 1},
+    {ROUTINE_HOME, STEP_HOME, ROLE_STAGE, 0},
+    {ROUTINE_PURGE, STEP_PURGE, ROLE_HEAD, 0},
+    {ROUTINE_PASS, STEP_PASS, ROLE_HEAD, 1},
+    {ROUTINE_CURE, STEP_CURE, ROLE_CURE, 2},
+    {ROUTINE_SCAN, STEP_SCAN, ROLE_PROFILER, 0},
+    {ROUTINE_DRY_RUN, STEP_NONE, 0xFF, 1},
+    {ROUTINE_MOVE, STEP_MOVE, ROLE_STAGE, 1},
+    {ROUTINE_SELF_TEST, STEP_SELF_TEST, ROLE_HEAD | ROLE_CURE, 2},
 };
 
 static const Routine *find(const Node *node, uint16_t number) {
@@ -106,6 +111,18 @@ static uint8_t conditions_of_motion(const Node *node, StepKind kind, uint16_t op
     return kind == STEP_HOME || !stage || interlocks_line(node, LINE_HOMED) ? UDS_OK : UDS_CONDITIONS;
 }
 
+/* Of the lamp for `lamp_ms`; 0: of the gate. */
+static uint8_t conditions_of_self_test(const Node *node, uint16_t lamp_ms) {
+    if (!node_has(node, lamp_ms ? ROLE_CURE : ROLE_HEAD))
+        return UDS_OUT_OF_RANGE;
+    if (node->dry)
+        return UDS_CONDITIONS;
+    if (lamp_ms)
+        return conditions_of_cure(node, lamp_ms);
+    const bool dark = !node->lamp_driven && !interlocks_line(node, LINE_LAMP_ON);
+    return dark && interlocks_enabled(node, ENABLE_GATE) ? UDS_OK : UDS_CONDITIONS;
+}
+
 /* What forbids to begin now: first the order of the layer, then what is enabled and confirmed. */
 static uint8_t refusal_of(const Node *node, StepKind kind, const Key *key, uint16_t option) {
     uint8_t code = UDS_OK;
@@ -119,6 +136,8 @@ static uint8_t refusal_of(const Node *node, StepKind kind, const Key *key, uint1
         return code;
     if (kind == STEP_PASS)
         return conditions_of_pass(node, option);
+    if (kind == STEP_SELF_TEST)
+        return conditions_of_self_test(node, option);
     return kind == STEP_CURE ? conditions_of_cure(node, option) : conditions_of_motion(node, kind, option);
 }
 

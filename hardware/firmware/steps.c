@@ -16,6 +16,8 @@ static uint32_t limit_of(const Node *node, StepKind kind, uint16_t option) {
         return limits->pass + 2 * limits->gate;
     case STEP_CURE:
         return option + limits->gate; /* the lamp goes out by itself; then it must be seen to be out */
+    case STEP_SELF_TEST:
+        return option + 2 * limits->gate;
     case STEP_SCAN:
         return limits->scan;
     default:
@@ -53,6 +55,11 @@ static bool energise(Node *node, uint16_t option) {
     case STEP_CURE:
         node->state = NODE_CURING;
         return interlocks_lamp_on(node);
+    case STEP_SELF_TEST:
+        if (option)
+            return interlocks_lamp_on(node);
+        enter(node, OPENING);
+        return interlocks_gate_open(node);
     default:
         node->state = NODE_SCANNING;
         return begin_work(node, WORK_SCAN, 0);
@@ -65,6 +72,7 @@ static Cause cause_of(StepKind kind) {
     case STEP_MOVE:
         return CAUSE_STAGE_POSITION;
     case STEP_CURE:
+    case STEP_SELF_TEST:
         return CAUSE_GATE_NOT_CONFIRMED;
     case STEP_SCAN:
         return CAUSE_SCAN_FAILED;
@@ -180,6 +188,27 @@ static void continue_cure(Node *node) {
     }
 }
 
+/* The gate to its one end and back, or the lamp for a moment: nothing is jetted, and no layer knows of it. */
+static void continue_self_test(Node *node) {
+    const uint32_t lasted = node->now - node->step.phase_began;
+    const bool expired = lasted >= node->options.limits.gate;
+    if (node->step.phase == OPENING && interlocks_line(node, LINE_GATE_OPEN)) {
+        interlocks_gate_close(node);
+        enter(node, CLOSING);
+    } else if (node->step.phase == WORKING && lasted >= node->step.lamp_ms) {
+        const bool lit = interlocks_line(node, LINE_LAMP_ON);
+        interlocks_lamp_off(node);
+        enter(node, CLOSING);
+        if (!lit)
+            node_de_energise(node, NODE_FAULT, CAUSE_LAMP_TIME);
+    } else if (node->step.phase == CLOSING && interlocks_line(node, LINE_GATE_CLOSED) &&
+               !interlocks_line(node, LINE_LAMP_ON)) {
+        answer_done(node);
+    } else if (node->step.phase != WORKING && expired) {
+        node_de_energise(node, NODE_FAULT, node->step.lamp_ms ? CAUSE_LAMP_TIME : CAUSE_GATE_NOT_CONFIRMED);
+    }
+}
+
 static void continue_work(Node *node, WorkProgress progress) {
     if (progress != WORK_FINISHED || !note_done(node))
         return;
@@ -194,7 +223,8 @@ static void continue_work(Node *node, WorkProgress progress) {
 void steps_continue(Node *node) {
     if (node->step.kind == STEP_NONE)
         return;
-    const bool working = node->step.phase == WORKING && node->step.kind != STEP_CURE;
+    const bool working =
+        node->step.phase == WORKING && node->step.kind != STEP_CURE && node->step.kind != STEP_SELF_TEST;
     const WorkProgress progress = working ? node->hal->progress(node->hal->context) : WORK_RUNNING;
     if (progress == WORK_FAILED)
         node_de_energise(node, NODE_FAULT, cause_of(node->step.kind));
@@ -202,6 +232,8 @@ void steps_continue(Node *node) {
         continue_pass(node, progress);
     else if (node->step.kind == STEP_CURE)
         continue_cure(node);
+    else if (node->step.kind == STEP_SELF_TEST)
+        continue_self_test(node);
     else
         continue_work(node, progress);
     if (node->step.kind != STEP_NONE && node->now - node->step.said_busy >= node->options.limits.pending) {

@@ -47,7 +47,8 @@ enum { /* routines */
        ROUTINE_CURE,
        ROUTINE_SCAN,
        ROUTINE_DRY_RUN,
-       ROUTINE_MOVE
+       ROUTINE_MOVE,
+       ROUTINE_SELF_TEST
 };
 
 typedef enum {

@@ -76,6 +76,7 @@ class Step(IntEnum):
     PASS = 4
     CURE = 5
     SCAN = 6
+    SELF_TEST = 7
 
 
 class Happening(IntEnum):

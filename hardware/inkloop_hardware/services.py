@@ -21,6 +21,7 @@ class Routine(IntEnum):
     SCAN = 0x0205
     DRY_RUN = 0x0206
     MOVE = 0x0207
+    SELF_TEST = 0x0208
 
 
 class ClearOption(IntFlag):
