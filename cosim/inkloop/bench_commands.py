@@ -10,6 +10,7 @@ from typing import Any
 from rich.console import Console
 
 from inkloop import devices
+from inkloop.bench_faults import read_fault
 from inkloop.devices import Bench
 from inkloop.emulation import Emulation, check_listening, emulation_of, local_port
 from inkloop.errors import InkloopError
@@ -37,6 +38,7 @@ def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Con
     port = options.port if options.port is not None else local_port(channel)
     if scenario and port is None and not options.pty:
         raise InkloopError(f"{file}: {NO_CHANNEL}" if channel is None else _other_channel(file, channel))
+    faults = (*emulation.faults, *map(read_fault, options.fault))
     start = importlib.import_module("inkloop_hardware.emulated_bench").EmulatedBench
     running: Any = start(
         emulation.parameters,
@@ -44,6 +46,7 @@ def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Con
         terminal=options.pty,
         folder=options.folder,
         surface=emulation.surface,
+        faults=[str(fault) for fault in faults],
     )
     with running:
         said = console.print
@@ -51,6 +54,8 @@ def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Con
         if scenario:
             grid = scenario.tables.grid
             said(f"{grid.nx} x {grid.ny} cells, ink and sensor as {file} says", highlight=False)
+        for fault in faults:
+            said(f"on request: {fault}", highlight=False)
         told = (
             "" if running.channel == channel else f" --set bench.interface=slcan --set bench.channel={running.channel}"
         )
@@ -99,6 +104,8 @@ def add_parsers(commands: Any) -> tuple[argparse.ArgumentParser, argparse.Argume
     bench.add_argument("--port", type=int, metavar="N", help="TCP port on 127.0.0.1 (default: that of [bench])")
     bench.add_argument("--pty", action="store_true", help="a pseudo-terminal in place of a port")
     bench.add_argument("--folder", type=Path, metavar="DIR", help="keep journals and surface there")
+    words = "KIND[:key=value,...], for example loss:probability=1e-3; docs/reference/bench-faults.md; may be repeated"
+    bench.add_argument("--fault", action="append", default=[], metavar="FAULT", help=words)
     words = "; ".join(f"{name}: {meaning}" for name, meaning in ACTIONS.items())
     device = commands.add_parser(
         "device", help="ask something of the nodes of a bench without printing", description=words

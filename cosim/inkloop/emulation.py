@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from inkloop import devices, fmu_options
+from inkloop.bench_faults import FaultTable
 from inkloop.component import FloatMap
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.scenario import Scenario
@@ -32,10 +33,11 @@ _SAID_OTHERWISE = {"pitch", "passes", "pass_order", "pass_rotation", "layer_dura
 
 @dataclass(frozen=True)
 class Emulation:
-    """Options of the emulated bench in SI, and the surface to print on (nx, ny) [m], flat if None."""
+    """Options of the emulated bench in SI, the surface to print on (nx, ny) [m], flat if None, and what goes wrong."""
 
     parameters: dict[str, float] = field(default_factory=dict)
     surface: FloatMap | None = None
+    faults: tuple[FaultTable, ...] = ()
 
 
 def emulation_of(scenario: Scenario) -> Emulation:
@@ -56,7 +58,7 @@ def emulation_of(scenario: Scenario) -> Emulation:
         parameters[_SEEDS[model]] = values["seed"].item()
     if faults:
         raise ScenarioError(scenario.source, faults)
-    return Emulation(parameters, scenario.job().height_start)
+    return Emulation(parameters, scenario.job().height_start, tuple(scenario.tables.bench.faults))
 
 
 def local_port(channel: str | None) -> int | None:

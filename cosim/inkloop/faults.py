@@ -22,7 +22,7 @@ def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
     if detail["type"] == "missing":
         return f"{place} is missing; add it{_meaning(field)}"
     if detail["type"] == "extra_forbidden":
-        return f"{place} is not a key of this table; {nearest(path[-1], table.model_fields if table else ())}"
+        return f"{place} is not a key of this table; {nearest(path[-1], _keys(table))}"
     if detail["type"] in ("union_tag_invalid", "union_tag_not_found"):
         choices = ", ".join(_tags(field))
         found = f"is {detail['ctx']['tag']!r}" if "tag" in detail.get("ctx", {}) else "is missing"
@@ -68,6 +68,10 @@ def _tags(field: FieldInfo | None) -> Mapping[str, type[BaseModel]]:
         return {}
     tables = typing.get_args(field.annotation)
     return {typing.get_args(table.model_fields[field.discriminator].annotation)[0]: table for table in tables}
+
+
+def _keys(table: type[BaseModel] | None) -> list[str]:
+    return [field.alias or name for name, field in table.model_fields.items()] if table else []
 
 
 def _is_table(kind: Any) -> bool:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from inkloop import bench_faults
 from inkloop.component import Ink
 from inkloop.part_tables import (
     UM,
@@ -97,6 +98,7 @@ class BenchTable(Table):
     loop_timeout_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = Field(
         default=120.0, description="silence of the control loop, with nothing enabled, after which its heartbeat stops"
     )
+    faults: list[bench_faults.FaultTable] = Field(default=[], description="of the emulated bench, on request")
 
 
 class RunTable(Table):

@@ -9,7 +9,7 @@ import shutil
 import struct
 import subprocess
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -30,7 +30,8 @@ class EmulatedBench:
 
     parameters: options of the bench in SI, as on the page of the node's services; port: 0 takes a free one; terminal: a
     pseudo-terminal in place of a port; folder: keeps journals and surface there, a next start goes on with them;
-    surface: (nx, ny) [m] to print on, flat if None, without meaning where the folder holds one. Raises BusError.
+    surface: (nx, ny) [m] to print on, flat if None, without meaning where the folder holds one; faults: on request, as
+    docs/reference/bench-faults.md has them. Raises BusError.
     """
 
     def __init__(
@@ -41,6 +42,7 @@ class EmulatedBench:
         terminal: bool = False,
         folder: Path | None = None,
         surface: FloatMap | None = None,
+        faults: Sequence[str] = (),
     ) -> None:
         self._own_folder = None if folder or surface is None else Path(tempfile.mkdtemp(prefix="inkloop-bench-"))
         place = folder or self._own_folder
@@ -50,6 +52,7 @@ class EmulatedBench:
                 _write_surface(place / SURFACE_FILE, surface)
         words = ["--pty"] if terminal else ["--port", str(port)]
         words += ["--folder", str(place)] if place else []
+        words += [word for fault in faults for word in ("--fault", fault)]
         words += [f"{name}={value:.17g}" for name, value in parameters.items()]
         # its standard input is ours: when this process ends, however it does, the bench ends too
         self._process = subprocess.Popen(

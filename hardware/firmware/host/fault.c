@@ -4,7 +4,7 @@
 #include "inkloop.h"
 #include "random.h"
 
-enum { FIRST_STREAM = 100, STEP_DOWNLOAD = STEP_SELF_TEST + 1, STEP_UPLOAD };
+enum { FIRST_STREAM = 100, STEP_DOWNLOAD = 8 /* after those of StepKind */, STEP_UPLOAD };
 enum { FLOW_CONTROL = 0x3, FIRST_ISOTP_ID = INKLOOP_HEAD_REQUEST_FRAME_ID };
 enum { LAST_ISOTP_ID = INKLOOP_PROFILER_ANSWER_FRAME_ID, POSITIVE = 0x40, NEGATIVE = 0x7F };
 

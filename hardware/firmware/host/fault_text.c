@@ -13,8 +13,8 @@ static const char *const KINDS[FAULT_KINDS] = {
     "short-map",    "reboot",         "death",         "second-master", "unplugged",   "bus-off"};
 static const char *const WAY_NAMES[] = {"to-nodes", "from-nodes", NULL};
 static const char *const NODE_NAMES[] = {"head", "stage", "cure", "profiler", NULL};
-static const char *const STEP_NAMES[] = {"none", "home", "move",     "purge",  "pass",
-                                         "cure", "scan", "download", "upload", NULL};
+static const char *const STEP_NAMES[] = {"none", "home",      "move",     "purge",  "pass", "cure",
+                                         "scan", "self-test", "download", "upload", NULL};
 
 typedef struct {
     const char *name;
