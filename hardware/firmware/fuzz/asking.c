@@ -87,9 +87,10 @@ static bool is_pending(const uint8_t *answer) {
     return answer[0] == UDS_NEGATIVE && answer[2] == UDS_PENDING;
 }
 
-void bench_ask_once(Bench *bench, const uint8_t *request, size_t length) {
+bool bench_ask_once(Bench *bench, const uint8_t *request, size_t length) {
     uint8_t first[ANSWER_ROOM];
     ask(bench, request, length, first);
+    return first[0] != 0 && first[0] != UDS_NEGATIVE;
 }
 
 void bench_ask_to_the_end(Bench *bench, const uint8_t *request, size_t length) {

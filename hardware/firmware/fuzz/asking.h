@@ -28,8 +28,8 @@ void bench_live(Bench *bench, int ticks);
 void bench_say_alive(Bench *bench, const MasterAlive *master);
 void bench_power_up(Bench *bench);
 
-/* A request and what is said at once. */
-void bench_ask_once(Bench *bench, const uint8_t *request, size_t length);
+/* A request; whether the answer that comes at once is positive. */
+bool bench_ask_once(Bench *bench, const uint8_t *request, size_t length);
 
 /* To the end of the step; what was done is then done before. */
 void bench_ask_to_the_end(Bench *bench, const uint8_t *request, size_t length);

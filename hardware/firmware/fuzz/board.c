@@ -30,9 +30,9 @@ static void fail_if_due(FuzzBoard *board) {
 static bool storage_write(void *context, uint32_t offset, const uint8_t *from, uint32_t length) {
     FuzzBoard *board = context;
     law(offset <= FUZZ_STORAGE_BYTES && length <= FUZZ_STORAGE_BYTES - offset, "writes stay in the storage");
-    if (is_broken(board, BROKEN_STORAGE))
-        return false;
     board->written_to = true;
+    if (is_broken(board, BROKEN_STORAGE)) /* it says that all is well, and forgets */
+        return true;
     const uint32_t written = through(board, length);
     for (uint32_t k = 0; k < written; k++) {
         law(board->tampered || board->storage[offset + k] == 0xFF, "only erased bytes are written");
@@ -188,6 +188,7 @@ void fuzz_board_power_off(FuzzBoard *board) {
 }
 
 void fuzz_board_master_alive(FuzzBoard *board, const MasterAlive *master) {
+    board->alive_at = board->now;
     for (int k = 0; k < 3; k++) {
         board->enabled[k] = (master->enables >> k & 1) != 0;
         if (board->enabled[k])

@@ -48,6 +48,7 @@ typedef struct {
     uint32_t work_at;
     uint32_t enabled_at[3]; /* when the master last allowed lamp, gate, motion */
     bool enabled[3];
+    uint32_t alive_at; /* when the node was told that a master lives */
     uint32_t scans, jets;
     Key seen; /* of the last scan that ended */
     Jetted jetted;

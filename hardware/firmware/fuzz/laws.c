@@ -14,6 +14,7 @@ static void check_outputs(const FuzzBoard *board) {
     law(!board->gate || fuzz_board_allows(board, ENABLE_GATE), "gate only while a living master allows it");
     const bool jets = board->working && board->work.kind == WORK_JET && !board->work.dry;
     law(!jets || ((here & LINE_GATE_OPEN) && !(here & LINE_LAMP_ON)), "droplets fly only with gate open and lamp off");
+    law(node_is_off(node) || board->now - board->alive_at < node->options.limits.alive, "off without a living master");
     law(!board->working || node->step.kind != STEP_NONE, "nothing works without a step");
     law((board->lamp || board->gate) <= (node->step.kind != STEP_NONE), "nothing is energised without a step");
 }
@@ -27,10 +28,11 @@ static void check_book(FuzzBoard *board) {
     const bool head = node_has(node, ROLE_HEAD);
     const uint8_t known = (uint8_t)(book->done | book->unknown);
     law(!(book->done & book->unknown), "a pass is done or unknown");
-    if (book->job == jetted->job && book->layer == jetted->layer && head) {
+    const bool same = book->job == jetted->job && book->layer == jetted->layer;
+    law(!head || !(book->done & ~(same ? jetted->finished : 0)), "what is done was jetted to its end");
+    if (same && head) {
         const uint8_t now = (uint8_t)(node->step.kind == STEP_PASS ? 1u << node->step.key.pass : 0u);
         law(!(jetted->opened & ~(known | now)), "what was jetted is done, unknown or under way");
-        law(!(book->done & ~jetted->finished), "what is done was jetted to its end");
     }
     if (board->book_known && book->job == before->job && book->layer == before->layer)
         law(!(before->done & ~book->done), "passes done never shrink");

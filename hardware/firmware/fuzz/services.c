@@ -39,8 +39,9 @@ static void download(Bench *bench) {
         bench_ask_once(bench, request, 2 + bytes);
     }
     request[0] = UDS_TRANSFER_EXIT;
-    put_u32(request + 1, crc32_after(0, pattern, size) ^ (form & 16 ? 1 : 0));
-    bench_ask_once(bench, request, 5);
+    const bool altered = form & 16;
+    put_u32(request + 1, crc32_after(0, pattern, size) ^ (altered ? 1 : 0));
+    law(!bench_ask_once(bench, request, 5) || !altered, "a pattern with another checksum is refused");
 }
 
 static void upload(Bench *bench) {
