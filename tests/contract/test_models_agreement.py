@@ -1,0 +1,125 @@
+"""The deposition models from Python and the FMUs are the same kernels: they agree to the last bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from contract.fmu_driver import Driver, random_patterns
+from inkloop.component import Ink
+from inkloop.models import (
+    DropletVolumes,
+    LayerDeposition,
+    SuperpositionDeposition,
+    VolumeAreaDeposition,
+    YoungLaplaceDeposition,
+)
+
+VARIATION = {"variation": 0.3, "variation_kind": 4, "nozzle_pitch": 3, "nozzle_variation": 0.1, "seed": 11}
+PASSES = [{"passes": 1}, {"passes": 4, "pass_order": 2, "pass_rotation": 1}]
+FLAT = LayerDeposition().start(np.zeros((3, 3)))
+HEIGHTS = ((4.4e-6, 0.6e-6, 0.2e-6), (3.9e-6, 0.5e-6, 0.1e-6))
+FAR = tuple((*ink, 0.15e-6, 0.1e-6, 0.05e-6) for ink in HEIGHTS)
+FURTHEST = tuple((*ink, 0.03e-6, 0.02e-6, 0.01e-6, 0.01e-6) for ink in FAR)
+
+
+def parameters_of_heights(heights):
+    reach = {3: 1, 6: 2, 10: 3}[len(heights[0])]
+    named = {f"h{k + 1}_{material}": h for material, ink in zip("ab", heights, strict=True) for k, h in enumerate(ink)}
+    return {**named, "reach": reach}
+
+
+def check_agreement(model, name, parameters, nx, ny, start, layers=4, patterns=None):
+    volumes = DropletVolumes(0.3, 4, 0.1, 3, 11)
+    surface = model.start(start)
+    with Driver(name, nx=nx, ny=ny).start({**parameters, **VARIATION, "height_start": start}) as fmu:
+        for number, pattern in enumerate(patterns or random_patterns(nx, ny, layers), start=1):
+            surface = model.layer(surface, pattern, number, volumes.of_layer(nx, ny, number))
+            assert np.array_equal(fmu.print_layer(pattern), surface.height)
+        return surface, fmu.outputs()
+
+
+@pytest.mark.parametrize("passes", PASSES)
+@pytest.mark.parametrize("heights", [HEIGHTS, FAR, FURTHEST], ids=["reach 1", "reach 2", "reach 3"])
+def test_layer_deposition_gives_the_bits_of_its_fmu(heights, passes) -> None:
+    start = np.random.default_rng(1).uniform(0.0, 8e-6, (8, 7))
+    parameters = {**parameters_of_heights(heights), **passes}
+    surface, outputs = check_agreement(LayerDeposition(heights, **passes), "LayerDeposition", parameters, 8, 7, start)
+    assert outputs["volume_lost"] == pytest.approx(surface.lost * 263.256e-6**2, rel=1e-12)
+
+
+def test_superposition_deposition_gives_the_bits_of_its_fmu() -> None:
+    caps = ((206.5e-6, 4.4e-6), (420e-6, 9e-6))
+    parameters = {"cap_radius_b": 420e-6, "cap_height_b": 9e-6}
+    check_agreement(SuperpositionDeposition(caps), "SuperpositionDeposition", parameters, 8, 7, np.full((8, 7), 2e-6))
+
+
+@pytest.mark.parametrize("passes", PASSES)
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("tamed", [False, True])
+def test_volume_area_deposition_gives_the_bits_of_its_fmu(tamed, order, passes) -> None:
+    options = {"guard": tamed, "limit_gains": tamed, "drop_order": order, "cap_radius": 60e-6, "mv_plus": 5e3, **passes}
+    start = np.random.default_rng(2).uniform(0.0, 2e-6, (8, 7))
+    model = VolumeAreaDeposition(**options)
+    surface, outputs = check_agreement(model, "VolumeAreaDeposition", options, 8, 7, start)
+    assert np.array_equal(outputs["area"], surface.area)
+
+
+@pytest.mark.parametrize("passes", PASSES)
+@pytest.mark.parametrize("form", ["linear", "nonlinear"])
+def test_young_laplace_deposition_gives_the_bits_of_its_fmu(form, passes) -> None:
+    options = {"cells_per_pitch": 4, "contact_angle": 0.9, **passes}
+    model = YoungLaplaceDeposition(form=form, **options)
+    start = np.random.default_rng(3).uniform(0.0, 2e-6, (6, 7))
+    parameters = {**options, "form": {"linear": 1, "nonlinear": 2}[form]}
+    surface, outputs = check_agreement(model, "YoungLaplaceDeposition", parameters, 6, 7, start, layers=2)
+    assert outputs["fallbacks"] == surface.fallbacks
+    assert outputs["volume_lost"] == surface.lost
+    assert surface.over_grid.shape == (24, 28)
+    assert surface.over_grid.reshape(6, 4, 7, 4).mean((1, 3)) == pytest.approx(surface.height, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("model", "expected"),
+    [(LayerDeposition.of([Ink()]), 7.6e-6), (SuperpositionDeposition(), SuperpositionDeposition().layer_height),
+     (VolumeAreaDeposition(), 7.0751e-6), (YoungLaplaceDeposition(cells_per_pitch=4), 30e-15 / 42.3e-6**2)],
+    ids=lambda model: type(model).__name__,
+)  # fmt: skip
+def test_interior_droplet_adds_its_volume(model, expected) -> None:
+    pattern = np.zeros((9, 9), np.int32)
+    pattern[4, 4] = 1
+    assert model.layer(model.start(np.zeros((9, 9))), pattern).height.sum() == pytest.approx(expected, rel=1e-9)
+
+
+def test_arguments_stay_as_they_were() -> None:
+    height, pattern = np.zeros((5, 5)), np.ones((5, 5), np.int32)
+    model = VolumeAreaDeposition()
+    surface = model.start(height)
+    model.layer(surface, pattern)
+    assert not height.any()
+    assert not surface.height.any()
+    assert not surface.area.any()
+
+
+@pytest.mark.parametrize(
+    ("attempt", "words"),
+    [
+        (lambda: LayerDeposition(((1e-6, 2e-6),)), "needs 3, 6 or 10"),
+        (lambda: LayerDeposition(passes=2), "needs 1 or 4 passes"),
+        (lambda: LayerDeposition(((-1e-6, 0.0, 0.0),)), "at least 0 m"),
+        (lambda: SuperpositionDeposition(((1e-6, 2e-6),)), "at most the radius"),
+        (lambda: SuperpositionDeposition(((1.0, 1e-6),)), "8.5 pitches"),
+        (lambda: VolumeAreaDeposition(mv_plus=np.nan), "finite"),
+        (lambda: VolumeAreaDeposition().start(np.zeros((3, 3)), np.full((3, 3), 2.0)), "areas of 0 to 1"),
+        (lambda: YoungLaplaceDeposition(pitch=10e-6), "at most 2 pitches"),
+        (lambda: YoungLaplaceDeposition(form="exact"), "linear"),
+        (lambda: LayerDeposition().start(np.full((3, 3), np.nan)), "not finite in 9 cells"),
+        (lambda: LayerDeposition().layer(FLAT, np.ones((2, 3), int)), "shape"),
+        (lambda: LayerDeposition().layer(FLAT, np.full((3, 3), 2)), "one material"),
+        (lambda: LayerDeposition().layer(FLAT, np.full((3, 3), 3)), "0, 1 or 2"),
+        (lambda: DropletVolumes(variation=2.0), "0 to 1"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_meant_is_refused_in_words(attempt, words) -> None:
+    with pytest.raises(ValueError, match=words):
+        attempt()
