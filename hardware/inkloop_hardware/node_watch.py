@@ -40,7 +40,7 @@ class NodeWatch:
             LOG.warning("%s: restarted", self.node.lower())
         self.status, self.at = status, now
         self._turn(status.state in OFF, status.fault)
-        self._say(sentence(self.node, status), logging.WARNING if status.state is State.FAULT else logging.INFO)
+        self._say(sentence(self.node, status), level_of(status.state))
 
     def take_fault(self, fault: NodeFault) -> None:
         """A fault frame; it comes before the status that says the same."""
@@ -69,6 +69,13 @@ class NodeWatch:
         if words != self._said:
             LOG.log(level, "%s", words)
         self._said = words
+
+
+def level_of(state: State) -> int:
+    """What nobody asked for is said aloud; of a step that was, its frames see only part, and who asks says it."""
+    if state is State.FAULT:
+        return logging.WARNING
+    return logging.INFO if state in (State.SAFE, State.IDLE) else logging.DEBUG
 
 
 def sentence(node: Node, status: NodeStatus) -> str:

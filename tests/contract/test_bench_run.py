@@ -124,7 +124,7 @@ def test_second_interrupt_ends_at_once_with_everything_off(tmp_path: Path, capsy
     path, folder = write(tmp_path), tmp_path / "run"
     with emulated(path, pass_ms=20_000) as (_, channel):
         running = started("run", str(path), "--out", str(folder), "--set", channel)
-        wait_for_word(folder / "bench.log", "pass 1 of layer 1", running)
+        wait_for_word(folder / "bench.log", "pass 1 of 4, layer 1", running)
         for _ in range(2):
             running.send_signal(signal.SIGINT)
             time.sleep(0.3)

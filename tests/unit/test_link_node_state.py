@@ -94,8 +94,10 @@ def test_interrupted_pass_is_unknown_to_everybody_who_asks(bench: NodeBench) -> 
     assert link.state().book == BookFlags.ACKNOWLEDGED | BookFlags.ABANDONED
 
 
-def told(watch: NodeWatch, caplog: pytest.LogCaptureFixture, *changes: dict[str, object]) -> list[str]:
-    caplog.set_level(logging.INFO, "inkloop_hardware")
+def told(
+    watch: NodeWatch, caplog: pytest.LogCaptureFixture, *changes: dict[str, object], level: int = logging.DEBUG
+) -> list[str]:
+    caplog.set_level(level, "inkloop_hardware")
     for number, change in enumerate(changes):
         watch.take_status(number / 10, replace(STATUS, **change), number % 15)  # type: ignore[arg-type]
     return caplog.messages
@@ -107,6 +109,16 @@ def test_each_change_of_a_node_is_said_once(caplog: pytest.LogCaptureFixture) ->
     assert told(NodeWatch(Node.HEAD), caplog, {}, {}, printing, printing, off, off) == [
         "head: idle",
         "head: pass 2 of layer 3",
+        "head: off (enable dropped)",
+    ]
+
+
+def test_what_was_asked_of_a_node_is_not_said_again(caplog: pytest.LogCaptureFixture) -> None:
+    """Its frames come every 100 ms and miss short steps; who asks says each of them."""
+    printing = {"state": State.PRINTING, "pass_mask": 1}
+    off = {"state": State.SAFE, "fault": Fault.ENABLE_DROPPED}
+    assert told(NodeWatch(Node.HEAD), caplog, {}, printing, off, level=logging.INFO) == [
+        "head: idle",
         "head: off (enable dropped)",
     ]
 
