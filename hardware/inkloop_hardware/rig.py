@@ -66,6 +66,11 @@ class Rig:
         return self._session
 
     @property
+    def is_open(self) -> bool:
+        """Whether the bus is open."""
+        return self._bus is not None
+
+    @property
     def job(self) -> int:
         """The print job, 1 to 2^32 - 1; random unless set. To be kept with the state of a run, so that a resumed one
         goes on with it. May be set at any time while nothing is enabled; ValueError for a number out of range."""
