@@ -118,7 +118,7 @@ static bool next_word(const char **text, const char *ends, char word[WORD]) {
 }
 
 bool fault_read(Fault *fault, const char *text, char *why, size_t room) {
-    char name[WORD], value[WORD];
+    char name[WORD] = "", value[WORD] = ""; /* a word that is too long is not read */
     if (!next_word(&text, ":", name) || !read_kind(fault, name)) {
         snprintf(why, room, "no fault is called %s", name);
         return false;

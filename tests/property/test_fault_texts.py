@@ -1,0 +1,64 @@
+"""The text of a fault: what the command line takes the program of the nodes takes, and nothing brings it down."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from inkloop.bench_faults import read_fault
+from inkloop.errors import InkloopError
+from node_bench import FIRMWARE, PLACES, ROOT, STRICT
+
+WORDS = st.sampled_from(
+    ["loss", "reboot", "swap", ":", ",", "=", "node=head", "nth=4", "nth=0x10", "probability=1e-3", "probability=nan",
+     "way=to-nodes", "id=0x640", "byte=7", "pass=3", "seed=0", "layer=65535", "count=4294967295", "frames=-1", "x" * 80]
+)  # fmt: skip
+TEXTS = st.lists(WORDS, min_size=1, max_size=6).map(",".join).map(lambda text: text.replace(",", ":", 1))
+REASONS = (b"no fault is called", b"give probability or nth", b"it needs node=")
+ANY_TEXT = st.text(st.characters(exclude_characters="\0\n", exclude_categories=["Cs"]), max_size=100)
+
+
+@pytest.fixture(scope="module")
+def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[subprocess.Popen[bytes]]:
+    """The reader of the emulated bench, with sanitizers."""
+    if not shutil.which("gcc"):
+        pytest.skip("gcc is not installed")
+    program = tmp_path_factory.mktemp("faults") / "fault_text"
+    sources = [FIRMWARE / "host" / "fault_text.c", ROOT / "tests" / "c" / "fault_text_probe.c"]
+    sanitizers = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    subprocess.run(["gcc", *STRICT, *sanitizers, *PLACES, *sources, "-lm", "-o", program], check=True)
+    with subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        yield process
+        assert process.stdin is not None
+        process.stdin.close()
+
+
+@settings(max_examples=200, deadline=None)
+@given(text=TEXTS | ANY_TEXT)
+@example(text="loss:" + "x" * 80 + "=1")
+def test_fault_that_is_taken_is_taken_by_the_nodes_too(text: str, nodes: subprocess.Popen[bytes]) -> None:
+    try:
+        said = str(read_fault(text))
+    except InkloopError:
+        said = None
+    for given_ in (text, said or text):
+        assert nodes.stdin is not None
+        assert nodes.stdout is not None
+        nodes.stdin.write(f"{len(given_.encode())}\n".encode() + given_.encode())
+        nodes.stdin.flush()
+        answer = nodes.stdout.readline().strip()
+        assert answer == b"taken" or answer.startswith(REASONS) or b" of " in answer, answer
+    assert said is None or answer == b"taken", said
+
+
+def test_word_that_is_too_long_for_a_kind_is_not_shown(nodes: subprocess.Popen[bytes]) -> None:
+    assert nodes.stdin is not None
+    assert nodes.stdout is not None
+    nodes.stdin.write(b"80\n" + b"x" * 80)
+    nodes.stdin.flush()
+    assert nodes.stdout.readline() == b"no fault is called \n"
