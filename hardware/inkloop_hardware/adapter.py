@@ -10,7 +10,7 @@ from can.util import load_config
 
 from inkloop_hardware.bus_settings import BusSettings
 from inkloop_hardware.codec import Frame
-from inkloop_hardware.errors import BusError
+from inkloop_hardware.errors import BusError, BusOff
 from inkloop_hardware.slcan_bus import BulkSlcanBus
 
 PATIENCE = 1.0
@@ -26,7 +26,7 @@ class Adapter:
     """A bus of python-can.
 
     bus: one that is open already; None: that of the settings, BusError in words if it cannot be opened.
-    repeated: how often a frame had to be sent again; errors: error frames seen.
+    repeated: how often a frame had to be sent again; errors: error frames seen. BusOff where it takes no part any more.
     """
 
     def __init__(
@@ -40,6 +40,7 @@ class Adapter:
         self.settings = settings
         self.repeated = 0
         self.errors = 0
+        self.is_gone = False
         self._monotonic = monotonic
         self._sleep = sleep
         try:
@@ -56,7 +57,13 @@ class Adapter:
                 found.append(message)
                 message = self.bus.recv(0) if len(found) < AT_ONCE else None
         except (can.CanError, OSError) as error:
+            self.is_gone = True
             raise BusError(f"{self.settings} cannot be read any more: {error}. Was it unplugged or ended?") from error
+        if isinstance(self.bus, BulkSlcanBus) and self.bus.refuses_everything:
+            raise BusOff(
+                f"{self.settings} refuses every frame and hears none: bus-off, or nobody acknowledges. Look at cables, "
+                "termination, bit rate and the power of the nodes."
+            )
         for message in found:
             if message.is_error_frame:
                 self._take_error(message)
@@ -71,7 +78,7 @@ class Adapter:
                 self.bus.send(message, PATIENCE)
                 return message
             except (can.CanError, OSError) as error:
-                if self._monotonic() + pause > until:
+                if self.is_gone or self._monotonic() + pause > until:
                     raise BusError(
                         f"{self.settings} takes no frame for {PATIENCE:g} s ({error}). Is it plugged in, is the bus "
                         "terminated, and does any other node on it acknowledge frames?"
@@ -100,9 +107,9 @@ class Adapter:
     def _take_error(self, message: can.Message) -> None:
         self.errors += 1
         if message.arbitration_id & BUS_OFF and ".socketcan" in type(self.bus).__module__:
-            raise BusError(
-                f"{self.settings} is bus-off: too many errors. Look at cables, termination and bit rate; then "
-                "`ip link set ... type can restart` or up again"
+            raise BusOff(
+                f"{self.settings} is bus-off: too many errors. Look at cables, termination and bit rate. SocketCAN: "
+                "`ip link set ... type can restart`, or down and up."
             )
 
 

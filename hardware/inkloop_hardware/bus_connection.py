@@ -52,6 +52,8 @@ class BusConnection:
         self.others: deque[tuple[float, Frame]] = deque(maxlen=OTHERS_MAX)
         self._kept_ids = kept_ids
         self.words: deque[str] = deque()
+        self.away = ""
+        """Why the adapter is gone, while it is being opened again."""
         self._queues: dict[int, SimpleQueue[bytes | None]] = {identifier: SimpleQueue() for identifier in answer_ids}
         self._failure: str | None = None
         self._heard = time.monotonic()
@@ -169,6 +171,8 @@ class BusConnection:
                 self.clock = unpack("<d", content)[0]
             elif kind is Kind.WORDS:
                 self.words.append(content.decode())
+            elif kind is Kind.AWAY:
+                self.away = content.decode()
             elif kind is Kind.OPENED:
                 self._opened.set()
             elif kind is Kind.FAILED:

@@ -38,6 +38,8 @@ class Kind(IntEnum):
     """eight bytes: seconds of the bus process's clock; every frame before it was read"""
     WORDS = 9
     """a sentence for the log"""
+    AWAY = 11
+    """a sentence: the adapter is gone and is being opened again; empty: it is there"""
     FAILED = 10
     """a sentence; the bus process ends"""
 

@@ -28,6 +28,7 @@ from inkloop_hardware.codec import Codec, Frame
 from inkloop_hardware.errors import BusError
 from inkloop_hardware.heartbeat import Enables, Heartbeat, StopCall
 from inkloop_hardware.outbox import Outbox
+from inkloop_hardware.reopening import PROOF, Reopening
 from inkloop_hardware.traffic_log import TrafficLog
 
 READ_WAIT = 0.02
@@ -51,7 +52,9 @@ class BusProcess:
         self.heartbeat = Heartbeat(codec, session, job, settings.grace_s, settings.loop_timeout_s)
         self.stop_call = StopCall(codec)
         self.over = threading.Event()
+        self.reopening = Reopening(settings.reopen_s)
         self._open = True
+        self._trouble: BusError | None = None
         self.failure: str | None = None
         self._sending = threading.RLock()
         self._logging = threading.Lock()
@@ -87,12 +90,15 @@ class BusProcess:
     def _read(self) -> None:
         clock_due = 0.0
         while not self.over.is_set():
-            messages = self.adapter.receive(READ_WAIT)
+            try:
+                messages = self.adapter.receive(READ_WAIT)
+                if self._trouble:
+                    raise self._trouble
+            except BusError as error:
+                self._reopen(error)
+                continue
             now = time.monotonic()
-            if messages:
-                self._log(messages)
-                frames = [Frame(m.arbitration_id, bytes(m.data)) for m in messages if _is_plain(m)]
-                self.answers.put(Kind.FRAMES, pack_frames(frames, now), may_drop=True)
+            self._hand_on(messages, now)
             if now >= clock_due:
                 clock_due = now + CLOCK_CYCLE
                 self.answers.put(Kind.CLOCK, pack("<d", now), may_drop=True)
@@ -100,6 +106,53 @@ class BusProcess:
                 if self.log:
                     with self._logging:
                         self.log.flush(now)
+
+    def _hand_on(self, messages: list[can.Message], now: float) -> None:
+        if messages:
+            self._log(messages)
+            frames = [Frame(m.arbitration_id, bytes(m.data)) for m in messages if _is_plain(m)]
+            self.answers.put(Kind.FRAMES, pack_frames(frames, now), may_drop=True)
+
+    def _reopen(self, error: BusError) -> None:
+        """Opens an adapter again that is gone. Enables have dropped, and the nodes de-energise themselves by then."""
+        with self._sending:
+            lit = Enables.LAMP in self.heartbeat.enables
+            self.heartbeat.end()
+            self._open, self._trouble = False, None
+            self.adapter.close()
+        began = time.monotonic()
+        self.answers.put(Kind.AWAY, f"{error} It is being opened again".encode())
+        for pause in self.reopening.pauses(error, lit):
+            if self._waited(pause) or self._opened_again():
+                break
+        words = f"{self.adapter.settings}: there again after {time.monotonic() - began:.1f} s, nothing is enabled"
+        self.answers.put(Kind.WORDS, words.encode())
+        self.answers.put(Kind.AWAY, b"")
+
+    def _waited(self, pause: float) -> bool:
+        """Whether the process is to end meanwhile. It gives signs of life."""
+        until = time.monotonic() + pause
+        while not self.over.wait(min(CLOCK_CYCLE, max(0.0, until - time.monotonic()))):
+            now = time.monotonic()
+            self.answers.put(Kind.CLOCK, pack("<d", now), may_drop=True)
+            if now >= until:
+                return False
+        return True
+
+    def _opened_again(self) -> bool:
+        try:
+            adapter = Adapter(self.adapter.settings)
+        except BusError:
+            return False
+        try:
+            self._hand_on(adapter.receive(PROOF), time.monotonic())
+        except BusError:
+            adapter.close()
+            return False
+        with self._sending:
+            self.adapter, self._open = adapter, True
+        self._complaints = {}
+        return True
 
     def _take_commands(self, commands: BufferedIOBase) -> None:
         while not self.over.is_set():
@@ -111,7 +164,7 @@ class BusProcess:
             with self._sending:
                 if kind is Kind.FRAMES:
                     self._send([frame for _, frame in unpack_frames(content)])
-                elif kind is Kind.ALIVE:
+                elif kind is Kind.ALIVE and self._open:
                     self.heartbeat.word(now, Enables(content[0]))
                 elif kind is Kind.STOP:
                     self.stop_call.set(now, bool(content[0]))
@@ -134,8 +187,11 @@ class BusProcess:
         self._send(self.stop_call.frames(now) + self.heartbeat.frames(now))
 
     def _send(self, frames: list[Frame]) -> None:
-        if self._open:
-            self._log([self.adapter.send(frame) for frame in frames])
+        try:
+            if self._open and self._trouble is None:
+                self._log([self.adapter.send(frame) for frame in frames])
+        except BusError as error:
+            self._trouble = error  # the reading thread opens it again
 
     def _log(self, messages: list[can.Message]) -> None:
         if self.log:

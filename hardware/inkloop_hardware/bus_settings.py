@@ -17,7 +17,7 @@ class BusSettings:
     configuration (environment, ~/.canrc, can.ini). options: further arguments of that interface.
     traffic_log: file of all frames, BLF or ASC by its suffix; a relative one lies in the folder of the rig; None: none.
     loop_timeout_s: so long the control loop may be busy (a plan) while nothing is enabled, then the heartbeat ends;
-    grace_s: the same while something is enabled.
+    grace_s: the same while something is enabled. reopen_s: so long an adapter that is gone is tried to be opened again.
     """
 
     interface: str | None = None
@@ -27,6 +27,7 @@ class BusSettings:
     traffic_log: Path | None = None
     loop_timeout_s: float = 120.0
     grace_s: float = 0.5
+    reopen_s: float = 10.0
 
     def __str__(self) -> str:
         """How it is called in sentences: "slcan on /dev/ttyACM0 at 500 kbit/s"."""

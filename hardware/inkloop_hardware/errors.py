@@ -2,6 +2,9 @@
 
 HardwareError
 ├── BusError        adapter, cable, bus process: the message names the interface and the channel
+│   ├── BusOff      the adapter took itself off the bus: too many errors
+│   └── BusAway     the adapter is gone, and is being opened again
+├── NotAlone        another master speaks, or somebody asks for a stop: nothing is enabled
 ├── NodeLost        a node is silent or not to be believed
 ├── NodeStopped     a node fell to SAFE or FAULT in the middle of something; `fault` says why
 ├── NodeRefused     a node answered that it will not; `code` is its negative response code
@@ -29,6 +32,18 @@ class HardwareError(InkloopError):
 
 class BusError(HardwareError):
     """The bus cannot be opened or used any more."""
+
+
+class BusOff(BusError):
+    """The adapter does not send any more, because of too many errors on the bus."""
+
+
+class BusAway(BusError):
+    """The adapter is gone for the moment; it is being opened again."""
+
+
+class NotAlone(HardwareError):
+    """Another master, or somebody who asks for a stop, speaks on the bus."""
 
 
 class NodeLost(HardwareError):

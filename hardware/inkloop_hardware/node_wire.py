@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from inkloop_hardware.codec import Frame
-from inkloop_hardware.errors import NodeStopped
+from inkloop_hardware.errors import NodeStopped, NotAlone
 from inkloop_hardware.node_watch import because
 from inkloop_hardware.vocabulary import Node
 
@@ -56,8 +56,12 @@ class NodeWire:
         if self._fell_at is None:
             self._fell_at = now
         if now - self._fell_at > LAST_WORD:
-            raise NodeStopped(
-                f"the {self._node.lower()} took its de-energised state{because(watch.fault)} while it was asked; "
-                "mend the cause and clear it",
-                watch.fault,
-            )
+            words = f"the {self._node.lower()} took its de-energised state{because(watch.fault)} while it was asked; "
+            raise NodeStopped(words + self._advice(), watch.fault)
+
+    def _advice(self) -> str:
+        try:
+            self._rig.check_alone()
+        except NotAlone as others:
+            return str(others)
+        return "mend the cause and clear it"

@@ -30,6 +30,7 @@ def make_ready(rig: Rig, nodes: Sequence[Node]) -> dict[Node, NodeLimits]:
     Raises NodeLost for missing nodes, NotReady where a person is needed or the protocol is another, HardwareError.
     """
     rig.wait_for(nodes)
+    rig.check_alone()
     states = {node: rig.link(node).state() for node in nodes}
     faults = _foreign(rig, states) or [fault for node, state in states.items() if (fault := blocked(node, state))]
     if faults:

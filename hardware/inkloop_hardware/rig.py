@@ -14,13 +14,14 @@ from typing import Self
 
 from inkloop_hardware.bus_connection import BusConnection
 from inkloop_hardware.bus_settings import BusSettings
+from inkloop_hardware.bus_watch import BusWatch
 from inkloop_hardware.codec import Codec, Frame
-from inkloop_hardware.errors import BusError, FrameError, HardwareError, NodeLost
+from inkloop_hardware.errors import BusAway, BusError, FrameError, HardwareError, NodeLost, NotAlone
 from inkloop_hardware.heartbeat import Enables
 from inkloop_hardware.link import Link, LinkCounts
 from inkloop_hardware.node_watch import NodeWatch
 from inkloop_hardware.node_wire import NodeWire
-from inkloop_hardware.records import KINDS, NodeFault, NodeStatus, unpack
+from inkloop_hardware.records import KINDS, MasterAlive, NodeFault, NodeStatus, StopRequest, unpack
 from inkloop_hardware.vocabulary import Node
 
 LOG = logging.getLogger("inkloop_hardware")
@@ -55,9 +56,12 @@ class Rig:
         self._word_due = 0.0
         self._opened_at = 0.0
         self._watches = {node: NodeWatch(node) for node in Node}
+        self._bus_watch = BusWatch(self._session)
         self._links: dict[Node, Link] = {}
         self._said_by = {
-            self.codec.message(name).frame_id: (kind, node) for name, (kind, node) in KINDS.items() if node is not None
+            self.codec.message(name).frame_id: node
+            for name, (kind, node) in KINDS.items()
+            if node is not None or kind in (MasterAlive, StopRequest)
         }
 
     @property
@@ -131,9 +135,13 @@ class Rig:
 
     @contextmanager
     def enabled(self, *, lamp: bool = False, gate: bool = False, motion: bool = False) -> Iterator[None]:
-        """Enables for one step; on leaving, whatever happened, nothing is enabled any more. Not to be nested."""
+        """Enables for one step; on leaving, whatever happened, nothing is enabled any more. Not to be nested.
+
+        NotAlone while another master speaks or somebody asks for a stop.
+        """
         if self._enables:
             raise HardwareError("a step is enabled already; enables belong to one step at a time")
+        self.check_alone()
         wanted = (Enables.LAMP * lamp) | (Enables.GATE * gate) | (Enables.MOTION * motion)
         try:
             self._enables = Enables(wanted)
@@ -152,19 +160,28 @@ class Rig:
             now = time.monotonic()
             if now > until:
                 return self.check(wanted)
-            with suppress(NodeLost):
+            with suppress(NodeLost, BusAway):
                 self.check(wanted)
                 if now - self._opened_at > FIRST_BEATS:
                     return
             time.sleep(PAUSE)
 
     def check(self, nodes: Iterable[Node]) -> None:
-        """NodeLost if one of them was never heard, is silent for three cycles (300 ms) or is not to be believed."""
+        """NodeLost if one of them was never heard, is silent for three cycles (300 ms) or is not to be believed;
+        BusAway while the adapter is gone."""
         self._take_frames()
+        if self.bus.away:
+            raise BusAway(self.bus.away)
         now = self.bus.clock
         troubles = [trouble for node in nodes if (trouble := self._watches[node].trouble(now)) is not None]
         if troubles:
             raise NodeLost(f"{self.settings}: {'; '.join(troubles)}")
+
+    def check_alone(self) -> None:
+        """NotAlone, in words, while another master speaks on the bus or somebody asks for a stop."""
+        self._take_frames()
+        if (trouble := self._bus_watch.trouble(self.bus.clock)) is not None:
+            raise NotAlone(f"{self.settings}: {trouble}")
 
     def status(self, node: Node) -> NodeStatus | None:
         """The last intact status of a node; None: none yet."""
@@ -197,6 +214,7 @@ class Rig:
             log = self.folder / log
         settings = replace(self.settings, traffic_log=log)
         self._watches = {node: NodeWatch(node) for node in Node}
+        self._bus_watch = BusWatch(self._session)
         answers = [node.answer_id(self.codec) for node in Node]
         self._bus = BusConnection(settings, self._session, self._job, answers, self._said_by)
         LOG.info("%s is open, session %d, job %d", self.settings, self._session, self._job)
@@ -225,11 +243,15 @@ class Rig:
     def _take(self, now: float, frame: Frame) -> None:
         if frame.arbitration_id not in self._said_by:
             return
-        kind, node = self._said_by[frame.arbitration_id]
+        node = self._said_by[frame.arbitration_id]
         reading = self.codec.decode(frame)
         record = unpack(self.codec, reading) if reading.intact else None
-        if kind is NodeStatus:
+        if isinstance(record, MasterAlive):
+            self._bus_watch.take_master(now, record)
+        elif isinstance(record, StopRequest):
+            self._bus_watch.take_stop(now, record)
+        elif isinstance(record, NodeFault):
+            self._watches[record.node].take_fault(record)
+        elif node is not None and reading.message == f"{node}{NodeStatus.message}":
             status = record if isinstance(record, NodeStatus) else None
             self._watches[node].take_status(now, status, reading.counter or 0)
-        elif isinstance(record, NodeFault):
-            self._watches[node].take_fault(record)

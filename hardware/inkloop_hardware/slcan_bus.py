@@ -23,6 +23,8 @@ WRITE_TIMEOUT = 1.0
 TIME_STAMP = 4
 """Hexadecimal digits that some adapters put behind a frame."""
 BEL = 7
+DEAF_AFTER = 0.2
+"""Seconds in which an adapter refuses what it is told to send, confirms nothing and hears nothing: bus-off."""
 
 
 class BulkSlcanBus(slcanBus):
@@ -44,6 +46,7 @@ class BulkSlcanBus(slcanBus):
         """Nothing was read yet."""
         self.malformed = 0
         self.refused = 0
+        self._refused_since: float | None = None
         self.waiting: deque[can.Message] = deque()
         self._rest = b""
         self._overlong = False
@@ -54,6 +57,11 @@ class BulkSlcanBus(slcanBus):
         head = f"T{msg.arbitration_id:08X}" if msg.is_extended_id else f"t{msg.arbitration_id:03X}"
         with can.exceptions.error_check("Could not write to serial device"):
             self.serialPortOrig.write(f"{head}{msg.dlc:d}{msg.data.hex().upper()}\r".encode())
+
+    @property
+    def refuses_everything(self) -> bool:
+        """Whether it takes no part in the bus any more."""
+        return self._refused_since is not None and time.monotonic() - self._refused_since > DEAF_AFTER
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self.waiting:
@@ -84,7 +92,9 @@ class BulkSlcanBus(slcanBus):
             del lines[0]
         for line in lines:
             refusals = line.count(BEL)
-            self.refused += refusals if self._heard else 0
+            if refusals and self._heard:
+                self.refused += refusals
+                self._refused_since = self._refused_since or time.monotonic()
             if len(line) > LINE_MAX:
                 self.malformed += 1
                 continue
@@ -94,6 +104,8 @@ class BulkSlcanBus(slcanBus):
             self._overlong, self._rest = True, b""
 
     def _take_line(self, line: bytes, now: float) -> None:
+        if line[:1] in (b"t", b"T", b"r", b"R", b"z", b"Z"):
+            self._refused_since = None
         if line[:1] not in (b"t", b"T", b"r", b"R"):
             self.malformed += bool(line) and line[:1] not in b"zZVNF"  # answers of the adapter
             return

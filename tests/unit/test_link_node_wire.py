@@ -39,6 +39,9 @@ class Bench:
         if trouble := self.seen.trouble(self.now):
             raise NodeLost(trouble)
 
+    def check_alone(self) -> None:
+        pass
+
     def watch(self, node: Node) -> NodeWatch:
         return self.seen
 

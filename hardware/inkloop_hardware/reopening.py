@@ -1,0 +1,46 @@
+"""When an adapter that is gone may be opened again, and when it may not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from inkloop_hardware.errors import BusError, BusOff
+
+FIRST_PAUSE, LONGEST_PAUSE = 0.1, 2.0
+BUS_OFF_PAUSE = 1.0
+"""Seconds of silence after bus-off: 128 times 11 recessive bits are 3 ms at 500 kbit/s, the rest is for the cause."""
+PROOF = 0.3
+"""Seconds in which an adapter that was opened again must not fail: some are opened well and closed at once."""
+
+
+@dataclass
+class Reopening:
+    """limit_s: so long an adapter that was unplugged is tried; bus_off: it was bus-off before."""
+
+    limit_s: float
+    bus_off: bool = False
+
+    def pauses(self, error: BusError, lit: bool) -> Iterator[float]:
+        """Seconds to wait before each try to open it. lit: the lamp was enabled. BusError when no try is left.
+
+        An adapter that is bus-off is opened again once, and never when the lamp was on: somebody must look first.
+        """
+        if isinstance(error, BusOff):
+            yield from self._after_bus_off(error, lit)
+            return
+        pause, waited = FIRST_PAUSE, 0.0
+        while waited < self.limit_s:
+            yield pause
+            waited += pause
+            pause = min(2 * pause, LONGEST_PAUSE)
+        raise BusError(f"{error} It was tried to open it again for {waited:.0f} s")
+
+    def _after_bus_off(self, error: BusError, lit: bool) -> Iterator[float]:
+        if lit:
+            raise BusOff(f"{error} The lamp was enabled, so it is not opened again by itself: look at the bench first")
+        if self.bus_off:
+            raise BusOff(f"{error} It was opened again once already")
+        self.bus_off = True
+        yield BUS_OFF_PAUSE
+        raise BusError(f"{error} It could not be opened again")
