@@ -17,6 +17,7 @@ from inkloop.export import export
 from inkloop.files import write_text
 from inkloop.isolation import run_isolated
 from inkloop.json_schema import scenario_schema
+from inkloop.reproduce import command as reproduce
 from inkloop.run import new_run_folder, resume, run, scenario_file, scenario_of
 from inkloop.scenario import Scenario
 
@@ -93,6 +94,8 @@ def _parser() -> argparse.ArgumentParser:
     info = commands.add_parser("info", help="show what an FMU is and offers, or how a run came about and ended")
     info.add_argument("path", type=Path, metavar="FMU|RUN", help="an .fmu file or a run folder")
     info.set_defaults(command=_info)
+
+    reproduce.add_parser(commands).set_defaults(command=reproduce.reproduce)
 
     bench, device = bench_commands.add_parsers(commands)
     bench.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO", help="a .toml file: grid, ink and sensor")

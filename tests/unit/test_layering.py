@@ -27,8 +27,9 @@ DOORS = {
     "tifffile": ("inkloop.metrology",),
     "sdfio": ("inkloop.metrology",),
     "SurfaceTopography": ("inkloop.metrology",),
-    "matplotlib": ("inkloop.plot", "inkloop.report"),
-    "mpl_toolkits": ("inkloop.plot", "inkloop.report"),
+    "skfem": ("inkloop.reproduce.finite_elements",),
+    "matplotlib": ("inkloop.plot", "inkloop.report", "inkloop.reproduce"),
+    "mpl_toolkits": ("inkloop.plot", "inkloop.report", "inkloop.reproduce"),
 }
 
 

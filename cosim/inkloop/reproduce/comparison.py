@@ -1,0 +1,123 @@
+"""Printed figures beside ours: one row each, in a terminal, in a page and in a spreadsheet."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from matplotlib.figure import Figure
+from rich.table import Table
+
+HEADINGS = ("where", "figure", "unit", "printed", "ours", "reproduced")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure of a paper.
+
+    where: its table, figure or section; printed: None where the paper prints no number; ours, with the standard
+    deviation over prints as `scatter`; within: largest difference at which it counts as reproduced, None where the two
+    cannot be compared, for example printed on another plant; remark: why it differs, or how it was read.
+    """
+
+    where: str
+    figure: str
+    unit: str
+    printed: float | None
+    ours: float
+    within: float | None = None
+    remark: str = ""
+    scatter: float | None = None
+
+    @property
+    def reproduced(self) -> str:
+        """Whether ours is the printed figure; "-" where nothing is to be compared."""
+        if self.printed is None or self.within is None:
+            return "-"
+        if abs(self.ours - self.printed) <= self.within:
+            return "yes"
+        return "no, smaller" if self.ours < self.printed else "no, larger"
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Its cells under `HEADINGS`."""
+        ours = number(self.ours) if self.scatter is None else f"{number(self.ours)} ± {self.scatter:.2g}"
+        return (
+            self.where,
+            self.figure,
+            self.unit,
+            "-" if self.printed is None else number(self.printed),
+            ours,
+            self.reproduced,
+        )
+
+
+@dataclass(frozen=True)
+class Part:
+    """What one step of a reproduction found."""
+
+    rows: Sequence[Row] = ()
+    pictures: Mapping[str, Figure] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step by its name; `find` is told whether to be quick: fewer prints, coarser grids."""
+
+    name: str
+    find: Callable[[bool], Part]
+
+
+@dataclass(frozen=True)
+class Paper:
+    """A paper by its short name, its reference, and the steps that reproduce it."""
+
+    name: str
+    reference: str
+    steps: Sequence[Step]
+
+
+def number(value: float) -> str:
+    """Four significant digits, as a person would write them."""
+    return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.4g}"
+
+
+def terminal_table(title: str, rows: Sequence[Row]) -> Table:
+    """All rows, a line under each place of the paper."""
+    table = Table(title=title)
+    for index, heading in enumerate(HEADINGS):
+        table.add_column(heading, justify="right" if 2 < index < 5 else "left", overflow="fold")
+    for index, row in enumerate(rows):
+        shown = (row.where if index == 0 or rows[index - 1].where != row.where else "", *row.cells[1:])
+        table.add_row(*shown, end_section=index + 1 == len(rows) or rows[index + 1].where != row.where)
+    return table
+
+
+def remarks(rows: Sequence[Row]) -> list[str]:
+    """What is to be said of rows, each once: first of those that are not reproduced."""
+    said = sorted((row for row in rows if row.remark), key=lambda row: not row.reproduced.startswith("no"))
+    places: dict[str, dict[str, None]] = {}
+    for row in said:
+        places.setdefault(row.remark, {})[f"{row.where.split(',')[0]}, {row.figure}"] = None
+    return [f"{'; '.join(among)}: {remark}" for remark, among in places.items()]
+
+
+def markdown(title: str, rows: Sequence[Row]) -> str:
+    """The same table and remarks as a page."""
+    lines = [f"# {title}", "", f"| {' | '.join(HEADINGS)} |", "|---|---|---|---:|---:|---|"]
+    lines += [f"| {' | '.join(row.cells)} |" for row in rows]
+    lines += ["", *(f"- {remark}" for remark in remarks(rows))]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def spreadsheet(rows: Sequence[Row]) -> str:
+    """The same rows as CSV, numbers in full."""
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow([*HEADINGS, "scatter", "remark"])
+    for row in rows:
+        printed, scatter = ("" if value is None else value for value in (row.printed, row.scatter))
+        writer.writerow([row.where, row.figure, row.unit, printed, row.ours, row.reproduced, scatter, row.remark])
+    return text.getvalue()
