@@ -40,6 +40,7 @@ pass_rotation = 1
 
 [bench]
 interface = "slcan"
+bitrate = 500000
 cure_ms = 2
 
 [components.controller]

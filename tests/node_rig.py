@@ -9,7 +9,7 @@ from typing import Any
 
 import node_bench
 from inkloop_hardware.errors import NodeRefused
-from inkloop_hardware.node_state import MapSize, NodeLimits, NodeState
+from inkloop_hardware.node_state import MapSize, NodeLimits, NodeState, NodeTimes
 from inkloop_hardware.records import NodeStatus
 from inkloop_hardware.services import REFUSALS, Key, Outcome, Routine
 from inkloop_hardware.vocabulary import Fault, Node, State
@@ -54,6 +54,9 @@ class NodeLink:
     def state(self) -> NodeState:
         return NodeState.of(self._read(0x0100))
 
+    def times(self) -> NodeTimes:
+        return NodeTimes.of(self._read(0x0101))
+
     def limits(self) -> NodeLimits:
         return NodeLimits.of(self._read(0x0102))
 
@@ -74,6 +77,14 @@ class NodeRig:
         self.downloads: list[tuple[int, bool]] = []
         self._links = {node: NodeLink(self, node) for node in Node}
         self._enable(0)
+
+    @property
+    def session(self) -> int:
+        return 1
+
+    @property
+    def is_open(self) -> bool:
+        return self.users > 0
 
     @property
     def job(self) -> int:
@@ -112,6 +123,8 @@ class NodeRig:
             self._enable(0)
 
     def wait_for(self, nodes: Any, limit_s: float = 3.0) -> None: ...
+
+    def check_alone(self) -> None: ...
 
     def status(self, node: Node) -> NodeStatus:
         state = self.link(node).state()

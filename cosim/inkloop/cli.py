@@ -11,8 +11,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from inkloop import __version__, bench_commands, fmu, report, template
-from inkloop.errors import InkloopError
+from inkloop import __version__, bench_commands, doctor, fmu, report, template
+from inkloop.errors import InkloopError, ScenarioError
 from inkloop.export import export
 from inkloop.files import write_text
 from inkloop.isolation import run_isolated
@@ -101,7 +101,9 @@ def _parser() -> argparse.ArgumentParser:
     bench.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO", help="a .toml file: grid, ink and sensor")
     bench.set_defaults(command=_bench)
     device.set_defaults(command=_device)
-    for on_a_bench in (bench, device):
+    look = doctor.add_parser(commands)
+    look.set_defaults(command=_doctor)
+    for on_a_bench in (bench, device, look):
         _add_overrides(on_a_bench)
     return parser
 
@@ -153,6 +155,15 @@ def _bench(options: argparse.Namespace, console: Console) -> int:
 
 def _device(options: argparse.Namespace, console: Console) -> int:
     return bench_commands.act(_scenario(options), options, console)
+
+
+def _doctor(options: argparse.Namespace, console: Console) -> int:
+    try:
+        scenario = _scenario(options) if options.scenario else None
+    except ScenarioError as error:
+        print(error, file=sys.stderr)
+        return doctor.CANNOT_RUN
+    return doctor.examine(scenario, options, console)
 
 
 def _is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:

@@ -41,6 +41,11 @@ class PatternBytes:
         cells = np.packbits(planes.ravel().astype(np.uint8))
         return cls(head + cells.tobytes(), head + run_length(cells))
 
+    @staticmethod
+    def cells_of(nx: int, ny: int, *, materials: int) -> int:
+        """Bytes of the packed cells of a grid."""
+        return (nx * ny * (1 if materials == 1 else 2) + 7) // 8
+
     @property
     def is_shorter_coded(self) -> bool:
         """Whether the run-length coded form has fewer bytes."""
