@@ -42,7 +42,8 @@ class _State:
 class LayerController:
     """Commands layer k + 1 when layer k is printed and scanned, once per scan, until its planner is done.
 
-    It goes by sequence numbers only, so any master may step it in any order and step size.
+    It goes by sequence numbers only, so any master may step it in any order and step size. From a layer that its
+    printer calls unknown it takes the scan and learns nothing.
     """
 
     def __init__(self, job: Job, planner: Planner, estimator: HeightEstimator) -> None:
@@ -53,6 +54,7 @@ class LayerController:
             Port("valid", shape=shape, dtype="bool"),
             Port("layers_scanned", dtype="int32", start=-1),
             Port("layers_printed", dtype="int32"),
+            Port("layer_unknown", dtype="bool"),
         )
         self.outputs = (
             Port("pattern", shape=shape, dtype="int32"),
@@ -86,7 +88,8 @@ class LayerController:
         state = self._state
         scanned, printed = int(inputs["layers_scanned"]), int(inputs["layers_printed"])
         if state.status != Status.DONE and scanned == printed == state.layer_command and scanned > state.answered:
-            self._answer(scanned, inputs["measured_height"], inputs["valid"])
+            is_unknown = bool(inputs.get("layer_unknown", False))
+            self._answer(scanned, inputs["measured_height"], inputs["valid"], is_unknown)
         return self._outputs()
 
     def terminate(self) -> None:
@@ -115,14 +118,15 @@ class LayerController:
             )
         self._state = state
 
-    def _answer(self, scan: int, measured: FloatMap, valid: BoolMap) -> None:
+    def _answer(self, scan: int, measured: FloatMap, valid: BoolMap, is_unknown: bool) -> None:
         _check_finite(scan, measured, valid)
         before = self._state
         if before.answered < 0:
             estimate = self._estimator.first(measured, valid)
         else:
             drops = before.drop_level.astype(np.float64)
-            estimate = self._estimator.next(before.estimate, before.pattern, scan, measured, valid, drops)
+            judge = self._estimator.after_unknown if is_unknown else self._estimator.next
+            estimate = judge(before.estimate, before.pattern, scan, measured, valid, drops)
         started = perf_counter()
         plan = self._planner.plan(estimate, scan, before.plan)
         done = plan.status is PlanStatus.DONE

@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Ink, Job
-from inkloop_controller.dead_cells import DEAD_EVIDENCE, dead_evidence
-from inkloop_controller.droplet_increments import droplet_increments, ink_table
+from inkloop_controller.core import answered, checked, ink_pair, layer_struct, pointer
+from inkloop_controller.core_library import (
+    EstimateStruct,
+    EstimatorOptionsStruct,
+    InkPriorStruct,
+    library,
+)
+from inkloop_controller.dead_cells import DEAD_EVIDENCE
+from inkloop_controller.droplet_increments import ink_table
 from inkloop_controller.horizon_problem import IntMap
-from inkloop_controller.ink_identification import InkEvidence, InkIdentification, InkModel
+from inkloop_controller.ink_identification import INK_MODELS, InkEvidence, InkModel
 from inkloop_controller.layer_model import LayerModel
 from inkloop_controller.regions import nominal_layer_height
-from inkloop_controller.scan_drift import ScanDrift
 
-DROPLET_STD = 0.1  # of a droplet's volume about its mean [1]; 20 % uniform variation has 0.06, 40 % 0.12 (assumed)
-ROUNDS, WIDTHS_AGREE = 5, 0.01  # of the ink by the widths of saturation that follow from it, until they agree (assumed)
-SURPRISE = (
-    5.0  # standard deviations off the prediction from which on the model of a cell is wrong, not the scan (by trial)
-)
+DROPLET_STD = 0.1  # of a droplet's volume about its mean [1], as in controller/core/height_estimator.h
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,8 @@ class Estimate:
     @property
     def predicted_variance(self) -> FloatMap:
         """(nx, ny) of the height after one more layer [m^2], full and on a flat surface; then the next scan comes."""
-        squares = max(ink.h1**2 + 4.0 * ink.h2**2 + 4.0 * ink.h3**2 for ink in self.inks)
-        return self.height_variance + DROPLET_STD**2 * squares
+        squares = max(ink.h1 * ink.h1 + 4.0 * (ink.h2 * ink.h2) + 4.0 * (ink.h3 * ink.h3) for ink in self.inks)
+        return self.height_variance + DROPLET_STD * DROPLET_STD * squares
 
     def arrays(self) -> dict[str, Any]:
         """All of it by name, for an archive of arrays."""
@@ -77,12 +79,10 @@ class Estimate:
 class HeightEstimator:
     """A Kalman filter per cell on the layer model, around sensor drift, the ink, and cells that were not seen.
 
-    A layer adds droplet_std^2 * (sum of the squares of what each droplet adds to the cell) to the variance of a cell's
-    prediction, a reading has sensor_noise_std^2 + sensor_resolution^2 / 12. Without sensor_noise_std [m] the noise is
-    what the unprinted cells show; a sensor that shows none is taken as it is. Errors of neighbours are taken to be
-    independent. A cell that grew in a way that neither explains follows the scan: its droplets are not what they should
-    be; where they bring nothing layer after layer it is dead. untrusted_layers: as many a cell may live on prediction
-    alone; take_as_read: neither drift nor noise are looked for. Raises ValueError for options that cannot be meant.
+    How it goes about it is said where it is done, in controller/core/height_estimator.h. A reading has the variance
+    sensor_noise_std^2 + sensor_resolution^2 / 12 [m^2]; without sensor_noise_std the noise is what the unprinted cells
+    show. untrusted_layers: as many a cell may live on prediction alone; take_as_read: neither drift nor noise are looked
+    for. Raises ValueError for options that cannot be meant.
     """
 
     def __init__(
@@ -107,27 +107,27 @@ class HeightEstimator:
         if faults:
             raise ValueError("; ".join(faults))
         self._job, self._model, self._untrusted_layers = job, LayerModel.of(job), untrusted_layers
-        self._drift, self._ink = ScanDrift(job.mask), InkIdentification(job, adapt_ink)
-        self._steps_variance = sensor_resolution**2 / 12.0
-        self._noise_variance = None if sensor_noise_std is None else sensor_noise_std**2 + self._steps_variance
-        self._take_as_read, self._learns_widths = take_as_read, adapt_ink == "full"
+        self._part = np.ascontiguousarray(job.mask)
+        self._shares = len(job.inks) * (3 if adapt_ink == "full" else 1)
+        steps, layer_height = sensor_resolution * sensor_resolution / 12.0, nominal_layer_height(job)
+        self._options = EstimatorOptionsStruct(
+            job.nx,
+            job.ny,
+            pointer(self._part),
+            InkPriorStruct(len(job.inks), ink_pair(job.inks), INK_MODELS[adapt_ink]),
+            take_as_read,
+            -1.0 if sensor_noise_std is None else sensor_noise_std * sensor_noise_std + steps,
+            steps,
+            layer_height * layer_height,
+        )
 
     def first(self, measured: FloatMap, valid: BoolMap) -> Estimate:
         """The start surface; a cell that was not measured counts as bare substrate, height 0, give or take a layer."""
-        noise = self._noise_variance or 0.0
-        unseen = (~valid).astype(np.int32)
-        return Estimate(
-            height=np.where(valid, measured, 0.0),
-            height_variance=np.where(valid, noise, nominal_layer_height(self._job) ** 2),
-            inks=self._job.inks,
-            ink_scale=1.0,
-            unseen=unseen,
-            untrusted=self._untrusted(unseen),
-            dead_evidence=np.zeros(unseen.shape),
-            scans=1,
-            noise_variance=noise,
-            evidence=self._ink.start(),
-        )
+        after = _Maps.empty(self._part.shape)
+        scan, seen = self._scan(measured, valid)
+        struct = after.struct()
+        library().inkloop_estimate_first(self._options, pointer(scan), pointer(seen), struct)
+        return self._estimate(after, struct)
 
     def next(
         self,
@@ -142,80 +142,74 @@ class HeightEstimator:
 
         factor: (nx, ny) volume of each droplet [1].
         """
-        scan, noise = np.where(valid, measured, 0.0), 0.0
-        if not self._take_as_read:
-            drift = self._drift.seen(scan, before.height, valid)
-            scan, noise = scan - drift.plane, self._noise(before, drift.residual_variance)
-        known = before.height_variance
-        if before.scans == 1 and self._noise_variance is None:  # only now the first scan shows what it was worth
-            known = np.where(before.unseen == 0, noise, known)
-        evidence, inks, spread = before.evidence, before.inks, known
-        flat = droplet_increments(np.zeros(scan.shape), pattern, inks, (), factor)
-        for _ in range(ROUNDS):
-            widths = inks
-            increments = droplet_increments(before.height, pattern, widths, self._model.colours(layer), factor)
-            spread = known + DROPLET_STD**2 * increments.squares
-            growth = scan - before.height
-            evidence = self._ink.after(before.evidence, pattern, increments, flat, growth, spread + noise, valid)
-            inks = self._ink.inks(evidence)
-            if np.allclose(ink_table(inks), ink_table(widths), rtol=WIDTHS_AGREE, atol=0.0):
-                break
-        in_proportion = widths
-        if self._learns_widths:  # what droplets spill is surer by the nominal proportions
-            in_proportion = _of_volumes(self._job.inks, inks)
-            increments = droplet_increments(before.height, pattern, in_proportion, self._model.colours(layer), factor)
-        predicted = replace(self._model, inks=inks).layer(before.height, pattern, layer, factor)
-        unseen = np.where(valid, 0, before.unseen + 1).astype(np.int32)
-        height, variance = _corrected(predicted, spread, scan, noise, valid)
+        shape = self._part.shape
+        scan, seen = self._scan(measured, valid)
+        jetted = checked("pattern", pattern, "i4", shape)
+        volumes = None if factor is None else checked("factor", factor, "f8", shape)
+        known, after = _Maps.of(before), _Maps.empty(shape)
+        struct = after.struct()
+        code = library().inkloop_estimate_next(
+            self._options,
+            known.struct(before),
+            layer_struct(jetted, self._model.colours(layer), volumes),
+            pointer(scan),
+            pointer(seen),
+            struct,
+        )
+        answered(code)
+        return self._estimate(after, struct)
+
+    def _scan(self, measured: FloatMap, valid: BoolMap) -> tuple[FloatMap, BoolMap]:
+        """A scan for C; what was not seen is never looked at, and may be no number."""
+        seen = checked("valid", valid, "?", self._part.shape)
+        return checked("measured", np.where(seen, measured, 0.0), "f8", self._part.shape), seen
+
+    def _estimate(self, maps: _Maps, found: EstimateStruct) -> Estimate:
+        inks = tuple(Ink(ink.h1, ink.h2, ink.h3) for ink in found.ink[: len(self._job.inks)])
         return Estimate(
-            height=height,
-            height_variance=variance,
+            height=maps.height,
+            height_variance=maps.variance,
             inks=inks,
             ink_scale=_volume(inks) / _volume(self._job.inks),
-            unseen=unseen,
-            untrusted=self._untrusted(unseen),
-            dead_evidence=dead_evidence(
-                before.dead_evidence,
-                np.where(valid, increments.own, 0.0),
-                growth - increments.added(in_proportion) + increments.own,
-                spread + noise,
-                int(self._job.mask.sum()),
-            ),
-            scans=before.scans + 1,
-            noise_variance=noise,
-            evidence=evidence,
+            unseen=maps.unseen,
+            untrusted=np.asarray(self._job.mask & (maps.unseen > self._untrusted_layers), np.bool_),
+            dead_evidence=maps.dead_evidence,
+            scans=found.scans,
+            noise_variance=found.noise_variance,
+            evidence=InkEvidence.of_struct(found.evidence, self._shares),
         )
 
-    def _noise(self, before: Estimate, residual_variance: float | None) -> float:
-        """Variance of a reading [m^2]: as given, or the mean over the scans of what the unprinted cells show."""
-        if self._noise_variance is not None:
-            return self._noise_variance
-        if residual_variance is None:
-            return max(before.noise_variance, self._steps_variance)
-        of_reading = residual_variance / (1.0 + 1.0 / before.scans)  # the known heights have been averaged so often
-        weight = 1.0 / before.scans
-        return max((1.0 - weight) * before.noise_variance + weight * of_reading, self._steps_variance)
 
-    def _untrusted(self, unseen: IntMap) -> BoolMap:
-        return np.asarray(self._job.mask & (unseen > self._untrusted_layers), np.bool_)
+@dataclass(frozen=True)
+class _Maps:
+    """The maps of an estimate as C reads and writes them."""
 
+    height: FloatMap
+    variance: FloatMap
+    unseen: IntMap
+    dead_evidence: FloatMap
 
-def _corrected(
-    predicted: FloatMap, spread: FloatMap, scan: FloatMap, noise: float, valid: BoolMap
-) -> tuple[FloatMap, FloatMap]:
-    """Kalman correction of each cell: (height [m], variance [m^2])."""
-    if noise == 0.0:
-        return np.where(valid, scan, predicted), np.where(valid, 0.0, spread)
-    surprise = (scan - predicted) ** 2
-    spread = np.where(valid & (surprise > SURPRISE**2 * (spread + noise)), surprise, spread)
-    gain = np.where(valid, spread / (spread + noise), 0.0)
-    return predicted + gain * (scan - predicted), (1.0 - gain) * spread
+    @classmethod
+    def empty(cls, shape: tuple[int, ...]) -> _Maps:
+        return cls(np.empty(shape), np.empty(shape), np.empty(shape, np.int32), np.empty(shape))
 
+    @classmethod
+    def of(cls, estimate: Estimate) -> _Maps:
+        shape = estimate.height.shape
+        return cls(
+            checked("height", estimate.height, "f8", shape),
+            checked("height_variance", estimate.height_variance, "f8", shape),
+            checked("unseen", estimate.unseen, "i4", shape),
+            checked("dead_evidence", estimate.dead_evidence, "f8", shape),
+        )
 
-def _of_volumes(nominal: tuple[Ink, ...], learnt: tuple[Ink, ...]) -> tuple[Ink, ...]:
-    """The nominal inks in the volumes of the learnt ones."""
-    shares = [one.layer_height / other.layer_height for one, other in zip(learnt, nominal, strict=True)]
-    return tuple(Ink(s * ink.h1, s * ink.h2, s * ink.h3) for s, ink in zip(shares, nominal, strict=True))
+    def struct(self, estimate: Estimate | None = None) -> EstimateStruct:
+        """For C; with what else is known, if it is one to be read."""
+        maps = map(pointer, (self.height, self.variance, self.unseen, self.dead_evidence))
+        if estimate is None:
+            return EstimateStruct(*maps)
+        evidence = estimate.evidence.struct()
+        return EstimateStruct(*maps, ink_pair(estimate.inks), evidence, estimate.noise_variance, estimate.scans)
 
 
 def _volume(inks: tuple[Ink, ...]) -> float:

@@ -18,9 +18,9 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import Component, Values
+from inkloop.component import Component, Values, is_device
 from inkloop.errors import ResultError
-from inkloop.files import replaced
+from inkloop.files import replaced, sync_folder
 from inkloop.recorder import Recorder
 
 LAYERS_FOLDER, STATE_FILE = "layers", "state.npz"
@@ -45,7 +45,8 @@ class Checkpoints:
     """Observer of a master that writes a checkpoint per printed layer, and per scan, into the run folder `folder`.
 
     It stands after `recorder`, whose rows it writes. Where a component cannot save its state, the layers are written
-    all the same, and the checkpoint says why nothing can go on from it.
+    all the same, and the checkpoint says why nothing can go on from it. With a device, whose layers cannot be printed
+    again, a checkpoint outlives a power failure too.
     """
 
     def __init__(self, folder: Path, components: Mapping[str, Component], recorder: Recorder) -> None:
@@ -53,6 +54,7 @@ class Checkpoints:
         self._folder = folder / LAYERS_FOLDER
         self._components = components
         self._recorder = recorder
+        self._durable = any(is_device(component) for component in components.values())
         self._last: int | None = None
         self._scanned = -1
         self._rows: dict[str, NDArray[Any]] = {}
@@ -97,10 +99,12 @@ class Checkpoints:
         states, self.refusal = _states(self._components)
         path = self._folder / f"{layer:04d}.npz"
         try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            _save(path, self._rows)
+            if not self._folder.is_dir():
+                self._folder.mkdir(parents=True)
+                sync_folder(self._run_folder)
+            _save(path, self._rows, self._durable)
             path = self._folder / STATE_FILE
-            _save(path, _packed(Checkpoint(time_ns, layer, outputs, states, self.refusal)))
+            _save(path, _packed(Checkpoint(time_ns, layer, outputs, states, self.refusal)), self._durable)
         except OSError as error:
             kept = "no layer was finished" if self._last is None else f"layers 0 to {self._last} are kept"
             raise ResultError(
@@ -171,8 +175,8 @@ def _unpacked(packed: Mapping[str, NDArray[Any]]) -> Checkpoint:
     return Checkpoint(time_ns, layer, outputs, states, str(packed["refusal"]))
 
 
-def _save(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    with replaced(path) as partial, partial.open("wb") as file:
+def _save(path: Path, arrays: Mapping[str, NDArray[Any]], durable: bool) -> None:
+    with replaced(path, durable=durable) as partial, partial.open("wb") as file:
         np.savez(file, **arrays)  # type: ignore[arg-type]
 
 

@@ -38,7 +38,7 @@ KINDS: Mapping[str, Device] = {
 
 
 class Bench:
-    """What the devices of one loop have in common. folder: of the traffic log, if one is kept."""
+    """What the devices of one loop have in common. folder: of the master's journal, and of the traffic log."""
 
     def __init__(self, table: BenchTable | None = None, folder: Path | None = None) -> None:
         self.table = table or BenchTable()
@@ -58,6 +58,11 @@ class Bench:
         )
         return _load("inkloop_hardware.rig", "Rig")(settings, folder=self._folder)
 
+    @cached_property
+    def journal(self) -> Any:
+        """What the master remembers of what it asked the nodes for; in the folder, if there is one."""
+        return _load("inkloop_hardware.master_journal", "MasterJournal")(self._folder)
+
 
 def faults(kind: str, job: Job, options: Mapping[str, object]) -> list[str]:
     """Everything wrong with the options of a device. Raises FmuError where its model is not there."""
@@ -69,8 +74,9 @@ def make(kind: str, job: Job, options: Mapping[str, object], bench: Bench) -> Co
     device = KINDS[kind]
     factory = _load(device.module, device.name)
     if device.model == "LayerDeposition":
-        return cast(Component, factory(told(job, options), bench.rig, cure_ms=bench.table.cure_ms))
-    return cast(Component, factory(job, bench.rig))
+        part = told(job, options)
+        return cast(Component, factory(part, bench.rig, cure_ms=bench.table.cure_ms, journal=bench.journal))
+    return cast(Component, factory(job, bench.rig, journal=bench.journal))
 
 
 def told(job: Job, options: Mapping[str, object]) -> Job:

@@ -41,6 +41,7 @@ LONG_NAMES = {
     "growth_divergence": "rms over the part of what was scanned to be added less what the model adds",
     "surface_divergence": "rms over the part of scan less model",
     "mean_error": "target minus mean height over the part",
+    "layer_unknown": "the layer was given up midway: nobody knows what of its pattern was jetted",
     "mae": "mean absolute error over the part",
     "rms": "root mean square error over the part",
     "std": "standard deviation of the error over the part (population)",

@@ -134,7 +134,16 @@ def remarks(result: Result) -> list[str]:
     """
     told = [(said, result.dataset[name]) for name, said in REMARKS.items() if name in result.dataset]
     found = [said.format(cells[-1].item()) for said, cells in told if cells.dims == ("layer",) and cells[-1] > 0]
-    return found + _alarms(result.dataset)
+    return found + _unknown_layers(result.dataset) + _alarms(result.dataset)
+
+
+def _unknown_layers(run: xr.Dataset) -> list[str]:
+    """One sentence on the layers that were given up midway."""
+    if "layer_unknown" not in run or not run.layer_unknown.any():
+        return []
+    layers = [str(layer) for layer in np.flatnonzero(run.layer_unknown.values)]
+    which = f"layer {layers[0]} was" if len(layers) == 1 else f"layers {', '.join(layers)} were"
+    return [f"{which} given up midway, nobody knows what of it was jetted; the next one was planned from the scan"]
 
 
 def _alarms(run: xr.Dataset) -> list[str]:

@@ -20,7 +20,7 @@ import xarray as xr
 
 from inkloop.component import Component
 from inkloop.errors import ResultError
-from inkloop.files import replaced, write_text
+from inkloop.files import replaced, sync_folder, write_text
 from inkloop.metrics import masked_error
 
 SCHEMA_VERSION = 1
@@ -120,8 +120,9 @@ class Result:
         run = {"schema_version": SCHEMA_VERSION, "stop_reason": "running", "scenario_sha256": _sha256(scenario_text)}
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            write_text(folder / SCENARIO_FILE, scenario_text)
-            write_text(folder / RUN_FILE, json.dumps(run | dict(notes), indent=2) + "\n")
+            sync_folder(folder.parent)
+            write_text(folder / SCENARIO_FILE, scenario_text, durable=True)
+            write_text(folder / RUN_FILE, json.dumps(run | dict(notes), indent=2) + "\n", durable=True)
         except OSError as error:
             raise ResultError(f"{folder}: the run cannot be written there: {error}") from error
 

@@ -4,31 +4,38 @@ from __future__ import annotations
 
 from struct import Struct
 from struct import error as StructError
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inkloop.component import Job, Port, Status, Values
 from inkloop.errors import ComponentError
-from inkloop_hardware.layer_steps import LayerSteps
+from inkloop_hardware.journal_comparison import compare
+from inkloop_hardware.layer_steps import ALL_COLOURS, LayerSteps, PrintedLayer
+from inkloop_hardware.master_journal import MasterJournal
 from inkloop_hardware.readiness import make_ready
+from inkloop_hardware.recovery import gone_on_with
 from inkloop_hardware.rig import Rig
 from inkloop_hardware.vocabulary import Node
 
 NODES = (Node.HEAD, Node.STAGE, Node.CURE)
-_STATE = Struct(">IIQQ")  # job, layers printed, droplets of material A and of B
+_STATE = Struct(">IIQQ?")  # job, layers printed, droplets of material A and of B, whether the last layer is unknown
 
 
 class Printer:
     """Prints by the layer contract; a step that commands a layer lasts until it is printed and cured.
 
-    It knows no `height`: a real printer does not see its part. rig: shared with the other devices; cure_ms: light after
-    each pass. The errors of its steps are `HardwareError`s.
+    It knows no `height`: a real printer does not see its part. `layer_unknown`: the last layer was given up midway, and
+    nobody knows what was jetted in it; droplets are those of passes that are known to be whole. rig, journal: shared
+    with the other devices; cure_ms: light after each pass. The errors of its steps are `HardwareError`s.
     """
 
     is_device = True
 
-    def __init__(self, job: Job, rig: Rig, *, cure_ms: int = 100) -> None:
+    def __init__(self, job: Job, rig: Rig, *, cure_ms: int = 100, journal: MasterJournal | None = None) -> None:
         self._job, self._rig, self._cure_ms = job, rig, cure_ms
+        self._journal = journal or MasterJournal()
         shape = (job.nx, job.ny)
         self.inputs = (
             Port("pattern", shape=shape, dtype="int32"),
@@ -36,19 +43,22 @@ class Printer:
             Port("layer_command", dtype="int32"),
         )
         counters = ("layers_printed", "status", "droplets_a", "droplets_b")
-        self.outputs = tuple(Port(name, dtype="int32") for name in counters)
+        self.outputs = (*(Port(name, dtype="int32") for name in counters), Port("layer_unknown", dtype="bool"))
         self._attached = False
         self._steps: LayerSteps | None = None
-        self._printed = 0
+        self._printed, self._is_unknown = 0, False
         self._droplets = [0, 0]
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
-        """Open the bus, look at the nodes, clear them and home the stage; commands count from the present one."""
+        """Open the bus, compare journals, clear nodes and home the stage; commands count from the present one."""
+        self._journal.take_up(self._rig)
         self._rig.attach()
         self._attached = True
+        self._rig.wait_for(NODES)
+        compare(self._journal.layer, self._rig.job, self._rig.link(Node.HEAD).state())
         limits = make_ready(self._rig, NODES)
-        self._steps = LayerSteps(self._rig, self._job, limits, cure_ms=self._cure_ms)
-        self._printed, self._droplets = int(inputs["layer_command"]), [0, 0]
+        self._steps = LayerSteps(self._rig, self._job, limits, cure_ms=self._cure_ms, journal=self._journal)
+        self._printed, self._droplets, self._is_unknown = int(inputs["layer_command"]), [0, 0], False
         return self._outputs()
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
@@ -64,14 +74,24 @@ class Printer:
                 raise ComponentError(
                     "drop_level is not 1 everywhere: this head jets one drop a cell; take drop_levels = 1"
                 )
-            try:
-                self._steps.print_layer(command, pattern)
-            except ValueError as error:
-                raise ComponentError(str(error)) from error
-            self._printed = command
-            for material in range(2):
-                self._droplets[material] += int(np.count_nonzero(pattern == material + 1))
+            self._print(self._steps, command, pattern)
         return self._outputs()
+
+    def _print(self, steps: LayerSteps, layer: int, pattern: NDArray[Any]) -> None:
+        known = self._journal.layer
+        if known and known.layer > layer:
+            raise ComponentError(
+                f"layer {layer} is commanded, but this run has begun layer {known.layer} already; its checkpoint is "
+                "older than its journal: was the run folder put back from a copy? Begin a new part"
+            )
+        try:
+            became = gone_on_with(self._rig, NODES, lambda: steps.print_layer(layer, pattern))
+        except ValueError as error:
+            raise ComponentError(str(error)) from error
+        self._printed, self._is_unknown = layer, became.is_unknown
+        jetted = _jetted(pattern, became)
+        for material in range(2):
+            self._droplets[material] += int(np.count_nonzero(jetted == material + 1))
 
     def terminate(self) -> None:
         """Leave the bus; the last device closes it."""
@@ -80,16 +100,16 @@ class Printer:
             self._rig.detach()
 
     def save(self) -> bytes:
-        """Job, layer and droplets: what the journal of the head is compared with."""
-        return _STATE.pack(self._rig.job, self._printed, *self._droplets)
+        """Job, layer, droplets, and whether the layer is unknown."""
+        return _STATE.pack(self._rig.job, self._printed, *self._droplets, self._is_unknown)
 
     def restore(self, saved: bytes) -> None:
-        """Go on with a job. ComponentError where the head was used for something else since."""
+        """Go on with a job. ComponentError where journal or head are of another one, or of another layer."""
         try:
-            job, printed, *droplets = _STATE.unpack(saved)
+            job, printed, *droplets, is_unknown = _STATE.unpack(saved)
         except StructError as error:
             raise ComponentError(f"what is to be restored is no state of this printer ({error})") from error
-        self._rig.job = job
+        self._journal.go_on_with(self._rig, job)
         head = self._rig.link(Node.HEAD).state()
         follows = head.job == job and head.layer in (printed, printed + 1)
         if not follows and printed > 0:
@@ -97,8 +117,16 @@ class Printer:
                 f"the head last had layer {head.layer} of job {head.job}, this run was at layer {printed} of job "
                 f"{job}: something else was printed since, or another head is mounted; run the scenario anew"
             )
-        self._printed, self._droplets = printed, droplets
+        self._printed, self._droplets, self._is_unknown = printed, droplets, is_unknown
 
     def _outputs(self) -> Values:
-        values = (self._printed, Status.IDLE, *self._droplets)
-        return {port.name: np.asarray(int(value), np.int32) for port, value in zip(self.outputs, values, strict=True)}
+        values = (self._printed, Status.IDLE, *self._droplets, self._is_unknown)
+        return {port.name: np.asarray(value, port.dtype) for port, value in zip(self.outputs, values, strict=True)}
+
+
+def _jetted(pattern: NDArray[Any], became: PrintedLayer) -> NDArray[Any]:
+    """What of a pattern (nx, ny) is known to have been jetted."""
+    if ALL_COLOURS in became.passes:
+        return pattern
+    i, j = np.indices(pattern.shape)
+    return np.where(np.isin(2 * (i % 2) + j % 2, became.passes), pattern, 0)

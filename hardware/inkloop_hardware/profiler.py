@@ -11,7 +11,9 @@ from inkloop.component import Job, Port, Status, Values
 from inkloop.errors import ComponentError
 from inkloop_hardware.height_map_bytes import read_map
 from inkloop_hardware.layer_steps import LayerSteps
+from inkloop_hardware.master_journal import MasterJournal
 from inkloop_hardware.readiness import make_ready
+from inkloop_hardware.recovery import gone_on_with
 from inkloop_hardware.rig import Rig
 from inkloop_hardware.vocabulary import Node
 
@@ -23,13 +25,14 @@ class Profiler:
     """Scans each newest layer, the start surface first; a step in which a layer is new lasts until its map is here.
 
     It takes no `height`: it looks for itself. A cell that a scan did not see repeats its last height that was seen, at
-    first 0. rig: shared with the other devices.
+    first 0. rig, journal: shared with the other devices.
     """
 
     is_device = True
 
-    def __init__(self, job: Job, rig: Rig) -> None:
+    def __init__(self, job: Job, rig: Rig, *, journal: MasterJournal | None = None) -> None:
         self._job, self._rig = job, rig
+        self._journal = journal or MasterJournal()
         shape = (job.nx, job.ny)
         self.inputs = (Port("layers_printed", dtype="int32"),)
         self.outputs = (
@@ -46,18 +49,20 @@ class Profiler:
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         """Open the bus, look at the nodes, clear them and home the stage. The first scan is that of the first step."""
+        self._journal.take_up(self._rig)
         self._rig.attach()
         self._attached = True
-        self._steps = LayerSteps(self._rig, self._job, make_ready(self._rig, NODES))
+        self._steps = LayerSteps(self._rig, self._job, make_ready(self._rig, NODES), journal=self._journal)
         self._scanned = -1
         return self._outputs()
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Scan the layer that is new, if one is."""
         self._rig.alive()
-        newest = int(inputs["layers_printed"])
-        if newest != self._scanned and self._steps is not None:
-            height, valid = read_map(self._steps.scan(newest), self._job.nx, self._job.ny)
+        newest, steps = int(inputs["layers_printed"]), self._steps
+        if newest != self._scanned and steps is not None:
+            found = gone_on_with(self._rig, NODES, lambda: steps.scan(newest))
+            height, valid = read_map(found, self._job.nx, self._job.ny)
             self._height, self._valid = np.where(valid, height, self._height), valid
             self._scanned = newest
         return self._outputs()
@@ -81,7 +86,8 @@ class Profiler:
             valid = np.frombuffer(saved, np.bool_, cells, _STATE.size + height.nbytes)
         except (StructError, ValueError) as error:
             raise ComponentError(f"what is to be restored is no state of this profiler ({error})") from error
-        self._rig.job, self._scanned = job, scanned
+        self._journal.go_on_with(self._rig, job)
+        self._scanned = scanned
         self._height, self._valid = height.reshape(self._height.shape).copy(), valid.reshape(self._valid.shape).copy()
 
     def _outputs(self) -> Values:

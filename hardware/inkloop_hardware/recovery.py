@@ -1,0 +1,52 @@
+"""After a node fell to its de-energised state, or was away, in the middle of a layer: may the print go on by itself?
+
+It may where no node asks for a person: nothing that was begun is unknown then, and every step is asked for again by
+its key, so that what was done stays done.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+from inkloop_hardware.errors import BusError, HardwareError, LinkTimeout, NodeLost, NodeStopped
+from inkloop_hardware.readiness import NotReady, blocked, make_ready
+from inkloop_hardware.rig import Rig
+from inkloop_hardware.vocabulary import Node, State
+
+TIMES = 3  # that a layer or a scan is gone on with; a bench that falls more often needs a person (assumed)
+RETURN_S = 5.0  # for a node to restart, or to be heard again (assumed)
+
+Found = TypeVar("Found")
+_log = logging.getLogger("inkloop_hardware")
+
+
+def gone_on_with(rig: Rig, nodes: Sequence[Node], work: Callable[[], Found]) -> Found:
+    """What `work` gives; it is begun again where nodes fell or were away and none needs a person, three times at most.
+
+    Raises HardwareError: that of `work` where no node fell, NotReady where a person is needed, with the reason of the
+    fall, NodeLost where a node does not come back.
+    """
+    for _ in range(TIMES):
+        try:
+            return work()
+        except BusError:
+            raise
+        except HardwareError as error:
+            _take_up(rig, nodes, error)
+    return work()
+
+
+def _take_up(rig: Rig, nodes: Sequence[Node], error: HardwareError) -> None:
+    """Clear the nodes and home the stage; raises `error` where that mends nothing, or what forbids it."""
+    rig.wait_for(nodes, RETURN_S)
+    states = {node: rig.link(node).state() for node in nodes}
+    fallen = [node.lower() for node, state in states.items() if state.state in (State.SAFE, State.FAULT)]
+    if not fallen and not isinstance(error, NodeLost | NodeStopped | LinkTimeout):
+        raise error
+    if faults := [fault for node, state in states.items() if (fault := blocked(node, state))]:
+        raise NotReady("\n".join([str(error), *faults])) from error
+    _log.warning("%s", error)
+    _log.warning("%s: no step is unknown, so the print goes on", ", ".join(fallen) or "all nodes are there again")
+    make_ready(rig, nodes)
