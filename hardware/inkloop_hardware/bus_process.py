@@ -200,12 +200,12 @@ class BusProcess:
                     self.log.take(message)
 
     def _complain(self) -> None:
-        """Says what went wrong since the last time."""
+        """Says what goes wrong: the first time, and whenever it is twice as much."""
         counts = self.adapter.complaints() | {"frames that the master did not read": self.answers.dropped}
         for words, count in counts.items():
-            if count > self._complaints.get(words, 0):
+            if count >= max(1, 2 * self._complaints.get(words, 0)):
                 self.answers.put(Kind.WORDS, f"{self.adapter.settings}: {count} {words} so far".encode())
-        self._complaints = counts
+                self._complaints[words] = count
 
 
 def _is_plain(message: can.Message) -> bool:

@@ -22,9 +22,15 @@ FLOW_TIMEOUT = 1.0
 """Seconds for the node to let go on with a long message (N_Bs of ISO 15765-2)."""
 ANSWER_LIMIT = 30.0
 """Seconds for an answer, whatever the node says meanwhile ("still busy" ...), where there is no deadline."""
+TORN_QUIET, MESSAGE_QUIET = 0.05, 0.25
+"""Seconds without a frame after which a message that lost one, or that stopped midway, is given up: both are asked for
+again sooner than after N_Cr of ISO 15765-2 (1 s)."""
+PADDING = 0xCC
+GIVE_UP = bytes((0x32, 0, 0, *5 * (PADDING,)))
+"""Flow control "overflow": the node stops sending and can be asked again."""
 NEVER_MS = 3_600_000
 PARAMETERS = {
-    "tx_padding": 0xCC,
+    "tx_padding": PADDING,
     "blocksize": 64,
     "stmin": 0,
     "wftmax": 8,
@@ -69,7 +75,8 @@ class IsoTpConnection(BaseConnection):
         self.deadline: float | None = None
         self._wire = wire
         self._is_answer = is_answer
-        self._answer_id = answer_id
+        self._request_id, self._answer_id = request_id, answer_id
+        self._torn = False
         self._request = b""
         self._unsent: list[Frame] = []
         self._moved = 0.0
@@ -99,6 +106,7 @@ class IsoTpConnection(BaseConnection):
         while self._wire.receive(0.0) is not None:
             self.stray += 1
         self._stack.reset()
+        self._torn = False
         self._unsent.clear()
 
     def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
@@ -114,6 +122,7 @@ class IsoTpConnection(BaseConnection):
         self._moved = self._wire.now()
         while True:
             while (message := self._stack.recv()) is not None:
+                self._torn = False
                 if self._is_answer(self._request, bytes(message)):
                     return bytes(message)
                 self.stray += 1
@@ -124,9 +133,19 @@ class IsoTpConnection(BaseConnection):
         self._stack.process(SLICE)
         self._flush()
         now = self._wire.now()
+        if self._torn or self._stack.is_rx_active():
+            self._give_up_a_broken_message(now - self._moved)
         limit = self._asked + ANSWER_LIMIT if self.deadline is None else self.deadline
         if now - self._moved > timeout or now > limit:
             raise TimeoutException(f"no frame for {timeout:g} s")  # type: ignore[no-untyped-call]
+
+    def _give_up_a_broken_message(self, quiet: float) -> None:
+        if quiet <= (TORN_QUIET if self._torn else MESSAGE_QUIET):
+            return
+        self._torn = False
+        self._stack.reset()
+        self._wire.send([Frame(self._request_id, GIVE_UP)])
+        raise TimeoutException("a message lost a frame")  # type: ignore[no-untyped-call]
 
     def _take(self, wait_s: float) -> isotp.CanMessage | None:
         """The next frame for the protocol; waits only if it has nothing else to do."""
@@ -150,5 +169,6 @@ class IsoTpConnection(BaseConnection):
             self._wire.send(frames)
             self._moved = self._wire.now()
 
-    def _count(self, _error: Exception) -> None:
+    def _count(self, error: Exception) -> None:
         self.broken += 1
+        self._torn = self._torn or isinstance(error, isotp.WrongSequenceNumberError)

@@ -23,8 +23,9 @@ WRITE_TIMEOUT = 1.0
 TIME_STAMP = 4
 """Hexadecimal digits that some adapters put behind a frame."""
 BEL = 7
-DEAF_AFTER = 0.2
-"""Seconds in which an adapter refuses what it is told to send, confirms nothing and hears nothing: bus-off."""
+DEAF_AFTER, DEAF_REFUSALS = 0.15, 2
+"""An adapter that for so many seconds refuses what it is told to send, confirms nothing and hears nothing is bus-off; a
+full buffer refuses too, but frames come in meanwhile."""
 
 
 class BulkSlcanBus(slcanBus):
@@ -47,6 +48,7 @@ class BulkSlcanBus(slcanBus):
         self.malformed = 0
         self.refused = 0
         self._refused_since: float | None = None
+        self._refusals_in_a_row = 0
         self.waiting: deque[can.Message] = deque()
         self._rest = b""
         self._overlong = False
@@ -61,7 +63,9 @@ class BulkSlcanBus(slcanBus):
     @property
     def refuses_everything(self) -> bool:
         """Whether it takes no part in the bus any more."""
-        return self._refused_since is not None and time.monotonic() - self._refused_since > DEAF_AFTER
+        if self._refused_since is None or self._refusals_in_a_row < DEAF_REFUSALS:
+            return False
+        return time.monotonic() - self._refused_since > DEAF_AFTER
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self.waiting:
@@ -85,27 +89,33 @@ class BulkSlcanBus(slcanBus):
 
     def take(self, found: bytes) -> None:
         """Frames of all lines that are whole go to `waiting`; the rest is kept."""
+        if refusals := found.count(BEL):  # they stand alone, no line end follows
+            found = found.replace(b"\a", b"")
+            self._take_refusals(refusals)
         *lines, self._rest = (self._rest + found).split(b"\r")
         now = time.time()
         if self._overlong and lines:  # the end of a line whose beginning was dropped
             self._overlong = False
             del lines[0]
         for line in lines:
-            refusals = line.count(BEL)
-            if refusals and self._heard:
-                self.refused += refusals
-                self._refused_since = self._refused_since or time.monotonic()
             if len(line) > LINE_MAX:
                 self.malformed += 1
                 continue
-            self._take_line(line.replace(b"\a", b"") if refusals else line, now)
+            self._take_line(line, now)
         if len(self._rest) > LINE_MAX:
             self.malformed += not self._overlong
             self._overlong, self._rest = True, b""
 
+    def _take_refusals(self, count: int) -> None:
+        if not self._heard:
+            return
+        self.refused += count
+        self._refusals_in_a_row += count
+        self._refused_since = self._refused_since or time.monotonic()
+
     def _take_line(self, line: bytes, now: float) -> None:
         if line[:1] in (b"t", b"T", b"r", b"R", b"z", b"Z"):
-            self._refused_since = None
+            self._refused_since, self._refusals_in_a_row = None, 0
         if line[:1] not in (b"t", b"T", b"r", b"R"):
             self.malformed += bool(line) and line[:1] not in b"zZVNF"  # answers of the adapter
             return

@@ -28,8 +28,9 @@ BLOCK_MOST = 4095
 """Bytes that ISO-TP carries in one message."""
 GROW_AFTER = 8
 """So many blocks in a row without a retry, and blocks are twice as long again."""
-BROKEN = (0x24, 0x71, 0x72, 0x73)
-"""Refusals in the middle of a transfer after which it may be begun anew."""
+BROKEN = (0x24, 0x31, 0x71, 0x72, 0x73)
+"""Refusals in the middle of a transfer after which it may be begun anew; 0x31: a byte was altered to one that no
+pattern has."""
 
 
 class BlockSize:

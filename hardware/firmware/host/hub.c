@@ -62,7 +62,8 @@ static HubClient *add_client(Hub *hub, int file, bool terminal, uint32_t now) {
         client->used = 0;
         client->dropped = 0;
         client->moved_at = now;
-        client->bus_off = client->relapsing = false;
+        client->bus_off = false;
+        client->relapsing = hub->relapses > 0;
         slcan_init(&client->slcan);
         return client;
     }
