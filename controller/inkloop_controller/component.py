@@ -14,6 +14,7 @@ from inkloop.errors import ComponentError
 from inkloop_controller.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.horizon_problem import IntMap, IntPlan
 from inkloop_controller.layer_plan import Planner, PlanStatus
+from inkloop_controller.unknown_layer import after_unknown
 
 
 @dataclass(frozen=True)
@@ -125,8 +126,8 @@ class LayerController:
             estimate = self._estimator.first(measured, valid)
         else:
             drops = before.drop_level.astype(np.float64)
-            judge = self._estimator.after_unknown if is_unknown else self._estimator.next
-            estimate = judge(before.estimate, before.pattern, scan, measured, valid, drops)
+            told = (before.estimate, before.pattern, scan, measured, valid, drops)
+            estimate = after_unknown(self._estimator, self._job, *told) if is_unknown else self._estimator.next(*told)
         started = perf_counter()
         plan = self._planner.plan(estimate, scan, before.plan)
         done = plan.status is PlanStatus.DONE
