@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
+import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -43,7 +45,7 @@ class Row:
     @property
     def cells(self) -> tuple[str, ...]:
         """Its cells under `HEADINGS`."""
-        ours = number(self.ours) if self.scatter is None else f"{number(self.ours)} ± {self.scatter:.2g}"
+        ours = number(self.ours) if self.scatter is None else with_scatter(self.ours, self.scatter)
         return (
             self.where,
             self.figure,
@@ -84,6 +86,12 @@ def number(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.4g}"
 
 
+def with_scatter(mean: float, scatter: float) -> str:
+    """A mean with as many decimals as two significant digits of its scatter have."""
+    decimals = max(0, 1 - math.floor(math.log10(scatter))) if scatter > 0.0 else 3
+    return f"{mean:.{decimals}f} ± {scatter:.{decimals}f}"
+
+
 def terminal_table(title: str, rows: Sequence[Row]) -> Table:
     """All rows, a line under each place of the paper."""
     table = Table(title=title)
@@ -100,8 +108,8 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     said = sorted((row for row in rows if row.remark), key=lambda row: not row.reproduced.startswith("no"))
     places: dict[str, dict[str, None]] = {}
     for row in said:
-        places.setdefault(row.remark, {})[f"{row.where.split(',')[0]}, {row.figure}"] = None
-    return [f"{'; '.join(among)}: {remark}" for remark, among in places.items()]
+        places.setdefault(row.remark, {})[re.split("[:,]", row.where)[0]] = None
+    return [f"{', '.join(among)}: {remark}" for remark, among in places.items()]
 
 
 def markdown(title: str, rows: Sequence[Row]) -> str:

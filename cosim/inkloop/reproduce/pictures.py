@@ -96,3 +96,33 @@ def square_walls(profiles: Mapping[str, tuple[FloatMap, FloatMap, float]]) -> Fi
     axes.set_xlabel("[µm]")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
+
+
+def growth(line: Sequence[FloatMap], dome: FloatMap, added: FloatMap, tower: FloatMap) -> Figure:
+    """A line layer by layer, the cuboid of four layers by two models, and a cut of the cylinder of ten layers [um]."""
+    figure = Figure(figsize=(WIDTH_IN, 2.6), layout="constrained")
+    lines, cuboid, cylinder = figure.subplots(1, 3)
+    for surface in line:
+        lines.plot(surface, marker=".", ms=3, color=COLOURS[0], linewidth=0.8)
+    lines.set(title="a line, layers 1 to 6", xlabel="droplet", ylabel="height [µm]")
+    cuboid.plot(dome, marker=".", color=COLOURS[0], label="layer-to-layer model")
+    cuboid.plot(added, marker=".", color=COLOURS[1], label="traditional model")
+    cuboid.set(title="cuboid, four layers: middle row", xlabel="droplet", ylim=(0, None))
+    cuboid.legend(loc="lower center")
+    cylinder.plot(tower, marker=".", ms=3, color=COLOURS[0])
+    cylinder.set(title="cylinder, ten layers: cut", xlabel="cell", ylim=(0, None))
+    return figure
+
+
+def spacing(found: Sequence[tuple[float, float, float]], chosen: float) -> Figure:
+    """Unevenness of a layer and its lowest place over its highest, by the spacing factor."""
+    figure = Figure(figsize=(WIDTH_IN * 0.6, 2.6), layout="constrained")
+    axes = figure.subplots()
+    gamma, uneven, dip = (np.array(column) for column in zip(*found, strict=True))
+    axes.plot(gamma, uneven, marker="o", ms=4, color=COLOURS[0], label="unevenness (std / mean)")
+    axes.plot(gamma, dip, marker="s", ms=4, color=COLOURS[1], label="lowest / highest")
+    axes.axvline(chosen, color="black", linestyle=":", label="the paper's choice")
+    axes.set(xlabel="spacing / droplet diameter", ylabel="%", ylim=(0, None))
+    axes.legend()
+    axes.grid(color="0.92")
+    return figure
