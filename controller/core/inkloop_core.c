@@ -1,13 +1,13 @@
 #include "inkloop_core.h"
 
 #include <stdlib.h>
-#include <string.h>
 
+#include "dead_cells.h"
 #include "error_diffusion.h"
+#include "horizon_solver.h"
+#include "layer_surface.h"
 #include "paper_search.h"
-#include "plan_search.h"
-#include "projected_gradient.h"
-#include "stopwatch.h"
+#include "relaxed_surface.h"
 
 int32_t inkloop_core_interface(void) {
     return CORE_INTERFACE;
@@ -15,45 +15,17 @@ int32_t inkloop_core_interface(void) {
 
 double inkloop_layer(size_t nx, size_t ny, const double *height, const int32_t *pattern, const Ink ink[2],
                      const double *factor, int32_t passes, const int32_t order[4], double *scratch, double *after) {
-    const size_t bytes = nx * ny * sizeof(double);
-    memcpy(after, height, bytes);
-    if (passes == 1)
-        return deposit_pass(height, after, nx, ny, pattern, ink, factor, COLOUR_ALL);
-    double lost = 0.0;
-    for (int pass = 0; pass < 4; pass++) {
-        memcpy(scratch, after, bytes);
-        lost += deposit_pass(scratch, after, nx, ny, pattern, ink, factor, order[pass]);
-    }
-    return lost;
+    const JettedLayer layer = {nx, ny, pattern, factor, passes, order};
+    return layer_surface(&layer, height, ink, scratch, after);
 }
 
 int32_t inkloop_objective(const HorizonProblem *problem, const int32_t *plan, Objective *value) {
-    PlanSurface surface;
-    if (!surface_open(&surface, problem, plan))
-        return CORE_NO_MEMORY;
-    *value = surface_objective(&surface);
-    surface_close(&surface);
-    return CORE_DONE;
-}
-
-static void finish(PlanSurface *surface, int32_t *plan, SearchReport *report) {
-    surface_evaluate(surface);
-    report->objective = surface_objective(surface);
-    surface_plan(surface, plan);
-    surface_close(surface);
+    return plan_objective(problem, plan, value);
 }
 
 int32_t inkloop_search(const HorizonProblem *problem, const SearchOptions *options, int32_t *plan,
                        SearchReport *report) {
-    PlanSurface surface;
-    *report = (SearchReport){0};
-    const double began = stopwatch_seconds();
-    if (!surface_open(&surface, problem, plan))
-        return CORE_NO_MEMORY;
-    const double evaluation = stopwatch_seconds() - began; /* the one at the end takes as long */
-    const int32_t status = plan_search(&surface, options, began + options->seconds_max - evaluation, report);
-    finish(&surface, plan, report);
-    return status;
+    return improve_plan(problem, options, plan, report);
 }
 
 int32_t inkloop_paper_search(const HorizonProblem *problem, int32_t *plan, int64_t batch, int64_t iterations_max,
@@ -71,19 +43,16 @@ int32_t inkloop_paper_search(const HorizonProblem *problem, int32_t *plan, int64
     report->incremental = objective(&surface.sums, &surface.weighting);
     window_close(&window);
     free(order);
-    finish(&surface, plan, report);
+    surface_evaluate(&surface);
+    report->objective = surface_objective(&surface);
+    surface_plan(&surface, plan);
+    surface_close(&surface);
     return status;
 }
 
 int32_t inkloop_relax(const HorizonProblem *problem, const RelaxationOptions *options, double *droplets,
                       RelaxationReport *report) {
-    RelaxedSurface surface;
-    *report = (RelaxationReport){0};
-    if (!relaxed_open(&surface, problem))
-        return CORE_NO_MEMORY;
-    const int32_t status = projected_gradient(&surface, options, droplets, report);
-    relaxed_close(&surface);
-    return status;
+    return relax_droplets(problem, options, droplets, report);
 }
 
 int32_t inkloop_relaxed_gradient(const HorizonProblem *problem, const double *droplets, double smoothing, double *value,
@@ -99,4 +68,32 @@ int32_t inkloop_relaxed_gradient(const HorizonProblem *problem, const double *dr
 
 int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, int32_t *plan) {
     return diffuse_droplets(problem, droplets, plan);
+}
+
+int32_t inkloop_estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                              const double *measured, const uint8_t *valid, SurfaceEstimate *after) {
+    return estimate_next(options, before, layer, measured, valid, after) ? CORE_DONE : CORE_NO_MEMORY;
+}
+
+void inkloop_estimate_first(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
+                            SurfaceEstimate *estimate) {
+    estimate_first(options, measured, valid, estimate);
+}
+
+void inkloop_droplet_increments(const JettedLayer *layer, const double *height, size_t inks, const Ink ink[],
+                                double *scratch, const DropletIncrements *increments) {
+    droplet_increments(layer, height, inks, ink, scratch, increments);
+}
+
+double inkloop_scan_drift(size_t nx, size_t ny, const uint8_t *part, const double *scan, const double *known,
+                          const uint8_t *valid, double *scratch, double *plane) {
+    const ScanDrift drift = scan_drift(nx, ny, part, scan, known, valid, scratch);
+    for (size_t cell = 0; cell < nx * ny; cell++)
+        plane[cell] = drift_at(&drift, nx, ny, cell);
+    return drift.residual_variance;
+}
+
+void inkloop_dead_evidence(size_t cells, const double *before, const double *own, const double *grown,
+                           const double *variance, size_t part_cells, double *after) {
+    dead_evidence(cells, before, own, grown, variance, part_cells, after);
 }

@@ -3,13 +3,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#if !defined(_WIN32)
-#include <pthread.h>
-#endif
+#include "side_by_side.h"
 
 _Static_assert(TILE > 2 * (STEPS_MAX + 2), "a swap of one tile reaches STEPS_MAX + 1 cells, and one more is read");
-
-enum { THREADS_MAX = 64 }; /* more share no tile that fewer would not (assumed) */
 
 /* The tiles of one colour that one thread sweeps: every `stride`th from `first` on. */
 typedef struct {
@@ -23,7 +19,7 @@ bool tiling_open(Tiling *tiling, PlanSurface *surface, int32_t threads) {
     const size_t rows = (surface->nx + TILE - 1) / TILE, columns = (surface->ny + TILE - 1) / TILE;
     const size_t alike = ((rows + 1) / 2) * ((columns + 1) / 2);
     *tiling = (Tiling){.surface = surface, .rows = rows, .columns = columns};
-    const size_t usable = alike < THREADS_MAX ? alike : THREADS_MAX;
+    const size_t usable = alike < SHARES_AT_ONCE ? alike : SHARES_AT_ONCE;
     const size_t wanted = (size_t)threads < usable ? (size_t)threads : usable;
     tiling->awake = malloc(surface->framed);
     tiling->kept = malloc(surface->problem->layers * surface->framed);
@@ -79,31 +75,14 @@ static void *sweep_share(void *handed) {
     return NULL;
 }
 
-/* Sweeps the tiles of a colour side by side, each on the same sums; a thread that cannot be started is done here. */
+/* Sweeps the tiles of a colour side by side, each on the same sums. */
 static void sweep_together(Tiling *tiling, const Sweep *sweep, size_t colour) {
     const size_t tiles = tiles_of_colour(tiling, colour);
     const size_t threads = tiling->threads < tiles ? tiling->threads : tiles;
-    Share share = {tiling, sweep, colour, 0, threads, tiling->surface->sums};
-#if defined(_WIN32)
-    for (; share.first < threads; share.first++)
-        sweep_share(&share);
-#else
-    pthread_t thread[THREADS_MAX];
-    bool started[THREADS_MAX];
-    Share others[THREADS_MAX];
-    for (size_t k = 1; k < threads; k++) {
-        others[k] = share;
-        others[k].first = k;
-        started[k] = pthread_create(&thread[k], NULL, sweep_share, &others[k]) == 0;
-    }
-    sweep_share(&share);
-    for (size_t k = 1; k < threads; k++) {
-        if (started[k])
-            pthread_join(thread[k], NULL);
-        else
-            sweep_share(&others[k]);
-    }
-#endif
+    Share share[SHARES_AT_ONCE];
+    for (size_t k = 0; k < threads; k++)
+        share[k] = (Share){tiling, sweep, colour, k, threads, tiling->surface->sums};
+    side_by_side(sweep_share, share, sizeof *share, threads);
 }
 
 /* Sums with what the tiles of a colour did to them, in the order of the tiles. */

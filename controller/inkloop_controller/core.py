@@ -14,6 +14,7 @@ from inkloop.component import FloatMap, Ink
 from inkloop_controller.core_library import (
     AFTER_SWEEP,
     InkStruct,
+    JettedLayerStruct,
     ObjectiveStruct,
     ProblemStruct,
     ReportStruct,
@@ -161,7 +162,7 @@ def layer(
         *shape,
         pointer(before),
         pointer(droplets),
-        _ink_pair(inks),
+        ink_pair(inks),
         None if factors is None else pointer(factors),
         4 if len(order) else 1,
         colours,
@@ -240,7 +241,18 @@ def checked(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) ->
     return np.ascontiguousarray(array)
 
 
-def _ink_pair(inks: Sequence[Ink]) -> ctypes.Array[InkStruct]:
+def layer_struct(pattern: IntMap, order: Sequence[int], factor: FloatMap | None) -> JettedLayerStruct:
+    """A jetted layer for C; its arrays, in C order, must stay alive as long."""
+    return JettedLayerStruct(
+        *pattern.shape,
+        pointer(pattern),
+        None if factor is None else pointer(factor),
+        4 if len(order) else 1,
+        (ctypes.c_int32 * 4)(*order),
+    )
+
+
+def ink_pair(inks: Sequence[Ink]) -> ctypes.Array[InkStruct]:
     both = (inks[0], inks[-1])
     return (InkStruct * 2)(*(InkStruct(ink.h1, ink.h2, ink.h3) for ink in both))
 

@@ -17,6 +17,8 @@ from inkloop_controller.horizon_problem import HORIZON_MAX, KINDS_MAX
 VARIABLE = "INKLOOP_CORE_LIB"
 _INTERFACE = 2  # CORE_INTERFACE of inkloop_core.h
 _PACKAGE = "inkloop_controller"
+SHARES_MAX = 6  # of ink_identification.h
+DRIFT_MAPS = 5  # of scan_drift.h
 _GRID = (ctypes.c_size_t, ctypes.c_size_t)
 _REALS = ctypes.POINTER(ctypes.c_double)
 _INTEGERS = ctypes.POINTER(ctypes.c_int32)
@@ -108,7 +110,75 @@ class RelaxationReportStruct(ctypes.Structure):
     _fields_ = (("value", ctypes.c_double), ("iterations", ctypes.c_int64))
 
 
+class InkEvidenceStruct(ctypes.Structure):
+    """`InkEvidence` of ink_identification.h."""
+
+    _fields_ = (
+        ("response", ctypes.c_double * SHARES_MAX**2),
+        ("covariance", ctypes.c_double * SHARES_MAX**2),
+        ("surplus", ctypes.c_double * SHARES_MAX),
+    )
+
+
+class InkPriorStruct(ctypes.Structure):
+    """`InkPrior` of ink_identification.h."""
+
+    _fields_ = (("inks", ctypes.c_size_t), ("nominal", InkStruct * 2), ("model", ctypes.c_int32))
+
+
+class EstimatorOptionsStruct(ctypes.Structure):
+    """`EstimatorOptions` of height_estimator.h."""
+
+    _fields_ = (
+        ("nx", ctypes.c_size_t),
+        ("ny", ctypes.c_size_t),
+        ("part", _MARKS),
+        ("ink", InkPriorStruct),
+        ("take_as_read", ctypes.c_int32),
+        ("noise_variance", ctypes.c_double),
+        ("steps_variance", ctypes.c_double),
+        ("first_variance", ctypes.c_double),
+    )
+
+
+class EstimateStruct(ctypes.Structure):
+    """`SurfaceEstimate` of height_estimator.h."""
+
+    _fields_ = (
+        ("height", _REALS),
+        ("variance", _REALS),
+        ("unseen", _INTEGERS),
+        ("dead_evidence", _REALS),
+        ("ink", InkStruct * 2),
+        ("evidence", InkEvidenceStruct),
+        ("noise_variance", ctypes.c_double),
+        ("scans", ctypes.c_int32),
+    )
+
+
+class JettedLayerStruct(ctypes.Structure):
+    """`JettedLayer` of droplet_increments.h."""
+
+    _fields_ = (
+        ("nx", ctypes.c_size_t),
+        ("ny", ctypes.c_size_t),
+        ("pattern", _INTEGERS),
+        ("factor", _REALS),
+        ("passes", ctypes.c_int32),
+        ("order", _INTEGERS),
+    )
+
+
+class IncrementsStruct(ctypes.Structure):
+    """`DropletIncrements` of droplet_increments.h."""
+
+    _fields_ = (("rates", _REALS), ("squares", _REALS), ("own", _REALS))
+
+
 _PROBLEM = ctypes.POINTER(ProblemStruct)
+_ESTIMATOR = ctypes.POINTER(EstimatorOptionsStruct)
+_ESTIMATE = ctypes.POINTER(EstimateStruct)
+_LAYER = ctypes.POINTER(JettedLayerStruct)
 _REPORT = ctypes.POINTER(ReportStruct)
 _ENTRY_POINTS = {
     "inkloop_core_interface": (ctypes.c_int32, ()),
@@ -131,6 +201,14 @@ _ENTRY_POINTS = {
     ),
     "inkloop_relaxed_gradient": (ctypes.c_int32, (_PROBLEM, _REALS, ctypes.c_double, _REALS, _REALS)),
     "inkloop_diffuse": (ctypes.c_int32, (_PROBLEM, _REALS, _INTEGERS)),
+    "inkloop_estimate_first": (None, (_ESTIMATOR, _REALS, _MARKS, _ESTIMATE)),
+    "inkloop_estimate_next": (ctypes.c_int32, (_ESTIMATOR, _ESTIMATE, _LAYER, _REALS, _MARKS, _ESTIMATE)),
+    "inkloop_droplet_increments": (
+        None,
+        (_LAYER, _REALS, ctypes.c_size_t, ctypes.POINTER(InkStruct), _REALS, ctypes.POINTER(IncrementsStruct)),
+    ),
+    "inkloop_scan_drift": (ctypes.c_double, (*_GRID, _MARKS, _REALS, _REALS, _MARKS, _REALS, _REALS)),
+    "inkloop_dead_evidence": (None, (ctypes.c_size_t, _REALS, _REALS, _REALS, _REALS, ctypes.c_size_t, _REALS)),
 }
 
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from inkloop.component import FloatMap
+from inkloop_controller.core import checked, pointer
+from inkloop_controller.core_library import library
 
-WEAK = 0.5  # of a droplet's volume: the least that comes from a nozzle that is not dead (assumed)
-LAYER_EVIDENCE = 5.0  # what one layer may say at most: a single droplet that failed is no dead nozzle (assumed)
-DEAD_EVIDENCE = 15.0  # three layers of it; by chance less than once in a million cells (Wald 1945: exp -15)
-WHOLE_HEAD = 0.5  # of the part: where more brings nothing in one layer, the ink has run out, no nozzle (assumed)
+DEAD_EVIDENCE = 15.0  # from here on a cell is dead (controller/core/dead_cells.h)
 PROBE_LAYERS = 5  # every so many layers the dead cells are tried again (assumed)
 
 
@@ -22,12 +21,11 @@ def dead_evidence(before: FloatMap, own: FloatMap, grown: FloatMap, variance: Fl
     neighbours' droplets do not explain of its growth [m], with its variance [m^2]; part_cells: number of cells of the
     part.
     """
-    weak = WEAK * own
-    said = np.divide(weak * (0.5 * weak - grown), variance, out=np.zeros(own.shape), where=own > 0.0)
-    if np.count_nonzero(said > 0.0) > WHOLE_HEAD * part_cells:
-        return before
-    summed = before + np.clip(said, -LAYER_EVIDENCE, LAYER_EVIDENCE)
-    return np.asarray(np.clip(summed, 0.0, DEAD_EVIDENCE), np.float64)
+    shape, after = np.shape(before), np.empty(np.shape(before))
+    names = {"before": before, "own": own, "grown": grown, "variance": variance}
+    maps = [checked(name, array, "f8", shape) for name, array in names.items()]
+    library().inkloop_dead_evidence(after.size, *(pointer(array) for array in maps), part_cells, pointer(after))
+    return after
 
 
 def is_probe(layer: int) -> bool:

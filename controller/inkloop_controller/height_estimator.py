@@ -81,8 +81,8 @@ class HeightEstimator:
 
     How it goes about it is said where it is done, in controller/core/height_estimator.h. A reading has the variance
     sensor_noise_std^2 + sensor_resolution^2 / 12 [m^2]; without sensor_noise_std the noise is what the unprinted cells
-    show. untrusted_layers: as many a cell may live on prediction alone; take_as_read: neither drift nor noise are looked
-    for. Raises ValueError for options that cannot be meant.
+    show. untrusted_layers: as many a cell may live on prediction alone; take_as_read: neither drift nor noise are
+    looked for. Raises ValueError for options that cannot be meant.
     """
 
     def __init__(
@@ -205,7 +205,7 @@ class _Maps:
 
     def struct(self, estimate: Estimate | None = None) -> EstimateStruct:
         """For C; with what else is known, if it is one to be read."""
-        maps = map(pointer, (self.height, self.variance, self.unseen, self.dead_evidence))
+        maps = [pointer(self.height), pointer(self.variance), pointer(self.unseen), pointer(self.dead_evidence)]
         if estimate is None:
             return EstimateStruct(*maps)
         evidence = estimate.evidence.struct()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from inkloop.model_definition import ModelDefinition, VariableDefinition
+from inkloop.model_definition import ModelDefinition, VariableDefinition, c_causality
 
 _C_TYPES = {"real": "double", "integer": "int32_t", "boolean": "bool", "enumeration": "int64_t", "count": "uint64_t"}
 _WRITTEN_BY_KERNEL = ("output", "state", "scratch")
@@ -71,7 +71,7 @@ def _rows(model: ModelDefinition) -> Iterator[str]:
         low, high = model.limits(v)
         limits = f"{_limit(low, '-INFINITY')}, {_limit(high, 'INFINITY')}"
         grid = "true" if v.is_grid else "false"
-        yield f'    {{"{v.name}", TYPE_{v.type.upper()}, {v.causality.upper()}, {grid}, {v.start!r}, {limits}}},'
+        yield f'    {{"{v.name}", TYPE_{v.type.upper()}, {c_causality(v).upper()}, {grid}, {v.start!r}, {limits}}},'
 
 
 def _pointer(variable: VariableDefinition) -> str:

@@ -20,7 +20,8 @@ TYPES = ("real", "integer", "boolean", "enumeration", "count")
 class VariableDefinition:
     """One variable: a scalar or a map over the grid.
 
-    `initial_from` names what the value at the start is computed from; `declared` the enumeration.
+    `initial_from` names what the value at the start is computed from; `declared` the enumeration; a parameter that
+    `is_tunable` may be set between steps.
     """
 
     name: str
@@ -35,6 +36,7 @@ class VariableDefinition:
     declared: str | None = None
     terminal: str | None = None
     initial_from: str | None = None
+    is_tunable: bool = False
 
     @property
     def is_grid(self) -> bool:
@@ -75,7 +77,7 @@ class ModelDefinition:
     @property
     def fingerprint(self) -> str:
         """16 hexadecimal digits that change with anything the binary must know."""
-        known = [(v.name, v.causality, v.type, v.shape, v.start, *self.limits(v)) for v in self.variables]
+        known = [(v.name, c_causality(v), v.type, v.shape, v.start, *self.limits(v)) for v in self.variables]
         return hashlib.sha256(repr((self.name, known)).encode()).hexdigest()[:16]
 
     def token(self, nx: int, ny: int, *, resizable: bool) -> str:
@@ -95,6 +97,11 @@ class ModelDefinition:
         for variable in self.exposed:
             yield variable, reference
             reference += nx * ny if variable.is_grid else 1
+
+
+def c_causality(variable: VariableDefinition) -> str:
+    """The causality as the binary tells it apart: what is tunable is one of its own."""
+    return "tunable" if variable.is_tunable else variable.causality
 
 
 def load(text: str, source: str | Path) -> ModelDefinition:
@@ -129,6 +136,8 @@ def _faults(variables: tuple[VariableDefinition, ...], table: Mapping[str, Any])
     if [v.name for v in variables[:3]] != ["time", "nx", "ny"]:
         yield "the first variables must be time, nx, ny"
     for v in variables:
+        if v.is_tunable and v.causality != "parameter":
+            yield f"{v.name}: is_tunable is true; only a parameter can be"
         if v.type not in TYPES:
             yield f"{v.name}: type is {v.type!r}; expected one of {', '.join(TYPES)}"
         if v.is_exposed and not v.description:

@@ -182,7 +182,7 @@ def _roles(variable: VariableDefinition, is_fixed: bool) -> dict[str, str]:
         case "structural":
             return {"causality": "structuralParameter", "variability": "fixed"}
         case "parameter":
-            return {"causality": "parameter", "variability": "fixed"}
+            return {"causality": "parameter", "variability": "tunable" if variable.is_tunable else "fixed"}
         case "output":
             return {"causality": "output", "variability": "discrete", "initial": "calculated"}
         case _:

@@ -12,8 +12,9 @@
 
 typedef enum { TYPE_REAL, TYPE_INTEGER, TYPE_BOOLEAN, TYPE_ENUMERATION, TYPE_COUNT } ValueType;
 
-/* In this order in the table; STATE is saved with the instance but not exposed, SCRATCH neither. */
-typedef enum { INDEPENDENT, STRUCTURAL, INPUT, OUTPUT, PARAMETER, STATE, SCRATCH } Causality;
+/* In this order in the table, parameters that are TUNABLE among the others; STATE is saved with the instance but not
+ * exposed, SCRATCH neither. */
+typedef enum { INDEPENDENT, STRUCTURAL, INPUT, OUTPUT, PARAMETER, TUNABLE, STATE, SCRATCH } Causality;
 
 typedef struct {
     const char *name;

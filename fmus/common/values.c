@@ -26,6 +26,7 @@ Outcome find_span(Instance *instance, uint32_t reference, Span *span) {
 static Outcome check_mode(Instance *instance, const VariableDefinition *definition) {
     switch (definition->causality) {
     case INPUT:
+    case TUNABLE:
         if (instance->mode & RUNNING)
             return ACCEPTED;
         return misuse(instance, "%s cannot be set in %s", definition->name, mode_name(instance->mode));

@@ -1,0 +1,35 @@
+/* What the droplets of a layer add to each cell, as a linear function of the ink's three heights. */
+#ifndef INKLOOP_DROPLET_INCREMENTS_H
+#define INKLOOP_DROPLET_INCREMENTS_H
+
+#include "layer_map.h"
+
+enum { INKS_MAX = 2, ORDERS = 3 }; /* h1, h2, h3 of an ink */
+
+/* A layer that was jetted: nx * ny cells in C order. */
+typedef struct {
+    size_t nx, ny;
+    const int32_t *pattern; /* 0 none, 1 + index of the ink */
+    const double *factor;   /* volume of each droplet [1]; NULL: all 1 */
+    int32_t passes;         /* 1, or 4 in the colours `order`, each on the surface that the last one left */
+    const int32_t *order;
+} JettedLayer;
+
+/* Maps of nx * ny cells. `rates`: for each ink its three, height added per metre of h1, h2 and h3 [1]; `squares`: sum
+ * over the droplets of the square of what each adds [m^2]; `own`: what the cell's own droplet leaves on it [m]. */
+typedef struct {
+    double *rates, *squares, *own;
+} DropletIncrements;
+
+/* The increments on the surface `height` [m] with the widths of saturation of `ink` (Lu, Zheng, Mishra 2015, eq. 3-7),
+ * open edge. `scratch` holds 2 * nx * ny. */
+void droplet_increments(const JettedLayer *layer, const double *height, size_t inks, const Ink ink[], double *scratch,
+                        const DropletIncrements *increments);
+
+/* Height that the droplets add to a cell [m] with the heights of `ink`. */
+double added_height(const DropletIncrements *increments, size_t cells, size_t cell, size_t inks, const Ink ink[]);
+
+/* h1, h2 or h3 by its order, 0 to 2. */
+double ink_height(const Ink *ink, size_t order);
+
+#endif

@@ -1,0 +1,190 @@
+#include "height_estimator.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "dead_cells.h"
+#include "layer_surface.h"
+#include "scan_drift.h"
+
+enum { ROUNDS = 5 }; /* of the ink by the widths of saturation that follow from it, until they agree (assumed) */
+static const double WIDTHS_AGREE = 0.01;
+static const double SURPRISE = 5.0; /* standard deviations off the prediction from which on the model of a cell is
+                                       wrong, not the scan (by trial) */
+
+/* Maps of one layer, and room for what others do with them. */
+typedef struct {
+    double *scan, *growth, *known, *spread, *total; /* total: spread and noise of a reading */
+    DropletIncrements increments, flat;
+    double *scratch; /* DRIFT_MAPS maps */
+    uint8_t *marks;  /* two maps */
+    void *memory;
+} Workspace;
+
+static bool workspace_open(Workspace *work, size_t cells, size_t inks) {
+    const size_t rates = inks * ORDERS, maps = 5 + 2 * (rates + 2) + DRIFT_MAPS;
+    double *next = calloc(cells, maps * sizeof(double) + 2);
+    work->memory = next;
+    if (!next)
+        return false;
+    double **single[] = {&work->scan, &work->growth, &work->known, &work->spread, &work->total};
+    for (size_t k = 0; k < sizeof single / sizeof *single; k++, next += cells)
+        *single[k] = next;
+    DropletIncrements *both[] = {&work->increments, &work->flat};
+    for (size_t k = 0; k < 2; k++, next += (rates + 2) * cells)
+        *both[k] = (DropletIncrements){next, next + rates * cells, next + (rates + 1) * cells};
+    work->scratch = next;
+    work->marks = (uint8_t *)(next + DRIFT_MAPS * cells);
+    return true;
+}
+
+void estimate_first(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
+                    SurfaceEstimate *estimate) {
+    const double noise = fmax(options->noise_variance, 0.0);
+    for (size_t cell = 0; cell < options->nx * options->ny; cell++) {
+        estimate->height[cell] = valid[cell] ? measured[cell] : 0.0;
+        estimate->variance[cell] = valid[cell] ? noise : options->first_variance;
+        estimate->unseen[cell] = valid[cell] ? 0 : 1;
+        estimate->dead_evidence[cell] = 0.0;
+    }
+    memcpy(estimate->ink, options->ink.nominal, sizeof estimate->ink);
+    estimate->evidence = (InkEvidence){{0.0}, {0.0}, {0.0}};
+    estimate->noise_variance = noise;
+    estimate->scans = 1;
+}
+
+/* Variance of a reading [m^2]: as given, or the mean over the scans of what the unprinted cells show. */
+static double reading_noise(const EstimatorOptions *options, const SurfaceEstimate *before, double residual_variance) {
+    if (options->noise_variance >= 0.0)
+        return options->noise_variance;
+    if (residual_variance < 0.0)
+        return fmax(before->noise_variance, options->steps_variance);
+    const double weight = 1.0 / (double)before->scans;
+    const double of_reading = residual_variance / (1.0 + weight); /* the known heights have been averaged so often */
+    return fmax((1.0 - weight) * before->noise_variance + weight * of_reading, options->steps_variance);
+}
+
+/* The scan without the drift in it; returns the variance of its readings. */
+static double take_scan(const EstimatorOptions *options, const SurfaceEstimate *before, const double *measured,
+                        const uint8_t *valid, const Workspace *work) {
+    const size_t nx = options->nx, ny = options->ny;
+    for (size_t cell = 0; cell < nx * ny; cell++)
+        work->scan[cell] = valid[cell] ? measured[cell] : 0.0;
+    if (options->take_as_read)
+        return 0.0;
+    const ScanDrift drift = scan_drift(nx, ny, options->part, work->scan, before->height, valid, work->scratch);
+    for (size_t cell = 0; cell < nx * ny; cell++)
+        work->scan[cell] -= drift_at(&drift, nx, ny, cell);
+    return reading_noise(options, before, drift.residual_variance);
+}
+
+static bool agree(const Ink one[], const Ink other[], size_t inks) {
+    for (size_t k = 0; k < inks; k++)
+        for (size_t order = 0; order < ORDERS; order++) {
+            const double height = ink_height(&other[k], order);
+            if (fabs(ink_height(&one[k], order) - height) > WIDTHS_AGREE * fabs(height))
+                return false;
+        }
+    return true;
+}
+
+/* The ink and the increments of the layer, by turns until they agree; the widths of saturation that were taken last. */
+static void learn_ink(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                      const uint8_t *valid, double noise, const Workspace *work, SurfaceEstimate *after,
+                      Ink widths[INKS_MAX]) {
+    const size_t cells = options->nx * options->ny, inks = options->ink.inks;
+    const JettedLayer at_once = {layer->nx, layer->ny, layer->pattern, layer->factor, 1, NULL};
+    const ObservedLayer observed = {cells,      options->ny,  options->part, valid, layer->pattern, work->increments,
+                                    work->flat, work->growth, work->total};
+    memset(work->growth, 0, cells * sizeof(double));
+    droplet_increments(&at_once, work->growth, inks, before->ink, work->scratch, &work->flat);
+    for (size_t cell = 0; cell < cells; cell++)
+        work->growth[cell] = work->scan[cell] - before->height[cell];
+    memcpy(after->ink, before->ink, sizeof after->ink);
+    for (int round = 0; round < ROUNDS; round++) {
+        memcpy(widths, after->ink, sizeof after->ink);
+        droplet_increments(layer, before->height, inks, widths, work->scratch, &work->increments);
+        for (size_t cell = 0; cell < cells; cell++) {
+            work->spread[cell] = work->known[cell] + DROPLET_STD * DROPLET_STD * work->increments.squares[cell];
+            work->total[cell] = work->spread[cell] + noise;
+        }
+        after->evidence = before->evidence;
+        add_ink_evidence(&options->ink, &observed, work->scratch, work->marks, &after->evidence);
+        likeliest_inks(&options->ink, &after->evidence, after->ink);
+        if (agree(after->ink, widths, inks))
+            return;
+    }
+}
+
+/* The nominal inks in the volumes of the learnt ones. */
+static void of_volumes(const InkPrior *prior, const Ink learnt[], Ink ink[INKS_MAX]) {
+    for (size_t k = 0; k < prior->inks; k++) {
+        const Ink nominal = prior->nominal[k];
+        const double share = full_layer_height(&learnt[k]) / full_layer_height(&nominal);
+        ink[k] = (Ink){share * nominal.h1, share * nominal.h2, share * nominal.h3};
+    }
+}
+
+/* Kalman correction of a cell that was seen. */
+static void correct(double predicted, double spread, double scan, double noise, double *height, double *variance) {
+    const double surprise = (scan - predicted) * (scan - predicted);
+    if (noise == 0.0) {
+        *height = scan;
+        *variance = 0.0;
+        return;
+    }
+    const double wide = surprise > SURPRISE * SURPRISE * (spread + noise) ? surprise : spread;
+    const double gain = wide / (wide + noise);
+    *height = predicted + gain * (scan - predicted);
+    *variance = (1.0 - gain) * wide;
+}
+
+/* Which cells' droplets do not come, by the increments in the proportions of `ink`. */
+static void find_dead(const EstimatorOptions *options, const SurfaceEstimate *before, const uint8_t *valid,
+                      const Ink ink[], const Workspace *work, SurfaceEstimate *after) {
+    const size_t cells = options->nx * options->ny;
+    double *own = work->scratch, *grown = work->scratch + cells;
+    size_t part_cells = 0;
+    for (size_t cell = 0; cell < cells; cell++) {
+        const double added = added_height(&work->increments, cells, cell, options->ink.inks, ink);
+        own[cell] = valid[cell] ? work->increments.own[cell] : 0.0;
+        grown[cell] = work->growth[cell] - added + work->increments.own[cell];
+        part_cells += options->part[cell] != 0;
+    }
+    dead_evidence(cells, before->dead_evidence, own, grown, work->total, part_cells, after->dead_evidence);
+}
+
+bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                   const double *measured, const uint8_t *valid, SurfaceEstimate *after) {
+    const size_t cells = options->nx * options->ny, inks = options->ink.inks;
+    Workspace work;
+    Ink widths[INKS_MAX];
+    if (!workspace_open(&work, cells, inks))
+        return false;
+    const double noise = take_scan(options, before, measured, valid, &work);
+    const bool is_second = before->scans == 1 && options->noise_variance < 0.0;
+    for (size_t cell = 0; cell < cells; cell++) /* only the second scan shows what the first was worth */
+        work.known[cell] = is_second && before->unseen[cell] == 0 ? noise : before->variance[cell];
+    learn_ink(options, before, layer, valid, noise, &work, after, widths);
+    if (options->ink.model == INK_FULL) { /* what droplets spill is surer by the nominal proportions */
+        of_volumes(&options->ink, after->ink, widths);
+        droplet_increments(layer, before->height, inks, widths, work.scratch, &work.increments);
+    }
+    find_dead(options, before, valid, widths, &work, after);
+    double *predicted = work.scratch, *scratch = work.scratch + cells;
+    const Ink both[2] = {after->ink[0], after->ink[inks - 1]};
+    layer_surface(layer, before->height, both, scratch, predicted);
+    for (size_t cell = 0; cell < cells; cell++) {
+        after->height[cell] = predicted[cell];
+        after->variance[cell] = work.spread[cell];
+        after->unseen[cell] = valid[cell] ? 0 : before->unseen[cell] + 1;
+        if (valid[cell])
+            correct(predicted[cell], work.spread[cell], work.scan[cell], noise, &after->height[cell],
+                    &after->variance[cell]);
+    }
+    after->noise_variance = noise;
+    after->scans = before->scans + 1;
+    free(work.memory);
+    return true;
+}

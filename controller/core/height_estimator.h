@@ -1,0 +1,49 @@
+/* From scans to what the planner starts from: the surface, and how much ink a droplet really brings.
+ *
+ * A Kalman filter per cell on the layer model, around sensor drift, the ink, and cells that were not seen. A layer adds
+ * DROPLET_STD^2 times the sum of the squares of what each droplet adds to the cell to the variance of a cell's
+ * prediction. Without a given noise of a reading it is what the unprinted cells show; a sensor that shows none is taken
+ * as it is. Errors of neighbours are taken to be independent. A cell that grew in a way that neither explains follows
+ * the scan: its droplets are not what they should be; where they bring nothing layer after layer it is dead. */
+#ifndef INKLOOP_HEIGHT_ESTIMATOR_H
+#define INKLOOP_HEIGHT_ESTIMATOR_H
+
+#include <stdbool.h>
+
+#include "ink_identification.h"
+
+/* Of a droplet's volume about its mean [1]; 20 % uniform variation has 0.06, 40 % 0.12 (assumed). */
+#define DROPLET_STD 0.1
+
+typedef struct {
+    size_t nx, ny;
+    const uint8_t *part; /* nx * ny cells in C order, as all maps */
+    InkPrior ink;
+    int32_t take_as_read;  /* neither drift nor noise are looked for */
+    double noise_variance; /* of a reading [m^2]; below 0: not known */
+    double steps_variance; /* of the rounding of a reading [m^2]: the least there is */
+    double first_variance; /* of the height of a cell that the first scan did not measure [m^2] */
+} EstimatorOptions;
+
+/* What is known after a scan; the maps are the caller's. */
+typedef struct {
+    double *height;        /* [m] */
+    double *variance;      /* of its error [m^2] */
+    int32_t *unseen;       /* layers that each cell has lived on prediction alone */
+    double *dead_evidence; /* dead_cells.h */
+    Ink ink[INKS_MAX];     /* what the droplets really add */
+    InkEvidence evidence;  /* what that is concluded from */
+    double noise_variance; /* of a reading [m^2] */
+    int32_t scans;         /* so far */
+} SurfaceEstimate;
+
+/* The start surface; a cell that was not measured counts as bare substrate, height 0. */
+void estimate_first(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
+                    SurfaceEstimate *estimate);
+
+/* `layer` was printed on what was known `before`, and scanned: `measured` [m] where `valid`. False if there is no
+ * memory. The maps of `before` and `after` are different ones. */
+bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                   const double *measured, const uint8_t *valid, SurfaceEstimate *after);
+
+#endif

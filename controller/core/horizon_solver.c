@@ -1,0 +1,40 @@
+#include "horizon_solver.h"
+
+#include "plan_search.h"
+#include "projected_gradient.h"
+#include "stopwatch.h"
+
+int32_t plan_objective(const HorizonProblem *problem, const int32_t *plan, Objective *value) {
+    PlanSurface surface;
+    if (!surface_open(&surface, problem, plan))
+        return CORE_NO_MEMORY;
+    *value = surface_objective(&surface);
+    surface_close(&surface);
+    return CORE_DONE;
+}
+
+int32_t improve_plan(const HorizonProblem *problem, const SearchOptions *options, int32_t *plan, SearchReport *report) {
+    PlanSurface surface;
+    *report = (SearchReport){0};
+    const double began = stopwatch_seconds();
+    if (!surface_open(&surface, problem, plan))
+        return CORE_NO_MEMORY;
+    const double evaluation = stopwatch_seconds() - began; /* the one at the end takes as long */
+    const int32_t status = plan_search(&surface, options, began + options->seconds_max - evaluation, report);
+    surface_evaluate(&surface);
+    report->objective = surface_objective(&surface);
+    surface_plan(&surface, plan);
+    surface_close(&surface);
+    return status;
+}
+
+int32_t relax_droplets(const HorizonProblem *problem, const RelaxationOptions *options, double *droplets,
+                       RelaxationReport *report) {
+    RelaxedSurface surface;
+    *report = (RelaxationReport){0};
+    if (!relaxed_open(&surface, problem))
+        return CORE_NO_MEMORY;
+    const int32_t status = projected_gradient(&surface, options, droplets, report);
+    relaxed_close(&surface);
+    return status;
+}

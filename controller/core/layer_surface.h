@@ -1,0 +1,13 @@
+/* The surface that a layer leaves. */
+#ifndef INKLOOP_LAYER_SURFACE_H
+#define INKLOOP_LAYER_SURFACE_H
+
+#include "droplet_increments.h"
+
+/* Surface `after` one layer on `height` [m]; `scratch` and `after` hold nx * ny. Returns what left the grid [m]. */
+double layer_surface(const JettedLayer *layer, const double *height, const Ink ink[2], double *scratch, double *after);
+
+/* Height of a full layer on a wide flat surface [m]. */
+double full_layer_height(const Ink *ink);
+
+#endif

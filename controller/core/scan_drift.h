@@ -1,0 +1,28 @@
+/* What the sensor's frame did between two scans, told by cells that no droplet reaches.
+ *
+ * They are two cells and more from the part. What they were at first may be uneven or tilted and stays; only what has
+ * changed since is the sensor's. An offset there was in the very first scan cannot be told from the substrate. A plane
+ * is fitted where the cells surround the part well enough, an offset where they do not, and nothing where there are
+ * hardly any: a part that fills the grid leaves drift in the heights. */
+#ifndef INKLOOP_SCAN_DRIFT_H
+#define INKLOOP_SCAN_DRIFT_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+enum { PLANE_TERMS = 3, DRIFT_MAPS = 5 };
+
+typedef struct {
+    double coefficients[PLANE_TERMS]; /* offset and rise over the longer side of the grid, along x and y [m] */
+    double residual_variance;         /* of the reference cells about the plane [m^2]; below 0: too few to tell */
+} ScanDrift;
+
+/* Drift in a `scan` of a surface that is `known` at the reference cells [m]; maps of nx * ny cells in C order.
+ * `scratch` holds DRIFT_MAPS maps. */
+ScanDrift scan_drift(size_t nx, size_t ny, const uint8_t *part, const double *scan, const double *known,
+                     const uint8_t *valid, double *scratch);
+
+/* What is to be taken off a reading of the cell [m]. */
+double drift_at(const ScanDrift *drift, size_t nx, size_t ny, size_t cell);
+
+#endif

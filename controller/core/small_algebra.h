@@ -1,0 +1,17 @@
+/* Linear algebra of a handful of unknowns: symmetric matrices of n * n values in C order, n at most UNKNOWNS_MAX. */
+#ifndef INKLOOP_SMALL_ALGEBRA_H
+#define INKLOOP_SMALL_ALGEBRA_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+enum { UNKNOWNS_MAX = 6, ENTRIES_MAX = UNKNOWNS_MAX * UNKNOWNS_MAX };
+
+/* Solves a x = b for a positive definite `a`; x comes in `b`. False, and `b` unchanged, if it is singular to rounding.
+ */
+bool solve_definite(size_t n, const double *a, double *b);
+
+/* Pseudo-inverse of a symmetric matrix; eigenvalues below `relative` times the largest count as 0. */
+void pseudo_inverse(size_t n, const double *a, double relative, double *inverse);
+
+#endif

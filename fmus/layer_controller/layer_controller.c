@@ -1,0 +1,251 @@
+#include "dead_cells.h"
+#include "layer_planner.h"
+#include "layer_surface.h"
+#include "passes.h"
+#include "stopwatch.h"
+#include "variables.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { IDLE = 0, DONE = 2, UNTRUSTED = 4 };
+enum { NO_SCAN = -1 };
+static const double NO_LIMIT = 1.0;      /* [m], of the overshoot: the largest value stands for none */
+static const double HIGHEST = 0.5;       /* [m], what the search can count with (lattice.h) */
+static const double LARGEST_SHARE = 4.0; /* of a droplet's nominal height that can be learnt (ink_identification.c) */
+
+/* What is kept beside the variables: all doubles, then the last plan. */
+typedef struct {
+    Ink ink[INKS_MAX];
+    InkEvidence evidence;
+    int32_t plan[];
+} Kept;
+
+/* An answer in the making: nothing of the instance changes before it is complete. */
+typedef struct {
+    SurfaceEstimate estimate;
+    double *factor;
+    int32_t *plan;
+    PlanReport report;
+    void *memory;
+} Answer;
+
+static size_t cell_count(const LayerControllerVariables *v) {
+    return (size_t)(*v->nx * *v->ny);
+}
+
+static Kept *kept_of(Instance *instance, const LayerControllerVariables *v) {
+    return kept_memory(instance, sizeof(Kept) + (size_t)*v->horizon * cell_count(v) * sizeof(int32_t));
+}
+
+static Passes passes_of(const LayerControllerVariables *v) {
+    return (Passes){*v->passes, *v->pass_order, *v->pass_rotation};
+}
+
+static Ink nominal_ink(const LayerControllerVariables *v) {
+    return (Ink){*v->h1_a, *v->h2_a, *v->h3_a};
+}
+
+static EstimatorOptions estimator_options(const LayerControllerVariables *v) {
+    const Ink ink = nominal_ink(v);
+    const double noise = *v->sensor_noise_std, layer = full_layer_height(&ink);
+    const double steps = *v->sensor_resolution * *v->sensor_resolution / 12.0;
+    return (EstimatorOptions){.nx = (size_t)*v->nx,
+                              .ny = (size_t)*v->ny,
+                              .part = (const uint8_t *)v->mask,
+                              .ink = {1, {ink, ink}, (int32_t)*v->adapt_ink},
+                              .noise_variance = noise < 0.0 ? -1.0 : noise * noise + steps,
+                              .steps_variance = steps,
+                              .first_variance = layer * layer};
+}
+
+static PlannerOptions planner_options(const LayerControllerVariables *v) {
+    return (PlannerOptions){.nx = (size_t)*v->nx,
+                            .ny = (size_t)*v->ny,
+                            .horizon = (size_t)*v->horizon,
+                            .target = v->target_height,
+                            .part = (const uint8_t *)v->mask,
+                            .jettable = (const uint8_t *)v->jettable,
+                            .drop_levels = *v->drop_levels,
+                            .passes = *v->passes,
+                            .alpha = *v->alpha,
+                            .overshoot = *v->overshoot,
+                            .overshoot_limit = *v->overshoot_limit < NO_LIMIT ? *v->overshoot_limit : INFINITY,
+                            .chance_margin = *v->chance_margin,
+                            .fringe_weight = *v->fringe_weight,
+                            .layer_worth = *v->layer_worth,
+                            .sweeps = *v->sweeps_max,
+                            .annealing_sweeps = *v->annealing_sweeps,
+                            .iterations = *v->iterations,
+                            .seed = (uint32_t)*v->seed,
+                            .seconds_max = *v->time_limit > 0.0 ? *v->time_limit : INFINITY};
+}
+
+static bool answer_open(Answer *answer, const LayerControllerVariables *v) {
+    const size_t cells = cell_count(v);
+    double *real = malloc(4 * cells * sizeof(double) + (1 + (size_t)*v->horizon) * cells * sizeof(int32_t));
+    *answer = (Answer){.memory = real};
+    if (!real)
+        return false;
+    answer->estimate.height = real;
+    answer->estimate.variance = real + cells;
+    answer->estimate.dead_evidence = real + 2 * cells;
+    answer->factor = real + 3 * cells;
+    answer->estimate.unseen = (int32_t *)(real + 4 * cells);
+    answer->plan = answer->estimate.unseen + cells;
+    return true;
+}
+
+/* What is known after the scan at the inputs; false if there is no memory. */
+static bool estimate(const LayerControllerVariables *v, const Kept *kept, Answer *answer) {
+    const EstimatorOptions options = estimator_options(v);
+    const Passes passes = passes_of(v);
+    const uint8_t *valid = (const uint8_t *)v->valid;
+    int32_t order[COLOURS];
+    if (*v->answered == NO_SCAN) {
+        estimate_first(&options, v->measured_height, valid, &answer->estimate);
+        return true;
+    }
+    for (int pass = 0; pass < COLOURS; pass++)
+        order[pass] = pass_colour(&passes, *v->layers_scanned, pass);
+    for (size_t cell = 0; cell < cell_count(v); cell++)
+        answer->factor[cell] = v->drop_level[cell];
+    const JettedLayer layer = {options.nx, options.ny, v->pattern, answer->factor, *v->passes, order};
+    SurfaceEstimate before = {.height = v->estimated_height,
+                              .variance = v->height_variance,
+                              .unseen = v->unseen,
+                              .dead_evidence = v->dead_evidence,
+                              .evidence = kept->evidence,
+                              .noise_variance = *v->noise_variance,
+                              .scans = *v->scans};
+    memcpy(before.ink, kept->ink, sizeof before.ink);
+    return estimate_next(&options, &before, &layer, v->measured_height, valid, &answer->estimate);
+}
+
+static Outcome check_heights(Instance *instance, const LayerControllerVariables *v, const double *height) {
+    const Ink ink = nominal_ink(v);
+    const double room = HIGHEST - 2.0 * *v->horizon * *v->drop_levels * LARGEST_SHARE * full_layer_height(&ink);
+    for (size_t cell = 0; cell < cell_count(v); cell++) {
+        if (fabs(height[cell]) < room && v->target_height[cell] < room)
+            continue;
+        return refuse(instance,
+                      "cell (%lu, %lu) is estimated at %g m, its target is %g m; expected heights within %g m with "
+                      "%ld layers to come: count them from a surface near by",
+                      (unsigned long)(cell / *v->ny), (unsigned long)(cell % *v->ny), height[cell],
+                      v->target_height[cell], room, (long)*v->horizon);
+    }
+    return ACCEPTED;
+}
+
+/* The plan for the layers after the scan; false if there is no memory. */
+static bool plan(const LayerControllerVariables *v, const Kept *kept, Answer *answer) {
+    const PlannerOptions options = planner_options(v);
+    const Passes passes = passes_of(v);
+    int32_t colours[HORIZON_MAX][4];
+    for (int32_t ahead = 0; ahead < HORIZON_MAX; ahead++)
+        for (int pass = 0; pass < COLOURS; pass++)
+            colours[ahead][pass] = pass_colour(&passes, *v->layers_scanned + 1 + ahead, pass);
+    return plan_layers(&options, colours, &answer->estimate, *v->layers_scanned, kept->plan, answer->plan,
+                       &answer->report) == CORE_DONE;
+}
+
+static void keep_estimate(const LayerControllerVariables *v, Kept *kept, const SurfaceEstimate *estimate) {
+    const size_t cells = cell_count(v);
+    const Ink nominal = nominal_ink(v);
+    memcpy(v->estimated_height, estimate->height, cells * sizeof(double));
+    memcpy(v->height_variance, estimate->variance, cells * sizeof(double));
+    memcpy(v->dead_evidence, estimate->dead_evidence, cells * sizeof(double));
+    memcpy(v->unseen, estimate->unseen, cells * sizeof(int32_t));
+    memcpy(kept->ink, estimate->ink, sizeof kept->ink);
+    kept->evidence = estimate->evidence;
+    *v->noise_variance = estimate->noise_variance;
+    *v->scans = estimate->scans;
+    *v->volume_scale = full_layer_height(&estimate->ink[0]) / full_layer_height(&nominal);
+    *v->untrusted_cells = *v->dead_cells = 0;
+    for (size_t cell = 0; cell < cells; cell++) {
+        *v->untrusted_cells += v->mask[cell] && v->unseen[cell] > *v->untrusted_layers;
+        *v->dead_cells += v->dead_evidence[cell] >= DEAD_EVIDENCE;
+    }
+}
+
+static void publish_plan(const LayerControllerVariables *v, Kept *kept, const Answer *answer, double seconds) {
+    const size_t cells = cell_count(v);
+    const bool is_done = answer->report.status == PLAN_DONE;
+    memcpy(kept->plan, answer->plan, (size_t)*v->horizon * cells * sizeof(int32_t));
+    for (size_t cell = 0; cell < cells; cell++) {
+        v->pattern[cell] = answer->plan[cell] > 0 ? 1 : 0;
+        v->drop_level[cell] = answer->plan[cell] > 0 ? answer->plan[cell] : 1;
+    }
+    *v->layer_command += is_done ? 0 : 1;
+    *v->answered = *v->layers_scanned;
+    *v->status = is_done ? DONE : *v->untrusted_cells > 0 ? UNTRUSTED : IDLE;
+    *v->objective = answer->report.objective.value;
+    *v->objective_error = answer->report.objective.error;
+    *v->objective_deviation = answer->report.objective.deviation;
+    *v->plan_status = answer->report.status;
+    *v->sweeps = (int32_t)answer->report.sweeps;
+    *v->solve_time = *v->is_timed ? seconds : 0.0;
+}
+
+Outcome kernel_check_value(Instance *instance, size_t variable, const void *value) {
+    return variable == VARIABLE_PASSES ? check_passes(instance, *(const int32_t *)value) : ACCEPTED;
+}
+
+void kernel_calculate(Instance *instance) {
+    const LayerControllerVariables v = layer_controller_variables(instance);
+    for (size_t cell = 0; cell < cell_count(&v); cell++) {
+        v.pattern[cell] = 0;
+        v.drop_level[cell] = 1;
+        v.estimated_height[cell] = 0.0;
+    }
+    *v.layer_command = *v.layers_printed;
+    *v.status = IDLE;
+    *v.objective = *v.objective_error = *v.objective_deviation = *v.bound = *v.solve_time = 0.0;
+    *v.bound_valid = false;
+    *v.plan_status = *v.sweeps = *v.untrusted_cells = *v.dead_cells = 0;
+    *v.volume_scale = 1.0;
+}
+
+Outcome kernel_initialize(Instance *instance) {
+    const LayerControllerVariables v = layer_controller_variables(instance);
+    size_t part = 0;
+    for (size_t cell = 0; cell < cell_count(&v); cell++)
+        part += v.mask[cell];
+    if (part == 0)
+        return refuse(instance, "mask marks no cell; expected the cells of the part");
+    Kept *kept = kept_of(instance, &v);
+    if (!kept)
+        return refuse(instance, "no memory for the plan of %lu cells", (unsigned long)cell_count(&v));
+    memset(kept->plan, 0, (size_t)*v.horizon * cell_count(&v) * sizeof(int32_t));
+    kernel_calculate(instance);
+    *v.answered = NO_SCAN;
+    return ACCEPTED;
+}
+
+Outcome kernel_do_step(Instance *instance, double start, double end) {
+    const LayerControllerVariables v = layer_controller_variables(instance);
+    const bool is_new = *v.layers_scanned == *v.layers_printed && *v.layers_scanned == *v.layer_command &&
+                        *v.layers_scanned > *v.answered;
+    (void)start, (void)end;
+    if (*v.status == DONE || !is_new)
+        return ACCEPTED;
+    Kept *kept = kept_of(instance, &v);
+    Answer answer;
+    if (!kept || !answer_open(&answer, &v))
+        return refuse(instance, "no memory for a plan of %lu cells", (unsigned long)cell_count(&v));
+    Outcome outcome = ACCEPTED;
+    if (!estimate(&v, kept, &answer))
+        outcome = refuse(instance, "no memory to estimate %lu cells", (unsigned long)cell_count(&v));
+    if (outcome == ACCEPTED)
+        outcome = check_heights(instance, &v, answer.estimate.height);
+    const double began = stopwatch_seconds();
+    if (outcome == ACCEPTED && !plan(&v, kept, &answer))
+        outcome = refuse(instance, "no memory to plan %lu cells", (unsigned long)cell_count(&v));
+    if (outcome == ACCEPTED) {
+        keep_estimate(&v, kept, &answer.estimate);
+        publish_plan(&v, kept, &answer, stopwatch_seconds() - began);
+    }
+    free(answer.memory);
+    return outcome;
+}
