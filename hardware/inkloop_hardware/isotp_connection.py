@@ -128,6 +128,13 @@ class IsoTpConnection(BaseConnection):
                 self.stray += 1
             self._turn(FLOW_TIMEOUT if timeout is None else timeout)
 
+    def pause(self, seconds: float) -> None:
+        """Lets time pass; the control loop lives meanwhile."""
+        until = self._wire.now() + seconds
+        while (left := until - self._wire.now()) > 0:
+            self.stray += self._wire.receive(min(left, SLICE)) is not None
+            self._wire.check()
+
     def _turn(self, timeout: float) -> None:
         """Lets the protocol go on until it waits in vain for a slice."""
         self._stack.process(SLICE)

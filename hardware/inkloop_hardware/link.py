@@ -18,7 +18,7 @@ from udsoncan.exceptions import (
 )
 
 from inkloop_hardware.codec import Codec
-from inkloop_hardware.errors import HardwareError, LinkTimeout, NodeRefused, TransferError
+from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.isotp_connection import ANSWER_LIMIT, IsoTpConnection, Wire
 from inkloop_hardware.node_state import (
     Identifier,
@@ -29,7 +29,7 @@ from inkloop_hardware.node_state import (
     NodeTimes,
     TransferState,
 )
-from inkloop_hardware.node_watch import because
+from inkloop_hardware.node_watch import OFF, because
 from inkloop_hardware.services import REFUSALS, Key, Outcome, Routine
 from inkloop_hardware.transfers import Progress, receive_map, send_pattern
 from inkloop_hardware.vocabulary import Node
@@ -44,8 +44,12 @@ UNREADABLE = (InvalidResponseException, UnexpectedResponseException, NotImplemen
 NEGATIVE, POSITIVE = 0x7F, 0x40
 ECHOED = {0x22: slice(1, 3), 0x36: slice(1, 2)}
 """Bytes of a request that its positive answer begins with again."""
-FOR_A_REASON = (0x22, 0x26)
+CONDITIONS = 0x22
+FOR_A_REASON = (CONDITIONS, 0x26)
 """Refusals of a routine that its state and its cause explain."""
+ENABLED_AGAIN = 0.15
+"""Seconds after which a node that is not off is asked again: the frame that enabled the step may have been lost, and
+the next ones came since."""
 ROUTINE_CONTROL, KEY_AT, KEY_ECHO = 0x31, slice(4, 12), slice(5, 13)
 
 Answer = TypeVar("Answer")
@@ -125,16 +129,25 @@ class Link:
         limit_s: how long it may last in all; then LinkTimeout, and what became of it is to be asked (`ask`).
         """
         what = f"{routine.name.lower().replace('_', ' ')} of {key}"
+        try:
+            answer = self._start(what, routine, bytes(key) + option, limit_s)
+        except NodeRefused as refusal:
+            if refusal.code not in FOR_A_REASON:
+                raise
+            state = self.state()
+            if refusal.code != CONDITIONS or state.state in OFF:
+                raise NodeRefused(f"{refusal}; it is {state.state.name}{because(state.cause)}", refusal.code) from None
+            self._again += 1
+            self._connection.pause(ENABLED_AGAIN)
+            answer = self._start(what, routine, bytes(key) + option, limit_s)
+        return self._outcome(what, answer)
+
+    def _start(self, what: str, routine: Routine, option: bytes, limit_s: float) -> Any:
         self._connection.deadline = self._wire.now() + limit_s
         try:
-            answer = self.request(what, lambda: self.client.start_routine(routine, bytes(key) + option))
-        except NodeRefused as error:
-            if error.code not in FOR_A_REASON:
-                raise
-            raise NodeRefused(f"{error}; {self._reason()}", error.code) from None
+            return self.request(what, lambda: self.client.start_routine(routine, option))
         finally:
             self._connection.deadline = None
-        return self._outcome(what, answer)
 
     def ask(self, routine: Routine, key: Key) -> Outcome:
         """What is known of a routine; changes nothing."""
@@ -201,14 +214,6 @@ class Link:
             else:
                 return answer
         raise LinkTimeout(f"no answer of the {self.name} within {P2:g} s, {tries} tries: {what}; {_advice()}")
-
-    def _reason(self) -> str:
-        """What the node says of itself after a refusal."""
-        try:
-            state = self.state()
-        except HardwareError as error:
-            return f"and it does not say in what state it is: {error}"
-        return f"it is {state.state.name}{because(state.cause)}"
 
     def _read(self, identifier: Identifier, of: Callable[[bytes], Answer]) -> Answer:
         what = f"identifier {identifier:04X}, {identifier.name.lower()}"

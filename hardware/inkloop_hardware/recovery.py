@@ -10,20 +10,22 @@ import logging
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-from inkloop_hardware.errors import BusError, HardwareError, LinkTimeout, NodeLost, NodeStopped
+from inkloop_hardware.errors import BusAway, BusError, HardwareError, LinkTimeout, NodeLost, NodeStopped
 from inkloop_hardware.readiness import NotReady, blocked, make_ready
 from inkloop_hardware.rig import Rig
 from inkloop_hardware.vocabulary import Node, State
 
 TIMES = 3  # that a layer or a scan is gone on with; a bench that falls more often needs a person (assumed)
 RETURN_S = 5.0  # for a node to restart, or to be heard again (assumed)
+REOPENING_S = 20.0  # for an adapter that is gone to be opened again; the bus process gives up before
 
 Found = TypeVar("Found")
 _log = logging.getLogger("inkloop_hardware")
 
 
 def gone_on_with(rig: Rig, nodes: Sequence[Node], work: Callable[[], Found]) -> Found:
-    """What `work` gives; it is begun again where nodes fell or were away and none needs a person, three times at most.
+    """What `work` gives; it is begun again where nodes or the adapter were away, or nodes fell, and none needs a person,
+    three times at most.
 
     Raises HardwareError: that of `work` where no node fell, NotReady where a person is needed, with the reason of the
     fall, NodeLost where a node does not come back.
@@ -31,19 +33,19 @@ def gone_on_with(rig: Rig, nodes: Sequence[Node], work: Callable[[], Found]) -> 
     for _ in range(TIMES):
         try:
             return work()
-        except BusError:
-            raise
         except HardwareError as error:
+            if isinstance(error, BusError) and not isinstance(error, BusAway):
+                raise
             _take_up(rig, nodes, error)
     return work()
 
 
 def _take_up(rig: Rig, nodes: Sequence[Node], error: HardwareError) -> None:
     """Clear the nodes and home the stage; raises `error` where that mends nothing, or what forbids it."""
-    rig.wait_for(nodes, RETURN_S)
+    rig.wait_for(nodes, REOPENING_S if isinstance(error, BusAway) else RETURN_S)
     states = {node: rig.link(node).state() for node in nodes}
     fallen = [node.lower() for node, state in states.items() if state.state in (State.SAFE, State.FAULT)]
-    if not fallen and not isinstance(error, NodeLost | NodeStopped | LinkTimeout):
+    if not fallen and not isinstance(error, BusAway | NodeLost | NodeStopped | LinkTimeout):
         raise error
     if faults := [fault for node, state in states.items() if (fault := blocked(node, state))]:
         raise NotReady("\n".join([str(error), *faults])) from error

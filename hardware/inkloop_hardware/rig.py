@@ -22,6 +22,7 @@ from inkloop_hardware.link import Link, LinkCounts
 from inkloop_hardware.node_watch import NodeWatch
 from inkloop_hardware.node_wire import NodeWire
 from inkloop_hardware.records import KINDS, MasterAlive, NodeFault, NodeStatus, StopRequest, unpack
+from inkloop_hardware.replay_connection import INTERFACE, ReplayConnection
 from inkloop_hardware.vocabulary import Node
 
 LOG = logging.getLogger("inkloop_hardware")
@@ -51,7 +52,7 @@ class Rig:
         self._session = 1 + secrets.randbelow(SESSION_MAX)
         self._job = 1 + secrets.randbelow(JOB_MAX)
         self._users = 0
-        self._bus: BusConnection | None = None
+        self._bus: BusConnection | ReplayConnection | None = None
         self._enables = Enables.NONE
         self._word_due = 0.0
         self._opened_at = 0.0
@@ -171,6 +172,7 @@ class Rig:
         BusAway while the adapter is gone."""
         self._take_frames()
         if self.bus.away:
+            self._opened_at = time.monotonic()  # the nodes must hear the heartbeat again before anything is asked
             raise BusAway(self.bus.away)
         now = self.bus.clock
         troubles = [trouble for node in nodes if (trouble := self._watches[node].trouble(now)) is not None]
@@ -198,7 +200,7 @@ class Rig:
         self.bus.say_stop(active)
 
     @property
-    def bus(self) -> BusConnection:
+    def bus(self) -> BusConnection | ReplayConnection:
         """The bus process; HardwareError while nobody is attached."""
         if self._bus is None:
             raise HardwareError("the bench is not open: attach to it first")
@@ -216,7 +218,11 @@ class Rig:
         self._watches = {node: NodeWatch(node) for node in Node}
         self._bus_watch = BusWatch(self._session)
         answers = [node.answer_id(self.codec) for node in Node]
-        self._bus = BusConnection(settings, self._session, self._job, answers, self._said_by)
+        if settings.interface == INTERFACE:
+            self._bus = ReplayConnection(settings)
+            self._job = self._bus.job
+        else:
+            self._bus = BusConnection(settings, self._session, self._job, answers, self._said_by)
         LOG.info("%s is open, session %d, job %d", self.settings, self._session, self._job)
         self._opened_at = time.monotonic()
         self.alive()
