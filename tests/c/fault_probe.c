@@ -1,0 +1,65 @@
+/* The wire of the emulated bench without a bench: frames go in, what comes out is written down. */
+#include <string.h>
+
+#include "wire_faults.h"
+
+enum { TAKEN = 4096 };
+
+typedef struct {
+    uint32_t id;
+    uint8_t length, data[CAN_DATA_MAX];
+    uint8_t is_line, line_length;
+    char line[80];
+} Taken;
+
+static Faults faults;
+static WireFaults wire;
+static Taken taken[TAKEN];
+static int count;
+
+static void take_frame(void *context, Way way, const CanFrame *frame) {
+    (void)context, (void)way;
+    if (count == TAKEN)
+        return;
+    Taken *next = &taken[count++];
+    memset(next, 0, sizeof *next);
+    next->id = frame->id;
+    next->length = frame->length;
+    memcpy(next->data, frame->data, sizeof next->data);
+}
+
+static void take_line(void *context, const char *bytes, size_t length) {
+    (void)context;
+    if (count == TAKEN)
+        return;
+    Taken *next = &taken[count++];
+    memset(next, 0, sizeof *next);
+    next->is_line = 1;
+    next->line_length = (uint8_t)length;
+    memcpy(next->line, bytes, length);
+}
+
+void probe_begin(void) {
+    const WireEnds ends = {.frame = take_frame, .line = take_line};
+    memset(&faults, 0, sizeof faults);
+    wire_faults_init(&wire, &faults, &ends);
+    count = 0;
+}
+
+int probe_add(const char *text, char *why, int room) {
+    return faults_add(&faults, text, why, (size_t)room);
+}
+
+void probe_pass(int way, uint32_t id, const uint8_t *data, uint8_t length) {
+    CanFrame frame = {.id = id, .length = length};
+    memcpy(frame.data, data, length);
+    wire_faults_pass(&wire, (Way)way, &frame);
+}
+
+int probe_count(void) {
+    return count;
+}
+
+const Taken *probe_taken(int k) {
+    return &taken[k];
+}
