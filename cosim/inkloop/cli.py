@@ -20,6 +20,7 @@ from inkloop.json_schema import scenario_schema
 from inkloop.reproduce import command as reproduce
 from inkloop.run import new_run_folder, resume, run, scenario_file, scenario_of
 from inkloop.scenario import Scenario
+from inkloop.score import command as score
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -96,6 +97,7 @@ def _parser() -> argparse.ArgumentParser:
     info.set_defaults(command=_info)
 
     reproduce.add_parser(commands).set_defaults(command=reproduce.reproduce)
+    score.add_parser(commands).set_defaults(command=score.score)
 
     bench, device = bench_commands.add_parsers(commands)
     bench.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO", help="a .toml file: grid, ink and sensor")

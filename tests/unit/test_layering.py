@@ -28,8 +28,8 @@ DOORS = {
     "sdfio": ("inkloop.metrology",),
     "SurfaceTopography": ("inkloop.metrology",),
     "skfem": ("inkloop.reproduce.finite_elements",),
-    "matplotlib": ("inkloop.plot", "inkloop.report", "inkloop.reproduce"),
-    "mpl_toolkits": ("inkloop.plot", "inkloop.report", "inkloop.reproduce"),
+    "matplotlib": ("inkloop.plot", "inkloop.report", "inkloop.reproduce", "inkloop.score"),
+    "mpl_toolkits": ("inkloop.plot", "inkloop.report", "inkloop.reproduce", "inkloop.score"),
 }
 
 

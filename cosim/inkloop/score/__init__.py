@@ -1,0 +1,1 @@
+"""The score board: controllers on versioned plants, the same droplets and sensors for all."""
