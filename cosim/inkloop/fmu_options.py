@@ -15,11 +15,16 @@ from inkloop.errors import FmuError
 from inkloop.export import export, find_fmu
 from inkloop.faults import nearest
 from inkloop.fmu import FmuComponent, FmuDescription, Variable, describe, platform_fault
+from inkloop.mapped_ports import MappedPorts
+from inkloop.port_options import OPTION, make_mapped, mapped_ports
 from inkloop.presets import PRESETS, preset_of
 from inkloop.units import missing_suffix, scaled, spellings
 
+_FILE_KEYS = ("file", OPTION)
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
 """Values of the option `fmi` of our own FMUs; the first is the default."""
+CONTROLLER = "LayerController"
+"""The model that plans the layers, of one ink."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +40,8 @@ def faults_of_model(model: str, job: Job, options: Mapping[str, object]) -> list
     """Everything wrong with the options of one of our FMUs. Raises FmuError if it is not there."""
     form = options.get("fmi", FORMS[0])
     wrong = [] if form in FORMS else [f"fmi is {form!r}; expected one of {', '.join(FORMS)}"]
+    if model == CONTROLLER and (job.region is not None or len(job.inks) > 1):
+        wrong.append(f"kind is {model!r}, which plans one ink; the job has {len(job.inks)}: take 'LayerMpc'")
     return wrong + _parse_model(model, job, options).faults
 
 
@@ -67,14 +74,20 @@ def faults_of_file(job: Job, options: Mapping[str, object]) -> list[str]:
     description = describe(str(options["file"]))
     fault = platform_fault(description)
     wrong = [f"file is {options['file']!r}, which {fault}"] if fault else []
-    return wrong + _parse(description, job, _without(options, "file"), ("file",)).faults
+    parsed = _parse(description, job, _without(options, *_FILE_KEYS), _FILE_KEYS)
+    if OPTION in options and not parsed.faults:
+        sizes = description.sizes(parsed.structural)
+        inputs, outputs = description.ports("input", sizes), description.ports("output", sizes)
+        wrong += mapped_ports(inputs, outputs, job, options[OPTION])[2]
+    return wrong + parsed.faults
 
 
-def make_from_file(job: Job, options: Mapping[str, object]) -> FmuComponent:
+def make_from_file(job: Job, options: Mapping[str, object]) -> FmuComponent | MappedPorts:
     """Any FMU file, with faultless options."""
     description = describe(str(options["file"]))
-    parsed = _parse(description, job, _without(options, "file"), ("file",))
-    return FmuComponent(description.path, parameters=parsed.parameters, structural=parsed.structural)
+    parsed = _parse(description, job, _without(options, *_FILE_KEYS), _FILE_KEYS)
+    fmu = FmuComponent(description.path, parameters=parsed.parameters, structural=parsed.structural)
+    return make_mapped(fmu, job, options[OPTION]) if OPTION in options else fmu
 
 
 def _parse_model(model: str, job: Job, options: Mapping[str, object]) -> _Parsed:
@@ -134,7 +147,7 @@ def _told_by_job(job: Job) -> dict[str, Any]:
     """What the job says under the names that FMUs use for it."""
     inks = {f"h{order}_{letter}": getattr(ink, f"h{order}")
             for letter, ink in zip("ab", job.inks, strict=False) for order in (1, 2, 3)}  # fmt: skip
-    told = ("nx", "ny", "pitch", "passes", "pass_order", "pass_rotation", "seed")
+    told = ("nx", "ny", "pitch", "target_height", "mask", "passes", "pass_order", "pass_rotation", "seed")
     surface = {} if job.height_start is None else {"height_start": job.height_start}
     return {name: getattr(job, name) for name in told} | inks | surface
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 import zipfile
 from pathlib import Path
 
@@ -160,6 +161,16 @@ def test_unknown_structural_parameter_is_refused(folder: Path) -> None:
         FmuComponent(build(folder, 3), structural={"m": 4})
     with pytest.raises(FmuError, match="n is no structural parameter of Amplifier; it has none"):
         FmuComponent(build(folder, 2), structural={"n": 4})
+
+
+def test_elements_counted_from_0_make_the_same_array(folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "from0.fmu"
+    with zipfile.ZipFile(build(folder, 2)) as ours, zipfile.ZipFile(path, "w") as theirs:
+        text = ours.read("modelDescription.xml").decode()
+        theirs.writestr("modelDescription.xml", re.sub(r"\[(\d)\]", lambda match: f"[{int(match[1]) - 1}]", text))
+    x = describe(path).variables["x"]
+    assert x.references == describe(build(folder, 2)).variables["x"].references
+    assert x.elements == ("x[0]", "x[1]", "x[2]")
 
 
 def test_array_with_a_missing_element_is_refused(folder: Path) -> None:

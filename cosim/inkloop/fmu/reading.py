@@ -106,11 +106,13 @@ def _joined(path: Path, scalars: Iterable[Variable]) -> Iterator[Variable]:
 
 
 def _join(path: Path, name: str, elements: Mapping[tuple[int, ...], Variable]) -> Variable:
-    shape = tuple(max(along) for along in zip(*elements, strict=False))
-    order = [tuple(int(i) + 1 for i in index) for index in np.ndindex(shape)]
+    along = list(zip(*elements, strict=False))
+    begin = [0 if 0 in indices else 1 for indices in along]  # some exporters count from 0
+    shape = tuple(max(indices) - first + 1 for indices, first in zip(along, begin, strict=True))
+    order = [tuple(int(i) + first for i, first in zip(index, begin, strict=True)) for index in np.ndindex(shape)]
     missing = [index for index in order if index not in elements]
     if missing or len(order) != len(elements):
-        what = f"{name}[{','.join(map(str, missing[0]))}] is missing" if missing else "indices must be 1-based"
+        what = f"{name}[{','.join(map(str, missing[0]))}] is missing" if missing else "they have different dimensions"
         raise FmuError(f"{path}: the elements of {name} do not make an array of {' x '.join(map(str, shape))}: {what}")
     first = elements[order[0]]
     return Variable(
@@ -119,6 +121,7 @@ def _join(path: Path, name: str, elements: Mapping[tuple[int, ...], Variable]) -
         causality=first.causality,
         variability=first.variability,
         references=tuple(elements[index].references[0] for index in order),
+        elements=tuple(elements[index].name for index in order),
         dimensions=shape,
         unit=first.unit,
         start=tuple(text for index in order for text in elements[index].start),

@@ -24,7 +24,8 @@ DTYPES = {
 class Variable:
     """One variable of an FMU: `references` holds one value reference, or one per element where FMI 2 scatters an array.
 
-    `dimensions` are lengths, or names of structural parameters; `items` are the names of an enumeration's values.
+    `elements` are the names of those scattered elements. `dimensions` are lengths, or names of structural parameters;
+    `items` are the names of an enumeration's values.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Variable:
     maximum: str | None = None
     items: Mapping[str, int] = field(default_factory=dict)
     description: str = ""
+    elements: tuple[str, ...] = ()
 
     @property
     def dtype(self) -> str:

@@ -1,0 +1,116 @@
+"""An FMU whose variables bear other names, units and shapes, behind the ports of the layer contract."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.component import Port, Values
+from inkloop.errors import ComponentError
+from inkloop.fmu import FmuComponent
+
+CONTRACT_PORTS: Mapping[str, tuple[str, bool, str, float]] = {
+    "pattern": ("1", True, "int32", 0.0),
+    "drop_level": ("1", True, "int32", 1.0),
+    "layer_command": ("1", False, "int32", 0.0),
+    "layers_printed": ("1", False, "int32", 0.0),
+    "layers_scanned": ("1", False, "int32", -1.0),
+    "status": ("1", False, "int32", 0.0),
+    "height": ("m", True, "float64", 0.0),
+    "measured_height": ("m", True, "float64", 0.0),
+    "valid": ("1", True, "bool", 1.0),
+}
+"""Signal of the layer contract -> unit, whether it is a map of the grid, dtype, start value."""
+
+
+@dataclass(frozen=True)
+class MappedPort:
+    """A port and the variables of the FMU behind it, in the order of its cells, last index fastest.
+
+    One variable may hold all cells. The FMU's own number is factor * (number in the unit of the port) + offset.
+    """
+
+    port: Port
+    variables: Sequence[Port]
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def to_fmu(self, value: NDArray[Any]) -> dict[str, NDArray[Any]]:
+        """The variables that a value of the port comes to."""
+        own = self._own_numbers(np.asarray(value)).reshape(-1)
+        if len(self.variables) == 1:
+            return {self.variables[0].name: own.reshape(self.variables[0].shape)}
+        return {variable.name: own[cell].reshape(variable.shape) for cell, variable in enumerate(self.variables)}
+
+    def from_fmu(self, values: Values) -> NDArray[Any]:
+        """The value of the port. Raises ComponentError where whole numbers are due and there are none."""
+        found = np.concatenate([np.asarray(values[variable.name]).reshape(-1) for variable in self.variables])
+        if self.factor != 1.0 or self.offset != 0.0:
+            found = (found - self.offset) / self.factor
+        kind = np.dtype(self.port.dtype).kind
+        if kind == "i" and not (np.isfinite(found) & (found == np.rint(found))).all():
+            raise ComponentError(f"{self.port.name} is {found.flat[0]!r}, read from {self._names}; needs whole numbers")
+        return (found != 0 if kind == "b" else found).astype(self.port.dtype).reshape(self.port.shape)
+
+    def _own_numbers(self, value: NDArray[Any]) -> NDArray[Any]:
+        dtype = self.variables[0].dtype
+        if self.factor != 1.0 or self.offset != 0.0:
+            value = value * self.factor + self.offset
+        return value.astype(dtype)
+
+    @property
+    def _names(self) -> str:
+        first, last = self.variables[0].name, self.variables[-1].name
+        return first if first == last else f"{first} to {last}"
+
+
+class MappedPorts:
+    """Runs an FMU and translates what it gets and gives; its other inputs and outputs are handed through."""
+
+    def __init__(self, fmu: FmuComponent, inputs: Sequence[MappedPort], outputs: Sequence[MappedPort]) -> None:
+        self._fmu, self._mapped_inputs, self._mapped_outputs = fmu, inputs, outputs
+        self.sha256 = fmu.sha256
+        self.inputs = _ports(inputs, fmu.inputs)
+        self.outputs = _ports(outputs, fmu.outputs)
+
+    def initialize(self, time_ns: int, inputs: Values) -> Values:
+        """Start the FMU; outputs at `time_ns`."""
+        return self._translated(self._fmu.initialize(time_ns, self._to_fmu(inputs)))
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        """Advance the FMU by one communication step."""
+        return self._translated(self._fmu.do_step(time_ns, step_ns, self._to_fmu(inputs)))
+
+    def terminate(self) -> None:
+        """End the FMU."""
+        self._fmu.terminate()
+
+    def save(self) -> bytes:
+        """The state of the FMU, which is all there is. Raises ComponentError where it cannot give it."""
+        return self._fmu.save()
+
+    def restore(self, state: bytes) -> None:
+        """Put the FMU back into a saved state."""
+        self._fmu.restore(state)
+
+    def _to_fmu(self, inputs: Values) -> Values:
+        taken = {mapped.port.name for mapped in self._mapped_inputs}
+        values = {name: value for name, value in inputs.items() if name not in taken}
+        for mapped in self._mapped_inputs:
+            if mapped.port.name in inputs:
+                values |= mapped.to_fmu(inputs[mapped.port.name])
+        return values
+
+    def _translated(self, values: Values) -> Values:
+        mapped = {each.port.name: each.from_fmu(values) for each in self._mapped_outputs}
+        return {port.name: mapped[port.name] if port.name in mapped else values[port.name] for port in self.outputs}
+
+
+def _ports(mapped: Sequence[MappedPort], own: Sequence[Port]) -> tuple[Port, ...]:
+    """The mapped ports, then those of the FMU that no mapping takes."""
+    taken = {variable.name for each in mapped for variable in each.variables}
+    return (*(each.port for each in mapped), *(port for port in own if port.name not in taken))
