@@ -5,6 +5,7 @@ InkloopError
 ├── FmuError         the maker of an FMU: cannot be read, or does not offer what is asked of it
 ├── ComponentError   a component failed while it ran: which one, when, in which layer
 ├── HeightMapError   a measured map cannot be read, or does not lie on the grid as it is said to
+├── IdentificationError  what was logged does not determine the ink that is asked for, or is not what it is said to be
 └── ResultError      a run folder cannot be read or written
 """
 
@@ -37,6 +38,10 @@ class ComponentError(InkloopError):
 
 class HeightMapError(InkloopError):
     """A file is no height map that can be read, or a map cannot be laid over the grid; the message names it."""
+
+
+class IdentificationError(InkloopError):
+    """Patterns and surfaces that were logged cannot be read, or do not determine what is asked of them."""
 
 
 class ResultError(InkloopError):

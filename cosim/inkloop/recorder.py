@@ -31,6 +31,7 @@ LABELS = {("shadow", "height"): "shadow_height", ("shadow", "status"): "shadow_s
 NOT_REPRODUCIBLE = frozenset({"solve_time"})
 LONG_NAMES = {
     "height": "surface after the layer",
+    "area": "share of each cell that ink covers after the layer",
     "measured_height": "scan of the layer",
     "valid": "cells of the scan that were measured",
     "estimated_height": "the controller's estimate from the scan of the layer",
@@ -40,8 +41,8 @@ LONG_NAMES = {
     "shadow_status": "4: grown otherwise than the model says, or not to be compared; 3: so much that the run ended",
     "growth_divergence": "rms over the part of what was scanned to be added less what the model adds",
     "surface_divergence": "rms over the part of scan less model",
-    "mean_error": "target minus mean height over the part",
     "layer_unknown": "the layer was given up midway: nobody knows what of its pattern was jetted",
+    "mean_error": "target minus mean height over the part",
     "mae": "mean absolute error over the part",
     "rms": "root mean square error over the part",
     "std": "standard deviation of the error over the part (population)",
@@ -189,7 +190,8 @@ class Recorder:
     def _printed(self, number: int, time_ns: int, values: Values) -> None:
         self._layer_times[number] = time_ns * 1e-9
         self._new_rows[f"run/time/{number}"] = np.asarray(time_ns * 1e-9)
-        self._keep("printer", "height", number, values)
+        for name in ("height", "area"):
+            self._keep("printer", name, number, values)
         self._keep_scalars("printer", number, values)
         self._tell("printer", number, time_ns, values)
 

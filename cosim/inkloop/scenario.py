@@ -13,7 +13,7 @@ import tomlkit
 from pydantic import ValidationError
 from tomlkit.exceptions import TOMLKitError
 
-from inkloop import catalog
+from inkloop import catalog, ink_file
 from inkloop.component import Component, Job
 from inkloop.devices import Bench
 from inkloop.errors import ScenarioError
@@ -44,12 +44,22 @@ class Scenario:
         """
         source = str(source or path)
         try:
-            document = tomlkit.parse(Path(path).read_text(encoding="utf-8"))
+            text = Path(path).read_text(encoding="utf-8")
         except OSError as error:
             raise ScenarioError(source, [f"cannot be read: {error.strerror}"]) from error
-        except (TOMLKitError, UnicodeDecodeError) as error:
+        except UnicodeDecodeError as error:
+            raise ScenarioError(source, [f"is not TOML: {error}"]) from error
+        return cls.of_text(text, source, overrides)
+
+    @classmethod
+    def of_text(cls, text: str, source: str, overrides: Iterable[str] = ()) -> Scenario:
+        """The scenario of a text; what it names stands beside `source`. Raises ScenarioError."""
+        try:
+            document = tomlkit.parse(text)
+        except TOMLKitError as error:
             raise ScenarioError(source, [f"is not TOML: {error}"]) from error
         faults = [fault for override in overrides if (fault := _apply(document, override))]
+        faults += ink_file.put_in(document, Path(source).parent)
         return cls._from_tables(source, tomlkit.dumps(document), document.unwrap(), faults)
 
     @classmethod

@@ -67,6 +67,7 @@ class InkTable(Table):
 class Inks(Table):
     """`[ink]`: materials A and B."""
 
+    file: str | None = Field(default=None, description="an ink file beside the scenario; other keys win over it")
     a: InkTable = InkTable()
     b: InkTable | None = None
 

@@ -1,0 +1,1 @@
+"""Identification of an ink: from patterns and measured surfaces to the coefficients of the deposition models."""

@@ -1,0 +1,206 @@
+"""`inkloop identify`: an ink file, tables and a picture from logged prints, or from experiments on a plant."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+
+from inkloop.component import Ink
+from inkloop.errors import IdentificationError
+from inkloop.faults import nearest
+from inkloop.identify.candidates import words
+from inkloop.identify.experiments import Plan, perform, plant_scenario
+from inkloop.identify.identification import Identification, identify
+from inkloop.identify.ink_writer import write_ink
+from inkloop.identify.log_folder import DESCRIPTION, is_log, read_log
+from inkloop.identify.picture import save
+from inkloop.identify.print_record import PrintRecord
+from inkloop.identify.run_record import read_run
+from inkloop.identify.volume_area_coefficients import NAMES
+from inkloop.result import RESULT_FILE, Result
+from inkloop.scenario import Scenario
+from inkloop.schema import Inks
+
+UM = 1e6
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "identify", help="find an ink from logged prints, a run, or experiments on a plant; writes an ink file"
+    )
+    parser.add_argument("sources", nargs="+", metavar="SOURCE",
+                        help=f"folders with {DESCRIPTION} or of runs; or a scenario, .fmu or kind")  # fmt: skip
+    parser.add_argument("--out", type=Path, metavar="FILE", help="ink file to write (default: NAME-ink.toml)")
+    parser.add_argument("--noise-um", type=float, metavar="UM", help="standard deviation of a reading (default: what "
+                        "untouched cells show; experiments on a bare kind or .fmu: 0.3)")  # fmt: skip
+    parser.add_argument("--samples", type=int, default=75, help="experiments: of each motif of droplets (default 75)")
+    parser.add_argument("--layers", type=int, default=6, help="experiments: layers of many droplets (default 6)")
+    parser.add_argument("--side", type=int, default=32, help="experiments: cells along their sides (default 32)")
+    parser.add_argument("--seed", type=int, default=0, help="of experiments and of groups of samples (default 0)")
+    parser.add_argument("--runs", type=Path, metavar="DIR", help="experiments: keep their run folders there")
+    return parser
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Identify, show and write; the exit code. Raises IdentificationError and what reading or printing raises."""
+    out: Path = options.out or Path(f"{Path(options.sources[0]).resolve().stem}-ink.toml")
+    if out.exists():
+        raise IdentificationError(f"{out}: is there already and is not overwritten; name another --out")
+    _check(options)
+    with _progress(console) as show:
+        records, nominal = _records(options, show)
+        noise = None if options.noise_um is None else options.noise_um / UM
+        found = identify(records, nominal, noise, options.seed, show)
+    for table in tables(found):
+        console.print(table)
+    for note in found.notes:
+        console.print(f"not there: {note}", highlight=False, markup=False)
+    write_ink(found, out, date.today())
+    picture = out.with_suffix(".png")
+    save(found, picture)
+    console.print(f"wrote {out} and {picture}", highlight=False)
+    return 0
+
+
+def tables(found: Identification) -> Iterator[Table]:
+    """What was found, for the screen."""
+    yield _heights(found)
+    if found.volume_area is not None:
+        yield _volume_area(found)
+    yield _comparison(found)
+
+
+def _check(options: argparse.Namespace) -> None:
+    limits = {"samples": (0, 2000), "layers": (1, 200), "side": (12, 500)}
+    faults = [
+        f"--{name} is {getattr(options, name)}; expected {low} to {high}"
+        for name, (low, high) in limits.items()
+        if not low <= getattr(options, name) <= high
+    ]
+    if options.noise_um is not None and not 0.0 <= options.noise_um < 1e6:
+        faults.append(f"--noise-um is {options.noise_um}; expected at least 0")
+    if faults:
+        raise IdentificationError("\n".join(faults))
+
+
+def _records(options: argparse.Namespace, show: _Show) -> tuple[list[PrintRecord], Sequence[Ink]]:
+    """The prints, and the ink that their scenario takes for granted."""
+    folders = [Path(source) for source in options.sources if Path(source).is_dir()]
+    if len(folders) == len(options.sources):
+        return [_read(folder) for folder in folders], _nominal(folders[0])
+    if len(options.sources) > 1:
+        others = ", ".join(source for source in options.sources if not Path(source).is_dir())
+        raise IdentificationError(f"{others}: no folder of a print; name folders, or one plant to experiment on")
+    source = options.sources[0]
+    if source.endswith(".toml"):
+        scenario = Scenario.load(source, options.overrides)
+    elif source.endswith(".fmu") or not any(mark in source for mark in "/\\."):
+        noise = 0.3 if options.noise_um is None else options.noise_um
+        scenario = plant_scenario(source, noise, options.overrides)
+    else:
+        raise IdentificationError(f"{source}: is not there; name a folder, a scenario, an .fmu file or a kind")
+    plan = Plan(options.samples, options.layers, options.side, options.seed)
+    records = perform(scenario, plan, options.runs, lambda done, total: show("printing experiments", done, total))
+    return records, scenario.job().inks
+
+
+def _read(folder: Path) -> PrintRecord:
+    if is_log(folder):
+        return read_log(folder)
+    if (folder / RESULT_FILE).is_file():
+        return read_run(folder)
+    there = [path.name for path in folder.iterdir()]
+    raise IdentificationError(
+        f"{folder}: holds neither {DESCRIPTION} of a logged print nor {RESULT_FILE} of a run; "
+        + (nearest(DESCRIPTION, there) if there else "it is empty")
+    )
+
+
+def _nominal(folder: Path) -> Sequence[Ink]:
+    """The inks of a run's scenario, else those of Lu et al."""
+    if not (folder / RESULT_FILE).is_file():
+        return (Ink(),)
+    inks = Inks.model_validate(tomlkit.parse(Result.load(folder).scenario_text).unwrap().get("ink", {}))
+    return (inks.a.ink,) if inks.b is None else (inks.a.ink, inks.b.ink)
+
+
+def _heights(found: Identification) -> Table:
+    table = Table(title=r"height that a droplet adds \[um], with 95 % intervals",
+                  caption=f"noise of a reading {found.noise_std * UM:.3g} um; {found.ink.used} growths; droplets vary "
+                  f"by {found.ink.droplet_std:.1%}, with all that the model does not explain")  # fmt: skip
+    for heading in ("method", "h1", "h2", "h3"):
+        table.add_column(heading, justify="left" if heading == "method" else "right")
+    if found.protocol is not None:
+        counts = ", ".join(f"{count} {name}" for name, count in found.protocol.counts.items())
+        table.add_row(f"droplet protocol ({counts})", *_intervals(found.protocol.heights, found.protocol.half_widths))
+    for material, heights, widths in zip("AB", found.ink.heights, found.ink.half_widths, strict=False):
+        name = "regression over layers" + (f", material {material}" if len(found.ink.heights) > 1 else "")
+        table.add_row(name, *_intervals(heights, widths))
+    return table
+
+
+def _intervals(values: Sequence[float], widths: Sequence[float]) -> list[str]:
+    return [f"{value * UM:.3f} +- {width * UM:.3f}" for value, width in zip(values, widths, strict=True)]
+
+
+def _volume_area(found: Identification) -> Table:
+    assert found.volume_area is not None
+    estimate = found.volume_area
+    known = NAMES if estimate.area_known else NAMES[:2]
+    gains = ", ".join(
+        f"{name} {estimate.coefficients[name] / UM:.4f} +- {estimate.half_widths[name] / UM:.4f}" for name in known
+    )
+    areas = "" if estimate.area_known else "; no area was measured: ma_plus and ma_minus are the paper's"
+    table = Table(title="Wu and Chiu's coefficients by (17), and their error (21) by prior drops",
+                  caption=f"c {estimate.coefficients['height_scale'] * UM:.3f} um; {gains} per um{areas}")  # fmt: skip
+    table.add_column("prior drops")
+    for prior in estimate.rms:
+        table.add_column(prior, justify="right")
+    table.add_row("samples", *(str(estimate.counts[prior]) for prior in estimate.rms))
+    table.add_row("error of the mean", *(f"{rms:.1%}" for rms, _ in estimate.rms.values()))
+    table.add_row("its spread over groups of 3", *(f"{spread:.1%}" for _, spread in estimate.rms.values()))
+    return table
+
+
+def _comparison(found: Identification) -> Table:
+    floor = 2.0**0.5 * found.noise_std * UM
+    table = Table(title="one step ahead, cells that the fit had not seen",
+                  caption=f"rms of scan less prediction; the noise of two scans alone is {floor:.3g} um; (21) is "
+                  "relative to the measured height")  # fmt: skip
+    table.add_column("model")
+    table.add_column("rms [um]".replace("[", r"\["), justify="right")
+    table.add_column("(21)", justify="right")
+    table.add_column("fitted to everything")
+    for one in found.comparisons:
+        if one.score is not None and one.model is not None:
+            table.add_row(one.name, f"{one.score.rms * UM:.3f}", f"{one.score.relative:.1%}", words(one.model))
+        else:
+            table.add_row(one.name, "-", "-", "")
+    return table
+
+
+class _Show:
+    """Shows what is being done, steps done and all steps of it."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._task = progress.add_task("reading", total=None)
+
+    def __call__(self, name: str, done: int, total: int) -> None:
+        self._progress.update(self._task, description=name, completed=done, total=total)
+
+
+@contextmanager
+def _progress(console: Console) -> Iterator[_Show]:
+    with Progress(TextColumn("{task.description}"), BarColumn(24), console=console, transient=True) as progress:
+        yield _Show(progress)

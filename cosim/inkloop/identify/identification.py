@@ -1,0 +1,104 @@
+"""Everything that the prints of one ink tell: its heights by each method, and all models side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from inkloop.component import Ink
+from inkloop.errors import IdentificationError
+from inkloop.identify.candidates import candidates
+from inkloop.identify.cross_validation import Comparison, compare
+from inkloop.identify.droplet_protocol import ProtocolEstimate, identify_by_protocol
+from inkloop.identify.ink_regression import InkEstimate, identify_ink
+from inkloop.identify.print_record import PrintRecord, noise_of
+from inkloop.identify.volume_area_coefficients import VolumeAreaEstimate, identify_volume_area
+
+DENSE = 0.15  # of the touched cells are hit by a layer on average, else it is a print of motifs (assumed)
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """noise_std: of a reading [m]; ink: by regression over layers; protocol, volume_area: where the prints hold the
+    drops for it, else None with the reason in `notes`; comparisons: of all models over `compared`.
+    """
+
+    records: tuple[PrintRecord, ...]
+    compared: tuple[PrintRecord, ...]
+    noise_std: float
+    ink: InkEstimate
+    protocol: ProtocolEstimate | None
+    volume_area: VolumeAreaEstimate | None
+    comparisons: tuple[Comparison, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def best(self) -> Comparison:
+        """The model with the least cross-validated error."""
+        return min((c for c in self.comparisons if c.score), key=lambda c: c.score.rms if c.score else np.inf)
+
+
+def identify(
+    records: Sequence[PrintRecord],
+    nominal: Sequence[Ink] = (Ink(),),
+    noise_std: float | None = None,
+    seed: int = 0,
+    on_fit: Callable[[str, int, int], None] | None = None,
+) -> Identification:
+    """The ink of prints on one grid spacing; on_fit: told what is being fitted, fits done and all fits.
+
+    noise_std: of a reading [m], left out: what cells show that no droplet reached. Layers of many droplets tell the ink
+    that is written down, if there are any: prints of motifs say what single droplets do, which is not the same on a
+    real plant. Raises IdentificationError.
+    """
+    _check(records)
+    noise = noise_of(list(records)) if noise_std is None else noise_std
+    if noise is None:
+        raise IdentificationError(
+            "too few cells lie apart from all droplets to show the noise of the scans; give it (--noise-um), or leave "
+            "a margin of three empty cells"
+        )
+    dense = tuple(record for record in records if _density(record) >= DENSE) or tuple(records)
+    notes: list[str] = []
+    protocol: ProtocolEstimate | None = None
+    volume_area: VolumeAreaEstimate | None = None
+    try:
+        protocol = identify_by_protocol(records, noise)
+    except IdentificationError as error:
+        notes.append(f"droplet protocol: {error}")
+    try:
+        volume_area = identify_volume_area(records, noise, seed)
+    except IdentificationError as error:
+        notes.append(f"Wu and Chiu's coefficients: {error}")
+    ink = identify_ink(dense, noise)
+    models = candidates(nominal, noise, None if protocol is None else protocol.heights, volume_area)
+    comparisons = tuple(compare(models, dense, noise, on_fit))
+    notes += [f"{c.name}: {c.refusal}" for c in comparisons if c.refusal]
+    return Identification(tuple(records), dense, noise, ink, protocol, volume_area, comparisons, tuple(notes))
+
+
+def _check(records: Sequence[PrintRecord]) -> None:
+    """Raises IdentificationError where prints do not belong together."""
+    if not records:
+        raise IdentificationError("no print was given")
+    first = records[0]
+    faults = [
+        f"{record.name}: {what} {value}, {first.name}: {expected}; identify prints of one pitch and process together"
+        for record in records[1:]
+        for what, value, expected in (
+            ("pitch_um", f"{record.pitch * 1e6:g}", f"{first.pitch * 1e6:g}"),
+            ("passes", record.passes, first.passes),
+            ("pass_order", record.pass_order, first.pass_order),
+            ("pass_rotation", record.pass_rotation, first.pass_rotation),
+        )
+        if value != expected
+    ]
+    if faults:
+        raise IdentificationError("\n".join(faults))
+
+
+def _density(record: PrintRecord) -> float:
+    touched = ~record.untouched(1)
+    return float((record.pattern > 0).mean(axis=0)[touched].mean()) if touched.any() else 0.0

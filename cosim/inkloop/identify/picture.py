@@ -1,0 +1,103 @@
+"""Picture of what the models leave unexplained: where, how much, and on which steps of the surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from inkloop import plot
+from inkloop.identify.cross_validation import Comparison
+from inkloop.identify.identification import Identification
+from inkloop.plot import COLOURS, UM, WIDTH_IN
+
+SHOWN = 4  # models, the best ones
+BINS = 60
+QUANTILES = 16
+LEAST = 30  # growths in a bin
+
+
+def save(found: Identification, path: Path) -> None:
+    """Write the picture as a PNG."""
+    with rc_context(plot.STYLE):
+        plot.save(residuals(found), path)
+
+
+def residuals(found: Identification) -> Figure:
+    """Residuals that were predicted without having been seen: of the best model by cell, of the best ones as densities,
+    and their means by how much the cell stood above its sides.
+    """
+    shown = sorted((c for c in found.comparisons if c.score), key=_rms)[:SHOWN]
+    figure = Figure(figsize=(WIDTH_IN, 2.7), layout="constrained")
+    by_cell, densities, by_rise = figure.subplots(1, 3)
+    _map(figure, by_cell, shown[0])
+    _densities(densities, shown, found.noise_std)
+    _by_rise(by_rise, shown, found)
+    handles, labels = densities.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
+    return figure
+
+
+def _map(figure: Figure, axes: Axes, best: Comparison) -> None:
+    errors = max(best.errors, key=np.size)
+    seen = np.isfinite(errors).any(axis=0)
+    rms = np.sqrt(np.nanmean(np.where(seen, errors, 0.0) ** 2, axis=0)) * UM
+    image = axes.imshow(np.where(seen, rms, np.nan).T, origin="lower", cmap="viridis", vmin=0.0)
+    figure.colorbar(image, ax=axes, label="rms over the layers [µm]", shrink=0.9)
+    axes.set(title=best.name, xlabel="cell along x", ylabel="cell along y")
+
+
+def _densities(axes: Axes, shown: Sequence[Comparison], noise_std: float) -> None:
+    errors = [_flat(comparison) * UM for comparison in shown]
+    limit = float(max(np.quantile(np.abs(error), 0.99) for error in errors))
+    for error, comparison, colour in zip(errors, shown, COLOURS, strict=False):
+        axes.hist(
+            error, bins=BINS, range=(-limit, limit), density=True, histtype="step", color=colour, label=comparison.name
+        )
+    if noise_std > 0.0:
+        x, spread = np.linspace(-limit, limit, 300), np.sqrt(2.0) * noise_std * UM
+        normal = np.exp(-0.5 * (x / spread) ** 2) / (spread * np.sqrt(2.0 * np.pi))
+        axes.plot(x, normal, color="0.4", linewidth=0.8, linestyle="--", label="noise of two scans")
+    axes.set(title="scan - prediction", xlabel="[µm]", yticks=[])
+
+
+def _by_rise(axes: Axes, shown: Sequence[Comparison], found: Identification) -> None:
+    """By steps that were predicted, whose errors are not those of the scan that the next prediction began from."""
+    parts = zip(found.compared, shown[0].errors, strict=True)
+    rise = np.concatenate([_rises(record.measured[1:] - error)[:-1].ravel() for record, error in parts]) * UM
+    if rise.size == 0:
+        axes.set_axis_off()
+        return
+    for comparison, colour in zip(shown, COLOURS, strict=False):
+        error = np.concatenate([part[1:].ravel() for part in comparison.errors]) * UM
+        known = np.isfinite(error) & np.isfinite(rise)
+        edges = np.unique(np.quantile(rise[known], np.linspace(0.0, 1.0, QUANTILES + 1)))
+        place = np.clip(np.searchsorted(edges, rise[known], "right") - 1, 0, len(edges) - 2)
+        count = np.bincount(place, minlength=len(edges) - 1)
+        enough = count >= LEAST
+        of_rise, of_error = (np.bincount(place, v[known], len(edges) - 1) / np.maximum(count, 1) for v in (rise, error))
+        axes.plot(of_rise[enough], of_error[enough], color=colour, marker=".", markersize=3, linewidth=1.0)
+    axes.axhline(0.0, color="0.7", linewidth=0.6)
+    axes.set(title="mean by step of the surface", xlabel="height above its sides [µm]", ylabel="[µm]")
+
+
+def _rises(surface: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(layers, nx, ny): each cell's height less the mean of its four sides; NaN at the border."""
+    found = np.full(surface.shape, np.nan)
+    sides = surface[:, :-2, 1:-1] + surface[:, 2:, 1:-1] + surface[:, 1:-1, :-2] + surface[:, 1:-1, 2:]
+    found[:, 1:-1, 1:-1] = surface[:, 1:-1, 1:-1] - sides / 4.0
+    return found
+
+
+def _flat(comparison: Comparison) -> NDArray[np.float64]:
+    errors = np.concatenate([part.ravel() for part in comparison.errors])
+    return np.asarray(errors[np.isfinite(errors)])
+
+
+def _rms(comparison: Comparison) -> float:
+    return comparison.score.rms if comparison.score else np.inf

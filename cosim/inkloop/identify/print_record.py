@@ -1,0 +1,82 @@
+"""What is known of one print for identification: what was jetted in each layer, and the surfaces measured between."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.component import BoolMap, FloatMap, pass_colours
+from inkloop.metrology.datum import Datum, level, reference_cells
+
+CELLS_MIN = 20  # differences for a standard deviation to 16 % (assumed enough)
+
+
+@dataclass(frozen=True, eq=False)
+class PrintedLayer:
+    """Layer `number` (from 1 on). pattern: (nx, ny), 0 none, 1 material A, 2 material B; before, after: (nx, ny) as
+    measured [m], NaN where nothing was; colours: of its passes in order, none for one pass.
+    """
+
+    number: int
+    pattern: NDArray[np.int32]
+    before: FloatMap
+    after: FloatMap
+    colours: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PrintRecord:
+    """One print. pitch [m]; pattern: (layers, nx, ny), 0 none, 1 material A, 2 material B; measured: (layers + 1, nx,
+    ny), the start surface first [m], NaN where nothing was measured; area: (layers + 1, nx, ny) covered share of each
+    cell, where it is known; passes, pass_order, pass_rotation as in the FMU LayerDeposition.
+    """
+
+    name: str
+    pitch: float
+    pattern: NDArray[np.int32]
+    measured: NDArray[np.float64]
+    area: NDArray[np.float64] | None = None
+    passes: int = 1
+    pass_order: int = 1
+    pass_rotation: int = 0
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Cells along x and along y."""
+        return self.pattern.shape[1], self.pattern.shape[2]
+
+    @property
+    def materials(self) -> int:
+        """1, or 2 where material B was jetted."""
+        return max(1, int(self.pattern.max(initial=0)))
+
+    def layers(self) -> Iterator[PrintedLayer]:
+        """The layers in the order of the print."""
+        for k, pattern in enumerate(self.pattern):
+            colours = pass_colours(self.passes, self.pass_order, self.pass_rotation, k + 1)
+            yield PrintedLayer(k + 1, pattern, self.measured[k], self.measured[k + 1], colours)
+
+    def untouched(self, margin: int) -> BoolMap:
+        """(nx, ny) cells that have no droplet within `margin` cells in any layer."""
+        return reference_cells(np.asarray((self.pattern > 0).any(axis=0)), margin)
+
+    def levelled(self, datum: Datum, margin: int = 2) -> PrintRecord:
+        """Every scan less the offset or the plane of the untouched cells. Raises HeightMapError for too few of them."""
+        reference = self.untouched(margin)
+        return replace(self, measured=np.stack([level(scan, reference, datum) for scan in self.measured]))
+
+
+def noise_of(records: list[PrintRecord], margin: int = 2) -> float | None:
+    """Standard deviation of a reading [m], from how cells that no droplet reached differ from scan to scan; None where
+    there are fewer than CELLS_MIN such differences.
+    """
+    differences = []
+    for record in records:
+        still = record.untouched(margin)
+        steps = np.diff(record.measured[:, still], axis=0)
+        differences.append(steps[np.isfinite(steps)])
+    found = np.concatenate(differences)
+    return float(np.sqrt(np.mean(found**2) / 2.0)) if found.size >= CELLS_MIN else None
