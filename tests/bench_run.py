@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +19,7 @@ from inkloop_hardware.emulated_bench import EmulatedBench
 
 FAST = {"pass_ms": 2, "scan_ms": 2, "move_ms": 2, "home_ms": 2, "gate_ms": 1}
 FMUS = ["components.printer.kind=LayerDeposition", "components.profiler.kind=ProfileSensor"]
+PATIENCE_S = 60.0
 COMMAND = [sys.executable, "-c", "import sys; from inkloop.cli import main; sys.exit(main(sys.argv[1:]))"]
 
 BLOCK = """
@@ -84,3 +87,17 @@ def assert_same_print(bench: Result, fmus: Result) -> None:
     assert bench.stop_reason == fmus.stop_reason == "done"
     for name in ("pattern", "measured_height", "valid", "estimated_height", "droplets_a", "droplets_b"):
         np.testing.assert_array_equal(bench.dataset[name], fmus.dataset[name], err_msg=name)
+
+
+def started(*words: str) -> subprocess.Popen[str]:
+    """An inkloop command in a process of its own."""
+    return subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+
+def wait_for_word(log: Path, word: str, running: subprocess.Popen[str]) -> None:
+    """Returns when a word stands in the log of the devices."""
+    end = time.monotonic() + PATIENCE_S
+    while not (log.exists() and word in log.read_text()):
+        assert running.poll() is None, running.communicate()[0]
+        assert time.monotonic() < end, f"{word!r} was never said"
+        time.sleep(0.01)

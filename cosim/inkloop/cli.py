@@ -11,10 +11,11 @@ from pathlib import Path
 
 from rich.console import Console
 
-from inkloop import __version__, bench_commands, doctor, fmu, report, template
+from inkloop import __version__, bench_commands, doctor, fmu, replay, report, template
 from inkloop.errors import InkloopError, ScenarioError
 from inkloop.export import export
 from inkloop.files import write_text
+from inkloop.identify import command as identify_command
 from inkloop.isolation import run_isolated
 from inkloop.json_schema import scenario_schema
 from inkloop.reproduce import command as reproduce
@@ -99,13 +100,19 @@ def _parser() -> argparse.ArgumentParser:
     reproduce.add_parser(commands).set_defaults(command=reproduce.reproduce)
     score.add_parser(commands).set_defaults(command=score.score)
 
+    find_ink = identify_command.add_parser(commands)
+    _add_overrides(find_ink)
+    find_ink.set_defaults(command=_identify)
+
     bench, device = bench_commands.add_parsers(commands)
     bench.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO", help="a .toml file: grid, ink and sensor")
     bench.set_defaults(command=_bench)
     device.set_defaults(command=_device)
     look = doctor.add_parser(commands)
     look.set_defaults(command=_doctor)
-    for on_a_bench in (bench, device, look):
+    from_log = replay.add_parser(commands)
+    from_log.set_defaults(command=_replay)
+    for on_a_bench in (bench, device, look, from_log):
         _add_overrides(on_a_bench)
     return parser
 
@@ -166,6 +173,16 @@ def _doctor(options: argparse.Namespace, console: Console) -> int:
         print(error, file=sys.stderr)
         return doctor.CANNOT_RUN
     return doctor.examine(scenario, options, console)
+
+
+def _replay(options: argparse.Namespace, console: Console) -> int:
+    sys.path.append(str(scenario_file(options.run).parent))
+    return replay.replay(options, console)
+
+
+def _identify(options: argparse.Namespace, console: Console) -> int:
+    sys.path.append(str(Path(options.sources[0]).parent.resolve()))  # classes named as "module:Class"
+    return identify_command.run(options, console)
 
 
 def _is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:

@@ -42,6 +42,14 @@ class BusAway(BusError):
     """The adapter is gone for the moment; it is being opened again."""
 
 
+class ReplayDiffers(BusError):
+    """In a replay: the master asks for something else than it did in the recorded run."""
+
+
+class ReplayEnded(BusError):
+    """In a replay: the recorded run has come no further."""
+
+
 class NotAlone(HardwareError):
     """Another master, or somebody who asks for a stop, speaks on the bus."""
 

@@ -81,6 +81,38 @@ def run_length(cells: NDArray[np.uint8]) -> bytes:
     return bytes(coded)
 
 
+def packed(coded: bytes) -> bytes:
+    """Packed cells of run-length coded ones; what is cut off at the end is left out."""
+    cells, at = bytearray(), 0
+    while at + 1 < len(coded):
+        count = coded[at]
+        if count < _LITERAL_MAX:
+            cells += coded[at + 1 : at + 2 + count]
+            at += 2 + count
+        else:
+            cells += coded[at + 1 : at + 2] * (count - _RUN_OFFSET)
+            at += 2
+    return bytes(cells)
+
+
+def first_difference(left: bytes, right: bytes) -> tuple[int, int] | None:
+    """The first cell (i, j) in which the plain bytes of two patterns differ; None if they do not, or in their heads."""
+    if left[: _HEAD.size] != right[: _HEAD.size] or len(left) < _HEAD.size:
+        return None
+    bits, ny = left[1], int.from_bytes(left[4:6], "big")
+    pairs = zip(left[_HEAD.size :], right[_HEAD.size :], strict=False)
+    for at, (one, other) in enumerate(pairs):
+        if one != other:
+            bit = 8 * at + 8 - (one ^ other).bit_length()
+            return divmod(bit // bits, ny)
+    return None
+
+
+def plain_form(blob: bytes, coded: bool) -> bytes:
+    """The plain bytes of a pattern in either form."""
+    return blob[: _HEAD.size] + packed(blob[_HEAD.size :]) if coded else blob
+
+
 def _pieces(plain: bytes, first: int, end: int) -> Iterator[bytes]:
     for at in range(first, end, _LITERAL_MAX):
         piece = plain[at : min(end, at + _LITERAL_MAX)]

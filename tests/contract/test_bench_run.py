@@ -22,7 +22,17 @@ from udsoncan.client import Client
 from udsoncan.connections import PythonIsoTpConnection
 
 import inkloop_hardware
-from bench_run import BLOCK, COMMAND, TWO_INKS, assert_same_print, emulated, printed_with_fmus, write
+from bench_run import (
+    BLOCK,
+    PATIENCE_S,
+    TWO_INKS,
+    assert_same_print,
+    emulated,
+    printed_with_fmus,
+    started,
+    wait_for_word,
+    write,
+)
 from inkloop.cli import main
 from inkloop.printing import Print
 from inkloop.recorder import LayerRow
@@ -32,21 +42,6 @@ from inkloop.scenario import Scenario
 from stock_tools import Raw
 
 DBC = Path(inkloop_hardware.__file__).with_name("inkloop.dbc")
-PATIENCE_S = 60.0
-
-
-def started(*words: str) -> subprocess.Popen[str]:
-    """An inkloop command in a process of its own."""
-    return subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-
-
-def wait_for_word(log: Path, word: str, running: subprocess.Popen[str]) -> None:
-    """Returns when a word stands in the log of the devices."""
-    end = time.monotonic() + PATIENCE_S
-    while not (log.exists() and word in log.read_text()):
-        assert running.poll() is None, running.communicate()[0]
-        assert time.monotonic() < end, f"{word!r} was never said"
-        time.sleep(0.01)
 
 
 @pytest.mark.parametrize("text", [BLOCK, TWO_INKS], ids=["one ink", "two inks"])
