@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from inkloop_hardware.codec import Codec
 from inkloop_hardware.errors import HardwareError
-from inkloop_hardware.node_state import Flags, NodeLimits, NodeState, Roles
+from inkloop_hardware.node_state import BookFlags, Flags, NodeLimits, NodeState, Roles
 from inkloop_hardware.rig import Rig
 from inkloop_hardware.services import Key, Outcome, Routine
 from inkloop_hardware.vocabulary import Fault, Node
@@ -56,6 +56,10 @@ def blocked(node: Node, state: NodeState) -> str | None:
     if state.unknown:
         passes = ", ".join(str(number + 1) for number in range(4) if state.unknown >> number & 1)
         why = f"pass {passes} of layer {state.layer}, which was begun, and nobody knows how far it came"
+    elif state.book & BookFlags.CURE_UNKNOWN:
+        why = (
+            f"a cure of layer {state.layer}, which was begun, and nobody knows how long it lasted; it will be repeated"
+        )
     else:
         why = state.cause.name if state.cause != Fault.NONE else "a step that it gave up"
     return f"{name}: needs a person because of {why}; look at the bench, then `inkloop device SCENARIO clear`"
