@@ -20,7 +20,7 @@ from inkloop.files import write_text
 from inkloop.reproduce.comparison import Paper, Part, markdown, remarks, spreadsheet, terminal_table
 from inkloop.run import INTERRUPTED, new_run_folder
 
-PAPERS = {"lu": "lu", "hume-rosen": "hume_rosen"}
+PAPERS = {"lu": "lu", "wu-chiu": "wu_chiu", "hume-rosen": "hume_rosen"}
 """Name of a paper on the command line -> module with its `PAPER`."""
 
 

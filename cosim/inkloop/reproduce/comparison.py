@@ -40,7 +40,7 @@ class Row:
             return "-"
         if abs(self.ours - self.printed) <= self.within:
             return "yes"
-        return "no, smaller" if self.ours < self.printed else "no, larger"
+        return "no, smaller" if abs(self.ours) < abs(self.printed) else "no, larger"
 
     @property
     def cells(self) -> tuple[str, ...]:

@@ -67,7 +67,16 @@ def _line_rows(line: list[FloatMap]) -> list[Row]:
     for layers, surface in enumerate(line, start=1):
         flat = layers * (H1 + 2 * H2)
         shrunk = int(np.count_nonzero(np.abs(surface[: LINE // 2] - flat) > 1e-9))
-        rows.append(Row("III-C: points that shrink", f"after {layers} layers", "1", float(layers), float(shrunk), 0.0))
+        rows.append(
+            Row(
+                "III-C: points that shrink",
+                f"after {layers} layer{'s' if layers > 1 else ''}",
+                "1",
+                float(layers),
+                float(shrunk),
+                0.0,
+            )
+        )
     return rows
 
 

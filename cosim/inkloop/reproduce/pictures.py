@@ -126,3 +126,18 @@ def spacing(found: Sequence[tuple[float, float, float]], chosen: float) -> Figur
     axes.legend()
     axes.grid(color="0.92")
     return figure
+
+
+def pattern_errors(printed: Mapping[str, float], found: Mapping[str, Mapping[str, tuple[float, float]]]) -> Figure:
+    """Relative rms error of the predicted cells by the number of prior drops [%], with its scatter over the groups."""
+    figure = Figure(figsize=(WIDTH_IN * 0.75, 2.6), layout="constrained")
+    axes = figure.subplots()
+    at, width = np.arange(len(printed)), 0.27
+    axes.bar(at - width, list(printed.values()), width, color="black", label="printed, their ink")
+    for number, (colour, (name, rms)) in enumerate(zip(COLOURS, found.items(), strict=False)):
+        means, scatter = np.array([rms[prior] for prior in printed]).T * 100.0
+        axes.bar(at + number * width, means, width, yerr=scatter, color=colour, label=name, error_kw={"lw": 0.8})
+    axes.set_xticks(at, list(printed))
+    axes.set(xlabel="prior drops", ylabel="rms error (21) [%]")
+    axes.legend()
+    return figure
