@@ -188,3 +188,38 @@ bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *befor
     free(work.memory);
     return true;
 }
+
+/* What is known before the scan of a layer that may have been jetted anyhow; the maps of `begun` are its own. */
+static void expect_anything(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                            double *scratch, SurfaceEstimate *begun) {
+    const Ink both[2] = {before->ink[0], before->ink[options->ink.inks - 1]};
+    layer_surface(layer, before->height, both, scratch, begun->height);
+    for (size_t cell = 0; cell < options->nx * options->ny; cell++) {
+        const double whole = begun->height[cell] - before->height[cell];
+        begun->height[cell] = before->height[cell] + 0.5 * whole;
+        begun->variance[cell] = before->variance[cell] + whole * whole / 12.0;
+        begun->unseen[cell] = before->unseen[cell];
+        if (before->scans == 1 && whole != 0.0 && begun->unseen[cell] < 1)
+            begun->unseen[cell] = 1; /* or the first scan, of another height, would stand for the variance */
+    }
+}
+
+bool estimate_unknown(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                      const double *measured, const uint8_t *valid, SurfaceEstimate *after) {
+    const size_t cells = options->nx * options->ny;
+    double *memory = calloc(cells, 3 * sizeof(double) + 2 * sizeof(int32_t));
+    if (!memory)
+        return false;
+    SurfaceEstimate begun = *before;
+    begun.height = memory;
+    begun.variance = memory + cells;
+    begun.unseen = (int32_t *)(memory + 3 * cells);
+    expect_anything(options, before, layer, memory + 2 * cells, &begun);
+    const JettedLayer nothing = {layer->nx, layer->ny, begun.unseen + cells, NULL, layer->passes, layer->order};
+    const bool is_done = estimate_next(options, &begun, &nothing, measured, valid, after);
+    memcpy(after->ink, before->ink, sizeof after->ink);
+    memcpy(after->dead_evidence, before->dead_evidence, cells * sizeof(double));
+    after->evidence = before->evidence;
+    free(memory);
+    return is_done;
+}

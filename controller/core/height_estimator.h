@@ -46,4 +46,10 @@ void estimate_first(const EstimatorOptions *options, const double *measured, con
 bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                    const double *measured, const uint8_t *valid, SurfaceEstimate *after);
 
+/* The same for a layer that was begun and given up, nobody knows where: each cell grew by anything from nothing to what
+ * the whole layer brings, so that the mean of the two with the variance of a uniform distribution is what the scan
+ * corrects. Inks and dead cells stay as they were known. */
+bool estimate_unknown(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                      const double *measured, const uint8_t *valid, SurfaceEstimate *after);
+
 #endif

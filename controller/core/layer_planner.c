@@ -69,20 +69,27 @@ static double seconds_left(const Planning *planning) {
 static void allow_droplets(const Planning *planning, const SurfaceEstimate *estimate, int32_t layer) {
     const PlannerOptions *options = planning->options;
     const size_t cells = options->nx * options->ny;
-    const uint16_t levels = (uint16_t)((1u << options->drop_levels) - 1u);
+    unsigned levels = 0;
+    for (int32_t level = 0; level < options->drop_levels; level++)
+        levels |= 1u << ((size_t)level * options->inks);
     for (size_t place = 0; place < planning->places; place++) {
         const bool is_dead = estimate->dead_evidence[place % cells] >= DEAD_EVIDENCE;
         const bool is_tried = place < cells && is_probe((int64_t)layer + 1);
         const bool is_reached = options->part[place % cells] && options->jettable[place % cells];
-        planning->choices[place] = is_reached && (!is_dead || is_tried) ? levels : 0;
+        const unsigned inks =
+            inks_for(&options->regions, place % cells, estimate->height[place % cells], place / cells);
+        planning->choices[place] = is_reached && (!is_dead || is_tried) ? (uint16_t)(inks * levels) : 0;
     }
 }
 
 /* Weights of the cells' errors, and what the surface is not to exceed. */
 static void weigh_cells(const Planning *planning, const SurfaceEstimate *estimate) {
     const PlannerOptions *options = planning->options;
-    const Ink ink = estimate->ink[0];
-    const double squares = ink.h1 * ink.h1 + 4.0 * (ink.h2 * ink.h2) + 4.0 * (ink.h3 * ink.h3);
+    double squares = 0.0;
+    for (size_t k = 0; k < options->inks; k++) {
+        const Ink ink = estimate->ink[k];
+        squares = fmax(squares, ink.h1 * ink.h1 + 4.0 * (ink.h2 * ink.h2) + 4.0 * (ink.h3 * ink.h3));
+    }
     for (size_t cell = 0; cell < options->nx * options->ny; cell++) {
         const double deviation = sqrt(estimate->variance[cell] + DROPLET_STD * DROPLET_STD * squares);
         const bool is_beside = is_near_marked(options->part, options->nx, options->ny, cell);
@@ -107,14 +114,15 @@ static void state_problem(Planning *planning, int32_t colours[HORIZON_MAX][4], c
                                          .part = options->part,
                                          .weight = planning->weight,
                                          .choices = planning->choices,
-                                         .kinds = (size_t)options->drop_levels,
+                                         .kinds = (size_t)options->drop_levels * options->inks,
                                          .alpha = options->alpha,
                                          .overshoot = options->overshoot,
                                          .ceiling_cost = CEILING_COST,
                                          .passes = options->passes};
-    for (int32_t level = 1; level <= options->drop_levels; level++) {
-        const Ink ink = estimate->ink[0];
-        planning->problem.kind[level - 1] = (Ink){level * ink.h1, level * ink.h2, level * ink.h3};
+    for (size_t kind = 0; kind < planning->problem.kinds; kind++) {
+        const Ink ink = estimate->ink[kind % options->inks];
+        const double level = (double)(kind / options->inks + 1);
+        planning->problem.kind[kind] = (Ink){level * ink.h1, level * ink.h2, level * ink.h3};
     }
     if (options->passes == 4)
         memcpy(planning->problem.colours, colours, sizeof planning->problem.colours);

@@ -29,7 +29,7 @@ from inkloop.plain_plant import PlainPlant
 
 GROUP = "inkloop.components"
 DEPOSITION_MODELS = ("LayerDeposition", "SuperpositionDeposition", "VolumeAreaDeposition", "YoungLaplaceDeposition")
-FMU_MODELS = (*DEPOSITION_MODELS, "ProfileSensor")
+FMU_MODELS = (*DEPOSITION_MODELS, "ProfileSensor", fmu_options.CONTROLLER)
 MAP_FOLDER = "MapFolder"
 """The kind of a profiler whose maps come as files in a `folder`."""
 PYTHON_KINDS: Mapping[str, tuple[str, str]] = {

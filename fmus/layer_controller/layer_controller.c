@@ -43,18 +43,37 @@ static Passes passes_of(const LayerControllerVariables *v) {
     return (Passes){*v->passes, *v->pass_order, *v->pass_rotation};
 }
 
-static Ink nominal_ink(const LayerControllerVariables *v) {
-    return (Ink){*v->h1_a, *v->h2_a, *v->h3_a};
+static InkPrior nominal_inks(const LayerControllerVariables *v) {
+    const Ink a = {*v->h1_a, *v->h2_a, *v->h3_a}, b = {*v->h1_b, *v->h2_b, *v->h3_b};
+    return (InkPrior){(size_t)*v->inks, {a, *v->inks == 1 ? a : b}, (int32_t)*v->adapt_ink};
+}
+
+static bool has_region(const LayerControllerVariables *v) {
+    return *v->inks == 2 && *v->has_region;
+}
+
+/* Height of all inks' full layers together [m]. */
+static double layers_of_all(const Ink ink[], size_t inks) {
+    double height = full_layer_height(&ink[0]);
+    for (size_t k = 1; k < inks; k++)
+        height += full_layer_height(&ink[k]);
+    return height;
+}
+
+/* Height of a full layer [m]; where there is a region, the mean over its inks. */
+static double nominal_layer(const LayerControllerVariables *v) {
+    const InkPrior prior = nominal_inks(v);
+    const size_t inks = has_region(v) ? prior.inks : 1;
+    return layers_of_all(prior.nominal, inks) / (double)inks;
 }
 
 static EstimatorOptions estimator_options(const LayerControllerVariables *v) {
-    const Ink ink = nominal_ink(v);
-    const double noise = *v->sensor_noise_std, layer = full_layer_height(&ink);
+    const double noise = *v->sensor_noise_std, layer = nominal_layer(v);
     const double steps = *v->sensor_resolution * *v->sensor_resolution / 12.0;
     return (EstimatorOptions){.nx = (size_t)*v->nx,
                               .ny = (size_t)*v->ny,
                               .part = (const uint8_t *)v->mask,
-                              .ink = {1, {ink, ink}, (int32_t)*v->adapt_ink},
+                              .ink = nominal_inks(v),
                               .noise_variance = noise < 0.0 ? -1.0 : noise * noise + steps,
                               .steps_variance = steps,
                               .first_variance = layer * layer};
@@ -67,6 +86,11 @@ static PlannerOptions planner_options(const LayerControllerVariables *v) {
                             .target = v->target_height,
                             .part = (const uint8_t *)v->mask,
                             .jettable = (const uint8_t *)v->jettable,
+                            .inks = (size_t)*v->inks,
+                            .regions = {{has_region(v) ? v->region_bottom_1 : NULL, v->region_bottom_2},
+                                        {v->region_top_1, v->region_top_2},
+                                        nominal_layer(v),
+                                        (int32_t)*v->region_test},
                             .drop_levels = *v->drop_levels,
                             .passes = *v->passes,
                             .alpha = *v->alpha,
@@ -120,12 +144,14 @@ static bool estimate(const LayerControllerVariables *v, const Kept *kept, Answer
                               .noise_variance = *v->noise_variance,
                               .scans = *v->scans};
     memcpy(before.ink, kept->ink, sizeof before.ink);
-    return estimate_next(&options, &before, &layer, v->measured_height, valid, &answer->estimate);
+    return *v->layer_unknown ? estimate_unknown(&options, &before, &layer, v->measured_height, valid, &answer->estimate)
+                             : estimate_next(&options, &before, &layer, v->measured_height, valid, &answer->estimate);
 }
 
 static Outcome check_heights(Instance *instance, const LayerControllerVariables *v, const double *height) {
-    const Ink ink = nominal_ink(v);
-    const double room = HIGHEST - 2.0 * *v->horizon * *v->drop_levels * LARGEST_SHARE * full_layer_height(&ink);
+    const InkPrior prior = nominal_inks(v);
+    const double tallest = fmax(full_layer_height(&prior.nominal[0]), full_layer_height(&prior.nominal[1]));
+    const double room = HIGHEST - 2.0 * *v->horizon * *v->drop_levels * LARGEST_SHARE * tallest;
     for (size_t cell = 0; cell < cell_count(v); cell++) {
         if (fabs(height[cell]) < room && v->target_height[cell] < room)
             continue;
@@ -152,7 +178,7 @@ static bool plan(const LayerControllerVariables *v, const Kept *kept, Answer *an
 
 static void keep_estimate(const LayerControllerVariables *v, Kept *kept, const SurfaceEstimate *estimate) {
     const size_t cells = cell_count(v);
-    const Ink nominal = nominal_ink(v);
+    const InkPrior prior = nominal_inks(v);
     memcpy(v->estimated_height, estimate->height, cells * sizeof(double));
     memcpy(v->height_variance, estimate->variance, cells * sizeof(double));
     memcpy(v->dead_evidence, estimate->dead_evidence, cells * sizeof(double));
@@ -161,7 +187,7 @@ static void keep_estimate(const LayerControllerVariables *v, Kept *kept, const S
     kept->evidence = estimate->evidence;
     *v->noise_variance = estimate->noise_variance;
     *v->scans = estimate->scans;
-    *v->volume_scale = full_layer_height(&estimate->ink[0]) / full_layer_height(&nominal);
+    *v->volume_scale = layers_of_all(estimate->ink, prior.inks) / layers_of_all(prior.nominal, prior.inks);
     *v->untrusted_cells = *v->dead_cells = 0;
     for (size_t cell = 0; cell < cells; cell++) {
         *v->untrusted_cells += v->mask[cell] && v->unseen[cell] > *v->untrusted_layers;
@@ -174,8 +200,9 @@ static void publish_plan(const LayerControllerVariables *v, Kept *kept, const An
     const bool is_done = answer->report.status == PLAN_DONE;
     memcpy(kept->plan, answer->plan, (size_t)*v->horizon * cells * sizeof(int32_t));
     for (size_t cell = 0; cell < cells; cell++) {
-        v->pattern[cell] = answer->plan[cell] > 0 ? 1 : 0;
-        v->drop_level[cell] = answer->plan[cell] > 0 ? answer->plan[cell] : 1;
+        const int32_t kind = answer->plan[cell] - 1;
+        v->pattern[cell] = kind < 0 ? 0 : 1 + kind % *v->inks;
+        v->drop_level[cell] = kind < 0 ? 1 : 1 + kind / *v->inks;
     }
     *v->layer_command += is_done ? 0 : 1;
     *v->answered = *v->layers_scanned;
@@ -214,6 +241,9 @@ Outcome kernel_initialize(Instance *instance) {
         part += v.mask[cell];
     if (part == 0)
         return refuse(instance, "mask marks no cell; expected the cells of the part");
+    if (*v.drop_levels * *v.inks > KINDS_MAX)
+        return refuse(instance, "drop_levels is %ld with %ld inks; expected at most %d", (long)*v.drop_levels,
+                      (long)*v.inks, KINDS_MAX / (int)*v.inks);
     Kept *kept = kept_of(instance, &v);
     if (!kept)
         return refuse(instance, "no memory for the plan of %lu cells", (unsigned long)cell_count(&v));

@@ -18,7 +18,9 @@ from inkloop.export import export, find_fmu
 OK, DISCARD, ERROR = 0, 2, 3
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
 DEPOSITION_MODELS = ("LayerDeposition", "SuperpositionDeposition", "VolumeAreaDeposition", "YoungLaplaceDeposition")
-MODELS = (*DEPOSITION_MODELS, "ProfileSensor")
+MODELS = (*DEPOSITION_MODELS, "ProfileSensor", "LayerController")
+FIXED_REALS = {**dict.fromkeys(MODELS, "pitch"), "LayerController": "h1_a"}
+"""A real parameter of each that cannot be set any more once it runs."""
 NUMPY_TYPES = {"Float64": np.float64, "Real": np.float64, "Int32": np.int32, "Integer": np.int32, "Int64": np.int64,
                "Boolean": np.bool_, "Enumeration": np.int64, "UInt64": np.uint64}  # fmt: skip
 

@@ -30,10 +30,11 @@ def printed(
     duration_s: float = 0.0,
     scan_s: float = 0.0,
     horizon: int = 3,
+    controller: tuple[str, dict[str, object]] = ("LayerMpc", {}),
 ) -> xr.Dataset:
     """The run of a small block with all the plant's and the sensor's imperfections."""
     tables: dict[str, tuple[str, dict[str, object]]] = {
-        "controller": ("LayerMpc", {"alpha": 0.8, "horizon": horizon}),
+        "controller": (controller[0], {"alpha": 0.8, "horizon": horizon, **controller[1]}),
         "printer": ("LayerDeposition", {"fmi": fmi, "variation": 0.2, "layer_duration_s": duration_s}),
         "profiler": ("ProfileSensor", {"fmi": fmi, "noise_std_um": 0.3, "scan_duration_s": scan_s}),
     }

@@ -53,6 +53,10 @@ MAKERS: dict[str, Callable[[Path], Component]] = {
         )
         for form in FORMS
     },
+    **{
+        f"LayerController {form}": lambda _, form=form: catalog.make("LayerController", JOB, {"fmi": form})
+        for form in FORMS
+    },
     **{kind: lambda _, kind=kind: catalog.make(kind, JOB, {}) for kind in CONTROLLERS},
     "MapFolder": recorded_maps,
     "foreign FMI 2": lambda folder: FmuComponent(build(folder, 2)),

@@ -60,7 +60,7 @@ def test_archive_holds_what_people_and_tools_look_for(model, form) -> None:
     platform = fmpy.platform if form == "fmi2" else fmpy.platform_tuple
     assert f"binaries/{platform}/{model}{fmpy.sharedLibraryExtension}" in names
     assert icon.startswith(b"\x89PNG")
-    for variable in ("seed", "layers_printed", "pitch"):
+    for variable in ("seed", "layers_printed", "nx"):
         assert f"<td>{variable}</td>" in index
 
 
@@ -157,6 +157,7 @@ def test_sources_compile_to_the_same_bits(model, form, tmp_path) -> None:
         "VolumeAreaDeposition": {"variation": 0.3, "passes": 4},
         "YoungLaplaceDeposition": {"variation": 0.3, "cells_per_pitch": 4},
         "ProfileSensor": {"noise_std": 1e-6, "spot_radius": 3e-4},
+        "LayerController": {"layers_scanned": 0, "is_timed": False},
     }
     states = []
     for folder in (None, tmp_path):
@@ -178,10 +179,14 @@ def test_terminals_group_the_signals_of_the_contract(model, form) -> None:
         root = etree.fromstring(archive.read("terminalsAndIcons/terminalsAndIcons.xml"))
     schema.assertValid(root)
     members = {t.get("name"): {m.get("memberName") for m in t} for t in root.iter("Terminal")}
-    assert {"height", "layers_printed"} <= members["surface"]
-    own = {"ProfileSensor": ("scan", {"measured_height", "valid", "layers_scanned"}),
-           **dict.fromkeys(DEPOSITION_MODELS, ("command", {"pattern", "layer_command"}))}[model]  # fmt: skip
-    assert own[1] <= members[own[0]]
+    surface, command = {"height", "layers_printed"}, {"pattern", "layer_command"}
+    scan = {"measured_height", "valid", "layers_scanned"}
+    wanted = {
+        "ProfileSensor": {"surface": surface, "scan": scan},
+        "LayerController": {"surface": {"layers_printed"}, "scan": scan, "command": command},
+        **dict.fromkeys(DEPOSITION_MODELS, {"surface": surface, "command": command}),
+    }[model]
+    assert all(signals <= members[name] for name, signals in wanted.items())
 
 
 @EVERY_FORM

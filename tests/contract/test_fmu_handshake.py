@@ -5,7 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from contract.fmu_driver import DEPOSITION_MODELS, DISCARD, ERROR, FORMS, MODELS, OK, Driver, equal, random_patterns
+from contract.fmu_driver import (
+    DEPOSITION_MODELS,
+    DISCARD,
+    ERROR,
+    FIXED_REALS,
+    FORMS,
+    MODELS,
+    OK,
+    Driver,
+    equal,
+    random_patterns,
+)
 
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 EVERY_MODEL = pytest.mark.parametrize("model", MODELS)
@@ -217,16 +228,17 @@ def test_calls_out_of_order_are_errors_and_change_nothing(model, form) -> None:
         def refuses(*names: str) -> bool:
             before = fmu.save()
             calls = {"step": lambda: fmu.step(0.0), "exit": fmu.exit, "enter": fmu.enter,
-                     "terminate": lambda: fmu.call("terminate"), "pitch": lambda: fmu.set("pitch", 1e-4)}  # fmt: skip
+                     "terminate": lambda: fmu.call("terminate"),
+                     "fixed": lambda: fmu.set(FIXED_REALS[model], 1e-4)}  # fmt: skip
             return all(calls[name]() == ERROR for name in names) and fmu.save() == before
 
         assert refuses("step", "exit", "terminate")
         assert fmu.enter() == OK
         assert refuses("step", "enter", "terminate")
         assert fmu.exit() == OK
-        assert refuses("exit", "enter", "pitch")
+        assert refuses("exit", "enter", "fixed")
         assert fmu.call("terminate") == OK
-        assert refuses("step", "exit", "enter", "terminate", "pitch")
+        assert refuses("step", "exit", "enter", "terminate", "fixed")
         assert fmu.call("reset") == OK
         assert max(fmu.enter(), fmu.exit(), fmu.step(0.0)) == OK
 
@@ -249,9 +261,9 @@ def test_unknown_references_and_wrong_types_are_errors(model, form) -> None:
     with Driver(model, form).start() as fmu:
         real, integer = ("Real", "Integer") if form == "fmi2" else ("Float64", "Int32")
         assert fmu.call(f"get{real}", [10**6]) == ERROR
-        assert fmu.call(f"get{integer}", fmu.references["pitch"]) == ERROR
+        assert fmu.call(f"get{integer}", fmu.references[FIXED_REALS[model]]) == ERROR
         assert fmu.call(f"set{real}", fmu.references["status"], [0.0]) == ERROR
-        assert fmu.call(f"set{real}", fmu.references["pitch"], [1e-4]) == ERROR
+        assert fmu.call(f"set{real}", fmu.references[FIXED_REALS[model]], [1e-4]) == ERROR
 
 
 def test_call_with_one_bad_value_sets_none_of_the_others() -> None:

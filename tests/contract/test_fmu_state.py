@@ -17,6 +17,7 @@ PARAMETERS = {
     "VolumeAreaDeposition": {"variation": 0.3, "passes": 4, "pass_rotation": 1, "guard": True, "layer_duration": 2.5},
     "YoungLaplaceDeposition": {"variation": 0.3, "pass_rotation": 1, "cells_per_pitch": 4, "layer_duration": 2.5},
     "ProfileSensor": {"noise_std": 1e-6, "dropout_rate": 0.3, "drift_rate": 1e-7, "scan_duration": 2.5},
+    "LayerController": {"passes": 4, "pass_rotation": 1, "sensor_noise_std": 1e-6, "is_timed": False},
 }
 
 
@@ -29,7 +30,12 @@ def act(fmu: Driver, first: int, last: int) -> None:
     for time in range(first, last):
         if time % 3 == 0:
             layer = time // 3 + 1
-            if "pattern" in fmu.references:
+            if "measured_height" in fmu.references and fmu.roles["measured_height"] == "input":
+                scanned = int(fmu.get("layer_command"))
+                surface = np.random.default_rng(layer).uniform(0.0, 1e-5, (5, 4))
+                assert max(fmu.set("measured_height", surface), fmu.set("layers_scanned", scanned)) == OK
+                assert fmu.set("layers_printed", scanned) == OK
+            elif "pattern" in fmu.references:
                 assert fmu.set("pattern", random_patterns(5, 4, 1, seed=layer)[0]) == OK
                 assert fmu.set("layer_command", layer) == OK
             else:

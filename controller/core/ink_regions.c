@@ -1,0 +1,23 @@
+#include "ink_regions.h"
+
+#include <stdbool.h>
+
+static bool is_inside(const InkRegions *regions, size_t cell, double height) {
+    for (int k = 0; k < INTERVALS; k++)
+        if (regions->bottom[k][cell] <= height && height <= regions->top[k][cell])
+            return true;
+    return false;
+}
+
+uint16_t inks_for(const InkRegions *regions, size_t cell, double height, size_t ahead) {
+    enum { FIRST = 1, SECOND = 2, EITHER = 3 };
+    const double bottom = height + (double)ahead * regions->step;
+    if (!regions->bottom[0])
+        return FIRST;
+    if (regions->test == REGION_EITHER) {
+        const bool below = is_inside(regions, cell, bottom), above = is_inside(regions, cell, bottom + regions->step);
+        return below != above ? EITHER : below ? FIRST : SECOND;
+    }
+    const double asked = bottom + (regions->test == REGION_MIDDLE ? regions->step / 2.0 : 0.0);
+    return is_inside(regions, cell, asked) ? FIRST : SECOND;
+}

@@ -1,0 +1,27 @@
+/* Which ink belongs on which cell in the coming layers (Lu, Zheng, Mishra 2015, IV-B).
+ *
+ * The first ink belongs where a cell's height lies within one of its intervals, the second elsewhere. Over the horizon
+ * the surface is taken to rise by a nominal layer at a time, wherever the droplets then fall: the choices of a later
+ * layer do not depend on the plan. */
+#ifndef INKLOOP_INK_REGIONS_H
+#define INKLOOP_INK_REGIONS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* Where a cell is asked for its ink: half a layer above the surface; on it, as the paper has it; or at both ends of the
+ * layer, either ink being right where they differ. The middle halves the error of the printed geometry. */
+enum { REGION_MIDDLE = 1, REGION_SURFACE = 2, REGION_EITHER = 3 };
+enum { INTERVALS = 2 };
+
+typedef struct {
+    const double *bottom[INTERVALS]; /* maps [m]; bottom[0] NULL: there are no regions, and the first ink belongs */
+    const double *top[INTERVALS];    /* everywhere; an interval whose bottom is above its top is empty */
+    double step;                     /* height of a nominal layer [m] */
+    int32_t test;                    /* REGION_... */
+} InkRegions;
+
+/* Bit 0 where the first ink belongs on a cell `ahead` layers after a surface `height` [m], bit 1 where the second. */
+uint16_t inks_for(const InkRegions *regions, size_t cell, double height, size_t ahead);
+
+#endif

@@ -1,0 +1,247 @@
+"""The controller as an FMU is the one in Python: the same patterns over whole prints, bit by bit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from closed_loop import SECOND, block, cylinder, inputs_of, print_part
+from contract.fmu_driver import DISCARD, ERROR, FORMS, OK, Driver
+from contract.test_closed_loop import assert_same_layers, printed
+from contract.test_closed_loop import job as block_job
+from inkloop import catalog
+from inkloop.component import Component, Ink, Job, Status
+from inkloop.errors import ComponentError, ScenarioError
+from inkloop_controller.layer_model import LayerModel
+
+OF_PYTHON_ALONE = {"bound", "bound_confidence", "gap", "solve_time"}
+EVERY_FORM = pytest.mark.parametrize("form", FORMS)
+Scan = Callable[[Any, int], Any]
+
+
+def exact(height: Any, layer: int) -> Any:
+    return height
+
+
+def noisy(height: Any, layer: int) -> Any:
+    """1 um of noise in steps of 0.1 um, a drifting and tilting frame."""
+    i, _ = np.indices(height.shape)
+    reading = height + np.random.default_rng(layer).normal(0.0, 1e-6, height.shape) + layer * (0.2e-6 + 0.01e-6 * i)
+    return np.round(reading / 0.1e-6) * 0.1e-6
+
+
+class Seen:
+    """Scans with cells lost at random, for a controller that stands between them and the loop."""
+
+    def __init__(self, controller: Component, share: float) -> None:
+        self.inputs, self.outputs = controller.inputs, controller.outputs
+        self._controller, self._share = controller, share
+
+    def initialize(self, time_ns: int, inputs: Any) -> Any:
+        return self._controller.initialize(time_ns, inputs)
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Any) -> Any:
+        lost = np.random.default_rng(int(inputs["layers_scanned"])).random(inputs["valid"].shape) < self._share
+        return self._controller.do_step(time_ns, step_ns, {**inputs, "valid": ~lost})
+
+
+def twins(job: Job, python: dict[str, Any], fmu: dict[str, Any] | None = None) -> tuple[Component, Component]:
+    """The Python controller with options, and the FMU with the same ones, or with `fmu` where they are called else."""
+    return catalog.make("LayerMpc", job, python), catalog.make("LayerController", job, python if fmu is None else fmu)
+
+
+def assert_same_print(one: Component, other: Component, job: Job, scan: Scan = exact, **options: Any) -> int:
+    """The number of layers of a print of 20 % variation, which must be the same by both."""
+    first, second = (print_part(controller, job, variation=0.2, scan=scan, **options) for controller in (one, other))
+    np.testing.assert_array_equal(first.patterns, second.patterns)
+    for name in first.outputs.keys() - OF_PYTHON_ALONE:
+        np.testing.assert_array_equal(first.outputs[name], second.outputs[name], err_msg=name)
+    return len(first.patterns)
+
+
+@pytest.mark.parametrize("scan", [exact, noisy])
+def test_cylinder_is_the_one_of_the_python_controller(scan: Scan) -> None:
+    assert assert_same_print(*twins(cylinder(), {}), cylinder(), scan) > 60
+
+
+CASES: dict[str, tuple[Job, dict[str, Any], dict[str, Any]]] = {
+    "one layer ahead": (block(), {"horizon": 1}, {"horizon": 1}),
+    "one layer ahead, height only": (block(), {"horizon": 1, "alpha": 1.0}, {"horizon": 1, "alpha": 1.0}),
+    "two layers": (block(16, 15), {"horizon": 2, "alpha": 0.4}, {"horizon": 2, "alpha": 0.4}),
+    "five layers": (block(), {"horizon": 5}, {"horizon": 5}),
+    "four passes": (
+        block(14, 12, passes=4, pass_order=2, pass_rotation=1, seed=7),
+        {"horizon": 2},
+        {"horizon": 2},
+    ),
+    "other ink": (block(14, 12, inks=(Ink(5e-6, 0.4e-6, 0.3e-6),)), {}, {}),
+    "grey head": (block(14, 12), {"drop_levels": 3}, {"drop_levels": 3}),
+    "three heights learnt": (block(20, 20), {"adapt_ink": "full"}, {"adapt_ink": "full"}),
+    "nothing learnt": (block(14, 12), {"adapt_ink": "off"}, {"adapt_ink": "off"}),
+    "little work": (
+        block(14, 12),
+        {"sweeps": 1, "annealing_sweeps": 0, "iterations": 3},
+        {"sweeps_max": 1, "annealing_sweeps": 0, "iterations": 3},
+    ),
+    "limits": (
+        block(14, 12),
+        {"overshoot": 3.0, "overshoot_limit_um": 0.5, "chance_margin": 1.0, "fringe_weight": 0.3, "layer_worth": 0.1},
+        {"overshoot": 3.0, "overshoot_limit_um": 0.5, "chance_margin": 1.0, "fringe_weight": 0.3, "layer_worth": 0.1},
+    ),
+    "known sensor": (
+        block(14, 12),
+        {"sensor_noise_std_um": 1.0, "sensor_resolution_um": 0.1},
+        {"sensor_noise_std_um": 1.0, "sensor_resolution_um": 0.1},
+    ),
+}
+
+
+@pytest.mark.parametrize("scan", [exact, noisy])
+@pytest.mark.parametrize("case", CASES)
+def test_print_is_the_one_of_the_python_controller(case: str, scan: Scan) -> None:
+    job, python, fmu = CASES[case]
+    assert assert_same_print(*twins(job, python, fmu), job, scan) >= 3
+
+
+def test_cells_that_were_not_seen_are_predicted_alike() -> None:
+    job, options = block(20, 18, height=60e-6), {"untrusted_layers": 0}
+    one, other = (Seen(controller, 0.3) for controller in twins(job, options))
+    assert assert_same_print(one, other, job, noisy) > 6
+
+
+def test_dead_cells_are_found_and_left_out_alike() -> None:
+    job, plant = block(24, 22, height=100e-6), LayerModel.of(block(24, 22, height=100e-6))
+    controllers = twins(job, {})
+    height, dead = np.zeros((24, 22)), 0
+    for controller in controllers:
+        controller.initialize(0, inputs_of(job, height, 0))
+    for layer in range(40):
+        one, other = (
+            controller.do_step(layer * SECOND, SECOND, inputs_of(job, height, layer)) for controller in controllers
+        )
+        for name in one.keys() - OF_PYTHON_ALONE:
+            np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+        dead = max(dead, int(other["dead_cells"]))
+        if other["status"] == Status.DONE:
+            break
+        factor = np.where(np.arange(22) == 9, 1e-12, 1.0) * np.ones((24, 22))
+        height = plant.layer(height, np.asarray(other["pattern"]), layer + 1, factor)
+    assert dead > 0
+
+
+@EVERY_FORM
+def test_every_form_prints_the_same_layers_in_our_master(form: str) -> None:
+    assert_same_layers(printed(controller=("LayerController", {"fmi": form})), printed())
+
+
+def test_nozzles_known_to_be_dead_are_spared_alike() -> None:
+    job, alive = block(14, 12), np.ones((14, 12), np.bool_)
+    alive[:, [3, 7]] = False
+    one, other = twins(job, {"dead_nozzles": [3, 7]}, {"jettable": alive.tolist()})
+    assert assert_same_print(one, other, job) > 3
+
+
+def layers(forms: tuple[str, str, str], step: float) -> Iterator[Any]:
+    """Surfaces of a print by our three FMUs, driven by FMPy's calls alone, each on what the others gave last."""
+    job = block_job()
+    ink = {f"h{order}_a": getattr(job.inks[0], f"h{order}") for order in (1, 2, 3)}
+    wires = {
+        "controller": ("profiler", ("measured_height", "valid", "layers_scanned")),
+        "printer": ("controller", ("pattern", "drop_level", "layer_command")),
+        "profiler": ("printer", ("height", "layers_printed")),
+    }
+    told = {
+        "controller": {"target_height": job.target_height, "mask": job.mask, "seed": job.seed, **ink},
+        "printer": {"variation": 0.2, "layer_duration": 2.0, "seed": job.seed},
+        "profiler": {"noise_std": 0.3e-6, "scan_duration": 6.0, "seed": job.seed},
+    }
+    models = ("LayerController", "LayerDeposition", "ProfileSensor")
+    parts = {
+        name: Driver(model, form, job.nx, job.ny).start(told[name])
+        for name, model, form in zip(wires, models, forms, strict=True)
+    }
+    time = 0.0
+    while parts["controller"].get("status") != Status.DONE:
+        for name, (source, ports) in wires.items():
+            assert max(parts[name].set(port, parts[source].get(port)) for port in ports) == OK
+        assert parts["controller"].set("layers_printed", parts["printer"].get("layers_printed")) == OK
+        before = parts["printer"].get("layers_printed")
+        assert max(part.step(time, step) for part in parts.values()) == OK
+        time += step
+        if parts["printer"].get("layers_printed") != before:
+            yield parts["printer"].get("height")
+    for part in parts.values():
+        part.fmu.freeInstance()
+
+
+@pytest.mark.parametrize(
+    ("forms", "step"),
+    [
+        (("fmi3", "fmi3", "fmi3"), 1.0),
+        (("fmi2", "fmi2", "fmi2"), 0.7),
+        (("fmi2", "fmi3", "fmi3-fixed"), 5.0),
+    ],
+)
+def test_three_fmus_in_plain_fmpy_print_the_layers_of_our_master(forms: tuple[str, str, str], step: float) -> None:
+    expected = printed().height[1:]
+    np.testing.assert_array_equal(list(layers(forms, step)), expected)
+
+
+@EVERY_FORM
+def test_alpha_and_the_time_limit_can_be_tuned_between_steps_and_nothing_else(form: str) -> None:
+    with Driver("LayerController", form, 8, 7).start({"layers_scanned": 0, "is_timed": False}) as fmu:
+        saved = fmu.save()
+        assert fmu.step(0.0) == OK
+        assert fmu.set("horizon", 2) == ERROR
+        heights = fmu.get("objective")
+        assert fmu.restore(saved) == OK
+        assert max(fmu.set("alpha", 0.5), fmu.set("time_limit", 10.0), fmu.step(0.0)) == OK
+        assert fmu.get("objective") == pytest.approx(0.5 * fmu.get("objective_error"), rel=0.1)
+        assert fmu.get("objective") < 0.7 * heights
+
+
+@EVERY_FORM
+def test_plan_that_ran_out_of_time_is_still_one(form: str) -> None:
+    with Driver("LayerController", form, 30, 30).start({"layers_scanned": 0, "time_limit": 1e-9}) as fmu:
+        assert fmu.step(0.0) == OK
+        assert fmu.get("plan_status") == 5
+        assert fmu.get("layer_command") == 1
+        assert fmu.get("pattern").all()
+
+
+@EVERY_FORM
+def test_part_of_no_cell_is_refused_in_words(form: str) -> None:
+    with Driver("LayerController", form) as fmu:
+        assert max(fmu.set("mask", False), fmu.enter()) == OK
+        assert fmu.exit() in (DISCARD, ERROR)
+        if form != "fmi2":
+            assert fmu.messages[-1].endswith("mask marks no cell; expected the cells of the part")
+        assert max(fmu.set("mask", True), fmu.exit()) == OK
+
+
+@EVERY_FORM
+def test_heights_beyond_the_search_are_refused_and_change_nothing(form: str) -> None:
+    parameters = {"layers_scanned": 0, "h1_a": 1e-3, "h2_a": 1e-3, "h3_a": 1e-3, "measured_height": 0.4}
+    with Driver("LayerController", form, 3, 3).start({**parameters, "horizon": 5, "drop_levels": 2}) as fmu:
+        before = fmu.save()
+        assert fmu.step(0.0) in (DISCARD, ERROR)
+        assert fmu.save() == before
+
+
+def test_job_of_two_inks_is_refused_in_words() -> None:
+    job = block(inks=(Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6)))
+    with pytest.raises(ScenarioError, match="which plans one ink; the job has 2: take 'LayerMpc'"):
+        catalog.make("LayerController", job, {})
+
+
+def test_commands_count_from_the_layers_that_are_printed() -> None:
+    job = block()
+    controller = catalog.make("LayerController", job, {})
+    assert controller.initialize(0, inputs_of(job, np.zeros((10, 9)), 41))["layer_command"] == 41
+    outputs = controller.do_step(0, SECOND, inputs_of(job, np.zeros((10, 9)), 41))
+    assert outputs["layer_command"] == 42
+    with pytest.raises(ComponentError, match="measured_height"):
+        controller.do_step(SECOND, SECOND, inputs_of(job, np.full((10, 9), np.nan), 42))
