@@ -21,6 +21,7 @@ from inkloop_hardware.codec import Codec
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.isotp_connection import ANSWER_LIMIT, IsoTpConnection, Wire
 from inkloop_hardware.node_state import (
+    Flags,
     Identifier,
     JournalRecord,
     MapSize,
@@ -48,8 +49,8 @@ CONDITIONS = 0x22
 FOR_A_REASON = (CONDITIONS, 0x26)
 """Refusals of a routine that its state and its cause explain."""
 ENABLED_AGAIN = 0.15
-"""Seconds after which a node that is not off is asked again: the frame that enabled the step may have been lost, and
-the next ones came since."""
+"""Seconds after which a node that might have been willing is asked again: the frame of the heartbeat that enabled the
+step may have been lost, and the next ones came since."""
 ROUTINE_CONTROL, KEY_AT, KEY_ECHO = 0x31, slice(4, 12), slice(5, 13)
 
 Answer = TypeVar("Answer")
@@ -135,7 +136,7 @@ class Link:
             if refusal.code not in FOR_A_REASON:
                 raise
             state = self.state()
-            if refusal.code != CONDITIONS or state.state in OFF:
+            if refusal.code != CONDITIONS or not _may_follow(routine, state):
                 raise NodeRefused(f"{refusal}; it is {state.state.name}{because(state.cause)}", refusal.code) from None
             self._again += 1
             self._connection.pause(ENABLED_AGAIN)
@@ -249,6 +250,13 @@ class Link:
         except TransferError:
             self._anew += 1
         return transfer()
+
+
+def _may_follow(routine: Routine, state: NodeState) -> bool:
+    """Whether a node that refused a routine takes it once it has heard the heartbeat."""
+    if routine is Routine.CLEAR:
+        return not state.flags & (Flags.NEEDS_OPERATOR | Flags.STOPPED)
+    return state.state not in OFF
 
 
 def is_answer(request: bytes, message: bytes) -> bool:
