@@ -226,7 +226,8 @@ def _improved(
     information = (sensitivity * weight) @ sensitivity.T / total
     values, vectors = np.linalg.eigh(information)
     if values[0] < SINGULAR * values[-1]:
-        mixed = np.flatnonzero(np.abs(vectors[:, 0]) > 0.1)
+        untold = vectors[:, values < SINGULAR * values[-1]]
+        mixed = np.flatnonzero((np.abs(untold) > 0.1).any(axis=1))
         named = ", ".join(f"h{k % heights.shape[1] + 1} of material {'AB'[k // heights.shape[1]]}" for k in mixed)
         raise IdentificationError(
             f"the patterns do not tell {named} apart from the others; print single droplets, stripes and "
