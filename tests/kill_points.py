@@ -30,11 +30,13 @@ from inkloop.run import print_part, scenario_of
 from inkloop.scenario import Scenario
 from inkloop_controller.layer_model import LayerModel
 from inkloop_hardware.emulated_bench import program
+from inkloop_hardware.isotp_connection import IsoTpConnection
 from inkloop_hardware.master_journal import Asked, MasterJournal
 from inkloop_hardware.node_state import Happening, JournalRecord, Step
 from inkloop_hardware.node_wire import NodeWire
 
 SECTOR_BYTES, RECORD_BYTES = 4096, 40
+STARTS_OF_STEPS = (b"\x31\x01\x02\x03", b"\x31\x01\x02\x04")  # pass and cure
 WORDS_FILE, DONE = "words.txt", "done"
 RESOLUTION = 1e-7
 
@@ -123,10 +125,11 @@ def clear(folder: Path) -> None:
 
 
 class _Looks:
-    """Counts; at a given look, or at one at the journal ("j12"), the process is killed, and others with it."""
+    """Counts; at a given look, of all ("120"), at the journal ("j12") or in a step ("s3"), the process is killed, and
+    others with it."""
 
     def __init__(self, kill_at: str, others: Sequence[int]) -> None:
-        self.counts, self._kill_at, self._others = {"": 0, "j": 0}, kill_at, others
+        self.counts, self._kill_at, self._others = {"": 0, "j": 0, "s": 0}, kill_at, others
 
     def __call__(self, *places: str) -> None:
         for place in ("", *places):
@@ -147,7 +150,7 @@ class _Looks:
 
 def _watch_master(look: _Looks) -> None:
     """Look around messages, renamings and syncs, and in the middle of a line of the journal and of a checkpoint."""
-    savez, write, receive = np.savez, MasterJournal._write, NodeWire.receive
+    savez, write, receive, send = np.savez, MasterJournal._write, NodeWire.receive, IsoTpConnection.specific_send
 
     def savez_by_halves(file: Any, **arrays: Any) -> None:
         savez(file, **dict(list(arrays.items())[: len(arrays) // 2]))
@@ -173,7 +176,13 @@ def _watch_master(look: _Looks) -> None:
             look()
         return found
 
+    def send_and_look(connection: IsoTpConnection, payload: bytes, timeout: float | None = None) -> None:
+        send(connection, payload, timeout)
+        if payload[:4] in STARTS_OF_STEPS:
+            look("s")
+
     np.savez = savez_by_halves
+    IsoTpConnection.specific_send = send_and_look  # type: ignore[method-assign]
     MasterJournal._write = write_by_halves  # type: ignore[method-assign]
     NodeWire.receive = receive_and_look  # type: ignore[method-assign]
     NodeWire.send = look.around(NodeWire.send)  # type: ignore[method-assign]
@@ -189,7 +198,15 @@ def _master(folder: Path, kill_at: str, others: Sequence[int]) -> None:
 
 
 FORKING = multiprocessing.get_context("forkserver")
-FORKING.set_forkserver_preload(["kill_points", "inkloop_controller.controllers", "inkloop_hardware.printer"])
+FORKING.set_forkserver_preload(
+    [
+        "inkloop.cli",
+        "inkloop.emulation",
+        "inkloop_controller.controllers",
+        "inkloop_hardware.printer",
+        "h5netcdf.legacyapi",
+    ]
+)  # what takes long to import is there when a session is forked
 
 
 def session_killed_at(folder: Path, kill_at: str, others: Sequence[int] = ()) -> str | None:

@@ -1,7 +1,7 @@
 """Nodes, master or both are killed anywhere in a layer: no pass is jetted twice, none is left out, and all is said.
 
 Every print is killed many times over, at places that are spread over the whole cycle of a layer by the golden ratio;
-each third one falls on a write of a journal.
+each third one falls on a write of a journal, each third one into a pass or a cure that is under way.
 """
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kill points are
 EXACT = BLOCK.replace("variation = 0.2", "variation = 0.0").replace("noise_std_um = 0.1", "noise_std_um = 0.0")
 EXACT = EXACT.replace("dropout_rate = 0.02", "")
 GOLDEN = 0.618034
-LOOKS_OF_NODES, RECORDS_OF_NODES, LOOKS_OF_MASTER, RECORDS_OF_MASTER = 450, 60, 350, 60
-"""In a layer, about."""
+LOOKS_OF_NODES = {"": 450, "j": 60, "s": 8}
+LOOKS_OF_MASTER = {"": 350, "j": 60, "s": 8}
+"""In a layer, about: all, at the journal, in steps."""
 SESSIONS_MAX = 100
 SIX_AND_THIRTY = [6, pytest.param(30, marks=pytest.mark.long)]
 SIX_AND_TEN = [6, pytest.param(10, marks=pytest.mark.long)]
@@ -44,20 +45,18 @@ def looks(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build_looks(tmp_path_factory.mktemp("looks"))
 
 
-def part(folder: Path, layers: int) -> Path:
-    """A block of so many nominal layers."""
+def part(folder: Path, deaths: int) -> Path:
+    """A block that is high enough for so many of them."""
     path = folder / "part.toml"
-    path.write_text(EXACT.replace("height_um = 15.0", f"height_um = {7.5 * layers}"), encoding="utf-8")
+    path.write_text(EXACT.replace("height_um = 15.0", f"height_um = {6.0 * deaths}"), encoding="utf-8")
     return path
 
 
-def places(count: int, looks: int, records: int) -> list[str]:
-    """Looks of each life: between 0.4 and 1.4 layers of so many looks, or of so many at records."""
+def places(count: int, looks_of_a_layer: dict[str, int]) -> list[str]:
+    """Where each life ends: 0.4 to 1.4 layers after its start, counted in looks of one kind."""
+    kinds = list(looks_of_a_layer) * count
     shares = [0.4 + GOLDEN * number % 1 for number in range(1, count + 1)]
-    return [
-        f"j{round(share * records)}" if number % 3 == 2 else str(round(share * looks))
-        for number, share in enumerate(shares)
-    ]
+    return [f"{kind}{round(share * looks_of_a_layer[kind])}" for kind, share in zip(kinds, shares, strict=False)]
 
 
 class Person:
@@ -98,7 +97,7 @@ def assert_all_is_said(result: Result, nodes: Nodes, person: Person) -> None:
 def test_killed_nodes_print_every_pass_once(count: int, looks: Path, tmp_path: Path) -> None:
     """Power fails and comes back at once: the run goes on by itself where nothing is unknown."""
     path, run = part(tmp_path, count), tmp_path / "run"
-    with powered(path, tmp_path / "nodes", looks, places(count, LOOKS_OF_NODES, RECORDS_OF_NODES), pass_ms=20) as nodes:
+    with powered(path, tmp_path / "nodes", looks, places(count, LOOKS_OF_NODES), pass_ms=20) as nodes:
         begin(path, run, nodes.channel)
         person = Person(run)
         result = person.finish()
@@ -112,7 +111,7 @@ def killed_masters(path: Path, folder: Path, looks: Path, count: int, *, with_no
     with powered(path, folder / "nodes", looks, pass_ms=40) as nodes:
         begin(path, run, nodes.channel)
         person = Person(run)
-        for place in places(count, LOOKS_OF_MASTER, RECORDS_OF_MASTER):
+        for place in places(count, LOOKS_OF_MASTER):
             while words := session_killed_at(run, place, [nodes.process_id] if with_nodes else []):
                 assert not words.startswith("done"), f"the part was finished before: {words}"
                 person.look(words)
