@@ -18,13 +18,14 @@ from inkloop.fmu import FmuComponent, FmuDescription, Variable, describe, platfo
 from inkloop.mapped_ports import MappedPorts
 from inkloop.port_options import OPTION, make_mapped, mapped_ports
 from inkloop.presets import PRESETS, preset_of
+from inkloop.region_intervals import region_intervals
 from inkloop.units import missing_suffix, scaled, spellings
 
 _FILE_KEYS = ("file", OPTION)
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
 """Values of the option `fmi` of our own FMUs; the first is the default."""
 CONTROLLER = "LayerController"
-"""The model that plans the layers, of one ink."""
+"""The model that plans the layers."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,11 @@ def faults_of_model(model: str, job: Job, options: Mapping[str, object]) -> list
     """Everything wrong with the options of one of our FMUs. Raises FmuError if it is not there."""
     form = options.get("fmi", FORMS[0])
     wrong = [] if form in FORMS else [f"fmi is {form!r}; expected one of {', '.join(FORMS)}"]
-    if model == CONTROLLER and (job.region is not None or len(job.inks) > 1):
-        wrong.append(f"kind is {model!r}, which plans one ink; the job has {len(job.inks)}: take 'LayerMpc'")
+    if model == CONTROLLER:
+        try:
+            region_intervals(job)
+        except ValueError as error:
+            return [*wrong, f"kind is {model!r}: {error}; take 'LayerMpc'"]
     return wrong + _parse_model(model, job, options).faults
 
 
@@ -103,7 +107,7 @@ def _parse(
     description: FmuDescription, job: Job, options: Mapping[str, object], other_keys: tuple[str, ...]
 ) -> _Parsed:
     known = description.parameters
-    told = _told_by_job(job)
+    told = _told_by_job(job) | (_told_of_inks(job) if "region_bottom_1" in known else {})
     has_grid = description.grid is not None or "nx" in description.default_sizes
     structural: dict[str, int] = {"nx": job.nx, "ny": job.ny} if has_grid else {}
     parameters = {name: told[name] for name in known if name in told and name not in structural}
@@ -150,6 +154,11 @@ def _told_by_job(job: Job) -> dict[str, Any]:
     told = ("nx", "ny", "pitch", "target_height", "mask", "passes", "pass_order", "pass_rotation", "seed")
     surface = {} if job.height_start is None else {"height_start": job.height_start}
     return {name: getattr(job, name) for name in told} | inks | surface
+
+
+def _told_of_inks(job: Job) -> dict[str, Any]:
+    """What the job says of its inks to who chooses between them."""
+    return {"inks": len(job.inks), "has_region": job.region is not None, **region_intervals(job)}
 
 
 def _without(options: Mapping[str, object], *keys: str) -> dict[str, object]:

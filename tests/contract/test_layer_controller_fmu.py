@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from contract.test_closed_loop import job as block_job
 from inkloop import catalog
 from inkloop.component import Component, Ink, Job, Status
 from inkloop.errors import ComponentError, ScenarioError
+from inkloop.geometry import Cuboid, PipeJunction, cell_centers
+from inkloop.region_intervals import region_intervals
 from inkloop_controller.layer_model import LayerModel
 
 OF_PYTHON_ALONE = {"bound", "bound_confidence", "gap", "solve_time"}
@@ -231,10 +234,57 @@ def test_heights_beyond_the_search_are_refused_and_change_nothing(form: str) -> 
         assert fmu.save() == before
 
 
-def test_job_of_two_inks_is_refused_in_words() -> None:
-    job = block(inks=(Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6)))
-    with pytest.raises(ScenarioError, match="which plans one ink; the job has 2: take 'LayerMpc'"):
-        catalog.make("LayerController", job, {})
+TWO_INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
+
+
+def pipes(**fields: Any) -> Job:
+    """A small junction of two pipes in a block: on some cells the first ink belongs at two intervals of height."""
+    walls = PipeJunction(10 * 1e-4, 10 * 1e-4, 7e-4, 30e-6, 4e-4, 16e-6, 60e-6)
+    job = block(20, 20, height=60e-6, inks=TWO_INKS, region=walls, **fields)
+    return replace(job, pitch=1e-4)
+
+
+@pytest.mark.parametrize("test", ["middle", "surface", "either"])
+def test_two_inks_in_their_regions_are_those_of_the_python_controller(test: str) -> None:
+    job = pipes()
+    assert assert_same_print(*twins(job, {"region_test": test, "horizon": 2}), job, noisy) > 6
+
+
+def test_two_inks_on_a_grey_head_in_four_passes_are_those_of_the_python_controller() -> None:
+    job = pipes(passes=4)
+    assert assert_same_print(*twins(job, {"drop_levels": 2, "adapt_ink": "full"}), job) > 3
+
+
+def test_second_ink_without_a_region_is_never_jetted() -> None:
+    job = block(inks=TWO_INKS)
+    assert assert_same_print(*twins(job, {}), job) > 3
+
+
+@pytest.mark.parametrize("job", [pipes(), block(inks=TWO_INKS, region=Cuboid(9e-4, 9e-4, 1e-3, 1e-3, 20e-6))])
+def test_intervals_of_a_region_are_the_heights_it_contains(job: Job) -> None:
+    maps, generator = region_intervals(job), np.random.default_rng(0)
+    x, y = cell_centers(job.nx, job.ny, job.pitch)
+    for z in [*generator.uniform(-10e-6, 90e-6, (200, job.nx, job.ny)), *maps.values()]:
+        for asked in (z, np.nextafter(z, 1.0), np.nextafter(z, -1.0)):
+            told = [(maps[f"region_bottom_{k}"] <= asked) & (asked <= maps[f"region_top_{k}"]) for k in (1, 2)]
+            near = np.abs(asked) < 0.5
+            np.testing.assert_array_equal((told[0] | told[1])[near], job.region.contains(x, y, asked)[near])
+
+
+def test_region_of_many_intervals_is_refused_in_words() -> None:
+    class Stripes:
+        def contains(self, x: Any, y: Any, z: Any) -> Any:
+            return (z > 0.0) & (np.floor(z / 5e-6) % 2 == 0)
+
+    with pytest.raises(ScenarioError, match="intervals of height on a cell; needs at most 2; take 'LayerMpc'"):
+        catalog.make("LayerController", block(inks=TWO_INKS, region=Stripes()), {})
+
+
+@EVERY_FORM
+def test_more_kinds_of_droplets_than_the_search_takes_are_refused(form: str) -> None:
+    with Driver("LayerController", form) as fmu:
+        assert max(fmu.set("inks", 2), fmu.set("drop_levels", 9), fmu.enter()) == OK
+        assert fmu.exit() in (DISCARD, ERROR)
 
 
 def test_commands_count_from_the_layers_that_are_printed() -> None:

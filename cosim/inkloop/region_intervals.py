@@ -1,0 +1,63 @@
+"""A region as intervals of height on each cell: what a tool without geometry can be told of it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.component import BoolMap, FloatMap, Geometry, Job
+from inkloop.geometry import cell_centers
+
+INTERVALS = 2  # on a cell, at most: the walls of a pipe
+ROUNDS = 100  # of halving: more than there are doubles between two samples
+SAMPLES_PER_LAYER = 8  # what is thinner is not seen (assumed)
+EDGE_M = 1.0  # stands for no end; above its top for nowhere
+
+
+def region_intervals(job: Job) -> dict[str, FloatMap]:
+    """`region_bottom_1`, `region_top_1`, ... (nx, ny) [m]: exactly the heights that `job.region` contains on each cell.
+
+    An interval that a cell lacks has its bottom above its top. Raises ValueError if a cell has more than INTERVALS.
+    """
+    region = job.region
+    if region is None:
+        return {}
+    heights = _samples(job)
+    inside = np.stack([_contains(region, job, np.full((job.nx, job.ny), z)) for z in heights])
+    before, after = np.zeros_like(inside), np.zeros_like(inside)
+    before[1:], after[:-1] = inside[:-1], inside[1:]
+    begins, ends = inside & ~before, inside & ~after
+    most = int(begins.sum(axis=0).max())
+    if most > INTERVALS:
+        raise ValueError(f"the region has {most} intervals of height on a cell; needs at most {INTERVALS}")
+    found = {}
+    for k in range(1, INTERVALS + 1):
+        found[f"region_bottom_{k}"] = _edges(region, job, heights, begins & (begins.cumsum(axis=0) == k), -1)
+        found[f"region_top_{k}"] = _edges(region, job, heights, ends & (ends.cumsum(axis=0) == k), 1)
+    return found
+
+
+def _samples(job: Job) -> NDArray[np.float64]:
+    """Heights from below the substrate to above all that is printed [m]."""
+    layer = max(ink.layer_height for ink in job.inks)
+    step = min(ink.layer_height for ink in job.inks) / SAMPLES_PER_LAYER
+    return np.arange(-2.0 * layer, float(job.target_height.max()) + 10.0 * layer, step)
+
+
+def _contains(region: Geometry, job: Job, z: FloatMap) -> BoolMap:
+    x, y = cell_centers(job.nx, job.ny, job.pitch)
+    return np.asarray(region.contains(x, y, z), np.bool_)
+
+
+def _edges(region: Geometry, job: Job, heights: NDArray[np.float64], at: NDArray[np.bool_], outward: int) -> FloatMap:
+    """(nx, ny) the last height inside, going `outward` from the sample that is marked, `at` (samples, nx, ny)."""
+    index, there = at.argmax(axis=0), at.any(axis=0)
+    beyond = index + outward
+    is_open = there & ((beyond < 0) | (beyond >= len(heights)))
+    inner = heights[index]
+    outer = np.where(is_open, inner, heights[np.clip(beyond, 0, len(heights) - 1)])
+    for _ in range(ROUNDS):
+        middle = 0.5 * (inner + outer)
+        is_inside = _contains(region, job, middle)
+        inner, outer = np.where(is_inside, middle, inner), np.where(is_inside, outer, middle)
+    return np.where(there & ~is_open, inner, np.where(there, outward * EDGE_M, -outward * EDGE_M))
