@@ -138,9 +138,7 @@ def test_every_step_is_on_the_disk_before_it_is_asked_for(tmp_path: Path, monkey
         rig, kept = NodeRig(nodes), MasterJournal(tmp_path)
         for node in Node:
             link: Any = rig.link(node)
-            link.routine = watch(
-                link.routine, lambda routine, key, *_: (STEPS[routine], key) if routine in STEPS else None
-            )
+            link.routine = watch(link.routine, journalled)
             link.download = watch(link.download, lambda layer, _: (Asked.PATTERN, Key(rig.job, layer)))
         printer, profiler = Printer(FOUR, rig, cure_ms=5, journal=kept), Profiler(FOUR, rig, journal=kept)
         ones, zero = (
