@@ -17,21 +17,23 @@ from scipy.special import ndtr
 from inkloop.component import FloatMap
 
 _INV_SQRT_TWO_PI = 1.0 / np.sqrt(2.0 * np.pi)
+NO_WIDTH = 1e-30  # of an ink that adds nothing [m]: only keeps the quotient defined
 
 
 def expected_share(rise: FloatMap, variance: FloatMap, width: FloatMap) -> FloatMap:
-    """Mean of clip(1 + r / width, 0, 1) over r ~ N(rise, variance); all of one shape [m], [m^2], [m]."""
-    spread = np.sqrt(variance)
-    known = spread < 1e-12 * width
-    safe = np.where(known, 1.0, spread)
+    """(n,): mean of clip(1 + r / width, 0, 1) over r ~ N(rise, variance); all (n,) [m], [m^2], [m]."""
+    share = np.clip(1.0 + rise / width, 0.0, 1.0)
+    unsure = variance > (1e-12 * width) ** 2
+    if unsure.any():
+        r, w, spread = rise[unsure], width[unsure], np.sqrt(variance[unsure])
+        share[unsure] = np.clip((_above_zero(r + w, spread) - _above_zero(r, spread)) / w, 0.0, 1.0)
+    return share
 
-    def above_zero(mean: FloatMap) -> FloatMap:
-        """Mean of max(r, 0)."""
-        at = mean / safe
-        return np.asarray(mean * ndtr(at) + safe * _INV_SQRT_TWO_PI * np.exp(-0.5 * at**2))
 
-    unsure = (above_zero(rise + width) - above_zero(rise)) / width
-    return np.clip(np.where(known, 1.0 + rise / width, unsure), 0.0, 1.0)
+def _above_zero(mean: FloatMap, spread: FloatMap) -> FloatMap:
+    """Mean of max(r, 0) over r ~ N(mean, spread^2)."""
+    at = mean / spread
+    return np.asarray(mean * ndtr(at) + spread * _INV_SQRT_TWO_PI * np.exp(-0.5 * at**2))
 
 
 def expected_rates(
@@ -66,31 +68,30 @@ def _rates_of_pass(
     nx, ny = height.shape
     materials, count = heights.shape
     reach = {3: 1, 6: 2, 10: 3}[count]
-    table = np.vstack([np.ones(count), heights])  # the first row stands for no droplet, its widths are never used
-    padded = np.pad(height, reach)
-    padded_variance = np.pad(variance, reach)
-    inside = np.pad(np.ones((nx, ny), np.bool_), reach)
+    i, j = np.nonzero(pattern)
+    material = pattern[i, j] - 1
+    own = heights[material].T  # (heights, droplets) [m]
+    padded, padded_variance = np.pad(height, reach), np.pad(variance, reach)
     rates = np.zeros((materials, count, nx + 2 * reach, ny + 2 * reach))
-    squares, kept = np.zeros(inside.shape), np.zeros((count, nx, ny))
-    kept[0] = pattern > 0
-    here = np.s_[reach : reach + nx, reach : reach + ny]
+    squares, kept = np.zeros(padded.shape), np.zeros((count, i.size))
+    kept[0] = 1.0
     for di in range(-reach, reach + 1):
         for dj in range(-reach, reach + 1):
             if di == dj == 0:
                 continue
             far, near = max(abs(di), abs(dj)), min(abs(di), abs(dj))
             kind = far * (far + 1) // 2 + near
-            there = np.s_[reach + di : reach + di + nx, reach + dj : reach + dj + ny]
-            spread = table[pattern, kind]
-            width = np.maximum(table[pattern, 0] + spread, 1e-30)
-            share = expected_share(height - padded[there], variance + padded_variance[there], width)
-            share = np.where(pattern > 0, np.where(inside[there], share, 1.0), 0.0)
-            kept[kind] += np.where(pattern > 0, 1.0 - share, 0.0)
-            squares[there] += (share * spread) ** 2
-            for material in range(materials):
-                rates[(material, kind, *there)] += np.where(pattern == material + 1, share, 0.0)
-    for material in range(materials):
-        rates[(material, np.s_[:], *here)] += np.where(pattern == material + 1, kept, 0.0)
-    own = np.where(pattern > 0, np.sum(np.moveaxis(table[pattern], -1, 0) * kept, axis=0), 0.0)
-    squares[here] += own**2
+            there = (i + di + reach, j + dj + reach)
+            width = np.maximum(own[0] + own[kind], NO_WIDTH)
+            share = expected_share(height[i, j] - padded[there], variance[i, j] + padded_variance[there], width)
+            is_edge = (i + di < 0) | (i + di >= nx) | (j + dj < 0) | (j + dj >= ny)
+            share[is_edge] = 1.0
+            kept[kind] += 1.0 - share
+            squares[there] += (share * own[kind]) ** 2  # a neighbour has one droplet at this place of its own
+            rates[(material, kind, *there)] += share
+    middle = (i + reach, j + reach)
+    for kind in range(count):
+        rates[(material, kind, *middle)] += kept[kind]
+    squares[middle] += np.sum(own * kept, axis=0) ** 2
+    here = np.s_[reach : reach + nx, reach : reach + ny]
     return rates[(np.s_[:], np.s_[:], *here)], squares[here]

@@ -165,7 +165,7 @@ def _errors(
             mean, variance = np.where(seen, layer.before, 0.0), np.where(seen, 0.0, np.inf)
         known = np.isfinite(variance)
         rates, squares = expected_rates(mean, np.where(known, variance, 0.0), layer.pattern, heights, layer.colours)
-        predicted, squares = mean + np.tensordot(heights, rates), _evened(squares)
+        predicted, squares = mean + np.tensordot(heights, rates), _evened(squares, rates)
         spread = variance + droplet_variance * squares
         usable = cells & np.isfinite(layer.after) & ~maximum_filter(~known, 2 * reach + 1, mode="constant", cval=False)
         yield _Errors((layer.after - predicted)[usable], spread[usable] + noise, squares[usable], block[usable])
@@ -173,9 +173,9 @@ def _errors(
             mean, variance = _corrected(predicted, spread, layer.after, noise)
 
 
-def _evened(squares: FloatMap) -> FloatMap:
+def _evened(squares: FloatMap, rates: NDArray[np.float64]) -> FloatMap:
     """Their mean wherever droplets reach: what a model does not explain is no smaller where droplets add little."""
-    reached = squares > 0.0
+    reached = (rates > 0.0).any(axis=(0, 1))
     return np.where(reached, squares[reached].mean() if reached.any() else 0.0, 0.0)
 
 
