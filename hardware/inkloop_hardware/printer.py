@@ -14,6 +14,7 @@ from inkloop.errors import ComponentError
 from inkloop_hardware.journal_comparison import compare
 from inkloop_hardware.layer_steps import ALL_COLOURS, LayerSteps, PrintedLayer
 from inkloop_hardware.master_journal import MasterJournal
+from inkloop_hardware.node_state import NodeLimits
 from inkloop_hardware.readiness import make_ready
 from inkloop_hardware.recovery import gone_on_with
 from inkloop_hardware.rig import Rig
@@ -54,9 +55,7 @@ class Printer:
         self._journal.take_up(self._rig)
         self._rig.attach()
         self._attached = True
-        self._rig.wait_for(NODES)
-        compare(self._journal.layer, self._rig.job, self._rig.link(Node.HEAD).state())
-        limits = make_ready(self._rig, NODES)
+        limits = gone_on_with(self._rig, NODES, self._ready, is_start=True)
         self._steps = LayerSteps(self._rig, self._job, limits, cure_ms=self._cure_ms, journal=self._journal)
         self._printed, self._droplets, self._is_unknown = int(inputs["layer_command"]), [0, 0], False
         return self._outputs()
@@ -76,6 +75,12 @@ class Printer:
                 )
             self._print(self._steps, command, pattern)
         return self._outputs()
+
+    def _ready(self) -> dict[Node, NodeLimits]:
+        """The journals first: before they agree, nothing is asked of a node."""
+        self._rig.wait_for(NODES)
+        compare(self._journal.layer, self._rig.job, self._rig.link(Node.HEAD).state())
+        return make_ready(self._rig, NODES)
 
     def _print(self, steps: LayerSteps, layer: int, pattern: NDArray[Any]) -> None:
         known = self._journal.layer

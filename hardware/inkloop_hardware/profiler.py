@@ -52,7 +52,8 @@ class Profiler:
         self._journal.take_up(self._rig)
         self._rig.attach()
         self._attached = True
-        self._steps = LayerSteps(self._rig, self._job, make_ready(self._rig, NODES), journal=self._journal)
+        limits = gone_on_with(self._rig, NODES, lambda: make_ready(self._rig, NODES), is_start=True)
+        self._steps = LayerSteps(self._rig, self._job, limits, journal=self._journal)
         self._scanned = -1
         return self._outputs()
 

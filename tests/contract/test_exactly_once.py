@@ -60,7 +60,8 @@ def places(count: int, looks_of_a_layer: dict[str, int]) -> list[str]:
 
 
 class Person:
-    """Clears the nodes where one of them asks for it, and only there; `told` are the passes that nobody knows of."""
+    """Clears the nodes where one of them asks for it, and only there, and resumes the run; `told` are the passes that
+    nobody knows of."""
 
     def __init__(self, run: Path) -> None:
         self._run = run
@@ -68,10 +69,11 @@ class Person:
 
     def look(self, words: str) -> None:
         """Whoever has to do something is told what."""
-        assert "inkloop device SCENARIO clear" in words, words
+        assert "inkloop resume" in words, words
         for passes, layer in re.findall(r"pass ([1-4, ]+) of layer (\d+), which was begun, and nobody knows", words):
             self.told |= {(int(layer), int(number) - 1) for number in passes.split(", ")}
-        clear(self._run)
+        if "inkloop device SCENARIO clear" in words:
+            clear(self._run)
 
     def finish(self) -> Result:
         """Print to the end."""
