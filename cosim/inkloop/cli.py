@@ -200,6 +200,8 @@ def _validate(options: argparse.Namespace, console: Console) -> int:
 
 def _report(options: argparse.Namespace, console: Console) -> int:
     console.print(report.write(options.run))
+    if (options.run / report.MODEL_TABLE).is_file():
+        console.print((options.run / report.MODEL_TABLE).read_text(encoding="utf-8"), highlight=False, markup=False)
     return 0
 
 

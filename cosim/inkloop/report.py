@@ -15,12 +15,15 @@ from rich.console import Console
 from rich.table import Table
 
 from inkloop import plot
+from inkloop.difference_picture import hardware_against_model
 from inkloop.errors import ResultError
 from inkloop.files import write_text
+from inkloop.model_difference import model_difference
 from inkloop.result import Result
 from inkloop.schema import Literature
 
 COMPARE_FOLDER = "compare"
+MODEL_TABLE = "hardware-against-model.txt"
 REMARKS = {
     "untrusted_cells": "untrusted cells: {}, unseen for too long, their heights are predictions",
     "dead_cells": "dead cells: {}, droplets commanded there bring nothing",
@@ -39,7 +42,10 @@ def load_runs(folder: Path) -> dict[str, Result]:
 
 
 def write(folder: Path) -> Table:
-    """Write `summary.txt` and the pictures of the run in `folder`; returns the table for the screen."""
+    """Write `summary.txt` and the pictures of the run in `folder`; returns the table for the screen.
+
+    Of a run on devices also `hardware-against-model.txt`, a row for each layer, and its picture.
+    """
     runs = load_runs(folder)
     main = next(iter(runs.values()))
     tables = tomlkit.parse(main.scenario_text).unwrap().get("literature", {})
@@ -51,9 +57,16 @@ def write(folder: Path) -> Table:
     for name, result in runs.items():
         for remark in remarks(result):
             summary.print(f"{name}: {remark}", highlight=False)
+    difference = model_difference(main)
+    if difference:
+        summary.print(difference.sentence(), highlight=False)
+        write_text(folder / MODEL_TABLE, _as_text(difference.table()))
     write_text(folder / "summary.txt", text.getvalue())
     with rc_context(plot.STYLE):
-        for name, figure in pictures(runs).items():
+        figures = pictures(runs)
+        if difference:
+            figures["hardware-against-model"] = hardware_against_model(main.dataset, difference, next(iter(runs)))
+        for name, figure in figures.items():
             plot.save(figure, folder / f"{name}.png")
     return table
 
@@ -75,6 +88,12 @@ def compare(folders: Sequence[Path], picture: Path) -> Table:
         datasets = {name: result.dataset for name, result in runs.items()}
         plot.save(plot.comparison(datasets, {name: result.wall_s for name, result in runs.items()}), picture)
     return comparison_table("Comparison", runs, {})
+
+
+def _as_text(table: Table) -> str:
+    text = io.StringIO()
+    Console(file=text, width=120).print(table)
+    return text.getvalue()
 
 
 def _grid(result: Result) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from struct import unpack_from
 
 from inkloop_hardware.codec import Codec
@@ -18,6 +19,7 @@ from inkloop_hardware.traffic_reading import Reassembly, Seen
 from inkloop_hardware.vocabulary import Node
 
 READ, ROUTINE, DOWNLOAD, UPLOAD, BLOCK, EXIT = 0x22, 0x31, 0x34, 0x35, 0x36, 0x37
+TESTER_PRESENT = 0x3E
 POSITIVE, NEGATIVE, STILL_BUSY = 0x40, 0x7F, 0x78
 OF_A_LAYER = frozenset({Routine.PASS, Routine.CURE, Routine.SCAN, Routine.MOVE})
 
@@ -34,7 +36,10 @@ class Asked:
 
 @dataclass(frozen=True)
 class Exchange:
-    """A request and its answer; of a pattern or a map also all its bytes and the answer to its end."""
+    """A request and its answer; of a pattern or a map also all its bytes and the answer to its end.
+
+    answer: nothing for a step that was not asked for again: the node was lost, or the master.
+    """
 
     node: Node
     request: bytes
@@ -46,15 +51,14 @@ class Exchange:
     @property
     def is_of_a_layer(self) -> bool:
         """Whether the part depends on it: what is left out or comes otherwise makes another print."""
-        if self.request[0] == ROUTINE and self.request[1] == 1:
-            return int.from_bytes(self.request[2:4], "big") in OF_A_LAYER
-        return self.request[0] in (DOWNLOAD, UPLOAD)
+        return self.request[0] in (DOWNLOAD, UPLOAD) or is_step(self.request)
 
 
 def exchanges(seen: Sequence[Seen], codec: Codec) -> list[Exchange]:
     """All that were answered, in the order of their ends. A transfer that did not end well is left out."""
     asked = list(_asked(seen, codec))
-    found = [exchange for node in Node for exchange in _folded([one for one in asked if one.node is node])]
+    by_node = ([one for one in asked if one.node is node and one.request[0] != TESTER_PRESENT] for node in Node)
+    found = [exchange for of_one in by_node for exchange in _folded(of_one)]
     return sorted(found, key=lambda exchange: exchange.at)
 
 
@@ -111,10 +115,10 @@ class _Transfer:
         return Exchange(one.node, self.begin.request, answer, one.at, bytes(self.found), end)
 
 
-def _folded(asked: Iterable[Asked]) -> Iterator[Exchange]:
+def _folded(asked: Sequence[Asked]) -> Iterator[Exchange]:
     """Those of one node, the blocks of a transfer put together."""
     transfer: _Transfer | None = None
-    for one in asked:
+    for one, later in zip_longest(asked, asked[1:]):
         service = one.request[0]
         if service in (DOWNLOAD, UPLOAD) and _is_good(one):
             transfer = _Transfer(one)
@@ -127,6 +131,13 @@ def _folded(asked: Iterable[Asked]) -> Iterator[Exchange]:
             transfer.take(one)
         elif one.answer and service not in (BLOCK, EXIT):
             yield Exchange(one.node, one.request, one.answer, one.at)
+        elif is_step(one.request) and (later is None or later.request != one.request):
+            yield Exchange(one.node, one.request, b"", one.at)
+
+
+def is_step(request: bytes) -> bool:
+    """Whether it starts a step of a layer."""
+    return request[:2] == bytes([ROUTINE, 1]) and int.from_bytes(request[2:4], "big") in OF_A_LAYER
 
 
 def _is_good(one: Asked) -> bool:

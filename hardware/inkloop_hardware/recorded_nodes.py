@@ -12,14 +12,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from struct import pack
 
-from inkloop_hardware.errors import BusError, ReplayDiffers, ReplayEnded
+from inkloop_hardware.errors import BusError, HardwareError, NodeLost, ReplayDiffers, ReplayEnded
 from inkloop_hardware.node_state import Identifier
 from inkloop_hardware.pattern_bytes import first_difference, plain_form
-from inkloop_hardware.recorded_exchanges import BLOCK, DOWNLOAD, EXIT, POSITIVE, READ, ROUTINE, UPLOAD, Exchange
+from inkloop_hardware.recorded_exchanges import (
+    BLOCK,
+    DOWNLOAD,
+    EXIT,
+    POSITIVE,
+    READ,
+    ROUTINE,
+    TESTER_PRESENT,
+    UPLOAD,
+    Exchange,
+)
 from inkloop_hardware.services import Key, Routine
 from inkloop_hardware.vocabulary import Node
 
-TESTER_PRESENT = 0x3E
 CODED = 0x10
 SAID_BYTES = 16
 
@@ -36,16 +45,19 @@ class _Transfer:
 
 
 class RecordedNodes:
-    """The four nodes of a log. found: `exchanges` of it; log: named in errors. Raises BusError for a log of no run."""
+    """The four nodes of a log. found: `exchanges` of it; log: named in errors. Raises BusError for a log of no run.
 
-    def __init__(self, found: Sequence[Exchange], log: Path) -> None:
+    begins: indices of the frames with which a resumed run went on.
+    """
+
+    def __init__(self, found: Sequence[Exchange], log: Path, begins: Sequence[int] = ()) -> None:
         keys = (one.request[4:12] for one in found if one.request[0] == ROUTINE and len(one.request) >= 12)
         first = next(keys, None)
         if first is None:
             raise BusError(f"{log}: no node was asked to do anything in it; is it the traffic of a run on a bench?")
         self.job = Key.of(first).job
         self.first = found[0].at
-        self._found, self._log = found, log
+        self._found, self._log, self._begins = found, log, begins
         self._next = 0
         self._known: dict[tuple[Node, bytes], bytes] = {}
         self._transfers: dict[Node, _Transfer] = {}
@@ -53,7 +65,7 @@ class RecordedNodes:
     def answer(self, node: Node, request: bytes) -> tuple[bytes, int]:
         """The answer to a request, and the index of the frame of the log up to which time went on with it.
 
-        Raises ReplayDiffers, ReplayEnded.
+        Raises ReplayDiffers, ReplayEnded, and NodeLost where the recorded run lost the node, or was resumed.
         """
         service, transfer = request[0], self._transfers.get(node)
         if service == TESTER_PRESENT:
@@ -68,6 +80,8 @@ class RecordedNodes:
                 raise self._difference(node, request)
             return known, -1
         self._next = self._found.index(found, self._next) + 1
+        if not found.answer:
+            raise NodeLost(f"{self._log}: as in the recorded run, no answer of the {described(node, request)}")
         self._known[node, request] = found.answer
         if found.blob is None:
             return found.answer, found.at
@@ -107,10 +121,15 @@ class RecordedNodes:
             return pack(">BI", EXIT + POSITIVE, zlib.crc32(transfer.done))
         return transfer.whole.end
 
-    def _difference(self, node: Node, request: bytes) -> BusError:
-        """What to say of a request that the log does not have next."""
+    def _difference(self, node: Node, request: bytes) -> HardwareError:
+        """What to say of a request that the log does not have next; a resumed run is gone on with where it was."""
         asked = f"the master asks the {described(node, request)}"
         expected = next((one for one in self._found[self._next :] if one.is_of_a_layer), None)
+        before = self._found[self._next - 1].at if self._next else 0
+        resumed = [begin for begin in self._begins if before < begin <= (expected.at if expected else before)]
+        if resumed:
+            self._next = next(k for k, one in enumerate(self._found) if one.at >= resumed[0])
+            return NodeLost(f"{self._log}: as in the recorded run, the master is interrupted here and resumed")
         if expected is None:
             return ReplayEnded(f"{self._log} ends here: {asked}, and the recorded run has come no further")
         pairs = enumerate(zip(request, expected.request, strict=False))

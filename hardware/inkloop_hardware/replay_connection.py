@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from itertools import accumulate
 from pathlib import Path
 
 import isotp
@@ -41,9 +42,11 @@ class ReplayConnection:
         self.clock = 0.0
         codec = Codec()
         path = Path(settings.channel)
-        self._seen = [one for part in parts_of(path) for one in read_traffic(part)]
+        parts = [read_traffic(part) for part in parts_of(path)]
+        self._seen = [one for part in parts for one in part]
         self._told = 0
-        self._nodes = RecordedNodes(exchanges(self._seen, codec), path)
+        begins = list(accumulate(map(len, parts)))[:-1]
+        self._nodes = RecordedNodes(exchanges(self._seen, codec), path, begins)
         self.job = self._nodes.job
         self._said_by = {codec.message(f"{node}{kind}").frame_id for node in Node for kind in ("Status", "Fault")}
         self._ends = {node.request_id(codec): _End(node, codec, self._answer) for node in Node}

@@ -131,6 +131,26 @@ def test_run_that_was_interrupted_and_resumed_is_replayed_from_both_logs(
     assert "3 layers replayed" in said
 
 
+def test_run_that_was_killed_and_resumed_is_replayed_from_both_logs(
+    tmp_path: Path, replayed: Callable[..., tuple[int, str]]
+) -> None:
+    """It is killed while the lamp is lit: a person has to clear the node, which the log of the run does not hold."""
+    path, folder = write(tmp_path, BLOCK.replace("cure_ms = 2", "cure_ms = 300")), tmp_path / "run"
+    words = ["--set", "part.height_um=6.0"]
+    emulation = emulation_of(Scenario.load(path))
+    with EmulatedBench(emulation.parameters | FAST) as bench:
+        words += ["--set", f"bench.channel={bench.channel}"]
+        running = started("run", str(path), "--out", str(folder), *words)
+        wait_for_word(folder / "bench.log", "lamp on for 300 ms after pass 2", running)
+        running.kill()
+        running.communicate()
+        assert main(["device", str(path), "clear", *words]) == 0
+        assert main(["resume", str(folder)]) == 0
+    code, said = replayed(folder, "--out", str(tmp_path / "again"))
+    assert code == 0, said
+    assert_same(folder, tmp_path / "again")
+
+
 def test_log_that_ends_too_early_is_told_with_the_step(
     run: Path, tmp_path: Path, replayed: Callable[..., tuple[int, str]]
 ) -> None:

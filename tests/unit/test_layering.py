@@ -28,7 +28,10 @@ DOORS = {
     "sdfio": ("inkloop.metrology",),
     "SurfaceTopography": ("inkloop.metrology",),
     "skfem": ("inkloop.reproduce.finite_elements",),
-    "matplotlib": ("inkloop.plot", "inkloop.report", "inkloop.identify.picture", "inkloop.reproduce", "inkloop.score"),
+    "matplotlib": (
+        *("inkloop.plot", "inkloop.report", "inkloop.difference_picture"),
+        *("inkloop.identify.picture", "inkloop.reproduce", "inkloop.score"),
+    ),
     "mpl_toolkits": ("inkloop.plot", "inkloop.report", "inkloop.reproduce", "inkloop.score"),
 }
 

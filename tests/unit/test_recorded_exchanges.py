@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from inkloop_hardware.codec import Codec, Frame
-from inkloop_hardware.errors import ReplayDiffers, ReplayEnded
+from inkloop_hardware.errors import NodeLost, ReplayDiffers, ReplayEnded
 from inkloop_hardware.pattern_bytes import PatternBytes, first_difference, plain_form
 from inkloop_hardware.recorded_exchanges import Exchange, exchanges
 from inkloop_hardware.recorded_nodes import RecordedNodes
@@ -154,6 +154,28 @@ def test_end_of_the_log_is_told_with_what_was_asked() -> None:
     nodes.answer(Node.HEAD, routine(Routine.PASS)[0])
     with pytest.raises(ReplayEnded, match=r"ends here: the master asks the cure for cure of layer 1, pass 0"):
         nodes.answer(Node.CURE, routine(Routine.CURE)[0])
+
+
+def test_step_without_an_answer_is_lost_again() -> None:
+    asked, answer = routine(Routine.PASS)
+    log = seen((Node.HEAD, True, asked), (Node.HEAD, True, b"\x22\x01\x00"), (Node.HEAD, False, b"\x62\x01\x00"),
+               (Node.HEAD, True, asked), (Node.HEAD, False, answer))  # fmt: skip
+    nodes = RecordedNodes(exchanges(log, CODEC), LOG)
+    with pytest.raises(NodeLost, match="as in the recorded run"):
+        nodes.answer(Node.HEAD, asked)
+    nodes.answer(Node.HEAD, b"\x22\x01\x00")
+    assert nodes.answer(Node.HEAD, asked)[0] == answer
+
+
+def test_where_a_run_was_resumed_its_layer_is_begun_again() -> None:
+    move, cure = routine(Routine.MOVE), routine(Routine.CURE)
+    found = [Exchange(Node.STAGE, *move, 3), Exchange(Node.STAGE, *move, 13), Exchange(Node.CURE, *cure, 15)]
+    nodes = RecordedNodes(found, LOG, begins=[10])
+    nodes.answer(Node.STAGE, move[0])
+    with pytest.raises(NodeLost, match="interrupted here and resumed"):
+        nodes.answer(Node.CURE, cure[0])
+    nodes.answer(Node.STAGE, move[0])
+    assert nodes.answer(Node.CURE, cure[0])[1] == 15
 
 
 def test_logs_of_a_resumed_run_belong_together(tmp_path: Path) -> None:

@@ -1,0 +1,137 @@
+"""Hardware against model, layer by layer: what a device was scanned to have printed, less what the model says.
+
+The model is the shadow of the run where it had one, else `LayerDeposition` with the inks and passes of the scenario and
+none of its variations, begun on the scan of layer 0 and fed with the commanded patterns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import tomlkit
+import xarray as xr
+from numpy.typing import NDArray
+from rich.table import Table
+
+from inkloop import devices, fmu_options
+from inkloop.component import Component, FloatMap, Job
+from inkloop.followed_plant import FollowedPlant
+from inkloop.job import job_of
+from inkloop.result import Result
+from inkloop.scan_comparison import ScannedLayer, start_surface
+from inkloop.schema import ScenarioFile
+
+MODEL = "LayerDeposition"
+DEVICE = "hardware."
+_STEP_NS = 1_000_000_000  # a step of the plant is a layer, whatever its length
+_UM = 1e6
+
+
+@dataclass(frozen=True)
+class LayerDifference:
+    """Measured less model over the cells of the part that were seen [m]; growth: rms of what the layer added to it.
+
+    worst: the largest in amount, at `cell` (i, j).
+    """
+
+    layer: int
+    mean: float
+    rms: float
+    growth: float
+    worst: float
+    cell: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class ModelDifference:
+    """model: its name; maps: (layer, x, y) measured less model [m], NaN where nothing was seen; a row for each scan."""
+
+    model: str
+    maps: NDArray[np.float64]
+    rows: tuple[LayerDifference, ...]
+
+    @property
+    def farthest(self) -> LayerDifference:
+        """The layer with the largest rms."""
+        return max(self.rows, key=lambda row: row.rms)
+
+    def sentence(self) -> str:
+        """The farthest layer in words."""
+        row = self.farthest
+        return (
+            f"hardware against {self.model}: farthest in layer {row.layer}, mean {row.mean * _UM:+.2f}, rms "
+            f"{row.rms * _UM:.2f} um, worst cell {row.cell} {row.worst * _UM:+.2f} um"
+        )
+
+    def table(self) -> Table:
+        """A row for each layer [um]."""
+        caption = "over the part's cells that were seen, in um; growth: rms of what the layer added to the difference"
+        table = Table(title=f"Measured less {self.model}", caption=caption)
+        for heading in ("layer", "mean", "rms", "growth", "worst", "at cell"):
+            table.add_column(heading, justify="right")
+        for row in self.rows:
+            growth = "-" if np.isnan(row.growth) else f"{row.growth * _UM:.2f}"
+            values = (f"{row.mean * _UM:+.2f}", f"{row.rms * _UM:.2f}", growth, f"{row.worst * _UM:+.2f}")
+            table.add_row(str(row.layer), *values, f"{row.cell[0]}, {row.cell[1]}")
+        return table
+
+
+def model_difference(result: Result) -> ModelDifference | None:
+    """Of a run whose printer is a device and that was scanned; None for any other. Raises FmuError."""
+    run = result.dataset
+    raw = tomlkit.parse(result.scenario_text).unwrap()
+    kinds = {name: str(table.get("kind")) for name, table in raw.get("components", {}).items()}
+    printers = [name for name, kind in kinds.items() if kind.startswith(DEVICE) and kind != "hardware.profiler"]
+    if not printers or not {"measured_height", "valid", "pattern"} <= set(run):
+        return None
+    if "shadow_height" in run:
+        name, surfaces = "the shadow", run.shadow_height.values
+    else:
+        tables = ScenarioFile.model_validate(raw)
+        job = job_of(tables, printers[0])
+        table = tables.components[printers[0]]
+        name = MODEL
+        surfaces = followed(run, devices.told(job, table.options) if table.kind in devices.KINDS else job)
+    seen = run.valid.values.astype(bool) & run.mask.values.astype(bool)
+    maps = np.where(seen, run.measured_height.values - surfaces, np.nan)
+    rows = tuple(_rows(run, surfaces))
+    return ModelDifference(name, maps, rows) if rows else None
+
+
+def followed(run: xr.Dataset, job: Job) -> FloatMap:
+    """Surfaces (layer, x, y) [m] of the model, with the patterns of a run, from its first scan on."""
+
+    def make(job: Job) -> Component:
+        return fmu_options.make_model(MODEL, job, {})
+
+    plant = FollowedPlant(job, make)
+    try:
+        plant.begin(0)
+        plant.begin_on(start_surface(plant.start_surface, run.measured_height.values[0], run.valid.values[0]))
+        surfaces = [plant.surfaces[0]]
+        for layer in range(1, run.sizes["layer"]):
+            command = {"layer_command": np.asarray(layer, np.int32), "pattern": run.pattern.values[layer]}
+            plant.take_command(command)
+            plant.follow(layer, _STEP_NS)
+            surfaces.append(plant.surfaces[layer])
+            plant.forget_before(layer)
+    finally:
+        plant.terminate()
+    return np.array(surfaces)
+
+
+def _rows(run: xr.Dataset, surfaces: FloatMap) -> Iterator[LayerDifference]:
+    mask, before = run.mask.values.astype(bool), None
+    for layer in range(run.sizes["layer"]):
+        valid = run.valid.values[layer].astype(bool)
+        scan = ScannedLayer(run.measured_height.values[layer], valid, surfaces[layer])
+        seen = valid & mask
+        if seen.any():
+            error = scan.measured - scan.surface
+            i, j = divmod(int(np.where(seen, np.abs(error), -1.0).argmax()), error.shape[1])
+            divergence = scan.divergence(before, mask)
+            mean, worst = float(error[seen].mean()), float(error[i, j])
+            yield LayerDifference(layer, mean, divergence.surface, divergence.growth, worst, (i, j))
+            before = scan
