@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from inkloop import devices
+from inkloop.catalog import MAPPED
 from inkloop.component import Job
 from inkloop.devices import Bench
 from inkloop.scenario import Scenario
@@ -48,7 +49,8 @@ def examine(scenario: Scenario | None, options: argparse.Namespace, console: Con
     self_test = options.self_test and (options.yes or _agreed(doctor.WHAT))
     waiting = console.status("looking at the bench ...") if console.is_terminal and not options.json else nullcontext()
     with waiting:
-        found = [*_of_scenario(scenario), *doctor.examine(bench.rig.settings, expected, self_test=self_test)]
+        looked = doctor.examine(bench.rig.settings, expected, self_test=self_test, mapped=_is_mapped(scenario))
+        found = [*_of_scenario(scenario), *looked]
     faults = sum(finding.grade == "fault" for finding in found)
     code = FAULTS if faults else WELL
     if options.json:
@@ -75,13 +77,19 @@ def _of_scenario(scenario: Scenario | None) -> Iterator[Any]:
     say = importlib.import_module("inkloop_hardware.findings")
     kinds = {table.kind for table in scenario.tables.components.values()}
     bench = scenario.tables.bench
-    if kinds.isdisjoint(devices.KINDS):
+    if kinds.isdisjoint({*devices.KINDS, MAPPED}):
         yield say.note("scenario", f"no component of {scenario.source} is a device", 'set kind = "hardware.printer"')
     elif bench.interface is None or bench.channel is None:
         missing = " and ".join(f"bench.{key}" for key in ("interface", "channel") if getattr(bench, key) is None)
         yield say.note("scenario", f"{scenario.source}: {missing} not set", "python-can's own configuration counts")
     else:
         yield say.good("scenario", f"{scenario.source}: {bench.interface} on {bench.channel}")
+
+
+def _is_mapped(scenario: Scenario | None) -> bool:
+    """Whether the only devices are those of a mapping."""
+    kinds = {table.kind for table in scenario.tables.components.values()} if scenario else set()
+    return MAPPED in kinds and kinds.isdisjoint(devices.KINDS)
 
 
 def _agreed(what: str) -> bool:

@@ -14,7 +14,7 @@ from inkloop_hardware.bus_settings import BusSettings
 from inkloop_hardware.codec import Codec
 from inkloop_hardware.errors import HardwareError
 from inkloop_hardware.findings import Finding, fault, left_out
-from inkloop_hardware.listening import Heard, judge, listen
+from inkloop_hardware.listening import Heard, judge, judge_bus, listen
 from inkloop_hardware.rig import Rig
 from inkloop_hardware.self_test import WHAT, try_gate_and_lamp
 from inkloop_hardware.vocabulary import Node
@@ -22,11 +22,13 @@ from inkloop_hardware.vocabulary import Node
 NO_ADAPTER = "there is no adapter to look through"
 
 
-def examine(settings: BusSettings, expected: Expected | None = None, *, self_test: bool = False) -> Iterator[Finding]:
+def examine(
+    settings: BusSettings, expected: Expected | None = None, *, self_test: bool = False, mapped: bool = False
+) -> Iterator[Finding]:
     """All findings, in the order of the checks; what cannot be looked at any more is left out, in words.
 
     settings: of the bus, without a traffic log; expected: of the scenario, None without one; self_test: gate and lamp
-    are tried.
+    are tried; mapped: the rig speaks frames of its own, so only adapter and bus are looked at.
     """
     bus = configured(settings)
     before = list(before_opening(bus))
@@ -44,6 +46,10 @@ def examine(settings: BusSettings, expected: Expected | None = None, *, self_tes
         with closing(adapter):
             codec = Codec()
             heard = listen(adapter, codec)
+            if mapped:
+                yield from judge_bus(heard, foreign=True)
+                yield left_out("nodes", "this rig has frames of its own", "its mapping says what is waited for")
+                return
             yield from judge(heard, codec)
             if heard.sessions:
                 yield left_out("services", "somebody is master: a node that two ask at once answers neither")

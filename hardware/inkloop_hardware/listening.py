@@ -98,7 +98,7 @@ def listen(
 
 def judge(heard: Heard, codec: Codec) -> Iterator[Finding]:
     """Bus, masters, nodes, heartbeats, supervision and protocol."""
-    yield from _bus(heard)
+    yield from judge_bus(heard)
     yield from _masters(heard)
     if not heard.speaking:
         advice = "is the bench powered, and the cable plugged in?" if heard.frames == 0 else CHECK_NODE
@@ -114,16 +114,17 @@ def judge(heard: Heard, codec: Codec) -> Iterator[Finding]:
     yield from _protocol(heard, codec)
 
 
-def _bus(heard: Heard) -> Iterator[Finding]:
+def judge_bus(heard: Heard, *, foreign: bool = False) -> Iterator[Finding]:
+    """Frames and errors. foreign: the rig has frames of its own, none of them has to be of the protocol."""
     wires = "look at cables, at 120 ohm at both ends, and at the bit rate of every node (the bench has 500 kbit/s)"
     if heard.frames == 0:
         yield fault("bus", f"no frame came in within {heard.lasted:.1f} s", wires)
-    elif not heard.speaking and heard.others:
+    elif not heard.speaking and heard.others and not foreign:
         ids = ", ".join(f"0x{number:03X}" for number, _ in heard.others.most_common(4))
         yield fault("bus", f"{heard.frames} frames came in, none of the protocol ({ids})", "is this the right bus?")
     else:
         yield good("bus", f"{heard.frames} frames in {heard.lasted:.1f} s")
-        if heard.others:
+        if heard.others and not foreign:
             ids = ", ".join(f"0x{number:03X}" for number, _ in heard.others.most_common(4))
             yield note("bus", f"{heard.others.total()} frames of somebody else ({ids})", "they take room on the bus")
     if heard.errors:

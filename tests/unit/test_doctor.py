@@ -14,7 +14,7 @@ from inkloop_hardware.asking import ClockLook, Expected, Told, clock_rates, judg
 from inkloop_hardware.bus_settings import BusSettings
 from inkloop_hardware.codec import Codec, Frame
 from inkloop_hardware.findings import Finding, Grade
-from inkloop_hardware.listening import Heard, judge
+from inkloop_hardware.listening import Heard, judge, judge_bus
 from inkloop_hardware.node_state import (
     BookFlags,
     Flags,
@@ -69,6 +69,13 @@ def test_silent_bus_and_foreign_bus_are_told_apart() -> None:
     foreign = Heard(lasted=1.0)
     foreign.take(0.0, Frame(0x7DF, b"\1\2"), CODEC)
     assert "0x7DF" in heard_faults(foreign)["bus"]
+
+
+def test_rig_with_frames_of_its_own_has_no_fault_for_them() -> None:
+    foreign = Heard(lasted=1.0)
+    foreign.take(0.0, Frame(0x7DF, b"\1\2"), CODEC)
+    assert faults(list(judge_bus(foreign, foreign=True))) == {}
+    assert set(faults(list(judge_bus(Heard(lasted=1.0), foreign=True)))) == {"bus"}
 
 
 def test_missing_nodes_are_named() -> None:
