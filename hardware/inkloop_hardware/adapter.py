@@ -59,10 +59,11 @@ class Adapter:
         except (can.CanError, OSError) as error:
             self.is_gone = True
             raise BusError(f"{self.settings} cannot be read any more: {error}. Was it unplugged or ended?") from error
-        if isinstance(self.bus, BulkSlcanBus) and self.bus.refuses_everything:
+        if isinstance(self.bus, BulkSlcanBus) and (since := self.bus.deaf_since) is not None:
             raise BusOff(
                 f"{self.settings} refuses every frame and hears none: bus-off, or nobody acknowledges. Look at cables, "
-                "termination, bit rate and the power of the nodes."
+                "termination, bit rate and the power of the nodes.",
+                since,
             )
         for message in found:
             if message.is_error_frame:
@@ -109,7 +110,8 @@ class Adapter:
         if message.arbitration_id & BUS_OFF and ".socketcan" in type(self.bus).__module__:
             raise BusOff(
                 f"{self.settings} is bus-off: too many errors. Look at cables, termination and bit rate. SocketCAN: "
-                "`ip link set ... type can restart`, or down and up."
+                "`ip link set ... type can restart`, or down and up.",
+                time.monotonic(),
             )
 
 

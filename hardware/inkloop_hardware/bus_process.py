@@ -10,6 +10,7 @@ the adapter is; Ctrl-C in the terminal is the parent's.
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import sys
@@ -25,7 +26,7 @@ from inkloop_hardware.adapter import Adapter
 from inkloop_hardware.bus_messages import Kind, pack_frames, read_message, unpack_frames
 from inkloop_hardware.bus_settings import BusSettings
 from inkloop_hardware.codec import Codec, Frame
-from inkloop_hardware.errors import BusError
+from inkloop_hardware.errors import BusError, BusOff
 from inkloop_hardware.heartbeat import Enables, Heartbeat, StopCall
 from inkloop_hardware.outbox import Outbox
 from inkloop_hardware.reopening import PROOF, Reopening
@@ -55,6 +56,7 @@ class BusProcess:
         self.reopening = Reopening(settings.reopen_s)
         self._open = True
         self._trouble: BusError | None = None
+        self._lit_until = 0.0
         self.failure: str | None = None
         self._sending = threading.RLock()
         self._logging = threading.Lock()
@@ -116,7 +118,7 @@ class BusProcess:
     def _reopen(self, error: BusError) -> None:
         """Opens an adapter again that is gone. Enables have dropped, and the nodes de-energise themselves by then."""
         with self._sending:
-            lit = Enables.LAMP in self.heartbeat.enables
+            lit = isinstance(error, BusOff) and self._lit_until >= error.since
             self.heartbeat.end()
             self._open, self._trouble = False, None
             self.adapter.close()
@@ -166,11 +168,18 @@ class BusProcess:
                     self._send([frame for _, frame in unpack_frames(content)])
                 elif kind is Kind.ALIVE and self._open:
                     self.heartbeat.word(now, Enables(content[0]))
+                    self._note_lamp(now)
                 elif kind is Kind.STOP:
                     self.stop_call.set(now, bool(content[0]))
                 elif kind is Kind.JOB:
                     self.heartbeat.change_job(now, int(content))
                 self._send_due(now)
+
+    def _note_lamp(self, now: float) -> None:
+        if Enables.LAMP in self.heartbeat.enables:
+            self._lit_until = math.inf
+        elif self._lit_until == math.inf:
+            self._lit_until = now
 
     def _beat(self) -> None:
         while not self.over.wait(BEAT_WAIT):

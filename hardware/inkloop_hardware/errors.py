@@ -35,7 +35,12 @@ class BusError(HardwareError):
 
 
 class BusOff(BusError):
-    """The adapter does not send any more, because of too many errors on the bus."""
+    """The adapter does not send any more, because of too many errors on the bus; `since` a second of the monotonic
+    clock."""
+
+    def __init__(self, message: str, since: float) -> None:
+        super().__init__(message)
+        self.since = since
 
 
 class BusAway(BusError):

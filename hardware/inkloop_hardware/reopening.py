@@ -38,9 +38,11 @@ class Reopening:
 
     def _after_bus_off(self, error: BusError, lit: bool) -> Iterator[float]:
         if lit:
-            raise BusOff(f"{error} The lamp was enabled, so it is not opened again by itself: look at the bench first")
+            raise BusError(
+                f"{error} The lamp was enabled, so it is not opened again by itself: look at the bench first"
+            )
         if self.bus_off:
-            raise BusOff(f"{error} It was opened again once already")
+            raise BusError(f"{error} It was opened again once already")
         self.bus_off = True
         yield BUS_OFF_PAUSE
         raise BusError(f"{error} It could not be opened again")

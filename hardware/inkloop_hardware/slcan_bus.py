@@ -61,11 +61,12 @@ class BulkSlcanBus(slcanBus):
             self.serialPortOrig.write(f"{head}{msg.dlc:d}{msg.data.hex().upper()}\r".encode())
 
     @property
-    def refuses_everything(self) -> bool:
-        """Whether it takes no part in the bus any more."""
-        if self._refused_since is None or self._refusals_in_a_row < DEAF_REFUSALS:
-            return False
-        return time.monotonic() - self._refused_since > DEAF_AFTER
+    def deaf_since(self) -> float | None:
+        """Second of the monotonic clock since which it takes no part in the bus, None if it does."""
+        since = self._refused_since
+        if since is None or self._refusals_in_a_row < DEAF_REFUSALS or time.monotonic() - since <= DEAF_AFTER:
+            return None
+        return since
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self.waiting:
