@@ -31,7 +31,7 @@ from inkloop.scenario import Scenario
 from inkloop_controller.layer_model import LayerModel
 from inkloop_hardware.emulated_bench import program
 from inkloop_hardware.isotp_connection import IsoTpConnection
-from inkloop_hardware.master_journal import Asked, MasterJournal
+from inkloop_hardware.master_journal import Asked, Event, MasterJournal, MasterRecord
 from inkloop_hardware.node_state import Happening, JournalRecord, Step
 from inkloop_hardware.node_wire import NodeWire
 
@@ -245,7 +245,8 @@ def books(folder: Path) -> dict[int, JournalRecord]:
 
 def assert_printed_once(result: Result, run: Path, nodes: Path) -> None:
     """The part is finished; no pass was begun twice, none is missing that is not called unknown, by head and result;
-    the master had said of each that it would ask for it; and what lies on the bed is what was jetted, to the bit."""
+    the master had said of each that it would ask for it; no wet ink was scanned; and what lies on the bed is what was
+    jetted, to the bit."""
     assert result.stop_reason == "done"
     layers, known = result.dataset.sizes["layer"], books(nodes)
     assert sorted(known) == list(range(1, layers))
@@ -259,8 +260,19 @@ def assert_printed_once(result: Result, run: Path, nodes: Path) -> None:
     assert keys == {(n, k) for n, book in known.items() for k in range(4) if (book.done | book.unknown) >> k & 1}
     asked = {(record.key, record.pattern_crc) for record in MasterJournal(run).records if record.asked is Asked.PASS}
     assert {(key, known[key.layer].pattern_crc) for key in begun} <= asked
+    for at, scan in enumerate(MasterJournal(run).records):
+        if scan.asked is Asked.SCAN:
+            _assert_no_ink_is_wet(scan.key.layer, MasterJournal(run).records[:at], known)
     height = surface(nodes)
     assert any(np.array_equal(height, one) for one in _possible(result, known)), "the surface is of other passes"
+
+
+def _assert_no_ink_is_wet(layer: int, before: Sequence[MasterRecord], known: dict[int, JournalRecord]) -> None:
+    """All that was begun in a layer is cured before it is scanned, and nothing of the next one is begun."""
+    cured = {r.key.pass_ for r in before if (r.asked, r.event, r.key.layer) == (Asked.CURE, Event.DONE, layer)}
+    begun = known[layer].done | known[layer].unknown if layer else 0
+    assert {number for number in range(4) if begun >> number & 1} <= cured, f"layer {layer} was scanned wet"
+    assert max((r.key.layer for r in before if r.asked is Asked.PASS), default=0) <= layer
 
 
 def _possible(result: Result, known: dict[int, JournalRecord]) -> list[Any]:
