@@ -7,7 +7,17 @@ import sys
 
 from rich.console import Console
 
-NAMES = ("layer_step", "deposition_models", "young_laplace", "master", "scaling", "time_limit", "peers", "targets")
+NAMES = (
+    "layer_step",
+    "deposition_models",
+    "young_laplace",
+    "remeshing",
+    "master",
+    "scaling",
+    "time_limit",
+    "peers",
+    "targets",
+)
 
 ALONE = ("hardware",)
 """Run only when named: it wants the machine for itself."""

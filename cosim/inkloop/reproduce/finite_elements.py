@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -10,7 +11,7 @@ from scipy.spatial import Delaunay
 
 from inkloop.component import FloatMap
 
-NEWTON_MAX, NEWTON_TOLERANCE = 40, 1e-12
+NEWTON_MAX, NEWTON_TOLERANCE, RUN_AWAY = 40, 1e-9, 1e3
 
 
 def is_installed() -> bool:
@@ -71,13 +72,12 @@ def solve(
     *,
     form: Literal["linear", "nonlinear"] = "nonlinear",
     order: Literal[1, 2] = 1,
-    border_height: Any = None,
-    below: float = 0.0,
+    ground: Callable[[FloatMap], FloatMap] | None = None,
 ) -> Solution:
-    """The surface of constant mean curvature on a convex outline (k, 2), volume over z = 0 less `below`.
+    """The surface of constant mean curvature that holds a volume over the ground within a convex outline (k, 2).
 
-    border_height: function of places (n, 2), the height on the outline, 0 if not given. Newton on heights and pressure
-    together, the linear form in one step. Raises RuntimeError where there is no such surface.
+    ground: heights at places (n, 2), level if not given; the surface may dip below it, as in the paper. Newton on
+    heights and pressure together, the linear form in one step. Raises RuntimeError where there is no such surface.
     """
     import skfem
 
@@ -85,22 +85,24 @@ def solve(
     mesh = skfem.MeshTri(nodes.T.copy(), found.T.copy())
     basis = skfem.Basis(mesh, skfem.ElementTriP1() if order == 1 else skfem.ElementTriP2())
     border, inner = basis.get_dofs(), basis.complement_dofs(basis.get_dofs())
+    solid = np.zeros(basis.N) if ground is None else ground(basis.doflocs.T)
     values = np.zeros(basis.N)
-    if border_height is not None:
-        places = basis.doflocs[:, border.all()].T
-        values[border.all()] = border_height(places)
+    values[border.all()] = solid[border.all()]
     load = skfem.LinearForm(_one).assemble(basis)
     pressure, steps = 0.0, 1 if form == "linear" else NEWTON_MAX
-    stiffness = skfem.BilinearForm(_tangent if form == "nonlinear" else _laplace)
-    residual = skfem.LinearForm(_curvature if form == "nonlinear" else _slope)
-    for _ in range(steps):
+    for step in range(steps):
+        linear = form == "linear" or step == 0  # the linear form's surface is where Newton begins
+        stiffness = skfem.BilinearForm(_laplace if linear else _tangent)
+        residual = skfem.LinearForm(_slope if linear else _curvature)
         before = basis.interpolate(values)
         matrix = stiffness.assemble(basis, before=before)
         force = pressure * load - residual.assemble(basis, before=before)
-        change, rise = _bordered(matrix[inner][:, inner], load[inner], force[inner], volume + below - load @ values)
+        change, rise = _bordered(matrix[inner][:, inner], load[inner], force[inner], volume + load @ (solid - values))
         values[inner] += change
         pressure += rise
-        if np.abs(change).max() <= NEWTON_TOLERANCE * max(1.0, float(np.abs(values).max())):
+        if not np.isfinite(values).all() or np.abs(values).max() > RUN_AWAY * np.abs(solid).max() + RUN_AWAY * size:
+            raise RuntimeError("no nonlinear surface: Newton runs away")
+        if step > 0 and np.abs(change).max() <= NEWTON_TOLERANCE * max(1.0, float(np.abs(values).max())):
             break
     else:
         if form == "nonlinear":

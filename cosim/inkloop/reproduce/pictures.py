@@ -139,5 +139,5 @@ def pattern_errors(printed: Mapping[str, float], found: Mapping[str, Mapping[str
         axes.bar(at + number * width, means, width, yerr=scatter, color=colour, label=name, error_kw={"lw": 0.8})
     axes.set_xticks(at, list(printed))
     axes.set(xlabel="prior drops", ylabel="rms error (21) [%]")
-    axes.legend()
+    figure.legend(loc="outside upper center", ncols=3, frameon=False)
     return figure
