@@ -11,10 +11,8 @@ from typing import Any, TypeVar
 import udsoncan
 from udsoncan.client import Client
 from udsoncan.exceptions import (
-    InvalidResponseException,
     NegativeResponseException,
     TimeoutException,
-    UnexpectedResponseException,
 )
 
 from inkloop_hardware.codec import Codec
@@ -33,6 +31,7 @@ from inkloop_hardware.node_state import (
 from inkloop_hardware.node_watch import OFF, because
 from inkloop_hardware.services import REFUSALS, Key, Outcome, Routine
 from inkloop_hardware.transfers import Progress, receive_map, send_pattern
+from inkloop_hardware.uds_answers import UNREADABLE, Bytes, is_answer
 from inkloop_hardware.vocabulary import Node
 
 TRIES = 6
@@ -40,18 +39,12 @@ P2 = 1.0
 """Seconds for a node to begin its answer."""
 P2_STAR = 5.0
 """Seconds between two "still busy"; a node says it every second."""
-UNREADABLE = (InvalidResponseException, UnexpectedResponseException, NotImplementedError)
-"""What udsoncan raises for an answer that is none; the last one for numbers of more than 64 bits."""
-NEGATIVE, POSITIVE = 0x7F, 0x40
-ECHOED = {0x22: slice(1, 3), 0x36: slice(1, 2)}
-"""Bytes of a request that its positive answer begins with again."""
 CONDITIONS = 0x22
 FOR_A_REASON = (CONDITIONS, 0x26)
 """Refusals of a routine that its state and its cause explain."""
 ENABLED_AGAIN = 0.15
 """Seconds after which a node that might have been willing is asked again: the frame of the heartbeat that enabled the
 step may have been lost, and the next ones came since."""
-ROUTINE_CONTROL, KEY_AT, KEY_ECHO = 0x31, slice(4, 12), slice(5, 13)
 
 Answer = TypeVar("Answer")
 
@@ -65,21 +58,6 @@ class LinkCounts:
     stray: int = 0
     broken: int = 0
     anew: int = 0
-
-
-class Bytes(udsoncan.DidCodec):
-    """An identifier as its bytes."""
-
-    def encode(self, value: bytes) -> bytes:
-        """The same."""
-        return value
-
-    def decode(self, payload: bytes) -> bytes:
-        """The same."""
-        return payload
-
-    def __len__(self) -> int:
-        raise udsoncan.DidCodec.ReadAllRemainingData
 
 
 class Link:
@@ -257,18 +235,6 @@ def _may_follow(routine: Routine, state: NodeState) -> bool:
     if routine is Routine.CLEAR:
         return not state.flags & (Flags.NEEDS_OPERATOR | Flags.STOPPED)
     return state.state not in OFF
-
-
-def is_answer(request: bytes, message: bytes) -> bool:
-    """Whether a message answers this request, as far as its first bytes tell."""
-    if message[:1] == bytes([NEGATIVE]):
-        return message[1:2] == request[:1]
-    if not message or message[0] != request[0] + POSITIVE:
-        return False
-    if request[0] == ROUTINE_CONTROL:
-        return message[1:4] == request[1:4] and message[KEY_ECHO] == request[KEY_AT]
-    echoed = ECHOED.get(request[0])
-    return echoed is None or message[echoed] == request[echoed]
 
 
 def _words(code: int) -> str:

@@ -14,8 +14,8 @@ from udsoncan.exceptions import NegativeResponseException, TimeoutException
 
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.isotp_connection import IsoTpConnection, Wire
-from inkloop_hardware.link import UNREADABLE, Bytes
 from inkloop_hardware.transfers import BLOCK_MOST
+from inkloop_hardware.uds_answers import UNREADABLE, Bytes
 
 TRIES = 3
 P2_STAR = 6.0

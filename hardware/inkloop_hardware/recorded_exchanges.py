@@ -12,10 +12,10 @@ from itertools import zip_longest
 from struct import unpack_from
 
 from inkloop_hardware.codec import Codec
-from inkloop_hardware.link import is_answer
 from inkloop_hardware.node_state import TransferState
 from inkloop_hardware.services import Routine
 from inkloop_hardware.traffic_reading import Reassembly, Seen
+from inkloop_hardware.uds_answers import is_answer
 from inkloop_hardware.vocabulary import Node
 
 READ, ROUTINE, DOWNLOAD, UPLOAD, BLOCK, EXIT = 0x22, 0x31, 0x34, 0x35, 0x36, 0x37
