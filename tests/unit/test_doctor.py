@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -242,6 +243,16 @@ def test_port_that_cannot_be_opened_is_told_by_its_cause(
 
     monkeypatch.setattr("inkloop_hardware.adapter._open", fail)
     assert words in opened(BusSettings("slcan", "/dev/ttyACM0"))[1].advice
+
+
+def test_page_names_every_check() -> None:
+    root = Path(__file__).parents[2]
+    page = (root / "docs/how-to/when-the-bench-does-not-answer.md").read_text()
+    names = ("adapter_check", "asking", "doctor", "listening", "self_test")
+    sources = [(root / f"hardware/inkloop_hardware/{name}.py").read_text() for name in names]
+    checks = set(re.findall(r"\b(?:fault|good|note|left_out)\(\s*\"([a-z ]+)\"", "".join(sources)))
+    assert {"interface", "clock", "self test"} <= checks
+    assert not sorted(check for check in checks if f"\n    {check} " not in page)
 
 
 def test_self_test_tries_gate_then_lamp_with_the_enables_of_each() -> None:

@@ -6,20 +6,23 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from struct import pack
+from tempfile import TemporaryDirectory
 
+import can
 import numpy as np
 import pytest
+from can.io import BLFWriter
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from inkloop_hardware.codec import Codec, Frame
-from inkloop_hardware.errors import NodeLost, ReplayDiffers, ReplayEnded
+from inkloop_hardware.errors import BusError, NodeLost, ReplayDiffers, ReplayEnded
 from inkloop_hardware.pattern_bytes import PatternBytes, first_difference, plain_form
 from inkloop_hardware.recorded_exchanges import Exchange, exchanges
 from inkloop_hardware.recorded_nodes import RecordedNodes
 from inkloop_hardware.services import Key, Routine
-from inkloop_hardware.traffic_reading import Reassembly, Seen, parts_of
+from inkloop_hardware.traffic_reading import Reassembly, Seen, parts_of, read_traffic
 from inkloop_hardware.vocabulary import Node
 
 CODEC = Codec()
@@ -176,6 +179,36 @@ def test_where_a_run_was_resumed_its_layer_is_begun_again() -> None:
         nodes.answer(Node.CURE, cure[0])
     nodes.answer(Node.STAGE, move[0])
     assert nodes.answer(Node.CURE, cure[0])[1] == 15
+
+
+@given(
+    st.sampled_from([".blf", ".asc"]), st.sampled_from([b"", b"LOGG", b"date Sat\nbase hex\n"]), st.binary(max_size=400)
+)
+def test_any_file_is_a_log_or_told_in_words(suffix: str, begin: bytes, rest: bytes) -> None:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"traffic{suffix}"
+        path.write_bytes(begin + rest)
+        try:
+            found = read_traffic(path)
+        except BusError as error:
+            assert str(path) in str(error)
+        else:
+            assert all(0 <= one.frame.arbitration_id < 2048 for one in found)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7, 0.99])
+def test_log_that_was_cut_off_gives_its_first_frames_or_is_told(share: float, tmp_path: Path) -> None:
+    path = tmp_path / "traffic.blf"
+    with BLFWriter(path) as writer:
+        for number in range(3000):
+            writer.on_message_received(can.Message(number / 1e3, 0x101, False, data=[number % 256] * 8))
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    try:
+        found = read_traffic(path)
+    except BusError as error:
+        assert "damaged" in str(error)
+    else:
+        assert [one.frame.data[0] for one in found] == [number % 256 for number in range(len(found))]
 
 
 def test_logs_of_a_resumed_run_belong_together(tmp_path: Path) -> None:
