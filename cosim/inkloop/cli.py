@@ -22,6 +22,8 @@ from inkloop.reproduce import command as reproduce
 from inkloop.run import new_run_folder, resume, run, scenario_file, scenario_of
 from inkloop.scenario import Scenario
 from inkloop.score import command as score
+from inkloop.ssp import command as ssp_command
+from inkloop.ssp import reading as ssp_reading
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -93,6 +95,10 @@ def _parser() -> argparse.ArgumentParser:
     write.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: MODEL.fmu)")
     write.set_defaults(command=_export)
 
+    system = ssp_command.add_parser(commands)
+    _add_overrides(system)
+    system.set_defaults(command=_export_ssp)
+
     info = commands.add_parser("info", help="show what an FMU is and offers, or how a run came about and ended")
     info.add_argument("path", type=Path, metavar="FMU|RUN", help="an .fmu file or a run folder")
     info.set_defaults(command=_info)
@@ -118,7 +124,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_scenario(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="a .toml file")
+    parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="a .toml file, or an .ssp")
+    parser.add_argument("--job", type=Path, metavar="FILE", help="an .ssp: the scenario that it is laid over, "
+                        "with the part and what is no FMU (default: the one in it)")  # fmt: skip
     _add_overrides(parser)
 
 
@@ -138,7 +146,12 @@ def _add_isolate(parser: argparse.ArgumentParser) -> None:
 
 def _scenario(options: argparse.Namespace) -> Scenario:
     """The scenario of the command line; classes that it names as "module:Class" may stand beside it."""
-    sys.path.append(str(options.scenario.parent.resolve()))
+    job = getattr(options, "job", None)
+    sys.path.append(str((job or options.scenario).parent.resolve()))
+    if options.scenario.suffix == ssp_reading.SUFFIX:
+        return ssp_reading.scenario_of(options.scenario, options.overrides, job)
+    if job is not None:
+        raise ScenarioError(str(options.scenario), [f"--job {job}: --job goes with an .ssp; leave it out"])
     return Scenario.load(options.scenario, options.overrides)
 
 
@@ -232,6 +245,10 @@ def _export(options: argparse.Namespace, console: Console) -> int:
                   out=options.out or Path(f"{options.model}.fmu"))  # fmt: skip
     console.print(f"wrote {path}", highlight=False)
     return 0
+
+
+def _export_ssp(options: argparse.Namespace, console: Console) -> int:
+    return ssp_command.export(_scenario(options), options, console)
 
 
 def _info(options: argparse.Namespace, console: Console) -> int:

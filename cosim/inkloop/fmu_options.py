@@ -16,6 +16,7 @@ from inkloop.export import export, find_fmu
 from inkloop.faults import nearest
 from inkloop.fmu import FmuComponent, FmuDescription, Variable, describe, platform_fault
 from inkloop.mapped_ports import MappedPorts
+from inkloop.packed_fmu import fmu_file
 from inkloop.port_options import OPTION, make_mapped, mapped_ports
 from inkloop.presets import PRESETS, preset_of
 from inkloop.region_intervals import region_intervals
@@ -75,7 +76,8 @@ def faults_of_file(job: Job, options: Mapping[str, object]) -> list[str]:
     """Everything wrong with the options of `kind = "Fmu"`. Raises FmuError if the file cannot be read."""
     if not isinstance(options.get("file"), str):
         return ["file is missing; name the .fmu file"]
-    description = describe(str(options["file"]))
+    with fmu_file(Path(str(options["file"]))) as path:
+        description = describe(path)
     fault = platform_fault(description)
     wrong = [f"file is {options['file']!r}, which {fault}"] if fault else []
     parsed = _parse(description, job, _without(options, *_FILE_KEYS), _FILE_KEYS)
@@ -88,10 +90,19 @@ def faults_of_file(job: Job, options: Mapping[str, object]) -> list[str]:
 
 def make_from_file(job: Job, options: Mapping[str, object]) -> FmuComponent | MappedPorts:
     """Any FMU file, with faultless options."""
-    description = describe(str(options["file"]))
-    parsed = _parse(description, job, _without(options, *_FILE_KEYS), _FILE_KEYS)
-    fmu = FmuComponent(description.path, parameters=parsed.parameters, structural=parsed.structural)
+    with fmu_file(Path(str(options["file"]))) as path:  # a component keeps what it needs of the file
+        parsed = _parse(describe(path), job, _without(options, *_FILE_KEYS), _FILE_KEYS)
+        fmu = FmuComponent(path, parameters=parsed.parameters, structural=parsed.structural)
     return make_mapped(fmu, job, options[OPTION]) if OPTION in options else fmu
+
+
+def values_of_file(description: FmuDescription, job: Job, options: Mapping[str, object]) -> dict[str, NDArray[Any]]:
+    """What faultless options and the job come to for any FMU file; sizes only where they are not its own."""
+    parsed = _parse(description, job, _without(options, *_FILE_KEYS), _FILE_KEYS)
+    sizes = description.sizes(parsed.structural)
+    changed = {name: size for name, size in sizes.items() if size != description.default_sizes[name]}
+    values = {**changed, **parsed.parameters}
+    return {name: description.parameters[name].convert(value, sizes) for name, value in values.items()}
 
 
 def _parse_model(model: str, job: Job, options: Mapping[str, object]) -> _Parsed:

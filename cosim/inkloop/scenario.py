@@ -86,6 +86,10 @@ class Scenario:
         """The job as `component` is told it."""
         return job_of(self.tables, component)
 
+    def options(self, component: str) -> dict[str, Any]:
+        """The options of a component, the files that they name as they are found from here."""
+        return self._options(self.tables.components[component])
+
     @property
     def foreign_fmus(self) -> list[str]:
         """The components, comparison runs included, that run an FMU of others."""

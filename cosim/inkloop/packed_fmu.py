@@ -1,0 +1,33 @@
+"""FMUs that stand in an .ssp: named `system.ssp/resources/plant.fmu`, as if that were a folder."""
+
+from __future__ import annotations
+
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from inkloop.errors import FmuError
+
+SUFFIX = ".ssp"
+
+
+@contextmanager
+def fmu_file(path: Path) -> Iterator[Path]:
+    """The file that `path` names, a copy of it where that leads into an .ssp. Raises FmuError, by `path`."""
+    archive = next((folder for folder in path.parents if folder.suffix == SUFFIX and folder.is_file()), None)
+    if archive is None:
+        yield path
+        return
+    with tempfile.TemporaryDirectory(prefix="inkloop-ssp-") as folder:
+        copy = Path(folder) / path.name
+        try:
+            with zipfile.ZipFile(archive) as packed:
+                copy.write_bytes(packed.read(path.relative_to(archive).as_posix()))
+        except (KeyError, OSError, zipfile.BadZipFile) as error:
+            raise FmuError(f"{path}: cannot be read: {error}") from error
+        try:
+            yield copy
+        except FmuError as error:
+            raise FmuError(str(error).replace(str(copy), str(path))) from error

@@ -1,0 +1,82 @@
+"""`inkloop export-ssp`: a scenario as a system of FMUs for other tools."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from inkloop.errors import ScenarioError
+from inkloop.files import write_text
+from inkloop.scenario import Scenario
+from inkloop.ssp import archive, maestro, osp, simulink, start_values
+from inkloop.ssp.system import System, system_of
+
+FORMATS = ("ssp", "osp", "maestro", "simulink")
+VERSIONS = {"1.0": "2", "2.0": "3"}
+"""Version of SSP -> version of FMI of our FMUs in it, unless said otherwise."""
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "export-ssp", help="write a scenario as a system of FMUs for other tools: SSP, libcosim, Maestro, Simulink"
+    )
+    parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="a .toml file")
+    parser.add_argument("-o", "--out", type=Path, metavar="PATH",
+                        help="file, of --to osp, ... folder to write (default: NAME.ssp, NAME-osp, ...)")  # fmt: skip
+    parser.add_argument("--to", choices=FORMATS, default="ssp", help="whose file (default ssp)")
+    parser.add_argument("--ssp", choices=tuple(VERSIONS), default="1.0",
+                        help="1.0 with FMI 2 and scalars (default), 2.0 with FMI 3 and arrays")  # fmt: skip
+    parser.add_argument("--fmi", choices=("2", "3"), help="version of FMI of our FMUs in it")
+    return parser
+
+
+def export(scenario: Scenario, options: argparse.Namespace, console: Console) -> int:
+    """Write, and say what is left to do; the exit code. Raises ScenarioError, FmuError."""
+    fmi = _fmi(options)
+    stem = Path(scenario.source).stem
+    with tempfile.TemporaryDirectory(prefix="inkloop-export-") as folder:
+        system = system_of(scenario, fmi, Path(folder))
+        if options.to == "ssp":
+            out = options.out or Path(f"{stem}.ssp")
+            archive.write(system, options.ssp, out)
+        else:
+            out = options.out or Path(f"{stem}-{options.to}")
+            _write_folder(system, options.to, out, stem)
+    console.print(f"wrote {out}: {', '.join(part.name for part in system.parts)}", highlight=False)
+    for note in system.notes():
+        console.print(f"  {note}", highlight=False)
+    return 0
+
+
+def _fmi(options: argparse.Namespace) -> str:
+    """The version of FMI that is asked for, where the format knows it. Raises ScenarioError."""
+    wanted = options.fmi or (VERSIONS[options.ssp] if options.to == "ssp" else "2")
+    if wanted == "3" and (options.to != "ssp" or options.ssp == "1.0"):
+        what = "SSP 1.0" if options.to == "ssp" else options.to
+        advice = "add --ssp 2.0, or leave --fmi out" if options.to == "ssp" else "leave --fmi out"
+        raise ScenarioError(str(options.scenario), [f"--fmi 3: {what} takes FMI 2 only; {advice}"])
+    return wanted
+
+
+def _write_folder(system: System, to: str, out: Path, stem: str) -> None:
+    if to == "osp":
+        texts = {osp.FILE: osp.structure(system).decode()}
+    elif to == "maestro":
+        tables = {
+            maestro.MULTI_MODEL: maestro.multi_model(system),
+            maestro.CONFIGURATION: maestro.configuration(system),
+        }
+        texts = {name: json.dumps(table, indent=1) + "\n" for name, table in tables.items()}
+    else:
+        texts = {f"build_{simulink.model_name(stem)}.m": simulink.script(system, stem)}
+    out.mkdir(parents=True, exist_ok=True)
+    for part in system.parts:  # libcosim sets no enumerations, Simulink no parameters by the hundred
+        start_values.write(part, out / f"{part.name}.fmu")
+    for name, text in texts.items():
+        write_text(out / name, text)

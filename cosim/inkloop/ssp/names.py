@@ -1,0 +1,26 @@
+"""Names of SSP: namespaces as ElementTree writes them, and which element of which variable a scalar's name means."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TypeAlias
+
+from inkloop.fmu import FmuDescription
+
+_NAMESPACE = "http://ssp-standard.org/SSP1/SystemStructure"
+SSC = f"{{{_NAMESPACE}Common}}"
+SSD = f"{{{_NAMESPACE}Description}}"
+SSV = f"{{{_NAMESPACE}ParameterValues}}"
+SSM = f"{{{_NAMESPACE}ParameterMapping}}"
+
+Places: TypeAlias = Mapping[str, tuple[str, int]]
+"""Name in the .ssp -> variable in inkloop, and the element of it that is meant."""
+
+
+def places(description: FmuDescription) -> dict[str, tuple[str, int]]:
+    """The names of an FMU's variables; one that FMI 2 scatters has a name for each element."""
+    return {
+        name: (variable.name, number)
+        for variable in description.variables.values()
+        for number, name in enumerate(variable.elements or (variable.name,))
+    }
