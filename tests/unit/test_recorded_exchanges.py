@@ -181,19 +181,25 @@ def test_where_a_run_was_resumed_its_layer_is_begun_again() -> None:
     assert nodes.answer(Node.CURE, cure[0])[1] == 15
 
 
-@given(
-    st.sampled_from([".blf", ".asc"]), st.sampled_from([b"", b"LOGG", b"date Sat\nbase hex\n"]), st.binary(max_size=400)
-)
+def read_or_told(path: Path) -> tuple[list[Seen], str]:
+    """The frames of a log, and what is said where it is none."""
+    try:
+        return read_traffic(path), ""
+    except BusError as error:
+        return [], str(error)
+
+
+BEGINNINGS = (b"", b"LOGG", b"date Sat\nbase hex\n")
+
+
+@given(st.sampled_from([".blf", ".asc"]), st.sampled_from(BEGINNINGS), st.binary(max_size=400))
 def test_any_file_is_a_log_or_told_in_words(suffix: str, begin: bytes, rest: bytes) -> None:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"traffic{suffix}"
         path.write_bytes(begin + rest)
-        try:
-            found = read_traffic(path)
-        except BusError as error:
-            assert str(path) in str(error)
-        else:
-            assert all(0 <= one.frame.arbitration_id < 2048 for one in found)
+        found, said = read_or_told(path)
+    assert str(path) in said or not said
+    assert all(0 <= one.frame.arbitration_id < 2048 for one in found)
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 0.99])
@@ -203,12 +209,9 @@ def test_log_that_was_cut_off_gives_its_first_frames_or_is_told(share: float, tm
         for number in range(3000):
             writer.on_message_received(can.Message(number / 1e3, 0x101, False, data=[number % 256] * 8))
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
-    try:
-        found = read_traffic(path)
-    except BusError as error:
-        assert "damaged" in str(error)
-    else:
-        assert [one.frame.data[0] for one in found] == [number % 256 for number in range(len(found))]
+    found, said = read_or_told(path)
+    assert "damaged" in said or not said
+    assert [one.frame.data[0] for one in found] == [number % 256 for number in range(len(found))]
 
 
 def test_logs_of_a_resumed_run_belong_together(tmp_path: Path) -> None:
