@@ -53,7 +53,7 @@ def test_no_controller_of_the_board_is_worse_than_open_loop(plant) -> None:
 def scores() -> list[Score]:
     names = ("mean_error", "mae", "rms", "std", "layers", "droplets")
     return [
-        Score(entry, plant, Ink(), dict.fromkeys(names, [rms * 1e-6, rms * 1e-6]))
+        Score(entry, plant, Ink(), {name: [rms * 1e-6] * 2 for name in names})
         for entry, errors in ((OPEN_LOOP, (8.0, 2.0)), (OURS, (2.0, 2.0)))
         for plant, rms in zip(("lu", "caps"), errors, strict=True)
     ]

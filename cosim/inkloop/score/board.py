@@ -86,17 +86,19 @@ def load(plant: str, overrides: Iterable[str] = ()) -> Scenario:
     return Scenario.load(FOLDER / f"{plant}.toml", overrides)
 
 
+def overrides_of(entry: Entry) -> list[str]:
+    """What puts a controller into the scenario of a plant."""
+    options = [f"components.controller.{option}" for option in entry.options]
+    return [f"components.controller.kind={entry.kind}", *options]
+
+
 def prints(entry: Entry, plant: str, seeds: Iterable[int]) -> Score:
     """An entry on a plant. Raises ScenarioError, ComponentError; KeyboardInterrupt after Ctrl-C."""
     nominal = load(plant)
     ink = nominal.job().inks[0] if entry.ink is None else entry.ink(nominal)
-    chosen = [
-        f"components.controller.kind={entry.kind}",
-        *(f"components.controller.{option}" for option in entry.options),
-    ]
     figures: dict[str, list[float]] = {metric: [] for metric in METRICS}
     for seed in seeds:
-        result = _printed(load(plant, [f"seed={seed}", *chosen, *_overrides(ink)]))
+        result = _printed(load(plant, [f"seed={seed}", *overrides_of(entry), *_overrides(ink)]))
         for metric, value in result.metrics().items():
             if metric in figures:
                 figures[metric].append(value)

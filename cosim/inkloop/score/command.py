@@ -18,7 +18,19 @@ from inkloop.faults import nearest
 from inkloop.files import write_text
 from inkloop.run import INTERRUPTED, new_run_folder
 from inkloop.score import tables
-from inkloop.score.board import AGAINST, ENTRIES, OPEN_LOOP, PLANTS, SEEDS, VERSION, Entry, Score, prints
+from inkloop.score.board import (
+    AGAINST,
+    ENTRIES,
+    OPEN_LOOP,
+    PLANTS,
+    SEEDS,
+    VERSION,
+    Entry,
+    Score,
+    load,
+    overrides_of,
+    prints,
+)
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -42,7 +54,9 @@ def score(options: argparse.Namespace, console: Console) -> int:
     sys.path.append(str(Path.cwd()))
     entries = list(ENTRIES)
     if options.controller is not None:
-        entries = [*AGAINST, Entry(options.controller, options.controller, tuple(options.overrides))]
+        own = Entry(options.controller, options.controller, tuple(options.overrides))
+        entries = [*AGAINST, own]
+        load(PLANTS[0], overrides_of(own))  # what is wrong with it is said before anything is printed
     elif options.overrides:
         raise InkloopError("--set is for a controller of your own; name it, as MODULE:CLASS or by its kind")
     unknown = [plant for plant in options.plants if plant.removeprefix(f"{VERSION}/") not in PLANTS]
