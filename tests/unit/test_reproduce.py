@@ -151,6 +151,15 @@ def test_elements_converge_to_the_cap(order) -> None:
     assert errors[2] < {1: 0.03, 2: 0.003}[order]
 
 
+def test_without_scikit_fem_the_rest_is_reproduced_and_the_gap_is_said(monkeypatch) -> None:
+    monkeypatch.setattr("inkloop.reproduce.finite_elements.is_installed", lambda: False)
+    rows = single_droplet.find(True).rows
+    (gap,) = [row for row in rows if row.where == "Table 2"]
+    assert "scikit-fem" in gap.figure
+    assert gap.cells[4] == "-"
+    assert {row.reproduced for row in rows if row.where == "Validation" and row.printed is not None} == {"yes"}
+
+
 def test_group_of_wu_and_chiu_gives_the_ratios_of_its_own_equation_17() -> None:
     found = ours(wu_chiu.printed_sample(True))
     ratios = [found[f"(17) on (18), (19): {name}"] for name in ("mv_plus", "mv_minus", "ma_plus", "ma_minus")]

@@ -82,7 +82,9 @@ class Paper:
 
 
 def number(value: float) -> str:
-    """Four significant digits, as a person would write them."""
+    """Four significant digits, as a person would write them; "-" for none."""
+    if math.isnan(value):
+        return "-"
     return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.4g}"
 
 
