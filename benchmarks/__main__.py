@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 
 from rich.console import Console
@@ -29,6 +30,7 @@ def main(names: list[str]) -> int:
     if unknown:
         print(f"no benchmark called {', '.join(unknown)}; there are {', '.join((*NAMES, *ALONE))}", file=sys.stderr)
         return 1
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads that wait for each other would count as processor time
     console = Console(width=140)
     for name in names or NAMES:
         console.print(importlib.import_module(f"benchmarks.{name}").measure())
