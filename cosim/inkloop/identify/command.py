@@ -64,7 +64,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     for table in tables(found):
         console.print(table)
     for note in found.notes:
-        console.print(f"not there: {note}", highlight=False, markup=False)
+        console.print(f"note: {note}", highlight=False, markup=False)
     write_ink(found, out, date.today())
     picture = out.with_suffix(".png")
     save(found, picture)
@@ -87,6 +87,8 @@ def _check(options: argparse.Namespace) -> None:
         for name, (low, high) in limits.items()
         if not low <= getattr(options, name) <= high
     ]
+    if options.runs is not None and options.runs.exists() and (options.runs.is_file() or any(options.runs.iterdir())):
+        faults.append(f"--runs {options.runs}: is there already and not empty; name another, nothing is overwritten")
     if options.noise_um is not None and not 0.0 <= options.noise_um < 1e6:
         faults.append(f"--noise-um is {options.noise_um}; expected at least 0")
     if faults:

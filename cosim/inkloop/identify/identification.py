@@ -18,6 +18,8 @@ from inkloop.identify.volume_area_coefficients import VolumeAreaEstimate, identi
 
 DENSE = 0.15  # of the touched cells are hit by a layer on average, else it is a print of motifs (assumed)
 
+GROWTHS_COMPARED = 12_000  # of cells: more tell models no better apart, but take longer (assumed)
+
 
 @dataclass(frozen=True, eq=False)
 class Identification:
@@ -73,10 +75,13 @@ def identify(
     except IdentificationError as error:
         notes.append(f"Wu and Chiu's coefficients: {error}")
     ink = identify_ink(dense, noise)
+    compared = tuple(record.first(_layers_compared(dense)) for record in dense)
+    if any(len(record.pattern) < len(whole.pattern) for record, whole in zip(compared, dense, strict=True)):
+        notes.append(f"models are compared over the first {_layers_compared(dense)} layers of each print")
     models = candidates(nominal, noise, None if protocol is None else protocol.heights, volume_area)
-    comparisons = tuple(compare(models, dense, noise, on_fit))
+    comparisons = tuple(compare(models, compared, noise, on_fit))
     notes += [f"{c.name}: {c.refusal}" for c in comparisons if c.refusal]
-    return Identification(tuple(records), dense, noise, ink, protocol, volume_area, comparisons, tuple(notes))
+    return Identification(tuple(records), compared, noise, ink, protocol, volume_area, comparisons, tuple(notes))
 
 
 def _check(records: Sequence[PrintRecord]) -> None:
@@ -97,6 +102,11 @@ def _check(records: Sequence[PrintRecord]) -> None:
     ]
     if faults:
         raise IdentificationError("\n".join(faults))
+
+
+def _layers_compared(records: Sequence[PrintRecord]) -> int:
+    """Layers of each print over which models are compared, which takes time for each of them."""
+    return max(2, GROWTHS_COMPARED // sum(record.shape[0] * record.shape[1] for record in records))
 
 
 def _density(record: PrintRecord) -> float:

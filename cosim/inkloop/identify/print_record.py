@@ -59,6 +59,11 @@ class PrintRecord:
             colours = pass_colours(self.passes, self.pass_order, self.pass_rotation, k + 1)
             yield PrintedLayer(k + 1, pattern, self.measured[k], self.measured[k + 1], colours)
 
+    def first(self, layers: int) -> PrintRecord:
+        """The print as it was after so many layers."""
+        area = None if self.area is None else self.area[: layers + 1]
+        return replace(self, pattern=self.pattern[:layers], measured=self.measured[: layers + 1], area=area)
+
     def untouched(self, margin: int) -> BoolMap:
         """(nx, ny) cells that have no droplet within `margin` cells in any layer."""
         return reference_cells(np.asarray((self.pattern > 0).any(axis=0)), margin)
