@@ -46,6 +46,9 @@ def mapped_ports(
     faults: list[str] = []
     own = {"input": {port.name: port for port in fmu_inputs}, "output": {port.name: port for port in fmu_outputs}}
     for name, found in option.items():
+        if not isinstance(found, str | Mapping):
+            faults.append(f"{OPTION}.{name} is {found!r}; expected the name of a variable, or a table with it")
+            continue
         try:
             table = PortTable.model_validate({"variable": found} if isinstance(found, str) else found)
         except ValidationError as error:

@@ -14,10 +14,13 @@ import numpy as np
 import pytest
 from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import read_ssd, read_ssv
+from lxml import etree
 from pyssp_standard import SSP
+from pyssp_standard.standard import ModelicaStandard
 
 import amplifier
 from inkloop.cli import main
+from inkloop.errors import ScenarioError
 from inkloop.fmu import describe
 from inkloop.printing import Print
 from inkloop.result import Result
@@ -65,22 +68,29 @@ def exported(folder: Path, version: str, text: str = TEXT) -> tuple[Path, System
 
 
 @EVERY_VERSION
-def test_files_are_valid_by_the_schemas_of_their_version(version: str, tmp_path: Path) -> None:
-    for text in (TEXT, OPEN_LOOP):
-        folder = tmp_path / str(len(text))
-        folder.mkdir()
-        path, system = exported(folder, version, text)
-        with SSP(path, mode="r") as opened:
-            with opened.system_structure as structure:
-                structure.__check_compliance__()
-                assert structure.version == version
-                assert len(structure.system.elements) == len(system.parts)
-            (parameters,) = opened.ssv
-            with parameters as values:
-                values.__check_compliance__()
-                assert values.version == version
-                assert values.parameters
-            assert {f"{part.name}.fmu" for part in system.parts} <= {Path(str(name)).name for name in opened.resources}
+@pytest.mark.parametrize("text", [TEXT, OPEN_LOOP], ids=["with its controller", "without"])
+def test_files_are_valid_by_the_schemas_of_their_version(version: str, text: str, tmp_path: Path) -> None:
+    path, _ = exported(tmp_path, version, text)
+    with zipfile.ZipFile(path) as opened:
+        for member, kind in (("SystemStructure.ssd", "ssd"), ("resources/parameters.ssv", "ssv")):
+            schema = ModelicaStandard.schemas[kind if version == "1.0" else f"{kind}2"]
+            etree.XMLSchema(file=str(schema)).assertValid(etree.fromstring(opened.read(member)))
+
+
+@EVERY_VERSION
+def test_pyssp_reads_all_of_it(version: str, tmp_path: Path) -> None:
+    path, system = exported(tmp_path, version)
+    with SSP(path, mode="r") as opened:
+        with opened.system_structure as structure:
+            assert structure.version == version
+            assert [element.name for element in structure.system.elements] == [part.name for part in system.parts]
+        (parameters,) = opened.ssv
+        with parameters as values:
+            assert values.version == version
+            names = {entry["name"] for entry in values.parameters}
+        expected = {f"{part.name}.{scalar}" for part in system.parts for name in part.values
+                    for scalar in part.scalars(name)}  # fmt: skip
+        assert names == expected
 
 
 @EVERY_VERSION
@@ -120,6 +130,20 @@ def test_controller_in_python_stays_outside_in_words(tmp_path: Path) -> None:
     assert connectors["pattern[1,1]"] == connectors["layer_command"] == "input"
     assert connectors["measured_height[6,5]"] == connectors["layers_scanned"] == "output"
     assert "controller is not in it" in structure.system.description
+
+
+def test_what_an_fmu_cannot_say_is_told(tmp_path: Path) -> None:
+    certified = TEXT.replace("horizon = 2", "horizon = 1\nalpha = 1.0\ncertified = true")
+    event = '[[events]]\nat_layer = 1\naction = "override"\nport = "printer.pattern"\nvalue = 0\ncells = [[0, 0]]\n'
+    _, system = exported(tmp_path, "1.0", certified + event)
+    controller, events = system.notes()
+    assert "LayerController.fmu cannot stand in for it: certified is no option" in controller
+    assert "the events of the scenario are not in it" in events
+
+
+def test_names_that_other_tools_refuse_are_a_fault(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"components.my printer: other tools take letters"):
+        exported(tmp_path, "1.0", TEXT.replace("[components.printer]", '[components."my printer"]'))
 
 
 def test_fmpy_runs_the_system_with_the_controller_outside(tmp_path: Path) -> None:

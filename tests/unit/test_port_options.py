@@ -84,7 +84,7 @@ def test_every_fault_is_named_at_once_with_its_key() -> None:
         "ports.height.variable": "'z' in [1]; needs a unit of the quantity [m]: write unit, one of um, mm",
         "ports.measured_height.unit": "'um', but the FMU says that x is in [mm]; leave it out",
         "ports.status.gian": "is not a key of this table",
-        "ports.valid": "expected",
+        "ports.valid": "is 3; expected the name of a variable, or a table with it",
     }
     faults = mapped_ports(inputs, outputs, JOB, option)[2]
     for place, words in expected.items():

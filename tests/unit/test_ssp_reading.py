@@ -116,6 +116,7 @@ def test_every_fault_of_the_structure_is_named_at_once(tmp_path: Path) -> None:
         parameter("first.gian", "1"),
         parameter("second.gain", "much"),
         parameter("third.gain", "1"),
+        parameter("first.mode", "", "Enumeration"),
         parameter("first.gain", "1", more='unit="m"'),
     )
     bindings += '<ssd:ParameterBinding source="resources/none.ssv"/>'
@@ -132,6 +133,7 @@ def test_every_fault_of_the_structure_is_named_at_once(tmp_path: Path) -> None:
         "from second.y to first.x has a BooleanMappingTransformation",
         "parameter first.gian is none of first; did you mean gain?",
         "parameter second.gain is 'much'; expected Real",
+        "parameter first.mode is ''; expected Enumeration",
         "parameter third.gain: there is no component 'third'",
         "parameter first.gain is in [m]; gain is in [1]",
         "parameters 'resources/none.ssv' cannot be read",

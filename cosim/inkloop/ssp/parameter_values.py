@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Iterator, Mapping
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -58,9 +59,12 @@ def _entries(scope: ET.Element, archive: zipfile.ZipFile, faults: list[str]) -> 
         root = binding.find(f"{SSD}ParameterValues/{SSV}ParameterSet")
         if source is not None:
             try:
-                root = ET.fromstring(archive.read(source))
+                root = ET.fromstring(archive.read(unquote(source)))
             except (KeyError, ET.ParseError) as error:
                 faults.append(f"parameters {source!r} cannot be read: {error}")
+                continue
+            if root.tag != f"{SSV}ParameterSet":
+                faults.append(f"parameters {source!r} are no parameter set of SSP, but <{root.tag}>")
                 continue
         for parameter in root.findall(f"{SSV}Parameters/{SSV}Parameter") if root is not None else ():
             entry = next((child for child in parameter if child.tag.startswith(SSV)), None)
@@ -76,11 +80,15 @@ def _values(entry: ET.Element, variable: Variable, place: str, faults: list[str]
         factor = 1.0 if found is None else found
         if found is None:
             faults.append(f"parameter {place} is in [{unit}]; {variable.name} is in [{variable.unit}]")
+    is_array = bool(variable.dimensions) and not variable.elements
     try:
-        return [_value(text, variable, factor) for text in texts]
+        values = [_value(text, variable, factor) for text in texts]
     except ValueError:
-        faults.append(f"parameter {place} is {entry.get('value')!r}; expected {variable.type}")
-        return []
+        values = []
+    if len(values) == 1 or (values and is_array):
+        return values
+    faults.append(f"parameter {place} is {entry.get('value')!r}; expected {variable.type}")
+    return [0]
 
 
 def _value(text: str, variable: Variable, factor: float) -> Value:
@@ -98,7 +106,7 @@ def _joined(description: FmuDescription, name: str, parts: Mapping[int, list[Val
     """One value, or the whole array: elements that no set names keep their start value."""
     variable = description.variables[name]
     if not variable.dimensions:
-        return next(iter(parts[0]), None)
+        return parts[0][0]
     if not variable.elements:
         values = parts[0]
         shape = variable.shape(description.default_sizes)

@@ -13,6 +13,7 @@ import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
@@ -93,7 +94,7 @@ def _sources(system: ET.Element, archive: zipfile.ZipFile, faults: list[str]) ->
     """Component -> the member of the archive that is its FMU."""
     sources = {}
     for element in system.findall(f"{SSD}Elements/*"):
-        name, source = element.get("name", ""), element.get("source", "")
+        name, source = element.get("name", ""), unquote(element.get("source", ""))
         kind = element.tag.removeprefix(SSD)
         if kind != "Component":
             faults.append(f"{name} is a {kind}; inkloop takes components in one system only, no further levels")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +21,7 @@ from inkloop.port_options import OPTION as PORTS
 from inkloop.scenario import Scenario
 from inkloop.wiring import Connection, Transfer
 
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 CONTROLLER = "LayerController"
 PYTHON_CONTROLLER = "LayerMpc"
 """The FMU stands in for the controller of this kind in Python, where it has all of its options."""
@@ -72,6 +74,7 @@ class System:
     step_s: float
     stop_s: float
     scenario_text: str
+    has_events: bool = False
 
     def part(self, name: str) -> Part:
         """The part of a name."""
@@ -89,7 +92,10 @@ class System:
 
     def notes(self) -> list[str]:
         """What is left to whoever runs the system, one sentence for each part outside."""
-        return [f"{name} is not in it: {reason}" for name, reason in self.outside.items()]
+        notes = [f"{name} is not in it: {reason}" for name, reason in self.outside.items()]
+        return notes + (
+            ["the events of the scenario are not in it: inkloop alone knows them"] if self.has_events else []
+        )
 
 
 def system_of(scenario: Scenario, fmi: str, folder: Path) -> System:
@@ -106,6 +112,9 @@ def system_of(scenario: Scenario, fmi: str, folder: Path) -> System:
             parts[name] = made
         else:
             outside[name] = made
+    if bad := [name for name in parts if not _NAME.fullmatch(name)]:
+        advice = "other tools take letters, digits, _ and - in names; rename it"
+        raise ScenarioError(scenario.source, [f"components.{name}: {advice}" for name in bad])
     if not parts:
         reasons = [f"{name}: {reason}" for name, reason in outside.items()]
         raise ScenarioError(scenario.source, ["none of its components is an FMU that could be packed", *reasons])
@@ -114,7 +123,7 @@ def system_of(scenario: Scenario, fmi: str, folder: Path) -> System:
         component.terminate()
     wires = _wires(connections, components, parts)
     system = System(scenario.tables.title, list(parts.values()), wires, outside, scenario.tables.run.step_s,
-                    _stop_s(scenario, parts), scenario.text)  # fmt: skip
+                    _stop_s(scenario, parts), scenario.text, bool(scenario.tables.events))  # fmt: skip
     if faults := list(_form_faults(system)):
         raise ScenarioError(scenario.source, faults)
     return system
