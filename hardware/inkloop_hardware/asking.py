@@ -10,7 +10,7 @@ from itertools import pairwise
 from inkloop.component import Job
 from inkloop_hardware.adapter import Adapter
 from inkloop_hardware.codec import Codec, Frame
-from inkloop_hardware.errors import HardwareError
+from inkloop_hardware.errors import BusError, HardwareError
 from inkloop_hardware.findings import Finding, Grade, fault, good, left_out, note
 from inkloop_hardware.link import Link
 from inkloop_hardware.node_state import Flags, JournalRecord, NodeLimits, NodeState
@@ -109,11 +109,13 @@ def told_by(link: Link) -> Told:
 
 
 def ask(asked: Sequence[Link], expected: Expected | None) -> Iterator[Finding]:
-    """States, services, clocks, journals and limits."""
+    """States, services, clocks, journals and limits. BusError when the adapter is gone."""
     told = []
     for link in asked:
         try:
             told.append(told_by(link))
+        except BusError:
+            raise
         except HardwareError as error:
             yield fault("services", str(error), "does the node run this inkloop's firmware, or an ISO-TP of its own?")
     yield from judged(told, expected)

@@ -62,7 +62,7 @@ def examine(
                 yield finding
         yield from _tried(bus, self_test, well)
     except HardwareError as error:
-        yield fault("bus", str(error), "look at adapter and cable, then ask again")
+        yield fault("bus", str(error), "look at the adapter and its cables, then ask again")
 
 
 def _understood(heard: Heard, codec: Codec) -> list[Node]:

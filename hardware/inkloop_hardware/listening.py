@@ -22,6 +22,8 @@ LISTEN_S = 1.2
 """Twelve statuses of a node that is well, and one MasterAlive at least of any master."""
 CYCLE_SLACK = 0.25
 """Share of its cycle by which the median of a status may be off (assumed)."""
+LOST_SHARE = 0.1
+"""Lost frames per frame that came in, from which on transfers fail (assumed)."""
 CHECK_NODE = "is it powered, on this bus, at this bit rate, and with the ids of its role?"
 
 
@@ -131,7 +133,7 @@ def judge_bus(heard: Heard, *, foreign: bool = False) -> Iterator[Finding]:
         yield fault("bus", f"{heard.errors} error frames", wires)
     for words, count in heard.complaints.items():
         if "error frames" not in words:
-            yield fault("bus", f"{count} {words}", wires)
+            yield fault("bus", f"{count} {words}", "look at the adapter, its USB cable and its bit rate")
 
 
 def _masters(heard: Heard) -> Iterator[Finding]:
@@ -189,7 +191,12 @@ def _supervision(heard: Heard) -> Iterator[Finding]:
                 "damaged: cables, adapter, or another data id; repeated or jumped: do two nodes use its ids?",
             )  # fmt: skip
         elif monitor.lost:
-            yield note("supervision", f"{node.lower()}: {monitor.lost} statuses were lost", "look at cables and load")
+            well = well and monitor.lost <= LOST_SHARE * len(heard.times[node])
+            say = note if monitor.lost <= LOST_SHARE * len(heard.times[node]) else fault
+            yield say(
+                "supervision", f"{node.lower()}: {monitor.lost} statuses were lost, {len(heard.times[node])} came in",
+                "look at cables and termination, and at the load of bus and adapter",
+            )  # fmt: skip
     if well:
         counted = sum(len(times) for times in heard.times.values())
         yield good("supervision", f"check bytes and counters of {counted} statuses are right")

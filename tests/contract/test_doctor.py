@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import threading
 from collections.abc import Callable, Iterator
@@ -80,9 +81,12 @@ def talking(channel: str, frame: Callable[[int], Frame]) -> Iterator[Adapter]:
         adapter.close()
 
 
-def test_bench_that_is_well_has_no_fault_and_is_left_as_it_was(path: Path, doctor: Said) -> None:
+def test_bench_that_is_well_has_no_fault_and_without_a_yes_is_left_as_it_was(
+    path: Path, doctor: Said, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
     with bench(path) as channel:
-        assert doctor(channel) == (0, {})
+        assert doctor(channel, "--self-test") == (0, {})
         with Rig(BusSettings("slcan", channel, 500_000)) as rig:
             rig.wait_for(Node)
             for node in Node:
@@ -102,15 +106,6 @@ def test_self_test_opens_the_gate_lights_the_lamp_and_leaves_everything_off(path
             assert head.times().gate_closed >= head.times().gate_opened > 0
             assert head.state().state is lamp.state().state is State.SAFE
             assert len(head.journal()) == len(lamp.journal()) == 1
-
-
-def test_self_test_is_not_done_without_a_yes(path: Path, doctor: Said, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.stdin.readline", lambda: "\n", raising=False)
-    with bench(path) as channel:
-        assert doctor(channel, "--self-test") == (0, {})
-        with Rig(BusSettings("slcan", channel, 500_000)) as rig:
-            rig.wait_for(Node)
-            assert rig.link(Node.HEAD).state().gate_pulses == 0
 
 
 @pytest.mark.parametrize(
@@ -151,6 +146,14 @@ def test_frames_that_are_not_to_be_believed_are_told(fault: str, words: str, pat
         assert code == 1
         assert said["supervision"].startswith(words)
         assert said["supervision"].endswith("not to be believed")
+
+
+@pytest.mark.parametrize("fault", ["unplugged:nth=5", "bus-off:nth=5"])
+def test_adapter_that_goes_meanwhile_is_told_once(fault: str, path: Path, doctor: Said) -> None:
+    with bench(path, fault) as channel:
+        code, said = doctor(channel)
+        assert code == 1
+        assert set(said) == {"bus"}
 
 
 def test_node_of_another_protocol_is_told(path: Path, doctor: Said) -> None:

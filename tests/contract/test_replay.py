@@ -112,6 +112,7 @@ def test_replay_is_chosen_by_a_word_of_the_scenario(run: Path) -> None:
         np.testing.assert_array_equal(Result.load(run).dataset[name], again[name], err_msg=name)
 
 
+@pytest.mark.long
 def test_run_that_was_interrupted_and_resumed_is_replayed_from_both_logs(
     tmp_path: Path, replayed: Callable[..., tuple[int, str]]
 ) -> None:

@@ -88,7 +88,21 @@ def test_error_frames_and_malformed_lines_point_at_the_wires() -> None:
     found.errors, found.complaints = 3, {"malformed lines of the adapter": 2}
     said = [finding for finding in judge(found, CODEC) if finding.grade is Grade.FAULT]
     assert [finding.found for finding in said] == ["3 error frames", "2 malformed lines of the adapter"]
-    assert all("bit rate" in finding.advice for finding in said)
+    assert "120 ohm" in said[0].advice
+    assert "USB" in said[1].advice
+
+
+def test_lost_frames_are_a_fault_where_they_are_many() -> None:
+    found = heard(without=(Node.HEAD, Node.CURE))
+    for number, counter in enumerate((0, 1, 3, 4, 5, 6, 8)):
+        found.take(0.1 * number, pack(CODEC, status(Node.HEAD), counter), CODEC)
+    for number in range(1, 30):
+        found.take(0.1 * number, pack(CODEC, status(Node.CURE), (number + number // 15) % 15), CODEC)
+    said = [finding for finding in judge(found, CODEC) if finding.check == "supervision"]
+    assert [(finding.grade, finding.found) for finding in said] == [
+        (Grade.FAULT, "head: 2 statuses were lost, 7 came in"),
+        (Grade.NOTE, "cure: 1 statuses were lost, 29 came in"),
+    ]
 
 
 def test_pause_that_a_run_would_not_bear_is_a_fault() -> None:
