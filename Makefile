@@ -70,6 +70,7 @@ gallery: .venv/installed
 	$(BIN)/python -m docs.explanation.pictures
 	$(BIN)/python docs/how-to/pictures.py
 	$(BIN)/python docs/how-to/modelica_picture.py
+	$(BIN)/python docs/how-to/identify_figures.py
 
 clean:
 	rm -rf build .venv
