@@ -42,11 +42,6 @@ def faults_of_model(model: str, job: Job, options: Mapping[str, object]) -> list
     """Everything wrong with the options of one of our FMUs. Raises FmuError if it is not there."""
     form = options.get("fmi", FORMS[0])
     wrong = [] if form in FORMS else [f"fmi is {form!r}; expected one of {', '.join(FORMS)}"]
-    if model == CONTROLLER:
-        try:
-            region_intervals(job)
-        except ValueError as error:
-            return [*wrong, f"kind is {model!r}: {error}; take 'LayerMpc'"]
     return wrong + _parse_model(model, job, options).faults
 
 
@@ -118,13 +113,18 @@ def _parse(
     description: FmuDescription, job: Job, options: Mapping[str, object], other_keys: tuple[str, ...]
 ) -> _Parsed:
     known = description.parameters
-    told = _told_by_job(job) | (_told_of_inks(job) if "region_bottom_1" in known else {})
+    told = _told_by_job(job)
+    faults: list[str] = []
+    if "region_bottom_1" in known:
+        try:
+            told |= _told_of_inks(job)
+        except ValueError as error:
+            faults.append(f"kind is {description.name!r}: {error}; take 'LayerMpc'")
     has_grid = description.grid is not None or "nx" in description.default_sizes
     structural: dict[str, int] = {"nx": job.nx, "ny": job.ny} if has_grid else {}
     parameters = {name: told[name] for name in known if name in told and name not in structural}
     keys = {key: (variable, factor) for variable in known.values()
             for key, factor in spellings(variable.name, variable.unit).items()}  # fmt: skip
-    faults: list[str] = []
     written: dict[str, str] = {}
     values: dict[str, object] = {}
     for key, value in options.items():

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import BoolMap, FloatMap, Geometry, Job
+from inkloop.component import FloatMap, Geometry, Job
 from inkloop.geometry import cell_centers
 
 INTERVALS = 2  # on a cell, at most: the walls of a pipe
-ROUNDS = 100  # of halving: more than there are doubles between two samples
-SAMPLES_PER_LAYER = 8  # what is thinner is not seen (assumed)
+SAMPLES_PER_LAYER = 4  # what is thinner is not seen (assumed)
 EDGE_M = 1.0  # stands for no end; above its top for nowhere
 
 
@@ -23,7 +22,8 @@ def region_intervals(job: Job) -> dict[str, FloatMap]:
     if region is None:
         return {}
     heights = _samples(job)
-    inside = np.stack([_contains(region, job, np.full((job.nx, job.ny), z)) for z in heights])
+    x, y = cell_centers(job.nx, job.ny, job.pitch)
+    inside = np.stack([region.contains(x, y, np.full_like(x, z)) for z in heights])
     before, after = np.zeros_like(inside), np.zeros_like(inside)
     before[1:], after[:-1] = inside[:-1], inside[1:]
     begins, ends = inside & ~before, inside & ~after
@@ -44,20 +44,18 @@ def _samples(job: Job) -> NDArray[np.float64]:
     return np.arange(-2.0 * layer, float(job.target_height.max()) + 10.0 * layer, step)
 
 
-def _contains(region: Geometry, job: Job, z: FloatMap) -> BoolMap:
-    x, y = cell_centers(job.nx, job.ny, job.pitch)
-    return np.asarray(region.contains(x, y, z), np.bool_)
-
-
 def _edges(region: Geometry, job: Job, heights: NDArray[np.float64], at: NDArray[np.bool_], outward: int) -> FloatMap:
     """(nx, ny) the last height inside, going `outward` from the sample that is marked, `at` (samples, nx, ny)."""
-    index, there = at.argmax(axis=0), at.any(axis=0)
-    beyond = index + outward
-    is_open = there & ((beyond < 0) | (beyond >= len(heights)))
-    inner = heights[index]
-    outer = np.where(is_open, inner, heights[np.clip(beyond, 0, len(heights) - 1)])
-    for _ in range(ROUNDS):
+    edges = np.where(at.any(axis=0), outward * EDGE_M, -outward * EDGE_M)
+    sample, i, j = np.nonzero(at)
+    is_closed = (sample + outward >= 0) & (sample + outward < len(heights))
+    sample, i, j = sample[is_closed], i[is_closed], j[is_closed]
+    x, y = (centers[i, j] for centers in cell_centers(job.nx, job.ny, job.pitch))
+    inner, outer = heights[sample], heights[sample + outward]
+    while True:
         middle = 0.5 * (inner + outer)
-        is_inside = _contains(region, job, middle)
+        if ((middle == inner) | (middle == outer)).all():  # no double lies between
+            edges[i, j] = inner
+            return edges
+        is_inside = region.contains(x, y, middle)
         inner, outer = np.where(is_inside, middle, inner), np.where(is_inside, outer, middle)
-    return np.where(there & ~is_open, inner, np.where(there, outward * EDGE_M, -outward * EDGE_M))

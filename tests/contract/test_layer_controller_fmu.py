@@ -139,6 +139,22 @@ def test_dead_cells_are_found_and_left_out_alike() -> None:
     assert dead > 0
 
 
+@pytest.mark.parametrize("unknown", [1, 3])
+@pytest.mark.parametrize("scan", [exact, noisy])
+def test_layer_that_was_given_up_midway_is_judged_alike(unknown: int, scan: Scan) -> None:
+    job, plant = block(14, 12), LayerModel.of(block(14, 12))
+    controllers, height = twins(job, {"horizon": 2}), np.zeros((14, 12))
+    for controller in controllers:
+        controller.initialize(0, inputs_of(job, height, 0))
+    for layer in range(5):
+        told = inputs_of(job, scan(height, layer), layer) | {"layer_unknown": np.asarray(layer == unknown)}
+        one, other = (controller.do_step(layer * SECOND, SECOND, told) for controller in controllers)
+        for name in one.keys() - OF_PYTHON_ALONE:
+            np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+        jetted = np.where(np.arange(14)[:, None] < (7 if layer + 1 == unknown else 14), other["pattern"], 0)
+        height = plant.layer(height, jetted.astype(np.int32), layer + 1)
+
+
 @EVERY_FORM
 def test_every_form_prints_the_same_layers_in_our_master(form: str) -> None:
     assert_same_layers(printed(controller=("LayerController", {"fmi": form})), printed())
