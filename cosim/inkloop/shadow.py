@@ -32,6 +32,8 @@ class Shadow:
     is untrusted, or a fault that ends the run (None: never). Raises ValueError for a plant that does not fit, later
     ComponentError.
 
+    A layer that its printer calls unknown cannot be compared: the model goes on from its scan.
+
     Outputs besides the surface and both divergences: `layers_followed`, the layer of `height`; `layers_compared`, the
     layer of the scan that the divergences belong to, -1 before the first.
     """
@@ -58,6 +60,7 @@ class Shadow:
             Port("measured_height", "m", shape),
             Port("valid", "1", shape, "bool"),
             Port("layers_scanned", dtype="int32", start=-1.0),
+            Port("layer_unknown", dtype="bool"),
         )
         self.outputs = (
             Port("height", "m", shape),
@@ -67,7 +70,7 @@ class Shadow:
             Port("layers_compared", dtype="int32", start=-1.0),
             Port("status", dtype="int32"),
         )
-        self._reference, self._compared = 0, -1
+        self._reference, self._compared, self._unknown = 0, -1, -1
         self._last_scan: ScannedLayer | None = None
         self._divergence, self._status = Divergence(), Status.IDLE
 
@@ -79,6 +82,8 @@ class Shadow:
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Take a new command, deposit what has been printed, compare what has been scanned. Raises ComponentError."""
+        if bool(inputs.get("layer_unknown", False)):
+            self._unknown = int(inputs["layers_printed"])
         self._look(inputs)  # a scan of layer 0 is the surface to begin on: before the layer that it was waited for with
         self._plant.take_command(inputs)
         self._plant.follow(int(inputs["layers_printed"]), step_ns)
@@ -92,7 +97,7 @@ class Shadow:
     def save(self) -> bytes:
         """What was compared last, surfaces and patterns on their way, the plant's own state. Raises ComponentError."""
         state: dict[str, NDArray[Any]] = {
-            "compared": np.array([self._reference, self._compared, self._status], np.int64),
+            "compared": np.array([self._reference, self._compared, self._unknown, self._status], np.int64),
             "divergence": np.array([self._divergence.growth, self._divergence.surface]),
             **self._plant.state(),
         }
@@ -108,7 +113,7 @@ class Shadow:
             with np.load(io.BytesIO(saved), allow_pickle=False) as stored:
                 state = {key: stored[key] for key in stored.files}
             self._plant.restore(state)
-            self._reference, self._compared, status = (int(count) for count in state["compared"])
+            self._reference, self._compared, self._unknown, status = (int(count) for count in state["compared"])
             self._divergence = Divergence(*(float(value) for value in state["divergence"]))
             self._status = Status(status)
             scan = {key.removeprefix("scan/"): value for key, value in state.items() if key.startswith("scan/")}
@@ -132,9 +137,16 @@ class Shadow:
             if not np.allclose(plant.surfaces[layer], plant.start_surface, rtol=0.0, atol=_SAME_M):
                 _LOG.warning("the plant takes no start surface (height_start); it begins on its own, and the surface "
                              "divergence holds what the real one is off by")  # fmt: skip
+        if layer == self._unknown:
+            _LOG.warning("layer %d was given up midway: the model goes on from its scan", layer)
+            if layer == plant.layer:
+                plant.begin_on(start_surface(plant.surfaces[layer], measured, valid))
         scan = ScannedLayer(measured, valid, plant.surfaces[layer])
-        self._divergence = scan.divergence(self._last_scan, self._mask)
-        self._status = self._judged(layer) if self._last_scan is not None else Status.IDLE
+        if layer == self._unknown:
+            self._divergence, self._status = Divergence(), Status.UNTRUSTED
+        else:
+            self._divergence = scan.divergence(self._last_scan, self._mask)
+            self._status = self._judged(layer) if self._last_scan is not None else Status.IDLE
         self._last_scan, self._compared = scan, layer
         plant.forget_before(layer)
 

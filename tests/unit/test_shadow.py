@@ -95,6 +95,31 @@ def test_shadow_of_a_rig_that_does_as_the_model_never_diverges(order: tuple[str,
             np.testing.assert_allclose(watch.last["height"], parts["printer"].surface, atol=1e-15)
 
 
+class GivingUpPrinter(DevicePrinter):
+    """Gives layer 2 up after half of its lines, and says so."""
+
+    def __init__(self, job: Job) -> None:
+        super().__init__(job)
+        self.outputs = (*self.outputs, Port("layer_unknown", dtype="bool"))
+        self.disturb = lambda layer, pattern: pattern * ((np.indices(pattern.shape)[0] < 2) | (layer != 2))
+
+    def _told(self, values: Values) -> Values:
+        return super()._told({**values, "layer_unknown": np.asarray(values["layers_printed"] == 2)})
+
+
+def test_shadow_goes_on_from_the_scan_of_a_layer_that_was_given_up() -> None:
+    job = toy_job()
+    printer = GivingUpPrinter(job)
+    parts = {**rig(job, stop=1e-6), "printer": printer, "profiler": DeviceProfiler(job, printer)}
+    watch, reason = run(parts)
+    assert reason == "done", "the shadow would have stopped the run"
+    assert {layer for layer, status in watch.status.items() if status != Status.IDLE} == {2}
+    assert np.isnan(watch.growth[2])
+    later = [value for layer, value in watch.surface.items() if layer > 2]
+    assert later
+    assert max(later) < 1e-15
+
+
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("order", ORDERS, ids=" ".join)
 def test_simulated_sensor_scans_each_layer_of_the_shadow_of_a_device(
