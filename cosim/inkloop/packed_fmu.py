@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,8 @@ from pathlib import Path
 from inkloop.errors import FmuError
 
 SUFFIX = ".ssp"
+UNREADABLE = (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
+"""What reading a damaged or enciphered archive raises; NotImplementedError is a RuntimeError."""
 
 
 @contextmanager
@@ -25,7 +28,7 @@ def fmu_file(path: Path) -> Iterator[Path]:
         try:
             with zipfile.ZipFile(archive) as packed:
                 copy.write_bytes(packed.read(path.relative_to(archive).as_posix()))
-        except (KeyError, OSError, zipfile.BadZipFile) as error:
+        except (KeyError, *UNREADABLE) as error:
             raise FmuError(f"{path}: cannot be read: {error}") from error
         try:
             yield copy

@@ -163,6 +163,15 @@ def test_unknown_structural_parameter_is_refused(folder: Path) -> None:
         FmuComponent(build(folder, 2), structural={"n": 4})
 
 
+def test_damaged_binary_is_told_when_it_is_unpacked(folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "damaged.fmu"
+    content = bytearray(build(folder, 2).read_bytes())
+    content[content.index(b"\x7fELF") + 40] ^= 0xFF
+    path.write_bytes(bytes(content))
+    with pytest.raises(FmuError, match=r"damaged\.fmu: cannot be unpacked, it is damaged or the disk is full: Bad CRC"):
+        FmuComponent(path)
+
+
 def test_elements_counted_from_0_make_the_same_array(folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "from0.fmu"
     with zipfile.ZipFile(build(folder, 2)) as ours, zipfile.ZipFile(path, "w") as theirs:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zipfile
 from pathlib import Path
 
@@ -151,6 +152,19 @@ def test_file_that_is_no_ssp_is_told(content: bytes | None, words: str, tmp_path
     if content is not None:
         path.write_bytes(content)
     assert words in faults_of(path)
+
+
+@pytest.mark.parametrize("place", range(40, 400, 24))
+def test_damaged_ssp_is_told(place: int, tmp_path: Path) -> None:
+    whole = packed(tmp_path)
+    path = tmp_path / "packed.ssp"
+    with zipfile.ZipFile(whole) as members, zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in members.namelist():
+            archive.writestr(name, members.read(name))
+    content = bytearray(path.read_bytes())
+    content[place] ^= 0xFF
+    path.write_bytes(bytes(content))
+    assert re.search(r"is no \.ssp, or a damaged one|is no XML|holds no|cannot be read", faults_of(path))
 
 
 @pytest.mark.parametrize("text", ["", "<a", "<a/>"])

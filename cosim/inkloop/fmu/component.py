@@ -23,6 +23,7 @@ from inkloop.faults import nearest
 from inkloop.fmu.binding import Binding
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.reading import describe
+from inkloop.packed_fmu import UNREADABLE
 
 PLATFORM = {2: fmpy.platform, 3: fmpy.platform_tuple}
 """FMI version -> folder in binaries/ that this machine needs."""
@@ -125,8 +126,12 @@ class FmuComponent:
         if fault := platform_fault(self.description):
             raise FmuError(f"{path}: {fault}")
         folder = Path(self._cleanup.enter_context(tempfile.TemporaryDirectory(prefix="inkloop-fmu-")))
-        with zipfile.ZipFile(path) as archive:
-            archive.extractall(folder)
+        try:
+            with zipfile.ZipFile(path) as archive:
+                archive.extractall(folder)
+        except UNREADABLE as error:
+            self._cleanup.close()
+            raise FmuError(f"{path}: cannot be unpacked, it is damaged or the disk is full: {error}") from error
         return folder
 
     def _start(self) -> Binding:

@@ -21,7 +21,7 @@ from tomlkit.exceptions import TOMLKitError
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.faults import nearest
 from inkloop.fmu import FmuDescription, describe
-from inkloop.packed_fmu import SUFFIX, fmu_file
+from inkloop.packed_fmu import SUFFIX, UNREADABLE, fmu_file
 from inkloop.scenario import Scenario
 from inkloop.ssp import joined_connections, parameter_values
 from inkloop.ssp.archive import SCENARIO, STRUCTURE
@@ -52,8 +52,8 @@ def scenario_of(path: Path, overrides: Iterable[str] = (), job: Path | None = No
             values = parameter_values.read(system, archive, known, faults)
     except OSError as error:
         raise ScenarioError(str(path), [f"cannot be read: {error.strerror}"]) from error
-    except zipfile.BadZipFile as error:
-        raise ScenarioError(str(path), [f"is no .ssp: {error}"]) from error
+    except UNREADABLE as error:
+        raise ScenarioError(str(path), [f"is no .ssp, or a damaged one: {error}"]) from error
     connections = joined_connections.read(system, known, faults)
     if faults:
         raise ScenarioError(str(path), faults)
