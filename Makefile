@@ -49,7 +49,7 @@ benchmarks: .venv/installed
 	$(BIN)/python -m benchmarks
 
 benchmarks-hardware: .venv/installed
-	$(BIN)/python -m benchmarks hardware
+	$(BIN)/python -m benchmarks hardware bench_faults
 
 fuzz: .venv/installed
 	$(BIN)/python tests/fuzzing.py
@@ -71,6 +71,7 @@ gallery: .venv/installed
 	$(BIN)/python docs/how-to/pictures.py
 	$(BIN)/python docs/how-to/modelica_picture.py
 	$(BIN)/python docs/how-to/identify_figures.py
+	$(BIN)/python docs/reference/reproductions.py
 
 clean:
 	rm -rf build .venv

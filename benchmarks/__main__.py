@@ -20,8 +20,8 @@ NAMES = (
     "targets",
 )
 
-ALONE = ("hardware",)
-"""Run only when named: it wants the machine for itself."""
+ALONE = ("hardware", "bench_faults")
+"""Run only when named: they want the machine for themselves."""
 
 
 def main(names: list[str]) -> int:

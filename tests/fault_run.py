@@ -67,9 +67,9 @@ class FaultRun:
 
 
 @contextmanager
-def faulty(*faults: str, cleared: bool = True, reopen_s: float = 10.0, **times: float) -> Iterator[FaultRun]:
+def faulty(*faults: str, cleared: bool = True, reopen_s: float = 10.0, **options: float) -> Iterator[FaultRun]:
     """A bench with faults, and a master of job JOB on it."""
-    with EmulatedBench({"nx": SIDE, "ny": SIDE, **FAST, **times}, faults=faults) as bench:
+    with EmulatedBench({"nx": SIDE, "ny": SIDE, **FAST, **options}, faults=faults) as bench:
         settings = replace(settings_of(bench), reopen_s=reopen_s)
         rig = Rig(settings)
         rig.job = JOB

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import logging
 import time
+import zlib
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
+import node_bench
 from fault_run import BLOB, JOB, LIMIT_S, PATTERN, faulty, looked_at, printed, settings_of
 from inkloop.component import Ink, Job
 from inkloop_hardware.adapter import Adapter
@@ -26,6 +28,7 @@ from inkloop_hardware.errors import (
     NotAlone,
     TransferError,
 )
+from inkloop_hardware.height_map_bytes import read_map
 from inkloop_hardware.layer_steps import LayerSteps
 from inkloop_hardware.node_state import Flags, Happening, Step
 from inkloop_hardware.readiness import make_ready
@@ -86,6 +89,22 @@ def test_what_can_be_mended_changes_nothing_of_the_part(fault: str) -> None:
         state = run.state()
         assert (state.done, state.unknown, state.gate_pulses) == (0b1111, 0, 4)
         np.testing.assert_allclose(found, printed(ALL), atol=1e-12)
+
+
+@pytest.mark.parametrize("side", [100, pytest.param(283, marks=pytest.mark.long)])
+def test_layer_comes_whole_through_a_bus_that_loses_one_frame_in_a_thousand(side: int) -> None:
+    """Either way; 283 x 283 cells of two inks are a pattern of 20 kB and a map of 170 kB."""
+    pattern = np.random.default_rng(side).integers(0, 3, (side, side)).astype(np.uint8)
+    blob = node_bench.pattern_blob(pattern)
+    with faulty("loss:probability=1e-3,seed=1", nx=side, ny=side) as run:
+        run.rig.link(Node.HEAD).download(1, blob)
+        for number in ALL:
+            assert run.jet(number) is Outcome.DONE
+        run.rig.link(Node.PROFILER).routine(Routine.SCAN, Key(JOB, 1), limit_s=LIMIT_S)
+        _, valid = read_map(run.rig.link(Node.PROFILER).upload(1), side, side)
+        assert valid.all()
+        assert (run.state().gate_pulses, run.state().pattern_crc) == (4, zlib.crc32(blob))
+        assert run.rig.link(Node.PROFILER).counts.again > 0
 
 
 def test_repeats_are_counted_and_late_answers_dropped(caplog: pytest.LogCaptureFixture) -> None:
