@@ -110,7 +110,7 @@ def add_parsers(commands: Any) -> tuple[argparse.ArgumentParser, argparse.Argume
     device = commands.add_parser(
         "device", help="ask something of the nodes of a bench without printing", description=words
     )
-    device.add_argument("scenario", type=Path, metavar="SCENARIO", help="a .toml file with a [bench]")
+    device.add_argument("scenario", type=Path, metavar="SCENARIO", help="a .toml file with a [bench], or a run folder")
     device.add_argument("action", choices=tuple(ACTIONS))
     device.add_argument("--give-up", action="store_true", help="with clear: the open layer is not to be finished")
     return bench, device

@@ -19,6 +19,7 @@ from inkloop.identify import command as identify_command
 from inkloop.isolation import run_isolated
 from inkloop.json_schema import scenario_schema
 from inkloop.reproduce import command as reproduce
+from inkloop.result import SCENARIO_FILE
 from inkloop.run import new_run_folder, resume, run, scenario_file, scenario_of
 from inkloop.scenario import Scenario
 from inkloop.score import command as score
@@ -176,7 +177,12 @@ def _bench(options: argparse.Namespace, console: Console) -> int:
 
 
 def _device(options: argparse.Namespace, console: Console) -> int:
-    return bench_commands.act(_scenario(options), options, console)
+    folder = options.scenario
+    if not folder.is_dir():
+        return bench_commands.act(_scenario(options), options, console)
+    source = scenario_file(folder)
+    sys.path.append(str(source.parent))
+    return bench_commands.act(Scenario.load(folder / SCENARIO_FILE, options.overrides, source=source), options, console)
 
 
 def _doctor(options: argparse.Namespace, console: Console) -> int:

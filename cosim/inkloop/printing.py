@@ -65,7 +65,8 @@ class Print:
         except ComponentError as error:
             if self._folder and self._checkpoints and self._checkpoints.layer is not None:
                 self._result("failed").save(self._folder)
-                raise ComponentError(f"{error}\n{_advice(self._folder, self._checkpoints)}") from error
+                said = str(error).replace("inkloop device SCENARIO", f"inkloop device {self._folder}")
+                raise ComponentError(f"{said}\n{_advice(self._folder, self._checkpoints)}") from error
             raise
         result = self._result(reason)
         if self._folder:

@@ -72,7 +72,7 @@ class Person:
         assert "inkloop resume" in words, words
         for passes, layer in re.findall(r"pass ([1-4, ]+) of layer (\d+), which was begun, and nobody knows", words):
             self.told |= {(int(layer), int(number) - 1) for number in passes.split(", ")}
-        if "inkloop device SCENARIO clear" in words:
+        if f"inkloop device {self._run} clear" in words:
             clear(self._run)
 
     def finish(self) -> Result:
