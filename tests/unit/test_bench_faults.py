@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
 from pathlib import Path
 
 import pytest
 
-from bench_run import BLOCK, write
+from bench_run import BLOCK, COMMAND, write
 from inkloop.bench_faults import read_fault
 from inkloop.emulation import emulation_of
 from inkloop.errors import InkloopError, ScenarioError
@@ -46,3 +48,17 @@ def test_scenario_says_what_goes_wrong_and_all_its_faults_at_once(tmp_path: Path
         Scenario.load(write(tmp_path, BLOCK + wrong))
     for word in ("bench.faults.[0].node", "bench.faults.[0].step", "bench.faults.[1].kind is 'swop'"):
         assert word in str(raised.value)
+
+
+def test_command_says_what_goes_wrong_on_request_and_refuses_what_it_does_not_know(tmp_path: Path) -> None:
+    path = write(tmp_path, BLOCK + '\n[[bench.faults]]\nkind = "swap"\n')
+    words = [*COMMAND, "bench", str(path), "--port", "0", "--fault"]
+    running = subprocess.Popen([*words, "loss:probability=1e-3"], stdout=subprocess.PIPE, text=True)
+    assert running.stdout
+    lines = [running.stdout.readline() for _ in range(4)]
+    assert lines[2:] == ["on request: swap\n", "on request: loss:probability=0.001\n"]
+    running.send_signal(signal.SIGINT)
+    running.communicate(timeout=60)
+    wrong = subprocess.run([*words, "lost"], capture_output=True, text=True, check=False)
+    assert wrong.returncode == 1
+    assert "kind is 'lost'; expected 'loss'" in " ".join(wrong.stderr.split())
