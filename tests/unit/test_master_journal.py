@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inkloop.errors import ComponentError
 from inkloop.testing import job
 from inkloop_hardware.journal_comparison import JournalsDiffer, compare
 from inkloop_hardware.master_journal import JOURNAL_FILE, Asked, Event, JournalError, LayerAsked, MasterJournal
@@ -197,3 +198,54 @@ def test_journals_that_cannot_both_be_true_stop_the_run_in_words(mine: Any, thei
     with pytest.raises(JournalsDiffer, match=word) as caught:
         compare(mine, JOB, theirs)
     assert "inkloop run" in str(caught.value)
+
+
+def printer_of(folder: Path, rig: NodeRig) -> Printer:
+    printer = Printer(FOUR, rig, cure_ms=5, journal=MasterJournal(folder))
+    printer.initialize(0, {"layer_command": np.int32(0)})
+    return printer
+
+
+def print_layer(printer: Printer, layer: int) -> Any:
+    ones = np.ones((FOUR.nx, FOUR.ny), np.int32)
+    return printer.do_step(0, 1, {"pattern": ones, "drop_level": ones, "layer_command": np.int32(layer)})
+
+
+def test_run_keeps_its_job_even_without_a_checkpoint(tmp_path: Path) -> None:
+    """It was stopped in layer 1: what the head has done of it is gone on with, not printed again on top."""
+    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
+        print_layer(printer_of(tmp_path, NodeRig(nodes, job=7)), 1)
+        surface = nodes.surface.copy()
+        again = NodeRig(nodes, job=8)
+        assert print_layer(printer_of(tmp_path, again), 1)["layers_printed"] == 1
+        assert again.job == 7
+        np.testing.assert_array_equal(nodes.surface, surface)
+
+
+def test_checkpoint_that_is_older_than_the_journal_is_refused_in_words(tmp_path: Path) -> None:
+    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
+        first = printer_of(tmp_path, NodeRig(nodes))
+        for layer in (1, 2):
+            print_layer(first, layer)
+        surface = nodes.surface.copy()
+        with pytest.raises(ComponentError, match=r"has begun layer 2 already.*put back from a copy"):
+            print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)
+        np.testing.assert_array_equal(nodes.surface, surface)
+
+
+def test_checkpoint_of_another_job_is_refused_in_words(tmp_path: Path) -> None:
+    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
+        saved = printer_of(tmp_path / "one", NodeRig(nodes, job=7)).save()
+        other = printer_of(tmp_path / "other", NodeRig(nodes, job=8))
+        with pytest.raises(JournalError, match=r"journal of job 8, and the run was at job 7"):
+            other.restore(saved)
+
+
+def test_head_that_has_forgotten_the_job_is_not_printed_with(tmp_path: Path) -> None:
+    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
+        print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)
+    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as new:
+        rig = NodeRig(new)
+        with pytest.raises(JournalsDiffer, match="its journal was erased"):
+            printer_of(tmp_path, rig)
+        assert not [asked for node in Node for asked in rig.link(node).asked], "nothing was asked of the nodes"
