@@ -124,9 +124,12 @@ class BusProcess:
             self.adapter.close()
         began = time.monotonic()
         self.answers.put(Kind.AWAY, f"{error} It is being opened again".encode())
-        for pause in self.reopening.pauses(error, lit):
-            if self._waited(pause) or self._opened_again():
+        for pause in self.reopening.pauses(error, lit, began):
+            if self._waited(pause):
+                return
+            if self._opened_again():
                 break
+        self.reopening.opened(time.monotonic())
         words = f"{self.adapter.settings}: there again after {time.monotonic() - began:.1f} s, nothing is enabled"
         self.answers.put(Kind.WORDS, words.encode())
         self.answers.put(Kind.AWAY, b"")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -10,6 +11,8 @@ from inkloop_hardware.errors import BusError, BusOff
 FIRST_PAUSE, LONGEST_PAUSE = 0.1, 2.0
 BUS_OFF_PAUSE = 1.0
 """Seconds of silence after bus-off: 128 times 11 recessive bits are 3 ms at 500 kbit/s, the rest is for the cause."""
+STABLE_AFTER = 10.0
+"""Seconds after which an adapter that was opened again counts as well."""
 PROOF = 0.3
 """Seconds in which an adapter that was opened again must not fail: some are opened well and closed at once."""
 
@@ -20,21 +23,32 @@ class Reopening:
 
     limit_s: float
     bus_off: bool = False
+    _pause: float = FIRST_PAUSE
+    _waited: float = 0.0
+    _opened_at: float = -math.inf
 
-    def pauses(self, error: BusError, lit: bool) -> Iterator[float]:
+    def opened(self, now: float) -> None:
+        """It was opened again at this second."""
+        self._opened_at = now
+
+    def pauses(self, error: BusError, lit: bool, now: float) -> Iterator[float]:
         """Seconds to wait before each try to open it. lit: the lamp was enabled. BusError when no try is left.
+
+        One that fails again soon after it was opened has no more tries than if it had not been.
 
         An adapter that is bus-off is opened again once, and never when the lamp was on: somebody must look first.
         """
         if isinstance(error, BusOff):
             yield from self._after_bus_off(error, lit)
             return
-        pause, waited = FIRST_PAUSE, 0.0
-        while waited < self.limit_s:
+        if now - self._opened_at > STABLE_AFTER:
+            self._pause, self._waited = FIRST_PAUSE, 0.0
+        while self._waited < self.limit_s:
+            pause = self._pause
+            self._waited += pause
+            self._pause = min(2 * pause, LONGEST_PAUSE)
             yield pause
-            waited += pause
-            pause = min(2 * pause, LONGEST_PAUSE)
-        raise BusError(f"{error} It was tried to open it again for {waited:.0f} s")
+        raise BusError(f"{error} It was tried to open it again for {self._waited:.0f} s")
 
     def _after_bus_off(self, error: BusError, lit: bool) -> Iterator[float]:
         if lit:

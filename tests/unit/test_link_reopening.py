@@ -16,7 +16,7 @@ OTHER = MasterAlive(False, False, False, session=5, job=1)
 
 def test_pauses_grow_to_a_limit_and_end_in_words() -> None:
     again: list[float] = []
-    tried = Reopening(limit_s=10.0).pauses(GONE, lit=True)
+    tried = Reopening(limit_s=10.0).pauses(GONE, True, 0.0)
     with pytest.raises(BusError, match=r"gone\. It was tried to open it again for 1\d s"):
         again.extend(tried)
     assert again == sorted(again)
@@ -27,15 +27,27 @@ def test_pauses_grow_to_a_limit_and_end_in_words() -> None:
 
 def test_adapter_that_is_bus_off_is_opened_once_in_a_run() -> None:
     reopening = Reopening(limit_s=10.0)
-    assert next(reopening.pauses(OFF, lit=False)) == BUS_OFF_PAUSE
+    assert next(reopening.pauses(OFF, False, 0.0)) == BUS_OFF_PAUSE
     with pytest.raises(BusError, match="once already"):
-        next(reopening.pauses(OFF, lit=False))
-    assert next(reopening.pauses(GONE, lit=False)) == 0.1
+        next(reopening.pauses(OFF, False, 1.0))
+    assert next(reopening.pauses(GONE, False, 1.0)) == 0.1
+
+
+def test_adapter_that_fails_again_soon_has_no_more_tries() -> None:
+    reopening = Reopening(limit_s=1.0)
+    pauses = []
+    for now in range(4):
+        pauses.append(next(reopening.pauses(GONE, False, float(now))))
+        reopening.opened(float(now))
+    assert pauses == [0.1, 0.2, 0.4, 0.8]
+    with pytest.raises(BusError, match="tried to open it again for 2 s"):
+        next(reopening.pauses(GONE, False, 4.0))
+    assert next(reopening.pauses(GONE, False, 1000.0)) == 0.1
 
 
 def test_adapter_that_went_bus_off_with_the_lamp_on_is_left_to_a_person() -> None:
     with pytest.raises(BusError, match="lamp was enabled"):
-        next(Reopening(limit_s=10.0).pauses(OFF, lit=True))
+        next(Reopening(limit_s=10.0).pauses(OFF, True, 0.0))
 
 
 def test_another_master_is_one_that_is_heard_twice_and_not_for_long() -> None:
