@@ -4,16 +4,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "dead_cells.h"
 #include "error_diffusion.h"
 #include "horizon_solver.h"
-#include "layer_surface.h"
-#include "near_cells.h"
+#include "layer_problem.h"
 #include "plan_starts.h"
 #include "stopwatch.h"
 
-static const double CEILING_COST = 100.0;   /* a metre above the ceiling for 100 below the target (assumed) */
-static const double NO_CEILING = 0.4;       /* [m], higher than anything printed from droplets */
 static const double RELAXATION_SHARE = 0.3; /* of a time limit, at most (assumed) */
 enum { ONE_LAYER_ANNEALING = 50 };          /* sweeps: these reach the proven optima of small grids (by trial) */
 enum { SMALL_LAYER = 20000 };     /* cells of a single layer up to which annealing is worth its time (assumed) */
@@ -36,8 +32,8 @@ typedef struct {
     Objective best_value;
     int32_t best_found; /* how the search of the best ended, or UNREPAIRED */
     int64_t sweeps;
-    double *ceiling, *weight, *droplets;
-    uint16_t *choices;
+    ProblemMaps maps;
+    double *droplets;
     void *memory;
 } Planning;
 
@@ -49,8 +45,8 @@ static bool planning_open(Planning *planning, const PlannerOptions *options) {
     planning->memory = real;
     if (!real)
         return false;
-    planning->ceiling = real;
-    planning->weight = real + cells;
+    planning->maps.ceiling = real;
+    planning->maps.weight = real + cells;
     planning->droplets = real + 2 * cells;
     int32_t *next = (int32_t *)(real + reals);
     for (int k = 0; k < STARTS; k++, next += places)
@@ -58,74 +54,12 @@ static bool planning_open(Planning *planning, const PlannerOptions *options) {
     planning->trial = next;
     planning->moved = next + places;
     planning->best = next + 2 * places;
-    planning->choices = (uint16_t *)(next + 3 * places);
+    planning->maps.choices = (uint16_t *)(next + 3 * places);
     return true;
 }
 
 static double seconds_left(const Planning *planning) {
     return fmax(0.0, planning->began + planning->options->seconds_max - stopwatch_seconds());
-}
-
-static void allow_droplets(const Planning *planning, const SurfaceEstimate *estimate, int32_t layer) {
-    const PlannerOptions *options = planning->options;
-    const size_t cells = options->nx * options->ny;
-    unsigned levels = 0;
-    for (int32_t level = 0; level < options->drop_levels; level++)
-        levels |= 1u << ((size_t)level * options->inks);
-    for (size_t place = 0; place < planning->places; place++) {
-        const bool is_dead = estimate->dead_evidence[place % cells] >= DEAD_EVIDENCE;
-        const bool is_tried = place < cells && is_probe((int64_t)layer + 1);
-        const bool is_reached = options->part[place % cells] && options->jettable[place % cells];
-        const unsigned inks =
-            inks_for(&options->regions, place % cells, estimate->height[place % cells], place / cells);
-        planning->choices[place] = is_reached && (!is_dead || is_tried) ? (uint16_t)(inks * levels) : 0;
-    }
-}
-
-/* Weights of the cells' errors, and what the surface is not to exceed. */
-static void weigh_cells(const Planning *planning, const SurfaceEstimate *estimate) {
-    const PlannerOptions *options = planning->options;
-    double squares = 0.0;
-    for (size_t k = 0; k < options->inks; k++) {
-        const Ink ink = estimate->ink[k];
-        squares = fmax(squares, ink.h1 * ink.h1 + 4.0 * (ink.h2 * ink.h2) + 4.0 * (ink.h3 * ink.h3));
-    }
-    for (size_t cell = 0; cell < options->nx * options->ny; cell++) {
-        const double deviation = sqrt(estimate->variance[cell] + DROPLET_STD * DROPLET_STD * squares);
-        const bool is_beside = is_near_marked(options->part, options->nx, options->ny, cell);
-        planning->weight[cell] = options->part[cell] ? 1.0 : is_beside ? options->fringe_weight : 0.0;
-        planning->ceiling[cell] =
-            options->part[cell] ? options->target[cell] + options->overshoot_limit - options->chance_margin * deviation
-                                : NO_CEILING;
-    }
-}
-
-static void state_problem(Planning *planning, int32_t colours[HORIZON_MAX][4], const SurfaceEstimate *estimate,
-                          int32_t layer) {
-    const PlannerOptions *options = planning->options;
-    allow_droplets(planning, estimate, layer);
-    weigh_cells(planning, estimate);
-    planning->problem = (HorizonProblem){.nx = options->nx,
-                                         .ny = options->ny,
-                                         .layers = options->horizon,
-                                         .height = estimate->height,
-                                         .target = options->target,
-                                         .ceiling = isinf(options->overshoot_limit) ? NULL : planning->ceiling,
-                                         .part = options->part,
-                                         .weight = planning->weight,
-                                         .choices = planning->choices,
-                                         .kinds = (size_t)options->drop_levels * options->inks,
-                                         .alpha = options->alpha,
-                                         .overshoot = options->overshoot,
-                                         .ceiling_cost = CEILING_COST,
-                                         .passes = options->passes};
-    for (size_t kind = 0; kind < planning->problem.kinds; kind++) {
-        const Ink ink = estimate->ink[kind % options->inks];
-        const double level = (double)(kind / options->inks + 1);
-        planning->problem.kind[kind] = (Ink){level * ink.h1, level * ink.h2, level * ink.h3};
-    }
-    if (options->passes == 4)
-        memcpy(planning->problem.colours, colours, sizeof planning->problem.colours);
 }
 
 /* Droplets of any size: one layer in one pass gains nothing by more than an even share (by trial). */
@@ -170,7 +104,7 @@ static int64_t annealing_sweeps(const Planning *planning) {
     if (planning->options->annealing_sweeps >= 0)
         return planning->options->annealing_sweeps;
     for (size_t place = 0; place < planning->places; place++)
-        values += planning->choices[place] > 0;
+        values += planning->maps.choices[place] > 0;
     if (planning->options->horizon == 1)
         return values <= SMALL_LAYER ? ONE_LAYER_ANNEALING : 0;
     if (values > SMALL_PLAN)
@@ -282,7 +216,7 @@ int32_t plan_layers(const PlannerOptions *options, int32_t colours[HORIZON_MAX][
     Planning planning;
     if (!planning_open(&planning, options))
         return CORE_NO_MEMORY;
-    state_problem(&planning, colours, estimate, layer);
+    planning.problem = layer_problem(options, colours, estimate, layer, &planning.maps);
     const int32_t status = find_best(&planning, layer, last);
     if (status == CORE_DONE) {
         memcpy(plan, planning.best, planning.places * sizeof(int32_t));

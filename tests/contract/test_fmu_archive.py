@@ -184,7 +184,7 @@ def test_terminals_group_the_signals_of_the_contract(model, form) -> None:
     wanted = {
         "ProfileSensor": {"surface": surface, "scan": scan},
         "LayerController": {"surface": {"layers_printed"}, "scan": scan, "command": command},
-        **dict.fromkeys(DEPOSITION_MODELS, {"surface": surface, "command": command}),
+        **{deposition: {"surface": surface, "command": command} for deposition in DEPOSITION_MODELS},
     }[model]
     assert all(signals <= members[name] for name, signals in wanted.items())
 

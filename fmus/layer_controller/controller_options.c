@@ -1,0 +1,74 @@
+#include "controller_options.h"
+
+#include "layer_surface.h"
+
+#include <math.h>
+
+static const double NO_LIMIT = 1.0; /* [m], of the overshoot: the largest value stands for none */
+
+Passes passes_of(const LayerControllerVariables *v) {
+    return (Passes){*v->passes, *v->pass_order, *v->pass_rotation};
+}
+
+InkPrior nominal_inks(const LayerControllerVariables *v) {
+    const Ink a = {*v->h1_a, *v->h2_a, *v->h3_a}, b = {*v->h1_b, *v->h2_b, *v->h3_b};
+    return (InkPrior){(size_t)*v->inks, {a, *v->inks == 1 ? a : b}, (int32_t)*v->adapt_ink};
+}
+
+static bool has_region(const LayerControllerVariables *v) {
+    return *v->inks == 2 && *v->has_region;
+}
+
+/* Height of all inks' full layers together [m]. */
+double layers_of_all(const Ink ink[], size_t inks) {
+    double height = full_layer_height(&ink[0]);
+    for (size_t k = 1; k < inks; k++)
+        height += full_layer_height(&ink[k]);
+    return height;
+}
+
+/* Height of a full layer [m]; where there is a region, the mean over its inks. */
+static double nominal_layer(const LayerControllerVariables *v) {
+    const InkPrior prior = nominal_inks(v);
+    const size_t inks = has_region(v) ? prior.inks : 1;
+    return layers_of_all(prior.nominal, inks) / (double)inks;
+}
+
+EstimatorOptions estimator_options(const LayerControllerVariables *v) {
+    const double noise = *v->sensor_noise_std, layer = nominal_layer(v);
+    const double steps = *v->sensor_resolution * *v->sensor_resolution / 12.0;
+    return (EstimatorOptions){.nx = (size_t)*v->nx,
+                              .ny = (size_t)*v->ny,
+                              .part = (const uint8_t *)v->mask,
+                              .ink = nominal_inks(v),
+                              .noise_variance = noise < 0.0 ? -1.0 : noise * noise + steps,
+                              .steps_variance = steps,
+                              .first_variance = layer * layer};
+}
+
+PlannerOptions planner_options(const LayerControllerVariables *v) {
+    return (PlannerOptions){.nx = (size_t)*v->nx,
+                            .ny = (size_t)*v->ny,
+                            .horizon = (size_t)*v->horizon,
+                            .target = v->target_height,
+                            .part = (const uint8_t *)v->mask,
+                            .jettable = (const uint8_t *)v->jettable,
+                            .inks = (size_t)*v->inks,
+                            .regions = {{has_region(v) ? v->region_bottom_1 : NULL, v->region_bottom_2},
+                                        {v->region_top_1, v->region_top_2},
+                                        nominal_layer(v),
+                                        (int32_t)*v->region_test},
+                            .drop_levels = *v->drop_levels,
+                            .passes = *v->passes,
+                            .alpha = *v->alpha,
+                            .overshoot = *v->overshoot,
+                            .overshoot_limit = *v->overshoot_limit < NO_LIMIT ? *v->overshoot_limit : INFINITY,
+                            .chance_margin = *v->chance_margin,
+                            .fringe_weight = *v->fringe_weight,
+                            .layer_worth = *v->layer_worth,
+                            .sweeps = *v->sweeps_max,
+                            .annealing_sweeps = *v->annealing_sweeps,
+                            .iterations = *v->iterations,
+                            .seed = (uint32_t)*v->seed,
+                            .seconds_max = *v->time_limit > 0.0 ? *v->time_limit : INFINITY};
+}

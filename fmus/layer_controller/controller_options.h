@@ -1,0 +1,18 @@
+/* The parameters of the model as what the estimator and the planner are told. */
+#ifndef INKLOOP_CONTROLLER_OPTIONS_H
+#define INKLOOP_CONTROLLER_OPTIONS_H
+
+#include "layer_problem.h"
+#include "passes.h"
+#include "variables.h"
+
+Passes passes_of(const LayerControllerVariables *v);
+InkPrior nominal_inks(const LayerControllerVariables *v);
+
+/* Height of all inks' full layers together [m]. */
+double layers_of_all(const Ink ink[], size_t inks);
+
+EstimatorOptions estimator_options(const LayerControllerVariables *v);
+PlannerOptions planner_options(const LayerControllerVariables *v);
+
+#endif
