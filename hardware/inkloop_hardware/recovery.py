@@ -43,6 +43,8 @@ def gone_on_with(rig: Rig, nodes: Sequence[Node], work: Callable[[], Found], *, 
     """
     fall: HardwareError | None = None
     for left in range(TIMES, -1, -1):
+        if fall is not None:
+            rig.wait_for(nodes, REOPENING_S if isinstance(fall, BusAway) else RETURN_S)
         try:
             if fall is not None:
                 _take_up(rig, nodes, fall, is_start)
@@ -56,7 +58,6 @@ def gone_on_with(rig: Rig, nodes: Sequence[Node], work: Callable[[], Found], *, 
 
 def _take_up(rig: Rig, nodes: Sequence[Node], error: HardwareError, is_start: bool) -> None:
     """Clear the nodes and home the stage; raises `error` where that mends nothing, or what forbids it."""
-    rig.wait_for(nodes, REOPENING_S if isinstance(error, BusAway) else RETURN_S)
     states = {node: rig.link(node).state() for node in nodes}
     fallen = [node.lower() for node, state in states.items() if state.state in (State.SAFE, State.FAULT)]
     if not fallen and not isinstance(error, BusAway | NodeLost | NodeStopped | LinkTimeout):
