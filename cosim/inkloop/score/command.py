@@ -74,6 +74,8 @@ def score(options: argparse.Namespace, console: Console) -> int:
         console.print(
             f"{'interrupted' if interrupted else 'done'}: tables and picture are in {folder}/", highlight=False
         )
+    elif interrupted:
+        console.print("interrupted: nothing is finished", highlight=False)
     return INTERRUPTED if interrupted else 0
 
 
