@@ -109,14 +109,15 @@ def _scenario(folder: Path, options: argparse.Namespace) -> Scenario:
 def _replayed(scenario: Scenario, place: Path, is_whole: bool) -> list[str]:
     """Print into a folder; what to say if it ends otherwise than a run that came to its end (or not: is_whole)."""
     place.mkdir(parents=True, exist_ok=True)
-    ended = importlib.import_module("inkloop_hardware.errors").ReplayEnded
+    errors = importlib.import_module("inkloop_hardware.errors")
     try:
         with live_words(Console(file=io.StringIO()), place):
             print_part(scenario, folder=place)
     except ComponentError as error:
         cause = _first_cause(error)
-        if isinstance(cause, ended) and not is_whole:
-            return []
+        of_the_bench = isinstance(cause, errors.HardwareError) and not isinstance(cause, errors.BusError)
+        if not is_whole and (of_the_bench or isinstance(cause, errors.ReplayEnded)):
+            return []  # the recorded run ended there too
         return [str(cause)]
     return []
 

@@ -55,7 +55,7 @@ class Exchange:
 
 
 def exchanges(seen: Sequence[Seen], codec: Codec) -> list[Exchange]:
-    """All that were answered, in the order of their ends. A transfer that did not end well is left out."""
+    """All that were answered, in the order of their ends. A transfer that was begun anew at once is left out."""
     asked = list(_asked(seen, codec))
     by_node = ([one for one in asked if one.node is node and one.request[0] != TESTER_PRESENT] for node in Node)
     found = [exchange for of_one in by_node for exchange in _folded(of_one)]
@@ -116,23 +116,32 @@ class _Transfer:
 
 
 def _folded(asked: Sequence[Asked]) -> Iterator[Exchange]:
-    """Those of one node, the blocks of a transfer put together."""
+    """Those of one node, the blocks of a transfer put together; what was lost and not asked for again at once, too."""
     transfer: _Transfer | None = None
     for one, later in zip_longest(asked, asked[1:]):
         service = one.request[0]
+        if transfer is not None and service not in (BLOCK, EXIT, READ):
+            if service != transfer.begin.request[0]:
+                yield _lost(transfer.begin)
+            transfer = None
         if service in (DOWNLOAD, UPLOAD) and _is_good(one):
             transfer = _Transfer(one)
         elif service == EXIT and transfer is not None:
             if (whole := transfer.ended(one)) is not None:
                 yield whole
-            if one.answer:
                 transfer = None
         elif transfer is not None and (service == BLOCK or one.request[:3] == b"\x22\x01\x04"):
             transfer.take(one)
         elif one.answer and service not in (BLOCK, EXIT):
             yield Exchange(one.node, one.request, one.answer, one.at)
         elif is_step(one.request) and (later is None or later.request != one.request):
-            yield Exchange(one.node, one.request, b"", one.at)
+            yield _lost(one)
+    if transfer is not None:
+        yield _lost(transfer.begin)
+
+
+def _lost(one: Asked) -> Exchange:
+    return Exchange(one.node, one.request, b"", one.at)
 
 
 def is_step(request: bytes) -> bool:

@@ -98,10 +98,17 @@ def test_pattern_is_whole_also_where_an_answer_was_lost(lost: tuple[int, ...]) -
     assert found.blob == blob
 
 
-def test_transfer_that_did_not_end_well_is_left_out() -> None:
+def test_transfer_that_did_not_end_well_counts_only_if_it_was_not_begun_anew() -> None:
     altered = download(bytes(35))
     altered[2] = (Node.HEAD, True, b"\x36\x01" + b"\xff" * 10)
-    assert exchanges(seen(*altered), CODEC) == []
+    (lost,) = exchanges(seen(*altered), CODEC)
+    assert (lost.answer, lost.blob) == (b"", None)
+    (found,) = exchanges(seen(*altered, *download(bytes(35))), CODEC)
+    assert found.blob == bytes(35)
+    step, answer = routine(Routine.PASS)
+    between = ((Node.HEAD, True, step), (Node.HEAD, False, answer))
+    kinds = [(one.answer[:1], one.blob) for one in exchanges(seen(*altered, *between, *download(bytes(35))), CODEC)]
+    assert kinds == [(b"", None), (b"\x71", None), (b"\x74", bytes(35))]
 
 
 @given(arrays(np.uint8, st.tuples(st.integers(1, 40), st.integers(1, 40)), elements=st.integers(0, 2)))
