@@ -30,13 +30,13 @@ from inkloop.run import print_part, scenario_of
 from inkloop.scenario import Scenario
 from inkloop_controller.layer_model import LayerModel
 from inkloop_hardware.emulated_bench import program
-from inkloop_hardware.isotp_connection import IsoTpConnection
 from inkloop_hardware.master_journal import Asked, Event, MasterJournal, MasterRecord
 from inkloop_hardware.node_state import Happening, JournalRecord, Step
 from inkloop_hardware.node_wire import NodeWire
+from inkloop_hardware.vocabulary import Node
 
 SECTOR_BYTES, RECORD_BYTES = 4096, 40
-STARTS_OF_STEPS = (b"\x31\x01\x02\x03", b"\x31\x01\x02\x04")  # pass and cure
+BUSY = b"\x03\x7f\x31\x78"
 WORDS_FILE, DONE = "words.txt", "done"
 RESOLUTION = 1e-7
 
@@ -151,7 +151,7 @@ class _Looks:
 
 def _watch_master(look: _Looks) -> None:
     """Look around messages, renamings and syncs, and in the middle of a line of the journal and of a checkpoint."""
-    savez, write, receive, send = np.savez, MasterJournal._write, NodeWire.receive, IsoTpConnection.specific_send
+    savez, write, receive = np.savez, MasterJournal._write, NodeWire.receive
 
     def savez_by_halves(file: Any, **arrays: Any) -> None:
         savez(file, **dict(list(arrays.items())[: len(arrays) // 2]))
@@ -174,16 +174,11 @@ def _watch_master(look: _Looks) -> None:
     def receive_and_look(wire: NodeWire, wait_s: float) -> bytes | None:
         found = receive(wire, wait_s)
         if found is not None:
-            look()
+            is_step = found[:4] == BUSY and wire._node in (Node.HEAD, Node.CURE)
+            look(*["s"] * is_step)
         return found
 
-    def send_and_look(connection: IsoTpConnection, payload: bytes, timeout: float | None = None) -> None:
-        send(connection, payload, timeout)
-        if payload[:4] in STARTS_OF_STEPS:
-            look("s")
-
     np.savez = savez_by_halves
-    IsoTpConnection.specific_send = send_and_look  # type: ignore[method-assign]
     MasterJournal._write = write_by_halves  # type: ignore[method-assign]
     NodeWire.receive = receive_and_look  # type: ignore[method-assign]
     NodeWire.send = look.around(NodeWire.send)  # type: ignore[method-assign]

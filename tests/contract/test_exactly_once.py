@@ -30,7 +30,7 @@ from kill_points import (
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kill points are loaded by LD_PRELOAD")
 EXACT = BLOCK.replace("variation = 0.2", "variation = 0.0").replace("noise_std_um = 0.1", "noise_std_um = 0.0")
-EXACT = EXACT.replace("dropout_rate = 0.02", "")
+EXACT = EXACT.replace("dropout_rate = 0.02", "").replace("cure_ms = 2", "cure_ms = 30")
 GOLDEN = 0.618034
 LOOKS_OF_NODES = {"": 450, "j": 60, "s": 8}
 LOOKS_OF_MASTER = {"": 350, "j": 60, "s": 8}
@@ -110,7 +110,7 @@ def test_killed_nodes_print_every_pass_once(count: int, looks: Path, tmp_path: P
 
 def killed_masters(path: Path, folder: Path, looks: Path, count: int, *, with_nodes: bool) -> None:
     run = folder / "run"
-    with powered(path, folder / "nodes", looks, pass_ms=40) as nodes:
+    with powered(path, folder / "nodes", looks, pass_ms=150) as nodes:
         begin(path, run, nodes.channel)
         person = Person(run)
         for place in places(count, LOOKS_OF_MASTER):
