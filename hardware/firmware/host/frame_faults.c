@@ -56,8 +56,9 @@ size_t frame_garble(const CanFrame *frame, const Fault *fault, char line[2 * SLC
         line[0] = '\xff';
         break;
     default: /* two lines in one */
-        memcpy(line + length - 1, line, length);
-        length = 2 * length - 1;
+        memcpy(line + length - 1, line, length - 1);
+        length = 2 * (length - 1);
+        line[length++] = '\r';
     }
     return length;
 }
