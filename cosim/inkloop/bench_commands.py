@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,21 +50,21 @@ def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Con
         faults=[str(fault) for fault in faults],
     )
     with running:
-        said = console.print
-        said(f"emulated bench on {running.channel}: print head, stage, cure lamp and profiler", highlight=False)
+        said = partial(console.print, highlight=False, soft_wrap=True)
+        said(f"emulated bench on {running.channel}: print head, stage, cure lamp and profiler")
         if scenario:
             grid = scenario.tables.grid
-            said(f"{grid.nx} x {grid.ny} cells, ink and sensor as {file} says", highlight=False)
+            said(f"{grid.nx} x {grid.ny} cells, ink and sensor as {file} says")
         for fault in faults:
-            said(f"on request: {fault}", highlight=False)
+            said(f"on request: {fault}")
         told = (
             "" if running.channel == channel else f" --set bench.interface=slcan --set bench.channel={running.channel}"
         )
-        said(f"in another terminal: inkloop run {file}{told}", highlight=False, soft_wrap=True)
+        said(f"in another terminal: inkloop run {file}{told}")
         kept = (
             f"journals and surface are kept in {options.folder}" if options.folder else "the next start is a new part"
         )
-        said(f"Ctrl-C ends it; {kept}", highlight=False)
+        said(f"Ctrl-C ends it; {kept}")
         try:
             code = int(running.wait())
         except KeyboardInterrupt:

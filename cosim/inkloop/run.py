@@ -98,11 +98,11 @@ def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool
                 break
     console.print(report.write(folder))
     reason = "interrupted" if stopped else result.stop_reason
-    console.print(f"{reason}: table, pictures and result.nc are in {folder}/", highlight=False)
+    console.print(f"{reason}: table, pictures and result.nc are in {folder}/", highlight=False, soft_wrap=True)
     if stopped:
         refusal = result.run.get("not_resumable")
         advice = f"cannot be resumed: {refusal}" if refusal else f"`inkloop resume {folder}` goes on"
-        console.print(advice, highlight=False)
+        console.print(advice, highlight=False, soft_wrap=True)
     return INTERRUPTED if stopped else 0
 
 

@@ -90,6 +90,12 @@ shape = "{shape}"
 # time_max_s = 3600.0
 # real_time_factor = 1.0       # left out: as fast as possible
 
+# [bench]                      # kind = "hardware.printer" and "hardware.profiler": a bench on a CAN bus
+# interface = "slcan"
+# channel = "/dev/ttyACM0"
+# bitrate = 500000
+# cure_ms = 100
+
 [components.controller]   # the order of the components is that of a step
 kind = "LayerMpc"         # or "OpenLoop", "CohenLipson", "ErrorDiffusion", "StochasticGreedy"
 alpha = 0.8               # weight of the mean error against the standard deviation

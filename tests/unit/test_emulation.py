@@ -140,7 +140,7 @@ def test_device_of_a_third_party_is_given_the_rig_of_its_loop(monkeypatch: pytes
     ],
 )
 def test_fault_of_the_bench_table_is_named(line: str, word: str, tmp_path: Path) -> None:
-    text = BLOCK.replace("cure_ms = 2", line)
+    text = BLOCK.replace("bitrate = 500000\ncure_ms = 2", line)
     with pytest.raises(ScenarioError) as refused:
         Scenario.load(write(tmp_path, text))
     assert word in str(refused.value)
