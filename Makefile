@@ -3,6 +3,7 @@
 # make test-long  the proofs that take minutes
 # make benchmarks measured comparisons, printed as ratios
 # make benchmarks-hardware  a layer on the emulated bench, beside the time of its frames on a real bus
+# make peers      docs/reference/peers.md: the loop in masters of other people
 # make fuzz       ten minutes of libFuzzer on the inputs of the firmware
 # make firmware-cortex-m  the emulated bench as an image for a Cortex-M3, with its size
 # make tools      compilers and emulators that some tests use and skip without (Debian)
@@ -15,7 +16,7 @@ BUILD_MODULES := $(addprefix cosim/inkloop/,c_variables.py fmu_archive.py fmu_do
                  $(addprefix hardware/inkloop_hardware/,c_codec.py inkloop.dbc)
 PIP    := $(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check
 
-.PHONY: run test lint format test-long benchmarks benchmarks-hardware fuzz firmware-cortex-m tools gallery clean
+.PHONY: run test lint format test-long benchmarks benchmarks-hardware peers fuzz firmware-cortex-m tools gallery clean
 run: .venv/installed
 	$(BIN)/inkloop run scenarios/cylinder.toml
 
@@ -45,11 +46,14 @@ test-long: .venv/installed
 	$(BIN)/python -m pytest -m long -n 2 --dist loadfile
 
 benchmarks: .venv/installed
-	$(PIP) 'libcosimpy>=0.0.6'   # a peer, of use nowhere else
 	$(BIN)/python -m benchmarks
 
 benchmarks-hardware: .venv/installed
 	$(BIN)/python -m benchmarks hardware bench_faults
+
+peers: .venv/installed
+	$(PIP) 'ecospy>=0.7.2'   # of use nowhere else; it also needs libtbb12
+	PYTHONPATH=tests $(BIN)/python docs/reference/peers.py
 
 fuzz: .venv/installed
 	$(BIN)/python tests/fuzzing.py

@@ -1,0 +1,87 @@
+"""The loop as one FMU that steps three: fmucontainer of the FMU Manipulation Toolbox, driven by FMPy."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+from fmu_manipulation_toolbox.assembly import Assembly
+
+from inkloop.ssp.system import Part, System
+from six_by_six import SHAPE, TIME_MAX_S
+
+
+def by_container(system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
+    """Three FMUs compiled into one that steps them, driven by FMPy: its outputs are those of the printer."""
+    fmi = system.parts[0].description.fmi
+    flags = {  # fmucontainer 2.0 cannot write start values of an array of Booleans: they come from outside
+        (part.name, name): np.ravel(value).tolist()
+        for part in system.parts
+        for name, value in part.values.items()
+        if fmi == 3 and value.size > 1 and part.variable(name).type == "Boolean"
+    }
+    links = [
+        [f"{wire.source[0]}.fmu", source, f"{wire.target[0]}.fmu", target]
+        for wire in system.wires
+        for source, target in system.pairs(wire)
+    ]
+    starts = [
+        [f"{part.name}.fmu", scalar, text]
+        for part in system.parts
+        for name, value in part.values.items()
+        if (part.name, name) not in flags
+        for scalar, text in _start_values(part, name, value)
+    ]
+    names = [*system.part("printer").scalars("height"), "layers_printed"]
+    table = {
+        "name": "loop.fmu",
+        "step_size": system.step_s,
+        "sequential": algorithm == "Gauss-Seidel",
+        **{f"auto_{key}": False for key in ("link", "input", "output", "parameter", "local")},
+        "fmu": [f"{part.name}.fmu" for part in system.parts],
+        "link": links,
+        "input": [[name, f"{part}.fmu", name] for part, name in flags],
+        "start": starts,
+        "output": [["printer.fmu", name, name] for name in names],
+    }
+    (folder / "loop.json").write_text(json.dumps(table), encoding="utf-8")
+    Assembly("loop.json", fmu_directory=folder).make_fmu(fmi_version=fmi)
+    yield from _steps_of_one(folder / "loop.fmu", system.step_s, {name: flags[part, name] for part, name in flags})
+
+
+def _start_values(part: Part, name: str, value: Any) -> Iterator[tuple[str, str]]:
+    """A text for each scalar; all elements in one, with blanks between, where FMI 3 has an array."""
+    texts = [str(number).lower() for number in np.ravel(value).tolist()]
+    scalars = part.scalars(name)
+    yield from zip(scalars, texts if len(scalars) > 1 else [" ".join(texts)], strict=True)
+
+
+def _steps_of_one(file: Path, step_s: float, flags: Mapping[str, list[bool]]) -> Iterator[tuple[int, Any]]:
+    """All outputs of a container after each step; its arrays of FMI 2 are called as before."""
+    folder = fmpy.extract(str(file))
+    description = fmpy.read_model_description(folder, validate=False)  # attributes of its own in FMI 2
+    outputs = {v.name: v.valueReference for v in description.modelVariables if v.causality == "output"}
+    printed = outputs.pop("layers_printed")
+    fmu: Any = fmpy.instantiate_fmu(folder, description, fmi_type="CoSimulation")
+    references = {v.name: v.valueReference for v in description.modelVariables}
+    for name, values in flags.items():
+        fmu.setBoolean([references[name]], values)
+    if is_fmi2 := description.fmiVersion == "2.0":
+        fmu.setupExperiment()
+    fmu.enterInitializationMode()
+    fmu.exitInitializationMode()
+    try:
+        for number in range(round(TIME_MAX_S / step_s)):
+            fmu.doStep(currentCommunicationPoint=number * step_s, communicationStepSize=step_s)
+            cells = list(outputs.values())
+            height = fmu.getReal(cells) if is_fmi2 else fmu.getFloat64(cells, SHAPE[0] * SHAPE[1])
+            (count,) = fmu.getInteger([printed]) if is_fmi2 else fmu.getInt32([printed])
+            yield int(count), np.reshape(height, SHAPE)
+    finally:
+        fmu.freeInstance()
+        shutil.rmtree(folder)

@@ -1,0 +1,73 @@
+"""The loop of three FMUs prints the same part, bit by bit, whoever couples them, by any step and algorithm."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contract.fmu_driver import FORMS, MODELS
+from fmu_checkers import by_fmutool
+from inkloop.export import export, find_fmu
+from other_masters import MASTERS, Master, layers_by
+from six_by_six import LAYERS, SHAPE, STEPS_S, difference, our_layers
+
+
+def cases() -> Iterator[Any]:
+    for master in MASTERS:
+        for fmi, algorithm in master.forms:
+            for step_s in (min(STEPS_S), max(STEPS_S)):
+                name = f"{master.name} FMI {fmi} {algorithm} {step_s} s"
+                yield pytest.param(master, fmi, algorithm, step_s, id=name)
+
+
+@pytest.fixture(scope="module")
+def ours(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    return our_layers(tmp_path_factory.mktemp("ours"))
+
+
+@pytest.mark.parametrize(("master", "fmi", "algorithm", "step_s"), list(cases()))
+def test_every_master_prints_the_layers_of_ours(
+    master: Master, fmi: str, algorithm: str, step_s: float, ours: Any, tmp_path: Path
+) -> None:
+    if absent := master.reason_it_is_absent():
+        pytest.skip(absent)
+    assert difference(layers_by(master, fmi, algorithm, step_s, tmp_path), ours) == ""
+
+
+def test_layers_that_are_compared_are_not_all_alike(ours: Any) -> None:
+    assert ours.shape == (LAYERS, *SHAPE)
+    assert len({layer.tobytes() for layer in ours}) == LAYERS
+    assert np.unique(ours[0]).size > 4
+
+
+def test_difference_of_prints_is_said() -> None:
+    print_ = np.zeros((3, 2, 2))
+    other = print_.copy()
+    other[1, 0, 1] = 2e-6
+    assert difference(print_, print_) == ""
+    assert difference(other, print_) == "layer 2 differs by up to 2 um"
+    assert difference(print_[:2], print_) == "2 layers instead of 3"
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("model", MODELS)
+def test_fmutool_finds_nothing_wrong(model: str, form: str, tmp_path: Path) -> None:
+    assert by_fmutool(find_fmu(model, form)) == []
+    if form == "fmi2":
+        assert by_fmutool(export(model, fmi="2", nx=3, ny=2, fixed=True, out=tmp_path / "it.fmu")) == []
+
+
+def test_fmutool_finds_what_is_wrong(tmp_path: Path) -> None:
+    broken = tmp_path / "broken.fmu"
+    with zipfile.ZipFile(find_fmu("ProfileSensor", "fmi2")) as read, zipfile.ZipFile(broken, "w") as archive:
+        text = read.read("modelDescription.xml").decode()
+        changed = re.sub('variability="fixed"', 'variability="continuous"', text, count=1)
+        assert changed != text
+        archive.writestr("modelDescription.xml", changed)
+    assert by_fmutool(broken)
