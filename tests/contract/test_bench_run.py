@@ -167,11 +167,12 @@ def test_bench_command_runs_until_it_is_interrupted_and_says_what_to_type(
     assert running.stdout
     lines = [running.stdout.readline() for _ in range(4)]
     channel = lines[0].split()[3].rstrip(":")
-    assert f"inkloop run {path} --set bench.interface=slcan --set bench.channel={channel}" in lines[2]
-    assert main(["bench", str(path), "--port", channel.rpartition(":")[2]]) == 1
-    assert "a bench runs there already" in capsys.readouterr().err
+    second = main(["bench", str(path), "--port", channel.rpartition(":")[2]])
     running.send_signal(signal.SIGINT)
     running.communicate(timeout=PATIENCE_S)
+    assert f"inkloop run {path} --set bench.interface=slcan --set bench.channel={channel}" in lines[2]
+    assert second == 1
+    assert "a bench runs there already" in capsys.readouterr().err
     assert running.returncode == 0
 
 

@@ -56,9 +56,9 @@ def test_command_says_what_goes_wrong_on_request_and_refuses_what_it_does_not_kn
     running = subprocess.Popen([*words, "loss:probability=1e-3"], stdout=subprocess.PIPE, text=True)
     assert running.stdout
     lines = [running.stdout.readline() for _ in range(4)]
-    assert lines[2:] == ["on request: swap\n", "on request: loss:probability=0.001\n"]
     running.send_signal(signal.SIGINT)
     running.communicate(timeout=60)
+    assert lines[2:] == ["on request: swap\n", "on request: loss:probability=0.001\n"]
     wrong = subprocess.run([*words, "lost"], capture_output=True, text=True, check=False)
     assert wrong.returncode == 1
     assert "kind is 'lost'; expected 'loss'" in " ".join(wrong.stderr.split())
