@@ -175,6 +175,29 @@ def test_altered_byte_is_found_and_the_pattern_sent_once_more(often: int) -> Non
         assert (bench.state().pattern_crc == zlib.crc32(blob)) == bench.state().pattern_loaded == (often == 1)
 
 
+@pytest.mark.parametrize("often", [1, 2])
+def test_altered_block_counter_is_refused_and_the_pattern_sent_once_more(often: int, bench: NodeBench) -> None:
+    """The node answers 0x73 and keeps nothing of the block; twice, and it is said."""
+    blob, count, answers = pattern_blob(random_pattern(9)), iter(range(100)), []
+
+    def alter(frame: Frame) -> Frame:
+        if frame.data[:3] == b"\x03\x7f\x36":
+            answers.append(frame.data[3])
+        if kind(frame) != 1 or frame.data[2] != BLOCK or next(count) >= often:
+            return frame
+        return Frame(frame.arbitration_id, frame.data[:3] + b"\x09" + frame.data[4:])
+
+    link = FaultyWire(bench, alter=alter).link()
+    if often == 1:
+        link.download(1, blob)
+    else:
+        with pytest.raises(TransferError, match="block 1 of the pattern of layer 1"):
+            link.download(1, blob)
+    assert answers == [0x73] * often
+    assert link.counts.anew == 1
+    assert bench.state().pattern_loaded == (often == 1)
+
+
 def test_altered_byte_of_a_map_is_found_and_the_map_fetched_once_more(bench: NodeBench) -> None:
     assert bench.scan(0) == 0
     link = FaultyWire(bench, PROFILER, alter=nth(0, fifth, change)).link()
