@@ -29,9 +29,7 @@ def after_unknown(
     """
     whole = replace(LayerModel.of(job), inks=before.inks).layer(before.height, pattern, layer, factor) - before.height
     unseen = before.unseen
-    if (
-        before.scans == 1
-    ):  # else the first scan, of which these heights are not any more, would stand for their variance
+    if before.scans == 1:  # else the variance would be that of the first scan, and these are not its heights any more
         unseen = np.where(whole != 0.0, np.maximum(unseen, 1), unseen).astype(np.int32)
     begun = replace(
         before,

@@ -13,6 +13,7 @@ import pytest
 from bench_run import FAST, assert_same_print, printed_with_fmus, write
 from fault_run import BLOB, LIMIT_S, faulty, printed
 from inkloop.emulation import emulation_of
+from inkloop.errors import ComponentError
 from inkloop.run import print_part
 from inkloop.scenario import Scenario
 from inkloop_hardware.bus_settings import BusSettings
@@ -89,6 +90,18 @@ def test_adapter_that_does_not_come_back_is_given_up_in_words() -> None:
             run.rig.link(Node.HEAD).download(1, BLOB)
         with pytest.raises(BusError, match=r"unplugged.*tried to open it again for [12] s"):
             wait_until(lambda: run.rig.alive() is not None)
+
+
+@pytest.mark.long
+def test_terminal_that_is_unplugged_is_given_up_in_words(tmp_path: Path) -> None:
+    """Its device is gone for good, and so is what it was called."""
+    path = write(tmp_path)
+    emulation = emulation_of(Scenario.load(path, EXACT))
+    faults = ["unplugged:step=download,layer=2"]
+    with EmulatedBench(emulation.parameters | FAST, terminal=True, surface=emulation.surface, faults=faults) as bench:
+        scenario = Scenario.load(path, [f"bench.channel={bench.channel}", *EXACT])
+        with pytest.raises(ComponentError, match=rf"printer failed .*after layer 1.*{bench.channel}"):
+            print_part(scenario, folder=tmp_path / "run")
 
 
 def test_bench_that_is_gone_is_given_up_in_words() -> None:
