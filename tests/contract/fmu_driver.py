@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping
+from ctypes import CFUNCTYPE, c_char_p, c_int, c_void_p, cast
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Self
@@ -41,8 +42,21 @@ def _unpacked(model: str, form: str, nx: int, ny: int) -> tuple[Path, Any]:
     return Path(folder.name), fmpy.read_model_description(folder.name)
 
 
+LOGGER = CFUNCTYPE(None, c_void_p, c_char_p, c_int, c_char_p, c_char_p, c_char_p)
+"""FMI 2 formats like printf; ours give "%s" and one text, on which fixed and variable arguments agree on Linux."""
+
+
+def callbacks(messages: list[str]) -> fmi2.fmi2CallbackFunctions:
+    """FMI 2 callbacks that collect what is logged and bring no memory functions."""
+    logger = LOGGER(lambda _, name, status, category, form, text: messages.append(text.decode()))
+    made = fmi2.fmi2CallbackFunctions()
+    made.logger = cast(logger, fmi2.fmi2CallbackLoggerTYPE)
+    made.kept = logger
+    return made
+
+
 class Driver:
-    """One instance; calls return the FMI status instead of raising, `messages` collects what an FMI 3 one logs."""
+    """One instance; calls return the FMI status instead of raising, `messages` collects what it logs."""
 
     def __init__(self, model: str, form: str = "fmi3", nx: int = 9, ny: int = 9, folder: Path | None = None) -> None:
         self.is_fmi2 = form == "fmi2"
@@ -63,7 +77,8 @@ class Driver:
             self.roles[name] = variable.causality
         self.grids = {v.name.partition("[")[0] for v in description.modelVariables if v.dimensions or "[" in v.name}
         if self.is_fmi2:
-            self.fmu.instantiate()
+            self.callbacks = callbacks(self.messages)
+            self.fmu.instantiate(callbacks=self.callbacks)
         else:
             self.fmu.instantiate(logMessage=lambda _, status, category, text: self.messages.append(text.decode()))
         if form == "fmi3" and (nx, ny) != (9, 9):

@@ -25,22 +25,25 @@ def started(model: str, form: str, seed: int = 1) -> Driver:
     return Driver(model, form, 5, 4).start({**PARAMETERS[model], "seed": seed})
 
 
+def offer(fmu: Driver, layer: int) -> None:
+    """Set the inputs with which the next step has something to do."""
+    surface = np.random.default_rng(layer).uniform(0.0, 1e-5, (5, 4))
+    if "measured_height" in fmu.references and fmu.roles["measured_height"] == "input":
+        scanned = int(fmu.get("layer_command"))
+        assert max(fmu.set("measured_height", surface), fmu.set("layers_scanned", scanned)) == OK
+        assert fmu.set("layers_printed", scanned) == OK
+    elif "pattern" in fmu.references:
+        assert fmu.set("pattern", random_patterns(5, 4, 1, seed=layer)[0]) == OK
+        assert fmu.set("layer_command", layer) == OK
+    else:
+        assert max(fmu.set("height", surface), fmu.set("layers_printed", layer)) == OK
+
+
 def act(fmu: Driver, first: int, last: int) -> None:
     """Steps of 1 s from `first` to `last`, with a new layer each 3 s."""
     for time in range(first, last):
         if time % 3 == 0:
-            layer = time // 3 + 1
-            if "measured_height" in fmu.references and fmu.roles["measured_height"] == "input":
-                scanned = int(fmu.get("layer_command"))
-                surface = np.random.default_rng(layer).uniform(0.0, 1e-5, (5, 4))
-                assert max(fmu.set("measured_height", surface), fmu.set("layers_scanned", scanned)) == OK
-                assert fmu.set("layers_printed", scanned) == OK
-            elif "pattern" in fmu.references:
-                assert fmu.set("pattern", random_patterns(5, 4, 1, seed=layer)[0]) == OK
-                assert fmu.set("layer_command", layer) == OK
-            else:
-                surface = np.random.default_rng(layer).uniform(0.0, 1e-5, (5, 4))
-                assert max(fmu.set("height", surface), fmu.set("layers_printed", layer)) == OK
+            offer(fmu, time // 3 + 1)
         assert fmu.step(float(time)) == OK
 
 
