@@ -1,4 +1,4 @@
-"""variables.h and variables.c of a model: the table that the adapters walk and the struct that its kernel reads."""
+"""The C of a variables.toml: the table that the adapters walk, and the struct that the kernel reads."""
 
 from __future__ import annotations
 
@@ -11,12 +11,19 @@ _WRITTEN_BY_KERNEL = ("output", "state", "scratch")
 _ORIGIN = "/* Written from variables.toml; change that. */"
 
 
+def file_names(model: ModelDefinition) -> tuple[str, str]:
+    """Of header and table; each model has its own, so that several stand in one binary."""
+    name = _snake(model.name)
+    return f"{name}_variables.h", f"{name}_variables.c"
+
+
 def header(model: ModelDefinition) -> str:
-    """variables.h: the numbers of the variables, and a struct of pointers into an instance."""
-    guard = f"INKLOOP_{_snake(model.name).upper()}_VARIABLES_H"
-    numbers = (f"    {_number(v)}," for v in model.variables)
+    """The header: the model, the numbers of its variables, and a struct of pointers into an instance."""
+    name = _snake(model.name)
+    guard = f"INKLOOP_{name.upper()}_VARIABLES_H"
+    numbers = (f"    {_number(model, v)}," for v in model.variables)
     fields = (f"    {_pointer(v)}{v.name};" for v in model.variables)
-    binds = (f"        .{v.name} = values_of(instance, {_number(v)})," for v in model.variables)
+    binds = (f"        .{v.name} = values_of(instance, {_number(model, v)})," for v in model.variables)
     return "\n".join(
         [
             _ORIGIN,
@@ -24,6 +31,9 @@ def header(model: ModelDefinition) -> str:
             f"#define {guard}",
             "",
             '#include "kernel.h"',
+            "",
+            f"extern const Model {name.upper()};",
+            f"extern const VariableTable {name.upper()}_VARIABLES;",
             "",
             "enum {",
             *numbers,
@@ -33,7 +43,7 @@ def header(model: ModelDefinition) -> str:
             *fields,
             f"}} {model.name}Variables;",
             "",
-            f"static inline {model.name}Variables {_snake(model.name)}_variables(Instance *instance) {{",
+            f"static inline {model.name}Variables {name}_variables(Instance *instance) {{",
             f"    return ({model.name}Variables){{",
             *binds,
             "    };",
@@ -46,21 +56,35 @@ def header(model: ModelDefinition) -> str:
 
 
 def source(model: ModelDefinition) -> str:
-    """variables.c: the table itself."""
+    """The table itself."""
+    table = f"{_snake(model.name).upper()}_VARIABLES"
     return "\n".join(
         [
             _ORIGIN,
-            '#include "kernel.h"',
+            f'#include "{file_names(model)[0]}"',
             "",
             "#include <math.h>",
             "",
-            f'const char MODEL_NAME[] = "{model.name}";',
-            f'const char MODEL_FINGERPRINT[] = "{model.fingerprint}";',
-            f"const size_t VARIABLE_COUNT = {len(model.variables)};",
-            f"const size_t EXPOSED_COUNT = {len(model.exposed)};",
-            "const VariableDefinition VARIABLES[] = {",
+            "static const VariableDefinition VARIABLES[] = {",
             *_rows(model),
             "};",
+            "",
+            f"const VariableTable {table} = {{",
+            f'    "{model.name}", "{model.fingerprint}", VARIABLES, {len(model.variables)}, {len(model.exposed)}}};',
+            "",
+        ]
+    )
+
+
+def fmu_model(model: ModelDefinition) -> str:
+    """fmu_model.c: which model an FMU offers."""
+    return "\n".join(
+        [
+            _ORIGIN,
+            '#include "instance.h"',
+            f'#include "{file_names(model)[0]}"',
+            "",
+            f"const Model *const FMU_MODEL = &{_snake(model.name).upper()};",
             "",
         ]
     )
@@ -79,8 +103,8 @@ def _pointer(variable: VariableDefinition) -> str:
     return f"{constant}{_C_TYPES[variable.type]} *"
 
 
-def _number(variable: VariableDefinition) -> str:
-    return f"VARIABLE_{variable.name.upper()}"
+def _number(model: ModelDefinition, variable: VariableDefinition) -> str:
+    return f"{_snake(model.name)}_{variable.name}".upper()
 
 
 def _limit(value: float | None, otherwise: str) -> str:

@@ -82,8 +82,10 @@ def _members(model: ModelDefinition, options: argparse.Namespace) -> dict[str, b
 def _write_variables(options: argparse.Namespace) -> None:
     model = model_definition.load(options.definition.read_text("utf-8"), options.definition)
     options.out.mkdir(parents=True, exist_ok=True)
-    write_text(options.out / "variables.h", c_variables.header(model))
-    write_text(options.out / "variables.c", c_variables.source(model))
+    header, table = c_variables.file_names(model)
+    write_text(options.out / header, c_variables.header(model))
+    write_text(options.out / table, c_variables.source(model))
+    write_text(options.out / "fmu_model.c", c_variables.fmu_model(model))
 
 
 def _pack(options: argparse.Namespace) -> None:
@@ -97,7 +99,7 @@ def _pack(options: argparse.Namespace) -> None:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m inkloop.fmu_archive")
     commands = parser.add_subparsers(required=True)
-    variables = commands.add_parser("variables", help="write variables.h and variables.c")
+    variables = commands.add_parser("variables", help="write header and table of the variables, fmu_model.c")
     variables.set_defaults(command=_write_variables)
     packing = commands.add_parser("pack", help="pack one FMU of the default set")
     packing.set_defaults(command=_pack)

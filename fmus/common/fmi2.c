@@ -55,9 +55,9 @@ fmi2Status fmi2_finish(const Component *component, Call call, const char *functi
 fmi2Status fmi2_unsupported(const Component *component, const char *function) {
     if (!component)
         return fmi2Error;
-    return fmi2_finish(
-        component, UNSUPPORTED, function,
-        misuse(component->core, "%s offers nothing for this call; see its modelDescription.xml", MODEL_NAME));
+    return fmi2_finish(component, UNSUPPORTED, function,
+                       misuse(component->core, "%s offers nothing for this call; see its modelDescription.xml",
+                              FMU_MODEL->table->model));
 }
 
 const char *fmi2GetTypesPlatform(void) {
@@ -78,11 +78,11 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
     if (!component)
         return NULL;
     if (fmuType != fmi2CoSimulation)
-        snprintf(message, sizeof message, "%s is for co-simulation only", MODEL_NAME);
+        snprintf(message, sizeof message, "%s is for co-simulation only", FMU_MODEL->table->model);
     else if (!(component->name = malloc(strlen(name) + 1)))
         snprintf(message, sizeof message, "no memory for an instance");
     else
-        component->core = instance_create(fmuGUID, true, message);
+        component->core = instance_create(FMU_MODEL, fmuGUID, true, message);
     if (!component->core) {
         if (functions && functions->logger)
             functions->logger(functions->componentEnvironment, name, fmi2Error, "logStatusError", "%s", message);

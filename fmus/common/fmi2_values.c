@@ -24,7 +24,7 @@ static Outcome get_narrow(Instance *instance, bool is_boolean, const fmi2ValueRe
         Span span;
         if (find_span(instance, vr[k], &span) != ACCEPTED)
             return MISUSED;
-        const VariableDefinition *definition = &VARIABLES[span.variable];
+        const VariableDefinition *definition = &instance->model->table->variables[span.variable];
         if (definition->type == TYPE_REAL || is_boolean != (definition->type == TYPE_BOOLEAN))
             return misuse(instance, "%s is not of this type; see modelDescription.xml", definition->name);
         const void *found = read_values(instance, span);
@@ -58,7 +58,7 @@ static Outcome set_narrow(Instance *instance, bool is_boolean, const fmi2ValueRe
     for (size_t k = 0; k < nvr; k++) {
         if (find_span(instance, vr[k], &span) != ACCEPTED)
             return MISUSED;
-        const VariableDefinition *definition = &VARIABLES[span.variable];
+        const VariableDefinition *definition = &instance->model->table->variables[span.variable];
         if (definition->type == TYPE_REAL || is_boolean != (definition->type == TYPE_BOOLEAN))
             return misuse(instance, "%s is not of this type; see modelDescription.xml", definition->name);
         const Wide wide = widen(definition->type, value[k]);
@@ -68,7 +68,7 @@ static Outcome set_narrow(Instance *instance, bool is_boolean, const fmi2ValueRe
     }
     for (size_t k = 0; k < nvr; k++) {
         find_span(instance, vr[k], &span);
-        const Wide wide = widen(VARIABLES[span.variable].type, value[k]);
+        const Wide wide = widen(instance->model->table->variables[span.variable].type, value[k]);
         write_values(instance, span, &wide);
     }
     return ACCEPTED;

@@ -84,12 +84,13 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
     char message[MESSAGE_SIZE] = "";
     Component *component = NULL;
     if (eventModeUsed)
-        snprintf(message, sizeof message, "eventModeUsed is true, but %s has no Event Mode (hasEventMode)", MODEL_NAME);
+        snprintf(message, sizeof message, "eventModeUsed is true, but %s has no Event Mode (hasEventMode)",
+                 FMU_MODEL->table->model);
     else if (nRequiredIntermediateVariables > 0)
-        snprintf(message, sizeof message, "%s provides no intermediate variables", MODEL_NAME);
+        snprintf(message, sizeof message, "%s provides no intermediate variables", FMU_MODEL->table->model);
     else if (!(component = calloc(1, sizeof *component)))
         snprintf(message, sizeof message, "no memory for an instance");
-    else if (!(component->core = instance_create(instantiationToken, false, message))) {
+    else if (!(component->core = instance_create(FMU_MODEL, instantiationToken, false, message))) {
         free(component);
         component = NULL;
     }
@@ -258,7 +259,7 @@ fmi3Status fmi3EnterStepMode(fmi3Instance instance) {
     if (!component)
         return fmi3Error;
     misuse(component->core, "%s has no Event Mode to come from; Step Mode begins with the end of initialisation",
-           MODEL_NAME);
+           FMU_MODEL->table->model);
     return fmi3_report(component, __func__, fmi3Error);
 }
 

@@ -7,7 +7,7 @@ static fmi3Status answer(const Component *component, const char *function, size_
         return fmi3OK;
     if (!component)
         return fmi3Error;
-    misuse(component->core, "%s offers nothing for this call; see its modelDescription.xml", MODEL_NAME);
+    misuse(component->core, "%s offers nothing for this call; see its modelDescription.xml", FMU_MODEL->table->model);
     return fmi3_report(component, function, fmi3Error);
 }
 

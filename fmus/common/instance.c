@@ -52,7 +52,7 @@ size_t value_size(ValueType type) {
 }
 
 size_t value_count(const Instance *instance, size_t variable) {
-    return VARIABLES[variable].is_grid ? (size_t)(instance->nx * instance->ny) : 1;
+    return instance->model->table->variables[variable].is_grid ? (size_t)(instance->nx * instance->ny) : 1;
 }
 
 void *values_of(Instance *instance, size_t variable) {
@@ -85,7 +85,7 @@ double instance_time(Instance *instance) {
 }
 
 static void fill(Instance *instance, size_t variable) {
-    const VariableDefinition *definition = &VARIABLES[variable];
+    const VariableDefinition *definition = &instance->model->table->variables[variable];
     unsigned char *values = values_of(instance, variable);
     union {
         double real;
@@ -119,28 +119,29 @@ static void fill(Instance *instance, size_t variable) {
 
 /* A block for nx * ny cells with all start values; false, and nothing changed, if there is no memory for it. */
 static bool allocate(Instance *instance, uint64_t nx, uint64_t ny) {
+    const VariableTable *table = instance->model->table;
     Instance sized = *instance;
     sized.nx = nx;
     sized.ny = ny;
-    sized.offsets = malloc((VARIABLE_COUNT + 1) * sizeof *sized.offsets);
-    sized.first_references = malloc((EXPOSED_COUNT + 1) * sizeof *sized.first_references);
+    sized.offsets = malloc((table->count + 1) * sizeof *sized.offsets);
+    sized.first_references = malloc((table->exposed_count + 1) * sizeof *sized.first_references);
     sized.block = NULL;
     if (sized.offsets && sized.first_references) {
         size_t end = 0, reference = 0;
         sized.saved_size = 0;
-        for (size_t k = 0; k < VARIABLE_COUNT; k++) {
-            const size_t size = value_count(&sized, k) * value_size(VARIABLES[k].type);
+        for (size_t k = 0; k < table->count; k++) {
+            const size_t size = value_count(&sized, k) * value_size(table->variables[k].type);
             sized.offsets[k] = end;
-            if (k < EXPOSED_COUNT) {
+            if (k < table->exposed_count) {
                 sized.first_references[k] = reference;
                 reference += sized.has_scalar_references ? value_count(&sized, k) : 1;
             }
             end += (size + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
-            if (VARIABLES[k].causality != SCRATCH)
+            if (table->variables[k].causality != SCRATCH)
                 sized.saved_size = end;
         }
-        sized.offsets[VARIABLE_COUNT] = end;
-        sized.first_references[EXPOSED_COUNT] = reference;
+        sized.offsets[table->count] = end;
+        sized.first_references[table->exposed_count] = reference;
         sized.block = calloc(end, 1);
     }
     if (!sized.block) {
@@ -152,7 +153,7 @@ static bool allocate(Instance *instance, uint64_t nx, uint64_t ny) {
     sized.kept = sized.scratch = NULL;
     sized.kept_size = sized.scratch_size = 0;
     *instance = sized;
-    for (size_t k = 0; k < VARIABLE_COUNT; k++)
+    for (size_t k = 0; k < table->count; k++)
         fill(instance, k);
     *(uint64_t *)values_of(instance, NX) = nx;
     *(uint64_t *)values_of(instance, NY) = ny;
@@ -174,8 +175,9 @@ static bool is_possible(uint64_t nx, uint64_t ny) {
 
 /* The grid that a token carries; false if the token is not one of this binary. */
 static bool read_token(const char *token, Instance *instance) {
+    const VariableTable *table = instance->model->table;
     char own[128];
-    const int length = snprintf(own, sizeof own, "%s-%s-", MODEL_NAME, MODEL_FINGERPRINT);
+    const int length = snprintf(own, sizeof own, "%s-%s-", table->model, table->fingerprint);
     if (!token || strncmp(token, own, (size_t)length) != 0)
         return false;
     unsigned long long nx = 0, ny = 0;
@@ -189,12 +191,14 @@ static bool read_token(const char *token, Instance *instance) {
     return (instance->is_resizable || *rest == '\0') && is_possible(nx, ny);
 }
 
-Instance *instance_create(const char *token, bool has_scalar_references, char message[MESSAGE_SIZE]) {
+Instance *instance_create(const Model *model, const char *token, bool has_scalar_references,
+                          char message[MESSAGE_SIZE]) {
     Instance *instance = calloc(1, sizeof *instance);
     if (!instance) {
         snprintf(message, MESSAGE_SIZE, "no memory for an instance");
         return NULL;
     }
+    instance->model = model;
     instance->mode = INSTANTIATED;
     instance->has_scalar_references = has_scalar_references;
     if (!read_token(token, instance)) {
@@ -202,7 +206,7 @@ Instance *instance_create(const char *token, bool has_scalar_references, char me
             message, MESSAGE_SIZE,
             "the GUID or instantiation token is %s; this binary expects %s-%s-NXxNY as in the modelDescription.xml "
             "of the same FMU",
-            token ? token : "missing", MODEL_NAME, MODEL_FINGERPRINT);
+            token ? token : "missing", model->table->model, model->table->fingerprint);
     } else if (!allocate(instance, instance->start_nx, instance->start_ny)) {
         snprintf(message, MESSAGE_SIZE, "no memory for %llu x %llu cells", (unsigned long long)instance->start_nx,
                  (unsigned long long)instance->start_ny);
@@ -232,7 +236,8 @@ Outcome instance_enter_configuration(Instance *instance) {
         return misuse(instance,
                       "%s has no structural parameters here, its grid is %llu x %llu cells; use the FMI 3 "
                       "variant with structural parameters, or export one for the grid",
-                      MODEL_NAME, (unsigned long long)instance->nx, (unsigned long long)instance->ny);
+                      instance->model->table->model, (unsigned long long)instance->nx,
+                      (unsigned long long)instance->ny);
     instance->mode = CONFIGURATION;
     return ACCEPTED;
 }
@@ -243,12 +248,13 @@ Outcome instance_exit_configuration(Instance *instance) {
         if (!is_possible(nx, ny))
             return refuse(instance, "nx is %llu, ny is %llu; expected 1 to %llu cells together", (unsigned long long)nx,
                           (unsigned long long)ny, (unsigned long long)MAX_CELLS);
+        const VariableTable *table = instance->model->table;
         Instance old = *instance;
         if (!allocate(instance, nx, ny))
             return refuse(instance, "no memory for %llu x %llu cells", (unsigned long long)nx, (unsigned long long)ny);
-        for (size_t k = NY + 1; k < EXPOSED_COUNT; k++) /* what was set before outlives the new size, maps cannot */
-            if (!VARIABLES[k].is_grid)
-                memcpy(values_of(instance, k), values_of(&old, k), value_size(VARIABLES[k].type));
+        for (size_t k = NY + 1; k < table->exposed_count; k++) /* what was set outlives the new size, maps cannot */
+            if (!table->variables[k].is_grid)
+                memcpy(values_of(instance, k), values_of(&old, k), value_size(table->variables[k].type));
         release(&old);
     }
     instance->mode = INSTANTIATED;
@@ -265,7 +271,7 @@ Outcome instance_enter_initialization(Instance *instance, double start_time) {
 }
 
 Outcome instance_exit_initialization(Instance *instance) {
-    const Outcome outcome = kernel_initialize(instance);
+    const Outcome outcome = instance->model->initialize(instance);
     if (outcome == ACCEPTED) {
         instance->mode = STEP;
         instance->is_outdated = false;
@@ -284,7 +290,7 @@ Outcome instance_do_step(Instance *instance, double start, double step) {
                       "the step begins at %.17g s, but the instance is at %.17g s already; restore a saved "
                       "state to go back",
                       start, now);
-    const Outcome outcome = kernel_do_step(instance, start, start + step);
+    const Outcome outcome = instance->model->do_step(instance, start, start + step);
     if (outcome == ACCEPTED)
         *(double *)values_of(instance, TIME) = start + step;
     return outcome;

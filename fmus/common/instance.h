@@ -4,12 +4,16 @@
 
 #include "kernel.h"
 
+/* The model that an FMU offers; a kernel may stand on others beside it. */
+extern const Model *const FMU_MODEL;
+
 /* Where an instance is in its life; bits, so that a call is legal in a set of modes. */
 typedef enum { INSTANTIATED = 1, CONFIGURATION = 2, INITIALIZATION = 4, STEP = 8, TERMINATED = 16 } Mode;
 enum { BEFORE_STEP = INSTANTIATED | INITIALIZATION, RUNNING = BEFORE_STEP | STEP, ANY_MODE = 31 };
 enum { MESSAGE_SIZE = 512 };
 
 struct Instance {
+    const Model *model;
     Mode mode;
     bool has_scalar_references; /* FMI 2: every cell has a value reference; FMI 3: every variable */
     bool is_resizable;
@@ -17,8 +21,8 @@ struct Instance {
     uint64_t start_nx, start_ny; /* grid of a new instance */
     uint64_t nx, ny;             /* grid of the block */
     unsigned char *block;
-    size_t *offsets;          /* VARIABLE_COUNT + 1 places in the block, 8-byte aligned */
-    size_t *first_references; /* EXPOSED_COUNT + 1 value references */
+    size_t *offsets;          /* of the variables in the block, 8-byte aligned, and its end */
+    size_t *first_references; /* of the exposed variables, and the number of references */
     size_t saved_size;        /* bytes of the block before the scratch variables */
     size_t last_found;        /* variable of the last reference that was looked up */
     unsigned char *kept;      /* what the kernel keeps beside the block, and its scratch memory */
@@ -29,7 +33,8 @@ struct Instance {
 
 /* The token is "Model-fingerprint-NXxNY", with "-resizable" at the end where nx and ny can be set (see
  * model_definition.py). NULL on failure, with the reason in `message`. */
-Instance *instance_create(const char *token, bool has_scalar_references, char message[MESSAGE_SIZE]);
+Instance *instance_create(const Model *model, const char *token, bool has_scalar_references,
+                          char message[MESSAGE_SIZE]);
 void instance_free(Instance *instance);
 
 /* Everything as in a new instance. */

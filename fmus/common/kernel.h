@@ -1,8 +1,8 @@
 /* The version-free floor between FMI adapters and models: what a kernel offers and what it may use.
  *
- * A model is a table of variables (variables.c, written from its variables.toml) and four functions. An instance keeps
- * all values in one block of memory, so reading, writing and saving a model is walking the table; a kernel sees the
- * values through the struct of pointers in variables.h and knows no FMI type. */
+ * A model is a table of variables (written from its variables.toml) and four functions. An instance keeps all values in
+ * one block of memory, so reading, writing and saving a model is walking the table; a kernel sees the values through
+ * the struct of pointers in its written header and knows no FMI type. One binary may hold several models. */
 #ifndef INKLOOP_KERNEL_H
 #define INKLOOP_KERNEL_H
 
@@ -24,11 +24,12 @@ typedef struct {
     double start, min, max; /* reals must be finite besides */
 } VariableDefinition;
 
-extern const char MODEL_NAME[];
-extern const char MODEL_FINGERPRINT[]; /* changes with the table */
-extern const VariableDefinition VARIABLES[];
-extern const size_t VARIABLE_COUNT;
-extern const size_t EXPOSED_COUNT; /* the exposed variables come first */
+typedef struct {
+    const char *model;
+    const char *fingerprint; /* changes with the table */
+    const VariableDefinition *variables;
+    size_t count, exposed_count; /* the exposed variables come first */
+} VariableTable;
 
 typedef enum {
     ACCEPTED,
@@ -52,18 +53,24 @@ __attribute__((format(printf, 2, 3)))
 #endif
 Outcome refuse(Instance *instance, const char *format, ...);
 
-/* What every kernel defines: */
+/* What every kernel defines. */
+typedef struct {
+    const VariableTable *table;
 
-/* Further checks of one value, already within the limits of the table; called before anything is written. */
-Outcome kernel_check_value(Instance *instance, size_t variable, const void *value);
+    /* Further checks of one value, already within the limits of the table; called before anything is written. NULL: the
+     * limits are all. */
+    Outcome (*check_value)(Instance *instance, size_t variable, const void *value);
 
-/* Outputs at the start time from the present parameters and inputs; may be called many times before the first step. */
-void kernel_calculate(Instance *instance);
+    /* Outputs at the start time from the present parameters and inputs; may be called many times before the first
+     * step. */
+    void (*calculate)(Instance *instance);
 
-/* End of initialisation: checks parameters against each other, takes inputs as references, sets state and outputs. */
-Outcome kernel_initialize(Instance *instance);
+    /* End of initialisation: checks parameters against each other, takes inputs as references, sets state and
+     * outputs. */
+    Outcome (*initialize)(Instance *instance);
 
-/* One communication step with inputs held. Refusing, it must not have changed anything. */
-Outcome kernel_do_step(Instance *instance, double start, double end);
+    /* One communication step with inputs held. Refusing, it must not have changed anything. */
+    Outcome (*do_step)(Instance *instance, double start, double end);
+} Model;
 
 #endif

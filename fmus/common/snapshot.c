@@ -12,7 +12,7 @@ typedef struct {
 
 static Header header_of(const Instance *instance) {
     Header header = {.nx = instance->nx, .ny = instance->ny, .mode = instance->mode, .kept_size = instance->kept_size};
-    memcpy(header.fingerprint, MODEL_FINGERPRINT, FINGERPRINT_SIZE);
+    memcpy(header.fingerprint, instance->model->table->fingerprint, FINGERPRINT_SIZE);
     return header;
 }
 
@@ -24,7 +24,7 @@ static Outcome check_snapshot(Instance *instance, const void *bytes, size_t size
     memcpy(&found, bytes, sizeof found);
     if (memcmp(found.fingerprint, own.fingerprint, FINGERPRINT_SIZE) != 0)
         return misuse(instance, "the state is not of this build of %s; restore it into the FMU that saved it",
-                      MODEL_NAME);
+                      instance->model->table->model);
     if (found.nx != own.nx || found.ny != own.ny)
         return misuse(instance, "the state is of a grid of %llu x %llu cells; this instance has %llu x %llu",
                       (unsigned long long)found.nx, (unsigned long long)found.ny, (unsigned long long)own.nx,

@@ -6,11 +6,15 @@
 
 static const char *const TYPE_NAMES[] = {"real", "integer", "Boolean", "enumeration", "unsigned integer"};
 
+static const VariableDefinition *definition_of(const Instance *instance, Span span) {
+    return &instance->model->table->variables[span.variable];
+}
+
 Outcome find_span(Instance *instance, uint32_t reference, Span *span) {
-    const size_t *first = instance->first_references;
-    if (reference >= first[EXPOSED_COUNT])
+    const size_t *first = instance->first_references, exposed = instance->model->table->exposed_count;
+    if (reference >= first[exposed])
         return misuse(instance, "there is no variable with value reference %lu; expected 0 to %lu",
-                      (unsigned long)reference, (unsigned long)(first[EXPOSED_COUNT] - 1));
+                      (unsigned long)reference, (unsigned long)(first[exposed] - 1));
     size_t found = instance->last_found; /* importers go through references in order: mostly this one or the next */
     if (reference < first[found])
         found = 0;
@@ -66,7 +70,7 @@ static double as_double(ValueType type, const void *value) {
 }
 
 static Outcome refuse_value(Instance *instance, Span span, size_t at, double value) {
-    const VariableDefinition *definition = &VARIABLES[span.variable];
+    const VariableDefinition *definition = definition_of(instance, span);
     const size_t cell = span.first + at;
     char place[64] = "", expected[96] = "a finite number";
     if (definition->is_grid)
@@ -80,31 +84,33 @@ static Outcome refuse_value(Instance *instance, Span span, size_t at, double val
 }
 
 Outcome check_values(Instance *instance, Span span, const void *values) {
-    const VariableDefinition *definition = &VARIABLES[span.variable];
+    const VariableDefinition *definition = definition_of(instance, span);
     const size_t size = value_size(definition->type);
+    Outcome (*const check_value)(Instance *, size_t, const void *) = instance->model->check_value;
     Outcome outcome = check_mode(instance, definition);
     for (size_t k = 0; k < span.count && outcome == ACCEPTED; k++) {
         const void *value = (const unsigned char *)values + k * size;
         const double number = as_double(definition->type, value);
         if (!isfinite(number) || number < definition->min || number > definition->max)
             return refuse_value(instance, span, k, number);
-        outcome = kernel_check_value(instance, span.variable, value);
+        outcome = check_value ? check_value(instance, span.variable, value) : ACCEPTED;
     }
     return outcome;
 }
 
 static void *place_of(Instance *instance, Span span) {
-    return (unsigned char *)values_of(instance, span.variable) + span.first * value_size(VARIABLES[span.variable].type);
+    return (unsigned char *)values_of(instance, span.variable) +
+           span.first * value_size(definition_of(instance, span)->type);
 }
 
 void write_values(Instance *instance, Span span, const void *values) {
-    memcpy(place_of(instance, span), values, span.count * value_size(VARIABLES[span.variable].type));
+    memcpy(place_of(instance, span), values, span.count * value_size(definition_of(instance, span)->type));
     instance->is_outdated = instance->mode != STEP;
 }
 
 const void *read_values(Instance *instance, Span span) {
-    if (instance->is_outdated && VARIABLES[span.variable].causality == OUTPUT) {
-        kernel_calculate(instance);
+    if (instance->is_outdated && definition_of(instance, span)->causality == OUTPUT) {
+        instance->model->calculate(instance);
         instance->is_outdated = false;
     }
     return place_of(instance, span);
@@ -114,7 +120,7 @@ static Outcome find_typed(Instance *instance, ValueType type, uint32_t reference
     const Outcome outcome = find_span(instance, reference, span);
     if (outcome != ACCEPTED)
         return outcome;
-    const VariableDefinition *definition = &VARIABLES[span->variable];
+    const VariableDefinition *definition = definition_of(instance, *span);
     if (definition->type != type)
         return misuse(instance, "%s is of type %s, not %s", definition->name, TYPE_NAMES[definition->type],
                       TYPE_NAMES[type]);

@@ -4,7 +4,7 @@
 
 #include "layer_problem.h"
 #include "passes.h"
-#include "variables.h"
+#include "layer_controller_variables.h"
 
 Passes passes_of(const LayerControllerVariables *v);
 InkPrior nominal_inks(const LayerControllerVariables *v);

@@ -146,11 +146,11 @@ static void publish_plan(const LayerControllerVariables *v, Kept *kept, const An
     *v->solve_time = *v->is_timed ? seconds : 0.0;
 }
 
-Outcome kernel_check_value(Instance *instance, size_t variable, const void *value) {
-    return variable == VARIABLE_PASSES ? check_passes(instance, *(const int32_t *)value) : ACCEPTED;
+static Outcome check_value(Instance *instance, size_t variable, const void *value) {
+    return variable == LAYER_CONTROLLER_PASSES ? check_passes(instance, *(const int32_t *)value) : ACCEPTED;
 }
 
-void kernel_calculate(Instance *instance) {
+static void calculate(Instance *instance) {
     const LayerControllerVariables v = layer_controller_variables(instance);
     for (size_t cell = 0; cell < cell_count(&v); cell++) {
         v.pattern[cell] = 0;
@@ -165,7 +165,7 @@ void kernel_calculate(Instance *instance) {
     *v.volume_scale = 1.0;
 }
 
-Outcome kernel_initialize(Instance *instance) {
+static Outcome initialize(Instance *instance) {
     const LayerControllerVariables v = layer_controller_variables(instance);
     size_t part = 0;
     for (size_t cell = 0; cell < cell_count(&v); cell++)
@@ -179,12 +179,12 @@ Outcome kernel_initialize(Instance *instance) {
     if (!kept)
         return refuse(instance, "no memory for the plan of %lu cells", (unsigned long)cell_count(&v));
     memset(kept->plan, 0, (size_t)*v.horizon * cell_count(&v) * sizeof(int32_t));
-    kernel_calculate(instance);
+    calculate(instance);
     *v.answered = NO_SCAN;
     return ACCEPTED;
 }
 
-Outcome kernel_do_step(Instance *instance, double start, double end) {
+static Outcome do_step(Instance *instance, double start, double end) {
     const LayerControllerVariables v = layer_controller_variables(instance);
     const bool is_new = *v.layers_scanned == *v.layers_printed && *v.layers_scanned == *v.layer_command &&
                         *v.layers_scanned > *v.answered;
@@ -210,3 +210,5 @@ Outcome kernel_do_step(Instance *instance, double start, double end) {
     free(answer.memory);
     return outcome;
 }
+
+const Model LAYER_CONTROLLER = {&LAYER_CONTROLLER_VARIABLES, check_value, calculate, initialize, do_step};

@@ -2,7 +2,7 @@
 #include "layer_handshake.h"
 #include "layer_map.h"
 #include "passes.h"
-#include "variables.h"
+#include "layer_deposition_variables.h"
 
 #include <string.h>
 
@@ -46,25 +46,27 @@ static void print_layer(Instance *instance, int32_t layer) {
         *v.volume_removed += roll(&v, nx * ny, layer) * cell_area;
 }
 
-Outcome kernel_check_value(Instance *instance, size_t variable, const void *value) {
-    return variable == VARIABLE_PASSES ? check_passes(instance, *(const int32_t *)value) : ACCEPTED;
+static Outcome check_value(Instance *instance, size_t variable, const void *value) {
+    return variable == LAYER_DEPOSITION_PASSES ? check_passes(instance, *(const int32_t *)value) : ACCEPTED;
 }
 
-void kernel_calculate(Instance *instance) {
+static void calculate(Instance *instance) {
     const LayerDepositionVariables v = layer_deposition_variables(instance);
     handshake_calculate(&LAYER_HANDSHAKE(v));
     *v.volume_lost = *v.volume_removed = 0.0;
 }
 
-Outcome kernel_initialize(Instance *instance) {
+static Outcome initialize(Instance *instance) {
     const LayerDepositionVariables v = layer_deposition_variables(instance);
     const Outcome outcome = handshake_initialize(instance, &LAYER_HANDSHAKE(v));
     if (outcome == ACCEPTED)
-        kernel_calculate(instance);
+        calculate(instance);
     return outcome;
 }
 
-Outcome kernel_do_step(Instance *instance, double start, double end) {
+static Outcome do_step(Instance *instance, double start, double end) {
     const LayerDepositionVariables v = layer_deposition_variables(instance);
     return handshake_do_step(instance, &LAYER_HANDSHAKE(v), start, end, print_layer);
 }
+
+const Model LAYER_DEPOSITION = {&LAYER_DEPOSITION_VARIABLES, check_value, calculate, initialize, do_step};

@@ -1,5 +1,5 @@
 #include "reading.h"
-#include "variables.h"
+#include "profile_sensor_variables.h"
 
 #include <string.h>
 
@@ -39,12 +39,7 @@ static void begin_scan(const ProfileSensorVariables *v, double time) {
     *v->status = BUSY;
 }
 
-Outcome kernel_check_value(Instance *instance, size_t variable, const void *value) {
-    (void)instance, (void)variable, (void)value;
-    return ACCEPTED;
-}
-
-void kernel_calculate(Instance *instance) {
+static void calculate(Instance *instance) {
     const ProfileSensorVariables v = profile_sensor_variables(instance);
     memset(v.measured_height, 0, cell_count(&v) * sizeof *v.measured_height);
     memset(v.valid, 0, cell_count(&v) * sizeof *v.valid);
@@ -52,15 +47,15 @@ void kernel_calculate(Instance *instance) {
     *v.status = IDLE;
 }
 
-Outcome kernel_initialize(Instance *instance) {
+static Outcome initialize(Instance *instance) {
     const ProfileSensorVariables v = profile_sensor_variables(instance);
-    kernel_calculate(instance);
+    calculate(instance);
     *v.captured_layer = NO_LAYER;
     *v.scans = 0;
     return ACCEPTED;
 }
 
-Outcome kernel_do_step(Instance *instance, double start, double end) {
+static Outcome do_step(Instance *instance, double start, double end) {
     const ProfileSensorVariables v = profile_sensor_variables(instance);
     if (*v.layers_printed < *v.captured_layer)
         return refuse(instance, "layers_printed is %ld, but layer %ld has been scanned already; it can only rise",
@@ -71,3 +66,5 @@ Outcome kernel_do_step(Instance *instance, double start, double end) {
         publish_scan(&v);
     return ACCEPTED;
 }
+
+const Model PROFILE_SENSOR = {&PROFILE_SENSOR_VARIABLES, NULL, calculate, initialize, do_step};

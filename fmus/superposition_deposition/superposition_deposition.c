@@ -1,6 +1,6 @@
 #include "cap_footprint.h"
 #include "layer_handshake.h"
-#include "variables.h"
+#include "superposition_deposition_variables.h"
 
 /* Every captured droplet lays its cap onto the surface, whatever lies there. */
 static void print_layer(Instance *instance, int32_t layer) {
@@ -30,18 +30,13 @@ static Outcome check_cap(Instance *instance, const char *material, double radius
     return ACCEPTED;
 }
 
-Outcome kernel_check_value(Instance *instance, size_t variable, const void *value) {
-    (void)instance, (void)variable, (void)value;
-    return ACCEPTED;
-}
-
-void kernel_calculate(Instance *instance) {
+static void calculate(Instance *instance) {
     const SuperpositionDepositionVariables v = superposition_deposition_variables(instance);
     handshake_calculate(&LAYER_HANDSHAKE(v));
     *v.volume_lost = 0.0;
 }
 
-Outcome kernel_initialize(Instance *instance) {
+static Outcome initialize(Instance *instance) {
     const SuperpositionDepositionVariables v = superposition_deposition_variables(instance);
     Outcome outcome = check_cap(instance, "a", *v.cap_radius_a, *v.cap_height_a, *v.pitch);
     if (outcome == ACCEPTED)
@@ -49,11 +44,13 @@ Outcome kernel_initialize(Instance *instance) {
     if (outcome == ACCEPTED)
         outcome = handshake_initialize(instance, &LAYER_HANDSHAKE(v));
     if (outcome == ACCEPTED)
-        kernel_calculate(instance);
+        calculate(instance);
     return outcome;
 }
 
-Outcome kernel_do_step(Instance *instance, double start, double end) {
+static Outcome do_step(Instance *instance, double start, double end) {
     const SuperpositionDepositionVariables v = superposition_deposition_variables(instance);
     return handshake_do_step(instance, &LAYER_HANDSHAKE(v), start, end, print_layer);
 }
+
+const Model SUPERPOSITION_DEPOSITION = {&SUPERPOSITION_DEPOSITION_VARIABLES, NULL, calculate, initialize, do_step};

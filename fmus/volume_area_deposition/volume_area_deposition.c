@@ -1,7 +1,7 @@
 #include "layer_handshake.h"
 #include "passes.h"
 #include "propagation.h"
-#include "variables.h"
+#include "volume_area_deposition_variables.h"
 
 #include <string.h>
 
@@ -61,11 +61,11 @@ static void print_layer(Instance *instance, int32_t layer) {
     }
 }
 
-Outcome kernel_check_value(Instance *instance, size_t variable, const void *value) {
-    return variable == VARIABLE_PASSES ? check_passes(instance, *(const int32_t *)value) : ACCEPTED;
+static Outcome check_value(Instance *instance, size_t variable, const void *value) {
+    return variable == VOLUME_AREA_DEPOSITION_PASSES ? check_passes(instance, *(const int32_t *)value) : ACCEPTED;
 }
 
-void kernel_calculate(Instance *instance) {
+static void calculate(Instance *instance) {
     const VolumeAreaDepositionVariables v = volume_area_deposition_variables(instance);
     const LayerHandshake handshake = LAYER_HANDSHAKE(v);
     handshake_calculate(&handshake);
@@ -73,17 +73,19 @@ void kernel_calculate(Instance *instance) {
     *v.volume_lost = 0.0;
 }
 
-Outcome kernel_initialize(Instance *instance) {
+static Outcome initialize(Instance *instance) {
     const VolumeAreaDepositionVariables v = volume_area_deposition_variables(instance);
     const Outcome outcome = handshake_initialize(instance, &LAYER_HANDSHAKE(v));
     if (outcome == ACCEPTED) {
-        kernel_calculate(instance);
+        calculate(instance);
         find_cap_shares(&v);
     }
     return outcome;
 }
 
-Outcome kernel_do_step(Instance *instance, double start, double end) {
+static Outcome do_step(Instance *instance, double start, double end) {
     const VolumeAreaDepositionVariables v = volume_area_deposition_variables(instance);
     return handshake_do_step(instance, &LAYER_HANDSHAKE(v), start, end, print_layer);
 }
+
+const Model VOLUME_AREA_DEPOSITION = {&VOLUME_AREA_DEPOSITION_VARIABLES, check_value, calculate, initialize, do_step};

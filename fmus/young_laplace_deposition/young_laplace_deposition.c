@@ -1,7 +1,7 @@
 #include "layer_handshake.h"
 #include "line_pass.h"
 #include "passes.h"
-#include "variables.h"
+#include "young_laplace_deposition_variables.h"
 
 #include <string.h>
 
@@ -74,18 +74,18 @@ static Outcome find_memory(Instance *instance, const YoungLaplaceDepositionVaria
                   (unsigned long long)(column_count(&surface) * row_count(&surface)), (unsigned long long)size);
 }
 
-Outcome kernel_check_value(Instance *instance, size_t variable, const void *value) {
-    return variable == VARIABLE_PASSES ? check_passes(instance, *(const int32_t *)value) : ACCEPTED;
+static Outcome check_value(Instance *instance, size_t variable, const void *value) {
+    return variable == YOUNG_LAPLACE_DEPOSITION_PASSES ? check_passes(instance, *(const int32_t *)value) : ACCEPTED;
 }
 
-void kernel_calculate(Instance *instance) {
+static void calculate(Instance *instance) {
     const YoungLaplaceDepositionVariables v = young_laplace_deposition_variables(instance);
     handshake_calculate(&LAYER_HANDSHAKE(v));
     *v.volume_lost = 0.0;
     *v.fallbacks = 0;
 }
 
-Outcome kernel_initialize(Instance *instance) {
+static Outcome initialize(Instance *instance) {
     const YoungLaplaceDepositionVariables v = young_laplace_deposition_variables(instance);
     Outcome outcome = check_spread(instance, &v, 1.0, "a droplet");
     if (outcome == ACCEPTED)
@@ -94,16 +94,19 @@ Outcome kernel_initialize(Instance *instance) {
         outcome = handshake_initialize(instance, &LAYER_HANDSHAKE(v));
     if (outcome != ACCEPTED)
         return outcome;
-    kernel_calculate(instance);
+    calculate(instance);
     const FineSurface surface = kept_surface(instance, &v);
     spread_cells(&surface, v.height_start);
     return ACCEPTED;
 }
 
-Outcome kernel_do_step(Instance *instance, double start, double end) {
+static Outcome do_step(Instance *instance, double start, double end) {
     const YoungLaplaceDepositionVariables v = young_laplace_deposition_variables(instance);
     Outcome outcome = find_memory(instance, &v);
     if (outcome == ACCEPTED && (*v.layer_command != *v.reference || *v.layer_period > 0.0))
         outcome = check_largest_droplet(instance, &v);
     return outcome == ACCEPTED ? handshake_do_step(instance, &LAYER_HANDSHAKE(v), start, end, print_layer) : outcome;
 }
+
+const Model YOUNG_LAPLACE_DEPOSITION = {&YOUNG_LAPLACE_DEPOSITION_VARIABLES, check_value, calculate, initialize,
+                                        do_step};
