@@ -24,6 +24,7 @@ from inkloop.printing import Print
 from inkloop.recorder import LayerRow
 from inkloop.result import RUN_FILE, SCENARIO_FILE, UNFINISHED, Result, is_unchanged, read_record
 from inkloop.scenario import Scenario
+from inkloop.sole_writer import LOCK_FILE, sole_writer
 
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
 
@@ -82,11 +83,12 @@ def print_part(
 def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool) -> int:
     """Print whatever of a scenario and its comparison runs is not finished in `folder`, and show all of it."""
     notes = {"scenario_file": str(Path(scenario.source).resolve()), "compare": compare}
-    with deferred() as interrupted, _progress(console) as progress:
+    stopped = False
+    with sole_writer(folder), deferred() as interrupted, _progress(console) as progress:
         for place, variant in _runs(scenario, folder, compare):
             if _is_finished(place):
                 continue
-            with _words_of_devices(variant, progress.console, place):
+            with _alone(place, folder), _words_of_devices(variant, progress.console, place):
                 Result.begin(place, variant.text, notes)
                 result = print_part(variant, progress, place, notes)
             if "real_time" in result.run:
@@ -97,13 +99,18 @@ def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool
             if stopped:
                 break
     console.print(report.write(folder))
-    reason = "interrupted" if stopped else result.stop_reason
+    reason = "interrupted" if stopped else read_record(folder)["stop_reason"]
     console.print(f"{reason}: table, pictures and result.nc are in {folder}/", highlight=False, soft_wrap=True)
     if stopped:
         refusal = result.run.get("not_resumable")
         advice = f"cannot be resumed: {refusal}" if refusal else f"`inkloop resume {folder}` goes on"
         console.print(advice, highlight=False, soft_wrap=True)
     return INTERRUPTED if stopped else 0
+
+
+def _alone(place: Path, folder: Path) -> AbstractContextManager[None]:
+    """Keeps others out of a comparison run too; `folder`, which holds it, is ours by now."""
+    return nullcontext() if place == folder else sole_writer(place)
 
 
 def _words_of_devices(scenario: Scenario, console: Console, folder: Path) -> AbstractContextManager[None]:
@@ -123,12 +130,23 @@ def _is_finished(place: Path) -> bool:
 def new_run_folder(out: Path | None, name: str) -> Path:
     """The folder to write to: `out`, which must be new or empty, or the first free of runs/NAME, runs/NAME-2, ..."""
     if out is not None:
-        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        if out.exists() and (not out.is_dir() or any(path.name != LOCK_FILE for path in out.iterdir())):
             raise ResultError(f"{out}: is there already and not empty; name another --out, nothing is overwritten")
         return out
     base = Path("runs") / name
     candidates = (base if n == 1 else base.with_name(f"{name}-{n}") for n in range(1, 1_000_000))
-    return next(candidate for candidate in candidates if not candidate.exists())
+    return next(candidate for candidate in candidates if _is_claimed(candidate))
+
+
+def _is_claimed(folder: Path) -> bool:
+    """Make a folder; False if it is there already: of two that ask at the same time one has it."""
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        return False
+    except OSError as error:
+        raise ResultError(f"{folder}: the run cannot be written there: {error.strerror or error}") from error
+    return True
 
 
 class _LayerBar:

@@ -1,0 +1,94 @@
+"""One run at a time writes a run folder; who does is said to whoever else comes.
+
+The system keeps the lock for the process that took it and takes it back when that ends, however it ends: after a kill
+there is nothing to clean up. Processes that it has started do not have it.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from inkloop.errors import ResultError
+
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
+
+LOCK_FILE = "run.lock"
+"""Says who writes into a run folder while somebody does; what a kill leaves behind of it means nothing."""
+_FAR = 1 << 30  # locked is a byte beyond the words: where locks keep readers out too (Windows), the words can be read
+_NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP)  # of a file system that keeps none: no reason not to print
+
+
+@contextmanager
+def sole_writer(folder: Path) -> Iterator[None]:
+    """Nobody else writes a run into `folder` during the block; the folder is made, and goes if it stays empty.
+
+    Raises ResultError if somebody does, naming the process, or if the folder cannot be written.
+    """
+    path = folder / LOCK_FILE
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = _locked(path)
+        os.ftruncate(file, 0)
+        os.write(file, f"process {os.getpid()} since {time.strftime('%Y-%m-%d %H:%M:%S')}".encode())
+    except OSError as error:
+        raise ResultError(f"{folder}: the run cannot be written there: {error.strerror or error}") from error
+    try:
+        yield
+    finally:
+        _release(file, path)
+        if not any(folder.iterdir()):
+            folder.rmdir()
+
+
+def _locked(path: Path) -> int:
+    """The open lock file, with the lock. Raises ResultError if somebody else has it, OSError."""
+    while True:
+        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        if not _take(file):
+            words = os.read(file, 100).decode(errors="replace")
+            os.close(file)
+            raise ResultError(
+                f"{path.parent}: another run writes here{f', {words}' if words else ''}; wait until it ends, or stop "
+                f"it and go on with `inkloop resume {path.parent}`"
+            )
+        with suppress(FileNotFoundError):
+            if os.path.samestat(path.stat(), os.fstat(file)):
+                return file
+        os.close(file)  # whoever had it has just removed the file
+
+
+def _take(file: int) -> bool:
+    """Take the lock of an open file; False if somebody else has it. Raises OSError."""
+    try:
+        if sys.platform == "win32":
+            os.lseek(file, _FAR, os.SEEK_SET)
+            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+        else:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, _FAR)
+    except OSError as error:
+        if error.errno not in (errno.EACCES, errno.EAGAIN, errno.EDEADLK, *_NO_LOCKS):
+            raise
+        return error.errno in _NO_LOCKS
+    finally:
+        os.lseek(file, 0, os.SEEK_SET)
+    return True
+
+
+def _release(file: int, path: Path) -> None:
+    """Remove the lock file, then give the lock back: who waits for neither finds a file that is not there any more."""
+    if sys.platform == "win32":  # where nobody can remove what is open
+        os.close(file)
+        with suppress(PermissionError):
+            path.unlink(missing_ok=True)
+        return
+    path.unlink(missing_ok=True)
+    os.close(file)
