@@ -4,14 +4,21 @@
 
 #include "stopwatch.h"
 
+#if defined(_WIN32)
+#include <windows.h>
+
+double stopwatch_seconds(void) {
+    LARGE_INTEGER ticks, ticks_per_second;
+    QueryPerformanceCounter(&ticks);
+    QueryPerformanceFrequency(&ticks_per_second);
+    return (double)ticks.QuadPart / (double)ticks_per_second.QuadPart;
+}
+#else
 #include <time.h>
 
 double stopwatch_seconds(void) {
     struct timespec now;
-#if defined(_WIN32)
-    timespec_get(&now, TIME_UTC);
-#else
     clock_gettime(CLOCK_MONOTONIC, &now);
-#endif
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
+#endif
