@@ -270,6 +270,32 @@ def test_script_of_simulink_draws_every_line(tmp_path: Path) -> None:
     assert "model = 'system_6_blocks';" in simulink.script(system, "6 blocks")
 
 
+def test_every_input_of_a_simulink_block_is_fed(tmp_path: Path) -> None:
+    """An input left open is 0 in Simulink: with a volume factor of 0 nothing would be printed."""
+    system = system_of(scenario_in(tmp_path, TEXT.replace('kind = "LayerMpc"\nhorizon = 2', 'kind = "OpenLoop"')), "2",
+                       tmp_path)  # fmt: skip
+    script = simulink.script(system, "block")
+    from_outside = {wire.target for wire in system.wires if not wire.source[0]}
+    wired = [target for _, target in lines_of(script, system)]
+    loop = r"starts = \[(.*)\](.*);\nfor k = 0:(\d+)  % (\w+)\.(\w+) keeps its start value\n"
+    loop += r"(?:.*\n){3}    add_line\(model, \[name '/1'\], sprintf\('(\w+)/%d', (\d+) \+ k\)"
+    for start, repeat, last, name, port, block, first in re.findall(loop, script):
+        part = system.part(name)
+        inputs = [scalar for each in part.description.variables.values() if each.causality == "input"
+                  for scalar in part.scalars(each.name)]  # fmt: skip
+        scalars = part.scalars(port)
+        assert (block, tuple(inputs[int(first) - 1 : int(first) + int(last)])) == (name, scalars)
+        assert (start, repeat) == (part.variable(port).start[0], f" * ones(1, {len(scalars)})" if repeat else "")
+        wired += [f"{name}.{scalar}" for scalar in scalars]
+    expected = [f"{part.name}.{scalar}" for part in system.parts for each in part.description.variables.values()
+                if each.causality == "input" and (part.name, each.name) not in from_outside
+                for scalar in part.scalars(each.name)]  # fmt: skip
+    assert sorted(wired) == sorted(expected)
+    assert "printer.volume_factor" in wired
+    for part in system.parts:
+        assert f"set_param(block, 'FMUName', '{part.name}.fmu');" in script
+
+
 def test_fmus_for_simulink_begin_with_the_parameters(tmp_path: Path) -> None:
     scenario_in(tmp_path)
     assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", "simulink", "-o", str(tmp_path / "out")]) == 0
