@@ -70,6 +70,10 @@ int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, i
     return diffuse_droplets(problem, droplets, plan);
 }
 
+int32_t inkloop_plan(const HorizonProblem *problem, const PlanWork *work, int32_t *plan, PlanReport *report) {
+    return plan_horizon(problem, work, plan, report);
+}
+
 int32_t inkloop_estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                               const double *measured, const uint8_t *valid, SurfaceEstimate *after) {
     return estimate_next(options, before, layer, measured, valid, after) ? CORE_DONE : CORE_NO_MEMORY;

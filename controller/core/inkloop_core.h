@@ -8,6 +8,7 @@
 #include <stdint.h>
 
 #include "height_estimator.h"
+#include "horizon_planner.h"
 #include "horizon_problem.h"
 #include "scan_drift.h"
 
@@ -55,6 +56,10 @@ INKLOOP_CORE_API int32_t inkloop_relaxed_gradient(const HorizonProblem *problem,
 
 /* Rounds relaxed droplets to a plan (error_diffusion.h). CORE_DONE or CORE_NO_MEMORY. */
 INKLOOP_CORE_API int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, int32_t *plan);
+
+/* The best plan found for a problem (horizon_planner.h). */
+INKLOOP_CORE_API int32_t inkloop_plan(const HorizonProblem *problem, const PlanWork *work, int32_t *plan,
+                                      PlanReport *report);
 
 /* What is known after the first scan, and after each one that follows a layer (height_estimator.h). The second:
  * CORE_DONE or CORE_NO_MEMORY. */

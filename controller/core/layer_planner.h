@@ -1,22 +1,10 @@
-/* The layer problem of the model predictive controller: relaxed, rounded, repaired, and compared.
- *
- * The relaxed problem is solved and rounded by ordered error diffusion; that start, the rest of the last plan, full
- * layers and none are repaired by flips, swaps and shifts, and the best result is taken. It is compared with printing
- * nothing: without that a small alpha trades height for evenness for ever. Dead cells are left out, but for a layer now
- * and then in which they are tried again. The same answers as LayerMpc in Python with relaxation = "gradient". */
+/* The coming layers after a scan: what is to be decided about them (layer_problem.h), and the best that is found
+ * (horizon_planner.h). */
 #ifndef INKLOOP_LAYER_PLANNER_H
 #define INKLOOP_LAYER_PLANNER_H
 
+#include "horizon_planner.h"
 #include "layer_problem.h"
-
-/* In the order of PlanStatus in layer_plan.py. */
-enum { PLAN_REPAIRED = 1, PLAN_BUDGET = 2, PLAN_TIME_LIMIT = 3, PLAN_FALLBACK = 5, PLAN_DONE = 7 };
-
-typedef struct {
-    int32_t status; /* PLAN_... */
-    int64_t sweeps; /* of all repairs together */
-    Objective objective;
-} PlanReport;
 
 /* The best plan found for the layers that follow layer number `layer`, whose surface is `estimate`; PLAN_DONE if that
  * is to print nothing. colours: for 4 passes, of each layer of the horizon in the order jetted. last: the last plan, or

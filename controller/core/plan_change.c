@@ -21,7 +21,7 @@ bool window_open(Window *window, const PlanSurface *surface) {
         return false;
     window->after = window->memory;
     window->before = window->after + cells;
-    for (int place = SIDE; place <= CORNER; place++) {
+    for (size_t place = SIDE; place <= CORNER; place++) {
         window->spread[place] = window->after + (2 + place) * cells;
         window->slope[place] = window->after + (4 + place) * cells;
     }

@@ -34,10 +34,10 @@ void even_droplets(const HorizonProblem *problem, double *droplets) {
     }
 }
 
-void shift_plan(const HorizonProblem *problem, const int32_t *last, int32_t *plan) {
+void shift_plan(const HorizonProblem *problem, const int32_t *last, size_t last_layers, int32_t *plan) {
     const size_t cells = cells_of(problem);
     for (size_t layer = 0; layer < problem->layers; layer++) {
-        const size_t ahead = layer + 1 < problem->layers ? layer + 1 : layer;
+        const size_t ahead = layer + 1 < last_layers ? layer + 1 : last_layers - 1;
         for (size_t cell = 0; cell < cells; cell++) {
             const int32_t value = last[ahead * cells + cell];
             plan[layer * cells + cell] = may_fall(problem->choices[layer * cells + cell], value) ? value : 0;

@@ -14,7 +14,7 @@ void full_layers(const HorizonProblem *problem, int32_t *plan);
 void even_droplets(const HorizonProblem *problem, double *droplets);
 
 /* The rest of the last plan, its last layer once more, without what may not fall any longer. */
-void shift_plan(const HorizonProblem *problem, const int32_t *last, int32_t *plan);
+void shift_plan(const HorizonProblem *problem, const int32_t *last, size_t last_layers, int32_t *plan);
 
 /* Moves the empty first layers to the end; what may not fall so early becomes the kind that may. `moved` holds a plan.
  * Whether anything was moved. */
