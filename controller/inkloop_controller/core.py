@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import FloatMap, Ink
+from inkloop_controller.after_sweep import AfterSweep
 from inkloop_controller.core_library import (
-    AFTER_SWEEP,
     InkStruct,
     JettedLayerStruct,
     ObjectiveStruct,
@@ -63,7 +63,7 @@ def objective(problem: HorizonProblem, plan: IntPlan) -> Objective:
     droplets = _droplets(problem, plan)
     found = ObjectiveStruct()
     answered(library().inkloop_objective(problem_struct(problem), pointer(droplets), found))
-    return _objective(found)
+    return objective_of(found)
 
 
 def search(
@@ -99,26 +99,12 @@ def search(
     if faults:
         raise ValueError("; ".join(faults))
     plan = _droplets(problem, start)
-    report = ReportStruct()
-    raised: list[BaseException] = []
-
-    def ask(_: int | None, so_far: Any) -> int:
-        try:
-            stop = after_sweep is not None and after_sweep(_progress(so_far.contents))
-        except BaseException as error:  # it must not pass through C: kept, and raised below
-            raised.append(error)
-            return 1
-        return int(bool(stop))
-
-    # Without after_sweep too: Python sees Ctrl-C only while it runs.
+    report, asked = ReportStruct(), AfterSweep(after_sweep)
     options = SearchOptionsStruct(
-        int(moves), annealing_sweeps, sweeps_max, seed, seconds_max, threads, AFTER_SWEEP(ask), None
+        int(moves), annealing_sweeps, sweeps_max, seed, seconds_max, threads, asked.callback, None
     )
     code = answered(library().inkloop_search(problem_struct(problem), options, pointer(plan), report))
-    interrupted = bool(raised) and isinstance(raised[0], KeyboardInterrupt)
-    if raised and not interrupted:
-        raise raised[0]
-    return _result(plan, report, code, interrupted)
+    return _result(plan, report, code, asked.was_interrupted())
 
 
 def paper_search(problem: HorizonProblem, start: IntPlan, batch: int, iterations_max: int, seed: int) -> SearchResult:
@@ -215,15 +201,11 @@ def _droplets(problem: HorizonProblem, plan: IntPlan) -> IntPlan:
 def _result(plan: IntPlan, report: ReportStruct, code: int, interrupted: bool) -> SearchResult:
     counts = (report.sweeps, report.evaluations, report.flips, report.swaps, report.shifts)
     status = SearchStatus(code)
-    return SearchResult(plan, _objective(report.objective), report.incremental, status, *counts, interrupted)
+    return SearchResult(plan, objective_of(report.objective), report.incremental, status, *counts, interrupted)
 
 
-def _progress(report: ReportStruct) -> SearchProgress:
-    counts = (report.sweeps, report.evaluations, report.flips, report.swaps, report.shifts)
-    return SearchProgress(report.objective.value, *counts)
-
-
-def _objective(found: ObjectiveStruct) -> Objective:
+def objective_of(found: ObjectiveStruct) -> Objective:
+    """An objective from C."""
     return Objective(found.value, found.error, found.over_ceiling, found.deviation)
 
 

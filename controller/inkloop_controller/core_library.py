@@ -98,6 +98,39 @@ class SearchOptionsStruct(ctypes.Structure):
     )
 
 
+class PlanWorkStruct(ctypes.Structure):
+    """`PlanWork` of horizon_planner.h."""
+
+    _fields_ = (
+        ("relaxation", ctypes.c_int32),
+        ("relaxed", _REALS),
+        ("last", _INTEGERS),
+        ("last_layers", ctypes.c_size_t),
+        ("layer_worth", ctypes.c_double),
+        ("sweeps", ctypes.c_int64),
+        ("annealing_sweeps", ctypes.c_int64),
+        ("iterations", ctypes.c_int64),
+        ("seed", ctypes.c_uint64),
+        ("seconds_max", ctypes.c_double),
+        ("threads", ctypes.c_int32),
+        ("after_sweep", AFTER_SWEEP),
+        ("caller", ctypes.c_void_p),
+    )
+
+
+class PlanReportStruct(ctypes.Structure):
+    """`PlanReport` of horizon_planner.h."""
+
+    _fields_ = (
+        ("status", ctypes.c_int32),
+        ("start", ctypes.c_int32),
+        ("is_annealed", ctypes.c_int32),
+        ("sweeps", ctypes.c_int64),
+        ("objective", ObjectiveStruct),
+        ("seconds", ctypes.c_double * 3),
+    )
+
+
 class RelaxationOptionsStruct(ctypes.Structure):
     """`RelaxationOptions` of horizon_problem.h."""
 
@@ -194,6 +227,10 @@ _ENTRY_POINTS = {
     "inkloop_paper_search": (
         ctypes.c_int32,
         (_PROBLEM, _INTEGERS, ctypes.c_int64, ctypes.c_int64, ctypes.c_uint64, _REPORT),
+    ),
+    "inkloop_plan": (
+        ctypes.c_int32,
+        (_PROBLEM, ctypes.POINTER(PlanWorkStruct), _INTEGERS, ctypes.POINTER(PlanReportStruct)),
     ),
     "inkloop_relax": (
         ctypes.c_int32,

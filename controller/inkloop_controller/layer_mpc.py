@@ -2,62 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import nan
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from inkloop.component import FloatMap, Job
-from inkloop_controller import core
-from inkloop_controller.candidates import Candidate, best_candidate, status_of
+from inkloop.component import Job
 from inkloop_controller.certificate import certify
 from inkloop_controller.criterion import CEILING_COST, PLAIN, Criterion
 from inkloop_controller.dead_cells import is_probe
 from inkloop_controller.droplet_choices import DropletChoices
-from inkloop_controller.droplet_relaxation import diffuse, relax
 from inkloop_controller.height_estimator import Estimate
-from inkloop_controller.horizon_problem import (
-    HORIZON_MAX,
-    HorizonProblem,
-    IntPlan,
-    SearchProgress,
-)
+from inkloop_controller.horizon_planner import RelaxedStart, best_plan
+from inkloop_controller.horizon_problem import HORIZON_MAX, HorizonProblem, IntPlan, SearchProgress
 from inkloop_controller.horizon_program import HorizonProgram
 from inkloop_controller.layer_model import LayerModel
-from inkloop_controller.layer_plan import LayerPlan
-from inkloop_controller.starts import even_droplets, full_layers, no_droplets, shifted
+from inkloop_controller.layer_plan import PROVEN, LayerPlan, PlanStatus
+from inkloop_controller.starts import even_droplets
 from inkloop_controller.stopwatch import Stopwatch
 from inkloop_controller.work import DEFAULT_WORK, Work
 
 Relaxation: TypeAlias = Literal["gradient", "ipopt", "highs", "none"]
 
-RELAXATION_SHARE = 0.3  # of a time limit, at most (assumed)
 CERTIFICATE_S = 60.0  # what a certificate may take if no limit is given (assumed)
 
 
 @dataclass(frozen=True)
 class _Relaxed:
-    """Droplets of any size (layers, nx, ny), and what no plan can be below [m] (NaN: not known)."""
+    """Where to round from, and what no plan can be below [m] (NaN: not known)."""
 
-    droplets: FloatMap
-    bound: float
+    droplets: RelaxedStart
+    bound: float = nan
 
 
 class LayerMpc:
     """Chooses the coming layers that minimise the criterion over the surface after the last of them.
 
-    The relaxed problem is solved and rounded by ordered error diffusion; that start, the rest of the last plan, full
-    layers and none are repaired by flips, swaps and shifts, and the best result is taken. It is compared with printing
-    nothing: without that a small alpha trades height for evenness for ever. Below an alpha of about 0.1 the
+    How a plan is found stands where that is done, in controller/core/horizon_planner.h. Below an alpha of about 0.1 the
     criterion makes no sense: one layer ahead nothing is printed, for the first layer's unevenness costs more than its
     height gains; further ahead a print may end too high. Dead cells are left out, but for a layer now and then in which
     they are tried again.
 
-    horizon: layers ahead, 1 to 5; relaxation: its engine: "ipopt" for small grids, "highs" for one layer and alpha = 1;
-    certified: for one layer and alpha = 1, every plan comes with a bound; after_sweep: sees each sweep of a repair,
-    True ends it. Ctrl-C ends a repair too, and the plan says so. Raises ValueError for options that cannot be meant.
+    horizon: layers ahead, 1 to 5; relaxation: its engine, "gradient" of the core, "ipopt" for small grids, "highs" for
+    one layer and alpha = 1; certified: for one layer and alpha = 1, every plan comes with a bound; after_sweep: sees
+    each sweep of a repair, True ends the repairs. Ctrl-C does too, and the plan says so. Raises ValueError for options
+    that cannot be meant.
     """
 
     def __init__(
@@ -112,95 +103,48 @@ class LayerMpc:
         """The best plan found; DONE if that is to print nothing."""
         watch, problem = Stopwatch(self._work.time_limit), self.problem(estimate, layer)
         relaxed = self._relaxed(problem, watch)
-        starts = self._starts(problem, last, relaxed, watch)
-        with watch.phase("repair"):
-            repaired = self._repaired(problem, starts, random_key(self._job, layer), watch)
-        best = best_candidate(problem, [starts["nothing"], *repaired, *starts.values()], self._criterion.layer_worth)
-        bound, confidence = self._bound(problem, best, relaxed, watch)
-        pattern, drop_level = self._choices.split(best.plan[0])
+        found = best_plan(
+            problem,
+            self._work,
+            relaxed=relaxed.droplets,
+            last=last,
+            layer_worth=self._criterion.layer_worth,
+            seed=random_key(self._job, layer),
+            seconds_max=watch.remaining,
+            after_sweep=self._after_sweep,
+        )
+        bound, confidence = self._bound(problem, found.plan, relaxed.bound, watch)
+        is_proven = found.objective.value - bound <= PROVEN * problem.kinds[0].layer_height
+        pattern, drop_level = self._choices.split(found.plan[0])
         model = replace(self._model, inks=estimate.inks)
         return LayerPlan(
-            plan=best.plan,
+            plan=found.plan,
             pattern=pattern,
             drop_level=drop_level,
-            objective=best.objective,
+            objective=found.objective,
             predicted_height=model.layer(estimate.height, pattern, layer + 1, drop_level.astype(np.float64)),
-            status=status_of(problem, best, bound),
-            start=best.start,
-            sweeps=sum(candidate.found.sweeps for candidate in repaired if candidate.found),
+            status=PlanStatus.OPTIMAL if is_proven and found.status is not PlanStatus.DONE else found.status,
+            start=found.start,
+            sweeps=found.sweeps,
             bound=bound,
             bound_confidence=confidence,
-            seconds=watch.seconds,
+            seconds={**found.seconds, **watch.seconds},
         )
 
-    def _starts(
-        self, problem: HorizonProblem, last: IntPlan, relaxed: _Relaxed | None, watch: Stopwatch
-    ) -> dict[str, Candidate]:
-        """Plans to begin from, the empty one first."""
-        with watch.phase("rounding"):
-            plans = {"nothing": no_droplets(problem), "full layers": full_layers(problem)}
-            if last.shape[1:] == problem.height.shape:
-                plans["last plan"] = shifted(last, problem)
-            if relaxed is not None:
-                plans["relaxation"] = diffuse(problem, relaxed.droplets)
-            return {name: Candidate(name, plan, core.objective(problem, plan)) for name, plan in plans.items()}
-
-    def _repaired(
-        self, problem: HorizonProblem, starts: Mapping[str, Candidate], key: int, watch: Stopwatch
-    ) -> list[Candidate]:
-        """Starts after their repair: the best one, or where annealing is worth its time all of them and it annealed."""
-        annealing = self._work.annealing_of(problem)
-        ranked = sorted(starts.values(), key=lambda start: start.objective.value)
-        tasks = [(start, 0) for start in ranked] + [(ranked[0], annealing)] if annealing else [(ranked[0], 0)]
-        repaired: list[Candidate] = []
-        for start, annealing_sweeps in tasks:
-            seconds = (
-                watch.remaining - watch.seconds["rounding"]
-            )  # what comes after takes about as long as the rounding
-            if seconds <= 0.0:
-                break
-            found = core.search(
-                problem,
-                start.plan,
-                sweeps_max=self._work.sweeps,
-                annealing_sweeps=annealing_sweeps,
-                seed=key,
-                seconds_max=seconds,
-                threads=self._work.threads,
-                after_sweep=self._after_sweep,
-            )
-            name = f"{start.start}, annealed" if annealing_sweeps else start.start
-            repaired.append(Candidate(name, found.plan, found.objective, found))
-            if found.interrupted:
-                break
-        return repaired
-
-    def _relaxed(self, problem: HorizonProblem, watch: Stopwatch) -> _Relaxed | None:
-        """Droplets of any size; None if there is no relaxation, or its engine has failed."""
-        if self._relaxation == "none":
-            return None
+    def _relaxed(self, problem: HorizonProblem, watch: Stopwatch) -> _Relaxed:
+        """Where to round from; nowhere if there is no relaxation, or its engine has failed."""
+        if self._relaxation not in ("ipopt", "highs"):
+            return _Relaxed("gradient" if self._relaxation == "gradient" else None)
         with watch.phase("relaxation"):
-            start = even_droplets(problem)
-            if self._relaxation == "gradient" and problem.layers == problem.passes == 1:
-                return _Relaxed(
-                    start, nan
-                )  # nothing flows back from later layers: further work gains nothing (by trial)
-            if self._relaxation == "gradient":
-                seconds = RELAXATION_SHARE * watch.remaining
-                found = relax(problem, start, iterations_max=self._work.iterations, seconds_max=seconds)
-                return _Relaxed(found.droplets, nan)
-            solved = self._program(problem).solve(problem, start)
-            return _Relaxed(solved.droplets, solved.bound) if solved.solved else None
+            solved = self._program(problem).solve(problem, even_droplets(problem))
+        return _Relaxed(solved.droplets, solved.bound) if solved.solved else _Relaxed(None)
 
-    def _bound(
-        self, problem: HorizonProblem, best: Candidate, relaxed: _Relaxed | None, watch: Stopwatch
-    ) -> tuple[float, float]:
+    def _bound(self, problem: HorizonProblem, plan: IntPlan, proven: float, watch: Stopwatch) -> tuple[float, float]:
         """What no plan can be below [m], and the probability that it holds; NaN and 1 if that is not known."""
-        proven = relaxed.bound if relaxed else nan
-        if not self._certified or not best.plan.any() or watch.remaining == 0.0:
+        if not self._certified or not plan.any() or watch.remaining == 0.0:
             return proven, 1.0
         with watch.phase("certificate"):
-            found = certify(problem, best.plan, seconds_max=min(CERTIFICATE_S, watch.remaining))
+            found = certify(problem, plan, seconds_max=min(CERTIFICATE_S, watch.remaining))
         return (proven, 1.0) if proven >= found.bound else (found.bound, found.confidence)
 
     def _program(self, problem: HorizonProblem) -> HorizonProgram:

@@ -5,15 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
-import numpy as np
-
-from inkloop_controller.horizon_problem import HorizonProblem
-
-ONE_LAYER_ANNEALING = 50  # sweeps: these reach the proven optima of small grids (by trial)
-SMALL_LAYER = 20_000  # cells of a single layer up to which annealing is worth its time (assumed)
-SMALL_PLAN = 1000  # values of a plan of several layers up to which it is (by trial)
-SMALL_ANNEALING = 40_000  # values drawn for such a plan, in at most 200 sweeps (by trial)
-
 
 @dataclass(frozen=True)
 class Work:
@@ -42,15 +33,6 @@ class Work:
             faults.append(f"time_limit is {self.time_limit}; needs a time above 0 s")
         if faults:
             raise ValueError("; ".join(faults))
-
-    def annealing_of(self, problem: HorizonProblem) -> int:
-        """Annealing sweeps for a problem."""
-        if self.annealing_sweeps is not None:
-            return self.annealing_sweeps
-        values = int(np.count_nonzero(problem.choices)) + 1
-        if problem.layers == 1:
-            return ONE_LAYER_ANNEALING if values <= SMALL_LAYER else 0
-        return min(200, SMALL_ANNEALING // values) if values <= SMALL_PLAN else 0
 
 
 DEFAULT_WORK = Work()

@@ -15,13 +15,16 @@ from inkloop_controller import core
 from inkloop_controller.criterion import Criterion
 from inkloop_controller.dead_cells import DEAD_EVIDENCE
 from inkloop_controller.droplet_choices import DropletChoices
+from inkloop_controller.droplet_relaxation import diffuse
 from inkloop_controller.height_estimator import Estimate
+from inkloop_controller.horizon_planner import best_plan
 from inkloop_controller.horizon_problem import IntPlan
 from inkloop_controller.layer_model import LayerModel
 from inkloop_controller.layer_mpc import LayerMpc
 from inkloop_controller.layer_plan import LayerPlan, PlanStatus
-from inkloop_controller.starts import full_layers, no_droplets, shifted
-from inkloop_controller.work import Work
+from inkloop_controller.starts import full_layers, no_droplets
+from inkloop_controller.work import DEFAULT_WORK, Work
+from plan_starts_numpy import best_of, shifted
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
 ROUNDING = 1e-13  # [m]
@@ -139,6 +142,28 @@ def test_plan_is_never_worse_than_nothing_full_layers_or_the_rest_of_the_last_pl
         others += [rest for rest in [shifted(case.last, problem)] if rest[0].any()]
     for other in others:
         assert plan.objective.value <= core.objective(problem, other).value + ROUNDING
+
+
+@given(cases(), st.sampled_from([0.0, 0.2]), st.booleans())
+@settings(deadline=None, max_examples=300)
+def test_without_time_for_a_repair_the_plan_is_the_best_start(case: Case, layer_worth: float, is_relaxed: bool) -> None:
+    problem = case.mpc().problem(case.estimate, case.layer)
+    droplets = np.random.default_rng(case.layer).random(problem.choices.shape) * (problem.choices > 0)
+    found = best_plan(
+        problem,
+        DEFAULT_WORK,
+        relaxed=droplets if is_relaxed else None,
+        last=case.last,
+        layer_worth=layer_worth,
+        seed=0,
+        seconds_max=0.0,
+    )
+    starts = [no_droplets(problem), full_layers(problem)]
+    starts += [shifted(case.last, problem)] if case.last.shape[1:] == problem.height.shape else []
+    starts += [diffuse(problem, droplets)] if is_relaxed else []
+    np.testing.assert_array_equal(found.plan, best_of(starts, problem, layer_worth))
+    assert found.objective == core.objective(problem, found.plan)
+    assert found.status is (PlanStatus.FALLBACK if found.plan.any() else PlanStatus.DONE)
 
 
 @given(cases())

@@ -19,8 +19,9 @@ from inkloop_controller.layer_model import LayerModel
 from inkloop_controller.layer_mpc import LayerMpc
 from inkloop_controller.layer_plan import LayerPlan, PlanStatus, surface_objective
 from inkloop_controller.regions import materials
-from inkloop_controller.starts import full_layers, no_droplets, shifted, without_first_layer
+from inkloop_controller.starts import full_layers, no_droplets
 from inkloop_controller.work import Work
+from plan_starts_numpy import shifted, without_first_layer
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
 ENGINES = [("highs", 1.0), ("ipopt", 1.0), ("ipopt", 0.8), ("ipopt", 0.3), ("ipopt", 0.0)]

@@ -8,7 +8,8 @@ import numpy as np
 
 from inkloop.component import Ink
 from inkloop_controller.horizon_problem import HorizonProblem
-from inkloop_controller.starts import full_layers, no_droplets, shifted, without_idle_start
+from inkloop_controller.starts import full_layers, no_droplets
+from plan_starts_numpy import shifted, without_idle_start
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
 
