@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from importlib import import_module
-from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -20,6 +18,9 @@ import numpy as np
 from fmpy_masters import GAUSS_SEIDEL, by_calls, by_simulate_ssp
 from inkloop.ssp import osp
 from inkloop.ssp.system import System, system_of
+from java_programs import MAESTRO
+from maestro_master import by_maestro
+from other_programs import ECOS, FMPY, FMUTOOL, LIBCOSIM, Program
 from six_by_six import LAYERS, SHAPE, TIME_MAX_S, scenario_in
 
 Step = tuple[int, Any]
@@ -31,26 +32,10 @@ class Master:
     """Somebody's master: the versions of FMI and the algorithms that it runs the loop by."""
 
     name: str
-    package: str
-    module: str
+    program: Program
     starts_from: str
     forms: tuple[tuple[str, str], ...]
     run: Callable[[System, str, Path], Iterator[Step]]
-
-    @property
-    def version(self) -> str:
-        """As installed. Raises PackageNotFoundError."""
-        return version(self.package)
-
-    def reason_it_is_absent(self) -> str:
-        """A sentence; "" where it is there."""
-        try:
-            import_module(self.module)
-        except ImportError:
-            return f"{self.package} is not installed; make peers"
-        except OSError as error:  # a shared library that it stands on
-            return f"{self.package} does not load: {error}; Debian has libtbb.so.12 in libtbb12"
-        return ""
 
 
 def layers_by(master: Master, fmi: str, algorithm: str, step_s: float, folder: Path) -> Any:
@@ -124,9 +109,10 @@ def _ecos(system: System, algorithm: str, folder: Path) -> Iterator[Step]:
 
 BOTH = tuple((fmi, algorithm) for fmi in ("2", "3") for algorithm in (JACOBI, GAUSS_SEIDEL))
 MASTERS = (
-    Master("FMPy, a loop of its calls", "fmpy", "fmpy", "the FMUs", BOTH, by_calls),
-    Master("FMPy, `simulate_ssp`", "fmpy", "fmpy", "an .ssp", (("2", JACOBI),), by_simulate_ssp),
-    Master("fmucontainer", "fmu-manipulation-toolbox", "fmu_manipulation_toolbox", "its JSON", BOTH, _container),
-    Master("libcosim", "libcosimpy", "libcosimpy", "OspSystemStructure.xml", (("2", JACOBI),), _libcosim),
-    Master("Ecos", "ecospy", "ecospy", "its Python calls", (("2", JACOBI),), _ecos),
+    Master("FMPy, a loop of its calls", FMPY, "the FMUs", BOTH, by_calls),
+    Master("FMPy, `simulate_ssp`", FMPY, "an .ssp", (("2", JACOBI),), by_simulate_ssp),
+    Master("fmucontainer", FMUTOOL, "its JSON", BOTH, _container),
+    Master("libcosim", LIBCOSIM, "OspSystemStructure.xml", (("2", JACOBI),), _libcosim),
+    Master("Ecos", ECOS, "its Python calls", (("2", JACOBI),), _ecos),
+    Master("Maestro", MAESTRO, "its two JSON files", (("2", JACOBI),), by_maestro),
 )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import tempfile
 from collections.abc import Iterator
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -65,20 +64,22 @@ def outcome(master: Master, fmi: str, algorithm: str, step_s: float, ours: Any) 
 def rows(ours: Any) -> Iterator[str]:
     """One row of the table for each way of running a master."""
     for master in MASTERS:
-        absent = master.reason_it_is_absent()
+        absent = master.program.reason_it_is_absent()
         for fmi, algorithm in master.forms:
             found = [absent or outcome(master, fmi, algorithm, step_s, ours) for step_s in STEPS_S]
-            release = "-" if absent else master.version
+            release = "-" if absent else master.program.version
             yield " | ".join(["", master.name, release, fmi, algorithm, master.starts_from, *found, ""]).strip()
 
 
 def checks() -> Iterator[str]:
     """One row for each checker."""
-    files = [find_fmu(model, form) for form in FORMS for model in MODELS]
-    packages = ("fmpy", "fmu-manipulation-toolbox")
-    for (name, check), package in zip(CHECKERS.items(), packages, strict=True):
-        faults = [f"{file.parent.name}/{file.name}: {text}" for file in files for text in check(file)]
-        yield f"| {name} | {version(package)} | {len(files)} | {'<br>'.join(faults) or 'nothing'} |"
+    for checker in CHECKERS:
+        if absent := checker.program.reason_it_is_absent():
+            yield f"| {checker.name} | - | - | {absent} |"
+            continue
+        files = [find_fmu(model, form) for form in FORMS if form[3] in checker.versions for model in MODELS]
+        faults = [f"{file.parent.name}/{file.name}: {text}" for file in files for text in checker.check(file)]
+        yield f"| {checker.name} | {checker.program.version} | {len(files)} | {'<br>'.join(faults) or 'nothing'} |"
 
 
 def main() -> None:

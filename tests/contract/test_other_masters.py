@@ -8,14 +8,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import fmpy
 import numpy as np
 import pytest
 
 from contract.fmu_driver import FORMS, MODELS
-from fmu_checkers import by_fmutool
+from fmu_checkers import by_fmutool, by_vdm_check
+from inkloop.cli import main
 from inkloop.export import export, find_fmu
+from java_programs import MAESTRO, VDM_CHECK
 from other_masters import MASTERS, Master, layers_by
-from six_by_six import LAYERS, SHAPE, STEPS_S, difference, our_layers
+from six_by_six import LAYERS, SHAPE, STEPS_S, difference, our_layers, scenario_in
 
 
 def cases() -> Iterator[Any]:
@@ -23,7 +26,8 @@ def cases() -> Iterator[Any]:
         for fmi, algorithm in master.forms:
             for step_s in (min(STEPS_S), max(STEPS_S)):
                 name = f"{master.name} FMI {fmi} {algorithm} {step_s} s"
-                yield pytest.param(master, fmi, algorithm, step_s, id=name)
+                marks = [pytest.mark.long] if master.program is MAESTRO else []  # a minute and a half each
+                yield pytest.param(master, fmi, algorithm, step_s, id=name, marks=marks)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +39,7 @@ def ours(tmp_path_factory: pytest.TempPathFactory) -> Any:
 def test_every_master_prints_the_layers_of_ours(
     master: Master, fmi: str, algorithm: str, step_s: float, ours: Any, tmp_path: Path
 ) -> None:
-    if absent := master.reason_it_is_absent():
+    if absent := master.program.reason_it_is_absent():
         pytest.skip(absent)
     assert difference(layers_by(master, fmi, algorithm, step_s, tmp_path), ours) == ""
 
@@ -63,11 +67,46 @@ def test_fmutool_finds_nothing_wrong(model: str, form: str, tmp_path: Path) -> N
         assert by_fmutool(export(model, fmi="2", nx=3, ny=2, fixed=True, out=tmp_path / "it.fmu")) == []
 
 
-def test_fmutool_finds_what_is_wrong(tmp_path: Path) -> None:
-    broken = tmp_path / "broken.fmu"
-    with zipfile.ZipFile(find_fmu("ProfileSensor", "fmi2")) as read, zipfile.ZipFile(broken, "w") as archive:
+@pytest.fixture
+def broken(tmp_path: Path) -> Path:
+    """An FMU with a parameter that claims to change continuously, which valid XML can say and FMI forbids."""
+    path = tmp_path / "broken.fmu"
+    with zipfile.ZipFile(find_fmu("ProfileSensor", "fmi2")) as read, zipfile.ZipFile(path, "w") as archive:
         text = read.read("modelDescription.xml").decode()
         changed = re.sub('variability="fixed"', 'variability="continuous"', text, count=1)
         assert changed != text
         archive.writestr("modelDescription.xml", changed)
+    return path
+
+
+def test_fmutool_finds_what_is_wrong(broken: Path) -> None:
     assert by_fmutool(broken)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("model", MODELS)
+def test_vdm_check_finds_nothing_wrong(model: str) -> None:
+    if absent := VDM_CHECK.reason_it_is_absent():
+        pytest.skip(absent)
+    assert by_vdm_check(find_fmu(model, "fmi2")) == []
+
+
+@pytest.mark.long
+def test_vdm_check_finds_what_is_wrong(broken: Path) -> None:
+    if absent := VDM_CHECK.reason_it_is_absent():
+        pytest.skip(absent)
+    assert any("invalid at modelDescription" in fault for fault in by_vdm_check(broken))
+
+
+def test_fmus_for_maestro_have_integers_in_place_of_enumerations(tmp_path: Path) -> None:
+    scenario_in(tmp_path)
+    four = ["--set", "process.passes=4", "--set", "process.pass_order=diagonal"]
+    folder = tmp_path / "it"
+    assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", "maestro", "-o", str(folder), *four]) == 0
+    variables = [v for file in folder.glob("*.fmu") for v in fmpy.read_model_description(str(file)).modelVariables]
+    assert {v.type for v in variables} == {"Real", "Integer", "Boolean"}
+    orders = {v.start for v in variables if v.name == "pass_order"}
+    assert orders == {"2"}
+    assert by_fmutool(folder / "printer.fmu") == []
+    rows = fmpy.simulate_fmu(str(folder / "printer.fmu"), stop_time=1.0, output=["status"])
+    assert rows["status"][-1] == 0

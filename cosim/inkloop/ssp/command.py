@@ -47,7 +47,7 @@ def export(scenario: Scenario, options: argparse.Namespace, console: Console) ->
             archive.write(system, options.ssp, out)
         else:
             out = options.out or Path(f"{stem}-{options.to}")
-            _write_folder(system, options.to, out, stem)
+            write_folder(system, options.to, out, stem)
     console.print(f"wrote {out}: {', '.join(part.name for part in system.parts)}", highlight=False)
     for note in system.notes():
         console.print(f"  {note}", highlight=False)
@@ -64,19 +64,16 @@ def _fmi(options: argparse.Namespace) -> str:
     return wanted
 
 
-def _write_folder(system: System, to: str, out: Path, stem: str) -> None:
+def write_folder(system: System, to: str, out: Path, stem: str) -> None:
+    """The FMUs of a system and, beside them, the files of "osp", "maestro" or "simulink". Raises ScenarioError."""
     if to == "osp":
         texts = {osp.FILE: osp.structure(system).decode()}
     elif to == "maestro":
-        tables = {
-            maestro.MULTI_MODEL: maestro.multi_model(system),
-            maestro.CONFIGURATION: maestro.configuration(system),
-        }
-        texts = {name: json.dumps(table, indent=1) + "\n" for name, table in tables.items()}
+        texts = {name: json.dumps(table, indent=1) + "\n" for name, table in maestro.tables(system).items()}
     else:
         texts = {f"build_{simulink.model_name(stem)}.m": simulink.script(system, stem)}
     out.mkdir(parents=True, exist_ok=True)
     for part in system.parts:  # libcosim sets no enumerations, Simulink no parameters by the hundred
-        start_values.write(part, out / f"{part.name}.fmu")
+        start_values.write(part, out / f"{part.name}.fmu", enumerations=to != "maestro")
     for name, text in texts.items():
         write_text(out / name, text)

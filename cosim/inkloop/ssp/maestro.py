@@ -1,5 +1,6 @@
 """The two JSON files of Maestro: the multi-model (FMUs, connections, parameters) and the run's configuration.
 
+Maestro 3.1.1 stops at the first enumeration of a description: the FMUs beside the files declare them as integers.
 https://into-cps-maestro.readthedocs.io/en/latest/user/file_formats.html
 """
 
@@ -41,7 +42,7 @@ def multi_model(system: System) -> dict[str, Any]:
             _place(part.name, element): number
             for part in system.parts
             for name, value in part.values.items()
-            if part.variable(name).type != "Enumeration"  # those stand in the FMU as start values
+            if part.variable(name).type != "Enumeration"  # those stand in the FMU, as start values of integers
             for element, number in zip(part.scalars(name), value.ravel().tolist(), strict=True)
         },
     }

@@ -1,0 +1,47 @@
+"""Programs of other people that the tests run: which version is there, or why it is not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import version
+from typing import Protocol
+
+
+class Program(Protocol):
+    """What pip or Maven Central brings."""
+
+    @property
+    def version(self) -> str: ...
+
+    def reason_it_is_absent(self) -> str:
+        """A sentence; "" where it is there."""
+
+
+@dataclass(frozen=True)
+class PythonPackage:
+    """A package of PyPI and a module in it that loads what it stands on."""
+
+    package: str
+    module: str
+
+    @property
+    def version(self) -> str:
+        """As installed. Raises PackageNotFoundError."""
+        return version(self.package)
+
+    def reason_it_is_absent(self) -> str:
+        """A sentence; "" where it is there."""
+        try:
+            import_module(self.module)
+        except ImportError:
+            return f"{self.package} is not installed; make peers"
+        except OSError as error:  # a shared library that it stands on
+            return f"{self.package} does not load: {error}; Debian has libtbb.so.12 in libtbb12 (make tools)"
+        return ""
+
+
+FMPY = PythonPackage("fmpy", "fmpy")
+FMUTOOL = PythonPackage("fmu-manipulation-toolbox", "fmu_manipulation_toolbox")
+LIBCOSIM = PythonPackage("libcosimpy", "libcosimpy")
+ECOS = PythonPackage("ecospy", "ecospy")
