@@ -2,7 +2,6 @@
 
 #include <stdlib.h>
 
-#include "dead_cells.h"
 #include "error_diffusion.h"
 #include "horizon_solver.h"
 #include "layer_surface.h"
@@ -82,22 +81,4 @@ int32_t inkloop_estimate_next(const EstimatorOptions *options, const SurfaceEsti
 void inkloop_estimate_first(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
                             SurfaceEstimate *estimate) {
     estimate_first(options, measured, valid, estimate);
-}
-
-void inkloop_droplet_increments(const JettedLayer *layer, const double *height, size_t inks, const Ink ink[],
-                                double *scratch, const DropletIncrements *increments) {
-    droplet_increments(layer, height, inks, ink, scratch, increments);
-}
-
-double inkloop_scan_drift(size_t nx, size_t ny, const uint8_t *part, const double *scan, const double *known,
-                          const uint8_t *valid, double *scratch, double *plane) {
-    const ScanDrift drift = scan_drift(nx, ny, part, scan, known, valid, scratch);
-    for (size_t cell = 0; cell < nx * ny; cell++)
-        plane[cell] = drift_at(&drift, nx, ny, cell);
-    return drift.residual_variance;
-}
-
-void inkloop_dead_evidence(size_t cells, const double *before, const double *own, const double *grown,
-                           const double *variance, size_t part_cells, double *after) {
-    dead_evidence(cells, before, own, grown, variance, part_cells, after);
 }

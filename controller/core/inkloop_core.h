@@ -10,7 +10,6 @@
 #include "height_estimator.h"
 #include "horizon_planner.h"
 #include "horizon_problem.h"
-#include "scan_drift.h"
 
 #if defined(_WIN32)
 #define INKLOOP_CORE_API __declspec(dllexport)
@@ -68,14 +67,5 @@ INKLOOP_CORE_API void inkloop_estimate_first(const EstimatorOptions *options, co
 INKLOOP_CORE_API int32_t inkloop_estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before,
                                                const JettedLayer *layer, const double *measured, const uint8_t *valid,
                                                SurfaceEstimate *after);
-
-/* Its parts by themselves: droplet_increments.h; scan_drift.h, with the map to be taken off the scan in `plane` and the
- * residual variance as the answer; dead_cells.h. */
-INKLOOP_CORE_API void inkloop_droplet_increments(const JettedLayer *layer, const double *height, size_t inks,
-                                                 const Ink ink[], double *scratch, const DropletIncrements *increments);
-INKLOOP_CORE_API double inkloop_scan_drift(size_t nx, size_t ny, const uint8_t *part, const double *scan,
-                                           const double *known, const uint8_t *valid, double *scratch, double *plane);
-INKLOOP_CORE_API void inkloop_dead_evidence(size_t cells, const double *before, const double *own, const double *grown,
-                                            const double *variance, size_t part_cells, double *after);
 
 #endif

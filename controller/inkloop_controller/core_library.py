@@ -18,7 +18,6 @@ VARIABLE = "INKLOOP_CORE_LIB"
 _INTERFACE = 2  # CORE_INTERFACE of inkloop_core.h
 _PACKAGE = "inkloop_controller"
 SHARES_MAX = 6  # of ink_identification.h
-DRIFT_MAPS = 5  # of scan_drift.h
 _GRID = (ctypes.c_size_t, ctypes.c_size_t)
 _REALS = ctypes.POINTER(ctypes.c_double)
 _INTEGERS = ctypes.POINTER(ctypes.c_int32)
@@ -202,12 +201,6 @@ class JettedLayerStruct(ctypes.Structure):
     )
 
 
-class IncrementsStruct(ctypes.Structure):
-    """`DropletIncrements` of droplet_increments.h."""
-
-    _fields_ = (("rates", _REALS), ("squares", _REALS), ("own", _REALS))
-
-
 _PROBLEM = ctypes.POINTER(ProblemStruct)
 _ESTIMATOR = ctypes.POINTER(EstimatorOptionsStruct)
 _ESTIMATE = ctypes.POINTER(EstimateStruct)
@@ -240,12 +233,6 @@ _ENTRY_POINTS = {
     "inkloop_diffuse": (ctypes.c_int32, (_PROBLEM, _REALS, _INTEGERS)),
     "inkloop_estimate_first": (None, (_ESTIMATOR, _REALS, _MARKS, _ESTIMATE)),
     "inkloop_estimate_next": (ctypes.c_int32, (_ESTIMATOR, _ESTIMATE, _LAYER, _REALS, _MARKS, _ESTIMATE)),
-    "inkloop_droplet_increments": (
-        None,
-        (_LAYER, _REALS, ctypes.c_size_t, ctypes.POINTER(InkStruct), _REALS, ctypes.POINTER(IncrementsStruct)),
-    ),
-    "inkloop_scan_drift": (ctypes.c_double, (*_GRID, _MARKS, _REALS, _REALS, _MARKS, _REALS, _REALS)),
-    "inkloop_dead_evidence": (None, (ctypes.c_size_t, _REALS, _REALS, _REALS, _REALS, ctypes.c_size_t, _REALS)),
 }
 
 

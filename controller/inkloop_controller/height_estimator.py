@@ -17,9 +17,8 @@ from inkloop_controller.core_library import (
     library,
 )
 from inkloop_controller.dead_cells import DEAD_EVIDENCE
-from inkloop_controller.droplet_increments import ink_table
 from inkloop_controller.horizon_problem import IntMap
-from inkloop_controller.ink_identification import INK_MODELS, InkEvidence, InkModel
+from inkloop_controller.ink_identification import INK_MODELS, InkEvidence, InkModel, ink_table
 from inkloop_controller.layer_model import LayerModel
 from inkloop_controller.regions import nominal_layer_height
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from inkloop.component import Ink
 from inkloop_controller.core_library import SHARES_MAX, InkEvidenceStruct
 
 InkModel: TypeAlias = Literal["scale", "full", "off"]
@@ -58,6 +59,11 @@ class InkEvidence:
             surplus=np.array(struct.surplus[:shares]),
             covariance=covariance.reshape(shares, shares),
         )
+
+
+def ink_table(inks: Sequence[Ink]) -> NDArray[np.float64]:
+    """(inks, 3): h1, h2, h3 of each [m]."""
+    return np.array([[ink.h1, ink.h2, ink.h3] for ink in inks])
 
 
 def _filled(values: NDArray[np.float64], count: int) -> tuple[float, ...]:

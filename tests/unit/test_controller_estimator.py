@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from closed_loop import block, cylinder
-from inkloop.component import Job
+from inkloop.component import Ink, Job
 from inkloop_controller.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.layer_model import LayerModel
+from reference import lu_numpy
 
 
 def printed(job: Job, estimator: HeightEstimator, layers: int, noise_std: float, common: float = 0.0) -> Any:
@@ -105,6 +106,24 @@ def test_invalid_cells_are_predicted_their_variance_grows_and_in_the_end_they_ar
     again = estimator.next(estimate, pattern, 6, surface, seen)
     assert not again.unseen.any()
     assert not again.untrusted.any()
+
+
+@pytest.mark.parametrize("factor", [1.0, np.random.default_rng(4).uniform(0.7, 2.0, (14, 12))])
+def test_variances_of_the_droplets_of_a_layer_that_was_not_seen_add(factor: Any) -> None:
+    """Each droplet by itself on the same rough surface: a tenth of what it adds to a cell is its standard deviation."""
+    inks, rng = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6)), np.random.default_rng(5)
+    job = block(14, 12, inks=inks)
+    estimator = HeightEstimator(job, adapt_ink="off")
+    surface, seen = rng.uniform(0.0, 12e-6, (14, 12)), np.ones((14, 12), np.bool_)
+    pattern = np.where(job.mask, rng.integers(0, 3, (14, 12)), 0).astype(np.int32)
+    table, alone = tuple((ink.h1, ink.h2, ink.h3) for ink in inks), np.zeros((14, 12))
+    for cell in zip(*np.nonzero(pattern), strict=True):
+        single = np.zeros_like(pattern)
+        single[cell] = pattern[cell]
+        alone += (lu_numpy.one_pass(surface, single, table, factor)[0] - surface) ** 2
+    volumes = np.broadcast_to(factor, seen.shape).astype(np.float64)
+    after = estimator.next(estimator.first(surface, seen), pattern, 1, surface, ~seen, volumes)
+    np.testing.assert_allclose(after.height_variance, 0.1**2 * alone, rtol=1e-9, atol=1e-30)
 
 
 def test_unmeasured_start_surface_is_bare_substrate() -> None:

@@ -11,8 +11,8 @@ import pytest
 from closed_loop import SECOND, block, cylinder, inputs_of
 from inkloop.component import Job, Status
 from inkloop_controller.controllers import LayerMpcController
-from inkloop_controller.dead_cells import DEAD_EVIDENCE, dead_evidence
-from inkloop_controller.height_estimator import Estimate
+from inkloop_controller.dead_cells import DEAD_EVIDENCE
+from inkloop_controller.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.layer_model import LayerModel
 from inkloop_controller.layer_mpc import LayerMpc
 
@@ -101,13 +101,22 @@ def test_nozzle_that_brings_a_third_of_its_ink_is_weak_and_not_dead() -> None:
 
 
 def test_one_layer_is_not_enough_and_cells_that_nothing_is_commanded_to_say_nothing() -> None:
-    own, nothing, variance = np.array([5e-6, 0.0]), np.zeros(2), np.full(2, 1e-14)
-    evidence = dead_evidence(np.zeros(2), own, nothing, variance, 2)
+    job, seen = block(20, 20), np.ones((20, 20), np.bool_)
+    plant, estimator = LayerModel.of(job), HeightEstimator(job, sensor_noise_std=0.1e-6)
+    pattern, dead = job.mask.astype(np.int32), (10, 10)
+    pattern[5, 5] = 0
+    surface, evidence = np.zeros(seen.shape), []
+    estimate = estimator.first(surface, seen)
+    for layer, volume in enumerate([NOTHING] * 5 + [1.0], start=1):
+        factor = np.ones(seen.shape)
+        factor[dead] = volume
+        surface = plant.layer(surface, pattern, layer, factor)
+        estimate = estimator.next(estimate, pattern, layer, surface, seen)
+        evidence.append(estimate.dead_evidence[dead])
+        assert np.argwhere(estimate.dead_evidence > 0.0).tolist() == [list(dead)]
     assert 0.0 < evidence[0] < DEAD_EVIDENCE
-    for _ in range(5):
-        evidence = dead_evidence(evidence, own, nothing, variance, 2)
-    np.testing.assert_array_equal(evidence, [DEAD_EVIDENCE, 0.0])
-    assert dead_evidence(evidence, own, own, variance, 2)[0] < DEAD_EVIDENCE
+    assert evidence[4] == DEAD_EVIDENCE
+    assert evidence[5] < DEAD_EVIDENCE
 
 
 def test_ink_that_runs_out_is_no_dead_nozzle_and_the_print_goes_on_when_it_is_back() -> None:
