@@ -78,6 +78,12 @@ int32_t inkloop_estimate_next(const EstimatorOptions *options, const SurfaceEsti
     return estimate_next(options, before, layer, measured, valid, after) ? CORE_DONE : CORE_NO_MEMORY;
 }
 
+int32_t inkloop_estimate_unknown(const EstimatorOptions *options, const SurfaceEstimate *before,
+                                 const JettedLayer *layer, const double *measured, const uint8_t *valid,
+                                 SurfaceEstimate *after) {
+    return estimate_unknown(options, before, layer, measured, valid, after) ? CORE_DONE : CORE_NO_MEMORY;
+}
+
 void inkloop_estimate_first(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
                             SurfaceEstimate *estimate) {
     estimate_first(options, measured, valid, estimate);

@@ -60,12 +60,15 @@ INKLOOP_CORE_API int32_t inkloop_diffuse(const HorizonProblem *problem, const do
 INKLOOP_CORE_API int32_t inkloop_plan(const HorizonProblem *problem, const PlanWork *work, int32_t *plan,
                                       PlanReport *report);
 
-/* What is known after the first scan, and after each one that follows a layer (height_estimator.h). The second:
- * CORE_DONE or CORE_NO_MEMORY. */
+/* What is known after the first scan, after each one that follows a layer, and after one that follows a layer that was
+ * given up midway (height_estimator.h). The last two: CORE_DONE or CORE_NO_MEMORY. */
 INKLOOP_CORE_API void inkloop_estimate_first(const EstimatorOptions *options, const double *measured,
                                              const uint8_t *valid, SurfaceEstimate *estimate);
 INKLOOP_CORE_API int32_t inkloop_estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before,
                                                const JettedLayer *layer, const double *measured, const uint8_t *valid,
                                                SurfaceEstimate *after);
+INKLOOP_CORE_API int32_t inkloop_estimate_unknown(const EstimatorOptions *options, const SurfaceEstimate *before,
+                                                  const JettedLayer *layer, const double *measured,
+                                                  const uint8_t *valid, SurfaceEstimate *after);
 
 #endif

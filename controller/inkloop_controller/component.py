@@ -14,7 +14,6 @@ from inkloop.errors import ComponentError
 from inkloop_controller.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.horizon_problem import IntMap, IntPlan
 from inkloop_controller.layer_plan import Planner, PlanStatus
-from inkloop_controller.unknown_layer import after_unknown
 
 
 @dataclass(frozen=True)
@@ -127,7 +126,7 @@ class LayerController:
         else:
             drops = before.drop_level.astype(np.float64)
             told = (before.estimate, before.pattern, scan, measured, valid, drops)
-            estimate = after_unknown(self._estimator, self._job, *told) if is_unknown else self._estimator.next(*told)
+            estimate = self._estimator.after_unknown(*told) if is_unknown else self._estimator.next(*told)
         started = perf_counter()
         plan = self._planner.plan(estimate, scan, before.plan)
         done = plan.status is PlanStatus.DONE

@@ -232,7 +232,10 @@ _ENTRY_POINTS = {
     "inkloop_relaxed_gradient": (ctypes.c_int32, (_PROBLEM, _REALS, ctypes.c_double, _REALS, _REALS)),
     "inkloop_diffuse": (ctypes.c_int32, (_PROBLEM, _REALS, _INTEGERS)),
     "inkloop_estimate_first": (None, (_ESTIMATOR, _REALS, _MARKS, _ESTIMATE)),
-    "inkloop_estimate_next": (ctypes.c_int32, (_ESTIMATOR, _ESTIMATE, _LAYER, _REALS, _MARKS, _ESTIMATE)),
+    **dict.fromkeys(
+        ("inkloop_estimate_next", "inkloop_estimate_unknown"),
+        (ctypes.c_int32, (_ESTIMATOR, _ESTIMATE, _LAYER, _REALS, _MARKS, _ESTIMATE)),
+    ),
 }
 
 

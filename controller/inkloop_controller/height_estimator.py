@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -141,13 +141,37 @@ class HeightEstimator:
 
         factor: (nx, ny) volume of each droplet [1].
         """
+        return self._after(library().inkloop_estimate_next, before, pattern, layer, measured, valid, factor)
+
+    def after_unknown(
+        self,
+        before: Estimate,
+        pattern: IntMap,
+        layer: int,
+        measured: FloatMap,
+        valid: BoolMap,
+        factor: FloatMap | None = None,
+    ) -> Estimate:
+        """The same for a layer that was begun and given up, nobody knows where: the scan counts, nothing is learnt."""
+        return self._after(library().inkloop_estimate_unknown, before, pattern, layer, measured, valid, factor)
+
+    def _after(
+        self,
+        estimate: Callable[..., int],
+        before: Estimate,
+        pattern: IntMap,
+        layer: int,
+        measured: FloatMap,
+        valid: BoolMap,
+        factor: FloatMap | None,
+    ) -> Estimate:
         shape = self._part.shape
         scan, seen = self._scan(measured, valid)
         jetted = checked("pattern", pattern, "i4", shape)
         volumes = None if factor is None else checked("factor", factor, "f8", shape)
         known, after = _Maps.of(before), _Maps.empty(shape)
         struct = after.struct()
-        code = library().inkloop_estimate_next(
+        code = estimate(
             self._options,
             known.struct(before),
             layer_struct(jetted, self._model.colours(layer), volumes),

@@ -13,7 +13,6 @@ from inkloop_controller.component import LayerController
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.layer_model import LayerModel
-from inkloop_controller.unknown_layer import after_unknown
 
 NOISE = 1e-6
 UNKNOWN = 6
@@ -38,7 +37,7 @@ def printed(unknown_layer: int, learn: bool) -> tuple[Job, Estimate, Estimate, A
         before, is_unknown = estimate, layer == unknown_layer
         height = plant.layer(height, half_jetted(job) if is_unknown else whole, layer)
         if is_unknown and not learn:
-            estimate = after_unknown(estimator, job, before, whole, layer, scan(), seen)
+            estimate = estimator.after_unknown(before, whole, layer, scan(), seen)
         else:
             estimate = estimator.next(before, whole, layer, scan(), seen)
     return job, before, estimate, height
@@ -69,7 +68,7 @@ def test_cell_of_an_unknown_layer_that_was_not_seen_may_be_anything_between_noth
     start = estimator.first(flat, seen)
     full = LayerModel.of(job).layer(flat, whole, 1)
     unseen = ~seen
-    estimate = after_unknown(estimator, job, start, whole, 1, flat, unseen)
+    estimate = estimator.after_unknown(start, whole, 1, flat, unseen)
     np.testing.assert_allclose(estimate.height[job.mask], 0.5 * full[job.mask])
     np.testing.assert_allclose(np.sqrt(12.0 * estimate.height_variance[job.mask]), full[job.mask])
 
