@@ -93,6 +93,9 @@ def _parser() -> argparse.ArgumentParser:
     write.add_argument(
         "--fixed", action="store_true", help="FMI 3 with constant dimensions, for tools that cannot resize"
     )
+    write.add_argument(
+        "--windows", action="store_true", help="add a binary for 64-bit Windows; needs mingw-w64 on this machine"
+    )
     write.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: MODEL.fmu)")
     write.set_defaults(command=_export)
 
@@ -248,7 +251,7 @@ def _schema(options: argparse.Namespace, console: Console) -> int:
 
 def _export(options: argparse.Namespace, console: Console) -> int:
     path = export(options.model, fmi=options.fmi, nx=options.nx, ny=options.ny, fixed=options.fixed,
-                  out=options.out or Path(f"{options.model}.fmu"))  # fmt: skip
+                  out=options.out or Path(f"{options.model}.fmu"), windows=options.windows)  # fmt: skip
     console.print(f"wrote {path}", highlight=False)
     return 0
 

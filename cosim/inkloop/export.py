@@ -1,4 +1,4 @@
-"""Our FMUs: where the built set is, and one for any grid size. No compiler is needed, a binary serves every grid."""
+"""Our FMUs: where the built set is, and one for any grid size, without a compiler: a binary serves every grid."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from inkloop import __version__
 from inkloop.errors import FmuError
 from inkloop.fmu_archive import described, pack, unpack
 from inkloop.model_description import FORMS
+from inkloop.windows_binary import with_windows_binary
 
 FMI2_CELLS = 32 * 32
 """Cells up to which every importer that was tried reads an FMI 2 description in seconds."""
@@ -34,10 +35,13 @@ def find_fmu(model: str, form: str = "fmi3") -> Path:
     return path
 
 
-def export(model: str, *, fmi: Literal["2", "3"], nx: int, ny: int, fixed: bool, out: Path) -> Path:
+def export(
+    model: str, *, fmi: Literal["2", "3"], nx: int, ny: int, fixed: bool, out: Path, windows: bool = False
+) -> Path:
     """Write an FMU for a grid of nx * ny cells to `out`; returns `out`. Raises FmuError.
 
     FMI 3 without `fixed` keeps structural parameters, of which nx and ny become the start values.
+    windows: a binary for 64-bit Windows too, for which mingw-w64 has to be installed.
     """
     if fmi not in ("2", "3"):
         raise FmuError(f"FMI version is {fmi!r}; expected '2' or '3'")
@@ -48,9 +52,11 @@ def export(model: str, *, fmi: Literal["2", "3"], nx: int, ny: int, fixed: bool,
         _log.warning(
             "%s as FMI 2 with %d x %d cells has %d scalars per map: some importers take minutes to read that; "
             "FMI 3 has no such cost", model, nx, ny, nx * ny)  # fmt: skip
-    members = unpack(find_fmu(model, form))
+    members = described(unpack(find_fmu(model, form)), form, nx, ny, __version__)
+    if windows:
+        members = with_windows_binary(members, fmi)
     out.parent.mkdir(parents=True, exist_ok=True)
-    pack(out, described(members, form, nx, ny, __version__))
+    pack(out, members)
     return out
 
 

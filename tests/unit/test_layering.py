@@ -14,7 +14,10 @@ ROOT = Path(__file__).parents[2]
 FLOOR = {"inkloop.component", "inkloop.errors"}
 BUILD_TIME = {
     f"inkloop.{name}"
-    for name in ("model_definition", "model_description", "c_variables", "fmu_documentation", "fmu_archive", "export")
+    for name in (
+        *("model_definition", "model_description", "c_variables", "fmu_documentation", "fmu_archive"),
+        *("export", "windows_binary"),
+    )
 }
 DOORS = {
     "fmpy": ("inkloop.fmu",),
