@@ -18,6 +18,7 @@ from inkloop.files import write_text
 from inkloop.identify import command as identify_command
 from inkloop.isolation import run_isolated
 from inkloop.json_schema import scenario_schema
+from inkloop.layer_job import command as job_command
 from inkloop.reproduce import command as reproduce
 from inkloop.result import SCENARIO_FILE
 from inkloop.run import new_run_folder, resume, run, scenario_file, scenario_of
@@ -102,6 +103,10 @@ def _parser() -> argparse.ArgumentParser:
     system = ssp_command.add_parser(commands)
     _add_overrides(system)
     system.set_defaults(command=_export_ssp)
+
+    job = job_command.add_parser(commands)
+    _add_overrides(job)
+    job.set_defaults(command=_export_job)
 
     info = commands.add_parser("info", help="show what an FMU is and offers, or how a run came about and ended")
     info.add_argument("path", type=Path, metavar="FMU|RUN", help="an .fmu file or a run folder")
@@ -258,6 +263,10 @@ def _export(options: argparse.Namespace, console: Console) -> int:
 
 def _export_ssp(options: argparse.Namespace, console: Console) -> int:
     return ssp_command.export(_scenario(options), options, console)
+
+
+def _export_job(options: argparse.Namespace, console: Console) -> int:
+    return job_command.export(_scenario(options), options, console)
 
 
 def _info(options: argparse.Namespace, console: Console) -> int:

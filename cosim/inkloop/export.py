@@ -17,6 +17,9 @@ from inkloop.windows_binary import with_windows_binary
 FMI2_CELLS = 32 * 32
 """Cells up to which every importer that was tried reads an FMI 2 description in seconds."""
 
+LAYER_JOB = "LayerJob"
+"""The model that prints what its resources say, so that there is none without a scenario."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -45,6 +48,8 @@ def export(
     """
     if fmi not in ("2", "3"):
         raise FmuError(f"FMI version is {fmi!r}; expected '2' or '3'")
+    if model == LAYER_JOB:
+        raise FmuError(f"{LAYER_JOB} prints a scenario: inkloop export-job SCENARIO writes it")
     if nx < 1 or ny < 1:
         raise FmuError(f"the grid is {nx} x {ny} cells; expected at least 1 x 1")
     form = "fmi2" if fmi == "2" else "fmi3-fixed" if fixed else "fmi3"

@@ -18,7 +18,7 @@ from inkloop import c_variables, fmu_documentation, model_definition, model_desc
 from inkloop.errors import FmuError, InkloopError
 from inkloop.files import replaced, write_text
 from inkloop.model_definition import ModelDefinition
-from inkloop.model_description import FORMS, Release
+from inkloop.model_description import FORMS, PLAIN, Baked, Release
 
 DEFINITION = "sources/variables.toml"
 """Where an FMU keeps the definition that its description is written from."""
@@ -45,10 +45,12 @@ def unpack(path: Path) -> dict[str, bytes]:
         raise FmuError(f"{path}: is not a readable FMU: {error}") from error
 
 
-def described(members: Mapping[str, bytes], form: str, nx: int, ny: int, version: str) -> dict[str, bytes]:
+def described(
+    members: Mapping[str, bytes], form: str, nx: int, ny: int, version: str, baked: Baked = PLAIN
+) -> dict[str, bytes]:
     """The members with a modelDescription.xml for a grid, from the definition among them."""
     model = model_definition.load(members[DEFINITION].decode(), DEFINITION)
-    description = model_description.write(model, form, nx, ny, _sources(members), Release(version, _now()))
+    description = model_description.write(model, form, nx, ny, _sources(members), Release(version, _now()), baked)
     return {**members, "modelDescription.xml": description}
 
 

@@ -27,11 +27,20 @@ pre {{ background: #eee; padding: 0.5em }}
 </html>
 """
 
+_VARIABLES = "<h2>Variables</h2>"
+
 
 def index_html(model: ModelDefinition, readme: str) -> bytes:
     """documentation/index.html: the model's readme and a table of its variables."""
-    body = "\n".join([*_paragraphs(readme), "<h2>Variables</h2>", *_table(model)])
+    body = "\n".join([*_paragraphs(readme), _VARIABLES, *_table(model)])
     return _PAGE.format(title=escape(model.name), body=body).encode()
+
+
+def with_section(index: bytes, section: str, model: ModelDefinition) -> bytes:
+    """A page of `index_html` with one more section, and the table of the variables as `model` has them."""
+    before, _, _ = index.decode().partition(_VARIABLES)
+    _, _, end = _PAGE.rpartition("{body}")
+    return "\n".join([before + section, _VARIABLES, *_table(model)]).encode() + end.encode()
 
 
 def terminals_xml(model: ModelDefinition) -> bytes:

@@ -80,9 +80,13 @@ class ModelDefinition:
         known = [(v.name, c_causality(v), v.type, v.shape, v.start, *self.limits(v)) for v in self.variables]
         return hashlib.sha256(repr((self.name, known)).encode()).hexdigest()[:16]
 
-    def token(self, nx: int, ny: int, *, resizable: bool) -> str:
-        """GUID or instantiation token: the binary reads the grid from it, so one binary serves every grid."""
-        return f"{self.name}-{self.fingerprint}-{nx}x{ny}" + ("-resizable" if resizable else "")
+    def token(self, nx: int, ny: int, *, resizable: bool, mark: str = "") -> str:
+        """GUID or instantiation token: the binary reads the grid from it, so one binary serves every grid.
+
+        mark: tells FMUs of one grid apart whose resources differ, up to 14 characters.
+        """
+        end = "-resizable" if resizable else f"-{mark}" if mark else ""
+        return f"{self.name}-{self.fingerprint}-{nx}x{ny}{end}"
 
     def limits(self, variable: VariableDefinition) -> tuple[float | None, float | None]:
         """Smallest and largest value, None where there is no limit."""

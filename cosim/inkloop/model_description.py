@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from inkloop.model_definition import ModelDefinition, VariableDefinition
 
@@ -37,11 +37,42 @@ class Release:
     date: str
 
 
-def write(model: ModelDefinition, form: str, nx: int, ny: int, sources: Sequence[str], release: Release) -> bytes:
+@dataclass(frozen=True)
+class Baked:
+    """What an FMU's resources change in its description: start values by name, and what is said of it as a whole.
+
+    mark: see `ModelDefinition.token`; what is None stays as the model has it.
+    """
+
+    starts: Mapping[str, float] = field(default_factory=dict)
+    mark: str = ""
+    description: str | None = None
+    step_size: float | None = None
+    stop_time: float | None = None
+
+
+PLAIN = Baked()
+"""Of an FMU without resources."""
+
+
+def write(
+    model: ModelDefinition,
+    form: str,
+    nx: int,
+    ny: int,
+    sources: Sequence[str],
+    release: Release,
+    baked: Baked = PLAIN,
+) -> bytes:
     """modelDescription.xml of one of `FORMS`; `sources` are the C files that make the binary."""
+    said = {name: getattr(baked, name) for name in ("description", "step_size", "stop_time")}
+    model = replace(model, **{name: value for name, value in said.items() if value is not None})
+    starts = {**baked.starts, "nx": nx, "ny": ny}
     if form == "fmi2":
-        return to_bytes(_fmi2(model, nx, ny, sources, release))
-    return to_bytes(_fmi3(model, nx, ny, release, is_fixed=form == "fmi3-fixed"))
+        return to_bytes(_fmi2(model, starts, model.token(nx, ny, resizable=False, mark=baked.mark), sources, release))
+    is_fixed = form == "fmi3-fixed"
+    token = model.token(nx, ny, resizable=not is_fixed, mark=baked.mark)
+    return to_bytes(_fmi3(model, starts, token, release, is_fixed=is_fixed))
 
 
 def to_bytes(root: ET.Element) -> bytes:
@@ -56,8 +87,10 @@ def add(parent: ET.Element, tag: str, /, **attributes: object) -> ET.Element:
     return ET.SubElement(parent, tag, _texts(attributes))
 
 
-def _fmi3(model: ModelDefinition, nx: int, ny: int, release: Release, *, is_fixed: bool) -> ET.Element:
-    token = model.token(nx, ny, resizable=not is_fixed)
+def _fmi3(
+    model: ModelDefinition, starts: Mapping[str, float], token: str, release: Release, *, is_fixed: bool
+) -> ET.Element:
+    nx, ny = int(starts["nx"]), int(starts["ny"])
     root = _root(model, release, fmiVersion="3.0", instantiationToken=token)
     add(root, "CoSimulation", modelIdentifier=model.name, canHandleVariableCommunicationStepSize=True,
         canGetAndSetFMUState=True, canSerializeFMUState=True, hasEventMode=False)  # fmt: skip
@@ -72,7 +105,7 @@ def _fmi3(model: ModelDefinition, nx: int, ny: int, release: Release, *, is_fixe
     variables = add(root, "ModelVariables")
     references = {variable.name: number for number, variable in enumerate(model.exposed)}
     for v in model.exposed:
-        sized = {"nx": nx, "ny": ny}.get(v.name, v.start)
+        sized = starts.get(v.name, v.start)
         element = add(variables, _FMI3_TYPES[v.type], name=v.name, valueReference=references[v.name],
                       description=v.description, **_roles(v, is_fixed), **_type_attributes(v),
                       start=_start(v, sized, nx * ny if v.is_grid else 1))  # fmt: skip
@@ -87,8 +120,10 @@ def _fmi3(model: ModelDefinition, nx: int, ny: int, release: Release, *, is_fixe
     return root
 
 
-def _fmi2(model: ModelDefinition, nx: int, ny: int, sources: Sequence[str], release: Release) -> ET.Element:
-    guid = model.token(nx, ny, resizable=False)
+def _fmi2(
+    model: ModelDefinition, starts: Mapping[str, float], guid: str, sources: Sequence[str], release: Release
+) -> ET.Element:
+    nx, ny = int(starts["nx"]), int(starts["ny"])
     root = _root(model, release, fmiVersion="2.0", guid=guid)
     interface = add(root, "CoSimulation", modelIdentifier=model.name, canHandleVariableCommunicationStepSize=True,
                     canNotUseMemoryManagementFunctions=True, canGetAndSetFMUstate=True,
@@ -109,7 +144,7 @@ def _fmi2(model: ModelDefinition, nx: int, ny: int, sources: Sequence[str], rele
     for v, first in model.scalar_references(nx, ny):
         if v.causality == "independent":
             continue  # optional in FMI 2, and FMI Library takes it for a fault
-        sized = {"nx": nx, "ny": ny}.get(v.name, v.start)
+        sized = starts.get(v.name, v.start)
         for offset, name in enumerate(_scalar_names(v, nx, ny)):
             scalar = add(variables, "ScalarVariable", name=name, valueReference=first + offset,
                          description=v.description, **_roles(v, True))  # fmt: skip

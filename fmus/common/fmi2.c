@@ -1,5 +1,6 @@
 /* FMI 2.0 co-simulation: life cycle, steps, and what is not supported. */
 #include "fmi2_component.h"
+#include "resources.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -71,7 +72,7 @@ const char *fmi2GetVersion(void) {
 fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2String fmuGUID,
                               fmi2String fmuResourceLocation, const fmi2CallbackFunctions *functions,
                               fmi2Boolean visible, fmi2Boolean loggingOn) {
-    (void)fmuResourceLocation, (void)visible, (void)loggingOn; /* refusals are always logged */
+    (void)visible, (void)loggingOn; /* refusals are always logged */
     char message[MESSAGE_SIZE] = "";
     const char *name = instanceName ? instanceName : "";
     Component *component = calloc(1, sizeof *component);
@@ -81,8 +82,11 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
         snprintf(message, sizeof message, "%s is for co-simulation only", FMU_MODEL->table->model);
     else if (!(component->name = malloc(strlen(name) + 1)))
         snprintf(message, sizeof message, "no memory for an instance");
-    else
-        component->core = instance_create(FMU_MODEL, fmuGUID, true, message);
+    else {
+        char *resources = resource_path(fmuResourceLocation);
+        component->core = instance_create(FMU_MODEL, fmuGUID, true, resources, message);
+        free(resources);
+    }
     if (!component->core) {
         if (functions && functions->logger)
             functions->logger(functions->componentEnvironment, name, fmi2Error, "logStatusError", "%s", message);

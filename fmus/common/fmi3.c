@@ -79,7 +79,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
                                          size_t nRequiredIntermediateVariables,
                                          fmi3InstanceEnvironment instanceEnvironment, fmi3LogMessageCallback logMessage,
                                          fmi3IntermediateUpdateCallback intermediateUpdate) {
-    (void)instanceName, (void)resourcePath, (void)visible, (void)loggingOn; /* refusals are always logged */
+    (void)instanceName, (void)visible, (void)loggingOn; /* refusals are always logged */
     (void)earlyReturnAllowed, (void)requiredIntermediateVariables, (void)intermediateUpdate;
     char message[MESSAGE_SIZE] = "";
     Component *component = NULL;
@@ -90,7 +90,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
         snprintf(message, sizeof message, "%s provides no intermediate variables", FMU_MODEL->table->model);
     else if (!(component = calloc(1, sizeof *component)))
         snprintf(message, sizeof message, "no memory for an instance");
-    else if (!(component->core = instance_create(FMU_MODEL, instantiationToken, false, message))) {
+    else if (!(component->core = instance_create(FMU_MODEL, instantiationToken, false, resourcePath, message))) {
         free(component);
         component = NULL;
     }

@@ -1,5 +1,7 @@
 #include "instance.h"
 
+#include "resources.h"
+
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -185,13 +187,22 @@ static bool read_token(const char *token, Instance *instance) {
     if (sscanf(token + length, "%llux%llu%n", &nx, &ny, &used) != 2)
         return false;
     const char *rest = token + length + used;
-    instance->is_resizable = strcmp(rest, "-resizable") == 0;
+    if (*rest != '\0' && (*rest != '-' || strlen(rest) > MARK_SIZE))
+        return false;
+    strcpy(instance->mark, *rest == '\0' ? "" : rest + 1);
+    instance->is_resizable = strcmp(instance->mark, "resizable") == 0;
     instance->start_nx = nx;
     instance->start_ny = ny;
-    return (instance->is_resizable || *rest == '\0') && is_possible(nx, ny);
+    return (instance->is_resizable || *instance->mark == '\0' || instance->model->open) && is_possible(nx, ny);
 }
 
-Instance *instance_create(const Model *model, const char *token, bool has_scalar_references,
+/* The instance with the start values of its table, and of its resources. */
+static Outcome begin(Instance *instance) {
+    instance->mode = INSTANTIATED;
+    return instance->model->open ? instance->model->open(instance) : ACCEPTED;
+}
+
+Instance *instance_create(const Model *model, const char *token, bool has_scalar_references, const char *resources,
                           char message[MESSAGE_SIZE]) {
     Instance *instance = calloc(1, sizeof *instance);
     if (!instance) {
@@ -199,7 +210,6 @@ Instance *instance_create(const Model *model, const char *token, bool has_scalar
         return NULL;
     }
     instance->model = model;
-    instance->mode = INSTANTIATED;
     instance->has_scalar_references = has_scalar_references;
     if (!read_token(token, instance)) {
         snprintf(
@@ -211,14 +221,20 @@ Instance *instance_create(const Model *model, const char *token, bool has_scalar
         snprintf(message, MESSAGE_SIZE, "no memory for %llu x %llu cells", (unsigned long long)instance->start_nx,
                  (unsigned long long)instance->start_ny);
     } else {
-        return instance;
+        instance->resources = text_copy(resources);
+        if (begin(instance) == ACCEPTED)
+            return instance;
+        memcpy(message, instance->message, MESSAGE_SIZE);
+        release(instance);
     }
+    free(instance->resources);
     free(instance);
     return NULL;
 }
 
 void instance_free(Instance *instance) {
     release(instance);
+    free(instance->resources);
     free(instance);
 }
 
@@ -226,8 +242,13 @@ Outcome instance_reset(Instance *instance) {
     Instance old = *instance;
     if (!allocate(instance, instance->start_nx, instance->start_ny))
         return misuse(instance, "no memory for a second block; the instance is as it was");
+    if (begin(instance) != ACCEPTED) {
+        memcpy(old.message, instance->message, MESSAGE_SIZE);
+        release(instance);
+        *instance = old;
+        return MISUSED;
+    }
     release(&old);
-    instance->mode = INSTANTIATED;
     return ACCEPTED;
 }
 

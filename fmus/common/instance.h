@@ -10,13 +10,15 @@ extern const Model *const FMU_MODEL;
 /* Where an instance is in its life; bits, so that a call is legal in a set of modes. */
 typedef enum { INSTANTIATED = 1, CONFIGURATION = 2, INITIALIZATION = 4, STEP = 8, TERMINATED = 16 } Mode;
 enum { BEFORE_STEP = INSTANTIATED | INITIALIZATION, RUNNING = BEFORE_STEP | STEP, ANY_MODE = 31 };
-enum { MESSAGE_SIZE = 512 };
+enum { MESSAGE_SIZE = 512, MARK_SIZE = 16 };
 
 struct Instance {
     const Model *model;
     Mode mode;
     bool has_scalar_references; /* FMI 2: every cell has a value reference; FMI 3: every variable */
     bool is_resizable;
+    char mark[MARK_SIZE];        /* what the token says after the grid */
+    char *resources;             /* path of the folder; NULL if the importer names none */
     bool is_outdated;            /* outputs must be calculated before they are read */
     uint64_t start_nx, start_ny; /* grid of a new instance */
     uint64_t nx, ny;             /* grid of the block */
@@ -31,9 +33,10 @@ struct Instance {
     char message[MESSAGE_SIZE];
 };
 
-/* The token is "Model-fingerprint-NXxNY", with "-resizable" at the end where nx and ny can be set (see
- * model_definition.py). NULL on failure, with the reason in `message`. */
-Instance *instance_create(const Model *model, const char *token, bool has_scalar_references,
+/* The token is "Model-fingerprint-NXxNY", with "-resizable" at the end where nx and ny can be set, or a mark of what
+ * the model's resources hold (see model_definition.py); `resources` is the path of their folder or NULL. NULL on
+ * failure, with the reason in `message`. */
+Instance *instance_create(const Model *model, const char *token, bool has_scalar_references, const char *resources,
                           char message[MESSAGE_SIZE]);
 void instance_free(Instance *instance);
 

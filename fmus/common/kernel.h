@@ -57,6 +57,10 @@ Outcome refuse(Instance *instance, const char *format, ...);
 typedef struct {
     const VariableTable *table;
 
+    /* A new or reset instance has its start values; reads what the model keeps in its resources, which may change
+     * them. NULL: there is nothing to read. */
+    Outcome (*open)(Instance *instance);
+
     /* Further checks of one value, already within the limits of the table; called before anything is written. NULL: the
      * limits are all. */
     Outcome (*check_value)(Instance *instance, size_t variable, const void *value);

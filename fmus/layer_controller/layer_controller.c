@@ -211,4 +211,8 @@ static Outcome do_step(Instance *instance, double start, double end) {
     return outcome;
 }
 
-const Model LAYER_CONTROLLER = {&LAYER_CONTROLLER_VARIABLES, check_value, calculate, initialize, do_step};
+const Model LAYER_CONTROLLER = {.table = &LAYER_CONTROLLER_VARIABLES,
+                                .check_value = check_value,
+                                .calculate = calculate,
+                                .initialize = initialize,
+                                .do_step = do_step};

@@ -69,4 +69,8 @@ static Outcome do_step(Instance *instance, double start, double end) {
     return handshake_do_step(instance, &LAYER_HANDSHAKE(v), start, end, print_layer);
 }
 
-const Model LAYER_DEPOSITION = {&LAYER_DEPOSITION_VARIABLES, check_value, calculate, initialize, do_step};
+const Model LAYER_DEPOSITION = {.table = &LAYER_DEPOSITION_VARIABLES,
+                                .check_value = check_value,
+                                .calculate = calculate,
+                                .initialize = initialize,
+                                .do_step = do_step};

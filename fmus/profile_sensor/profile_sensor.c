@@ -67,4 +67,5 @@ static Outcome do_step(Instance *instance, double start, double end) {
     return ACCEPTED;
 }
 
-const Model PROFILE_SENSOR = {&PROFILE_SENSOR_VARIABLES, NULL, calculate, initialize, do_step};
+const Model PROFILE_SENSOR = {
+    .table = &PROFILE_SENSOR_VARIABLES, .calculate = calculate, .initialize = initialize, .do_step = do_step};

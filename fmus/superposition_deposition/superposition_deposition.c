@@ -53,4 +53,5 @@ static Outcome do_step(Instance *instance, double start, double end) {
     return handshake_do_step(instance, &LAYER_HANDSHAKE(v), start, end, print_layer);
 }
 
-const Model SUPERPOSITION_DEPOSITION = {&SUPERPOSITION_DEPOSITION_VARIABLES, NULL, calculate, initialize, do_step};
+const Model SUPERPOSITION_DEPOSITION = {
+    .table = &SUPERPOSITION_DEPOSITION_VARIABLES, .calculate = calculate, .initialize = initialize, .do_step = do_step};

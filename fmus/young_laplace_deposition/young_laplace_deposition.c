@@ -108,5 +108,8 @@ static Outcome do_step(Instance *instance, double start, double end) {
     return outcome == ACCEPTED ? handshake_do_step(instance, &LAYER_HANDSHAKE(v), start, end, print_layer) : outcome;
 }
 
-const Model YOUNG_LAPLACE_DEPOSITION = {&YOUNG_LAPLACE_DEPOSITION_VARIABLES, check_value, calculate, initialize,
-                                        do_step};
+const Model YOUNG_LAPLACE_DEPOSITION = {.table = &YOUNG_LAPLACE_DEPOSITION_VARIABLES,
+                                        .check_value = check_value,
+                                        .calculate = calculate,
+                                        .initialize = initialize,
+                                        .do_step = do_step};

@@ -33,7 +33,7 @@ DOORS = {
     "skfem": ("inkloop.reproduce.finite_elements",),
     "matplotlib": (
         *("inkloop.plot", "inkloop.report", "inkloop.difference_picture"),
-        *("inkloop.identify.picture", "inkloop.reproduce", "inkloop.score"),
+        *("inkloop.identify.picture", "inkloop.layer_job.target_picture", "inkloop.reproduce", "inkloop.score"),
     ),
     "mpl_toolkits": ("inkloop.plot", "inkloop.report", "inkloop.reproduce", "inkloop.score"),
 }

@@ -1,0 +1,44 @@
+/* The three models that a job is made of, as instances of their own. Between two steps a job keeps their states only,
+ * one after the other in its kept memory; whoever needs the parts opens them and, where all went well, keeps them. */
+#ifndef INKLOOP_JOB_PARTS_H
+#define INKLOOP_JOB_PARTS_H
+
+#include "instance.h"
+
+typedef enum { PRINTER, PROFILER, CONTROLLER, PARTS } PartRole;
+
+typedef struct {
+    Instance *part[PARTS];
+} JobParts;
+
+/* The model of a role by its name, NULL if the role knows none of that name. */
+const Model *model_of_role(PartRole role, const char *name);
+
+/* "printer", ... */
+const char *role_name(PartRole role);
+
+/* New parts for the grid of the job; those of a failed call are closed. */
+Outcome create_parts(Instance *job, const Model *const models[PARTS], JobParts *parts);
+
+/* The parts as they were kept. */
+Outcome open_parts(Instance *job, JobParts *parts);
+void close_parts(JobParts *parts);
+
+/* Makes the present parts those of the job; refusing, it has changed nothing. */
+Outcome keep_parts(Instance *job, const JobParts *parts);
+
+/* The number of a variable in the table of an instance, one of all parts of a role. */
+size_t variable_of(const Instance *instance, const char *name);
+
+/* Values of a variable of a part. */
+const void *read_part(const JobParts *parts, PartRole role, const char *name);
+double part_real(const JobParts *parts, PartRole role, const char *name);
+int32_t part_integer(const JobParts *parts, PartRole role, const char *name);
+
+/* Sets a variable of a part, checked as an importer's value would be; a refusal is told by the job. */
+Outcome set_part(Instance *job, const JobParts *parts, PartRole role, const char *name, const void *values);
+
+/* A part's own refusal, told by the job. */
+Outcome refuse_for_part(Instance *job, const JobParts *parts, PartRole role);
+
+#endif

@@ -1,0 +1,245 @@
+/* A print as a block with scalars only. What happens when is decided by times of the print alone, never by the steps of
+ * the importer: parts are stepped exactly when something of theirs is due, as often as a step asks for. */
+#include "job_file.h"
+#include "job_parts.h"
+#include "layer_job_variables.h"
+#include "resources.h"
+#include "surface_error.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+enum { CONTROLLER_DONE = 2 };
+enum { STATUS_IDLE = 0, STATUS_PRINTING = 1, STATUS_DONE = 2, STATUS_UNTRUSTED = 4 };
+enum { WAITING, SCANNING, READY, PRINTING, OVER }; /* stage */
+static const double ROUNDING = 1e-6;               /* of a period: importers' times carry rounding */
+
+/* How far the print is. due: when the stage ends; READY: since when. periods: passed since it began. */
+typedef struct {
+    int32_t stage;
+    double began_at, due, periods;
+} Course;
+
+/* Cells that were not seen make the controller untrusted until it is done. */
+static void publish_course(const LayerJobVariables *v, const Course *course) {
+    const bool is_between = course->stage == READY && !*v->start;
+    *v->status = course->stage == OVER                    ? STATUS_DONE
+                 : *v->untrusted_cells > 0                ? STATUS_UNTRUSTED
+                 : course->stage == WAITING || is_between ? STATUS_IDLE
+                                                          : STATUS_PRINTING;
+    *v->stage = course->stage;
+    *v->began_at = course->began_at;
+    *v->due = course->due;
+    *v->periods = course->periods;
+}
+
+static void publish(const LayerJobVariables *v, const JobParts *parts, const Course *course) {
+    const SurfaceError error =
+        surface_error(read_part(parts, PRINTER, "height"), read_part(parts, CONTROLLER, "target_height"),
+                      read_part(parts, CONTROLLER, "mask"), (size_t)(*v->nx * *v->ny));
+    *v->mean_error = error.mean;
+    *v->mae = error.mean_absolute;
+    *v->std = error.deviation;
+    *v->layers_printed = part_integer(parts, PRINTER, "layers_printed");
+    *v->layers_scanned = part_integer(parts, PROFILER, "layers_scanned");
+    *v->height_mean = part_real(parts, PRINTER, "height_mean");
+    *v->droplets_a = part_integer(parts, PRINTER, "droplets_a");
+    *v->droplets_b = part_integer(parts, PRINTER, "droplets_b");
+    *v->volume_lost = part_real(parts, PRINTER, "volume_lost");
+    *v->objective = part_real(parts, CONTROLLER, "objective");
+    *v->volume_scale = part_real(parts, CONTROLLER, "volume_scale");
+    *v->dead_cells = part_integer(parts, CONTROLLER, "dead_cells");
+    *v->untrusted_cells = part_integer(parts, CONTROLLER, "untrusted_cells");
+    publish_course(v, course);
+}
+
+/* Sets an input of a part to an output of another. */
+static Outcome connect(Instance *job, const JobParts *parts, PartRole source, PartRole target, const char *name) {
+    return set_part(job, parts, target, name, read_part(parts, source, name));
+}
+
+static Outcome step_part(Instance *job, const JobParts *parts, PartRole role, double time) {
+    Instance *part = parts->part[role];
+    return part->model->do_step(part, time, time) == ACCEPTED ? ACCEPTED : refuse_for_part(job, parts, role);
+}
+
+/* The profiler takes the last layer, or ends the scan that it has begun. */
+static Outcome scan_layer(Instance *job, const LayerJobVariables *v, const JobParts *parts, Course *course,
+                          double time) {
+    Outcome outcome = connect(job, parts, PRINTER, PROFILER, "height");
+    if (outcome == ACCEPTED)
+        outcome = connect(job, parts, PRINTER, PROFILER, "layers_printed");
+    if (outcome == ACCEPTED)
+        outcome = step_part(job, parts, PROFILER, time);
+    const int32_t scanned = part_integer(parts, PROFILER, "layers_scanned");
+    const bool is_scanned = scanned == part_integer(parts, PRINTER, "layers_printed");
+    course->stage = !is_scanned ? SCANNING : scanned >= *v->layers_max ? OVER : READY;
+    course->due = is_scanned ? time : time + *v->scan_duration;
+    return outcome;
+}
+
+/* The printer takes the command at its inputs, or completes the layer that it has begun. */
+static Outcome print_layer(Instance *job, const LayerJobVariables *v, const JobParts *parts, Course *course,
+                           double time) {
+    const Outcome outcome = step_part(job, parts, PRINTER, time);
+    if (outcome != ACCEPTED)
+        return outcome;
+    if (part_integer(parts, PRINTER, "layers_printed") == part_integer(parts, CONTROLLER, "layer_command"))
+        return scan_layer(job, v, parts, course, time);
+    course->stage = PRINTING;
+    course->due = time + *v->layer_duration;
+    return ACCEPTED;
+}
+
+/* The parameters that may change between steps. */
+static Outcome tune_controller(Instance *job, const LayerJobVariables *v, const JobParts *parts) {
+    const Outcome outcome = set_part(job, parts, CONTROLLER, "alpha", v->alpha);
+    return outcome == ACCEPTED ? set_part(job, parts, CONTROLLER, "time_limit", v->time_limit) : outcome;
+}
+
+/* The controller answers the last scan, and the printer begins the layer. */
+static Outcome begin_layer(Instance *job, const LayerJobVariables *v, const JobParts *parts, Course *course,
+                           double time) {
+    static const char *const SCAN[] = {"measured_height", "valid", "layers_scanned"};
+    static const char *const COMMAND[] = {"pattern", "drop_level", "layer_command"};
+    Outcome outcome = tune_controller(job, v, parts);
+    for (int k = 0; k < 3 && outcome == ACCEPTED; k++)
+        outcome = connect(job, parts, PROFILER, CONTROLLER, SCAN[k]);
+    if (outcome == ACCEPTED)
+        outcome = connect(job, parts, PRINTER, CONTROLLER, "layers_printed");
+    if (outcome == ACCEPTED)
+        outcome = step_part(job, parts, CONTROLLER, time);
+    if (outcome != ACCEPTED)
+        return outcome;
+    if (part_integer(parts, CONTROLLER, "status") == CONTROLLER_DONE) {
+        course->stage = OVER;
+        return ACCEPTED;
+    }
+    outcome = set_part(job, parts, PRINTER, "volume_factor", v->volume_factor);
+    for (int k = 0; k < 3 && outcome == ACCEPTED; k++)
+        outcome = connect(job, parts, CONTROLLER, PRINTER, COMMAND[k]);
+    return outcome == ACCEPTED ? print_layer(job, v, parts, course, time) : outcome;
+}
+
+/* Periods after which the next layer begins: never twice in one, never before the last layer is scanned. */
+static double next_period(const LayerJobVariables *v, const Course *course) {
+    return fmax(course->periods + 1.0, ceil((course->due - course->began_at) / *v->layer_period - ROUNDING));
+}
+
+/* When something happens next, in a step that begins at `start`. */
+static double next_event(const LayerJobVariables *v, const Course *course, double start) {
+    switch (course->stage) {
+    case WAITING:
+        return *v->start ? start : INFINITY;
+    case READY:
+        return *v->start ? course->began_at + next_period(v, course) * *v->layer_period : INFINITY;
+    case SCANNING:
+    case PRINTING:
+        return course->due;
+    default:
+        return INFINITY;
+    }
+}
+
+static Outcome proceed(Instance *job, const LayerJobVariables *v, const JobParts *parts, Course *course, double time) {
+    switch (course->stage) {
+    case WAITING:
+        course->began_at = time;
+        return scan_layer(job, v, parts, course, time);
+    case READY:
+        course->periods = next_period(v, course);
+        return begin_layer(job, v, parts, course, time);
+    case PRINTING:
+        return print_layer(job, v, parts, course, time);
+    default:
+        return scan_layer(job, v, parts, course, time);
+    }
+}
+
+static Outcome read_file(Instance *instance) {
+    JobParts parts;
+    size_t size = 0;
+    char message[MESSAGE_SIZE];
+    unsigned char *bytes = read_resource(instance->resources, "job.bin", &size, message, sizeof message);
+    if (!bytes)
+        return refuse(instance, "%s; what the FMU prints is written by inkloop export-job", message);
+    Outcome outcome = read_job(instance, bytes, size, instance->mark, &parts);
+    free(bytes);
+    if (outcome == ACCEPTED)
+        outcome = keep_parts(instance, &parts);
+    close_parts(&parts);
+    return outcome;
+}
+
+static void calculate(Instance *instance) {
+    const LayerJobVariables v = layer_job_variables(instance);
+    const Course course = {.stage = WAITING};
+    JobParts parts;
+    if (open_parts(instance, &parts) != ACCEPTED)
+        return;
+    for (int role = 0; role < PARTS; role++)
+        parts.part[role]->model->calculate(parts.part[role]);
+    publish(&v, &parts, &course);
+    close_parts(&parts);
+}
+
+static Outcome initialize(Instance *instance) {
+    const LayerJobVariables v = layer_job_variables(instance);
+    const Course course = {.stage = WAITING};
+    JobParts parts;
+    Outcome outcome = open_parts(instance, &parts);
+    if (outcome != ACCEPTED)
+        return outcome;
+    outcome = set_part(instance, &parts, PRINTER, "layer_duration", v.layer_duration);
+    if (outcome == ACCEPTED)
+        outcome = set_part(instance, &parts, PROFILER, "scan_duration", v.scan_duration);
+    if (outcome == ACCEPTED)
+        outcome = tune_controller(instance, &v, &parts);
+    for (int role = 0; role < PARTS && outcome == ACCEPTED; role++)
+        if (instance_enter_initialization(parts.part[role], *v.time) != ACCEPTED ||
+            instance_exit_initialization(parts.part[role]) != ACCEPTED)
+            outcome = refuse_for_part(instance, &parts, (PartRole)role);
+    if (outcome == ACCEPTED)
+        outcome = keep_parts(instance, &parts);
+    if (outcome == ACCEPTED)
+        publish(&v, &parts, &course);
+    close_parts(&parts);
+    return outcome;
+}
+
+/* All that happens by `reached`; refusing, it has changed nothing. */
+static Outcome print_until(Instance *instance, const LayerJobVariables *v, Course *course, double start,
+                           double reached) {
+    JobParts parts;
+    Outcome outcome = open_parts(instance, &parts);
+    if (outcome != ACCEPTED)
+        return outcome;
+    for (double time; outcome == ACCEPTED && (time = next_event(v, course, start)) <= reached;)
+        outcome = proceed(instance, v, &parts, course, time);
+    if (outcome == ACCEPTED)
+        outcome = keep_parts(instance, &parts);
+    if (outcome == ACCEPTED)
+        publish(v, &parts, course);
+    close_parts(&parts);
+    return outcome;
+}
+
+static Outcome do_step(Instance *instance, double start, double end) {
+    const LayerJobVariables v = layer_job_variables(instance);
+    const double reached = end + ROUNDING * *v.layer_period;
+    Course course = {*v.stage, *v.began_at, *v.due, *v.periods};
+    Outcome outcome = ACCEPTED;
+    if (next_event(&v, &course, start) <= reached)
+        outcome = print_until(instance, &v, &course, start, reached);
+    if (course.stage == READY && !*v.start) /* periods that pass in a pause are not made up for */
+        course.periods = fmax(course.periods, floor((reached - course.began_at) / *v.layer_period));
+    if (outcome == ACCEPTED)
+        publish_course(&v, &course);
+    return outcome;
+}
+
+const Model LAYER_JOB = {.table = &LAYER_JOB_VARIABLES,
+                         .open = read_file,
+                         .calculate = calculate,
+                         .initialize = initialize,
+                         .do_step = do_step};
