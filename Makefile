@@ -6,7 +6,7 @@
 # make peers      docs/reference/peers.md: the loop in masters of other people
 # make fuzz       ten minutes of libFuzzer on the inputs of the firmware
 # make firmware-cortex-m  the emulated bench as an image for a Cortex-M3, with its size
-# make tools      compilers and emulators that some tests use and skip without (Debian)
+# make tools      compilers, emulators and masters of others that some tests use and skip without (Debian)
 # make gallery    docs/gallery: every scenario with one picture; the pictures of docs/explanation
 PYTHON ?= python3.11
 BIN    := .venv/bin
@@ -53,6 +53,7 @@ benchmarks-hardware: .venv/installed
 
 peers: .venv/installed
 	$(PIP) 'ecospy>=0.7.2'   # of use nowhere else; it also needs libtbb12
+	$(BIN)/python tests/java_programs.py
 	PYTHONPATH=tests $(BIN)/python docs/reference/peers.py
 
 fuzz: .venv/installed
@@ -62,11 +63,13 @@ firmware-cortex-m: .venv/installed
 	@if command -v arm-none-eabi-gcc >/dev/null; then $(MAKE) --no-print-directory -C hardware/firmware/cortex_m; \
 	else echo "arm-none-eabi-gcc is not installed: the firmware was not compiled for a Cortex-M; make tools"; fi
 
-# compilers and emulators that some tests use and skip without
+# what some tests use and skip without: the firmware on a Cortex-M, libFuzzer, binaries for Windows, masters of others
+TOOLS := gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm clang \
+         gcc-mingw-w64-x86-64 wine64 libtbb12 default-jre-headless
 tools:
-	@if command -v apt-get >/dev/null; then \
-	  apt-get install --yes --no-install-recommends gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm clang; \
-	else echo "install with your own package manager: arm-none-eabi-gcc with newlib, qemu-system-arm, clang"; fi
+	@if command -v apt-get >/dev/null; then apt-get install --yes --no-install-recommends $(TOOLS); \
+	else echo "install with your own package manager what Debian calls: $(TOOLS)"; fi
+	$(PYTHON) tests/java_programs.py
 
 # every scenario with one picture, docs/gallery; pictures and tables of docs/explanation
 gallery: .venv/installed

@@ -138,6 +138,9 @@ VDM_CHECK = JavaProgram(
 
 def main() -> None:
     """Fetch both, or say why not."""
+    if shutil.which("java") is None:
+        print("java is not installed (make tools): Maestro and VDMCheck2 were not fetched", file=sys.stderr)
+        return
     for program in (MAESTRO, VDM_CHECK):
         try:
             program.fetch()

@@ -28,8 +28,8 @@ def by_maestro(system: System, algorithm: str, folder: Path) -> Iterator[tuple[i
         "org.intocps.maestro.Main", *words, maestro.CONFIGURATION, maestro.MULTI_MODEL, folder=files
     ).stdout
     if not (files / "out" / RESULTS).is_file():
-        causes = re.findall(r"^Caused by: (.*)", said, re.MULTILINE) or said.splitlines()[-1:]
-        raise RuntimeError("; ".join(causes))
+        causes = re.findall(r"^Caused by: .*|Error in simulation: .*|logStatusError .*", said, re.MULTILINE)
+        raise RuntimeError("; ".join(causes or said.splitlines()[-1:]))
     yield from _rows(files / "out" / RESULTS, system)
 
 

@@ -18,7 +18,7 @@ from inkloop.cli import main
 from inkloop.export import export, find_fmu
 from java_programs import MAESTRO, VDM_CHECK
 from other_masters import MASTERS, Master, layers_by
-from six_by_six import LAYERS, SHAPE, STEPS_S, difference, our_layers, scenario_in
+from six_by_six import LAYERS, SHAPE, STEPS_S, TEXT, difference, our_layers, scenario_in
 
 
 def cases() -> Iterator[Any]:
@@ -110,3 +110,10 @@ def test_fmus_for_maestro_have_integers_in_place_of_enumerations(tmp_path: Path)
     assert by_fmutool(folder / "printer.fmu") == []
     rows = fmpy.simulate_fmu(str(folder / "printer.fmu"), stop_time=1.0, output=["status"])
     assert rows["status"][-1] == 0
+
+
+def test_names_that_maestro_cannot_read_are_a_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "block.toml").write_text(TEXT.replace(".printer]", ".print-head]"), encoding="utf-8")
+    assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", "maestro", "-o", str(tmp_path / "it")]) == 1
+    assert "components.print-head: Maestro takes letters, digits and _ in names" in capsys.readouterr().err
+    assert not (tmp_path / "it").exists()

@@ -20,9 +20,13 @@ def tables(system: System) -> dict[str, dict[str, Any]]:
 
 
 def multi_model(system: System) -> dict[str, Any]:
-    """FMUs stand beside the file. Raises ScenarioError for a wire that changes values: Maestro has none."""
+    """FMUs stand beside the file. Raises ScenarioError for names and for wires that Maestro cannot have."""
     connections: dict[str, list[str]] = {}
-    faults = []
+    faults = [
+        f"components.{part.name}: Maestro takes letters, digits and _ in names; rename it"
+        for part in system.parts
+        if "-" in part.name
+    ]
     for wire in system.wires:
         if not (wire.source[0] and wire.target[0]):
             continue
