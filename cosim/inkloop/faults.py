@@ -31,13 +31,15 @@ def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
     return f"{place} is {_show(detail['input'])}; {expected}{_meaning(field)}"
 
 
-def nearest(found: str, known: Iterable[str]) -> str:
-    """What to write instead of `found`: the nearest known words that are equally near, else all of them."""
+def nearest(found: str, known: Iterable[str], listed: Iterable[str] | None = None) -> str:
+    """What to write instead of `found`: the nearest known words that are equally near, else all, or `listed`."""
     words = sorted(known)
     near = {word: difflib.SequenceMatcher(None, word, found).ratio() for word in words}
     limit = 0.5 if len(found) <= SHORT else 0.6
     close = [word for word in words if near[word] >= max(limit, *near.values())]
-    return f"did you mean {' or '.join(close)}?" if close else f"known: {', '.join(words)}"
+    if close:
+        return f"did you mean {' or '.join(close)}?"
+    return f"known: {', '.join(words if listed is None else sorted(listed))}"
 
 
 def _locate(
