@@ -10,6 +10,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from inkloop import controller_options
 from inkloop.component import Job
 from inkloop.errors import FmuError
 from inkloop.export import export, find_fmu
@@ -20,13 +21,18 @@ from inkloop.packed_fmu import fmu_file
 from inkloop.port_options import OPTION, make_mapped, mapped_ports
 from inkloop.presets import PRESETS, preset_of
 from inkloop.region_intervals import region_intervals
-from inkloop.units import missing_suffix, scaled, spellings
+from inkloop.units import conversion, missing_suffix, scaled, spellings
 
-_FILE_KEYS = ("file", OPTION)
+JOB_PARAMETERS = "job_parameters"
+"""Whether the job's own values (pitch, inks, passes, seed, ...) go to parameters of an FMU that bear their names."""
+_FILE_KEYS = ("file", OPTION, JOB_PARAMETERS)
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
 """Values of the option `fmi` of our own FMUs; the first is the default."""
 CONTROLLER = "LayerController"
 """The model that plans the layers."""
+
+
+_LENGTHS = frozenset({"pitch", "target_height", "height_start"})
 
 
 @dataclass(frozen=True)
@@ -75,7 +81,9 @@ def faults_of_file(job: Job, options: Mapping[str, object]) -> list[str]:
         description = describe(path)
     fault = platform_fault(description)
     wrong = [f"file is {options['file']!r}, which {fault}"] if fault else []
-    parsed = _parse(description, job, _without(options, *_FILE_KEYS), _FILE_KEYS)
+    if not isinstance(asked := options.get(JOB_PARAMETERS, True), bool):
+        wrong.append(f"{JOB_PARAMETERS} is {asked!r}; expected true or false")
+    parsed = _parse_file(description, job, options)
     if OPTION in options and not parsed.faults:
         sizes = description.sizes(parsed.structural)
         inputs, outputs = description.ports("input", sizes), description.ports("output", sizes)
@@ -86,14 +94,14 @@ def faults_of_file(job: Job, options: Mapping[str, object]) -> list[str]:
 def make_from_file(job: Job, options: Mapping[str, object]) -> FmuComponent | MappedPorts:
     """Any FMU file, with faultless options."""
     with fmu_file(Path(str(options["file"]))) as path:  # a component keeps what it needs of the file
-        parsed = _parse(describe(path), job, _without(options, *_FILE_KEYS), _FILE_KEYS)
+        parsed = _parse_file(describe(path), job, options)
         fmu = FmuComponent(path, parameters=parsed.parameters, structural=parsed.structural)
     return make_mapped(fmu, job, options[OPTION]) if OPTION in options else fmu
 
 
 def values_of_file(description: FmuDescription, job: Job, options: Mapping[str, object]) -> dict[str, NDArray[Any]]:
     """What faultless options and the job come to for any FMU file; sizes only where they are not its own."""
-    parsed = _parse(description, job, _without(options, *_FILE_KEYS), _FILE_KEYS)
+    parsed = _parse_file(description, job, options)
     sizes = description.sizes(parsed.structural)
     changed = {name: size for name, size in sizes.items() if size != description.default_sizes[name]}
     values = {**changed, **parsed.parameters}
@@ -105,24 +113,37 @@ def _parse_model(model: str, job: Job, options: Mapping[str, object]) -> _Parsed
     preset, wrong = preset_of(model, options.get("preset"))
     own_keys = ("fmi", "preset") if model in PRESETS else ("fmi",)
     parameters = _without(options, "fmi", "preset")
+    if model == CONTROLLER:
+        parameters, of_python = controller_options.split(parameters)
+        wrong = wrong + of_python
     parsed = _parse(describe(find_fmu(model, "fmi3")), job, parameters, own_keys)
     return replace(parsed, parameters={**preset, **parsed.parameters}, faults=wrong + parsed.faults)
 
 
+def _parse_file(description: FmuDescription, job: Job, options: Mapping[str, object]) -> _Parsed:
+    told = options.get(JOB_PARAMETERS) is not False
+    return _parse(description, job, _without(options, *_FILE_KEYS), _FILE_KEYS, told)
+
+
 def _parse(
-    description: FmuDescription, job: Job, options: Mapping[str, object], other_keys: tuple[str, ...]
+    description: FmuDescription,
+    job: Job,
+    options: Mapping[str, object],
+    other_keys: tuple[str, ...],
+    is_told: bool = True,
 ) -> _Parsed:
     known = description.parameters
-    told = _told_by_job(job)
+    told = _told_by_job(job) if is_told else {}
     faults: list[str] = []
-    if "region_bottom_1" in known:
+    if "region_bottom_1" in known and is_told:
         try:
             told |= _told_of_inks(job)
         except ValueError as error:
             faults.append(f"kind is {description.name!r}: {error}; take 'LayerMpc'")
     has_grid = description.grid is not None or "nx" in description.default_sizes
     structural: dict[str, int] = {"nx": job.nx, "ny": job.ny} if has_grid else {}
-    parameters = {name: told[name] for name in known if name in told and name not in structural}
+    parameters = {name: scaled(told[name], factor) for name, variable in known.items()
+                  if name in told and name not in structural and (factor := _factor(name, variable))}  # fmt: skip
     keys = {key: (variable, factor) for variable in known.values()
             for key, factor in spellings(variable.name, variable.unit).items()}  # fmt: skip
     written: dict[str, str] = {}
@@ -130,7 +151,9 @@ def _parse(
     for key, value in options.items():
         if key not in keys:
             plain = missing_suffix(key, known[key].unit) if key in known else None
-            faults.append(plain or f"{key} is no option of {description.name}; {nearest(key, (*keys, *other_keys))}")
+            listed = [next(iter(spellings(name, known[name].unit))) for name in known]
+            advice = nearest(key, (*keys, *other_keys), listed=(*listed, *other_keys))
+            faults.append(plain or f"{key} is no option of {description.name}; {advice}")
             continue
         variable, factor = keys[key]
         if variable.name in written:
@@ -165,6 +188,13 @@ def _told_by_job(job: Job) -> dict[str, Any]:
     told = ("nx", "ny", "pitch", "target_height", "mask", "passes", "pass_order", "pass_rotation", "seed")
     surface = {} if job.height_start is None else {"height_start": job.height_start}
     return {name: getattr(job, name) for name in told} | inks | surface
+
+
+def _factor(name: str, variable: Variable) -> float | None:
+    """From the job's number to the FMU's; None where the FMU means something else by the name."""
+    is_length = name in _LENGTHS or name.startswith(("h1_", "h2_", "h3_", "region_bottom_", "region_top_"))
+    is_other_type = name == "pass_order" and not variable.items
+    return None if is_other_type else conversion("m" if is_length else "1", variable.unit)
 
 
 def _told_of_inks(job: Job) -> dict[str, Any]:
