@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -120,3 +121,20 @@ def test_any_fmu_file_is_a_component(tmp_path: Path) -> None:
 )
 def test_missing_file_is_a_fault_of_the_scenario(options: dict[str, object], said: str) -> None:
     assert catalog.faults("Fmu", toy_job(), options) == [said]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"alpha": [[1, 0.8], [4, 0.3]]}, "alpha is a schedule; .* take kind 'LayerMpc' .* sets alpha between steps"),
+        ({"sweeps": 3}, "sweeps is no option of LayerController; write sweeps_max"),
+        ({"dead_nozzles": [1]}, "dead_nozzles is no option of .*; mark the cells that nozzles reach in jettable"),
+        ({"certified": True}, "certified is no option of .*; it proves no bound; take kind 'LayerMpc' for one"),
+        ({"foo": 1}, "foo is no option of LayerController; known: .* fringe_weight, h1_a_um, h1_b_um, h2_a_um, .*"),
+    ],
+)
+def test_what_only_the_python_controller_takes_is_answered_with_what_to_do(
+    options: dict[str, object], said: str
+) -> None:
+    (fault,) = catalog.faults("LayerController", toy_job(), options)
+    assert re.fullmatch(said, fault)
