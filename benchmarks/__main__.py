@@ -16,6 +16,7 @@ NAMES = (
     "master",
     "scaling",
     "time_limit",
+    "controller_step",
     "peers",
     "targets",
 )
