@@ -96,14 +96,24 @@ def test_random_volumes_are_those_of_the_fmu(kind) -> None:
             assert run.at("deposition.height", layer + 0.5, SHAPE) == pytest.approx(surface, rel=1e-12)
 
 
-@pytest.mark.parametrize(("guard", "radius"), [(False, 0.0), (True, 120e-6)])
-def test_volume_and_area_are_those_of_the_fmu(guard, radius) -> None:
+@pytest.mark.parametrize(
+    "own",
+    [
+        {},
+        {"guard": True, "cap_radius": 120e-6},
+        {"seed": 5, "variation": 0.3, "nozzle_pitch": 3, "nozzle_variation": 0.2, "height_start": START},
+    ],
+    ids=["nominal", "guard", "uneven start and random volumes"],
+)
+def test_volume_and_area_are_those_of_the_fmu(own) -> None:
     """Heights to 1e-12 of the tallest cell: v / a with a small area makes rounding grow, in a by ma_minus once more."""
-    own = f"guard={str(guard).lower()}" + (f", cap_radius={radius}" if radius else "")
-    block = f"InkLoop.Deposition.VolumeAreaDeposition deposition(nx={NX}, ny={NY}, {own})"
+    modifiers = "".join(
+        f", {name}={literal(np.asarray(value)[()])}".replace("True", "true") for name, value in own.items()
+    )
+    block = f"InkLoop.Deposition.VolumeAreaDeposition deposition(nx={NX}, ny={NY}{modifiers})"
     text, patterns = printed(block, layers=2)
     run = simulate_text(text, 2.9)
-    with Driver("VolumeAreaDeposition", "fmi3", NX, NY).start({"guard": guard, "cap_radius": radius}) as fmu:
+    with Driver("VolumeAreaDeposition", "fmi3", NX, NY).start(own) as fmu:
         for layer, pattern in enumerate(patterns, start=1):
             surface = fmu.print_layer(pattern)
             assert run.at("deposition.height", layer + 0.5, SHAPE) == pytest.approx(

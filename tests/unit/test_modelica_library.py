@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+import pymoca.parser
 import pytest
 import rumoca
 
@@ -78,6 +79,14 @@ def test_every_declaration_has_a_description(path: Path) -> None:
     assert not [text for text in declarations(path.read_text()) if not described.search(text)]
 
 
+@pytest.mark.parametrize("path", FILES, ids=qualified)
+def test_every_real_number_has_a_type_with_a_unit(path: Path) -> None:
+    bare = re.compile(r"^  (?:\w+ )*Real\b(?![^\";]*unit=)", re.MULTILINE)
+    assert not [text for text in declarations(path.read_text()) if bare.search(text)]
+    short = re.search(r"^(?:type|connector) \w+ = (?:input |output )?Real\b.*", path.read_text(), re.MULTILINE)
+    assert short is None or "final unit=" in short[0]
+
+
 def test_descriptions_are_looked_for_where_declarations_are() -> None:
     found = declarations((LIBRARY / "Interfaces/PartialDeposition.mo").read_text())
     assert len(found) == 20
@@ -93,11 +102,12 @@ def test_links_of_the_documentation_lead_to_a_class(path: Path) -> None:
 @pytest.mark.parametrize("path", FILES, ids=qualified)
 def test_every_file_is_modelica(path: Path) -> None:
     assert rumoca.validate(str(path)) == []
+    assert pymoca.parser.parse(path.read_text()) is not None  # of another maker; raises ModelicaSyntaxError
 
 
 def test_every_class_is_reached_by_a_model_that_runs() -> None:
     """What no example and no validation uses would be compiled by nobody."""
-    classes = {path.stem: path.read_text().split("\n  annotation")[0] for path in FILES
+    classes = {path.stem: re.sub(STRING, "", path.read_text().split("\n  annotation")[0]) for path in FILES
                if path.stem != "package" and "UsersGuide" not in path.parts}  # fmt: skip
     reached = {name.rpartition(".")[2] for name in RUNNING}
     new = reached

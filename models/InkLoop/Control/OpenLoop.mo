@@ -7,7 +7,9 @@ block OpenLoop "The same full layer again and again, whatever has been measured"
 equation
   next = material;
 
-  annotation (Documentation(info="<html>
+  annotation (
+    defaultComponentName="controller",
+    Documentation(info="<html>
 <p>
 The traditional way to print: <code>layers_max</code> full layers. It waits for the scans and ignores them, so open and closed loop differ in
 nothing but the pattern.

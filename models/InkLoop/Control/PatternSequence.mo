@@ -2,7 +2,7 @@ within InkLoop.Control;
 block PatternSequence "Given patterns, one each time a period has passed"
   extends Icons.Controller;
 
-  parameter Types.Pattern patterns[:, :, :] "Patterns, the first index counts layers";
+  parameter Types.Pattern patterns[:, :, :] = fill(1, 1, 9, 9) "Patterns, the first index counts layers";
   parameter Types.Duration period(min=1e-6) = 1 "Time from layer to layer";
 
   Interfaces.PatternOutput pattern[size(patterns, 2), size(patterns, 3)](each start=0, each fixed=true) "What to jet in the layer commanded last"
@@ -16,7 +16,9 @@ algorithm
     layer_command := min(size(patterns, 1), pre(layer_command) + 1);
   end when;
 
-  annotation (Documentation(info="<html>
+  annotation (
+    defaultComponentName="controller",
+    Documentation(info="<html>
 <p>Needs no sensor. After the last pattern nothing more is commanded.</p>
 <h4>Assumptions</h4>
 <ul>

@@ -10,7 +10,9 @@ equation
   next = {{if target_height[i, j] - measured_height[i, j] >= 0.5*layer_height then material[i, j] else 0
     for j in 1:ny} for i in 1:nx};
 
-  annotation (Documentation(info="<html>
+  annotation (
+    defaultComponentName="controller",
+    Documentation(info="<html>
 <p>With the measured height z, the target h_d and the height L of a full layer, cell p is jetted in the next layer when</p>
 <blockquote><p>h_d - z &ge; L/2.</p></blockquote>
 <h4>Assumptions</h4>

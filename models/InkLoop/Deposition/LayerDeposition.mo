@@ -7,10 +7,10 @@ block LayerDeposition "Layer-to-layer height map with one or two materials (Lu, 
   parameter Integer passes(min=1, max=4) = 1 "Passes of a layer, 1 or 4, with cure between them";
   parameter Types.PassOrder pass_order = Types.PassOrder.raster "Order of the four passes";
   parameter Integer pass_rotation(min=0, max=3) = 0 "Places by which the order of the passes moves from layer to layer";
-  parameter Real variation(min=0, max=1) = 0 "Amplitude p of the volume factor 1 - U[0, p]";
+  parameter Types.Share variation = 0 "Amplitude p of the volume factor 1 - U[0, p]";
   parameter Types.VariationKind variation_kind = Types.VariationKind.per_droplet "What one volume factor belongs to";
   parameter Integer nozzle_pitch(min=1) = 1 "Number of nozzles; the head travels along x";
-  parameter Real nozzle_variation(min=0, max=1) = 0 "Amplitude of the volume factor of a nozzle";
+  parameter Types.Share nozzle_variation = 0 "Amplitude of the volume factor of a nozzle";
   parameter Integer seed(min=0) = 0 "Seed of all random factors";
 
   Types.Volume volume_lost = lost*pitch^2 "What has left the grid over its open edges, times cell area";
@@ -28,7 +28,9 @@ algorithm
       ink_a, ink_b, pre(reference), passes, pass_order, pass_rotation, pre(lost));
   end when;
 
-  annotation (Documentation(info="<html>
+  annotation (
+    defaultComponentName="deposition",
+    Documentation(info="<html>
 <p>
 The surface of a print after each layer of droplets. One droplet with heights h1, h2, h3 falls on cell p. For each of its eight
 neighbours q, with a = h2 (side) or h3 (corner),

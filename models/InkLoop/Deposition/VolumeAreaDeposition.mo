@@ -3,22 +3,22 @@ block VolumeAreaDeposition "Propagation of the volume and area of ink, drop by d
   extends Interfaces.PartialDeposition(pitch=90e-6);
 
   parameter Types.Height height_scale = 7.0751e-6 "Volume of a drop over the area of a cell";
-  parameter Real mv_plus(unit="1/m") = 6700 "Share of a drop that a neighbour gains per height above its surroundings";
-  parameter Real mv_minus(unit="1/m") = -20100 "Share of a drop that a neighbour gains per height below them, negative";
-  parameter Real ma_plus(unit="1/m") = 0 "Share of its area that a neighbour gains per height above its surroundings";
-  parameter Real ma_minus(unit="1/m") = -63400 "Share of its area that a neighbour gains per height below them, negative";
+  parameter Types.InverseLength mv_plus = 6700 "Share of a drop that a neighbour gains per height above its surroundings";
+  parameter Types.InverseLength mv_minus = -20100 "Share of a drop that a neighbour gains per height below them, negative";
+  parameter Types.InverseLength ma_plus = 0 "Share of its area that a neighbour gains per height above its surroundings";
+  parameter Types.InverseLength ma_minus = -63400 "Share of its area that a neighbour gains per height below them, negative";
   parameter Types.Length cap_radius = 0.6*pitch "Base radius of a drop on flat ground";
   parameter Boolean guard = false "= true, if a partly covered higher cell grows its area at constant height";
-  parameter Real variation(min=0, max=1) = 0 "Amplitude p of the volume factor 1 - U[0, p]";
+  parameter Types.Share variation = 0 "Amplitude p of the volume factor 1 - U[0, p]";
   parameter Types.VariationKind variation_kind = Types.VariationKind.per_droplet "What one volume factor belongs to";
   parameter Integer nozzle_pitch(min=1) = 1 "Number of nozzles; the head travels along x";
-  parameter Real nozzle_variation(min=0, max=1) = 0 "Amplitude of the volume factor of a nozzle";
+  parameter Types.Share nozzle_variation = 0 "Amplitude of the volume factor of a nozzle";
   parameter Integer seed(min=0) = 0 "Seed of all random factors";
 
-  discrete Real area[nx, ny](each start=0, each fixed=true) "Covered share of each cell";
+  discrete Types.Share area[nx, ny](each start=0, each fixed=true) "Covered share of each cell";
 
 protected
-  parameter Real cap[2, 3] = Functions.capShares(height_scale, cap_radius, pitch) "Volume and covered shares on flat ground: middle, side, corner";
+  parameter Types.Share cap[2, 3] = Functions.capShares(height_scale, cap_radius, pitch) "Volume and covered shares on flat ground: middle, side, corner";
 
 algorithm
   when completed then
@@ -27,7 +27,9 @@ algorithm
       height_scale, {mv_plus, mv_minus, ma_plus, ma_minus}, cap, guard);
   end when;
 
-  annotation (Documentation(info="<html>
+  annotation (
+    defaultComponentName="deposition",
+    Documentation(info="<html>
 <p>
 State of a cell: v, the ink in it as a share of one drop, and a, the share of the cell that ink covers. The covered part stands
 h = c v/a high. A drop on cell p acts on the 3 x 3 cells around p. With the difference h~ of each cell's height and the mean of the

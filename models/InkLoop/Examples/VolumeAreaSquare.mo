@@ -4,7 +4,7 @@ model VolumeAreaSquare "Two layers of a square by propagation of volume and area
   extends BaseClasses.PrintLoop(
     redeclare Deposition.VolumeAreaDeposition deposition(nx=nx, ny=ny, guard=true),
     controller(layers_max=2, material=Functions.cuboid(nx, ny, 2)),
-    sensor(scan_duration=1));
+    sensor(pitch=90e-6, scan_duration=1));
 
   annotation (
     experiment(StopTime=4, Tolerance=1e-6, Interval=0.5),

@@ -7,8 +7,8 @@ pure function capHeight "Height of a spherical cap of known volume and base"
   output Types.Height height "Height of its middle";
 
 protected
-  constant Real PI = 3.14159265358979323846 "Ratio of a circle's circumference to its diameter";
-  Real p = 3*volume/(PI*base_radius^3) "Right-hand side of the equation for sinh";
+  constant Types.Number PI = 3.14159265358979323846 "Ratio of a circle's circumference to its diameter";
+  Types.Number p = 3*volume/(PI*base_radius^3) "Right-hand side of the equation for sinh";
 
 algorithm
   height := 2*base_radius*sinh(log(p + sqrt(p^2 + 1))/3);

@@ -7,24 +7,24 @@ pure function capOverRectangle "Volume of a spherical cap over a rectangle, and 
   input Types.Length x[2] "Sides of the rectangle along x, both at least 0, ascending";
   input Types.Length y[2] "Sides of the rectangle along y, both at least 0, ascending";
   output Types.Volume volume "Volume over the rectangle";
-  output Real area(unit="m2") "Area of the rectangle that the cap covers";
+  output Types.Area area "Area of the rectangle that the cap covers";
 
 protected
   constant Integer PANELS = 8 "Panels of a piece";
-  constant Real NODE[8] = {-0.9602898564975363, -0.7966664774136267, -0.5255324099163290, -0.1834346424956498,
+  constant Types.Number NODE[8] = {-0.9602898564975363, -0.7966664774136267, -0.5255324099163290, -0.1834346424956498,
     0.1834346424956498, 0.5255324099163290, 0.7966664774136267, 0.9602898564975363} "Nodes of the Gauss rule on -1 to 1";
-  constant Real WEIGHT[8] = {0.1012285362903763, 0.2223810344533745, 0.3137066458778873, 0.3626837833783620,
+  constant Types.Number WEIGHT[8] = {0.1012285362903763, 0.2223810344533745, 0.3137066458778873, 0.3626837833783620,
     0.3626837833783620, 0.3137066458778873, 0.2223810344533745, 0.1012285362903763} "Its weights";
-  Real centre = (base_radius^2 - cap_height^2)/(2*cap_height) "Depth of the sphere's centre below the base";
-  Real radius = centre + cap_height "Radius of the sphere";
-  Real bound[4] = zeros(4) "Angles between which the integrand is smooth, ascending";
-  Real s = 0 "Place in a piece, -1 to 1";
-  Real angle = 0 "Angle of a node";
-  Real step = 0 "Weight of a node, along x";
-  Real chord = 0 "Half the width of the base at the node";
-  Real cut = 0 "Radius of the circle that the sphere has at the node";
-  Real low = 0 "Lower end of the strip along y";
-  Real high = 0 "Upper end of the strip along y";
+  Types.Length centre = (base_radius^2 - cap_height^2)/(2*cap_height) "Depth of the sphere's centre below the base";
+  Types.Length radius = centre + cap_height "Radius of the sphere";
+  Types.Angle bound[4] = zeros(4) "Angles between which the integrand is smooth, ascending";
+  Types.Number s = 0 "Place in a piece, -1 to 1";
+  Types.Angle angle = 0 "Angle of a node";
+  Types.Length step = 0 "Weight of a node, along x";
+  Types.Length chord = 0 "Half the width of the base at the node";
+  Types.Length cut = 0 "Radius of the circle that the sphere has at the node";
+  Types.Length low = 0 "Lower end of the strip along y";
+  Types.Length high = 0 "Upper end of the strip along y";
 
 algorithm
   volume := 0;

@@ -5,7 +5,7 @@ pure function capShares "Shares of a drop on flat ground: volume and covered are
   input Types.Height height_scale "Volume of a drop over the area of a cell";
   input Types.Length cap_radius "Base radius of a drop on flat ground";
   input Types.Length pitch "Distance of neighbouring cells";
-  output Real share[2, 3] "Volume shares, then covered shares, of the cell that is hit, of a side and of a corner neighbour";
+  output Types.Share share[2, 3] "Volume shares, then covered shares, of the cell that is hit, of a side and of a corner neighbour";
 
 protected
   Types.Height cap_height = capHeight(height_scale*pitch^2, cap_radius) "Height of the drop";
@@ -15,9 +15,9 @@ protected
   Types.Volume side = 0 "Volume over half a side neighbour";
   Types.Volume corner = 0 "Volume over a corner neighbour";
   Types.Volume whole = 0 "Volume over all nine cells";
-  Real middle_area(unit="m2") = 0 "Area covered in a quarter of the cell that is hit";
-  Real side_area(unit="m2") = 0 "Area covered in half a side neighbour";
-  Real corner_area(unit="m2") = 0 "Area covered in a corner neighbour";
+  Types.Area middle_area = 0 "Area covered in a quarter of the cell that is hit";
+  Types.Area side_area = 0 "Area covered in half a side neighbour";
+  Types.Area corner_area = 0 "Area covered in a corner neighbour";
 
 algorithm
   (middle, middle_area) := capOverRectangle(cap_radius, cap_height, near, near);

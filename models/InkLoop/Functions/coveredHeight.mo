@@ -3,7 +3,7 @@ pure function coveredHeight "Height of the covered part of each cell"
   extends Icons.Function;
 
   input Types.Height height[:, :] "Surface, mean over each cell";
-  input Real area[size(height, 1), size(height, 2)] "Covered share of each cell";
+  input Types.Share area[size(height, 1), size(height, 2)] "Covered share of each cell";
   input Types.Height substrate[size(height, 1), size(height, 2)] "Height of the bare ground";
   output Types.Height covered[size(height, 1), size(height, 2)] "Height of the covered part, or of the bare ground";
 

@@ -4,7 +4,7 @@ pure function cylinder "A material on all cells of a disc in the middle of the g
 
   input Integer nx "Cells along x";
   input Integer ny "Cells along y";
-  input Real radius "Radius in cells";
+  input Types.Number radius "Radius in cells";
   output Types.Pattern material[nx, ny] "1 inside, 0 outside";
 
 algorithm

@@ -9,10 +9,10 @@ pure function lineMean "Gaussian-weighted mean around one place of a line"
   output Types.Height mean "Weighted mean";
 
 protected
-  constant Real REACH = 4 "Standard deviations; beyond lies 6e-5 of the weight";
+  constant Types.Number REACH = 4 "Standard deviations; beyond lies 6e-5 of the weight";
   Integer reach = integer(min(size(line, 1), floor(REACH*radius/pitch))) "Places on either side that count";
-  Real weight = 0 "Weight of a place";
-  Real weights = 0 "Sum of the weights";
+  Types.Number weight = 0 "Weight of a place";
+  Types.Number weights = 0 "Sum of the weights";
   Types.Height total = 0 "Weighted sum";
 
 algorithm

@@ -9,8 +9,8 @@ pure function readSurface "What a profile sensor reads of a surface"
   input Types.Length spot_radius "Standard deviation of the spot";
   input Types.Height slope_bias "Error per sine of twice the angle of the slope";
   input Types.Height noise_std "Standard deviation of the noise";
-  input Real noise_correlation "Share of the noise variance that is common to a scan";
-  input Real dropout_rate "Probability that a reading is lost";
+  input Types.Share noise_correlation "Share of the noise variance that is common to a scan";
+  input Types.Share dropout_rate "Probability that a reading is lost";
   input Types.Slope dropout_slope "Steeper cells are not valid; 0: off";
   input Types.Slope tilt[2] "Slope of the error along x and y";
   input Types.Height offset "Constant error of this scan";
@@ -21,8 +21,8 @@ pure function readSurface "What a profile sensor reads of a surface"
 
 protected
   Types.Height spot[size(height, 1), size(height, 2)] = averageOverSpot(height, pitch, spot_radius) "What the spot sees";
-  Real common = if noise_std > 0 then Random.normal(seed, Random.Stream.common_noise, 0, scan) else 0 "Noise of the scan";
-  Real white = 0 "Noise of the cell";
+  Types.Number common = if noise_std > 0 then Random.normal(seed, Random.Stream.common_noise, 0, scan) else 0 "Noise of the scan";
+  Types.Number white = 0 "Noise of the cell";
   Integer cell = 0 "Number of the cell, from 0";
   Types.Slope slope = 0 "Slope at the cell";
   Types.Height value = 0 "Reading of the cell";

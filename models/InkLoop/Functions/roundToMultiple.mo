@@ -7,9 +7,9 @@ pure function roundToMultiple "Nearest multiple of a step, halves to the even on
   output Types.Height rounded "Multiple of the step";
 
 protected
-  Real steps = if step > 0 then value/step else 0 "Value in steps";
-  Real whole = floor(steps) "Whole steps below";
-  Real odd = mod(whole, 2) "1, if their number is odd";
+  Types.Number steps = if step > 0 then value/step else 0 "Value in steps";
+  Types.Number whole = floor(steps) "Whole steps below";
+  Types.Number odd = mod(whole, 2) "1, if their number is odd";
 
 algorithm
   rounded := if step <= 0 then value else

@@ -4,7 +4,7 @@ pure function saturation "Share that a neighbour takes of what would flow to it 
 
   input Types.Height rise "Height of the cell that is hit, less that of the neighbour";
   input Types.Height width "Rise, downwards, at which nothing flows any more";
-  output Real share "0 to 1";
+  output Types.Share share "What it takes";
 
 algorithm
   share := if rise >= 0 then 1 elseif rise <= -width then 0 else 1 + rise/width;

@@ -3,16 +3,16 @@ pure function volumeAreaDrop "Surface and covered area after one drop"
   extends Icons.Function;
 
   input Types.Height height_before[:, :] "Surface, mean over each cell";
-  input Real area_before[size(height_before, 1), size(height_before, 2)] "Covered share of each cell";
+  input Types.Share area_before[size(height_before, 1), size(height_before, 2)] "Covered share of each cell";
   input Types.Height substrate[size(height_before, 1), size(height_before, 2)] "Height of the bare ground";
   input Integer i "Cell that is hit, along x";
   input Integer j "Cell that is hit, along y";
   input Types.Height drop "Volume of this drop over the area of a cell";
-  input Real m[4](each unit="1/m") "Coefficients m_v+, m_v-, m_a+, m_a-";
-  input Real cap[2, 3] "Volume and covered shares on flat ground: middle, side, corner";
+  input Types.InverseLength m[4] "Coefficients m_v+, m_v-, m_a+, m_a-";
+  input Types.Share cap[2, 3] "Volume and covered shares on flat ground: middle, side, corner";
   input Boolean guard "= true, if a higher cell grows its area at constant height";
   output Types.Height height[size(height_before, 1), size(height_before, 2)] "Surface after the drop";
-  output Real area[size(height_before, 1), size(height_before, 2)] "Covered share after the drop";
+  output Types.Share area[size(height_before, 1), size(height_before, 2)] "Covered share after the drop";
 
 protected
   constant Types.Height FLAT = 1e-15 "Height differences up to here are none";
@@ -24,7 +24,7 @@ protected
   Types.Height rise = 0 "Height difference of a neighbour";
   Types.Height gained = 0 "Ink that a neighbour gains";
   Types.Height ink = 0 "Ink that it has, over the area of a cell";
-  Real grown = 0 "Its covered share after the drop";
+  Types.Number grown = 0 "Its covered share after the drop";
   Types.Height left = drop "Ink that is left for the cell that is hit";
 
 algorithm

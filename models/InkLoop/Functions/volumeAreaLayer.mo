@@ -3,16 +3,16 @@ pure function volumeAreaLayer "Surface and covered area after one layer, drop by
   extends Icons.Function;
 
   input Types.Height height_before[:, :] "Surface, mean over each cell";
-  input Real area_before[size(height_before, 1), size(height_before, 2)] "Covered share of each cell";
+  input Types.Share area_before[size(height_before, 1), size(height_before, 2)] "Covered share of each cell";
   input Types.Height substrate[size(height_before, 1), size(height_before, 2)] "Height of the bare ground";
   input Types.Pattern pattern[size(height_before, 1), size(height_before, 2)] "What is jetted";
   input Types.VolumeFactor factor[size(height_before, 1), size(height_before, 2)] "Volumes of the drops";
   input Types.Height height_scale "Volume of a nominal drop over the area of a cell";
-  input Real m[4](each unit="1/m") "Coefficients m_v+, m_v-, m_a+, m_a-";
-  input Real cap[2, 3] "Volume and covered shares on flat ground: middle, side, corner";
+  input Types.InverseLength m[4] "Coefficients m_v+, m_v-, m_a+, m_a-";
+  input Types.Share cap[2, 3] "Volume and covered shares on flat ground: middle, side, corner";
   input Boolean guard "= true, if a higher cell grows its area at constant height";
   output Types.Height height[size(height_before, 1), size(height_before, 2)] "Surface after the layer";
-  output Real area[size(height_before, 1), size(height_before, 2)] "Covered share after the layer";
+  output Types.Share area[size(height_before, 1), size(height_before, 2)] "Covered share after the layer";
 
 algorithm
   height := height_before;

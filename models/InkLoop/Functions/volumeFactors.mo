@@ -6,10 +6,10 @@ pure function volumeFactors "Volumes of the droplets of a layer, over their nomi
   input Integer ny "Cells along y";
   input Integer layer "Number of the layer, from 1";
   input Integer seed "Seed of all random factors";
-  input Real variation "Amplitude p of the factor 1 - U[0, p]";
+  input Types.Share variation "Amplitude p of the factor 1 - U[0, p]";
   input Types.VariationKind kind "What one factor belongs to";
   input Integer nozzle_pitch "Number of nozzles";
-  input Real nozzle_variation "Amplitude of the factor of a nozzle";
+  input Types.Share nozzle_variation "Amplitude of the factor of a nozzle";
   output Types.VolumeFactor factor[nx, ny] "One factor for each cell";
 
 protected

@@ -4,7 +4,7 @@ block ProfileSensor "Height map of a printed layer as a scanning profile sensor 
 
   parameter Types.Length pitch = 263.256e-6 "Distance of neighbouring cells";
   parameter Types.Height noise_std(min=0) = 0 "Standard deviation of the noise of a reading";
-  parameter Real noise_correlation(min=0, max=1) = 0 "Share of the noise variance that is common to a whole scan";
+  parameter Types.Share noise_correlation = 0 "Share of the noise variance that is common to a whole scan";
   parameter Types.Height resolution(min=0) = 0 "Readings are multiples of this; 0: no rounding";
   parameter Types.Height bias = 0 "Constant error";
   parameter Types.Height drift_rate = 0 "Error that each further scan adds; the first scan has none";
@@ -13,7 +13,7 @@ block ProfileSensor "Height map of a printed layer as a scanning profile sensor 
   parameter Types.Length spot_radius = 0 "Standard deviation of the Gaussian spot; 0: a point";
   parameter Types.Height slope_bias = 0 "Error slope_bias*sin(2*theta) at the local slope angle theta";
   parameter Types.Slope dropout_slope(min=0) = 0 "Cells with a steeper gradient are not valid; 0: off";
-  parameter Real dropout_rate(min=0, max=1) = 0 "Probability that a reading is lost";
+  parameter Types.Share dropout_rate = 0 "Probability that a reading is lost";
   parameter Integer seed(min=0) = 0 "Seed of noise and drop-out";
 
 algorithm
@@ -23,7 +23,9 @@ algorithm
       bias + drift_rate*pre(scans), resolution, seed);
   end when;
 
-  annotation (Documentation(info="<html>
+  annotation (
+    defaultComponentName="sensor",
+    Documentation(info="<html>
 <p>With the height H of a cell and the number n = 0, 1, 2 ... of the scan:</p>
 <pre>
 z = mean of H over a Gaussian spot of standard deviation spot_radius

@@ -2,14 +2,14 @@ within InkLoop.Validation;
 model CapShares "A spherical cap over cells against its closed forms"
   extends Icons.Example;
 
-  constant Real PI = 3.14159265358979323846 "Ratio of a circle's circumference to its diameter";
+  constant Types.Number PI = 3.14159265358979323846 "Ratio of a circle's circumference to its diameter";
   parameter Types.Length radius = 54e-6 "Radius of the base";
   parameter Types.Volume drop = 5.730831e-14 "Volume of the cap";
   parameter Types.Height top = Functions.capHeight(drop, radius) "Height of the cap";
   Types.Volume quarter "Volume over a quarter of the base";
-  Real disc(unit="m2") "Area of a quarter of the base";
+  Types.Area disc "Area of a quarter of the base";
   Types.Volume slice "Volume over the half plane x >= radius/2, upper half";
-  Real segment(unit="m2") "Area of the same";
+  Types.Area segment "Area of the same";
 
 equation
   (quarter, disc) = Functions.capOverRectangle(radius, top, {0, radius}, {0, radius});

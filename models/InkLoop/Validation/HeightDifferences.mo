@@ -2,12 +2,12 @@ within InkLoop.Validation;
 model HeightDifferences "Published height differences around a cell between two drops"
   extends Icons.Example;
 
-  parameter Types.Height published[3, 3] = 
+  parameter Types.Height published[3, 3] =
     1e-6*{{-1.50, -3.41, -1.55}, {6.24, -1.03, 6.12}, {-1.42, -3.77, -1.40}} "Equation (19)";
   parameter Types.Height rms_max = 0.18e-6 "The measured differences of equal cells differ by up to 0.36 um";
   parameter Types.Height height_scale = 7.0751e-6 "Volume of a drop over the area of a cell";
   parameter Types.Length pitch = 90e-6 "Distance of neighbouring cells";
-  parameter Real cap[2, 3] = Functions.capShares(height_scale, 0.6*pitch, pitch) "Shares of a drop: middle, side, corner";
+  parameter Types.Share cap[2, 3] = Functions.capShares(height_scale, 0.6*pitch, pitch) "Shares of a drop: middle, side, corner";
   discrete Types.Height difference[3, 3](each start=0, each fixed=true) "Computed differences";
 
 algorithm

@@ -2,9 +2,9 @@ within InkLoop.Validation;
 model RandomNumbers "Known answers of Philox 4x32-10"
   extends Icons.Example;
 
-  constant Real ONES = 4294967295.0 "2^32 - 1";
-  parameter Real zeros_answer[4] = Functions.Random.philox({0, 0}, {0, 0, 0, 0}) "Key and counter all zeros";
-  parameter Real ones_answer[4] = Functions.Random.philox({ONES, ONES}, {ONES, ONES, ONES, ONES}) "Key and counter all ones";
+  constant Functions.Random.Word ONES = 4294967295.0 "2^32 - 1";
+  parameter Functions.Random.Word zeros_answer[4] = Functions.Random.philox({0, 0}, {0, 0, 0, 0}) "Key and counter all zeros";
+  parameter Functions.Random.Word ones_answer[4] = Functions.Random.philox({ONES, ONES}, {ONES, ONES, ONES, ONES}) "Key and counter all ones";
 
 equation
   when time >= 0.5 then

@@ -2,16 +2,16 @@ within InkLoop.Functions.Random;
 pure function exclusiveOr "Bitwise exclusive or of three words of 32 bits"
   extends Icons.Function;
 
-  input Real a "Word, a whole number from 0 to 2^32 - 1";
-  input Real b "Word";
-  input Real c "Word";
-  output Real word "Word whose bits say where an odd number of the three has a 1";
+  input Word a "Word";
+  input Word b "Word";
+  input Word c "Word";
+  output Word word "Word whose bits say where an odd number of the three has a 1";
 
 protected
-  Real x = a "What is left of a";
-  Real y = b "What is left of b";
-  Real z = c "What is left of c";
-  Real place = 1 "Value of the bit";
+  Word x = a "What is left of a";
+  Word y = b "What is left of b";
+  Word z = c "What is left of c";
+  Types.Number place = 1 "Value of the bit";
 
 algorithm
   word := 0;

@@ -2,22 +2,22 @@ within InkLoop.Functions.Random;
 pure function philox "Philox 4x32-10: four random words for a key and a counter"
   extends Icons.Function;
 
-  input Real key[2] "Two words";
-  input Real counter[4] "Four words";
-  output Real word[4] "Four random words, whole numbers from 0 to 2^32 - 1";
+  input Word key[2] "Two words";
+  input Word counter[4] "Four words";
+  output Word word[4] "Four random words";
 
 protected
-  constant Real WORD = 4294967296.0 "2^32";
-  Real k0 = key[1] "First word of the key of the round";
-  Real k1 = key[2] "Second word of the key of the round";
-  Real x0 = counter[1] "First word";
-  Real x1 = counter[2] "Second word";
-  Real x2 = counter[3] "Third word";
-  Real x3 = counter[4] "Fourth word";
-  Real left_high = 0 "Upper word of the first product";
-  Real left_low = 0 "Lower word of the first product";
-  Real right_high = 0 "Upper word of the second product";
-  Real right_low = 0 "Lower word of the second product";
+  constant Types.Number WORD = 4294967296.0 "2^32";
+  Word k0 = key[1] "First word of the key of the round";
+  Word k1 = key[2] "Second word of the key of the round";
+  Word x0 = counter[1] "First word";
+  Word x1 = counter[2] "Second word";
+  Word x2 = counter[3] "Third word";
+  Word x3 = counter[4] "Fourth word";
+  Word left_high = 0 "Upper word of the first product";
+  Word left_low = 0 "Lower word of the first product";
+  Word right_high = 0 "Upper word of the second product";
+  Word right_low = 0 "Lower word of the second product";
 
 algorithm
   for round in 1:10 loop

@@ -6,10 +6,10 @@ pure function uniform "Uniform random number"
   input Integer purpose "One of Stream";
   input Integer cell "Number of the cell, from 0";
   input Integer number "Number of the layer or the scan, from 0";
-  output Real u "From 0 to below 1, with 53 bits";
+  output Types.Share u "Below 1, with 53 bits";
 
 protected
-  Real word[4] = philox({seed, purpose}, {cell, 0, number, 0}) "Random words";
+  Word word[4] = philox({seed, purpose}, {cell, 0, number, 0}) "Random words";
 
 algorithm
   u := (word[1]*2097152.0 + floor(word[2]/2048.0))/9007199254740992.0;
