@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,12 @@ import numpy as np
 from fmu_manipulation_toolbox.assembly import Assembly
 
 from inkloop.ssp.system import Part, System
-from six_by_six import SHAPE, TIME_MAX_S
+from loops import Loop
+from six_by_six import TIME_MAX_S
 
 
-def by_container(system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
-    """Three FMUs compiled into one that steps them, driven by FMPy: its outputs are those of the printer."""
+def by_container(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
+    """Three FMUs compiled into one that steps them, driven by FMPy: its outputs are those that the loop shows."""
     fmi = system.parts[0].description.fmi
     flags = {  # fmucontainer 2.0 cannot write start values of an array of Booleans: they come from outside
         (part.name, name): np.ravel(value).tolist()
@@ -37,7 +39,7 @@ def by_container(system: System, algorithm: str, folder: Path) -> Iterator[tuple
         if (part.name, name) not in flags
         for scalar, text in _start_values(part, name, value)
     ]
-    names = [*system.part("printer").scalars("height"), "layers_printed"]
+    names = [*loop.scalars(system), "layers_printed"]
     table = {
         "name": "loop.fmu",
         "step_size": system.step_s,
@@ -47,11 +49,14 @@ def by_container(system: System, algorithm: str, folder: Path) -> Iterator[tuple
         "link": links,
         "input": [[name, f"{part}.fmu", name] for part, name in flags],
         "start": starts,
-        "output": [["printer.fmu", name, name] for name in names],
+        "output": [[f"{loop.part}.fmu", name, name] for name in names],
     }
     (folder / "loop.json").write_text(json.dumps(table), encoding="utf-8")
     Assembly("loop.json", fmu_directory=folder).make_fmu(fmi_version=fmi)
-    yield from _steps_of_one(folder / "loop.fmu", system.step_s, {name: flags[part, name] for part, name in flags})
+    values = {name: flags[part, name] for part, name in flags}
+    shapes = [system.part(loop.part).shape(port) for port in loop.ports]
+    shown = _Shown(loop.scalars(system), sum(int(np.prod(shape)) for shape in shapes))
+    yield from _steps_of_one(folder / "loop.fmu", system.step_s, values, shown)
 
 
 def _start_values(part: Part, name: str, value: Any) -> Iterator[tuple[str, str]]:
@@ -61,14 +66,23 @@ def _start_values(part: Part, name: str, value: Any) -> Iterator[tuple[str, str]
     yield from zip(scalars, texts if len(scalars) > 1 else [" ".join(texts)], strict=True)
 
 
-def _steps_of_one(file: Path, step_s: float, flags: Mapping[str, list[bool]]) -> Iterator[tuple[int, Any]]:
-    """All outputs of a container after each step; its arrays of FMI 2 are called as before."""
+@dataclass(frozen=True)
+class _Shown:
+    """Outputs of the container, and how many numbers they are in FMI 3."""
+
+    names: Sequence[str]
+    numbers: int
+
+
+def _steps_of_one(
+    file: Path, step_s: float, flags: Mapping[str, list[bool]], shown: _Shown
+) -> Iterator[tuple[int, Any]]:
+    """(layers_printed, numbers) after each step; its arrays of FMI 2 are called as before."""
     folder = fmpy.extract(str(file))
     description = fmpy.read_model_description(folder, validate=False)  # attributes of its own in FMI 2
-    outputs = {v.name: v.valueReference for v in description.modelVariables if v.causality == "output"}
-    printed = outputs.pop("layers_printed")
     fmu: Any = fmpy.instantiate_fmu(folder, description, fmi_type="CoSimulation")
     references = {v.name: v.valueReference for v in description.modelVariables}
+    asked, printed = [references[name] for name in shown.names], references["layers_printed"]
     for name, values in flags.items():
         fmu.setBoolean([references[name]], values)
     if is_fmi2 := description.fmiVersion == "2.0":
@@ -78,10 +92,9 @@ def _steps_of_one(file: Path, step_s: float, flags: Mapping[str, list[bool]]) ->
     try:
         for number in range(round(TIME_MAX_S / step_s)):
             fmu.doStep(currentCommunicationPoint=number * step_s, communicationStepSize=step_s)
-            cells = list(outputs.values())
-            height = fmu.getReal(cells) if is_fmi2 else fmu.getFloat64(cells, SHAPE[0] * SHAPE[1])
+            numbers = fmu.getReal(asked) if is_fmi2 else fmu.getFloat64(asked, shown.numbers)
             (count,) = fmu.getInteger([printed]) if is_fmi2 else fmu.getInt32([printed])
-            yield int(count), np.reshape(height, SHAPE)
+            yield int(count), np.array(numbers)
     finally:
         fmu.freeInstance()
         shutil.rmtree(folder)

@@ -14,7 +14,8 @@ from fmpy.ssp.ssd import read_ssv
 
 from inkloop.ssp import archive
 from inkloop.ssp.system import Part, System
-from six_by_six import SHAPE, TIME_MAX_S
+from loops import Loop
+from six_by_six import TIME_MAX_S
 
 GAUSS_SEIDEL = "Gauss-Seidel"
 
@@ -59,7 +60,7 @@ class _Instance:
         return call
 
 
-def by_calls(system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
+def by_calls(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
     """Jacobi: all inputs from the last communication point; Gauss-Seidel: each part on what the others gave last."""
     parts = {part.name: _Instance(part) for part in system.parts}
     try:
@@ -70,23 +71,22 @@ def by_calls(system: System, algorithm: str, folder: Path) -> Iterator[tuple[int
                         parts[wire.target[0]].set(wire.target[1], parts[wire.source[0]].get(wire.source[1]))
                 for name in turn:
                     parts[name].step(number * system.step_s, system.step_s)
-            height = parts["printer"].get("height").reshape(SHAPE)
-            yield int(parts["printer"].get("layers_printed")[0]), height
+            shown = parts[loop.part]
+            yield int(shown.get("layers_printed")[0]), np.concatenate([shown.get(port) for port in loop.ports])
     finally:
         for part in parts.values():
             part.free()
 
 
-def by_simulate_ssp(system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
+def by_simulate_ssp(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
     """FMPy's own runner of an .ssp; rows hold what the outputs are after the step."""
     path = folder / "block.ssp"
     archive.write(system, "1.0", path)
     values = _parameters(path, folder)
     rows = simulate_ssp(str(path), stop_time=TIME_MAX_S, step_size=system.step_s, parameter_set=values)
-    names = system.part("printer").scalars("height")
     for row in rows:
-        height = np.array([row[f"printer.{name}"] for name in names]).reshape(SHAPE)
-        yield int(row["printer.layers_printed"]), height
+        numbers = [row[f"{loop.part}.{name}"] for name in loop.scalars(system)]
+        yield int(row[f"{loop.part}.layers_printed"]), np.array(numbers)
 
 
 def _parameters(path: Path, folder: Path) -> Any:

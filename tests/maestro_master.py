@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,16 +12,18 @@ import numpy as np
 
 from inkloop.ssp import maestro
 from inkloop.ssp.command import write_folder
-from inkloop.ssp.system import System
+from inkloop.ssp.system import System, Wire
+from inkloop.wiring import Transfer
 from java_programs import MAESTRO
-from six_by_six import SHAPE, TIME_MAX_S
+from loops import Loop
+from six_by_six import TIME_MAX_S
 
 RESULTS = "outputs.csv"
 
 
-def by_maestro(system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
+def by_maestro(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
     """All its rows. Java prints the shortest decimals that read back as the same number: the text loses no bit."""
-    files = folder / "maestro"
+    files, system = folder / "maestro", system if system.wires else _with_a_wire(system)
     write_folder(replace(system, stop_s=TIME_MAX_S), "maestro", files, system.name)
     words = ("import", "sg1", "--interpret", "-output=out", "--fmu-search-path=.")
     said = MAESTRO.run(
@@ -30,15 +32,23 @@ def by_maestro(system: System, algorithm: str, folder: Path) -> Iterator[tuple[i
     if not (files / "out" / RESULTS).is_file():
         causes = re.findall(r"^Caused by: .*|Error in simulation: .*|logStatusError .*", said, re.MULTILINE)
         raise RuntimeError("; ".join(causes or said.splitlines()[-1:]))
-    yield from _rows(files / "out" / RESULTS, system)
+    yield from _rows(files / "out" / RESULTS, f"{{{loop.part}}}.{loop.part}", loop.scalars(system))
 
 
-def _rows(path: Path, system: System) -> Iterator[tuple[int, Any]]:
-    """(layers_printed, height) of each row. Names hold commas and are not quoted: each begins with a brace."""
+def _with_a_wire(system: System) -> System:
+    """Maestro runs nothing that is not connected: a second instance listens to the first."""
+    (first,) = system.parts
+    second = replace(first, name="second")
+    wire = Wire((first.name, "volume_scale"), (second.name, "volume_factor"), 1.0, 0.0, Transfer())
+    return replace(system, parts=[first, second], wires=[wire])
+
+
+def _rows(path: Path, part: str, names: Sequence[str]) -> Iterator[tuple[int, Any]]:
+    """(layers_printed, numbers) of each row. Names hold commas and are not quoted: each begins with a brace."""
     head, *lines = path.read_text(encoding="utf-8").splitlines()
     columns = {name: number for number, name in enumerate(re.split(r",(?=\{)", head))}
-    cells = [columns[f"{{printer}}.printer.{name}"] for name in system.part("printer").scalars("height")]
-    printed = columns["{printer}.printer.layers_printed"]
+    wanted = [columns[f"{part}.{name}"] for name in names]
+    printed = columns[f"{part}.layers_printed"]
     for line in lines:
         texts = line.split(",")
-        yield int(texts[printed]), np.reshape([float(texts[cell]) for cell in cells], SHAPE)
+        yield int(texts[printed]), np.array([float(texts[column]) for column in wanted])

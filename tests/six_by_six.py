@@ -42,16 +42,16 @@ def scenario_in(folder: Path) -> Scenario:
     return Scenario.load(folder / "block.toml")
 
 
-def our_layers(folder: Path) -> Any:
-    """The surfaces that our own master prints, (layers, nx, ny) [m]."""
-    heights: Any = Print(scenario_in(folder)).run().dataset["height"].values[1:]
-    assert len(heights) == LAYERS
-    return heights
+def our_run(folder: Path) -> Any:
+    """The dataset of our own master's print."""
+    run = Print(scenario_in(folder)).run().dataset
+    assert run.sizes["layer"] == LAYERS + 1
+    return run
 
 
 def difference(found: Any, expected: Any) -> str:
     """What is different between two prints, in words; "" where every bit is the same."""
     for layer, (one, other) in enumerate(zip(found, expected, strict=False), start=1):
         if not np.array_equal(one, other):
-            return f"layer {layer} differs by up to {1e6 * np.abs(one - other).max():.2g} um"
+            return f"layer {layer} differs by up to {np.abs(one - other).max():.2g}"
     return "" if len(found) == len(expected) else f"{len(found)} layers instead of {len(expected)}"

@@ -13,8 +13,9 @@ from fmu_checkers import CHECKERS
 from inkloop.errors import InkloopError
 from inkloop.export import find_fmu
 from inkloop.files import write_text
+from loops import ONE_BLOCK, THREE_FMUS, Loop
 from other_masters import MASTERS, Master, layers_by
-from six_by_six import LAYERS, SHAPE, STEPS_S, TEXT, difference, our_layers
+from six_by_six import LAYERS, SHAPE, STEPS_S, TEXT, difference, our_run
 
 PAGE = Path(__file__).with_name("peers.md")
 HEAD = f"""# The loop in masters of others
@@ -22,8 +23,7 @@ HEAD = f"""# The loop in masters of others
 `LayerDeposition`, `ProfileSensor` and `LayerController` as FMUs, coupled by programs of other people: {SHAPE[0]} x
 {SHAPE[1]} cells, {LAYERS} layers, droplets that vary, noisy scans, both of which take time. "equal" means that each
 layer of the print is, bit by bit, the one of `inkloop run`. What differs is said. `make peers` writes this page;
-what pip alone installs is tested by `make test` too.
-
+what pip alone installs is tested by `make test` too, Maestro and VDMCheck2 by `make test-long` where they are.
 """
 NOTES = f"""
 - Jacobi: every part steps on what the others gave at the last communication point. Gauss-Seidel: on what they gave
@@ -38,9 +38,9 @@ NOTES = f"""
   `libtbb.so.12` (Debian: libtbb12). It reads arrays of FMI 3 as zeros without saying so, hence FMI 2 only.
 - **libcosim** takes FMI 2 only; the file is the one of `inkloop export-ssp --to osp`.
 - **Maestro** (Java) starts from the files of `inkloop export-ssp --to maestro`. It stops at the first enumeration of a
-  description, hence the FMUs there declare integers; names with a hyphen it cannot read. Its CSV prints the shortest
-  decimals that read back as the same number, so that no bit is lost, but does not quote names with commas. It takes
-  some 45 s of processor time to prepare these 36 cells, and one second to run them. Arrays of FMI 3 it does not know.
+  description, hence the FMUs there declare integers; it cannot read names with a hyphen, nor arrays of FMI 3. Its
+  CSV prints the shortest decimals that read back as the same number, so that no bit is lost, but does not quote names
+  with commas. To prepare these 36 cells takes it some 45 s of processor time, to run them one second.
 - OMSimulator, Dymola and Simulink were not run.
 
 The scenario:
@@ -49,29 +49,41 @@ The scenario:
 {TEXT.strip()}
 ```
 
-## Checkers
+## The same print as one block
 
+`LayerJob.fmu` (`inkloop export-job`) has scalar inputs and outputs only, for tools without arrays. "equal" means that
+the mean height after each layer, to which every droplet adds, is bit by bit the one of `inkloop run`.
+"""
+BLOCK_NOTES = """
+- **Ecos** leaves out enumerations of FMI 3, here `status`.
+- **Maestro** runs nothing without a connection: here a second instance listens to the first.
+
+## Checkers
 """
 
 
-def outcome(master: Master, fmi: str, algorithm: str, step_s: float, ours: Any) -> str:
+def outcome(master: Master, loop: Loop, fmi: str, algorithm: str, step_s: float, ours: Any) -> str:
     """ "equal", or what differs, in words."""
     with tempfile.TemporaryDirectory() as folder:
         try:
-            found = layers_by(master, fmi, algorithm, step_s, Path(folder))
+            found = layers_by(master, loop, fmi, algorithm, step_s, Path(folder))
         except (InkloopError, RuntimeError, OSError, ValueError) as error:
             return f"stopped: {error}"
-    return difference(found, ours) or "equal"
+    return difference(found, loop.layers_of(ours)) or "equal"
 
 
-def rows(ours: Any) -> Iterator[str]:
-    """One row of the table for each way of running a master."""
+def table(loop: Loop, ours: Any) -> Iterator[str]:
+    """One row for each way of running a master; each is told while it goes on, since some take minutes."""
+    headings = ["master", "version", "FMI", "algorithm", "starts from", *(f"step {step_s:g} s" for step_s in STEPS_S)]
+    yield f"| {' | '.join(headings)} |"
+    yield "|---" * len(headings) + "|"
     for master in MASTERS:
         absent = master.program.reason_it_is_absent()
-        for fmi, algorithm in master.forms:
-            found = [absent or outcome(master, fmi, algorithm, step_s, ours) for step_s in STEPS_S]
-            release = "-" if absent else master.program.version
-            yield " | ".join(["", master.name, release, fmi, algorithm, master.starts_from, *found, ""]).strip()
+        release = "-" if absent else master.program.version
+        for fmi, algorithm in master.forms_of(loop):
+            print(f"{loop.name} by {master.name}, FMI {fmi}, {algorithm}", file=sys.stderr)
+            found = [absent or outcome(master, loop, fmi, algorithm, step_s, ours) for step_s in STEPS_S]
+            yield f"| {' | '.join([master.name, release, fmi, algorithm, master.starts_from, *found])} |"
 
 
 def checks() -> Iterator[str]:
@@ -88,11 +100,10 @@ def checks() -> Iterator[str]:
 def main() -> None:
     """Run everything and write the page."""
     with tempfile.TemporaryDirectory() as folder:
-        ours = our_layers(Path(folder))
-    headings = ["master", "version", "FMI", "algorithm", "starts from", *(f"step {step_s:g} s" for step_s in STEPS_S)]
-    table = [f"| {' | '.join(headings)} |", "|---" * len(headings) + "|", *rows(ours)]
-    models = ["| checker | version | FMUs of the package | found |", "|---|---|---|---|", *checks()]
-    write_text(PAGE, HEAD + "\n".join(table) + "\n" + NOTES + "\n".join(models) + "\n")
+        ours = our_run(Path(folder))
+    checkers = ["| checker | version | FMUs of the package | found |", "|---|---|---|---|", *checks()]
+    parts = [HEAD, *table(THREE_FMUS, ours), NOTES, *table(ONE_BLOCK, ours), BLOCK_NOTES, *checkers]
+    write_text(PAGE, "\n".join(parts) + "\n")
     print(f"wrote {PAGE}", file=sys.stderr)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import zipfile
 from collections.abc import Iterator
@@ -17,37 +18,41 @@ from fmu_checkers import by_fmutool, by_vdm_check
 from inkloop.cli import main
 from inkloop.export import export, find_fmu
 from java_programs import MAESTRO, VDM_CHECK
+from loops import ONE_BLOCK, THREE_FMUS, Loop
 from other_masters import MASTERS, Master, layers_by
-from six_by_six import LAYERS, SHAPE, STEPS_S, TEXT, difference, our_layers, scenario_in
+from six_by_six import LAYERS, STEPS_S, TEXT, difference, our_run, scenario_in
 
 
 def cases() -> Iterator[Any]:
-    for master in MASTERS:
-        for fmi, algorithm in master.forms:
-            for step_s in (min(STEPS_S), max(STEPS_S)):
-                name = f"{master.name} FMI {fmi} {algorithm} {step_s} s"
-                marks = [pytest.mark.long] if master.program is MAESTRO else []  # a minute and a half each
-                yield pytest.param(master, fmi, algorithm, step_s, id=name, marks=marks)
+    for loop in (THREE_FMUS, ONE_BLOCK):
+        for master in MASTERS:
+            for fmi, algorithm in master.forms_of(loop):
+                for step_s in (min(STEPS_S), max(STEPS_S)):
+                    name = f"{loop.name} by {master.name} FMI {fmi} {algorithm} {step_s} s"
+                    marks = [pytest.mark.long] if master.program is MAESTRO else []  # up to a minute each
+                    yield pytest.param(loop, master, fmi, algorithm, step_s, id=name, marks=marks)
 
 
 @pytest.fixture(scope="module")
 def ours(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    return our_layers(tmp_path_factory.mktemp("ours"))
+    return our_run(tmp_path_factory.mktemp("ours"))
 
 
-@pytest.mark.parametrize(("master", "fmi", "algorithm", "step_s"), list(cases()))
+@pytest.mark.parametrize(("loop", "master", "fmi", "algorithm", "step_s"), list(cases()))
 def test_every_master_prints_the_layers_of_ours(
-    master: Master, fmi: str, algorithm: str, step_s: float, ours: Any, tmp_path: Path
+    loop: Loop, master: Master, fmi: str, algorithm: str, step_s: float, ours: Any, tmp_path: Path
 ) -> None:
     if absent := master.program.reason_it_is_absent():
         pytest.skip(absent)
-    assert difference(layers_by(master, fmi, algorithm, step_s, tmp_path), ours) == ""
+    assert difference(layers_by(master, loop, fmi, algorithm, step_s, tmp_path), loop.layers_of(ours)) == ""
 
 
-def test_layers_that_are_compared_are_not_all_alike(ours: Any) -> None:
-    assert ours.shape == (LAYERS, *SHAPE)
-    assert len({layer.tobytes() for layer in ours}) == LAYERS
-    assert np.unique(ours[0]).size > 4
+@pytest.mark.parametrize("loop", [THREE_FMUS, ONE_BLOCK], ids=["three FMUs", "one block"])
+def test_layers_that_are_compared_are_not_all_alike(loop: Loop, ours: Any) -> None:
+    layers = loop.layers_of(ours)
+    assert layers.shape == (LAYERS, 36 if loop is THREE_FMUS else 2)
+    assert len({layer.tobytes() for layer in layers}) == LAYERS
+    assert np.unique(layers).size > LAYERS
 
 
 def test_difference_of_prints_is_said() -> None:
@@ -55,7 +60,7 @@ def test_difference_of_prints_is_said() -> None:
     other = print_.copy()
     other[1, 0, 1] = 2e-6
     assert difference(print_, print_) == ""
-    assert difference(other, print_) == "layer 2 differs by up to 2 um"
+    assert difference(other, print_) == "layer 2 differs by up to 2e-06"
     assert difference(print_[:2], print_) == "2 layers instead of 3"
 
 
@@ -108,6 +113,10 @@ def test_fmus_for_maestro_have_integers_in_place_of_enumerations(tmp_path: Path)
     orders = {v.start for v in variables if v.name == "pass_order"}
     assert orders == {"2"}
     assert by_fmutool(folder / "printer.fmu") == []
+    recorded = json.loads((folder / "simulation.json").read_text(encoding="utf-8"))["logVariables"]
+    assert "status" in recorded["{controller}.controller"]  # nothing is connected to it
+    assert {"height_mean", "layers_printed"} <= set(recorded["{printer}.printer"])
+    assert "height[1,1]" not in recorded["{printer}.printer"]
     rows = fmpy.simulate_fmu(str(folder / "printer.fmu"), stop_time=1.0, output=["status"])
     assert rows["status"][-1] == 0
 

@@ -53,7 +53,7 @@ def multi_model(system: System) -> dict[str, Any]:
 
 
 def configuration(system: System) -> dict[str, Any]:
-    """Times and step of the run."""
+    """Times and step of the run, and what it records besides the outputs that are connected: those that are scalars."""
     return {
         "startTime": 0.0,
         "endTime": system.stop_s,
@@ -62,7 +62,14 @@ def configuration(system: System) -> dict[str, Any]:
         "visible": False,
         "parallelSimulation": False,
         "simulationProgramDelay": False,
-        "logVariables": {},
+        "logVariables": {
+            f"{{{part.name}}}.{part.name}": [
+                name
+                for name, variable in part.description.variables.items()
+                if variable.causality == "output" and part.scalars(name) == (name,)
+            ]
+            for part in system.parts
+        },
     }
 
 
