@@ -61,9 +61,11 @@ class Driver:
     def __init__(self, model: str, form: str = "fmi3", nx: int = 9, ny: int = 9, folder: Path | None = None) -> None:
         self.is_fmi2 = form == "fmi2"
         self.nx, self.ny = nx, ny
-        unpacked, description = _unpacked(model, form, nx, ny)
+        unpacked, description = (
+            (folder, fmpy.read_model_description(folder)) if folder else _unpacked(model, form, nx, ny)
+        )
         load = fmi2.FMU2Slave if self.is_fmi2 else fmi3.FMU3Slave
-        self.fmu: Any = load(guid=description.guid, unzipDirectory=str(folder or unpacked), modelIdentifier=model,
+        self.fmu: Any = load(guid=description.guid, unzipDirectory=str(unpacked), modelIdentifier=model,
                              instanceName="it")  # fmt: skip
         self.messages: list[str] = []
         self.now = 0.0  # where the next layer's step begins

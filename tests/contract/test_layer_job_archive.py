@@ -1,0 +1,184 @@
+"""The FMU of a block: valid to everybody's checkers, complete, at home in masters of others, or refused in words."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import xml.etree.ElementTree as ET
+import zipfile
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.build import build_platform_binary
+
+from contract.fmu_driver import OK, Driver
+from fmu_checkers import by_fmpy, by_fmutool
+from inkloop.cli import main
+from inkloop.errors import FmuError, ScenarioError
+from inkloop.export import export
+from inkloop.layer_job.baking import bake
+from inkloop.scenario import Scenario
+from layer_jobs import DONE, MODEL, SCENARIOS, finish, printed, scenario, unpacked
+from other_programs import LIBCOSIM
+
+FORMS = ("fmi2", "fmi3-fixed")
+EVERY_FORM = pytest.mark.parametrize("form", FORMS)
+
+
+@pytest.fixture
+def file(form, tmp_path) -> Path:
+    path = tmp_path / "cuboid.fmu"
+    assert main(["export-job", str(SCENARIOS / "cuboid.toml"), "--fmi", form[3], "--out", str(path)]) == 0
+    return path
+
+
+@EVERY_FORM
+def test_checkers_of_others_find_nothing_wrong(file) -> None:
+    assert by_fmpy(file) == []
+    assert by_fmutool(file) == []
+
+
+@EVERY_FORM
+def test_three_lines_print_the_part(file) -> None:
+    result = fmpy.simulate_fmu(str(file))
+    run = printed("cuboid")
+    assert result["status"][-1] == DONE
+    assert result["layers_printed"][-1] == run.sizes["layer"] - 1
+    assert result["std"][-1] == pytest.approx(float(run["std"][-1]), rel=1e-9)
+
+
+@EVERY_FORM
+def test_steps_and_inputs_of_an_importer_count(file) -> None:
+    signals = np.array([(0.0, False), (4.5, True)], dtype=[("time", float), ("start", bool)])
+    result = fmpy.simulate_fmu(
+        str(file), input=signals, step_size=0.5, output_interval=0.5, stop_time=30.0, start_values={"layer_period": 2.0}
+    )
+    begun = dict(zip(result["time"], result["layers_printed"], strict=True))
+    assert (begun[6.0], begun[6.5], begun[8.5]) == (0, 1, 2)
+
+
+@EVERY_FORM
+def test_no_variable_is_an_array_and_none_lacks_words(file) -> None:
+    description = fmpy.read_model_description(str(file))
+    assert not [v.name for v in description.modelVariables if v.dimensions or "[" in v.name]
+    assert all(v.description for v in description.modelVariables)
+    assert {v.name for v in description.modelVariables if v.unit == "m"} == {
+        "mean_error", "mae", "std", "height_mean", "objective"
+    }  # fmt: skip
+    assert description.defaultExperiment.stepSize == "1.0"
+
+
+@EVERY_FORM
+def test_start_values_are_those_of_the_scenario(form, tmp_path) -> None:
+    with Driver(MODEL, form, folder=unpacked(form, "noisy-sensor", "components.controller.alpha=0.7")) as fmu:
+        description = fmpy.read_model_description(unpacked(form, "noisy-sensor", "components.controller.alpha=0.7"))
+        starts = {v.name: v.start for v in description.modelVariables if v.causality in ("parameter", "input")}
+        words = {"true": 1.0, "false": 0.0}
+        assert {name: float(words.get(text, text)) for name, text in starts.items()} == {
+            name: float(fmu.get(name)) for name in starts
+        }
+        assert (starts["alpha"], starts["scan_duration"], starts["layer_period"]) == ("0.7", "6.0", "6.0")
+
+
+@EVERY_FORM
+def test_archive_says_what_is_baked(file) -> None:
+    with zipfile.ZipFile(file) as archive:
+        page = archive.read("documentation/index.html").decode()
+        text = archive.read("documentation/scenario.toml").decode()
+        assert archive.read("documentation/target.png").startswith(b"\x89PNG")
+    assert Scenario.of_text(text, "it.toml").text == text
+    assert "Cuboid, 8 x 8 droplets: 12 x 12 cells of 263.256 um, 64 of them printed, up to 22.8 um high" in page
+    assert 'src="target.png"' in page
+    assert "<td>printer</td><td>LayerDeposition</td><td>variation</td><td>0.2</td>" in page
+
+
+def test_same_scenario_gives_the_same_bytes_and_another_one_another_token(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
+    files = [tmp_path / f"{number}.fmu" for number in range(3)]
+    for path, seed in zip(files, (1, 1, 2), strict=True):
+        command = ["export-job", str(SCENARIOS / "cuboid.toml"), "--set", f"seed={seed}", "--out", str(path)]
+        assert main(command) == 0
+    assert files[0].read_bytes() == files[1].read_bytes()
+    guids = [ET.fromstring(zipfile.ZipFile(path).read("modelDescription.xml")).get("guid") for path in files]
+    assert guids[0] == guids[1] != guids[2]
+
+
+@EVERY_FORM
+@pytest.mark.skipif(shutil.which("nm") is None or shutil.which("readelf") is None, reason="needs nm and readelf")
+def test_binary_shows_the_standards_functions_and_needs_the_c_library(form) -> None:
+    (binary,) = (unpacked(form, "cuboid") / "binaries").rglob(f"{MODEL}.*")
+    listing = subprocess.run(["nm", "-D", "--defined-only", binary], check=True, capture_output=True, text=True).stdout
+    assert all(line.split()[-1].startswith(form[:4]) for line in listing.splitlines())
+    dynamic = subprocess.run(["readelf", "-d", binary], check=True, capture_output=True, text=True).stdout
+    assert {name.split(".")[0] for name in re.findall(r"NEEDED.*\[(.*)\]", dynamic)} <= {"libc", "libm"}
+
+
+@EVERY_FORM
+@pytest.mark.long
+@pytest.mark.skipif(shutil.which("cmake") is None or shutil.which("gcc") is None, reason="needs cmake and gcc")
+def test_sources_compile_to_the_same_bits(form, tmp_path) -> None:
+    folder = tmp_path / "it"
+    shutil.copytree(unpacked(form, "cuboid"), folder)
+    shutil.rmtree(folder / "binaries")
+    build_platform_binary(folder, all_warnings=True)
+    states = []
+    for place in (unpacked(form, "cuboid"), folder):
+        with Driver(MODEL, form, folder=place) as fmu:
+            finish(fmu.start(), 1.0)
+            states.append(fmu.save())
+    assert states[0] == states[1]
+
+
+@pytest.mark.parametrize("form", ["fmi2"])
+@pytest.mark.skipif(bool(LIBCOSIM.reason_it_is_absent()), reason=LIBCOSIM.reason_it_is_absent())
+def test_libcosim_prints_the_part(file) -> None:
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimObserver import CosimObserver
+    from libcosimpy.CosimSlave import CosimLocalSlave
+
+    execution = CosimExecution.from_step_size(step_size=500_000_000)
+    number = execution.add_local_slave(CosimLocalSlave(fmu_path=str(file), instance_name="job"))
+    observer = CosimObserver.create_last_value()
+    execution.add_observer(observer)
+    references = {v.name: v.valueReference for v in fmpy.read_model_description(str(file)).modelVariables}
+    while observer.last_integer_values(number, [references["status"]])[0] != DONE:
+        assert execution.step()
+    run = printed("cuboid")
+    layers = observer.last_integer_values(number, [references["layers_printed"]])[0]
+    (mean,) = observer.last_real_values(number, [references["height_mean"]])
+    assert (layers, mean) == (run.sizes["layer"] - 1, run["height_mean"].values[-1])
+
+
+def test_scenario_that_cannot_be_baked_is_answered_with_every_obstacle() -> None:
+    text = (SCENARIOS / "cuboid.toml").read_text()
+    text = text.replace('kind = "LayerMpc"\nalpha = 0.8', 'kind = "OpenLoop"')
+    text += '\n[[events]]\nport = "printer.volume_factor"\naction = "override"\nvalue = 0.9\nat_layer = 2\n'
+    text += '\n[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\ngain = 1.01\n'
+    with pytest.raises(ScenarioError) as raised:
+        bake(Scenario.of_text(text, str(SCENARIOS / "it.toml")))
+    faults = "\n".join(raised.value.faults)
+    assert "components.controller cannot be part of a block: kind OpenLoop is no FMU" in faults
+    assert "connections: printer.height to profiler.height has a gain or an offset" in faults
+    assert "[[events]]" in faults
+
+
+def test_devices_have_no_place_in_a_block() -> None:
+    with pytest.raises(ScenarioError, match=r"components\.printer cannot be part of a block: kind hardware\.printer"):
+        bake(scenario("bench"))
+
+
+def test_block_without_a_scenario_is_not_exported(tmp_path) -> None:
+    with pytest.raises(FmuError, match="inkloop export-job SCENARIO"):
+        export(MODEL, fmi="2", nx=9, ny=9, fixed=True, out=tmp_path / "it.fmu")
+
+
+@EVERY_FORM
+def test_state_of_another_print_is_refused(form) -> None:
+    """Two blocks are of one binary; their layers are not."""
+    with Driver(MODEL, form, folder=unpacked(form, "cuboid")) as fmu:
+        assert fmu.start().step(0.0, 3.0) == OK
+        with Driver(MODEL, form, folder=unpacked(form, "cylinder")) as other:
+            assert other.restore(fmu.save()) != OK

@@ -1,0 +1,203 @@
+"""What a block prints is read from its resources: any path, any file, and words where nothing can come of it."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import struct
+import subprocess
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy import fmi3
+
+from contract.fmu_driver import OK, Driver
+from layer_jobs import MODEL, finish, unpacked
+
+SCENARIO = "cuboid"
+EXTREMES = (0, 1, 2**31, 2**53, 2**63, 2**64 - 1, 0x7FF8000000000000, 0xFFF0000000000000, 0xBFF0000000000000)
+HEAD, SECTION = 32, 56
+
+
+class Binary:
+    """The FMI 3 block of a scenario as far as its instantiation, with any folder of resources."""
+
+    def __init__(self) -> None:
+        folder = unpacked("fmi3-fixed", SCENARIO)
+        self.token = fmpy.read_model_description(folder).instantiationToken
+        self.content = (folder / "resources" / "job.bin").read_bytes()
+        found = next((folder / "binaries").rglob(f"{MODEL}*"))
+        self._library = ctypes.CDLL(str(found))
+        self._library.fmi3InstantiateCoSimulation.restype = ctypes.c_void_p
+
+    def refusal(self, resources: str | None, token: str | None = None) -> str | None:
+        """What is logged when no instance comes of it; None where one does."""
+        said: list[str] = []
+        log = fmi3.fmi3LogMessageCallback(
+            lambda _, status, category, text: said.append(text.decode("utf-8", "replace"))
+        )
+        no = ctypes.c_bool(False)
+        instance = self._library.fmi3InstantiateCoSimulation(
+            b"it", (token or self.token).encode(), None if resources is None else resources.encode(), no, no, no, no,
+            None, ctypes.c_size_t(0), None, log, None)  # fmt: skip
+        if not instance:
+            (message,) = said
+            return message
+        self._library.fmi3FreeInstance(ctypes.c_void_p(instance))
+        return None
+
+    def refusal_of(self, content: bytes, folder: Path, *, token: str | None = None) -> str | None:
+        """The same for a file of some content."""
+        (folder / "job.bin").write_bytes(content)
+        return self.refusal(str(folder), token)
+
+    @property
+    def unmarked(self) -> str:
+        """A token that does not say which file belongs to it, so that only the file itself can give it away."""
+        return self.token.rpartition("-")[0]
+
+
+@pytest.fixture(scope="module")
+def binary() -> Binary:
+    return Binary()
+
+
+def mended(content: bytes | bytearray) -> bytes:
+    """With the check sum that belongs to it."""
+    return bytes(content[:12]) + struct.pack("<I", zlib.crc32(content[16:])) + bytes(content[16:])
+
+
+def changed(content: bytes, at: int, value: bytes) -> bytes:
+    return content[:at] + value + content[at + len(value) :]
+
+
+def test_file_as_it_was_written_is_taken(binary, tmp_path) -> None:
+    assert binary.refusal_of(binary.content, tmp_path) is None
+    assert binary.refusal(f"{tmp_path}/") is None
+    assert binary.refusal_of(mended(binary.content), tmp_path, token=binary.unmarked) is None
+
+
+FAULTS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
+    "empty": (lambda c: b"", "it does not begin as one"),
+    "of others": (lambda c: b"PK\x03\x04" + c, "it does not begin as one"),
+    "in text mode": (lambda c: c.replace(b"\r\n", b"\n"), "it does not begin as one"),
+    "cut": (lambda c: c[:-9], "its check sum is another one"),
+    "of a later layout": (lambda c: changed(c, 8, b"\x02"), "is of layout 2; this binary reads layout 1"),
+    "damaged": (lambda c: changed(c, 700, b"\xff"), "its check sum is another one"),
+    "of another export": (lambda c: mended(changed(c, len(c) - 8, struct.pack("<d", 1e-9))), "belong to two exports"),
+    "of another grid": (lambda c: mended(changed(c, 16, b"\x0d")), "is for 13 x 12 cells, the FMU for 12 x 12"),
+    "of other variables": (lambda c: mended(changed(c, HEAD + 32, b"0123456789abcdef")), "variables 0123456789abcdef"),
+    "of a plant of others": (lambda c: mended(c.replace(b"LayerDeposition", b"LaserDeposition")),
+                             "has a printer LaserDeposition, which this binary does not know"),
+    "longer": (lambda c: mended(c + bytes(8)), "its sections do not fill it"),
+    "a section short": (lambda c: mended(c[: c.index(b"LayerController")]), "its sections do not fill it"),
+    "a value out of range": (lambda c: mended(changed(c, HEAD + SECTION + 16, struct.pack("<d", -1.0))),
+                             "layer_period is -1; expected a finite number not below 1e-06"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_file_that_is_not_the_blocks_own_is_refused_in_words(fault, binary, tmp_path) -> None:
+    spoil, words = FAULTS[fault]
+    token = None if "export" in fault else binary.unmarked
+    message = binary.refusal_of(spoil(binary.content), tmp_path, token=token)
+    assert message is not None
+    assert words in message
+
+
+def test_missing_file_and_missing_folder_are_told(binary, tmp_path) -> None:
+    assert "job.bin cannot be read: No such file" in binary.refusal(str(tmp_path))
+    assert "inkloop export-job" in binary.refusal(str(tmp_path))
+    assert "the importer names no folder of resources" in binary.refusal(None)
+    (tmp_path / "job.bin").mkdir()
+    assert "cannot be read" in binary.refusal(str(tmp_path))
+
+
+def test_no_cut_file_is_taken(binary, tmp_path) -> None:
+    for size in range(0, len(binary.content), 7):
+        assert binary.refusal_of(binary.content[:size], tmp_path, token=binary.unmarked) is not None
+        if size >= HEAD:
+            cut = mended(binary.content[:size])
+            assert "its sections do not fill it" in binary.refusal_of(cut, tmp_path, token=binary.unmarked)
+
+
+def test_any_word_of_the_file_may_be_anything(binary, tmp_path) -> None:
+    """An instance or a message: a check sum protects from accidents only."""
+    refused = 0
+    for number, at in enumerate(range(16, len(binary.content) - 7, 8)):
+        for extreme in EXTREMES if number < 40 else EXTREMES[number % len(EXTREMES) :][:1]:
+            content = mended(changed(binary.content, at, struct.pack("<Q", extreme)))
+            message = binary.refusal_of(content, tmp_path, token=binary.unmarked)
+            refused += message is not None
+            assert message is None or len(message) > 20
+    assert refused > 100
+
+
+def test_random_bytes_end_in_words_or_in_an_instance(binary, tmp_path) -> None:
+    random = np.random.default_rng(1)
+    for _ in range(500):
+        content = bytearray(binary.content)
+        for _ in range(random.integers(1, 12)):
+            content[random.integers(16, len(content))] = random.integers(256)
+        binary.refusal_of(mended(content), tmp_path, token=binary.unmarked)
+
+
+@pytest.mark.parametrize("form", ["fmi2", "fmi3-fixed"])
+def test_folder_with_any_name_is_found(form, tmp_path) -> None:
+    """FMI 2 names it by a URI, in which each of these characters is written otherwise."""
+    folder = tmp_path / "50%20 grün #1"
+    shutil.copytree(unpacked(form, SCENARIO), folder)
+    with Driver(MODEL, form, folder=folder) as fmu:
+        finish(fmu.start(), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("uri", "path"),
+    [
+        ("file:///a%20b/100%25/resources", "/a b/100%/resources"),
+        ("file:/a/resources", "/a/resources"),
+        ("file://localhost/a/resources", "/a/resources"),
+        ("FILE:///a/gr%C3%bcn", "/a/grün"),
+        ("file:///C:/a%20b/resources", "C:/a b/resources"),
+        ("file:/C:/a/resources", "C:/a/resources"),
+        ("file://server/share/resources", "//server/share/resources"),
+        ("/a b/100%/resources", "/a b/100%/resources"),
+        ("C:\\a\\resources", "C:\\a\\resources"),
+        ("file:///a%2", "/a%2"),
+        ("file:", ""),
+        ("", ""),
+    ],
+)
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
+def test_uri_of_a_folder_becomes_its_path(uri, path, path_of_uri) -> None:
+    assert path_of_uri(uri) == path
+
+
+@pytest.fixture(scope="module")
+def path_of_uri(tmp_path_factory) -> Callable[[str], str]:
+    library = tmp_path_factory.mktemp("resources") / "resources.so"
+    source = Path(__file__).parents[2] / "fmus" / "common" / "resources.c"
+    subprocess.run(["gcc", "-std=c11", "-shared", "-fPIC", "-o", library, source], check=True)
+    function = ctypes.CDLL(str(library)).resource_path
+    function.restype = ctypes.c_char_p
+
+    def path_of(uri: str) -> str:
+        found: bytes = function(uri.encode())
+        return found.decode()
+
+    return path_of
+
+
+def test_instance_is_reset_only_while_its_file_is_there(tmp_path) -> None:
+    shutil.copytree(unpacked("fmi3-fixed", SCENARIO), tmp_path / "it")
+    with Driver(MODEL, "fmi3-fixed", folder=tmp_path / "it") as fmu:
+        assert fmu.start().step(0.0, 2.5) == OK
+        before = fmu.save()
+        (tmp_path / "it" / "resources" / "job.bin").unlink()
+        assert fmu.call("reset") != OK
+        assert "cannot be read" in fmu.messages[-1]
+        assert fmu.save() == before

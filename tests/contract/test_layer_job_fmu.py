@@ -1,0 +1,197 @@
+"""A print in one block prints the layers of inkloop run, bit by bit, whoever steps it and how."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from contract.fmu_driver import DISCARD, ERROR, OK, Driver
+from layer_jobs import DONE, block, finish, printed
+
+FORMS = ("fmi2", "fmi3-fixed")
+EVERY_FORM = pytest.mark.parametrize("form", FORMS)
+IDLE, PRINTING = 0, 1
+OF_THE_PRINTER = ("droplets_a", "droplets_b", "volume_lost", "height_mean")
+OF_THE_CONTROLLER = ("objective", "volume_scale", "dead_cells", "untrusted_cells")
+CASES = {
+    "cylinder": ("cylinder",),
+    "four passes": ("four-passes", "run.layers_max=20"),
+    "two materials": ("two-materials", "run.layers_max=14"),
+    "noisy sensor with delays": ("noisy-sensor", "components.printer.layer_duration_s=2.5", "run.layers_max=20"),
+    "three heights learnt, lines of liquid": ("surface-tension", "run.layers_max=3"),
+    "droplet after droplet": ("wu-chiu-plant", "run.layers_max=6"),
+    "caps": ("no-flow", "run.layers_max=6"),
+    "uneven start, grey head": ("grey-head", "run.layers_max=6"),
+}
+
+
+def assert_like_run(fmu: Driver, run, layer: int) -> None:
+    """The state holds the surface of the layer as it is in the run, and the outputs are its figures."""
+    assert run.height.values[layer].tobytes() in fmu.save()
+    for name in ("mean_error", "mae", "std"):
+        assert fmu.get(name) == pytest.approx(float(run[name][layer]), rel=1e-9, abs=1e-15), name
+    for name in OF_THE_PRINTER if layer > 0 else ():
+        assert fmu.get(name) == run[name].values[layer], name
+
+
+@pytest.mark.parametrize(("case", "form"), zip(CASES, 4 * FORMS, strict=True))
+def test_layers_are_those_of_a_run_bit_by_bit(case, form) -> None:
+    run = printed(*CASES[case])
+    with block(form, *CASES[case]) as fmu:
+        assert_like_run(fmu.start(), run, 0)
+        period, number = float(fmu.get("layer_period")), 0
+        while fmu.get("status") != DONE:
+            assert fmu.step(number * period, period) == OK, fmu.messages
+            number += 1
+            assert_like_run(fmu, run, int(fmu.get("layers_printed")))
+            for name in OF_THE_CONTROLLER if fmu.get("status") != DONE else ():
+                assert fmu.get(name) == run[name].values[number], name
+        assert fmu.get("layers_printed") == run.sizes["layer"] - 1
+        assert fmu.get("layers_scanned") == run.sizes["layer"] - 1
+
+
+@pytest.mark.parametrize("periods", [0.3, 1.0, 7.0])
+@EVERY_FORM
+def test_steps_change_neither_layers_nor_times(form, periods) -> None:
+    case = CASES["noisy sensor with delays"]
+    run = printed(*case)
+    with block(form, *case) as fmu:
+        fmu.start()
+        assert fmu.get("layer_period") == 8.5
+        step, number = periods * 8.5, 0
+        while fmu.get("status") != DONE:
+            assert fmu.step(number * step, step) == OK, fmu.messages
+            number += 1
+            layer = int(fmu.get("layers_printed"))
+            assert layer == min(20, int(((number * step) - 2.5 + 1e-5) / 8.5))
+            assert_like_run(fmu, run, layer)
+        assert layer == 20
+
+
+@EVERY_FORM
+def test_print_goes_on_in_another_instance(form) -> None:
+    case = CASES["noisy sensor with delays"]
+    with block(form, *case) as first, block(form, *case) as second:
+        first.start()
+        for number in range(37):  # in the midst of a layer
+            assert first.step(number * 2.0, 2.0) == OK
+        saved = first.save()
+        assert second.restore(saved) == OK
+        assert second.save() == saved
+        for fmu, step in ((first, 85.0), (second, 17.0)):
+            end = finish(fmu, step, at=74.0)
+            assert fmu.step(end, 1000.0 - end) == OK
+        assert first.save() == second.save()
+        assert_like_run(first, printed(*case), 20)
+
+
+@EVERY_FORM
+def test_reset_and_a_second_instance_print_the_same(form) -> None:
+    with block(form, "cuboid") as first, block(form, "cuboid") as second:
+        new = first.save()
+        finish(first.start(), 1.0)
+        end = first.save()
+        assert first.call("reset") == OK
+        assert first.save() == new
+        finish(second.start(), 1.0)
+        finish(first.start(), 1.0)
+        assert first.save() == second.save() == end
+
+
+def counts(fmu: Driver) -> tuple[int, int]:
+    return int(fmu.get("layers_printed")), int(fmu.get("layers_scanned"))
+
+
+@EVERY_FORM
+def test_layers_are_complete_and_scanned_after_their_durations(form) -> None:
+    with block(form, "cuboid") as fmu:
+        fmu.start({"layer_period": 10.0, "layer_duration": 2.0, "scan_duration": 3.0}, start=100.0)
+        seen = {}
+        for number in range(60):
+            assert fmu.step(100.0 + number * 0.5, 0.5) == OK
+            seen[(number + 1) * 0.5] = counts(fmu)
+        assert (seen[2.5], seen[3.0]) == ((0, -1), (0, 0))
+        assert (seen[11.5], seen[12.0], seen[14.5], seen[15.0]) == ((0, 0), (1, 0), (1, 0), (1, 1))
+        assert (seen[21.5], seen[22.0]) == ((1, 1), (2, 1))
+
+
+@EVERY_FORM
+def test_period_too_short_for_a_layer_prints_in_every_second_one(form) -> None:
+    with block(form, "cuboid") as fmu:
+        fmu.start({"layer_period": 4.0, "layer_duration": 2.0, "scan_duration": 3.0})
+        found = []
+        for number in range(24):
+            assert fmu.step(float(number)) == OK
+            found.append(counts(fmu)[0])
+        assert [found.index(layer) + 1 for layer in (1, 2, 3)] == [6, 14, 22]
+
+
+@EVERY_FORM
+def test_nothing_begins_before_start_nor_in_a_pause(form) -> None:
+    with block(form, "cuboid") as fmu:
+        fmu.start({"start": False, "scan_duration": 0.25, "layer_duration": 0.25})
+        assert fmu.step(0.0, 5.5) == OK
+        assert (*counts(fmu), fmu.get("status")) == (0, -1, IDLE)
+        assert fmu.set("start", True) == OK
+        assert fmu.step(5.5, 1.1) == OK
+        assert (*counts(fmu), fmu.get("status")) == (0, 0, PRINTING)  # the first layer has begun at 6.5 s
+        assert fmu.set("start", False) == OK
+        assert fmu.step(6.6, 10.0) == OK
+        assert (*counts(fmu), fmu.get("status")) == (1, 1, IDLE)
+        assert fmu.set("start", True) == OK
+        assert fmu.step(16.6, 0.8) == OK
+        assert counts(fmu) == (1, 1)  # none of the periods that passed is made up for
+        assert fmu.step(17.4, 0.4) == OK
+        assert counts(fmu) == (2, 1)
+        finish(fmu, 1.0, at=17.8)
+        assert_like_run(fmu, printed("cuboid"), printed("cuboid").sizes["layer"] - 1)
+
+
+@EVERY_FORM
+def test_disturbance_of_the_volume_is_learnt_and_made_up_for(form) -> None:
+    with block(form, "cylinder") as fmu, block(form, "cylinder") as disturbed:
+        finish(fmu.start(), 7.0)
+        assert disturbed.start({"volume_factor": 0.8}).step(0.0, 10.0) == OK
+        finish(disturbed, 7.0, at=10.0)
+        assert disturbed.get("volume_scale") == pytest.approx(0.8 * fmu.get("volume_scale"), rel=0.01)
+        assert disturbed.get("layers_printed") > 1.2 * fmu.get("layers_printed")
+        assert disturbed.get("std") < 0.6e-6
+
+
+@EVERY_FORM
+def test_alpha_that_changes_between_steps_counts_for_the_next_layer(form) -> None:
+    with block(form, "cuboid") as fmu, block(form, "cuboid") as other:
+        for instance in (fmu.start(), other.start()):
+            assert instance.step(0.0, 2.0) == OK
+        assert other.set("alpha", 0.1) == OK
+        for instance in (fmu, other):
+            assert instance.step(2.0, 1.0) == OK
+        assert fmu.get("droplets_a") != other.get("droplets_a")
+        assert fmu.set("layer_period", 2.0) != OK
+
+
+@EVERY_FORM
+def test_refused_step_changes_nothing(form) -> None:
+    """The third layer of a step of three asks for a droplet that spreads too far."""
+    case = CASES["three heights learnt, lines of liquid"]
+    refused = ERROR if form == "fmi2" else DISCARD
+    with block(form, *case) as fmu:
+        assert fmu.start().step(0.0, 1.5) == OK
+        assert fmu.set("volume_factor", 1e6) == OK
+        before = fmu.save()
+        assert fmu.step(1.5, 3.0) == refused
+        assert "printer: the largest droplet of the pattern spreads" in fmu.messages[-1]
+        assert fmu.save() == before
+        assert fmu.set("volume_factor", 1.0) == OK
+        finish(fmu, 3.0, at=1.5)
+        assert_like_run(fmu, printed(*case), 3)
+
+
+@EVERY_FORM
+def test_parameters_that_do_not_fit_end_in_words_before_the_first_step(form) -> None:
+    with block(form, "cuboid") as fmu:
+        assert fmu.set("layer_period", 0.0) != OK
+        assert fmu.set("alpha", 1.5) != OK
+        assert fmu.set("volume_factor", np.nan) != OK
+        assert "volume_factor is nan; expected a finite number not below 0" in fmu.messages[-1]
+        finish(fmu.start(), 1.0)
