@@ -84,7 +84,8 @@ def _plates(axes: Axes3D, run: xr.Dataset, error: FloatMap, colours: ScalarMappa
     axes.set_ylabel("y [mm]", labelpad=-4)
     axes.set_zlabel("height [µm]", labelpad=-3)
     axes.tick_params(pad=-2)
-    axes.zaxis.set_major_locator(MaxNLocator(4))
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_major_locator(MaxNLocator(4))
     axes.set_box_aspect((1, 1, 0.6), zoom=0.82)
     axes.view_init(elev=32, azim=-60)
     axes.grid(False)
