@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from inkloop_controller.core_library import AFTER_SWEEP, ReportStruct
+from inkloop_controller.core_structs import AFTER_SWEEP, ReportStruct
 from inkloop_controller.horizon_problem import SearchProgress
 
 

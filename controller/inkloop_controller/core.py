@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from inkloop.component import FloatMap, Ink
 from inkloop_controller.after_sweep import AfterSweep
-from inkloop_controller.core_library import (
+from inkloop_controller.core_library import library
+from inkloop_controller.core_structs import (
     InkStruct,
     JettedLayerStruct,
     ObjectiveStruct,
     ProblemStruct,
     ReportStruct,
     SearchOptionsStruct,
-    library,
 )
 from inkloop_controller.horizon_problem import (
     HORIZON_MAX,

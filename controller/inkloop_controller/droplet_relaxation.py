@@ -10,7 +10,8 @@ import numpy as np
 
 from inkloop.component import FloatMap
 from inkloop_controller.core import answered, checked, pointer, problem_struct
-from inkloop_controller.core_library import RelaxationOptionsStruct, RelaxationReportStruct, library
+from inkloop_controller.core_library import library
+from inkloop_controller.core_structs import RelaxationOptionsStruct, RelaxationReportStruct
 from inkloop_controller.horizon_problem import HorizonProblem, IntPlan
 
 ITERATIONS = 30  # by trial: within 0.01 um of the optimum on rough and on nearly flat surfaces up to 100x100

@@ -10,12 +10,8 @@ import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Ink, Job
 from inkloop_controller.core import answered, checked, ink_pair, layer_struct, pointer
-from inkloop_controller.core_library import (
-    EstimateStruct,
-    EstimatorOptionsStruct,
-    InkPriorStruct,
-    library,
-)
+from inkloop_controller.core_library import library
+from inkloop_controller.core_structs import EstimateStruct, EstimatorOptionsStruct, InkPriorStruct
 from inkloop_controller.dead_cells import DEAD_EVIDENCE
 from inkloop_controller.horizon_problem import IntMap
 from inkloop_controller.ink_identification import INK_MODELS, InkEvidence, InkModel, ink_table

@@ -11,7 +11,8 @@ import numpy as np
 from inkloop.component import FloatMap
 from inkloop_controller.after_sweep import AfterSweep
 from inkloop_controller.core import answered, checked, objective_of, pointer, problem_struct
-from inkloop_controller.core_library import PlanReportStruct, PlanWorkStruct, library
+from inkloop_controller.core_library import library
+from inkloop_controller.core_structs import PlanReportStruct, PlanWorkStruct
 from inkloop_controller.horizon_problem import KINDS_MAX, HorizonProblem, IntPlan, Objective, SearchProgress
 from inkloop_controller.layer_plan import PlanStatus
 from inkloop_controller.work import Work

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Ink
-from inkloop_controller.core_library import SHARES_MAX, InkEvidenceStruct
+from inkloop_controller.core_structs import SHARES_MAX, InkEvidenceStruct
 
 InkModel: TypeAlias = Literal["scale", "full", "off"]
 """What is learnt of each ink: its droplet volume; h1, h2 and h3 as far as the patterns tell them apart; nothing."""
