@@ -31,6 +31,7 @@ from inkloop.score.board import (
     overrides_of,
     prints,
 )
+from inkloop.sole_writer import sole_writer
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -65,7 +66,15 @@ def score(options: argparse.Namespace, console: Console) -> int:
     named = [plant.removeprefix(f"{VERSION}/") for plant in options.plants]
     seeds = SEEDS[:1] if options.quick else SEEDS
     folder = new_run_folder(options.out, "score")
-    found, interrupted = _all(entries, named or list(PLANTS), seeds, console)
+    with sole_writer(folder):
+        return _scored(entries, named or list(PLANTS), seeds, folder, console)
+
+
+def _scored(
+    entries: Sequence[Entry], plants: Sequence[str], seeds: Sequence[int], folder: Path, console: Console
+) -> int:
+    """Print all, then write and show the tables of what is complete."""
+    found, interrupted = _all(entries, plants, seeds, console)
     complete = [one for one in found if one.plant in {other.plant for other in found if other.entry is OPEN_LOOP}]
     if complete:
         write(folder, complete, seeds)

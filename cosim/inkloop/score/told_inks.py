@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from inkloop.component import FloatMap, Ink
-from inkloop.models import LayerDeposition
+from inkloop.identify.ink_regression import identify_ink
+from inkloop.identify.print_record import PrintRecord
 from inkloop.scenario import Scenario
 
 STEP_NS = 1_000_000_000
@@ -54,21 +54,11 @@ def single_droplet(scenario: Scenario) -> Ink:
 def identified(scenario: Scenario, seed: int = 1) -> Ink:
     """The ink with which the layer-to-layer model predicts layers of a plant best, by least squares over the grid.
 
-    Layers are printed on top of each other, each with droplets on a random part of the cells.
+    Layers are printed on top of each other, each with droplets on a random part of the cells, and measured exactly.
     """
     job, rng = scenario.job(), np.random.default_rng(seed)
     patterns = [(job.mask & (rng.random(job.mask.shape) < COVERAGE)).astype(np.int32) for _ in range(LAYERS)]
-    grown = list(surfaces(scenario, patterns))
-
-    def misses(heights_um: FloatMap) -> FloatMap:
-        model = LayerDeposition(heights=(tuple(heights_um * 1e-6),))
-        predicted = [
-            model.layer(model.start(before), pattern).height
-            for before, pattern in zip(grown[:-1], patterns, strict=True)
-        ]
-        return np.concatenate([(one - after).ravel() for one, after in zip(predicted, grown[1:], strict=True)]) * 1e6
-
-    nominal = job.inks[0]
-    first = np.array([nominal.h1, nominal.h2, nominal.h3]) * 1e6
-    found = least_squares(misses, first, bounds=(1e-3, np.inf)).x * 1e-6
-    return Ink(*(float(h) for h in found))
+    measured = np.stack(list(surfaces(scenario, patterns)))
+    order = {name: getattr(job, name) for name in ("passes", "pass_order", "pass_rotation")}
+    record = PrintRecord(scenario.tables.title, job.pitch, np.stack(patterns), measured, **order)
+    return Ink(*(float(h) for h in identify_ink([record], 0.0, correct=False).heights[0]))
