@@ -1,0 +1,112 @@
+"""Whole prints of the shipped scenarios by the controller FMU and by the one in Python: the same layers, bit by bit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from closed_loop import SECOND, block, inputs_of
+from contract.fmu_driver import FORMS, OK, Driver
+from inkloop import catalog
+from inkloop.component import Status
+from inkloop.run import print_part
+from inkloop.scenario import Scenario
+from inkloop_controller.layer_model import LayerModel
+
+FOLDER = Path(__file__).parents[2] / "scenarios"
+OF_PYTHON_ALONE = ["bound", "bound_confidence", "bound_valid", "gap", "solve_time"]
+QUICK = ("cuboid", "grey-head", "tilted-substrate", "two-materials", "uneven-start", "wu-chiu-plant")
+TALLEST = ("pipe-junction", "surface-tension")  # minutes; their first layers say as much
+EVERY_FORM = pytest.mark.parametrize("form", FORMS)
+
+
+def planned_by_mpc(path: Path) -> bool:
+    """The scenario's controller is LayerMpc, and nothing of it is a device."""
+    kinds = {name: table.kind for name, table in Scenario.load(path).tables.components.items()}
+    return kinds["controller"] == "LayerMpc" and not any(kind.startswith("hardware.") for kind in kinds.values())
+
+
+OTHERS = [path.stem for path in sorted(FOLDER.glob("*.toml")) if planned_by_mpc(path) and path.stem not in QUICK]
+
+
+def printed(name: str, *overrides: str) -> xr.Dataset:
+    limit = ["run.layers_max=6"] if name in TALLEST else []
+    dataset = print_part(Scenario.load(FOLDER / f"{name}.toml", [*limit, *overrides])).dataset
+    return dataset.drop_vars([variable for variable in OF_PYTHON_ALONE if variable in dataset])
+
+
+def assert_same_print(name: str, form: str) -> None:
+    native = printed(name, 'components.controller.kind="LayerController"', f'components.controller.fmi="{form}"')
+    xr.testing.assert_identical(native.drop_attrs(), printed(name).drop_attrs())
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_scenario_is_printed_alike(name: str) -> None:
+    assert_same_print(name, "fmi3")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("form", ["fmi3", "fmi2"])
+@pytest.mark.parametrize("name", OTHERS)
+def test_every_scenario_is_printed_alike(name: str, form: str) -> None:
+    assert_same_print(name, form)
+
+
+def layer_by_layer(controller: Any, fmu: Driver, alphas: dict[int, float]) -> int:
+    """Number of layers of a print in which `fmu` is tuned to alpha from a layer on, and both answer alike."""
+    job, plant = block(12, 11, height=40e-6), LayerModel.of(block(12, 11, height=40e-6))
+    height = np.zeros((12, 11))
+    controller.initialize(0, inputs_of(job, height, 0))
+    for layer in range(30):
+        told = inputs_of(job, height, layer)
+        if layer + 1 in alphas:
+            assert fmu.set("alpha", alphas[layer + 1]) == OK
+        assert max(fmu.set(name, value) for name, value in told.items()) == OK
+        assert fmu.step(float(layer)) == OK
+        answer = controller.do_step(layer * SECOND, SECOND, told)
+        for name in ("pattern", "layer_command", "status", "objective", "volume_scale", "estimated_height"):
+            np.testing.assert_array_equal(fmu.get(name), answer[name], err_msg=f"{name} after scan {layer}")
+        if answer["status"] == Status.DONE:
+            return layer
+        factor = 1.0 - 0.2 * np.random.default_rng(layer).random(height.shape)
+        height = plant.layer(height, answer["pattern"], layer + 1, factor)
+    raise AssertionError("not done after 30 layers")
+
+
+@EVERY_FORM
+def test_alpha_tuned_between_steps_is_a_schedule_of_the_python_controller(form: str) -> None:
+    alphas, job = {1: 0.9, 3: 0.3, 5: 1.0}, block(12, 11, height=40e-6)
+    python = catalog.make("LayerMpc", job, {"alpha": list(alphas.items()), "horizon": 2})
+    fixed = catalog.make("LayerMpc", job, {"alpha": 0.9, "horizon": 2})
+    parameters = {"target_height": job.target_height, "mask": job.mask, "horizon": 2}
+    with Driver("LayerController", form, 12, 11).start(parameters) as fmu:
+        assert layer_by_layer(python, fmu, alphas) > 5
+    with Driver("LayerController", form, 12, 11).start(parameters) as fmu, pytest.raises(AssertionError):
+        layer_by_layer(fixed, fmu, alphas)
+
+
+@EVERY_FORM
+def test_print_that_another_instance_goes_on_with_after_each_layer_is_the_same(form: str) -> None:
+    job, plant = block(12, 11, height=40e-6), LayerModel.of(block(12, 11, height=40e-6))
+    python = catalog.make("LayerMpc", job, {"horizon": 2})
+    parameters = {"target_height": job.target_height, "mask": job.mask, "horizon": 2, "is_timed": False}
+    height, saved = np.zeros((12, 11)), b""
+    python.initialize(0, inputs_of(job, height, 0))
+    for layer in range(30):
+        told = inputs_of(job, height, layer)
+        answer = python.do_step(layer * SECOND, SECOND, told)
+        with Driver("LayerController", form, 12, 11).start(parameters) as fmu:
+            assert not saved or fmu.restore(saved) == OK
+            assert max(fmu.set(name, value) for name, value in told.items()) == OK
+            assert fmu.step(float(layer)) == OK
+            np.testing.assert_array_equal(fmu.get("pattern"), answer["pattern"])
+            np.testing.assert_array_equal(fmu.get("estimated_height"), answer["estimated_height"])
+            saved = fmu.save()
+        if answer["status"] == Status.DONE:
+            break
+        height = plant.layer(height, answer["pattern"], layer + 1, 1.0 - 0.2 * np.indices(height.shape)[0] / 12)
+    assert layer > 5

@@ -1,0 +1,176 @@
+"""Whatever the job, the options and the print are like: the controller FMU and the one in Python never part."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from closed_loop import SECOND
+from half_spaces import Above
+from inkloop import catalog
+from inkloop.component import Component, Ink, Job, Status
+from inkloop.geometry import PipeJunction
+from inkloop_controller.layer_model import LayerModel
+
+OF_PYTHON_ALONE = {"bound", "bound_confidence", "gap", "solve_time"}
+PITCH = 1e-4
+REGIONS = (None, Above(5e-6), PipeJunction(4 * PITCH, 4 * PITCH, 3e-4, 10e-6, 2e-4, 6e-6, 20e-6))
+TWO_INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
+
+
+@dataclass(frozen=True)
+class World:
+    """What a print meets that no controller knows of; seed of all that is random."""
+
+    seed: int
+    noise: float  # of a reading [m]
+    tilt: float  # of the scan's frame, more with each layer [m per cell]
+    holes: float  # share of the cells that a scan does not see
+    volume: float  # of the droplets, as a share of the nominal one
+    dead_row: int  # no droplet of it comes from layer 3 on; -1: none
+    unknown: frozenset[int]  # layers that were given up half way
+    first_layer: int  # number of the layer on the substrate
+
+    def inputs(self, height: Any, layer: int) -> dict[str, Any]:
+        rng = np.random.default_rng((self.seed, layer))
+        scan = height + rng.normal(0.0, self.noise, height.shape) + self.tilt * layer * np.indices(height.shape)[0]
+        return {
+            "measured_height": scan,
+            "valid": rng.random(height.shape) >= self.holes,
+            "layers_scanned": np.asarray(self.first_layer + layer, np.int32),
+            "layers_printed": np.asarray(self.first_layer + layer, np.int32),
+            "layer_unknown": np.asarray(layer in self.unknown),
+        }
+
+    def printed(self, plant: LayerModel, height: Any, outputs: Any, layer: int) -> Any:
+        """The surface after the layer that was commanded."""
+        rng = np.random.default_rng((self.seed, layer, 1))
+        row, _ = np.indices(height.shape)
+        factor = self.volume * (1.0 - 0.3 * rng.random(height.shape)) * outputs["drop_level"]
+        factor = np.where((row == self.dead_row) & (layer >= 3), 1e-12, factor)
+        jetted = (
+            np.where(row < len(height) // 2, outputs["pattern"], 0) if layer in self.unknown else outputs["pattern"]
+        )
+        return plant.layer(height, np.asarray(jetted, np.int32), self.first_layer + layer, factor)
+
+
+@st.composite
+def jobs(draw: st.DrawFn) -> Job:
+    nx, ny = draw(st.integers(1, 9)), draw(st.integers(1, 9))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    mask = rng.random((nx, ny)) < draw(st.sampled_from([0.3, 0.9, 1.0]))
+    if draw(st.booleans()):
+        mask[:2], mask[-2:], mask[:, :2], mask[:, -2:] = False, False, False, False
+    mask[nx // 2, ny // 2] = True
+    target = np.where(mask, draw(st.sampled_from([0.0, 12e-6, 30e-6])) + rng.uniform(0.0, 5e-6, (nx, ny)), 0.0)
+    region = draw(st.sampled_from(REGIONS))
+    return Job(
+        nx,
+        ny,
+        PITCH,
+        target,
+        mask,
+        inks=TWO_INKS if region else TWO_INKS[: draw(st.integers(1, 2))],
+        region=region,
+        passes=draw(st.sampled_from([1, 4])),
+        pass_order=draw(st.integers(1, 2)),
+        pass_rotation=draw(st.integers(0, 3)),
+        seed=draw(st.integers(0, 2**31 - 1)),
+    )
+
+
+@st.composite
+def options(draw: st.DrawFn) -> dict[str, Any]:
+    """Those that both controllers call by the same names."""
+    drawn = {
+        "alpha": st.sampled_from([0.0, 0.3, 0.8, 1.0]),
+        "horizon": st.integers(1, 4),
+        "overshoot": st.sampled_from([0.5, 1.0, 4.0]),
+        "overshoot_limit_um": st.sampled_from([0.0, 2.0]),
+        "chance_margin": st.sampled_from([0.0, 2.0]),
+        "fringe_weight": st.sampled_from([0.0, 0.4, 1.0]),
+        "layer_worth": st.sampled_from([0.0, 0.2]),
+        "region_test": st.sampled_from(["middle", "surface", "either"]),
+        "drop_levels": st.integers(1, 3),
+        "iterations": st.integers(1, 5),
+        "annealing_sweeps": st.integers(0, 2),
+        "adapt_ink": st.sampled_from(["scale", "full", "off"]),
+        "sensor_noise_std_um": st.sampled_from([0.0, 1.0]),
+        "sensor_resolution_um": st.sampled_from([0.0, 0.5]),
+        "untrusted_layers": st.integers(0, 3),
+    }
+    return {name: draw(values) for name, values in drawn.items() if draw(st.booleans())}
+
+
+WORLDS = st.builds(
+    World,
+    seed=st.integers(0, 2**32 - 1),
+    noise=st.sampled_from([0.0, 1e-6]),
+    tilt=st.sampled_from([0.0, 0.1e-6]),
+    holes=st.sampled_from([0.0, 0.2, 1.0]),
+    volume=st.sampled_from([0.6, 1.0, 1.3]),
+    dead_row=st.integers(-1, 4),
+    unknown=st.frozensets(st.integers(1, 6), max_size=2),
+    first_layer=st.sampled_from([0, 41]),
+)
+
+
+def with_unseen(told: dict[str, Any], reading: float) -> dict[str, Any]:
+    """A scan whose cells that were not seen hold some reading."""
+    return {**told, "measured_height": np.where(told["valid"], told["measured_height"], reading)}
+
+
+def moved(job: Job, chosen: dict[str, Any], saved: bytes) -> Component:
+    """Another instance that goes on from a saved state."""
+    controller = catalog.make("LayerController", job, chosen)
+    controller.initialize(0, World(0, 0.0, 0.0, 0.0, 1.0, -1, frozenset(), 0).inputs(np.zeros((job.nx, job.ny)), 0))
+    controller.restore(saved)  # type: ignore[attr-defined]
+    return controller
+
+
+def assert_twins(job: Job, chosen: dict[str, Any], dead: set[int], world: World, layers: int) -> None:
+    """The same outputs after every scan, the FMU in another instance each time."""
+    alive = np.broadcast_to(~np.isin(np.arange(job.ny), list(dead)), (job.nx, job.ny))
+    for_python = {**chosen, "sweeps": 3, "dead_nozzles": sorted(dead)}
+    for_fmu = {**chosen, "sweeps_max": 3, "jettable": alive.tolist()}
+    python, fmu = catalog.make("LayerMpc", job, for_python), catalog.make("LayerController", job, for_fmu)
+    plant, height = LayerModel.of(job), np.zeros((job.nx, job.ny))
+    for controller in (python, fmu):
+        controller.initialize(0, world.inputs(height, 0))
+    for layer in range(layers):
+        told = world.inputs(height, layer)
+        one = python.do_step(layer * SECOND, SECOND, with_unseen(told, np.nan))
+        other = fmu.do_step(layer * SECOND, SECOND, with_unseen(told, 0.3))
+        for name in one.keys() - OF_PYTHON_ALONE:
+            np.testing.assert_array_equal(one[name], other[name], err_msg=f"{name} after scan {layer}")
+        if one["status"] == Status.DONE:
+            break
+        saved = fmu.save()  # type: ignore[attr-defined]
+        fmu.terminate()
+        fmu = moved(job, for_fmu, saved)
+        height = world.printed(plant, height, one, layer + 1)
+    fmu.terminate()
+
+
+@given(job=jobs(), chosen=options(), world=WORLDS, data=st.data())
+@settings(deadline=None, max_examples=40)
+def test_controller_fmu_answers_every_scan_as_the_python_controller(
+    job: Job, chosen: dict[str, Any], world: World, data: st.DataObject
+) -> None:
+    dead = data.draw(st.sets(st.integers(0, job.ny - 1), max_size=2))
+    assert_twins(job, chosen, dead, world, layers=7)
+
+
+@pytest.mark.long
+@given(job=jobs(), chosen=options(), world=WORLDS, data=st.data())
+@settings(deadline=None, max_examples=3000)
+def test_controller_fmu_answers_thousands_of_prints_as_the_python_controller(
+    job: Job, chosen: dict[str, Any], world: World, data: st.DataObject
+) -> None:
+    dead = data.draw(st.sets(st.integers(0, job.ny - 1), max_size=2))
+    assert_twins(job, chosen, dead, world, layers=12)
