@@ -25,8 +25,14 @@ class PlainPlant:
         self, job: Job, plant: Component, *, pattern_input: str = "pattern", height_output: str = "height"
     ) -> None:
         self._plant, self._shape = plant, (job.nx, job.ny)
-        self._pattern = self._port(plant.inputs, "pattern_input", pattern_input)
-        self._height = self._port(plant.outputs, "height_output", height_output)
+        faults = [
+            *self._port_faults(plant.inputs, "pattern_input", pattern_input),
+            *self._port_faults(plant.outputs, "height_output", height_output),
+        ]
+        if faults:
+            raise ValueError("; ".join(faults))
+        self._pattern = next(port for port in plant.inputs if port.name == pattern_input)
+        self._height = next(port for port in plant.outputs if port.name == height_output)
         factor = conversion(self._height.unit, "m")
         if factor is None:
             raise ValueError(f"height_output is {height_output!r}, which is in [{self._height.unit}]; needs a length")
@@ -95,15 +101,14 @@ class PlainPlant:
         self._plant.restore(saved[offset:])
         self._printed, self._plant_time_ns, self._values = int(printed), int(plant_time_ns), values
 
-    def _port(self, ports: tuple[Port, ...], option: str, name: str) -> Port:
+    def _port_faults(self, ports: tuple[Port, ...], option: str, name: str) -> list[str]:
         known = {port.name: port for port in ports}
         if name not in known:
-            raise ValueError(f"{option} is {name!r}, which the plant does not have; {nearest(name, known)}")
-        port = known[name]
-        if port.shape not in (self._shape, (self._shape[0] * self._shape[1],)):
-            nx, ny = self._shape
-            raise ValueError(f"{option} is {name!r} of shape {port.shape}; needs {nx} x {ny} values, as the grid")
-        return port
+            return [f"{option} is {name!r}, which the plant does not have; {nearest(name, known)}"]
+        nx, ny = self._shape
+        if known[name].shape not in (self._shape, (nx * ny,)):
+            return [f"{option} is {name!r} of shape {known[name].shape}; needs {nx} x {ny} values, as the grid"]
+        return []
 
     def _plant_inputs(self, inputs: Values) -> Values:
         handed = {name: value for name, value in inputs.items() if name not in ("pattern", "layer_command")}

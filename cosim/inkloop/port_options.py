@@ -89,7 +89,9 @@ def _mapped(
     names = _names(table, job)
     if missing := [variable for variable in names if variable not in own]:
         what = f" is {table.variable!r}" + (f", so {missing[0]!r}" if missing[0] != table.variable else "")
-        return None, [f".variable{what}, which is no input or output of the FMU; {nearest(missing[0], known)}"]
+        whole = missing[0].partition("[")[0]
+        advice = f"its scalars are joined, write {whole!r}" if whole in known else nearest(missing[0], known)
+        return None, [f".variable{what}, which is no input or output of the FMU; {advice}"]
     if len(set(names)) < len(names):
         advice = "write both {i} and {j}, or {n}"
         return None, [f".variable is {table.variable!r}, one name for several of {job.nx} x {job.ny} cells; {advice}"]
@@ -101,7 +103,7 @@ def _mapped(
         return None, [f".variable is {table.variable!r} with {found} values; needs {what}"]
     if faults := _unit_faults(table, variables[0], port.unit):
         return None, faults
-    factor = table.gain * (conversion(port.unit, table.unit or variables[0].unit) or 1.0)
+    factor = table.gain * (conversion(port.unit, table.unit or variables[0].unit) or 1.0)  # counts have a gain only
     is_real = np.dtype(variables[0].dtype).kind == "f"
     if (factor != 1.0 or table.offset != 0.0) and not is_real:
         found_type = variables[0].dtype
@@ -120,15 +122,24 @@ def _port(name: str, table: PortTable, job: Job, variables: Sequence[Port]) -> P
 
 
 def _unit_faults(table: PortTable, variable: Port, unit: str) -> list[str]:
+    """What is wrong with the unit of a port in `unit`; a gain leads from there to any unit of the FMU."""
     if table.gain == 0.0:
         return [".gain is 0; needs another number, or nothing gets through"]
-    if table.unit is not None and variable.unit not in ("1", table.unit):
+    if unit == "1":
+        what = f".unit is {table.unit!r}, but this signal is a number without unit; leave it out, a gain says the rest"
+        return [what] if table.unit not in (None, "1") else []
+    if table.unit is None and conversion(unit, variable.unit) is None:
+        return [f".variable is {table.variable!r} in [{variable.unit}]; {_units_of(unit)}, and a gain if it takes one"]
+    if table.unit is not None and conversion(unit, table.unit) is None:
+        return [f".unit is {table.unit!r}; {_units_of(unit)}"]
+    if table.unit is not None and variable.unit in UNITS and variable.unit != table.unit and table.gain == 1.0:
         return [f".unit is {table.unit!r}, but the FMU says that {variable.name} is in [{variable.unit}]; leave it out"]
-    found = table.unit or variable.unit
-    if conversion(unit, found) is None:
-        advice = f"write unit, one of {', '.join(name for name, (si, _) in UNITS.items() if si == unit)}"
-        return [f".variable is {table.variable!r} in [{found}]; needs a unit of the quantity [{unit}]: {advice}"]
     return []
+
+
+def _units_of(unit: str) -> str:
+    names = ", ".join(name for name, (si, _) in UNITS.items() if si == unit)
+    return f"needs a unit of the quantity [{unit}]: write unit, one of {names}"
 
 
 def _taken_twice(

@@ -15,6 +15,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from inkloop import catalog, ink_file
 from inkloop.component import Component, Job
+from inkloop.connection_ends import end_faults
 from inkloop.devices import Bench
 from inkloop.errors import ScenarioError
 from inkloop.event_options import read_events
@@ -159,7 +160,12 @@ class Scenario:
                 f"compare.{name}.components.{key} replaces nothing: {nearest(key, self.tables.components)}"
                 for key in unknown
             ]
-        return faults + (self._wiring_faults() if not faults else [])
+        return faults + (self._end_faults() if faults else self._wiring_faults())
+
+    def _end_faults(self) -> list[str]:
+        parts = {name: (table.kind, self.job(name), self._options(table))
+                 for name, table in self.tables.components.items()}  # fmt: skip
+        return end_faults(parts, [(wire.source, wire.target) for wire in self.tables.connections])
 
     def _wiring_faults(self) -> list[str]:
         try:

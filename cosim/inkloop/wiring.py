@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from inkloop.component import Component, Port, Values, is_shadow
 from inkloop.faults import nearest
-from inkloop.units import conversion
+from inkloop.units import UNITS, conversion
 
 CONTRACT_INPUTS = frozenset(
     {"pattern", "layer_command", "layers_printed", "height", "measured_height", "valid", "layers_scanned"}
@@ -117,13 +117,14 @@ def without_start(name: str, feeds: Feeds, outputs: Mapping[str, Values], ready:
 
 def check(components: Mapping[str, Component], connections: Sequence[Connection]) -> list[str]:
     """Every fault of the wiring, one sentence each; empty if the loop may run."""
-    inputs = {name: {port.name: port for port in component.inputs} for name, component in components.items()}
-    outputs = {name: {port.name: port for port in component.outputs} for name, component in components.items()}
+    inputs, outputs = (
+        {name: _ports(component, way) for name, component in components.items()} for way in ("input", "output")
+    )
     faults: list[str] = []
     fed: dict[str, str] = {}
     for connection in connections:
-        source = _find(connection.source, outputs, "output", faults)
-        target = _find(connection.target, inputs, "input", faults)
+        source = find(connection.source, outputs, "output", faults)
+        target = find(connection.target, inputs, "input", faults)
         if source and target:
             faults += _mismatches(connection, source, target)
         if connection.target in fed:
@@ -151,14 +152,17 @@ def _open_inputs(components: Mapping[str, Component], fed: Mapping[str, str]) ->
 
 
 def _mismatches(connection: Connection, source: Port, target: Port) -> Iterator[str]:
-    is_one_quantity = conversion(source.unit, target.unit) is not None
+    strange = {f"[{port.unit}]" for port in (source, target) if port.unit not in UNITS and port.unit != "1"}
+    is_told = bool(strange) and connection.gain != 1.0  # the gain says how one unit becomes the other
+    is_one_quantity = is_told or conversion(source.unit, target.unit) is not None
     for what, found, expected, fits in (
         ("quantity", f"[{source.unit}]", f"[{target.unit}]", is_one_quantity),
         ("shape", _shape(source.shape), _shape(target.shape), source.shape == target.shape),
         ("type", source.dtype, target.dtype, source.dtype == target.dtype),
     ):
         if not fits:
-            yield f"{connection.source} gives {found}, {connection.target} takes {expected}: same {what} needed"
+            told = f", or a gain that says how {found} becomes {expected}" if strange & {found, expected} else ""
+            yield f"{connection.source} gives {found}, {connection.target} takes {expected}: same {what} needed{told}"
     if is_one_quantity and not Transfer.of(connection, source, target).is_plain and not _is_float(source):
         yield (
             f"{connection.source} is {source.dtype}; a gain, an offset or another unit needs floating-point values; "
@@ -166,7 +170,13 @@ def _mismatches(connection: Connection, source: Port, target: Port) -> Iterator[
         )
 
 
-def _find(place: str, ports: Mapping[str, Mapping[str, Port]], direction: str, faults: list[str]) -> Port | None:
+def _ports(component: Component, direction: str) -> dict[str, Port]:
+    ports = component.inputs if direction == "input" else component.outputs
+    return {port.name: port for port in ports}
+
+
+def find(place: str, ports: Mapping[str, Mapping[str, Port]], direction: str, faults: list[str]) -> Port | None:
+    """The port at "component.port"; where there is none, `faults` gets a sentence with names that are near."""
     component, name = _parts(place)
     if component not in ports:
         faults.append(f"{place}: there is no component {component!r}; {nearest(component, ports)}")

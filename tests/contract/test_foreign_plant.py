@@ -11,6 +11,7 @@ import foreign_plant
 from inkloop import catalog
 from inkloop.cli import main
 from inkloop.component import Job
+from inkloop.errors import ScenarioError
 from inkloop.printing import Print
 from inkloop.result import Result
 from inkloop.scenario import Scenario
@@ -48,6 +49,33 @@ def test_plant_gets_what_the_disturbance_lets_through(folder: Path) -> None:
     shares = risen / (droplets * 527.0 / 69.3e6)
     assert 0.8 < shares.min() <= shares.max() <= 1.0 + 1e-9
     assert (np.diff(shares) < 1e-9).all()
+
+
+def test_wrong_names_and_units_are_all_told_at_once(folder: Path) -> None:
+    text = (folder / "plant.toml").read_text(encoding="utf-8")
+    for right, wrong in (('"dose"', '"dosis"'), ('unit = "um"', 'unit = "s"'), ("ink.share", "ink.shar"),
+                         ('"exact"', '"exakt"')):  # fmt: skip
+        assert right in text
+        text = text.replace(right, wrong)
+    (folder / "wrong.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(ScenarioError) as caught:
+        Scenario.load(folder / "wrong.toml")
+    for words in (
+        "components.printer.ports.pattern.variable is 'dosis', which is no input",
+        "of the FMU; did you mean dose?",
+        "components.printer.ports.height.unit is 's'; needs a unit of the quantity [m]",
+        "components.profiler.preset is 'exakt'",
+        "ink.shar: ink has no output 'shar'; did you mean share?",
+    ):
+        assert words in str(caught.value)
+    assert len(caught.value.faults) == 4
+
+
+def test_fixed_grid_of_a_foreign_fmu_is_not_exported_by_inkloop(folder: Path) -> None:
+    text = (folder / "plant.toml").read_text(encoding="utf-8").replace("nx = 10", "nx = 9")
+    (folder / "grid.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"take the grid of the FMU, or make one that fits$"):
+        Scenario.load(folder / "grid.toml")
 
 
 @pytest.mark.parametrize("law", RESUMABLE_LAWS)

@@ -50,6 +50,8 @@ noise_std_um = 0.2
 scan_duration_s = 0.0
 """
 OPEN_LOOP = TEXT.replace('kind = "LayerMpc"\nhorizon = 2', 'kind = "OpenLoop"\nlayers = 3')
+PLANT_OF_ONE_PASS = TEXT.replace("variation = 0.2", "variation = 0.2\npasses = 1")
+"""The plant begins so by itself; the job says four."""
 MAPS = ("pattern", "height", "measured_height")
 
 
@@ -112,7 +114,9 @@ def test_connectors_are_variables_of_the_fmus(version: str, tmp_path: Path) -> N
 
 
 @EVERY_VERSION
-@pytest.mark.parametrize("text", [TEXT, OPEN_LOOP], ids=["with its controller", "without"])
+@pytest.mark.parametrize(
+    "text", [TEXT, OPEN_LOOP, PLANT_OF_ONE_PASS], ids=["with its controller", "without", "plant of its own"]
+)
 def test_print_from_an_ssp_is_that_of_its_scenario(version: str, text: str, tmp_path: Path) -> None:
     path, _ = exported(tmp_path, version, text)
     expected = Print(Scenario.load(tmp_path / "block.toml")).run()

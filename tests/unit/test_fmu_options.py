@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,16 @@ def test_job_speaks_for_itself() -> None:
     assert parsed.faults == []
     assert parsed.structural == {"nx": 6, "ny": 4}
     assert parsed.parameters == {"pitch": job.pitch, "h1_a": job.inks[0].h1, "seed": job.seed}
+
+
+def test_job_speaks_in_the_unit_of_the_fmu_and_only_of_what_is_its_own() -> None:
+    variables = {"pitch": parameter("pitch", "mm"), "h1_a": parameter("h1_a", "V"), "seed": parameter("seed", "kg"),
+                 "pass_order": parameter("pass_order"), "passes": parameter("passes", type="Int32")}  # fmt: skip
+    sizes = {name: PRINTER.variables[name] for name in ("nx", "ny", "height")}
+    foreign = replace(PRINTER, variables={**variables, **sizes})
+    job = toy_job()
+    assert fmu_options._parse(foreign, job, {}, ()).parameters == {"pitch": job.pitch * 1e3, "passes": 1}
+    assert fmu_options._parse(foreign, job, {}, (), is_told=False).parameters == {}
 
 
 def test_option_overrules_the_job_and_comes_in_its_unit() -> None:

@@ -54,6 +54,11 @@ def inputs(job: Job, command: int, dots: int = 1) -> Values:
     return {"pattern": pattern, "layer_command": np.asarray(command, np.int32), "temperature": np.asarray(310.0)}
 
 
+def test_both_ports_that_are_not_there_are_named() -> None:
+    with pytest.raises(ValueError, match=r"pattern_input is 'dot', .*; height_output is 'surfaces'"):
+        PlainPlant(toy_job(), Heap(toy_job()), pattern_input="dot", height_output="surfaces")
+
+
 @pytest.mark.parametrize("law", LAWS)
 def test_plain_plant_of_python_keeps(law: Law) -> None:
     law(lambda: heap(toy_job())[1])

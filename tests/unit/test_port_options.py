@@ -92,6 +92,30 @@ def test_every_fault_is_named_at_once_with_its_key() -> None:
     assert len(faults) == len(expected)
 
 
+def test_gain_leads_to_units_that_inkloop_does_not_know() -> None:
+    """A dose in picolitres, a sensor in volts, a height in whatever "micrometer" is: none of them a dead end."""
+    inputs = [Port("dose", "pl", (2, 3)), Port("U", "V", (2, 3)), Port("z", "micrometer", (2, 3))]
+    option = {"pattern": {"variable": "dose", "gain": 10.0},
+              "measured_height": {"variable": "U", "unit": "um", "gain": 0.02, "offset": 0.5},
+              "height": {"variable": "z", "unit": "um"}}  # fmt: skip
+    mapped, _, faults = mapped_ports(inputs, [], JOB, option)
+    assert faults == []
+    given = {each.port.name: each.to_fmu(np.full((2, 3), 1e-5 if each.port.unit == "m" else 1)) for each in mapped}
+    assert given["pattern"]["dose"][0, 0] == 10.0
+    assert given["measured_height"]["U"][0, 0] == pytest.approx(0.7)
+    assert given["height"]["z"][0, 0] == pytest.approx(10.0)
+
+
+def test_unit_of_a_signal_without_unit_is_a_fault() -> None:
+    (fault,) = mapped_ports([Port("dose", shape=(2, 3))], [], JOB, {"pattern": {"variable": "dose", "unit": "m"}})[2]
+    assert fault.startswith("ports.pattern.unit is 'm', but this signal is a number without unit; leave it out")
+
+
+def test_scalars_that_are_joined_are_named_by_what_they_are_joined_to() -> None:
+    (fault,) = mapped_ports([], [Port("z", "m", (2, 3))], JOB, {"height": "z[{i},{j}]"})[2]
+    assert fault.endswith("so 'z[1,1]', which is no input or output of the FMU; its scalars are joined, write 'z'")
+
+
 def test_variable_behind_two_ports_or_beside_its_own_name_is_a_fault() -> None:
     outputs = [Port("z", "m", (2, 3)), Port("height", "m", (2, 3))]
     assert "two ports" in mapped_ports([], outputs[:1], JOB, {"height": "z", "measured_height": "z"})[2][0]

@@ -46,6 +46,14 @@ def test_mismatch_is_named_with_both_sides(port: Port, said: str) -> None:
     assert fault.startswith(said)
 
 
+@pytest.mark.parametrize(("source", "target"), [("%", "1"), ("degC", "K"), ("m", "V")])
+def test_gain_leads_to_a_unit_that_is_not_known_here(source: str, target: str) -> None:
+    parts = {"a": FunctionComponent(outputs=[Port("y", source)]), "b": FunctionComponent(inputs=[Port("x", target)])}
+    (fault,) = check(parts, [Connection("a.y", "b.x")])
+    assert fault.endswith(f"same quantity needed, or a gain that says how [{source}] becomes [{target}]")
+    assert fed(Connection("a.y", "b.x", 0.01, 1.0), source, target, 50.0) == 1.5
+
+
 @pytest.mark.parametrize(
     ("connection", "said"),
     [

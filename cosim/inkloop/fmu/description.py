@@ -54,9 +54,12 @@ class FmuDescription:
         if self.grid and "nx" not in sizes and None not in wanted and wanted != self.grid:
             nx, ny = wanted
             flag = "--fmi 2" if self.fmi == 2 else "--fmi 3 --fixed"
+            made = (
+                f": inkloop export {self.name} {flag} --nx {nx} --ny {ny}" if self.tool.startswith("inkloop ") else ""
+            )
             raise FmuError(
                 f"{self.path}: {self.name} has a fixed grid of {self.grid[0]} x {self.grid[1]} cells, "
-                f"wanted are {nx} x {ny}; make one that fits: inkloop export {self.name} {flag} --nx {nx} --ny {ny}"
+                f"wanted are {nx} x {ny}; take the grid of the FMU, or make one that fits{made}"
             )
         return sizes
 

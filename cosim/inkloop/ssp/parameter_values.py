@@ -12,7 +12,7 @@ import numpy as np
 
 from inkloop.faults import nearest
 from inkloop.fmu import FmuDescription, Variable
-from inkloop.ssp.names import SSD, SSV, places
+from inkloop.ssp.names import SSD, SSV, Places, places
 from inkloop.units import conversion
 
 Value = float | int | bool | str
@@ -25,6 +25,7 @@ def read(
     scopes = [(system, "")]
     scopes += [(element, f"{element.get('name')}.") for element in system.findall(f"{SSD}Elements/{SSD}Component")]
     elements: dict[str, dict[str, dict[int, list[Value]]]] = {}
+    names = {name: _names(description) for name, description in known.items()}
     for scope, begin in scopes:
         for name, entry in _entries(scope, archive, faults):
             component, _, parameter = (begin + name).partition(".")
@@ -33,18 +34,23 @@ def read(
                     f"parameter {begin + name}: there is no component {component!r}; {nearest(component, known)}"
                 )
                 continue
-            description = known[component]
-            names = {place: at for place, at in places(description).items() if at[0] in description.parameters}
-            if parameter not in names:
-                faults.append(f"parameter {begin + name} is none of {component}; {nearest(parameter, names)}")
+            if parameter not in names[component]:
+                advice = nearest(parameter, names[component])
+                faults.append(f"parameter {begin + name} is none of {component}; {advice}")
                 continue
-            variable, number = names[parameter]
-            found = _values(entry, description.variables[variable], begin + name, faults)
+            variable, number = names[component][parameter]
+            found = _values(entry, known[component].variables[variable], begin + name, faults)
             elements.setdefault(component, {}).setdefault(variable, {})[number] = found
     return {
         component: {name: _joined(known[component], name, parts) for name, parts in parameters.items()}
         for component, parameters in elements.items()
     }
+
+
+def _names(description: FmuDescription) -> Places:
+    """The names of its parameters."""
+    settable = description.parameters
+    return {name: place for name, place in places(description).items() if place[0] in settable}
 
 
 def _entries(scope: ET.Element, archive: zipfile.ZipFile, faults: list[str]) -> Iterator[tuple[str, ET.Element]]:

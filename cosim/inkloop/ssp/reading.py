@@ -2,7 +2,7 @@
 
 The scenario says what no .ssd can: the part, the run, components that are no FMU. It stands in the .ssp where inkloop
 wrote it, or is named beside it. The FMUs, parameters and connections of the .ssp take the place of what the scenario
-says of components of the same names.
+says of components of the same names; a parameter that no set of the .ssp names stays as the FMU begins.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from tomlkit.exceptions import TOMLKitError
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.faults import nearest
 from inkloop.fmu import FmuDescription, describe
+from inkloop.fmu_options import JOB_PARAMETERS
 from inkloop.packed_fmu import SUFFIX, UNREADABLE, fmu_file
 from inkloop.scenario import Scenario
 from inkloop.ssp import joined_connections, parameter_values
@@ -60,7 +61,12 @@ def scenario_of(path: Path, overrides: Iterable[str] = (), job: Path | None = No
     source = job or path
     place = Path(os.path.relpath(path.resolve(), source.resolve().parent))
     components = {
-        name: {"kind": "Fmu", "file": (place / member).as_posix(), **_options(known[name], values.get(name, {}))}
+        name: {
+            "kind": "Fmu",
+            "file": (place / member).as_posix(),
+            JOB_PARAMETERS: False,
+            **_options(known[name], values.get(name, {})),
+        }
         for name, member in sources.items()
     }
     return Scenario.of_text(_laid_over(text, components, connections), str(source), overrides)

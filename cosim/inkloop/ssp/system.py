@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from inkloop import catalog, fmu_options
 from inkloop.component import Component, Job
 from inkloop.errors import FmuError, ScenarioError
-from inkloop.export import FMI2_CELLS, export
+from inkloop.export import export
 from inkloop.fmu import FmuDescription, Variable, describe
 from inkloop.packed_fmu import fmu_file
 from inkloop.port_options import OPTION as PORTS
@@ -153,8 +153,6 @@ def _controller(name: str, job: Job, options: Mapping[str, object], fmi: str, fo
 
 
 def _model(name: str, model: str, job: Job, options: Mapping[str, object], fmi: str, folder: Path) -> Part | str:
-    if fmi == "2" and job.nx * job.ny > FMI2_CELLS:
-        return f"{job.nx} x {job.ny} cells are too many scalars for FMI 2; FMI 3 takes them (--ssp 2.0)"
     file = export(model, fmi="2" if fmi == "2" else "3", nx=job.nx, ny=job.ny, fixed=True, out=folder / f"{name}.fmu")
     return _with_values(Part(name, file, describe(file), fmu_options.values_of_model(model, job, options)))
 
