@@ -99,9 +99,9 @@ class Replay:
         """What the process said before it ended."""
         if self.process is None:
             return ""
-        said = self.process.communicate()[1]
-        self.process = None
-        return said.decode(errors="replace")
+        process, self.process = self.process, None
+        said = process.communicate()[1].decode(errors="replace")
+        return said or f"the process ended with {process.returncode}" if process.returncode else said
 
     def feed(self, given: bytes) -> str:
         """'' if all laws held, else what was broken."""

@@ -90,6 +90,8 @@ class ModelDefinition:
 
     def limits(self, variable: VariableDefinition) -> tuple[float | None, float | None]:
         """Smallest and largest value, None where there is no limit."""
+        if variable.type == "boolean":
+            return 0, 1
         if variable.declared is None:
             return variable.min, variable.max
         numbers = self.types[variable.declared].items.values()

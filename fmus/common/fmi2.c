@@ -115,13 +115,8 @@ fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean loggingOn, size_t nC
     (void)loggingOn; /* there are no debug messages */
     if (fmi2_is_illegal(component, SET_DEBUG_LOGGING, __func__))
         return fmi2Error;
-    for (size_t k = 0; k < nCategories; k++)
-        if (strcmp(categories[k], "logStatusDiscard") != 0 && strcmp(categories[k], "logStatusError") != 0)
-            return fmi2_finish(component, SET_DEBUG_LOGGING, __func__,
-                               misuse(component->core,
-                                      "category is %.100s; expected logStatusDiscard or logStatusError",
-                                      categories[k]));
-    return fmi2OK;
+    return fmi2_finish(component, SET_DEBUG_LOGGING, __func__,
+                       check_categories(component->core, nCategories, categories));
 }
 
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranceDefined, fmi2Real tolerance, fmi2Real startTime,
@@ -180,6 +175,8 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind s, fmi2Real *
     const Component *component = c;
     if (!component || s != fmi2LastSuccessfulTime)
         return fmi2_unsupported(component, __func__);
+    if (!value)
+        return fmi2_finish(component, UNSUPPORTED, __func__, missing(component->core, "value"));
     *value = instance_time(component->core);
     return fmi2OK;
 }
@@ -187,6 +184,8 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind s, fmi2Real *
 fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind s, fmi2Boolean *value) {
     if (!c || s != fmi2Terminated)
         return fmi2_unsupported(c, __func__);
+    if (!value)
+        return fmi2_finish(c, UNSUPPORTED, __func__, missing(((const Component *)c)->core, "value"));
     *value = fmi2False;
     return fmi2OK;
 }

@@ -20,6 +20,8 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nv
 
 /* FMI 2 has one integer type for what is an integer, an enumeration or a count inside, and fmi2Boolean is an int. */
 static Outcome get_narrow(Instance *instance, bool is_boolean, const fmi2ValueReference vr[], size_t nvr, int value[]) {
+    if (check_arrays(instance, vr, value, nvr) != ACCEPTED)
+        return MISUSED;
     for (size_t k = 0; k < nvr; k++) {
         Span span;
         if (find_span(instance, vr[k], &span) != ACCEPTED)
@@ -55,6 +57,8 @@ static Wide widen(ValueType type, int value) {
 static Outcome set_narrow(Instance *instance, bool is_boolean, const fmi2ValueReference vr[], size_t nvr,
                           const int value[]) {
     Span span;
+    if (check_arrays(instance, vr, value, nvr) != ACCEPTED)
+        return MISUSED;
     for (size_t k = 0; k < nvr; k++) {
         if (find_span(instance, vr[k], &span) != ACCEPTED)
             return MISUSED;
@@ -116,6 +120,8 @@ fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *FMUstate) {
     const Component *component = c;
     if (fmi2_is_illegal(component, GET_STATE, __func__))
         return fmi2Error;
+    if (!FMUstate)
+        return fmi2_finish(component, GET_STATE, __func__, missing(component->core, "FMUstate"));
     Snapshot *snapshot = *FMUstate;
     const Outcome outcome = snapshot_take(component->core, &snapshot);
     *FMUstate = snapshot;
@@ -140,8 +146,10 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *FMUstate) {
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate FMUstate, size_t *size) {
     const Component *component = c;
-    if (fmi2_is_illegal(component, SERIALIZE_STATE, __func__) || !FMUstate)
+    if (fmi2_is_illegal(component, SERIALIZE_STATE, __func__))
         return fmi2Error;
+    if (!FMUstate || !size)
+        return fmi2_finish(component, SERIALIZE_STATE, __func__, missing(component->core, "FMUstate or size"));
     *size = ((const Snapshot *)FMUstate)->size;
     return fmi2OK;
 }
@@ -149,8 +157,11 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate FMUstate, si
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate FMUstate, fmi2Byte serializedState[], size_t size) {
     const Component *component = c;
     const Snapshot *snapshot = FMUstate;
-    if (fmi2_is_illegal(component, SERIALIZE_STATE, __func__) || !snapshot)
+    if (fmi2_is_illegal(component, SERIALIZE_STATE, __func__))
         return fmi2Error;
+    if (!snapshot || !serializedState)
+        return fmi2_finish(component, SERIALIZE_STATE, __func__,
+                           missing(component->core, "FMUstate or serializedState"));
     if (size < snapshot->size)
         return fmi2_finish(component, SERIALIZE_STATE, __func__,
                            misuse(component->core, "the buffer has %lu bytes; the state takes %lu", (unsigned long)size,
@@ -164,6 +175,8 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte serializedSta
     const Component *component = c;
     if (fmi2_is_illegal(component, SERIALIZE_STATE, __func__))
         return fmi2Error;
+    if (!FMUstate)
+        return fmi2_finish(component, SERIALIZE_STATE, __func__, missing(component->core, "FMUstate"));
     Snapshot *snapshot = *FMUstate;
     const Outcome outcome = snapshot_from_bytes(component->core, serializedState, size, &snapshot);
     *FMUstate = snapshot;

@@ -118,12 +118,7 @@ fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean loggingOn, siz
     (void)loggingOn; /* there are no debug messages */
     if (is_illegal(component, SET_DEBUG_LOGGING, __func__))
         return fmi3Error;
-    for (size_t k = 0; k < nCategories; k++)
-        if (strcmp(categories[k], "logStatusDiscard") != 0 && strcmp(categories[k], "logStatusError") != 0)
-            return finish(component, SET_DEBUG_LOGGING, __func__,
-                          misuse(component->core, "category is %.100s; expected logStatusDiscard or logStatusError",
-                                 categories[k]));
-    return fmi3OK;
+    return finish(component, SET_DEBUG_LOGGING, __func__, check_categories(component->core, nCategories, categories));
 }
 
 fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance) {
@@ -199,6 +194,8 @@ fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *FMUState) {
     const Component *component = instance;
     if (is_illegal(component, GET_STATE, __func__))
         return fmi3Error;
+    if (!FMUState)
+        return finish(component, GET_STATE, __func__, missing(component->core, "FMUState"));
     Snapshot *snapshot = *FMUState;
     const Outcome outcome = snapshot_take(component->core, &snapshot);
     *FMUState = snapshot;
@@ -223,8 +220,10 @@ fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *FMUState) {
 
 fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState FMUState, size_t *size) {
     const Component *component = instance;
-    if (is_illegal(component, SERIALIZE_STATE, __func__) || !FMUState)
+    if (is_illegal(component, SERIALIZE_STATE, __func__))
         return fmi3Error;
+    if (!FMUState || !size)
+        return finish(component, SERIALIZE_STATE, __func__, missing(component->core, "FMUState or size"));
     *size = ((const Snapshot *)FMUState)->size;
     return fmi3OK;
 }
@@ -233,8 +232,10 @@ fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState FMUState, f
                                  size_t size) {
     const Component *component = instance;
     const Snapshot *snapshot = FMUState;
-    if (is_illegal(component, SERIALIZE_STATE, __func__) || !snapshot)
+    if (is_illegal(component, SERIALIZE_STATE, __func__))
         return fmi3Error;
+    if (!snapshot || !serializedState)
+        return finish(component, SERIALIZE_STATE, __func__, missing(component->core, "FMUState or serializedState"));
     if (size < snapshot->size)
         return finish(component, SERIALIZE_STATE, __func__,
                       misuse(component->core, "the buffer has %lu bytes; the state takes %lu", (unsigned long)size,
@@ -248,6 +249,8 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte seriali
     const Component *component = instance;
     if (is_illegal(component, SERIALIZE_STATE, __func__))
         return fmi3Error;
+    if (!FMUState)
+        return finish(component, SERIALIZE_STATE, __func__, missing(component->core, "FMUState"));
     Snapshot *snapshot = *FMUState;
     const Outcome outcome = snapshot_from_bytes(component->core, serializedState, size, &snapshot);
     *FMUState = snapshot;
@@ -270,6 +273,10 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
     (void)noSetFMUStatePriorToCurrentPoint;
     if (is_illegal(component, DO_STEP, __func__))
         return fmi3Error;
+    if (!eventHandlingNeeded || !terminateSimulation || !earlyReturn || !lastSuccessfulTime)
+        return finish(component, DO_STEP, __func__,
+                      missing(component->core, "eventHandlingNeeded, terminateSimulation, earlyReturn or "
+                                               "lastSuccessfulTime"));
     const Outcome outcome = instance_do_step(component->core, currentCommunicationPoint, communicationStepSize);
     *eventHandlingNeeded = *terminateSimulation = *earlyReturn = fmi3False;
     *lastSuccessfulTime = instance_time(component->core);

@@ -1,6 +1,8 @@
 /* The functions of FMI 3.0 that these models have no use for: other types, clocks, derivatives, other interfaces. */
 #include "fmi3_component.h"
 
+#include <stdio.h>
+
 /* Nothing asked for is no fault; anything else is. */
 static fmi3Status answer(const Component *component, const char *function, size_t asked) {
     if (asked == 0)
@@ -29,6 +31,16 @@ NO_VARIABLES_OF(Int16)
 NO_VARIABLES_OF(UInt16)
 NO_VARIABLES_OF(UInt32)
 NO_VARIABLES_OF(String)
+
+/* No instance for another interface than co-simulation. */
+static fmi3Instance not_offered(fmi3InstanceEnvironment environment, fmi3LogMessageCallback log) {
+    char message[MESSAGE_SIZE];
+    snprintf(message, sizeof message, "%s is for co-simulation only; see its modelDescription.xml",
+             FMU_MODEL->table->model);
+    if (log)
+        log(environment, fmi3Error, "logStatusError", message);
+    return NULL;
+}
 
 #define UNSUPPORTED(Name, Parameters, asked)                                                                           \
     fmi3Status fmi3##Name Parameters {                                                                                 \
@@ -99,14 +111,14 @@ UNSUPPORTED(ActivateModelPartition, (fmi3Instance c, Reference r, fmi3Float64 t)
 fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String path, fmi3Boolean visible,
                                           fmi3Boolean logging, fmi3InstanceEnvironment environment,
                                           fmi3LogMessageCallback log) {
-    return NULL;
+    return not_offered(environment, log);
 }
 
 fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String path, fmi3Boolean visible,
                                                fmi3Boolean logging, fmi3InstanceEnvironment environment,
                                                fmi3LogMessageCallback log, fmi3ClockUpdateCallback update,
                                                fmi3LockPreemptionCallback lock, fmi3UnlockPreemptionCallback unlock) {
-    return NULL;
+    return not_offered(environment, log);
 }
 
 #if defined(__GNUC__)

@@ -32,6 +32,19 @@ Outcome misuse(Instance *instance, const char *format, ...) {
     return MISUSED;
 }
 
+Outcome missing(Instance *instance, const char *argument) {
+    return misuse(instance, "%s is NULL", argument);
+}
+
+Outcome check_categories(Instance *instance, size_t count, const char *const categories[]) {
+    for (size_t k = 0; k < count; k++) {
+        const char *found = categories && categories[k] ? categories[k] : "NULL";
+        if (strcmp(found, "logStatusDiscard") != 0 && strcmp(found, "logStatusError") != 0)
+            return misuse(instance, "category is %.100s; expected logStatusDiscard or logStatusError", found);
+    }
+    return ACCEPTED;
+}
+
 const char *mode_name(Mode mode) {
     switch (mode) {
     case INSTANTIATED:
@@ -154,6 +167,7 @@ static bool allocate(Instance *instance, uint64_t nx, uint64_t ny) {
     sized.last_found = 0;
     sized.kept = sized.scratch = NULL;
     sized.kept_size = sized.scratch_size = 0;
+    sized.before = NULL;
     *instance = sized;
     for (size_t k = 0; k < table->count; k++)
         fill(instance, k);
@@ -169,6 +183,7 @@ static void release(Instance *instance) {
     free(instance->first_references);
     free(instance->kept);
     free(instance->scratch);
+    free(instance->before);
 }
 
 static bool is_possible(uint64_t nx, uint64_t ny) {
@@ -300,18 +315,49 @@ Outcome instance_exit_initialization(Instance *instance) {
     return outcome;
 }
 
+bool keep_values(Instance *instance) {
+    instance->is_before_step_kept = snapshot_take(instance, &instance->before) == ACCEPTED;
+    return instance->is_before_step_kept;
+}
+
+/* Back to the beginning of the step if an output of it is no number that anyone could go on with. */
+static Outcome check_outputs(Instance *instance) {
+    const VariableTable *table = instance->model->table;
+    for (size_t k = 0; k < table->exposed_count; k++) {
+        if (table->variables[k].causality != OUTPUT || table->variables[k].type != TYPE_REAL)
+            continue;
+        const double *values = values_of(instance, k);
+        for (size_t cell = 0; cell < value_count(instance, k); cell++) {
+            const double value = values[cell];
+            if (isfinite(value))
+                continue;
+            const Outcome restored = snapshot_restore(instance, instance->before);
+            if (restored != ACCEPTED)
+                return restored;
+            return refuse(instance,
+                          "%s would be %g after this step; expected parameters and inputs with which the model stays "
+                          "finite; the step was not taken",
+                          table->variables[k].name, value);
+        }
+    }
+    return ACCEPTED;
+}
+
 Outcome instance_do_step(Instance *instance, double start, double step) {
     const double now = instance_time(instance);
-    if (!isfinite(start) || !isfinite(step) || step <= 0.0)
-        return refuse(instance, "the step is %g s from %g s on; expected finite numbers and a step above 0", step,
-                      start);
+    if (!isfinite(start) || !isfinite(step) || !isfinite(start + step) || start + step <= start)
+        return refuse(instance, "the step is %g s from %g s on; expected finite numbers and an end after the beginning",
+                      step, start);
     const double rounding = 1e-6 * step + 1e-12 * fabs(now); /* importers' times carry rounding */
     if (start < now - rounding)
         return refuse(instance,
                       "the step begins at %.17g s, but the instance is at %.17g s already; restore a saved "
                       "state to go back",
                       start, now);
-    const Outcome outcome = instance->model->do_step(instance, start, start + step);
+    instance->is_before_step_kept = false;
+    Outcome outcome = instance->model->do_step(instance, start, start + step);
+    if (outcome == ACCEPTED && instance->is_before_step_kept)
+        outcome = check_outputs(instance);
     if (outcome == ACCEPTED)
         *(double *)values_of(instance, TIME) = start + step;
     return outcome;

@@ -30,6 +30,8 @@ struct Instance {
     unsigned char *kept;      /* what the kernel keeps beside the block, and its scratch memory */
     unsigned char *scratch;
     size_t kept_size, scratch_size;
+    struct Snapshot *before; /* all values before the present step, if `is_before_step_kept` */
+    bool is_before_step_kept;
     char message[MESSAGE_SIZE];
 };
 
@@ -56,6 +58,12 @@ __attribute__((format(printf, 2, 3)))
 #endif
 Outcome misuse(Instance *instance, const char *format, ...);
 
+/* MISUSED if one is none of those that the descriptions name. */
+Outcome check_categories(Instance *instance, size_t count, const char *const categories[]);
+
+/* MISUSED: an argument that the call cannot do without is NULL. */
+Outcome missing(Instance *instance, const char *argument);
+
 /* "Instantiated", "Step Mode", ... */
 const char *mode_name(Mode mode);
 
@@ -74,6 +82,12 @@ Outcome check_values(Instance *instance, Span span, const void *values);
 void write_values(Instance *instance, Span span, const void *values);
 const void *read_values(Instance *instance, Span span);
 
+/* Calculates the outputs if something was set before the first step that they may depend on. */
+void update_outputs(Instance *instance);
+
+/* MISUSED if a call that names `count` variables comes without references or values. */
+Outcome check_arrays(Instance *instance, const void *references, const void *values, size_t count);
+
 /* Several references of one type at once, all or nothing. */
 Outcome get_values(Instance *instance, ValueType type, const uint32_t references[], size_t count, void *values,
                    size_t value_total);
@@ -81,7 +95,7 @@ Outcome set_values(Instance *instance, ValueType type, const uint32_t references
                    size_t value_total);
 
 /* snapshot.c: the whole state, bit by bit. */
-typedef struct {
+typedef struct Snapshot {
     size_t size;
     unsigned char bytes[];
 } Snapshot;

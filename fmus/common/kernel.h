@@ -47,6 +47,10 @@ void *values_of(Instance *instance, size_t variable);
 void *kept_memory(Instance *instance, size_t size);
 void *scratch_memory(Instance *instance, size_t size);
 
+/* Keeps all values as they are before a step changes them: if an output is not finite after it, they come back and the
+ * step is refused. False if there is no memory. */
+bool keep_values(Instance *instance);
+
 /* Keep the message "what was found; what was expected; what to do" for the log; `return refuse(...)`. */
 #if defined(__GNUC__)
 __attribute__((format(printf, 2, 3)))

@@ -8,7 +8,28 @@ enum { FINGERPRINT_SIZE = 16 };
 typedef struct {
     char fingerprint[FINGERPRINT_SIZE];
     uint64_t nx, ny, mode, kept_size;
+    uint64_t checksum; /* of everything else: a state holds sizes and numbers that places in memory follow from */
 } Header;
+
+/* Any single word that is altered gives another sum; several together do, but for 1 in 2^64. */
+static uint64_t add_to_checksum(uint64_t sum, const void *bytes, size_t size) {
+    static const uint64_t ODD = UINT64_C(0x9E3779B97F4A7C15); /* 2^64 over the golden ratio */
+    for (size_t at = 0; at < size; at += sizeof sum) {
+        uint64_t word = 0;
+        memcpy(&word, (const unsigned char *)bytes + at, size - at < sizeof word ? size - at : sizeof word);
+        sum = (sum ^ word) * ODD;
+        sum ^= sum >> 32;
+    }
+    return sum;
+}
+
+/* Of a whole state, header and values. */
+static uint64_t checksum_of(const unsigned char *bytes, size_t size) {
+    Header header;
+    memcpy(&header, bytes, sizeof header);
+    header.checksum = 0;
+    return add_to_checksum(add_to_checksum(size, &header, sizeof header), bytes + sizeof header, size - sizeof header);
+}
 
 static Header header_of(const Instance *instance) {
     Header header = {.nx = instance->nx, .ny = instance->ny, .mode = instance->mode, .kept_size = instance->kept_size};
@@ -38,6 +59,17 @@ static Outcome check_snapshot(Instance *instance, const void *bytes, size_t size
     return ACCEPTED;
 }
 
+static Outcome check_checksum(Instance *instance, const void *bytes, size_t size) {
+    Header header;
+    memcpy(&header, bytes, sizeof header);
+    if (header.checksum == checksum_of(bytes, size))
+        return ACCEPTED;
+    return misuse(instance,
+                  "the state is damaged: its checksum is %016llx, its bytes give %016llx; restore one that is "
+                  "as it was saved",
+                  (unsigned long long)header.checksum, (unsigned long long)checksum_of(bytes, size));
+}
+
 static Snapshot *sized(Snapshot *old, size_t size) {
     if (old && old->size == size)
         return old;
@@ -48,7 +80,8 @@ static Snapshot *sized(Snapshot *old, size_t size) {
 }
 
 Outcome snapshot_take(Instance *instance, Snapshot **snapshot) {
-    const Header header = header_of(instance);
+    update_outputs(instance); /* so that states are equal where everything that can be read is */
+    Header header = header_of(instance);
     Snapshot *taken = sized(*snapshot, sizeof header + instance->saved_size + instance->kept_size);
     if (!taken)
         return misuse(instance, "no memory for a state of %lu bytes",
@@ -57,6 +90,8 @@ Outcome snapshot_take(Instance *instance, Snapshot **snapshot) {
     memcpy(taken->bytes + sizeof header, instance->block, instance->saved_size);
     if (instance->kept_size > 0)
         memcpy(taken->bytes + sizeof header + instance->saved_size, instance->kept, instance->kept_size);
+    header.checksum = checksum_of(taken->bytes, taken->size);
+    memcpy(taken->bytes, &header, sizeof header);
     *snapshot = taken;
     return ACCEPTED;
 }
@@ -82,7 +117,9 @@ Outcome snapshot_restore(Instance *instance, const Snapshot *snapshot) {
 }
 
 Outcome snapshot_from_bytes(Instance *instance, const void *bytes, size_t size, Snapshot **snapshot) {
-    const Outcome outcome = check_snapshot(instance, bytes, size);
+    Outcome outcome = check_snapshot(instance, bytes, size);
+    if (outcome == ACCEPTED)
+        outcome = check_checksum(instance, bytes, size);
     if (outcome != ACCEPTED)
         return outcome;
     Snapshot *taken = sized(*snapshot, size);

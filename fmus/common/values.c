@@ -60,7 +60,7 @@ static double as_double(ValueType type, const void *value) {
     case TYPE_INTEGER:
         return *(const int32_t *)value;
     case TYPE_BOOLEAN:
-        return *(const bool *)value;
+        return *(const unsigned char *)value; /* an importer of another language may bring more than two values */
     case TYPE_ENUMERATION:
         return (double)*(const int64_t *)value;
     case TYPE_COUNT:
@@ -108,12 +108,24 @@ void write_values(Instance *instance, Span span, const void *values) {
     instance->is_outdated = instance->mode != STEP;
 }
 
+void update_outputs(Instance *instance) {
+    if (!instance->is_outdated)
+        return;
+    instance->model->calculate(instance);
+    instance->is_outdated = false;
+}
+
 const void *read_values(Instance *instance, Span span) {
-    if (instance->is_outdated && definition_of(instance, span)->causality == OUTPUT) {
-        instance->model->calculate(instance);
-        instance->is_outdated = false;
-    }
+    if (definition_of(instance, span)->causality == OUTPUT)
+        update_outputs(instance);
     return place_of(instance, span);
+}
+
+Outcome check_arrays(Instance *instance, const void *references, const void *values, size_t count) {
+    if (count == 0 || (references && values))
+        return ACCEPTED;
+    return misuse(instance, "the call names %lu variables, but its %s are missing", (unsigned long)count,
+                  references ? "values" : "value references");
 }
 
 static Outcome find_typed(Instance *instance, ValueType type, uint32_t reference, size_t left, Span *span) {
@@ -140,6 +152,8 @@ static Outcome check_total(Instance *instance, size_t used, size_t value_total) 
 Outcome get_values(Instance *instance, ValueType type, const uint32_t references[], size_t count, void *values,
                    size_t value_total) {
     size_t used = 0;
+    if (check_arrays(instance, references, values, count) != ACCEPTED)
+        return MISUSED;
     for (size_t k = 0; k < count; k++) {
         Span span;
         const Outcome outcome = find_typed(instance, type, references[k], value_total - used, &span);
@@ -157,6 +171,8 @@ Outcome set_values(Instance *instance, ValueType type, const uint32_t references
     const unsigned char *bytes = values;
     size_t used = 0;
     Span span;
+    if (check_arrays(instance, references, values, count) != ACCEPTED)
+        return MISUSED;
     for (size_t k = 0; k < count; k++) {
         Outcome outcome = find_typed(instance, type, references[k], value_total - used, &span);
         if (outcome == ACCEPTED)

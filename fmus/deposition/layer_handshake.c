@@ -4,7 +4,8 @@
 #include <string.h>
 
 enum { IDLE, BUSY };
-static const double ROUNDING = 1e-6; /* of a duration: importers' times carry rounding */
+static const double ROUNDING = 1e-6;            /* of a duration: importers' times carry rounding */
+static const double LAYERS_OF_A_STEP = 10000.0; /* a longer step is likelier a slip of the pen (assumed) */
 
 size_t cell_count(const LayerHandshake *h) {
     return (size_t)(*h->nx * *h->ny);
@@ -25,11 +26,17 @@ void draw_volumes(const LayerHandshake *h, const VolumeVariation *how, int32_t l
     }
 }
 
+/* The counters stay at the largest number that they can show. */
+static void add_droplets(int32_t *counter, int64_t droplets) {
+    *counter = droplets > INT32_MAX - *counter ? INT32_MAX : (int32_t)(*counter + droplets);
+}
+
 static void count_droplets(const LayerHandshake *h) {
-    for (size_t cell = 0; cell < cell_count(h); cell++) {
-        *h->droplets_a += h->captured[cell] == 1 ? h->captured_level[cell] : 0;
-        *h->droplets_b += h->captured[cell] == 2 ? h->captured_level[cell] : 0;
-    }
+    int64_t droplets[3] = {0, 0, 0};
+    for (size_t cell = 0; cell < cell_count(h); cell++)
+        droplets[h->captured[cell]] += h->captured_level[cell];
+    add_droplets(h->droplets_a, droplets[1]);
+    add_droplets(h->droplets_b, droplets[2]);
 }
 
 static void complete_layer(Instance *instance, const LayerHandshake *h, PrintLayer *print_layer) {
@@ -61,6 +68,8 @@ static void command_itself(Instance *instance, const LayerHandshake *h, double e
     for (;;) {
         if (is_ready(h, end))
             complete_layer(instance, h, print_layer);
+        if (!isfinite(*h->height_mean))
+            return; /* the step will be refused */
         const double next = *h->start_time + (*h->fired + 1) * *h->layer_period;
         if (*h->status == BUSY || end < next - ROUNDING * *h->layer_period)
             return;
@@ -85,6 +94,23 @@ Outcome handshake_initialize(Instance *instance, const LayerHandshake *h) {
     *h->start_time = *h->time;
     *h->fired = 0;
     return ACCEPTED;
+}
+
+/* What a step to `end` would have the model command itself, if it can be done. */
+static Outcome check_layers_due(Instance *instance, const LayerHandshake *h, double end) {
+    const double due = (end - *h->start_time) / *h->layer_period - *h->fired;
+    if (*h->layer_period <= 0.0 || (due <= LAYERS_OF_A_STEP && due < (double)(INT32_MAX - *h->layers_printed) - 2.0))
+        return ACCEPTED;
+    return refuse(
+        instance,
+        "a step to %g s has %g layers to print, at a layer_period of %g s and with %ld printed; expected at "
+        "most %g in a step and layer numbers that an Int32 holds: take shorter steps or a longer layer_period",
+        end, due, *h->layer_period, (long)*h->layers_printed, LAYERS_OF_A_STEP);
+}
+
+/* Whether a step to `end` may change more than the time. */
+static bool is_eventful(const LayerHandshake *h, double end) {
+    return *h->layer_command != *h->reference || *h->layer_period > 0.0 || is_ready(h, end);
 }
 
 /* The command at the input, if it is a new one. */
@@ -112,7 +138,11 @@ static Outcome take_command(Instance *instance, const LayerHandshake *h, double 
 
 Outcome handshake_do_step(Instance *instance, const LayerHandshake *h, double start, double end,
                           PrintLayer *print_layer) {
-    const Outcome outcome = take_command(instance, h, start);
+    Outcome outcome = check_layers_due(instance, h, end);
+    if (outcome == ACCEPTED && is_eventful(h, end) && !keep_values(instance))
+        outcome = refuse(instance, "no memory to keep the surface as it is before the layer");
+    if (outcome == ACCEPTED)
+        outcome = take_command(instance, h, start);
     if (outcome != ACCEPTED)
         return outcome;
     if (*h->layer_period > 0.0)

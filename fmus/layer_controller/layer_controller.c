@@ -203,6 +203,8 @@ static Outcome do_step(Instance *instance, double start, double end) {
     const double began = stopwatch_seconds();
     if (outcome == ACCEPTED && !plan(&v, kept, &answer))
         outcome = refuse(instance, "no memory to plan %lu cells", (unsigned long)cell_count(&v));
+    if (outcome == ACCEPTED && !keep_values(instance))
+        outcome = refuse(instance, "no memory to keep the last plan until the next one is whole");
     if (outcome == ACCEPTED) {
         keep_estimate(&v, kept, &answer.estimate);
         publish_plan(&v, kept, &answer, stopwatch_seconds() - began);

@@ -60,9 +60,14 @@ static Outcome do_step(Instance *instance, double start, double end) {
     if (*v.layers_printed < *v.captured_layer)
         return refuse(instance, "layers_printed is %ld, but layer %ld has been scanned already; it can only rise",
                       (long)*v.layers_printed, (long)*v.captured_layer);
-    if (*v.status == IDLE && *v.layers_printed != *v.captured_layer)
+    const bool begins = *v.status == IDLE && *v.layers_printed != *v.captured_layer;
+    const double ready_at = begins ? start + *v.scan_duration : *v.ready_at;
+    const bool ends = (begins || *v.status == BUSY) && end >= ready_at - ROUNDING * *v.scan_duration;
+    if (ends && !keep_values(instance))
+        return refuse(instance, "no memory to keep the last scan until the next one is whole");
+    if (begins)
         begin_scan(&v, start);
-    if (*v.status == BUSY && end >= *v.ready_at - ROUNDING * *v.scan_duration)
+    if (ends)
         publish_scan(&v);
     return ACCEPTED;
 }

@@ -89,9 +89,9 @@ static Outcome initialize(Instance *instance) {
     const YoungLaplaceDepositionVariables v = young_laplace_deposition_variables(instance);
     Outcome outcome = check_spread(instance, &v, 1.0, "a droplet");
     if (outcome == ACCEPTED)
-        outcome = find_memory(instance, &v);
-    if (outcome == ACCEPTED)
         outcome = handshake_initialize(instance, &LAYER_HANDSHAKE(v));
+    if (outcome == ACCEPTED) /* last: the size of a saved state follows from it */
+        outcome = find_memory(instance, &v);
     if (outcome != ACCEPTED)
         return outcome;
     calculate(instance);

@@ -1,12 +1,15 @@
 /* Runs a fuzz target without a fuzzer: over the files named on the command line, or over inputs that come on standard
  * input, each as two bytes of length, low byte first, and that many bytes; one byte is written for each that is
  * through. */
+#define _POSIX_C_SOURCE 200809L
 #include <stdio.h>
 #include <stdlib.h>
+#include <unistd.h>
 
 #include "input.h"
 
 enum { LENGTH_MAX = 65535 };
+enum { SECONDS_MAX = 20 }; /* an input that takes longer hangs: the signal of the alarm ends the process */
 
 static int run_file(const char *path) {
     static uint8_t bytes[LENGTH_MAX];
@@ -18,6 +21,7 @@ static int run_file(const char *path) {
     const size_t length = fread(bytes, 1, sizeof bytes, file);
     fclose(file);
     fprintf(stderr, "%s\n", path);
+    alarm(SECONDS_MAX);
     return LLVMFuzzerTestOneInput(bytes, length);
 }
 
@@ -33,6 +37,7 @@ static int run_stream(void) {
             free(bytes);
             return 1;
         }
+        alarm(SECONDS_MAX);
         LLVMFuzzerTestOneInput(bytes, length);
         free(bytes);
         putchar('.');

@@ -1,0 +1,73 @@
+/* An FMU as the fuzz target and the threads see it, whatever its version: a library with calls, and a table of
+ * variables that tests/fmu_library.py writes. */
+#ifndef INKLOOP_FUZZ_FMU_H
+#define INKLOOP_FUZZ_FMU_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+enum { OK, WARNING, DISCARD, ERROR }; /* the same numbers in both versions */
+enum { NAME_SIZE = 64, TEXT_SIZE = 768, VARIABLES_MAX = 128 };
+
+/* What an instance has logged since `count` was set to 0. */
+typedef struct {
+    unsigned count;
+    char text[TEXT_SIZE];
+} Log;
+
+/* type: r real, i integer, b Boolean, e enumeration, c count; role: i input, p parameter, t tunable parameter,
+ * s structural parameter, - anything that cannot be set. A grid of FMI 2 has nx * ny references from the first on. */
+typedef struct {
+    char name[NAME_SIZE], type, role;
+    bool is_grid;
+    uint32_t reference;
+    double start, min, max;
+    double most_tried; /* of what only means more work */
+} Variable;
+
+/* The calls of one version; those that answer with a number return the status. */
+typedef struct {
+    bool (*load)(void *library);
+    void *(*instantiate)(const char *token, const char *resources, Log *log);
+    void (*release)(void *instance);
+    char (*kind)(char type); /* the type whose functions access it */
+    size_t (*value_size)(char kind);
+    double (*encode)(char kind, double number, void *value); /* the number that it became */
+    double (*decode)(char kind, const void *value);
+    int (*get)(void *instance, char kind, const uint32_t references[], size_t count, void *values, size_t total);
+    int (*set)(void *instance, char kind, const uint32_t references[], size_t count, const void *values, size_t total);
+    int (*enter)(void *instance, double start);
+    int (*exit)(void *instance);
+    int (*step)(void *instance, double start, double step);
+    int (*terminate)(void *instance);
+    int (*reset)(void *instance);
+    int (*configure)(void *instance, bool enters); /* NULL: this version has no Configuration Mode */
+    int (*get_state)(void *instance, void **state);
+    int (*set_state)(void *instance, void *state);
+    int (*free_state)(void *instance, void **state);
+    int (*state_size)(void *instance, void *state, size_t *size);
+    int (*serialize)(void *instance, void *state, unsigned char *bytes, size_t size);
+    int (*deserialize)(void *instance, const unsigned char *bytes, size_t size, void **state);
+    int (*set_categories)(void *instance, size_t count, const char *const categories[]);
+    int (*senseless)(void *instance, unsigned which); /* a call that is an error whatever the mode */
+} Version;
+
+extern const Version VERSION_2, VERSION_3;
+
+typedef struct {
+    const Version *version;
+    char library[TEXT_SIZE], resources[TEXT_SIZE], token[TEXT_SIZE];
+    bool is_resizable, has_scalar_references;
+    uint64_t nx, ny;
+    size_t variable_count;
+    Variable variables[VARIABLES_MAX];
+} Fmu;
+
+/* Reads the table and opens the library; ends the process, with a sentence, if it cannot. */
+void fmu_open(Fmu *fmu, const char *table);
+
+/* The variable of this name, NULL if there is none; `role` 0: of any. */
+const Variable *fmu_variable(const Fmu *fmu, const char *name, char role);
+
+#endif
