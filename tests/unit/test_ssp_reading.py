@@ -90,6 +90,18 @@ def test_parameters_stand_in_the_unit_of_the_fmu_and_enumerations_by_name(tmp_pa
     assert tables["second"].options["gain"] == 3.0
 
 
+def test_source_is_a_uri_relative_to_the_structure(tmp_path: Path) -> None:
+    written = BOTH.replace('source="resources', 'source="./resources/../resources').replace("lifier2", "lifi%65r2")
+    assert written.count("%65") == 2
+    assert scenario_of(packed(tmp_path, written)).foreign_fmus == ["components.first", "components.second"]
+
+
+def test_what_no_set_names_stays_as_the_fmu_begins(tmp_path: Path) -> None:
+    """Nothing of the job goes there: not a seed, not a pitch, not the passes of another tool's plant."""
+    tables = scenario_of(packed(tmp_path)).tables.components
+    assert [table.options["job_parameters"] for table in tables.values()] == [False, False]
+
+
 def test_job_is_the_one_that_is_named(tmp_path: Path) -> None:
     job = tmp_path / "jobs" / "other.toml"
     job.parent.mkdir()
@@ -121,6 +133,7 @@ def test_every_fault_of_the_structure_is_named_at_once(tmp_path: Path) -> None:
         parameter("first.gain", "1", more='unit="m"'),
     )
     bindings += '<ssd:ParameterBinding source="resources/none.ssv"/>'
+    bindings += '<ssd:ParameterBinding source="x.ssv" sourceBase="component"/>'
     bindings += "<ssd:ParameterBinding><ssd:ParameterMapping/></ssd:ParameterBinding>"
     text = faults_of(packed(tmp_path, elements, connections, bindings))
     for words in (
@@ -139,6 +152,7 @@ def test_every_fault_of_the_structure_is_named_at_once(tmp_path: Path) -> None:
         "parameter first.gain is in [m]; gain is in [1]",
         "parameters 'resources/none.ssv' cannot be read",
         "a parameter binding has a mapping (.ssm)",
+        "parameters 'x.ssv' lie in an FMU (sourceBase)",
     ):
         assert words in text, text
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import posixpath
 from collections.abc import Mapping
 from typing import TypeAlias
+from urllib.parse import unquote
 
 from inkloop.fmu import FmuDescription
 
@@ -24,3 +26,8 @@ def places(description: FmuDescription) -> dict[str, tuple[str, int]]:
         for variable in description.variables.values()
         for number, name in enumerate(variable.elements or (variable.name,))
     }
+
+
+def member_of(source: str) -> str:
+    """The member of the archive that a URI relative to the .ssd names, `./resources/a%20b.fmu` for example."""
+    return posixpath.normpath(unquote(source))

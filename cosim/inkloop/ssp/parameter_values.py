@@ -6,13 +6,12 @@ import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Iterator, Mapping
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
 
 from inkloop.faults import nearest
 from inkloop.fmu import FmuDescription, Variable
-from inkloop.ssp.names import SSD, SSV, Places, places
+from inkloop.ssp.names import SSD, SSV, Places, member_of, places
 from inkloop.units import conversion
 
 Value = float | int | bool | str
@@ -62,10 +61,15 @@ def _entries(scope: ET.Element, archive: zipfile.ZipFile, faults: list[str]) -> 
             )
             continue
         source, prefix = binding.get("source"), binding.get("prefix", "")
+        if source is not None and binding.get("sourceBase") == "component":
+            faults.append(
+                f"parameters {source!r} lie in an FMU (sourceBase), which inkloop does not open; move them out"
+            )
+            continue
         root = binding.find(f"{SSD}ParameterValues/{SSV}ParameterSet")
         if source is not None:
             try:
-                root = ET.fromstring(archive.read(unquote(source)))
+                root = ET.fromstring(archive.read(member_of(source)))
             except (KeyError, ET.ParseError) as error:
                 faults.append(f"parameters {source!r} cannot be read: {error}")
                 continue

@@ -13,7 +13,6 @@ import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
@@ -26,7 +25,7 @@ from inkloop.packed_fmu import SUFFIX, UNREADABLE, fmu_file
 from inkloop.scenario import Scenario
 from inkloop.ssp import joined_connections, parameter_values
 from inkloop.ssp.archive import SCENARIO, STRUCTURE
-from inkloop.ssp.names import SSD
+from inkloop.ssp.names import SSD, member_of
 from inkloop.units import spellings
 
 _FMU = "application/x-fmu-sharedlibrary"
@@ -100,7 +99,7 @@ def _sources(system: ET.Element, archive: zipfile.ZipFile, faults: list[str]) ->
     """Component -> the member of the archive that is its FMU."""
     sources = {}
     for element in system.findall(f"{SSD}Elements/*"):
-        name, source = element.get("name", ""), unquote(element.get("source", ""))
+        name, source = element.get("name", ""), member_of(element.get("source", ""))
         kind = element.tag.removeprefix(SSD)
         if kind != "Component":
             faults.append(f"{name} is a {kind}; inkloop takes components in one system only, no further levels")
