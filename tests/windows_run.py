@@ -7,7 +7,7 @@ import shutil
 import struct
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -70,9 +70,9 @@ def compiled(compiler: str, fmi: int, out: Path) -> Path:
     return out
 
 
-def answers(command: list[str | Path], token: str, script: str, environment: Mapping[str, str]) -> str:
+def answers(command: Sequence[str | Path], script: str, environment: Mapping[str, str]) -> str:
     """What the program prints; raises RuntimeError with what it says where a call fails."""
-    words = [*map(str, command), token]
+    words = [str(word) for word in command]
     done = subprocess.run(words, input=script, capture_output=True, text=True, env={**environment}, check=False)
     if done.returncode != 0:
         raise RuntimeError(done.stderr)

@@ -1,6 +1,6 @@
 /* Calls an FMU for co-simulation as lines on standard input say, on Linux and on Windows, and prints what it answers.
 
-   fmu_calls LIBRARY TOKEN, compiled with FMI_VERSION 2 or 3. Lines, of which `run` ends the initialisation:
+   fmu_calls LIBRARY TOKEN RESOURCES, compiled with FMI_VERSION 2 or 3. Lines, of which `run` ends the initialisation:
        real REFERENCE COUNT BITS ...     integer REFERENCE COUNT VALUE ...     run     step TIME SIZE
        reals REFERENCE COUNT             integers REFERENCE COUNT
    A real number is the 16 hexadecimal digits of its bits, so that no C library rounds it. COUNT values belong to one
@@ -57,12 +57,12 @@ static void quiet(fmi2ComponentEnvironment e, fmi2String name, fmi2Status s, fmi
     fprintf(stderr, "%s\n", text);
 }
 
-static fmi2Component begin(const char *token) {
+static fmi2Component begin(const char *token, const char *resources) {
     static const fmi2CallbackFunctions callbacks = {quiet, calloc, free, NULL, NULL};
     FUNCTION(fmi2InstantiateTYPE, fmi2Instantiate);
     FUNCTION(fmi2SetupExperimentTYPE, fmi2SetupExperiment);
     FUNCTION(fmi2EnterInitializationModeTYPE, fmi2EnterInitializationMode);
-    fmi2Component made = fmi2Instantiate("it", fmi2CoSimulation, token, "", &callbacks, fmi2False, fmi2False);
+    fmi2Component made = fmi2Instantiate("it", fmi2CoSimulation, token, resources, &callbacks, fmi2False, fmi2False);
     must(made != NULL, "fmi2Instantiate");
     must(!fmi2SetupExperiment(made, fmi2False, 0.0, 0.0, fmi2False, 0.0), "fmi2SetupExperiment");
     must(!fmi2EnterInitializationMode(made), "fmi2EnterInitializationMode");
@@ -102,11 +102,11 @@ static void quiet(fmi3InstanceEnvironment e, fmi3Status s, fmi3String category, 
     fprintf(stderr, "%s\n", text);
 }
 
-static fmi3Instance begin(const char *token) {
+static fmi3Instance begin(const char *token, const char *resources) {
     FUNCTION(fmi3InstantiateCoSimulationTYPE, fmi3InstantiateCoSimulation);
     FUNCTION(fmi3EnterInitializationModeTYPE, fmi3EnterInitializationMode);
-    fmi3Instance made = fmi3InstantiateCoSimulation("it", token, NULL, fmi3False, fmi3False, fmi3False, fmi3False, NULL,
-                                                    0, NULL, quiet, NULL);
+    fmi3Instance made = fmi3InstantiateCoSimulation("it", token, resources, fmi3False, fmi3False, fmi3False, fmi3False,
+                                                    NULL, 0, NULL, quiet, NULL);
     must(made != NULL, "fmi3InstantiateCoSimulation");
     must(!fmi3EnterInitializationMode(made, fmi3False, 0.0, 0.0, fmi3False, 0.0), "fmi3EnterInitializationMode");
     return made;
@@ -173,10 +173,10 @@ static void exchange(Instance it, const char *verb) {
 }
 
 int main(int count, char **words) {
-    must(count == 3, "counting the arguments LIBRARY and TOKEN");
+    must(count == 4, "counting the arguments LIBRARY, TOKEN and RESOURCES");
     library = open_library(words[1]);
     must(library != NULL, "loading the library");
-    Instance it = begin(words[2]);
+    Instance it = begin(words[2], words[3]);
     char verb[16];
     while (scanf("%15s", verb) == 1) {
         if (strcmp(verb, "run") == 0) {

@@ -10,6 +10,7 @@ import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
+from urllib.parse import quote
 
 import fmpy
 import numpy as np
@@ -19,10 +20,13 @@ from contract.fmu_driver import MODELS
 from inkloop import windows_binary
 from inkloop.cli import main
 from inkloop.errors import FmuError
-from inkloop.export import export
+from inkloop.export import LAYER_JOB, export
 from inkloop.fmu import describe
 from inkloop.fmu_archive import unpack
+from inkloop.layer_job import archive
+from inkloop.layer_job.baking import bake
 from inkloop.windows_binary import COMPILER, with_windows_binary
+from six_by_six import scenario_in
 from windows_run import HEADERS, WINE, answers, compiled, numbers, script_of, wine_in
 
 FOLDERS = {"2": "win64", "3": "x86_64-windows"}
@@ -31,6 +35,7 @@ HAS_WINE = pytest.mark.skipif(WINE is None, reason="needs wine64 (make tools)")
 VALUES = {
     "ProfileSensor": {"noise_std": 1e-6, "drift_rate": 1e-7, "scan_duration": 0.0},
     "LayerController": {"layers_scanned": 0.0},
+    "LayerJob": {"layer_period": 1.0, "layer_duration": 0.0, "scan_duration": 0.0},
     "VolumeAreaDeposition": {"layer_period": 1.0},
 }
 DEPOSITION = {"layer_period": 1.0, "variation": 0.3}
@@ -42,12 +47,15 @@ def cases(*quick: str) -> list[Any]:
     """All models in both versions of FMI; those that are not quick, which take a compiler seconds, are long."""
     return [
         pytest.param(model, fmi, id=f"{model} FMI {fmi}", marks=[] if model in quick else [pytest.mark.long])
-        for model in MODELS
+        for model in (*MODELS, LAYER_JOB)
         for fmi in FOLDERS
     ]
 
 
 def exported(model: str, fmi: Literal["2", "3"], folder: Path) -> Path:
+    if model == LAYER_JOB:
+        archive.write(bake(scenario_in(folder)), fmi, folder / "LayerJob.fmu", windows=True)
+        return folder / "LayerJob.fmu"
     return export(model, fmi=fmi, nx=9, ny=9, fixed=False, windows=True, out=folder / f"{model}.fmu")
 
 
@@ -88,21 +96,26 @@ def test_binary_exports_the_standard_and_needs_what_every_windows_has(
 def test_binary_gives_the_numbers_of_the_native_one(
     model: str, fmi: Literal["2", "3"], tmp_path: Path, wine: dict[str, str]
 ) -> None:
-    folder = Path(fmpy.extract(str(exported(model, fmi, tmp_path)), str(tmp_path / "unpacked")))
+    folder = Path(fmpy.extract(str(exported(model, fmi, tmp_path)), str(tmp_path / "un packed")))
     description = fmpy.read_model_description(str(folder))
     script = script_of(description, VALUES.get(model, DEPOSITION), 1.0, 4)
     native = folder / "binaries" / (fmpy.platform if fmi == "2" else fmpy.platform_tuple)
     library = next(native.iterdir())
     token = description.guid if fmi == "2" else description.instantiationToken
-    here = answers([compiled("gcc", int(fmi), tmp_path / "calls"), library], token, script, wine)
+    resources = f"{folder}/resources/"
+    here, there = resources, f"Z:{resources}"  # FMI 2 has a URI there, FMI 3 a path
+    if fmi == "2":
+        here, there = f"file://{quote(resources)}", f"file:///Z:{quote(resources)}"
+    program = compiled("gcc", int(fmi), tmp_path / "calls")
+    expected = answers([program, library, token, here], script, wine)
     program = compiled(COMPILER, int(fmi), tmp_path / "calls.exe")
     dll = folder / "binaries" / FOLDERS[fmi] / f"{model}.dll"
-    there = answers([WINE or "", program, dll], token, script, wine)
-    assert len(set(here.split())) > 3
+    found = answers([WINE or "", program, dll, token, there], script, wine)
+    assert len(set(expected.split())) > 3
     if model in OTHER_LIBM:
-        np.testing.assert_allclose(numbers(there), numbers(here), rtol=OTHER_LIBM[model])
+        np.testing.assert_allclose(numbers(found), numbers(expected), rtol=OTHER_LIBM[model])
     else:
-        assert there == here
+        assert found == expected
 
 
 @pytest.fixture(scope="module")

@@ -21,6 +21,7 @@ from inkloop.layer_job.job_file import Section
 from inkloop.layer_job.target_picture import target_picture
 from inkloop.model_definition import ModelDefinition
 from inkloop.model_description import Baked
+from inkloop.windows_binary import with_windows_binary
 
 FORMS: Mapping[str, str] = {"2": "fmi2", "3": "fmi3-fixed"}
 """Version of FMI -> form of our FMUs that the block comes in; without arrays there is nothing to resize."""
@@ -30,8 +31,8 @@ PICTURE = "documentation/target.png"
 INDEX = "documentation/index.html"
 
 
-def write(bake: Bake, fmi: Literal["2", "3"], out: Path) -> None:
-    """Write the FMU whole or not at all. Raises FmuError."""
+def write(bake: Bake, fmi: Literal["2", "3"], out: Path, *, windows: bool = False) -> None:
+    """Write the FMU whole or not at all, with a binary for 64-bit Windows where asked. Raises FmuError."""
     form, job = FORMS[fmi], bake.job
     members = unpack(find_fmu(LAYER_JOB, form))
     model = model_definition.load(members[DEFINITION].decode(), DEFINITION)
@@ -51,8 +52,11 @@ def write(bake: Bake, fmi: Literal["2", "3"], out: Path) -> None:
         step_size=bake.own["layer_period"],
         stop_time=bake.stop_s,
     )
+    members = described(members, form, job.nx, job.ny, __version__, baked)
+    if windows:
+        members = with_windows_binary(members, fmi)
     out.parent.mkdir(parents=True, exist_ok=True)
-    pack(out, described(members, form, job.nx, job.ny, __version__, baked))
+    pack(out, members)
 
 
 def _sections(model: ModelDefinition, bake: Bake) -> list[Section]:

@@ -20,6 +20,9 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="a .toml file")
     parser.add_argument("--fmi", choices=tuple(archive.FORMS), default="2", help="FMI version (default 2)")
+    parser.add_argument(
+        "--windows", action="store_true", help="add a binary for 64-bit Windows; needs mingw-w64 on this machine"
+    )
     parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="file to write (default: NAME.fmu)")
     return parser
 
@@ -28,7 +31,7 @@ def export(scenario: Scenario, options: argparse.Namespace, console: Console) ->
     """Write, and say what it is; the exit code. Raises ScenarioError, FmuError."""
     baked = bake(scenario)
     out = options.out or Path(f"{Path(scenario.source).stem}.fmu")
-    archive.write(baked, options.fmi, out)
+    archive.write(baked, options.fmi, out, windows=options.windows)
     models = ", ".join(model for model, _ in baked.parts.values())
     console.print(f"wrote {out}: {models} in one block, a layer each {baked.own['layer_period']:g} s", highlight=False)
     if scenario.tables.run.time_max_s is not None:
