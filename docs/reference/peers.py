@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,10 @@ from fmu_checkers import CHECKERS
 from inkloop.errors import InkloopError
 from inkloop.export import find_fmu
 from inkloop.files import write_text
+from inkloop.fmu import describe
 from loops import ONE_BLOCK, THREE_FMUS, Loop
 from other_masters import MASTERS, Master, layers_by
-from six_by_six import LAYERS, SHAPE, STEPS_S, TEXT, difference, our_run
+from six_by_six import LAYERS, SHAPE, STEPS_S, TEXT, difference, our_run, scenario_in
 
 PAGE = Path(__file__).with_name("peers.md")
 HEAD = f"""# The loop in masters of others
@@ -59,6 +60,8 @@ BLOCK_NOTES = """
 - **Maestro** runs nothing without a connection: here a second instance listens to the first.
 
 ## Checkers
+
+Of all models in all forms that are built, and of the block above:
 """
 
 
@@ -86,13 +89,14 @@ def table(loop: Loop, ours: Any) -> Iterator[str]:
             yield f"| {' | '.join([master.name, release, fmi, algorithm, master.starts_from, *found])} |"
 
 
-def checks() -> Iterator[str]:
-    """One row for each checker."""
+def checks(blocks: Sequence[Path]) -> Iterator[str]:
+    """One row for each checker, on the FMUs of the package and on blocks of a print."""
     for checker in CHECKERS:
         if absent := checker.program.reason_it_is_absent():
             yield f"| {checker.name} | - | - | {absent} |"
             continue
         files = [find_fmu(model, form) for form in FORMS if form[3] in checker.versions for model in MODELS]
+        files += [block for block in blocks if describe(block).fmi in map(int, checker.versions)]
         faults = [f"{file.parent.name}/{file.name}: {text}" for file in files for text in checker.check(file)]
         yield f"| {checker.name} | {checker.program.version} | {len(files)} | {'<br>'.join(faults) or 'nothing'} |"
 
@@ -101,7 +105,11 @@ def main() -> None:
     """Run everything and write the page."""
     with tempfile.TemporaryDirectory() as folder:
         ours = our_run(Path(folder))
-    checkers = ["| checker | version | FMUs of the package | found |", "|---|---|---|---|", *checks()]
+        blocks = [Path(folder, version, f"{ONE_BLOCK.part}.fmu") for version in ("2", "3")]
+        for version in ("2", "3"):
+            Path(folder, version).mkdir()
+            ONE_BLOCK.system_of(scenario_in(Path(folder)), version, Path(folder, version))
+        checkers = ["| checker | version | FMUs | found |", "|---|---|---|---|", *checks(blocks)]
     parts = [HEAD, *table(THREE_FMUS, ours), NOTES, *table(ONE_BLOCK, ours), BLOCK_NOTES, *checkers]
     write_text(PAGE, "\n".join(parts) + "\n")
     print(f"wrote {PAGE}", file=sys.stderr)

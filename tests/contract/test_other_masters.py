@@ -89,11 +89,12 @@ def test_fmutool_finds_what_is_wrong(broken: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("model", MODELS)
-def test_vdm_check_finds_nothing_wrong(model: str) -> None:
+@pytest.mark.parametrize("model", [*MODELS, ONE_BLOCK.name])
+def test_vdm_check_finds_nothing_wrong(model: str, tmp_path: Path) -> None:
     if absent := VDM_CHECK.reason_it_is_absent():
         pytest.skip(absent)
-    assert by_vdm_check(find_fmu(model, "fmi2")) == []
+    block = ONE_BLOCK.system_of(scenario_in(tmp_path), "2", tmp_path).part(ONE_BLOCK.part).file
+    assert by_vdm_check(block if model == ONE_BLOCK.name else find_fmu(model, "fmi2")) == []
 
 
 @pytest.mark.long

@@ -16,6 +16,7 @@ import fmpy
 import numpy as np
 import pytest
 
+import amplifier
 from contract.fmu_driver import MODELS
 from inkloop import windows_binary
 from inkloop.cli import main
@@ -26,7 +27,7 @@ from inkloop.fmu_archive import unpack
 from inkloop.layer_job import archive
 from inkloop.layer_job.baking import bake
 from inkloop.windows_binary import COMPILER, with_windows_binary
-from six_by_six import scenario_in
+from six_by_six import TEXT, scenario_in
 from windows_run import HEADERS, WINE, answers, compiled, numbers, script_of, wine_in
 
 FOLDERS = {"2": "win64", "3": "x86_64-windows"}
@@ -131,6 +132,19 @@ def test_command_adds_the_binary_beside_the_native_one(tmp_path: Path) -> None:
     assert set(describe(path).platforms) == {fmpy.platform, "win64"}
     rows = fmpy.simulate_fmu(str(path), stop_time=1.0, output=["layers_scanned"])
     assert np.isfinite(rows["layers_scanned"]).all()
+
+
+@HAS_COMPILER
+def test_system_for_a_tool_on_windows_has_the_binary_in_our_fmus(tmp_path: Path) -> None:
+    amplifier.build(tmp_path, 2)
+    text = TEXT + '[components.other]\nkind = "Fmu"\nfile = "amplifier2.fmu"\n'
+    (tmp_path / "block.toml").write_text(text, encoding="utf-8")
+    assert main(["export-ssp", str(tmp_path / "block.toml"), "-o", str(tmp_path / "it.ssp"), "--windows"]) == 0
+    with zipfile.ZipFile(tmp_path / "it.ssp") as archive:
+        archive.extractall(tmp_path / "it")
+    platforms = {file.stem: set(describe(file).platforms) for file in (tmp_path / "it/resources").glob("*.fmu")}
+    ours = {name: {fmpy.platform, "win64"} for name in ("controller", "printer", "profiler")}
+    assert platforms == {**ours, "other": {fmpy.platform}}
 
 
 def test_missing_compiler_is_named_with_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,9 +12,11 @@ from rich.console import Console
 
 from inkloop.errors import ScenarioError
 from inkloop.files import write_text
+from inkloop.fmu_archive import DEFINITION, pack, unpack
 from inkloop.scenario import Scenario
 from inkloop.ssp import archive, maestro, osp, simulink, start_values
 from inkloop.ssp.system import System, system_of
+from inkloop.windows_binary import with_windows_binary
 
 FORMATS = ("ssp", "osp", "maestro", "simulink")
 VERSIONS = {"1.0": "2", "2.0": "3"}
@@ -33,6 +35,9 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     parser.add_argument("--ssp", choices=tuple(VERSIONS), default="1.0",
                         help="1.0 with FMI 2 and scalars (default), 2.0 with FMI 3 and arrays")  # fmt: skip
     parser.add_argument("--fmi", choices=("2", "3"), help="version of FMI of our FMUs in it")
+    parser.add_argument(
+        "--windows", action="store_true", help="our FMUs with a binary for 64-bit Windows; needs mingw-w64 here"
+    )
     return parser
 
 
@@ -42,6 +47,8 @@ def export(scenario: Scenario, options: argparse.Namespace, console: Console) ->
     stem = Path(scenario.source).stem
     with tempfile.TemporaryDirectory(prefix="inkloop-export-") as folder:
         system = system_of(scenario, fmi, Path(folder))
+        if options.windows:
+            _add_windows_binaries(system)
         if options.to == "ssp":
             out = options.out or Path(f"{stem}.ssp")
             archive.write(system, options.ssp, out)
@@ -62,6 +69,14 @@ def _fmi(options: argparse.Namespace) -> str:
         advice = "add --ssp 2.0, or leave --fmi out" if options.to == "ssp" else "leave --fmi out"
         raise ScenarioError(str(options.scenario), [f"--fmi 3: {what} takes FMI 2 only; {advice}"])
     return wanted
+
+
+def _add_windows_binaries(system: System) -> None:
+    """To the FMUs that are ours; those of others stay as they are. Raises FmuError."""
+    for part in system.parts:
+        members = unpack(part.file)
+        if DEFINITION in members:
+            pack(part.file, with_windows_binary(members, str(part.description.fmi)))
 
 
 def write_folder(system: System, to: str, out: Path, stem: str) -> None:
