@@ -21,6 +21,7 @@ from pyssp_standard.standard import ModelicaStandard
 import amplifier
 from inkloop.cli import main
 from inkloop.errors import ScenarioError
+from inkloop.export import export
 from inkloop.fmu import describe
 from inkloop.printing import Print
 from inkloop.result import Result
@@ -143,6 +144,29 @@ def test_what_an_fmu_cannot_say_is_told(tmp_path: Path) -> None:
     controller, events = system.notes()
     assert "LayerController.fmu cannot stand in for it: certified is no option" in controller
     assert "the events of the scenario are not in it" in events
+
+
+def test_foreign_fmu_of_scalars_goes_with_scalars_of_ours(tmp_path: Path) -> None:
+    export("LayerDeposition", fmi="2", nx=6, ny=5, fixed=True, out=tmp_path / "theirs.fmu")
+    text = TEXT.replace('kind = "LayerDeposition"', 'kind = "Fmu"\nfile = "theirs.fmu"')
+    scenario = scenario_in(tmp_path, text)
+    with pytest.raises(ScenarioError, match=r"one is an array, the other one scalars, .* --fmi 2 makes scalars of ours"):
+        system_of(scenario, "3", tmp_path)
+    assert [part.name for part in system_of(scenario, "2", tmp_path).parts] == ["controller", "printer", "profiler"]
+    mapped = text.replace("[components.profiler]", 'ports = { height = "height" }\n[components.profiler]')
+    notes = system_of(scenario_in(tmp_path, mapped), "2", tmp_path).notes()
+    assert notes == [
+        "printer is not in it: inkloop translates its names, units and gains (ports), which no system file says"
+    ]
+
+
+def test_grid_beyond_what_is_quick_in_fmi_2_is_written_with_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    text = OPEN_LOOP.replace("nx = 6, ny = 5", "nx = 33, ny = 32")
+    system = system_of(scenario_in(tmp_path, text), "2", tmp_path)
+    assert len(system.part("printer").scalars("height")) == 33 * 32
+    assert "some importers take minutes to read that" in caplog.text
 
 
 def test_names_that_other_tools_refuse_are_a_fault(tmp_path: Path) -> None:
