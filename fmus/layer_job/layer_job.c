@@ -13,6 +13,7 @@ enum { CONTROLLER_DONE = 2 };
 enum { STATUS_IDLE = 0, STATUS_PRINTING = 1, STATUS_DONE = 2, STATUS_UNTRUSTED = 4 };
 enum { WAITING, SCANNING, READY, PRINTING, OVER }; /* stage */
 static const double ROUNDING = 1e-6;               /* of a period: importers' times carry rounding */
+static const double LAYERS_OF_A_STEP = 10000.0;    /* a longer step is likelier a slip of the pen (assumed) */
 
 /* How far the print is. due: when the stage ends; READY: since when. periods: passed since it began. */
 typedef struct {
@@ -211,6 +212,8 @@ static Outcome initialize(Instance *instance) {
 static Outcome print_until(Instance *instance, const LayerJobVariables *v, Course *course, double start,
                            double reached) {
     JobParts parts;
+    if (!keep_values(instance))
+        return refuse(instance, "no memory to keep the print as it is until the step is over");
     Outcome outcome = open_parts(instance, &parts);
     if (outcome != ACCEPTED)
         return outcome;
@@ -224,11 +227,25 @@ static Outcome print_until(Instance *instance, const LayerJobVariables *v, Cours
     return outcome;
 }
 
+/* Layers that a step may print at most. */
+static double layers_due(const LayerJobVariables *v, const Course *course, double start, double reached) {
+    const double began_at = course->stage == WAITING ? start : course->began_at;
+    if (course->stage == OVER || !*v->start)
+        return 0.0;
+    return fmin((reached - began_at) / *v->layer_period - course->periods, *v->layers_max - *v->layers_printed);
+}
+
 static Outcome do_step(Instance *instance, double start, double end) {
     const LayerJobVariables v = layer_job_variables(instance);
     const double reached = end + ROUNDING * *v.layer_period;
     Course course = {*v.stage, *v.began_at, *v.due, *v.periods};
+    const double due = layers_due(&v, &course, start, reached);
     Outcome outcome = ACCEPTED;
+    if (due > LAYERS_OF_A_STEP)
+        return refuse(instance,
+                      "the step has %g layers to print, at a layer_period of %g s; expected at most %g: take shorter "
+                      "steps, a longer layer_period or a lower layers_max",
+                      due, *v.layer_period, LAYERS_OF_A_STEP);
     if (next_event(&v, &course, start) <= reached)
         outcome = print_until(instance, &v, &course, start, reached);
     if (course.stage == READY && !*v.start) /* periods that pass in a pause are not made up for */

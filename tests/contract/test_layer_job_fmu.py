@@ -34,7 +34,7 @@ def assert_like_run(fmu: Driver, run, layer: int) -> None:
         assert fmu.get(name) == run[name].values[layer], name
 
 
-@pytest.mark.parametrize(("case", "form"), zip(CASES, 4 * FORMS, strict=True))
+@pytest.mark.parametrize(("case", "form"), list(zip(CASES, 4 * FORMS, strict=True)))
 def test_layers_are_those_of_a_run_bit_by_bit(case, form) -> None:
     run = printed(*CASES[case])
     with block(form, *CASES[case]) as fmu:
@@ -185,6 +185,19 @@ def test_refused_step_changes_nothing(form) -> None:
         assert fmu.set("volume_factor", 1.0) == OK
         finish(fmu, 3.0, at=1.5)
         assert_like_run(fmu, printed(*case), 3)
+
+
+@EVERY_FORM
+def test_step_that_never_ends_is_refused(form) -> None:
+    """Without volume no layer brings the print nearer to its end."""
+    with block(form, "cuboid", "run.layers_max=1000000000") as fmu:
+        fmu.start({"volume_factor": 0.0, "layer_period": 1e-6})
+        before = fmu.save()
+        assert fmu.step(0.0, 1.0) != OK
+        assert "the step has 1e+06 layers to print" in fmu.messages[-1]
+        assert fmu.save() == before
+        assert fmu.step(0.0, 1e-5) == OK
+        assert counts(fmu) == (10, 10)
 
 
 @EVERY_FORM
