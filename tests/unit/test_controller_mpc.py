@@ -233,6 +233,29 @@ def test_interruption_gives_the_best_plan_so_far() -> None:
     assert plan.pattern.any()
 
 
+def test_after_sweep_ends_all_repairs_with_the_best_plan_so_far() -> None:
+    job, height = rough_job(7)
+    sweeps = []
+    enough = planned(job, height, after_sweep=lambda progress: bool(sweeps.append(progress.sweeps)) or True)
+    assert len(sweeps) == 1
+    assert enough.status in (PlanStatus.INTERRUPTED, PlanStatus.FALLBACK)
+    watched = planned(job, height, after_sweep=lambda progress: bool(sweeps.append(progress.sweeps)))
+    assert len(sweeps) == 1 + watched.sweeps
+    assert watched.objective.value <= enough.objective.value
+
+
+def test_exception_of_after_sweep_is_raised_again() -> None:
+    job, height = rough_job(7)
+    with pytest.raises(ZeroDivisionError):
+        planned(job, height, after_sweep=lambda progress: bool(1 / 0))
+
+
+def test_last_plan_that_no_plan_can_be_is_refused() -> None:
+    job, height = rough_job(8)
+    with pytest.raises(ValueError, match="last holds 0 to 99; needs 0 to 16"):
+        planned(job, height, last=np.where(job.mask, 99, 0)[None].astype(np.int32))
+
+
 def test_last_plan_of_another_grid_is_not_used() -> None:
     job, height = rough_job(8)
     assert planned(job, height, last=np.ones((3, 4, 4), np.int32)).start != "last plan"
