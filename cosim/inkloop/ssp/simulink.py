@@ -37,6 +37,7 @@ def _lines(system: System, model: str) -> Iterator[str]:
     yield "here = fileparts(mfilename('fullpath'));"
     yield "addpath(here);  % the block finds FMUs on the path only"
     yield "load_system('simulink_extras');"
+    yield "if bdIsLoaded(model), close_system(model, 0); end  % of an earlier run of this script"
     yield "new_system(model);"
     yield f"set_param(model, 'SolverType', 'Fixed-step', 'FixedStep', '{system.step_s!r}');"
     yield f"set_param(model, 'StopTime', '{system.stop_s!r}');"
