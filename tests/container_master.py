@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -51,6 +52,7 @@ def by_container(loop: Loop, system: System, algorithm: str, folder: Path) -> It
         "start": starts,
         "output": [[f"{loop.part}.fmu", name, name] for name in names],
     }
+    logging.getLogger("fmu_manipulation_toolbox").setLevel(logging.ERROR)  # else a line for each open output
     (folder / "loop.json").write_text(json.dumps(table), encoding="utf-8")
     Assembly("loop.json", fmu_directory=folder).make_fmu(fmi_version=fmi)
     values = {name: flags[part, name] for part, name in flags}

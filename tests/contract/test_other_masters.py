@@ -117,7 +117,8 @@ def test_fmus_for_maestro_have_integers_in_place_of_enumerations(tmp_path: Path)
     recorded = json.loads((folder / "simulation.json").read_text(encoding="utf-8"))["logVariables"]
     assert "status" in recorded["{controller}.controller"]  # nothing is connected to it
     assert {"height_mean", "layers_printed"} <= set(recorded["{printer}.printer"])
-    assert "height[1,1]" not in recorded["{printer}.printer"]
+    assert "height[1,1]" in recorded["{printer}.printer"]
+    assert "estimated_height[1,1]" not in recorded["{controller}.controller"]
     rows = fmpy.simulate_fmu(str(folder / "printer.fmu"), stop_time=1.0, output=["status"])
     assert rows["status"][-1] == 0
 

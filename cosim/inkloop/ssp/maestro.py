@@ -53,7 +53,8 @@ def multi_model(system: System) -> dict[str, Any]:
 
 
 def configuration(system: System) -> dict[str, Any]:
-    """Times and step of the run, and what it records besides the outputs that are connected: those that are scalars."""
+    """Times and step of the run, and what it records: outputs that are scalars or connected, no further maps."""
+    connected = {wire.source for wire in system.wires}
     return {
         "startTime": 0.0,
         "endTime": system.stop_s,
@@ -64,9 +65,11 @@ def configuration(system: System) -> dict[str, Any]:
         "simulationProgramDelay": False,
         "logVariables": {
             f"{{{part.name}}}.{part.name}": [
-                name
+                scalar
                 for name, variable in part.description.variables.items()
-                if variable.causality == "output" and part.scalars(name) == (name,)
+                if variable.causality == "output"
+                if part.scalars(name) == (name,) or (part.name, name) in connected
+                for scalar in part.scalars(name)
             ]
             for part in system.parts
         },
