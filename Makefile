@@ -4,7 +4,7 @@
 # make benchmarks measured comparisons, printed as ratios
 # make benchmarks-hardware  a layer on the emulated bench, beside the time of its frames on a real bus
 # make peers      docs/reference/peers.md: the loop in masters of other people
-# make fuzz       ten minutes of libFuzzer on the inputs of the firmware
+# make fuzz       twenty minutes of libFuzzer on the inputs of the firmware and the calls of the FMUs
 # make firmware-cortex-m  the emulated bench as an image for a Cortex-M3, with its size
 # make tools      compilers, emulators and masters of others that some tests use and skip without (Debian)
 # make gallery    docs/gallery: every scenario with one picture; the pictures of docs/explanation

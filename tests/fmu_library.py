@@ -14,6 +14,7 @@ from pathlib import Path
 
 import fmpy
 
+from contract.fmu_driver import MODELS
 from fuzzing import run
 from inkloop import fmu_archive, model_definition
 from inkloop.export import find_fmu
@@ -23,12 +24,14 @@ from node_bench import FIRMWARE, ROOT
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 FUZZ = ROOT / "fmus" / "fuzz"
 FORMS = ("fmi3", "fmi2")  # one library each; that of fmi3-fixed is the one of fmi3
+NAMES = tuple(f"{model}-{form}" for model in MODELS for form in FORMS)
 PARTS = ("fmu", "version_2", "version_3", "subject")
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror")
 ROLES = {"input": "i", "parameter": "p", "structural": "s"}
-WORK = {"nx": 6, "ny": 6, "annealing_sweeps": 20, "iterations": 20, "sweeps_max": 20, "cells_per_pitch": 6}
+WORK = {"nx": 4, "ny": 4, "annealing_sweeps": 20, "iterations": 20, "sweeps_max": 20, "cells_per_pitch": 6}
 """Parameters that only mean more work: limits for the tests, so that an input ends soon."""
-GRID = (5, 4)
+GRID = (3, 2)
+FUZZ_SANITIZERS = "-fsanitize=address,undefined,float-cast-overflow"
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,7 @@ def write_table(built: Library, path: Path, *, resizable: bool = True) -> Path:
     location = built.resources.as_uri() if is_fmi2 else f"{built.resources}/"
     lines = [f"{2 if is_fmi2 else 3} {int(is_resizable)} {nx} {ny}", str(built.library), location,
              model.token(nx, ny, resizable=is_resizable)]  # fmt: skip
-    scalar = dict((v.name, reference) for v, reference in model.scalar_references(nx, ny))
+    scalar = {v.name: reference for v, reference in model.scalar_references(nx, ny)}
     for number, variable in enumerate(model.exposed):
         if is_fmi2 and variable.causality == "independent":
             continue
@@ -112,6 +115,20 @@ def _line(model: ModelDefinition, variable: VariableDefinition, reference: int, 
     tried = WORK.get(variable.name, "inf")
     return (f"{variable.name} {variable.type[0]} {role} {int(variable.is_grid)} {reference} "
             f"{float(variable.start)!r} {limits} {tried}")  # fmt: skip
+
+
+def fuzzers(names: Sequence[str], folder: Path, compiler: str) -> tuple[Path, dict[str, Path]]:
+    """`calls.c` with libFuzzer in it, and the table of each FMU, rebuilt with sanitizers, by names like Model-fmi3."""
+    stop = "-fno-sanitize-recover=all"
+    fuzzer = program(folder, "calls", compiler, (f"{FUZZ_SANITIZERS},fuzzer", stop, "-rdynamic"))
+
+    def table(name: str) -> Path:
+        model, form = name.split("-")
+        built = rebuilt(model, form, folder, compiler, (f"{FUZZ_SANITIZERS},fuzzer-no-link", stop))
+        return write_table(built, folder / f"{name}.txt")
+
+    with ThreadPoolExecutor(2) as pool:
+        return fuzzer, dict(zip(names, pool.map(table, names), strict=True))
 
 
 def program(folder: Path, name: str, compiler: str, flags: Sequence[str], *, others: Sequence[Path] = ()) -> Path:

@@ -1,10 +1,11 @@
-"""The fuzz targets of the firmware: built with sanitizers, run by libFuzzer where there is one, else fed with inputs.
+"""The fuzz targets: inputs of the firmware and calls of the FMUs, built with sanitizers, run by libFuzzer where there
+is one, else fed with inputs.
 
 python tests/fuzzing.py [--seconds N] [target ...]
 
 runs libFuzzer for so many seconds over all targets together. What it learns stays in build/fuzz; an input that breaks a
 law or is caught by a sanitizer is kept there and named. Mend the firmware, then add the input, small and under a name
-that says what it found, to hardware/firmware/fuzz/corpus.
+that says what it found, to hardware/firmware/fuzz/corpus; what an FMU did becomes a test in contract/test_fmu_fuzz.py.
 """
 
 from __future__ import annotations
@@ -115,13 +116,18 @@ class Replay:
         return "" if self.process.stdout.read(1) else self.end() or "the process ended without a word"
 
 
-def fuzz(target: str, program: Path, seconds: int, learned: Path, *, seed: int = 0) -> str:
-    """'' if libFuzzer found nothing, else its report; `learned` keeps the inputs that reached something new."""
+def fuzz(target: str, program: Path, seconds: int, learned: Path, *, seed: int = 0, table: Path | None = None) -> str:
+    """'' if libFuzzer found nothing, else its report; `learned` keeps the inputs that reached something new.
+
+    `table` tells of the FMU whose calls are the target; without it the target is one of the firmware.
+    """
     learned.mkdir(parents=True, exist_ok=True)
     found = learned.parent / f"{target}-found-"
     options = (f"-max_total_time={seconds}", f"-max_len={LONGEST_INPUT}", f"-timeout={INPUT_SECONDS}", f"-seed={seed}")
-    command = [program, *options, "-print_final_stats=1", f"-artifact_prefix={found}", learned, CORPUS / target]
-    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
+    seeds = [CORPUS / target] if table is None else ["-len_control=0"]
+    command = [program, *options, "-print_final_stats=1", f"-artifact_prefix={found}", learned, *seeds]
+    told = {} if table is None else {"INKLOOP_FMU_TABLE": str(table)}
+    done = subprocess.run(command, env=os.environ | told, capture_output=True, text=True, errors="replace", check=False)
     if done.returncode:
         return f"{target}:\n{done.stderr}"
     runs = [line.split()[-1] for line in done.stderr.splitlines() if line.startswith("stat::number_of_executed_units")]
@@ -130,13 +136,16 @@ def fuzz(target: str, program: Path, seconds: int, learned: Path, *, seed: int =
 
 
 def main(arguments: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(description="Fuzzes the firmware's inputs with libFuzzer.")
-    parser.add_argument("targets", nargs="*", default=TARGETS, help=", ".join(TARGETS))
-    parser.add_argument("--seconds", type=int, default=600, help="over all targets together (600)")
+    import fmu_library
+
+    known = (*TARGETS, *fmu_library.NAMES)
+    parser = argparse.ArgumentParser(description="Fuzzes the inputs of the firmware and the calls of the FMUs.")
+    parser.add_argument("targets", nargs="*", default=known, help=", ".join(known))
+    parser.add_argument("--seconds", type=int, default=1200, help="over all targets together (1200)")
     chosen = parser.parse_args(arguments)
-    unknown = sorted(set(chosen.targets) - set(TARGETS))
+    unknown = sorted(set(chosen.targets) - set(known))
     if unknown:
-        parser.error(f"no such target: {', '.join(unknown)}; there are {', '.join(TARGETS)}")
+        parser.error(f"no such target: {', '.join(unknown)}; there are {', '.join(known)}")
     compiler = clang()
     if compiler is None:
         print("clang with libFuzzer is not installed: nothing was fuzzed; make tools")
@@ -146,8 +155,13 @@ def main(arguments: Sequence[str]) -> int:
     seconds = max(1, chosen.seconds // len(chosen.targets))
     with tempfile.TemporaryDirectory(prefix="inkloop-fuzz-") as folder:
         programs = build(Path(folder), compiler, fuzzer=True)
+        fmus = [target for target in chosen.targets if target not in TARGETS]
+        calls, tables = fmu_library.fuzzers(fmus, Path(folder), compiler)
         seed = int.from_bytes(os.urandom(3), "little") + 1
-        reports = [fuzz(target, programs[target], seconds, place / target, seed=seed) for target in chosen.targets]
+        reports = [
+            fuzz(target, programs.get(target, calls), seconds, place / target, seed=seed, table=tables.get(target))
+            for target in chosen.targets
+        ]
     print("\n".join(filter(None, reports)), end="")
     return 1 if any(reports) else 0
 

@@ -34,7 +34,7 @@ static void drop(Run *run, Slot *slot) {
 static void take_state(Run *run, Slot *slot) {
     Subject *s = &run->subject;
     subject_begin(s);
-    const int status = s->fmu->version->get_state(s->instance, &slot->state);
+    const Status status = s->fmu->version->get_state(s->instance, &slot->state);
     const unsigned modes = ANY_MODE & ~(unsigned)CONFIGURATION;
     if (!subject_end(s, "get state", legal_in(s, modes, SUCCEEDS), status))
         return;
@@ -47,7 +47,7 @@ static void restore(Run *run, const Slot *slot) {
     const bool fits = slot->state && slot->nx == s->nx && slot->ny == s->ny && s->mode != CONFIGURATION;
     const Mode old = s->mode;
     subject_begin(s);
-    const int status = s->fmu->version->set_state(s->instance, slot->state);
+    const Status status = s->fmu->version->set_state(s->instance, slot->state);
     s->mode = status == OK && fits ? slot->mode : old;
     if (!subject_end(s, "set state", fits ? SUCCEEDS : IS_MISUSED, status))
         return;
@@ -76,7 +76,7 @@ static void carry(Run *run, Slot *slot, Input *input) {
     const bool fits = slot->nx == s->nx && slot->ny == s->ny;
     subject_begin(s);
     void *made = NULL;
-    const int status = s->fmu->version->deserialize(s->instance, bytes.bytes, bytes.size, &made);
+    const Status status = s->fmu->version->deserialize(s->instance, bytes.bytes, bytes.size, &made);
     if (subject_end(s, "deserialize", is_whole && fits ? SUCCEEDS : IS_MISUSED, status)) {
         s->fmu->version->free_state(s->instance, &slot->state);
         slot->state = made;
@@ -93,7 +93,7 @@ static void serialize_short(Run *run, const Slot *slot) {
     if (!room)
         exit(2);
     subject_begin(s);
-    const int status = s->fmu->version->serialize(s->instance, slot->state, room, slot->bytes.size - 1);
+    const Status status = s->fmu->version->serialize(s->instance, slot->state, room, slot->bytes.size - 1);
     subject_end(s, "serialize", IS_MISUSED, status);
     free(room);
 }
@@ -105,7 +105,7 @@ static void log_categories(Subject *s, Input *input) {
     const uint8_t which = input_byte(input) % 5u;
     given[2] = NAMES[which];
     subject_begin(s);
-    const int status = s->fmu->version->set_categories(s->instance, count, given);
+    const Status status = s->fmu->version->set_categories(s->instance, count, given);
     subject_end(s, "set debug logging", count < 3 || which < 2 ? SUCCEEDS : IS_MISUSED, status);
 }
 

@@ -8,6 +8,7 @@
 #include <stdint.h>
 
 enum { OK, WARNING, DISCARD, ERROR }; /* the same numbers in both versions */
+typedef unsigned Status;              /* as gcc and clang count in enumerations */
 enum { NAME_SIZE = 64, TEXT_SIZE = 768, VARIABLES_MAX = 128 };
 
 /* What an instance has logged since `count` was set to 0. */
@@ -26,7 +27,7 @@ typedef struct {
     double most_tried; /* of what only means more work */
 } Variable;
 
-/* The calls of one version; those that answer with a number return the status. */
+/* The calls of one version. */
 typedef struct {
     bool (*load)(void *library);
     void *(*instantiate)(const char *token, const char *resources, Log *log);
@@ -35,22 +36,23 @@ typedef struct {
     size_t (*value_size)(char kind);
     double (*encode)(char kind, double number, void *value); /* the number that it became */
     double (*decode)(char kind, const void *value);
-    int (*get)(void *instance, char kind, const uint32_t references[], size_t count, void *values, size_t total);
-    int (*set)(void *instance, char kind, const uint32_t references[], size_t count, const void *values, size_t total);
-    int (*enter)(void *instance, double start);
-    int (*exit)(void *instance);
-    int (*step)(void *instance, double start, double step);
-    int (*terminate)(void *instance);
-    int (*reset)(void *instance);
-    int (*configure)(void *instance, bool enters); /* NULL: this version has no Configuration Mode */
-    int (*get_state)(void *instance, void **state);
-    int (*set_state)(void *instance, void *state);
-    int (*free_state)(void *instance, void **state);
-    int (*state_size)(void *instance, void *state, size_t *size);
-    int (*serialize)(void *instance, void *state, unsigned char *bytes, size_t size);
-    int (*deserialize)(void *instance, const unsigned char *bytes, size_t size, void **state);
-    int (*set_categories)(void *instance, size_t count, const char *const categories[]);
-    int (*senseless)(void *instance, unsigned which); /* a call that is an error whatever the mode */
+    Status (*get)(void *instance, char kind, const uint32_t references[], size_t count, void *values, size_t total);
+    Status (*set)(void *instance, char kind, const uint32_t references[], size_t count, const void *values,
+                  size_t total);
+    Status (*enter)(void *instance, double start);
+    Status (*exit)(void *instance);
+    Status (*step)(void *instance, double start, double step);
+    Status (*terminate)(void *instance);
+    Status (*reset)(void *instance);
+    Status (*configure)(void *instance, bool enters); /* NULL: this version has no Configuration Mode */
+    Status (*get_state)(void *instance, void **state);
+    Status (*set_state)(void *instance, void *state);
+    Status (*free_state)(void *instance, void **state);
+    Status (*state_size)(void *instance, void *state, size_t *size);
+    Status (*serialize)(void *instance, void *state, unsigned char *bytes, size_t size);
+    Status (*deserialize)(void *instance, const unsigned char *bytes, size_t size, void **state);
+    Status (*set_categories)(void *instance, size_t count, const char *const categories[]);
+    Status (*senseless)(void *instance, unsigned which); /* a call that is an error whatever the mode */
 } Version;
 
 extern const Version VERSION_2, VERSION_3;

@@ -29,7 +29,7 @@ Saved subject_save(Subject *s) {
     saved.bytes = malloc(saved.size);
     if (!saved.bytes)
         exit(2);
-    const int status = version_of(s)->serialize(s->instance, state, saved.bytes, saved.size);
+    const Status status = version_of(s)->serialize(s->instance, state, saved.bytes, saved.size);
     demand(s, "save", status == OK, "it can be serialized");
     demand(s, "save", version_of(s)->free_state(s->instance, &state) == OK && !state, "it can be freed");
     return saved;
@@ -61,7 +61,7 @@ void subject_begin(Subject *s) {
     s->log.text[0] = '\0';
 }
 
-static void check_status(const Subject *s, const char *call, Verdict verdict, int status) {
+static void check_status(const Subject *s, const char *call, Verdict verdict, Status status) {
     demand(s, call, status == OK || status == DISCARD || status == ERROR, "the status is OK, discard or error");
     demand(s, call, verdict != IS_MISUSED || status != OK, "what the standard does not allow does not succeed");
     demand(s, call, verdict != IS_REFUSED || status != OK, "a value beyond its limits is not taken");
@@ -70,7 +70,7 @@ static void check_status(const Subject *s, const char *call, Verdict verdict, in
     demand(s, call, status == OK || strlen(s->log.text) > 10, "a message says something");
 }
 
-bool subject_end(Subject *s, const char *call, Verdict verdict, int status) {
+bool subject_end(Subject *s, const char *call, Verdict verdict, Status status) {
     check_status(s, call, verdict, status);
     if (status == OK) {
         remember(s);
@@ -87,7 +87,7 @@ Verdict legal_in(const Subject *s, unsigned modes, Verdict if_legal) {
     return s->mode & modes ? if_legal : IS_MISUSED;
 }
 
-static bool to_mode(Subject *s, const char *call, Verdict verdict, int status, Mode mode) {
+static bool to_mode(Subject *s, const char *call, Verdict verdict, Status status, Mode mode) {
     const Mode old = s->mode;
     s->mode = status == OK ? mode : old;
     return subject_end(s, call, verdict, status);
@@ -110,7 +110,7 @@ bool subject_step(Subject *s, double start, double step) {
     const bool leads_on = isfinite(start) && isfinite(step) && isfinite(start + step) && start + step > start &&
                           start >= s->now - 1e-6 * step - 1e-12 * fabs(s->now);
     subject_begin(s);
-    const int status = version_of(s)->step(s->instance, start, step);
+    const Status status = version_of(s)->step(s->instance, start, step);
     const bool is_done = subject_end(s, "step", legal_in(s, STEP, leads_on ? MAY_BE_TAKEN : IS_REFUSED), status);
     s->now = is_done ? start + step : s->now;
     s->steps += is_done;
@@ -124,7 +124,7 @@ bool subject_terminate(Subject *s) {
 
 bool subject_reset(Subject *s) {
     subject_begin(s);
-    const int status = version_of(s)->reset(s->instance);
+    const Status status = version_of(s)->reset(s->instance);
     s->nx = s->fmu->nx;
     s->ny = s->fmu->ny;
     return to_mode(s, "reset", SUCCEEDS, status, INSTANTIATED);
@@ -148,7 +148,7 @@ double subject_get(Subject *s, const Variable *variable) {
     const char kind = version_of(s)->kind(variable->type);
     const size_t count = references_of(s, variable, references);
     subject_begin(s);
-    const int status = version_of(s)->get(s->instance, kind, references, count, values, value_count(s, variable));
+    const Status status = version_of(s)->get(s->instance, kind, references, count, values, value_count(s, variable));
     subject_end(s, variable->name, SUCCEEDS, status);
     return version_of(s)->decode(kind, values);
 }
@@ -162,7 +162,7 @@ bool subject_set(Subject *s, const Variable *variable, const double values[], si
         version_of(s)->encode(kind, values[k % count], (unsigned char *)room + k * size);
     const size_t reference_count = references_of(s, variable, references);
     subject_begin(s);
-    const int status = version_of(s)->set(s->instance, kind, references, reference_count, room, total);
+    const Status status = version_of(s)->set(s->instance, kind, references, reference_count, room, total);
     return subject_end(s, variable->name, MAY_BE_TAKEN, status);
 }
 
@@ -171,7 +171,7 @@ bool subject_configure(Subject *s, bool enters) {
     if (!version_of(s)->configure)
         return false;
     subject_begin(s);
-    const int status = version_of(s)->configure(s->instance, enters);
+    const Status status = version_of(s)->configure(s->instance, enters);
     if (!enters && status == OK) {
         const Variable *nx = fmu_variable(s->fmu, "nx", 0), *ny = fmu_variable(s->fmu, "ny", 0);
         s->mode = INSTANTIATED;

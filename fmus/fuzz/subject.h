@@ -38,7 +38,7 @@ void subject_close(Subject *subject);
 
 /* Before a call, and with its status after it; true if it succeeded. */
 void subject_begin(Subject *subject);
-bool subject_end(Subject *subject, const char *call, Verdict verdict, int status);
+bool subject_end(Subject *subject, const char *call, Verdict verdict, Status status);
 
 Verdict legal_in(const Subject *subject, unsigned modes, Verdict if_legal);
 

@@ -124,7 +124,7 @@ static void finish(Subject *s, Access *access, bool sets) {
     memcpy(exact, access->values, bytes);
     memset(read, 0, bytes);
     subject_begin(s);
-    const int status =
+    const Status status =
         sets ? version->set(s->instance, access->kind, access->references, access->count, exact, access->total)
              : version->get(s->instance, access->kind, access->references, access->count, read, access->total);
     const bool is_done = subject_end(s, sets ? "set" : "get", access->verdict, status);
@@ -132,7 +132,7 @@ static void finish(Subject *s, Access *access, bool sets) {
         demand(s, "get", isfinite(version->decode('r', (double *)(void *)read + k)), "what is read is finite");
     if (is_done && sets && access->only && access->only->role != 's') {
         subject_begin(s);
-        const int again =
+        const Status again =
             version->get(s->instance, access->kind, access->references, access->count, read, access->total);
         subject_end(s, "get", SUCCEEDS, again);
         demand(s, "get", access->kind == 'b' || memcmp(exact, read, bytes) == 0, "what was set is read");

@@ -128,7 +128,7 @@ static double decode(char of, const void *value) {
     return integer;
 }
 
-static int get(void *it, char of, const uint32_t references[], size_t count, void *values, size_t total) {
+static Status get(void *it, char of, const uint32_t references[], size_t count, void *values, size_t total) {
     (void)total;
     switch (of) {
     case 'r':
@@ -140,7 +140,7 @@ static int get(void *it, char of, const uint32_t references[], size_t count, voi
     }
 }
 
-static int set(void *it, char of, const uint32_t references[], size_t count, const void *values, size_t total) {
+static Status set(void *it, char of, const uint32_t references[], size_t count, const void *values, size_t total) {
     (void)total;
     switch (of) {
     case 'r':
@@ -152,32 +152,32 @@ static int set(void *it, char of, const uint32_t references[], size_t count, con
     }
 }
 
-static int enter(void *it, double start) {
+static Status enter(void *it, double start) {
     const fmi2Status status = call.SetupExperiment(component(it), false, 0.0, start, false, 0.0);
     if (status != fmi2OK)
         return status;
     return call.EnterInitializationMode(component(it));
 }
 
-static int step(void *it, double start, double size) {
+static Status step(void *it, double start, double size) {
     return call.DoStep(component(it), start, size, true);
 }
 
-static int serialize(void *it, void *state, unsigned char *bytes, size_t size) {
+static Status serialize(void *it, void *state, unsigned char *bytes, size_t size) {
     return call.SerializeFMUstate(component(it), state, (fmi2Byte *)bytes, size);
 }
 
-static int deserialize(void *it, const unsigned char *bytes, size_t size, void **state) {
+static Status deserialize(void *it, const unsigned char *bytes, size_t size, void **state) {
     return call.DeSerializeFMUstate(component(it), (const fmi2Byte *)bytes, size, state);
 }
 
-static int set_categories(void *it, size_t count, const char *const categories[]) {
+static Status set_categories(void *it, size_t count, const char *const categories[]) {
     fmi2String given[4] = {NULL};
     memcpy(given, categories, (count < 4 ? count : 4) * sizeof *given);
     return call.SetDebugLogging(component(it), true, count, given);
 }
 
-static int senseless(void *it, unsigned which) {
+static Status senseless(void *it, unsigned which) {
     fmi2Component c = component(it);
     const fmi2ValueReference reference = 1;
     const fmi2Integer order = 1;
@@ -230,31 +230,31 @@ static int senseless(void *it, unsigned which) {
     }
 }
 
-static int exit_initialization(void *it) {
+static Status exit_initialization(void *it) {
     return call.ExitInitializationMode(component(it));
 }
 
-static int terminate(void *it) {
+static Status terminate(void *it) {
     return call.Terminate(component(it));
 }
 
-static int reset(void *it) {
+static Status reset(void *it) {
     return call.Reset(component(it));
 }
 
-static int get_state(void *it, void **state) {
+static Status get_state(void *it, void **state) {
     return call.GetFMUstate(component(it), state);
 }
 
-static int set_state(void *it, void *state) {
+static Status set_state(void *it, void *state) {
     return call.SetFMUstate(component(it), state);
 }
 
-static int free_state(void *it, void **state) {
+static Status free_state(void *it, void **state) {
     return call.FreeFMUstate(component(it), state);
 }
 
-static int state_size(void *it, void *state, size_t *size) {
+static Status state_size(void *it, void *state, size_t *size) {
     return call.SerializedFMUstateSize(component(it), state, size);
 }
 

@@ -121,7 +121,7 @@ static double decode(char of, const void *value) {
                        : (double)is.count;
 }
 
-static int get(void *it, char of, const uint32_t references[], size_t count, void *values, size_t total) {
+static Status get(void *it, char of, const uint32_t references[], size_t count, void *values, size_t total) {
     switch (of) {
     case 'r':
         return call.GetFloat64(it, references, count, values, total);
@@ -136,7 +136,7 @@ static int get(void *it, char of, const uint32_t references[], size_t count, voi
     }
 }
 
-static int set(void *it, char of, const uint32_t references[], size_t count, const void *values, size_t total) {
+static Status set(void *it, char of, const uint32_t references[], size_t count, const void *values, size_t total) {
     switch (of) {
     case 'r':
         return call.SetFloat64(it, references, count, values, total);
@@ -151,37 +151,37 @@ static int set(void *it, char of, const uint32_t references[], size_t count, con
     }
 }
 
-static int enter(void *it, double start) {
+static Status enter(void *it, double start) {
     return call.EnterInitializationMode(it, false, 0.0, start, false, 0.0);
 }
 
-static int step(void *it, double start, double size) {
+static Status step(void *it, double start, double size) {
     bool event, stop, early;
     double reached;
     return call.DoStep(it, start, size, true, &event, &stop, &early, &reached);
 }
 
-static int configure(void *it, bool enters) {
+static Status configure(void *it, bool enters) {
     if (enters)
         return call.EnterConfigurationMode(it);
     return call.ExitConfigurationMode(it);
 }
 
-static int serialize(void *it, void *state, unsigned char *bytes, size_t size) {
+static Status serialize(void *it, void *state, unsigned char *bytes, size_t size) {
     return call.SerializeFMUState(it, state, bytes, size);
 }
 
-static int deserialize(void *it, const unsigned char *bytes, size_t size, void **state) {
+static Status deserialize(void *it, const unsigned char *bytes, size_t size, void **state) {
     return call.DeserializeFMUState(it, bytes, size, state);
 }
 
-static int set_categories(void *it, size_t count, const char *const categories[]) {
+static Status set_categories(void *it, size_t count, const char *const categories[]) {
     fmi3String given[4] = {NULL};
     memcpy(given, categories, (count < 4 ? count : 4) * sizeof *given);
     return call.SetDebugLogging(it, true, count, given);
 }
 
-static int senseless(void *it, unsigned which) {
+static Status senseless(void *it, unsigned which) {
     const fmi3ValueReference reference = 0;
     const fmi3Int32 order = 1;
     const fmi3String text = "text";
@@ -235,31 +235,31 @@ static void release(void *it) {
     call.FreeInstance(it);
 }
 
-static int exit_initialization(void *it) {
+static Status exit_initialization(void *it) {
     return call.ExitInitializationMode(it);
 }
 
-static int terminate(void *it) {
+static Status terminate(void *it) {
     return call.Terminate(it);
 }
 
-static int reset(void *it) {
+static Status reset(void *it) {
     return call.Reset(it);
 }
 
-static int get_state(void *it, void **state) {
+static Status get_state(void *it, void **state) {
     return call.GetFMUState(it, state);
 }
 
-static int set_state(void *it, void *state) {
+static Status set_state(void *it, void *state) {
     return call.SetFMUState(it, state);
 }
 
-static int free_state(void *it, void **state) {
+static Status free_state(void *it, void **state) {
     return call.FreeFMUState(it, state);
 }
 
-static int state_size(void *it, void *state, size_t *size) {
+static Status state_size(void *it, void *state, size_t *size) {
     return call.SerializedFMUStateSize(it, state, size);
 }
 

@@ -1,0 +1,261 @@
+"""FMI calls in any order with any arguments: each does what the standard says, or is refused with a message and nothing
+has changed, bit by bit; nothing crashes or hangs.
+
+The laws around every call are in fmus/fuzz/subject.c. Here they hold over inputs drawn once and for all, on the FMUs as
+they are shipped, each in a process of its own; with clang, libFuzzer looks for others. What was found has a test of its
+own below.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import random
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fmu_library
+import fuzzing
+from contract.fmu_driver import DEPOSITION_MODELS, DISCARD, ERROR, FORMS, MODELS, OK, Driver
+from contract.test_fmu_state import PARAMETERS, act, started
+from fmu_library import NAMES
+from node_bench import FIRMWARE
+
+EVERY_FORM = pytest.mark.parametrize("form", FORMS)
+EVERY_MODEL = pytest.mark.parametrize("model", MODELS)
+needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
+INPUTS = {"LayerController": 25, "YoungLaplaceDeposition": 60, "SuperpositionDeposition": 100}
+USUAL_INPUTS = 300
+
+
+def drawn(name: str) -> list[bytes]:
+    """The inputs of one FMU."""
+    generator = random.Random(name)
+    return [generator.randbytes(400) for _ in range(INPUTS.get(name.partition("-")[0], USUAL_INPUTS))]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("fmus")
+
+
+@pytest.fixture(scope="module")
+def calls(folder: Path) -> Path:
+    """The fuzz target as a program that is fed inputs."""
+    return fmu_library.program(folder, "calls", "gcc", (), others=[FIRMWARE / "fuzz" / "replay.c"])
+
+
+def feed(program: Path, table: Path, inputs: list[bytes]) -> str:
+    """What the program says of all inputs; it ends at the first that breaks a law."""
+    given = b"".join(len(one).to_bytes(2, "little") + one for one in inputs)
+    told = {"INKLOOP_FMU_TABLE": str(table), "INKLOOP_FUZZ_SHOWS": "1"}
+    done = subprocess.run([program], input=given, env=os.environ | told, capture_output=True, check=False)
+    said = done.stderr.decode(errors="replace")
+    through = len(done.stdout)
+    if done.returncode:
+        hexadecimal = inputs[through].hex() if through < len(inputs) else ""
+        raise AssertionError(f"input {through} ends with {done.returncode}: {said[-2000:]}\n{hexadecimal}")
+    return said
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("resizable", [True, False])
+def test_calls_do_what_the_standard_says_or_change_nothing(name, resizable, calls, folder) -> None:
+    """And many of them print layers and are refused, so that the inputs mean something."""
+    model, form = name.split("-")
+    if form == "fmi2" and resizable:
+        pytest.skip("FMI 2 has no structural parameters")
+    table = folder / f"{name}-{resizable}.txt"
+    fmu_library.write_table(fmu_library.shipped(model, form, folder), table, resizable=resizable)
+    inputs = drawn(name)
+    said = re.findall(r"^steps (\d+) layers (\d+) refusals (\d+)$", feed(calls, table, inputs), re.MULTILINE)
+    steps, layers, refusals = np.array(said, int).sum(axis=0)
+    assert len(said) == len(inputs)
+    assert min(steps, layers) > 2 * len(inputs)
+    assert refusals > 10 * len(inputs)
+
+
+@needs_gcc
+@pytest.mark.parametrize(("change", "broken"), [
+    (lambda text: text.replace("variation r p", "variation r -"), "does not allow does not succeed"),
+    (lambda text: re.sub(r"(variation r p .*) 1.0 inf", r"\1 0.0001 inf", text), "beyond its limits is not taken"),
+    (lambda text: text.replace("-resizable", ""), "is legal and sensible succeeds"),
+])  # fmt: skip
+def test_laws_bite(change, broken, calls, folder) -> None:
+    """Told something else of the FMU, they say what is not so."""
+    table = fmu_library.write_table(fmu_library.shipped("LayerDeposition", "fmi3", folder), folder / "wrong.txt")
+    text = table.read_text()
+    assert change(text) != text
+    table.write_text(change(text))
+    with pytest.raises(AssertionError, match=broken):
+        feed(calls, table, drawn("LayerDeposition-fmi3"))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", NAMES)
+def test_fuzzer_finds_nothing_in_minutes(name, folder) -> None:
+    """libFuzzer on a build with sanitizers, another way each time."""
+    compiler = fuzzing.clang()
+    if compiler is None:
+        pytest.skip("clang with libFuzzer is not installed; make tools")
+    program, tables = fmu_library.fuzzers([name], folder, compiler)
+    assert not fuzzing.fuzz(name, program, 20, folder / "learned" / name, table=tables[name])
+
+
+# What was found by the laws, by sanitizers or by reading.
+
+
+@EVERY_FORM
+@EVERY_MODEL
+def test_damaged_state_is_refused_wherever_a_bit_is_changed(model, form) -> None:
+    """Sizes and numbers in a state tell places in memory: it is taken as it was saved, or not at all."""
+    with started(model, form) as fmu:
+        act(fmu, 0, 4)
+        saved = fmu.save()
+        places = np.linspace(0, len(saved) - 1, 200).astype(int)
+        for number, place in enumerate(places):
+            damaged = bytearray(saved)
+            damaged[place] ^= 1 << number % 8
+            fmu.messages.clear()
+            assert fmu.restore(bytes(damaged)) == ERROR, place
+            assert fmu.messages
+        two = bytearray(saved)  # signs of two numbers, which a plain sum of words would not tell
+        two[-1] ^= 0x80
+        two[-9] ^= 0x80
+        assert fmu.restore(bytes(two)) == ERROR
+        assert fmu.save() == saved
+
+
+@EVERY_FORM
+@EVERY_MODEL
+def test_reading_changes_nothing_that_is_saved(model, form) -> None:
+    """Outputs before the first step are calculated when they are first read; a state says the same before and after."""
+    with Driver(model, form) as fmu:
+        before = fmu.save()
+        fmu.outputs()
+        assert fmu.save() == before
+
+
+@EVERY_FORM
+@EVERY_MODEL
+def test_missing_arguments_are_errors_in_words(model, form) -> None:
+    with started(model, form) as fmu:
+        instance, before = fmu.fmu.component, fmu.save()
+        one = (ctypes.c_uint * 1)(fmu.references["seed"][0])
+        integer = ctypes.c_int()
+        if fmu.is_fmi2:
+            wrong = {"fmi2GetInteger": (instance, None, 1, ctypes.byref(integer)),
+                     "fmi2SetInteger": (instance, one, 1, None), "fmi2GetFMUstate": (instance, None),
+                     "fmi2SetFMUstate": (instance, None), "fmi2SetDebugLogging": (instance, True, 1, None),
+                     "fmi2SerializedFMUstateSize": (instance, None, None)}  # fmt: skip
+        else:
+            wrong = {"fmi3GetInt32": (instance, None, 1, ctypes.byref(integer), 1),
+                     "fmi3SetInt32": (instance, one, 1, None, 1), "fmi3GetFMUState": (instance, None),
+                     "fmi3SetFMUState": (instance, None), "fmi3SetDebugLogging": (instance, True, 1, None),
+                     "fmi3SerializedFMUStateSize": (instance, None, None),
+                     "fmi3DoStep": (instance, 0.0, 1.0, True, None, None, None, None)}  # fmt: skip
+        for name, arguments in wrong.items():
+            fmu.messages.clear()
+            assert fmu.call(name, *arguments) == ERROR, name
+            assert fmu.messages[0].startswith(name), fmu.messages
+            assert re.search("missing|NULL|no state", fmu.messages[0]), fmu.messages
+        assert fmu.save() == before
+
+
+@EVERY_FORM
+@EVERY_MODEL
+@pytest.mark.parametrize(("start", "size"), [(1e308, 1e308), (1e20, 1.0), (0.0, -1e-300)])
+def test_step_must_end_later_at_a_finite_time(model, form, start, size) -> None:
+    """1e20 s and 1 s are 1e20 s."""
+    with started(model, form) as fmu:
+        before = fmu.save()
+        assert fmu.step(start, size) == (ERROR if form == "fmi2" else DISCARD)
+        assert fmu.save() == before
+
+
+@EVERY_FORM
+@pytest.mark.parametrize("model", DEPOSITION_MODELS)
+@pytest.mark.parametrize(("period", "size"), [(1e-9, 1e9), (5e-324, 1.0), (1.0, 1e15)])
+def test_step_with_layers_without_end_is_refused(model, form, period, size) -> None:
+    with Driver(model, form, 3, 2).start({"layer_period": period}) as fmu:
+        before = fmu.save()
+        assert fmu.step(0.0, size) == (ERROR if form == "fmi2" else DISCARD)
+        assert "take shorter steps" in fmu.messages[-1]
+        assert fmu.save() == before
+
+
+@EVERY_FORM
+@pytest.mark.parametrize("model", DEPOSITION_MODELS)
+def test_layer_numbers_end_where_an_int32_does(model, form) -> None:
+    last = 2**31 - 1
+    with Driver(model, form, 3, 2).start({"layer_period": 1.0, "layer_command": last}) as fmu:
+        assert fmu.step(0.0, 1.0) == (ERROR if form == "fmi2" else DISCARD)
+        assert fmu.get("layers_printed") == last
+    with Driver(model, form, 3, 2).start({"layer_command": last - 1}) as fmu:
+        assert max(fmu.set("layer_command", last), fmu.step(0.0)) == OK
+        assert fmu.get("layers_printed") == last
+
+
+@EVERY_FORM
+@pytest.mark.parametrize(("model", "parameters"), [
+    ("LayerDeposition", {"h1_a": 1e308}),
+    ("VolumeAreaDeposition", {"mv_plus": 1e300, "mv_minus": -1e300, "pattern": [1, 0, 1, 1, 0, 1]}),
+    ("ProfileSensor", {"bias": 1e308, "drift_rate": 1e308, "scan_duration": 0.0}),
+])  # fmt: skip
+def test_step_to_what_is_not_finite_is_not_taken(model, form, parameters) -> None:
+    with Driver(model, form, 3, 2) as fmu:
+        given = {name: np.reshape(value, (3, 2)) if np.ndim(value) else value for name, value in parameters.items()}
+        fmu.start(given)
+        status = OK
+        for layer in range(1, 20):
+            name = "layers_printed" if model == "ProfileSensor" else "layer_command"
+            assert fmu.set(name, layer) == OK
+            before = fmu.save()
+            status = fmu.step(fmu.now)
+            if status != OK:
+                break
+        assert status == (ERROR if form == "fmi2" else DISCARD)
+        assert "the step was not taken" in fmu.messages[-1]
+        assert fmu.save() == before
+        assert all(np.isfinite(value).all() for value in fmu.outputs().values())
+
+
+@pytest.mark.parametrize("form", ["fmi3", "fmi3-fixed"])
+def test_byte_that_is_no_boolean_is_refused(form) -> None:
+    with started("LayerController", form) as fmu:
+        before = fmu.save()
+        reference = (ctypes.c_uint * 1)(fmu.references["layer_unknown"][0])
+        byte = ctypes.cast((ctypes.c_ubyte * 1)(2), ctypes.POINTER(ctypes.c_bool))
+        assert fmu.call("fmi3SetBoolean", fmu.fmu.component, reference, 1, byte, 1) == DISCARD
+        assert "layer_unknown is 2; expected 0 to 1" in fmu.messages[-1]
+        assert fmu.save() == before
+
+
+@EVERY_FORM
+@pytest.mark.parametrize("model", DEPOSITION_MODELS)
+def test_refused_end_of_initialisation_changes_nothing(model, form) -> None:
+    """The fine surface of Young-Laplace was made before the times were looked at, and made the state longer."""
+    with Driver(model, form, 5, 4) as fmu:
+        for name, value in {**PARAMETERS[model], "layer_period": 1.0}.items():
+            assert fmu.set(name, value) == OK
+        assert fmu.enter() == OK
+        before = fmu.save()
+        assert fmu.exit() == ERROR
+        assert fmu.save() == before
+
+
+@EVERY_FORM
+def test_droplets_are_counted_up_to_what_an_int32_holds(form) -> None:
+    """255 drops on each of 7 x 7 cells: the counter is full after 171,863 layers."""
+    with Driver("LayerDeposition", form, 7, 7).start({"drop_level": 255, "layer_period": 1.0, "h1_a": 0.0, "h2_a": 0.0,
+                                                      "h3_a": 0.0}) as fmu:  # fmt: skip
+        for time in range(0, 180_000, 10_000):
+            assert fmu.step(float(time), 10_000.0) == OK
+        assert fmu.get("droplets_a") == 2**31 - 1
+        assert fmu.get("layers_printed") == 180_000
