@@ -13,6 +13,7 @@ import fmpy
 import numpy as np
 import pytest
 from fmpy.build import build_platform_binary
+from lxml import etree
 
 from contract.fmu_driver import OK, Driver
 from fmu_checkers import by_fmpy, by_fmutool
@@ -93,6 +94,17 @@ def test_archive_says_what_is_baked(file) -> None:
     assert "Cuboid, 8 x 8 droplets: 12 x 12 cells of 263.256 um, 64 of them printed, up to 22.8 um high" in page
     assert 'src="target.png"' in page
     assert "<td>printer</td><td>LayerDeposition</td><td>variation</td><td>0.2</td>" in page
+
+
+@pytest.mark.parametrize("form", ["fmi3-fixed"])
+def test_terminals_are_valid_and_name_every_input_and_output(file) -> None:
+    schema = etree.XMLSchema(file=str(Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3TerminalsAndIcons.xsd"))
+    with zipfile.ZipFile(file) as archive:
+        root = etree.fromstring(archive.read("terminalsAndIcons/terminalsAndIcons.xml"))
+    schema.assertValid(root)
+    variables = fmpy.read_model_description(str(file)).modelVariables
+    members = [member.get("variableName") for member in root.iter("TerminalMemberVariable")]
+    assert members == [v.name for v in variables if v.causality in ("input", "output")]
 
 
 def test_same_scenario_gives_the_same_bytes_and_another_one_another_token(tmp_path, monkeypatch) -> None:
