@@ -172,13 +172,13 @@ def test_scenario_that_cannot_be_baked_is_answered_with_every_obstacle() -> None
     with pytest.raises(ScenarioError) as raised:
         bake(Scenario.of_text(text, str(SCENARIOS / "it.toml")))
     faults = "\n".join(raised.value.faults)
-    assert "components.controller cannot be part of a block: kind OpenLoop is no FMU" in faults
+    assert "components.controller: kind OpenLoop is no FMU; a block is made of LayerMpc, LayerDeposition" in faults
     assert "connections: printer.height to profiler.height has a gain or an offset" in faults
     assert "[[events]]" in faults
 
 
 def test_devices_have_no_place_in_a_block() -> None:
-    with pytest.raises(ScenarioError, match=r"components\.printer cannot be part of a block: kind hardware\.printer"):
+    with pytest.raises(ScenarioError, match=r"components\.printer: kind hardware\.printer is no FMU"):
         bake(scenario("bench"))
 
 

@@ -76,7 +76,7 @@ def _obstacles(scenario: Scenario, system: System, roles: Mapping[str, str]) -> 
     strange = {name: table.kind for name, table in scenario.tables.components.items() if table.kind not in ours}
     for name in {**strange, **system.outside}:
         reason = system.outside.get(name, f"kind {strange.get(name)} is an FMU of its own")
-        yield f"components.{name} cannot be part of a block: {reason}; it is made of {', '.join(ours)}"
+        yield f"components.{name}: {reason}; a block is made of {', '.join(ours)}"
     for role, models in ROLES.items():
         names = [name for name, found in roles.items() if found == role]
         if len(names) > 1:
