@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from itertools import cycle
 
 import numpy as np
@@ -117,6 +119,15 @@ def test_reset_and_a_second_instance_print_the_same(form) -> None:
         finish(second.start(), 1.0)
         finish(first.start(), 1.0)
         assert first.save() == second.save() == end
+
+
+@EVERY_FORM
+def test_instances_side_by_side_do_not_disturb_each_other(form) -> None:
+    """FMPy lets go of Python's lock while a step is under way."""
+    with ExitStack() as stack, ThreadPoolExecutor(4) as threads:
+        fmus = [stack.enter_context(block(form, "cuboid")).start() for _ in range(4)]
+        list(threads.map(lambda fmu: finish(fmu, 1.0), fmus))
+        assert len({fmu.save() for fmu in fmus}) == 1
 
 
 def counts(fmu: Driver) -> tuple[int, int]:
