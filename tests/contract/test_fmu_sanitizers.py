@@ -1,0 +1,115 @@
+"""All FMUs built once more from their own sources with sanitizers: what the shipped ones would keep to themselves.
+
+The contract suite under the address and undefined-behaviour sanitizers; whole lives and fuzzed calls without a leak;
+four instances at once under the thread sanitizer. `make sanitize` runs this file.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import fmu_library
+from contract.fmu_driver import MODELS
+from contract.test_fmu_fuzz import drawn, feed
+from fmu_library import FORMS, NAMES, Library
+from node_bench import FIRMWARE, ROOT
+from property.test_firmware_sanitized import preloaded
+
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(sys.platform != "linux" or not shutil.which("gcc"), reason="gcc for Linux is not installed"),
+]
+TESTS = [f"contract/test_{name}.py" for name in ("fmu_state", "fmu_handshake", "fmu_flags", "fmu_fuzz", "fmu_archive",
+         "layer_controller_fmu", "component_contract", "closed_loop", "own_loop")]  # fmt: skip
+ABOUT_THE_SHIPPED_BINARY = ("only_the_standards_functions", "binary_needs_the_c_library", "sources_compile",
+                            "laws_bite", "calls_do_what", "fixed_grid_has_the_sources")  # fmt: skip
+ADDRESS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+THREAD = ("-fsanitize=thread",)
+
+
+@pytest.fixture(scope="module")
+def checked(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Library]:
+    """Every library with the address and undefined-behaviour sanitizers."""
+    folder = tmp_path_factory.mktemp("address")
+    return dict(zip(NAMES, fmu_library.all_rebuilt(MODELS, folder, "gcc", ADDRESS), strict=True))
+
+
+def test_contract_suite_is_clean_under_the_address_sanitizer(checked: dict[str, Library], tmp_path: Path) -> None:
+    """Leaks are looked for below: Python itself leaves much behind."""
+    libraries = preloaded()
+    if libraries is None:
+        pytest.skip("gcc with its address sanitizer for Linux is not installed")
+    fmu_library.packed(list(checked.values()), tmp_path)
+    chosen = {"INKLOOP_FMU_DIR": str(tmp_path), "LD_PRELOAD": libraries, "ASAN_OPTIONS": "detect_leaks=0"}
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-k",
+               " and ".join(f"not {name}" for name in ABOUT_THE_SHIPPED_BINARY),
+               *(f"tests/{name}" for name in TESTS)]  # fmt: skip
+    done = subprocess.run(command, cwd=ROOT, env=os.environ | chosen, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-5000:] + done.stderr[-5000:]
+
+
+@pytest.fixture(scope="module")
+def lives(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Library, tuple[str, ...]], str]:
+    """Runs four instances side by side, then one after the other; what sanitizers and laws say, '' if nothing."""
+    folder = tmp_path_factory.mktemp("lives")
+    programs: dict[tuple[str, ...], Path] = {}
+
+    def live(built: Library, flags: tuple[str, ...]) -> str:
+        if flags not in programs:
+            place = folder / str(len(programs))
+            place.mkdir()
+            programs[flags] = fmu_library.program(place, "side_by_side", "gcc", flags)
+        table = fmu_library.write_table(built, folder / f"{built.model}-{built.form}.txt")
+        done = subprocess.run([programs[flags], table], capture_output=True, text=True, check=False)
+        return "" if done.returncode == 0 else done.stderr or f"ended with {done.returncode}"
+
+    return live
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_whole_lives_leave_no_memory_behind(name, checked, lives) -> None:
+    assert not lives(checked[name], ADDRESS)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_four_instances_in_four_threads_share_nothing(name, lives, tmp_path) -> None:
+    """And print what they print one after the other."""
+    model, form = name.split("-")
+    assert not lives(fmu_library.rebuilt(model, form, tmp_path, "gcc", THREAD), THREAD)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_fuzzed_calls_leave_no_memory_behind(name, checked, tmp_path) -> None:
+    program = fmu_library.program(tmp_path, "calls", "gcc", ADDRESS, others=[FIRMWARE / "fuzz" / "replay.c"])
+    feed(program, fmu_library.write_table(checked[name], tmp_path / "table.txt"), drawn(name))
+
+
+def edited(folder: Path, file: str, old: str, new: str) -> None:
+    """A fault on purpose in the sources of an unpacked LayerDeposition."""
+    source = fmu_library.unpacked("LayerDeposition", "fmi3", folder) / "sources" / file
+    text = source.read_text()
+    assert text.count(old) == 1
+    source.write_text(text.replace(old, new))
+
+
+COUNTING = "static void count_droplets(const LayerHandshake *h) {"
+
+
+@pytest.mark.parametrize(("flags", "fault", "said"), [
+    (ADDRESS, ("instance.c", "    free(instance->block);\n", ""), "LeakSanitizer"),
+    (ADDRESS, ("instance.c", "calloc(end, 1)", "calloc(end - 8, 1)"), "AddressSanitizer"),
+    (ADDRESS, ("layer_handshake.c", COUNTING, f"{COUNTING}\n    (void)(*h->nx << (62 + *h->nx));"), "runtime error"),
+    (THREAD, ("layer_handshake.c", COUNTING, f"static long counted;\n{COUNTING}\n    counted++;"), "data race"),
+])  # fmt: skip
+def test_sanitizers_bite(flags, fault, said, lives, tmp_path) -> None:
+    """A leak, a block that is too short, a shift beyond the word, and a counter that all instances share."""
+    edited(tmp_path, *fault)
+    built = fmu_library.rebuilt("LayerDeposition", FORMS[0], tmp_path, "gcc", flags)
+    assert said in lives(built, flags)
