@@ -229,8 +229,13 @@ def test_flag_is_kept(model: str, form: str, law: Law) -> None:
     law(model, form)
 
 
-@pytest.mark.parametrize("law", {law for laws in LAWS.values() for law in laws.values()} - {law for _, law in OWN},
-                         ids=lambda law: law.__name__)  # fmt: skip
+@pytest.mark.parametrize(
+    "law",
+    sorted(
+        {law for laws in LAWS.values() for law in laws.values()} - {law for _, law in OWN}, key=lambda law: law.__name__
+    ),
+    ids=lambda law: law.__name__,
+)
 def test_flag_that_is_shown_elsewhere_is_shown_for_every_model_and_form(law: Any) -> None:
     covered = {mark.args[0]: tuple(mark.args[1]) for mark in law.pytestmark if mark.name == "parametrize"}
     assert law.__name__.startswith("test_")
