@@ -48,8 +48,15 @@ def unpack(path: Path) -> dict[str, bytes]:
 def described(
     members: Mapping[str, bytes], form: str, nx: int, ny: int, version: str, baked: Baked = PLAIN
 ) -> dict[str, bytes]:
-    """The members with a modelDescription.xml for a grid, from the definition among them."""
+    """The members with a modelDescription.xml for a grid, from the definition among them.
+
+    Raises FmuError where their binary would refuse it: the members were built by another inkloop than this code.
+    """
     model = model_definition.load(members[DEFINITION].decode(), DEFINITION)
+    if model.fingerprint.encode() not in members.get("modelDescription.xml", model.fingerprint.encode()):
+        raise FmuError(
+            f"{model.name}: the FMU was built from other sources than this Python code; run make, or pip install again"
+        )
     description = model_description.write(model, form, nx, ny, _sources(members), Release(version, _now()), baked)
     return {**members, "modelDescription.xml": description}
 

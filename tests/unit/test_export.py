@@ -12,6 +12,7 @@ import pytest
 from inkloop import model_definition
 from inkloop.errors import FmuError
 from inkloop.export import export, find_fmu
+from inkloop.fmu_archive import pack, unpack
 
 DEFINITION = Path(__file__).parents[2] / "fmus" / "layer_deposition" / "variables.toml"
 
@@ -75,6 +76,18 @@ def test_archive_that_is_none_is_named(tmp_path, monkeypatch) -> None:
     (tmp_path / "fmi3" / "LayerDeposition.fmu").write_text("no archive")
     with pytest.raises(FmuError, match=r"LayerDeposition\.fmu: is not a readable FMU"):
         export("LayerDeposition", fmi="3", nx=3, ny=3, fixed=False, out=tmp_path / "it.fmu")
+
+
+def test_a_set_that_was_built_by_another_version_is_not_exported_and_says_what_to_do(tmp_path, monkeypatch) -> None:
+    members = unpack(find_fmu("LayerDeposition", "fmi2"))
+    fingerprint = model_definition.load(DEFINITION.read_text(), DEFINITION).fingerprint
+    older = members["modelDescription.xml"].replace(fingerprint.encode(), b"0123456789abcdef")
+    (tmp_path / "fmi2").mkdir()
+    pack(tmp_path / "fmi2" / "LayerDeposition.fmu", {**members, "modelDescription.xml": older})
+    monkeypatch.setenv("INKLOOP_FMU_DIR", str(tmp_path))
+    with pytest.raises(FmuError, match=r"LayerDeposition: .* built from other sources .*; run make"):
+        export("LayerDeposition", fmi="2", nx=3, ny=3, fixed=True, out=tmp_path / "it.fmu")
+    assert not (tmp_path / "it.fmu").exists()
 
 
 def test_fingerprint_changes_with_what_the_binary_must_know() -> None:
