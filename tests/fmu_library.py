@@ -6,6 +6,7 @@ prints on several instances at once. Each reads a table with the variables of on
 
 from __future__ import annotations
 
+import re
 import zipfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import fmpy
 
+import layer_jobs
 from contract.fmu_driver import MODELS
 from fuzzing import run
 from inkloop import fmu_archive, model_definition
@@ -24,12 +26,15 @@ from node_bench import FIRMWARE, ROOT
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 FUZZ = ROOT / "fmus" / "fuzz"
 FORMS = ("fmi3", "fmi2")  # one library each; that of fmi3-fixed is the one of fmi3
-NAMES = tuple(f"{model}-{form}" for model in MODELS for form in FORMS)
+JOB = "LayerJob"
+NAMES = tuple(f"{model}-{form}" for model in (*MODELS, JOB) for form in FORMS)
 PARTS = ("fmu", "version_2", "version_3", "subject")
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror")
 ROLES = {"input": "i", "parameter": "p", "structural": "s"}
 WORK = {"nx": 4, "ny": 4, "annealing_sweeps": 20, "iterations": 20, "sweeps_max": 20, "cells_per_pitch": 6}
 """Parameters that only mean more work: limits for the tests, so that an input ends soon."""
+BAKED = ("cuboid", "run.layers_max=4")
+"""The print in the block that is tried."""
 GRID = (3, 2)
 FUZZ_SANITIZERS = "-fsanitize=address,undefined,float-cast-overflow"
 
@@ -44,11 +49,16 @@ class Library:
     resources: Path
 
 
+def archive_of(model: str, form: str) -> Path:
+    """The FMU with a library; a print in one block has a fixed grid only."""
+    return find_fmu(model, "fmi3-fixed" if (model, form) == (JOB, "fmi3") else form)
+
+
 def unpacked(model: str, form: str, folder: Path) -> Path:
     """The folder into which an FMU was unpacked."""
     place = folder / f"{model}-{form}"
     if not place.exists():
-        fmpy.extract(str(find_fmu(model, form)), str(place))
+        fmpy.extract(str(archive_of(model, form)), str(place))
     return place
 
 
@@ -79,7 +89,8 @@ def all_rebuilt(models: Sequence[str], folder: Path, compiler: str, flags: Seque
 def packed(libraries: Sequence[Library], folder: Path) -> None:
     """A set of FMUs in all forms with these libraries in place of their own, for INKLOOP_FMU_DIR."""
     for built in libraries:
-        for form in ("fmi3", "fmi3-fixed") if built.form == "fmi3" else ("fmi2",):
+        fixed = ("fmi3-fixed",) if built.model == JOB else ("fmi3", "fmi3-fixed")
+        for form in fixed if built.form == "fmi3" else ("fmi2",):
             members = fmu_archive.unpack(find_fmu(built.model, form))
             (binary,) = (name for name in members if name.startswith("binaries/"))
             path = folder / form / f"{built.model}.fmu"
@@ -89,14 +100,18 @@ def packed(libraries: Sequence[Library], folder: Path) -> None:
 
 def write_table(built: Library, path: Path, *, resizable: bool = True) -> Path:
     """What the C programs must know of an FMU: version, grid, paths, token, and a line per variable."""
-    with zipfile.ZipFile(find_fmu(built.model, built.form)) as archive:
+    with zipfile.ZipFile(archive_of(built.model, built.form)) as archive:
         model = model_definition.load(archive.read(fmu_archive.DEFINITION).decode(), built.model)
     is_fmi2 = built.form == "fmi2"
-    is_resizable = resizable and not is_fmi2
+    is_resizable = resizable and not is_fmi2 and built.model != JOB
     nx, ny = GRID
-    location = built.resources.as_uri() if is_fmi2 else f"{built.resources}/"
-    lines = [f"{2 if is_fmi2 else 3} {int(is_resizable)} {nx} {ny}", str(built.library), location,
-             model.token(nx, ny, resizable=is_resizable)]  # fmt: skip
+    token, resources = model.token(nx, ny, resizable=is_resizable), built.resources
+    if built.model == JOB:
+        baked = layer_jobs.unpacked(archive_of(JOB, built.form).parent.name, *BAKED)
+        token, resources = fmpy.read_model_description(baked).guid, baked / "resources"
+        nx, ny = map(int, re.findall(r"\d+", token.split("-")[2]))
+    location = resources.as_uri() if is_fmi2 else f"{resources}/"
+    lines = [f"{2 if is_fmi2 else 3} {int(is_resizable)} {nx} {ny}", str(built.library), location, token]
     scalar = {v.name: reference for v, reference in model.scalar_references(nx, ny)}
     for number, variable in enumerate(model.exposed):
         if is_fmi2 and variable.causality == "independent":

@@ -316,7 +316,7 @@ Outcome instance_exit_initialization(Instance *instance) {
 }
 
 bool keep_values(Instance *instance) {
-    instance->is_before_step_kept = snapshot_take(instance, &instance->before) == ACCEPTED;
+    instance->is_before_step_kept = snapshot_copy(instance, &instance->before) == ACCEPTED;
     return instance->is_before_step_kept;
 }
 

@@ -102,6 +102,7 @@ typedef struct Snapshot {
 
 /* `*snapshot` may hold an older snapshot of the same size, which is reused, or be NULL. */
 Outcome snapshot_take(Instance *instance, Snapshot **snapshot);
+Outcome snapshot_copy(Instance *instance, Snapshot **snapshot); /* to go back to only: without its checksum */
 Outcome snapshot_restore(Instance *instance, const Snapshot *snapshot);
 Outcome snapshot_from_bytes(Instance *instance, const void *bytes, size_t size, Snapshot **snapshot);
 

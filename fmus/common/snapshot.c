@@ -79,9 +79,9 @@ static Snapshot *sized(Snapshot *old, size_t size) {
     return snapshot;
 }
 
-Outcome snapshot_take(Instance *instance, Snapshot **snapshot) {
+Outcome snapshot_copy(Instance *instance, Snapshot **snapshot) {
     update_outputs(instance); /* so that states are equal where everything that can be read is */
-    Header header = header_of(instance);
+    const Header header = header_of(instance);
     Snapshot *taken = sized(*snapshot, sizeof header + instance->saved_size + instance->kept_size);
     if (!taken)
         return misuse(instance, "no memory for a state of %lu bytes",
@@ -90,9 +90,17 @@ Outcome snapshot_take(Instance *instance, Snapshot **snapshot) {
     memcpy(taken->bytes + sizeof header, instance->block, instance->saved_size);
     if (instance->kept_size > 0)
         memcpy(taken->bytes + sizeof header + instance->saved_size, instance->kept, instance->kept_size);
-    header.checksum = checksum_of(taken->bytes, taken->size);
-    memcpy(taken->bytes, &header, sizeof header);
     *snapshot = taken;
+    return ACCEPTED;
+}
+
+Outcome snapshot_take(Instance *instance, Snapshot **snapshot) {
+    Header header;
+    if (snapshot_copy(instance, snapshot) != ACCEPTED)
+        return MISUSED;
+    memcpy(&header, (*snapshot)->bytes, sizeof header);
+    header.checksum = checksum_of((*snapshot)->bytes, (*snapshot)->size);
+    memcpy((*snapshot)->bytes, &header, sizeof header);
     return ACCEPTED;
 }
 

@@ -22,12 +22,28 @@ from contract import test_fmu_state as state_tests
 from contract.fmu_driver import DISCARD, ERROR, FIXED_REALS, FORMS, MODELS, OK, Driver, callbacks
 from contract.test_fmu_archive import HEADERS, described
 from contract.test_fmu_state import EVERY_FORM, EVERY_MODEL, offer, started
+from fmu_library import BAKED, JOB
 from inkloop.export import find_fmu
+from layer_jobs import block
 
 SCHEMAS = {2: HEADERS.parent / "schema/fmi2/fmi2ModelDescription.xsd",
            3: HEADERS.parent / "schema/fmi3/fmi3InterfaceType.xsd"}  # fmt: skip
 XSD = "{http://www.w3.org/2001/XMLSchema}"
 Law = Callable[[str, str], None]
+BLOCKS = [(JOB, form) for form in ("fmi3-fixed", "fmi2")]
+EVERY_FMU = pytest.mark.parametrize(("model", "form"), [*((m, form) for m in MODELS for form in FORMS), *BLOCKS])
+FIXED = {**FIXED_REALS, JOB: "layer_period"}
+
+
+def opened(model: str, form: str) -> Driver:
+    """An instance in Step Mode; a print in one block is that of a scenario."""
+    return block(form, *BAKED).start() if model == JOB else started(model, form)
+
+
+def give(fmu: Driver, layer: int) -> None:
+    """Inputs with which the next step has something to do; a print in one block has enough to do by itself."""
+    if "start" not in fmu.references:
+        offer(fmu, layer)
 
 
 def refuses(fmu: Driver, method: str, *arguments: Any, said: str = "modelDescription.xml") -> None:
@@ -49,15 +65,15 @@ def output_of(fmu: Driver) -> list[int]:
 def it_is_the_name_of_the_binary(model: str, form: str) -> None:
     root = described(find_fmu(model, form))
     assert root.find("CoSimulation").get("modelIdentifier") == model
-    Driver(model, form).fmu.freeInstance()
+    opened(model, form).fmu.freeInstance()
 
 
 def any_sizes_of_steps_lead_to_the_same_outputs(model: str, form: str) -> None:
     ends = []
     for sizes in ([3.0], [1.0, 1.0, 1.0], [0.1, 1.7, 1.2], [0.375] * 8):
-        with started(model, form) as fmu:
+        with opened(model, form) as fmu:
             for layer in range(1, 5):
-                offer(fmu, layer)
+                give(fmu, layer)
                 for size in sizes:
                     assert fmu.step(fmu.now, size) == OK
             ends.append({name: value.tolist() for name, value in fmu.outputs().items() if name != "time"})
@@ -65,28 +81,28 @@ def any_sizes_of_steps_lead_to_the_same_outputs(model: str, form: str) -> None:
 
 
 def output_derivatives_are_refused(model: str, form: str) -> None:
-    with started(model, form) as fmu:
+    with opened(model, form) as fmu:
         method = "getRealOutputDerivatives" if fmu.is_fmi2 else "getOutputDerivatives"
         refuses(fmu, method, output_of(fmu), [1])
 
 
 def input_derivatives_are_refused(model: str, form: str) -> None:
-    with started(model, form) as fmu:
-        refuses(fmu, "setRealInputDerivatives", fmu.references[FIXED_REALS[model]], [1], [0.0])
+    with opened(model, form) as fmu:
+        refuses(fmu, "setRealInputDerivatives", fmu.references[FIXED[model]], [1], [0.0])
 
 
 def directional_derivatives_are_refused(model: str, form: str) -> None:
-    with started(model, form) as fmu:
-        refuses(fmu, "getDirectionalDerivative", output_of(fmu), fmu.references[FIXED_REALS[model]], [1.0])
+    with opened(model, form) as fmu:
+        refuses(fmu, "getDirectionalDerivative", output_of(fmu), fmu.references[FIXED[model]], [1.0])
 
 
 def adjoint_derivatives_are_refused(model: str, form: str) -> None:
-    with started(model, form) as fmu:
-        refuses(fmu, "getAdjointDerivative", output_of(fmu), fmu.references[FIXED_REALS[model]], [1.0])
+    with opened(model, form) as fmu:
+        refuses(fmu, "getAdjointDerivative", output_of(fmu), fmu.references[FIXED[model]], [1.0])
 
 
 def dependencies_at_run_time_are_refused(model: str, form: str) -> None:
-    with started(model, form) as fmu:
+    with opened(model, form) as fmu:
         instance, output = fmu.fmu.component, output_of(fmu)[0]
         refuses(fmu, "fmi3GetNumberOfVariableDependencies", instance, output, ctypes.byref(ctypes.c_size_t()))
         refuses(fmu, "fmi3GetVariableDependencies", instance, output, None, None, None, None, 0)
@@ -94,8 +110,8 @@ def dependencies_at_run_time_are_refused(model: str, form: str) -> None:
 
 def steps_do_not_wait(model: str, form: str) -> None:
     """fmi2DoStep is done when it returns, so there is nothing to cancel and no step whose status could be asked for."""
-    with started(model, form) as fmu:
-        offer(fmu, 1)
+    with opened(model, form) as fmu:
+        give(fmu, 1)
         assert fmu.step(0.0) == OK
         refuses(fmu, "cancelStep")
         refuses(fmu, "getStatus", fmi2.fmi2DoStepStatus)
@@ -108,7 +124,7 @@ def it_lives_without_memory_functions(model: str, form: str) -> None:
     made = callbacks([])
     assert not made.allocateMemory
     assert not made.freeMemory
-    with started(model, form) as fmu:
+    with opened(model, form) as fmu:
         assert not fmu.callbacks.allocateMemory
         assert fmu.restore(fmu.save()) == OK
 
@@ -116,7 +132,7 @@ def it_lives_without_memory_functions(model: str, form: str) -> None:
 def instantiated(model: str, **options: Any) -> tuple[Any, list[str]]:
     """An FMI 3 instance as asked for, None if it is refused, and what was logged."""
     messages: list[str] = []
-    with Driver(model) as driver:
+    with opened(model, "fmi3-fixed") as driver:
         made = fmi3.FMU3Slave(guid=driver.fmu.guid, unzipDirectory=driver.fmu.unzipDirectory, modelIdentifier=model)
         try:
             made.instantiate(logMessage=lambda _, status, category, text: messages.append(text.decode()), **options)
@@ -145,14 +161,14 @@ def there_is_no_event_mode(model: str, form: str) -> None:
     made, said = instantiated(model, eventModeUsed=True)
     assert made is None
     assert "hasEventMode" in said[0]
-    with started(model, form) as fmu:
+    with opened(model, form) as fmu:
         refuses(fmu, "enterEventMode")
         refuses(fmu, "updateDiscreteStates")
         refuses(fmu, "enterStepMode", said="no Event Mode")
 
 
 def discrete_states_are_not_evaluated(model: str, form: str) -> None:
-    with started(model, form) as fmu:
+    with opened(model, form) as fmu:
         refuses(fmu, "fmi3EvaluateDiscreteStates", fmu.fmu.component)
 
 
@@ -194,7 +210,7 @@ LAWS: dict[int, dict[tuple[str, str], Law]] = {
         ("providesEvaluateDiscreteStates", "false"): discrete_states_are_not_evaluated,
     },
 }  # fmt: skip
-OWN = [(form, law) for form in FORMS for law in dict.fromkeys(LAWS[int(form[3])].values())
+OWN = [(model, form, law) for model, form in EVERY_FMU.args[1] for law in dict.fromkeys(LAWS[int(form[3])].values())
        if law.__module__ == __name__]  # fmt: skip
 
 
@@ -213,8 +229,7 @@ def defaults(version: int) -> dict[str, str]:
     return {a.get("name"): a.get("default", "none") for a in attributes}
 
 
-@EVERY_FORM
-@EVERY_MODEL
+@EVERY_FMU
 def test_every_flag_has_a_law(model: str, form: str) -> None:
     version = int(form[3])
     declared = dict(described(find_fmu(model, form)).find("CoSimulation").attrib)
@@ -223,32 +238,28 @@ def test_every_flag_has_a_law(model: str, form: str) -> None:
     assert set(flags.items()) == set(LAWS[version])
 
 
-@EVERY_MODEL
-@pytest.mark.parametrize(("form", "law"), OWN, ids=[f"{form}-{law.__name__}" for form, law in OWN])
+@pytest.mark.parametrize(("model", "form", "law"), OWN, ids=[f"{m}-{form}-{law.__name__}" for m, form, law in OWN])
 def test_flag_is_kept(model: str, form: str, law: Law) -> None:
     law(model, form)
 
 
-@pytest.mark.parametrize(
-    "law",
-    sorted(
-        {law for laws in LAWS.values() for law in laws.values()} - {law for _, law in OWN}, key=lambda law: law.__name__
-    ),
-    ids=lambda law: law.__name__,
-)
+ELSEWHERE = sorted({law for laws in LAWS.values() for law in laws.values()} - {law for *_, law in OWN},
+                   key=lambda law: law.__name__)  # fmt: skip
+
+
+@pytest.mark.parametrize("law", ELSEWHERE, ids=lambda law: law.__name__)
 def test_flag_that_is_shown_elsewhere_is_shown_for_every_model_and_form(law: Any) -> None:
     covered = {mark.args[0]: tuple(mark.args[1]) for mark in law.pytestmark if mark.name == "parametrize"}
     assert law.__name__.startswith("test_")
     assert (covered["model"], covered["form"]) == (MODELS, FORMS)
 
 
-@EVERY_FORM
-@EVERY_MODEL
+@EVERY_FMU
 def test_co_simulation_is_the_only_interface_and_others_are_refused_in_words(model: str, form: str) -> None:
     interfaces = {"CoSimulation", "ModelExchange", "ScheduledExecution"}
     assert [e.tag for e in described(find_fmu(model, form)) if e.tag in interfaces] == ["CoSimulation"]
     messages: list[str] = []
-    with Driver(model, form) as driver:
+    with opened(model, form) as driver:
         own = driver.fmu
         if driver.is_fmi2:
             made = callbacks(messages)
@@ -290,10 +301,9 @@ def test_values_outside_the_declared_limits_are_refused(model: str, form: str) -
         assert described_limits > 10
 
 
-@EVERY_FORM
-@EVERY_MODEL
+@EVERY_FMU
 def test_parameters_are_fixed_or_tunable_as_declared(model: str, form: str) -> None:
-    with started(model, form) as fmu:
+    with opened(model, form) as fmu:
         for variable in fmpy.read_model_description(fmu.fmu.unzipDirectory).modelVariables:
             name = variable.name.partition("[")[0]
             if variable.causality == "parameter":
@@ -306,14 +316,14 @@ def test_last_of_several_values_of_an_input_counts(model: str, form: str) -> Non
     """canHandleMultipleSetPerTimeInstant, which is true where nothing is declared."""
     states = []
     for offers in ([2, 1], [1]):
-        with started(model, form) as fmu:
+        with opened(model, form) as fmu:
             for name, role in fmu.roles.items():
                 if role == "input" and len(offers) == 2:
                     assert fmu.set(name, fmu.get(name)) == OK
             if len(offers) == 2 and "volume_factor" in fmu.references:
                 assert fmu.set("volume_factor", 0.25) == OK
                 assert fmu.set("volume_factor", 1.0) == OK
-            offer(fmu, offers[-1])
+            give(fmu, offers[-1])
             assert fmu.step(0.0, 3.0) == OK
             states.append(fmu.save())
     assert states[0] == states[1]

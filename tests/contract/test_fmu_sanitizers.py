@@ -18,7 +18,7 @@ import pytest
 import fmu_library
 from contract.fmu_driver import MODELS
 from contract.test_fmu_fuzz import drawn, feed
-from fmu_library import FORMS, NAMES, Library
+from fmu_library import FORMS, JOB, NAMES, Library
 from node_bench import FIRMWARE, ROOT
 from property.test_firmware_sanitized import preloaded
 
@@ -27,7 +27,8 @@ pytestmark = [
     pytest.mark.skipif(sys.platform != "linux" or not shutil.which("gcc"), reason="gcc for Linux is not installed"),
 ]
 TESTS = [f"contract/test_{name}.py" for name in ("fmu_state", "fmu_handshake", "fmu_flags", "fmu_fuzz", "fmu_archive",
-         "layer_controller_fmu", "component_contract", "closed_loop", "own_loop")]  # fmt: skip
+         "layer_controller_fmu", "component_contract", "closed_loop", "own_loop", "layer_job_fmu",
+         "layer_job_archive")]  # fmt: skip
 ABOUT_THE_SHIPPED_BINARY = ("only_the_standards_functions", "binary_needs_the_c_library", "sources_compile",
                             "laws_bite", "calls_do_what", "fixed_grid_has_the_sources")  # fmt: skip
 ADDRESS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -38,7 +39,7 @@ THREAD = ("-fsanitize=thread",)
 def checked(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Library]:
     """Every library with the address and undefined-behaviour sanitizers."""
     folder = tmp_path_factory.mktemp("address")
-    return dict(zip(NAMES, fmu_library.all_rebuilt(MODELS, folder, "gcc", ADDRESS), strict=True))
+    return dict(zip(NAMES, fmu_library.all_rebuilt((*MODELS, JOB), folder, "gcc", ADDRESS), strict=True))
 
 
 def test_contract_suite_is_clean_under_the_address_sanitizer(checked: dict[str, Library], tmp_path: Path) -> None:
