@@ -5,6 +5,7 @@
 # make benchmarks-hardware  a layer on the emulated bench, beside the time of its frames on a real bus
 # make peers      docs/reference/peers.md: the loop in masters of other people
 # make fuzz       twenty minutes of libFuzzer on the inputs of the firmware and the calls of the FMUs
+# make sanitize   all FMUs under sanitizers (about ten minutes)
 # make firmware-cortex-m  the emulated bench as an image for a Cortex-M3, with its size
 # make tools      compilers, emulators and masters of others that some tests use and skip without (Debian)
 # make gallery    docs/gallery: every scenario with one picture; the pictures of docs/explanation
@@ -16,7 +17,7 @@ BUILD_MODULES := $(addprefix cosim/inkloop/,c_variables.py fmu_archive.py fmu_do
                  $(addprefix hardware/inkloop_hardware/,c_codec.py inkloop.dbc)
 PIP    := $(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check
 
-.PHONY: run test lint format test-long benchmarks benchmarks-hardware peers fuzz firmware-cortex-m tools gallery clean
+.PHONY: run test lint format test-long benchmarks benchmarks-hardware peers fuzz sanitize firmware-cortex-m tools gallery clean
 run: .venv/installed
 	$(BIN)/inkloop run scenarios/cylinder.toml
 
@@ -55,6 +56,9 @@ peers: .venv/installed
 	$(PIP) 'ecospy>=0.7.2'   # of use nowhere else; it also needs libtbb12
 	$(BIN)/python tests/java_programs.py
 	PYTHONPATH=tests $(BIN)/python docs/reference/peers.py
+
+sanitize: .venv/installed
+	$(BIN)/python -m pytest -m long -n 2 tests/contract/test_fmu_sanitizers.py
 
 fuzz: .venv/installed
 	$(BIN)/python tests/fuzzing.py
