@@ -19,11 +19,14 @@ typedef struct {
 static void *print(void *argument) {
     Print *print = argument;
     const Variable *seed = fmu_variable(print->fmu, "seed", 'p'), *timed = fmu_variable(print->fmu, "is_timed", 'p');
-    const double number = print->seed, no_clock = 0.0;
+    const Variable *volume = fmu_variable(print->fmu, "volume_factor", 'i');
+    const double number = print->seed, share = 1.0 / (1.0 + number), no_clock = 0.0;
     Subject s;
     subject_open(&s, print->fmu);
     if (seed)
         subject_set(&s, seed, &number, 1);
+    else if (volume)
+        subject_set(&s, volume, &share, 1);
     if (timed)
         subject_set(&s, timed, &no_clock, 1);
     subject_enter(&s, 0.0);
