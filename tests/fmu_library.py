@@ -33,7 +33,8 @@ WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror")
 ROLES = {"input": "i", "parameter": "p", "structural": "s"}
 WORK = {"nx": 4, "ny": 4, "annealing_sweeps": 20, "iterations": 20, "sweeps_max": 20, "cells_per_pitch": 6}
 """Parameters that only mean more work: limits for the tests, so that an input ends soon."""
-BAKED = ("cuboid", "run.layers_max=4")
+BAKED = ("cuboid", "run.layers_max=4", "grid.nx=6", "grid.ny=6", "part.size_x_um=526.512", "part.size_y_um=526.512",
+         "components.controller.horizon=1")  # fmt: skip
 """The print in the block that is tried."""
 GRID = (3, 2)
 FUZZ_SANITIZERS = "-fsanitize=address,undefined,float-cast-overflow"
