@@ -27,8 +27,7 @@ pytestmark = [
     pytest.mark.skipif(sys.platform != "linux" or not shutil.which("gcc"), reason="gcc for Linux is not installed"),
 ]
 TESTS = [f"contract/test_{name}.py" for name in ("fmu_state", "fmu_handshake", "fmu_flags", "fmu_fuzz", "fmu_archive",
-         "layer_controller_fmu", "component_contract", "closed_loop", "own_loop", "layer_job_fmu",
-         "layer_job_archive")]  # fmt: skip
+         "layer_controller_fmu", "component_contract", "closed_loop", "own_loop", "layer_job_fmu")]  # fmt: skip
 ABOUT_THE_SHIPPED_BINARY = ("only_the_standards_functions", "binary_needs_the_c_library", "sources_compile",
                             "laws_bite", "calls_do_what", "fixed_grid_has_the_sources")  # fmt: skip
 ADDRESS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
