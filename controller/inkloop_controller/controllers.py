@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import inf
+from typing import TypeVar
 
 from inkloop.component import Job
 from inkloop_controller.baselines import OpenLoop, StochasticGreedy
@@ -15,6 +17,8 @@ from inkloop_controller.ink_identification import InkModel
 from inkloop_controller.layer_mpc import LayerMpc, Relaxation
 from inkloop_controller.regions import RegionTest
 from inkloop_controller.work import Work
+
+T = TypeVar("T")
 
 
 def LayerMpcController(
@@ -43,10 +47,14 @@ def LayerMpcController(
     sensor_resolution_um: float = 0.0,
     untrusted_layers: int = 5,
 ) -> LayerController:
-    """The controller of this project; see LayerMpc, Criterion, DropletChoices, Work and HeightEstimator."""
-    planner = LayerMpc(
-        job,
-        criterion=Criterion(
+    """The controller of this project; see LayerMpc, Criterion, DropletChoices, Work and HeightEstimator.
+
+    Raises ValueError with the faults of all of them.
+    """
+    faults: list[str] = []
+    criterion = _tried(
+        faults,
+        lambda: Criterion(
             alpha=alpha,
             overshoot=overshoot,
             overshoot_limit=inf if overshoot_limit_um is None else overshoot_limit_um * 1e-6,
@@ -54,25 +62,43 @@ def LayerMpcController(
             fringe_weight=fringe_weight,
             layer_worth=layer_worth,
         ),
-        horizon=horizon,
-        choices=DropletChoices(
+    )
+    choices = _tried(
+        faults,
+        lambda: DropletChoices(
             job,
             region_test=region_test,
             drop_levels=drop_levels,
             dead_nozzles=dead_nozzles or (),
             nozzle_pitch=nozzle_pitch,
         ),
-        relaxation=relaxation,
-        work=Work(sweeps, annealing_sweeps, iterations, threads, inf if time_limit_s is None else time_limit_s),
-        certified=certified,
     )
-    estimator = HeightEstimator(
-        job,
-        adapt_ink=adapt_ink,
-        sensor_noise_std=None if sensor_noise_std_um is None else sensor_noise_std_um * 1e-6,
-        sensor_resolution=sensor_resolution_um * 1e-6,
-        untrusted_layers=untrusted_layers,
+    limit = inf if time_limit_s is None else time_limit_s
+    work = _tried(faults, lambda: Work(sweeps, annealing_sweeps, iterations, threads, limit))
+    planner = _tried(
+        faults,
+        lambda: LayerMpc(
+            job,
+            criterion=criterion or Criterion(alpha=1.0),  # of which no certificate complains
+            horizon=horizon,
+            choices=choices,
+            relaxation=relaxation,
+            work=work or Work(),
+            certified=certified,
+        ),
     )
+    estimator = _tried(
+        faults,
+        lambda: HeightEstimator(
+            job,
+            adapt_ink=adapt_ink,
+            sensor_noise_std=None if sensor_noise_std_um is None else sensor_noise_std_um * 1e-6,
+            sensor_resolution=sensor_resolution_um * 1e-6,
+            untrusted_layers=untrusted_layers,
+        ),
+    )
+    if faults or planner is None or estimator is None:
+        raise ValueError("; ".join(faults))
     return LayerController(job, planner, estimator)
 
 
@@ -102,3 +128,12 @@ def ErrorDiffusionController(job: Job, *, region_test: RegionTest = "middle") ->
     """Error diffusion of what each layer lacks; see ErrorDiffusion. Scans are taken as they are."""
     planner = ErrorDiffusion(job, region_test=region_test)
     return LayerController(job, planner, HeightEstimator(job, adapt_ink="off", take_as_read=True))
+
+
+def _tried(faults: list[str], make: Callable[[], T]) -> T | None:
+    """What `make` makes, or None and its fault in the list: the others are looked at all the same."""
+    try:
+        return make()
+    except ValueError as error:
+        faults.append(str(error))
+        return None

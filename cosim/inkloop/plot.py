@@ -58,14 +58,14 @@ def surfaces(runs: Runs) -> Figure:
     top = max(float(run.height[-1].max()) for run in shown.values()) * UM
     count = len(shown)
     figure = Figure(figsize=(WIDTH_IN, 2.5) if count > 1 else (4.6, 3.2))
-    width = 0.87 / count
+    width = (0.87 if count > 1 else 0.82) / count
     for place, (name, run) in enumerate(shown.items()):
         axes = figure.add_axes((place * width, 0.0, width, 0.84), projection="3d")
         assert isinstance(axes, Axes3D)
         _plates(axes, run, errors[name], colours)
         axes.set_zlim(0, top * 1.02)
         axes.set_title(f"{name}\n{_figures(run)}", y=0.94)
-    scale = figure.add_axes((0.9, 0.25, 0.012, 0.5))
+    scale = figure.add_axes((0.9 if count > 1 else 0.83, 0.25, 0.012 * WIDTH_IN / figure.get_figwidth(), 0.5))
     figure.colorbar(colours, cax=scale, label="height - target [µm]", extend="both")
     return figure
 
@@ -148,12 +148,14 @@ def layers(runs: Runs) -> Figure:
             droplets.plot(layer[1:], jetted, drawstyle="steps-mid", **line)
     mean.set(ylabel="|target - mean| [µm]", yscale="log")
     mean.legend()
-    spread.set(ylabel="std over the part [µm]", yscale="log")
+    spread.set(ylabel="std over the part [µm]")
+    if any((run["std"][1:] > 0.0).any() for run in runs.values()):  # not where nothing was printed
+        spread.set(yscale="log")
+        spread.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))
+        spread.yaxis.set_minor_formatter("{x:g}")
     droplets.set(ylabel="droplets", xlabel="layer", ylim=(0, None))
     for axes in (mean, spread):
         axes.yaxis.set_major_formatter("{x:g}")
-    spread.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))
-    spread.yaxis.set_minor_formatter("{x:g}")
     for axes in (mean, spread, droplets):
         axes.grid(color="0.92")
     return figure

@@ -153,7 +153,15 @@ def remarks(result: Result) -> list[str]:
     """
     told = [(said, result.dataset[name]) for name, said in REMARKS.items() if name in result.dataset]
     found = [said.format(cells[-1].item()) for said, cells in told if cells.dims == ("layer",) and cells[-1] > 0]
-    return found + _unknown_layers(result.dataset) + _alarms(result.dataset)
+    return found + _nothing_printed(result) + _unknown_layers(result.dataset) + _alarms(result.dataset)
+
+
+def _nothing_printed(result: Result) -> list[str]:
+    """One sentence where the controller was done before the first layer."""
+    if result.stop_reason != "done" or result.dataset.sizes["layer"] > 1:
+        return []
+    return ["nothing was printed: no layer would improve what the first scan shows. Where it shows an earlier part, "
+            "clear the machine, or start `inkloop bench` anew"]  # fmt: skip
 
 
 def _unknown_layers(run: xr.Dataset) -> list[str]:

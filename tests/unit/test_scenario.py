@@ -85,6 +85,13 @@ def test_all_faults_of_a_file_are_reported_at_once(tmp_path: Path) -> None:
         assert fault in found
 
 
+def test_all_options_that_the_controller_cannot_mean_are_reported_at_once(tmp_path: Path) -> None:
+    wrong = "alpha = 1.8\nhorizon = 9\ndrop_levels = 17\nsweeps = -1\nuntrusted_layers = -1"
+    found = "\n".join(faults_of(tmp_path, GOOD.replace('"OpenLoop"', f'"LayerMpc"\n{wrong}')))
+    for fault in ("alpha is 1.8", "horizon is 9", "drop_levels is 17", "sweeps is -1", "untrusted_layers is -1"):
+        assert found.count(fault) == 1
+
+
 def test_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"absent\.toml"):
         Scenario.load(tmp_path / "absent.toml")

@@ -33,7 +33,9 @@ PERTURBATION = 1e-3  # of a height, as a share of a layer, for the slope of the 
 DROPLET_STD_FIRST = 0.3  # to begin with: large, so that early rounds rest on the scans (by trial)
 FLATNESS = 2.0  # standard deviations of its variance that scan 0 of a plane may show beyond the noise (assumed)
 SINGULAR = 1e-6  # smallest over largest information: what lies below is not told by the patterns (assumed)
-TINY = 1e-24  # variance of an error of a scan without noise [m^2], so that it has a weight
+ERROR_LEAST = (
+    3e-3  # that a growth is weighed by, as a share of a layer: else a few of exact scans outweigh all (by trial)
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +107,9 @@ def identify_ink(
     for _ in range(ROUNDS):
         errors = errors_of(heights)
         sensitivity = _sensitivity(errors_of, heights, errors, PERTURBATION * guess)
-        weight = 1.0 / np.maximum(errors.variance, TINY) if correct else np.ones(errors.error.size)
+        weight = (
+            1.0 / np.maximum(errors.variance, (ERROR_LEAST * guess) ** 2) if correct else np.ones(errors.error.size)
+        )
         last, before = heights, droplet_variance
         heights = _improved(sensitivity, weight, errors.error, heights)
         if correct and errors.squares.any():
