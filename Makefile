@@ -24,7 +24,7 @@ run: .venv/installed
 .venv/installed: pyproject.toml CMakeLists.txt $(shell find fmus controller/core hardware/firmware -type f -not -path '*/fuzz/*') $(BUILD_MODULES)
 	@command -v $(PYTHON) >/dev/null || { echo "inkloop needs $(PYTHON) (or: make PYTHON=/path/to/python)"; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv --without-pip .venv
-	@echo "installing into .venv ..."
+	@echo "installing into .venv: two to four minutes the first time ..."
 	$(PIP) 'scikit-build-core>=0.11' 'fmpy>=0.3.29' 'cantools>=45'
 	$(PIP) --no-build-isolation --editable '.[dev]'
 	@touch $@

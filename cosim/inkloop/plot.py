@@ -63,7 +63,7 @@ def surfaces(runs: Runs) -> Figure:
         axes = figure.add_axes((place * width, 0.0, width, 0.84), projection="3d")
         assert isinstance(axes, Axes3D)
         _plates(axes, run, errors[name], colours)
-        axes.set_zlim(0, top * 1.02)
+        axes.set_zlim(0, max(top, 1e-3) * 1.02)
         axes.set_title(f"{name}\n{_figures(run)}", y=0.94)
     scale = figure.add_axes((0.9 if count > 1 else 0.83, 0.25, 0.012 * WIDTH_IN / figure.get_figwidth(), 0.5))
     figure.colorbar(colours, cax=scale, label="height - target [µm]", extend="both")
@@ -146,10 +146,11 @@ def layers(runs: Runs) -> Figure:
         if "pattern" in run:  # a print that nobody controls has none
             jetted = (run.pattern[1:] != 0).sum(("x", "y"))
             droplets.plot(layer[1:], jetted, drawstyle="steps-mid", **line)
-    mean.set(ylabel="|target - mean| [µm]", yscale="log")
+    mean.set(ylabel="|target - mean| [µm]")
     mean.legend()
     spread.set(ylabel="std over the part [µm]")
     if any((run["std"][1:] > 0.0).any() for run in runs.values()):  # not where nothing was printed
+        mean.set(yscale="log")
         spread.set(yscale="log")
         spread.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))
         spread.yaxis.set_minor_formatter("{x:g}")

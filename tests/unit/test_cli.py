@@ -36,6 +36,13 @@ def test_report_makes_table_and_pictures_again(tmp_path: Path) -> None:
     assert (folder / "layers.png").exists()
 
 
+def test_run_that_prints_nothing_ends_in_words_and_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "cuboid"
+    assert main(["run", CUBOID, "--no-compare", "--out", str(folder), "--set", "part.height_um=0.01"]) == 0
+    assert "nothing was printed" in capsys.readouterr().out
+    assert (folder / "layers.png").exists()
+
+
 def test_run_never_overwrites(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "kept").write_text("mine")
     assert main(["run", CUBOID, "--out", str(tmp_path)]) == 1
