@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from inkloop import model_definition
-from inkloop.errors import FmuError
+from inkloop.errors import ComponentError, FmuError
 from inkloop.export import export, find_fmu
+from inkloop.fmu import FmuComponent
 from inkloop.fmu_archive import pack, unpack
 
 DEFINITION = Path(__file__).parents[2] / "fmus" / "layer_deposition" / "variables.toml"
@@ -88,6 +89,15 @@ def test_a_set_that_was_built_by_another_version_is_not_exported_and_says_what_t
     with pytest.raises(FmuError, match=r"LayerDeposition: .* built from other sources .*; run make"):
         export("LayerDeposition", fmi="2", nx=3, ny=3, fixed=True, out=tmp_path / "it.fmu")
     assert not (tmp_path / "it.fmu").exists()
+
+
+def test_an_fmu_of_two_builds_is_refused_and_says_what_to_do(tmp_path) -> None:
+    members = unpack(find_fmu("LayerDeposition", "fmi2"))
+    fingerprint = model_definition.load(DEFINITION.read_text(), DEFINITION).fingerprint
+    other = members["modelDescription.xml"].replace(fingerprint.encode(), b"0123456789abcdef")
+    pack(tmp_path / "it.fmu", {**members, "modelDescription.xml": other})
+    with pytest.raises(ComponentError, match=r"this binary expects .*run make, .* then export it anew"):
+        FmuComponent(tmp_path / "it.fmu").initialize(0, {})
 
 
 def test_fingerprint_changes_with_what_the_binary_must_know() -> None:

@@ -63,7 +63,10 @@ class Binding:
             else:
                 self._fmu.instantiate(loggingOn=True, logMessage=self._hear_fmi3)
         except Exception as error:  # FMPy raises a bare exception when the FMU returns no instance
-            raise ComponentError(f"the FMU made no instance{self._said()}") from error
+            said = self._said()
+            is_mixed = self._description.tool.startswith("inkloop ") and "instantiation token" in said
+            advice = "; its parts are of two builds: run make, or pip install again, then export it anew"
+            raise ComponentError(f"the FMU made no instance{said}{advice if is_mixed else ''}") from error
 
     def configure(self, ports: Sequence[Port], values: Values) -> None:
         """Set structural parameters in Configuration Mode (FMI 3)."""
