@@ -51,9 +51,21 @@ static double any_number_for(const Variable *v, Input *input) {
     }
 }
 
+static bool is_too_much(const Variable *v, double number) {
+    return isfinite(v->most_tried) && number >= v->min && number <= v->max && (number > v->most_tried || number < 0.0);
+}
+
 static double number_for(const Variable *v, Input *input) {
     const double number = any_number_for(v, input);
-    return number > v->most_tried && number <= v->max ? v->most_tried : number;
+    return is_too_much(v, number) ? v->most_tried : number;
+}
+
+void spare_work(Subject *s) {
+    for (size_t k = 0; k < s->fmu->variable_count; k++) {
+        const Variable *v = &s->fmu->variables[k];
+        if (v->role == 'p' && is_too_much(v, v->start) && subject_get(s, v) == v->start)
+            subject_set(s, v, &v->most_tried, 1);
+    }
 }
 
 static bool is_within(const Variable *v, double number) {
