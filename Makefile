@@ -58,7 +58,7 @@ peers: .venv/installed
 	PYTHONPATH=tests $(BIN)/python docs/reference/peers.py
 
 sanitize: .venv/installed
-	$(BIN)/python -m pytest -m long -n 2 tests/contract/test_fmu_sanitizers.py
+	$(BIN)/python -m pytest -m long -n 2 tests/contract/test_fmu_sanitizers.py tests/unit/test_search_threads.py
 
 fuzz: .venv/installed
 	$(BIN)/python tests/fuzzing.py

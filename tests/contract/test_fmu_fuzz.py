@@ -29,14 +29,13 @@ from node_bench import FIRMWARE
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 EVERY_MODEL = pytest.mark.parametrize("model", MODELS)
 needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
-INPUTS = {"LayerJob": 8, "LayerController": 25, "YoungLaplaceDeposition": 60, "SuperpositionDeposition": 100}
-USUAL_INPUTS = 300
+INPUTS = 300
 
 
 def drawn(name: str) -> list[bytes]:
     """The inputs of one FMU."""
     generator = random.Random(name)
-    return [generator.randbytes(400) for _ in range(INPUTS.get(name.partition("-")[0], USUAL_INPUTS))]
+    return [generator.randbytes(400) for _ in range(INPUTS)]
 
 
 @pytest.fixture(scope="module")
