@@ -105,6 +105,8 @@ class IsoTpConnection(BaseConnection):
         self._wire.begin()
         while self._wire.receive(0.0) is not None:
             self.stray += 1
+        while self._stack.recv() is not None:  # came whole, at the heels of the last answer
+            self.stray += 1
         self._stack.reset()
         self._torn = False
         self._unsent.clear()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ import pytest
 from faulty_wire import FaultyWire
 from inkloop_hardware.codec import Frame
 from inkloop_hardware.errors import HardwareError, LinkTimeout, NodeRefused, TransferError
+from inkloop_hardware.isotp_connection import IsoTpConnection
 from inkloop_hardware.services import Key, Outcome, Routine
 from inkloop_hardware.vocabulary import State
 from node_bench import CURE, HEAD, PROFILER, RASTER, NodeBench, pattern_blob, run_length
@@ -290,3 +291,35 @@ def test_map_of_another_layer_is_refused_in_words(bench: NodeBench) -> None:
     with pytest.raises(NodeRefused, match=r"0x24.*not what comes next") as caught:
         link.upload(3)
     assert caught.value.code == 0x24
+
+
+class DoublingWire:
+    """A node of which every answer, a single frame, comes twice at once."""
+
+    def __init__(self) -> None:
+        self.coming: deque[bytes] = deque()
+
+    def begin(self) -> None:
+        """Nothing to remember."""
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        for frame in frames:
+            self.coming.extend(2 * [bytes([2, frame.data[1] + 0x40, frame.data[2]])])
+
+    def receive(self, wait_s: float) -> bytes | None:
+        return self.coming.popleft() if self.coming else None
+
+    def now(self) -> float:
+        return 0.0
+
+    def check(self) -> None:
+        """It is always well."""
+
+
+def test_copy_at_the_heels_of_an_answer_is_counted_and_never_taken_for_the_next_one() -> None:
+    connection = IsoTpConnection(DoublingWire(), 0x640, 0x641, lambda request, message: message[1:] == request[1:])
+    for number in range(3):
+        connection.empty_rxqueue()
+        connection.send(bytes([0x22, number]))
+        assert connection.wait_frame(1.0) == bytes([0x62, number])
+        assert connection.stray == number
