@@ -11,16 +11,15 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import json
 import typing
 from collections.abc import Callable, Mapping
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError, create_model
+from pydantic import BaseModel, ValidationError
 
-from inkloop import devices, fmu_options, shadow_options
+from inkloop import class_options, devices, fmu_options, shadow_options
 from inkloop.component import MEMBERS, Component, Job
 from inkloop.devices import Bench
 from inkloop.errors import FmuError, ScenarioError
@@ -90,6 +89,13 @@ def faults(kind: str, job: Job, options: Mapping[str, object]) -> list[str]:
         return [f"kind is {kind!r}: {error}"]
 
 
+def beside(kind: str, options: Mapping[str, object], folder: Path) -> dict[str, Any]:
+    """The options, what they name beside the scenario as it is found from here; folder: where the scenario stands."""
+    key = BESIDE_SCENARIO.get(kind)
+    name = options.get(key) if key is not None else None
+    return {**options, key: str(folder / name)} if key is not None and isinstance(name, str) else dict(options)
+
+
 def _goes_by_parameters(kind: str) -> bool:
     """Whether the options of a kind are the parameters of an FMU."""
     return kind == "Fmu" or kind in FMU_MODELS or kind in devices.KINDS
@@ -115,12 +121,13 @@ def _make_python(
     """A Python component, or what is wrong; a ValueError of its constructor is a fault of the file."""
     try:
         factory = _load(kind)
-        chosen = _validated(factory, options)
+        chosen = class_options.validated(factory, options)
         if "rig" in inspect.signature(factory).parameters:
             chosen["rig"] = (bench or Bench()).rig
         component = _component(kind, job, factory(job, **chosen))
     except ValidationError as error:
-        return None, [sentence(detail, _options_table(factory)) for detail in error.errors()]
+        told = [sentence(detail, class_options.options_table(factory)) for detail in error.errors()]
+        return None, told + _further_faults(kind, job, options, error)
     except ScenarioError as error:  # faults of a file that an option names
         key = next((key for key, value in options.items() if value == error.source), "kind")
         return None, [f"{key}: {Path(error.source).name}: {fault}" for fault in error.faults]
@@ -133,6 +140,17 @@ def _make_python(
     except TypeError as error:
         return None, [f"kind is {kind!r}: its options are not what a scenario file can hold: {error}"]
     return component, []
+
+
+def _further_faults(kind: str, job: Job, options: Mapping[str, object], error: ValidationError) -> list[str]:
+    """What is wrong with the values beside those that `error` names."""
+    left = class_options.as_meant(python_options(kind), options, error)
+    if left is None:
+        return []
+    component, found = _make_python(kind, job, left, None)
+    if component is not None:
+        component.terminate()
+    return found
 
 
 def _make_plain(job: Job, options: Mapping[str, object]) -> tuple[Component | None, list[str]]:
@@ -173,7 +191,7 @@ def _component(kind: str, job: Job, made: Any) -> Component:
 
 def python_options(kind: str) -> type[BaseModel]:
     """The options of a Python kind as a table. Raises LookupError, ImportError and AttributeError from loading."""
-    return _options_table(_load(kind))
+    return class_options.options_table(_load(kind))
 
 
 def is_foreign_fmu(kind: str, options: Mapping[str, object]) -> bool:
@@ -209,25 +227,3 @@ def _load(kind: str) -> Callable[..., Any]:
     if not points:
         raise LookupError(kind)
     return typing.cast(Callable[..., Any], next(iter(points)).load())
-
-
-def _validated(factory: Callable[..., Any], options: Mapping[str, object]) -> dict[str, Any]:
-    """Options with the types that the factory declares; TOML's arrays become what it asks for (a tuple, a set)."""
-    table = _options_table(factory).model_validate_json(json.dumps(dict(options)))
-    return {name: getattr(table, name) for name in table.model_fields_set}
-
-
-def _options_table(factory: Callable[..., Any]) -> type[BaseModel]:
-    """A table that describes the keyword-only options of a factory."""
-    function = factory.__init__ if inspect.isclass(factory) else factory
-    hints = typing.get_type_hints(function, include_extras=True)
-    fields: dict[str, Any] = {
-        parameter.name: (
-            hints.get(parameter.name, Any),
-            ... if parameter.default is parameter.empty else parameter.default,
-        )
-        for parameter in inspect.signature(factory).parameters.values()
-        if parameter.kind is parameter.KEYWORD_ONLY
-    }
-    strict = ConfigDict(extra="forbid", strict=True)
-    return create_model(getattr(factory, "__name__", "Options"), __config__=strict, **fields)

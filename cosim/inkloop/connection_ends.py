@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from inkloop import catalog
@@ -10,30 +11,40 @@ from inkloop.component import Component, Job, Port
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.wiring import find
 
+Parts = Mapping[str, tuple[str, Job, Mapping[str, Any]]]
+"""By component its kind, job and options, some of them faulty."""
+
+
+@contextmanager
+def faultless(parts: Parts, names: Collection[str]) -> Iterator[dict[str, Component]]:
+    """The components of these names that can be made, terminated at the end."""
+    components = {name: made for name in names if name in parts and (made := _made(*parts[name])) is not None}
+    try:
+        yield components
+    finally:
+        for component in components.values():
+            component.terminate()
+
+
+def component_of(place: str) -> str:
+    """Name of the component in "component.port"."""
+    return place.partition(".")[0]
+
 
 def end_faults(
-    parts: Mapping[str, tuple[str, Job, Mapping[str, Any]]], connections: Sequence[tuple[str, str]]
+    components: Mapping[str, Component], unmade: Collection[str], connections: Sequence[tuple[str, str]]
 ) -> list[str]:
-    """What is wrong with (output, input), each "component.port"; an end at a component that cannot be made is left out.
-
-    parts: kind, job and options of each component, some of them faulty.
-    """
-    named = {place.partition(".")[0] for ends in connections for place in ends}
-    components = {name: _made(*parts[name]) for name in named if name in parts}
+    """What is wrong with (output, input), each "component.port"; ends at components that are not made are left out."""
     faults: list[str] = []
     for ends in connections:
         for place, direction in zip(ends, ("output", "input"), strict=True):
-            name = place.partition(".")[0]
-            ports: dict[str, dict[str, Port]] = {
-                other: {} for other in parts
-            }  # so that a component of no such name is told by its neighbours
-            if (component := components.get(name)) is not None:
-                ports[name] = {port.name: port for port in getattr(component, f"{direction}s")}
-            if component is not None or name not in parts:
+            ports: dict[str, dict[str, Port]] = {name: {} for name in unmade}
+            ports |= {
+                name: {port.name: port for port in getattr(component, f"{direction}s")}
+                for name, component in components.items()
+            }
+            if component_of(place) not in unmade:
                 find(place, ports, direction, faults)
-    for made in components.values():
-        if made is not None:
-            made.terminate()
     return faults
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,19 +16,25 @@ from inkloop.units import conversion, read_quantities, spellings
 
 
 def read_events(
-    tables: Sequence[EventTable], components: Mapping[str, Component], nozzle_pitch: Mapping[str, int], pitch: float
+    tables: Sequence[EventTable],
+    components: Mapping[str, Component],
+    nozzle_pitch: Mapping[str, int],
+    pitch: float,
+    unmade: Collection[str] = (),
 ) -> tuple[list[Event], list[str]]:
     """Events in the order of the file, and every fault, each with its place; with faults the list is not whole.
 
-    nozzle_pitch: component -> its number of nozzles, of those that say it; pitch: distance of cells [m].
+    nozzle_pitch: component -> its number of nozzles, of those that say it; pitch: distance of cells [m]; unmade:
+    further components, of which nothing but the name is known.
     """
     events: list[Event] = []
     faults: list[str] = []
-    commands = any(port.name == "layer_command" for part in components.values() for port in part.outputs)
+    outputs = [port.name for part in components.values() for port in part.outputs]
+    commands = bool(unmade) or "layer_command" in outputs
     for number, table in enumerate(tables):
         place = f"events.[{number}]"
         own = _moment_faults(table, commands)
-        port, unknown = _port(table.port, components)
+        port, unknown = find_event_port(table.port, components, unmade)
         own += unknown
         if port is not None:
             reader = _Reader(table, port, nozzle_pitch.get(table.port.partition(".")[0]), pitch)
@@ -148,10 +154,16 @@ def _moment_faults(table: EventTable, commands: bool) -> list[str]:
     return []
 
 
-def _port(place: str, components: Mapping[str, Component]) -> tuple[Port | None, list[str]]:
+def find_event_port(
+    place: str, components: Mapping[str, Component], unmade: Collection[str] = ()
+) -> tuple[Port | None, list[str]]:
+    """The port at "component.port", and what is wrong with the place; neither for a component that is not made."""
     component, _, name = place.partition(".")
+    if component in unmade:
+        return None, []
     if component not in components:
-        return None, [f"port is {place!r}: there is no component {component!r}; {nearest(component, components)}"]
+        known = nearest(component, (*components, *unmade))
+        return None, [f"port is {place!r}: there is no component {component!r}; {known}"]
     try:
         return find_port(components[component], name)[0], []
     except LookupError:

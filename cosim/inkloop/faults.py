@@ -34,12 +34,17 @@ def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
 def nearest(found: str, known: Iterable[str], listed: Iterable[str] | None = None) -> str:
     """What to write instead of `found`: the nearest known words that are equally near, else all, or `listed`."""
     words = sorted(known)
-    near = {word: difflib.SequenceMatcher(None, word, found).ratio() for word in words}
-    limit = 0.5 if len(found) <= SHORT else 0.6
-    close = [word for word in words if near[word] >= max(limit, *near.values())]
-    if close:
+    if close := near(found, words):
         return f"did you mean {' or '.join(close)}?"
     return f"known: {', '.join(words if listed is None else sorted(listed))}"
+
+
+def near(found: str, known: Iterable[str]) -> list[str]:
+    """The nearest known words, all that are equally near; none where nothing is alike."""
+    words = sorted(known)
+    alike = {word: difflib.SequenceMatcher(None, word, found).ratio() for word in words}
+    limit = 0.5 if len(found) <= SHORT else 0.6
+    return [word for word in words if alike[word] >= max(limit, *alike.values())]
 
 
 def _locate(

@@ -15,7 +15,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from inkloop import catalog, ink_file
 from inkloop.component import Component, Job
-from inkloop.connection_ends import end_faults
+from inkloop.connection_ends import component_of, end_faults, faultless
 from inkloop.devices import Bench
 from inkloop.errors import ScenarioError
 from inkloop.event_options import read_events
@@ -26,6 +26,7 @@ from inkloop.job import job_of
 from inkloop.legal_mixes import mix_faults, shadow_faults
 from inkloop.schema import ComponentTable, ConnectionTable, ScenarioFile
 from inkloop.units import read_quantities
+from inkloop.unread_tables import component_faults
 from inkloop.wiring import Connection, check, contract_connections
 
 
@@ -68,7 +69,8 @@ class Scenario:
         try:
             tables = ScenarioFile.model_validate(raw)
         except ValidationError as error:
-            faults += [sentence(detail, ScenarioFile) for detail in error.errors()] + _component_faults(raw)
+            faults += [sentence(detail, ScenarioFile) for detail in error.errors()]
+            faults += component_faults(raw, Path(source).parent)
             raise ScenarioError(source, faults) from error
         scenario = cls(source, text, tables)
         faults += scenario._faults()
@@ -124,15 +126,12 @@ class Scenario:
     def _read_events(self, components: Mapping[str, Component]) -> tuple[list[Event], list[str]]:
         counts = {name: table.options.get("nozzle_pitch") for name, table in self.tables.components.items()}
         nozzle_pitch = {name: count for name, count in counts.items() if isinstance(count, int)}
-        return read_events(self.tables.events, components, nozzle_pitch, self.tables.grid.pitch)
+        unmade = self.tables.components.keys() - components.keys()
+        return read_events(self.tables.events, components, nozzle_pitch, self.tables.grid.pitch, unmade)
 
     def _options(self, table: ComponentTable) -> dict[str, Any]:
         """The options of a component; a file or folder that they name stands beside the scenario."""
-        options = table.options
-        name = catalog.BESIDE_SCENARIO.get(table.kind)
-        if name is not None and isinstance(options.get(name), str):
-            options[name] = str(Path(self.source).parent / options[name])
-        return options
+        return catalog.beside(table.kind, table.options, Path(self.source).parent)
 
     def _connect(self, components: Mapping[str, Component]) -> tuple[list[Connection], list[str]]:
         faults: list[str] = []
@@ -163,9 +162,14 @@ class Scenario:
         return faults + (self._end_faults() if faults else self._wiring_faults())
 
     def _end_faults(self) -> list[str]:
+        """What connections and events name that is not there, as far as the components can be made."""
         parts = {name: (table.kind, self.job(name), self._options(table))
                  for name, table in self.tables.components.items()}  # fmt: skip
-        return end_faults(parts, [(wire.source, wire.target) for wire in self.tables.connections])
+        connections = [(wire.source, wire.target) for wire in self.tables.connections]
+        ends = [*(event.port for event in self.tables.events), *(end for both in connections for end in both)]
+        with faultless(parts, {component_of(end) for end in ends}) as components:
+            wrong = end_faults(components, [name for name in parts if name not in components], connections)
+            return wrong + self._read_events(components)[1]
 
     def _wiring_faults(self) -> list[str]:
         try:
@@ -239,17 +243,3 @@ def _apply(document: tomlkit.TOMLDocument, override: str) -> str | None:
             return f"--set {override}: {key} is not a table"
     table[keys[-1]] = value
     return None
-
-
-def _component_faults(raw: Mapping[str, Any]) -> list[str]:
-    """Faults of the component tables of a file whose other tables are faulty, as far as they can be told."""
-    components = raw.get("components")
-    if not isinstance(components, Mapping):
-        return []
-    job = Job(nx=9, ny=9, pitch=1e-4, target_height=np.zeros((9, 9)), mask=np.ones((9, 9), dtype=np.bool_))
-    faults = []
-    for name, table in components.items():
-        if isinstance(table, Mapping) and isinstance(table.get("kind"), str):
-            options = {key: value for key, value in table.items() if key != "kind"}
-            faults += [f"components.{name}.{fault}" for fault in catalog.faults(table["kind"], job, options)]
-    return faults

@@ -92,6 +92,58 @@ def test_all_options_that_the_controller_cannot_mean_are_reported_at_once(tmp_pa
         assert found.count(fault) == 1
 
 
+EVENT = '\n[[events]]\nat_layer = 1\naction = "bias"\nport = "profilr.measured_height"\nvalue_um = 1.0\n'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ("nx = 9", "nx = 0", "grid.nx is 0"),
+        ('title = "small"', "", "title is missing"),
+        ("scan_duration_s = 0.0", "noise_std_um = -1.0", "components.profiler.noise_std_um"),
+        ('"OpenLoop"', '"OpenLop"', "did you mean OpenLoop?"),
+        ("size_x_um = 1316.28", "size_x_um = 13162.8", "part reaches beyond the grid"),
+    ],
+)
+def test_wrong_port_of_an_event_is_named_beside_other_faults(tmp_path: Path, old: str, new: str, fault: str) -> None:
+    events = EVENT + EVENT.replace("profilr.measured_height", "printer.hieght")
+    found = "\n".join(faults_of(tmp_path, GOOD.replace(old, new) + events))
+    for expected in (fault, "events.[0].port is 'profilr.measured_height'", "events.[1].port is 'printer.hieght'"):
+        assert found.count(expected) == 1
+
+
+def test_event_on_a_component_that_is_faulty_itself_is_not_blamed(tmp_path: Path) -> None:
+    text = GOOD.replace("scan_duration_s = 0.0", "noise_std_um = -1.0") + EVENT.replace("profilr", "profiler")
+    assert [fault.split()[0] for fault in faults_of(tmp_path, text)] == ["components.profiler.noise_std_um"]
+
+
+def test_file_beside_the_scenario_is_found_while_other_tables_are_faulty(tmp_path: Path) -> None:
+    (tmp_path / "lamp.fmu").write_text("no archive")
+    lamp = '[components.lamp]\nkind = "Fmu"\nfile = "lamp.fmu"\n'
+    found = "\n".join(faults_of(tmp_path, GOOD.replace("nx = 9", "nx = 0") + lamp))
+    assert str(tmp_path / "lamp.fmu") in found
+
+
+@pytest.mark.parametrize(
+    ("options", "faults"),
+    [
+        ("sweps = 3\nhorizon = 9", ("sweps is not a key of this table; did you mean sweeps?", "horizon is 9")),
+        ("horizn = 9", ("horizn is not a key of this table; did you mean horizon?", "horizon is 9")),
+        ("alpha = 1.8\nhorizon = 2.5", ("horizon is 2.5; expected", "alpha is 1.8; needs")),
+        ('sweps = 3\niteratons = "few"', ("did you mean sweeps?", "did you mean iterations?", "iterations is 'few'")),
+    ],
+)
+def test_misspelt_key_hides_no_wrong_value_of_its_table(tmp_path: Path, options: str, faults: tuple[str, ...]) -> None:
+    found = "\n".join(faults_of(tmp_path, GOOD.replace('"OpenLoop"', f'"LayerMpc"\n{options}')))
+    for fault in faults:
+        assert found.count(fault) == 1
+
+
+def test_misspelt_key_is_judged_as_what_it_means(tmp_path: Path) -> None:
+    certified = '"LayerMpc"\ncertified = true\nhorizn = 1\nalpha = 1.0'
+    assert len(faults_of(tmp_path, GOOD.replace('"OpenLoop"', certified))) == 1
+
+
 def test_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"absent\.toml"):
         Scenario.load(tmp_path / "absent.toml")
