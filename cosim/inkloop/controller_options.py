@@ -14,6 +14,11 @@ INSTEAD: Mapping[str, str] = {
 }
 
 
+def of_fmu(options: Mapping[str, object]) -> dict[str, object]:
+    """The options of LayerMpc by the names that LayerController has for them: its output is called sweeps."""
+    return {"sweeps_max" if key == "sweeps" else key: value for key, value in options.items()}
+
+
 def split(options: Mapping[str, object]) -> tuple[dict[str, object], list[str]]:
     """The options that are left for the FMU, and what is wrong with the others."""
     faults = [f"{key} is no option of LayerController; {INSTEAD[key]}" for key in options if key in INSTEAD]

@@ -42,6 +42,7 @@ process = { passes = 4, pass_order = "diagonal" }
 [components.controller]
 kind = "LayerMpc"
 horizon = 2
+sweeps = 2
 [components.printer]
 kind = "LayerDeposition"
 variation = 0.2
@@ -50,7 +51,7 @@ kind = "ProfileSensor"
 noise_std_um = 0.2
 scan_duration_s = 0.0
 """
-OPEN_LOOP = TEXT.replace('kind = "LayerMpc"\nhorizon = 2', 'kind = "OpenLoop"\nlayers = 3')
+OPEN_LOOP = TEXT.replace('kind = "LayerMpc"\nhorizon = 2\nsweeps = 2', 'kind = "OpenLoop"\nlayers = 3')
 PLANT_OF_ONE_PASS = TEXT.replace("variation = 0.2", "variation = 0.2\npasses = 1")
 """The plant begins so by itself; the job says four."""
 MAPS = ("pattern", "height", "measured_height")
@@ -144,6 +145,12 @@ def test_what_an_fmu_cannot_say_is_told(tmp_path: Path) -> None:
     controller, events = system.notes()
     assert "LayerController.fmu cannot stand in for it: certified is no option" in controller
     assert "the events of the scenario are not in it" in events
+
+
+@EVERY_VERSION
+def test_options_go_by_the_name_that_the_controller_fmu_has_for_them(version: str, tmp_path: Path) -> None:
+    _, system = exported(tmp_path, version)
+    assert system.part("controller").values["sweeps_max"] == 2
 
 
 def test_foreign_fmu_of_scalars_goes_with_scalars_of_ours(tmp_path: Path) -> None:
@@ -300,8 +307,8 @@ def test_script_of_simulink_draws_every_line(tmp_path: Path) -> None:
 
 def test_every_input_of_a_simulink_block_is_fed(tmp_path: Path) -> None:
     """An input left open is 0 in Simulink: with a volume factor of 0 nothing would be printed."""
-    system = system_of(scenario_in(tmp_path, TEXT.replace('kind = "LayerMpc"\nhorizon = 2', 'kind = "OpenLoop"')), "2",
-                       tmp_path)  # fmt: skip
+    open_loop = OPEN_LOOP.replace("layers = 3", "")
+    system = system_of(scenario_in(tmp_path, open_loop), "2", tmp_path)
     script = simulink.script(system, "block")
     from_outside = {wire.target for wire in system.wires if not wire.source[0]}
     wired = [target for _, target in lines_of(script, system)]

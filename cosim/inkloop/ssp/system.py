@@ -11,7 +11,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from inkloop import catalog, fmu_options
+from inkloop import catalog, controller_options, fmu_options
 from inkloop.component import Component, Job
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.export import export
@@ -143,6 +143,7 @@ def _part(name: str, kind: str, job: Job, options: Mapping[str, object], fmi: st
 
 
 def _controller(name: str, job: Job, options: Mapping[str, object], fmi: str, folder: Path) -> Part | str:
+    options = controller_options.of_fmu(options)
     try:
         faults = fmu_options.faults_of_model(CONTROLLER, job, options)
     except FmuError as error:
