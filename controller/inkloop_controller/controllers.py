@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import inf
-from typing import TypeVar
+from typing import Annotated, TypeVar
+
+from pydantic import Field
 
 from inkloop.component import Job
 from inkloop_controller.baselines import OpenLoop, StochasticGreedy
@@ -19,6 +21,11 @@ from inkloop_controller.regions import RegionTest
 from inkloop_controller.work import Work
 
 T = TypeVar("T")
+NotNegative = Annotated[float, Field(ge=0.0)]
+Length = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0)]
+Count = Annotated[int, Field(ge=1)]
+"""Limits that are told with the key and the number of the scenario, not with those in SI further inside."""
 
 
 def LayerMpcController(
@@ -27,7 +34,7 @@ def LayerMpcController(
     alpha: float | list[tuple[int, float]] = 0.8,
     horizon: int = 3,
     overshoot: float = 1.0,
-    overshoot_limit_um: float | None = None,
+    overshoot_limit_um: NotNegative | None = None,
     chance_margin: float = 0.0,
     fringe_weight: float = 0.0,
     layer_worth: float = 0.0,
@@ -40,11 +47,11 @@ def LayerMpcController(
     sweeps: int = 30,
     annealing_sweeps: int | None = None,
     threads: int = 1,
-    time_limit_s: float | None = None,
+    time_limit_s: Positive | None = None,
     certified: bool = False,
     adapt_ink: InkModel = "scale",
-    sensor_noise_std_um: float | None = None,
-    sensor_resolution_um: float = 0.0,
+    sensor_noise_std_um: Length | None = None,
+    sensor_resolution_um: Length = 0.0,
     untrusted_layers: int = 5,
 ) -> LayerController:
     """The controller of this project; see LayerMpc, Criterion, DropletChoices, Work and HeightEstimator.
@@ -108,7 +115,7 @@ def OpenLoopController(job: Job, *, layers: int | None = None) -> LayerControlle
 
 
 def StochasticGreedyController(
-    job: Job, *, alpha: float = 0.8, batch: int = 20, iterations_max: int = 100_000
+    job: Job, *, alpha: float = 0.8, batch: Count = 20, iterations_max: Count = 100_000
 ) -> LayerController:
     """The paper's controller; see StochasticGreedy. The paper takes ink and scans as they are."""
     planner = StochasticGreedy(job, alpha=alpha, batch=batch, iterations_max=iterations_max)
@@ -116,7 +123,7 @@ def StochasticGreedyController(
 
 
 def CohenLipsonController(
-    job: Job, *, threshold_um: float | None = None, region_test: RegionTest = "middle"
+    job: Job, *, threshold_um: Length | None = None, region_test: RegionTest = "middle"
 ) -> LayerController:
     """Greedy geometric feedback; see CohenLipson. Scans are taken as they are."""
     threshold = None if threshold_um is None else threshold_um * 1e-6

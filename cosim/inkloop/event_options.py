@@ -88,7 +88,8 @@ class _Reader:
         kinds = {"b": "b", "i": "iu", "f": "iuf"}[np.dtype(port.dtype).kind]
         if array.dtype.kind not in kinds or not np.isfinite(array).all():
             what = {"b": "true or false", "i": "a whole number", "f": "a finite number"}[np.dtype(port.dtype).kind]
-            self.faults.append(f"{key} is {value!r}; expected {what}, or an array of them")
+            found = self._table.quantities[key]
+            self.faults.append(f"{key} is {found!r}; expected {what}, or an array of them")
             return None
         if array.shape not in ((), port.shape):
             self.faults.append(f"{key} has shape {array.shape}; {self._table.port} takes a number or {port.shape}")

@@ -21,7 +21,7 @@ from inkloop.packed_fmu import fmu_file
 from inkloop.port_options import OPTION, make_mapped, mapped_ports
 from inkloop.presets import PRESETS, preset_of
 from inkloop.region_intervals import region_intervals
-from inkloop.units import conversion, missing_suffix, scaled, spellings
+from inkloop.units import conversion, missing_suffix, scaled, spellings, unit_of
 
 JOB_PARAMETERS = "job_parameters"
 """Whether the job's own values (pitch, inks, passes, seed, ...) go to parameters of an FMU that bear their names."""
@@ -169,15 +169,18 @@ def _parse(
     except FmuError as error:
         return _Parsed(parameters, structural, [*faults, f"kind: {error}"])
     for name, key in written.items():
-        faults += _value_faults(known[name], key, values[name], sizes)
+        faults += _value_faults(known[name], key, values[name], options[key], sizes)
     return _Parsed(parameters, structural, faults)
 
 
-def _value_faults(variable: Variable, key: str, value: object, sizes: Mapping[str, int]) -> list[str]:
-    try:
-        variable.convert(value, sizes)
-    except ValueError as error:
-        return [f"{key} {error}" + (f" ({variable.description})" if variable.description else "")]
+def _value_faults(variable: Variable, key: str, value: object, found: object, sizes: Mapping[str, int]) -> list[str]:
+    """What is wrong with a value, which is `found` in the unit of its key, told in that unit."""
+    written = variable.in_unit(*unit_of(key, variable.name, variable.unit))
+    for checked, number in ((written, found), (variable, value)):
+        try:
+            checked.convert(number, sizes)
+        except ValueError as error:
+            return [f"{key} {error}" + (f" ({variable.description})" if variable.description else "")]
     return []
 
 

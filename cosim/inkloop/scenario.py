@@ -214,7 +214,7 @@ def _connection(
     values, wrong = read_quantities(table.quantities, {"offset": unit}, ConnectionTable.model_fields)
     key, offset = values.get("offset", ("offset", 0.0))
     if isinstance(offset, bool) or not isinstance(offset, int | float) or not math.isfinite(offset):
-        wrong.append(f"{key} is {offset!r}; expected a finite number")
+        wrong.append(f"{key} is {table.quantities[key]!r}; expected a finite number")
         offset = 0.0
     faults += [f"{place}.{fault}" for fault in wrong]
     return Connection(table.source, table.target, table.gain, float(offset))

@@ -49,6 +49,12 @@ def spellings(name: str, unit: str) -> dict[str, float]:
     return {f"{name}_{suffix}": factor / to_si for suffix, factor in SUFFIXES.get(si, {}).items()} or {name: 1.0}
 
 
+def unit_of(key: str, name: str, unit: str) -> tuple[str, float]:
+    """The unit in which `key` gives the quantity `name`, in FMI spelling, and its factor to `unit`."""
+    suffix = key.removeprefix(name).removeprefix("_")
+    return suffix.replace("_per_", "/").replace("per_", "1/") or unit, spellings(name, unit)[key]
+
+
 def read_quantities(
     found: Mapping[str, object], units: Mapping[str, str], other_keys: Iterable[str] = ()
 ) -> tuple[dict[str, tuple[str, object]], list[str]]:

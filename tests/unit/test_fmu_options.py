@@ -85,7 +85,7 @@ def test_nested_list_fills_an_array_of_the_grid() -> None:
     np.testing.assert_allclose(parsed.parameters["height_start"], np.arange(6).reshape(2, 3) * 1e-6)  # type: ignore[arg-type]
     (fault,) = parse({"height_start_um": [[0, 1]]}, job).faults
     assert fault.startswith("height_start_um is 1 x 2 values")
-    assert fault.endswith("expected a number, or 2 x 3 of them [m]")
+    assert fault.endswith("expected a number, or 2 x 3 of them [um]")
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_nested_list_fills_an_array_of_the_grid() -> None:
         ),
         ({"seed": 1.5}, "seed is 1.5; expected a whole number"),
         ({"pitch_um": 250, "pitch_mm": 0.25}, "pitch_mm says again what pitch_um says; keep one"),
-        ({"pitch_um": "wide"}, "pitch_um is 'wide'; expected a number [m]"),
+        ({"pitch_um": "wide"}, "pitch_um is 'wide'; expected a number [um]"),
         ({"nx": "many"}, "nx is 'many'; expected a whole number"),
     ],
 )

@@ -144,6 +144,34 @@ def test_misspelt_key_is_judged_as_what_it_means(tmp_path: Path) -> None:
     assert len(faults_of(tmp_path, GOOD.replace('"OpenLoop"', certified))) == 1
 
 
+@pytest.mark.parametrize(
+    ("kind", "option", "said"),
+    [
+        ("LayerMpc", "overshoot_limit_um = -2.5", "expected greater than or equal to 0"),
+        ("LayerMpc", "overshoot_limit_um = nan", "expected greater than or equal to 0"),
+        ("LayerMpc", "sensor_noise_std_um = -2.5", "expected greater than or equal to 0"),
+        ("LayerMpc", "sensor_noise_std_um = inf", "expected a finite number"),
+        ("LayerMpc", "sensor_resolution_um = -2.5", "expected greater than or equal to 0"),
+        ("LayerMpc", "time_limit_s = -2.5", "expected greater than 0"),
+        ("CohenLipson", "threshold_um = -2.5", "expected greater than or equal to 0"),
+        ("LayerController", "overshoot_limit_um = -2.5", "expected a number in 0 .. 1000000 [um]"),
+        ("LayerController", "overshoot_limit_mm = -2.5", "expected a number in 0 .. 1000 [mm]"),
+        ("LayerController", "sensor_resolution_nm = -2.5", "expected a number in 0 .. 1000000000 [nm]"),
+    ],
+)
+def test_fault_names_key_value_and_limits_as_they_are_written(
+    tmp_path: Path, kind: str, option: str, said: str
+) -> None:
+    (fault,) = faults_of(tmp_path, GOOD.replace('"OpenLoop"', f'"{kind}"\n{option}'))
+    assert fault.startswith(f"components.controller.{option.replace(' =', ' is')}; {said}")
+
+
+def test_value_of_an_event_is_told_as_it_is_written(tmp_path: Path) -> None:
+    event = EVENT.replace("profilr", "profiler").replace("value_um = 1.0", "value_um = [1.5, nan]")
+    (fault,) = faults_of(tmp_path, GOOD + event)
+    assert fault.startswith("events.[0].value_um is [1.5, nan]; expected a finite number")
+
+
 def test_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"absent\.toml"):
         Scenario.load(tmp_path / "absent.toml")

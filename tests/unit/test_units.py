@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from inkloop.units import QUANTITIES, SUFFIXES, missing_suffix, spellings
+from inkloop.units import QUANTITIES, SUFFIXES, missing_suffix, spellings, unit_of
 
 
 def test_key_carries_its_unit() -> None:
@@ -16,3 +16,10 @@ def test_length_without_a_unit_is_a_fault() -> None:
     assert missing_suffix("variation", "1") is None
     assert spellings("variation", "1") == {"variation": 1.0}
     assert set(QUANTITIES) == set(SUFFIXES)
+
+
+def test_key_says_in_which_unit_its_number_is() -> None:
+    assert unit_of("pitch_um", "pitch", "m") == ("um", 1e-6)
+    assert unit_of("speed_mm_per_s", "speed", "m/s") == ("mm/s", 1e-3)
+    assert unit_of("gain_per_um", "gain", "1/m") == ("1/um", 1e6)
+    assert unit_of("variation", "variation", "1") == ("1", 1.0)

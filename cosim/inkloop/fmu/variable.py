@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -61,8 +61,16 @@ class Variable:
         start = self._number(self.start[0]) if self.start else 0.0
         return Port(self.name, self.unit, self.shape(sizes), self.dtype, start)
 
+    def in_unit(self, unit: str, factor: float) -> Variable:
+        """The same variable with its limits in another unit; factor: from there to its own."""
+        if factor == 1.0:
+            return self
+        low, high = (None if limit is None else f"{float(limit) / factor:.12g}"
+                     for limit in (self.minimum, self.maximum))  # fmt: skip
+        return replace(self, unit=unit, minimum=low, maximum=high)
+
     def convert(self, value: object, sizes: Mapping[str, int]) -> NDArray[Any]:
-        """`value` (SI) as an array of the variable's shape and dtype; ValueError says what was expected."""
+        """`value`, in its unit, as an array of the variable's shape and dtype; ValueError says what was expected."""
         if isinstance(value, str):
             if value not in self.items:
                 raise ValueError(f"is {value!r}; {self._expected(sizes)}")
