@@ -54,7 +54,7 @@ def surfaces(runs: Runs) -> Figure:
     shown = dict(list(runs.items())[:3])
     errors = {name: _error(run) for name, run in shown.items()}
     limit = max(1e-3, *(float(np.nanquantile(np.abs(error), 0.99)) for error in errors.values()))
-    colours = ScalarMappable(Normalize(-limit, limit), "RdBu_r")
+    colours = ScalarMappable(Normalize(-limit, limit), "RdBu")
     top = max(float(run.height[-1].max()) for run in shown.values()) * UM
     count = len(shown)
     figure = Figure(figsize=(WIDTH_IN, 2.5) if count > 1 else (4.6, 3.2))
@@ -66,7 +66,7 @@ def surfaces(runs: Runs) -> Figure:
         axes.set_zlim(0, max(top, 1e-3) * 1.02)
         axes.set_title(f"{name}\n{_figures(run)}", y=0.94)
     scale = figure.add_axes((0.9 if count > 1 else 0.83, 0.25, 0.012 * WIDTH_IN / figure.get_figwidth(), 0.5))
-    figure.colorbar(colours, cax=scale, label="height - target [µm]", extend="both")
+    figure.colorbar(colours, cax=scale, label="target - height [µm]", extend="both")
     return figure
 
 
@@ -115,23 +115,23 @@ def cross_section(runs: Runs) -> Figure:
     whole.set(ylabel="height [µm]", ylim=(0, None), title=f"cut at y = {float(first.y[row]) * MM:.2f} mm")
     whole.legend(loc="lower center", ncols=2)
     top.axhline(0, color="black", linestyle="--", linewidth=1)
-    top.set(xlabel="x [mm]", ylabel="height - target [µm]", ylim=(-limit, limit))
+    top.set(xlabel="x [mm]", ylabel="target - height [µm]", ylim=(-limit, limit))
     return figure
 
 
 def error_map(run: xr.Dataset, name: str) -> Figure:
-    """Final height minus target over the part, and how it is distributed."""
+    """Target minus final height over the part, and how it is distributed."""
     error = _error(run)
     limit = max(float(np.nanquantile(np.abs(error), 0.99)), 1e-3)
     figure = _figure(3.2)
     plane, counts = figure.subplots(1, 2, width_ratios=(3, 2))
-    image = plane.imshow(error.T, origin="lower", extent=_extent(run), interpolation="nearest", cmap="RdBu_r",
+    image = plane.imshow(error.T, origin="lower", extent=_extent(run), interpolation="nearest", cmap="RdBu",
                          vmin=-limit, vmax=limit)  # fmt: skip
-    figure.colorbar(image, ax=plane, label="height - target [µm]", extend="both")
+    figure.colorbar(image, ax=plane, label="target - height [µm]", extend="both")
     plane.set(xlabel="x [mm]", ylabel="y [mm]", title=f"{name}: {_figures(run)}")
     counts.hist(error[~np.isnan(error)], bins=30, color=COLOURS[0])
     counts.axvline(0, color="black", linestyle="--", linewidth=1)
-    counts.set(xlabel="height - target [µm]", ylabel="cells")
+    counts.set(xlabel="target - height [µm]", ylabel="cells")
     return figure
 
 
@@ -223,10 +223,10 @@ def comparison(runs: Runs, wall_s: Mapping[str, float]) -> Figure:
     maps = above.subplots(1, len(runs), squeeze=False)[0]
     for axes, (name, run) in zip(maps, runs.items(), strict=True):
         image = axes.imshow(errors[name].T, origin="lower", extent=_extent(run), interpolation="nearest",
-                            cmap="RdBu_r", vmin=-limit, vmax=limit)  # fmt: skip
+                            cmap="RdBu", vmin=-limit, vmax=limit)  # fmt: skip
         axes.set(xlabel="x [mm]", title="\n".join((name, *_figures(run).split(", "))))
     maps[0].set_ylabel("y [mm]")
-    above.colorbar(image, ax=list(maps), label="height - target [µm]", extend="both")
+    above.colorbar(image, ax=list(maps), label="target - height [µm]", extend="both")
     mean, spread, droplets, times = below.subplots(1, 4)
     for number, (name, run) in enumerate(runs.items()):
         line = LINES[number % len(LINES)]
@@ -254,8 +254,8 @@ def _figure(height_in: float) -> Figure:
 
 
 def _error(run: xr.Dataset) -> FloatMap:
-    """Final height minus target [um], NaN outside the part."""
-    error: FloatMap = ((run.height[-1] - run.target_height) * UM).where(run.mask.astype(bool)).values
+    """Target minus final height [um] as in inkloop.metrics, NaN outside the part; red is too high."""
+    error: FloatMap = ((run.target_height - run.height[-1]) * UM).where(run.mask.astype(bool)).values
     return error
 
 

@@ -60,11 +60,11 @@ def rounding() -> Figure:
     figure = Figure(figsize=(WIDTH_IN, 7.2), layout="constrained")
     axes = figure.subplots(LAYERS + 1, len(plans), height_ratios=[1] * LAYERS + [1.05])
     for column, (name, plan) in enumerate(plans.items()):
-        error = (surface_after(problem, plan) - problem.target) * UM
+        error = (problem.target - surface_after(problem, plan)) * UM
         for layer in range(LAYERS):
             droplets = axes[layer, column].imshow(plan[layer], cmap="gray_r", vmin=0, vmax=1, interpolation="nearest")
             axes[layer, column].set_title(f"{plan[layer].mean():.2f} droplets per cell")
-        top = axes[LAYERS, column].imshow(error, cmap="RdBu_r", vmin=-2, vmax=2, interpolation="nearest")
+        top = axes[LAYERS, column].imshow(error, cmap="RdBu", vmin=-2, vmax=2, interpolation="nearest")
         axes[LAYERS, column].set_title(f"$\\bf{{J}}$ = {np.abs(error).mean():.2f} µm", fontsize=10)
         axes[0, column].set_title(f"{name}\n{axes[0, column].get_title()}")
     for row, label in enumerate([*(f"layer {layer + 1}" for layer in range(LAYERS)), "surface after them"]):
@@ -72,7 +72,7 @@ def rounding() -> Figure:
     for each in axes.flat:
         each.set(xticks=[], yticks=[])
     figure.colorbar(droplets, ax=axes[:LAYERS], label="droplets on a cell", shrink=0.5)
-    figure.colorbar(top, ax=axes[LAYERS], label="height - target [µm]", extend="both")
+    figure.colorbar(top, ax=axes[LAYERS], label="target - height [µm]", extend="both")
     return figure
 
 
