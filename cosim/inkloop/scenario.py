@@ -60,7 +60,7 @@ class Scenario:
             document = tomlkit.parse(text)
         except TOMLKitError as error:
             raise ScenarioError(source, [f"is not TOML: {error}"]) from error
-        faults = [fault for override in overrides if (fault := _apply(document, override))]
+        faults = [fault for override in overrides if (fault := apply_override(document, override))]
         faults += ink_file.put_in(document, Path(source).parent)
         return cls._from_tables(source, tomlkit.dumps(document), document.unwrap(), faults)
 
@@ -220,7 +220,7 @@ def _connection(
     return Connection(table.source, table.target, table.gain, float(offset))
 
 
-def _apply(document: tomlkit.TOMLDocument, override: str) -> str | None:
+def apply_override(document: tomlkit.TOMLDocument, override: str) -> str | None:
     """Set one `table.key=value` in the document; a sentence if it cannot be."""
     path, separator, text = override.partition("=")
     keys = [key.strip() for key in path.split(".")]

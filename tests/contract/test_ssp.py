@@ -342,6 +342,44 @@ def test_fmus_for_simulink_begin_with_the_parameters(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "build_block.m").is_file()
 
 
+@pytest.mark.parametrize(
+    ("to", "words"),
+    [
+        ("ssp", "inkloop run {out} prints it; in another tool import it, communication step 1 s"),
+        ("osp", "libcosimpy: CosimExecution.from_osp_config_file(osp_path='{out}'), then simulate_until"),
+        ("maestro", "cd {out} && java -jar maestro.jar import sg1 --interpret -output=out --fmu-search-path=. "
+                    "simulation.json multimodel.json"),
+        ("simulink", "in MATLAB: cd {out}; build_block"),
+    ],
+)  # fmt: skip
+def test_export_ends_with_what_comes_next(
+    to: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario_in(tmp_path)
+    out = tmp_path / ("block.ssp" if to == "ssp" else "block")
+    assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", to, "-o", str(out)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"  next: {words.format(out=out)}"
+    if to == "maestro":
+        assert all((out / name).is_file() for name in words.split()[-2:])
+
+
+@EVERY_VERSION
+def test_job_of_another_grid_is_told_with_both_grids(version: str, tmp_path: Path) -> None:
+    path, _ = exported(tmp_path, version)
+    job = tmp_path / "wide.toml"
+    job.write_text(TEXT.replace("nx = 6, ny = 5", "nx = 8, ny = 7"), encoding="utf-8")
+    said = (
+        "controller, printer, profiler: of a grid of 6 x 5 cells, {} of {}; export the .ssp anew for that grid, or {}"
+    )
+    with pytest.raises(ScenarioError) as caught:
+        scenario_of(path, job=job)
+    assert caught.value.faults == (said.format(job, "8 x 7", "take another job"),)
+    with pytest.raises(ScenarioError) as caught:
+        scenario_of(path, ["grid.nx=9"])
+    assert caught.value.faults == (said.format("the scenario in it", "9 x 5", "leave its grid as it is"),)
+    assert scenario_of(path, ["grid.nx=8", "grid.nx=6"]).job().nx == 6
+
+
 def test_command_line_exports_and_runs_an_ssp(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -58,7 +58,19 @@ def export(scenario: Scenario, options: argparse.Namespace, console: Console) ->
     console.print(f"wrote {out}: {', '.join(part.name for part in system.parts)}", highlight=False)
     for note in system.notes():
         console.print(f"  {note}", highlight=False)
+    console.print(f"  next: {next_step(options.to, out, stem, system.step_s)}", highlight=False, soft_wrap=True)
     return 0
+
+
+def next_step(to: str, out: Path, stem: str, step_s: float) -> str:
+    """What runs the file or folder that was written, in one line."""
+    jar = "java -jar maestro.jar import sg1 --interpret -output=out --fmu-search-path=."
+    return {
+        "ssp": f"inkloop run {out} prints it; in another tool import it, communication step {step_s:g} s",
+        "osp": f"libcosimpy: CosimExecution.from_osp_config_file(osp_path={str(out)!r}), then simulate_until",
+        "maestro": f"cd {out} && {jar} {maestro.CONFIGURATION} {maestro.MULTI_MODEL}",
+        "simulink": f"in MATLAB: cd {out}; build_{simulink.model_name(stem)}",
+    }[to]
 
 
 def _fmi(options: argparse.Namespace) -> str:

@@ -22,7 +22,7 @@ from inkloop.faults import nearest
 from inkloop.fmu import FmuDescription, describe
 from inkloop.fmu_options import JOB_PARAMETERS
 from inkloop.packed_fmu import SUFFIX, UNREADABLE, fmu_file
-from inkloop.scenario import Scenario
+from inkloop.scenario import Scenario, apply_override
 from inkloop.ssp import joined_connections, parameter_values
 from inkloop.ssp.archive import SCENARIO, STRUCTURE
 from inkloop.ssp.names import SSD, member_of
@@ -55,7 +55,8 @@ def scenario_of(path: Path, overrides: Iterable[str] = (), job: Path | None = No
     except UNREADABLE as error:
         raise ScenarioError(str(path), [f"is no .ssp, or a damaged one: {error}"]) from error
     connections = joined_connections.read(system, known, faults)
-    if faults:
+    overrides = list(overrides)
+    if faults := faults or _grid_faults(known, text, overrides, job):
         raise ScenarioError(str(path), faults)
     source = job or path
     place = Path(os.path.relpath(path.resolve(), source.resolve().parent))
@@ -126,6 +127,30 @@ def _described(path: Path, sources: Mapping[str, str], faults: list[str]) -> dic
         except FmuError as error:
             faults.append(f"{name}: {error}")
     return known
+
+
+def _grid_faults(
+    known: Mapping[str, FmuDescription], text: str, overrides: Iterable[str], job: Path | None
+) -> list[str]:
+    """Where FMUs are of another grid than what is printed, a sentence for each grid."""
+    try:
+        document = tomlkit.parse(text)
+    except TOMLKitError:
+        return []  # told by who reads it next, as are overrides that cannot be applied
+    for override in overrides:
+        apply_override(document, override)
+    grid: Any = document.unwrap().get("grid")
+    wanted = (grid.get("nx"), grid.get("ny")) if isinstance(grid, Mapping) else (None, None)
+    fixed = {name: of.grid for name, of in known.items() if of.grid is not None and "nx" not in of.default_sizes}
+    if not all(isinstance(cells, int) and cells > 0 for cells in wanted):
+        return []
+    who, advice = (str(job), "take another job") if job else ("the scenario in it", "leave its grid as it is")
+    return [
+        f"{', '.join(name for name in fixed if fixed[name] == found)}: of a grid of {found[0]} x {found[1]} cells, "
+        f"{who} of {wanted[0]} x {wanted[1]}; export the .ssp anew for that grid, or {advice}"
+        for found in dict.fromkeys(fixed.values())
+        if found != wanted
+    ]
 
 
 def _options(description: FmuDescription, values: Mapping[str, object]) -> dict[str, object]:
