@@ -1,5 +1,6 @@
 #include "instance.h"
 
+#include "gaps.h"
 #include "resources.h"
 
 #include <math.h>
@@ -151,7 +152,7 @@ static bool allocate(Instance *instance, uint64_t nx, uint64_t ny) {
                 sized.first_references[k] = reference;
                 reference += sized.has_scalar_references ? value_count(&sized, k) : 1;
             }
-            end += (size + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
+            end += (size + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT + GAP;
             if (table->variables[k].causality != SCRATCH)
                 sized.saved_size = end;
         }
@@ -169,6 +170,7 @@ static bool allocate(Instance *instance, uint64_t nx, uint64_t ny) {
     sized.kept_size = sized.scratch_size = 0;
     sized.before = NULL;
     *instance = sized;
+    close_gaps(instance);
     for (size_t k = 0; k < table->count; k++)
         fill(instance, k);
     *(uint64_t *)values_of(instance, NX) = nx;
@@ -274,6 +276,7 @@ Outcome instance_enter_configuration(Instance *instance) {
                       "variant with structural parameters, or export one for the grid",
                       instance->model->table->model, (unsigned long long)instance->nx,
                       (unsigned long long)instance->ny);
+    update_outputs(instance);
     instance->mode = CONFIGURATION;
     return ACCEPTED;
 }

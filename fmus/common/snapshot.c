@@ -1,5 +1,7 @@
 #include "instance.h"
 
+#include "gaps.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -87,7 +89,9 @@ Outcome snapshot_copy(Instance *instance, Snapshot **snapshot) {
         return misuse(instance, "no memory for a state of %lu bytes",
                       (unsigned long)(instance->saved_size + instance->kept_size));
     memcpy(taken->bytes, &header, sizeof header);
+    open_gaps(instance);
     memcpy(taken->bytes + sizeof header, instance->block, instance->saved_size);
+    close_gaps(instance);
     if (instance->kept_size > 0)
         memcpy(taken->bytes + sizeof header + instance->saved_size, instance->kept, instance->kept_size);
     *snapshot = taken;
@@ -118,7 +122,9 @@ Outcome snapshot_restore(Instance *instance, const Snapshot *snapshot) {
                       (unsigned long long)header.kept_size);
     if (kept)
         memcpy(kept, snapshot->bytes + sizeof header + instance->saved_size, header.kept_size);
+    open_gaps(instance);
     memcpy(instance->block, snapshot->bytes + sizeof header, instance->saved_size);
+    close_gaps(instance);
     instance->mode = (Mode)header.mode;
     instance->is_outdated = (header.mode & BEFORE_STEP) != 0;
     return ACCEPTED;

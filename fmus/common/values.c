@@ -109,7 +109,7 @@ void write_values(Instance *instance, Span span, const void *values) {
 }
 
 void update_outputs(Instance *instance) {
-    if (!instance->is_outdated)
+    if (!instance->is_outdated || instance->mode == CONFIGURATION) /* nx and ny may be others than those of the block */
         return;
     instance->model->calculate(instance);
     instance->is_outdated = false;

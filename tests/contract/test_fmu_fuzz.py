@@ -141,6 +141,17 @@ def test_reading_changes_nothing_that_is_saved(model, form) -> None:
         assert fmu.save() == before
 
 
+@pytest.mark.parametrize("model", DEPOSITION_MODELS)
+def test_outputs_in_configuration_mode_are_of_the_grid_that_is_still_there(model) -> None:
+    """They were calculated for the grid to come, in the memory of the present one."""
+    with Driver(model) as fmu:
+        assert fmu.set("height_start", 2e-6) == OK
+        assert fmu.call("enterConfigurationMode") == OK
+        assert fmu.call("setUInt64", fmu.references["nx"], [1]) == OK
+        assert (fmu.get("height") == 2e-6).all()
+        assert fmu.get("height_mean") == pytest.approx(2e-6)
+
+
 @EVERY_FORM
 @EVERY_MODEL
 def test_missing_arguments_are_errors_in_words(model, form) -> None:

@@ -104,12 +104,13 @@ COUNTING = "static void count_droplets(const LayerHandshake *h) {"
 
 @pytest.mark.parametrize(("flags", "fault", "said"), [
     (ADDRESS, ("instance.c", "    free(instance->block);\n", ""), "LeakSanitizer"),
-    (ADDRESS, ("instance.c", "calloc(end, 1)", "calloc(end - 8, 1)"), "AddressSanitizer"),
+    (ADDRESS, ("instance.c", "calloc(end, 1)", "calloc(end - GAP - 8, 1)"), "AddressSanitizer"),
     (ADDRESS, ("layer_handshake.c", COUNTING, f"{COUNTING}\n    (void)(*h->nx << (62 + *h->nx));"), "runtime error"),
+    (ADDRESS, ("layer_handshake.c", COUNTING, f"{COUNTING}\n    h->height[*h->nx * *h->ny] = 0.0;"), "use-after-poison"),
     (THREAD, ("layer_handshake.c", COUNTING, f"static long counted;\n{COUNTING}\n    counted++;"), "data race"),
 ])  # fmt: skip
 def test_sanitizers_bite(flags, fault, said, lives, tmp_path) -> None:
-    """A leak, a block that is too short, a shift beyond the word, and a counter that all instances share."""
+    """A leak, a block too short, a shift beyond the word, a cell beyond its map, a counter that all instances share."""
     edited(tmp_path, *fault)
     built = fmu_library.rebuilt("LayerDeposition", FORMS[0], tmp_path, "gcc", flags)
     assert said in lives(built, flags)
