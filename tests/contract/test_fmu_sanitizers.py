@@ -106,7 +106,7 @@ COUNTING = "static void count_droplets(const LayerHandshake *h) {"
     (ADDRESS, ("instance.c", "    free(instance->block);\n", ""), "LeakSanitizer"),
     (ADDRESS, ("instance.c", "calloc(end, 1)", "calloc(end - GAP - 8, 1)"), "AddressSanitizer"),
     (ADDRESS, ("layer_handshake.c", COUNTING, f"{COUNTING}\n    (void)(*h->nx << (62 + *h->nx));"), "runtime error"),
-    (ADDRESS, ("layer_handshake.c", COUNTING, f"{COUNTING}\n    h->height[*h->nx * *h->ny] = 0.0;"), "use-after-poison"),
+    (ADDRESS, ("layer_handshake.c", COUNTING, f"{COUNTING}\n    h->height[*h->nx * *h->ny] = 0;"), "use-after-poison"),
     (THREAD, ("layer_handshake.c", COUNTING, f"static long counted;\n{COUNTING}\n    counted++;"), "data race"),
 ])  # fmt: skip
 def test_sanitizers_bite(flags, fault, said, lives, tmp_path) -> None:
