@@ -12,9 +12,8 @@
 PYTHON ?= python3.11
 BIN    := .venv/bin
 # what decides about the compiled parts: C sources, their tables, and the modules that run while building
-BUILD_MODULES := $(addprefix cosim/inkloop/,c_variables.py fmu_archive.py fmu_documentation.py \
-                   model_definition.py model_description.py) \
-                 $(addprefix hardware/inkloop_hardware/,c_codec.py inkloop.dbc)
+BUILD_MODULES := $(wildcard cosim/inkloop/fmu_writer/*.py) \
+                 $(addprefix hardware/inkloop_hardware/protocol/,c_codec.py inkloop.dbc)
 PIP    := $(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check
 
 .PHONY: run test lint format test-long benchmarks benchmarks-hardware peers fuzz sanitize firmware-cortex-m tools gallery clean
@@ -54,14 +53,14 @@ benchmarks-hardware: .venv/installed
 
 peers: .venv/installed
 	$(PIP) 'ecospy>=0.7.2'   # of use nowhere else; it also needs libtbb12
-	$(BIN)/python tests/java_programs.py
-	PYTHONPATH=tests $(BIN)/python docs/reference/peers.py
+	$(BIN)/python tests/support/masters/java_programs.py
+	PYTHONPATH=tests $(BIN)/python tools/figures/peers.py
 
 sanitize: .venv/installed
-	$(BIN)/python -m pytest -m long -n 2 tests/contract/test_fmu_sanitizers.py tests/unit/test_search_threads.py
+	$(BIN)/python -m pytest -m long -n 2 tests/contract/test_fmu_sanitizers.py tests/unit/controller/core/test_search_threads.py
 
 fuzz: .venv/installed
-	$(BIN)/python tests/fuzzing.py
+	$(BIN)/python tests/support/fmus/fuzzing.py
 
 firmware-cortex-m: .venv/installed
 	@if command -v arm-none-eabi-gcc >/dev/null; then $(MAKE) --no-print-directory -C hardware/firmware/cortex_m; \
@@ -73,16 +72,16 @@ TOOLS := gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm clang \
 tools:
 	@if command -v apt-get >/dev/null; then apt-get install --yes --no-install-recommends $(TOOLS); \
 	else echo "install with your own package manager what Debian calls: $(TOOLS)"; fi
-	$(PYTHON) tests/java_programs.py
+	$(PYTHON) tests/support/masters/java_programs.py
 
 # every scenario with one picture, docs/gallery; pictures and tables of docs/explanation
 gallery: .venv/installed
-	$(BIN)/python docs/gallery/gallery.py
-	$(BIN)/python -m docs.explanation.pictures
-	$(BIN)/python docs/how-to/pictures.py
-	$(BIN)/python docs/how-to/modelica_picture.py
-	$(BIN)/python docs/how-to/identify_figures.py
-	$(BIN)/python docs/reference/reproductions.py
+	$(BIN)/python tools/figures/gallery.py
+	$(BIN)/python tools/figures/layer_problem.py
+	$(BIN)/python tools/figures/height_maps.py
+	$(BIN)/python tools/figures/modelica_library.py
+	$(BIN)/python tools/figures/identified_ink.py
+	$(BIN)/python tools/figures/the_papers.py
 
 clean:
 	rm -rf build .venv

@@ -16,19 +16,19 @@ import numpy as np
 from rich.console import Group
 from rich.table import Table
 
-from inkloop_hardware.adapter import Adapter
-from inkloop_hardware.bus_settings import BusSettings
-from inkloop_hardware.codec import Codec, Frame
+from inkloop_hardware.bus.adapter import Adapter
+from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.errors import BusError, HardwareError
-from inkloop_hardware.height_map_bytes import read_map
-from inkloop_hardware.link import Link
-from inkloop_hardware.node_state import NodeTimes
-from inkloop_hardware.pattern_bytes import PatternBytes
-from inkloop_hardware.records import StopRequest, pack
-from inkloop_hardware.rig import Rig
-from inkloop_hardware.services import Key, Routine
-from inkloop_hardware.vocabulary import Node, Source
+from inkloop_hardware.link.link import Link
+from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.protocol.codec import Codec, Frame
+from inkloop_hardware.protocol.height_map_bytes import read_map
+from inkloop_hardware.protocol.node_state import NodeTimes
+from inkloop_hardware.protocol.pattern_bytes import PatternBytes
+from inkloop_hardware.protocol.records import StopRequest, pack
+from inkloop_hardware.protocol.services import Key, Routine
+from inkloop_hardware.protocol.vocabulary import Node, Source
 
 TIMES_MS = {"pass_ms": 30, "scan_ms": 30, "gate_ms": 5}
 SIDE = 283

@@ -9,9 +9,9 @@ import numpy as np
 from rich.table import Table
 
 from benchmarks.timing import scaled
-from inkloop import catalog
 from inkloop.component import FloatMap, Job
-from inkloop_controller.layer_model import LayerModel
+from inkloop.components import catalog
+from inkloop_controller.model.layer_model import LayerModel
 
 SIDES = (35, 100, 500)
 SECOND_NS = 1_000_000_000

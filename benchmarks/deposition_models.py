@@ -8,8 +8,8 @@ import numpy as np
 from rich.table import Table
 
 from benchmarks.timing import scaled, seconds
-from inkloop.export import find_fmu
 from inkloop.fmu import FmuComponent
+from inkloop.fmu_writer.export import find_fmu
 
 SECOND_NS = 1_000_000_000
 CASES: dict[str, tuple[str, dict[str, object]]] = {

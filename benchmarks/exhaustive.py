@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from inkloop.component import FloatMap
-from inkloop_controller import core
-from inkloop_controller.horizon_problem import HorizonProblem, IntPlan
+from inkloop_controller.core import bindings
+from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
 
 
 def best_plan(problem: HorizonProblem) -> IntPlan:
@@ -19,7 +19,7 @@ def best_plan(problem: HorizonProblem) -> IntPlan:
     patterns = (np.arange(2**cells)[:, None] >> np.arange(cells) & 1).astype(np.int32)
     best, chosen = np.inf, (patterns[0], patterns[0])
     for first in patterns:
-        below = core.layer(problem.height, first.reshape(shape), problem.kinds)
+        below = bindings.layer(problem.height, first.reshape(shape), problem.kinds)
         surfaces = below.ravel() + patterns @ _increments(below, problem)
         error = np.abs(problem.target.ravel() - surfaces).mean(axis=1)
         values = problem.alpha * error + (1.0 - problem.alpha) * surfaces.std(axis=1)
@@ -32,4 +32,4 @@ def best_plan(problem: HorizonProblem) -> IntPlan:
 def _increments(below: FloatMap, problem: HorizonProblem) -> FloatMap:
     """What a droplet on each cell adds to the surface (cells, cells) [m]."""
     single = np.eye(below.size, dtype=np.int32).reshape(-1, *below.shape)
-    return np.stack([(core.layer(below, droplet, problem.kinds) - below).ravel() for droplet in single])
+    return np.stack([(bindings.layer(below, droplet, problem.kinds) - below).ravel() for droplet in single])

@@ -14,12 +14,12 @@ from rich.table import Table
 
 from benchmarks.bus_time import BusTime, bus_time
 from inkloop.component import Ink, Job
-from inkloop_hardware.bus_settings import BusSettings
+from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.devices.layer_steps import LayerSteps
+from inkloop_hardware.devices.readiness import make_ready
 from inkloop_hardware.emulated_bench import EmulatedBench
-from inkloop_hardware.layer_steps import LayerSteps
-from inkloop_hardware.readiness import make_ready
-from inkloop_hardware.rig import Rig
-from inkloop_hardware.vocabulary import Node
+from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.protocol.vocabulary import Node
 
 TIMES_MS = {"pass_ms": 30, "scan_ms": 30, "move_ms": 5, "home_ms": 5, "gate_ms": 5}
 CURE_MS = 10

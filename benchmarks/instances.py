@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from inkloop.component import FloatMap, Ink
-from inkloop_controller import core
-from inkloop_controller.horizon_problem import HorizonProblem
+from inkloop_controller.core import bindings
+from inkloop_controller.problem.horizon_problem import HorizonProblem
 
 INK = Ink()
 SHARE = 0.6  # of a full layer, wanted on average of each layer of the horizon
@@ -25,7 +25,7 @@ def nearly_flat(side: int, layers: int, seed: int = 0, alpha: float = 1.0) -> Ho
     rng = np.random.default_rng(seed)
     height, full = np.zeros((side, side)), np.ones((side, side), np.int32)
     for _ in range(LAYERS_BELOW):
-        height = core.layer(height, full, (INK,), factor=1.0 - VARIATION * rng.random(height.shape))
+        height = bindings.layer(height, full, (INK,), factor=1.0 - VARIATION * rng.random(height.shape))
     return problem(height, np.full_like(height, height.mean() + SHARE * layers * INK.layer_height), layers, alpha)
 
 
@@ -41,5 +41,5 @@ def recoverable(side: int, layers: int, seed: int, rise: float) -> HorizonProble
     height = rng.uniform(0.0, rise, (side, side))
     target = height
     for pattern in rng.integers(0, 2, (layers, side, side), dtype=np.int32):
-        target = core.layer(target, pattern, (INK,))
+        target = bindings.layer(target, pattern, (INK,))
     return problem(height, target, layers)

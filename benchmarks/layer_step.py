@@ -8,9 +8,9 @@ import numpy as np
 from rich.table import Table
 
 from benchmarks.timing import scaled, seconds
-from inkloop.export import find_fmu
 from inkloop.fmu import FmuComponent
-from reference.lu_numpy import one_pass
+from inkloop.fmu_writer.export import find_fmu
+from support.numpy.lu_numpy import one_pass
 
 SIDES = (20, 50, 100, 200, 500, 1000, 2000)
 SECOND_NS = 1_000_000_000

@@ -17,11 +17,11 @@ from rich.table import Table
 
 from benchmarks.timing import scaled
 from inkloop.component import Job, Port, Values
-from inkloop.export import export
 from inkloop.fmu import FmuComponent
-from inkloop.master import Master
-from inkloop.recorder import Recorder
-from inkloop.wiring import contract_connections
+from inkloop.fmu_writer.export import export
+from inkloop.master.master import Master
+from inkloop.master.wiring import contract_connections
+from inkloop.results.recorder import Recorder
 
 STEPS = 2000
 SIDE = 20

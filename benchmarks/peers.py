@@ -18,13 +18,13 @@ from benchmarks.instances import nearly_flat, rough
 from benchmarks.naive_search import naive_search
 from benchmarks.planner import planned
 from benchmarks.timing import scaled
-from inkloop_controller import core
-from inkloop_controller.horizon_problem import HorizonProblem, IntPlan
-from inkloop_controller.horizon_program import HorizonProgram
-from inkloop_controller.horizon_statement import MICROMETRE
-from inkloop_controller.starts import full_layers
-from inkloop_controller.symbolic_layer import symbolic_layer
-from reference.lu_numpy import one_pass
+from inkloop_controller.core import bindings
+from inkloop_controller.model.starts import full_layers
+from inkloop_controller.model.symbolic_layer import symbolic_layer
+from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
+from inkloop_controller.program.program import HorizonProgram
+from inkloop_controller.program.statement import MICROMETRE
+from support.numpy.lu_numpy import one_pass
 
 LIMIT_S = 20.0  # for each problem
 CASES = (
@@ -59,7 +59,7 @@ def measure() -> Table:
     """
     solvers: dict[str, Solver] = {
         "inkloop": lambda problem: Answer(planned(problem).plan),
-        "search alone": lambda problem: Answer(core.search(problem, full_layers(problem), sweeps_max=50).plan),
+        "search alone": lambda problem: Answer(bindings.search(problem, full_layers(problem), sweeps_max=50).plan),
         "paper's, in C": _paper,
         "paper's, NumPy": _naive,
         "IPOPT, rounded": _ipopt,
@@ -79,7 +79,7 @@ def measure() -> Table:
             answer = solve(problem)
             if answer is not None:
                 times[solver] = scaled(perf_counter() - begin)
-                values[solver] = inf if answer.plan is None else core.objective(problem, answer.plan).value
+                values[solver] = inf if answer.plan is None else bindings.objective(problem, answer.plan).value
                 bound = bound if isnan(answer.bound) else answer.bound
         best = min(values.values())
         above = {each: f"+{value / best - 1.0:.2%}" if value < inf else "none" for each, value in values.items()}
@@ -91,7 +91,7 @@ def measure() -> Table:
 def _paper(problem: HorizonProblem) -> Answer | None:
     if problem.layers > 1:
         return None
-    return Answer(core.paper_search(problem, full_layers(problem), PAPERS_BATCH, 100_000, 0).plan)
+    return Answer(bindings.paper_search(problem, full_layers(problem), PAPERS_BATCH, 100_000, 0).plan)
 
 
 def _naive(problem: HorizonProblem) -> Answer:

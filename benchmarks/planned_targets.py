@@ -14,10 +14,10 @@ from benchmarks.exhaustive import best_plan
 from benchmarks.instances import nearly_flat, recoverable, rough
 from benchmarks.planner import planned
 from benchmarks.target_table import Figure, table
-from inkloop_controller import core
-from inkloop_controller.horizon_problem import HorizonProblem
-from inkloop_controller.horizon_program import HorizonProgram
-from inkloop_controller.starts import full_layers
+from inkloop_controller.core import bindings
+from inkloop_controller.model.starts import full_layers
+from inkloop_controller.problem.horizon_problem import HorizonProblem
+from inkloop_controller.program.program import HorizonProgram
 
 UM = 1e6
 FOUND_UM = 1e-9
@@ -69,7 +69,7 @@ def _recovery(side: int, layers: int, seeds: range, rise: float, must_s: float, 
 def _exhaustive(alpha: float) -> list[Figure]:
     """Objective above that of the best of all plans."""
     problems = [rough((3, 4), 2, seed, alpha) for seed in range(3)]
-    above = [_timed(problem)[0] - core.objective(problem, best_plan(problem)).value * UM for problem in problems]
+    above = [_timed(problem)[0] - bindings.objective(problem, best_plan(problem)).value * UM for problem in problems]
     return [Figure("above the best of all plans, um", above, FOUND_UM, FOUND_UM)]
 
 
@@ -79,7 +79,7 @@ def _highs(problems: Sequence[HorizonProblem]) -> list[Figure]:
     plans, bounds = [], []
     for problem in problems:
         found = HorizonProgram(problem, "highs", whole=True, seconds_max=HIGHS_S).solve(problem)
-        plans.append(core.objective(problem, np.round(found.droplets).astype(np.int32)).value * UM)
+        plans.append(bindings.objective(problem, np.round(found.droplets).astype(np.int32)).value * UM)
         bounds.append(found.bound * UM)
     return [
         Figure(
@@ -105,7 +105,9 @@ def _large(surface: Callable[[int], HorizonProblem]) -> list[Figure]:
     """Time per cell of a large grid, and on a piece that annealing can do, by how much annealing is better."""
     problem, piece = surface(2048), surface(PIECE)
     ours, searched = _timed(problem), _searched(problem)
-    annealed = core.search(piece, full_layers(piece), sweeps_max=50, annealing_sweeps=ANNEALING).objective.value * UM
+    annealed = (
+        bindings.search(piece, full_layers(piece), sweeps_max=50, annealing_sweeps=ANNEALING).objective.value * UM
+    )
     cells = problem.height.size / 1e6
     return [
         Figure("objective, um", [ours[0]]),
@@ -127,14 +129,14 @@ def _timed(problem: HorizonProblem) -> tuple[float, float]:
 def _searched(problem: HorizonProblem) -> tuple[float, float]:
     """The same of the search core alone, from full layers."""
     begin = process_time()
-    found = core.search(problem, full_layers(problem), sweeps_max=50)
+    found = bindings.search(problem, full_layers(problem), sweeps_max=50)
     return found.objective.value * UM, process_time() - begin
 
 
 def _papers(problem: HorizonProblem) -> tuple[float, float]:
     """The same of the paper's search, from full layers."""
     begin = process_time()
-    found = core.paper_search(problem, full_layers(problem), PAPERS_BATCH, 100_000, 0)
+    found = bindings.paper_search(problem, full_layers(problem), PAPERS_BATCH, 100_000, 0)
     return found.objective.value * UM, process_time() - begin
 
 

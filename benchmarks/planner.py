@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from inkloop.component import Job
-from inkloop_controller.criterion import Criterion
-from inkloop_controller.height_estimator import Estimate
-from inkloop_controller.horizon_problem import HorizonProblem
-from inkloop_controller.layer_mpc import LayerMpc
-from inkloop_controller.layer_plan import LayerPlan
-from inkloop_controller.work import Work
+from inkloop_controller.estimation.height_estimator import Estimate
+from inkloop_controller.planning.layer_mpc import LayerMpc
+from inkloop_controller.planning.layer_plan import LayerPlan
+from inkloop_controller.problem.criterion import Criterion
+from inkloop_controller.problem.horizon_problem import HorizonProblem
+from inkloop_controller.problem.work import Work
 
 PITCH = 1e-4  # [m] of no account
 

@@ -14,8 +14,8 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.target_table import Figure, table
-from inkloop.run import print_part
-from inkloop.scenario import Scenario
+from inkloop.printing.run import print_part
+from inkloop.scenario.file import Scenario
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 OPEN_LOOP = "open loop"  # the comparison run of that name in the scenario

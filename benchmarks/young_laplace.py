@@ -9,8 +9,8 @@ import numpy as np
 from rich.table import Table
 
 from benchmarks.timing import scaled
-from inkloop.export import find_fmu
 from inkloop.fmu import FmuComponent
+from inkloop.fmu_writer.export import find_fmu
 
 MODEL = "YoungLaplaceDeposition"
 SECOND_NS = 1_000_000_000

@@ -9,16 +9,16 @@ from typing import Annotated, TypeVar
 from pydantic import Field
 
 from inkloop.component import Job
-from inkloop_controller.baselines import OpenLoop, StochasticGreedy
-from inkloop_controller.component import LayerController
-from inkloop_controller.criterion import Criterion
-from inkloop_controller.droplet_choices import DropletChoices
-from inkloop_controller.geometric_feedback import CohenLipson, ErrorDiffusion
-from inkloop_controller.height_estimator import HeightEstimator
-from inkloop_controller.ink_identification import InkModel
-from inkloop_controller.layer_mpc import LayerMpc, Relaxation
-from inkloop_controller.regions import RegionTest
-from inkloop_controller.work import Work
+from inkloop_controller.baselines.geometric_feedback import CohenLipson, ErrorDiffusion
+from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
+from inkloop_controller.estimation.height_estimator import HeightEstimator
+from inkloop_controller.estimation.ink_identification import InkModel
+from inkloop_controller.layer_controller import LayerController
+from inkloop_controller.model.droplet_choices import DropletChoices
+from inkloop_controller.model.regions import RegionTest
+from inkloop_controller.planning.layer_mpc import LayerMpc, Relaxation
+from inkloop_controller.problem.criterion import Criterion
+from inkloop_controller.problem.work import Work
 
 T = TypeVar("T")
 NotNegative = Annotated[float, Field(ge=0.0)]

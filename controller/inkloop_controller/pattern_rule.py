@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from inkloop.component import FloatMap, Job
 from inkloop.errors import ComponentError
-from inkloop_controller.component import LayerController
-from inkloop_controller.height_estimator import Estimate, HeightEstimator
-from inkloop_controller.horizon_problem import IntMap, IntPlan
-from inkloop_controller.layer_model import LayerModel
-from inkloop_controller.layer_plan import LayerPlan, PlanStatus, surface_objective
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
+from inkloop_controller.layer_controller import LayerController
+from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus, surface_objective
+from inkloop_controller.problem.horizon_problem import IntMap, IntPlan
 
 
 class PatternRule(Protocol):

@@ -11,21 +11,25 @@ from pathlib import Path
 
 from rich.console import Console
 
-from inkloop import __version__, bench_commands, doctor, fmu, replay, report, template
+from inkloop import __version__, fmu
+from inkloop.bench import commands as bench_commands
+from inkloop.bench import doctor, replay
 from inkloop.errors import InkloopError, ScenarioError
-from inkloop.export import export
+from inkloop.exchange.job import command as job_command
+from inkloop.exchange.ssp import command as ssp_command
+from inkloop.exchange.ssp import reading as ssp_reading
 from inkloop.files import write_text
+from inkloop.fmu_writer.export import export
 from inkloop.identify import command as identify_command
-from inkloop.isolation import run_isolated
-from inkloop.json_schema import scenario_schema
-from inkloop.layer_job import command as job_command
-from inkloop.reproduce import command as reproduce
-from inkloop.result import SCENARIO_FILE
-from inkloop.run import new_run_folder, resume, run, scenario_file, scenario_of
-from inkloop.scenario import Scenario
-from inkloop.score import command as score
-from inkloop.ssp import command as ssp_command
-from inkloop.ssp import reading as ssp_reading
+from inkloop.printing.isolation import run_isolated
+from inkloop.printing.run import new_run_folder, resume, run, scenario_file, scenario_of
+from inkloop.report import run_report
+from inkloop.results.result import SCENARIO_FILE
+from inkloop.scenario import new as templates
+from inkloop.scenario.file import Scenario
+from inkloop.scenario.json_schema import scenario_schema
+from inkloop.studies.reproduce import command as reproduce
+from inkloop.studies.score import command as score
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -79,7 +83,7 @@ def _parser() -> argparse.ArgumentParser:
 
     new = commands.add_parser("new", help="write a commented scenario to start from")
     new.add_argument("name", type=Path, metavar="NAME", help="writes NAME.toml")
-    new.add_argument("--shape", choices=tuple(template.PARTS), default="cylinder", help="default: cylinder")
+    new.add_argument("--shape", choices=tuple(templates.PARTS), default="cylinder", help="default: cylinder")
     new.set_defaults(command=_new)
 
     schema = commands.add_parser("schema", help="print the JSON Schema of scenario files, for editors")
@@ -226,20 +230,20 @@ def _validate(options: argparse.Namespace, console: Console) -> int:
 
 
 def _report(options: argparse.Namespace, console: Console) -> int:
-    console.print(report.write(options.run))
-    if (options.run / report.MODEL_TABLE).is_file():
-        console.print((options.run / report.MODEL_TABLE).read_text(encoding="utf-8"), highlight=False, markup=False)
+    console.print(run_report.write(options.run))
+    if (options.run / run_report.MODEL_TABLE).is_file():
+        console.print((options.run / run_report.MODEL_TABLE).read_text(encoding="utf-8"), highlight=False, markup=False)
     return 0
 
 
 def _compare(options: argparse.Namespace, console: Console) -> int:
-    console.print(report.compare(options.runs, options.out))
+    console.print(run_report.compare(options.runs, options.out))
     console.print(f"wrote {options.out}", highlight=False)
     return 0
 
 
 def _new(options: argparse.Namespace, console: Console) -> int:
-    path = template.write(options.name, options.shape)
+    path = templates.write(options.name, options.shape)
     console.print(f"wrote {path}; inkloop run {path} prints it", highlight=False)
     return 0
 
@@ -270,7 +274,7 @@ def _export_job(options: argparse.Namespace, console: Console) -> int:
 
 
 def _info(options: argparse.Namespace, console: Console) -> int:
-    lines = report.lines(options.path) if options.path.is_dir() else fmu.describe(options.path).lines()
+    lines = run_report.lines(options.path) if options.path.is_dir() else fmu.describe(options.path).lines()
     for line in lines:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     return 0

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from inkloop.faults import nearest
+from inkloop.suggest import nearest
 
 SUFFIXES: Mapping[str, Mapping[str, float]] = {
     "1/m": {"per_um": 1e6, "per_mm": 1e3, "per_m": 1.0},

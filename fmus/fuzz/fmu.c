@@ -36,7 +36,7 @@ void fmu_open(Fmu *fmu, const char *table) {
     int version = 0, is_resizable = 0;
     FILE *file = table ? fopen(table, "r") : NULL;
     if (!file)
-        give_up("cannot be read; tests/fmu_library.py writes it", table ? table : "no table of variables");
+        give_up("cannot be read; tests/support/fmus/fmu_library.py writes it", table ? table : "no table of variables");
     memset(fmu, 0, sizeof *fmu);
     read_line(file, line, table);
     if (sscanf(line, "%d %d %" SCNu64 " %" SCNu64, &version, &is_resizable, &fmu->nx, &fmu->ny) != 4)

@@ -1,5 +1,5 @@
 /* An FMU as the fuzz target and the threads see it, whatever its version: a library with calls, and a table of
- * variables that tests/fmu_library.py writes. */
+ * variables that tests/support/fmus/fmu_library.py writes. */
 #ifndef INKLOOP_FUZZ_FMU_H
 #define INKLOOP_FUZZ_FMU_H
 

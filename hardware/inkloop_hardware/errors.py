@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from inkloop.errors import InkloopError
 
 if TYPE_CHECKING:
-    from inkloop_hardware.vocabulary import Fault
+    from inkloop_hardware.protocol.vocabulary import Fault
 
 
 class FrameError(InkloopError):

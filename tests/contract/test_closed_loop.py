@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from inkloop import catalog
 from inkloop.component import Job
-from inkloop.master import Master
-from inkloop.recorder import Recorder
-from inkloop.wiring import check, contract_connections
+from inkloop.components import catalog
+from inkloop.master.master import Master
+from inkloop.master.wiring import check, contract_connections
+from inkloop.results.recorder import Recorder
 
 SECOND = 1_000_000_000
 REPRODUCIBLE = ("height", "measured_height", "valid", "estimated_height", "pattern", "objective", "droplets_a", "std")

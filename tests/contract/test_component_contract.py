@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amplifier import build
-from inkloop import catalog
 from inkloop.component import Component, Port, Values
+from inkloop.components import catalog
 from inkloop.fmu import FmuComponent
 from inkloop.testing import (
     RESUMABLE_LAWS,
@@ -24,7 +23,8 @@ from inkloop.testing import (
     restored_component_goes_on_with_the_same_bits,
     same_inputs_give_the_same_bits,
 )
-from toys import FunctionComponent
+from support.fmus.amplifier import build
+from support.toys import FunctionComponent
 
 JOB = job()
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")

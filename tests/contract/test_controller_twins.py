@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from closed_loop import SECOND, block, inputs_of
-from contract.fmu_driver import FORMS, OK, Driver
-from inkloop import catalog
 from inkloop.component import Status
-from inkloop.run import print_part
-from inkloop.scenario import Scenario
-from inkloop_controller.layer_model import LayerModel
+from inkloop.components import catalog
+from inkloop.printing.run import print_part
+from inkloop.scenario.file import Scenario
+from inkloop_controller.model.layer_model import LayerModel
+from support.closed_loop import SECOND, block, inputs_of
+from support.fmus.fmu_driver import FORMS, OK, Driver
+from support.places import SCENARIOS
 
-FOLDER = Path(__file__).parents[2] / "scenarios"
+FOLDER = SCENARIOS
 OF_PYTHON_ALONE = ["bound", "bound_confidence", "bound_valid", "gap", "solve_time"]
 QUICK = ("cuboid", "grey-head", "tilted-substrate", "two-materials", "uneven-start", "wu-chiu-plant")
 TALLEST = ("pipe-junction", "surface-tension")  # minutes; their first layers say as much

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from fmpy import simulate_fmu
 
-from contract.fmu_driver import DEPOSITION_MODELS, FORMS, OK, Driver, random_patterns
-from inkloop.export import find_fmu
-from reference import lu_numpy, sensor_numpy
+from inkloop.fmu_writer.export import find_fmu
+from support.fmus.fmu_driver import DEPOSITION_MODELS, FORMS, OK, Driver, random_patterns
+from support.numpy import lu_numpy, sensor_numpy
 
 GRIDS = [(9, 9), (1, 7), (6, 1), (1, 1), (5, 8)]
 PITCH = 263.256e-6

@@ -15,8 +15,8 @@ from fmpy.build import build_platform_binary
 from fmpy.validation import validate_fmu
 from lxml import etree
 
-from contract.fmu_driver import DEPOSITION_MODELS, FORMS, MODELS, Driver, random_patterns
-from inkloop.export import export, find_fmu
+from inkloop.fmu_writer.export import export, find_fmu
+from support.fmus.fmu_driver import DEPOSITION_MODELS, FORMS, MODELS, Driver, random_patterns
 
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 EVERY_MODEL = pytest.mark.parametrize("model", MODELS)

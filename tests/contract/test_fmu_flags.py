@@ -19,12 +19,12 @@ from lxml import etree
 
 from contract import test_fmu_archive as archive_tests
 from contract import test_fmu_state as state_tests
-from contract.fmu_driver import DISCARD, ERROR, FIXED_REALS, FORMS, MODELS, OK, Driver, callbacks
 from contract.test_fmu_archive import HEADERS, described
 from contract.test_fmu_state import EVERY_FORM, EVERY_MODEL, offer, started
-from fmu_library import BAKED, JOB
-from inkloop.export import find_fmu
-from layer_jobs import block
+from inkloop.fmu_writer.export import find_fmu
+from support.fmus.fmu_driver import DISCARD, ERROR, FIXED_REALS, FORMS, MODELS, OK, Driver, callbacks
+from support.fmus.fmu_library import BAKED, JOB
+from support.fmus.layer_jobs import block
 
 SCHEMAS = {2: HEADERS.parent / "schema/fmi2/fmi2ModelDescription.xsd",
            3: HEADERS.parent / "schema/fmi3/fmi3InterfaceType.xsd"}  # fmt: skip

@@ -19,12 +19,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import fmu_library
-import fuzzing
-from contract.fmu_driver import DEPOSITION_MODELS, DISCARD, ERROR, FORMS, MODELS, OK, Driver
 from contract.test_fmu_state import PARAMETERS, act, started
-from fmu_library import NAMES
-from node_bench import FIRMWARE
+from support.benches.node_bench import FIRMWARE
+from support.fmus import fmu_library, fuzzing
+from support.fmus.fmu_driver import DEPOSITION_MODELS, DISCARD, ERROR, FORMS, MODELS, OK, Driver
+from support.fmus.fmu_library import NAMES
 
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 EVERY_MODEL = pytest.mark.parametrize("model", MODELS)

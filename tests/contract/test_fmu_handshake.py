@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from contract.fmu_driver import (
+from support.fmus.fmu_driver import (
     DEPOSITION_MODELS,
     DISCARD,
     ERROR,

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import pytest
 
-import fmu_library
-from contract.fmu_driver import MODELS
 from contract.test_fmu_fuzz import drawn, feed
-from fmu_library import FORMS, JOB, NAMES, Library
-from node_bench import FIRMWARE, ROOT
 from property.test_firmware_sanitized import preloaded
+from support.benches.node_bench import FIRMWARE, ROOT
+from support.fmus import fmu_library
+from support.fmus.fmu_driver import MODELS
+from support.fmus.fmu_library import FORMS, JOB, NAMES, Library
 
 pytestmark = [
     pytest.mark.long,

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from contract.fmu_driver import ERROR, FORMS, MODELS, OK, Driver, equal, random_patterns
+from support.fmus.fmu_driver import ERROR, FORMS, MODELS, OK, Driver, equal, random_patterns
 
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 EVERY_MODEL = pytest.mark.parametrize("model", MODELS)

@@ -15,15 +15,15 @@ import pytest
 from fmpy.build import build_platform_binary
 from lxml import etree
 
-from contract.fmu_driver import OK, Driver
-from fmu_checkers import by_fmpy, by_fmutool
 from inkloop.cli import main
 from inkloop.errors import FmuError, ScenarioError
-from inkloop.export import export
-from inkloop.layer_job.baking import bake
-from inkloop.scenario import Scenario
-from layer_jobs import DONE, MODEL, SCENARIOS, finish, printed, scenario, unpacked
-from other_programs import LIBCOSIM
+from inkloop.exchange.job.baking import bake
+from inkloop.fmu_writer.export import export
+from inkloop.scenario.file import Scenario
+from support.fmus.fmu_checkers import by_fmpy, by_fmutool
+from support.fmus.fmu_driver import OK, Driver
+from support.fmus.layer_jobs import DONE, MODEL, SCENARIOS, finish, printed, scenario, unpacked
+from support.masters.other_programs import LIBCOSIM
 
 FORMS = ("fmi2", "fmi3-fixed")
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 from fmpy import fmi3
 
-from contract.fmu_driver import OK, Driver
-from layer_jobs import MODEL, finish, unpacked
+from support.fmus.fmu_driver import OK, Driver
+from support.fmus.layer_jobs import MODEL, finish, unpacked
+from support.places import ROOT
 
 SCENARIO = "cuboid"
 EXTREMES = (0, 1, 2**31, 2**53, 2**63, 2**64 - 1, 0x7FF8000000000000, 0xFFF0000000000000, 0xBFF0000000000000)
@@ -180,7 +181,7 @@ def test_uri_of_a_folder_becomes_its_path(uri, path, path_of_uri) -> None:
 @pytest.fixture(scope="module")
 def path_of_uri(tmp_path_factory) -> Callable[[str], str]:
     library = tmp_path_factory.mktemp("resources") / "resources.so"
-    source = Path(__file__).parents[2] / "fmus" / "common" / "resources.c"
+    source = ROOT / "fmus" / "common" / "resources.c"
     subprocess.run(["gcc", "-std=c11", "-shared", "-fPIC", "-o", library, source], check=True)
     function = ctypes.CDLL(str(library)).resource_path
     function.restype = ctypes.c_char_p

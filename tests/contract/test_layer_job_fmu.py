@@ -9,10 +9,10 @@ from itertools import cycle
 import numpy as np
 import pytest
 
-from contract.fmu_driver import DISCARD, ERROR, OK, Driver
-from inkloop.catalog import FMU_MODELS
+from inkloop.components.catalog import FMU_MODELS
 from inkloop.errors import ScenarioError
-from layer_jobs import DONE, SCENARIOS, block, finish, printed, scenario
+from support.fmus.fmu_driver import DISCARD, ERROR, OK, Driver
+from support.fmus.layer_jobs import DONE, SCENARIOS, block, finish, printed, scenario
 
 FORMS = ("fmi2", "fmi3-fixed")
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import rumoca
 
-from contract.fmu_driver import OK, Driver, random_patterns
-from modelica_library import LIBRARY, compiled, literal, simulate_text
-from reference.philox_numpy import normal, philox, uniforms
+from support.fmus.fmu_driver import OK, Driver, random_patterns
+from support.fmus.modelica_library import LIBRARY, compiled, literal, simulate_text
+from support.numpy.philox_numpy import normal, philox, uniforms
 
 SHAPE = NX, NY = 5, 4
 START = np.random.default_rng(1).uniform(0.0, 10e-6, SHAPE)

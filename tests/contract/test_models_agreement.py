@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from contract.fmu_driver import Driver, random_patterns
 from inkloop.component import Ink
 from inkloop.models import (
     DropletVolumes,
@@ -14,6 +13,7 @@ from inkloop.models import (
     VolumeAreaDeposition,
     YoungLaplaceDeposition,
 )
+from support.fmus.fmu_driver import Driver, random_patterns
 
 VARIATION = {"variation": 0.3, "variation_kind": 4, "nozzle_pitch": 3, "nozzle_variation": 0.1, "seed": 11}
 PASSES = [{"passes": 1}, {"passes": 4, "pass_order": 2, "pass_rotation": 1}]

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from inkloop import __version__
-from inkloop.result import Result
+from inkloop.results.result import Result
+from support.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 PIP = (sys._base_executable, "-m", "pip", "--disable-pip-version-check", "--quiet")  # type: ignore[attr-defined]
 pytestmark = pytest.mark.long
 
@@ -56,11 +56,11 @@ def test_clean_environment_prints_from_another_folder(way: str, sdist: Path, tmp
     elsewhere.mkdir()
     (elsewhere / "mine.toml").write_text((ROOT / "scenarios" / "cuboid.toml").read_text("utf-8"), encoding="utf-8")
     assert call(bin_folder / "inkloop", "--version", cwd=elsewhere).split() == ["inkloop", __version__]
-    code = "import inkloop_fmus, inkloop.export as e; print(e.find_fmu('LayerDeposition', 'fmi2').resolve())"
+    code = "import inkloop_fmus, inkloop.fmu_writer.export as e; print(e.find_fmu('LayerDeposition', 'fmi2').resolve())"
     fmu = Path(call(bin_folder / "python", "-c", code, cwd=elsewhere).strip())
     assert tmp_path in fmu.parents
     assert "made by    inkloop" in call(bin_folder / "inkloop", "info", fmu, cwd=elsewhere)
-    code = "from inkloop_hardware.codec import Codec; print(Codec().protocol_version)"
+    code = "from inkloop_hardware.protocol.codec import Codec; print(Codec().protocol_version)"
     assert call(bin_folder / "python", "-c", code, cwd=elsewhere).strip() == "1"
     call(bin_folder / "inkloop", "run", "mine.toml", "--out", "run", cwd=elsewhere)
     assert Result.load(elsewhere / "run").metrics()["layers"] >= 3

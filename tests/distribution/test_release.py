@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import re
 import tomllib
-from pathlib import Path
 
 import pytest
 
 from inkloop import __version__
-from inkloop.export import find_fmu
 from inkloop.fmu import describe
+from inkloop.fmu_writer.export import find_fmu
+from support.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 CITATION = (ROOT / "CITATION.cff").read_text("utf-8")
 

@@ -15,17 +15,17 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from udsoncan import MemoryLocation
 
-from inkloop_hardware.codec import Codec, Frame
+from inkloop_hardware.bus.slcan_bus import BulkSlcanBus
 from inkloop_hardware.errors import FrameError, HardwareError
-from inkloop_hardware.height_map_bytes import map_size, read_map
-from inkloop_hardware.link import Link
-from inkloop_hardware.mapped_peer import Peer
-from inkloop_hardware.node_watch import NodeWatch
-from inkloop_hardware.records import KINDS, NodeFault, NodeStatus, unpack
-from inkloop_hardware.services import Key, Routine
-from inkloop_hardware.slcan_bus import BulkSlcanBus
-from inkloop_hardware.vocabulary import Node
-from wire_library import IsotpEnd
+from inkloop_hardware.link.link import Link
+from inkloop_hardware.link.node_watch import NodeWatch
+from inkloop_hardware.mapped.mapped_peer import Peer
+from inkloop_hardware.protocol.codec import Codec, Frame
+from inkloop_hardware.protocol.height_map_bytes import map_size, read_map
+from inkloop_hardware.protocol.records import KINDS, NodeFault, NodeStatus, unpack
+from inkloop_hardware.protocol.services import Key, Routine
+from inkloop_hardware.protocol.vocabulary import Node
+from support.benches.wire_library import IsotpEnd
 
 CODEC = Codec()
 REQUEST, ANSWER = 0x640, 0x641

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from inkloop.component import Ink
-from inkloop_controller import core
-from inkloop_controller.core import HorizonProblem
+from inkloop_controller.core import bindings
+from inkloop_controller.core.bindings import HorizonProblem
 
 KINDS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6), Ink(8.8e-6, 1.2e-6, 0.4e-6))
 
@@ -52,7 +52,7 @@ def evaluated(problem: HorizonProblem, plan: Any) -> float:
         for colours in passes:
             jetted = np.where(np.isin(2 * (i % 2) + j % 2, colours), pattern, 0)
             added = [
-                core.layer(height, (jetted == 1 + k).astype(np.int32), (kind,)) - height
+                bindings.layer(height, (jetted == 1 + k).astype(np.int32), (kind,)) - height
                 for k, kind in enumerate(problem.kinds)
             ]
             height = height + sum(added)
@@ -65,8 +65,8 @@ def evaluated(problem: HorizonProblem, plan: Any) -> float:
 @settings(deadline=None, max_examples=200)
 def test_objective_is_that_of_the_predicted_surface(case: tuple[HorizonProblem, Any]) -> None:
     problem, start = case
-    assert core.objective(problem, start).value == pytest.approx(evaluated(problem, start), rel=1e-9, abs=1e-14)
-    found = core.search(problem, start, sweeps_max=100)
+    assert bindings.objective(problem, start).value == pytest.approx(evaluated(problem, start), rel=1e-9, abs=1e-14)
+    found = bindings.search(problem, start, sweeps_max=100)
     assert found.objective.value == pytest.approx(evaluated(problem, found.plan), rel=1e-9, abs=1e-14)
     assert found.incremental == pytest.approx(found.objective.value, rel=1e-9, abs=1e-13)
 
@@ -75,8 +75,8 @@ def test_objective_is_that_of_the_predicted_surface(case: tuple[HorizonProblem, 
 @settings(deadline=None, max_examples=200)
 def test_search_never_ends_worse_than_it_began(case: tuple[HorizonProblem, Any], annealing_sweeps: int) -> None:
     problem, start = case
-    before = core.objective(problem, start).value
-    found = core.search(problem, start, sweeps_max=100, annealing_sweeps=annealing_sweeps)
+    before = bindings.objective(problem, start).value
+    found = bindings.search(problem, start, sweeps_max=100, annealing_sweeps=annealing_sweeps)
     assert found.objective.value <= before + 1e-14
 
 
@@ -87,8 +87,8 @@ def test_papers_search_never_ends_worse_than_it_began(case: tuple[HorizonProblem
     single = problem.choices[:1] & -problem.choices[:1].astype(np.int32)
     problem = replace(problem, choices=single.astype(np.uint16), colours=problem.colours[:1])
     start = np.where((2 * single + 1) >> start[:1] & 1, start[:1], 0).astype(np.int32)
-    before = core.objective(problem, start).value
-    assert core.paper_search(problem, start, 8, 1000, 1).objective.value <= before + 1e-14
+    before = bindings.objective(problem, start).value
+    assert bindings.paper_search(problem, start, 8, 1000, 1).objective.value <= before + 1e-14
 
 
 @given(problems(), st.integers(0, 2**64 - 1))
@@ -96,7 +96,7 @@ def test_papers_search_never_ends_worse_than_it_began(case: tuple[HorizonProblem
 def test_same_problem_and_seed_give_the_same_plan(case: tuple[HorizonProblem, Any], seed: int) -> None:
     problem, start = case
     kept = start.copy()
-    one, other = (core.search(problem, start, sweeps_max=100, annealing_sweeps=5, seed=seed) for _ in range(2))
+    one, other = (bindings.search(problem, start, sweeps_max=100, annealing_sweeps=5, seed=seed) for _ in range(2))
     np.testing.assert_array_equal(one.plan, other.plan)
     np.testing.assert_array_equal(start, kept)
 
@@ -105,5 +105,5 @@ def test_same_problem_and_seed_give_the_same_plan(case: tuple[HorizonProblem, An
 @settings(deadline=None, max_examples=100)
 def test_droplets_keep_to_the_choices(case: tuple[HorizonProblem, Any]) -> None:
     problem, start = case
-    plan = core.search(problem, start, sweeps_max=100, annealing_sweeps=2).plan
+    plan = bindings.search(problem, start, sweeps_max=100, annealing_sweeps=2).plan
     assert ((2 * problem.choices.astype(np.int32) + 1) >> plan & 1).all()

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from closed_loop import SECOND
-from half_spaces import Above
-from inkloop import catalog
 from inkloop.component import Component, Ink, Job, Status
+from inkloop.components import catalog
 from inkloop.geometry import PipeJunction
-from inkloop_controller.layer_model import LayerModel
+from inkloop_controller.model.layer_model import LayerModel
+from support.closed_loop import SECOND
+from support.half_spaces import Above
 
 OF_PYTHON_ALONE = {"bound", "bound_confidence", "gap", "solve_time"}
 PITCH = 1e-4

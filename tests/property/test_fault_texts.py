@@ -10,9 +10,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from inkloop.bench_faults import read_fault
 from inkloop.errors import InkloopError
-from node_bench import FIRMWARE, PLACES, ROOT, STRICT
+from inkloop.tables.bench_faults import read_fault
+from support.benches.node_bench import FIRMWARE, PLACES, ROOT, STRICT
 
 WORDS = st.sampled_from(
     ["loss", "reboot", "swap", ":", ",", "=", "node=head", "nth=4", "nth=0x10", "probability=1e-3", "probability=nan",

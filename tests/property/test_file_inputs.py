@@ -17,16 +17,16 @@ import tomlkit
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-import foreign_rig
 from inkloop.errors import HeightMapError, ScenarioError
 from inkloop.metrology.map_file import read
-from inkloop.scenario import Scenario
+from inkloop.scenario.file import Scenario
 from inkloop.testing import job as small_job
-from inkloop_hardware.codec import Codec
 from inkloop_hardware.errors import FrameError
-from inkloop_hardware.mapping_file import load
+from inkloop_hardware.mapped.mapping_file import load
+from inkloop_hardware.protocol.codec import Codec
+from support.benches import foreign_rig
+from support.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 ONE_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
 JOB = small_job(6, 5)
 VALUES = st.sampled_from(

@@ -15,9 +15,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import fuzzing
-from fuzzing import CORPUS, LONGEST_INPUT, TARGETS, Replay
-from node_bench import STATES
+from support.benches.node_bench import STATES
+from support.fmus import fuzzing
+from support.fmus.fuzzing import CORPUS, LONGEST_INPUT, TARGETS, Replay
 
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
 INPUTS = [(target, path) for target in TARGETS for path in fuzzing.corpus(target)]

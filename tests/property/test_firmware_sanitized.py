@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from node_bench import ROOT
+from support.benches.node_bench import ROOT
 
 TESTS = [
     *(f"unit/test_node_{name}.py" for name in ("interlocks", "journal", "layer_order", "transfer")),

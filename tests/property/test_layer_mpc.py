@@ -11,20 +11,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from inkloop.component import BoolMap, FloatMap, Ink, Job
-from inkloop_controller import core
-from inkloop_controller.criterion import Criterion
-from inkloop_controller.dead_cells import DEAD_EVIDENCE
-from inkloop_controller.droplet_choices import DropletChoices
-from inkloop_controller.droplet_relaxation import diffuse
-from inkloop_controller.height_estimator import Estimate
-from inkloop_controller.horizon_planner import best_plan
-from inkloop_controller.horizon_problem import IntPlan
-from inkloop_controller.layer_model import LayerModel
-from inkloop_controller.layer_mpc import LayerMpc
-from inkloop_controller.layer_plan import LayerPlan, PlanStatus
-from inkloop_controller.starts import full_layers, no_droplets
-from inkloop_controller.work import DEFAULT_WORK, Work
-from plan_starts_numpy import best_of, shifted
+from inkloop_controller.core import bindings
+from inkloop_controller.core.droplet_relaxation import diffuse
+from inkloop_controller.estimation.height_estimator import DEAD_EVIDENCE, Estimate
+from inkloop_controller.model.droplet_choices import DropletChoices
+from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model.starts import full_layers, no_droplets
+from inkloop_controller.planning.horizon_planner import best_plan
+from inkloop_controller.planning.layer_mpc import LayerMpc
+from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
+from inkloop_controller.problem.criterion import Criterion
+from inkloop_controller.problem.horizon_problem import IntPlan
+from inkloop_controller.problem.work import DEFAULT_WORK, Work
+from support.numpy.plan_starts_numpy import best_of, shifted
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
 ROUNDING = 1e-13  # [m]
@@ -141,7 +140,7 @@ def test_plan_is_never_worse_than_nothing_full_layers_or_the_rest_of_the_last_pl
     if case.last.shape[1:] == problem.height.shape:
         others += [rest for rest in [shifted(case.last, problem)] if rest[0].any()]
     for other in others:
-        assert plan.objective.value <= core.objective(problem, other).value + ROUNDING
+        assert plan.objective.value <= bindings.objective(problem, other).value + ROUNDING
 
 
 @given(cases(), st.sampled_from([0.0, 0.2]), st.booleans())
@@ -162,7 +161,7 @@ def test_without_time_for_a_repair_the_plan_is_the_best_start(case: Case, layer_
     starts += [shifted(case.last, problem)] if case.last.shape[1:] == problem.height.shape else []
     starts += [diffuse(problem, droplets)] if is_relaxed else []
     np.testing.assert_array_equal(found.plan, best_of(starts, problem, layer_worth))
-    assert found.objective == core.objective(problem, found.plan)
+    assert found.objective == bindings.objective(problem, found.plan)
     assert found.status is (PlanStatus.FALLBACK if found.plan.any() else PlanStatus.DONE)
 
 

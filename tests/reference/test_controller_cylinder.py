@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from closed_loop import cylinder, print_part
 from inkloop_controller.controllers import LayerMpcController, OpenLoopController, StochasticGreedyController
+from support.closed_loop import cylinder, print_part
 
 SEEDS = range(3)
 

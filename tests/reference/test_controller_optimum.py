@@ -10,10 +10,10 @@ from scipy import sparse
 from scipy.optimize import Bounds, LinearConstraint, milp
 
 from inkloop.component import Ink, Job
-from inkloop_controller.criterion import Criterion
-from inkloop_controller.height_estimator import Estimate
-from inkloop_controller.layer_mpc import LayerMpc
-from reference import lu_numpy
+from inkloop_controller.estimation.height_estimator import Estimate
+from inkloop_controller.planning.layer_mpc import LayerMpc
+from inkloop_controller.problem.criterion import Criterion
+from support.numpy import lu_numpy
 
 GAP = 0.005  # of the optimum
 MICROMETRE = 1e-6

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from closed_loop import cylinder, print_part
 from inkloop_controller.controllers import LayerMpcController
+from support.closed_loop import cylinder, print_part
 
 SEEDS = range(2)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from contract.fmu_driver import Driver
-from reference import wu_chiu_numpy
+from support.fmus.fmu_driver import Driver
+from support.numpy import wu_chiu_numpy
 
 GAINED_VOLUME = np.array([[1.65, 8.96, 3.93], [5.02, 63.46, 5.00], [2.34, 7.94, 1.71]]) / 100  # eq. 18
 GAINED_AREA = np.array([[10.05, 21.07, 9.94], [0.0, np.nan, 0.0], [10.09, 18.59, 9.57]]) / 100  # the same

@@ -15,16 +15,17 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from inkloop import catalog, schema
 from inkloop.cli import main
-from inkloop.result import Result
+from inkloop.components import catalog
+from inkloop.results.result import Result
+from inkloop.tables import schema
 from inkloop.testing import LAWS, job
-from inkloop_controller.baselines import OpenLoop
-from inkloop_controller.component import LayerController
-from inkloop_controller.height_estimator import HeightEstimator
-from inkloop_controller.layer_plan import LayerPlan, PlanStatus
+from inkloop_controller.baselines.planners import OpenLoop
+from inkloop_controller.estimation.height_estimator import HeightEstimator
+from inkloop_controller.layer_controller import LayerController
+from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
+from support.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 
 

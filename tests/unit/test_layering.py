@@ -10,14 +10,12 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from support.places import ROOT
+
 FLOOR = {"inkloop.component", "inkloop.errors"}
 BUILD_TIME = {
-    f"inkloop.{name}"
-    for name in (
-        *("model_definition", "model_description", "c_variables", "fmu_documentation", "fmu_archive"),
-        *("export", "windows_binary"),
-    )
+    f"inkloop.fmu_writer{name}"
+    for name in ("", ".definition", ".description", ".c_tables", ".documentation", ".archive", ".export", ".windows")
 }
 DOORS = {
     "fmpy": ("inkloop.fmu",),
@@ -30,12 +28,22 @@ DOORS = {
     "tifffile": ("inkloop.metrology",),
     "sdfio": ("inkloop.metrology",),
     "SurfaceTopography": ("inkloop.metrology",),
-    "skfem": ("inkloop.reproduce.finite_elements",),
+    "skfem": ("inkloop.studies.reproduce.finite_elements",),
     "matplotlib": (
-        *("inkloop.plot", "inkloop.report", "inkloop.difference_picture"),
-        *("inkloop.identify.picture", "inkloop.layer_job.target_picture", "inkloop.reproduce", "inkloop.score"),
+        *("inkloop.report.plot", "inkloop.report.run_report", "inkloop.report.model_difference"),
+        *(
+            "inkloop.identify.picture",
+            "inkloop.exchange.job.target_picture",
+            "inkloop.studies.reproduce",
+            "inkloop.studies.score",
+        ),
     ),
-    "mpl_toolkits": ("inkloop.plot", "inkloop.report", "inkloop.reproduce", "inkloop.score"),
+    "mpl_toolkits": (
+        "inkloop.report.plot",
+        "inkloop.report.run_report",
+        "inkloop.studies.reproduce",
+        "inkloop.studies.score",
+    ),
 }
 
 

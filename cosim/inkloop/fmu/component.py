@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from inkloop.component import Port, Values
 from inkloop.errors import ComponentError, FmuError
-from inkloop.faults import nearest
+from inkloop.fmu.archive_member import UNREADABLE
 from inkloop.fmu.binding import Binding
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.reading import describe
-from inkloop.packed_fmu import UNREADABLE
+from inkloop.suggest import nearest
 
 PLATFORM = {2: fmpy.platform, 3: fmpy.platform_tuple}
 """FMI version -> folder in binaries/ that this machine needs."""

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from inkloop.component import Port
 from inkloop.errors import FmuError
-from inkloop.faults import nearest
 from inkloop.fmu.variable import Variable, summary
+from inkloop.suggest import nearest
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from rich.table import Table
 
 from inkloop.component import Ink
 from inkloop.errors import IdentificationError
-from inkloop.faults import nearest
 from inkloop.identify.candidates import words
 from inkloop.identify.experiments import Plan, perform, plant_scenario
 from inkloop.identify.identification import Identification, identify
@@ -26,9 +25,10 @@ from inkloop.identify.picture import save
 from inkloop.identify.print_record import PrintRecord
 from inkloop.identify.run_record import read_run
 from inkloop.identify.volume_area_coefficients import NAMES
-from inkloop.result import RESULT_FILE, Result
-from inkloop.scenario import Scenario
-from inkloop.schema import Inks
+from inkloop.results.result import RESULT_FILE, Result
+from inkloop.scenario.file import Scenario
+from inkloop.suggest import nearest
+from inkloop.tables.schema import Inks
 
 UM = 1e6
 

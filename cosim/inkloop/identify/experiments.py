@@ -15,15 +15,15 @@ import numpy as np
 import tomlkit
 from pydantic import Field
 
-from inkloop import catalog
 from inkloop.component import Job, Port, Status, Values
+from inkloop.components import catalog
 from inkloop.errors import ScenarioError
 from inkloop.fmu import describe
 from inkloop.identify import designs
 from inkloop.identify.print_record import PrintRecord
 from inkloop.identify.run_record import record_of
-from inkloop.printing import Print
-from inkloop.scenario import Scenario
+from inkloop.printing.print import Print
+from inkloop.scenario.file import Scenario
 
 KIND = "inkloop.identify.experiments:Experiment"
 MARGIN = 4  # empty cells around the layers: the outer ones show the noise of the scans

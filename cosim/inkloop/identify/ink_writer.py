@@ -1,4 +1,4 @@
-"""What was identified as an ink file that scenarios name (see `inkloop.ink_file`)."""
+"""What was identified as an ink file that scenarios name (see `inkloop.tables.ink_file`)."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from inkloop.errors import IdentificationError
 from inkloop.files import write_text
 from inkloop.identify.identification import Identification
 from inkloop.identify.volume_area_coefficients import NAMES
-from inkloop.ink_file import InkFile
 from inkloop.models import SuperpositionDeposition, VolumeAreaDeposition, YoungLaplaceDeposition
+from inkloop.tables.ink_file import InkFile
 
 UM, DIGITS = 1e6, 5
 

@@ -20,15 +20,15 @@ from tomlkit.exceptions import TOMLKitError
 
 from inkloop.component import FloatMap
 from inkloop.errors import HeightMapError, IdentificationError
-from inkloop.faults import sentence
 from inkloop.identify.print_record import PrintRecord
-from inkloop.job import PASS_ORDERS
 from inkloop.metrology.cell_means import cell_means
 from inkloop.metrology.datum import Datum
 from inkloop.metrology.height_map import HeightMap, Mirror
 from inkloop.metrology.map_file import read
 from inkloop.metrology.registration import Registration
-from inkloop.part_tables import UM, Length, Position, Table
+from inkloop.tables.job import PASS_ORDERS
+from inkloop.tables.messages import sentence
+from inkloop.tables.shapes import UM, Length, Position, Table
 
 DESCRIPTION = "print.toml"
 LAYERS_MOST = 100_000

@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from inkloop import plot
 from inkloop.identify.cross_validation import Comparison
 from inkloop.identify.identification import Identification
-from inkloop.plot import COLOURS, UM, WIDTH_IN
+from inkloop.report import plot
+from inkloop.report.plot import COLOURS, UM, WIDTH_IN
 
 SHOWN = 4  # models, the best ones
 BINS = 60

@@ -9,9 +9,9 @@ import tomlkit
 
 from inkloop.errors import IdentificationError
 from inkloop.identify.print_record import PrintRecord
-from inkloop.job import PASS_ORDERS
-from inkloop.result import Result
-from inkloop.schema import Process
+from inkloop.results.result import Result
+from inkloop.tables.job import PASS_ORDERS
+from inkloop.tables.schema import Process
 
 
 def read_run(folder: Path) -> PrintRecord:

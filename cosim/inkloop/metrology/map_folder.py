@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field
 
 from inkloop.component import Job, Port, Status, Values
-from inkloop.devices import LOGGER
+from inkloop.components.devices import LOGGER
 from inkloop.errors import ComponentError, HeightMapError
 from inkloop.metrology.datum import Datum
 from inkloop.metrology.folder_watch import Complete, FolderWatch, Wait, name_faults

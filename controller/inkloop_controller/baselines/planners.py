@@ -1,0 +1,93 @@
+"""What the controller is compared with: printing blindly, and the search of the paper."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from inkloop.component import Job
+from inkloop_controller.core import bindings
+from inkloop_controller.estimation.height_estimator import Estimate
+from inkloop_controller.model.droplet_choices import DropletChoices
+from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model.regions import materials, nominal_layer_height
+from inkloop_controller.model.starts import full_layers, no_droplets
+from inkloop_controller.planning.layer_mpc import random_key
+from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus, surface_objective
+from inkloop_controller.problem.criterion import Criterion
+from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan, SearchStatus
+
+
+class OpenLoop:
+    """Layers until the nominal height of each cell is reached; measured heights change nothing.
+
+    layers: how many on every cell; None: its target height / height of a full layer, rounded. A cell's ink is chosen
+    at the middle of the layer's nominal position. Its objective is the mean error. Raises ValueError for layers < 0.
+    """
+
+    def __init__(self, job: Job, *, layers: int | None = None) -> None:
+        if layers is not None and layers < 0:
+            raise ValueError(f"layers is {layers}; needs a whole number >= 0")
+        nominal = np.round(job.target_height / nominal_layer_height(job))
+        self._job = job
+        self._layers = np.where(job.mask, nominal if layers is None else layers, 0)
+
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
+        """A droplet on every cell of the part that is to be higher, DONE after the last layer."""
+        lacking = layer < self._layers
+        nominal_surface = np.full(lacking.shape, layer * nominal_layer_height(self._job))
+        pattern = np.where(lacking, 1 + materials(self._job, nominal_surface, "middle"), 0).astype(np.int32)
+        status = PlanStatus.FIXED if lacking.any() else PlanStatus.DONE
+        return judged(self._job, estimate, layer, pattern, status, "full layer")
+
+
+class StochasticGreedy:
+    """The stochastic greedy search of Lu, Zheng, Mishra (2015, IV-C), one layer ahead, as literally as it can be run.
+
+    It starts from a droplet everywhere and takes a cell's ink from the measured surface itself. Two things that the
+    paper leaves open: a batch that raises the objective is undone and batches are halved from then on, and the print
+    ends when nothing is the better layer. batch: flips tried together, the paper's M (it gives no number: 20 assumed);
+    iterations_max: batches per layer. Raises ValueError for options that cannot be meant.
+    """
+
+    def __init__(self, job: Job, *, alpha: float = 0.8, batch: int = 20, iterations_max: int = 100_000) -> None:
+        if batch < 1 or iterations_max < 1:
+            raise ValueError(f"batch is {batch} and iterations_max {iterations_max}; needs whole numbers >= 1")
+        check_single_pass(job)
+        self._job, self._model, self._alpha = job, LayerModel.of(job), Criterion(alpha=alpha).alpha_of(1)
+        self._choices = DropletChoices(job, region_test="surface")
+        self._batch, self._iterations_max = batch, iterations_max
+
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
+        """The pattern that the search ends with; DONE if printing nothing is better."""
+        job = self._job
+        problem = HorizonProblem(
+            estimate.height,
+            job.target_height,
+            job.mask,
+            self._choices.allowed(estimate.height, 1),
+            self._choices.kinds(estimate.inks),
+            self._alpha,
+        )
+        key = random_key(job, layer)
+        found = bindings.paper_search(problem, full_layers(problem), self._batch, self._iterations_max, key)
+        idle = bindings.objective(problem, no_droplets(problem))
+        if found.objective.value >= idle.value:
+            return LayerPlan.of_pattern(no_droplets(problem)[0], idle, estimate.height, PlanStatus.DONE, "nothing")
+        predicted = replace(self._model, inks=estimate.inks).layer(estimate.height, found.plan[0], layer + 1)
+        status = PlanStatus.REPAIRED if found.status is SearchStatus.DONE else PlanStatus.BUDGET
+        return LayerPlan.of_pattern(found.plan[0], found.objective, predicted, status, "full layer", found.sweeps)
+
+
+def judged(job: Job, estimate: Estimate, layer: int, pattern: IntMap, status: PlanStatus, start: str) -> LayerPlan:
+    """A pattern that was chosen without an objective, as a plan; the mean error that it leaves is what it is worth."""
+    predicted = replace(LayerModel.of(job), inks=estimate.inks).layer(estimate.height, pattern, layer + 1)
+    objective = surface_objective(predicted, job.target_height, job.mask, 1.0)
+    return LayerPlan.of_pattern(pattern, objective, predicted, status, start)
+
+
+def check_single_pass(job: Job) -> None:
+    """Raises ValueError for a job of several passes: over them the surface is not linear in the pattern."""
+    if job.passes != 1:
+        raise ValueError(f"passes is {job.passes}; this controller plans layers of 1 pass (LayerMpc takes 4)")

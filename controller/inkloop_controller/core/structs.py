@@ -1,0 +1,222 @@
+"""What goes to the C search core and comes back, to ctypes: the structs of the headers in controller/core."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+from inkloop_controller.problem.horizon_problem import HORIZON_MAX, KINDS_MAX, SearchProgress
+
+SHARES_MAX = 6  # of ink_identification.h
+REALS = ctypes.POINTER(ctypes.c_double)
+INTEGERS = ctypes.POINTER(ctypes.c_int32)
+MARKS = ctypes.POINTER(ctypes.c_uint8)
+_CHOICES = ctypes.POINTER(ctypes.c_uint16)
+
+
+class InkStruct(ctypes.Structure):
+    """`Ink` of layer_map.h."""
+
+    _fields_ = (("h1", ctypes.c_double), ("h2", ctypes.c_double), ("h3", ctypes.c_double))
+
+
+class ProblemStruct(ctypes.Structure):
+    """`HorizonProblem` of horizon_problem.h."""
+
+    _fields_ = (
+        ("nx", ctypes.c_size_t),
+        ("ny", ctypes.c_size_t),
+        ("layers", ctypes.c_size_t),
+        ("height", REALS),
+        ("target", REALS),
+        ("ceiling", REALS),
+        ("part", MARKS),
+        ("weight", REALS),
+        ("choices", _CHOICES),
+        ("kinds", ctypes.c_size_t),
+        ("kind", InkStruct * KINDS_MAX),
+        ("alpha", ctypes.c_double),
+        ("overshoot", ctypes.c_double),
+        ("ceiling_cost", ctypes.c_double),
+        ("passes", ctypes.c_int32),
+        ("colours", ctypes.c_int32 * 4 * HORIZON_MAX),
+    )
+
+
+class ObjectiveStruct(ctypes.Structure):
+    """`Objective` of horizon_problem.h."""
+
+    _fields_ = (
+        ("value", ctypes.c_double),
+        ("error", ctypes.c_double),
+        ("over_ceiling", ctypes.c_double),
+        ("deviation", ctypes.c_double),
+    )
+
+
+class ReportStruct(ctypes.Structure):
+    """`SearchReport` of horizon_problem.h."""
+
+    _fields_ = (
+        ("objective", ObjectiveStruct),
+        ("incremental", ctypes.c_double),
+        ("sweeps", ctypes.c_int64),
+        ("evaluations", ctypes.c_int64),
+        ("flips", ctypes.c_int64),
+        ("swaps", ctypes.c_int64),
+        ("shifts", ctypes.c_int64),
+    )
+
+
+AFTER_SWEEP = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.POINTER(ReportStruct))
+
+
+class SearchOptionsStruct(ctypes.Structure):
+    """`SearchOptions` of horizon_problem.h."""
+
+    _fields_ = (
+        ("moves", ctypes.c_int32),
+        ("annealing_sweeps", ctypes.c_int64),
+        ("sweeps_max", ctypes.c_int64),
+        ("seed", ctypes.c_uint64),
+        ("seconds_max", ctypes.c_double),
+        ("threads", ctypes.c_int32),
+        ("after_sweep", AFTER_SWEEP),
+        ("caller", ctypes.c_void_p),
+    )
+
+
+class PlanWorkStruct(ctypes.Structure):
+    """`PlanWork` of horizon_planner.h."""
+
+    _fields_ = (
+        ("relaxation", ctypes.c_int32),
+        ("relaxed", REALS),
+        ("last", INTEGERS),
+        ("last_layers", ctypes.c_size_t),
+        ("layer_worth", ctypes.c_double),
+        ("sweeps", ctypes.c_int64),
+        ("annealing_sweeps", ctypes.c_int64),
+        ("iterations", ctypes.c_int64),
+        ("seed", ctypes.c_uint64),
+        ("seconds_max", ctypes.c_double),
+        ("threads", ctypes.c_int32),
+        ("after_sweep", AFTER_SWEEP),
+        ("caller", ctypes.c_void_p),
+    )
+
+
+class PlanReportStruct(ctypes.Structure):
+    """`PlanReport` of horizon_planner.h."""
+
+    _fields_ = (
+        ("status", ctypes.c_int32),
+        ("start", ctypes.c_int32),
+        ("is_annealed", ctypes.c_int32),
+        ("sweeps", ctypes.c_int64),
+        ("objective", ObjectiveStruct),
+        ("seconds", ctypes.c_double * 3),
+    )
+
+
+class RelaxationOptionsStruct(ctypes.Structure):
+    """`RelaxationOptions` of horizon_problem.h."""
+
+    _fields_ = (("iterations_max", ctypes.c_int64), ("seconds_max", ctypes.c_double))
+
+
+class RelaxationReportStruct(ctypes.Structure):
+    """`RelaxationReport` of horizon_problem.h."""
+
+    _fields_ = (("value", ctypes.c_double), ("iterations", ctypes.c_int64))
+
+
+class InkEvidenceStruct(ctypes.Structure):
+    """`InkEvidence` of ink_identification.h."""
+
+    _fields_ = (
+        ("response", ctypes.c_double * SHARES_MAX**2),
+        ("covariance", ctypes.c_double * SHARES_MAX**2),
+        ("surplus", ctypes.c_double * SHARES_MAX),
+    )
+
+
+class InkPriorStruct(ctypes.Structure):
+    """`InkPrior` of ink_identification.h."""
+
+    _fields_ = (("inks", ctypes.c_size_t), ("nominal", InkStruct * 2), ("model", ctypes.c_int32))
+
+
+class EstimatorOptionsStruct(ctypes.Structure):
+    """`EstimatorOptions` of height_estimator.h."""
+
+    _fields_ = (
+        ("nx", ctypes.c_size_t),
+        ("ny", ctypes.c_size_t),
+        ("part", MARKS),
+        ("ink", InkPriorStruct),
+        ("take_as_read", ctypes.c_int32),
+        ("noise_variance", ctypes.c_double),
+        ("steps_variance", ctypes.c_double),
+        ("first_variance", ctypes.c_double),
+    )
+
+
+class EstimateStruct(ctypes.Structure):
+    """`SurfaceEstimate` of height_estimator.h."""
+
+    _fields_ = (
+        ("height", REALS),
+        ("variance", REALS),
+        ("unseen", INTEGERS),
+        ("dead_evidence", REALS),
+        ("ink", InkStruct * 2),
+        ("evidence", InkEvidenceStruct),
+        ("noise_variance", ctypes.c_double),
+        ("scans", ctypes.c_int32),
+    )
+
+
+class JettedLayerStruct(ctypes.Structure):
+    """`JettedLayer` of droplet_increments.h."""
+
+    _fields_ = (
+        ("nx", ctypes.c_size_t),
+        ("ny", ctypes.c_size_t),
+        ("pattern", INTEGERS),
+        ("factor", REALS),
+        ("passes", ctypes.c_int32),
+        ("order", INTEGERS),
+    )
+
+
+class AfterSweep:
+    """`wanted` sees each sweep, True stops the search; so does an exception, which must not pass through C.
+
+    It is needed without `wanted` too: Python sees Ctrl-C only while it runs.
+    """
+
+    def __init__(self, wanted: Callable[[SearchProgress], bool] | None = None) -> None:
+        self._wanted = wanted
+        self._raised: BaseException | None = None
+        self.callback = AFTER_SWEEP(self._ask)
+
+    def was_interrupted(self) -> bool:
+        """Whether Ctrl-C has stopped the search; any other exception is raised now."""
+        if self._raised is None or isinstance(self._raised, KeyboardInterrupt):
+            return self._raised is not None
+        raise self._raised
+
+    def _ask(self, _: int | None, so_far: Any) -> int:
+        try:
+            return int(self._wanted is not None and bool(self._wanted(progress(so_far.contents))))
+        except BaseException as error:
+            self._raised = error
+            return 1
+
+
+def progress(report: ReportStruct) -> SearchProgress:
+    """How far a search is, from C."""
+    counts = (report.sweeps, report.evaluations, report.flips, report.swaps, report.shifts)
+    return SearchProgress(report.objective.value, *counts)

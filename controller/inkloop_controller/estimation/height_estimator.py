@@ -1,0 +1,243 @@
+"""From scans to what the planner starts from: the surface, and how much ink a droplet really brings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from inkloop.component import BoolMap, FloatMap, Ink, Job
+from inkloop_controller.core.bindings import answered, checked, ink_pair, layer_struct, pointer
+from inkloop_controller.core.library import library
+from inkloop_controller.core.structs import EstimateStruct, EstimatorOptionsStruct, InkPriorStruct
+from inkloop_controller.estimation.ink_identification import INK_MODELS, InkEvidence, InkModel, ink_table
+from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model.regions import nominal_layer_height
+from inkloop_controller.problem.horizon_problem import IntMap
+
+DROPLET_STD = 0.1  # of a droplet's volume about its mean [1], as in controller/core/height_estimator.h
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What is known after a scan.
+
+    height: (nx, ny) [m]; height_variance: (nx, ny) of its error [m^2]; inks: what their droplets really add; ink_scale:
+    their volume as a share of the nominal one, mean over the inks [1]; unseen: (nx, ny) layers that each cell has lived
+    on prediction alone; untrusted: (nx, ny) where these are too many; dead_evidence: (nx, ny), see `dead_cells`; scans:
+    so far; noise_variance: of a reading [m^2]; evidence: what the inks are concluded from.
+    """
+
+    height: FloatMap
+    height_variance: FloatMap
+    inks: tuple[Ink, ...]
+    ink_scale: float
+    unseen: IntMap
+    untrusted: BoolMap
+    dead_evidence: FloatMap
+    scans: int
+    noise_variance: float
+    evidence: InkEvidence
+
+    @classmethod
+    def exact(cls, height: FloatMap, inks: tuple[Ink, ...]) -> Estimate:
+        """A surface (nx, ny) [m] and inks that are known for sure."""
+        never = np.zeros(height.shape, np.int32)
+        zero, nothing = np.zeros(height.shape), InkEvidence.none(len(inks))
+        return cls(height, zero, inks, 1.0, never, never > 0, zero, 0, 0.0, nothing)
+
+    @property
+    def dead(self) -> BoolMap:
+        """(nx, ny) cells whose droplets do not come."""
+        return np.asarray(self.dead_evidence >= DEAD_EVIDENCE, np.bool_)
+
+    @property
+    def predicted_variance(self) -> FloatMap:
+        """(nx, ny) of the height after one more layer [m^2], full and on a flat surface; then the next scan comes."""
+        squares = max(ink.h1 * ink.h1 + 4.0 * (ink.h2 * ink.h2) + 4.0 * (ink.h3 * ink.h3) for ink in self.inks)
+        return self.height_variance + DROPLET_STD * DROPLET_STD * squares
+
+    def arrays(self) -> dict[str, Any]:
+        """All of it by name, for an archive of arrays."""
+        return {**vars(self), "inks": ink_table(self.inks), "evidence": self.evidence.sums()}
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, Any]) -> Estimate:
+        """What `arrays` gave, bit by bit."""
+        inks = tuple(Ink(*(float(value) for value in row)) for row in arrays["inks"])
+        return cls(**{**arrays, "inks": inks, "evidence": InkEvidence.of_sums(arrays["evidence"])})
+
+
+class HeightEstimator:
+    """A Kalman filter per cell on the layer model, around sensor drift, the ink, and cells that were not seen.
+
+    How it goes about it is said where it is done, in controller/core/height_estimator.h. A reading has the variance
+    sensor_noise_std^2 + sensor_resolution^2 / 12 [m^2]; without sensor_noise_std the noise is what the unprinted cells
+    show. untrusted_layers: as many a cell may live on prediction alone; take_as_read: neither drift nor noise are
+    looked for. Raises ValueError for options that cannot be meant.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        *,
+        adapt_ink: InkModel = "scale",
+        sensor_noise_std: float | None = None,
+        sensor_resolution: float = 0.0,
+        untrusted_layers: int = 5,
+        take_as_read: bool = False,
+    ) -> None:
+        faults = []
+        if adapt_ink not in ("scale", "full", "off"):
+            faults.append(f'adapt_ink is {adapt_ink!r}; needs "scale", "full" or "off"')
+        if sensor_noise_std is not None and not 0.0 <= sensor_noise_std < np.inf:
+            faults.append(f"sensor_noise_std is {sensor_noise_std}; needs a standard deviation of at least 0 m")
+        if not 0.0 <= sensor_resolution < np.inf:
+            faults.append(f"sensor_resolution is {sensor_resolution}; needs a step of at least 0 m")
+        if untrusted_layers < 0:
+            faults.append(f"untrusted_layers is {untrusted_layers}; needs a number of layers >= 0")
+        if faults:
+            raise ValueError("; ".join(faults))
+        self._job, self._model, self._untrusted_layers = job, LayerModel.of(job), untrusted_layers
+        self._part = np.ascontiguousarray(job.mask)
+        self._shares = len(job.inks) * (3 if adapt_ink == "full" else 1)
+        steps, layer_height = sensor_resolution * sensor_resolution / 12.0, nominal_layer_height(job)
+        self._options = EstimatorOptionsStruct(
+            job.nx,
+            job.ny,
+            pointer(self._part),
+            InkPriorStruct(len(job.inks), ink_pair(job.inks), INK_MODELS[adapt_ink]),
+            take_as_read,
+            -1.0 if sensor_noise_std is None else sensor_noise_std * sensor_noise_std + steps,
+            steps,
+            layer_height * layer_height,
+        )
+
+    def first(self, measured: FloatMap, valid: BoolMap) -> Estimate:
+        """The start surface; a cell that was not measured counts as bare substrate, height 0, give or take a layer."""
+        after = _Maps.empty(self._part.shape)
+        scan, seen = self._scan(measured, valid)
+        struct = after.struct()
+        library().inkloop_estimate_first(self._options, pointer(scan), pointer(seen), struct)
+        return self._estimate(after, struct)
+
+    def next(
+        self,
+        before: Estimate,
+        pattern: IntMap,
+        layer: int,
+        measured: FloatMap,
+        valid: BoolMap,
+        factor: FloatMap | None = None,
+    ) -> Estimate:
+        """Layer number `layer` (from 1) was printed as `pattern` and scanned: measured (nx, ny) [m], where valid.
+
+        factor: (nx, ny) volume of each droplet [1].
+        """
+        return self._after(library().inkloop_estimate_next, before, pattern, layer, measured, valid, factor)
+
+    def after_unknown(
+        self,
+        before: Estimate,
+        pattern: IntMap,
+        layer: int,
+        measured: FloatMap,
+        valid: BoolMap,
+        factor: FloatMap | None = None,
+    ) -> Estimate:
+        """The same for a layer that was begun and given up, nobody knows where: the scan counts, nothing is learnt."""
+        return self._after(library().inkloop_estimate_unknown, before, pattern, layer, measured, valid, factor)
+
+    def _after(
+        self,
+        estimate: Callable[..., int],
+        before: Estimate,
+        pattern: IntMap,
+        layer: int,
+        measured: FloatMap,
+        valid: BoolMap,
+        factor: FloatMap | None,
+    ) -> Estimate:
+        shape = self._part.shape
+        scan, seen = self._scan(measured, valid)
+        jetted = checked("pattern", pattern, "i4", shape)
+        volumes = None if factor is None else checked("factor", factor, "f8", shape)
+        known, after = _Maps.of(before), _Maps.empty(shape)
+        struct = after.struct()
+        code = estimate(
+            self._options,
+            known.struct(before),
+            layer_struct(jetted, self._model.colours(layer), volumes),
+            pointer(scan),
+            pointer(seen),
+            struct,
+        )
+        answered(code)
+        return self._estimate(after, struct)
+
+    def _scan(self, measured: FloatMap, valid: BoolMap) -> tuple[FloatMap, BoolMap]:
+        """A scan for C; what was not seen is never looked at, and may be no number."""
+        seen = checked("valid", valid, "?", self._part.shape)
+        return checked("measured", np.where(seen, measured, 0.0), "f8", self._part.shape), seen
+
+    def _estimate(self, maps: _Maps, found: EstimateStruct) -> Estimate:
+        inks = tuple(Ink(ink.h1, ink.h2, ink.h3) for ink in found.ink[: len(self._job.inks)])
+        return Estimate(
+            height=maps.height,
+            height_variance=maps.variance,
+            inks=inks,
+            ink_scale=_volume(inks) / _volume(self._job.inks),
+            unseen=maps.unseen,
+            untrusted=np.asarray(self._job.mask & (maps.unseen > self._untrusted_layers), np.bool_),
+            dead_evidence=maps.dead_evidence,
+            scans=found.scans,
+            noise_variance=found.noise_variance,
+            evidence=InkEvidence.of_struct(found.evidence, self._shares),
+        )
+
+
+@dataclass(frozen=True)
+class _Maps:
+    """The maps of an estimate as C reads and writes them."""
+
+    height: FloatMap
+    variance: FloatMap
+    unseen: IntMap
+    dead_evidence: FloatMap
+
+    @classmethod
+    def empty(cls, shape: tuple[int, ...]) -> _Maps:
+        return cls(np.empty(shape), np.empty(shape), np.empty(shape, np.int32), np.empty(shape))
+
+    @classmethod
+    def of(cls, estimate: Estimate) -> _Maps:
+        shape = estimate.height.shape
+        return cls(
+            checked("height", estimate.height, "f8", shape),
+            checked("height_variance", estimate.height_variance, "f8", shape),
+            checked("unseen", estimate.unseen, "i4", shape),
+            checked("dead_evidence", estimate.dead_evidence, "f8", shape),
+        )
+
+    def struct(self, estimate: Estimate | None = None) -> EstimateStruct:
+        """For C; with what else is known, if it is one to be read."""
+        maps = [pointer(self.height), pointer(self.variance), pointer(self.unseen), pointer(self.dead_evidence)]
+        if estimate is None:
+            return EstimateStruct(*maps)
+        evidence = estimate.evidence.struct()
+        return EstimateStruct(*maps, ink_pair(estimate.inks), evidence, estimate.noise_variance, estimate.scans)
+
+
+def _volume(inks: tuple[Ink, ...]) -> float:
+    return sum(ink.layer_height for ink in inks)
+
+
+DEAD_EVIDENCE = 15.0  # from here on a cell is dead
+PROBE_LAYERS = 5  # every so many layers the dead cells are tried again (assumed)
+
+
+def is_probe(layer: int) -> bool:
+    """Whether dead cells are tried again in layer number `layer`: a nozzle may have been cleaned."""
+    return layer % PROBE_LAYERS == 0

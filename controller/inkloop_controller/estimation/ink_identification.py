@@ -1,0 +1,72 @@
+"""How much a droplet of each ink really adds: what is learnt of it, and from what (controller/core)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.component import Ink
+from inkloop_controller.core.structs import SHARES_MAX, InkEvidenceStruct
+
+InkModel: TypeAlias = Literal["scale", "full", "off"]
+"""What is learnt of each ink: its droplet volume; h1, h2 and h3 as far as the patterns tell them apart; nothing."""
+
+INK_MODELS: Mapping[InkModel, int] = {"scale": 1, "full": 2, "off": 3}
+"""Their numbers in ink_identification.h."""
+
+
+@dataclass(frozen=True)
+class InkEvidence:
+    """Sums over the layers, recent ones more, per learnt share: instrument times what a share adds (n, n) [m^2],
+    instrument times growth beyond the nominal (n,) [m^2], covariance of the latter (n, n) [m^4].
+    """
+
+    response: NDArray[np.float64]
+    surplus: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+    @classmethod
+    def none(cls, shares: int) -> InkEvidence:
+        """Nothing learnt yet."""
+        return cls.of_sums(np.zeros((2 * shares + 1, shares)))
+
+    def sums(self) -> NDArray[np.float64]:
+        """All of it in one array (2 n + 1, n)."""
+        return np.vstack([self.response, self.covariance, self.surplus])
+
+    @classmethod
+    def of_sums(cls, sums: NDArray[np.float64]) -> InkEvidence:
+        """What `sums` gave, bit by bit."""
+        n = sums.shape[1]
+        return cls(response=sums[:n], surplus=sums[-1], covariance=sums[n:-1])
+
+    def struct(self) -> InkEvidenceStruct:
+        """The same for C."""
+        square, line = SHARES_MAX**2, SHARES_MAX
+        sized = ((self.response, square), (self.covariance, square), (self.surplus, line))
+        return InkEvidenceStruct(*(_filled(values, count) for values, count in sized))
+
+    @classmethod
+    def of_struct(cls, struct: InkEvidenceStruct, shares: int) -> InkEvidence:
+        """What C has made of it."""
+        response, covariance = (np.array(values[: shares**2]) for values in (struct.response, struct.covariance))
+        return cls(
+            response=response.reshape(shares, shares),
+            surplus=np.array(struct.surplus[:shares]),
+            covariance=covariance.reshape(shares, shares),
+        )
+
+
+def ink_table(inks: Sequence[Ink]) -> NDArray[np.float64]:
+    """(inks, 3): h1, h2, h3 of each [m]."""
+    return np.array([[ink.h1, ink.h2, ink.h3] for ink in inks])
+
+
+def _filled(values: NDArray[np.float64], count: int) -> tuple[float, ...]:
+    filled = np.zeros(count)
+    filled[: values.size] = values.ravel()
+    return tuple(filled)

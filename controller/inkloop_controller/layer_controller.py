@@ -1,0 +1,196 @@
+"""The controller as a component of the loop: the handshake of the layer contract around any planner."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, fields, replace
+from math import isfinite, nan
+from time import perf_counter
+
+import numpy as np
+
+from inkloop.component import BoolMap, FloatMap, Job, Port, Status, Values
+from inkloop.errors import ComponentError
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
+from inkloop_controller.planning.layer_plan import Planner, PlanStatus
+from inkloop_controller.problem.horizon_problem import IntMap, IntPlan
+
+
+@dataclass(frozen=True)
+class _State:
+    """All that a step leaves for the next one, and for the outputs."""
+
+    plan: IntPlan
+    pattern: IntMap
+    drop_level: IntMap
+    layer_command: int
+    answered: int  # number of the scan that the last plan was made from; -1: none
+    status: int
+    objective: float
+    objective_error: float
+    objective_deviation: float
+    bound: float
+    bound_valid: bool
+    bound_confidence: float
+    gap: float
+    plan_status: int
+    solve_time: float
+    sweeps: int
+    estimate: Estimate
+
+
+class LayerController:
+    """Commands layer k + 1 when layer k is printed and scanned, once per scan, until its planner is done.
+
+    It goes by sequence numbers only, so any master may step it in any order and step size. From a layer that its
+    printer calls unknown it takes the scan and learns nothing.
+    """
+
+    def __init__(self, job: Job, planner: Planner, estimator: HeightEstimator) -> None:
+        shape = (job.nx, job.ny)
+        self._job, self._planner, self._estimator = job, planner, estimator
+        self.inputs = (
+            Port("measured_height", "m", shape),
+            Port("valid", shape=shape, dtype="bool"),
+            Port("layers_scanned", dtype="int32", start=-1),
+            Port("layers_printed", dtype="int32"),
+            Port("layer_unknown", dtype="bool"),
+        )
+        self.outputs = (
+            Port("pattern", shape=shape, dtype="int32"),
+            Port("drop_level", shape=shape, dtype="int32", start=1),
+            Port("layer_command", dtype="int32"),
+            Port("status", dtype="int32"),
+            Port("objective", "m"),
+            Port("objective_error", "m"),
+            Port("objective_deviation", "m"),
+            Port("bound", "m", start=nan),
+            Port("bound_valid", dtype="bool"),
+            Port("bound_confidence", start=1.0),
+            Port("gap", start=nan),
+            Port("plan_status", dtype="int32"),
+            Port("solve_time", "s"),
+            Port("sweeps", dtype="int32"),
+            Port("estimated_height", "m", shape),
+            Port("volume_scale"),
+            Port("untrusted_cells", dtype="int32"),
+            Port("dead_cells", dtype="int32"),
+        )
+        self._state = _start(job, 0)
+
+    def initialize(self, time_ns: int, inputs: Values) -> Values:
+        """Start anew; the layers printed by now are the number that commands count from."""
+        self._state = _start(self._job, int(inputs["layers_printed"]))
+        return self._outputs()
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        """Answer a new scan of the layer commanded last. Raises ComponentError for heights that are not finite."""
+        state = self._state
+        scanned, printed = int(inputs["layers_scanned"]), int(inputs["layers_printed"])
+        if state.status != Status.DONE and scanned == printed == state.layer_command and scanned > state.answered:
+            is_unknown = bool(inputs.get("layer_unknown", False))
+            self._answer(scanned, inputs["measured_height"], inputs["valid"], is_unknown)
+        return self._outputs()
+
+    def terminate(self) -> None:
+        """Nothing is held open."""
+
+    def save(self) -> bytes:
+        """The whole state, bit by bit, as NumPy's npz."""
+        buffer = io.BytesIO()
+        state = vars(self._state)
+        np.savez(buffer, **{name: state[name] for name in state if name != "estimate"}, **self._state.estimate.arrays())
+        return buffer.getvalue()
+
+    def restore(self, saved: bytes) -> None:
+        """Go on from a saved state. Raises ComponentError if it belongs to another grid or is none."""
+        try:
+            with np.load(io.BytesIO(saved), allow_pickle=False) as arrays:
+                found = {name: arrays[name] if arrays[name].ndim else arrays[name].item() for name in arrays.files}
+            estimate = Estimate.of_arrays({field.name: found.pop(field.name) for field in fields(Estimate)})
+            state = _State(**found, estimate=estimate)
+        except (ValueError, TypeError, KeyError, OSError) as error:
+            raise ComponentError(f"layer controller: what is to be restored is no state of it ({error})") from error
+        if state.pattern.shape != self._state.pattern.shape:
+            raise ComponentError(
+                f"layer controller: the state to be restored is of a grid {state.pattern.shape}; "
+                f"needs {self._state.pattern.shape}"
+            )
+        self._state = state
+
+    def _answer(self, scan: int, measured: FloatMap, valid: BoolMap, is_unknown: bool) -> None:
+        _check_finite(scan, measured, valid)
+        before = self._state
+        if before.answered < 0:
+            estimate = self._estimator.first(measured, valid)
+        else:
+            drops = before.drop_level.astype(np.float64)
+            told = (before.estimate, before.pattern, scan, measured, valid, drops)
+            estimate = self._estimator.after_unknown(*told) if is_unknown else self._estimator.next(*told)
+        started = perf_counter()
+        plan = self._planner.plan(estimate, scan, before.plan)
+        done = plan.status is PlanStatus.DONE
+        self._state = replace(
+            before,
+            estimate=estimate,
+            plan=plan.plan,
+            pattern=plan.pattern,
+            drop_level=np.maximum(plan.drop_level, 1),
+            layer_command=before.layer_command if done else before.layer_command + 1,
+            answered=scan,
+            status=int(Status.DONE if done else Status.UNTRUSTED if estimate.untrusted.any() else Status.IDLE),
+            objective=plan.objective.value,
+            objective_error=plan.objective.error,
+            objective_deviation=plan.objective.deviation,
+            bound=plan.bound,
+            bound_valid=isfinite(plan.bound),
+            bound_confidence=plan.bound_confidence,
+            gap=plan.gap,
+            plan_status=list(PlanStatus).index(plan.status),
+            solve_time=perf_counter() - started,
+            sweeps=plan.sweeps,
+        )
+
+    def _outputs(self) -> Values:
+        estimate = self._state.estimate
+        values = {
+            **vars(self._state),
+            "estimated_height": estimate.height,
+            "volume_scale": estimate.ink_scale,
+            "untrusted_cells": np.count_nonzero(estimate.untrusted),
+            "dead_cells": np.count_nonzero(estimate.dead),
+        }
+        return {port.name: np.asarray(values[port.name], port.dtype) for port in self.outputs}
+
+
+def _start(job: Job, layer_command: int) -> _State:
+    shape = (job.nx, job.ny)
+    return _State(
+        plan=np.zeros((1, *shape), np.int32),
+        pattern=np.zeros(shape, np.int32),
+        drop_level=np.ones(shape, np.int32),
+        layer_command=layer_command,
+        answered=-1,
+        status=int(Status.IDLE),
+        objective=0.0,
+        objective_error=0.0,
+        objective_deviation=0.0,
+        bound=nan,
+        bound_valid=False,
+        bound_confidence=1.0,
+        gap=nan,
+        plan_status=0,
+        solve_time=0.0,
+        sweeps=0,
+        estimate=Estimate.exact(np.zeros(shape), job.inks),
+    )
+
+
+def _check_finite(scan: int, measured: FloatMap, valid: BoolMap) -> None:
+    wrong = np.argwhere(valid & ~np.isfinite(measured))
+    if wrong.size:
+        i, j = (int(index) for index in wrong[0])
+        raise ComponentError(
+            f"layer controller: measured_height is {measured[i, j]} at cell ({i}, {j}) of scan {scan}, which is marked "
+            "valid; needs a finite height there, or valid = false"
+        )

@@ -1,0 +1,1 @@
+"""The prediction model of a layer, and what may be jetted where."""

@@ -1,0 +1,72 @@
+"""What may be jetted where: the ink of each region, the drop sizes of the head, the nozzles that are dead."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from inkloop.component import BoolMap, FloatMap, Ink, Job
+from inkloop_controller.model.regions import RegionTest, ink_choices
+from inkloop_controller.problem.horizon_problem import KINDS_MAX, ChoiceMaps, IntMap
+
+
+class DropletChoices:
+    """The kinds of droplets of a job, and where each may fall in the coming layers.
+
+    A kind is an ink in a drop size: kind (level - 1) * inks + ink, where level droplets fall at once (grey heads).
+    drop_levels: largest level; dead_nozzles: nozzles that jet nothing, of nozzle_pitch in all: cell (i, j) is jetted by
+    nozzle j modulo nozzle_pitch (0: as many nozzles as the grid has columns).
+    Raises ValueError, all faults in one sentence, for values that cannot be meant.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        *,
+        region_test: RegionTest = "middle",
+        drop_levels: int = 1,
+        dead_nozzles: Sequence[int] = (),
+        nozzle_pitch: int = 0,
+    ) -> None:
+        nozzles = nozzle_pitch or job.ny
+        faults = []
+        if job.mask.shape != (job.nx, job.ny):
+            faults.append(f"mask has shape {job.mask.shape}; needs {(job.nx, job.ny)}")
+        if not 1 <= drop_levels * len(job.inks) <= KINDS_MAX:
+            faults.append(
+                f"drop_levels is {drop_levels} with {len(job.inks)} inks; needs 1 to {KINDS_MAX // len(job.inks)}"
+            )
+        if nozzle_pitch < 0:
+            faults.append(f"nozzle_pitch is {nozzle_pitch}; needs a number of nozzles, or 0 for one per column")
+        faults += [
+            f"dead_nozzles has {nozzle}; needs nozzles 0 to {nozzles - 1}"
+            for nozzle in dead_nozzles
+            if not 0 <= nozzle < nozzles
+        ]
+        if faults:
+            raise ValueError("; ".join(faults))
+        self._job, self._region_test, self._drop_levels = job, region_test, drop_levels
+        alive = ~np.isin(np.arange(job.ny) % nozzles, list(dead_nozzles))
+        self.jettable: BoolMap = job.mask & alive
+
+    def kinds(self, inks: Sequence[Ink]) -> tuple[Ink, ...]:
+        """What a droplet of each kind adds, for these inks."""
+        return tuple(
+            Ink(level * ink.h1, level * ink.h2, level * ink.h3)
+            for level in range(1, self._drop_levels + 1)
+            for ink in inks
+        )
+
+    def allowed(self, height: FloatMap, layers: int) -> ChoiceMaps:
+        """(layers, nx, ny): bit k is set where a droplet of kind k may fall, for the layers on the surface [m]."""
+        inks = ink_choices(self._job, height, layers, self._region_test)
+        levels = sum(1 << (level * len(self._job.inks)) for level in range(self._drop_levels))
+        return np.where(self.jettable, inks * levels, 0).astype(np.uint16)
+
+    def split(self, layer: IntMap) -> tuple[IntMap, IntMap]:
+        """A layer of a plan (nx, ny) as pattern (0 none, 1 material A, 2 material B) and drops per site (0 none)."""
+        inks = len(self._job.inks)
+        jetted = layer > 0
+        pattern = np.where(jetted, (layer - 1) % inks + 1, 0).astype(np.int32)
+        return pattern, np.where(jetted, (layer - 1) // inks + 1, 0).astype(np.int32)

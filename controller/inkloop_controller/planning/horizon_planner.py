@@ -1,0 +1,93 @@
+"""The best plan for a layer problem, from the C search core: relaxed, rounded, repaired, and compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from inkloop.component import FloatMap
+from inkloop_controller.core.bindings import answered, checked, objective_of, pointer, problem_struct
+from inkloop_controller.core.library import library
+from inkloop_controller.core.structs import AfterSweep, PlanReportStruct, PlanWorkStruct
+from inkloop_controller.planning.layer_plan import PlanStatus
+from inkloop_controller.problem.horizon_problem import KINDS_MAX, HorizonProblem, IntPlan, Objective, SearchProgress
+from inkloop_controller.problem.work import Work
+
+RelaxedStart: TypeAlias = FloatMap | Literal["gradient"] | None
+"""Droplets of any size (layers, nx, ny) to be rounded, those that projected gradients find, or no such start."""
+
+_STARTS = ("nothing", "full layers", "last plan", "relaxation")
+_PHASES = ("relaxation", "rounding", "repair")
+_RELAX_HERE, _RELAX_GIVEN, _RELAX_NOTHING = range(3)  # of horizon_planner.h
+
+
+@dataclass(frozen=True)
+class FoundPlan:
+    """A plan (layers, nx, ny), empty if nothing is better; start: what it was made from; seconds: time by phase."""
+
+    plan: IntPlan
+    objective: Objective
+    status: PlanStatus
+    start: str
+    sweeps: int
+    seconds: Mapping[str, float]
+
+
+def best_plan(
+    problem: HorizonProblem,
+    work: Work,
+    *,
+    relaxed: RelaxedStart = "gradient",
+    last: IntPlan,
+    layer_worth: float,
+    seed: int,
+    seconds_max: float,
+    after_sweep: Callable[[SearchProgress], bool] | None = None,
+) -> FoundPlan:
+    """The best plan found, as controller/core/horizon_planner.h says; its first layer is not empty unless all are.
+
+    last: (layers, nx, ny) the last plan, of any number of layers; of another grid it is not used; layer_worth: see
+    Criterion; seed: of the annealing, 64 bits; seconds_max: guard by the clock, instead of that of `work`; after_sweep:
+    sees each sweep of a repair, True ends them, as does Ctrl-C.
+    """
+    asked, is_given = AfterSweep(after_sweep), isinstance(relaxed, np.ndarray)
+    droplets = checked("relaxed", relaxed, "f8", problem.choices.shape) if isinstance(relaxed, np.ndarray) else None
+    rest = _usable(problem, last)
+    options = PlanWorkStruct(
+        relaxation=_RELAX_GIVEN if is_given else _RELAX_HERE if relaxed == "gradient" else _RELAX_NOTHING,
+        relaxed=None if droplets is None else pointer(droplets),
+        last=None if rest is None else pointer(rest),
+        last_layers=len(last),
+        layer_worth=layer_worth,
+        sweeps=work.sweeps,
+        annealing_sweeps=-1 if work.annealing_sweeps is None else work.annealing_sweeps,
+        iterations=work.iterations,
+        seed=seed,
+        seconds_max=seconds_max,
+        threads=work.threads,
+        after_sweep=asked.callback,
+    )
+    plan, report = np.empty(problem.choices.shape, np.int32), PlanReportStruct()
+    answered(library().inkloop_plan(problem_struct(problem), options, pointer(plan), report))
+    asked.was_interrupted()
+    return FoundPlan(
+        plan=plan,
+        objective=objective_of(report.objective),
+        status=list(PlanStatus)[report.status],
+        start=_STARTS[report.start] + (", annealed" if report.is_annealed else ""),
+        sweeps=report.sweeps,
+        seconds=dict(zip(_PHASES, report.seconds, strict=True)),
+    )
+
+
+def _usable(problem: HorizonProblem, last: IntPlan) -> IntPlan | None:
+    """The last plan for C; None if it is of another grid. Raises ValueError for values that no plan has."""
+    if last.shape[1:] != problem.height.shape or not len(last):
+        return None
+    plan = checked("last", last, "i4", last.shape)
+    if plan.min() < 0 or plan.max() > KINDS_MAX:
+        raise ValueError(f"last holds {plan.min()} to {plan.max()}; needs 0 to {KINDS_MAX}, 1 + a kind of droplet")
+    return plan

@@ -1,0 +1,159 @@
+"""The layer problem of the model predictive controller: relaxed, rounded, repaired, and compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import nan
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from inkloop.component import Job
+from inkloop_controller.estimation.height_estimator import Estimate, is_probe
+from inkloop_controller.model.droplet_choices import DropletChoices
+from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model.starts import even_droplets
+from inkloop_controller.planning.horizon_planner import RelaxedStart, best_plan
+from inkloop_controller.planning.layer_plan import PROVEN, LayerPlan, PlanStatus
+from inkloop_controller.problem.criterion import CEILING_COST, PLAIN, Criterion
+from inkloop_controller.problem.horizon_problem import HORIZON_MAX, HorizonProblem, IntPlan, SearchProgress
+from inkloop_controller.problem.work import DEFAULT_WORK, Stopwatch, Work
+from inkloop_controller.program.certificate import certify
+from inkloop_controller.program.program import HorizonProgram
+
+Relaxation: TypeAlias = Literal["gradient", "ipopt", "highs", "none"]
+
+CERTIFICATE_S = 60.0  # what a certificate may take if no limit is given (assumed)
+
+
+@dataclass(frozen=True)
+class _Relaxed:
+    """Where to round from, and what no plan can be below [m] (NaN: not known)."""
+
+    droplets: RelaxedStart
+    bound: float = nan
+
+
+class LayerMpc:
+    """Chooses the coming layers that minimise the criterion over the surface after the last of them.
+
+    How a plan is found stands where that is done, in controller/core/horizon_planner.h. Below an alpha of about 0.1 the
+    criterion makes no sense: one layer ahead nothing is printed, for the first layer's unevenness costs more than its
+    height gains; further ahead a print may end too high. Dead cells are left out, but for a layer now and then in which
+    they are tried again.
+
+    horizon: layers ahead, 1 to 5; relaxation: its engine, "gradient" of the core, "ipopt" for small grids, "highs" for
+    one layer and alpha = 1; certified: for one layer and alpha = 1, every plan comes with a bound; after_sweep: sees
+    each sweep of a repair, True ends the repairs. Ctrl-C does too, and the plan says so. Raises ValueError for options
+    that cannot be meant.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        *,
+        criterion: Criterion = PLAIN,
+        horizon: int = 3,
+        choices: DropletChoices | None = None,
+        relaxation: Relaxation = "gradient",
+        work: Work = DEFAULT_WORK,
+        certified: bool = False,
+        after_sweep: Callable[[SearchProgress], bool] | None = None,
+    ) -> None:
+        if not 1 <= horizon <= HORIZON_MAX:
+            raise ValueError(f"horizon is {horizon}; needs 1 to {HORIZON_MAX} layers ahead")
+        if certified and (horizon != 1 or criterion.alpha != 1.0):
+            raise ValueError(
+                f"certified with horizon {horizon} and alpha {criterion.alpha}; a bound needs horizon = 1 and alpha = 1"
+            )
+        self._job, self._criterion, self._horizon = job, criterion, horizon
+        self._choices = choices or DropletChoices(job)
+        self._relaxation, self._work, self._certified = relaxation, work, certified
+        self._after_sweep, self._model = after_sweep, LayerModel.of(job)
+        self._weight = criterion.weight(job.mask)
+        self._programs: dict[bool, HorizonProgram] = {}  # by whether alpha is 1, where the deviation falls out
+        if relaxation in ("ipopt", "highs"):
+            self._program(self.problem(Estimate.exact(np.zeros((job.nx, job.ny)), job.inks), 0))
+
+    def problem(self, estimate: Estimate, layer: int) -> HorizonProblem:
+        """The problem of the layers that follow layer number `layer`. Raises ValueError for what cannot be one."""
+        job, numbers = self._job, range(layer + 1, layer + 1 + self._horizon)
+        if estimate.height.shape != (job.nx, job.ny):
+            raise ValueError(f"height has shape {estimate.height.shape}; needs {(job.nx, job.ny)}")
+        choices = self._choices.allowed(estimate.height, self._horizon)
+        choices[1 if is_probe(layer + 1) else 0 :, estimate.dead] = 0
+        return HorizonProblem(
+            height=estimate.height,
+            target=job.target_height,
+            part=job.mask,
+            choices=choices,
+            kinds=self._choices.kinds(estimate.inks),
+            alpha=self._criterion.alpha_of(layer + 1),
+            weight=self._weight,
+            overshoot=self._criterion.overshoot,
+            ceiling=self._criterion.ceiling(job.target_height, np.sqrt(estimate.predicted_variance), job.mask),
+            ceiling_cost=CEILING_COST,
+            colours=tuple(self._model.colours(number) for number in numbers) if job.passes > 1 else (),
+        )
+
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
+        """The best plan found; DONE if that is to print nothing."""
+        watch, problem = Stopwatch(self._work.time_limit), self.problem(estimate, layer)
+        relaxed = self._relaxed(problem, watch)
+        found = best_plan(
+            problem,
+            self._work,
+            relaxed=relaxed.droplets,
+            last=last,
+            layer_worth=self._criterion.layer_worth,
+            seed=random_key(self._job, layer),
+            seconds_max=watch.remaining,
+            after_sweep=self._after_sweep,
+        )
+        bound, confidence = self._bound(problem, found.plan, relaxed.bound, watch)
+        is_proven = found.objective.value - bound <= PROVEN * problem.kinds[0].layer_height
+        pattern, drop_level = self._choices.split(found.plan[0])
+        model = replace(self._model, inks=estimate.inks)
+        return LayerPlan(
+            plan=found.plan,
+            pattern=pattern,
+            drop_level=drop_level,
+            objective=found.objective,
+            predicted_height=model.layer(estimate.height, pattern, layer + 1, drop_level.astype(np.float64)),
+            status=PlanStatus.OPTIMAL if is_proven and found.status is not PlanStatus.DONE else found.status,
+            start=found.start,
+            sweeps=found.sweeps,
+            bound=bound,
+            bound_confidence=confidence,
+            seconds={**found.seconds, **watch.seconds},
+        )
+
+    def _relaxed(self, problem: HorizonProblem, watch: Stopwatch) -> _Relaxed:
+        """Where to round from; nowhere if there is no relaxation, or its engine has failed."""
+        if self._relaxation not in ("ipopt", "highs"):
+            return _Relaxed("gradient" if self._relaxation == "gradient" else None)
+        with watch.phase("relaxation"):
+            solved = self._program(problem).solve(problem, even_droplets(problem))
+        return _Relaxed(solved.droplets, solved.bound) if solved.solved else _Relaxed(None)
+
+    def _bound(self, problem: HorizonProblem, plan: IntPlan, proven: float, watch: Stopwatch) -> tuple[float, float]:
+        """What no plan can be below [m], and the probability that it holds; NaN and 1 if that is not known."""
+        if not self._certified or not plan.any() or watch.remaining == 0.0:
+            return proven, 1.0
+        with watch.phase("certificate"):
+            found = certify(problem, plan, seconds_max=min(CERTIFICATE_S, watch.remaining))
+        return (proven, 1.0) if proven >= found.bound else (found.bound, found.confidence)
+
+    def _program(self, problem: HorizonProblem) -> HorizonProgram:
+        """The program for problems of this shape; built the first time."""
+        linear = problem.alpha == 1.0
+        if linear not in self._programs:
+            assert self._relaxation in ("ipopt", "highs")
+            self._programs[linear] = HorizonProgram(problem, self._relaxation)
+        return self._programs[linear]
+
+
+def random_key(job: Job, layer: int) -> int:
+    """Key of the random numbers of one layer's search, 64 bits: the job's seed above, the layer below."""
+    return (job.seed * 2**32 + layer) % 2**64

@@ -1,0 +1,86 @@
+"""What a planner is asked and what it answers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from math import inf, isfinite, nan
+from typing import Protocol
+
+import numpy as np
+
+from inkloop.component import BoolMap, FloatMap
+from inkloop_controller.estimation.height_estimator import Estimate
+from inkloop_controller.problem.horizon_problem import IntMap, IntPlan, Objective
+
+
+class PlanStatus(StrEnum):
+    """How a plan came about."""
+
+    OPTIMAL = "optimal"  # its objective is the bound: nothing can be better
+    REPAIRED = "repaired"  # no single change improves it
+    BUDGET = "budget"  # the work budget ended the repair
+    TIME_LIMIT = "time limit"  # the clock ended the repair
+    INTERRUPTED = "interrupted"  # Ctrl-C ended the repair
+    FALLBACK = "fallback"  # the repair could not run: the best of the starts
+    FIXED = "fixed"  # settled without an objective, before the print or by a rule
+    DONE = "done"  # printing nothing is best: the print is finished
+
+
+PROVEN = 1e-6  # of a layer's height: an objective this near its bound differs by the rounding of the solvers
+
+
+@dataclass(frozen=True)
+class LayerPlan:
+    """The plan for the coming layers, and how good it is.
+
+    plan: (layers, nx, ny), 0 nothing, 1 + kind of droplet; pattern: (nx, ny) its first layer, 0 none, 1 material A,
+    2 material B; drop_level: (nx, ny) drops per site of it; objective of the surface after the last layer [m];
+    predicted_height: (nx, ny) after the first one [m]; start: the candidate that won; bound: no plan can have a lower
+    objective [m], NaN: none; bound_confidence: probability that the bound holds, 1 if proven; seconds: time by phase.
+    """
+
+    plan: IntPlan
+    pattern: IntMap
+    drop_level: IntMap
+    objective: Objective
+    predicted_height: FloatMap
+    status: PlanStatus
+    start: str
+    sweeps: int = 0
+    bound: float = nan
+    bound_confidence: float = 1.0
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of_pattern(
+        cls, pattern: IntMap, objective: Objective, predicted: FloatMap, status: PlanStatus, start: str, sweeps: int = 0
+    ) -> LayerPlan:
+        """The plan of one layer that is a pattern of single drops."""
+        level = (pattern > 0).astype(np.int32)
+        return cls(pattern[None], pattern, level, objective, predicted, status, start, sweeps)
+
+    @property
+    def gap(self) -> float:
+        """How far the objective may be above the best one, as a share of it; NaN without a bound."""
+        if not isfinite(self.bound):
+            return nan
+        excess = max(0.0, self.objective.value - self.bound)
+        return excess / self.objective.value if self.objective.value > 0.0 else (0.0 if excess == 0.0 else inf)
+
+
+class Planner(Protocol):
+    """Anything that decides on a layer."""
+
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
+        """The plan for the surface after `layer` layers, `last`: the plan (layers, nx, ny) made for it.
+
+        Whatever a plan depends on is given here, so that a resumed print goes on bit by bit.
+        """
+
+
+def surface_objective(height: FloatMap, target: FloatMap, part: BoolMap, alpha: float) -> Objective:
+    """alpha * mean |target - height| + (1 - alpha) * std(height) over the part [m] (Lu et al. 2015, eq. 8)."""
+    error, deviation = float(np.abs(target - height)[part].mean()), float(height[part].std())
+    return Objective(alpha * error + (1.0 - alpha) * deviation, error, 0.0, deviation)

@@ -1,0 +1,1 @@
+"""The layer problem as a mathematical program in CasADi, and certified bounds."""

@@ -1,0 +1,165 @@
+"""The layer problem as it is written on paper, over CasADi symbols or numbers alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import casadi as ca
+import numpy as np
+
+from inkloop.component import BoolMap, FloatMap
+from inkloop_controller.model.symbolic_layer import Symbolic, symbolic_layer
+from inkloop_controller.problem.horizon_problem import HorizonProblem
+
+MICROMETRE = 1e-6  # heights are in um here: numbers near 1 suit solvers
+
+PositivePart: TypeAlias = Callable[[Symbolic], Symbolic]
+"""max(x, 0) of every entry, in the form that a solver wants."""
+Deviation: TypeAlias = Callable[[Symbolic], Symbolic]
+"""Population standard deviation of a column, in the form that a solver wants."""
+
+
+@dataclass(frozen=True)
+class LayerSymbols:
+    """What one layer of the horizon is made with: (nx, ny) each, heights in um.
+
+    h1, h2, h3: what the smallest droplet allowed on a cell adds; limit: the largest one allowed, counted in those;
+    jetted: for each pass, 1 on the cells that it jets on.
+    """
+
+    h1: Symbolic
+    h2: Symbolic
+    h3: Symbolic
+    limit: Symbolic
+    jetted: tuple[Symbolic, ...]
+
+
+@dataclass(frozen=True)
+class HorizonStatement:
+    """The values of a HorizonProblem, as symbols or numbers, heights in um from the part's mean before the first layer.
+
+    ceiling: None where the problem has none.
+    """
+
+    part: BoolMap
+    height: Symbolic
+    target: Symbolic
+    ceiling: Symbolic | None
+    weight: Symbolic
+    alpha: Symbolic
+    overshoot: Symbolic
+    ceiling_cost: Symbolic
+    layers: tuple[LayerSymbols, ...]
+
+    def steps(self, droplets: list[Symbolic]) -> Iterator[tuple[LayerSymbols, Symbolic]]:
+        """Layer and droplets (nx, ny) of every pass of the horizon, in the order jetted."""
+        for layer, U in zip(self.layers, droplets, strict=True):
+            for jetted in layer.jetted:
+                yield layer, jetted * U
+
+    def error(self, H: Symbolic, positive_part: PositivePart) -> Symbolic:
+        """What each cell of the last surface H costs (nx, ny) [um], before its weight."""
+        error = positive_part(self.target - H) + self.overshoot * positive_part(H - self.target)
+        return error if self.ceiling is None else error + self.ceiling_cost * positive_part(H - self.ceiling)
+
+    def cost(self, H: Symbolic, positive_part: PositivePart, deviation: Deviation) -> Symbolic:
+        """alpha (error + over_ceiling) + (1 - alpha) deviation of the last surface H (nx, ny) [um]."""
+        error = ca.dot(ca.vec(self.weight), ca.vec(self.error(H, positive_part))) / int(self.part.sum())
+        return self.alpha * error + (1.0 - self.alpha) * deviation(over(self.part, H))
+
+    def values(self) -> Iterator[Symbolic]:
+        """Every symbol or number, in a fixed order."""
+        yield from (self.height, self.target, self.weight, self.alpha, self.overshoot, self.ceiling_cost)
+        if self.ceiling is not None:
+            yield self.ceiling
+        for layer in self.layers:
+            yield from (layer.h1, layer.h2, layer.h3, layer.limit, *layer.jetted)
+
+
+def last_surface(statement: HorizonStatement, droplets: list[Symbolic]) -> Symbolic:
+    """Surface (nx, ny) [um] after the last pass, for droplets (nx, ny) of each layer."""
+    H: Symbolic = ca.DM(statement.height)
+    for layer, jetted in statement.steps(droplets):
+        H = jet(H, layer, jetted)
+    return H
+
+
+def jet(H: Symbolic, layer: LayerSymbols, U: Symbolic) -> Symbolic:
+    """Surface (nx, ny) [um] after one pass with the droplets U (nx, ny) over H."""
+    return symbolic_layer(H, U, layer.h1, layer.h2, layer.h3)
+
+
+def numbers_of(problem: HorizonProblem) -> HorizonStatement:
+    """The statement with the numbers of a problem."""
+    reference = float(problem.height[problem.part].mean())  # only differences of heights count
+    ceiling = None if problem.ceiling is None else (problem.ceiling - reference) / MICROMETRE
+    return HorizonStatement(
+        problem.part,
+        (problem.height - reference) / MICROMETRE,
+        (problem.target - reference) / MICROMETRE,
+        ceiling,
+        problem.weights,
+        problem.alpha,
+        problem.overshoot,
+        problem.ceiling_cost,
+        tuple(_layer_numbers(problem, layer) for layer in range(problem.layers)),
+    )
+
+
+def smoothed_cost(problem: HorizonProblem, droplets: FloatMap, smoothing: float) -> tuple[float, FloatMap]:
+    """Smoothed objective [m] of relaxed droplets (layers, nx, ny), and its gradient (layers, nx, ny) [m per droplet].
+
+    smoothing s [m]: max(x, 0) becomes (x + sqrt(x^2 + s^2)) / 2, the standard deviation sqrt(variance + s^2).
+    """
+    statement, s2 = numbers_of(problem), (smoothing / MICROMETRE) ** 2
+    U = [ca.MX.sym("U", *problem.part.shape) for _ in range(problem.layers)]
+    cost = statement.cost(
+        last_surface(statement, U),
+        positive_part=lambda x: (x + ca.sqrt(x**2 + s2)) / 2,
+        deviation=lambda cells: ca.sqrt(variance(cells) + s2),
+    )
+    evaluate = ca.Function("smoothed_cost", U, [cost, *(ca.gradient(cost, layer) for layer in U)])
+    value, *gradient = evaluate(*droplets)
+    return float(value) * MICROMETRE, np.stack([np.asarray(layer) for layer in gradient]) * MICROMETRE
+
+
+def exact_cost(statement: HorizonStatement, droplets: list[Any]) -> float:
+    """Objective [um] of droplets (nx, ny) of each layer, for a statement in numbers."""
+    H = last_surface(statement, droplets)
+    return float(statement.cost(H, lambda x: ca.fmax(x, 0), lambda cells: ca.sqrt(variance(cells))))
+
+
+def variance(cells: Symbolic) -> Symbolic:
+    """Population variance of a column."""
+    return ca.sumsqr(cells - ca.sum1(cells) / cells.numel()) / cells.numel()
+
+
+def over(part: BoolMap, M: Symbolic) -> Symbolic:
+    """The part's cells of a map, as a column."""
+    column: Any = ca.vec(M)
+    return column[np.flatnonzero(part.ravel(order="F")).tolist()]
+
+
+def first_kinds(problem: HorizonProblem) -> Any:
+    """(layers, nx, ny) the first kind that may fall on a cell; 0 where none may."""
+    bits = problem.choices[..., None] >> np.arange(len(problem.kinds)) & 1
+    return np.argmax(bits, axis=-1)
+
+
+def drop_limits(problem: HorizonProblem) -> FloatMap:
+    """(layers, nx, ny) the largest droplet that may fall on a cell, counted in whole droplets of the first kind."""
+    heights = np.array([kind.layer_height for kind in problem.kinds])
+    levels = np.maximum(1.0, np.round(heights / heights[first_kinds(problem)][..., None]))
+    allowed = problem.choices[..., None] >> np.arange(len(problem.kinds)) & 1
+    return np.asarray((levels * allowed).max(axis=-1), np.float64)
+
+
+def _layer_numbers(problem: HorizonProblem, layer: int) -> LayerSymbols:
+    table = np.array([[kind.h1, kind.h2, kind.h3] for kind in problem.kinds]) / MICROMETRE
+    h1, h2, h3 = np.moveaxis(table[first_kinds(problem)[layer]], -1, 0)
+    i, j = np.indices(problem.part.shape)
+    order = problem.colours[layer] if problem.colours else ()
+    jetted = tuple((2 * (i % 2) + j % 2 == colour).astype(float) for colour in order)
+    return LayerSymbols(h1, h2, h3, drop_limits(problem)[layer], jetted or (np.ones(problem.part.shape),))

@@ -1,0 +1,125 @@
+"""`inkloop bench` and `inkloop device`: the emulated bench, and what a person asks of a bench without printing."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from inkloop.bench.emulation import Emulation, emulation_of
+from inkloop.components import devices
+from inkloop.components.devices import Bench
+from inkloop.errors import InkloopError
+from inkloop.printing.device_log import live_words
+from inkloop.printing.listening import check_listening, local_port
+from inkloop.scenario.file import Scenario
+from inkloop.tables.bench_faults import read_fault
+
+ACTIONS = {
+    "status": "what every node is doing and remembers; changes nothing",
+    "clear": "a person looked at the bench and releases the nodes; --give-up: the open layer is not to be finished",
+    "home": "the stage finds its zero",
+    "purge": "the head purges",
+    "dry-run": "one whole layer without jet and lamp",
+}
+NO_CHANNEL = (
+    "bench.interface and bench.channel are not set, and an emulated bench needs to know where to listen; add to the "
+    'scenario\n    [bench]\n    interface = "slcan"\n    channel = "socket://127.0.0.1:28550"\nor say --port N or --pty'
+)
+
+
+def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Console) -> int:
+    """Run the emulated bench until Ctrl-C. Raises BusError where it cannot run, ScenarioError."""
+    file = scenario.source if scenario else "SCENARIO"
+    emulation = emulation_of(scenario) if scenario else Emulation()
+    channel = scenario.tables.bench.channel if scenario else None
+    port = options.port if options.port is not None else local_port(channel)
+    if scenario and port is None and not options.pty:
+        raise InkloopError(f"{file}: {NO_CHANNEL}" if channel is None else _other_channel(file, channel))
+    faults = (*emulation.faults, *map(read_fault, options.fault))
+    start = importlib.import_module("inkloop_hardware.emulated_bench").EmulatedBench
+    running: Any = start(
+        emulation.parameters,
+        port=port or 0,
+        terminal=options.pty,
+        folder=options.folder,
+        surface=emulation.surface,
+        faults=[str(fault) for fault in faults],
+    )
+    with running:
+        said = partial(console.print, highlight=False, soft_wrap=True)
+        said(f"emulated bench on {running.channel}: print head, stage, cure lamp and profiler")
+        if scenario:
+            grid = scenario.tables.grid
+            said(f"{grid.nx} x {grid.ny} cells, ink and sensor as {file} says")
+        for fault in faults:
+            said(f"on request: {fault}")
+        told = (
+            "" if running.channel == channel else f" --set bench.interface=slcan --set bench.channel={running.channel}"
+        )
+        said(f"in another terminal: inkloop run {file}{told}")
+        kept = (
+            f"journals and surface are kept in {options.folder}" if options.folder else "the next start is a new part"
+        )
+        said(f"Ctrl-C ends it; {kept}")
+        try:
+            code = int(running.wait())
+        except KeyboardInterrupt:
+            return 0
+    raise InkloopError(f"the emulated bench on {running.channel} ended by itself with exit code {code}")
+
+
+def act(scenario: Scenario, options: argparse.Namespace, console: Console) -> int:
+    """One action of a person on the bench of a scenario. Raises HardwareError."""
+    commands = importlib.import_module("inkloop_hardware.devices.commands")
+    job = next(
+        (
+            devices.told(scenario.job(name), table.options)
+            for name, table in scenario.tables.components.items()
+            if table.kind == "hardware.printer"
+        ),
+        scenario.job(),
+    )
+    check_listening(scenario)
+    bench = Bench(scenario.tables.bench)
+    with live_words(console, None), bench.rig as rig:
+        if options.action == "status":
+            lines = commands.status(rig)
+        elif options.action == "clear":
+            lines = commands.clear_all(rig, give_up=options.give_up)
+        elif options.action == "dry-run":
+            lines = commands.dry_run(rig, job, cure_ms=scenario.tables.bench.cure_ms)
+        else:
+            lines = getattr(commands, options.action)(rig)
+        for line in lines:
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
+    return 0
+
+
+def add_parsers(commands: Any) -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
+    """The parsers of both commands, without what every command on a scenario has."""
+    bench = commands.add_parser("bench", help="run an emulated bench: four nodes on a CAN bus of this machine")
+    bench.add_argument("--port", type=int, metavar="N", help="TCP port on 127.0.0.1 (default: that of [bench])")
+    bench.add_argument("--pty", action="store_true", help="a pseudo-terminal in place of a port")
+    bench.add_argument("--folder", type=Path, metavar="DIR", help="keep journals and surface there")
+    words = "KIND[:key=value,...], for example loss:probability=1e-3; docs/reference/bench-faults.md; may be repeated"
+    bench.add_argument("--fault", action="append", default=[], metavar="FAULT", help=words)
+    words = "; ".join(f"{name}: {meaning}" for name, meaning in ACTIONS.items())
+    device = commands.add_parser(
+        "device", help="ask something of the nodes of a bench without printing", description=words
+    )
+    device.add_argument("scenario", type=Path, metavar="SCENARIO", help="a .toml file with a [bench], or a run folder")
+    device.add_argument("action", choices=tuple(ACTIONS))
+    device.add_argument("--give-up", action="store_true", help="with clear: the open layer is not to be finished")
+    return bench, device
+
+
+def _other_channel(file: str, channel: str) -> str:
+    return (
+        f"{file}: bench.channel is {channel!r}, where devices are; an emulated bench listens on this machine: say "
+        f"--port N or --pty, and give the run the channel that it then prints"
+    )

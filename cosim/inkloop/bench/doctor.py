@@ -1,0 +1,122 @@
+"""`inkloop doctor`: looks the bench of a scenario over, and says of everything that is found what to do about it."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from inkloop.component import Job
+from inkloop.components import devices
+from inkloop.components.catalog import MAPPED
+from inkloop.components.devices import Bench
+from inkloop.scenario.file import Scenario
+from inkloop.tables.schema import BenchTable
+
+WELL, FAULTS, CANNOT_RUN = 0, 1, 2
+"""Exit codes."""
+STYLES = {"good": "green", "note": "yellow", "fault": "bold red", "left out": "dim"}
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command, without the overrides of a scenario."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "doctor",
+        help="look a bench over: adapter, bus, nodes, what they say; each finding with what to do",
+        description="Exit code 0: nothing stands in the way; 1: something does; 2: the scenario cannot be read.",
+    )
+    scenario = "a .toml file with a [bench]; without it python-can's own configuration says which bus"
+    parser.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO", help=scenario)
+    parser.add_argument("--self-test", action="store_true", help="try gate and lamp too, after a question")
+    parser.add_argument("--yes", action="store_true", help="with --self-test: do not ask")
+    parser.add_argument("--json", action="store_true", help="print the findings for other programs")
+    return parser
+
+
+def examine(scenario: Scenario | None, options: argparse.Namespace, console: Console) -> int:
+    """Look the bench over and print what is found; the exit code."""
+    doctor = importlib.import_module("inkloop_hardware.doctor.doctor")
+    bench = Bench(scenario.tables.bench if scenario else BenchTable())
+    expected = doctor.Expected(job_of_printer(scenario), bench.table.cure_ms) if scenario else None
+    self_test = options.self_test and (options.yes or _agreed(doctor.WHAT))
+    waiting = console.status("looking at the bench ...") if console.is_terminal and not options.json else nullcontext()
+    with waiting:
+        looked = doctor.examine(bench.rig.settings, expected, self_test=self_test, mapped=_is_mapped(scenario))
+        found = [*_of_scenario(scenario), *looked]
+    faults = sum(finding.grade == "fault" for finding in found)
+    code = FAULTS if faults else WELL
+    if options.json:
+        print(json.dumps({"exit_code": code, "findings": [finding.to_json() for finding in found]}, indent=2))
+    else:
+        console.print(_table(found))
+        console.print(_words(faults), highlight=False)
+    return code
+
+
+def job_of_printer(scenario: Scenario) -> Job:
+    """The job as the printer of a scenario is told it."""
+    tables = scenario.tables.components.items()
+    printers = (
+        devices.told(scenario.job(name), table.options) for name, table in tables if table.kind == "hardware.printer"
+    )
+    return next(printers, scenario.job())
+
+
+def _of_scenario(scenario: Scenario | None) -> Iterator[Any]:
+    """What is to be said of the [bench] of a scenario, which is valid."""
+    if scenario is None:
+        return
+    say = importlib.import_module("inkloop_hardware.doctor.findings")
+    kinds = {table.kind for table in scenario.tables.components.values()}
+    bench = scenario.tables.bench
+    if kinds.isdisjoint({*devices.KINDS, MAPPED}):
+        yield say.note("scenario", f"no component of {scenario.source} is a device", 'set kind = "hardware.printer"')
+    elif bench.interface is None or bench.channel is None:
+        missing = " and ".join(f"bench.{key}" for key in ("interface", "channel") if getattr(bench, key) is None)
+        yield say.note("scenario", f"{scenario.source}: {missing} not set", "python-can's own configuration counts")
+    else:
+        yield say.good("scenario", f"{scenario.source}: {bench.interface} on {bench.channel}")
+
+
+def _is_mapped(scenario: Scenario | None) -> bool:
+    """Whether the only devices are those of a mapping."""
+    kinds = {table.kind for table in scenario.tables.components.values()} if scenario else set()
+    return MAPPED in kinds and kinds.isdisjoint(devices.KINDS)
+
+
+def _agreed(what: str) -> bool:
+    """Whether a person says yes; without anybody to ask: no."""
+    print(f"Self test: {what}. Ultraviolet light harms eyes and skin.", file=sys.stderr)
+    print("Is the enclosure closed, and nobody's hand in it? [y/N] ", end="", file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def _table(found: Sequence[Any]) -> Table:
+    table = Table(show_edge=False, pad_edge=False)
+    for heading in ("check", "", "found", "what to do"):
+        table.add_column(heading, overflow="fold")
+    for number, finding in enumerate(found):
+        again = number > 0 and found[number - 1].check == finding.check
+        style = STYLES[str(finding.grade)]
+        said = (str(finding.grade), finding.found, finding.advice)
+        table.add_row("" if again else finding.check, *(f"[{style}]{_plain(words)}[/]" for words in said))
+    return table
+
+
+def _plain(words: str) -> str:
+    """Without what rich would take for markup."""
+    return words.replace("[", r"\[")
+
+
+def _words(faults: int) -> str:
+    if faults == 0:
+        return "nothing stands in the way of a print"
+    return "one fault is to be mended first" if faults == 1 else f"{faults} faults are to be mended first"

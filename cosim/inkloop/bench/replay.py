@@ -1,0 +1,129 @@
+"""`inkloop replay`: a run on devices once more, from its traffic log and without a bus.
+
+Controller, devices, links and services are those of a print; only the nodes' answers come from the log. What the
+master asks for is held against the log byte for byte, patterns and maps against the result of the run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import io
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from inkloop.components import devices
+from inkloop.errors import ComponentError, InkloopError, ResultError
+from inkloop.printing.device_log import live_words
+from inkloop.printing.run import new_run_folder, print_part, scenario_file
+from inkloop.results.result import RESULT_FILE, SCENARIO_FILE, UNFINISHED, Result
+from inkloop.scenario.file import Scenario
+
+COMPARED = {"pattern": "patterns", "measured_height": "scans", "valid": "valid cells", "estimated_height": "estimates"}
+SAME, DIFFERS = 0, 1
+"""Exit codes."""
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command, without the overrides of a scenario."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "replay",
+        help="drive the master again from the traffic log of a run on devices, without a bus",
+        description="Exit code 0: the master does the same again; 1: it does not, or the log cannot be gone by.",
+    )
+    parser.add_argument("run", type=Path, metavar="RUN", help="a run folder with its traffic log")
+    parser.add_argument("--log", type=Path, metavar="FILE", help="another log, .blf or .asc (default: that of RUN)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="keep the replayed run there")
+    return parser
+
+
+def replay(options: argparse.Namespace, console: Console) -> int:
+    """Print again from the log and say what differs; the exit code. Raises ResultError, ScenarioError."""
+    folder: Path = options.run
+    scenario = _scenario(folder, options)
+    log = scenario.tables.bench.channel
+    with ExitStack() as stack:
+        if options.out:
+            place = new_run_folder(options.out, folder.name)
+        else:
+            place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="inkloop-replay-")))
+        recorded = Result.load(folder) if (folder / RESULT_FILE).is_file() else None
+        said = _replayed(scenario, place, is_whole=recorded is None or recorded.stop_reason not in UNFINISHED)
+        again = Result.load(place) if (place / RESULT_FILE).is_file() else None
+    if recorded and again and not said:
+        said = differences(recorded, again)
+    for words in said:
+        console.print(words, highlight=False, markup=False, soft_wrap=True)
+    if said:
+        return DIFFERS
+    layers = again.dataset.sizes["layer"] - 1 if again else 0
+    told = f"{layers} layers replayed: every request of the master is that of {log}"
+    if recorded:
+        told += f"; {', '.join(COMPARED.values())} are those of {folder / RESULT_FILE}"
+    console.print(told, highlight=False, markup=False, soft_wrap=True)
+    return SAME
+
+
+def differences(recorded: Result, again: Result) -> list[str]:
+    """A sentence for each array in which two runs differ: the first layer, how many cells, the first of them."""
+    said = []
+    left, right = recorded.dataset, again.dataset
+    if left.sizes["layer"] > right.sizes["layer"]:
+        said.append(f"the replay has {right.sizes['layer'] - 1} layers, the run {left.sizes['layer'] - 1}")
+    layers = min(left.sizes["layer"], right.sizes["layer"])
+    for name, words in COMPARED.items():
+        if name not in left or name not in right:
+            continue
+        for layer in range(layers):
+            one, other = left[name].values[layer], right[name].values[layer]
+            differing = np.argwhere(~((one == other) | ((one != one) & (other != other))))  # NaN is as NaN
+            if len(differing):
+                i, j = differing[0]
+                said.append(
+                    f"{words} differ from layer {layer} on: {len(differing)} cells, the first is ({i}, {j}), "
+                    f"{one[i, j]:g} in the run and {other[i, j]:g} in the replay"
+                )
+                break
+    return said
+
+
+def _scenario(folder: Path, options: argparse.Namespace) -> Scenario:
+    """The scenario of a run, on the bus of its log. Raises ResultError where there is nothing to replay."""
+    source = scenario_file(folder)
+    scenario = Scenario.load(folder / SCENARIO_FILE, options.overrides, source=source)
+    kinds = {table.kind for table in scenario.tables.components.values()}
+    if kinds.isdisjoint(devices.KINDS):
+        raise ResultError(f"{folder}: no component of this run is a device; what was not on a bus cannot be replayed")
+    log = options.log or folder / scenario.tables.bench.traffic_log
+    if not log.is_file():
+        raise ResultError(f"{folder}: there is no traffic log {log}; name one with --log (bench.traffic_log writes it)")
+    on_the_log = ["bench.interface=replay", f"bench.channel={log}", "bench.traffic_log="]
+    return Scenario.load(folder / SCENARIO_FILE, [*options.overrides, *on_the_log], source=source)
+
+
+def _replayed(scenario: Scenario, place: Path, is_whole: bool) -> list[str]:
+    """Print into a folder; what to say if it ends otherwise than a run that came to its end (or not: is_whole)."""
+    place.mkdir(parents=True, exist_ok=True)
+    errors = importlib.import_module("inkloop_hardware.errors")
+    try:
+        with live_words(Console(file=io.StringIO()), place):
+            print_part(scenario, folder=place)
+    except ComponentError as error:
+        cause = _first_cause(error)
+        of_the_bench = isinstance(cause, errors.HardwareError) and not isinstance(cause, errors.BusError)
+        if not is_whole and (of_the_bench or isinstance(cause, errors.ReplayEnded)):
+            return []  # the recorded run ended there too
+        return [str(cause)]
+    return []
+
+
+def _first_cause(error: InkloopError) -> InkloopError:
+    """The first sentence of those that a failure was told in."""
+    while isinstance(error.__cause__, InkloopError):
+        error = error.__cause__
+    return error

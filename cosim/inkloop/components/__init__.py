@@ -1,0 +1,1 @@
+"""From the `kind` of a scenario table to a component of the loop."""

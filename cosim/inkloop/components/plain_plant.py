@@ -1,0 +1,126 @@
+"""A plant without the handshake of the layer contract: a pattern goes in, a surface comes out, each step is a layer."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from inkloop.component import Component, Job, Port, Status, Values
+from inkloop.errors import ComponentError
+from inkloop.suggest import nearest
+from inkloop.units import conversion
+
+_COUNTER_BYTES = 8
+
+
+class PlainPlant:
+    """Steps its plant once for each layer commanded, and keeps the handshake for it.
+
+    pattern_input: what to jet, any number type; height_output: the surface, in a unit of length. Both hold nx * ny
+    values, as a map or flat with the last index fastest. The plant's own clock goes on in its own steps only, each as
+    long as the communication step of its layer. Its other ports are handed through. Raises ValueError with what does
+    not fit, later ComponentError.
+    """
+
+    def __init__(
+        self, job: Job, plant: Component, *, pattern_input: str = "pattern", height_output: str = "height"
+    ) -> None:
+        self._plant, self._shape = plant, (job.nx, job.ny)
+        faults = [
+            *self._port_faults(plant.inputs, "pattern_input", pattern_input),
+            *self._port_faults(plant.outputs, "height_output", height_output),
+        ]
+        if faults:
+            raise ValueError("; ".join(faults))
+        self._pattern = next(port for port in plant.inputs if port.name == pattern_input)
+        self._height = next(port for port in plant.outputs if port.name == height_output)
+        factor = conversion(self._height.unit, "m")
+        if factor is None:
+            raise ValueError(f"height_output is {height_output!r}, which is in [{self._height.unit}]; needs a length")
+        self._factor = factor
+        own_inputs = (Port("pattern", shape=self._shape, dtype="int32"), Port("layer_command", dtype="int32"))
+        own_outputs = (
+            Port("height", "m", self._shape),
+            Port("layers_printed", dtype="int32"),
+            Port("status", dtype="int32"),
+        )
+        self.inputs = own_inputs + tuple(port for port in plant.inputs if port.name != pattern_input)
+        self.outputs = own_outputs + tuple(port for port in plant.outputs if port.name != height_output)
+        for ports in (self.inputs, self.outputs):
+            names = [port.name for port in ports]
+            if twice := sorted({name for name in names if names.count(name) > 1}):
+                raise ValueError(f"plant has {', '.join(twice)} of its own: it keeps the handshake; name it as kind")
+        self._printed = self._plant_time_ns = 0
+        self._values: Values = {}
+
+    def initialize(self, time_ns: int, inputs: Values) -> Values:
+        """Get the plant ready with an empty pattern; commands count from the present one."""
+        self._printed, self._plant_time_ns = int(inputs["layer_command"]), time_ns
+        empty = np.zeros(self._shape, np.int32)
+        self._values = self._plant.initialize(time_ns, self._plant_inputs({**inputs, "pattern": empty}))
+        return self._outputs()
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        """One step of the plant for a new command, none otherwise. Raises ComponentError for a command out of order."""
+        command = int(inputs["layer_command"])
+        if command not in (self._printed, self._printed + 1):
+            raise ComponentError(
+                f"layer_command is {command} after layer {self._printed}; needs {self._printed} or {self._printed + 1}"
+            )
+        if command == self._printed + 1:
+            self._values = self._plant.do_step(self._plant_time_ns, step_ns, self._plant_inputs(inputs))
+            self._plant_time_ns += step_ns
+            self._printed = command
+        return self._outputs()
+
+    def terminate(self) -> None:
+        """Terminate the plant."""
+        self._plant.terminate()
+
+    def save(self) -> bytes:
+        """Counter, clock and last outputs, then the plant's own state. Raises ComponentError if it cannot be had."""
+        if not hasattr(self._plant, "save"):
+            raise ComponentError("the plant cannot save its state (it has no save)")
+        parts = [np.array([self._printed, self._plant_time_ns], np.int64).tobytes()]
+        parts += [np.ascontiguousarray(self._values[port.name], port.dtype).tobytes() for port in self._plant.outputs]
+        state: bytes = self._plant.save()
+        return b"".join([*parts, state])
+
+    def restore(self, saved: bytes) -> None:
+        """Go on from a saved state. Raises ComponentError if it is too short to be one, or the plant refuses it."""
+        if not hasattr(self._plant, "restore"):
+            raise ComponentError("the plant cannot restore a state (it has no restore)")
+        offset, values = 2 * _COUNTER_BYTES, {}
+        try:
+            printed, plant_time_ns = np.frombuffer(saved, np.int64, 2)
+            for port in self._plant.outputs:
+                start = port.start_value()
+                values[port.name] = np.frombuffer(saved, port.dtype, start.size, offset).reshape(port.shape).copy()
+                offset += start.nbytes
+        except ValueError as error:
+            raise ComponentError(f"what is to be restored is no state of this plant ({error})") from error
+        self._plant.restore(saved[offset:])
+        self._printed, self._plant_time_ns, self._values = int(printed), int(plant_time_ns), values
+
+    def _port_faults(self, ports: tuple[Port, ...], option: str, name: str) -> list[str]:
+        known = {port.name: port for port in ports}
+        if name not in known:
+            return [f"{option} is {name!r}, which the plant does not have; {nearest(name, known)}"]
+        nx, ny = self._shape
+        if known[name].shape not in (self._shape, (nx * ny,)):
+            return [f"{option} is {name!r} of shape {known[name].shape}; needs {nx} x {ny} values, as the grid"]
+        return []
+
+    def _plant_inputs(self, inputs: Values) -> Values:
+        handed = {name: value for name, value in inputs.items() if name not in ("pattern", "layer_command")}
+        pattern = np.asarray(inputs["pattern"]).reshape(self._pattern.shape).astype(self._pattern.dtype)
+        return {**handed, self._pattern.name: pattern}
+
+    def _outputs(self) -> Values:
+        handed = {name: value for name, value in self._values.items() if name != self._height.name}
+        surface = np.asarray(self._values[self._height.name], np.float64).reshape(self._shape)
+        return {
+            **handed,
+            "height": surface * self._factor,
+            "layers_printed": np.asarray(self._printed, np.int32),
+            "status": np.asarray(int(Status.IDLE), np.int32),
+        }

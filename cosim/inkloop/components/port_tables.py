@@ -1,0 +1,156 @@
+"""`[components.NAME.ports]`: which variables of an FMU stand behind which ports, with their unit, gain and offset.
+
+A variable is named as the FMU names it, `"H"` also for the structured scalars `H[1,1]`, `H[1,2]`, ... of FMI 2. Scalars
+of any other spelling are named by a template: `"z_{i}_{j}"`, or `"z{n}"` where they are counted through.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from inkloop.component import Job, Port
+from inkloop.components.port_mapping import CONTRACT_PORTS, MappedPort, MappedPorts
+from inkloop.fmu import FmuComponent
+from inkloop.suggest import nearest
+from inkloop.tables.messages import sentence
+from inkloop.units import UNITS, conversion
+
+OPTION = "ports"
+_PLACES = ("{i}", "{j}", "{n}")
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class PortTable(BaseModel):
+    """One port: the FMU's own number is gain * (value in `unit`) + offset."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    variable: str = Field(description="its name in the FMU, or a template with {i}, {j} or {n}")
+    unit: str | None = Field(default=None, description="of the FMU's numbers, where the FMU does not say it")
+    gain: _Finite = Field(default=1.0, description="of the FMU's own number per `unit`")
+    offset: _Finite = Field(default=0.0, description="the FMU's own number at zero")
+    first: int = Field(default=1, ge=0, description="where a template begins to count")
+
+
+def mapped_ports(
+    fmu_inputs: Sequence[Port], fmu_outputs: Sequence[Port], job: Job, option: object
+) -> tuple[list[MappedPort], list[MappedPort], list[str]]:
+    """Mapped inputs, mapped outputs, and everything wrong with the option, one sentence each."""
+    if not isinstance(option, Mapping):
+        return [], [], [f'{OPTION} is {option!r}; expected a table, such as {OPTION}.height = "H"']
+    inputs: list[MappedPort] = []
+    outputs: list[MappedPort] = []
+    faults: list[str] = []
+    own = {"input": {port.name: port for port in fmu_inputs}, "output": {port.name: port for port in fmu_outputs}}
+    for name, found in option.items():
+        if not isinstance(found, str | Mapping):
+            faults.append(f"{OPTION}.{name} is {found!r}; expected the name of a variable, or a table with it")
+            continue
+        try:
+            table = PortTable.model_validate({"variable": found} if isinstance(found, str) else found)
+        except ValidationError as error:
+            faults += [f"{OPTION}.{name}.{sentence(detail, PortTable)}" for detail in error.errors()]
+            continue
+        way = "input" if _names(table, job)[0] in own["input"] else "output"
+        mapped, wrong = _mapped(str(name), table, job, own[way], {*own["input"], *own["output"]})
+        faults += [f"{OPTION}.{name}{fault}" for fault in wrong]
+        if mapped is not None:
+            (inputs if way == "input" else outputs).append(mapped)
+    return inputs, outputs, faults + _taken_twice(inputs, outputs, own)
+
+
+def make_mapped(fmu: FmuComponent, job: Job, option: object) -> MappedPorts:
+    """An FMU with a faultless option."""
+    inputs, outputs, _ = mapped_ports(fmu.inputs, fmu.outputs, job, option)
+    return MappedPorts(fmu, inputs, outputs)
+
+
+def _names(table: PortTable, job: Job) -> list[str]:
+    """The variables of the FMU in the order of the cells."""
+    if not any(place in table.variable for place in _PLACES):
+        return [table.variable]
+    cells = [(i, j) for i in range(job.nx) for j in range(job.ny)]
+    places = ({"{i}": i, "{j}": j, "{n}": n} for n, (i, j) in enumerate(cells))
+    return [_filled(table.variable, {place: table.first + number for place, number in at.items()}) for at in places]
+
+
+def _filled(template: str, places: Mapping[str, int]) -> str:
+    for place, number in places.items():
+        template = template.replace(place, str(number))
+    return template
+
+
+def _mapped(
+    name: str, table: PortTable, job: Job, own: Mapping[str, Port], known: set[str]
+) -> tuple[MappedPort | None, list[str]]:
+    names = _names(table, job)
+    if missing := [variable for variable in names if variable not in own]:
+        what = f" is {table.variable!r}" + (f", so {missing[0]!r}" if missing[0] != table.variable else "")
+        whole = missing[0].partition("[")[0]
+        advice = f"its scalars are joined, write {whole!r}" if whole in known else nearest(missing[0], known)
+        return None, [f".variable{what}, which is no input or output of the FMU; {advice}"]
+    if len(set(names)) < len(names):
+        advice = "write both {i} and {j}, or {n}"
+        return None, [f".variable is {table.variable!r}, one name for several of {job.nx} x {job.ny} cells; {advice}"]
+    variables = [own[variable] for variable in names]
+    port = _port(name, table, job, variables)
+    found, needed = (sum(math.prod(each.shape) for each in ports) for ports in (variables, [port]))
+    if found != needed:
+        what = f"{job.nx} x {job.ny} values, as the grid" if port.shape else "one value"
+        return None, [f".variable is {table.variable!r} with {found} values; needs {what}"]
+    if faults := _unit_faults(table, variables[0], port.unit):
+        return None, faults
+    factor = table.gain * (conversion(port.unit, table.unit or variables[0].unit) or 1.0)  # counts have a gain only
+    is_real = np.dtype(variables[0].dtype).kind == "f"
+    if (factor != 1.0 or table.offset != 0.0) and not is_real:
+        found_type = variables[0].dtype
+        return None, [f".variable is {table.variable!r} of type {found_type}; a unit, gain or offset needs a real one"]
+    return MappedPort(port, variables, factor, table.offset), []
+
+
+def _port(name: str, table: PortTable, job: Job, variables: Sequence[Port]) -> Port:
+    """A signal of the layer contract as that says; of another, what the variables are, in SI."""
+    first, grid = variables[0], (job.nx, job.ny)
+    if name in CONTRACT_PORTS:
+        unit, is_map, dtype, start = CONTRACT_PORTS[name]
+        return Port(name, unit, grid if is_map else (), dtype, start)
+    unit = UNITS.get(table.unit or first.unit, (table.unit or first.unit, 1.0))[0]
+    return Port(name, unit, grid if len(variables) > 1 else first.shape, first.dtype, first.start)
+
+
+def _unit_faults(table: PortTable, variable: Port, unit: str) -> list[str]:
+    """What is wrong with the unit of a port in `unit`; a gain leads from there to any unit of the FMU."""
+    if table.gain == 0.0:
+        return [".gain is 0; needs another number, or nothing gets through"]
+    if unit == "1":
+        what = f".unit is {table.unit!r}, but this signal is a number without unit; leave it out, a gain says the rest"
+        return [what] if table.unit not in (None, "1") else []
+    if table.unit is None and conversion(unit, variable.unit) is None:
+        return [f".variable is {table.variable!r} in [{variable.unit}]; {_units_of(unit)}, and a gain if it takes one"]
+    if table.unit is not None and conversion(unit, table.unit) is None:
+        return [f".unit is {table.unit!r}; {_units_of(unit)}"]
+    if table.unit is not None and variable.unit in UNITS and variable.unit != table.unit and table.gain == 1.0:
+        return [f".unit is {table.unit!r}, but the FMU says that {variable.name} is in [{variable.unit}]; leave it out"]
+    return []
+
+
+def _units_of(unit: str) -> str:
+    names = ", ".join(name for name, (si, _) in UNITS.items() if si == unit)
+    return f"needs a unit of the quantity [{unit}]: write unit, one of {names}"
+
+
+def _taken_twice(
+    inputs: Sequence[MappedPort], outputs: Sequence[MappedPort], own: Mapping[str, Mapping[str, Any]]
+) -> list[str]:
+    faults = []
+    for mapped, ports in ((inputs, own["input"]), (outputs, own["output"])):
+        taken = [variable.name for each in mapped for variable in each.variables]
+        twice = sorted({name for name in taken if taken.count(name) > 1})
+        faults += [f"{OPTION}: {name} stands behind two ports; keep one" for name in twice]
+        clash = sorted({each.port.name for each in mapped} & (ports.keys() - set(taken)))
+        faults += [f"{OPTION}.{name}: the FMU has a variable of that name besides; map it to another" for name in clash]
+    return faults

@@ -1,0 +1,1 @@
+"""A deposition model that follows a real printer, and compares its surface with the scans."""

@@ -1,0 +1,178 @@
+"""A deposition model beside a rig: it follows what is commanded, and notices when the rig does something else."""
+
+from __future__ import annotations
+
+import io
+import logging
+import math
+from collections.abc import Callable
+from typing import Any, Literal
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.component import BoolMap, Component, FloatMap, Job, Port, Status, Values
+from inkloop.components.shadow.comparison import Divergence, ScannedLayer, start_surface
+from inkloop.components.shadow.replica import FollowedPlant
+from inkloop.errors import ComponentError
+
+_LOG = logging.getLogger("inkloop.components.shadow.shadow")
+_UM = 1e6
+_SAME_M = 1e-9  # a plant on another start surface than it was given differs by more (assumed)
+
+SCAN_INPUTS = ("measured_height", "valid", "layers_scanned")
+
+
+class Shadow:
+    """Deposits a layer on its plant when the printer says that it is done, with the pattern it was commanded with.
+
+    make_plant: see `FollowedPlant`. start: "scan": the scan of layer 0 is the surface to begin on; "job": that of the
+    job, where no real surface is scanned. alarm, stop: growth divergence [m] (see `Divergence`) above which the status
+    is untrusted, or a fault that ends the run (None: never). Raises ValueError for a plant that does not fit, later
+    ComponentError.
+
+    A layer that its printer calls unknown cannot be compared: the model goes on from its scan.
+
+    Outputs besides the surface and both divergences: `layers_followed`, the layer of `height`; `layers_compared`, the
+    layer of the scan that the divergences belong to, -1 before the first.
+    """
+
+    is_shadow = True
+    optional_inputs = frozenset(SCAN_INPUTS)
+
+    def __init__(
+        self,
+        job: Job,
+        make_plant: Callable[[Job], Component],
+        *,
+        start: Literal["scan", "job"] = "scan",
+        alarm: float = 3e-6,
+        stop: float | None = None,
+    ) -> None:
+        self.start = start
+        self._mask, self._alarm, self._stop = job.mask, alarm, math.inf if stop is None else stop
+        self._plant = FollowedPlant(job, make_plant)
+        shape = (job.nx, job.ny)
+        self.inputs = (
+            *self._plant.inputs,
+            Port("layers_printed", dtype="int32"),
+            Port("measured_height", "m", shape),
+            Port("valid", "1", shape, "bool"),
+            Port("layers_scanned", dtype="int32", start=-1.0),
+            Port("layer_unknown", dtype="bool"),
+        )
+        self.outputs = (
+            Port("height", "m", shape),
+            Port("growth_divergence", "m", start=math.nan),
+            Port("surface_divergence", "m", start=math.nan),
+            Port("layers_followed", dtype="int32"),
+            Port("layers_compared", dtype="int32", start=-1.0),
+            Port("status", dtype="int32"),
+        )
+        self._reference, self._compared, self._unknown = 0, -1, -1
+        self._last_scan: ScannedLayer | None = None
+        self._divergence, self._status = Divergence(), Status.IDLE
+
+    def initialize(self, time_ns: int, inputs: Values) -> Values:
+        """Begin on the surface of the job; commands count from the present one."""
+        self._reference = int(inputs["layer_command"])
+        self._plant.begin(self._reference)
+        return self._outputs()
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        """Take a new command, deposit what has been printed, compare what has been scanned. Raises ComponentError."""
+        if bool(inputs.get("layer_unknown", False)):
+            self._unknown = int(inputs["layers_printed"])
+        self._look(inputs)  # a scan of layer 0 is the surface to begin on: before the layer that it was waited for with
+        self._plant.take_command(inputs)
+        self._plant.follow(int(inputs["layers_printed"]), step_ns)
+        self._look(inputs)
+        return self._outputs()
+
+    def terminate(self) -> None:
+        """Terminate the plant."""
+        self._plant.terminate()
+
+    def save(self) -> bytes:
+        """What was compared last, surfaces and patterns on their way, the plant's own state. Raises ComponentError."""
+        state: dict[str, NDArray[Any]] = {
+            "compared": np.array([self._reference, self._compared, self._unknown, self._status], np.int64),
+            "divergence": np.array([self._divergence.growth, self._divergence.surface]),
+            **self._plant.state(),
+        }
+        if self._last_scan is not None:
+            state |= {f"scan/{name}": value for name, value in vars(self._last_scan).items()}
+        buffer = io.BytesIO()
+        np.savez(buffer, **state)  # type: ignore[arg-type]
+        return buffer.getvalue()
+
+    def restore(self, saved: bytes) -> None:
+        """Go on from a saved state. Raises ComponentError if it is none, or the plant refuses it."""
+        try:
+            with np.load(io.BytesIO(saved), allow_pickle=False) as stored:
+                state = {key: stored[key] for key in stored.files}
+            self._plant.restore(state)
+            self._reference, self._compared, self._unknown, status = (int(count) for count in state["compared"])
+            self._divergence = Divergence(*(float(value) for value in state["divergence"]))
+            self._status = Status(status)
+            scan = {key.removeprefix("scan/"): value for key, value in state.items() if key.startswith("scan/")}
+            self._last_scan = ScannedLayer(**scan) if scan else None
+        except (ValueError, KeyError, TypeError, OSError, BadZipFile) as error:
+            raise ComponentError(f"what is to be restored is no state of a shadow ({error})") from error
+
+    def _look(self, inputs: Values) -> None:
+        """Compare a scan that is new and of a layer that has been followed."""
+        if "layers_scanned" not in inputs:
+            self._plant.forget_before(self._plant.layer)
+            return
+        scanned = int(inputs["layers_scanned"])
+        if scanned > self._compared and scanned in self._plant.surfaces:
+            self._compare(scanned, np.array(inputs["measured_height"], np.float64), np.array(inputs["valid"], np.bool_))
+
+    def _compare(self, layer: int, measured: FloatMap, valid: BoolMap) -> None:
+        plant = self._plant
+        if self._last_scan is None and plant.layer == layer == self._reference and self.start == "scan":
+            plant.begin_on(start_surface(plant.start_surface, measured, valid))
+            if not np.allclose(plant.surfaces[layer], plant.start_surface, rtol=0.0, atol=_SAME_M):
+                _LOG.warning("the plant takes no start surface (height_start); it begins on its own, and the surface "
+                             "divergence holds what the real one is off by")  # fmt: skip
+        if layer == self._unknown:
+            _LOG.warning("layer %d was given up midway: the model goes on from its scan", layer)
+            if layer == plant.layer:
+                plant.begin_on(start_surface(plant.surfaces[layer], measured, valid))
+        scan = ScannedLayer(measured, valid, plant.surfaces[layer])
+        if layer == self._unknown:
+            self._divergence, self._status = Divergence(), Status.UNTRUSTED
+        else:
+            self._divergence = scan.divergence(self._last_scan, self._mask)
+            self._status = self._judged(layer) if self._last_scan is not None else Status.IDLE
+        self._last_scan, self._compared = scan, layer
+        plant.forget_before(layer)
+
+    def _judged(self, layer: int) -> Status:
+        """The status after the scan of a layer; an alarm is said in words."""
+        growth = self._divergence.growth
+        if math.isnan(growth):
+            _LOG.warning("layer %d: no cell of the part was seen in its scan and in the one before; nothing can be "
+                         "compared with the model", layer)  # fmt: skip
+            return Status.UNTRUSTED
+        said = f"layer {layer} grew otherwise than the model says, by {growth * _UM:.2f} um rms over the part"
+        if growth > self._stop:
+            _LOG.error("%s; more than stop_um = %g: the run ends. Look at the part and at the print head", said,
+                       self._stop * _UM)  # fmt: skip
+            return Status.FAULT
+        if growth > self._alarm:
+            _LOG.warning("%s; more than alarm_um = %g. Look at the print head and at the scan", said, self._alarm * _UM)
+            return Status.UNTRUSTED
+        return Status.IDLE
+
+    def _outputs(self) -> Values:
+        return {
+            "height": self._plant.surfaces[self._plant.layer].copy(),
+            "growth_divergence": np.asarray(self._divergence.growth),
+            "surface_divergence": np.asarray(self._divergence.surface),
+            "layers_followed": np.asarray(self._plant.layer, np.int32),
+            "layers_compared": np.asarray(self._compared, np.int32),
+            "status": np.asarray(int(self._status), np.int32),
+        }

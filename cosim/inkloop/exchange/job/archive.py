@@ -1,0 +1,93 @@
+"""LayerJob.fmu of what was baked: its parameters, its description, and pages that say what it prints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from html import escape
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop import __version__
+from inkloop.exchange.job import job_file
+from inkloop.exchange.job.baking import Bake
+from inkloop.exchange.job.job_file import Section
+from inkloop.exchange.job.target_picture import target_picture
+from inkloop.fmu_writer import definition
+from inkloop.fmu_writer.archive import DEFINITION, described, pack, unpack
+from inkloop.fmu_writer.definition import ModelDefinition
+from inkloop.fmu_writer.description import Baked
+from inkloop.fmu_writer.documentation import with_section
+from inkloop.fmu_writer.export import LAYER_JOB, find_fmu
+from inkloop.fmu_writer.windows import with_windows_binary
+
+FORMS: Mapping[str, str] = {"2": "fmi2", "3": "fmi3-fixed"}
+"""Version of FMI -> form of our FMUs that the block comes in; without arrays there is nothing to resize."""
+JOB = "resources/job.bin"
+SCENARIO = "documentation/scenario.toml"
+PICTURE = "documentation/target.png"
+INDEX = "documentation/index.html"
+
+
+def write(bake: Bake, fmi: Literal["2", "3"], out: Path, *, windows: bool = False) -> None:
+    """Write the FMU whole or not at all, with a binary for 64-bit Windows where asked. Raises FmuError."""
+    form, job = FORMS[fmi], bake.job
+    members = unpack(find_fmu(LAYER_JOB, form))
+    model = definition.load(members[DEFINITION].decode(), DEFINITION)
+    content = job_file.to_bytes(job.nx, job.ny, _sections(model, bake))
+    starts = {**bake.own, "nx": job.nx, "ny": job.ny}
+    begun = replace(model, variables=tuple(replace(v, start=starts.get(v.name, v.start)) for v in model.variables))
+    members |= {
+        JOB: content,
+        SCENARIO: bake.scenario_text.encode(),
+        PICTURE: target_picture(job, bake.title),
+        INDEX: with_section(members[INDEX], _section(bake), begun),
+    }
+    baked = Baked(
+        starts=bake.own,
+        mark=job_file.check_sum(content),
+        description=f"{bake.title}: {model.description}",
+        step_size=bake.own["layer_period"],
+        stop_time=bake.stop_s,
+    )
+    members = described(members, form, job.nx, job.ny, __version__, baked)
+    if windows:
+        members = with_windows_binary(members, fmi)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    pack(out, members)
+
+
+def _sections(model: ModelDefinition, bake: Bake) -> list[Section]:
+    own = Section(model, {name: np.asarray(value) for name, value in bake.own.items()})
+    return [own, *(Section(_definition(name), values) for name, values in bake.parts.values())]
+
+
+def _definition(model: str) -> ModelDefinition:
+    return definition.load(unpack(find_fmu(model))[DEFINITION].decode(), DEFINITION)
+
+
+def _section(bake: Bake) -> str:
+    """What is baked in, for a person."""
+    job = bake.job
+    lines = [
+        "<h2>What this block prints</h2>",
+        f"<p>{escape(bake.title)}: {job.nx} x {job.ny} cells of {job.pitch * 1e6:g} um, {int(job.mask.sum())} of them "
+        f"printed, up to {job.target_height.max() * 1e6:g} um high. The scenario as it was exported: "
+        f'<a href="{Path(SCENARIO).name}">{Path(SCENARIO).name}</a>.</p>',
+        f'<p><img src="{Path(PICTURE).name}" alt="target" width="700"></p>',
+        "<table><tr><th>part</th><th>model</th><th>parameter</th><th>value, SI</th></tr>",
+    ]
+    for role, (model, values) in bake.parts.items():
+        for name, value in sorted(values.items()):
+            cells = (role, model, name, _shown(value))
+            lines.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
+    return "\n".join([*lines, "</table>", "<p>All other parameters of the parts have their start values.</p>", ""])
+
+
+def _shown(value: NDArray[Any]) -> str:
+    if value.ndim == 0:
+        return str(value.item())
+    return f"{' x '.join(map(str, value.shape))} values, {value.min()} to {value.max()}"

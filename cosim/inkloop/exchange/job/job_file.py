@@ -1,0 +1,46 @@
+"""resources/job.bin of LayerJob.fmu: parameters of the job and of its parts in binary, as fmus/layer_job reads them."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.fmu_writer.definition import ModelDefinition
+
+MAGIC = b"InkJob\r\n"
+LAYOUT = 1
+
+
+@dataclass(frozen=True)
+class Section:
+    """The parameters of one model that are not its start values: in SI, maps (nx, ny), enumerations as numbers."""
+
+    model: ModelDefinition
+    values: Mapping[str, NDArray[Any]]
+
+
+def to_bytes(nx: int, ny: int, sections: Sequence[Section]) -> bytes:
+    """The file; sections of job, printer, profiler, controller. All numbers little-endian, see job_file.c."""
+    checked = struct.pack("<QQ", nx, ny) + b"".join(_section(section) for section in sections)
+    return MAGIC + struct.pack("<II", LAYOUT, zlib.crc32(checked)) + checked
+
+
+def check_sum(content: bytes) -> str:
+    """What tells this file from others, 8 hexadecimal digits; the token of its FMU ends with it."""
+    return f"{struct.unpack_from('<I', content, 12)[0]:08x}"
+
+
+def _section(section: Section) -> bytes:
+    numbers = {variable.name: number for number, variable in enumerate(section.model.variables)}
+    head = struct.pack("<32s16sQ", section.model.name.encode(), section.model.fingerprint.encode(), len(section.values))
+    return head + b"".join(_parameter(numbers[name], value) for name, value in section.values.items())
+
+
+def _parameter(number: int, value: NDArray[Any]) -> bytes:
+    return struct.pack("<QQ", number, value.size) + np.ascontiguousarray(value, "<f8").tobytes()

@@ -1,0 +1,103 @@
+"""`inkloop export-ssp`: a scenario as a system of FMUs for other tools."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from inkloop.errors import ScenarioError
+from inkloop.exchange.ssp import archive, maestro, osp, start_values
+from inkloop.exchange.ssp.system import System, system_of
+from inkloop.files import write_text
+from inkloop.fmu_writer.archive import DEFINITION, pack, unpack
+from inkloop.fmu_writer.windows import with_windows_binary
+from inkloop.scenario.file import Scenario
+
+FORMATS = ("ssp", "osp", "maestro")
+VERSIONS = {"1.0": "2", "2.0": "3"}
+"""Version of SSP -> version of FMI of our FMUs in it, unless said otherwise."""
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "export-ssp", help="write a scenario as a system of FMUs for other tools: SSP, libcosim, Maestro"
+    )
+    parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="a .toml file")
+    parser.add_argument("-o", "--out", type=Path, metavar="PATH",
+                        help="file, of --to osp, ... folder to write (default: NAME.ssp, NAME-osp, ...)")  # fmt: skip
+    parser.add_argument("--to", choices=FORMATS, default="ssp", help="whose file (default ssp)")
+    parser.add_argument("--ssp", choices=tuple(VERSIONS), default="1.0",
+                        help="1.0 with FMI 2 and scalars (default), 2.0 with FMI 3 and arrays")  # fmt: skip
+    parser.add_argument("--fmi", choices=("2", "3"), help="version of FMI of our FMUs in it")
+    parser.add_argument(
+        "--windows", action="store_true", help="our FMUs with a binary for 64-bit Windows; needs mingw-w64 here"
+    )
+    return parser
+
+
+def export(scenario: Scenario, options: argparse.Namespace, console: Console) -> int:
+    """Write, and say what is left to do; the exit code. Raises ScenarioError, FmuError."""
+    fmi = _fmi(options)
+    stem = Path(scenario.source).stem
+    with tempfile.TemporaryDirectory(prefix="inkloop-export-") as folder:
+        system = system_of(scenario, fmi, Path(folder))
+        if options.windows:
+            _add_windows_binaries(system)
+        if options.to == "ssp":
+            out = options.out or Path(f"{stem}.ssp")
+            archive.write(system, options.ssp, out)
+        else:
+            out = options.out or Path(f"{stem}-{options.to}")
+            write_folder(system, options.to, out)
+    console.print(f"wrote {out}: {', '.join(part.name for part in system.parts)}", highlight=False)
+    for note in system.notes():
+        console.print(f"  {note}", highlight=False)
+    console.print(f"  next: {next_step(options.to, out, system.step_s)}", highlight=False, soft_wrap=True)
+    return 0
+
+
+def next_step(to: str, out: Path, step_s: float) -> str:
+    """What runs the file or folder that was written, in one line."""
+    jar = "java -jar maestro.jar import sg1 --interpret -output=out --fmu-search-path=."
+    return {
+        "ssp": f"inkloop run {out} prints it; in another tool import it, communication step {step_s:g} s",
+        "osp": f"libcosimpy: CosimExecution.from_osp_config_file(osp_path={str(out)!r}), then simulate_until",
+        "maestro": f"cd {out} && {jar} {maestro.CONFIGURATION} {maestro.MULTI_MODEL}",
+    }[to]
+
+
+def _fmi(options: argparse.Namespace) -> str:
+    """The version of FMI that is asked for, where the format knows it. Raises ScenarioError."""
+    wanted = options.fmi or (VERSIONS[options.ssp] if options.to == "ssp" else "2")
+    if wanted == "3" and (options.to != "ssp" or options.ssp == "1.0"):
+        what = "SSP 1.0" if options.to == "ssp" else options.to
+        advice = "add --ssp 2.0, or leave --fmi out" if options.to == "ssp" else "leave --fmi out"
+        raise ScenarioError(str(options.scenario), [f"--fmi 3: {what} takes FMI 2 only; {advice}"])
+    return wanted
+
+
+def _add_windows_binaries(system: System) -> None:
+    """To the FMUs that are ours; those of others stay as they are. Raises FmuError."""
+    for part in system.parts:
+        members = unpack(part.file)
+        if DEFINITION in members:
+            pack(part.file, with_windows_binary(members, str(part.description.fmi)))
+
+
+def write_folder(system: System, to: str, out: Path) -> None:
+    """The FMUs of a system and, beside them, the files of "osp" or "maestro". Raises ScenarioError."""
+    if to == "osp":
+        texts = {osp.FILE: osp.structure(system).decode()}
+    else:
+        texts = {name: json.dumps(table, indent=1) + "\n" for name, table in maestro.tables(system).items()}
+    out.mkdir(parents=True, exist_ok=True)
+    for part in system.parts:  # libcosim sets no enumerations
+        start_values.write(part, out / f"{part.name}.fmu", enumerations=to != "maestro")
+    for name, text in texts.items():
+        write_text(out / name, text)

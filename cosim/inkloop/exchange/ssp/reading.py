@@ -1,0 +1,175 @@
+"""Running a system of others in our master: an .ssp laid over a scenario.
+
+The scenario says what no .ssd can: the part, the run, components that are no FMU. It stands in the .ssp where inkloop
+wrote it, or is named beside it. The FMUs, parameters and connections of the .ssp take the place of what the scenario
+says of components of the same names; a parameter that no set of the .ssp names stays as the FMU begins.
+"""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+import zipfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+
+from inkloop.components.fmu_parameters import JOB_PARAMETERS
+from inkloop.errors import FmuError, ScenarioError
+from inkloop.exchange.ssp import joined_connections, parameter_values
+from inkloop.exchange.ssp.archive import SCENARIO, STRUCTURE
+from inkloop.exchange.ssp.names import SSD, member_of
+from inkloop.fmu import FmuDescription, describe
+from inkloop.fmu.archive_member import SUFFIX, UNREADABLE, fmu_file
+from inkloop.scenario.file import Scenario, apply_override
+from inkloop.suggest import nearest
+from inkloop.units import spellings
+
+_FMU = "application/x-fmu-sharedlibrary"
+__all__ = ["SUFFIX", "scenario_of"]
+
+
+def scenario_of(path: Path, overrides: Iterable[str] = (), job: Path | None = None) -> Scenario:
+    """The scenario of an .ssp; job: the scenario file that it is laid over, default the one in it.
+
+    Raises ScenarioError with all that is wrong with the .ssp, or then with the scenario.
+    """
+    faults: list[str] = []
+    try:
+        with zipfile.ZipFile(path) as archive:
+            text = _text_of_job(archive, job, faults)
+            root = _parsed(archive, STRUCTURE, faults)
+            if root is None or faults:
+                raise ScenarioError(str(path), faults)
+            system = root.find(f"{SSD}System")
+            if system is None:
+                raise ScenarioError(str(path), [f"{STRUCTURE} has no System"])
+            sources = _sources(system, archive, faults)
+            known = _described(path, sources, faults)
+            values = parameter_values.read(system, archive, known, faults)
+    except OSError as error:
+        raise ScenarioError(str(path), [f"cannot be read: {error.strerror}"]) from error
+    except UNREADABLE as error:
+        raise ScenarioError(str(path), [f"is no .ssp, or a damaged one: {error}"]) from error
+    connections = joined_connections.read(system, known, faults)
+    overrides = list(overrides)
+    if faults := faults or _grid_faults(known, text, overrides, job):
+        raise ScenarioError(str(path), faults)
+    source = job or path
+    place = Path(os.path.relpath(path.resolve(), source.resolve().parent))
+    components = {
+        name: {
+            "kind": "Fmu",
+            "file": (place / member).as_posix(),
+            JOB_PARAMETERS: False,
+            **_options(known[name], values.get(name, {})),
+        }
+        for name, member in sources.items()
+    }
+    return Scenario.of_text(_laid_over(text, components, connections), str(source), overrides)
+
+
+def _text_of_job(archive: zipfile.ZipFile, job: Path | None, faults: list[str]) -> str:
+    if job is not None:
+        try:
+            return job.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            faults.append(f"{job} cannot be read: {error}")
+            return ""
+    if SCENARIO in archive.namelist():
+        return archive.read(SCENARIO).decode("utf-8", "replace")
+    faults.append(f"holds no scenario ({SCENARIO}): what is printed is not said; name a scenario with --job FILE")
+    return ""
+
+
+def _parsed(archive: zipfile.ZipFile, member: str, faults: list[str]) -> ET.Element | None:
+    if member not in archive.namelist():
+        faults.append(f"holds no {member}")
+        return None
+    try:
+        return ET.fromstring(archive.read(member))
+    except ET.ParseError as error:
+        faults.append(f"{member} is no XML: {error}")
+        return None
+
+
+def _sources(system: ET.Element, archive: zipfile.ZipFile, faults: list[str]) -> dict[str, str]:
+    """Component -> the member of the archive that is its FMU."""
+    sources = {}
+    for element in system.findall(f"{SSD}Elements/*"):
+        name, source = element.get("name", ""), member_of(element.get("source", ""))
+        kind = element.tag.removeprefix(SSD)
+        if kind != "Component":
+            faults.append(f"{name} is a {kind}; inkloop takes components in one system only, no further levels")
+        elif element.get("type", _FMU) != _FMU:
+            faults.append(f"{name} is of type {element.get('type')!r}; inkloop takes FMUs ({_FMU})")
+        elif "." in name:
+            faults.append(f"{name} has a dot in its name, which separates component and port; rename it")
+        elif source not in archive.namelist():
+            packed = [member for member in archive.namelist() if member.endswith(".fmu")] or ["none"]
+            faults.append(f"{name} is {source!r}, which is not in the .ssp; {nearest(source, packed)}")
+        else:
+            sources[name] = source
+    if not sources and not faults:
+        faults.append("its system has no component")
+    return sources
+
+
+def _described(path: Path, sources: Mapping[str, str], faults: list[str]) -> dict[str, FmuDescription]:
+    known = {}
+    for name, member in sources.items():
+        try:
+            with fmu_file(path / member) as file:
+                known[name] = describe(file)
+        except FmuError as error:
+            faults.append(f"{name}: {error}")
+    return known
+
+
+def _grid_faults(
+    known: Mapping[str, FmuDescription], text: str, overrides: Iterable[str], job: Path | None
+) -> list[str]:
+    """Where FMUs are of another grid than what is printed, a sentence for each grid."""
+    try:
+        document = tomlkit.parse(text)
+    except TOMLKitError:
+        return []  # told by who reads it next, as are overrides that cannot be applied
+    for override in overrides:
+        apply_override(document, override)
+    grid: Any = document.unwrap().get("grid")
+    wanted = (grid.get("nx"), grid.get("ny")) if isinstance(grid, Mapping) else (None, None)
+    fixed = {name: of.grid for name, of in known.items() if of.grid is not None and "nx" not in of.default_sizes}
+    if not all(isinstance(cells, int) and cells > 0 for cells in wanted):
+        return []
+    who, advice = (str(job), "take another job") if job else ("the scenario in it", "leave its grid as it is")
+    return [
+        f"{', '.join(name for name in fixed if fixed[name] == found)}: of a grid of {found[0]} x {found[1]} cells, "
+        f"{who} of {wanted[0]} x {wanted[1]}; export the .ssp anew for that grid, or {advice}"
+        for found in dict.fromkeys(fixed.values())
+        if found != wanted
+    ]
+
+
+def _options(description: FmuDescription, values: Mapping[str, object]) -> dict[str, object]:
+    """Parameters as options of a scenario, under the key of their unit that needs no factor."""
+    options = {}
+    for name, value in values.items():
+        keys = spellings(name, description.variables[name].unit)
+        options[next(key for key, factor in keys.items() if factor == 1.0)] = value
+    return options
+
+
+def _laid_over(text: str, components: Mapping[str, Any], connections: list[dict[str, Any]]) -> str:
+    """The text of a scenario with other components and connections; what is no TOML is left to who reads it next."""
+    try:
+        tables: dict[str, Any] = tomlkit.parse(text).unwrap()
+    except TOMLKitError:
+        return text
+    tables["components"] = {**tables.get("components", {}), **components}
+    taken = {connection["target"] for connection in connections}
+    kept = [each for each in tables.get("connections", []) if each.get("target") not in taken]
+    tables["connections"] = kept + connections
+    return tomlkit.dumps(tables)

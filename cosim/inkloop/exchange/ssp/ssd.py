@@ -1,0 +1,154 @@
+"""SystemStructure.ssd and its parameter set (.ssv), of SSP 1.0 for FMI 2 and of SSP 2.0 with arrays.
+
+Schemas: https://ssp-standard.org. Both versions share their namespaces.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from inkloop import __version__
+from inkloop.exchange.ssp.system import Part, System
+from inkloop.fmu import Variable
+from inkloop.fmu_writer.description import add, to_bytes
+from inkloop.units import UNITS
+
+PARAMETERS = "resources/parameters.ssv"
+NAMESPACE = "http://ssp-standard.org/SSP1/SystemStructure"
+_BASE_UNITS = {"1/m": {"m": -1}, "m": {"m": 1}, "m2": {"m": 2}, "m3": {"m": 3}, "s": {"s": 1}, "rad": {"rad": 1},
+               "m/s": {"m": 1, "s": -1}}  # fmt: skip
+
+
+def description(system: System, version: str) -> bytes:
+    """SystemStructure.ssd."""
+    root = _root("ssd", "SystemStructureDescription", system.name, version)
+    notes = [f"Made for communication steps of {system.step_s} s.", *(f"{note}." for note in system.notes())]
+    top = add(root, "ssd:System", name="system", description=" ".join(notes))
+    outside = list(_outside_connectors(system))
+    if outside:
+        connectors = add(top, "ssd:Connectors")
+        for name, kind, part, port in outside:
+            _add_connector(connectors, name, kind, part, part.variable(port), port)
+    bindings = add(top, "ssd:ParameterBindings")
+    add(bindings, "ssd:ParameterBinding", source=PARAMETERS)
+    elements = add(top, "ssd:Elements")
+    for part in system.parts:
+        _add_component(elements, system, part)
+    if system.wires:
+        connections = add(top, "ssd:Connections")
+        for element in _connections(system):
+            connections.append(element)
+    _add_units(root, "ssd", (port.unit for part in system.parts for port in _connected(system, part)))
+    add(root, "ssd:DefaultExperiment", startTime=0.0, stopTime=system.stop_s)
+    return to_bytes(root)
+
+
+def parameters(system: System, version: str) -> bytes:
+    """The parameter set: what differs from what the FMUs begin with, as "part.parameter"."""
+    root = _root("ssv", "ParameterSet", system.name, version)
+    entries = add(root, "ssv:Parameters")
+    variables = []
+    for part in system.parts:
+        for name, value in part.values.items():
+            variable = part.variable(name)
+            variables.append(variable)
+            texts = [_text(variable, each) for each in value.ravel().tolist()]
+            if variable.elements:
+                for element, text in zip(variable.elements, texts, strict=True):
+                    _add_parameter(entries, f"{part.name}.{element}", variable, text)
+            else:
+                entry = _add_parameter(entries, f"{part.name}.{name}", variable, " ".join(texts))
+                for size in value.shape:
+                    add(entry, "ssc:Dimension", size=size)
+    _add_units(root, "ssv", (variable.unit for variable in variables))
+    return to_bytes(root)
+
+
+def _root(prefix: str, tag: str, name: str, version: str) -> ET.Element:
+    kind = {"ssd": "Description", "ssv": "ParameterValues"}
+    names = {f"xmlns:{short}": NAMESPACE + ending for short, ending in (("ssc", "Common"), (prefix, kind[prefix]))}
+    return ET.Element(
+        f"{prefix}:{tag}", {**names, "version": version, "name": name, "generationTool": f"inkloop {__version__}"}
+    )
+
+
+def _add_component(elements: ET.Element, system: System, part: Part) -> None:
+    component = add(elements, "ssd:Component", name=part.name, type="application/x-fmu-sharedlibrary",
+                    source=f"resources/{part.name}.fmu", implementation="CoSimulation")  # fmt: skip
+    ports = list(_connected(system, part))
+    if ports:
+        connectors = add(component, "ssd:Connectors")
+        for variable in ports:
+            for name in part.scalars(variable.name):
+                _add_connector(connectors, name, variable.causality, part, variable, variable.name)
+
+
+def _connected(system: System, part: Part) -> Iterator[Variable]:
+    """All outputs, but of the inputs only those with a wire: some tools set every connector, an open one to 0."""
+    wired = {wire.target for wire in system.wires}
+    for variable in part.description.variables.values():
+        if variable.causality == "output" or (variable.causality == "input" and (part.name, variable.name) in wired):
+            yield variable
+
+
+def _outside_connectors(system: System) -> Iterator[tuple[str, str, Part, str]]:
+    """Name and kind of each connector of the system itself, and the port that it is connected to."""
+    seen = set()
+    for wire in system.wires:
+        for inner, outer, kind in ((wire.target, wire.source, "input"), (wire.source, wire.target, "output")):
+            if outer[0]:
+                continue
+            part = system.part(inner[0])
+            for names in system.pairs(wire):
+                name = names[0] if kind == "input" else names[1]
+                if name not in seen:
+                    seen.add(name)
+                    yield name, kind, part, inner[1]
+
+
+def _connections(system: System) -> Iterator[ET.Element]:
+    for wire in system.wires:
+        for source, target in system.pairs(wire):
+            ends = {"startElement": wire.source[0], "startConnector": source, "endElement": wire.target[0],
+                    "endConnector": target}  # fmt: skip
+            element = ET.Element("ssd:Connection", {key: end for key, end in ends.items() if end})
+            if wire.gain != 1.0 or wire.offset != 0.0:
+                add(element, "ssc:LinearTransformation", factor=wire.gain, offset=wire.offset)
+            yield element
+
+
+def _add_connector(parent: ET.Element, name: str, kind: str, part: Part, variable: Variable, port: str) -> None:
+    connector = add(parent, "ssd:Connector", name=name, kind=kind)
+    if variable.type != "Enumeration":  # whose items are those of the FMU
+        unit = variable.unit if variable.type.startswith(("Real", "Float")) and variable.unit in UNITS else None
+        add(connector, f"ssc:{variable.type}", unit=unit)
+    for size in part.shape(port):
+        add(connector, "ssc:Dimension", size=size)
+
+
+def _add_parameter(parent: ET.Element, name: str, variable: Variable, text: str) -> ET.Element:
+    entry = add(parent, "ssv:Parameter", name=name)
+    unit = variable.unit if variable.type.startswith(("Real", "Float")) and variable.unit in UNITS else None
+    add(entry, f"ssv:{variable.type}", value=text, unit=unit)
+    return entry
+
+
+def _text(variable: Variable, value: float | bool) -> str:
+    if variable.items:
+        return next(name for name, number in variable.items.items() if number == value)
+    if np.dtype(variable.dtype).kind == "b":
+        return "true" if value else "false"
+    return repr(value)
+
+
+def _add_units(root: ET.Element, prefix: str, used: Iterable[str]) -> None:
+    known = sorted({unit for unit in used if unit in UNITS})
+    if not known:
+        return
+    units = add(root, f"{prefix}:Units")
+    for unit in known:
+        si, factor = UNITS[unit]
+        add(add(units, "ssc:Unit", name=unit), "ssc:BaseUnit", **_BASE_UNITS[si], factor=factor)

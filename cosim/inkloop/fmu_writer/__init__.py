@@ -1,0 +1,1 @@
+"""Write FMUs: from variables.toml to C tables, model description and archive."""

@@ -1,0 +1,139 @@
+"""Packing FMUs; at build time also the command that CMake calls.
+
+python -m inkloop.fmu_writer.archive variables --definition variables.toml --out FOLDER
+python -m inkloop.fmu_writer.archive pack --form fmi3 --definition variables.toml ... --out MODEL.fmu
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import zipfile
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from inkloop.errors import FmuError, InkloopError
+from inkloop.files import replaced, write_text
+from inkloop.fmu_writer import c_tables, definition, description, documentation
+from inkloop.fmu_writer.definition import ModelDefinition
+from inkloop.fmu_writer.description import FORMS, PLAIN, Baked, Release
+
+DEFINITION = "sources/variables.toml"
+"""Where an FMU keeps the definition that its description is written from."""
+
+_ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the same content gives the same bytes, whenever it was packed
+
+
+def pack(path: Path, members: Mapping[str, bytes]) -> None:
+    """Write the archive whole or not at all; modelDescription.xml comes first."""
+    with replaced(path) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(members, key=lambda name: (name != "modelDescription.xml", name)):
+            info = zipfile.ZipInfo(name, _ZIP_TIME)
+            info.compress_type = zipfile.ZIP_DEFLATED
+            info.external_attr = 0o644 << 16
+            archive.writestr(info, members[name])
+
+
+def unpack(path: Path) -> dict[str, bytes]:
+    """Member name -> content. Raises FmuError."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return {name: archive.read(name) for name in archive.namelist() if not name.endswith("/")}
+    except (OSError, zipfile.BadZipFile) as error:
+        raise FmuError(f"{path}: is not a readable FMU: {error}") from error
+
+
+def described(
+    members: Mapping[str, bytes], form: str, nx: int, ny: int, version: str, baked: Baked = PLAIN
+) -> dict[str, bytes]:
+    """The members with a modelDescription.xml for a grid, from the definition among them.
+
+    Raises FmuError where their binary would refuse it: the members were built by another inkloop than this code.
+    """
+    model = definition.load(members[DEFINITION].decode(), DEFINITION)
+    if model.fingerprint.encode() not in members.get("modelDescription.xml", model.fingerprint.encode()):
+        raise FmuError(
+            f"{model.name}: the FMU was built from other sources than this Python code; run make, or pip install again"
+        )
+    written = description.write(model, form, nx, ny, _sources(members), Release(version, _now()), baked)
+    return {**members, "modelDescription.xml": written}
+
+
+def _sources(members: Mapping[str, bytes]) -> list[str]:
+    return sorted(Path(name).name for name in members if name.startswith("sources/") and name.endswith(".c"))
+
+
+def _now() -> str:
+    epoch = os.environ.get("SOURCE_DATE_EPOCH")
+    now = datetime.fromtimestamp(int(epoch), UTC) if epoch else datetime.now(UTC)
+    return now.strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def _members(model: ModelDefinition, options: argparse.Namespace) -> dict[str, bytes]:
+    """Everything in an FMU but its modelDescription.xml."""
+    members = {f"sources/{path.name}": path.read_bytes() for path in options.sources}
+    members[DEFINITION] = options.definition.read_bytes()
+    members[f"binaries/{options.platform}/{model.name}{options.binary.suffix}"] = options.binary.read_bytes()
+    members["documentation/index.html"] = documentation.index_html(model, options.readme.read_text("utf-8"))
+    members["documentation/licenses/license.txt"] = options.license.read_bytes()
+    if options.form == "fmi2":
+        members["model.png"] = options.icon.read_bytes()
+    else:
+        members["terminalsAndIcons/icon.png"] = options.icon.read_bytes()
+        members["terminalsAndIcons/terminalsAndIcons.xml"] = documentation.terminals_xml(model)
+        build = documentation.build_description_xml(model, _sources(members))
+        members["sources/buildDescription.xml"] = build
+    return members
+
+
+def _write_variables(options: argparse.Namespace) -> None:
+    model = definition.load(options.definition.read_text("utf-8"), options.definition)
+    options.out.mkdir(parents=True, exist_ok=True)
+    header, table = c_tables.file_names(model)
+    write_text(options.out / header, c_tables.header(model))
+    write_text(options.out / table, c_tables.source(model))
+    write_text(options.out / "fmu_model.c", c_tables.fmu_model(model))
+
+
+def _pack(options: argparse.Namespace) -> None:
+    model = definition.load(options.definition.read_text("utf-8"), options.definition)
+    sizes = {v.name: int(v.start) for v in model.exposed}
+    members = described(_members(model, options), options.form, sizes["nx"], sizes["ny"], options.version)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    pack(options.out, members)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m inkloop.fmu_writer.archive")
+    commands = parser.add_subparsers(required=True)
+    variables = commands.add_parser("variables", help="write header and table of the variables, fmu_model.c")
+    variables.set_defaults(command=_write_variables)
+    packing = commands.add_parser("pack", help="pack one FMU of the default set")
+    packing.set_defaults(command=_pack)
+    packing.add_argument("--form", choices=FORMS, required=True)
+    packing.add_argument("--platform", required=True, help="folder below binaries/")
+    packing.add_argument("--version", required=True)
+    packing.add_argument("--sources", type=Path, nargs="+", required=True)
+    for name in ("binary", "readme", "icon", "license"):
+        packing.add_argument(f"--{name}", type=Path, required=True)
+    for command in (variables, packing):
+        command.add_argument("--definition", type=Path, required=True, help="variables.toml of the model")
+        command.add_argument("--out", type=Path, required=True)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command of the build."""
+    options = _parser().parse_args(arguments)
+    try:
+        options.command(options)
+    except InkloopError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,266 @@
+"""modelDescription.xml of FMI 2 and FMI 3 for any grid, written from a model's definition."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition
+
+FORMS = ("fmi3", "fmi3-fixed", "fmi2")
+"""FMI 3 with structural parameters, FMI 3 with constant dimensions, FMI 2 with a scalar per cell."""
+
+_BASE_UNITS = {"1/m": {"m": "-1"}, "m": {"m": "1"}, "m3": {"m": "3"}, "rad": {"rad": "1"}, "s": {"s": "1"}}
+_DISPLAY_UNITS = {
+    "1/m": ("1/um", "1e-6"),
+    "m": ("um", "1e6"),
+    "m3": ("um3", "1e18"),
+    "rad": ("deg", "57.29577951308232"),
+    "s": ("ms", "1e3"),
+}
+_FMI2_TYPES = {"real": "Real", "integer": "Integer", "boolean": "Boolean", "enumeration": "Enumeration",
+               "count": "Integer"}  # fmt: skip
+_FMI3_TYPES = {"real": "Float64", "integer": "Int32", "boolean": "Boolean", "enumeration": "Enumeration",
+               "count": "UInt64"}  # fmt: skip
+_LOG_CATEGORIES = {
+    "logStatusDiscard": "Values and commands that were refused",
+    "logStatusError": "Calls that were not allowed",
+}
+
+
+@dataclass(frozen=True)
+class Release:
+    """What a description says about its making; `date` in the form 2026-01-31T12:00:00Z."""
+
+    version: str
+    date: str
+
+
+@dataclass(frozen=True)
+class Baked:
+    """What an FMU's resources change in its description: start values by name, and what is said of it as a whole.
+
+    mark: see `ModelDefinition.token`; what is None stays as the model has it.
+    """
+
+    starts: Mapping[str, float] = field(default_factory=dict)
+    mark: str = ""
+    description: str | None = None
+    step_size: float | None = None
+    stop_time: float | None = None
+
+
+PLAIN = Baked()
+"""Of an FMU without resources."""
+
+
+def write(
+    model: ModelDefinition,
+    form: str,
+    nx: int,
+    ny: int,
+    sources: Sequence[str],
+    release: Release,
+    baked: Baked = PLAIN,
+) -> bytes:
+    """modelDescription.xml of one of `FORMS`; `sources` are the C files that make the binary."""
+    said = {name: getattr(baked, name) for name in ("description", "step_size", "stop_time")}
+    model = replace(model, **{name: value for name, value in said.items() if value is not None})
+    starts = {**baked.starts, "nx": nx, "ny": ny}
+    if form == "fmi2":
+        return to_bytes(_fmi2(model, starts, model.token(nx, ny, resizable=False, mark=baked.mark), sources, release))
+    is_fixed = form == "fmi3-fixed"
+    token = model.token(nx, ny, resizable=not is_fixed, mark=baked.mark)
+    return to_bytes(_fmi3(model, starts, token, release, is_fixed=is_fixed))
+
+
+def to_bytes(root: ET.Element) -> bytes:
+    """The document, indented, as UTF-8."""
+    ET.indent(root)
+    text: bytes = ET.tostring(root, encoding="UTF-8", xml_declaration=True)
+    return text + b"\n"
+
+
+def add(parent: ET.Element, tag: str, /, **attributes: object) -> ET.Element:
+    """A child element; attributes that are None are left out."""
+    return ET.SubElement(parent, tag, _texts(attributes))
+
+
+def _fmi3(
+    model: ModelDefinition, starts: Mapping[str, float], token: str, release: Release, *, is_fixed: bool
+) -> ET.Element:
+    nx, ny = int(starts["nx"]), int(starts["ny"])
+    root = _root(model, release, fmiVersion="3.0", instantiationToken=token)
+    add(root, "CoSimulation", modelIdentifier=model.name, canHandleVariableCommunicationStepSize=True,
+        canGetAndSetFMUState=True, canSerializeFMUState=True, hasEventMode=False)  # fmt: skip
+    _add_units(root, model)
+    if model.types:
+        types = add(root, "TypeDefinitions")
+        for name, enumeration in model.types.items():
+            element = add(types, "EnumerationType", name=name, description=enumeration.description)
+            for item, number in enumeration.items.items():
+                add(element, "Item", name=item, value=number)
+    _add_experiment(root, model)
+    variables = add(root, "ModelVariables")
+    references = {variable.name: number for number, variable in enumerate(model.exposed)}
+    for v in model.exposed:
+        sized = starts.get(v.name, v.start)
+        element = add(variables, _FMI3_TYPES[v.type], name=v.name, valueReference=references[v.name],
+                      description=v.description, **_roles(v, is_fixed), **_type_attributes(v),
+                      start=_start(v, sized, nx * ny if v.is_grid else 1))  # fmt: skip
+        for axis, size in (("nx", nx), ("ny", ny)) if v.is_grid else ():
+            add(element, "Dimension", **({"start": size} if is_fixed else {"valueReference": references[axis]}))
+    structure = add(root, "ModelStructure")
+    for tag in ("Output", "InitialUnknown"):
+        for v in model.exposed:
+            if v.causality == "output":
+                known = str(references[v.initial_from]) if v.initial_from and tag == "InitialUnknown" else ""
+                add(structure, tag, valueReference=references[v.name], dependencies=known)
+    return root
+
+
+def _fmi2(
+    model: ModelDefinition, starts: Mapping[str, float], guid: str, sources: Sequence[str], release: Release
+) -> ET.Element:
+    nx, ny = int(starts["nx"]), int(starts["ny"])
+    root = _root(model, release, fmiVersion="2.0", guid=guid)
+    interface = add(root, "CoSimulation", modelIdentifier=model.name, canHandleVariableCommunicationStepSize=True,
+                    canNotUseMemoryManagementFunctions=True, canGetAndSetFMUstate=True,
+                    canSerializeFMUstate=True)  # fmt: skip
+    files = add(interface, "SourceFiles")
+    for source in sources:
+        add(files, "File", name=source)
+    _add_units(root, model)
+    if model.types:
+        types = add(root, "TypeDefinitions")
+        for name, enumeration in model.types.items():
+            simple = add(types, "SimpleType", name=name, description=enumeration.description)
+            element = add(simple, "Enumeration")
+            for item, number in enumeration.items.items():
+                add(element, "Item", name=item, value=number)
+    _add_experiment(root, model)
+    variables = add(root, "ModelVariables")
+    for v, first in model.scalar_references(nx, ny):
+        if v.causality == "independent":
+            continue  # optional in FMI 2, and FMI Library takes it for a fault
+        sized = starts.get(v.name, v.start)
+        for offset, name in enumerate(_scalar_names(v, nx, ny)):
+            scalar = add(variables, "ScalarVariable", name=name, valueReference=first + offset,
+                         description=v.description, **_roles(v, True))  # fmt: skip
+            add(scalar, _FMI2_TYPES[v.type], **_type_attributes(v), start=_start(v, sized, 1))
+    structure = add(root, "ModelStructure")
+    outputs, unknowns = add(structure, "Outputs"), add(structure, "InitialUnknowns")
+    for index, dependencies in _fmi2_outputs(model, nx, ny):
+        add(outputs, "Unknown", index=index, dependencies="")
+        add(unknowns, "Unknown", index=index, dependencies=dependencies)
+    return root
+
+
+def _fmi2_outputs(model: ModelDefinition, nx: int, ny: int) -> Iterator[tuple[int, str]]:
+    """Index of each scalar output and the indices that its value at the start depends on.
+
+    An index counts the variables from 1; it is the value reference, because time, reference 0, is not listed.
+    """
+    firsts = {v.name: (v, reference) for v, reference in model.scalar_references(nx, ny)}
+    for v, first in firsts.values():
+        if v.causality != "output":
+            continue
+        for offset in range(nx * ny if v.is_grid else 1):
+            dependencies = ""
+            if v.initial_from:
+                known, known_first = firsts[v.initial_from]
+                whole = range(known_first, known_first + (nx * ny if known.is_grid else 1))
+                dependencies = str(whole[offset]) if v.is_grid and known.is_grid else " ".join(map(str, whole))
+            yield first + offset, dependencies
+
+
+def _root(model: ModelDefinition, release: Release, **version_attributes: str) -> ET.Element:
+    attributes = {
+        "modelName": model.name,
+        **version_attributes,
+        "description": model.description,
+        "author": "inkloop",
+        "version": release.version,
+        "copyright": "Copyright (c) the inkloop authors",
+        "license": "BSD-3-Clause",
+        "generationTool": f"inkloop {release.version}",
+        "generationDateAndTime": release.date,
+        "variableNamingConvention": "structured",
+    }
+    return ET.Element("fmiModelDescription", _texts(dict(attributes)))
+
+
+def _add_units(root: ET.Element, model: ModelDefinition) -> None:
+    definitions = add(root, "UnitDefinitions")
+    for unit in sorted({v.unit for v in model.exposed} - {"1"}):
+        element = add(definitions, "Unit", name=unit)
+        add(element, "BaseUnit", **_BASE_UNITS[unit])
+        name, factor = _DISPLAY_UNITS[unit]
+        add(element, "DisplayUnit", name=name, factor=factor)
+
+
+def _add_experiment(root: ET.Element, model: ModelDefinition) -> None:
+    categories = add(root, "LogCategories")
+    for name, description in _LOG_CATEGORIES.items():
+        add(categories, "Category", name=name, description=description)
+    add(root, "DefaultExperiment", startTime=0.0, stopTime=model.stop_time, stepSize=model.step_size)
+
+
+def _roles(variable: VariableDefinition, is_fixed: bool) -> dict[str, str]:
+    """Causality, variability and initial in the standard's words."""
+    match variable.causality:
+        case "independent":
+            return {"causality": "independent", "variability": "continuous"}
+        case "structural" if is_fixed:
+            return {"causality": "local", "variability": "constant", "initial": "exact"}
+        case "structural":
+            return {"causality": "structuralParameter", "variability": "fixed"}
+        case "parameter":
+            return {"causality": "parameter", "variability": "tunable" if variable.is_tunable else "fixed"}
+        case "output":
+            return {"causality": "output", "variability": "discrete", "initial": "calculated"}
+        case _:
+            return {"causality": "input", "variability": "discrete"}
+
+
+def _type_attributes(variable: VariableDefinition) -> dict[str, object]:
+    if variable.declared is not None:
+        return {"declaredType": variable.declared}
+    has_unit = variable.unit != "1"
+    return {
+        "unit": variable.unit if has_unit else None,
+        "displayUnit": _DISPLAY_UNITS[variable.unit][0] if has_unit else None,
+        "min": None if variable.min is None else _number(variable, variable.min),
+        "max": None if variable.max is None else _number(variable, variable.max),
+    }
+
+
+def _start(variable: VariableDefinition, value: float, count: int) -> str | None:
+    if variable.causality in ("independent", "output"):
+        return None
+    return " ".join([_number(variable, value)] * count)
+
+
+def _number(variable: VariableDefinition, value: float) -> str:
+    if variable.type == "boolean":
+        return "true" if value else "false"
+    return repr(float(value)) if variable.type == "real" else str(int(value))
+
+
+def _scalar_names(variable: VariableDefinition, nx: int, ny: int) -> Iterator[str]:
+    if not variable.is_grid:
+        yield variable.name
+        return
+    for i in range(1, nx + 1):
+        for j in range(1, ny + 1):
+            yield f"{variable.name}[{i},{j}]"
+
+
+def _texts(attributes: dict[str, object]) -> dict[str, str]:
+    texts = {True: "true", False: "false"}
+    return {
+        name: texts[value] if isinstance(value, bool) else str(value)
+        for name, value in attributes.items()
+        if value is not None
+    }

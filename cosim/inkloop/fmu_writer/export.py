@@ -1,0 +1,75 @@
+"""Our FMUs: where the built set is, and one for any grid size, without a compiler: a binary serves every grid."""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import os
+from pathlib import Path
+from typing import Literal
+
+from inkloop import __version__
+from inkloop.errors import FmuError
+from inkloop.fmu_writer.archive import described, pack, unpack
+from inkloop.fmu_writer.description import FORMS
+from inkloop.fmu_writer.windows import with_windows_binary
+
+FMI2_CELLS = 32 * 32
+"""Cells up to which every importer that was tried reads an FMI 2 description in seconds."""
+
+LAYER_JOB = "LayerJob"
+"""The model that prints what its resources say, so that there is none without a scenario."""
+
+_log = logging.getLogger(__name__)
+
+
+def find_fmu(model: str, form: str = "fmi3") -> Path:
+    """One of the built FMUs, `form` being "fmi3", "fmi3-fixed" or "fmi2". Raises FmuError.
+
+    They are looked for in $INKLOOP_FMU_DIR, else in the installed package inkloop_fmus.
+    """
+    if form not in FORMS:
+        raise FmuError(f"form of an FMU is {form!r}; expected one of {', '.join(FORMS)}")
+    folder = _folder()
+    path = folder / form / f"{model}.fmu"
+    if not path.is_file():
+        there = ", ".join(sorted(found.stem for found in (folder / form).glob("*.fmu"))) or "none"
+        raise FmuError(f"there is no FMU {model!r} in {folder / form}; models there: {there}")
+    return path
+
+
+def export(
+    model: str, *, fmi: Literal["2", "3"], nx: int, ny: int, fixed: bool, out: Path, windows: bool = False
+) -> Path:
+    """Write an FMU for a grid of nx * ny cells to `out`; returns `out`. Raises FmuError.
+
+    FMI 3 without `fixed` keeps structural parameters, of which nx and ny become the start values.
+    windows: a binary for 64-bit Windows too, for which mingw-w64 has to be installed.
+    """
+    if fmi not in ("2", "3"):
+        raise FmuError(f"FMI version is {fmi!r}; expected '2' or '3'")
+    if model == LAYER_JOB:
+        raise FmuError(f"{LAYER_JOB} prints a scenario: inkloop export-job SCENARIO writes it")
+    if nx < 1 or ny < 1:
+        raise FmuError(f"the grid is {nx} x {ny} cells; expected at least 1 x 1")
+    form = "fmi2" if fmi == "2" else "fmi3-fixed" if fixed else "fmi3"
+    if form == "fmi2" and nx * ny > FMI2_CELLS:
+        _log.warning(
+            "%s as FMI 2 with %d x %d cells has %d scalars per map: some importers take minutes to read that; "
+            "FMI 3 has no such cost", model, nx, ny, nx * ny)  # fmt: skip
+    members = described(unpack(find_fmu(model, form)), form, nx, ny, __version__)
+    if windows:
+        members = with_windows_binary(members, fmi)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    pack(out, members)
+    return out
+
+
+def _folder() -> Path:
+    if named := os.environ.get("INKLOOP_FMU_DIR"):
+        return Path(named)
+    package = importlib.util.find_spec("inkloop_fmus")
+    for place in (package.submodule_search_locations or []) if package else []:
+        if any((Path(place) / form).is_dir() for form in FORMS):
+            return Path(place)
+    raise FmuError("the built FMUs (package inkloop_fmus) are not installed; run `make`, or set INKLOOP_FMU_DIR")

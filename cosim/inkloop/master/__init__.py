@@ -1,0 +1,1 @@
+"""The co-simulation master: who steps when, and what travels between components."""

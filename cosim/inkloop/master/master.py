@@ -1,0 +1,267 @@
+"""The co-simulation master: who runs when, with which inputs, until when.
+
+Time is whole nanoseconds. At every communication point each component has stepped as far as its rate says, and the
+observers see the newest outputs of all. Components are terminated whatever happens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from time import perf_counter_ns
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.component import Component, Port, Status, Values
+from inkloop.errors import ComponentError, InkloopError, ScenarioError
+from inkloop.master.events import Event, Manipulator
+from inkloop.master.interrupt import deferred
+from inkloop.master.pacing import Pacing
+from inkloop.master.wiring import Connection, check, feeds, without_start
+from inkloop.results.checkpoint import Checkpoint
+
+Algorithm = Literal["gauss-seidel", "jacobi"]
+StopReason = Literal["done", "layers_max", "time_max", "fault", "interrupted"]
+
+
+class Observer(Protocol):
+    """Watches the run. The arrays are read-only views of what components gave; an observer copies what it keeps."""
+
+    def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
+        """All components are ready; `outputs` are those of the start time, by component."""
+
+    def stepped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
+        """A communication point has been reached."""
+
+
+class Master:
+    """Runs connected components. Raises ScenarioError at once if the wiring is faulty (see `wiring.check`).
+
+    step_ns: distance of communication points. algorithm: "gauss-seidel" hands each component the newest outputs of
+    those before it in the order of `components`; "jacobi" hands all of them the outputs of the last point.
+    every: component -> whole number of master steps per own step, 1 if not named; its outputs hold in between.
+    events: changes to values between components, see `inkloop.master.events`. pacing: waits for the clock after each
+    step.
+    """
+
+    def __init__(
+        self,
+        components: Mapping[str, Component],
+        connections: Sequence[Connection],
+        *,
+        step_ns: int,
+        algorithm: Algorithm = "gauss-seidel",
+        every: Mapping[str, int] | None = None,
+        observers: Sequence[Observer] = (),
+        events: Sequence[Event] = (),
+        pacing: Pacing | None = None,
+    ) -> None:
+        faults = check(components, connections)
+        faults += [
+            f"{name}: every {count} steps; needs a whole number >= 1"
+            for name, count in (every or {}).items()
+            if count < 1
+        ]
+        if step_ns < 1:
+            faults.append(f"step is {step_ns} ns; needs at least 1 ns")
+        if faults:
+            raise ScenarioError("connections", faults)
+        self._components = dict(components)
+        self._step_ns = step_ns
+        self._jacobi = algorithm == "jacobi"
+        self._every = {name: (every or {}).get(name, 1) for name in components}
+        self._observers = tuple(observers)
+        self._feeds = feeds(components, connections)
+        self._manipulator = Manipulator(events, components)
+        self._pacing = pacing
+        read = {connection.source for connection in connections}
+        self._checked_ports = {
+            name: [
+                (port, f"{name}.{port.name}" in read and port.dtype.startswith("float")) for port in component.outputs
+            ]
+            for name, component in components.items()
+        }
+        self._outputs: dict[str, Values] = {
+            name: {port.name: port.start_value() for port in component.outputs}
+            for name, component in components.items()
+        }
+        commander = (name for name, part in components.items() if any(p.name == "layer_command" for p in part.outputs))
+        self._commander = next(commander, None)
+        parts = (*components, "observers", *(["waiting"] if pacing else []), "total")
+        self._wall_ns = dict.fromkeys(parts, 0)
+
+    def run(
+        self, *, layers_max: int | None = None, time_max_ns: int | None = None, resume: Checkpoint | None = None
+    ) -> StopReason:
+        """Initialize, step and terminate; what ended the run. Raises ComponentError.
+
+        resume: the point to go on from, the start if None.
+
+        "done": the component that commands layers says so. "layers_max": that many layers are printed, and scanned
+        where somebody scans. "fault": a component's status is fault. "interrupted": Ctrl-C; all observers saw the last
+        communication point.
+        """
+        if time_max_ns is None and not (layers_max is not None and self._find("layers_printed")):
+            raise ScenarioError("run", ["nothing ends this run: no component counts layers; set time_max_s"])
+        begin = perf_counter_ns()
+        try:
+            with ExitStack() as stack, deferred() as interrupted:
+                for component in self._components.values():
+                    stack.callback(component.terminate)
+                self._initialize()
+                time_ns = self._restore(resume) if resume else 0
+                step = time_ns // self._step_ns
+                self._observe("initialized", time_ns)
+                if self._pacing:
+                    self._pacing.start(time_ns)
+                while (reason := self._end(time_ns, layers_max, time_max_ns)) is None:
+                    if interrupted():
+                        return "interrupted"
+                    time_ns += self._step_ns
+                    step += 1
+                    self._step(time_ns, step)
+                    self._wait(time_ns, interrupted)
+                return reason
+        finally:
+            self._wall_ns["total"] += perf_counter_ns() - begin
+
+    @property
+    def wall_s(self) -> dict[str, float]:
+        """Wall time [s] by component, of the observers, the master's own ("master") and in total ("total").
+
+        Where the run is paced, also what it waited for the clock ("waiting").
+        """
+        *parts, total = self._wall_ns.values()
+        return {name: ns * 1e-9 for name, ns in self._wall_ns.items()} | {"master": (total - sum(parts)) * 1e-9}
+
+    def _initialize(self) -> None:
+        order = self._initial_order()
+        for k, name in enumerate(order):
+            if fault := without_start(name, self._feeds, self._outputs, order[:k]):
+                raise ComponentError(fault)
+            begin = perf_counter_ns()
+            try:
+                outputs = self._components[name].initialize(0, self._gather(name, self._outputs, 0))
+                self._publish(name, outputs, 0)
+            except Exception as error:
+                raise ComponentError(f"{name} could not be initialized: {_text(error)}") from error
+            self._wall_ns[name] += perf_counter_ns() - begin
+
+    def _restore(self, checkpoint: Checkpoint) -> int:
+        """Bring the initialized components to where a checkpoint was taken; the time there."""
+        for name, component in self._components.items():
+            try:
+                component.restore(checkpoint.states[name])  # type: ignore[attr-defined]
+            except Exception as error:
+                raise ComponentError(f"{name} could not be restored: {_text(error)}") from error
+        self._outputs = {name: dict(checkpoint.outputs[name]) for name in self._components}
+        return checkpoint.time_ns
+
+    def _step(self, time_ns: int, step: int) -> None:
+        """Bring every component whose turn it is to `time_ns`, then tell the observers."""
+        before = dict(self._outputs) if self._jacobi else self._outputs
+        for name, component in self._components.items():
+            if step % self._every[name]:
+                continue
+            own_step_ns = self._every[name] * self._step_ns
+            begin_ns = time_ns - own_step_ns
+            begin = perf_counter_ns()
+            try:
+                outputs = component.do_step(begin_ns, own_step_ns, self._gather(name, before, begin_ns))
+                self._publish(name, outputs, begin_ns)
+            except Exception as error:
+                place = f"at t = {begin_ns * 1e-9:.9g} s{self._layer()}"
+                raise ComponentError(f"{name} failed {place}: {_text(error)}") from error
+            self._wall_ns[name] += perf_counter_ns() - begin
+        self._observe("stepped", time_ns)
+
+    def _observe(self, event: Literal["initialized", "stepped"], time_ns: int) -> None:
+        begin = perf_counter_ns()
+        for observer in self._observers:
+            getattr(observer, event)(time_ns, self._outputs)
+        self._wall_ns["observers"] += perf_counter_ns() - begin
+
+    def _wait(self, time_ns: int, interrupted: Callable[[], bool]) -> None:
+        if self._pacing:
+            begin = perf_counter_ns()
+            self._pacing.wait(time_ns, interrupted)
+            self._wall_ns["waiting"] += perf_counter_ns() - begin
+
+    def _gather(self, name: str, outputs: Mapping[str, Values], time_ns: int) -> Values:
+        """The inputs of a step that begins at `time_ns`."""
+        inputs = {port: transfer(outputs[source][output]) for port, source, output, transfer in self._feeds[name]}
+        return self._manipulator.inputs(name, inputs, time_ns, self._commanded(outputs))
+
+    def _publish(self, name: str, outputs: Values, time_ns: int) -> None:
+        """Let everybody see the outputs of a step that began at `time_ns`."""
+        self._outputs[name] = self._checked(name, outputs)
+        self._outputs[name] = self._manipulator.outputs(
+            name, self._outputs[name], time_ns, self._commanded(self._outputs)
+        )
+
+    def _commanded(self, outputs: Mapping[str, Values]) -> int:
+        """Number of the last layer commanded, 0 if nobody commands layers."""
+        return int(outputs[self._commander]["layer_command"]) if self._commander else 0
+
+    def _checked(self, name: str, outputs: Values) -> Values:
+        """The outputs as arrays of the declared shape and type; finite where another component reads them."""
+        return {
+            port.name: checked_output(port, outputs, must_be_finite)
+            for port, must_be_finite in self._checked_ports[name]
+        }
+
+    def _initial_order(self) -> list[str]:
+        """Sources before those they feed; where that goes in a circle, the order of the scenario."""
+        waiting = list(self._components)
+        order = []
+        while waiting:
+            free = (n for n in waiting if not any(feed[1] in waiting and feed[1] != n for feed in self._feeds[n]))
+            order.append(next(free, waiting[0]))
+            waiting.remove(order[-1])
+        return order
+
+    def _end(self, time_ns: int, layers_max: int | None, time_max_ns: int | None) -> StopReason | None:
+        if any(outputs["status"] == Status.FAULT for outputs in self._outputs.values() if "status" in outputs):
+            return "fault"
+        controller = self._find("layer_command")
+        if controller and controller.get("status") == Status.DONE:
+            return "done"
+        counters = [part[count] for count in ("layers_printed", "layers_scanned") if (part := self._find(count))]
+        if layers_max is not None and counters and min(counters) >= layers_max:
+            return "layers_max"
+        return "time_max" if time_max_ns is not None and time_ns >= time_max_ns else None
+
+    def _find(self, output: str) -> Values | None:
+        """Outputs of the first component that has `output`."""
+        return next((outputs for outputs in self._outputs.values() if output in outputs), None)
+
+    def _layer(self) -> str:
+        printer = self._find("layers_printed")
+        return f", after layer {int(printer['layers_printed'])}" if printer else ""
+
+
+def _text(error: Exception) -> str:
+    return str(error) if isinstance(error, InkloopError) else f"{type(error).__name__}: {error}"
+
+
+def checked_output(port: Port, outputs: Values, must_be_finite: bool) -> NDArray[Any]:
+    """Its value among `outputs`, read-only, in the declared shape and type. Raises ComponentError."""
+    if port.name not in outputs:
+        raise ComponentError(f"output {port.name} was declared but not returned")
+    value = np.asarray(outputs[port.name])
+    if value.shape != port.shape:
+        raise ComponentError(f"output {port.name} has shape {value.shape}, declared {port.shape}")
+    if value.dtype != port.dtype:
+        if not np.can_cast(value.dtype, port.dtype, "same_kind"):
+            raise ComponentError(f"output {port.name} is {value.dtype}, declared {port.dtype}")
+        value = value.astype(port.dtype)
+    if must_be_finite and not np.isfinite(value).all():
+        cell = tuple(int(i) for i in np.argwhere(~np.isfinite(value))[0])
+        raise ComponentError(
+            f"output {port.name} is {value[cell]} in cell {cell}" if cell else f"output {port.name} is {value}"
+        )
+    value = value.view()
+    value.flags.writeable = False  # consumers share it
+    return value

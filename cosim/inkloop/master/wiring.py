@@ -1,0 +1,222 @@
+"""Connections between components: the layer contract's own, and what is wrong with any of them."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.component import Component, Port, Values, is_shadow
+from inkloop.suggest import nearest
+from inkloop.units import UNITS, conversion
+
+CONTRACT_INPUTS = frozenset(
+    {"pattern", "layer_command", "layers_printed", "height", "measured_height", "valid", "layers_scanned"}
+)
+"""Inputs without which the handshake cannot run; any other may stay unconnected at its start value."""
+
+
+@dataclass(frozen=True)
+class Connection:
+    """An output, `source`, that feeds an input, `target`; both "component.port".
+
+    The input is gain * output + offset, the output in the unit of the input, the offset too.
+    """
+
+    source: str
+    target: str
+    gain: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def source_parts(self) -> tuple[str, str]:
+        """Component and port of the output."""
+        return _parts(self.source)
+
+    @property
+    def target_parts(self) -> tuple[str, str]:
+        """Component and port of the input."""
+        return _parts(self.target)
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """What happens to a value on its way: value * factor + offset, in the unit of the input."""
+
+    factor: float = 1.0
+    offset: float = 0.0
+
+    @classmethod
+    def of(cls, connection: Connection, source: Port, target: Port) -> Transfer:
+        """The transfer of a connection without faults between its two ports."""
+        return cls((conversion(source.unit, target.unit) or 1.0) * connection.gain, connection.offset)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether values arrive as they are sent."""
+        return self.factor == 1.0 and self.offset == 0.0
+
+    def __call__(self, value: NDArray[Any]) -> NDArray[Any]:
+        """The value as it arrives; the array itself if nothing is to be done."""
+        if self.is_plain:
+            return value
+        arrived = np.asarray(value * self.factor + self.offset, dtype=value.dtype)
+        arrived.flags.writeable = False
+        return arrived
+
+
+def contract_connections(components: Mapping[str, Component]) -> list[Connection]:
+    """Every input from the one other component that has an output of the same name, a shadow only if no other has it.
+
+    An input with several such components is left open; `check` asks which one is meant. Who scans the height of a
+    shadow goes by the layers of the shadow, which may be a step behind the printer's.
+    """
+    wires = []
+    for name, component in components.items():
+        for port in component.inputs:
+            sources = _sources(components, name, port.name)
+            if len(sources) == 1:
+                wires.append(Connection(sources[0], f"{name}.{port.name}"))
+    return [_counted_by_its_surface(wire, wires, components) for wire in wires]
+
+
+def feeds(
+    components: Mapping[str, Component], connections: Sequence[Connection]
+) -> dict[str, list[tuple[str, str, str, Transfer]]]:
+    """By component, what its inputs get: input, component and output it comes from, and the way between.
+
+    The connections have no faults.
+    """
+    inputs = {f"{name}.{port.name}": port for name, component in components.items() for port in component.inputs}
+    outputs = {f"{name}.{port.name}": port for name, component in components.items() for port in component.outputs}
+    found: dict[str, list[tuple[str, str, str, Transfer]]] = {name: [] for name in components}
+    for connection in connections:
+        target, port = connection.target_parts
+        transfer = Transfer.of(connection, outputs[connection.source], inputs[connection.target])
+        found[target].append((port, *connection.source_parts, transfer))
+    return found
+
+
+Feeds: TypeAlias = Mapping[str, Sequence[tuple[str, str, str, Transfer]]]
+"""What `feeds` gives."""
+
+
+def without_start(name: str, feeds: Feeds, outputs: Mapping[str, Values], ready: Container[str]) -> str | None:
+    """What keeps a component from being initialized: it stands in a loop and is fed an output without start value."""
+    for port, source, output, _ in feeds[name]:
+        if source not in ready and not np.isfinite(outputs[source][output]).all():
+            return (
+                f"{name}.{port} stands in a loop with {source}.{output}, which has no start value (it is not finite); "
+                f"give the port a start, or put {source} before {name} in the scenario"
+            )
+    return None
+
+
+def check(components: Mapping[str, Component], connections: Sequence[Connection]) -> list[str]:
+    """Every fault of the wiring, one sentence each; empty if the loop may run."""
+    inputs, outputs = (
+        {name: _ports(component, way) for name, component in components.items()} for way in ("input", "output")
+    )
+    faults: list[str] = []
+    fed: dict[str, str] = {}
+    for connection in connections:
+        source = find(connection.source, outputs, "output", faults)
+        target = find(connection.target, inputs, "input", faults)
+        if source and target:
+            faults += _mismatches(connection, source, target)
+        if connection.target in fed:
+            faults.append(
+                f"{connection.target} is fed twice, by {fed[connection.target]} and {connection.source}; keep one"
+            )
+        fed[connection.target] = connection.source
+    return faults + list(_open_inputs(components, fed))
+
+
+def _open_inputs(components: Mapping[str, Component], fed: Mapping[str, str]) -> Iterator[str]:
+    for name, component in components.items():
+        for port in component.inputs:
+            place = f"{name}.{port.name}"
+            if place in fed:
+                continue
+            sources = _sources(components, name, port.name)
+            if len(sources) > 1:
+                yield f"{place} may come from {' or '.join(sources)}; say which under [[connections]]"
+            elif port.name in CONTRACT_INPUTS.difference(getattr(component, "optional_inputs", ())):
+                yield (
+                    f"{place} is not connected: no other component has an output {port.name}; "
+                    "add one that has, or name a source under [[connections]]"
+                )
+
+
+def _mismatches(connection: Connection, source: Port, target: Port) -> Iterator[str]:
+    strange = {f"[{port.unit}]" for port in (source, target) if port.unit not in UNITS and port.unit != "1"}
+    is_told = bool(strange) and connection.gain != 1.0  # the gain says how one unit becomes the other
+    is_one_quantity = is_told or conversion(source.unit, target.unit) is not None
+    for what, found, expected, fits in (
+        ("quantity", f"[{source.unit}]", f"[{target.unit}]", is_one_quantity),
+        ("shape", _shape(source.shape), _shape(target.shape), source.shape == target.shape),
+        ("type", source.dtype, target.dtype, source.dtype == target.dtype),
+    ):
+        if not fits:
+            told = f", or a gain that says how {found} becomes {expected}" if strange & {found, expected} else ""
+            yield f"{connection.source} gives {found}, {connection.target} takes {expected}: same {what} needed{told}"
+    if is_one_quantity and not Transfer.of(connection, source, target).is_plain and not _is_float(source):
+        yield (
+            f"{connection.source} is {source.dtype}; a gain, an offset or another unit needs floating-point values; "
+            "leave gain and offset out"
+        )
+
+
+def _ports(component: Component, direction: str) -> dict[str, Port]:
+    ports = component.inputs if direction == "input" else component.outputs
+    return {port.name: port for port in ports}
+
+
+def find(place: str, ports: Mapping[str, Mapping[str, Port]], direction: str, faults: list[str]) -> Port | None:
+    """The port at "component.port"; where there is none, `faults` gets a sentence with names that are near."""
+    component, name = _parts(place)
+    if component not in ports:
+        faults.append(f"{place}: there is no component {component!r}; {nearest(component, ports)}")
+    elif name not in ports[component]:
+        known = nearest(name, ports[component]) if ports[component] else f"it has no {direction}s"
+        faults.append(f"{place}: {component} has no {direction} {name!r}; {known}")
+    else:
+        return ports[component][name]
+    return None
+
+
+def _counted_by_its_surface(
+    wire: Connection, wires: Sequence[Connection], components: Mapping[str, Component]
+) -> Connection:
+    component, port = wire.target_parts
+    if port != "layers_printed":
+        return wire
+    surfaces = [other.source_parts[0] for other in wires if other.target_parts == (component, "height")]
+    shadow = next((name for name in surfaces if is_shadow(components[name])), None)
+    return wire if shadow is None else Connection(f"{shadow}.layers_followed", wire.target)
+
+
+def _sources(components: Mapping[str, Component], target: str, port: str) -> list[str]:
+    having = [
+        name
+        for name, component in components.items()
+        if name != target and any(output.name == port for output in component.outputs)
+    ]
+    real = [name for name in having if not is_shadow(components[name])]
+    return [f"{name}.{port}" for name in real or having]
+
+
+def _parts(place: str) -> tuple[str, str]:
+    component, _, port = place.partition(".")
+    return component, port
+
+
+def _is_float(port: Port) -> bool:
+    return port.dtype.startswith("float")
+
+
+def _shape(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape)) or "a scalar"

@@ -1,0 +1,1 @@
+"""Print a scenario into a run folder, and resume an interrupted run."""

@@ -1,0 +1,50 @@
+"""What devices say while they work: on the screen, and in `bench.log` of the run folder."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+
+from inkloop.components.devices import LOGGER
+
+LOG_FILE = "bench.log"
+
+
+class _OnScreen(logging.Handler):
+    def __init__(self, console: Console) -> None:
+        super().__init__(logging.INFO)
+        self._console = console
+
+    def emit(self, record: logging.LogRecord) -> None:
+        style = "red" if record.levelno >= logging.WARNING else "dim"
+        self._console.print(f"  {record.getMessage()}", style=style, highlight=False, markup=False, soft_wrap=True)
+
+
+@contextmanager
+def live_words(console: Console, folder: Path | None) -> Iterator[None]:
+    """Within the block every sentence of a device is shown, and added with its time to the log of the folder.
+
+    The folder has to be there when the first word is said.
+    """
+    handlers: list[logging.Handler] = [_OnScreen(console)]
+    if folder is not None:
+        handlers.append(logging.FileHandler(folder / LOG_FILE, delay=True, encoding="utf-8"))
+        handlers[-1].setFormatter(
+            logging.Formatter("%(asctime)s.%(msecs)03d %(levelname)s %(message)s", "%Y-%m-%d %H:%M:%S")
+        )
+    logger = logging.getLogger(LOGGER)
+    level = logger.level
+    logger.setLevel(logging.INFO)
+    for handler in handlers:
+        logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+        for handler in handlers:
+            logger.removeHandler(handler)
+            handler.close()

@@ -1,0 +1,65 @@
+"""A print in a process of its own, so that a crash of native code, an FMU's say, still ends in words."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from inkloop.errors import ComponentError
+from inkloop.master.interrupt import deferred
+from inkloop.results import checkpoint
+from inkloop.results.result import RUN_FILE, read_record
+
+_COMMAND = "import sys; from inkloop.cli import main; sys.exit(main(sys.argv[1:]))"
+_EXIT_CODES = (0, 1, 2, 130)  # of the inkloop command; 2 is argparse's
+
+
+def run_isolated(arguments: Sequence[str], folder: Path, foreign: Sequence[str] = ()) -> int:
+    """`inkloop ARGUMENTS`, which prints into `folder`, in a child; its exit code. Ctrl-C is the child's.
+
+    foreign: the components that are an FMU of others. What the child unpacks is removed however it ends. Raises
+    ComponentError if it crashed: by what, what is kept, and how to go on.
+    """
+    with tempfile.TemporaryDirectory(prefix="inkloop-run-") as unpacked, deferred():
+        environment = {**os.environ, "TMPDIR": unpacked}
+        code = subprocess.call([sys.executable, "-c", _COMMAND, *arguments], env=environment)
+    if code == -signal.SIGINT:
+        return 130
+    if code in _EXIT_CODES and not (code == 0 and _running(folder)):
+        return code
+    suspect = f"most likely of {' or '.join(foreign)}" if foreign else "of a component or a library"
+    raise ComponentError(
+        f"the print was ended by {_ending(code)}: native code crashed, {suspect}; {_advice(folder)}\n"
+        "to see the place, run it with --no-isolate under python -X faulthandler"
+    )
+
+
+def _running(folder: Path) -> list[Path]:
+    """The prints in a folder that say they go on: where no process is left, native code has ended them."""
+    folders = sorted(path.parent for path in folder.rglob(RUN_FILE))
+    return [place for place in folders if read_record(place).get("stop_reason") == "running"]
+
+
+def _ending(code: int) -> str:
+    """The name of a signal, or an exit code that is none of ours."""
+    known = {-entry.value: entry.name for entry in signal.Signals}
+    return known.get(code, f"signal {-code}" if code < 0 else f"exit code {code:#x}")
+
+
+def _advice(folder: Path) -> str:
+    """What is on disk, and how to go on from there."""
+    if not (folder / RUN_FILE).is_file():
+        return "nothing was printed yet; mend it, then run it again"
+    place = next(iter(_running(folder)), folder)
+    last = checkpoint.last(place)
+    if last is None:
+        return f"no layer was finished; once it is mended, `inkloop resume {folder}` goes on"
+    kept = f"layers 0 to {last.layer} are in {place}"
+    if last.refusal:
+        return f"{kept}; the run cannot be resumed: {last.refusal}"
+    return f"{kept}; once it is mended, `inkloop resume {folder}` goes on"

@@ -1,0 +1,136 @@
+"""One print of a scenario: its loop, its record, and its layers on disk, from which it can go on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from inkloop.errors import ComponentError, ResultError
+from inkloop.master.events import Event, Manipulator
+from inkloop.master.master import Master
+from inkloop.master.pacing import Pacing
+from inkloop.results.checkpoint import Checkpoint, Checkpoints, remove_layers
+from inkloop.results.recorder import LayerRow, Recorder
+from inkloop.results.result import RESULT_FILE, UNFINISHED, Result
+from inkloop.results.solid import with_solid
+from inkloop.scenario.file import Scenario
+
+
+class Print:
+    """A print in memory, or with its layers in `folder`: then it goes on after those that are there already.
+
+    on_layer: told every layer printed; notes: what run.json shall say besides. Raises ScenarioError.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        folder: Path | None = None,
+        *,
+        on_layer: Callable[[LayerRow], None] | None = None,
+        notes: Mapping[str, Any] | None = None,
+    ) -> None:
+        limits = scenario.tables.run
+        self._scenario, self._folder, self._notes = scenario, folder, dict(notes or {})
+        self._components, connections = scenario.build(folder)
+        self._events = scenario.events(self._components)
+        self._recorder = Recorder(scenario.job(), self._components, on_layer)
+        self._checkpoints = Checkpoints(folder, self._components, self._recorder) if folder else None
+        self._pacing = Pacing(limits.real_time_factor) if limits.real_time_factor else None
+        self._step_ns = round(limits.step_s * 1e9)
+        self._master = Master(
+            self._components,
+            connections,
+            step_ns=self._step_ns,
+            algorithm=limits.algorithm,
+            observers=[self._recorder, self._checkpoints] if self._checkpoints else [self._recorder],
+            events=self._events,
+            pacing=self._pacing,
+        )
+
+    def run(self) -> Result:
+        """Print to the end of the run, and save the result if there is a folder, also when a component fails.
+
+        Raises ComponentError, and ResultError if nothing can go on from the folder or it cannot be written.
+        """
+        limits = self._scenario.tables.run
+        time_max_ns = None if limits.time_max_s is None else round(limits.time_max_s * 1e9)
+        checkpoint = self._load()
+        try:
+            reason = self._master.run(layers_max=limits.layers_max, time_max_ns=time_max_ns, resume=checkpoint)
+        except ComponentError as error:
+            if self._folder and self._checkpoints and self._checkpoints.layer is not None:
+                self._result("failed").save(self._folder)
+                said = str(error).replace("inkloop device SCENARIO", f"inkloop device {self._folder}")
+                raise ComponentError(f"{said}\n{_advice(self._folder, self._checkpoints)}") from error
+            raise
+        result = self._result(reason)
+        if self._folder:
+            result.save(self._folder)
+            if reason not in UNFINISHED:
+                remove_layers(self._folder)
+        return result
+
+    def _load(self) -> Checkpoint | None:
+        """Where to go on from. Raises ResultError if that cannot be; then the result holds the layers there are."""
+        if not self._folder or not self._checkpoints:
+            return None
+        try:
+            checkpoint = self._checkpoints.load()
+            if checkpoint and checkpoint.refusal:
+                self._result("interrupted").save(self._folder)
+                raise ResultError(
+                    f"{self._folder}: cannot be resumed: {checkpoint.refusal}; its layers 0 to {checkpoint.layer} are "
+                    f"in {RESULT_FILE}; run the scenario again for the others"
+                )
+        except ResultError:
+            for component in self._components.values():
+                component.terminate()
+            raise
+        if checkpoint:
+            self._notes["resumed_after_layer"] = checkpoint.layer
+        return checkpoint
+
+    def _result(self, stop_reason: str) -> Result:
+        tables, notes = self._scenario.tables, dict(self._notes)
+        if self._events:
+            notes["events"] = [str(event) for event in self._events]
+        if self._pacing:
+            notes["real_time"] = self._pacing.statistics
+        if self._checkpoints and self._checkpoints.refusal:
+            notes["not_resumable"] = self._checkpoints.refusal
+        manipulator = Manipulator(self._events, self._components)
+        dataset = with_solid(self._recorder.dataset(), self._scenario.job())
+        return Result.of(
+            _marked(dataset, self._events, manipulator, self._step_ns),
+            title=tables.title,
+            label=tables.label,
+            scenario_text=self._scenario.text,
+            seed=tables.seed,
+            stop_reason=stop_reason,
+            wall_s=self._master.wall_s,
+            components=self._components,
+            notes=notes,
+        )
+
+
+def _advice(folder: Path, checkpoints: Checkpoints) -> str:
+    kept = f"layers 0 to {checkpoints.layer} are in {folder}"
+    if checkpoints.refusal:
+        return f"{kept}; the run cannot be resumed: {checkpoints.refusal}"
+    return f"{kept}; once the cause is mended, `inkloop resume {folder}` goes on"
+
+
+def _marked(dataset: xr.Dataset, events: Sequence[Event], manipulator: Manipulator, step_ns: int) -> xr.Dataset:
+    """A dataset with `modified` by layer: an event was in effect in the step that completed it. Events in words."""
+    if not events:
+        return dataset
+    ends_ns = np.nan_to_num(dataset["time"].values * 1e9).round().astype(np.int64)
+    modified = [manipulator.in_effect(max(0, int(end_ns) - step_ns), layer) for layer, end_ns in enumerate(ends_ns)]
+    attributes = {"units": "1", "long_name": "layers in which an event was in effect"}
+    marked = dataset.assign(modified=xr.Variable(("layer",), np.array(modified), attributes))
+    return marked.assign_attrs(events="\n".join(map(str, events)))

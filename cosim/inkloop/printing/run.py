@@ -1,0 +1,181 @@
+"""Print the part of a scenario, and its comparison runs, into a run folder."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn
+from rich.table import Column
+
+from inkloop.components import devices
+from inkloop.components.catalog import MAP_FOLDER
+from inkloop.errors import ResultError
+from inkloop.master.interrupt import deferred
+from inkloop.master.pacing import sentence
+from inkloop.printing.device_log import live_words
+from inkloop.printing.listening import check_listening
+from inkloop.printing.lock import LOCK_FILE, sole_writer
+from inkloop.printing.print import Print
+from inkloop.report import run_report
+from inkloop.results.checkpoint import remove_layers
+from inkloop.results.recorder import LayerRow
+from inkloop.results.result import RUN_FILE, SCENARIO_FILE, UNFINISHED, Result, is_unchanged, read_record
+from inkloop.scenario.file import Scenario
+
+INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
+
+
+def run(scenario: Scenario, out: Path | None, console: Console, *, compare: bool = True) -> int:
+    """Print, compare, save and show; returns the exit code of the command. An interrupted run keeps its layers."""
+    return _print_all(scenario, new_run_folder(out, Path(scenario.source).stem), console, compare)
+
+
+def resume(folder: Path, console: Console) -> int:
+    """Go on with a run and its comparison runs after the last layer on disk; the exit code as of `run`.
+
+    Raises ResultError where nothing can go on from the folder, ScenarioError, ComponentError.
+    """
+    scenario = scenario_of(folder)
+    record = read_record(folder)
+    if not is_unchanged(folder, record):
+        raise ResultError(f"{folder / SCENARIO_FILE}: was changed since the run began; put it back, or run it anew")
+    places = [place for place, _ in _runs(scenario, folder, record["compare"])]
+    finished = [place for place in places if _is_finished(place)]
+    for place in finished:
+        remove_layers(place)  # there still if it was stopped between saving and this
+    if finished == places:
+        console.print(f"{folder}: the run is finished ({record['stop_reason']}), nothing is changed; "
+                      f"`inkloop report {folder}` shows it", highlight=False)  # fmt: skip
+        return 0
+    return _print_all(scenario, folder, console, record["compare"])
+
+
+def scenario_file(folder: Path) -> Path:
+    """The file that the run in `folder` was started from. Raises ResultError."""
+    record = read_record(folder)
+    if "scenario_file" not in record:
+        raise ResultError(f"{folder}: an earlier inkloop made this run and kept no state to go on from; run it again")
+    return Path(record["scenario_file"])
+
+
+def scenario_of(folder: Path) -> Scenario:
+    """The scenario as the run in `folder` began it. Raises ResultError, ScenarioError."""
+    return Scenario.load(folder / SCENARIO_FILE, source=scenario_file(folder))
+
+
+def print_part(
+    scenario: Scenario,
+    progress: Progress | None = None,
+    folder: Path | None = None,
+    notes: Mapping[str, Any] | None = None,
+) -> Result:
+    """One print, shown as it goes, from the start surface or the layers in `folder` to its end; see `Print`."""
+    job = scenario.job()
+    nominal = max(1, round(float(job.target_height.max()) / job.inks[0].layer_height))
+    bar = _LayerBar(progress, scenario.tables.label, nominal) if progress else None
+    return Print(scenario, folder, on_layer=bar, notes=notes).run()
+
+
+def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool) -> int:
+    """Print whatever of a scenario and its comparison runs is not finished in `folder`, and show all of it."""
+    notes = {"scenario_file": str(Path(scenario.source).resolve()), "compare": compare}
+    stopped = False
+    with sole_writer(folder), deferred() as interrupted, _progress(console) as progress:
+        for place, variant in _runs(scenario, folder, compare):
+            if _is_finished(place):
+                continue
+            with _alone(place, folder), _words_of_devices(variant, progress.console, place):
+                Result.begin(place, variant.text, notes)
+                result = print_part(variant, progress, place, notes)
+            if "real_time" in result.run:
+                progress.console.print(f"{result.run['label']}: {sentence(result.run['real_time'])}", highlight=False)
+            for remark in run_report.remarks(result):
+                progress.console.print(f"{result.run['label']}: {remark}", highlight=False)
+            stopped = interrupted() or result.stop_reason == "interrupted"
+            if stopped:
+                break
+    console.print(run_report.write(folder))
+    reason = "interrupted" if stopped else read_record(folder)["stop_reason"]
+    console.print(f"{reason}: table, pictures and result.nc are in {folder}/", highlight=False, soft_wrap=True)
+    if stopped:
+        refusal = result.run.get("not_resumable")
+        advice = f"cannot be resumed: {refusal}" if refusal else f"`inkloop resume {folder}` goes on"
+        console.print(advice, highlight=False, soft_wrap=True)
+    return INTERRUPTED if stopped else 0
+
+
+def _alone(place: Path, folder: Path) -> AbstractContextManager[None]:
+    """Keeps others out of a comparison run too; `folder`, which holds it, is ours by now."""
+    return nullcontext() if place == folder else sole_writer(place)
+
+
+def _words_of_devices(scenario: Scenario, console: Console, folder: Path) -> AbstractContextManager[None]:
+    """Shows what devices say, if there are any. Raises ComponentError if nobody listens at their emulated bus."""
+    kinds = {table.kind for table in scenario.tables.components.values()}
+    if not kinds.isdisjoint(devices.KINDS):
+        check_listening(scenario)
+    elif MAP_FOLDER not in kinds:
+        return nullcontext()
+    return live_words(console, folder)
+
+
+def _is_finished(place: Path) -> bool:
+    return (place / RUN_FILE).is_file() and read_record(place).get("stop_reason") not in UNFINISHED
+
+
+def new_run_folder(out: Path | None, name: str) -> Path:
+    """The folder to write to: `out`, which must be new or empty, or the first free of runs/NAME, runs/NAME-2, ..."""
+    if out is not None:
+        if out.exists() and (not out.is_dir() or any(path.name != LOCK_FILE for path in out.iterdir())):
+            raise ResultError(f"{out}: is there already and not empty; name another --out, nothing is overwritten")
+        return out
+    base = Path("runs") / name
+    candidates = (base if n == 1 else base.with_name(f"{name}-{n}") for n in range(1, 1_000_000))
+    return next(candidate for candidate in candidates if _is_claimed(candidate))
+
+
+def _is_claimed(folder: Path) -> bool:
+    """Make a folder; False if it is there already: of two that ask at the same time one has it."""
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        return False
+    except OSError as error:
+        raise ResultError(f"{folder}: the run cannot be written there: {error.strerror or error}") from error
+    return True
+
+
+class _LayerBar:
+    """Shows each finished layer: its number, the errors over the part, and what the plan for it took."""
+
+    def __init__(self, progress: Progress, label: str, nominal_layers: int) -> None:
+        self._progress = progress
+        self._task: TaskID = progress.add_task(label, total=nominal_layers, figures="")
+
+    def __call__(self, row: LayerRow) -> None:
+        figures = f"layer {row.layer:3d}  mean error {row.mean_error * 1e6:7.2f} um  std {row.std * 1e6:5.2f} um"
+        if "solve_time" in row.scalars:
+            figures += f"  solve {row.scalars['solve_time'] * 1e3:5.1f} ms"
+        total = max(row.layer, int(self._progress.tasks[self._task].total or 0))
+        self._progress.update(self._task, completed=row.layer, total=total, figures=figures)
+
+
+def _progress(console: Console) -> Progress:
+    name = TextColumn("{task.description}", table_column=Column(no_wrap=True, min_width=12))
+    figures = TextColumn("{task.fields[figures]}", table_column=Column(no_wrap=True, min_width=66))
+    return Progress(name, BarColumn(16), figures, console=console)
+
+
+def _runs(scenario: Scenario, folder: Path, compare: bool) -> Iterator[tuple[Path, Scenario]]:
+    yield folder, scenario
+    for name in scenario.tables.compare if compare else ():
+        yield folder / run_report.COMPARE_FOLDER / _slug(name), scenario.variant(name)
+
+
+def _slug(name: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")

@@ -1,0 +1,180 @@
+"""Hardware against model, layer by layer: what a device was scanned to have printed, less what the model says.
+
+The model is the shadow of the run where it had one, else `LayerDeposition` with the inks and passes of the scenario and
+none of its variations, begun on the scan of layer 0 and fed with the commanded patterns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import tomlkit
+import xarray as xr
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from rich.table import Table
+
+from inkloop.component import Component, FloatMap, Job
+from inkloop.components import devices, fmu_parameters
+from inkloop.components.shadow.comparison import ScannedLayer, start_surface
+from inkloop.components.shadow.replica import FollowedPlant
+from inkloop.report.plot import COLOURS, MM, UM, WIDTH_IN
+from inkloop.results.result import Result
+from inkloop.tables.job import job_of
+from inkloop.tables.schema import ScenarioFile
+
+MODEL = "LayerDeposition"
+DEVICE = "hardware."
+_STEP_NS = 1_000_000_000  # a step of the plant is a layer, whatever its length
+_UM = 1e6
+
+
+@dataclass(frozen=True)
+class LayerDifference:
+    """Measured less model over the cells of the part that were seen [m]; growth: rms of what the layer added to it.
+
+    worst: the largest in amount, at `cell` (i, j).
+    """
+
+    layer: int
+    mean: float
+    rms: float
+    growth: float
+    worst: float
+    cell: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class ModelDifference:
+    """model: its name; maps: (layer, x, y) measured less model [m], NaN where nothing was seen; a row for each scan."""
+
+    model: str
+    maps: NDArray[np.float64]
+    rows: tuple[LayerDifference, ...]
+
+    @property
+    def farthest(self) -> LayerDifference:
+        """The layer with the largest rms."""
+        return max(self.rows, key=lambda row: row.rms)
+
+    def sentence(self) -> str:
+        """The farthest layer in words."""
+        row = self.farthest
+        return (
+            f"hardware against {self.model}: farthest in layer {row.layer}, mean {row.mean * _UM:+.2f}, rms "
+            f"{row.rms * _UM:.2f} um, worst cell {row.cell} {row.worst * _UM:+.2f} um"
+        )
+
+    def table(self) -> Table:
+        """A row for each layer [um]."""
+        caption = "over the part's cells that were seen, in um; growth: rms of what the layer added to the difference"
+        table = Table(title=f"Measured less {self.model}", caption=caption)
+        for heading in ("layer", "mean", "rms", "growth", "worst", "at cell"):
+            table.add_column(heading, justify="right")
+        for row in self.rows:
+            growth = "-" if np.isnan(row.growth) else f"{row.growth * _UM:.2f}"
+            values = (f"{row.mean * _UM:+.2f}", f"{row.rms * _UM:.2f}", growth, f"{row.worst * _UM:+.2f}")
+            table.add_row(str(row.layer), *values, f"{row.cell[0]}, {row.cell[1]}")
+        return table
+
+
+def model_difference(result: Result) -> ModelDifference | None:
+    """Of a run whose printer is a device and that was scanned; None for any other. Raises FmuError."""
+    run = result.dataset
+    raw = tomlkit.parse(result.scenario_text).unwrap()
+    kinds = {name: str(table.get("kind")) for name, table in raw.get("components", {}).items()}
+    printers = [name for name, kind in kinds.items() if kind.startswith(DEVICE) and kind != "hardware.profiler"]
+    if not printers or not {"measured_height", "valid", "pattern"} <= set(run):
+        return None
+    if "shadow_height" in run:
+        name, surfaces = "the shadow", run.shadow_height.values
+    else:
+        tables = ScenarioFile.model_validate(raw)
+        job = job_of(tables, printers[0])
+        table = tables.components[printers[0]]
+        name = MODEL
+        surfaces = followed(run, devices.told(job, table.options) if table.kind in devices.KINDS else job)
+    seen = run.valid.values.astype(bool) & run.mask.values.astype(bool)
+    maps = np.where(seen, run.measured_height.values - surfaces, np.nan)
+    rows = tuple(_rows(run, surfaces))
+    return ModelDifference(name, maps, rows) if rows else None
+
+
+def followed(run: xr.Dataset, job: Job) -> FloatMap:
+    """Surfaces (layer, x, y) [m] of the model, with the patterns of a run, from its first scan on."""
+
+    def make(job: Job) -> Component:
+        return fmu_parameters.make_model(MODEL, job, {})
+
+    plant = FollowedPlant(job, make)
+    try:
+        plant.begin(0)
+        plant.begin_on(start_surface(plant.start_surface, run.measured_height.values[0], run.valid.values[0]))
+        surfaces = [plant.surfaces[0]]
+        for layer in range(1, run.sizes["layer"]):
+            command = {"layer_command": np.asarray(layer, np.int32), "pattern": run.pattern.values[layer]}
+            plant.take_command(command)
+            plant.follow(layer, _STEP_NS)
+            surfaces.append(plant.surfaces[layer])
+            plant.forget_before(layer)
+    finally:
+        plant.terminate()
+    return np.array(surfaces)
+
+
+def _rows(run: xr.Dataset, surfaces: FloatMap) -> Iterator[LayerDifference]:
+    mask, before = run.mask.values.astype(bool), None
+    for layer in range(run.sizes["layer"]):
+        valid = run.valid.values[layer].astype(bool)
+        scan = ScannedLayer(run.measured_height.values[layer], valid, surfaces[layer])
+        seen = valid & mask
+        if seen.any():
+            error = scan.measured - scan.surface
+            i, j = divmod(int(np.where(seen, np.abs(error), -1.0).argmax()), error.shape[1])
+            divergence = scan.divergence(before, mask)
+            mean, worst = float(error[seen].mean()), float(error[i, j])
+            yield LayerDifference(layer, mean, divergence.surface, divergence.growth, worst, (i, j))
+            before = scan
+
+
+MAPS = 4
+"""Layers that are shown, the last one among them."""
+
+
+def hardware_against_model(run: xr.Dataset, found: ModelDifference, name: str) -> Figure:
+    """Measured less model: above the maps of some layers, below mean, rms, worst cell and growth by layer."""
+    layers = [row.layer for row in found.rows]
+    printed = [layer for layer in layers if layer > 0] or layers
+    places = np.linspace(0, len(printed) - 1, min(MAPS, len(printed))).round().astype(int)
+    shown = [printed[place] for place in places]
+    limit = max(1e-3, float(np.nanquantile(np.abs(found.maps[shown]) * UM, 0.99)))
+    figure = Figure(figsize=(WIDTH_IN, 4.4), layout="constrained")
+    above, below = np.ravel(np.asarray(figure.subfigures(2, 1, height_ratios=(5, 6)), dtype=object))
+    maps = above.subplots(1, len(shown), squeeze=False)[0]
+    half = float(run.attrs["pitch"]) / 2 * MM
+    x, y = run.x.values * MM, run.y.values * MM
+    extent = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
+    for axes, layer in zip(maps, shown, strict=True):
+        image = axes.imshow(found.maps[layer].T * UM, origin="lower", extent=extent, interpolation="nearest",
+                            cmap="RdBu_r", vmin=-limit, vmax=limit)  # fmt: skip
+        axes.set(title=f"layer {layer}", xlabel="x [mm]")
+    maps[0].set_ylabel("y [mm]")
+    above.suptitle(f"{name}: measured less {found.model}", fontsize=8)
+    above.colorbar(image, ax=list(maps), label="measured - model [µm]", extend="both")
+    axes = below.subplots()
+    lines = {
+        "mean": [row.mean for row in found.rows],
+        "rms": [row.rms for row in found.rows],
+        "rms of the layer's growth": [row.growth for row in found.rows],
+        "worst cell": [row.worst for row in found.rows],
+    }
+    for (label, values), colour in zip(lines.items(), COLOURS, strict=False):
+        style = {"marker": ".", "linestyle": "none"} if label == "worst cell" else {"linewidth": 1.4}
+        axes.plot(layers, np.array(values) * UM, label=label, color=colour, **style)
+    axes.axhline(0, color="black", linestyle="--", linewidth=0.8)
+    axes.set(xlabel="layer", ylabel="measured - model [µm]")
+    axes.legend(ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.14), frameon=False)
+    axes.grid(color="0.92")
+    return figure

@@ -1,0 +1,207 @@
+"""What a person gets to see of a run folder: one table and its pictures."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import tomlkit
+import xarray as xr
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.table import Table
+
+from inkloop.errors import ResultError
+from inkloop.files import write_text
+from inkloop.report import plot
+from inkloop.report.model_difference import hardware_against_model, model_difference
+from inkloop.results.result import Result
+from inkloop.tables.schema import Literature
+
+COMPARE_FOLDER = "compare"
+MODEL_TABLE = "hardware-against-model.txt"
+REMARKS = {
+    "untrusted_cells": "untrusted cells: {}, unseen for too long, their heights are predictions",
+    "dead_cells": "dead cells: {}, droplets commanded there bring nothing",
+}
+ERRORS = {"mean error": "mean_error", "mean absolute error": "mae", "standard deviation": "std"}
+
+
+def load_runs(folder: Path) -> dict[str, Result]:
+    """The run of `folder` first, then its comparison runs, by name. Raises ResultError."""
+    main = Result.load(folder)
+    runs = {main.dataset.attrs["label"]: main}
+    for result_file in sorted((folder / COMPARE_FOLDER).glob("*/result.nc")):
+        result = Result.load(result_file.parent)
+        runs[result.dataset.attrs["label"]] = result
+    return runs
+
+
+def write(folder: Path) -> Table:
+    """Write `summary.txt` and the pictures of the run in `folder`; returns the table for the screen.
+
+    Of a run on devices also `hardware-against-model.txt`, a row for each layer, and its picture.
+    """
+    runs = load_runs(folder)
+    main = next(iter(runs.values()))
+    tables = tomlkit.parse(main.scenario_text).unwrap().get("literature", {})
+    literature = {name: Literature.model_validate(table) for name, table in tables.items()}
+    table = comparison_table(main.dataset.attrs["title"], runs, literature)
+    text = io.StringIO()
+    summary = Console(file=text, width=120)
+    summary.print(table)
+    for name, result in runs.items():
+        for remark in remarks(result):
+            summary.print(f"{name}: {remark}", highlight=False)
+    difference = model_difference(main)
+    if difference:
+        summary.print(difference.sentence(), highlight=False)
+        write_text(folder / MODEL_TABLE, _as_text(difference.table()))
+    write_text(folder / "summary.txt", text.getvalue())
+    with rc_context(plot.STYLE):
+        figures = pictures(runs)
+        if difference:
+            figures["hardware-against-model"] = hardware_against_model(main.dataset, difference, next(iter(runs)))
+        for name, figure in figures.items():
+            plot.save(figure, folder / f"{name}.png")
+    return table
+
+
+def compare(folders: Sequence[Path], picture: Path) -> Table:
+    """The table of several run folders, and their picture written to `picture`. Raises ResultError."""
+    loaded = {folder: Result.load(folder) for folder in folders}
+    labels = [str(result.dataset.attrs["label"]) for result in loaded.values()]
+    distinct = len(set(labels)) == len(labels)
+    runs = {label if distinct else str(folder): result
+            for label, (folder, result) in zip(labels, loaded.items(), strict=True)}  # fmt: skip
+    grids = [(folder, _grid(result)) for folder, result in loaded.items()]
+    for folder, grid in grids[1:]:
+        if grid != grids[0][1]:
+            raise ResultError(
+                f"{folder}: printed on {grid}, but {grids[0][0]} on {grids[0][1]}; compare runs of one grid and pitch"
+            )
+    with rc_context(plot.STYLE):
+        datasets = {name: result.dataset for name, result in runs.items()}
+        plot.save(plot.comparison(datasets, {name: result.wall_s for name, result in runs.items()}), picture)
+    return comparison_table("Comparison", runs, {})
+
+
+def _as_text(table: Table) -> str:
+    text = io.StringIO()
+    Console(file=text, width=120).print(table)
+    return text.getvalue()
+
+
+def _grid(result: Result) -> str:
+    sizes = result.dataset.sizes
+    return f"{sizes['x']} x {sizes['y']} cells of {float(result.dataset.attrs['pitch']) * 1e6:g} um"
+
+
+def pictures(runs: Mapping[str, Result]) -> dict[str, Figure]:
+    """File name -> figure."""
+    labelled = {name: result.dataset for name, result in runs.items()}
+    name, main = next(iter(labelled.items()))
+    figures = {
+        "surface": plot.surfaces({name: main}),
+        "cross-section": plot.cross_section(labelled),
+        "error-map": plot.error_map(main, name),
+        "layers": plot.layers(labelled),
+    }
+    if len(labelled) > 1:
+        figures["open-against-closed"] = plot.surfaces(labelled)
+    if "growth_divergence" in main:
+        figures["divergence"] = plot.divergence(labelled)
+    if "ink" in main:
+        figures["materials"] = plot.materials(main, name)
+        figures["solid"] = plot.solids(labelled)
+    return figures
+
+
+def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping[str, Literature]) -> Table:
+    """Errors of every run over the part, and printed figures beside them."""
+    table = Table(title=title, caption="errors over the part's cells in um; mean error = target - mean height")
+    table.add_column("run", no_wrap=True)
+    in_two_inks = any("mismatch" in result.metrics() for result in runs.values())
+    mismatch = ("mismatch",) if in_two_inks else ()
+    for heading in ("mean error", "mae", "std", *mismatch, "layers", "droplets", r"wall \[s]"):
+        table.add_column(heading, justify="right")
+    for name, result in runs.items():
+        metrics = result.metrics()
+        table.add_row(
+            name,
+            *(f"{metrics[key] * 1e6:.2f}" for key in ("mean_error", "mae", "std")),
+            *(f"{metrics[key]:.1%}" if key in metrics else "-" for key in mismatch),
+            f"{metrics['layers']:.0f}",
+            f"{metrics['droplets']:.0f}",
+            f"{result.wall_s:.2f}",
+        )
+    for name, figures in literature.items():
+        shown = (figures.mean_error_um, None, figures.std_um)
+        cells = ["-" if um is None else f"{um:g}" for um in shown]
+        table.add_row(f"{name} ({figures.note})", *cells, *("-" for _ in mismatch), *"---")
+    return table
+
+
+def remarks(result: Result) -> list[str]:
+    """What the controller could not make good in its last layer, and where a shadow's model and the scans disagree.
+
+    A sentence each; none where all is well.
+    """
+    told = [(said, result.dataset[name]) for name, said in REMARKS.items() if name in result.dataset]
+    found = [said.format(cells[-1].item()) for said, cells in told if cells.dims == ("layer",) and cells[-1] > 0]
+    return found + _nothing_printed(result) + _unknown_layers(result.dataset) + _alarms(result.dataset)
+
+
+def _nothing_printed(result: Result) -> list[str]:
+    """One sentence where the controller was done before the first layer."""
+    if result.stop_reason != "done" or result.dataset.sizes["layer"] > 1:
+        return []
+    return ["nothing was printed: no layer would improve what the first scan shows. Where it shows an earlier part, "
+            "clear the machine, or start `inkloop bench` anew"]  # fmt: skip
+
+
+def _unknown_layers(run: xr.Dataset) -> list[str]:
+    """One sentence on the layers that were given up midway."""
+    if "layer_unknown" not in run or not run.layer_unknown.any():
+        return []
+    layers = [str(layer) for layer in np.flatnonzero(run.layer_unknown.values)]
+    which = f"layer {layers[0]} was" if len(layers) == 1 else f"layers {', '.join(layers)} were"
+    return [f"{which} given up midway, nobody knows what of it was jetted; the next one was planned from the scan"]
+
+
+def _alarms(run: xr.Dataset) -> list[str]:
+    """One sentence on the layers in which the shadow's status was untrusted or a fault."""
+    if "shadow_status" not in run:
+        return []
+    growth = run.growth_divergence.values
+    layers = np.flatnonzero(run.shadow_status.values > 0)
+    unseen = [f"layer {layer} could not be compared with the model" for layer in layers if np.isnan(growth[layer])]
+    strayed = [layer for layer in layers if not np.isnan(growth[layer])]
+    if not strayed:
+        return unseen[:1]
+    worst = max(strayed, key=lambda layer: float(growth[layer]))
+    others = f"; {len(strayed)} layers in all, the first is layer {strayed[0]}" if len(strayed) > 1 else ""
+    return [f"layer {worst} grew otherwise than the shadow's model says, by {growth[worst] * 1e6:.2f} um rms{others}",
+            *unseen[:1]]  # fmt: skip
+
+
+def lines(folder: Path) -> list[str]:
+    """What a run folder holds, in words: origin, end, errors, versions, times. Raises ResultError."""
+    result = Result.load(folder)
+    run, metrics = result.run, result.metrics()
+    errors = ", ".join(f"{name} {metrics[key] * 1e6:.2f} um" for name, key in ERRORS.items())
+    return [
+        f"{folder}: {run['title']} ({run['label']})",
+        f"grid: {_grid(result)}",
+        f"seed: {run['seed']}",
+        f"ended: {result.stop_reason}, after {metrics['layers']:.0f} layers and {metrics['droplets']:.0f} droplets",
+        f"errors over the part: {errors}",
+        *remarks(result),
+        *(f"event: {event}" for event in run.get("events", ())),
+        "versions: " + ", ".join(f"{name} {number}" for name, number in run["versions"].items()),
+        f"platform: {run['platform']}",
+        "wall time: " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in run["wall_s"].items()),
+    ]

@@ -1,0 +1,185 @@
+"""Layers on disk while a run goes on, so that Ctrl-C, a crash or a full disk costs no finished layer.
+
+`layers/0007.npz` holds what was recorded up to layer 7 since the file before it, `layers/state.npz` the communication
+point after the last of these files: time, outputs and states of all components. Each file is there whole or not at all,
+and the state comes after its layer: a run goes on from the state, whatever moment it was stopped at. A scan is kept as
+soon as it is there, for no real sensor would repeat it to the bit: the plan made from it is made again.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.component import Component, Values, is_device
+from inkloop.errors import ResultError
+from inkloop.files import replaced, sync_folder
+from inkloop.results.recorder import Recorder
+
+LAYERS_FOLDER, STATE_FILE = "layers", "state.npz"
+_UNREADABLE = (OSError, ValueError, KeyError, BadZipFile)
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A communication point: `outputs` of all components as the others see them, `states` as they saved them.
+
+    layer: the last one printed by then; refusal: why no run can go on from here, empty if one can.
+    """
+
+    time_ns: int
+    layer: int
+    outputs: Mapping[str, Values]
+    states: Mapping[str, bytes]
+    refusal: str = ""
+
+
+class Checkpoints:
+    """Observer of a master that writes a checkpoint per printed layer, and per scan, into the run folder `folder`.
+
+    It stands after `recorder`, whose rows it writes. Where a component cannot save its state, the layers are written
+    all the same, and the checkpoint says why nothing can go on from it. With a device, whose layers cannot be printed
+    again, a checkpoint outlives a power failure too.
+    """
+
+    def __init__(self, folder: Path, components: Mapping[str, Component], recorder: Recorder) -> None:
+        self._run_folder = folder
+        self._folder = folder / LAYERS_FOLDER
+        self._components = components
+        self._recorder = recorder
+        self._durable = any(is_device(component) for component in components.values())
+        self._last: int | None = None
+        self._scanned = -1
+        self._rows: dict[str, NDArray[Any]] = {}
+        self.refusal = ""
+
+    @property
+    def layer(self) -> int | None:
+        """The last layer that is on disk, None if there is none."""
+        return self._last
+
+    def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
+        """Write layer 0, or nothing where the run goes on from a checkpoint."""
+        self._scanned = self._recorder.scanned
+        if self._last is None:
+            self._write(time_ns, outputs)
+
+    def stepped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
+        """Write a checkpoint if a layer has been printed or scanned."""
+        if (self._recorder.layers, self._recorder.scanned) != (self._last, self._scanned):
+            self._write(time_ns, outputs)
+
+    def load(self) -> Checkpoint | None:
+        """The last checkpoint, None if there is none; the recorder gets the rows of its layers. Raises ResultError."""
+        checkpoint = last(self._run_folder)
+        if checkpoint is None:
+            return None
+        try:
+            for path in sorted(self._folder.glob("[0-9]*.npz")):
+                if int(path.stem) > checkpoint.layer:
+                    path.unlink()  # its state was never written
+                else:
+                    self._rows = _read(path)
+                    self._recorder.put_rows(self._rows)
+        except _UNREADABLE as error:
+            raise _unreadable(self._folder, error) from error
+        self._last, self.refusal = checkpoint.layer, checkpoint.refusal
+        return checkpoint
+
+    def _write(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
+        layer = self._recorder.layers
+        self._rows = (self._rows if layer == self._last else {}) | self._recorder.take_rows()
+        states, self.refusal = _states(self._components)
+        path = self._folder / f"{layer:04d}.npz"
+        try:
+            if not self._folder.is_dir():
+                self._folder.mkdir(parents=True)
+                sync_folder(self._run_folder)
+            _save(path, self._rows, self._durable)
+            path = self._folder / STATE_FILE
+            _save(path, _packed(Checkpoint(time_ns, layer, outputs, states, self.refusal)), self._durable)
+        except OSError as error:
+            kept = "no layer was finished" if self._last is None else f"layers 0 to {self._last} are kept"
+            raise ResultError(
+                f"{path}: cannot be written: {error.strerror or error}; {kept}; make room, then "
+                f"`inkloop resume {self._run_folder}` goes on"
+            ) from error
+        self._last, self._scanned = layer, self._recorder.scanned
+
+
+def last(run_folder: Path) -> Checkpoint | None:
+    """The last checkpoint of a run that is not finished, None if there is none. Raises ResultError."""
+    folder = run_folder / LAYERS_FOLDER
+    try:
+        return _unpacked(_read(folder / STATE_FILE)) if (folder / STATE_FILE).is_file() else None
+    except _UNREADABLE as error:
+        raise _unreadable(folder, error) from error
+
+
+def remove_layers(run_folder: Path) -> None:
+    """Remove the checkpoints of a finished run, if there are any. Raises ResultError."""
+    try:
+        if (run_folder / LAYERS_FOLDER).is_dir():
+            shutil.rmtree(run_folder / LAYERS_FOLDER)
+    except OSError as error:
+        raise ResultError(f"{run_folder / LAYERS_FOLDER}: cannot be removed: {error.strerror}; remove it") from error
+
+
+def _unreadable(folder: Path, error: Exception) -> ResultError:
+    return ResultError(f"{folder}: cannot be read ({error}); remove this folder, and the run begins at its first layer")
+
+
+def _states(components: Mapping[str, Component]) -> tuple[dict[str, bytes], str]:
+    """States by component; why there is none, if one of them has none."""
+    states: dict[str, bytes] = {}
+    for name, component in components.items():
+        lacking = [member for member in ("save", "restore") if not hasattr(component, member)]
+        if lacking:
+            return {}, f"{name} has no {' and no '.join(lacking)}"
+        try:
+            states[name] = component.save()  # type: ignore[attr-defined]
+        except Exception as error:  # a component of anybody's may raise anything; the run goes on without
+            return {}, f"{name} cannot save its state: {error}"
+    return states, ""
+
+
+def _packed(checkpoint: Checkpoint) -> dict[str, NDArray[Any]]:
+    point = np.array([checkpoint.time_ns, checkpoint.layer], np.int64)
+    packed = {"point": point, "refusal": np.array(checkpoint.refusal)}
+    packed |= {f"state/{name}": np.frombuffer(state, np.uint8) for name, state in checkpoint.states.items()}
+    for name, values in checkpoint.outputs.items():
+        packed |= {f"output/{name}/{port}": np.asarray(value) for port, value in values.items()}
+    return packed
+
+
+def _unpacked(packed: Mapping[str, NDArray[Any]]) -> Checkpoint:
+    time_ns, layer = (int(number) for number in packed["point"])
+    states: dict[str, bytes] = {}
+    outputs: dict[str, dict[str, NDArray[Any]]] = {}
+    for key, value in packed.items():
+        kind, _, rest = key.partition("/")
+        if kind == "state":
+            states[rest] = value.tobytes()
+            outputs.setdefault(rest, {})  # a component may have none
+        elif kind == "output":
+            name, _, port = rest.partition("/")
+            value.flags.writeable = False  # consumers share it
+            outputs.setdefault(name, {})[port] = value
+    return Checkpoint(time_ns, layer, outputs, states, str(packed["refusal"]))
+
+
+def _save(path: Path, arrays: Mapping[str, NDArray[Any]], durable: bool) -> None:
+    with replaced(path, durable=durable) as partial, partial.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]
+
+
+def _read(path: Path) -> dict[str, NDArray[Any]]:
+    with np.load(path, allow_pickle=False) as stored:
+        return {key: stored[key] for key in stored.files}

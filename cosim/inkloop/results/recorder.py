@@ -1,0 +1,260 @@
+"""What a run leaves behind, layer by layer: an observer that knows the layer contract and nothing else.
+
+Row k belongs to layer k, row 0 to the start surface. The roles are found by what a component puts out: who gives
+`layer_command` is the controller, `layers_printed` the printer, `layers_scanned` the profiler, `layers_followed` a
+shadow of the printer; any may be missing. A printer that cannot tell its surface, as no real one can, is judged by the
+scans of a real profiler, else by its shadow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from inkloop.component import Component, FloatMap, Job, Port, Status, Values, is_device
+from inkloop.results.metrics import surface_error
+
+COUNTERS = {
+    "layer_command": "controller",
+    "layers_printed": "printer",
+    "layers_scanned": "profiler",
+    "layers_followed": "shadow",
+    "layers_compared": "shadow",
+}
+LABELS = {("shadow", "height"): "shadow_height", ("shadow", "status"): "shadow_status"}
+"""What is recorded under another name than that of its port, for it never is what a printer says."""
+NOT_REPRODUCIBLE = frozenset({"solve_time"})
+LONG_NAMES = {
+    "height": "surface after the layer",
+    "area": "share of each cell that ink covers after the layer",
+    "measured_height": "scan of the layer",
+    "valid": "cells of the scan that were measured",
+    "estimated_height": "the controller's estimate from the scan of the layer",
+    "pattern": "what was jetted in the layer: 0 none, 1 material A, 2 material B",
+    "time": "time at which the layer was complete",
+    "shadow_height": "surface of the model that follows the commanded patterns",
+    "shadow_status": "4: grown otherwise than the model says, or not to be compared; 3: so much that the run ended",
+    "growth_divergence": "rms over the part of what was scanned to be added less what the model adds",
+    "surface_divergence": "rms over the part of scan less model",
+    "layer_unknown": "the layer was given up midway: nobody knows what of its pattern was jetted",
+    "mean_error": "target minus mean height over the part",
+    "mae": "mean absolute error over the part",
+    "rms": "root mean square error over the part",
+    "std": "standard deviation of the error over the part (population)",
+}
+
+
+@dataclass(frozen=True)
+class LayerRow:
+    """A finished layer in figures: errors over the part [m], `scalars` what the components said about it."""
+
+    layer: int
+    time: float
+    mean_error: float
+    mae: float
+    std: float
+    scalars: Mapping[str, float]
+
+
+class Recorder:
+    """Observer of a master; `on_layer` is told every finished layer, the start surface included.
+
+    Maps by layer: `height` when it is printed, `measured_height` and `valid` when it is scanned, `pattern` and the
+    scalars of the controller when it is commanded, `estimated_height` when the controller has answered its scan.
+    """
+
+    def __init__(
+        self, job: Job, components: Mapping[str, Component], on_layer: Callable[[LayerRow], None] | None = None
+    ) -> None:
+        self._job = job
+        self._on_layer = on_layer
+        self._roles: dict[str, str] = {}
+        self._ports: dict[str, Port] = {}
+        self._rows: dict[str, dict[int, NDArray[Any]]] = {}
+        self._layer_times: dict[int, float] = {}
+        self._seen: dict[str, int] = {}
+        self._new_rows: dict[str, NDArray[Any]] = {}
+        for counter, role in COUNTERS.items():
+            for name, component in components.items():
+                if role not in self._roles and any(port.name == counter for port in component.outputs):
+                    self._roles[role] = name
+        self._own_ports = {
+            role: {port.name: port for port in components[name].outputs} for role, name in self._roles.items()
+        }
+        self._surface_role, self._surface_port = self._who_tells_the_surface(components)
+
+    @property
+    def layers(self) -> int:
+        """Number of the last printed layer."""
+        return max(self._layer_times, default=0)
+
+    @property
+    def scanned(self) -> int:
+        """Layer of the last scan, -1 before the first."""
+        return self._seen.get("layers_scanned", -1)
+
+    def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
+        """Row 0: the start surface; nothing where it goes on from the rows of an earlier part of the run."""
+        self._seen = {counter: int(outputs[self._roles[role]][counter]) for counter, role in COUNTERS.items()
+                      if role in self._roles}  # fmt: skip
+        if self._layer_times:
+            return
+        if "printer" in self._roles:
+            self._printed(self._seen["layers_printed"], time_ns, outputs[self._roles["printer"]])
+        if "shadow" in self._roles:
+            self._followed("layers_followed", self._seen["layers_followed"], time_ns, outputs[self._roles["shadow"]])
+        if self._seen.get("layers_scanned", -1) >= 0:
+            self._scanned(self._seen["layers_scanned"], time_ns, outputs[self._roles["profiler"]])
+
+    def stepped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
+        """Record whatever a sequence number says is new."""
+        for counter, role in COUNTERS.items():
+            if role not in self._roles:
+                continue
+            values = outputs[self._roles[role]]
+            number = int(values[counter])
+            if number == self._seen[counter]:
+                if role == "controller" and values.get("status") == Status.DONE:
+                    self._keep(role, "estimated_height", number, values)
+                continue
+            self._seen[counter] = number
+            if role == "controller":
+                self._commanded(number, values)
+            elif role == "printer":
+                self._printed(number, time_ns, values)
+            elif role == "shadow":
+                self._followed(counter, number, time_ns, values)
+            else:
+                self._scanned(number, time_ns, values)
+
+    def take_rows(self) -> dict[str, NDArray[Any]]:
+        """What was recorded since this was last called, for `put_rows` of a recorder of the same components."""
+        rows, self._new_rows = self._new_rows, {}
+        return rows
+
+    def put_rows(self, rows: Mapping[str, NDArray[Any]]) -> None:
+        """Record what `take_rows` of an earlier part of the run gave; all of its calls in their order."""
+        for key, value in rows.items():
+            place, _, layer = key.rpartition("/")
+            role, _, name = place.partition("/")
+            if role == "run":
+                self._layer_times[int(layer)] = float(value)
+            else:
+                self._keep(role, name, int(layer), {name: value})
+        self._new_rows = {}
+
+    def dataset(self) -> xr.Dataset:
+        """Everything recorded, as labelled arrays with units; layers that were jumped over hold NaN or 0."""
+        job, count = self._job, self.layers + 1
+        variables: dict[str, xr.Variable] = {
+            "target_height": _variable(("x", "y"), job.target_height, "m", "height that the part shall have"),
+            "mask": _variable(("x", "y"), job.mask, "1", "cells of the part"),
+        }
+        for name, rows in self._rows.items():
+            port = self._ports[name]
+            dims = ("layer", "x", "y")[: 1 + len(port.shape)]
+            filled = np.full((count, *port.shape), np.nan if port.dtype.startswith("float") else 0, dtype=port.dtype)
+            for layer, value in rows.items():
+                if layer < count:
+                    filled[layer] = value
+            variables[name] = _variable(dims, filled, port.unit, LONG_NAMES.get(name, name.replace("_", " ")))
+            if name in NOT_REPRODUCIBLE:
+                variables[name].attrs["reproducible"] = "no: wall-clock"
+        times = np.array([self._layer_times.get(layer, np.nan) for layer in range(count)])
+        variables["time"] = _variable(("layer",), times, "s", LONG_NAMES["time"])
+        if "height" not in variables and (surface := self._surface_label()) in variables:
+            told = _carried(variables[surface].values, self._rows[surface])
+            variables["height"] = _variable(("layer", "x", "y"), told, "m", f"{LONG_NAMES['height']}: {surface}")
+        if "height" in variables:
+            errors = [surface_error(surface, job) for surface in variables["height"].values]
+            for name in ("mean_error", "mae", "rms", "std"):
+                values = np.array([getattr(error, name) for error in errors])
+                variables[name] = _variable(("layer",), values, "m", LONG_NAMES[name])
+        coordinates = {
+            "layer": _variable(("layer",), np.arange(count), "1", "layer; 0 is the start surface"),
+            "x": _variable(("x",), np.arange(job.nx) * job.pitch, "m", "position along x"),
+            "y": _variable(("y",), np.arange(job.ny) * job.pitch, "m", "position along y"),
+        }
+        return xr.Dataset(variables, coordinates, {"pitch": job.pitch})
+
+    def _commanded(self, number: int, values: Values) -> None:
+        self._keep("controller", "pattern", number, values)
+        self._keep("controller", "estimated_height", number - 1, values)
+        self._keep_scalars("controller", number, values)
+
+    def _printed(self, number: int, time_ns: int, values: Values) -> None:
+        self._layer_times[number] = time_ns * 1e-9
+        self._new_rows[f"run/time/{number}"] = np.asarray(time_ns * 1e-9)
+        for name in ("height", "area"):
+            self._keep("printer", name, number, values)
+        self._keep_scalars("printer", number, values)
+        self._tell("printer", number, time_ns, values)
+
+    def _scanned(self, number: int, time_ns: int, values: Values) -> None:
+        for name in ("measured_height", "valid"):
+            self._keep("profiler", name, number, values)
+        self._keep_scalars("profiler", number, values)
+        self._tell("profiler", number, time_ns, values)
+
+    def _followed(self, counter: str, number: int, time_ns: int, values: Values) -> None:
+        """The shadow has deposited a layer, or was held against a scan; the scan of layer 0 may move its surface."""
+        if counter == "layers_compared":
+            self._keep_scalars("shadow", number, values)
+            self._keep("shadow", "status", number, values)
+        if number == int(values["layers_followed"]):
+            self._keep("shadow", "height", number, values)
+        if counter == "layers_followed":
+            self._tell("shadow", number, time_ns, values)
+
+    def _tell(self, role: str, number: int, time_ns: int, values: Values) -> None:
+        """Tell of a layer when its surface is known."""
+        if self._on_layer is None or role != self._surface_role:
+            return
+        error = surface_error(values[self._surface_port], self._job)
+        scalars = {name: float(rows[number]) for name, rows in self._rows.items()
+                   if number in rows and rows[number].ndim == 0}  # fmt: skip
+        self._on_layer(LayerRow(number, time_ns * 1e-9, error.mean_error, error.mae, error.std, scalars))
+
+    def _who_tells_the_surface(self, components: Mapping[str, Component]) -> tuple[str, str]:
+        """Role and output: the printer, else a profiler that scans something real, else the shadow; "" if nobody."""
+        candidates = [("printer", "height"), ("shadow", "height"), ("profiler", "measured_height")]
+        if "profiler" in self._roles and is_device(components[self._roles["profiler"]]):
+            candidates.insert(1, candidates.pop())
+        telling = (told for told in candidates if told[1] in self._own_ports.get(told[0], {}))
+        return next(telling, ("", ""))
+
+    def _surface_label(self) -> str:
+        return LABELS.get((self._surface_role, self._surface_port), self._surface_port)
+
+    def _keep_scalars(self, role: str, layer: int, values: Values) -> None:
+        for name, port in self._own_ports[role].items():
+            if port.shape == () and name not in COUNTERS and name != "status":
+                self._keep(role, name, layer, values)
+
+    def _keep(self, role: str, name: str, layer: int, values: Values) -> None:
+        """Store one value under its name; where two components share a name, the later one is told by its role."""
+        port = self._own_ports[role].get(name)
+        if port is None or layer < 0:
+            return
+        label = LABELS.get((role, name), name)
+        if self._ports.setdefault(label, port) is not port:
+            label = f"{role}_{name}"
+            self._ports.setdefault(label, port)
+        self._rows.setdefault(label, {})[layer] = self._new_rows[f"{role}/{name}/{layer}"] = np.array(values[name])
+
+
+def _carried(maps: NDArray[Any], known: Mapping[int, object]) -> NDArray[Any]:
+    """Maps by layer, those that are not known as the one before them: a layer may be printed and not yet scanned."""
+    layers = np.arange(len(maps))
+    last = np.maximum.accumulate(np.where(np.isin(layers, list(known)), layers, 0))
+    carried: NDArray[Any] = maps[last]
+    return carried
+
+
+def _variable(dims: tuple[str, ...], values: NDArray[Any] | FloatMap, unit: str, long_name: str) -> xr.Variable:
+    return xr.Variable(dims, values, {"units": unit, "long_name": long_name})

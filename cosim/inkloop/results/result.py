@@ -1,0 +1,200 @@
+"""A finished run: labelled arrays with units, and the record of how they came about.
+
+A run folder holds `result.nc` (the arrays), `scenario.toml` (the file as run) and `run.json` (versions, seed, hashes,
+wall times, stop reason). The latter two are there from the start of the run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from inkloop.component import Component
+from inkloop.errors import ResultError
+from inkloop.files import replaced, sync_folder, write_text
+from inkloop.results.metrics import masked_error
+
+SCHEMA_VERSION = 1
+RESULT_FILE, RUN_FILE, SCENARIO_FILE = "result.nc", "run.json", "scenario.toml"
+UNFINISHED = ("running", "interrupted", "failed")
+"""Stop reasons of a run that `inkloop resume` can go on with."""
+_LIBRARIES = ("inkloop", "casadi", "fmpy", "numpy", "xarray")
+
+
+@dataclass(frozen=True)
+class Result:
+    """`dataset`: dims layer, x, y; `run`: what stands in run.json."""
+
+    dataset: xr.Dataset
+    run: Mapping[str, Any]
+
+    @classmethod
+    def of(
+        cls,
+        dataset: xr.Dataset,
+        *,
+        title: str,
+        label: str,
+        scenario_text: str,
+        seed: int,
+        stop_reason: str,
+        wall_s: Mapping[str, float],
+        components: Mapping[str, Component],
+        notes: Mapping[str, Any] | None = None,
+    ) -> Result:
+        """A result from what a recorder holds; `label` names the run where several stand side by side.
+
+        notes: what run.json shall say besides.
+        """
+        attributes = {
+            "Conventions": "CF-1.11",
+            "schema_version": SCHEMA_VERSION,
+            "title": title,
+            "label": label,
+            "scenario": scenario_text,
+            "seed": seed,
+            "stop_reason": stop_reason,
+            "source": f"inkloop {_version('inkloop')}",
+        }
+        hashes = {"scenario": _sha256(scenario_text)}
+        hashes |= {name: part.sha256 for name, part in components.items() if hasattr(part, "sha256")}
+        run = {
+            "schema_version": SCHEMA_VERSION,
+            "title": title,
+            "label": label,
+            "seed": seed,
+            "stop_reason": stop_reason,
+            "versions": {"python": platform.python_version(), **{name: _version(name) for name in _LIBRARIES}},
+            "platform": platform.platform(),
+            "sha256": hashes,
+            "wall_s": dict(wall_s),
+            **(notes or {}),
+        }
+        return cls(dataset.assign_attrs(attributes), run)
+
+    @property
+    def scenario_text(self) -> str:
+        """The scenario as run, overrides included."""
+        return str(self.dataset.attrs["scenario"])
+
+    @property
+    def stop_reason(self) -> str:
+        """What ended the run, see `Master.run`."""
+        return str(self.dataset.attrs["stop_reason"])
+
+    @property
+    def wall_s(self) -> float:
+        """Wall time of the whole run [s]."""
+        return float(self.run["wall_s"]["total"])
+
+    @property
+    def final_height(self) -> xr.DataArray:
+        """Surface after the last layer (x, y) [m]."""
+        return self.dataset["height"][-1]
+
+    @property
+    def error_map(self) -> xr.DataArray:
+        """Target minus final height over the part (x, y) [m], NaN elsewhere."""
+        return (self.dataset["target_height"] - self.final_height).where(self.dataset["mask"])
+
+    def metrics(self) -> dict[str, float]:
+        """Errors of the final surface over the part [m], layers and droplets; of a part in two inks its mismatch."""
+        height, target, mask = (a.values for a in (self.final_height, self.dataset.target_height, self.dataset.mask))
+        error = masked_error(height, target, mask)
+        figures = {name: getattr(error, name) for name in ("mean_error", "mae", "rms", "std", "min", "max")}
+        figures |= {"layers": float(self.dataset.sizes["layer"] - 1), "droplets": self._droplets()}
+        return figures | ({"mismatch": float(self.dataset.mismatch)} if "mismatch" in self.dataset else {})
+
+    @staticmethod
+    def begin(folder: Path, scenario_text: str, notes: Mapping[str, Any]) -> None:
+        """Write what a run folder holds while the run goes on. Raises ResultError."""
+        run = {"schema_version": SCHEMA_VERSION, "stop_reason": "running", "scenario_sha256": _sha256(scenario_text)}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            sync_folder(folder.parent)
+            write_text(folder / SCENARIO_FILE, scenario_text, durable=True)
+            write_text(folder / RUN_FILE, json.dumps(run | dict(notes), indent=2) + "\n", durable=True)
+        except OSError as error:
+            raise ResultError(f"{folder}: the run cannot be written there: {error}") from error
+
+    def save(self, folder: Path) -> None:
+        """Write the run folder's files, each whole or not at all. Raises ResultError."""
+        packed = {name: {"zlib": True, "complevel": 4} for name, a in self.dataset.variables.items() if a.ndim > 0}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with replaced(folder / RESULT_FILE) as partial:
+                self.dataset.to_netcdf(partial, engine="h5netcdf", encoding=packed)
+            write_text(folder / SCENARIO_FILE, self.scenario_text)
+            write_text(folder / RUN_FILE, json.dumps(self.run, indent=2) + "\n")
+        except OSError as error:
+            raise ResultError(f"{folder}: the run cannot be saved: {error}") from error
+
+    @classmethod
+    def load(cls, folder: Path) -> Result:
+        """Read a run folder. Raises ResultError where it is none, or of another schema."""
+        folder = Path(folder)
+        for name in (RESULT_FILE, RUN_FILE):
+            if not (folder / name).is_file():
+                begun = name == RESULT_FILE and (folder / RUN_FILE).is_file()
+                advice = f"`inkloop resume {folder}` ends it" if begun else "name a folder that `inkloop run` has made"
+                raise ResultError(f"{folder}: holds no {name}; {advice}")
+        try:
+            with xr.open_dataset(folder / RESULT_FILE, engine="h5netcdf") as stored:
+                dataset = stored.load()
+            run = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise ResultError(f"{folder}: cannot be read: {error}") from error
+        _check_schema(folder, dataset.attrs.get("schema_version"))
+        return cls(dataset, run)
+
+    def _droplets(self) -> float:
+        """Droplets that landed, as the printer counted them, else as they were commanded."""
+        counts = [self.dataset[name] for name in ("droplets_a", "droplets_b") if name in self.dataset]
+        if counts:
+            return float(sum(int(count[-1]) for count in counts))
+        return float(np.count_nonzero(self.dataset["pattern"])) if "pattern" in self.dataset else float("nan")
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """The run.json of a run folder, finished or not. Raises ResultError where it is none, or of another schema."""
+    try:
+        record = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ResultError(f"{folder}: holds no {RUN_FILE}; name a folder that `inkloop run` has made") from error
+    except (OSError, ValueError) as error:
+        raise ResultError(f"{folder}: cannot be read: {error}") from error
+    if not isinstance(record, dict):
+        raise ResultError(f"{folder / RUN_FILE}: is no record of a run; name a folder that `inkloop run` has made")
+    _check_schema(folder, record.get("schema_version"))
+    return record
+
+
+def is_unchanged(folder: Path, record: Mapping[str, Any]) -> bool:
+    """Whether the scenario in a run folder is the one that its record was begun with."""
+    expected = record.get("scenario_sha256") or record.get("sha256", {}).get("scenario")
+    return bool(expected == _sha256((folder / SCENARIO_FILE).read_text(encoding="utf-8")))
+
+
+def _check_schema(folder: Path, found: object) -> None:
+    if found != SCHEMA_VERSION:
+        raise ResultError(f"{folder}: schema version is {found}; this inkloop reads {SCHEMA_VERSION}; run it again")
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"

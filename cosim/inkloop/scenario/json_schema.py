@@ -1,0 +1,80 @@
+"""The scenario file as a JSON Schema (draft 7), for editors that complete and check TOML while it is written.
+
+It is made from the tables of `inkloop.tables.schema` and the options of the kinds of component that are installed. What
+only a whole file can say (a part beyond its grid, a port that is not there) is left to `inkloop validate`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from inkloop.components import catalog, devices
+from inkloop.components.fmu_parameters import FORMS
+from inkloop.components.presets import PRESETS
+from inkloop.fmu import Variable, describe
+from inkloop.fmu_writer.export import find_fmu
+from inkloop.tables.schema import ScenarioFile
+from inkloop.units import spellings
+
+Schema = dict[str, Any]
+JSON_TYPES = {"f": "number", "b": "boolean", "i": "integer", "u": "integer"}
+
+
+def scenario_schema() -> Schema:
+    """The whole schema. Raises FmuError where one of our FMUs is missing."""
+    schema = ScenarioFile.model_json_schema()
+    definitions = schema["$defs"]
+    options = {model: _model_options(model) for model in catalog.FMU_MODELS}
+    options |= {kind: _model_options(device.model) for kind, device in devices.KINDS.items()}
+    for kind in catalog.PYTHON_KINDS:
+        table = catalog.python_options(kind).model_json_schema()
+        definitions.update(table.pop("$defs", {}))
+        options[kind] = table
+    definitions["ComponentTable"] = _by_kind(definitions["ComponentTable"], options)
+    return {"$schema": "http://json-schema.org/draft-07/schema#", **schema, "title": "inkloop scenario"}
+
+
+def _by_kind(table: Schema, options: dict[str, Schema]) -> Schema:
+    """The table of a component: which keys there are depends on its kind; of a foreign kind nothing is known."""
+    kind = {"anyOf": [{"enum": catalog.kinds()}, {"type": "string", "pattern": ":"}],
+            "description": "one of the catalog, or package.module:Class"}  # fmt: skip
+    rules = [
+        {
+            "if": {"properties": {"kind": {"const": name}}},
+            "then": {
+                "properties": {"kind": True, **known["properties"]},
+                "required": known.get("required", []),
+                "additionalProperties": False,
+            },
+        }
+        for name, known in options.items()
+    ]
+    return {**table, "properties": {"kind": kind}, "required": ["kind"], "additionalProperties": True, "allOf": rules}
+
+
+def _model_options(model: str) -> Schema:
+    """Options of one of our FMUs: its parameters under every spelling of their unit, the form, and the preset."""
+    properties: Schema = {"fmi": {"enum": list(FORMS), "description": "form of the FMU"}}
+    if model in PRESETS:
+        properties["preset"] = {"enum": list(PRESETS[model]), "description": "instrument; other keys win over it"}
+    for variable in describe(find_fmu(model, FORMS[0])).parameters.values():
+        for key, factor in spellings(variable.name, variable.unit).items():
+            properties[key] = _variable(variable, factor)
+    return {"properties": properties}
+
+
+def _variable(variable: Variable, factor: float) -> Schema:
+    """One value, or nested lists of them where the variable is an array; limits in the unit of the key."""
+    if variable.items:
+        value: Schema = {"enum": [*variable.items, *variable.items.values()]}
+    else:
+        value = {"type": JSON_TYPES[np.dtype(variable.dtype).kind]}
+        limits = {"minimum": variable.minimum, "maximum": variable.maximum}
+        value |= {word: float(limit) / factor for word, limit in limits.items() if limit is not None}
+    nested = value
+    for _ in variable.dimensions:
+        nested = {"type": "array", "items": nested}
+    either = {"anyOf": [value, nested]} if variable.dimensions else value
+    return {"description": variable.description, **either}

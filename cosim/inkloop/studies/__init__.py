@@ -1,0 +1,1 @@
+"""Studies that use inkloop as a library: the papers reproduced, the score board."""

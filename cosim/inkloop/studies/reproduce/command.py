@@ -1,0 +1,88 @@
+"""`inkloop reproduce`: the steps of a paper one after the other, and what they found in a run folder."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import io
+import json
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from matplotlib import rc_context
+from rich.console import Console
+from rich.progress import Progress
+
+from inkloop import __version__
+from inkloop.errors import ResultError
+from inkloop.files import write_text
+from inkloop.printing.run import INTERRUPTED, new_run_folder
+from inkloop.report import plot
+from inkloop.studies.reproduce.comparison import Paper, Part, markdown, remarks, spreadsheet, terminal_table
+
+PAPERS = {"lu": "lu", "wu-chiu": "wu_chiu", "hume-rosen": "hume_rosen"}
+"""Name of a paper on the command line -> module with its `PAPER`."""
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "reproduce", help="put a paper's printed figures beside what comes out here"
+    )
+    parser.add_argument("paper", choices=tuple(PAPERS), metavar="PAPER", help=", ".join(PAPERS))
+    parser.add_argument("--quick", action="store_true", help="fewer prints and coarser grids: half a minute at most")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for table and pictures (default: runs/PAPER)")
+    return parser
+
+
+def reproduce(options: argparse.Namespace, console: Console) -> int:
+    """The exit code of the command; after Ctrl-C the folder holds the steps that are done. Raises ResultError."""
+    paper: Paper = importlib.import_module(f"inkloop.studies.reproduce.{PAPERS[options.paper]}").PAPER
+    folder = new_run_folder(options.out, paper.name)
+    parts: dict[str, Part] = {}
+    seconds: dict[str, float] = {}
+    interrupted = False
+    with Progress(console=console, transient=True) as progress:
+        task = progress.add_task(paper.name, total=len(paper.steps))
+        for step in paper.steps:
+            progress.update(task, description=step.name)
+            begin = perf_counter()
+            try:
+                with rc_context(plot.STYLE):
+                    parts[step.name] = step.find(options.quick)
+            except KeyboardInterrupt:
+                interrupted = True
+                break
+            seconds[step.name] = perf_counter() - begin
+            progress.advance(task)
+            write(folder, paper, parts, {"quick": options.quick, "seconds": seconds})
+    rows = [row for part in parts.values() for row in part.rows]
+    console.print(terminal_table(f"{paper.name}: printed and ours", rows))
+    for remark in remarks(rows):
+        console.print(f"- {remark}", highlight=False)
+    done = "interrupted" if interrupted else "done"
+    held = "what is finished is" if interrupted else "table, pages and pictures are"
+    console.print(f"{done}: {held} in {folder}/", highlight=False)
+    return INTERRUPTED if interrupted else 0
+
+
+def write(folder: Path, paper: Paper, parts: dict[str, Part], notes: dict[str, object]) -> None:
+    """Write the table (.txt, .md, .csv), the pictures and how they came about. Raises ResultError."""
+    rows = [row for part in parts.values() for row in part.rows]
+    text = io.StringIO()
+    console = Console(file=text, width=140)
+    console.print(terminal_table(f"{paper.name}: printed and ours", rows))
+    for remark in remarks(rows):
+        console.print(f"- {remark}", highlight=False)
+    record = {"inkloop": __version__, "paper": paper.reference, "steps": list(parts), **notes}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_text(folder / "table.txt", text.getvalue())
+        write_text(folder / "table.md", markdown(paper.reference, rows))
+        write_text(folder / "table.csv", spreadsheet(rows))
+        write_text(folder / "reproduce.json", json.dumps(record, indent=2) + "\n")
+        for name, figure in list(parts.values())[-1].pictures.items():
+            plot.save(figure, folder / f"{name}.png")
+    except OSError as error:
+        raise ResultError(f"{folder}: the tables cannot be written there: {error}") from error

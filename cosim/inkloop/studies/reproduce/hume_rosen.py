@@ -1,0 +1,36 @@
+"""C. A. Hume, D. W. Rosen, "Low cost numerical modeling of material jetting-based additive manufacturing" (2018)."""
+
+from __future__ import annotations
+
+from inkloop.studies.reproduce import line_on_a_step, single_droplet, square
+from inkloop.studies.reproduce.comparison import Paper, Part, Row, Step
+from inkloop.studies.reproduce.liquid import Liquid
+
+
+def time_scales(quick: bool) -> Part:
+    """Table 1, and the numbers that the text argues with."""
+    ink = Liquid()
+    where, text = "Table 1", "the paper says that it is small and prints no number"
+    return Part([
+        Row(where, "t_spread", "us", 10.0, ink.spreading * 1e6, 0.5),
+        Row(where, "t_osc", "us", 50.0, ink.oscillation * 1e6, 1.0),
+        Row(where, "t_visc", "us", 160.0, ink.damping * 1e6, 0.5),
+        Row(where, "t_relax", "us", 80.0, ink.relaxation * 1e6, 0.5),
+        Row(where, "t_dep, at 8 kHz", "us", 125.0, ink.interval * 1e6, 0.5),
+        Row("Theory", "Bond number", "1", None, ink.bond, remark=text),
+        Row("Theory", "Ohnesorge number", "1", None, ink.ohnesorge, remark=text),
+        Row("Theory", "objections to the quasi-static model", "1", 0.0, float(len(ink.objections())), 0.0),
+    ])  # fmt: skip
+
+
+PAPER = Paper(
+    "hume-rosen",
+    "C. A. Hume, D. W. Rosen, Low cost numerical modeling of material jetting-based additive manufacturing, "
+    "Solid Freeform Fabrication Symposium 2018",
+    (
+        Step("time scales of the ink", time_scales),
+        Step("one droplet, Table 2", single_droplet.find),
+        Step("five droplets at the edge of a layer", line_on_a_step.find),
+        Step("square of 6250 droplets", square.find),
+    ),
+)

@@ -1,0 +1,56 @@
+"""Five droplets at the edge of a layer: the example that the paper explains its method with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from inkloop.models import YoungLaplaceDeposition
+from inkloop.models.young_laplace_deposition import FineSurface
+from inkloop.studies.reproduce import pictures
+from inkloop.studies.reproduce.comparison import Part, Row
+
+UM = 1e6
+CELLS, EDGE = 11, 6
+"""The layer below covers the cells with j < EDGE."""
+
+
+def find(quick: bool) -> Part:
+    """Along the edge and across it; the paper prints a picture and no number."""
+    per_pitch = 8 if quick else 16
+    rows, shown = [], {}
+    for name, sites in {"along the edge": [(i, EDGE - 1) for i in range(3, 8)],
+                        "across the edge": [(5, j) for j in range(3, 8)]}.items():  # fmt: skip
+        for form in ("nonlinear", "linear"):
+            model = YoungLaplaceDeposition(form=form, cells_per_pitch=per_pitch)
+            below, after = _printed(model, sites)
+            added = (after.over_grid - below.over_grid) * UM
+            beyond = added[:, EDGE * per_pitch :].sum() / added.sum()
+            where = f"Fig. 3 to 5, {name}, {form}"
+            rows += [
+                Row(where, "highest point over the plate", "um", None, float(after.over_grid.max()) * UM),
+                Row(where, "thickest place of the line", "um", None, float(added.max())),
+                Row(where, "volume beyond the edge", "%", None, 100.0 * float(beyond)),
+                Row(where, "volume kept, of five droplets", "%", None,
+                    100.0 * float(added.sum()) * (after.spacing * UM) ** 2 / (5 * 30e3)),
+            ]  # fmt: skip
+            shown[f"{name}, {form}"] = (below, after)
+    return Part(rows, {"line-on-a-step": pictures.lines_on_a_step(shown)})
+
+
+def _printed(model: YoungLaplaceDeposition, sites: list[tuple[int, int]]) -> tuple[FineSurface, FineSurface]:
+    """Surface of one full layer up to the edge, and with the five droplets on it.
+
+    Across the edge the grid is turned, because lines lie along x.
+    """
+    layer, line = np.zeros((CELLS, CELLS), dtype=np.int32), np.zeros((CELLS, CELLS), dtype=np.int32)
+    layer[1:-1, 1:EDGE] = 1
+    line[tuple(np.transpose(sites))] = 1
+    turned = len({i for i, _ in sites}) == 1
+    if turned:
+        layer, line = layer.T.copy(), line.T.copy()
+    below = model.layer(model.start(np.zeros((CELLS, CELLS))), layer)
+    after = model.layer(below, line, 2)
+    if not turned:
+        return below, after
+    back = [FineSurface(s.height.T, s.fine.T, s.spacing, s.rim, s.fallbacks, s.lost) for s in (below, after)]
+    return back[0], back[1]

@@ -1,0 +1,23 @@
+"""The junction of two pipes in two inks, Fig. 13 and 14 (Lu, Zheng, Mishra 2015)."""
+
+from __future__ import annotations
+
+from inkloop.report import plot
+from inkloop.studies.reproduce import prints
+from inkloop.studies.reproduce.comparison import Part, Row
+
+WHERE = "Fig. 13, 14: pipe junction"
+BY_EYE = 'the paper shows pictures: "visible deformation near the edge" open loop, "no visible deformation" closed loop'
+
+
+def find(quick: bool) -> Part:
+    """One print by each controller; the paper's search only when there is time."""
+    runs = prints.by_controller("pipe-junction", [1], without=["paper's search"] if quick else [])
+    rows = []
+    for label, (result,) in runs.items():
+        metrics = result.metrics()
+        rows += [
+            Row(WHERE, f"{label}: geometry mismatch", "%", None, 100.0 * metrics["mismatch"], remark=BY_EYE),
+            Row(WHERE, f"{label}: mean absolute error of the top", "um", None, metrics["mae"] * 1e6),
+        ]
+    return Part(rows, {"pipe-junction": plot.solids({label: result.dataset for label, (result,) in runs.items()})})

@@ -1,0 +1,59 @@
+"""Whether a pattern is found again from the surface that it made (Lu, Zheng, Mishra 2015, IV-C)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.component import FloatMap, Job
+from inkloop.components import catalog
+from inkloop.models import LayerDeposition
+from inkloop.studies.reproduce.comparison import Part, Row
+
+SIDE, COUNT, ROUGHNESS = 20, 50, 8e-6
+FOUND = 1e-15
+SURFACES = "start surfaces are uniform over 0 to 8 um, a layer's height; the paper says only that they are random"
+CONTROLLERS: Mapping[str, tuple[str, dict[str, object]]] = {
+    "paper's search": ("StochasticGreedy", {"alpha": 1.0}),
+    "LayerMpc, one layer ahead": ("LayerMpc", {"alpha": 1.0, "horizon": 1, "adapt_ink": "off"}),
+}
+
+
+def find(quick: bool) -> Part:
+    """How many of 50 (quick: 10) random patterns each controller finds again."""
+    count = 10 if quick else COUNT
+    rows = []
+    for name, (kind, options) in CONTROLLERS.items():
+        found = sum(_finds_again(kind, options, seed) for seed in range(count))
+        rows.append(Row("IV-C: recoverability", name, f"of {count}", float(count), float(found), 0.0, SURFACES))
+    return Part(rows)
+
+
+def _finds_again(kind: str, options: dict[str, object], seed: int) -> bool:
+    """Whether the layer that is commanded makes the target surface."""
+    rng, model = np.random.default_rng(seed), LayerDeposition()
+    start = rng.uniform(0.0, ROUGHNESS, (SIDE, SIDE))
+    target = model.layer(model.start(start), rng.integers(0, 2, (SIDE, SIDE), dtype=np.int32)).height
+    job = Job(SIDE, SIDE, 263.256e-6, target, np.ones((SIDE, SIDE), dtype=np.bool_), seed=seed)
+    pattern = first_pattern(kind, job, options, start)
+    return bool(np.abs(model.layer(model.start(start), pattern).height - target).max() <= FOUND)
+
+
+def first_pattern(kind: str, job: Job, options: dict[str, object], height: FloatMap) -> NDArray[np.int32]:
+    """What a controller commands on a surface; no droplet if it takes the print for done."""
+    controller = catalog.make(kind, job, options)
+    scan = {
+        "measured_height": height,
+        "valid": np.ones(height.shape, dtype=np.bool_),
+        "layers_scanned": np.asarray(0, dtype=np.int32),
+        "layers_printed": np.asarray(0, dtype=np.int32),
+    }
+    try:
+        controller.initialize(0, scan)
+        outputs = controller.do_step(0, 1_000_000_000, scan)
+    finally:
+        controller.terminate()
+    pattern = np.asarray(outputs["pattern"], dtype=np.int32)
+    return pattern if int(outputs["layer_command"]) == 1 else np.zeros_like(pattern)

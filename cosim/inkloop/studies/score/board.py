@@ -1,0 +1,131 @@
+"""Controllers on the plants of one version: prints with fixed seeds, and the scores that compare them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from inkloop.component import Ink
+from inkloop.errors import InkloopError
+from inkloop.printing.run import print_part
+from inkloop.results.result import Result
+from inkloop.scenario.file import Scenario
+from inkloop.studies.score.told_inks import identified, single_droplet
+from inkloop.suggest import nearest
+
+VERSION = "plant-v1"
+PLANTS = ("lu", "lu-laser", "lu-wide", "caps", "volume-area", "young-laplace-linear", "young-laplace")
+SEEDS = (1, 2, 3)
+FOLDER = Path(__file__).parent / VERSION
+UM = 1e6
+METRICS = ("mean_error", "mae", "rms", "std", "layers", "droplets")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A controller of the board.
+
+    kind: as in a scenario; options: `key=value` of its table; ink: what it is told of a plant, None: the droplets'
+    volume in the proportions of Lu et al., Table I; note: what it knows, in words.
+    """
+
+    name: str
+    kind: str
+    options: tuple[str, ...] = ()
+    ink: Callable[[Scenario], Ink] | None = None
+    note: str = ""
+
+
+OPEN_LOOP = Entry("open loop", "OpenLoop", note="full layers, blindly")
+PAPERS = Entry("paper's search", "StochasticGreedy", note="stochastic greedy search (Lu et al. 2015), Lu nominal")
+OURS = Entry("LayerMpc, Lu nominal", "LayerMpc", note="learns the volume of the droplets")
+LEARNING = Entry(
+    "LayerMpc, Lu identified, learning",
+    "LayerMpc",
+    ('adapt_ink="full"',),
+    identified,
+    "the same, learns h1, h2, h3 too",
+)
+ENTRIES = (
+    OPEN_LOOP,
+    Entry("superposition", "CohenLipson", (), single_droplet, "greedy geometric feedback (Cohen, Lipson 2010)"),
+    Entry("error diffusion", "ErrorDiffusion", note="of what each layer lacks, Lu nominal"),
+    PAPERS,
+    OURS,
+    Entry("LayerMpc, Lu identified", "LayerMpc", (), identified, "least squares on random layers of the plant"),
+    LEARNING,
+    Entry("LayerMpc, single droplet", "LayerMpc", (), single_droplet, "the ink that superposition is told"),
+)
+AGAINST = (OPEN_LOOP, PAPERS, OURS, LEARNING)
+"""Those that a controller of one's own is shown beside."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """Metrics of an entry on one plant [m], one number for each seed; ink: what it was told."""
+
+    entry: Entry
+    plant: str
+    ink: Ink
+    figures: Mapping[str, Sequence[float]]
+
+    def mean(self, metric: str) -> float:
+        """Over the seeds; in micrometres if it is a length."""
+        scale = 1.0 if metric in ("layers", "droplets") else UM
+        return float(np.mean(self.figures[metric])) * scale
+
+
+def load(plant: str, overrides: Iterable[str] = ()) -> Scenario:
+    """The scenario of a plant, with the controller in it that the overrides say. Raises ScenarioError."""
+    if plant not in PLANTS:
+        raise InkloopError(f"there is no plant {VERSION}/{plant}: {nearest(plant, PLANTS)}")
+    return Scenario.load(FOLDER / f"{plant}.toml", overrides)
+
+
+def overrides_of(entry: Entry) -> list[str]:
+    """What puts a controller into the scenario of a plant."""
+    options = [f"components.controller.{option}" for option in entry.options]
+    return [f"components.controller.kind={entry.kind}", *options]
+
+
+def prints(entry: Entry, plant: str, seeds: Iterable[int]) -> Score:
+    """An entry on a plant. Raises ScenarioError, ComponentError; KeyboardInterrupt after Ctrl-C."""
+    nominal = load(plant)
+    ink = nominal.job().inks[0] if entry.ink is None else entry.ink(nominal)
+    figures: dict[str, list[float]] = {metric: [] for metric in METRICS}
+    for seed in seeds:
+        result = _printed(load(plant, [f"seed={seed}", *overrides_of(entry), *_overrides(ink)]))
+        for metric, value in result.metrics().items():
+            if metric in figures:
+                figures[metric].append(value)
+    return Score(entry, plant, ink, figures)
+
+
+def relative(scores: Sequence[Score], name: str) -> float:
+    """Geometric mean, over the plants, of the rms error of an entry over that of the open loop."""
+    rms = {(score.entry.name, score.plant): score.mean("rms") for score in scores}
+    plants = [plant for of, plant in rms if of == name and (OPEN_LOOP.name, plant) in rms]
+    return float(np.exp(np.mean([np.log(rms[name, plant] / rms[OPEN_LOOP.name, plant]) for plant in plants])))
+
+
+def fingerprint() -> str:
+    """Begin of the SHA-256 over all plants of the version: the same for everyone who compares."""
+    digest = hashlib.sha256()
+    for plant in PLANTS:
+        digest.update((FOLDER / f"{plant}.toml").read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def _printed(scenario: Scenario) -> Result:
+    result = print_part(scenario)
+    if result.stop_reason == "interrupted":
+        raise KeyboardInterrupt
+    return result
+
+
+def _overrides(ink: Ink) -> list[str]:
+    return [f"ink.a.{name}_um={getattr(ink, name) * UM!r}" for name in ("h1", "h2", "h3")]

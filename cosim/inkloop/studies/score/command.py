@@ -1,0 +1,119 @@
+"""`inkloop score`: our controllers, or one of the user's beside ours, on the plants of the score board."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib import rc_context
+from rich.console import Console
+from rich.progress import Progress
+
+from inkloop.errors import InkloopError, ResultError
+from inkloop.files import write_text
+from inkloop.printing.lock import sole_writer
+from inkloop.printing.run import INTERRUPTED, new_run_folder
+from inkloop.report import plot
+from inkloop.studies.score import tables
+from inkloop.studies.score.board import (
+    AGAINST,
+    ENTRIES,
+    OPEN_LOOP,
+    PLANTS,
+    SEEDS,
+    VERSION,
+    Entry,
+    Score,
+    load,
+    overrides_of,
+    prints,
+)
+from inkloop.suggest import nearest
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "score", help="compare controllers on the plants of the score board, one of your own beside ours"
+    )
+    parser.add_argument("controller", nargs="?", metavar="MODULE:CLASS",
+                        help="your controller, as kind in a scenario; without it: all of ours")  # fmt: skip
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides",
+                        help="option of your controller; may be repeated")  # fmt: skip
+    parser.add_argument("--plant", action="append", default=[], metavar="PLANT", dest="plants",
+                        help=f"only this plant; may be repeated: {', '.join(PLANTS)}")  # fmt: skip
+    parser.add_argument("--quick", action="store_true", help="one seed instead of three")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for tables and picture (default: runs/score)")
+    return parser
+
+
+def score(options: argparse.Namespace, console: Console) -> int:
+    """The exit code of the command. Raises InkloopError."""
+    sys.path.append(str(Path.cwd()))
+    entries = list(ENTRIES)
+    if options.controller is not None:
+        own = Entry(options.controller, options.controller, tuple(options.overrides))
+        entries = [*AGAINST, own]
+        load(PLANTS[0], overrides_of(own))  # what is wrong with it is said before anything is printed
+    elif options.overrides:
+        raise InkloopError("--set is for a controller of your own; name it, as MODULE:CLASS or by its kind")
+    unknown = [plant for plant in options.plants if plant.removeprefix(f"{VERSION}/") not in PLANTS]
+    if unknown:
+        raise InkloopError(f"there is no plant {unknown[0]!r}: {nearest(unknown[0], PLANTS)}")
+    named = [plant.removeprefix(f"{VERSION}/") for plant in options.plants]
+    seeds = SEEDS[:1] if options.quick else SEEDS
+    folder = new_run_folder(options.out, "score")
+    with sole_writer(folder):
+        return _scored(entries, named or list(PLANTS), seeds, folder, console)
+
+
+def _scored(
+    entries: Sequence[Entry], plants: Sequence[str], seeds: Sequence[int], folder: Path, console: Console
+) -> int:
+    """Print all, then write and show the tables of what is complete."""
+    found, interrupted = _all(entries, plants, seeds, console)
+    complete = [one for one in found if one.plant in {other.plant for other in found if other.entry is OPEN_LOOP}]
+    if complete:
+        write(folder, complete, seeds)
+        console.print(tables.terminal_table(complete))
+        console.print(tables.how_to_cite(seeds), highlight=False)
+        console.print(
+            f"{'interrupted' if interrupted else 'done'}: tables and picture are in {folder}/", highlight=False
+        )
+    elif interrupted:
+        console.print("interrupted: nothing is finished", highlight=False)
+    return INTERRUPTED if interrupted else 0
+
+
+def _all(
+    entries: Sequence[Entry], plants: Sequence[str], seeds: Sequence[int], console: Console
+) -> tuple[list[Score], bool]:
+    """All scores, plant by plant, or those up to Ctrl-C."""
+    found: list[Score] = []
+    with Progress(console=console, transient=True) as progress:
+        task = progress.add_task("", total=len(entries) * len(plants))
+        for plant in plants:
+            for entry in entries:
+                progress.update(task, description=f"{plant}: {entry.name}")
+                try:
+                    found.append(prints(entry, plant, seeds))
+                except KeyboardInterrupt:
+                    return found, True
+                progress.advance(task)
+    return found, False
+
+
+def write(folder: Path, scores: Sequence[Score], seeds: Sequence[int]) -> None:
+    """Write score.md, score.tex, score.csv and score.png. Raises ResultError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_text(folder / "score.md", tables.markdown(scores, seeds))
+        write_text(folder / "score.tex", tables.latex(scores, seeds))
+        write_text(folder / "score.csv", tables.spreadsheet(scores, seeds))
+        with rc_context(plot.STYLE):
+            plot.save(tables.picture(scores), folder / "score.png")
+    except OSError as error:
+        raise ResultError(f"{folder}: the tables cannot be written there: {error}") from error

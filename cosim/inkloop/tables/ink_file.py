@@ -1,0 +1,100 @@
+"""An ink in a file of its own, which scenarios name: `[ink] file = "my-ink.toml"`. `inkloop identify` writes one.
+
+Its values are put into the scenario when that is read, so that a run folder holds the ink as printed; what the scenario
+says itself wins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, MutableMapping
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+from pydantic import Field, ValidationError
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import Table as TomlTable
+
+from inkloop.tables.messages import sentence
+from inkloop.tables.shapes import Length, Table
+from inkloop.units import SUFFIXES
+
+_ENDINGS = [f"_{suffix}" for suffixes in SUFFIXES.values() for suffix in suffixes]
+
+
+class DropletTable(Table):
+    """`[a]`, `[b]`: the height that one droplet adds."""
+
+    h1_um: Length = Field(description="height added to the hit cell")
+    h2_um: float = Field(ge=0.0, allow_inf_nan=False, description="height added to a side neighbour")
+    h3_um: float = Field(ge=0.0, allow_inf_nan=False, description="height added to a corner neighbour")
+
+
+class InkFile(Table):
+    """The whole file. models: by kind the options of components; identified: where the numbers are from."""
+
+    a: DropletTable
+    b: DropletTable | None = None
+    models: dict[str, dict[str, Any]] = Field(default={}, description="options of components, by kind")
+    identified: dict[str, Any] = Field(default={}, description="for people")
+
+
+def put_in(document: tomlkit.TOMLDocument, folder: Path) -> list[str]:
+    """Replaces `ink.file` of a scenario by what the file beside it says; what is wrong, one sentence each."""
+    ink = document.get("ink")
+    if not isinstance(ink, MutableMapping) or not isinstance(ink.get("file"), str):
+        return []
+    name = str(ink.pop("file"))
+    found, faults = _read(folder / name)
+    if found is None:
+        return [f"ink.file is {name!r}: {fault}" for fault in faults]
+    for material in ("a", "b"):
+        droplet: DropletTable | None = getattr(found, material)
+        if droplet is not None:
+            _fill(ink, material, droplet.model_dump())
+    for table in _component_tables(document):
+        for key, value in found.models.get(str(table.get("kind")), {}).items():
+            if _quantity(key) not in {_quantity(own) for own in table}:
+                table[key] = value
+    if isinstance(ink, TomlTable):
+        ink.comment(f"from {name}")
+    return []
+
+
+def _read(path: Path) -> tuple[InkFile | None, list[str]]:
+    try:
+        raw = tomlkit.parse(path.read_text(encoding="utf-8")).unwrap()
+        return InkFile.model_validate(raw), []
+    except OSError as error:
+        return None, [f"{path} cannot be read: {error.strerror}; name an ink file beside the scenario"]
+    except (TOMLKitError, UnicodeDecodeError) as error:
+        return None, [f"is not TOML: {error}"]
+    except ValidationError as error:
+        return None, [sentence(detail, InkFile) for detail in error.errors()]
+
+
+def _fill(ink: MutableMapping[str, Any], material: str, values: dict[str, float]) -> None:
+    """Puts in what the scenario does not say of a material."""
+    own = ink.get(material)
+    if own is None:
+        ink[material] = values
+    elif isinstance(own, MutableMapping):  # anything else is a fault that the schema names
+        for key, value in values.items():
+            own.setdefault(key, value)
+
+
+def _component_tables(document: tomlkit.TOMLDocument) -> Iterator[MutableMapping[str, Any]]:
+    """All tables of components, those of comparison runs included."""
+    places = [document]
+    compare = document.get("compare")
+    if isinstance(compare, MutableMapping):
+        places += list(compare.values())
+    for place in places:
+        components = place.get("components") if isinstance(place, MutableMapping) else None
+        if isinstance(components, MutableMapping):
+            yield from (table for table in components.values() if isinstance(table, MutableMapping))
+
+
+def _quantity(key: str) -> str:
+    """A key without the unit at its end."""
+    return next((key.removesuffix(ending) for ending in _ENDINGS if key.endswith(ending)), key)

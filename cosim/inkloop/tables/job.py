@@ -1,0 +1,60 @@
+"""From the tables of a scenario to the job that its components are told."""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+
+from inkloop.component import FloatMap, Ink, Job
+from inkloop.geometry import cell_centers
+from inkloop.tables.schema import InkTable, ScenarioFile
+
+PASS_ORDERS = {"raster": 1, "diagonal": 2}
+
+
+def job_of(tables: ScenarioFile, component: str) -> Job:
+    """The job as `component` is told it; its seed is a stream of its own, derived from the scenario's."""
+    grid, process = tables.grid, tables.process
+    geometry = tables.part.geometry(grid)
+    x, y = cell_centers(grid.nx, grid.ny, grid.pitch)
+    if tables.support is None:
+        mask = geometry.contains(x, y, np.zeros_like(x))
+        top = geometry.top(x, y)
+    else:
+        top = np.full_like(x, geometry.height)
+        mask = np.zeros((grid.nx, grid.ny), dtype=np.bool_)
+        margin = tables.support.margin_cells
+        mask[margin : grid.nx - margin, margin : grid.ny - margin] = True
+    return Job(
+        nx=grid.nx,
+        ny=grid.ny,
+        pitch=grid.pitch,
+        target_height=np.where(mask, top, 0.0),
+        mask=mask,
+        inks=_inks(tables),
+        region=None if tables.support is None else geometry,
+        passes=process.passes,
+        pass_order=PASS_ORDERS[process.pass_order],
+        pass_rotation=process.pass_rotation,
+        seed=component_seed(tables.seed, component),
+        height_start=_height_start(tables),
+    )
+
+
+def component_seed(seed: int, component: str) -> int:
+    """Seed of one component's random stream (0 .. 2^31 - 1), independent of the others and of their order."""
+    sequence = np.random.SeedSequence([seed, zlib.crc32(component.encode())])
+    return int(sequence.generate_state(1)[0] & 0x7FFFFFFF)
+
+
+def _height_start(tables: ScenarioFile) -> FloatMap | None:
+    grid, table = tables.grid, tables.substrate
+    return None if table is None else table.substrate.height(grid.nx, grid.ny, grid.pitch, tables.seed)
+
+
+def _inks(tables: ScenarioFile) -> tuple[Ink, ...]:
+    inks = tables.ink
+    if inks.b is None and tables.support is None:
+        return (inks.a.ink,)
+    return inks.a.ink, (inks.b or InkTable()).ink

@@ -1,0 +1,83 @@
+"""Faults of a scenario file as sentences: place, what was found, what is expected."""
+
+from __future__ import annotations
+
+import types
+import typing
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+from inkloop.suggest import nearest
+
+
+def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
+    """One fault of the file whose tables `root` describes."""
+    path, table, field = _locate(detail["loc"], root)
+    place = ".".join(path)
+    if detail["type"] == "missing":
+        return f"{place} is missing; add it{_meaning(field)}"
+    if detail["type"] == "extra_forbidden":
+        return f"{place} is not a key of this table; {nearest(path[-1], _keys(table))}"
+    if detail["type"] in ("union_tag_invalid", "union_tag_not_found"):
+        choices = ", ".join(_tags(field))
+        found = f"is {detail['ctx']['tag']!r}" if "tag" in detail.get("ctx", {}) else "is missing"
+        return f"{place}.shape {found}; expected one of {choices}"
+    expected = detail["msg"].replace("Input should be", "expected", 1).replace("Value error, ", "", 1)
+    return f"{place} is {_show(detail['input'])}; {expected}{_meaning(field)}"
+
+
+def _locate(
+    loc: tuple[int | str, ...], root: type[BaseModel]
+) -> tuple[list[str], type[BaseModel] | None, FieldInfo | None]:
+    """Path of a fault in the file, the table it stands in, and the field, as far as they are known."""
+    path: list[str] = []
+    table: type[BaseModel] | None = root
+    field: FieldInfo | None = None
+    kind: Any = root
+    for key in loc:
+        if _is_table(kind):
+            table, field = kind, kind.model_fields.get(str(key))
+            kind = field.annotation if field else None
+        elif isinstance(key, str) and (chosen := _tags(field).get(key)):
+            table = kind = chosen
+            continue  # the tag of a union is no key of the file
+        else:
+            kind = next(iter(typing.get_args(kind)[-1:]), None)
+        kind = _without_none(kind)
+        path.append(str(key) if isinstance(key, str) else f"[{key}]")
+    return path, table, field
+
+
+def _tags(field: FieldInfo | None) -> Mapping[str, type[BaseModel]]:
+    """Tag -> table of a discriminated union; empty for any other field."""
+    if field is None or not isinstance(field.discriminator, str):
+        return {}
+    tables = typing.get_args(field.annotation)
+    return {typing.get_args(table.model_fields[field.discriminator].annotation)[0]: table for table in tables}
+
+
+def _keys(table: type[BaseModel] | None) -> list[str]:
+    return [field.alias or name for name, field in table.model_fields.items()] if table else []
+
+
+def _is_table(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, BaseModel)
+
+
+def _without_none(kind: Any) -> Any:
+    if isinstance(kind, types.UnionType) and type(None) in typing.get_args(kind):
+        return next(option for option in typing.get_args(kind) if option is not type(None))
+    return kind
+
+
+def _meaning(field: FieldInfo | None) -> str:
+    return f" ({field.description})" if field and field.description else ""
+
+
+def _show(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,207 @@
+"""The scenario file as a set of tables: every key with its type, limits, default and meaning.
+
+The keys of a file carry units (`pitch_um`); here and in `inkloop.tables.shapes` they become SI. What a key of
+`[components.NAME]` may be depends on its `kind` and is checked by `inkloop.components.catalog`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from inkloop.component import Ink
+from inkloop.tables import bench_faults
+from inkloop.tables.shapes import (
+    UM,
+    CuboidTable,
+    CylinderTable,
+    Grid,
+    Length,
+    PipeJunctionTable,
+    Position,
+    StaircaseTable,
+    Table,
+)
+from inkloop.tables.substrate import Substrate
+
+
+class SubstrateTable(Table):
+    """`[substrate]`: the surface to print on, over its lowest cell; only the printer is told."""
+
+    tilt_x: Position = Field(default=0.0, description="slope along x")
+    tilt_y: Position = Field(default=0.0, description="slope along y")
+    step_um: Position = Field(default=0.0, description="height of a step up, along the middle of the grid in x")
+    wave_um: float = Field(default=0.0, ge=0.0, allow_inf_nan=False, description="amplitude of an egg-box wave")
+    wavelength_um: Length = Field(default=5000.0, description="wavelength of the wave along x and along y")
+    roughness_um: float = Field(
+        default=0.0, ge=0.0, allow_inf_nan=False, description="standard deviation of a cell, drawn from the seed"
+    )
+
+    @property
+    def substrate(self) -> Substrate:
+        """The surface in SI."""
+        lengths = (self.step_um, self.wave_um, self.wavelength_um, self.roughness_um)
+        return Substrate(self.tilt_x, self.tilt_y, *(length * UM for length in lengths))
+
+
+class Support(Table):
+    """`[support]`: material B fills the block around the part up to the part's height."""
+
+    margin_cells: int = Field(default=2, ge=0, description="empty cells kept along the edge of the grid")
+
+
+class InkTable(Table):
+    """`[ink.a]`, `[ink.b]`: what one droplet adds; defaults of Lu et al. 2015, Table I."""
+
+    h1_um: Length = Field(default=4.4, description="height added to the hit cell")
+    h2_um: float = Field(default=0.6, ge=0.0, allow_inf_nan=False, description="height added to a side neighbour")
+    h3_um: float = Field(default=0.2, ge=0.0, allow_inf_nan=False, description="height added to a corner neighbour")
+
+    @property
+    def ink(self) -> Ink:
+        """The ink in SI."""
+        return Ink(self.h1_um * UM, self.h2_um * UM, self.h3_um * UM)
+
+
+class Inks(Table):
+    """`[ink]`: materials A and B."""
+
+    file: str | None = Field(default=None, description="an ink file beside the scenario; other keys win over it")
+    a: InkTable = InkTable()
+    b: InkTable | None = None
+
+
+class Process(Table):
+    """`[process]`: how a layer is laid down, the same for the plant and for the controller's model."""
+
+    passes: Literal[1, 4] = Field(default=1, description="4: a 2x2 colouring with cure between the passes")
+    pass_order: Literal["raster", "diagonal"] = "raster"
+    pass_rotation: int = Field(default=0, ge=0, le=3, description="places by which each layer's order starts later")
+
+
+class BenchTable(Table):
+    """`[bench]`: the CAN bus that devices share, and what a layer on them is besides its pattern.
+
+    Without `interface` and `channel`, python-can's own configuration says which bus it is.
+    """
+
+    interface: str | None = Field(default=None, description='of python-can: "socketcan", "slcan", "pcan", ...')
+    channel: str | None = Field(default=None, description='"can0", "/dev/ttyACM0", "socket://127.0.0.1:28550", ...')
+    bitrate: int | None = Field(default=None, ge=10_000, le=1_000_000, description="bit/s")
+    options: dict[str, Any] = Field(default={}, description="further options of the python-can interface")
+    traffic_log: str = Field(
+        default="traffic.blf",
+        pattern=r"^([^/\\]+\.(blf|asc))?$",
+        description="file in the run folder with all frames, .blf or .asc; empty: none",
+    )
+    cure_ms: int = Field(default=100, ge=1, le=65534, description="light after each pass")
+    loop_timeout_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = Field(
+        default=120.0, description="silence of the control loop, with nothing enabled, after which its heartbeat stops"
+    )
+    faults: list[bench_faults.FaultTable] = Field(default=[], description="of the emulated bench, on request")
+
+
+class RunTable(Table):
+    """`[run]`: communication points and the end of the run."""
+
+    step_s: Annotated[float, Field(ge=1e-9, allow_inf_nan=False)] = Field(default=1.0, description="communication step")
+    algorithm: Literal["gauss-seidel", "jacobi"] = "gauss-seidel"
+    layers_max: int = Field(default=1000, ge=1, description="layers after which the run ends in any case")
+    time_max_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
+    real_time_factor: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = Field(
+        default=None, description="seconds of the run per second of the clock; left out: as fast as possible"
+    )
+
+
+class ComponentTable(BaseModel):
+    """`[components.NAME]`: `kind`, and the options of that kind."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
+    kind: str = Field(description="a kind of the catalog")
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Everything but the kind."""
+        return dict(self.model_extra or {})
+
+
+class ConnectionTable(BaseModel):
+    """`[[connections]]`: "component.port" to "component.port"; overrides the contract's wiring of that input.
+
+    Beside these keys: `offset`, with the unit in the key where the input has one.
+    """
+
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
+    source: str
+    target: str
+    gain: Annotated[float, Field(allow_inf_nan=False)] = Field(default=1.0, description="factor on the way")
+
+    @property
+    def quantities(self) -> dict[str, Any]:
+        """The keys that carry a unit."""
+        return dict(self.model_extra or {})
+
+
+class EventTable(BaseModel):
+    """`[[events]]`: a change to what a component gives or gets, from a layer or a time on.
+
+    Beside these keys: `value`, and for a bias `per_layer`, with the unit in the key where the port has one.
+    """
+
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
+    at_layer: int | None = Field(default=None, ge=1, description="from the layer commanded with this number on")
+    at_time_s: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = Field(
+        default=None, description="from the step that begins then on"
+    )
+    action: Literal["override", "bias", "reset"] = Field(
+        description="replace the value, add to it, or take back what earlier events of the file do"
+    )
+    port: str = Field(description='"component.port", an input or an output')
+    tilt_x: Annotated[float, Field(allow_inf_nan=False)] = Field(default=0.0, description="bias: slope along x")
+    tilt_y: Annotated[float, Field(allow_inf_nan=False)] = Field(default=0.0, description="bias: slope along y")
+    cells: list[Annotated[list[int], Field(min_length=2, max_length=2)]] | None = Field(
+        default=None, description="only these cells, each [i, j]"
+    )
+    nozzles: list[int] | None = Field(default=None, description="only the cells of these nozzles")
+
+    @property
+    def quantities(self) -> dict[str, Any]:
+        """The keys that carry a unit."""
+        return dict(self.model_extra or {})
+
+
+class Comparison(Table):
+    """`[compare.NAME]`: the same job printed again with other components."""
+
+    components: dict[str, ComponentTable] = Field(description="components to put in place of those of the same name")
+
+
+class Literature(Table):
+    """`[literature.NAME]`: printed figures that the table shows beside ours."""
+
+    mean_error_um: float | None = None
+    std_um: float | None = None
+    note: str = "another plant"
+
+
+class ScenarioFile(Table):
+    """The whole file."""
+
+    schema_version: Literal[1] = 1
+    title: str = Field(description="what the table and the pictures are called")
+    label: str = Field(default="this run", description="short name of the run in the table and in legends")
+    seed: int = Field(default=0, ge=0, le=2**31 - 1)
+    grid: Grid
+    part: Annotated[CylinderTable | CuboidTable | StaircaseTable | PipeJunctionTable, Field(discriminator="shape")]
+    substrate: SubstrateTable | None = None
+    support: Support | None = None
+    ink: Inks = Inks()
+    process: Process = Process()
+    run: RunTable = RunTable()
+    bench: BenchTable = BenchTable()
+    components: dict[str, ComponentTable] = Field(min_length=1)
+    connections: list[ConnectionTable] = Field(default=[])
+    events: list[EventTable] = Field(default=[])
+    compare: dict[str, Comparison] = Field(default={})
+    literature: dict[str, Literature] = Field(default={})

@@ -1,0 +1,1 @@
+"""The adapter, the process that owns it, and the frames that cross it."""

@@ -1,0 +1,134 @@
+"""The CAN adapter of a bench: opened, read in bulk, written with patience, with errors in words."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import can
+from can.util import load_config
+
+from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.bus.slcan_bus import BulkSlcanBus
+from inkloop_hardware.errors import BusError, BusOff
+from inkloop_hardware.protocol.codec import Frame
+
+PATIENCE = 1.0
+"""Seconds for a frame to leave: a full transmit queue (ENOBUFS) empties in milliseconds."""
+FIRST_PAUSE = 0.001
+AT_ONCE = 512
+"""Frames taken in one turn."""
+BUS_OFF = 0x40
+"""Class of SocketCAN's error frames."""
+
+
+class Adapter:
+    """A bus of python-can.
+
+    bus: one that is open already; None: that of the settings, BusError in words if it cannot be opened.
+    repeated: how often a frame had to be sent again; errors: error frames seen. BusOff where it takes no part any more.
+    """
+
+    def __init__(
+        self,
+        settings: BusSettings,
+        bus: can.BusABC | None = None,
+        *,
+        monotonic: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.settings = settings
+        self.repeated = 0
+        self.errors = 0
+        self.is_gone = False
+        self._monotonic = monotonic
+        self._sleep = sleep
+        try:
+            self.bus = bus or _open(settings)
+        except Exception as error:  # drivers of many makers: NotImplementedError, NameError, OSError, ...
+            raise BusError(f"{settings} cannot be opened: {error}. {_advice(settings)}") from error
+
+    def receive(self, wait_s: float) -> list[can.Message]:
+        """Frames that came in, at least one unless `wait_s` passed; BusError when the adapter is gone."""
+        found: list[can.Message] = []
+        try:
+            message = self.bus.recv(wait_s)
+            while message is not None:
+                found.append(message)
+                message = self.bus.recv(0) if len(found) < AT_ONCE else None
+        except (can.CanError, OSError) as error:
+            self.is_gone = True
+            raise BusError(f"{self.settings} cannot be read any more: {error}. Was it unplugged or ended?") from error
+        if isinstance(self.bus, BulkSlcanBus) and (since := self.bus.deaf_since) is not None:
+            raise BusOff(
+                f"{self.settings} refuses every frame and hears none: bus-off, or nobody acknowledges. Look at cables, "
+                "termination, bit rate and the power of the nodes.",
+                since,
+            )
+        for message in found:
+            if message.is_error_frame:
+                self._take_error(message)
+        return found
+
+    def send(self, frame: Frame) -> can.Message:
+        """The frame as it was sent; BusError if the adapter does not take it within PATIENCE."""
+        message = can.Message(time.time(), frame.arbitration_id, False, data=frame.data, is_rx=False)
+        until, pause = self._monotonic() + PATIENCE, FIRST_PAUSE
+        while True:
+            try:
+                self.bus.send(message, PATIENCE)
+                return message
+            except (can.CanError, OSError) as error:
+                if self.is_gone or self._monotonic() + pause > until:
+                    raise BusError(
+                        f"{self.settings} takes no frame for {PATIENCE:g} s ({error}). Is it plugged in, is the bus "
+                        "terminated, and does any other node on it acknowledge frames?"
+                    ) from error
+            self.repeated += 1
+            self._sleep(pause)
+            pause *= 2
+
+    def complaints(self) -> dict[str, int]:
+        """What went wrong and was borne, by its name in words."""
+        counts = {"frames sent again": self.repeated, "error frames on the bus": self.errors}
+        if isinstance(self.bus, BulkSlcanBus):
+            counts |= {
+                "malformed lines of the adapter": self.bus.malformed,
+                "commands that the adapter refused": self.bus.refused,
+            }
+        return counts
+
+    def close(self) -> None:
+        """Gives the adapter back; one that is gone is closed already."""
+        try:
+            self.bus.shutdown()
+        except (can.CanError, OSError):
+            self.bus._is_shutdown = True  # keeps its destructor from complaining
+
+    def _take_error(self, message: can.Message) -> None:
+        self.errors += 1
+        if message.arbitration_id & BUS_OFF and ".socketcan" in type(self.bus).__module__:
+            raise BusOff(
+                f"{self.settings} is bus-off: too many errors. Look at cables, termination and bit rate. SocketCAN: "
+                "`ip link set ... type can restart`, or down and up.",
+                time.monotonic(),
+            )
+
+
+def _open(settings: BusSettings) -> can.BusABC:
+    arguments = settings.arguments()
+    if (settings.interface or load_config(config=dict(arguments)).get("interface")) != "slcan":
+        return can.Bus(**arguments)
+    found = {name: value for name, value in load_config(config=arguments).items() if value is not None}
+    del found["interface"]
+    if "channel" not in found:
+        raise ValueError("an slcan adapter needs a channel, such as /dev/ttyACM0 or socket://127.0.0.1:29536")
+    return BulkSlcanBus(str(found.pop("channel")), **found)
+
+
+def _advice(settings: BusSettings) -> str:
+    if str(settings.channel).startswith("socket://"):
+        return "Does something listen there? `inkloop bench` starts the emulated bench"
+    if settings.interface is None:
+        return "Say interface and channel, or configure python-can (CAN_INTERFACE and CAN_CHANNEL, or ~/.canrc)"
+    return "Is the adapter plugged in, its driver there, its interface up, and may this user open it?"

@@ -1,0 +1,188 @@
+"""The master's end of the bus process: starts it, moves frames, and says in words when it is gone."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Container, Iterable, Sequence
+from contextlib import suppress
+from queue import Empty, SimpleQueue
+from struct import unpack
+
+from inkloop_hardware.bus.heartbeat import Enables
+from inkloop_hardware.bus.messages import FRAMES_AT_ONCE, Kind, pack_frames, read_message, unpack_frames, write_message
+from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.errors import BusError
+from inkloop_hardware.protocol.codec import Frame
+
+START_LIMIT = 30.0
+"""Seconds for the process to start and open the adapter."""
+END_LIMIT = 5.0
+"""Seconds for it to end."""
+SILENCE_LIMIT = 5.0
+"""Seconds without a sign of life of the bus process; it gives one every 50 ms."""
+OTHERS_MAX = 100_000
+"""Frames that wait at most, the newest ones: while a plan is made nobody takes them."""
+
+
+class BusConnection:
+    """A running bus process.
+
+    settings, session, job: see `BusSettings`, `Rig`; answer_ids: arbitration ids whose frames wait in a queue each
+    (`receive`); all others, or those in kept_ids, wait in `others`. BusError in every call once the process, the
+    adapter or the reading thread is gone, with what it said.
+    """
+
+    def __init__(
+        self,
+        settings: BusSettings,
+        session: int,
+        job: int,
+        answer_ids: Iterable[int],
+        kept_ids: Container[int] | None = None,
+    ) -> None:
+        self.settings = settings
+        self.clock = 0.0
+        """Up to this second of the bus process's clock all frames are here."""
+        self.others: deque[tuple[float, Frame]] = deque(maxlen=OTHERS_MAX)
+        self._kept_ids = kept_ids
+        self.words: deque[str] = deque()
+        self.away = ""
+        """Why the adapter is gone, while it is being opened again."""
+        self._queues: dict[int, SimpleQueue[bytes | None]] = {identifier: SimpleQueue() for identifier in answer_ids}
+        self._failure: str | None = None
+        self._heard = time.monotonic()
+        self._opened = threading.Event()
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "inkloop_hardware.bus.process"],  # -P: a can.py in this folder is not meant
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            bufsize=0,  # a message leaves at once, and whole, even if Ctrl-C falls upon it
+            start_new_session=True,
+        )
+        assert isinstance(self._process.stdin, io.RawIOBase)
+        assert isinstance(self._process.stdout, io.RawIOBase)
+        self._commands: io.RawIOBase = self._process.stdin
+        self._answers: io.BufferedIOBase = io.BufferedReader(self._process.stdout, 1 << 16)
+        self._reader: threading.Thread = threading.Thread(target=self._read, name="inkloop bus reader", daemon=True)
+        self._reader.start()
+        told = {"settings": settings.to_json(), "session": session, "job": job}
+        try:
+            self._tell(Kind.SETTINGS, json.dumps(told).encode())
+            if not self._opened.wait(START_LIMIT):
+                raise BusError(f"{settings} was not opened within {START_LIMIT:g} s")
+            self.check()
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def process_id(self) -> int:
+        """Of the bus process."""
+        return self._process.pid
+
+    def check(self) -> None:
+        """BusError if frames do not move any more."""
+        if self._failure is not None:
+            raise BusError(self._failure)
+        silent = time.monotonic() - self._heard
+        if self._opened.is_set() and silent > SILENCE_LIMIT:
+            raise BusError(f"the bus process of {self.settings} gives no sign of life for {silent:.0f} s")
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        """Sends frames in this order."""
+        for at in range(0, len(frames), FRAMES_AT_ONCE):
+            self._tell(Kind.FRAMES, pack_frames(frames[at : at + FRAMES_AT_ONCE]))
+
+    def receive(self, identifier: int, wait_s: float) -> bytes | None:
+        """Data of the next frame with this id, None if none comes within `wait_s`."""
+        queue = self._queues[identifier]
+        try:
+            found = queue.get(timeout=wait_s) if wait_s > 0 else queue.get_nowait()
+        except Empty:
+            return None
+        if found is None:  # nothing comes any more
+            queue.put(None)
+            self.check()
+        return found
+
+    def say_alive(self, enables: Enables) -> None:
+        """The control loop lives."""
+        self._tell(Kind.ALIVE, bytes([enables]))
+
+    def say_stop(self, active: bool) -> None:
+        """Begins or ends the stop request."""
+        self._tell(Kind.STOP, bytes([active]))
+
+    def say_job(self, job: int) -> None:
+        """Another job."""
+        self._tell(Kind.JOB, str(job).encode())
+
+    def close(self) -> None:
+        """Ends the process: enables drop, the log and the adapter are closed."""
+        with suppress(OSError):  # it may be gone already
+            write_message(self._commands, Kind.CLOSE)
+        with suppress(OSError):
+            self._commands.close()
+        try:
+            self._process.wait(END_LIMIT)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._reader.join(END_LIMIT)
+        self._answers.close()
+
+    def _tell(self, kind: Kind, content: bytes) -> None:
+        self.check()
+        try:
+            write_message(self._commands, kind, content)
+        except OSError as error:
+            self._reader.join(END_LIMIT)  # what it said last
+            self.check()
+            raise BusError(f"the bus process of {self.settings} does not listen: {error}") from error
+
+    def _read(self) -> None:
+        """The only thread of this process that looks at the bus; it moves frames and nothing else."""
+        failure = f"the bus process of {self.settings} ended without a word"
+        try:
+            failure = self._move() or failure
+        except Exception as error:
+            failure = f"the thread that reads {self.settings} failed: {type(error).__name__}: {error}"
+        finally:
+            self._failure = failure
+            for queue in self._queues.values():
+                queue.put(None)
+            self._opened.set()
+
+    def _move(self) -> str | None:
+        """What the process said when it failed."""
+        said = None
+        while (message := read_message(self._answers)) is not None:
+            kind, content = message
+            self._heard = time.monotonic()
+            if kind is Kind.FRAMES:
+                self._sort(content)
+            elif kind is Kind.CLOCK:
+                self.clock = unpack("<d", content)[0]
+            elif kind is Kind.WORDS:
+                self.words.append(content.decode())
+            elif kind is Kind.AWAY:
+                self.away = content.decode()
+            elif kind is Kind.OPENED:
+                self._opened.set()
+            elif kind is Kind.FAILED:
+                said = content.decode()
+        return said
+
+    def _sort(self, content: bytes) -> None:
+        for now, frame in unpack_frames(content):
+            queue = self._queues.get(frame.arbitration_id)
+            if queue is not None:
+                queue.put(frame.data)
+            elif self._kept_ids is None or frame.arbitration_id in self._kept_ids:
+                self.others.append((now, frame))

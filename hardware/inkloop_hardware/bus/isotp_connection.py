@@ -1,0 +1,183 @@
+"""ISO-TP to one node, as the connection of a udsoncan client.
+
+can-isotp keeps the protocol; it is turned by whoever sends or waits here, without threads, so nothing fails unseen. Its
+own timeouts are out of the way: no progress for the time of the caller ends a wait, by the clock of the wire.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import isotp
+from udsoncan.connections import BaseConnection
+from udsoncan.exceptions import TimeoutException
+
+from inkloop_hardware.protocol.codec import Frame
+
+SLICE = 0.05
+"""Seconds between two signs of life while something is waited for."""
+FLOW_TIMEOUT = 1.0
+"""Seconds for the node to let go on with a long message (N_Bs of ISO 15765-2)."""
+ANSWER_LIMIT = 30.0
+"""Seconds for an answer, whatever the node says meanwhile ("still busy" ...), where there is no deadline."""
+TORN_QUIET, MESSAGE_QUIET = 0.05, 0.25
+"""Seconds without a frame after which a message that lost one, or that stopped midway, is given up: both are asked for
+again sooner than after N_Cr of ISO 15765-2 (1 s)."""
+PADDING = 0xCC
+GIVE_UP = bytes((0x32, 0, 0, *5 * (PADDING,)))
+"""Flow control "overflow": the node stops sending and can be asked again."""
+NEVER_MS = 3_600_000
+PARAMETERS = {
+    "tx_padding": PADDING,
+    "blocksize": 64,
+    "stmin": 0,
+    "wftmax": 8,
+    "max_frame_size": 4095,
+    "logger_name": "inkloop_isotp",
+    "rx_flowcontrol_timeout": NEVER_MS,
+    "rx_consecutive_frame_timeout": NEVER_MS,
+}
+
+
+class Wire(Protocol):
+    """One node at the other end of a bus."""
+
+    def begin(self) -> None:
+        """A request begins."""
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        """Sends frames in this order."""
+
+    def receive(self, wait_s: float) -> bytes | None:
+        """Data of the next ISO-TP frame of the node, None if none comes within `wait_s`."""
+
+    def now(self) -> float:
+        """Seconds of a clock that only goes forward."""
+
+    def check(self) -> None:
+        """Says that the control loop lives; raises what makes waiting useless."""
+
+
+class IsoTpConnection(BaseConnection):
+    """Messages to and from one node.
+
+    wire: see there; request_id, answer_id: arbitration ids; is_answer: whether a message answers what was sent last;
+    any other is dropped and counted (`stray`). `broken` counts ISO-TP faults: lost, doubled and swapped frames.
+    `deadline`: no wait lasts beyond this second of the wire's clock.
+    """
+
+    def __init__(self, wire: Wire, request_id: int, answer_id: int, is_answer: Callable[[bytes, bytes], bool]) -> None:
+        super().__init__(f"0x{request_id:03X}")
+        self.stray = 0
+        self.broken = 0
+        self.deadline: float | None = None
+        self._wire = wire
+        self._is_answer = is_answer
+        self._request_id, self._answer_id = request_id, answer_id
+        self._torn = False
+        self._request = b""
+        self._unsent: list[Frame] = []
+        self._moved = 0.0
+        self._asked = 0.0
+        self._checked = 0.0
+        address = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=request_id, rxid=answer_id)
+        self._stack = isotp.TransportLayerLogic(self._take, self._give, address, self._count, PARAMETERS)
+        self._stack.logger.setLevel(logging.CRITICAL)  # its warnings, thousands where one frame is lost, are counted
+
+    def open(self) -> IsoTpConnection:
+        """Nothing to open: the wire is."""
+        return self
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def is_open(self) -> bool:
+        """Always."""
+        return True
+
+    def empty_rxqueue(self) -> None:
+        """A request begins: what came late, and what is under way, is forgotten."""
+        self._wire.begin()
+        while self._wire.receive(0.0) is not None:
+            self.stray += 1
+        while self._stack.recv() is not None:  # came whole, at the heels of the last answer
+            self.stray += 1
+        self._stack.reset()
+        self._torn = False
+        self._unsent.clear()
+
+    def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
+        """The whole message; TimeoutException if the node does not let it go on."""
+        self._request = bytes(payload)
+        self._moved = self._asked = self._wire.now()
+        self._stack.send(payload)
+        while self._stack.transmitting():
+            self._turn(FLOW_TIMEOUT if timeout is None else timeout)
+
+    def specific_wait_frame(self, timeout: float | None = None) -> bytes:
+        """The answer to what was sent last; TimeoutException when nothing came for `timeout` s."""
+        self._moved = self._wire.now()
+        while True:
+            while (message := self._stack.recv()) is not None:
+                self._torn = False
+                if self._is_answer(self._request, bytes(message)):
+                    return bytes(message)
+                self.stray += 1
+            self._turn(FLOW_TIMEOUT if timeout is None else timeout)
+
+    def pause(self, seconds: float) -> None:
+        """Lets time pass; the control loop lives meanwhile."""
+        until = self._wire.now() + seconds
+        while (left := until - self._wire.now()) > 0:
+            self.stray += self._wire.receive(min(left, SLICE)) is not None
+            self._wire.check()
+
+    def _turn(self, timeout: float) -> None:
+        """Lets the protocol go on until it waits in vain for a slice."""
+        self._stack.process(SLICE)
+        self._flush()
+        now = self._wire.now()
+        if self._torn or self._stack.is_rx_active():
+            self._give_up_a_broken_message(now - self._moved)
+        limit = self._asked + ANSWER_LIMIT if self.deadline is None else self.deadline
+        if now - self._moved > timeout or now > limit:
+            raise TimeoutException(f"no frame for {timeout:g} s")  # type: ignore[no-untyped-call]
+
+    def _give_up_a_broken_message(self, quiet: float) -> None:
+        if quiet <= (TORN_QUIET if self._torn else MESSAGE_QUIET):
+            return
+        self._torn = False
+        self._stack.reset()
+        self._wire.send([Frame(self._request_id, GIVE_UP)])
+        raise TimeoutException("a message lost a frame")  # type: ignore[no-untyped-call]
+
+    def _take(self, wait_s: float) -> isotp.CanMessage | None:
+        """The next frame for the protocol; waits only if it has nothing else to do."""
+        self._flush()
+        data = self._wire.receive(0.0 if self._stack.available() else wait_s)
+        now = self._wire.now()
+        if data is None or now - self._checked > SLICE:
+            self._checked = now
+            self._wire.check()
+        if data is None:
+            return None
+        self._moved = now
+        return isotp.CanMessage(arbitration_id=self._answer_id, dlc=len(data), data=data)
+
+    def _give(self, message: isotp.CanMessage) -> None:
+        self._unsent.append(Frame(message.arbitration_id, bytes(message.data)))
+
+    def _flush(self) -> None:
+        if self._unsent:
+            frames, self._unsent = self._unsent, []
+            self._wire.send(frames)
+            self._moved = self._wire.now()
+
+    def _count(self, error: Exception) -> None:
+        self.broken += 1
+        self._torn = self._torn or isinstance(error, isotp.WrongSequenceNumberError)

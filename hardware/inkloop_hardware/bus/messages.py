@@ -1,0 +1,128 @@
+"""What the master and the bus process say to each other: length, kind, bytes, over a pair of pipes.
+
+Frames travel as fixed records of 24 bytes, many in one message; only standard data frames do.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Iterator
+from enum import IntEnum
+from io import BufferedIOBase, RawIOBase
+from struct import Struct
+
+from inkloop_hardware.protocol.codec import Frame
+
+HEAD = Struct("<BI")
+FRAME = Struct("<dIB8s3x")
+FRAMES_AT_ONCE = 128
+"""So that a message to the bus process is below 4096 bytes, which a pipe takes whole or not at all."""
+
+
+class Kind(IntEnum):
+    """Kinds of messages; SETTINGS to CLOSE go to the bus process."""
+
+    SETTINGS = 1
+    """JSON: `settings`, `session`, `job`"""
+    ALIVE = 2
+    """one byte: enables"""
+    FRAMES = 3
+    """either way"""
+    STOP = 4
+    """one byte: active"""
+    JOB = 5
+    """number as text"""
+    CLOSE = 6
+    OPENED = 7
+    """name of the adapter"""
+    CLOCK = 8
+    """eight bytes: seconds of the bus process's clock; every frame before it was read"""
+    WORDS = 9
+    """a sentence for the log"""
+    AWAY = 11
+    """a sentence: the adapter is gone and is being opened again; empty: it is there"""
+    FAILED = 10
+    """a sentence; the bus process ends"""
+
+
+def write_message(stream: RawIOBase, kind: Kind, content: bytes = b"") -> None:
+    """One message, whole; OSError if nobody reads any more."""
+    rest = memoryview(HEAD.pack(kind, len(content)) + content)
+    while rest:
+        rest = rest[stream.write(rest) or 0 :]
+
+
+def read_message(stream: BufferedIOBase) -> tuple[Kind, bytes] | None:
+    """The next message of a buffered stream, None at its end."""
+    head = stream.read(HEAD.size)
+    if len(head) < HEAD.size:
+        return None
+    kind, length = HEAD.unpack(head)
+    content = stream.read(length)
+    return (Kind(kind), content) if len(content) == length else None
+
+
+def pack_frames(frames: Iterable[Frame], now: float = 0.0) -> bytes:
+    """Records of frames; `now`: seconds of the sender's clock."""
+    return b"".join(FRAME.pack(now, identifier, len(data), data) for identifier, data in frames)
+
+
+def unpack_frames(content: bytes) -> Iterator[tuple[float, Frame]]:
+    """Time and frame of each record."""
+    for now, identifier, length, data in FRAME.iter_unpack(content):
+        yield now, Frame(identifier, data[:length])
+
+
+ROOM = 8 << 20
+"""Bytes that wait at most; the nodes' status of an hour and more."""
+LAST_WAIT = 2.0
+"""Seconds for the rest to leave at the end."""
+
+
+class Outbox:
+    """Keeps what was put and writes it in order; over ROOM, what may be dropped is. `dropped` counts its frames."""
+
+    def __init__(self, stream: RawIOBase) -> None:
+        self.dropped = 0
+        self._stream = stream
+        self._waiting: list[tuple[Kind, bytes]] = []
+        self._bytes = 0
+        self._closed = False
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._write, daemon=True)
+        self._thread.start()
+
+    @property
+    def is_writing(self) -> bool:
+        """Whether what is put still goes anywhere."""
+        return self._thread.is_alive()
+
+    def put(self, kind: Kind, content: bytes, *, may_drop: bool = False) -> None:
+        """Takes a message; returns at once."""
+        with self._changed:
+            if may_drop and self._bytes + len(content) > ROOM:
+                self.dropped += len(content) // FRAME.size
+                return
+            self._waiting.append((kind, content))
+            self._bytes += len(content)
+            self._changed.notify()
+
+    def close(self) -> None:
+        """Gives the rest LAST_WAIT seconds to leave."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+        self._thread.join(LAST_WAIT)
+
+    def _write(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._closed)
+                messages, self._waiting, self._bytes = self._waiting, [], 0
+                if not messages:
+                    return
+            try:
+                for kind, content in messages:
+                    write_message(self._stream, kind, content)
+            except OSError:  # nobody reads any more; the end of stdin tells the process
+                return

@@ -1,0 +1,210 @@
+"""One layer on the bench, step by step: pattern, then for each pass stage, head, stage, lamp; then a scan.
+
+Every step has a key, so that a step asked for again is answered "done before" and nothing happens twice; before it is
+asked for, the master's journal says so. What a step needs is enabled for that step only. Nothing is timed here: the
+stage's encoder fires the droplets, nodes end steps.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from struct import pack
+from typing import Any
+from zlib import crc32
+
+from numpy.typing import NDArray
+
+from inkloop.component import Job, pass_colours
+from inkloop_hardware.devices.master_journal import Asked, MasterJournal
+from inkloop_hardware.devices.readiness import MARGIN_S, NotReady
+from inkloop_hardware.errors import HardwareError, NodeRefused, TransferError
+from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.protocol.node_state import BookFlags, Flags, NodeLimits, NodeState
+from inkloop_hardware.protocol.pattern_bytes import PatternBytes
+from inkloop_hardware.protocol.services import Key, Routine, Station
+from inkloop_hardware.protocol.vocabulary import Node
+
+ALL_COLOURS = 255
+JOURNALLED = {Routine.PASS: Asked.PASS, Routine.CURE: Asked.CURE, Routine.SCAN: Asked.SCAN}
+OUT_OF_RANGE = 0x31
+SAID_FROM_BYTES = 50_000  # smaller transfers take less than two seconds on any bus, nobody wants to read of them
+
+_log = logging.getLogger("inkloop_hardware")
+
+
+@dataclass(frozen=True)
+class PrintedLayer:
+    """What became of a layer. passes: colours of those that were jetted whole, in their order.
+
+    is_unknown: it was given up midway; of the others nobody knows how far they came, or they were never begun.
+    """
+
+    passes: tuple[int, ...]
+    is_unknown: bool = False
+
+
+class LayerSteps:
+    """The steps of a job's layers. limits: of the nodes, see `readiness.make_ready`; dry: no jet and no lamp.
+
+    journal: the master's, in memory only if None. Every call raises HardwareError: which node, what was asked, what it
+    said, what to do.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        job: Job,
+        limits: Mapping[Node, NodeLimits],
+        *,
+        cure_ms: int = 100,
+        dry: bool = False,
+        journal: MasterJournal | None = None,
+    ) -> None:
+        self._rig, self._job, self._limits = rig, job, limits
+        self._cure_ms, self._dry = cure_ms, dry
+        self._journal = journal or MasterJournal()
+        self._pattern_crc = 0
+        self._takes_coded = True
+        if Node.CURE in limits and cure_ms / 1e3 >= limits[Node.CURE].lamp:
+            raise NotReady(
+                f"cure: bench.cure_ms is {cure_ms}; this lamp goes out after {limits[Node.CURE].lamp * 1e3:.0f} ms by "
+                "itself: take less"
+            )
+
+    def print_layer(self, layer: int, pattern: NDArray[Any]) -> PrintedLayer:
+        """Print and cure one layer; what its journals call done is not repeated.
+
+        pattern: (nx, ny), 0 none, 1 material A, 2 material B. A layer that was given up midway is only cured: the next
+        scan says what became of it. ValueError for a pattern that the bus cannot carry.
+        """
+        job = self._job
+        colours = pass_colours(job.passes, job.pass_order, job.pass_rotation, layer) or (ALL_COLOURS,)
+        made = PatternBytes.of(pattern, passes=job.passes, materials=len(job.inks))
+        state = self._rig.link(Node.HEAD).state()
+        self._pattern_crc = state.pattern_crc
+        if (state.job, state.layer) != (self._rig.job, layer) or not state.passes:
+            self._download(layer, made)
+            done = 0
+        else:
+            done = state.done
+            if state.unknown or (state.book & BookFlags.ABANDONED and not state.layer_is_complete):
+                return self._cure_given_up(layer, state, colours)
+            self._bring_again(layer, made, state)
+        for number, colour in enumerate(colours):
+            if not done >> number & 1:
+                self._jet(layer, number, colour)
+            self._cure(layer, number)
+        return PrintedLayer(colours)
+
+    def scan(self, layer: int) -> bytes:
+        """Scan the surface and fetch the map; a map that does not get across whole is scanned once more."""
+        self._go(Station.SCAN, layer, 0)
+        try:
+            return self._scanned(layer, 1)
+        except TransferError as error:
+            _log.warning("profiler: the map of layer %d is scanned again: %s", layer, error)
+            return self._scanned(layer, 2)
+
+    def _scanned(self, layer: int, attempt: int) -> bytes:
+        _log.info("profiler: scan of layer %d", layer)
+        with self._rig.enabled(motion=True):
+            self._do(Node.PROFILER, Routine.SCAN, Key(self._rig.job, layer, 0, attempt))
+        return self._rig.link(Node.PROFILER).upload(layer, progress=_said(f"profiler: map of layer {layer}"))
+
+    def _cure_given_up(self, layer: int, state: NodeState, colours: tuple[int, ...]) -> PrintedLayer:
+        """Cure what lies there of a layer that is not to be jetted any more."""
+        _log.warning("head: layer %d was given up midway and stays so; the scan says what became of it", layer)
+        for number in range(len(colours)):
+            if (state.done | state.unknown) >> number & 1:
+                self._cure(layer, number)
+        whole = tuple(colour for number, colour in enumerate(colours) if state.done >> number & 1)
+        return PrintedLayer(whole, is_unknown=True)
+
+    def _bring_again(self, layer: int, made: PatternBytes, state: NodeState) -> None:
+        """Have the head know the pattern of a layer that it has heard of before."""
+        if not state.done:
+            self._download(layer, made)
+            return
+        form = _form_begun(state, made)
+        _log.info("head: layer %d was begun before, it is gone on with", layer)
+        if not state.layer_is_complete and not state.flags & Flags.PATTERN_LOADED:
+            self._send(layer, made.coded if form else made.plain, coded=form)
+
+    def _download(self, layer: int, made: PatternBytes) -> None:
+        """The shorter form; the plain one to a head that does not take the other, an option of the protocol."""
+        if made.is_shorter_coded and self._takes_coded:
+            try:
+                self._send(layer, made.coded, coded=True)
+                return
+            except NodeRefused as error:
+                if error.code != OUT_OF_RANGE:
+                    raise
+                self._takes_coded = False
+        self._send(layer, made.plain, coded=False)
+
+    def _send(self, layer: int, blob: bytes, *, coded: bool) -> None:
+        self._pattern_crc, key = crc32(blob), Key(self._rig.job, layer)
+        self._journal.intend(Asked.PATTERN, key, self._pattern_crc)
+        said = _said(f"head: pattern of layer {layer}")
+        self._rig.link(Node.HEAD).download(layer, blob, coded=coded, progress=said)
+        self._journal.done(Asked.PATTERN, key, self._pattern_crc)
+
+    def _jet(self, layer: int, number: int, colour: int) -> None:
+        self._go(Station.PRINT, layer, number)
+        _log.info("head: %s", self._which(layer, number))
+        with self._rig.enabled(gate=not self._dry, motion=True):
+            self._do(Node.HEAD, Routine.PASS, Key(self._rig.job, layer, number), bytes([colour]))
+
+    def _cure(self, layer: int, number: int) -> None:
+        self._go(Station.CURE, layer, number)
+        _log.info("cure: lamp on for %d ms after %s", self._cure_ms, self._which(layer, number))
+        with self._rig.enabled(lamp=not self._dry):
+            self._do(Node.CURE, Routine.CURE, Key(self._rig.job, layer, number), pack(">H", self._cure_ms))
+
+    def _which(self, layer: int, number: int) -> str:
+        return f"pass {number + 1} of {self._job.passes}, layer {layer}" + ", dry" * self._dry
+
+    def _go(self, station: Station, layer: int, number: int) -> None:
+        """Move the stage. The station stands in place of the attempt: two moves of one pass never share a key."""
+        with self._rig.enabled(motion=True):
+            self._do(Node.STAGE, Routine.MOVE, Key(self._rig.job, layer, number, int(station)), bytes([station]))
+
+    def _do(self, node: Node, routine: Routine, key: Key, option: bytes = b"") -> None:
+        limits = self._limits[node]
+        longest_s = {
+            Routine.PASS: limits.pass_ + 2 * limits.gate,
+            Routine.CURE: limits.lamp + limits.gate,
+            Routine.SCAN: limits.scan,
+        }.get(routine, limits.motion)
+        if (asked := JOURNALLED.get(routine)) is None or self._dry:
+            self._rig.link(node).routine(routine, key, option, limit_s=longest_s + MARGIN_S)
+            return
+        self._journal.intend(asked, key, self._pattern_crc)
+        self._rig.link(node).routine(routine, key, option, limit_s=longest_s + MARGIN_S)
+        self._journal.done(asked, key, self._pattern_crc)
+
+
+def _form_begun(state: NodeState, made: PatternBytes) -> bool:
+    """Whether the pattern of a begun layer came coded. HardwareError where it was another one."""
+    form = made.form_of(state.pattern_crc)
+    if form is None:
+        raise HardwareError(
+            f"head: layer {state.layer} was begun with another pattern (CRC-32 {state.pattern_crc:08x}) than it is now "
+            "to have; was the scenario changed? `inkloop device SCENARIO clear --give-up` gives that layer up"
+        )
+    return form
+
+
+def _said(what: str) -> Callable[[int, int], None]:
+    """Says each quarter of a long transfer."""
+    quarters = 0
+
+    def say(through: int, total: int) -> None:
+        nonlocal quarters
+        if total >= SAID_FROM_BYTES and through * 4 // total > quarters:
+            quarters = through * 4 // total
+            _log.info("%s: %d of %d kB", what, through // 1000, total // 1000)
+
+    return say

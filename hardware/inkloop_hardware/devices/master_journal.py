@@ -1,0 +1,226 @@
+"""What the master must not forget: an append-only file in the run folder, a line per record.
+
+An INTENT is on the disk (fsync) before a node is asked for a step, a DONE once the node has said that it is done. So an
+INTENT without DONE is a step that may have happened: the journal of the node tells. Each line is a JSON object and its
+CRC-32; a last line that is cut short or damaged was never finished, so nothing had been asked, and it is cut off.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zlib
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+
+from inkloop_hardware.errors import HardwareError
+from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.protocol.services import Key
+
+JOURNAL_FILE = "master.journal"
+
+
+class JournalError(HardwareError):
+    """The journal of a run cannot be read or written, or does not tell what a node tells."""
+
+
+class Event(StrEnum):
+    """What a record says."""
+
+    OPENED = "opened"
+    """a master with a new session number took up the job"""
+    INTENT = "intent"
+    DONE = "done"
+
+
+class Asked(StrEnum):
+    """What a node was asked for."""
+
+    NOTHING = "nothing"
+    PATTERN = "pattern"
+    PASS = "pass"
+    CURE = "cure"
+    SCAN = "scan"
+
+
+@dataclass(frozen=True)
+class MasterRecord:
+    """One line. number: counts up from 1; pattern_crc: CRC-32 of the layer's pattern as transferred, 0 if of none."""
+
+    number: int
+    event: Event
+    asked: Asked
+    key: Key
+    pattern_crc: int
+    session: int
+
+    def line(self) -> bytes:
+        """As it stands in the file; the time is for people."""
+        told = {"number": self.number, "event": self.event, "asked": self.asked, **vars(self.key)}
+        told |= {"pattern_crc": f"{self.pattern_crc:08x}", "session": self.session}
+        told |= {"time": datetime.now(UTC).isoformat(timespec="milliseconds")}
+        text = json.dumps(told).encode()
+        return b"%s %08x\n" % (text, zlib.crc32(text))
+
+    @classmethod
+    def of(cls, line: bytes) -> MasterRecord | None:
+        """From a line without its end; None for one that was not written to its end, or altered."""
+        text, _, crc = line.rpartition(b" ")
+        try:
+            if int(crc, 16) != zlib.crc32(text):
+                return None
+            told = json.loads(text)
+            key = Key(*(int(told[name]) for name in ("job", "layer", "pass_", "attempt")))
+            event, asked = Event(told["event"]), Asked(told["asked"])
+            return cls(int(told["number"]), event, asked, key, int(told["pattern_crc"], 16), int(told["session"]))
+        except (ValueError, KeyError, TypeError):
+            return None
+
+
+@dataclass(frozen=True)
+class LayerAsked:
+    """The newest layer that a head was asked for. asked, done: a bit per pass; pattern_crc: of its last transfer."""
+
+    layer: int
+    asked: int = 0
+    done: int = 0
+    pattern_crc: int = 0
+
+
+class MasterJournal:
+    """The journal of a run folder; without a folder it is kept in memory only, for loops that nobody resumes.
+
+    Nothing is read or written before the first call. Every call raises JournalError: a file that cannot be read or
+    written, or that was altered in the middle.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._path = None if folder is None else folder / JOURNAL_FILE
+        self._records: list[MasterRecord] | None = None
+
+    @property
+    def records(self) -> tuple[MasterRecord, ...]:
+        """All of them, oldest first."""
+        return tuple(self._known())
+
+    @property
+    def job(self) -> int | None:
+        """The job of the run, None for a new one."""
+        records = self._known()
+        return records[-1].key.job if records else None
+
+    @property
+    def session(self) -> int | None:
+        """Session number of the last master, None for the first."""
+        records = self._known()
+        return records[-1].session if records else None
+
+    @property
+    def layer(self) -> LayerAsked | None:
+        """The newest layer that a head was asked for in this job; None: not one yet."""
+        found: LayerAsked | None = None
+        for record in self._known():
+            if record.asked not in (Asked.PATTERN, Asked.PASS) or record.key.job != self.job:
+                continue
+            if found is None or record.key.layer != found.layer:
+                found = LayerAsked(record.key.layer)
+            bit = (record.asked is Asked.PASS) << record.key.pass_
+            done = bit if record.event is Event.DONE else 0
+            found = LayerAsked(found.layer, found.asked | bit, found.done | done, record.pattern_crc)
+        return found
+
+    def take_up(self, rig: Rig) -> None:
+        """Before the first device opens a rig: it gets the job of this run; its session number is a new one."""
+        if rig.is_open:
+            return
+        if self.job is not None:
+            rig.job = self.job
+        self._append(Event.OPENED, Asked.NOTHING, Key(rig.job, 0), 0, rig.session)
+
+    def go_on_with(self, rig: Rig, job: int) -> None:
+        """A saved state is of this job. JournalError if the run folder's journal is of another one."""
+        if self._path is not None and job != self.job:
+            raise JournalError(
+                f"{self._path}: is the journal of job {self.job}, and the run was at job {job}: was it removed, or "
+                "another one put there? Put it back, or begin a new part"
+            )
+        rig.job = job
+
+    def intend(self, asked: Asked, key: Key, pattern_crc: int = 0) -> None:
+        """A node is going to be asked for this step: on the disk when this returns."""
+        self._append(Event.INTENT, asked, key, pattern_crc)
+
+    def done(self, asked: Asked, key: Key, pattern_crc: int = 0) -> None:
+        """The node has said that the step is done: on the disk when this returns."""
+        self._append(Event.DONE, asked, key, pattern_crc)
+
+    def _append(self, event: Event, asked: Asked, key: Key, crc: int, session: int | None = None) -> None:
+        records = self._known()
+        record = MasterRecord(len(records) + 1, event, asked, key, crc, session or self.session or 0)
+        if self._path is not None:
+            self._write(self._path, record.line())
+        records.append(record)
+
+    def _write(self, path: Path, line: bytes) -> None:
+        """Append and sync; what was written of a line that did not fit is taken off again."""
+        try:
+            is_new = not path.exists()
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("ab", buffering=0) as file:
+                before = file.tell()
+                try:
+                    if file.write(line) != len(line):
+                        raise OSError("no room for a whole line")
+                    os.fsync(file.fileno())
+                except OSError:
+                    file.truncate(before)
+                    raise
+            if is_new:
+                _sync_folder(path.parent)
+        except OSError as error:
+            raise JournalError(
+                f"{path}: cannot be written: {error.strerror or error}; the step it is about was not asked "
+                "for; make room, then `inkloop resume` goes on"
+            ) from error
+
+    def _known(self) -> list[MasterRecord]:
+        if self._records is None:
+            self._records = [] if self._path is None else _read(self._path)
+        return self._records
+
+
+def _read(path: Path) -> list[MasterRecord]:
+    """The records of a file; a last line that was never finished is cut off."""
+    try:
+        lines = path.read_bytes().split(b"\n") if path.exists() else [b""]
+        found = [MasterRecord.of(line) for line in lines[:-1]]
+        torn = lines[-1]
+        if found and found[-1] is None:
+            found.pop()
+            torn = lines[-2] + b"\n" + torn
+        records = [record for record in found if record is not None]
+        if [record.number for record in records] != list(range(1, len(found) + 1)):
+            raise JournalError(
+                f"{path}: was altered, or its disk is damaged: its lines do not count from 1 to {len(found)}, each "
+                "with its checksum; what was printed, only the journal of the head still tells: begin a new part"
+            )
+        if torn:
+            with path.open("r+b") as file:
+                file.truncate(path.stat().st_size - len(torn))
+                os.fsync(file.fileno())
+    except OSError as error:
+        raise JournalError(f"{path}: cannot be read: {error.strerror or error}") from error
+    return records
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have the disk know of a new file; where folders cannot be synced (Windows) the system sees to it."""
+    if os.name == "nt":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,137 @@
+"""The kind `hardware.printer`: print head, stage and cure lamp on a CAN bus as a component of the loop."""
+
+from __future__ import annotations
+
+from struct import Struct
+from struct import error as StructError
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.component import Job, Port, Status, Values
+from inkloop.errors import ComponentError
+from inkloop_hardware.devices.journal_comparison import compare
+from inkloop_hardware.devices.layer_steps import ALL_COLOURS, LayerSteps, PrintedLayer
+from inkloop_hardware.devices.master_journal import MasterJournal
+from inkloop_hardware.devices.readiness import make_ready
+from inkloop_hardware.devices.recovery import gone_on_with
+from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.protocol.node_state import NodeLimits
+from inkloop_hardware.protocol.vocabulary import Node
+
+NODES = (Node.HEAD, Node.STAGE, Node.CURE)
+_STATE = Struct(">IIQQ?")  # job, layers printed, droplets of material A and of B, whether the last layer is unknown
+
+
+class Printer:
+    """Prints by the layer contract; a step that commands a layer lasts until it is printed and cured.
+
+    It knows no `height`: a real printer does not see its part. `layer_unknown`: the last layer was given up midway, and
+    nobody knows what was jetted in it; droplets are those of passes that are known to be whole. rig, journal: shared
+    with the other devices; cure_ms: light after each pass. The errors of its steps are `HardwareError`s.
+    """
+
+    is_device = True
+
+    def __init__(self, job: Job, rig: Rig, *, cure_ms: int = 100, journal: MasterJournal | None = None) -> None:
+        self._job, self._rig, self._cure_ms = job, rig, cure_ms
+        self._journal = journal or MasterJournal()
+        shape = (job.nx, job.ny)
+        self.inputs = (
+            Port("pattern", shape=shape, dtype="int32"),
+            Port("drop_level", shape=shape, dtype="int32", start=1),
+            Port("layer_command", dtype="int32"),
+        )
+        counters = ("layers_printed", "status", "droplets_a", "droplets_b")
+        self.outputs = (*(Port(name, dtype="int32") for name in counters), Port("layer_unknown", dtype="bool"))
+        self._attached = False
+        self._steps: LayerSteps | None = None
+        self._printed, self._is_unknown = 0, False
+        self._droplets = [0, 0]
+
+    def initialize(self, time_ns: int, inputs: Values) -> Values:
+        """Open the bus, compare journals, clear nodes and home the stage; commands count from the present one."""
+        self._journal.take_up(self._rig)
+        self._rig.attach()
+        self._attached = True
+        limits = gone_on_with(self._rig, NODES, self._ready, is_start=True)
+        self._steps = LayerSteps(self._rig, self._job, limits, cure_ms=self._cure_ms, journal=self._journal)
+        self._printed, self._droplets, self._is_unknown = int(inputs["layer_command"]), [0, 0], False
+        return self._outputs()
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        """Print the layer that is commanded, if one is. ComponentError for a command or a pattern out of order."""
+        self._rig.alive()
+        command, pattern = int(inputs["layer_command"]), inputs["pattern"]
+        if command not in (self._printed, self._printed + 1) or self._steps is None:
+            raise ComponentError(
+                f"layer_command is {command} after layer {self._printed}; needs {self._printed} or {self._printed + 1}"
+            )
+        if command == self._printed + 1:
+            if np.any(inputs["drop_level"][pattern != 0] != 1):
+                raise ComponentError(
+                    "drop_level is not 1 everywhere: this head jets one drop a cell; take drop_levels = 1"
+                )
+            self._print(self._steps, command, pattern)
+        return self._outputs()
+
+    def _ready(self) -> dict[Node, NodeLimits]:
+        """The journals first: before they agree, nothing is asked of a node."""
+        self._rig.wait_for(NODES)
+        compare(self._journal.layer, self._rig.job, self._rig.link(Node.HEAD).state())
+        return make_ready(self._rig, NODES)
+
+    def _print(self, steps: LayerSteps, layer: int, pattern: NDArray[Any]) -> None:
+        known = self._journal.layer
+        if known and known.layer > layer:
+            raise ComponentError(
+                f"layer {layer} is commanded, but this run has begun layer {known.layer} already; its checkpoint is "
+                "older than its journal: was the run folder put back from a copy? Begin a new part"
+            )
+        try:
+            became = gone_on_with(self._rig, NODES, lambda: steps.print_layer(layer, pattern))
+        except ValueError as error:
+            raise ComponentError(str(error)) from error
+        self._printed, self._is_unknown = layer, became.is_unknown
+        jetted = _jetted(pattern, became)
+        for material in range(2):
+            self._droplets[material] += int(np.count_nonzero(jetted == material + 1))
+
+    def terminate(self) -> None:
+        """Leave the bus; the last device closes it."""
+        if self._attached:
+            self._attached = False
+            self._rig.detach()
+
+    def save(self) -> bytes:
+        """Job, layer, droplets, and whether the layer is unknown."""
+        return _STATE.pack(self._rig.job, self._printed, *self._droplets, self._is_unknown)
+
+    def restore(self, saved: bytes) -> None:
+        """Go on with a job. ComponentError where journal or head are of another one, or of another layer."""
+        try:
+            job, printed, *droplets, is_unknown = _STATE.unpack(saved)
+        except StructError as error:
+            raise ComponentError(f"what is to be restored is no state of this printer ({error})") from error
+        self._journal.go_on_with(self._rig, job)
+        head = self._rig.link(Node.HEAD).state()
+        follows = head.job == job and head.layer in (printed, printed + 1)
+        if not follows and printed > 0:
+            raise ComponentError(
+                f"the head last had layer {head.layer} of job {head.job}, this run was at layer {printed} of job "
+                f"{job}: something else was printed since, or another head is mounted; run the scenario anew"
+            )
+        self._printed, self._droplets, self._is_unknown = printed, droplets, is_unknown
+
+    def _outputs(self) -> Values:
+        values = (self._printed, Status.IDLE, *self._droplets, self._is_unknown)
+        return {port.name: np.asarray(value, port.dtype) for port, value in zip(self.outputs, values, strict=True)}
+
+
+def _jetted(pattern: NDArray[Any], became: PrintedLayer) -> NDArray[Any]:
+    """What of a pattern (nx, ny) is known to have been jetted."""
+    if ALL_COLOURS in became.passes:
+        return pattern
+    i, j = np.indices(pattern.shape)
+    return np.where(np.isin(2 * (i % 2) + j % 2, became.passes), pattern, 0)

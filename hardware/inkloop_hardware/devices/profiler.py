@@ -1,0 +1,100 @@
+"""The kind `hardware.profiler`: a profile sensor over the stage, on a CAN bus, as a component of the loop."""
+
+from __future__ import annotations
+
+from struct import Struct
+from struct import error as StructError
+
+import numpy as np
+
+from inkloop.component import Job, Port, Status, Values
+from inkloop.errors import ComponentError
+from inkloop_hardware.devices.layer_steps import LayerSteps
+from inkloop_hardware.devices.master_journal import MasterJournal
+from inkloop_hardware.devices.readiness import make_ready
+from inkloop_hardware.devices.recovery import gone_on_with
+from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.protocol.height_map_bytes import read_map
+from inkloop_hardware.protocol.vocabulary import Node
+
+NODES = (Node.PROFILER, Node.STAGE)
+_STATE = Struct(">Ii")  # job, layers scanned
+
+
+class Profiler:
+    """Scans each newest layer, the start surface first; a step in which a layer is new lasts until its map is here.
+
+    It takes no `height`: it looks for itself. A cell that a scan did not see repeats its last height that was seen, at
+    first 0. rig, journal: shared with the other devices.
+    """
+
+    is_device = True
+
+    def __init__(self, job: Job, rig: Rig, *, journal: MasterJournal | None = None) -> None:
+        self._job, self._rig = job, rig
+        self._journal = journal or MasterJournal()
+        shape = (job.nx, job.ny)
+        self.inputs = (Port("layers_printed", dtype="int32"),)
+        self.outputs = (
+            Port("measured_height", "m", shape),
+            Port("valid", shape=shape, dtype="bool"),
+            Port("layers_scanned", dtype="int32", start=-1),
+            Port("status", dtype="int32"),
+        )
+        self._attached = False
+        self._steps: LayerSteps | None = None
+        self._scanned = -1
+        self._height = np.zeros(shape)
+        self._valid = np.zeros(shape, np.bool_)
+
+    def initialize(self, time_ns: int, inputs: Values) -> Values:
+        """Open the bus, look at the nodes, clear them and home the stage. The first scan is that of the first step."""
+        self._journal.take_up(self._rig)
+        self._rig.attach()
+        self._attached = True
+        limits = gone_on_with(self._rig, NODES, lambda: make_ready(self._rig, NODES), is_start=True)
+        self._steps = LayerSteps(self._rig, self._job, limits, journal=self._journal)
+        self._scanned = -1
+        return self._outputs()
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        """Scan the layer that is new, if one is."""
+        self._rig.alive()
+        newest, steps = int(inputs["layers_printed"]), self._steps
+        if newest != self._scanned and steps is not None:
+            found = gone_on_with(self._rig, NODES, lambda: steps.scan(newest))
+            height, valid = read_map(found, self._job.nx, self._job.ny)
+            self._height, self._valid = np.where(valid, height, self._height), valid
+            self._scanned = newest
+        return self._outputs()
+
+    def terminate(self) -> None:
+        """Leave the bus; the last device closes it."""
+        if self._attached:
+            self._attached = False
+            self._rig.detach()
+
+    def save(self) -> bytes:
+        """Job, layer, heights and marks."""
+        return _STATE.pack(self._rig.job, self._scanned) + self._height.tobytes() + self._valid.tobytes()
+
+    def restore(self, saved: bytes) -> None:
+        """Go on with a job. ComponentError for what is no state of a profiler of this grid."""
+        cells = self._height.size
+        try:
+            job, scanned = _STATE.unpack_from(saved)
+            height = np.frombuffer(saved, np.float64, cells, _STATE.size)
+            valid = np.frombuffer(saved, np.bool_, cells, _STATE.size + height.nbytes)
+        except (StructError, ValueError) as error:
+            raise ComponentError(f"what is to be restored is no state of this profiler ({error})") from error
+        self._journal.go_on_with(self._rig, job)
+        self._scanned = scanned
+        self._height, self._valid = height.reshape(self._height.shape).copy(), valid.reshape(self._valid.shape).copy()
+
+    def _outputs(self) -> Values:
+        return {
+            "measured_height": self._height,
+            "valid": self._valid,
+            "layers_scanned": np.asarray(self._scanned, np.int32),
+            "status": np.asarray(int(Status.IDLE), np.int32),
+        }

@@ -1,0 +1,1 @@
+"""Examine a bench and report each finding with advice."""

@@ -1,0 +1,134 @@
+"""The adapter before anything is sent: is its interface known, its driver and port there, and may it be used?
+
+python-can's back-ends fail in ways of their own: NotImplementedError without a module, NameError or OSError without a
+driver, an error of the port where it is missing. Each is told apart here.
+"""
+
+from __future__ import annotations
+
+import errno
+import importlib
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from difflib import get_close_matches
+from pathlib import Path
+
+import can
+from can.interfaces import VALID_INTERFACES
+from can.util import load_config
+
+from inkloop_hardware.bus.adapter import Adapter
+from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.doctor.findings import Finding, Grade, fault, good, note
+from inkloop_hardware.errors import BusError
+
+NETWORK = Path("/sys/class/net")
+DRIVER_MISSING = (ImportError, NameError, NotImplementedError)
+ON_SERIAL_PORTS = ("slcan", "serial", "robotell", "seeedstudio")
+
+
+def configured(settings: BusSettings) -> BusSettings:
+    """The settings with what python-can's own configuration adds to them."""
+    try:
+        found = load_config(config=settings.arguments())
+    except NotImplementedError as error:  # it knows no such interface; none, or one of its own configuration
+        named = str(error).rpartition(" ")[2].strip('"')
+        return replace(settings, interface=settings.interface or (None if named == "None" else named))
+    channel, bitrate = (found.get(name) for name in ("channel", "bitrate"))
+    return replace(
+        settings, interface=found.get("interface"), channel=None if channel is None else str(channel), bitrate=bitrate
+    )
+
+
+def before_opening(settings: BusSettings, network: Path = NETWORK) -> Iterator[Finding]:
+    """What can be told of an adapter without opening it. settings: see `configured`; network: of socketcan."""
+    name, channel = settings.interface, settings.channel
+    if name is None:
+        yield fault(
+            "interface", "no interface is named, and python-can's own configuration names none",
+            "set bench.interface and bench.channel, or CAN_INTERFACE and CAN_CHANNEL, or write ~/.canrc",
+        )  # fmt: skip
+        return
+    if name not in VALID_INTERFACES:
+        near = get_close_matches(name, VALID_INTERFACES, 1)
+        advice = f"did you mean {near[0]!r}?" if near else f"it knows {', '.join(sorted(VALID_INTERFACES))}"
+        yield fault("interface", f"python-can knows no interface {name!r}", advice)
+        return
+    yield good("interface", f"{name}, of python-can {can.__version__}")
+    if channel is None:
+        yield fault("adapter", f"no channel is named for {name}", "set bench.channel, " + _example(name))
+    elif name == "socketcan":
+        yield from _network_interface(channel, network)
+    elif name in ON_SERIAL_PORTS and channel.startswith("/"):
+        yield from _serial_port(Path(channel))
+    if name == "slcan" and settings.bitrate is None:
+        yield note("adapter", "no bit rate is said, the adapter keeps the one it has", "set bench.bitrate, 500000")
+
+
+def opened(settings: BusSettings) -> tuple[Adapter | None, Finding]:
+    """The open adapter; None with the reason in words if it cannot be opened."""
+    try:
+        adapter = Adapter(settings)
+    except BusError as error:
+        return None, fault("adapter", f"{settings} cannot be opened: {error.__cause__}", _advice(settings, error))
+    return adapter, good("adapter", f"{settings} is open")
+
+
+def _network_interface(channel: str, network: Path) -> Iterator[Finding]:
+    if not (network / channel).exists():
+        there = sorted(path.name for path in network.glob("*can*")) if network.exists() else []
+        found = f"it has {', '.join(there)}" if there else "load its driver (`modprobe gs_usb` ...), look at `ip link`"
+        yield fault("adapter", f"this machine has no network interface {channel!r}", f"plug the adapter in; {found}")
+    elif (network / channel / "operstate").read_text(encoding="ascii").strip() == "down":
+        words = f"sudo ip link set {channel} up type can bitrate 500000 restart-ms 0"
+        yield fault("adapter", f"the network interface {channel} is down", f"`{words}`")
+
+
+def _serial_port(port: Path) -> Iterator[Finding]:
+    if not port.exists():
+        there = serial_ports()
+        found = f"the serial ports of this machine: {', '.join(there)}" if there else "this machine has no serial port"
+        yield fault("adapter", f"there is no {port}", f"plug the adapter in; {found}")
+    elif not os.access(port, os.R_OK | os.W_OK):
+        yield fault("adapter", f"{port} may not be read and written by this user", f"`{_group_command(port)}`")
+
+
+def serial_ports() -> Sequence[str]:
+    """Serial ports with what is plugged in there, as far as pyserial sees them."""
+    try:
+        found = importlib.import_module("serial.tools.list_ports").comports()
+    except ImportError:  # pyserial is an extra of python-can
+        return []
+    return [f"{port.device} ({port.description})" for port in found if port.hwid != "n/a"]
+
+
+def _group_command(port: Path) -> str:
+    return f"sudo usermod -a -G {port.group()} $USER` and a new login, or `sudo chmod a+rw {port}"
+
+
+def _advice(settings: BusSettings, error: BusError) -> str:
+    cause = error.__cause__
+    local = (settings.channel or "").startswith("socket://")
+    text, number = str(cause), getattr(cause, "errno", None)
+    if isinstance(cause, DRIVER_MISSING) or "library" in text or number == errno.EAFNOSUPPORT:
+        return (
+            "install the driver of the adapter's maker, and the package that python-can names for it "
+            f"(`pip install 'python-can[{settings.interface}]'`); it may not be there for this system"
+        )
+    if local:
+        return "nobody listens there: is it the right port, and does `inkloop bench` run?"
+    if number in (errno.EBUSY, errno.EAGAIN) or "busy" in text or "lock" in text:
+        return "another program has it open: end that one"
+    if number in (errno.EACCES, errno.EPERM) or "ermission" in text:
+        return "give this user the right to it (group dialout for serial ports)"
+    return "is the adapter plugged in, is this its channel, is it up, and does no other program have it open?"
+
+
+def _example(name: str) -> str:
+    return {"socketcan": '"can0"', "slcan": '"/dev/ttyACM0"', "pcan": '"PCAN_USBBUS1"'}.get(name, "see its page")
+
+
+def hinders(findings: Sequence[Finding]) -> bool:
+    """Whether one of them has to be mended first."""
+    return any(finding.grade is Grade.FAULT for finding in findings)

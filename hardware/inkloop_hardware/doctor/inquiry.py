@@ -1,0 +1,243 @@
+"""What the nodes of a bench answer when they are asked, without anybody being master: nothing is changed by it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from inkloop.component import Job
+from inkloop_hardware.bus.adapter import Adapter
+from inkloop_hardware.devices.readiness import ROLES, blocked
+from inkloop_hardware.doctor.findings import Finding, Grade, fault, good, left_out, note
+from inkloop_hardware.errors import BusError, HardwareError
+from inkloop_hardware.link.link import Link
+from inkloop_hardware.protocol.codec import Codec, Frame
+from inkloop_hardware.protocol.node_state import Flags, JournalRecord, NodeLimits, NodeState
+from inkloop_hardware.protocol.pattern_bytes import PatternBytes
+from inkloop_hardware.protocol.records import MasterAlive
+from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+
+CLOCK_TOLERANCE = 0.02
+"""Share by which a node's clock may be off (assumed): its 300 ms without a master are then 294 to 306 ms."""
+CLOCK_SPAN = 0.25
+"""Seconds between two looks at a clock, at least."""
+CLOCK_STEP = 1e-3
+BLOCK_LEAST = 16
+"""Bytes of a transfer block below which a pattern takes minutes (assumed)."""
+
+
+class OwnWire:
+    """The wire of a link on an adapter of this process; nobody says that a master lives."""
+
+    def __init__(self, adapter: Adapter, answer_id: int) -> None:
+        self._adapter, self._answer_id = adapter, answer_id
+        self._waiting: list[bytes] = []
+
+    def begin(self) -> None:
+        """Nothing to watch."""
+
+    def check(self) -> None:
+        """Nothing to watch."""
+
+    def now(self) -> float:
+        """Seconds of a clock that only goes forward."""
+        return time.monotonic()
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        """Sends frames in this order."""
+        for frame in frames:
+            self._adapter.send(frame)
+
+    def receive(self, wait_s: float) -> bytes | None:
+        """Data of the next ISO-TP frame of the node, None if none comes within `wait_s`."""
+        until = self.now() + wait_s
+        while not self._waiting:
+            found = self._adapter.receive(max(0.0, min(wait_s, until - self.now())))
+            self._waiting += [bytes(one.data) for one in found if one.arbitration_id == self._answer_id]
+            if self.now() >= until:
+                break
+        return self._waiting.pop(0) if self._waiting else None
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a scenario wants of the nodes: its job, and light after each pass [ms]."""
+
+    job: Job
+    cure_ms: int
+
+
+@dataclass(frozen=True)
+class ClockLook:
+    """A node's clock [s] as it was between two seconds of ours."""
+
+    node: float
+    asked: float
+    answered: float
+
+
+@dataclass(frozen=True)
+class Told:
+    """What one node says of itself; map_shape: of a profiler, else None."""
+
+    node: Node
+    version: str
+    state: NodeState
+    limits: NodeLimits
+    journal: tuple[JournalRecord, ...]
+    map_shape: tuple[int, int] | None
+    clock: tuple[ClockLook, ClockLook]
+
+
+def links(adapter: Adapter, codec: Codec, nodes: Sequence[Node]) -> list[Link]:
+    """What talks to these nodes."""
+    return [Link(node, codec, OwnWire(adapter, node.answer_id(codec)), str(adapter.settings)) for node in nodes]
+
+
+def told_by(link: Link) -> Told:
+    """Everything that is asked of a node. Raises HardwareError."""
+    first = _look(link)
+    shape = None
+    if link.node is Node.PROFILER:
+        size = link.map_size()
+        shape = (size.nx, size.ny)
+    version, state, limits, journal = link.version(), link.state(), link.limits(), link.journal()
+    time.sleep(max(0.0, first.answered + CLOCK_SPAN - time.monotonic()))
+    return Told(link.node, version, state, limits, journal, shape, (first, _look(link)))
+
+
+def ask(asked: Sequence[Link], expected: Expected | None) -> Iterator[Finding]:
+    """States, services, clocks, journals and limits. BusError when the adapter is gone."""
+    told = []
+    for link in asked:
+        try:
+            told.append(told_by(link))
+        except BusError:
+            raise
+        except HardwareError as error:
+            yield fault("services", str(error), "does the node run this inkloop's firmware, or an ISO-TP of its own?")
+    yield from judged(told, expected)
+
+
+def judged(told: Sequence[Told], expected: Expected | None) -> Iterator[Finding]:
+    """What is to be said of nodes that have answered."""
+    if not told:
+        return
+    yield from merged([good("services", f"{one.node.lower()}: {one.version}") for one in told])
+    for judge in (_states, _clocks, _journals):
+        yield from merged([finding for one in told for finding in judge(one)])
+    if expected is None:
+        yield left_out("limits", "no scenario was named, so there is nothing to compare them with")
+    else:
+        yield from merged([finding for one in told for finding in _limits(one, expected)])
+
+
+def merged(findings: Sequence[Finding]) -> Iterator[Finding]:
+    """The same, where several nodes are well in the same words in one finding."""
+    names: dict[str, list[str]] = {}
+    for finding in findings:
+        if finding.grade is Grade.GOOD:
+            name, _, words = finding.found.partition(": ")
+            names.setdefault(words, []).append(name)
+        else:
+            yield finding
+    for words, who in names.items():
+        yield good(findings[0].check, f"{', '.join(who)}: {words}")
+
+
+def _look(link: Link) -> ClockLook:
+    asked = time.monotonic()
+    return ClockLook(link.times().now, asked, time.monotonic())
+
+
+def _states(told: Told) -> Iterator[Finding]:
+    state, name = told.state, told.node.lower()
+    because = f" because of {state.cause.name}" if state.cause is not Fault.NONE else ""
+    if not state.roles & ROLES[told.node]:
+        yield fault("states", f"{name}: the node at its ids has the roles {state.roles!s}", "give it its own ids")
+    if (words := blocked(told.node, state)) is not None:
+        found, _, advice = words.partition("; ")
+        yield fault("states", found, advice)
+    elif state.state is State.FAULT:
+        yield fault("states", f"{name}: FAULT{because}", "look at the device, then `inkloop device SCENARIO clear`")
+    elif state.flags & Flags.DRY_RUN:
+        yield note("states", f"{name}: in a dry run", "the next run ends it")
+    else:
+        yield good("states", f"{name}: {state.state.name}{because}")
+
+
+def _clocks(told: Told) -> Iterator[Finding]:
+    name = told.node.lower()
+    slowest, fastest = clock_rates(*told.clock)
+    if told.clock[1].node < told.clock[0].node:
+        yield fault("clock", f"{name}: its clock went back while it was asked: it restarted", "look at its supply")
+    elif fastest < 1 - CLOCK_TOLERANCE or slowest > 1 + CLOCK_TOLERANCE:
+        rate = (slowest + fastest) / 2
+        yield fault(
+            "clock", f"{name}: its clock runs {abs(rate - 1):.0%} too {'fast' if rate > 1 else 'slow'}",
+            "its limits of time are that far off: correct the clock of its board",
+        )  # fmt: skip
+    else:
+        yield good("clock", f"{name}: goes as ours does")
+
+
+def clock_rates(first: ClockLook, last: ClockLook) -> tuple[float, float]:
+    """Seconds of the node's clock per second of ours: the least and the most that two looks allow."""
+    passed = last.node - first.node
+    most = max(last.asked - first.answered, CLOCK_STEP)
+    return (passed - CLOCK_STEP) / (last.answered - first.asked), (passed + CLOCK_STEP) / most
+
+
+def _journals(told: Told) -> Iterator[Finding]:
+    name, records = told.node.lower(), told.journal
+    if told.state.flags & Flags.JOURNAL_DAMAGED:
+        return  # said with its state
+    if not records:
+        yield note(
+            "journals", f"{name}: it remembers nothing", "a node notes its power-up at least: is its storage new?"
+        )
+        return
+    if any(newer.number != older.number + 1 for newer, older in pairwise(records)):
+        yield note(
+            "journals", f"{name}: a record between {records[-1].number} and {records[0].number} cannot be read",
+            "one that a power failure has torn counts as never written; if it comes again, replace the storage",
+        )  # fmt: skip
+    else:
+        yield good("journals", f"{name}: its newest {len(records)} of {records[0].number} records can be read")
+
+
+def _limits(told: Told, expected: Expected) -> Iterator[Finding]:
+    name, limits, job = told.node.lower(), told.limits, expected.job
+    faults = []
+    if told.node is Node.HEAD:
+        needed = PatternBytes.cells_of(job.nx, job.ny, materials=len(job.inks))
+        if needed > limits.pattern_bytes:
+            faults.append((
+                f"a pattern of {job.nx} x {job.ny} cells takes {needed} bytes, it has room for {limits.pattern_bytes}",
+                "take a smaller grid, or a head with more memory",
+            ))  # fmt: skip
+    if told.map_shape not in (None, (0, 0), (job.nx, job.ny)):
+        found = " x ".join(map(str, told.map_shape or ()))
+        faults.append((
+            f"its maps have {found} cells, the scenario {job.nx} x {job.ny}",
+            "set the profiler to the scenario's grid, or grid.nx and grid.ny to what it measures",
+        ))  # fmt: skip
+    if told.node is Node.CURE and expected.cure_ms / 1e3 >= limits.lamp:
+        faults.append((
+            f"bench.cure_ms is {expected.cure_ms}, this lamp goes out after {limits.lamp * 1e3:.0f} ms by itself",
+            "take less light after each pass",
+        ))  # fmt: skip
+    if limits.block < BLOCK_LEAST:
+        faults.append((f"it takes blocks of {limits.block} bytes", "give its ISO-TP more room"))
+    cycle = Codec().cycle_time(MasterAlive.message) or 0.1
+    if limits.alive < 2 * cycle:
+        faults.append((
+            f"it waits {limits.alive * 1e3:.0f} ms for MasterAlive, which comes every {cycle * 1e3:.0f} ms",
+            "300 ms let two frames be lost",
+        ))  # fmt: skip
+    for found, advice in faults:
+        yield fault("limits", f"{name}: {found}", advice)
+    if not faults:
+        yield good("limits", f"{name}: bears the scenario")

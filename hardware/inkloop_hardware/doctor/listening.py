@@ -1,0 +1,216 @@
+"""What a bus tells who only listens: who is there, how regularly, whether to be believed, and who else is master."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from statistics import median
+
+from inkloop_hardware.bus.adapter import Adapter
+from inkloop_hardware.doctor.findings import Finding, fault, good, note
+from inkloop_hardware.errors import FrameError
+from inkloop_hardware.link.node_watch import LOST_AFTER
+from inkloop_hardware.protocol.codec import Codec, Frame
+from inkloop_hardware.protocol.e2e_monitor import E2eMonitor
+from inkloop_hardware.protocol.records import KINDS, MasterAlive, NodeStatus, StopRequest, unpack
+from inkloop_hardware.protocol.vocabulary import Node
+
+LISTEN_S = 1.2
+"""Twelve statuses of a node that is well, and one MasterAlive at least of any master."""
+CYCLE_SLACK = 0.25
+"""Share of its cycle by which the median of a status may be off (assumed)."""
+LOST_SHARE = 0.1
+"""Lost frames per frame that came in, from which on transfers fail (assumed)."""
+CHECK_NODE = "is it powered, on this bus, at this bit rate, and with the ids of its role?"
+
+
+@dataclass
+class Heard:
+    """Everything that was heard in `lasted` seconds; `times`: seconds of the intact statuses of each node."""
+
+    lasted: float = 0.0
+    frames: int = 0
+    errors: int = 0
+    others: Counter[int] = field(default_factory=Counter)
+    """frames with ids that the protocol does not have"""
+    times: dict[Node, list[float]] = field(default_factory=lambda: {node: [] for node in Node})
+    status: dict[Node, NodeStatus] = field(default_factory=dict)
+    monitors: dict[Node, E2eMonitor] = field(default_factory=lambda: {node: E2eMonitor() for node in Node})
+    sessions: dict[int, int] = field(default_factory=dict)
+    """job by session of every master"""
+    stopped: bool = False
+    misread: set[str] = field(default_factory=set)
+    complaints: Mapping[str, int] = field(default_factory=dict)
+
+    def take(self, now: float, frame: Frame, codec: Codec) -> None:
+        """One frame that came in at second `now`."""
+        self.frames += 1
+        try:
+            reading = codec.decode(frame)
+            node = KINDS.get(reading.message, (None, None))[1]
+            is_status = node is not None and reading.message.endswith(NodeStatus.message)
+            if is_status and node is not None:
+                self.monitors[node].take(reading.intact, reading.counter or 0)
+            if not reading.intact or reading.message not in KINDS:
+                return
+            record = unpack(codec, reading)
+        except FrameError as error:
+            if any(message.frame_id == frame.arbitration_id for message in codec.database.messages):
+                self.misread.add(str(error))
+            else:
+                self.others[frame.arbitration_id] += 1
+            return
+        if isinstance(record, NodeStatus):
+            self.times[record.node].append(now)
+            self.status[record.node] = record
+        elif isinstance(record, MasterAlive):
+            self.sessions[record.session] = record.job
+        elif isinstance(record, StopRequest):
+            self.stopped = record.active
+
+    @property
+    def nodes(self) -> list[Node]:
+        """Those whose statuses came in."""
+        return [node for node in Node if self.times[node]]
+
+    @property
+    def speaking(self) -> list[Node]:
+        """Those with a status of any kind, damaged ones included."""
+        return [node for node in Node if self.times[node] or self.monitors[node].damaged]
+
+
+def listen(
+    adapter: Adapter, codec: Codec, seconds: float = LISTEN_S, monotonic: Callable[[], float] = time.monotonic
+) -> Heard:
+    """Reads the bus for so long and sends nothing. BusError when the adapter is gone."""
+    heard, begin = Heard(), monotonic()
+    while (now := monotonic()) < begin + seconds:
+        for message in adapter.receive(min(0.05, begin + seconds - now)):
+            if message.is_error_frame:
+                heard.errors += 1
+            elif not (message.is_extended_id or message.is_remote_frame or message.is_fd):
+                heard.take(monotonic(), Frame(message.arbitration_id, bytes(message.data)), codec)
+    heard.lasted = monotonic() - begin
+    heard.complaints = {words: count for words, count in adapter.complaints().items() if count}
+    return heard
+
+
+def judge(heard: Heard, codec: Codec) -> Iterator[Finding]:
+    """Bus, masters, nodes, heartbeats, supervision and protocol."""
+    yield from judge_bus(heard)
+    yield from _masters(heard)
+    if not heard.speaking:
+        advice = "is the bench powered, and the cable plugged in?" if heard.frames == 0 else CHECK_NODE
+        yield fault("nodes", f"no node said anything in {heard.lasted:.1f} s", advice)
+        return
+    missing = [node.lower() for node in Node if node not in heard.speaking]
+    if missing:
+        yield fault("nodes", f"{' and '.join(missing)} said nothing in {heard.lasted:.1f} s", CHECK_NODE)
+    else:
+        yield good("nodes", f"{', '.join(node.lower() for node in Node)} are there")
+    yield from _heartbeats(heard, codec)
+    yield from _supervision(heard)
+    yield from _protocol(heard, codec)
+
+
+def judge_bus(heard: Heard, *, foreign: bool = False) -> Iterator[Finding]:
+    """Frames and errors. foreign: the rig has frames of its own, none of them has to be of the protocol."""
+    wires = "look at cables, at 120 ohm at both ends, and at the bit rate of every node (the bench has 500 kbit/s)"
+    if heard.frames == 0:
+        yield fault("bus", f"no frame came in within {heard.lasted:.1f} s", wires)
+    elif not heard.speaking and heard.others and not foreign:
+        ids = ", ".join(f"0x{number:03X}" for number, _ in heard.others.most_common(4))
+        yield fault("bus", f"{heard.frames} frames came in, none of the protocol ({ids})", "is this the right bus?")
+    else:
+        yield good("bus", f"{heard.frames} frames in {heard.lasted:.1f} s")
+        if heard.others and not foreign:
+            ids = ", ".join(f"0x{number:03X}" for number, _ in heard.others.most_common(4))
+            yield note("bus", f"{heard.others.total()} frames of somebody else ({ids})", "they take room on the bus")
+    if heard.errors:
+        yield fault("bus", f"{heard.errors} error frames", wires)
+    for words, count in heard.complaints.items():
+        if "error frames" not in words:
+            yield fault("bus", f"{count} {words}", "look at the adapter, its USB cable and its bit rate")
+
+
+def _masters(heard: Heard) -> Iterator[Finding]:
+    if not heard.sessions:
+        yield good("masters", "nobody else is master")
+    elif len(heard.sessions) == 1:
+        session, job = next(iter(heard.sessions.items()))
+        yield fault(
+            "masters", f"somebody is master already: session {session}, job {job}",
+            "a run is going on; end it, or let it end. Two masters at once stop every node",
+        )  # fmt: skip
+    else:
+        sessions = ", ".join(str(session) for session in heard.sessions)
+        yield fault("masters", f"there are {len(heard.sessions)} masters, sessions {sessions}", "end all but one")
+    if heard.stopped:
+        yield fault(
+            "masters", "a stop request is active", "release it where it was made; then `inkloop device SCENARIO clear`"
+        )
+
+
+def _heartbeats(heard: Heard, codec: Codec) -> Iterator[Finding]:
+    well = []
+    for node in heard.nodes:
+        cycle = codec.cycle_time(f"{node}{NodeStatus.message}") or 0.1
+        gaps = [later - earlier for earlier, later in pairwise(heard.times[node])]
+        if not gaps:
+            yield fault("heartbeat", f"{node.lower()}: a single status in {heard.lasted:.1f} s", CHECK_NODE)
+        elif max(gaps) > LOST_AFTER:
+            yield fault(
+                "heartbeat", f"{node.lower()}: {max(gaps) * 1e3:.0f} ms between two statuses, the cycle is "
+                f"{cycle * 1e3:.0f} ms", "a run takes the node for lost after 300 ms: look at cables and at its load",
+            )  # fmt: skip
+        elif abs(median(gaps) - cycle) > CYCLE_SLACK * cycle:
+            yield note(
+                "heartbeat", f"{node.lower()}: a status every {median(gaps) * 1e3:.0f} ms, the cycle is "
+                f"{cycle * 1e3:.0f} ms", "does its firmware have another protocol, or is this machine busy?",
+            )  # fmt: skip
+        else:
+            well.append(median(gaps))
+    if well:
+        number = f"{len(well)} nodes" if len(well) > 1 else "one node"
+        yield good("heartbeat", f"{number}, a status every {min(well) * 1e3:.0f} to {max(well) * 1e3:.0f} ms")
+
+
+def _supervision(heard: Heard) -> Iterator[Finding]:
+    well = True
+    for node, monitor in heard.monitors.items():
+        bad = {"damaged": monitor.damaged, "repeated": monitor.repeated, "jumped": monitor.jumped}
+        if any(bad.values()):
+            well = False
+            words = ", ".join(f"{count} {word}" for word, count in bad.items() if count)
+            verdict = "" if monitor.trusted else "; it is not to be believed"
+            yield fault(
+                "supervision", f"{node.lower()}: of its statuses {words}{verdict}",
+                "damaged: cables, adapter, or another data id; repeated or jumped: do two nodes use its ids?",
+            )  # fmt: skip
+        elif monitor.lost:
+            well = well and monitor.lost <= LOST_SHARE * len(heard.times[node])
+            say = note if monitor.lost <= LOST_SHARE * len(heard.times[node]) else fault
+            yield say(
+                "supervision", f"{node.lower()}: {monitor.lost} statuses were lost, {len(heard.times[node])} came in",
+                "look at cables and termination, and at the load of bus and adapter",
+            )  # fmt: skip
+    if well:
+        counted = sum(len(times) for times in heard.times.values())
+        yield good("supervision", f"check bytes and counters of {counted} statuses are right")
+
+
+def _protocol(heard: Heard, codec: Codec) -> Iterator[Finding]:
+    ours = codec.protocol_version
+    other = {node: status.protocol_version for node, status in heard.status.items() if status.protocol_version != ours}
+    for node, version in other.items():
+        yield fault(
+            "protocol", f"{node.lower()} speaks version {version} of the protocol, this inkloop {ours}",
+            "update the older of the two",
+        )  # fmt: skip
+    for words in sorted(heard.misread):
+        yield fault("protocol", words, "update the older of the two, or give the node the DBC of this inkloop")
+    if not other and not heard.misread and heard.status:
+        yield good("protocol", f"version {ours} of the protocol, as in this inkloop's DBC")

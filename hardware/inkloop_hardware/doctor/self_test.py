@@ -1,0 +1,81 @@
+"""Gate and lamp, tried: the gate opens and closes, the lamp lights for a moment behind the closed gate.
+
+Nothing is jetted and no layer knows of it. It has to be asked for: light leaves the lamp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from struct import pack
+
+from inkloop_hardware.devices.readiness import MARGIN_S, blocked, clear
+from inkloop_hardware.doctor.findings import Finding, Grade, fault, good, left_out
+from inkloop_hardware.errors import HardwareError, NodeRefused
+from inkloop_hardware.link.link import Link
+from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.protocol.services import Key, Routine
+from inkloop_hardware.protocol.vocabulary import Node
+
+LAMP_MS = 100
+NODES = (Node.HEAD, Node.CURE)
+OUT_OF_RANGE = 0x31
+WHAT = f"the gate opens and closes, then the lamp lights for {LAMP_MS} ms with the gate closed"
+
+
+def try_gate_and_lamp(rig: Rig) -> Iterator[Finding]:
+    """Both tests, one after the other, on a rig that is attached to; then nothing is enabled any more.
+
+    Raises HardwareError if the bus is gone, or a node.
+    """
+    rig.wait_for(NODES)
+    for node in NODES:
+        state = rig.link(node).state()
+        if (words := blocked(node, state)) is not None:
+            found, _, advice = words.partition("; ")
+            yield left_out("self test", found, advice)
+            return
+        clear(rig, node)
+    for test in (_gate, _lamp):
+        finding = test(rig)
+        yield finding
+        if finding.grade is not Grade.GOOD:  # no light behind a gate that is not to be trusted
+            return
+
+
+def _gate(rig: Rig) -> Finding:
+    head = rig.link(Node.HEAD)
+    try:
+        with rig.enabled(gate=True):
+            _test(rig, head, 0)
+        times = head.times()
+    except HardwareError as error:
+        return _failed(head, error)
+    open_ms = (times.gate_closed - times.gate_opened) * 1e3
+    return good("self test", f"gate: seen open and closed again, driven for {open_ms:.0f} ms")
+
+
+def _lamp(rig: Rig) -> Finding:
+    lamp = rig.link(Node.CURE)
+    try:
+        with rig.enabled(lamp=True):
+            _test(rig, lamp, LAMP_MS)
+        times = lamp.times()
+    except HardwareError as error:
+        return _failed(lamp, error)
+    lit_ms = (times.lamp_off - times.lamp_on) * 1e3
+    return good("self test", f"lamp: seen lit for {lit_ms:.0f} ms and dark again, the gate closed")
+
+
+def _test(rig: Rig, link: Link, lamp_ms: int) -> None:
+    limits = link.limits()
+    limit_s = lamp_ms / 1e3 + 2 * limits.gate + MARGIN_S
+    link.routine(Routine.SELF_TEST, Key(rig.job, 0, 0), pack(">H", lamp_ms), limit_s=limit_s)
+
+
+def _failed(link: Link, error: HardwareError) -> Finding:
+    if isinstance(error, NodeRefused) and error.code == OUT_OF_RANGE:
+        words = f"the firmware of the {link.node.lower()} has no self test"
+        return left_out("self test", words, "update it, or look at gate and lamp in the first layer")
+    return fault(
+        "self test", str(error), "everything is off; look at gate, end switches and lamp before anything is printed"
+    )

@@ -1,0 +1,1 @@
+"""Requests and transfers to the nodes, with retries and supervision."""

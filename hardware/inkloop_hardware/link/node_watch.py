@@ -1,0 +1,102 @@
+"""What a node says of itself all the time: its status, its faults, whether it is there and to be believed."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, field
+
+from inkloop_hardware.protocol.e2e_monitor import E2eMonitor
+from inkloop_hardware.protocol.records import NodeFault, NodeStatus
+from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+
+LOG = logging.getLogger("inkloop_hardware")
+LOST_AFTER = 0.3
+"""Seconds without a status: three cycles."""
+OFF = (State.SAFE, State.FAULT)
+
+
+@dataclass
+class NodeWatch:
+    """Follows the status and fault frames of one node and says what changes, once each.
+
+    status, at: the last intact one and its second; falls: how often the node took its de-energised state; fault: why.
+    """
+
+    node: Node
+    status: NodeStatus | None = None
+    at: float | None = None
+    falls: int = 0
+    fault: Fault = Fault.NONE
+    monitor: E2eMonitor = field(default_factory=E2eMonitor)
+    _off: bool = True
+    _said: str = ""
+
+    def take_status(self, now: float, status: NodeStatus | None, counter: int) -> None:
+        """A status frame; None: a damaged one."""
+        verdict = self.monitor.take(status is not None, counter)
+        if status is None or verdict.bad:
+            return
+        if self.status is not None and status.boot_count != self.status.boot_count:
+            LOG.warning("%s: restarted", self.node.lower())
+        self.status, self.at = status, now
+        self._turn(status.state in OFF, status.fault)
+        self._say(sentence(self.node, status), level_of(status.state))
+
+    def take_fault(self, fault: NodeFault) -> None:
+        """A fault frame; it comes before the status that says the same."""
+        if fault.fault is not Fault.NONE:
+            self._turn(True, fault.fault)
+
+    def trouble(self, now: float) -> str | None:
+        """Why the node cannot be counted on at this second, None if it can."""
+        name = self.node.lower()
+        if self.at is None:
+            return f"the {name} was never heard"
+        if not self.monitor.trusted:
+            return (
+                f"the {name} is not to be believed: of its last frames {self.monitor.damaged} were damaged, "
+                f"{self.monitor.repeated} repeated, {self.monitor.jumped} jumped; do two nodes use its ids?"
+            )
+        if now - self.at > LOST_AFTER:
+            return f"the {name} is silent for {now - self.at:.1f} s; is it powered, and the cable plugged in?"
+        return None
+
+    def _turn(self, off: bool, fault: Fault) -> None:
+        self.falls += off and not self._off
+        self._off, self.fault = off, fault
+
+    def _say(self, words: str, level: int) -> None:
+        if words != self._said:
+            LOG.log(level, "%s", words)
+        self._said = words
+
+
+def level_of(state: State) -> int:
+    """What nobody asked for is said aloud; of a step that was, its frames see only part, and who asks says it."""
+    if state is State.FAULT:
+        return logging.WARNING
+    return logging.INFO if state in (State.SAFE, State.IDLE) else logging.DEBUG
+
+
+def sentence(node: Node, status: NodeStatus) -> str:
+    """A node in words: "head: pass 2 of layer 7"."""
+    jetted = status.pass_mask.bit_count()
+    words = {
+        State.SAFE: "off" + because(status.fault),
+        State.IDLE: "idle",
+        State.RECEIVING: "receiving a pattern",
+        State.VERIFIED: f"pattern of layer {status.layer} verified",
+        State.PRINTING: f"pass {jetted + 1} of layer {status.layer}",
+        State.PRINTED: f"{jetted} {'pass' if jetted == 1 else 'passes'} of layer {status.layer} jetted",
+        State.CURING: "lamp on" if status.lamp_on else "curing",
+        State.CURED: "cured",
+        State.SCANNING: "scanning",
+        State.MAP_READY: "map ready",
+        State.FAULT: "fault" + because(status.fault),
+    }[status.state]
+    return f"{node.lower()}: {words}"
+
+
+def because(fault: Fault) -> str:
+    """ " (gate not confirmed)", nothing without a fault."""
+    return f" ({fault.name.lower().replace('_', ' ')})" if fault else ""

@@ -1,0 +1,164 @@
+"""Patterns to a node and maps from it, in blocks that shrink where frames are lost."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from functools import partial
+from struct import pack
+from typing import TYPE_CHECKING, Any
+
+from udsoncan import DataFormatIdentifier, MemoryLocation
+
+from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
+from inkloop_hardware.protocol.height_map_bytes import map_size
+from inkloop_hardware.protocol.pattern_bytes import CELLS_MAX
+
+if TYPE_CHECKING:
+    from inkloop_hardware.link.link import Link
+
+Progress = Callable[[int, int], None]
+"""Called with bytes that went through and bytes in all."""
+
+TRIES = 6
+BLOCK_FLOOR = 256
+"""Bytes of a block, with its two first ones."""
+BLOCK_HEAD = 2
+BLOCK_MOST = 4095
+"""Bytes that ISO-TP carries in one message."""
+GROW_AFTER = 8
+"""So many blocks in a row without a retry, and blocks are twice as long again."""
+BROKEN = (0x24, 0x31, 0x71, 0x72, 0x73)
+"""Refusals in the middle of a transfer after which it may be begun anew; 0x31: a byte was altered to one that no
+pattern has."""
+
+
+class BlockSize:
+    """How many bytes a block may carry: halved by a retry, doubled when the way is good again."""
+
+    def __init__(self, most: int) -> None:
+        self._most = min(most, BLOCK_MOST) - BLOCK_HEAD
+        self._floor = min(self._most, BLOCK_FLOOR - BLOCK_HEAD)
+        self._good = 0
+        self.bytes = self._most
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether nothing is held back."""
+        return self.bytes == self._most
+
+    def went_through(self) -> None:
+        """One block, at the first try."""
+        self._good += 1
+        if self._good % GROW_AFTER == 0:
+            self.bytes = min(self._most, 2 * self.bytes)
+
+    def was_lost(self) -> None:
+        """One block, or its answer."""
+        self._good = 0
+        self.bytes = max(self._floor, self.bytes // 2)
+
+
+def send_pattern(link: Link, layer: int, blob: bytes, coded: bool, progress: Progress | None) -> None:
+    """Download of a pattern (0x34, 0x36, 0x37); TransferError if the node has other bytes in the end."""
+    what = f"pattern of layer {layer} (0x34)"
+    form = DataFormatIdentifier(compression=1 if coded else 0)
+    answer = link.request(what, lambda: link.client.request_download(_place(layer, len(blob)), form))
+    size = _block_size(link, what, answer)
+    at, number = 0, 1
+    while at < len(blob):
+        at += _send_block(link, layer, number, blob, at, size)
+        number += 1
+        if progress:
+            progress(at, len(blob))
+    expected = zlib.crc32(blob)
+    what = f"end of the pattern of layer {layer} (0x37)"
+    found = _within(link, what, lambda: link.client.request_transfer_exit(pack(">I", expected)))
+    if found.service_data.parameter_records != pack(">I", expected):
+        raise TransferError(f"the {link.name} has another checksum: {what}")
+
+
+def receive_map(link: Link, layer: int, progress: Progress | None) -> bytes:
+    """Upload of a map (0x35, 0x36, 0x37); TransferError if it is short or altered."""
+    said = link.map_size()
+    total = said.size
+    if total not in (0, map_size(said.nx, said.ny)) or said.nx * said.ny > CELLS_MAX:
+        raise TransferError(f"the {link.name} says that its map of {said.nx} x {said.ny} cells has {total} bytes")
+    if total == 0:
+        raise NodeRefused(f"the {link.name} has no map of layer {layer}: nothing was scanned since its power-up", 0x24)
+    what = f"map of layer {layer} (0x35)"
+    answer = link.request(what, lambda: link.client.request_upload(_place(layer, total)))
+    size = _block_size(link, what, answer)
+    found, number = bytearray(), 1
+    while len(found) < total:
+        found += _fetch_block(link, layer, number, size)
+        number += 1
+        if progress:
+            progress(len(found), total)
+    what = f"end of the map of layer {layer} (0x37)"
+    end = _within(link, what, link.client.request_transfer_exit)
+    if len(found) != total or end.service_data.parameter_records != pack(">I", zlib.crc32(found)):
+        raise TransferError(f"the map of layer {layer} from the {link.name} was altered on the way; scan once more")
+    return bytes(found)
+
+
+def _send_block(link: Link, layer: int, number: int, blob: bytes, at: int, size: BlockSize) -> int:
+    """Bytes of the block that the node has in the end. Before a repeat it is asked what it took."""
+    what = f"block {number} of the pattern of layer {layer} (0x36)"
+    for attempt in range(TRIES):
+        piece = blob[at : at + size.bytes]
+        try:
+            _within(link, what, partial(link.client.transfer_data, number % 256, piece), tries=1)
+        except LinkTimeout:
+            size.was_lost()
+        else:
+            if attempt == 0:
+                size.went_through()
+            return len(piece)
+        taken = link.transfer()
+        if taken.active and taken.done == at + len(piece):
+            return len(piece)
+        if not taken.active or taken.done != at:
+            raise TransferError(f"the {link.name} has {taken.done} bytes, expected {at}: {what}")
+    raise LinkTimeout(f"the {link.name} does not take it in {TRIES} tries: {what}; look at cables and termination")
+
+
+def _fetch_block(link: Link, layer: int, number: int, size: BlockSize) -> bytes:
+    """The next block; a repeat asks for less of the same."""
+    what = f"block {number} of the map of layer {layer} (0x36)"
+    for attempt in range(TRIES):
+        most = None if attempt == 0 and size.is_whole else pack(">H", size.bytes)
+        try:
+            answer = _within(link, what, partial(link.client.transfer_data, number % 256, most), tries=1)
+        except LinkTimeout:
+            size.was_lost()
+            continue
+        piece: bytes = answer.service_data.parameter_records or b""
+        if not piece:
+            raise TransferError(f"the {link.name} brings an empty one: {what}")
+        if attempt == 0:
+            size.went_through()
+        return piece
+    raise LinkTimeout(f"the {link.name} does not bring it in {TRIES} tries: {what}; look at cables and termination")
+
+
+def _block_size(link: Link, what: str, answer: Any) -> BlockSize:
+    most = answer.service_data.max_length
+    if most <= BLOCK_HEAD:
+        raise TransferError(f"the {link.name} takes blocks of {most} bytes, {BLOCK_HEAD} are their head: {what}")
+    return BlockSize(most)
+
+
+def _within(link: Link, what: str, ask: Callable[[], Any], tries: int = TRIES) -> Any:
+    """A request in the middle of a transfer: a refusal that says that the two ends differ is a TransferError."""
+    try:
+        return link.request(what, ask, tries)
+    except NodeRefused as error:
+        if error.code in BROKEN:
+            raise TransferError(str(error)) from error
+        raise
+
+
+def _place(layer: int, size: int) -> MemoryLocation:
+    """The address of a layer."""
+    return MemoryLocation(layer, size, address_format=32, memorysize_format=32)

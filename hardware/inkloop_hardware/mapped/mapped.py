@@ -1,0 +1,212 @@
+"""The kind `hardware.mapped`: a rig with frames and services of its own, bound to the contract by a mapping file."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from struct import Struct
+from struct import error as StructError
+
+import numpy as np
+from udsoncan import MemoryLocation
+
+from inkloop.component import Job, Port, Status, Values
+from inkloop.errors import ComponentError
+from inkloop_hardware.errors import LinkTimeout, TransferError
+from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.mapped.mapped_bus import MappedBus
+from inkloop_hardware.mapped.mapped_bytes import hexadecimal, map_size, number, pattern_bytes, read_map
+from inkloop_hardware.mapped.mapping_file import factor, load, resolved
+from inkloop_hardware.mapped.mapping_tables import Download, Memory, Read, RoutineStep, Send, Step, Upload, Wait
+
+LOG = logging.getLogger("inkloop_hardware")
+POLL = 0.1
+"""Seconds between two reads of an identifier."""
+_STATE = Struct(">Iii")  # job, layers printed, layers scanned
+
+
+class Mapped:
+    """Printer, profiler or both, as the mapping has steps for them; a step of the loop lasts until they are done.
+
+    rig: its bus settings and folder; mapping: path of the mapping file. Raises ScenarioError with every fault of the
+    file; the errors of its steps are `HardwareError`s.
+    """
+
+    is_device = True
+
+    def __init__(self, job: Job, rig: Rig, *, mapping: str) -> None:
+        self._job, self._rig, self._mapping = job, rig, load(Path(mapping), job)
+        tables, shape = self._mapping.tables, (job.nx, job.ny)
+        self.inputs: tuple[Port, ...] = ()
+        self.outputs: tuple[Port, ...] = (Port("status", dtype="int32"),)
+        if tables.printer:
+            self.inputs += (Port("pattern", shape=shape, dtype="int32"), Port("layer_command", dtype="int32"))
+            self.outputs += (Port("layers_printed", dtype="int32"),)
+        if tables.profiler:
+            self.inputs += () if tables.printer else (Port("layers_printed", dtype="int32"),)
+            self.outputs += (
+                Port("measured_height", "m", shape),
+                Port("valid", shape=shape, dtype="bool"),
+                Port("layers_scanned", dtype="int32", start=-1),
+            )
+        self.outputs += tuple(Port(name, self._unit(name), start=math.nan) for name in tables.outputs)
+        self._bus: MappedBus | None = None
+        self._printed, self._scanned = 0, -1
+        self._height, self._valid = np.zeros(shape), np.zeros(shape, np.bool_)
+        self._pattern = np.zeros(shape, np.int32)
+
+    def initialize(self, time_ns: int, inputs: Values) -> Values:
+        """Open the bus and do the steps of the start; commands count from the present one."""
+        self._bus = MappedBus(self._rig.settings, self._rig.folder, self._mapping, self._rig.session, self._rig.job)
+        self._printed, self._scanned = int(inputs.get("layer_command", np.asarray(0))), -1
+        self._do("start", self._mapping.tables.start, self._printed)
+        return self._outputs()
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        """Print the layer that is commanded, then scan the one that is new. ComponentError for a wrong command."""
+        self._open.take()
+        tables = self._mapping.tables
+        if tables.profiler and self._scanned < 0:
+            self._scan(int(inputs.get("layers_printed", np.asarray(self._printed))))
+        if tables.printer:
+            self._print(int(inputs["layer_command"]), inputs["pattern"])
+        if tables.profiler:
+            self._scan(int(inputs.get("layers_printed", np.asarray(self._printed))))
+        return self._outputs()
+
+    def terminate(self) -> None:
+        """Give the adapter back."""
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            bus.close()
+
+    def save(self) -> bytes:
+        """Job, counters, and the last map."""
+        return _STATE.pack(self._rig.job, self._printed, self._scanned) + self._height.tobytes() + self._valid.tobytes()
+
+    def restore(self, saved: bytes) -> None:
+        """Go on after a layer; that the rig still holds it is for its owner to see to. ComponentError for no state."""
+        cells = self._height.size
+        try:
+            job, self._printed, self._scanned = _STATE.unpack_from(saved)
+            height = np.frombuffer(saved, np.float64, cells, _STATE.size)
+            valid = np.frombuffer(saved, np.bool_, cells, _STATE.size + height.nbytes)
+        except (StructError, ValueError) as error:
+            raise ComponentError(f"what is to be restored is no state of this rig ({error})") from error
+        self._rig.job = job
+        self._height, self._valid = height.reshape(self._height.shape).copy(), valid.reshape(self._valid.shape).copy()
+
+    @property
+    def _open(self) -> MappedBus:
+        if self._bus is None:
+            raise ComponentError("the bus is not open: initialize comes first")
+        return self._bus
+
+    def _unit(self, name: str) -> str:
+        output = self._mapping.tables.outputs[name]
+        signal = self._mapping.codec.message(output.message).get_signal_by_name(output.signal)
+        return output.unit or signal.unit or "1"
+
+    def _print(self, command: int, pattern: np.ndarray) -> None:
+        if command not in (self._printed, self._printed + 1):
+            raise ComponentError(
+                f"layer_command is {command} after layer {self._printed}; needs {self._printed} or {self._printed + 1}"
+            )
+        if command == self._printed + 1:
+            self._pattern = np.asarray(pattern)
+            self._do(f"layer {command}", self._mapping.tables.printer, command)
+            self._printed = command
+
+    def _scan(self, newest: int) -> None:
+        if newest != self._scanned:
+            self._do(f"scan of layer {newest}", self._mapping.tables.profiler, newest)
+            self._scanned = newest
+
+    def _do(self, what: str, steps: Sequence[Step], layer: int) -> None:
+        """All steps of something, in order."""
+        fields = {"job": self._rig.job, "layer": layer, "nx": self._job.nx, "ny": self._job.ny}
+        for place, step in enumerate(steps, 1):
+            LOG.info("%s: step %d of %d (%s)", what, place, len(steps), step.do)
+            if not isinstance(step, Wait | Read):
+                self._open.forget()
+            with self._open.enabled(step.enables):
+                try:
+                    self._one(step, fields)
+                except ValueError as error:  # a template that was right for layer 1
+                    raise ComponentError(f"{what}, step {place} ({step.do}): {error}; correct the mapping") from error
+
+    def _one(self, step: Step, fields: dict[str, int]) -> None:
+        bus = self._open
+        if isinstance(step, Download):
+            self._download(step, fields)
+        elif isinstance(step, Upload):
+            self._upload(step, fields)
+        elif isinstance(step, Send):
+            bus.send(step.message, {name: resolved(value, fields) for name, value in step.signals.items()})
+        elif isinstance(step, Wait):
+            unless = None if step.unless is None else resolved(step.unless, fields)
+            bus.wait(step.message, step.signal, resolved(step.expected, fields), step.limit_s, unless)
+        elif isinstance(step, RoutineStep):
+            found = bus.peer(step.peer).routine(step.routine, hexadecimal(step.option, fields), step.limit_s)
+            expected = hexadecimal(step.answer, fields)
+            if not found.startswith(expected):
+                raise TransferError(
+                    f"{bus.peer(step.peer).name} answers routine 0x{step.routine:04X} with "
+                    f"{found.hex(' ') or 'nothing'}, expected {expected.hex(' ')}; look at the rig before going on"
+                )
+        elif isinstance(step, Read):
+            self._read(step, number(step.expected, fields))
+
+    def _download(self, step: Download, fields: dict[str, int]) -> None:
+        table = self._mapping.tables.pattern
+        assert table is not None  # the file is checked
+        try:
+            blob = pattern_bytes(self._pattern, table, fields)
+        except ValueError as error:
+            raise ComponentError(str(error)) from error
+        self._open.peer(step.peer).download(_place(step, len(blob), fields), blob, step.check == "crc32")
+
+    def _upload(self, step: Upload, fields: dict[str, int]) -> None:
+        table = self._mapping.tables.map
+        assert table is not None  # the file is checked
+        size = map_size(table, fields)
+        data = self._open.peer(step.peer).upload(_place(step, size, fields), size, step.check == "crc32")
+        height, valid = read_map(data, table, fields)
+        self._height, self._valid = np.where(valid, height, self._height), valid
+
+    def _read(self, step: Read, expected: int) -> None:
+        peer, until = self._open.peer(step.peer), time.monotonic() + step.limit_s
+        while True:
+            data = peer.read(step.identifier)
+            found = int.from_bytes(data[step.at : step.at + step.bytes], "big")
+            if len(data) >= step.at + step.bytes and found == expected:
+                return
+            if time.monotonic() > until:
+                raise LinkTimeout(
+                    f"identifier 0x{step.identifier:04X} of {peer.name} was not {expected} within "
+                    f"{step.limit_s:g} s; it says {data.hex(' ')}"
+                )
+            time.sleep(POLL)
+
+    def _outputs(self) -> Values:
+        values: dict[str, np.ndarray | float] = {
+            "status": Status.IDLE,
+            "layers_printed": self._printed,
+            "measured_height": self._height.copy(),
+            "valid": self._valid.copy(),
+            "layers_scanned": self._scanned,
+        }
+        for name, output in self._mapping.tables.outputs.items():
+            reading = self._bus.readings.get(output.message) if self._bus else None
+            signal = self._mapping.codec.message(output.message).get_signal_by_name(output.signal)
+            found = math.nan if reading is None else reading.values.get(output.signal, math.nan)
+            values[name] = found * (factor(signal.unit or "1", self._unit(name)) or 1.0)
+        return {port.name: np.asarray(values[port.name], port.dtype) for port in self.outputs}
+
+
+def _place(step: Memory, size: int, fields: dict[str, int]) -> MemoryLocation:
+    address = number(step.address, fields)
+    return MemoryLocation(address, size, address_format=8 * step.address_bytes, memorysize_format=8 * step.size_bytes)

@@ -1,0 +1,164 @@
+"""The bus of a rig of one's own: frames by its DBC, services of its peers, and nothing that it does not know."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from inkloop_hardware.bus.connection import BusConnection
+from inkloop_hardware.bus.heartbeat import Enables
+from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.errors import FrameError, HardwareError, LinkTimeout
+from inkloop_hardware.mapped.mapped_peer import Peer
+from inkloop_hardware.mapped.mapping_file import RigMapping
+from inkloop_hardware.protocol.codec import COUNTERS, Frame, Reading
+
+WORD_CYCLE = 0.02
+PAUSE = 0.005
+KEPT = 4096
+"""Frames of one message that wait to be looked at."""
+
+
+class MappedBus:
+    """An open bus; `readings` holds the newest of each message, `inbox` those since `forget`, oldest first."""
+
+    def __init__(self, settings: BusSettings, folder: Path | None, mapping: RigMapping, session: int, job: int) -> None:
+        log = settings.traffic_log
+        if log is not None and folder is not None:
+            log = folder / log
+        self.readings: dict[str, Reading] = {}
+        self.inbox: dict[str, deque[Reading]] = {}
+        self._codec, self._heartbeat = mapping.codec, mapping.tables.heartbeat
+        self._known = {message.frame_id for message in self._codec.database.messages if not message.is_extended_frame}
+        self._counters: dict[str, int] = {}
+        self._enables = Enables.NONE
+        self._word_due = 0.0
+        answers = [answer for _, answer in mapping.ids.values()]
+        self._bus = BusConnection(replace(settings, traffic_log=log), session, job, answers)
+        self._peers = {
+            name: Peer(name, _Wire(self, answer), request, answer, mapping.tables.peers[name].answer_s)
+            for name, (request, answer) in mapping.ids.items()
+        }
+
+    def peer(self, name: str) -> Peer:
+        """Who answers services under this name."""
+        return self._peers[name]
+
+    def send(self, message: str, values: Mapping[str, float | str]) -> None:
+        """One frame, with the next counter where the message is supervised."""
+        counter = None
+        if self._codec.data_id(message) is not None:
+            counter = self._counters[message] = (self._counters.get(message, -1) + 1) % COUNTERS
+        self.send_frames([self._codec.encode(message, values, counter)])
+
+    def send_frames(self, frames: Sequence[Frame]) -> None:
+        """Frames in this order."""
+        self._bus.send(frames)
+
+    def take(self) -> None:
+        """Says that the loop lives, where somebody listens, and reads what came in. BusError when the bus is gone."""
+        self._bus.check()
+        now = time.monotonic()
+        if self._heartbeat and now >= self._word_due:
+            self._word_due = now + WORD_CYCLE
+            self._bus.say_alive(self._enables)
+        while self._bus.others:
+            _, frame = self._bus.others.popleft()
+            if frame.arbitration_id in self._known:
+                self._read(frame)
+
+    def forget(self) -> None:
+        """What came in until now is old."""
+        self.take()
+        self.inbox.clear()
+
+    def wait(
+        self, message: str, signal: str, expected: float | str, limit_s: float, unless: float | str | None = None
+    ) -> None:
+        """Until a frame of the inbox says so; those of its message before it are old then.
+
+        LinkTimeout with what was said last, HardwareError at once when a frame says `unless`.
+        """
+        until = time.monotonic() + limit_s
+        while True:
+            self.take()
+            waiting = self.inbox.get(message, deque())
+            while waiting:
+                reading = waiting.popleft()
+                if self._says(reading, signal, expected):
+                    return
+                if unless is not None and self._says(reading, signal, unless):
+                    raise HardwareError(f"{message}.{signal} is {unless}, expected {expected}; look at the rig")
+            if time.monotonic() > until:
+                last = self.readings.get(message)
+                said = f"it says {self._told(last, signal)}" if last else "no frame of it came in"
+                raise LinkTimeout(f"{message}.{signal} was not {expected} within {limit_s:g} s; {said}")
+            time.sleep(PAUSE)
+
+    @contextmanager
+    def enabled(self, names: Sequence[str]) -> Iterator[None]:
+        """Enables of the heartbeat for one step; on leaving, whatever happened, nothing is enabled."""
+        if not names:
+            yield
+            return
+        try:
+            self._enables = Enables(sum(Enables[name.upper()] for name in names))
+            self._bus.say_alive(self._enables)
+            yield
+        finally:
+            self._enables = Enables.NONE
+            self._bus.say_alive(self._enables)
+
+    def close(self) -> None:
+        """Gives the adapter back."""
+        self._bus.close()
+
+    def receive(self, identifier: int, wait_s: float) -> bytes | None:
+        """Data of the next frame of a peer."""
+        return self._bus.receive(identifier, wait_s)
+
+    def _read(self, frame: Frame) -> None:
+        try:
+            reading = self._codec.decode(frame)
+        except FrameError:  # of another length or out of its limits: says nothing that could be believed
+            return
+        if reading.intact:
+            self.readings[reading.message] = reading
+            self.inbox.setdefault(reading.message, deque(maxlen=KEPT)).append(reading)
+
+    def _says(self, reading: Reading, signal: str, expected: float | str) -> bool:
+        if signal not in reading.values:
+            return False
+        if isinstance(expected, str):
+            return self._codec.word(reading.message, signal, reading.values[signal]) == expected
+        return abs(reading.values[signal] - expected) <= 1e-9 * max(1.0, abs(expected))
+
+    def _told(self, reading: Reading, signal: str) -> str:
+        value = reading.values.get(signal, float("nan"))
+        return self._codec.word(reading.message, signal, value) or f"{value:g}"
+
+
+class _Wire:
+    """One peer at the other end of the bus."""
+
+    def __init__(self, bus: MappedBus, answer: int) -> None:
+        self._bus, self._answer = bus, answer
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        self._bus.send_frames(frames)
+
+    def receive(self, wait_s: float) -> bytes | None:
+        return self._bus.receive(self._answer, wait_s)
+
+    def now(self) -> float:
+        return time.monotonic()
+
+    def begin(self) -> None:
+        self._bus.take()
+
+    def check(self) -> None:
+        self._bus.take()

@@ -1,0 +1,124 @@
+"""Services of somebody on the bus of a rig of one's own: UDS over ISO-TP, as the standard has them."""
+
+from __future__ import annotations
+
+import logging
+import zlib
+from collections.abc import Callable
+from typing import Any
+
+import udsoncan
+from udsoncan import MemoryLocation
+from udsoncan.client import Client
+from udsoncan.exceptions import NegativeResponseException, TimeoutException
+
+from inkloop_hardware.bus.isotp_connection import IsoTpConnection, Wire
+from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
+from inkloop_hardware.link.transfers import BLOCK_MOST
+from inkloop_hardware.protocol.services import UNREADABLE, Bytes
+
+TRIES = 3
+P2_STAR = 6.0
+"""Seconds between two "still busy" (0x78)."""
+NEGATIVE, POSITIVE = 0x7F, 0x40
+ECHOED = {0x22: slice(1, 3), 0x31: slice(1, 4), 0x36: slice(1, 2)}
+"""Bytes of a request that its positive answer begins with again."""
+
+
+class Peer:
+    """Services of one peer. What can be done twice is repeated where no answer comes; a routine never is."""
+
+    def __init__(self, name: str, wire: Wire, request: int, answer: int, answer_s: float) -> None:
+        self.name = f"{name} (0x{request:03X}, 0x{answer:03X})"
+        self._wire = wire
+        self._connection = IsoTpConnection(wire, request, answer, is_answer)
+        config: Any = dict(udsoncan.configs.default_client_config)
+        config |= {"data_identifiers": {"default": Bytes()}, "request_timeout": None, "use_server_timing": False}
+        config |= {"p2_timeout": answer_s, "p2_star_timeout": P2_STAR}
+        self._client = Client(self._connection, config=config)
+        self._client.logger.setLevel(logging.WARNING)
+
+    def read(self, identifier: int) -> bytes:
+        """0x22: the bytes of an identifier."""
+        answer = self._again(f"identifier 0x{identifier:04X} (0x22)",
+                             lambda: self._client.read_data_by_identifier(identifier))  # fmt: skip
+        data: bytes = answer.service_data.values[identifier]
+        return data
+
+    def routine(self, routine: int, option: bytes, limit_s: float) -> bytes:
+        """0x31 01: the record of its answer. LinkTimeout means that nobody knows whether it was done."""
+        what = f"routine 0x{routine:04X} (0x31)"
+        self._connection.deadline = self._wire.now() + limit_s
+        try:
+            answer = self._asked(what, lambda: self._client.start_routine(routine, option))
+        except LinkTimeout as error:
+            raise LinkTimeout(f"{error}. Whether it was done is not known: look at the rig before going on") from error
+        finally:
+            self._connection.deadline = None
+        record: bytes = answer.service_data.routine_status_record
+        return record
+
+    def download(self, place: MemoryLocation, blob: bytes, crc: bool) -> None:
+        """0x34, 0x36, 0x37; from the beginning again where it breaks off."""
+        self._again("download (0x34, 0x36, 0x37)", lambda: self._download(place, blob, crc))
+
+    def upload(self, place: MemoryLocation, size: int, crc: bool) -> bytes:
+        """0x35, 0x36, 0x37; from the beginning again where it breaks off."""
+        data: bytes = self._again("upload (0x35, 0x36, 0x37)", lambda: self._upload(place, size, crc))
+        return data
+
+    def _download(self, place: MemoryLocation, blob: bytes, crc: bool) -> None:
+        opened: Any = self._client.request_download(place)
+        block = min(opened.service_data.max_length, BLOCK_MOST) - 2
+        if block < 1:
+            raise TransferError(f"{self.name} takes blocks of {block + 2} bytes; needs 3 at least, two are their head")
+        for number, at in enumerate(range(0, len(blob), block), 1):
+            self._client.transfer_data(number % 256, blob[at : at + block])
+        self._client.request_transfer_exit(zlib.crc32(blob).to_bytes(4, "big") if crc else None)
+
+    def _upload(self, place: MemoryLocation, size: int, crc: bool) -> bytes:
+        self._client.request_upload(place)
+        data, number = b"", 0
+        while len(data) < size:
+            number += 1
+            answer: Any = self._client.transfer_data(number % 256)
+            piece = answer.service_data.parameter_records
+            if not piece:
+                break
+            data += piece
+        end: Any = self._client.request_transfer_exit()
+        record = end.service_data.parameter_records
+        if crc and record != zlib.crc32(data).to_bytes(4, "big"):
+            raise TransferError(
+                f"{self.name}: the checksum of what was uploaded differs; bytes were altered on the way"
+            )
+        return data
+
+    def _again(self, what: str, ask: Callable[[], Any]) -> Any:
+        for _ in range(TRIES - 1):
+            try:
+                return self._asked(what, ask)
+            except (LinkTimeout, TransferError):
+                self._wire.check()
+        return self._asked(what, ask)
+
+    def _asked(self, what: str, ask: Callable[[], Any]) -> Any:
+        try:
+            return ask()
+        except TimeoutException as error:
+            raise LinkTimeout(f"no answer of {self.name}: {what}; is it on, and are its ids those?") from error
+        except NegativeResponseException as error:
+            code, name = error.response.code or 0, error.response.code_name
+            raise NodeRefused(f"{self.name} refuses: {what}: {name} (0x{code:02X})", code) from error
+        except UNREADABLE as error:
+            raise TransferError(f"{self.name} answers what cannot be read: {what}: {error}") from error
+
+
+def is_answer(request: bytes, message: bytes) -> bool:
+    """Whether a message answers this request, as far as its first bytes tell."""
+    if message[:1] == bytes([NEGATIVE]):
+        return message[1:2] == request[:1]
+    if not message or message[0] != request[0] + POSITIVE:
+        return False
+    echoed = ECHOED.get(request[0])
+    return echoed is None or message[echoed] == request[echoed]

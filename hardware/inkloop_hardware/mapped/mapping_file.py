@@ -1,0 +1,238 @@
+"""Reads a mapping file and holds it against its DBC: every fault at once, each with its place."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from cantools.database.can import Message
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from inkloop.component import Job
+from inkloop.errors import ScenarioError
+from inkloop_hardware.errors import FrameError
+from inkloop_hardware.mapped.mapped_bytes import hexadecimal, number
+from inkloop_hardware.mapped.mapping_tables import (
+    METRES,
+    SECONDS,
+    Download,
+    MappingFile,
+    Memory,
+    Read,
+    RoutineStep,
+    Send,
+    Step,
+    Upload,
+    Value,
+    Wait,
+)
+from inkloop_hardware.protocol.codec import COUNTERS, Codec
+
+LONGEST = 8
+"""Bytes of a classic frame."""
+STANDARD_IDS = 0x800
+
+
+@dataclass(frozen=True)
+class RigMapping:
+    """A mapping without faults; ids: by peer those of its requests and of its answers."""
+
+    tables: MappingFile
+    codec: Codec
+    ids: Mapping[str, tuple[int, int]]
+
+
+def load(path: Path, job: Job) -> RigMapping:
+    """The mapping for a job. Raises ScenarioError with every fault of the file."""
+    try:
+        tables = MappingFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise ScenarioError(str(path), [f"cannot be read: {error.strerror}"]) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ScenarioError(str(path), [f"is not TOML: {error}"]) from error
+    except ValidationError as error:
+        raise ScenarioError(str(path), [_sentence(detail) for detail in error.errors()]) from error
+    try:
+        codec = Codec(path.parent / tables.dbc)
+    except FrameError as error:
+        raise ScenarioError(str(path), [f"dbc: {error}"]) from error
+    check = _Check(tables, codec, {"job": 1, "layer": 1, "nx": job.nx, "ny": job.ny})
+    if check.faults:
+        raise ScenarioError(str(path), check.faults)
+    return RigMapping(tables, codec, check.ids)
+
+
+def factor(source: str, target: str) -> float | None:
+    """From one unit to another, None where they are not known to be of one quantity."""
+    if source == target:
+        return 1.0
+    for units in (METRES, SECONDS):
+        if source in units and target in units:
+            return units[source] / units[target]
+    return None
+
+
+def resolved(value: Value, fields: Mapping[str, int]) -> float | str:
+    """A number or a word; a template is filled in. Raises ValueError for a template of something else."""
+    return number(value, fields) if isinstance(value, str) and "{" in value else value
+
+
+class _Check:
+    """Collects the faults of tables that are each right by themselves."""
+
+    def __init__(self, tables: MappingFile, codec: Codec, fields: Mapping[str, int]) -> None:
+        self.faults: list[str] = []
+        self._tables, self._codec, self._fields = tables, codec, fields
+        self.ids = {
+            name: (self._id(f"peers.{name}.request", peer.request), self._id(f"peers.{name}.answer", peer.answer))
+            for name, peer in tables.peers.items()
+        }
+        for name, table in (("pattern", tables.pattern), ("map", tables.map)):
+            if table is not None:
+                self._try(f"{name}.header", hexadecimal, table.header)
+        if tables.map is not None and tables.map.unit not in METRES:
+            self.faults.append(f"map.unit is {tables.map.unit!r}; expected one of {', '.join(METRES)}")
+        for section in ("start", "printer", "profiler"):
+            steps: tuple[Step, ...] = getattr(tables, section)
+            for place, step in enumerate(steps, 1):
+                self._step(f"{section} step {place} ({step.do})", step)
+        self._outputs()
+        self._needs()
+
+    def _needs(self) -> None:
+        """What the contract's ports need."""
+        tables = self._tables
+        downloads = _count(tables.printer, Download)
+        uploads = _count(tables.profiler, Upload)
+        if not tables.printer and not tables.profiler:
+            self.faults.append("binds no port; add [[printer]] steps of a layer, [[profiler]] steps of a scan, or both")
+        if tables.printer and not downloads:
+            self.faults.append('printer has no step do = "download": the input pattern goes nowhere; add one')
+        if tables.profiler and uploads != 1:
+            self.faults.append(f'profiler has {uploads} steps do = "upload"; measured_height needs exactly one')
+        if downloads + _count(tables.start, Download) and tables.pattern is None:
+            self.faults.append("pattern is missing; add the table [pattern], which says how cells become bytes")
+        if uploads and tables.map is None:
+            self.faults.append("map is missing; add the table [map], which says how bytes become heights")
+        if _count(tables.start, Download) + _count(tables.start, Upload) + _count(tables.printer, Upload) or _count(
+            tables.profiler, Download
+        ):
+            self.faults.append("a download is a step of the printer, an upload one of the profiler; move it there")
+
+    def _step(self, place: str, step: Step) -> None:
+        if step.enables and not self._tables.heartbeat:
+            self.faults.append(f"{place}: enables are of the heartbeat; write heartbeat = true, or leave them out")
+        if isinstance(step, Memory | RoutineStep | Read) and step.peer not in self._tables.peers:
+            self.faults.append(f"{place}: peer is {step.peer!r}; {_nearest(step.peer, self._tables.peers)}")
+        if isinstance(step, Memory):
+            self._try(f"{place}: address", partial(_address, 256**step.address_bytes), step.address)
+        elif isinstance(step, RoutineStep):
+            self._try(f"{place}: option", hexadecimal, step.option)
+            self._try(f"{place}: answer", hexadecimal, step.answer)
+        elif isinstance(step, Read):
+            self._try(f"{place}: expected", number, step.expected)
+        elif isinstance(step, Send) and self._message(place, step.message):
+            self._encode(place, step)
+        elif isinstance(step, Wait):
+            self._signal(place, step.message, step.signal, expected=step.expected, unless=step.unless)
+
+    def _encode(self, place: str, step: Send) -> None:
+        try:
+            values = {name: resolved(value, self._fields) for name, value in step.signals.items()}
+            supervised = self._codec.data_id(step.message) is not None
+            self._codec.encode(step.message, values, COUNTERS - 1 if supervised else None)
+        except (FrameError, ValueError) as error:
+            self.faults.append(f"{place}: {error}")
+
+    def _signal(self, place: str, message: str, signal: str, **values: Value | None) -> str | None:
+        """Unit of a signal in the DBC, None where there is none; values: by key what the file says that it may be."""
+        found = self._message(place, message)
+        if found is None:
+            return None
+        if signal not in self._signals(found):
+            self.faults.append(f"{place}: signal is {signal!r}; {_nearest(signal, self._signals(found))}")
+            return None
+        described = found.get_signal_by_name(signal)
+        words = [str(word) for word in (described.choices or {}).values()]
+        for key, value in values.items():
+            if isinstance(value, str) and "{" in value:
+                self._try(f"{place}: {key}", number, value)
+            elif isinstance(value, str) and value not in words:
+                self.faults.append(f"{place}: {key} is {value!r}; {_nearest(value, words)}")
+        return described.unit or "1"
+
+    def _message(self, place: str, name: str) -> Message | None:
+        known = [message.name for message in self._codec.database.messages]
+        if name not in known:
+            self.faults.append(f"{place}: message is {name!r}; {_nearest(name, known)}")
+            return None
+        found = self._codec.message(name)
+        if found.is_extended_frame or found.length > LONGEST:
+            self.faults.append(
+                f"{place}: {name} has a 29-bit id or more than {LONGEST} bytes; only classic frames with 11-bit ids "
+                "are sent and read"
+            )
+            return None
+        return found
+
+    def _id(self, place: str, given: int | str) -> int:
+        if isinstance(given, str):
+            found = self._message(place, given)
+            return found.frame_id if found else 0
+        if not 0 <= given < STANDARD_IDS:
+            self.faults.append(f"{place} is 0x{given:X}; expected an 11-bit id, 0 to 0x7FF")
+        return given
+
+    def _outputs(self) -> None:
+        for name, output in self._tables.outputs.items():
+            unit = self._signal(f"outputs.{name}", output.message, output.signal)
+            if unit is not None and output.unit is not None and factor(unit, output.unit) is None:
+                self.faults.append(
+                    f"outputs.{name}: unit is {output.unit!r}, to which the [{unit}] of {output.signal} does not "
+                    "convert; name a unit of the same quantity"
+                )
+
+    def _try(self, place: str, read: Callable[..., object], template: int | str) -> None:
+        try:
+            read(template, self._fields)
+        except ValueError as error:
+            self.faults.append(f"{place} is {error}")
+
+    @staticmethod
+    def _signals(message: Message) -> list[str]:
+        return [signal.name for signal in message.signals]
+
+
+def _address(end: int, template: int | str, fields: Mapping[str, int]) -> int:
+    found = number(template, fields)
+    if not 0 <= found < end:
+        raise ValueError(f"0x{found:X}; expected 0 to 0x{end - 1:X}, as address_bytes has it")
+    return found
+
+
+def _count(steps: Iterable[Step], kind: type) -> int:
+    return sum(isinstance(step, kind) for step in steps)
+
+
+def _nearest(found: str, known: Iterable[str]) -> str:
+    words = sorted(known)
+    close = difflib.get_close_matches(found, words, 2)
+    if close:
+        return f"did you mean {' or '.join(close)}?"
+    return f"known: {', '.join(words)}" if words else "there is none"
+
+
+def _sentence(detail: ErrorDetails) -> str:
+    """One fault of the tables by themselves."""
+    place = ".".join(str(part + 1) if isinstance(part, int) else part for part in detail["loc"])
+    if detail["type"] == "missing":
+        return f"{place} is missing; add it"
+    if detail["type"] == "extra_forbidden":
+        return f"{place} is not a key of this table"
+    expected = detail["msg"].replace("Input should be", "expected", 1)
+    return f"{place} is {detail['input']!r}; {expected}"

@@ -1,0 +1,1 @@
+"""Frames, records and services of the bench, from the DBC."""

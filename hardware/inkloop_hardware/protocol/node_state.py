@@ -1,0 +1,236 @@
+"""What the identifiers of a node (service 0x22) say, as records.
+
+Big-endian layouts of `firmware/services.h` and `journal.h`. Times are s of the node's own clock since its power-up; 0
+for what has not happened.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from struct import Struct
+
+from inkloop_hardware.protocol.services import Key
+from inkloop_hardware.protocol.vocabulary import Fault, State
+
+STATE = Struct(">4BIH6BHHIII")
+TIMES = Struct(">7I")
+LIMITS = Struct(">7IH")
+MAP_SIZE = Struct(">IHH")
+TRANSFER = Struct(">BBHIII")
+RECORD = Struct(">I4BIHHI4BIII4x")
+
+
+class Identifier(IntEnum):
+    """Identifiers of service 0x22."""
+
+    VERSION = 0xF195
+    STATE = 0x0100
+    TIMES = 0x0101
+    LIMITS = 0x0102
+    MAP = 0x0103
+    TRANSFER = 0x0104
+    JOURNAL = 0x0110
+
+
+class Roles(IntFlag):
+    """What a node is."""
+
+    HEAD = 1
+    STAGE = 2
+    CURE = 4
+    PROFILER = 8
+
+
+class Flags(IntFlag):
+    """What else is to be known of a node."""
+
+    NEEDS_OPERATOR = 1
+    """clear is refused unless a person is behind it"""
+    STOPPED = 2
+    """a stop request is active"""
+    PATTERN_LOADED = 4
+    DRY_RUN = 8
+    MAP_READY = 16
+    JOURNAL_DAMAGED = 32
+
+
+class BookFlags(IntFlag):
+    """What is remembered of the open layer besides its passes."""
+
+    ABANDONED = 1
+    """it is not to be finished"""
+    CURE_UNKNOWN = 2
+    """a cure was given up midway and not repeated yet"""
+    ACKNOWLEDGED = 4
+    """a person knows of the unknown step"""
+
+
+class Step(IntEnum):
+    """What a node is doing, or a record of its journal is about."""
+
+    NONE = 0
+    HOME = 1
+    MOVE = 2
+    PURGE = 3
+    PASS = 4
+    CURE = 5
+    SCAN = 6
+    SELF_TEST = 7
+
+
+class Happening(IntEnum):
+    """What a record of the journal says."""
+
+    BOOT = 1
+    PATTERN = 2
+    INTENT = 3
+    DONE = 4
+    UNKNOWN = 5
+    CLEAR = 6
+
+
+@dataclass(frozen=True)
+class NodeState:
+    """A node, what it remembers of its layer, and what it is doing.
+
+    passes: of the layer, 0 if it has no pattern; done, unknown, cured: a bit per pass; pattern_crc: CRC-32 of the
+    layer's pattern as transferred; gate_pulses: since power-up.
+    """
+
+    state: State
+    cause: Fault
+    roles: Roles
+    flags: Flags
+    job: int
+    layer: int
+    passes: int
+    done: int
+    unknown: int
+    cured: int
+    book: BookFlags
+    step: Step
+    boots: int
+    session: int
+    pattern_crc: int
+    clock: float
+    gate_pulses: int
+
+    @classmethod
+    def of(cls, data: bytes) -> NodeState:
+        """From identifier 0100."""
+        state, cause, roles, flags, job, layer, passes, done, unknown, cured, book, step, *rest = STATE.unpack(data)
+        boots, session, pattern_crc, clock_ms, gate_pulses = rest
+        return cls(
+            *(State(state), Fault(cause), Roles(roles), Flags(flags), job, layer, passes, done, unknown, cured),
+            *(BookFlags(book), Step(step), boots, session, pattern_crc, clock_ms / 1e3, gate_pulses),
+        )
+
+    @property
+    def layer_is_complete(self) -> bool:
+        """Whether every pass of the layer was jetted, and none is unknown."""
+        return self.passes > 0 and self.done == (1 << self.passes) - 1 and not self.unknown
+
+
+@dataclass(frozen=True)
+class NodeTimes:
+    """When the node saw or did what its interlocks are about [s of its clock]."""
+
+    now: float
+    master_alive: float
+    off: float
+    lamp_on: float
+    lamp_off: float
+    gate_opened: float
+    gate_closed: float
+
+    @classmethod
+    def of(cls, data: bytes) -> NodeTimes:
+        """From identifier 0101."""
+        return cls(*(number / 1e3 for number in TIMES.unpack(data)))
+
+
+@dataclass(frozen=True)
+class NodeLimits:
+    """What a node bears: `pattern_bytes` of packed cells, `block` bytes of a transfer block, longest times [s]."""
+
+    pattern_bytes: int
+    alive: float
+    lamp: float
+    gate: float
+    pass_: float
+    motion: float
+    scan: float
+    block: int
+
+    @classmethod
+    def of(cls, data: bytes) -> NodeLimits:
+        """From identifier 0102."""
+        pattern_bytes, alive, lamp, gate, pass_, motion, scan, block = LIMITS.unpack(data)
+        return cls(pattern_bytes, alive / 1e3, lamp / 1e3, gate / 1e3, pass_ / 1e3, motion / 1e3, scan / 1e3, block)
+
+
+@dataclass(frozen=True)
+class MapSize:
+    """The map of the last scan: bytes to upload, 0 if there is none; shape (nx, ny)."""
+
+    size: int
+    nx: int
+    ny: int
+
+    @classmethod
+    def of(cls, data: bytes) -> MapSize:
+        """From identifier 0103."""
+        return cls(*MAP_SIZE.unpack(data))
+
+
+@dataclass(frozen=True)
+class TransferState:
+    """How far a transfer has come: the block that is expected, bytes that went through, of how many."""
+
+    active: bool
+    upload: bool
+    next_counter: int
+    layer: int
+    job: int
+    done: int
+    size: int
+
+    @classmethod
+    def of(cls, data: bytes) -> TransferState:
+        """From identifier 0104."""
+        flags, counter, layer, job, done, size = TRANSFER.unpack(data)
+        return cls(bool(flags & 1), bool(flags & 2), counter, layer, job, done, size)
+
+
+@dataclass(frozen=True)
+class JournalRecord:
+    """One record; `number` counts up over the node's whole life, the rest is the book as it was then."""
+
+    number: int
+    kind: Happening
+    step: Step
+    key: Key
+    boots: int
+    pattern_crc: int
+    passes: int
+    done: int
+    unknown: int
+    cured: int
+    book: BookFlags
+    clock: float
+
+    @classmethod
+    def of(cls, data: bytes) -> tuple[JournalRecord, ...]:
+        """From identifier 0110, newest first."""
+        return tuple(cls._at(data, at) for at in range(0, len(data), RECORD.size))
+
+    @classmethod
+    def _at(cls, data: bytes, at: int) -> JournalRecord:
+        number, kind, step, pass_, attempt, job, layer, boots, crc, *book = RECORD.unpack_from(data, at)
+        passes, done, unknown, cured, flags, clock_ms, _reserved = book
+        key = Key(job, layer, pass_, attempt)
+        return cls(
+            *(number, Happening(kind), Step(step), key, boots, crc, passes, done, unknown, cured),
+            *(BookFlags(flags), clock_ms / 1e3),
+        )

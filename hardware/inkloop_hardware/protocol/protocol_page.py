@@ -1,0 +1,82 @@
+"""The tables of docs/reference/can-protocol.md, written from the DBC.
+
+python -m inkloop_hardware.protocol.protocol_page docs/reference/can-protocol.md
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+from cantools.database.can import Message, Signal
+
+from inkloop_hardware.protocol.codec import Codec
+
+BEGIN, END = "<!-- from inkloop.dbc -->\n", "<!-- end -->\n"
+
+
+def tables(codec: Codec) -> str:
+    """One table of all frames, one of signals per layout, one per value table."""
+    messages = sorted(codec.database.messages, key=lambda message: message.frame_id)
+    lines = ["| id | message | from | bytes | cycle | supervised | what it is |", "|---|---|---|---|---|---|---|"]
+    lines += [_frame_row(codec, message) for message in messages]
+    layouts: dict[tuple[str, ...], list[Message]] = {}
+    for message in messages:
+        layouts.setdefault(tuple(_layout(signal) for signal in message.signals), []).append(message)
+    for alike in layouts.values():
+        lines += ["", f"### {', '.join(message.name for message in alike)}", ""]
+        lines += ["| signal | bits | step | limits | unit | meaning |", "|---|---|---|---|---|---|"]
+        lines += [_signal_row(signal, alike) for signal in alike[0].signals]
+    dbc = codec.database.dbc
+    for table, words in (dbc.value_tables if dbc else {}).items():
+        listed = ", ".join(f"{number} `{word}`" for number, word in sorted(words.items()))
+        lines += ["", f"**{table}**: {listed}."]
+    return "\n".join(lines) + "\n"
+
+
+def renewed(page: str, codec: Codec) -> str:
+    """The page with its tables written anew; ValueError without the two marks around them."""
+    if page.count(BEGIN) != 1 or page.count(END) != 1:
+        raise ValueError(
+            f"the page has no single pair of lines {BEGIN.strip()!r} and {END.strip()!r} around its tables"
+        )
+    before, rest = page.split(BEGIN)
+    return before + BEGIN + "\n" + tables(codec) + "\n" + END + rest.split(END)[1]
+
+
+def _layout(signal: Signal) -> str:
+    return f"{signal.name} {signal.start} {signal.length} {signal.scale} {signal.unit}"
+
+
+def _cycle(message: Message) -> str:
+    if not message.cycle_time:
+        return "on request"
+    cycle = f"{message.cycle_time} ms" if message.cycle_time < 1000 else f"{message.cycle_time / 1000:g} s"
+    return cycle if message.send_type == "Cyclic" else f"on event, then {cycle} while active"
+
+
+def _frame_row(codec: Codec, message: Message) -> str:
+    data_id = codec.data_id(message.name)
+    supervised = f"data id 0x{data_id:X}" if data_id else ""
+    comment = re.sub(r"\s+", " ", message.comment or "")
+    return (
+        f"| 0x{message.frame_id:03X} | `{message.name}` | {', '.join(message.senders)} | {message.length} | "
+        f"{_cycle(message)} | {supervised} | {comment} |"
+    )
+
+
+def _signal_row(signal: Signal, alike: list[Message]) -> str:
+    last = signal.start + signal.length - 1
+    bits = f"{signal.start}" if last == signal.start else f"{signal.start}-{last}"
+    limits = "" if signal.minimum is None else f"{signal.minimum:.10g} to {signal.maximum:.10g}"
+    comments = {message.name: message.get_signal_by_name(signal.name).comment or "" for message in alike}
+    shared = len(set(comments.values())) == 1
+    meaning = comments[alike[0].name] if shared else "; ".join(f"{name}: {text}" for name, text in comments.items())
+    signed = ", signed" if signal.is_signed else ""
+    return f"| `{signal.name}` | {bits}{signed} | {signal.scale:g} | {limits} | {signal.unit or ''} | {meaning} |"
+
+
+if __name__ == "__main__":
+    place = Path(sys.argv[1])
+    place.write_text(renewed(place.read_text("utf-8"), Codec()), encoding="utf-8")

@@ -1,0 +1,136 @@
+"""What can be asked of a node: routines, their keys and outcomes, and the words of its refusals.
+
+The numbers are those of `firmware/uds.h`; docs/reference/node-services.md explains them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from struct import pack, unpack_from
+
+import udsoncan
+from udsoncan.exceptions import InvalidResponseException, UnexpectedResponseException
+
+
+class Routine(IntEnum):
+    """Routine identifiers of service 0x31."""
+
+    CLEAR = 0x0200
+    HOME = 0x0201
+    PURGE = 0x0202
+    PASS = 0x0203
+    CURE = 0x0204
+    SCAN = 0x0205
+    DRY_RUN = 0x0206
+    MOVE = 0x0207
+    SELF_TEST = 0x0208
+
+
+class ClearOption(IntFlag):
+    """Option of the routine `clear`: 0 is the plain one."""
+
+    OPERATOR = 1
+    """a person is there and releases the node"""
+    ABANDON = 2
+    """the open layer is given up; needs OPERATOR"""
+
+
+class Station(IntEnum):
+    """Option of the routine `move`."""
+
+    HOME = 0
+    PRINT = 1
+    CURE = 2
+    SCAN = 3
+
+
+class Outcome(IntEnum):
+    """What a node says of a routine with a key."""
+
+    DONE = 0
+    DONE_BEFORE = 1
+    """nothing was changed"""
+    UNDER_WAY = 2
+    UNKNOWN = 3
+    """begun, and nobody knows how far it came: scan before anything more is jetted"""
+    NEVER = 4
+
+
+@dataclass(frozen=True)
+class Key:
+    """What a routine is to happen to, and the how manieth try it is; the same key is never done twice.
+
+    job: 32 bits; layer: counted from 1, 16 bits; pass_: counted from 0; attempt: 1 for the first try.
+    """
+
+    job: int
+    layer: int
+    pass_: int = 0
+    attempt: int = 1
+
+    def __bytes__(self) -> bytes:
+        return pack(">IHBB", self.job, self.layer, self.pass_, self.attempt)
+
+    @classmethod
+    def of(cls, data: bytes) -> Key:
+        """The key in eight bytes."""
+        return cls(*unpack_from(">IHBB", data))
+
+    def __str__(self) -> str:
+        again = f", attempt {self.attempt}" if self.attempt > 1 else ""
+        return f"layer {self.layer}, pass {self.pass_}{again}"
+
+
+REFUSALS = {
+    0x11: "it does not know the service; does it run other firmware?",
+    0x12: "it does not know the subfunction; does it run other firmware?",
+    0x13: "the request has a length that it does not expect; does it run other firmware?",
+    0x21: "it is busy with another step; wait for that step to end",
+    0x22: "it is off, not enabled, not ready, not homed, its gate is not confirmed, or a person is needed: look at its "
+    "state and clear it, home the stage, wait for ink temperature and back pressure",
+    0x24: "this is not what comes next: its journal says what was done; compare job, layer and pass",
+    0x26: "it began and gave up: its state and cause say why",
+    0x31: "it has no such routine, layer, option or pattern: compare its limits, roles and the size of the grid",
+    0x70: "nothing can be transferred with this node",
+    0x71: "it was sent more bytes than announced; begin the transfer anew",
+    0x72: "the checksum differs: bytes were altered on the way; look at cables and termination",
+    0x73: "another block comes next; begin the transfer anew",
+    0x78: "it is still busy",
+}
+"""Negative response codes of docs/reference/node-services.md: what is wrong and what to do."""
+
+
+UNREADABLE = (InvalidResponseException, UnexpectedResponseException, NotImplementedError)
+"""What udsoncan raises for an answer that is none; the last one for numbers of more than 64 bits."""
+NEGATIVE, POSITIVE = 0x7F, 0x40
+ECHOED = {0x22: slice(1, 3), 0x36: slice(1, 2)}
+"""Bytes of a request that its positive answer begins with again."""
+ROUTINE_CONTROL, KEY_AT, KEY_ECHO = 0x31, slice(4, 12), slice(5, 13)
+
+
+class Bytes(udsoncan.DidCodec):
+    """An identifier as its bytes."""
+
+    def encode(self, value: bytes) -> bytes:
+        """The same."""
+        return value
+
+    def decode(self, payload: bytes) -> bytes:
+        """The same."""
+        return payload
+
+    def __len__(self) -> int:
+        raise udsoncan.DidCodec.ReadAllRemainingData
+
+
+def is_answer(request: bytes, message: bytes) -> bool:
+    """Whether a message answers this request, as far as its first bytes tell."""
+    if message[:1] == bytes([NEGATIVE]):
+        return message[1:2] == request[:1]
+    if not message or message[0] != request[0] + POSITIVE:
+        return False
+    if request[0] == ROUTINE_CONTROL:
+        return message[1:4] == request[1:4] and message[KEY_ECHO] == request[KEY_AT]
+    echoed = ECHOED.get(request[0])
+    return echoed is None or message[echoed] == request[echoed]

@@ -1,0 +1,77 @@
+"""The words of the bus: who is on it, states, faults. The value tables of `inkloop.dbc` are the same."""
+
+from __future__ import annotations
+
+from enum import IntEnum, StrEnum
+
+from inkloop_hardware.protocol.codec import Codec
+
+
+class Node(StrEnum):
+    """Who is on the bus besides the master; the first word of its messages."""
+
+    HEAD = "Head"
+    STAGE = "Stage"
+    CURE = "Cure"
+    PROFILER = "Profiler"
+
+    def request_id(self, codec: Codec) -> int:
+        """Arbitration id of ISO-TP frames to this node."""
+        return codec.message(f"{self}Request").frame_id
+
+    def answer_id(self, codec: Codec) -> int:
+        """Arbitration id of ISO-TP frames from this node."""
+        return codec.message(f"{self}Answer").frame_id
+
+
+class State(IntEnum):
+    """State of a node."""
+
+    SAFE = 0
+    IDLE = 1
+    RECEIVING = 2
+    VERIFIED = 3
+    PRINTING = 4
+    PRINTED = 5
+    CURING = 6
+    CURED = 7
+    SCANNING = 8
+    MAP_READY = 9
+    FAULT = 10
+
+
+class Fault(IntEnum):
+    """Why a node is in SAFE or FAULT."""
+
+    NONE = 0
+    MASTER_LOST = 1
+    STOP_REQUEST = 2
+    ENABLE_DROPPED = 3
+    TWO_MASTERS = 4
+    SUPERVISION = 5
+    STEP_EXPIRED = 6
+    GATE_NOT_CONFIRMED = 7
+    LAMP_TIME = 8
+    LAMP_TEMPERATURE = 9
+    HEAD_TEMPERATURE = 10
+    BACK_PRESSURE = 11
+    STAGE_POSITION = 12
+    STAGE_LIMIT = 13
+    SCAN_FAILED = 14
+    PATTERN_CHECKSUM = 15
+    JOURNAL_DAMAGED = 16
+    PASS_UNKNOWN = 17
+    RECEIVE_OVERRUN = 18
+    INTERNAL = 19
+
+
+class Source(IntEnum):
+    """Who asks for a stop."""
+
+    NONE = 0
+    OPERATOR = 1
+    MASTER = 2
+    HEAD = 3
+    STAGE = 4
+    CURE = 5
+    PROFILER = 6

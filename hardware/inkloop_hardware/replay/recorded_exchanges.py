@@ -1,0 +1,152 @@
+"""What the nodes answered in a recorded run: requests with their answers, patterns and maps as wholes.
+
+Retries, late answers and "still busy" are gone: what is left is what both sides went by.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import zip_longest
+from struct import unpack_from
+
+from inkloop_hardware.protocol.codec import Codec
+from inkloop_hardware.protocol.node_state import TransferState
+from inkloop_hardware.protocol.services import Routine, is_answer
+from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.replay.traffic_reading import Reassembly, Seen
+
+READ, ROUTINE, DOWNLOAD, UPLOAD, BLOCK, EXIT = 0x22, 0x31, 0x34, 0x35, 0x36, 0x37
+TESTER_PRESENT = 0x3E
+POSITIVE, NEGATIVE, STILL_BUSY = 0x40, 0x7F, 0x78
+OF_A_LAYER = frozenset({Routine.PASS, Routine.CURE, Routine.SCAN, Routine.MOVE})
+
+
+@dataclass
+class Asked:
+    """A request of the master as it went out; answer: what it took, None for nothing; at: index of the last frame."""
+
+    node: Node
+    request: bytes
+    at: int
+    answer: bytes | None = None
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """A request and its answer; of a pattern or a map also all its bytes and the answer to its end.
+
+    answer: nothing for a step that was not asked for again: the node was lost, or the master.
+    """
+
+    node: Node
+    request: bytes
+    answer: bytes
+    at: int
+    blob: bytes | None = None
+    end: bytes = b""
+
+    @property
+    def is_of_a_layer(self) -> bool:
+        """Whether the part depends on it: what is left out or comes otherwise makes another print."""
+        return self.request[0] in (DOWNLOAD, UPLOAD) or is_step(self.request)
+
+
+def exchanges(seen: Sequence[Seen], codec: Codec) -> list[Exchange]:
+    """All that were answered, in the order of their ends. A transfer that was begun anew at once is left out."""
+    asked = list(_asked(seen, codec))
+    by_node = ([one for one in asked if one.node is node and one.request[0] != TESTER_PRESENT] for node in Node)
+    found = [exchange for of_one in by_node for exchange in _folded(of_one)]
+    return sorted(found, key=lambda exchange: exchange.at)
+
+
+def _asked(seen: Iterable[Seen], codec: Codec) -> Iterator[Asked]:
+    """Requests in their order, each with the answer that came before the next one."""
+    ways = {node.request_id(codec): (node, Reassembly()) for node in Node}
+    back = {node.answer_id(codec): (node, Reassembly()) for node in Node}
+    waiting: dict[Node, Asked] = {}
+    for at, (_, _, (identifier, data)) in enumerate(seen):
+        if not data:
+            continue
+        if identifier in ways:
+            node, way = ways[identifier]
+            if request := way.take(data):
+                if node in waiting:
+                    yield waiting[node]
+                waiting[node] = Asked(node, request, at)
+        elif identifier in back:
+            node, way = back[identifier]
+            answer, one = way.take(data), waiting.get(node)
+            is_busy = answer is not None and answer[:1] == bytes([NEGATIVE]) and answer[2:3] == bytes([STILL_BUSY])
+            if answer and one and one.answer is None and not is_busy and is_answer(one.request, answer):
+                one.answer, one.at = answer, at
+    yield from waiting.values()
+
+
+@dataclass
+class _Transfer:
+    """A pattern or a map that is under way."""
+
+    begin: Asked
+    found: bytearray = field(default_factory=bytearray)
+    unsure: bytes = b""
+    """a block of a pattern without an answer, which may have arrived"""
+
+    def take(self, one: Asked) -> None:
+        """A block, or what the node says about how far it has come."""
+        if one.request[0] == BLOCK and self.begin.request[0] == DOWNLOAD:
+            self.unsure = b"" if one.answer else one.request[2:]
+            self.found += one.request[2:] if _is_good(one) else b""
+        elif one.request[0] == BLOCK and _is_good(one):
+            self.found += (one.answer or b"")[2:]
+        elif one.request[:3] == b"\x22\x01\x04" and one.answer and self.unsure:
+            if TransferState.of(one.answer[3:]).done == len(self.found) + len(self.unsure):
+                self.found += self.unsure
+            self.unsure = b""
+
+    def ended(self, one: Asked) -> Exchange | None:
+        """The whole, if its end was good."""
+        said = (one.answer or b"")[1:5]
+        if not _is_good(one) or len(said) < 4 or unpack_from(">I", said)[0] != zlib.crc32(self.found):
+            return None
+        answer, end = self.begin.answer or b"", one.answer or b""
+        return Exchange(one.node, self.begin.request, answer, one.at, bytes(self.found), end)
+
+
+def _folded(asked: Sequence[Asked]) -> Iterator[Exchange]:
+    """Those of one node, the blocks of a transfer put together; what was lost and not asked for again at once, too."""
+    transfer: _Transfer | None = None
+    for one, later in zip_longest(asked, asked[1:]):
+        service = one.request[0]
+        if transfer is not None and service not in (BLOCK, EXIT, READ):
+            if service != transfer.begin.request[0]:
+                yield _lost(transfer.begin)
+            transfer = None
+        if service in (DOWNLOAD, UPLOAD) and _is_good(one):
+            transfer = _Transfer(one)
+        elif service == EXIT and transfer is not None:
+            if (whole := transfer.ended(one)) is not None:
+                yield whole
+                transfer = None
+        elif transfer is not None and (service == BLOCK or one.request[:3] == b"\x22\x01\x04"):
+            transfer.take(one)
+        elif one.answer and service not in (BLOCK, EXIT):
+            yield Exchange(one.node, one.request, one.answer, one.at)
+        elif is_step(one.request) and (later is None or later.request != one.request):
+            yield _lost(one)
+    if transfer is not None:
+        yield _lost(transfer.begin)
+
+
+def _lost(one: Asked) -> Exchange:
+    return Exchange(one.node, one.request, b"", one.at)
+
+
+def is_step(request: bytes) -> bool:
+    """Whether it starts a step of a layer."""
+    return request[:2] == bytes([ROUTINE, 1]) and int.from_bytes(request[2:4], "big") in OF_A_LAYER
+
+
+def _is_good(one: Asked) -> bool:
+    return one.answer is not None and one.answer[:1] != bytes([NEGATIVE])

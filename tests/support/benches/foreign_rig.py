@@ -1,0 +1,146 @@
+"""A rig that is not ours, as a process: a PLC that speaks frames, a head controller and a scanner that speak services.
+
+    python foreign_rig.py CHANNEL
+
+It knows nothing of inkloop: stock python-can and can-isotp, a DBC of its own, patterns and maps in forms of its own.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import sys
+import threading
+import time
+import zlib
+from pathlib import Path
+
+import can
+import isotp
+import numpy as np
+
+NX, NY = 6, 5
+DROPLET_UM = 10.0
+_PAGE = (Path(__file__).parents[3] / "docs/how-to/bind-your-own-dbc.md").read_text(encoding="utf-8")
+DBC, MAPPING = (re.findall(rf"```{kind}\n(.*?)```", _PAGE, re.DOTALL)[0] for kind in ("dbc", "toml"))
+"""Those of the page, so that what it says is so."""
+
+
+class Server:
+    """The UDS services of one address; subclasses say what they do."""
+
+    def __init__(self, bus: can.BusABC, notifier: can.Notifier, request: int, answer: int) -> None:
+        address = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=answer, rxid=request)
+        self.stack = isotp.NotifierBasedCanStack(bus, notifier, address=address, params={"tx_padding": 0})
+        self.stack.start()
+        self.blob = b""
+        self.size = 0
+        self.counter = 0
+
+    def serve(self) -> None:
+        while True:
+            request = self.stack.recv(block=True, timeout=1.0)
+            if request:
+                self.stack.send(self.answer(bytes(request)))
+
+    def answer(self, request: bytes) -> bytes:
+        raise NotImplementedError
+
+
+class Head(Server):
+    """Takes a pattern in blocks of 22 bytes."""
+
+    pattern = np.zeros((NX, NY), np.int64)
+    layer = 0
+
+    def answer(self, request: bytes) -> bytes:
+        if request[0] == 0x34:
+            self.layer, self.size = struct.unpack(">IH", request[3:9])
+            self.blob, self.counter = b"", 0
+            return bytes([0x74, 0x20]) + (24).to_bytes(2, "big")
+        if request[0] == 0x36 and request[1] == (self.counter + 1) % 256:
+            self.counter = request[1]
+            self.blob += request[2:]
+            return bytes([0x76, request[1]])
+        line = (2 * NX + 7) // 8
+        if request[0] == 0x37 and len(self.blob) == self.size == 3 + line * NY:
+            if self.blob[:3] != b"\xa5" + self.layer.to_bytes(2, "big"):
+                return b"\x7f\x37\x31"
+            lines = np.frombuffer(self.blob[3:], np.uint8).reshape(NY, line)
+            bits = np.unpackbits(lines, axis=1, bitorder="little")[:, : 2 * NX].reshape(NY, NX, 2)
+            self.pattern = (bits[..., 0] + 2 * bits[..., 1].astype(np.int64)).T
+            return b"\x77"
+        return bytes([0x7F, request[0], 0x31])
+
+
+class Scanner(Server):
+    """Scans when asked, which takes a moment; cell (2, 1) is not seen."""
+
+    surface_um = np.zeros((NX, NY))
+    layer = 0xFFFF
+
+    def answer(self, request: bytes) -> bytes:
+        if request[:4] == b"\x31\x01\x03\x10":
+            self.stack.send(b"\x7f\x31\x78")
+            time.sleep(0.1)
+            self.layer = int.from_bytes(request[4:6], "big")
+            seen = self.surface_um.astype("<f4")
+            seen[2, 1] = -999.0
+            self.blob = b"HM" + bytes([NX, NY]) + seen.T.tobytes()
+            return b"\x71\x01\x03\x10\x01"
+        if request == b"\x22\x01\x07":
+            return b"\x62\x01\x07\xee" + self.layer.to_bytes(2, "big")
+        if request == b"\x35\x00\x21\x20" + len(self.blob).to_bytes(2, "big"):
+            self.counter = 0
+            return b"\x75\x10\x40"
+        if request[0] == 0x36:
+            at = self.counter * 62
+            self.counter += 1
+            return bytes([0x76, request[1]]) + self.blob[at : at + 62]
+        if request[0] == 0x37:
+            return b"\x77" + zlib.crc32(self.blob).to_bytes(4, "big")
+        return bytes([0x7F, request[0], 0x11])
+
+
+class Plc(can.Listener):
+    """Jets what the head holds when it is told to, and says its state every 20 ms."""
+
+    def __init__(self, bus: can.BusABC, head: Head, scanner: Scanner) -> None:
+        self.bus, self.head, self.scanner = bus, head, scanner
+        self.done, self.asked, self.busy_until = 0, 0, 0.0
+        self.failed = False
+
+    def on_message_received(self, message: can.Message) -> None:
+        if message.arbitration_id != 0x210:
+            return
+        self.failed = message.data[3] != 75  # a lamp at another power than 37.5 % is none of its own
+        if message.data[2] & 1 and not self.failed:
+            self.asked, self.busy_until = int.from_bytes(message.data[:2], "little"), time.monotonic() + 0.1
+            self.done = self.asked - 1
+
+    def run(self) -> None:
+        while True:
+            now = time.monotonic()
+            if self.asked > self.done and now > self.busy_until and self.head.layer == self.asked:
+                self.scanner.surface_um = self.scanner.surface_um + DROPLET_UM * self.head.pattern
+                self.done = self.asked
+            state = 3 if self.failed else 1 if self.asked > self.done else 2
+            data = struct.pack("<BHHhx", state, self.done, 1250, 215)
+            self.bus.send(can.Message(arbitration_id=0x220, data=data, is_extended_id=False))
+            time.sleep(0.02)
+
+
+def main(channel: str) -> None:
+    with can.Bus(interface="slcan", channel=channel, sleep_after_open=0.0) as bus:
+        notifier = can.Notifier(bus, [], timeout=0.05)
+        head, scanner = Head(bus, notifier, 0x7A0, 0x7A8), Scanner(bus, notifier, 0x7B0, 0x7B8)
+        plc = Plc(bus, head, scanner)
+        notifier.add_listener(plc)
+        for server in (head, scanner):
+            threading.Thread(target=server.serve, daemon=True).start()
+        print("ready", flush=True)
+        plc.run()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

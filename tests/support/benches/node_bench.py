@@ -1,0 +1,346 @@
+"""The firmware's nodes on the emulated world, compiled once and driven by bytes and an injected clock."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import subprocess
+import sys
+import tempfile
+import zlib
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from struct import pack, unpack, unpack_from
+from typing import Any, Self
+
+import numpy as np
+
+from support.places import ROOT
+
+FIRMWARE = ROOT / "hardware" / "firmware"
+CORE = [FIRMWARE / f"{name}.c" for name in (
+    "crc32", "height_map", "interlocks", "journal", "layer_order", "node", "pattern", "routines", "services", "steps",
+    "transfer", "uds",
+)]  # fmt: skip
+HOST = [FIRMWARE / "host" / f"{name}.c" for name in ("bench", "board", "world")]
+FMUS = ROOT / "fmus"
+KERNELS = [
+    FMUS / "layer_deposition" / "layer_map.c",
+    FMUS / "deposition" / "droplet_volume.c",
+    *(FMUS / "profile_sensor" / f"{name}.c" for name in ("scan", "reading")),
+    FMUS / "common" / "random.c",
+]
+SANITIZERS = os.environ.get("INKLOOP_SANITIZERS", "").split()
+"""More flags for everything that is compiled here; test_firmware_sanitized.py sets them."""
+STRICT = ("-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror", *SANITIZERS)
+PLACES = (f"-I{FIRMWARE}", f"-I{FIRMWARE / 'host'}", *(f"-isystem{FMUS / name}" for name in
+          ("deposition", "layer_deposition", "profile_sensor", "common")))  # fmt: skip
+
+HEAD, STAGE, CURE, PROFILER = range(4)
+STATES = (
+    *("SAFE", "IDLE", "RECEIVING", "VERIFIED", "PRINTING", "PRINTED"),
+    *("CURING", "CURED", "SCANNING", "MAP_READY", "FAULT"),
+)
+CLEAR, HOME, PURGE, PASS, CURE_ROUTINE, SCAN, DRY_RUN, MOVE, SELF_TEST = range(0x0200, 0x0209)
+LAMP, GATE, MOTION = 1, 2, 4
+DONE, DONE_BEFORE, UNDER_WAY, UNKNOWN, NEVER = range(5)
+NRC_BUSY, NRC_CONDITIONS, NRC_SEQUENCE, NRC_FAILED, NRC_RANGE, NRC_PENDING = 0x21, 0x22, 0x24, 0x26, 0x31, 0x78
+GATE_STAYS_OPEN, GATE_STAYS_CLOSED, LAMP_STAYS_ON, NOT_READY, WORK_FAILS, WORK_HANGS = (1 << bit for bit in range(6))
+GATE_OPENINGS, LAMP_PULSES, LAMP_WITH_GATE = range(3)
+MASTER_LOST, STOP_REQUEST, ENABLE_DROPPED, TWO_MASTERS = range(1, 5)
+SUPERVISION, STEP_EXPIRED, GATE_NOT_CONFIRMED, LAMP_TIME = range(5, 9)
+JOURNAL_DAMAGED, PASS_UNKNOWN = 16, 17
+RASTER = (0, 1, 2, 3)
+
+
+class MasterAlive(ctypes.Structure):
+    _fields_ = (("enables", ctypes.c_uint8), ("session", ctypes.c_uint16), ("job", ctypes.c_uint32))
+
+
+@lru_cache
+def library() -> ctypes.CDLL:
+    """Core, host HAL, kernels and probes; the firmware itself with every conversion written out."""
+    folder = Path(tempfile.mkdtemp(prefix="inkloop-node-"))
+    objects = []
+    for source in (*CORE, *HOST, *KERNELS, ROOT / "tests" / "c" / "bench_probe.c"):
+        own = ("-Wconversion",) if source.is_relative_to(FIRMWARE) else ()
+        objects.append(folder / f"{source.stem}.o")
+        subprocess.run(["gcc", *STRICT, *own, "-fPIC", *PLACES, "-c", source, "-o", objects[-1]], check=True)
+    path = folder / "node_bench.so"
+    subprocess.run(["gcc", *SANITIZERS, "-shared", *objects, "-lm", "-o", path], check=True)
+    loaded = ctypes.CDLL(str(path))
+    for name in ("bench_create", "bench_node", "probe_options", "probe_surface", "probe_storage"):
+        getattr(loaded, name).restype = ctypes.c_void_p
+    for name in ("node_request", "node_take_answer"):
+        getattr(loaded, name).restype = ctypes.c_size_t
+    loaded.probe_count.restype = ctypes.c_uint32
+    loaded.bench_set.restype = ctypes.c_bool
+    loaded.bench_set.argtypes = (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_double)
+    return loaded
+
+
+@dataclass(frozen=True)
+class State:
+    """What identifier 0100 says."""
+
+    state: str
+    cause: int
+    needs_operator: bool
+    stopped: bool
+    pattern_loaded: bool
+    job: int
+    layer: int
+    passes: int
+    done: int
+    unknown: int
+    cured: int
+    step: int
+    boots: int
+    session: int
+    pattern_crc: int
+    gate_pulses: int
+
+
+@dataclass(frozen=True)
+class Times:
+    """What identifier 0101 says [ms of the node's clock]."""
+
+    now: int
+    master_alive: int
+    off: int
+    lamp_on: int
+    lamp_off: int
+    gate_opened: int
+    gate_closed: int
+
+
+class NodeBench:
+    """Four nodes, or one with all roles; a master that lives as long as `master` is set."""
+
+    def __init__(self, *, clock: int = 1000, folder: Path | None = None, **options: float) -> None:
+        self.c = library()
+        chosen = self.c.probe_options()
+        for name, value in options.items():
+            assert self.c.bench_set(chosen, name.encode(), float(value)), name
+        why = ctypes.create_string_buffer(200)
+        place = str(folder).encode() if folder else None
+        self.bench = ctypes.c_void_p(self.c.bench_create(ctypes.c_void_p(chosen), place, why, ctypes.c_size_t(200)))
+        if not self.bench:
+            raise ValueError(why.value.decode())
+        self.shape = (int(options.get("nx", 9)), int(options.get("ny", 9)))
+        self.count = 1 if options.get("one_node") else 4
+        self.clock = clock
+        self.master: MasterAlive | None = MasterAlive(LAMP | GATE | MOTION, 1, 7)
+        self.last_alive = clock - 1000
+        for node in range(self.count):
+            self.power_up(node)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.c.bench_delete(self.bench)
+
+    def power_up(self, node: int = HEAD) -> None:
+        self.c.bench_power_up(self.bench, node, ctypes.c_uint32(self.clock))
+
+    def node(self, node: int) -> ctypes.c_void_p:
+        return ctypes.c_void_p(self.c.bench_node(self.bench, node))
+
+    def tick(self, milliseconds: int = 5, step: int = 5) -> None:
+        """Lets time pass; the master says every 100 ms that it lives."""
+        for _ in range(0, milliseconds, step):
+            self.clock += step
+            if self.master and self.clock - self.last_alive >= 100:
+                self.say_alive()
+            self.c.bench_tick(self.bench, ctypes.c_uint32(self.clock))
+
+    def say_alive(self, master: MasterAlive | None = None) -> None:
+        said = master or self.master
+        for node in range(self.count):
+            self.c.node_master_alive(self.node(node), ctypes.c_uint32(self.clock), ctypes.byref(said))
+        self.last_alive = self.clock
+
+    def stop(self, active: bool) -> None:
+        for node in range(self.count):
+            self.c.node_stop_request(self.node(node), ctypes.c_uint32(self.clock), ctypes.c_bool(active))
+
+    def raw(self, request: bytes, node: int = HEAD, room: int = 4095) -> bytes:
+        """The answer that comes at once."""
+        answer = ctypes.create_string_buffer(room)
+        length = self.c.node_request(self.node(node), ctypes.c_uint32(self.clock), request,
+                                     ctypes.c_size_t(len(request)), answer, ctypes.c_size_t(room))  # fmt: skip
+        return answer.raw[:length]
+
+    def late(self, node: int = HEAD) -> bytes:
+        """An answer that has become ready."""
+        answer = ctypes.create_string_buffer(64)
+        length = self.c.node_take_answer(self.node(node), answer, ctypes.c_size_t(64))
+        return answer.raw[:length]
+
+    def ask(self, request: bytes, node: int = HEAD) -> bytes:
+        """The final answer; time passes while the node is busy."""
+        answer = self.raw(request, node)
+        for _ in range(8000):
+            if answer[:1] != b"\x7f" or answer[2] != NRC_PENDING:
+                return answer
+            self.tick()
+            answer = self.late(node) or answer
+        raise AssertionError("the node stays busy")
+
+    def routine(self, routine: int, layer: int = 0, which: int = 0, attempt: int = 1, option: bytes = b"", *,
+                job: int = 7, kind: int = 1) -> bytes:  # fmt: skip
+        return pack(">BBHIHBB", 0x31, kind, routine, job, layer, which, attempt) + option
+
+    def run(self, routine: int, node: int = HEAD, **key: Any) -> int:
+        """Outcome of a routine, or minus the code that refuses it."""
+        answer = self.ask(self.routine(routine, **key), node)
+        return -answer[2] if answer[0] == 0x7F else answer[4]
+
+    def clear(self, node: int = HEAD, option: int = 0) -> int:
+        return self.run(CLEAR, node, option=bytes([option]))
+
+    def state(self, node: int = HEAD) -> State:
+        found = self.raw(b"\x22\x01\x00", node)[3:]
+        (state, cause, _roles, flags, job, layer, passes, done, unknown, cured, _book, step, boots, session, crc, _now,
+         pulses) = unpack(">4BIH6BHHIII", found)  # fmt: skip
+        return State(STATES[state], cause, bool(flags & 1), bool(flags & 2), bool(flags & 4), job, layer, passes, done,
+                     unknown, cured, step, boots, session, crc, pulses)  # fmt: skip
+
+    def times(self, node: int = HEAD) -> Times:
+        return Times(*unpack(">7I", self.raw(b"\x22\x01\x01", node)[3:]))
+
+    def journal(self, node: int = HEAD) -> list[tuple[int, ...]]:
+        """(kind, step, pass) of the records, oldest first."""
+        records = self.raw(b"\x22\x01\x10", node)[3:]
+        return [tuple(records[at + 4 : at + 7]) for at in range(0, len(records), 40)][::-1]
+
+    def download(self, blob: bytes, layer: int, *, coded: int = 0, block: int = 4093, crc: int | None = None) -> int:
+        """0, or minus the code that refuses the pattern."""
+        steps = [pack(">BBBII", 0x34, coded, 0x44, layer, len(blob))]
+        steps += [
+            bytes([0x36, (1 + number) % 256]) + blob[at : at + block]
+            for number, at in enumerate(range(0, len(blob), block))
+        ]
+        steps.append(pack(">BI", 0x37, zlib.crc32(blob) if crc is None else crc))
+        for step in steps:
+            answer = self.raw(step)
+            if answer[0] == 0x7F:
+                return -answer[2]
+        return 0
+
+    def upload(self, layer: int, node: int = PROFILER, block: int = 4095) -> bytes:
+        """The bytes of the height map; the checksum is checked."""
+        size, _nx, _ny = unpack(">IHH", self.raw(b"\x22\x01\x03", node)[3:])
+        assert self.raw(pack(">BBBII", 0x35, 0, 0x44, layer, size), node)[0] == 0x75
+        found, number = b"", 0
+        while len(found) < size:
+            number += 1
+            found += self.raw(bytes([0x36, number % 256]), node, block)[2:]
+        assert unpack_from(">I", self.raw(b"\x37", node), 1)[0] == zlib.crc32(found)
+        return found
+
+    def ready(self) -> Self:
+        """All nodes cleared, the stage homed."""
+        self.tick(100)
+        for node in range(self.count):
+            assert self.clear(node) == DONE
+        assert self.run(HOME, STAGE if self.count == 4 else HEAD) == DONE
+        return self
+
+    def print_layer(self, pattern: Any, layer: int, order: tuple[int, ...] = RASTER) -> None:
+        """Download and passes, each with its cure."""
+        assert self.download(pattern_blob(pattern, passes=len(order)), layer) == 0
+        for number, colour in enumerate(order):
+            assert self.run(PASS, layer=layer, which=number, option=bytes([colour])) == DONE
+            assert self.cure(layer, number) == DONE
+
+    def cure(self, layer: int, which: int = 0, attempt: int = 1, milliseconds: int = 20) -> int:
+        node = CURE if self.count == 4 else HEAD
+        return self.run(CURE_ROUTINE, node, layer=layer, which=which, attempt=attempt, option=pack(">H", milliseconds))
+
+    def scan(self, layer: int, attempt: int = 1) -> int:
+        return self.run(SCAN, PROFILER if self.count == 4 else HEAD, layer=layer, attempt=attempt)
+
+    @property
+    def surface(self) -> Any:
+        """The surface as it is [m]; a view that can be set."""
+        pointer = ctypes.cast(self.c.probe_surface(self.bench), ctypes.POINTER(ctypes.c_double))
+        return np.ctypeslib.as_array(pointer, self.shape)
+
+    def storage(self, node: int = HEAD) -> Any:
+        pointer = ctypes.cast(self.c.probe_storage(self.bench, node), ctypes.POINTER(ctypes.c_uint8))
+        return np.ctypeslib.as_array(pointer, (4 * 4096,))
+
+    def broken(self, what: int) -> None:
+        self.c.probe_break(self.bench, ctypes.c_uint32(what))
+
+    def tear(self, written: int, node: int = HEAD) -> None:
+        """The next record is torn after so many bytes."""
+        self.c.probe_tear(self.bench, node, ctypes.c_int32(written))
+
+    def counted(self, what: int) -> int:
+        return int(self.c.probe_count(self.bench, what))
+
+
+def pattern_blob(pattern: Any, *, passes: int = 4, bits: int = 2) -> bytes:
+    """A pattern as it crosses the bus."""
+    cells = np.asarray(pattern, np.uint8)
+    planes = (cells.ravel()[:, None] >> np.arange(bits)[::-1]) & 1
+    head = pack(">BBHHBB", 1, bits, *cells.shape, passes, 0)
+    return head + np.packbits(planes.ravel().astype(np.bool_)).tobytes()
+
+
+def run_length(blob: bytes) -> bytes:
+    """The same with its cells run-length coded, runs of three or more as runs."""
+    coded, cells, at = bytearray(blob[:8]), blob[8:], 0
+    literal = bytearray()
+
+    def flush() -> None:
+        for first in range(0, len(literal), 128):
+            part = literal[first : first + 128]
+            coded.extend(bytes([len(part) - 1]) + part)
+        literal.clear()
+
+    while at < len(cells):
+        run = 1
+        while run < 129 and at + run < len(cells) and cells[at + run] == cells[at]:
+            run += 1
+        if run >= 3:
+            flush()
+            coded.extend((run + 126, cells[at]))
+        else:
+            literal.extend(cells[at : at + run])
+        at += run
+    flush()
+    return bytes(coded)
+
+
+def heights(blob: bytes, resolution: float) -> tuple[Any, Any]:
+    """Readings [m] (0 where not valid) and valid cells of an uploaded map."""
+    version, _zero, nx, ny, _nanometres, datum = unpack_from(">BBHHHi", blob)
+    assert version == 1
+    cells = nx * ny
+    steps = np.frombuffer(blob, ">i2", cells, 12).astype(np.int64) + datum
+    valid = np.unpackbits(np.frombuffer(blob, np.uint8, offset=12 + 2 * cells), count=cells).astype(np.bool_)
+    return np.where(valid, steps * resolution, 0.0).reshape(nx, ny), valid.reshape(nx, ny)
+
+
+def write_codec(folder: Path) -> Path:
+    """Generates the C codec from the DBC; the folder."""
+    write = [sys.executable, "-B", "-m", "inkloop_hardware.protocol.c_codec"]
+    subprocess.run([*write, ROOT / "hardware" / "inkloop_hardware" / "protocol" / "inkloop.dbc", folder], check=True)
+    return folder
+
+
+def build_process(folder: Path) -> Path:
+    """The emulated bench as a program, with the codec generated from the DBC."""
+    write_codec(folder)
+    wire = [FIRMWARE / f"{name}.c" for name in ("e2e", "e2e_monitor", "slcan", "isotp", "node_frames")]
+    faults = ("fault", "fault_text", "frame_faults", "node_faults", "wire_faults")
+    host = [*HOST, *(FIRMWARE / "host" / f"{name}.c" for name in ("hub", "main", "measurements", *faults))]
+    program = folder / "bench_nodes"
+    sources = (*CORE, *wire, *host, *KERNELS, folder / "inkloop.c")
+    subprocess.run(["gcc", *STRICT, *PLACES, f"-I{folder}", *sources, "-lm", "-o", program], check=True)
+    return program

@@ -1,0 +1,139 @@
+"""A rig without a wire: the nodes of the firmware in this process, asked directly, by an injected clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from struct import pack, unpack_from
+from typing import Any
+
+from inkloop_hardware.errors import NodeRefused
+from inkloop_hardware.protocol.node_state import MapSize, NodeLimits, NodeState, NodeTimes
+from inkloop_hardware.protocol.records import NodeStatus
+from inkloop_hardware.protocol.services import REFUSALS, Key, Outcome, Routine
+from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+from support.benches import node_bench
+
+NUMBERS = {node: number for number, node in enumerate(Node)}
+
+
+class NodeLink:
+    """One node, as `inkloop_hardware.link.link.Link` shows it; `asked` are the routines that were started."""
+
+    def __init__(self, rig: NodeRig, node: Node) -> None:
+        self._rig, self._number, self.node = rig, NUMBERS[node], node
+        self.asked: list[tuple[Routine, Key, bytes]] = []
+
+    def _answer(self, request: bytes) -> bytes:
+        answer = self._rig.bench.ask(request, self._number)
+        if answer[0] == 0x7F:
+            raise NodeRefused(f"{self.node.lower()}: {REFUSALS[answer[2]]}", answer[2])
+        return answer
+
+    def download(self, layer: int, blob: bytes, *, coded: bool = False, progress: Any = None) -> None:
+        if coded and not self._rig.takes_coded:
+            raise NodeRefused("head: no coded patterns", 0x31)
+        refused = self._rig.bench.download(blob, layer, coded=0x10 * coded)
+        if refused:
+            raise NodeRefused(f"head: {REFUSALS[-refused]}", -refused)
+        self._rig.downloads.append((layer, coded))
+
+    def upload(self, layer: int, *, progress: Any = None) -> bytes:
+        return self._rig.bench.upload(layer)
+
+    def routine(self, routine: Routine, key: Key, option: bytes = b"", *, limit_s: float) -> Outcome:
+        self.asked.append((routine, key, option))
+        return Outcome(self._answer(pack(">BBH", 0x31, 1, routine) + bytes(key) + option)[4])
+
+    def ask(self, routine: Routine, key: Key) -> Outcome:
+        return Outcome(self._answer(pack(">BBH", 0x31, 3, routine) + bytes(key))[4])
+
+    def _read(self, identifier: int) -> bytes:
+        return self._answer(pack(">BH", 0x22, identifier))[3:]
+
+    def state(self) -> NodeState:
+        return NodeState.of(self._read(0x0100))
+
+    def times(self) -> NodeTimes:
+        return NodeTimes.of(self._read(0x0101))
+
+    def limits(self) -> NodeLimits:
+        return NodeLimits.of(self._read(0x0102))
+
+    def map_size(self) -> MapSize:
+        return MapSize.of(self._read(0x0103))
+
+    def version(self) -> str:
+        return self._read(0xF195).decode()
+
+
+class NodeRig:
+    """Stands for `inkloop_hardware.link.rig.Rig`. `enables` are those of every step so far, in their order."""
+
+    def __init__(self, bench: node_bench.NodeBench, job: int = 7) -> None:
+        self.bench, self._job = bench, job
+        self.users, self.takes_coded = 0, True
+        self.enables: list[int] = []
+        self.downloads: list[tuple[int, bool]] = []
+        self._links = {node: NodeLink(self, node) for node in Node}
+        self._enable(0)
+
+    @property
+    def session(self) -> int:
+        return 1
+
+    @property
+    def is_open(self) -> bool:
+        return self.users > 0
+
+    @property
+    def job(self) -> int:
+        return self._job
+
+    @job.setter
+    def job(self, number: int) -> None:
+        self._job = number
+        self._enable(0)
+
+    def _enable(self, enables: int) -> None:
+        self.bench.master = node_bench.MasterAlive(enables, 1, self._job)
+        self.bench.say_alive()
+        self.bench.tick(5)
+
+    def attach(self) -> None:
+        self.users += 1
+        self.bench.tick(100)
+
+    def detach(self) -> None:
+        self.users -= 1
+
+    def link(self, node: Node) -> NodeLink:
+        return self._links[node]
+
+    def alive(self) -> None: ...
+
+    @contextmanager
+    def enabled(self, *, lamp: bool = False, gate: bool = False, motion: bool = False) -> Iterator[None]:
+        enables = node_bench.LAMP * lamp | node_bench.GATE * gate | node_bench.MOTION * motion
+        self.enables.append(enables)
+        self._enable(enables)
+        try:
+            yield
+        finally:
+            self._enable(0)
+
+    def wait_for(self, nodes: Any, limit_s: float = 3.0) -> None: ...
+
+    def check_alone(self) -> None: ...
+
+    def status(self, node: Node) -> NodeStatus:
+        state = self.link(node).state()
+        return NodeStatus(
+            node, False, False, True, True, State(state.state), state.done, Fault(state.cause), state.layer,
+            state.boots % 256, state.unknown, 1,
+        )  # fmt: skip
+
+    def records(self, node: Node) -> list[tuple[int, ...]]:
+        """(kind, step, pass) of a node's journal, oldest first."""
+        answer = self.bench.raw(b"\x22\x01\x10", NUMBERS[node])[3:]
+        return [unpack_from("3B", answer, at + 4) for at in range(0, len(answer), 40)][::-1]

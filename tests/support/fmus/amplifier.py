@@ -1,0 +1,78 @@
+"""Builds tests/c/amplifier_fmu.c into an FMU that shares nothing with those of this project."""
+
+from __future__ import annotations
+
+import subprocess
+import zipfile
+from pathlib import Path
+
+import fmpy
+
+from support.places import C_SOURCES
+
+SOURCE = C_SOURCES / "amplifier_fmu.c"
+_COMMON = 'modelName="Amplifier" description="Foreign FMU" generationTool="gcc" license="none"'
+_MODES = '<Item name="plain" value="1"/><Item name="squared" value="2"/>'
+
+
+def build(
+    folder: Path, fmi: int, *, element_missing: bool = False, platform: str | None = None, crashes: str = ""
+) -> Path:
+    """Compile and pack; `element_missing` leaves a hole in the FMI 2 arrays, `platform` says where the binary goes.
+
+    `crashes` names a signal that the step after the third raises.
+    """
+    library = folder / f"amplifier{fmi}{f'-{crashes}' if crashes else ''}.so"
+    if not library.exists():
+        flags = ("-Wall", "-Wextra", "-Werror", *([f"-DCRASHES={crashes}"] if crashes else []))
+        subprocess.run(
+            ["gcc", "-std=c11", *flags, f"-DFMI={fmi}", "-shared", "-fPIC", SOURCE, "-o", library], check=True
+        )
+    path = folder / f"{library.stem}{'-hole' if element_missing else ''}{platform or ''}.fmu"
+    place = platform or (fmpy.platform if fmi == 2 else fmpy.platform_tuple)
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", _fmi2(element_missing) if fmi == 2 else _fmi3())
+        archive.write(library, f"binaries/{place}/amplifier.so")
+    return path
+
+
+def _fmi3() -> str:
+    return f"""<fmiModelDescription fmiVersion="3.0" {_COMMON} instantiationToken="amplifier">
+<CoSimulation modelIdentifier="amplifier" canGetAndSetFMUState="true" canSerializeFMUState="true"/>
+<TypeDefinitions><EnumerationType name="Mode">{_MODES}</EnumerationType></TypeDefinitions>
+<ModelVariables>
+<UInt64 name="n" valueReference="1" causality="structuralParameter" variability="fixed" start="3"/>
+<Boolean name="on" valueReference="3" causality="input" start="true"/>
+<Float64 name="gain" valueReference="4" causality="parameter" variability="fixed" start="2" min="0" max="10"/>
+<Enumeration name="mode" valueReference="5" causality="parameter" variability="fixed" declaredType="Mode" start="1"/>
+<Int32 name="count" valueReference="6" causality="output"/>
+<Float64 name="x" valueReference="100" causality="input" unit="m" start="0"><Dimension valueReference="1"/></Float64>
+<Float64 name="y" valueReference="200" causality="output" unit="m"><Dimension valueReference="1"/></Float64>
+<Boolean name="high" valueReference="300" causality="output"><Dimension valueReference="1"/></Boolean>
+</ModelVariables><ModelStructure/></fmiModelDescription>"""
+
+
+def _fmi2(element_missing: bool) -> str:
+    cells = [1, 3] if element_missing else [3, 1, 2]  # any order will do
+    fixed = 'causality="parameter" variability="fixed"'
+    flag = 'causality="output" variability="discrete"'
+    arrays = "".join(
+        _scalar(f"x[{i}]", 99 + i, 'causality="input"', '<Real unit="m" start="0"/>')
+        + _scalar(f"y[{i}]", 199 + i, 'causality="output"', '<Real unit="m"/>')
+        + _scalar(f"high[{i}]", 299 + i, flag, "<Boolean/>")
+        for i in cells
+    )
+    return f"""<fmiModelDescription fmiVersion="2.0" {_COMMON} guid="amplifier" variableNamingConvention="structured">
+<CoSimulation modelIdentifier="amplifier" canGetAndSetFMUstate="true" canSerializeFMUstate="true"/>
+<TypeDefinitions><SimpleType name="Mode"><Enumeration>{_MODES}</Enumeration></SimpleType></TypeDefinitions>
+<ModelVariables>
+{_scalar("on", 3, 'causality="input" variability="discrete"', '<Boolean start="true"/>')}
+{_scalar("gain", 4, fixed, '<Real start="2" min="0" max="10"/>')}
+{_scalar("mode", 5, fixed, '<Enumeration declaredType="Mode" start="1"/>')}
+{_scalar("count", 6, flag, "<Integer/>")}
+{arrays}
+</ModelVariables><ModelStructure/></fmiModelDescription>"""
+
+
+def _scalar(name: str, reference: int, attributes: str, kind: str) -> str:
+    return f'<ScalarVariable name="{name}" valueReference="{reference}" {attributes}>{kind}</ScalarVariable>'

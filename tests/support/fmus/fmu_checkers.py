@@ -1,0 +1,70 @@
+"""What checkers of other people find wrong with an FMU: a list of sentences each, empty where it is right."""
+
+from __future__ import annotations
+
+import logging
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from fmpy.validation import validate_fmu
+from fmu_manipulation_toolbox.checker import get_checkers
+from fmu_manipulation_toolbox.operations import FMU
+
+from support.masters.java_programs import VDM_CHECK
+from support.masters.other_programs import FMPY, FMUTOOL, Program
+
+
+class _Kept(logging.Handler):
+    def __init__(self) -> None:
+        super().__init__(logging.ERROR)
+        self.messages: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.messages.append(record.getMessage())
+
+
+def by_fmpy(file: Path) -> list[str]:
+    """`fmpy validate`."""
+    problems: list[str] = validate_fmu(str(file))
+    return problems
+
+
+def by_fmutool(file: Path) -> list[str]:
+    """`fmutool -input file -check`: the schema, and rules of the standard that a schema cannot tell."""
+    logger, kept = logging.getLogger("fmu_manipulation_toolbox"), _Kept()
+    logger.addHandler(kept)
+    try:
+        with FMU(str(file)) as opened:
+            for checker in get_checkers():
+                opened.apply_operation(checker())
+    finally:
+        logger.removeHandler(kept)
+    return kept.messages
+
+
+def by_vdm_check(file: Path) -> list[str]:
+    """VDMCheck2, the rules of FMI 2 in VDM-SL; the address of the rule stands below each fault, and is left out."""
+    with tempfile.TemporaryDirectory() as folder:
+        done = VDM_CHECK.run("VDMCheckPlus", str(file.resolve()), folder=Path(folder))
+    if done.returncode == 0 and "No errors found" in done.stdout:
+        return []
+    return [line for line in done.stdout.splitlines() if not line.startswith("https:")]
+
+
+@dataclass(frozen=True)
+class Checker:
+    """Somebody's checker and the versions of FMI that it takes."""
+
+    name: str
+    program: Program
+    versions: tuple[str, ...]
+    check: Callable[[Path], list[str]]
+
+
+CHECKERS = (
+    Checker("`fmpy validate`", FMPY, ("2", "3"), by_fmpy),
+    Checker("`fmutool -check`", FMUTOOL, ("2", "3"), by_fmutool),
+    Checker("VDMCheck2", VDM_CHECK, ("2",), by_vdm_check),
+)

@@ -1,0 +1,159 @@
+"""The libraries inside the FMUs: built once more from their own sources, with sanitizers, and told to C programs.
+
+`fmus/fuzz` holds the programs: `calls.c`, which makes calls from the bytes of a fuzzer, and `side_by_side.c`, which
+prints on several instances at once. Each reads a table with the variables of one FMU, from `write_table`.
+"""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import fmpy
+
+from inkloop.fmu_writer import archive, definition
+from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition
+from inkloop.fmu_writer.export import find_fmu
+from support.benches.node_bench import FIRMWARE, ROOT
+from support.fmus import layer_jobs
+from support.fmus.fmu_driver import MODELS
+from support.fmus.fuzzing import run
+
+HEADERS = Path(fmpy.__file__).parent / "c-code"
+FUZZ = ROOT / "fmus" / "fuzz"
+FORMS = ("fmi3", "fmi2")  # one library each; that of fmi3-fixed is the one of fmi3
+JOB = "LayerJob"
+NAMES = tuple(f"{model}-{form}" for model in (*MODELS, JOB) for form in FORMS)
+PARTS = ("fmu", "version_2", "version_3", "subject")
+WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror")
+ROLES = {"input": "i", "parameter": "p", "structural": "s"}
+WORK = {"nx": 4, "ny": 4, "horizon": 2, "annealing_sweeps": 1, "iterations": 1, "sweeps_max": 2, "cells_per_pitch": 6}
+"""Parameters that only mean more work: limits for the tests, so that thousands of inputs are tried."""
+BAKED = ("cuboid", "run.layers_max=3", "grid.nx=3", "grid.ny=2", "part.size_x_um=526.512", "part.size_y_um=263.256",
+         "components.controller.horizon=1", "components.controller.iterations=1",
+         "components.controller.annealing_sweeps=0")  # fmt: skip
+"""The print in the block that is tried: little work for the same reason."""
+GRID = (3, 2)
+NO_COMPARISONS = "-fno-sanitize-coverage=trace-cmp"  # two thirds of the time; numbers of a model are no magic bytes
+FUZZ_SANITIZERS = "-fsanitize=address,undefined,float-cast-overflow"
+
+
+@dataclass(frozen=True)
+class Library:
+    """A compiled FMU: where its library is, and the folder of its resources."""
+
+    model: str
+    form: str
+    library: Path
+    resources: Path
+
+
+def archive_of(model: str, form: str) -> Path:
+    """The FMU with a library; a print in one block has a fixed grid only."""
+    return find_fmu(model, "fmi3-fixed" if (model, form) == (JOB, "fmi3") else form)
+
+
+def unpacked(model: str, form: str, folder: Path) -> Path:
+    """The folder into which an FMU was unpacked."""
+    place = folder / f"{model}-{form}"
+    if not place.exists():
+        fmpy.extract(str(archive_of(model, form)), str(place))
+    return place
+
+
+def shipped(model: str, form: str, folder: Path) -> Library:
+    """The library as it is shipped."""
+    place = unpacked(model, form, folder)
+    (library,) = (path for path in (place / "binaries").rglob("*") if path.is_file())
+    return Library(model, form, library, place / "resources")
+
+
+def rebuilt(model: str, form: str, folder: Path, compiler: str, flags: Sequence[str]) -> Library:
+    """The library once more, from the sources in the FMU."""
+    place = unpacked(model, form, folder)
+    library = place / f"{model}.so"
+    sources = sorted((place / "sources").glob("*.c"))
+    run((compiler, "-std=c11", "-g", "-O1", "-fPIC", "-shared", "-ffp-contract=off", "-fvisibility=hidden", *flags,
+         f"-isystem{HEADERS}", f"-I{place / 'sources'}", *sources, "-lm", "-o", library))  # fmt: skip
+    return Library(model, form, library, place / "resources")
+
+
+def all_rebuilt(models: Sequence[str], folder: Path, compiler: str, flags: Sequence[str]) -> list[Library]:
+    """Every model in both versions of FMI."""
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(lambda pair: rebuilt(*pair, folder, compiler, flags),
+                             [(model, form) for model in models for form in FORMS]))  # fmt: skip
+
+
+def packed(libraries: Sequence[Library], folder: Path) -> None:
+    """A set of FMUs in all forms with these libraries in place of their own, for INKLOOP_FMU_DIR."""
+    for built in libraries:
+        fixed = ("fmi3-fixed",) if built.model == JOB else ("fmi3", "fmi3-fixed")
+        for form in fixed if built.form == "fmi3" else ("fmi2",):
+            members = archive.unpack(find_fmu(built.model, form))
+            (binary,) = (name for name in members if name.startswith("binaries/"))
+            path = folder / form / f"{built.model}.fmu"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            archive.pack(path, {**members, binary: built.library.read_bytes()})
+
+
+def write_table(built: Library, path: Path, *, resizable: bool = True) -> Path:
+    """What the C programs must know of an FMU: version, grid, paths, token, and a line per variable."""
+    with zipfile.ZipFile(archive_of(built.model, built.form)) as archive:
+        model = definition.load(archive.read(archive.DEFINITION).decode(), built.model)
+    is_fmi2 = built.form == "fmi2"
+    is_resizable = resizable and not is_fmi2 and built.model != JOB
+    nx, ny = GRID
+    token, resources = model.token(nx, ny, resizable=is_resizable), built.resources
+    if built.model == JOB:
+        baked = layer_jobs.unpacked(archive_of(JOB, built.form).parent.name, *BAKED)
+        token, resources = fmpy.read_model_description(baked).guid, baked / "resources"
+        nx, ny = map(int, re.findall(r"\d+", token.split("-")[2]))
+    location = resources.as_uri() if is_fmi2 else f"{resources}/"
+    lines = [f"{2 if is_fmi2 else 3} {int(is_resizable)} {nx} {ny}", str(built.library), location, token]
+    scalar = {v.name: reference for v, reference in model.scalar_references(nx, ny)}
+    for number, variable in enumerate(model.exposed):
+        if is_fmi2 and variable.causality == "independent":
+            continue
+        reference = scalar[variable.name] if is_fmi2 else number
+        lines.append(_line(model, variable, reference, is_resizable))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def _line(model: ModelDefinition, variable: VariableDefinition, reference: int, is_resizable: bool) -> str:
+    low, high = (0, 1) if variable.type == "boolean" else model.limits(variable)
+    role = "t" if variable.is_tunable else ROLES.get(variable.causality, "-")
+    role = "-" if role == "s" and not is_resizable else role
+    limits = f"{'-inf' if low is None else repr(float(low))} {'inf' if high is None else repr(float(high))}"
+    tried = WORK.get(variable.name, "inf")
+    return (f"{variable.name} {variable.type[0]} {role} {int(variable.is_grid)} {reference} "
+            f"{float(variable.start)!r} {limits} {tried}")  # fmt: skip
+
+
+def fuzzers(names: Sequence[str], folder: Path, compiler: str) -> tuple[Path, dict[str, Path]]:
+    """`calls.c` with libFuzzer in it, and the table of each FMU, rebuilt with sanitizers, by names like Model-fmi3."""
+    stop = "-fno-sanitize-recover=all"
+    fuzzer = program(folder, "calls", compiler, (f"{FUZZ_SANITIZERS},fuzzer", stop, "-rdynamic"))
+
+    def table(name: str) -> Path:
+        model, form = name.split("-")
+        built = rebuilt(model, form, folder, compiler, (f"{FUZZ_SANITIZERS},fuzzer-no-link", NO_COMPARISONS, stop))
+        return write_table(built, folder / f"{name}.txt")
+
+    with ThreadPoolExecutor(2) as pool:
+        return fuzzer, dict(zip(names, pool.map(table, names), strict=True))
+
+
+def program(folder: Path, name: str, compiler: str, flags: Sequence[str], *, others: Sequence[Path] = ()) -> Path:
+    """One of the C programs: `calls` (with `others` a driver, unless a fuzzer is linked in) or `side_by_side`."""
+    own = [FUZZ / f"{part}.c" for part in (name, *PARTS, *(("values",) if name == "calls" else ()))]
+    path = folder / name
+    run((compiler, "-std=c11", "-D_POSIX_C_SOURCE=200809L", "-g", "-O1", *WARNINGS, *flags, f"-I{FUZZ}",
+         f"-I{FIRMWARE / 'fuzz'}", f"-isystem{HEADERS}", *own, *others, "-lm", "-ldl", "-lpthread",
+         "-o", path))  # fmt: skip
+    return path

@@ -1,0 +1,57 @@
+"""Prints in one block, unpacked, and the same prints by inkloop run."""
+
+from __future__ import annotations
+
+import tempfile
+from functools import lru_cache
+from pathlib import Path
+
+import fmpy
+import xarray as xr
+
+from inkloop.exchange.job import archive
+from inkloop.exchange.job.baking import bake
+from inkloop.printing.run import print_part
+from inkloop.scenario.file import Scenario
+from support.fmus.fmu_driver import OK, Driver
+from support.places import SCENARIOS
+
+MODEL = "LayerJob"
+DONE = 2
+_folders: list[tempfile.TemporaryDirectory[str]] = []
+
+
+def scenario(name: str, *overrides: str) -> Scenario:
+    """One of those that are shipped."""
+    return Scenario.load(SCENARIOS / f"{name}.toml", overrides)
+
+
+@lru_cache
+def printed(name: str, *overrides: str) -> xr.Dataset:
+    """What inkloop run prints."""
+    return print_part(scenario(name, *overrides)).dataset
+
+
+@lru_cache
+def unpacked(form: str, name: str, *overrides: str) -> Path:
+    """The folder of the block of a scenario."""
+    folder = tempfile.TemporaryDirectory()
+    _folders.append(folder)
+    file = Path(folder.name) / "job.fmu"
+    archive.write(bake(scenario(name, *overrides)), form[3], file)  # type: ignore[arg-type]
+    fmpy.extract(str(file), str(Path(folder.name) / "job"))
+    return Path(folder.name) / "job"
+
+
+def block(form: str, name: str, *overrides: str) -> Driver:
+    """An instance of it."""
+    return Driver(MODEL, form, folder=unpacked(form, name, *overrides))
+
+
+def finish(fmu: Driver, step: float, at: float = 0.0) -> float:
+    """Steps until the print is done; the time then."""
+    number = 0
+    while fmu.get("status") != DONE:
+        assert fmu.step(at + number * step, step) == OK, fmu.messages
+        number += 1
+    return at + number * step

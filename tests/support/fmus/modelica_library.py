@@ -1,0 +1,72 @@
+"""Compiles and simulates models of models/InkLoop with rumoca, and reads maps out of its results.
+
+What rumoca 0.10.2 takes: `Session.load(".../package.mo", model=...)` for a class of the library (the folder alone
+fails), `Session(roots=[folder above it]).loads(text, model=...)` for a text that uses it. `simulate(t=(start, stop),
+dt=...)` keeps the moments before and after every event too. What it refuses or gets wrong, and the library avoids:
+
+- arrays of records, local records in functions, loop ranges that depend on inputs (`max(1, i - 1):n`);
+- loops in a `when` algorithm (in a function they are fine), reading a variable there after it was assigned;
+- `assert` under a `when` whose condition is true for one event iteration only: it is not looked at;
+- results of functions assigned to array elements, `(x[1], x[2]) := f()`; locals of functions without a value;
+- `max(abs(array))` in a function, of an array that another function has filled;
+- a constraining clause's modifiers after a redeclaration (MLS 7.3.2 keeps them): they are repeated;
+- a connected input that lacks the start value of its output is looked at with 0 in the first instant;
+- functions, types and partial packages as the model to compile; a block whose inputs are read with `pre`, alone.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import rumoca
+
+from support.places import ROOT
+
+LIBRARY = ROOT / "models/InkLoop"
+
+
+class Simulation:
+    """Trajectories of one run."""
+
+    def __init__(self, result: rumoca.Result) -> None:
+        self._result = result
+        self.end = float(result.time[-1])
+
+    def series(self, name: str) -> Any:
+        """A scalar at every point kept."""
+        return self._result[name]
+
+    def at(self, name: str, time: float, shape: tuple[int, int] | None = None) -> Any:
+        """A scalar, or a map of `shape`, at the last point kept up to a time [s]."""
+        point = np.searchsorted(self._result.time, time, side="right") - 1
+        if shape is None:
+            return float(self._result[name][point])
+        cells = [[self._result[f"{name}[{i + 1},{j + 1}]"][point] for j in range(shape[1])] for i in range(shape[0])]
+        return np.array(cells)
+
+
+@cache
+def compiled(model: str) -> rumoca.Model:
+    """A class of the library that is a whole model, by its name after `InkLoop.`; raises rumoca.CompileError."""
+    return rumoca.Session().load(str(LIBRARY / "package.mo"), model=f"InkLoop.{model}")
+
+
+@cache
+def simulate(model: str, stop: float) -> Simulation:
+    """Run a model of the library up to a time [s]; raises rumoca.SimulationError at a failed assertion."""
+    return Simulation(compiled(model).simulate(t=(0.0, stop), dt=0.5))
+
+
+def simulate_text(text: str, stop: float) -> Simulation:
+    """Run `model M` of a text that uses the library."""
+    model = rumoca.Session(roots=[str(LIBRARY.parent)]).loads(f"within ;\n{text}", model="M")
+    return Simulation(model.simulate(t=(0.0, stop), dt=0.5))
+
+
+def literal(values: Any) -> str:
+    """An array as a Modelica expression with every digit."""
+    if isinstance(values, np.ndarray):
+        return "{" + ", ".join(literal(part) for part in values) + "}"
+    return repr(values.item())

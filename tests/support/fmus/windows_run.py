@@ -1,0 +1,93 @@
+"""An FMU's binary called from a small C program, natively and, for a DLL, under Wine: tests/c/fmu_calls.c."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import fmpy
+
+from inkloop.fmu_writer.windows import COMPILER
+from support.places import C_SOURCES
+
+SOURCE = C_SOURCES / "fmu_calls.c"
+HEADERS = Path(fmpy.__file__).parent / "c-code"
+_DEBIAN = Path("/usr/lib/wine")  # where its package wine64 leaves the programs, out of the path
+WINE = shutil.which("wine64", path=os.pathsep.join((os.environ.get("PATH", ""), str(_DEBIAN))))
+NAMES = {"real": ("Real", "Float64"), "integer": ("Integer", "Int32")}
+
+
+def bits(value: float) -> str:
+    """The 16 digits that fmu_calls takes for a number."""
+    return struct.pack(">d", value).hex()
+
+
+def numbers(text: str) -> list[float]:
+    """What fmu_calls printed: 16 digits are the bits of a real, anything shorter an integer."""
+    return [struct.unpack(">d", bytes.fromhex(line))[0] if len(line) == 16 else float(line) for line in text.split()]
+
+
+def script_of(description: Any, values: Mapping[str, float], step_s: float, steps: int) -> str:
+    """Set values of scalars, step, and ask for every output that is a number, after each step."""
+    lines = []
+    for variable in description.modelVariables:
+        if variable.name in values:
+            kind = next(kind for kind, types in NAMES.items() if variable.type in types)
+            value = values[variable.name]
+            lines.append(f"{kind} {variable.valueReference} 1 {bits(value) if kind == 'real' else int(value)}")
+    asked = [
+        f"{kind}s {variable.valueReference} {_size(description, variable)}"
+        for variable in description.modelVariables
+        for kind, types in NAMES.items()
+        if variable.causality == "output" and variable.type in types and variable.name != "solve_time"
+    ]
+    for number in range(steps):
+        lines += [f"step {bits(number * step_s)} {bits(step_s)}", *asked]
+    at = next(k for k, line in enumerate(lines) if line.startswith("step"))
+    return "\n".join([*lines[:at], "run", *lines[at:]]) + "\n"
+
+
+def _size(description: Any, variable: Any) -> int:
+    """How many numbers an output is, with structural parameters as they start."""
+    starts = {v.valueReference: v.start for v in description.modelVariables}
+    count = 1
+    for dimension in variable.dimensions:
+        count *= int(dimension.start or starts[dimension.valueReference])
+    return count
+
+
+def compiled(compiler: str, fmi: int, out: Path) -> Path:
+    """The calling program, made by gcc or by mingw-w64."""
+    warnings = ("-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-DFMI_VERSION={fmi}")
+    libraries = [] if compiler == COMPILER or sys.platform == "darwin" else ["-ldl"]
+    subprocess.run([compiler, *warnings, "-isystem", HEADERS, "-o", out, SOURCE, *libraries], check=True)
+    return out
+
+
+def answers(command: Sequence[str | Path], script: str, environment: Mapping[str, str]) -> str:
+    """What the program prints; raises RuntimeError with what it says where a call fails."""
+    words = [str(word) for word in command]
+    done = subprocess.run(words, input=script, capture_output=True, text=True, env={**environment}, check=False)
+    if done.returncode != 0:
+        raise RuntimeError(done.stderr)
+    return done.stdout.replace("\r", "")
+
+
+@contextmanager
+def wine_in(folder: Path) -> Iterator[dict[str, str]]:
+    """The environment of a Wine of its own, whose server is told to end afterwards."""
+    environment = {**os.environ, "WINEPREFIX": str(folder), "WINEDEBUG": "-all", "WINEDLLOVERRIDES": "mscoree,mshtml="}
+    assert WINE
+    try:
+        yield environment
+    finally:
+        server = shutil.which("wineserver", path=os.pathsep.join((str(Path(WINE).parent), os.environ.get("PATH", ""))))
+        if server:
+            subprocess.run([server, "-k"], env=environment, check=False)

@@ -1,0 +1,102 @@
+"""The loop as one FMU that steps three: fmucontainer of the FMU Manipulation Toolbox, driven by FMPy."""
+
+from __future__ import annotations
+
+import json
+import logging
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+from fmu_manipulation_toolbox.assembly import Assembly
+
+from inkloop.exchange.ssp.system import Part, System
+from support.masters.loops import Loop
+from support.masters.six_by_six import TIME_MAX_S
+
+
+def by_container(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
+    """Three FMUs compiled into one that steps them, driven by FMPy: its outputs are those that the loop shows."""
+    fmi = system.parts[0].description.fmi
+    flags = {  # fmucontainer 2.0 cannot write start values of an array of Booleans: they come from outside
+        (part.name, name): np.ravel(value).tolist()
+        for part in system.parts
+        for name, value in part.values.items()
+        if fmi == 3 and value.size > 1 and part.variable(name).type == "Boolean"
+    }
+    links = [
+        [f"{wire.source[0]}.fmu", source, f"{wire.target[0]}.fmu", target]
+        for wire in system.wires
+        for source, target in system.pairs(wire)
+    ]
+    starts = [
+        [f"{part.name}.fmu", scalar, text]
+        for part in system.parts
+        for name, value in part.values.items()
+        if (part.name, name) not in flags
+        for scalar, text in _start_values(part, name, value)
+    ]
+    names = [*loop.scalars(system), "layers_printed"]
+    table = {
+        "name": "loop.fmu",
+        "step_size": system.step_s,
+        "sequential": algorithm == "Gauss-Seidel",
+        **{f"auto_{key}": False for key in ("link", "input", "output", "parameter", "local")},
+        "fmu": [f"{part.name}.fmu" for part in system.parts],
+        "link": links,
+        "input": [[name, f"{part}.fmu", name] for part, name in flags],
+        "start": starts,
+        "output": [[f"{loop.part}.fmu", name, name] for name in names],
+    }
+    logging.getLogger("fmu_manipulation_toolbox").setLevel(logging.ERROR)  # else a line for each open output
+    (folder / "loop.json").write_text(json.dumps(table), encoding="utf-8")
+    Assembly("loop.json", fmu_directory=folder).make_fmu(fmi_version=fmi)
+    values = {name: flags[part, name] for part, name in flags}
+    shapes = [system.part(loop.part).shape(port) for port in loop.ports]
+    shown = _Shown(loop.scalars(system), sum(int(np.prod(shape)) for shape in shapes))
+    yield from _steps_of_one(folder / "loop.fmu", system.step_s, values, shown)
+
+
+def _start_values(part: Part, name: str, value: Any) -> Iterator[tuple[str, str]]:
+    """A text for each scalar; all elements in one, with blanks between, where FMI 3 has an array."""
+    texts = [str(number).lower() for number in np.ravel(value).tolist()]
+    scalars = part.scalars(name)
+    yield from zip(scalars, texts if len(scalars) > 1 else [" ".join(texts)], strict=True)
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """Outputs of the container, and how many numbers they are in FMI 3."""
+
+    names: Sequence[str]
+    numbers: int
+
+
+def _steps_of_one(
+    file: Path, step_s: float, flags: Mapping[str, list[bool]], shown: _Shown
+) -> Iterator[tuple[int, Any]]:
+    """(layers_printed, numbers) after each step; its arrays of FMI 2 are called as before."""
+    folder = fmpy.extract(str(file))
+    description = fmpy.read_model_description(folder, validate=False)  # attributes of its own in FMI 2
+    fmu: Any = fmpy.instantiate_fmu(folder, description, fmi_type="CoSimulation")
+    references = {v.name: v.valueReference for v in description.modelVariables}
+    asked, printed = [references[name] for name in shown.names], references["layers_printed"]
+    for name, values in flags.items():
+        fmu.setBoolean([references[name]], values)
+    if is_fmi2 := description.fmiVersion == "2.0":
+        fmu.setupExperiment()
+    fmu.enterInitializationMode()
+    fmu.exitInitializationMode()
+    try:
+        for number in range(round(TIME_MAX_S / step_s)):
+            fmu.doStep(currentCommunicationPoint=number * step_s, communicationStepSize=step_s)
+            numbers = fmu.getReal(asked) if is_fmi2 else fmu.getFloat64(asked, shown.numbers)
+            (count,) = fmu.getInteger([printed]) if is_fmi2 else fmu.getInt32([printed])
+            yield int(count), np.array(numbers)
+    finally:
+        fmu.freeInstance()
+        shutil.rmtree(folder)

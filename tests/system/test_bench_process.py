@@ -1,0 +1,108 @@
+"""The emulated bench as a process of its own, driven by stock tools."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+from struct import pack
+
+import can
+import pytest
+import udsoncan
+
+from inkloop_hardware.protocol.codec import Frame
+from inkloop_hardware.protocol.records import StopRequest
+from inkloop_hardware.protocol.records import pack as pack_frame
+from inkloop_hardware.protocol.vocabulary import Source
+from support.benches import node_bench
+from support.benches.stock_tools import FULL, adapter, print_and_scan, process, read_map, send_pattern, start
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return node_bench.build_process(tmp_path_factory.mktemp("bench"))
+
+
+def test_stock_tools_print_cure_scan_and_read_the_journal(program: Path) -> None:
+    with (
+        process(program, "pass_ms=5") as (_, channel),
+        adapter(channel) as bus,
+        bus.client(0) as head,
+        bus.client(2) as lamp,
+        bus.client(3) as profiler,
+        node_bench.NodeBench(pass_ms=5) as same,
+    ):
+        print_and_scan(head, lamp, profiler)
+        assert start(head, node_bench.PASS, b"\0") == node_bench.DONE_BEFORE
+        journal = head.read_data_by_identifier(0x0110).service_data.values[0x0110]
+        assert [journal[at + 4] for at in range(0, len(journal), 40)] == [4, 3, 4, 3, 4, 3, 4, 3, 2, 1]
+        same.ready().print_layer(FULL, 1)
+        assert same.scan(1) == node_bench.DONE
+        assert read_map(profiler, 1) == same.upload(1)
+
+
+def test_every_adapter_sees_the_frames_of_all_nodes_and_the_dbc_reads_them(program: Path) -> None:
+    """Also those of the other adapters."""
+    with process(program) as (_, channel), adapter(channel), adapter(channel) as other:
+        seen = can.BufferedReader()
+        other.notifier.add_listener(seen)
+        missing = {0x020, *range(0x101, 0x105), *range(0x111, 0x115)}
+        while missing:
+            message = seen.get_message(10)
+            assert message, f"no frame of {missing}"
+            missing.discard(message.arbitration_id)
+            if message.arbitration_id < 0x600:
+                assert other.codec.decode(Frame(message.arbitration_id, bytes(message.data)))
+
+
+def test_stop_request_on_the_bus_is_latched(program: Path) -> None:
+    with process(program) as (_, channel), adapter(channel) as bus, bus.client(1) as stage:
+        assert start(stage, node_bench.CLEAR, b"\0") == node_bench.DONE
+        bus.send(pack_frame(bus.codec, StopRequest(active=True, source=Source.OPERATOR), counter=0))
+        for option in (b"\0", b"\1"):
+            with pytest.raises(udsoncan.exceptions.NegativeResponseException, match="ConditionsNotCorrect"):
+                start(stage, node_bench.CLEAR, option)
+        bus.send(pack_frame(bus.codec, StopRequest(active=False, source=Source.OPERATOR), counter=1))
+        assert start(stage, node_bench.CLEAR, b"\1") == node_bench.DONE
+
+
+def test_journal_outlives_a_killed_process(program: Path, tmp_path: Path) -> None:
+    arguments = ("pass_ms=20000", "--folder", str(tmp_path))
+    with process(program, *arguments) as (running, channel), adapter(channel) as bus, bus.client(0) as head:
+        assert start(head, node_bench.CLEAR, b"\0") == node_bench.DONE
+        send_pattern(head, node_bench.pattern_blob(FULL), 1)
+        head.conn.send(pack(">BBHIHBBB", 0x31, 1, node_bench.PASS, 7, 1, 0, 1, 0))
+        assert head.conn.wait_frame(timeout=10) == b"\x7f\x31\x78"
+        running.kill()
+        running.wait()
+    with process(program, *arguments) as (_, channel), adapter(channel) as bus, bus.client(0) as head:
+        state = head.read_data_by_identifier(0x0100).service_data.values[0x0100]
+        assert (state[11], state[12]) == (0, 1), "pass 0 is not done, and unknown"
+        with pytest.raises(udsoncan.exceptions.NegativeResponseException, match="ConditionsNotCorrect"):
+            start(head, node_bench.CLEAR, b"\0")
+        assert start(head, node_bench.CLEAR, b"\1") == node_bench.DONE
+
+
+def test_terminal_is_a_channel_too(program: Path) -> None:
+    with process(program, "--pty") as (_, channel), adapter(channel) as bus, bus.client(3) as profiler:
+        assert channel.startswith("/dev/")
+        assert start(profiler, node_bench.CLEAR, b"\0", layer=0) == node_bench.DONE
+        assert start(profiler, node_bench.SCAN, layer=0) == node_bench.DONE
+        assert len(read_map(profiler, 0)) == 12 + 2 * 81 + 11
+
+
+@pytest.mark.parametrize(
+    ("argument", "word"),
+    [("nx=0", "nx=0"), ("colour=1", "colour=1"), ("--port", "--port"), ("resolution=1.5e-10", "nanometres")],
+)
+def test_wrong_argument_is_said_and_nothing_runs(program: Path, argument: str, word: str) -> None:
+    ended = subprocess.run([program, argument], capture_output=True, text=True, check=False)
+    assert ended.returncode in (1, 2)
+    assert word in ended.stderr
+
+
+def test_process_ends_with_its_parent(program: Path) -> None:
+    running = subprocess.Popen([program, "--until-stdin-closes"], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    assert running.stdin
+    running.stdin.close()
+    assert running.wait(timeout=60) == 0

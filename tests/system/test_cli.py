@@ -1,0 +1,138 @@
+"""The command says what it did, or what is wrong, and answers with an exit code."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import pytest
+
+from inkloop.cli import main
+from inkloop.results.recorder import LayerRow
+from inkloop.results.result import Result
+from support.places import SCENARIOS
+
+CUBOID = str(SCENARIOS / "cuboid.toml")
+
+
+def test_run_leaves_a_folder_with_result_table_and_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "cuboid"
+    assert main(["run", CUBOID, "--out", str(folder)]) == 0
+    names = {path.name for path in folder.iterdir()}
+    pictures = {"surface.png", "cross-section.png", "error-map.png", "layers.png", "open-against-closed.png"}
+    assert names >= pictures | {"result.nc", "run.json", "scenario.toml", "summary.txt", "compare"}
+    assert not [name for name in names if name.endswith(".part")]
+    assert "open loop" in (folder / "summary.txt").read_text()
+    assert str(folder) in capsys.readouterr().out.replace("\n", "")
+
+
+def test_report_makes_table_and_pictures_again(tmp_path: Path) -> None:
+    folder = tmp_path / "cuboid"
+    main(["run", CUBOID, "--out", str(folder)])
+    summary = (folder / "summary.txt").read_text()
+    (folder / "summary.txt").unlink()
+    (folder / "layers.png").unlink()
+    assert main(["report", str(folder)]) == 0
+    assert (folder / "summary.txt").read_text() == summary
+    assert (folder / "layers.png").exists()
+
+
+def test_run_that_prints_nothing_ends_in_words_and_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "cuboid"
+    assert main(["run", CUBOID, "--no-compare", "--out", str(folder), "--set", "part.height_um=0.01"]) == 0
+    assert "nothing was printed" in capsys.readouterr().out
+    assert (folder / "layers.png").exists()
+
+
+def test_run_never_overwrites(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "kept").write_text("mine")
+    assert main(["run", CUBOID, "--out", str(tmp_path)]) == 1
+    assert "nothing is overwritten" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
+
+
+def test_run_folders_are_numbered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        assert main(["run", CUBOID, "--no-compare"]) == 0
+    assert sorted(path.name for path in (tmp_path / "runs").iterdir()) == ["cuboid", "cuboid-2"]
+
+
+def test_override_is_recorded_in_the_run(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    assert main(["run", CUBOID, "--no-compare", "--out", str(folder), "--set", "seed=5"]) == 0
+    assert Result.load(folder).run["seed"] == 5
+    assert "seed = 5" in (folder / "scenario.toml").read_text()
+
+
+def test_validate_answers_with_an_exit_code(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["validate", CUBOID]) == 0
+    assert "no fault" in capsys.readouterr().out
+    assert main(["validate", CUBOID, "--set", "grid.nx=0"]) == 1
+    assert "grid.nx is 0" in capsys.readouterr().err
+
+
+def test_export_and_info_show_the_same_grid(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "printer.fmu"
+    assert main(["export", "LayerDeposition", "--fmi", "2", "--nx", "4", "--ny", "5", "--out", str(path)]) == 0
+    assert main(["info", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert "LayerDeposition" in shown
+    assert "4 x 5" in shown
+    assert "layer_command" in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["report", "absent"], "result.nc"),
+        (["info", "absent.fmu"], "absent.fmu"),
+        (["run", "absent.toml"], "absent.toml"),
+        (["export", "LayerDepositoin"], "LayerDeposition"),
+    ],
+)
+def test_what_is_wrong_is_said_without_a_traceback(
+    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == 1
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("at_layer", [2, 4])
+def test_ctrl_c_keeps_the_layers_that_are_printed(
+    at_layer: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Layer 2 is within the print, layer 4 the last one before the run is saved."""
+
+    def press(bar: object, row: LayerRow) -> None:
+        if row.layer == at_layer:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("inkloop.printing.run._LayerBar.__call__", press)
+    folder = tmp_path / "run"
+    assert main(["run", CUBOID, "--out", str(folder)]) == 130
+    kept = Result.load(folder).dataset
+    assert kept.sizes["layer"] == at_layer + 1
+    assert (folder / "summary.txt").exists()
+    assert (folder / "surface.png").exists()
+    assert not (folder / "compare").exists()
+
+
+def test_run_in_real_time_accounts_for_its_deadlines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "run"
+    pace = ["--set", "run.real_time_factor=1000.0"]
+    assert main(["run", CUBOID, "--no-compare", "--out", str(folder), *pace]) == 0
+    result = Result.load(folder)
+    account = result.run["real_time"]
+    assert account["steps"] == result.dataset.time[-1] + 1  # the controller ends the run a step after the last layer
+    assert 0 <= account["missed"] <= account["steps"]
+    assert 0 <= account["p99_s"] <= account["worst_s"]
+    assert f"of {account['steps']} steps late" in " ".join(capsys.readouterr().out.split())
+
+
+def test_run_that_was_begun_is_told_from_a_folder_of_something_else(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "run.json").write_text("{}")
+    assert main(["info", str(tmp_path)]) == 1
+    assert f"`inkloop resume {tmp_path}` ends it" in capsys.readouterr().err

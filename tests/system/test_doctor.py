@@ -1,0 +1,198 @@
+"""`inkloop doctor` on a bench between processes, with one piece after the other missing or wrong."""
+
+from __future__ import annotations
+
+import io
+import json
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from inkloop.bench.emulation import emulation_of
+from inkloop.cli import main
+from inkloop.scenario.file import Scenario
+from inkloop_hardware.bus.adapter import Adapter
+from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.emulated_bench import EmulatedBench
+from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.protocol.codec import Codec, Frame
+from inkloop_hardware.protocol.records import MasterAlive, NodeStatus, pack
+from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+from support.benches.bench_run import BLOCK, FAST, write
+
+CODEC = Codec()
+DEAD = [f"death:node={node.lower()}" for node in Node]
+Said = Callable[..., tuple[int, dict[str, str]]]
+
+
+@contextmanager
+def bench(path: Path, *faults: str) -> Iterator[str]:
+    """The bench of a scenario with faults on request; its channel."""
+    emulation = emulation_of(Scenario.load(path))
+    with EmulatedBench(emulation.parameters | FAST, surface=emulation.surface, faults=faults) as running:
+        yield running.channel
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return write(tmp_path)
+
+
+@pytest.fixture
+def doctor(path: Path, capsys: pytest.CaptureFixture[str]) -> Said:
+    """Looks over the bench at a channel: the exit code, and what is said of each check that is not good."""
+
+    def look(channel: str, *words: str) -> tuple[int, dict[str, str]]:
+        code = main(["doctor", str(path), "--json", "--set", f"bench.channel={channel}", *words])
+        said = json.loads(capsys.readouterr().out)
+        assert said["exit_code"] == code
+        for finding in said["findings"]:
+            assert finding["grade"] != "fault" or finding["advice"]
+        return code, {one["check"]: one["found"] for one in said["findings"] if one["grade"] == "fault"}
+
+    return look
+
+
+@contextmanager
+def talking(channel: str, frame: Callable[[int], Frame]) -> Iterator[Adapter]:
+    """A second adapter that sends a frame every 100 ms; `frame` makes it for the next counter."""
+    adapter = Adapter(BusSettings("slcan", channel, 500_000))
+    over, first = threading.Event(), threading.Event()
+
+    def talk() -> None:
+        counter = 0
+        while not over.is_set():
+            adapter.send(frame(counter))
+            counter = (counter + 1) % 15
+            first.set()
+            over.wait(0.1)
+
+    speaker = threading.Thread(target=talk)
+    speaker.start()
+    try:
+        assert first.wait(60)
+        yield adapter
+    finally:
+        over.set()
+        speaker.join()
+        adapter.close()
+
+
+def test_bench_that_is_well_has_no_fault_and_without_a_yes_is_left_as_it_was(
+    path: Path, doctor: Said, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
+    with bench(path) as channel:
+        assert doctor(channel, "--self-test") == (0, {})
+        with Rig(BusSettings("slcan", channel, 500_000)) as rig:
+            rig.wait_for(Node)
+            for node in Node:
+                state = rig.link(node).state()
+                assert (state.state, state.cause, state.gate_pulses) == (State.SAFE, Fault.NONE, 0)
+                assert len(rig.link(node).journal()) == 1
+
+
+def test_self_test_opens_the_gate_lights_the_lamp_and_leaves_everything_off(path: Path, doctor: Said) -> None:
+    with bench(path) as channel:
+        assert doctor(channel, "--self-test", "--yes") == (0, {})
+        with Rig(BusSettings("slcan", channel, 500_000)) as rig:
+            rig.wait_for(Node)
+            head, lamp = rig.link(Node.HEAD), rig.link(Node.CURE)
+            assert head.state().gate_pulses == 1
+            assert lamp.times().lamp_off > lamp.times().lamp_on > 0
+            assert head.times().gate_closed >= head.times().gate_opened > 0
+            assert head.state().state is lamp.state().state is State.SAFE
+            assert len(head.journal()) == len(lamp.journal()) == 1
+
+
+@pytest.mark.parametrize(
+    ("overrides", "check", "words"),
+    [
+        ([], "adapter", "Connection refused"),
+        (["bench.channel=/dev/no-such-adapter"], "adapter", "there is no /dev/no-such-adapter"),
+        (["bench.interface=slcam"], "interface", "no interface 'slcam'"),
+        (["bench.interface=pcan", "bench.channel=PCAN_USBBUS1"], "adapter", "cannot be opened"),
+        (["bench.interface=socketcan", "bench.channel=can77"], "adapter", "no network interface 'can77'"),
+    ],
+    ids=["nobody listens", "no port", "no interface", "no driver", "no network interface"],
+)
+def test_missing_adapter_is_told(overrides: list[str], check: str, words: str, doctor: Said) -> None:
+    code, said = doctor("socket://127.0.0.1:9", *(word for override in overrides for word in ("--set", override)))
+    assert code == 1
+    assert list(said) == [check]
+    assert words in said[check]
+
+
+def test_bench_without_power_and_a_node_without_power_are_told(path: Path, doctor: Said) -> None:
+    with bench(path, *DEAD) as channel:
+        assert set(doctor(channel)[1]) == {"bus", "nodes"}
+    with bench(path, "death:node=cure") as channel:
+        code, said = doctor(channel)
+        assert code == 1
+        assert said["nodes"].startswith("cure said nothing")
+        assert set(said) == {"nodes"}, "the other three are well, and are asked"
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [("bad-check:id=0x101,count=1000", "head"), ("stuck-counter:id=0x104,count=1000", "profiler")],
+)
+def test_frames_that_are_not_to_be_believed_are_told(fault: str, words: str, path: Path, doctor: Said) -> None:
+    with bench(path, fault) as channel:
+        code, said = doctor(channel)
+        assert code == 1
+        assert said["supervision"].startswith(words)
+        assert said["supervision"].endswith("not to be believed")
+
+
+@pytest.mark.parametrize("fault", ["unplugged:nth=5", "bus-off:nth=5"])
+def test_adapter_that_goes_meanwhile_is_told_once(fault: str, path: Path, doctor: Said) -> None:
+    with bench(path, fault) as channel:
+        code, said = doctor(channel)
+        assert code == 1
+        assert set(said) == {"bus"}
+
+
+def test_node_of_another_protocol_is_told(path: Path, doctor: Said) -> None:
+    newer = NodeStatus(Node.PROFILER, False, False, True, True, State.SAFE, 0, Fault.NONE, 0, 1, 0, 2)
+    with bench(path, "death:node=profiler") as channel:
+        with talking(channel, lambda counter: pack(CODEC, newer, counter)):
+            code, said = doctor(channel)
+        assert code == 1
+        assert "profiler speaks version 2" in said["protocol"]
+
+
+def test_another_master_is_told_and_nothing_is_sent_while_it_prints(path: Path, doctor: Said) -> None:
+    alive = MasterAlive(lamp_enable=False, gate_enable=False, motion_enable=False, session=77, job=5)
+    with bench(path) as channel, talking(channel, lambda counter: pack(CODEC, alive, counter)) as other:
+        code, said = doctor(channel)
+        ids = {message.arbitration_id for message in other.receive(0.0)}
+        assert code == 1
+        assert "session 77, job 5" in said["masters"]
+        assert ids, "it hears the whole bus"
+        assert not [number for number in ids if number in (0x010, 0x020) or number in range(0x640, 0x648)]
+
+
+def test_bench_of_another_grid_is_told(path: Path, doctor: Said) -> None:
+    with bench(path) as channel:
+        size = [word for axis in "xy" for word in ("--set", f"grid.n{axis}=40")]
+        code, said = doctor(channel, *size, "--set", "bench.cure_ms=20000")
+        assert code == 1
+        assert set(said) == {"limits"}
+        assert "12 x 11 cells, the scenario 40 x 40" in said["limits"]
+
+
+def test_scenario_that_cannot_be_read_is_another_exit_code(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", str(write(tmp_path, BLOCK.replace("nx = 12", "nx = -1")))]) == 2
+    assert "grid.nx" in capsys.readouterr().err
+
+
+def test_table_says_what_to_do(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", str(path), "--set", "bench.channel=/dev/no-such-adapter"]) == 1
+    said = " ".join(capsys.readouterr().out.split())
+    assert "fault" in said
+    assert "plug the adapter in" in said
+    assert "one fault is to be mended first" in said

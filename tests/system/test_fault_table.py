@@ -1,0 +1,336 @@
+"""Every failure a bench may have, between real processes: what the nodes do, what the master says, what is printed.
+
+Beside this file: adapters in test_adapter_faults.py, a master that hangs or dies in test_rig.py, resumed runs in
+test_exactly_once.py, what the journal of a head is compared with in tests/unit/hardware/devices/test_devices.py.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+import zlib
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from inkloop.component import Ink, Job
+from inkloop_hardware.bus.adapter import Adapter
+from inkloop_hardware.devices.layer_steps import LayerSteps
+from inkloop_hardware.devices.readiness import make_ready
+from inkloop_hardware.errors import (
+    HardwareError,
+    LinkTimeout,
+    NodeLost,
+    NodeRefused,
+    NodeStopped,
+    NotAlone,
+    TransferError,
+)
+from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.protocol.codec import Codec
+from inkloop_hardware.protocol.height_map_bytes import read_map
+from inkloop_hardware.protocol.node_state import Flags, Happening, Step
+from inkloop_hardware.protocol.records import StopRequest, pack
+from inkloop_hardware.protocol.services import Key, Outcome, Routine
+from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
+from support.benches import node_bench
+from support.benches.fault_run import BLOB, JOB, LIMIT_S, PATTERN, faulty, looked_at, printed, settings_of
+
+ALL = (0, 1, 2, 3)
+
+
+def wait_until(true: Callable[[], bool]) -> None:
+    until = time.monotonic() + LIMIT_S
+    while not true():
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
+def is_disturbed(rig: Rig) -> bool:
+    try:
+        rig.check_alone()
+    except NotAlone:
+        return True
+    return False
+
+
+MENDED = [
+    "corruption:id=0x640,step=download,byte=6",
+    "duplication:id=0x641,probability=0.3",
+    "malformed-line:probability=0.02",
+    "late-answer:node=head,service=0x36",
+    "short-map:node=profiler",
+    "bad-check:id=0x20,count=1",
+    "loss:probability=0.005,seed=4",
+]
+MENDED_TOO = [
+    "loss:id=0x641,step=pass,pass=2",
+    "burst:id=0x640,step=download,count=3",
+    "loss:id=0x644,step=pass,pass=1",
+    "duplication:id=0x640,probability=0.3",
+    "swap:id=0x640,probability=0.1",
+    "delay:id=0x641,probability=0.1,frames=3",
+    "flow-control:node=head",
+    "flow-control:node=profiler",
+    "late-answer:node=head,service=0x31,step=pass,pass=1",
+    "repeated-answer:count=1000",
+    "stuck-counter:node=cure,count=1",
+    *(f"loss:probability=0.01,seed={seed}" for seed in range(3)),
+]
+
+
+@pytest.mark.parametrize("fault", [*MENDED, *(pytest.param(fault, marks=pytest.mark.long) for fault in MENDED_TOO)])
+def test_what_can_be_mended_changes_nothing_of_the_part(fault: str) -> None:
+    """Requests are repeated with their keys: four gate pulses, the whole pattern, the heights of four passes."""
+    with faulty(fault) as run:
+        run.print_layer()
+        found = run.scan()
+        state = run.state()
+        assert (state.done, state.unknown, state.gate_pulses) == (0b1111, 0, 4)
+        np.testing.assert_allclose(found, printed(ALL), atol=1e-12)
+
+
+@pytest.mark.parametrize("side", [100, pytest.param(283, marks=pytest.mark.long)])
+def test_layer_comes_whole_through_a_bus_that_loses_one_frame_in_a_thousand(side: int) -> None:
+    """Either way; 283 x 283 cells of two inks are a pattern of 20 kB and a map of 170 kB."""
+    pattern = np.random.default_rng(side).integers(0, 3, (side, side)).astype(np.uint8)
+    blob = node_bench.pattern_blob(pattern)
+    with faulty("loss:probability=1e-3,seed=1", nx=side, ny=side) as run:
+        run.rig.link(Node.HEAD).download(1, blob)
+        for number in ALL:
+            assert run.jet(number) is Outcome.DONE
+        run.rig.link(Node.PROFILER).routine(Routine.SCAN, Key(JOB, 1), limit_s=LIMIT_S)
+        _, valid = read_map(run.rig.link(Node.PROFILER).upload(1), side, side)
+        assert valid.all()
+        assert (run.state().gate_pulses, run.state().pattern_crc) == (4, zlib.crc32(blob))
+        assert run.rig.link(Node.PROFILER).counts.again > 0
+
+
+def test_repeats_are_counted_and_late_answers_dropped(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "inkloop_hardware")
+    with faulty("late-answer:node=head,service=0x36", "repeated-answer:node=cure,count=100") as run:
+        run.print_layer(2)
+        head, cure = run.rig.link(Node.HEAD).counts, run.rig.link(Node.CURE).counts
+    assert head.again >= 1
+    assert head.stray >= 1
+    assert cure.stray >= 1
+    assert any("requests sent again" in words and words.startswith("head") for words in caplog.messages)
+
+
+def test_node_that_never_answers_is_named_and_left_safe() -> None:
+    """Its status frames come in; the step is given up, and with the master's end the node de-energises itself."""
+    with faulty("loss:id=0x641,step=pass,count=1000000") as run:
+        run.rig.link(Node.HEAD).download(1, BLOB)
+        with pytest.raises(LinkTimeout, match=r"head \(0x641 .*has not ended in time: pass of layer 1, pass 0; ask it"):
+            run.jet(0, limit_s=1.2)
+        assert run.rig.status(Node.HEAD) is not None
+        wait_until(lambda: run.rig.alive() is None and run.rig.status(Node.CURE).state is State.IDLE)  # type: ignore[union-attr]
+        run.rig.detach()
+        with Rig(settings_of(run.bench)) as other:
+            other.wait_for(Node, LIMIT_S)
+            wait_until(lambda: other.alive() is None and other.status(Node.HEAD).fault is Fault.MASTER_LOST)  # type: ignore[union-attr]
+        run.rig.attach()
+
+
+def test_wait_is_extended_while_the_node_is_busy_and_bounded_by_the_step() -> None:
+    with faulty(pass_ms=1500) as run:
+        run.rig.link(Node.HEAD).download(1, BLOB)
+        assert run.jet(0) is Outcome.DONE
+        with pytest.raises(LinkTimeout, match="has not ended in time"):
+            run.jet(1, limit_s=1.1)
+        wait_until(lambda: run.state().state is State.SAFE)
+        assert (run.state().cause, run.state().unknown) == (Fault.ENABLE_DROPPED, 0b10)
+
+
+def test_pattern_that_is_altered_again_and_again_is_never_printed() -> None:
+    with faulty("corruption:id=0x640,step=download,byte=6,count=1000000") as run:
+        with pytest.raises((TransferError, LinkTimeout, NodeRefused)):
+            run.rig.link(Node.HEAD).download(1, BLOB)
+        with looked_at(run) as after:
+            assert after.state().gate_pulses == 0
+            assert after.state().passes == 0
+
+
+def test_node_that_dies_in_a_pass_is_lost_and_its_pass_unknown() -> None:
+    """Power comes back after a while: at most the pass that was begun is on the part, and nobody jets it again."""
+    fault = "death:node=head,step=pass,pass=1,nth=2,frames=6"
+    with faulty(fault, pass_ms=500) as run:
+        run.rig.link(Node.HEAD).download(1, BLOB)
+        run.jet(0)
+        run.cure(0)
+        with pytest.raises(NodeLost, match=r"the head is silent for 0\.\d s; is it powered"):
+            run.jet(1)
+        with pytest.raises(NodeLost, match="head is silent"):
+            run.rig.check([Node.HEAD])
+        wait_until(lambda: run.rig.alive() is None and run.rig.status(Node.HEAD).boot_count == 2)  # type: ignore[union-attr]
+        state = run.state()
+        assert (state.state, state.cause) == (State.SAFE, Fault.PASS_UNKNOWN)
+        assert (state.done, state.unknown) == (0b01, 0b10)
+        assert Flags.NEEDS_OPERATOR in state.flags
+        assert [(one.kind, one.step) for one in run.rig.link(Node.HEAD).journal()[:2]] == [
+            (Happening.BOOT, Step.NONE),
+            (Happening.INTENT, Step.PASS),
+        ]
+        with pytest.raises(NodeRefused, match="person"):
+            run.clear()
+        run.clear(1)
+        for number in (1, 2):
+            with pytest.raises(NodeRefused) as refused:
+                run.jet(number)
+            assert refused.value.code == 0x24
+        run.cure(1)
+        found = run.scan()
+        assert np.all(found >= printed((0,)) - 1e-12)
+        assert np.all(found <= printed((0, 1)) + 1e-12)
+
+
+@pytest.mark.parametrize("fault", ["stuck-counter:node=cure,count=1000", "bad-check:node=cure,count=1000"])
+def test_node_that_is_not_to_be_believed_counts_as_lost(fault: str) -> None:
+    with faulty(f"{fault},step=download") as run:
+        run.rig.link(Node.HEAD).download(1, BLOB)
+        wait_until(lambda: run.rig.alive() is None and not run.rig.watch(Node.CURE).monitor.trusted)
+        with pytest.raises(NodeLost, match=r"cure is not to be believed: .*(damaged|repeated)"):
+            run.cure(0)
+
+
+@pytest.mark.parametrize("fault", ["stuck-counter:id=0x20,count=1000", "bad-check:id=0x20,count=1000"])
+def test_master_that_is_not_to_be_believed_makes_every_node_safe(fault: str) -> None:
+    with faulty(f"{fault},step=pass,pass=1", pass_ms=1000) as run:
+        run.rig.link(Node.HEAD).download(1, BLOB)
+        run.jet(0)
+        with pytest.raises((NodeRefused, NodeStopped), match="supervision"):
+            run.jet(1)
+        for node in Node:
+            state = run.state(node)
+            assert (state.state, state.cause) == (State.SAFE, Fault.SUPERVISION)
+        assert run.state().unknown == 0b10
+
+
+def test_node_that_restarts_is_told_and_goes_on_by_its_journal(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "inkloop_hardware")
+    with faulty("reboot:node=head,step=cure,pass=1") as run:
+        run.rig.link(Node.HEAD).download(1, BLOB)
+        for number in (0, 1):
+            run.jet(number)
+            run.cure(number)
+        with pytest.raises(NodeRefused, match=r"0x22.*it is SAFE"):
+            run.jet(2)
+        wait_until(lambda: run.rig.alive() is None and "head: restarted" in caplog.messages)
+        state = run.state()
+        assert (state.boots, state.done, state.unknown) == (2, 0b11, 0)
+        run.clear()
+        assert [run.rig.link(Node.HEAD).ask(Routine.PASS, Key(JOB, 1, n)) for n in ALL] == [
+            *(Outcome.DONE_BEFORE, Outcome.DONE_BEFORE, Outcome.NEVER, Outcome.NEVER)
+        ]
+        run.rig.link(Node.HEAD).download(1, BLOB)
+        for number in (0, 1, 2, 3):
+            assert run.jet(number) is (Outcome.DONE if number > 1 else Outcome.DONE_BEFORE)
+            run.cure(number)
+        assert run.state().gate_pulses == 2
+        np.testing.assert_allclose(run.scan(), printed(ALL), atol=1e-12)
+
+
+def test_new_master_reads_the_journal_and_repeats_nothing() -> None:
+    with faulty() as run:
+        run.print_layer(2)
+        with looked_at(run) as new:
+            assert new.rig.session != run.rig.session
+            assert [record.kind for record in new.rig.link(Node.HEAD).journal()[:2]] == [
+                *(Happening.DONE, Happening.INTENT)
+            ]
+            new.clear()
+            assert new.jet(0) is Outcome.DONE_BEFORE
+            new.rig.link(Node.HEAD).download(1, BLOB)
+            with pytest.raises(NodeRefused) as refused:
+                new.rig.link(Node.HEAD).download(1, BLOB)
+            assert refused.value.code == 0x24
+            for number in (2, 3):
+                assert new.jet(number) is Outcome.DONE
+                new.cure(number)
+            assert new.state().gate_pulses == 4
+            np.testing.assert_allclose(new.scan(), printed(ALL), atol=1e-12)
+
+
+def test_second_master_makes_the_nodes_safe_and_both_are_told(caplog: pytest.LogCaptureFixture) -> None:
+    with faulty(pass_ms=1000) as run, Rig(settings_of(run.bench)) as other:
+        other.wait_for(Node, LIMIT_S)
+        for rig, session in ((run.rig, other.session), (other, run.rig.session)):
+            wait_until(lambda rig=rig: rig.alive() is None and is_disturbed(rig))
+            with pytest.raises(NotAlone, match=f"another master speaks on this bus, session {session}"):
+                rig.check_alone()
+            with pytest.raises(NotAlone), rig.enabled(gate=True):
+                pytest.fail("nothing may be enabled")
+        for node in Node:
+            state = run.state(node)
+            assert (state.state, state.cause) == (State.SAFE, Fault.TWO_MASTERS)
+    assert caplog.text.count("another master speaks on the bus") == 2
+
+
+def test_second_master_in_a_pass_ends_it_in_words() -> None:
+    with faulty("second-master:step=pass,pass=1", pass_ms=1000) as run:
+        run.rig.link(Node.HEAD).download(1, BLOB)
+        run.jet(0)
+        with pytest.raises((NodeRefused, NodeStopped), match="two masters"):
+            run.jet(1)
+        assert (run.state().unknown, run.state().cause) == (0b10, Fault.TWO_MASTERS)
+
+
+def test_stop_request_is_latched_until_it_is_released_and_a_person_clears(caplog: pytest.LogCaptureFixture) -> None:
+    codec, counter = Codec(), 0
+    with faulty() as run:
+        button = Adapter(settings_of(run.bench))
+
+        def press(active: bool) -> None:
+            nonlocal counter
+            button.send(pack(codec, StopRequest(active, Source.OPERATOR), counter))
+            counter = (counter + 1) % 15
+
+        run.rig.link(Node.HEAD).download(1, BLOB)
+        press(True)
+        wait_until(lambda: run.state().state is State.SAFE)
+        assert run.state().cause is Fault.STOP_REQUEST
+        press(True)
+        wait_until(lambda: run.rig.alive() is None and is_disturbed(run.rig))
+        with pytest.raises(NotAlone, match="a stop request of the operator is active: release it"), run.rig.enabled():
+            pytest.fail("nothing may be enabled")
+        for option in (0, 1):
+            with pytest.raises(NodeRefused, match="stop request"):
+                run.clear(option)
+        press(False)
+        with pytest.raises(NodeRefused, match="person"):
+            run.clear()
+        run.clear(1)
+        assert run.state().state is State.IDLE
+        button.close()
+    assert "a stop request of the operator" in caplog.messages
+
+
+def test_map_that_stays_short_is_scanned_again_and_nothing_is_printed_again() -> None:
+    job = Job(9, 9, 1e-4, np.zeros((9, 9)), np.ones((9, 9), np.bool_), inks=(Ink(), Ink()), passes=4)
+    with faulty("short-map:count=1000000", cleared=False) as run:
+        steps = LayerSteps(run.rig, job, make_ready(run.rig, tuple(Node)), cure_ms=10)
+        steps.print_layer(1, PATTERN)
+        with pytest.raises(TransferError, match="map of layer 1"):
+            steps.scan(1)
+        scans = [one for one in run.rig.link(Node.PROFILER).journal() if one.step is Step.SCAN]
+        assert [(one.kind, one.key.attempt) for one in scans] == [
+            *((Happening.DONE, 2), (Happening.INTENT, 2), (Happening.DONE, 1), (Happening.INTENT, 1))
+        ]
+        assert run.state().gate_pulses == 4
+
+
+def test_layer_that_was_begun_with_another_pattern_is_not_gone_on_with() -> None:
+    job = Job(9, 9, 1e-4, np.zeros((9, 9)), np.ones((9, 9), np.bool_), inks=(Ink(), Ink()), passes=4)
+    with faulty() as run:
+        run.print_layer(1)
+        steps = LayerSteps(run.rig, job, make_ready(run.rig, tuple(Node)), cure_ms=10)
+        with pytest.raises(HardwareError, match=r"layer 1 was begun with another pattern .*was the scenario changed"):
+            steps.print_layer(1, 2 - PATTERN.astype(np.int32))
+        assert run.state().gate_pulses == 1
+
+
+def test_malformed_lines_are_counted_and_said(caplog: pytest.LogCaptureFixture) -> None:
+    with faulty("malformed-line:id=0x101,step=download") as run:
+        run.rig.link(Node.HEAD).download(1, BLOB)
+        wait_until(lambda: run.rig.alive() is None and "1 malformed lines of the adapter so far" in caplog.text)

@@ -1,0 +1,140 @@
+"""`inkloop identify` from a source to an ink file that prints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomlkit
+
+from inkloop.cli import main
+from inkloop.component import Ink
+from inkloop.errors import IdentificationError
+from inkloop.identify.candidates import candidates
+from inkloop.identify.cross_validation import compare
+from inkloop.identify.experiments import Plan, perform, plant_scenario
+from inkloop.identify.identification import identify
+from inkloop.identify.print_record import PrintRecord
+from inkloop.identify.volume_area_coefficients import identify_volume_area
+from inkloop.models import LayerDeposition, VolumeAreaDeposition, YoungLaplaceDeposition
+from inkloop.results.result import Result
+from inkloop.scenario.file import Scenario
+from support.logged_print import made_up, random_layers
+from support.places import ROOT
+from unit.cosim.identify.test_log_folder import log
+
+RIVALS = ("Lu, regression", "spherical caps", "Wu, Chiu, fitted", "Young-Laplace")
+SMALL = ["--samples", "6", "--layers", "3", "--side", "16"]
+
+
+def ink_of(path: Path):
+    return [tomlkit.parse(path.read_text()).unwrap()["a"][f"h{k}_um"] for k in (1, 2, 3)]
+
+
+def test_experiments_on_a_scenario_give_an_ink_that_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """From a scenario whose printer is not what its ink says, to a print with the right one."""
+    text = (ROOT / "scenarios" / "cuboid.toml").read_text()
+    (tmp_path / "cuboid.toml").write_text(text)
+    out = tmp_path / "mine.toml"
+    true = [
+        "components.printer.variation=0.0",
+        "components.printer.h1_a_um=3.9",
+        "components.printer.h2_a_um=0.5",
+        "components.printer.h3_a_um=0.25",
+    ]
+    sets = [word for override in true for word in ("--set", override)]
+    scenario = str(tmp_path / "cuboid.toml")
+    assert main(["identify", scenario, *sets, *SMALL, "--out", str(out), "--runs", str(tmp_path / "kept")]) == 0
+    assert ink_of(out) == pytest.approx([3.9, 0.5, 0.25], rel=1e-3)
+    assert out.with_suffix(".png").stat().st_size > 10_000
+    told = capsys.readouterr().out
+    assert all(name in told for name in ("droplet protocol", "Lu, regression", "Young-Laplace", "spherical caps"))
+    scenario_text = text + f'\n[ink]\nfile = "{out.name}"\n'
+    (tmp_path / "again.toml").write_text(scenario_text)
+    assert Scenario.load(tmp_path / "again.toml").job().inks[0].h1 == pytest.approx(3.9e-6, rel=1e-3)
+    again = tmp_path / "again-ink.toml"
+    assert main(["identify", str(tmp_path / "kept" / "layers"), "--out", str(again)]) == 0  # a run folder as a source
+    assert ink_of(again) == pytest.approx([3.9, 0.5, 0.25], rel=1e-3)
+
+
+def test_logged_prints_are_pooled(tmp_path: Path) -> None:
+    model = LayerDeposition()
+    for number in range(2):
+        log(tmp_path / f"p{number}", made_up(model, random_layers(20, 18, 2, number, margin=4), 0.2e-6, number))
+    out = tmp_path / "ink.toml"
+    assert main(["identify", str(tmp_path / "p0"), str(tmp_path / "p1"), "--out", str(out)]) == 0
+    assert ink_of(out) == pytest.approx([4.4, 0.6, 0.2], abs=0.1)
+    table = tomlkit.parse(out.read_text()).unwrap()
+    assert len(table["identified"]["prints"]) == 2
+    assert table["identified"]["noise_um"] == pytest.approx(0.2, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("kind", "pitch_um", "model", "options"),
+    [
+        ("VolumeAreaDeposition", 90.0, VolumeAreaDeposition, ["guard=true", "limit_gains=true"]),
+        ("YoungLaplaceDeposition", 42.3, YoungLaplaceDeposition, ["form=linear", "cells_per_pitch=4"]),
+    ],
+)
+def test_model_of_the_plant_explains_it_best(kind, pitch_um, model, options) -> None:
+    overrides = [f"grid.pitch_um={pitch_um}", *(f"components.printer.{option}" for option in options)]
+    scenario = plant_scenario(kind, 0.02, overrides)
+    records = perform(scenario, Plan(samples=0, layers=3, side=14))
+    chosen = [one for one in candidates([Ink()], 0.02e-6) if one.name in RIVALS]
+    rms = {type(one.model): one.score.rms for one in compare(chosen, records, 0.02e-6) if one.score}
+    assert len(rms) == len(RIVALS)
+    assert rms[model] < 0.8 * min(error for kind, error in rms.items() if kind is not model)
+
+
+def test_areas_of_a_plant_that_tells_them_are_recorded() -> None:
+    records = perform(plant_scenario("VolumeAreaDeposition", 0.0, ["grid.pitch_um=90.0"]), Plan(samples=6, layers=0))
+    found = identify_volume_area(records, 0.0)
+    assert found.area_known
+    assert found.coefficients["mv_minus"] == pytest.approx(-20100.0, rel=1e-6)
+
+
+def test_experiments_are_the_same_for_the_same_seed(tmp_path: Path) -> None:
+    def printed() -> PrintRecord:
+        overrides = ["components.printer.variation=0.2", "components.profiler.seed=4"]
+        (record,) = perform(plant_scenario("LayerDeposition", 0.3, overrides), Plan(0, 2, 12, 5), tmp_path / "runs")
+        return record
+
+    assert np.array_equal(printed().measured, printed().measured)
+    assert Result.load(tmp_path / "runs" / "layers").stop_reason == "done"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere/"], "is not there"),
+        (["LayerDepositon"], "did you mean LayerDeposition"),
+        (["LayerDeposition", "--side", "4", "--layers", "0"], "--side is 4"),
+        (["a.toml", "b.toml"], "name folders, or one plant"),
+        (["missing.toml"], "cannot be read"),
+        (["missing.fmu"], "missing.fmu"),
+        ([str(ROOT / "docs")], "holds neither print.toml"),
+    ],
+)
+def test_sources_that_cannot_be_meant_are_refused_in_words(arguments, words, tmp_path, capsys, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["identify", *arguments]) == 1
+    assert words in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_ink_file_that_is_there_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "ink.toml"
+    out.write_text("mine")
+    assert main(["identify", "LayerDeposition", "--out", str(out)]) == 1
+    assert "not overwritten" in capsys.readouterr().err
+    assert out.read_text() == "mine"
+
+
+def test_prints_of_different_pitch_or_unknown_noise_are_refused_in_words() -> None:
+    record = made_up(LayerDeposition(), random_layers(12, 12, 1, 0))
+    other = PrintRecord("other", 90e-6, record.pattern, record.measured)
+    with pytest.raises(IdentificationError, match=r"other: pitch_um 90, made up: 263"):
+        identify([record, other])
+    with pytest.raises(IdentificationError, match=r"give it \(--noise-um\)"):
+        identify([record])

@@ -1,0 +1,198 @@
+"""Rigs with frames and services of their own print by a mapping file: a stranger's, and the emulated bench as one."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+from inkloop.component import Component
+from inkloop.errors import ComponentError
+from inkloop.printing.run import print_part
+from inkloop.results.result import Result
+from inkloop.scenario.file import Scenario
+from inkloop.testing import LAWS, Law, same_inputs_give_the_same_bits
+from inkloop_hardware.emulated_bench import EmulatedBench
+from inkloop_hardware.errors import HardwareError, LinkTimeout
+from inkloop_hardware.protocol.codec import BENCH_DBC
+from support.benches import foreign_rig
+
+SCENARIO = """
+title = "A rig of one's own"
+
+[grid]
+nx = 6
+ny = 5
+
+[part]
+shape = "cuboid"
+size_x_um = 900.0
+size_y_um = 600.0
+height_um = 20.0
+
+[bench]
+interface = "slcan"
+channel = "CHANNEL"
+traffic_log = ""
+
+[run]
+layers_max = 2
+
+[components.controller]
+kind = "OpenLoop"
+layers = 2
+
+[components.rig]
+kind = "hardware.mapped"
+mapping = "rig.toml"
+"""
+OUR_MAPPING = f"""
+dbc = {str(BENCH_DBC)!r}
+heartbeat = true
+
+[peers.bench]
+request = "HeadRequest"
+answer = "HeadAnswer"
+
+[pattern]
+header = "01 01 {{nx:04x}} {{ny:04x}} 01 00"
+
+[map]
+header = "01 00 {{nx:04x}} {{ny:04x}} 0064 00000000"   # steps of 100 nm, datum 0
+unit = "nm"
+scale = 100.0
+valid_bits = true
+"""
+OUR_STEPS = (
+    ("start", 0x0200, "00", []),
+    ("start", 0x0201, "", ["motion"]),
+    ("printer", None, "", []),
+    ("printer", 0x0203, "FF", ["gate", "motion"]),
+    ("printer", 0x0204, "0005", ["lamp"]),
+    ("profiler", 0x0205, "", ["motion"]),
+)
+
+
+def our_mapping() -> str:
+    """The emulated bench in the words of a mapping file: one node with all roles, layers of one pass."""
+    text = OUR_MAPPING
+    for section, routine, option, enables in OUR_STEPS:
+        text += f'\n[[{section}]]\npeer = "bench"\n'
+        if routine is None:
+            text += 'do = "download"\naddress = "{layer}"\ncheck = "crc32"\n'
+        else:
+            text += f'do = "routine"\nroutine = {routine}\nenables = {enables}\nanswer = "00"\nlimit_s = 20.0\n'
+            text += f'option = "{{job:08x}} {{layer:04x}} 00 01 {option}"\n'
+    return text + '\n[[profiler]]\npeer = "bench"\ndo = "upload"\naddress = "{layer}"\ncheck = "crc32"\n'
+
+
+@contextmanager
+def stranger(channel: str) -> Iterator[None]:
+    """The foreign rig on a bus."""
+    process = subprocess.Popen(
+        [sys.executable, foreign_rig.__file__, channel], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n", process.communicate()[1]
+        yield
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def scenario(folder: Path, channel: str, mapping: str) -> Scenario:
+    (folder / "rig.dbc").write_text(foreign_rig.DBC)
+    (folder / "rig.toml").write_text(mapping)
+    (folder / "part.toml").write_text(SCENARIO.replace("CHANNEL", channel))
+    return Scenario.load(folder / "part.toml")
+
+
+def printed(folder: Path, channel: str, mapping: str) -> Result:
+    return print_part(scenario(folder, channel, mapping))
+
+
+@pytest.fixture(scope="module")
+def bus() -> Iterator[str]:
+    """A wire; the nodes of the emulated bench on it mind their own business."""
+    with EmulatedBench({"nx": 6, "ny": 5}) as bench:
+        yield bench.channel
+
+
+def test_rig_with_its_own_dbc_prints_what_is_commanded(bus: str, tmp_path: Path) -> None:
+    with stranger(bus), can.Bus(interface="slcan", channel=bus, sleep_after_open=0.0) as listener:
+        heard: set[int] = set()
+        notifier = can.Notifier(listener, [lambda message: heard.add(message.arbitration_id)])
+        run = printed(tmp_path, bus, foreign_rig.MAPPING).dataset
+        notifier.stop()
+    assert {0x210, 0x220, 0x7A0, 0x7B0} <= heard
+    assert not heard & {0x010, 0x020}, "a rig of another protocol is not to hear MasterAlive or StopRequest"
+    assert run.sizes["layer"] == 3
+    heights = foreign_rig.DROPLET_UM * 1e-6 * np.cumsum(run.pattern.values != 0, axis=0)
+    assert heights.max() == pytest.approx(20e-6)
+    blind = np.zeros((6, 5), np.bool_)
+    blind[2, 1] = True
+    np.testing.assert_array_equal(run.valid.values, np.broadcast_to(~blind, run.valid.shape))
+    np.testing.assert_allclose(run.measured_height, np.where(blind, 0.0, heights), atol=1e-12)
+    np.testing.assert_allclose(run.bed_position[1:], 0.0125)
+
+
+def test_emulated_bench_prints_by_a_mapping_of_its_own_dbc(tmp_path: Path) -> None:
+    fast = {"pass_ms": 2, "scan_ms": 2, "move_ms": 2, "home_ms": 2, "gate_ms": 1, "one_node": 1}
+    with EmulatedBench({"nx": 6, "ny": 5, "resolution": 1e-7, **fast}) as bench:
+        run = printed(tmp_path, bench.channel, our_mapping()).dataset
+    assert run.sizes["layer"] == 3
+    assert run.valid.values.all()
+    per_layer = float(run.measured_height[2].sum() - run.measured_height[1].sum())
+    droplets = int((run.pattern[2].values != 0).sum())
+    assert per_layer == pytest.approx(droplets * 7.6e-6, rel=0.2)  # h1 + 4 h2 + 4 h3, less what leaves the grid
+
+
+def component(made: Scenario) -> Component:
+    return made.build()[0]["rig"]
+
+
+@pytest.mark.parametrize("law", [law for law in LAWS if law is not same_inputs_give_the_same_bits])
+def test_mapped_rig_keeps(law: Law, bus: str, tmp_path: Path) -> None:
+    """All laws but that of equal bits: what was printed on a real bed stays there."""
+    made = scenario(tmp_path, bus, foreign_rig.MAPPING)
+    with stranger(bus):
+        law(lambda: component(made))
+
+
+def test_silence_of_a_rig_is_said_with_its_ids(bus: str, tmp_path: Path) -> None:
+    part = component(
+        scenario(tmp_path, bus, foreign_rig.MAPPING.replace("[peers.scanner]", "[peers.scanner]\nanswer_s = 0.1"))
+    )
+    inputs = {port.name: port.start_value() for port in part.inputs}
+    part.initialize(0, inputs)
+    try:
+        with pytest.raises(LinkTimeout, match=r"no answer of scanner \(0x7B0, 0x7B8\): routine 0x0310 .* is not known"):
+            part.do_step(0, 1, inputs)
+    finally:
+        part.terminate()
+
+
+def test_rig_that_says_it_cannot_ends_the_wait_at_once(bus: str, tmp_path: Path) -> None:
+    part = component(scenario(tmp_path, bus, foreign_rig.MAPPING.replace("Lamp = 37.5", "Lamp = 90")))
+    inputs = {port.name: port.start_value() for port in part.inputs}
+    with stranger(bus):
+        part.initialize(0, inputs)
+        try:
+            with pytest.raises(HardwareError, match=r"PlcState\.State is FAULT, expected BUSY; look at the rig"):
+                part.do_step(0, 1, {**inputs, "layer_command": np.asarray(1)})
+        finally:
+            part.terminate()
+
+
+def test_state_goes_on_and_anything_else_is_refused(bus: str, tmp_path: Path) -> None:
+    part = component(scenario(tmp_path, bus, foreign_rig.MAPPING))
+    part.restore(part.save())
+    with pytest.raises(ComponentError, match="no state of this rig"):
+        part.restore(b"short")

@@ -1,0 +1,130 @@
+"""The loop of three FMUs prints the same part, bit by bit, whoever couples them, by any step and algorithm."""
+
+from __future__ import annotations
+
+import json
+import re
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+
+from inkloop.cli import main
+from inkloop.fmu_writer.export import export, find_fmu
+from support.fmus.fmu_checkers import by_fmutool, by_vdm_check
+from support.fmus.fmu_driver import FORMS, MODELS
+from support.masters.java_programs import MAESTRO, VDM_CHECK
+from support.masters.loops import ONE_BLOCK, THREE_FMUS, Loop
+from support.masters.other_masters import MASTERS, Master, layers_by
+from support.masters.six_by_six import LAYERS, STEPS_S, TEXT, difference, our_run, scenario_in
+
+
+def cases() -> Iterator[Any]:
+    for loop in (THREE_FMUS, ONE_BLOCK):
+        for master in MASTERS:
+            for fmi, algorithm in master.forms_of(loop):
+                for step_s in (min(STEPS_S), max(STEPS_S)):
+                    name = f"{loop.name} by {master.name} FMI {fmi} {algorithm} {step_s} s"
+                    marks = [pytest.mark.long] if master.program is MAESTRO else []  # up to a minute each
+                    yield pytest.param(loop, master, fmi, algorithm, step_s, id=name, marks=marks)
+
+
+@pytest.fixture(scope="module")
+def ours(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    return our_run(tmp_path_factory.mktemp("ours"))
+
+
+@pytest.mark.parametrize(("loop", "master", "fmi", "algorithm", "step_s"), list(cases()))
+def test_every_master_prints_the_layers_of_ours(
+    loop: Loop, master: Master, fmi: str, algorithm: str, step_s: float, ours: Any, tmp_path: Path
+) -> None:
+    if absent := master.program.reason_it_is_absent():
+        pytest.skip(absent)
+    assert difference(layers_by(master, loop, fmi, algorithm, step_s, tmp_path), loop.layers_of(ours)) == ""
+
+
+@pytest.mark.parametrize("loop", [THREE_FMUS, ONE_BLOCK], ids=["three FMUs", "one block"])
+def test_layers_that_are_compared_are_not_all_alike(loop: Loop, ours: Any) -> None:
+    layers = loop.layers_of(ours)
+    assert layers.shape == (LAYERS, 36 if loop is THREE_FMUS else 2)
+    assert len({layer.tobytes() for layer in layers}) == LAYERS
+    assert np.unique(layers).size > LAYERS
+
+
+def test_difference_of_prints_is_said() -> None:
+    print_ = np.zeros((3, 2, 2))
+    other = print_.copy()
+    other[1, 0, 1] = 2e-6
+    assert difference(print_, print_) == ""
+    assert difference(other, print_) == "layer 2 differs by up to 2e-06"
+    assert difference(print_[:2], print_) == "2 layers instead of 3"
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("model", MODELS)
+def test_fmutool_finds_nothing_wrong(model: str, form: str, tmp_path: Path) -> None:
+    assert by_fmutool(find_fmu(model, form)) == []
+    if form == "fmi2":
+        assert by_fmutool(export(model, fmi="2", nx=3, ny=2, fixed=True, out=tmp_path / "it.fmu")) == []
+
+
+@pytest.fixture
+def broken(tmp_path: Path) -> Path:
+    """An FMU with a parameter that claims to change continuously, which valid XML can say and FMI forbids."""
+    path = tmp_path / "broken.fmu"
+    with zipfile.ZipFile(find_fmu("ProfileSensor", "fmi2")) as read, zipfile.ZipFile(path, "w") as archive:
+        text = read.read("modelDescription.xml").decode()
+        changed = re.sub('variability="fixed"', 'variability="continuous"', text, count=1)
+        assert changed != text
+        archive.writestr("modelDescription.xml", changed)
+    return path
+
+
+def test_fmutool_finds_what_is_wrong(broken: Path) -> None:
+    assert by_fmutool(broken)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("model", [*MODELS, ONE_BLOCK.name])
+def test_vdm_check_finds_nothing_wrong(model: str, tmp_path: Path) -> None:
+    if absent := VDM_CHECK.reason_it_is_absent():
+        pytest.skip(absent)
+    block = ONE_BLOCK.system_of(scenario_in(tmp_path), "2", tmp_path).part(ONE_BLOCK.part).file
+    assert by_vdm_check(block if model == ONE_BLOCK.name else find_fmu(model, "fmi2")) == []
+
+
+@pytest.mark.long
+def test_vdm_check_finds_what_is_wrong(broken: Path) -> None:
+    if absent := VDM_CHECK.reason_it_is_absent():
+        pytest.skip(absent)
+    assert any("invalid at modelDescription" in fault for fault in by_vdm_check(broken))
+
+
+def test_fmus_for_maestro_have_integers_in_place_of_enumerations(tmp_path: Path) -> None:
+    scenario_in(tmp_path)
+    four = ["--set", "process.passes=4", "--set", "process.pass_order=diagonal"]
+    folder = tmp_path / "it"
+    assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", "maestro", "-o", str(folder), *four]) == 0
+    variables = [v for file in folder.glob("*.fmu") for v in fmpy.read_model_description(str(file)).modelVariables]
+    assert {v.type for v in variables} == {"Real", "Integer", "Boolean"}
+    orders = {v.start for v in variables if v.name == "pass_order"}
+    assert orders == {"2"}
+    assert by_fmutool(folder / "printer.fmu") == []
+    recorded = json.loads((folder / "simulation.json").read_text(encoding="utf-8"))["logVariables"]
+    assert "status" in recorded["{controller}.controller"]  # nothing is connected to it
+    assert {"height_mean", "layers_printed"} <= set(recorded["{printer}.printer"])
+    assert "height[1,1]" in recorded["{printer}.printer"]
+    assert "estimated_height[1,1]" not in recorded["{controller}.controller"]
+    rows = fmpy.simulate_fmu(str(folder / "printer.fmu"), stop_time=1.0, output=["status"])
+    assert rows["status"][-1] == 0
+
+
+def test_names_that_maestro_cannot_read_are_a_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "block.toml").write_text(TEXT.replace(".printer]", ".print-head]"), encoding="utf-8")
+    assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", "maestro", "-o", str(tmp_path / "it")]) == 1
+    assert "components.print-head: Maestro takes letters, digits and _ in names" in capsys.readouterr().err
+    assert not (tmp_path / "it").exists()

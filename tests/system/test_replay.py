@@ -1,0 +1,203 @@
+"""A run on a bench, once more from its log: the same requests, patterns and maps, or words that say where not."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+from can.io import BLFWriter
+
+from inkloop.bench.emulation import emulation_of
+from inkloop.cli import main
+from inkloop.printing.run import print_part
+from inkloop.results.result import Result
+from inkloop.scenario.file import Scenario
+from inkloop_hardware.emulated_bench import EmulatedBench
+from support.benches.bench_run import BLOCK, FAST, PATIENCE_S, TWO_INKS, started, wait_for_word, write
+
+ARRAYS = ("pattern", "measured_height", "valid", "estimated_height", "droplets_a", "droplets_b")
+
+
+def recorded(folder: Path, text: str = BLOCK, faults: tuple[str, ...] = (), *overrides: str) -> Path:
+    """A run on a bench, with its log."""
+    path = write(folder, text)
+    emulation = emulation_of(Scenario.load(path, overrides))
+    with EmulatedBench(emulation.parameters | FAST, surface=emulation.surface, faults=faults) as bench:
+        channel = f"bench.channel={bench.channel}"
+        words = [word for override in (channel, *overrides) for word in ("--set", override)]
+        assert main(["run", str(path), "--out", str(folder / "run"), *words]) == 0
+    return folder / "run"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(tmp_path_factory.mktemp("recorded"))
+
+
+@pytest.fixture
+def replayed(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]:
+    """The command: its exit code, and everything it said in one line."""
+
+    def replay(folder: Path, *words: str) -> tuple[int, str]:
+        code = main(["replay", str(folder), *words])
+        captured = capsys.readouterr()
+        return code, " ".join((captured.out + captured.err).split())
+
+    return replay
+
+
+def assert_same(run: Path, again: Path) -> None:
+    """All arrays to the bit."""
+    one, other = Result.load(run).dataset, Result.load(again).dataset
+    for name in ARRAYS:
+        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+
+
+def test_master_does_the_same_again_without_a_bus(run: Path, replayed: Callable[..., tuple[int, str]]) -> None:
+    code, said = replayed(run, "--out", str(run.parent / "again"))
+    assert code == 0
+    assert "3 layers replayed: every request of the master is that of" in said
+    assert_same(run, run.parent / "again")
+    log = (run.parent / "again" / "bench.log").read_text()
+    assert "replay on" in log
+    assert "head: pass 4 of 4, layer 3" in log
+
+
+@pytest.mark.parametrize(
+    ("text", "faults", "overrides"),
+    [
+        (TWO_INKS, (), ['bench.traffic_log="traffic.asc"', "part.height_um=9.0"]),
+        (BLOCK, ("loss:probability=1e-2",), ["part.height_um=9.0"]),
+        (BLOCK, ("corruption:id=0x647,way=from-nodes,nth=9,byte=3",), ["part.height_um=9.0"]),
+    ],
+    ids=["two inks, ASC", "one frame in a hundred lost", "a map that was altered on the way"],
+)
+def test_retries_and_repeats_of_the_recorded_run_are_gone(
+    text: str,
+    faults: tuple[str, ...],
+    overrides: list[str],
+    tmp_path: Path,
+    replayed: Callable[..., tuple[int, str]],
+) -> None:
+    run = recorded(tmp_path, text, faults, *overrides)
+    assert bool(faults) == ("requests sent again" in (run / "bench.log").read_text())
+    code, said = replayed(run, "--out", str(tmp_path / "again"))
+    assert code == 0, said
+    assert_same(run, tmp_path / "again")
+
+
+def test_other_controller_is_told_by_the_first_cell(run: Path, replayed: Callable[..., tuple[int, str]]) -> None:
+    code, said = replayed(run, "--set", "components.controller.alpha=0.5")
+    assert code == 1
+    assert "the pattern of layer" in said
+    assert "differs at byte" in said
+    assert "(cell " in said
+
+
+def test_other_order_of_passes_is_told_by_layer_and_pass(run: Path, replayed: Callable[..., tuple[int, str]]) -> None:
+    code, said = replayed(run, "--set", "process.pass_rotation=2", "--set", "components.controller.alpha=0.8")
+    assert code == 1
+    assert "of layer 1" in said
+    assert "their first differing byte" in said or "differs at byte" in said
+
+
+def test_replay_is_chosen_by_a_word_of_the_scenario(run: Path) -> None:
+    scenario = Scenario.load(run.parent / "block.toml", ["bench.interface=replay", f"bench.channel={run}/traffic.blf"])
+    again = print_part(scenario).dataset
+    for name in ARRAYS:
+        np.testing.assert_array_equal(Result.load(run).dataset[name], again[name], err_msg=name)
+
+
+@pytest.mark.long
+def test_run_that_was_interrupted_and_resumed_is_replayed_from_both_logs(
+    tmp_path: Path, replayed: Callable[..., tuple[int, str]]
+) -> None:
+    path, folder = write(tmp_path), tmp_path / "run"
+    emulation = emulation_of(Scenario.load(path))
+    with EmulatedBench(emulation.parameters | FAST | {"pass_ms": 50}) as bench:
+        running = started("run", str(path), "--out", str(folder), "--set", f"bench.channel={bench.channel}")
+        wait_for_word(folder / "bench.log", "layer 1", running)
+        running.send_signal(signal.SIGINT)
+        said, _ = running.communicate(timeout=PATIENCE_S)
+        assert running.returncode == 130, said
+        assert replayed(folder)[0] == 0, "as far as it came"
+        assert main(["resume", str(folder)]) == 0
+    assert (folder / "traffic-2.blf").exists()
+    code, said = replayed(folder)
+    assert code == 0, said
+    assert "3 layers replayed" in said
+
+
+def test_run_that_was_killed_and_resumed_is_replayed_from_both_logs(
+    tmp_path: Path, replayed: Callable[..., tuple[int, str]]
+) -> None:
+    """It is killed while the lamp is lit: a person has to clear the node, which the log of the run does not hold."""
+    path, folder = write(tmp_path, BLOCK.replace("cure_ms = 2", "cure_ms = 300")), tmp_path / "run"
+    words = ["--set", "part.height_um=6.0"]
+    emulation = emulation_of(Scenario.load(path))
+    with EmulatedBench(emulation.parameters | FAST) as bench:
+        words += ["--set", f"bench.channel={bench.channel}"]
+        running = started("run", str(path), "--out", str(folder), *words)
+        wait_for_word(folder / "bench.log", "lamp on for 300 ms after pass 2", running)
+        running.kill()
+        running.communicate()
+        assert main(["device", str(path), "clear", *words]) == 0
+        assert main(["resume", str(folder)]) == 0
+    code, said = replayed(folder, "--out", str(tmp_path / "again"))
+    assert code == 0, said
+    assert_same(folder, tmp_path / "again")
+
+
+def test_log_that_ends_too_early_is_told_with_the_step(
+    run: Path, tmp_path: Path, replayed: Callable[..., tuple[int, str]]
+) -> None:
+    frames = list(can.LogReader(run / "traffic.blf"))
+    writer = BLFWriter(tmp_path / "half.blf")
+    for frame in frames[: len(frames) // 2]:
+        writer.on_message_received(frame)
+    writer.stop()
+    code, said = replayed(run, "--log", str(tmp_path / "half.blf"))
+    assert code == 1
+    assert "half.blf ends here: the master asks the" in said
+    assert "of layer" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("no.blf", None, "there is no traffic log"),
+        ("noise.blf", b"LOGG" + bytes(200), "noise.blf"),
+        ("empty.asc", b"", "no node was asked to do anything"),
+        ("traffic.csv", b"1,2,3\n", "expected .blf or .asc"),
+    ],
+)
+def test_log_that_is_none_is_told_in_words(
+    name: str,
+    content: bytes | None,
+    words: str,
+    run: Path,
+    tmp_path: Path,
+    replayed: Callable[..., tuple[int, str]],
+) -> None:
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    code, said = replayed(run, "--log", str(tmp_path / name))
+    assert code == 1
+    assert words in said
+    assert "Traceback" not in said
+
+
+def test_run_without_devices_cannot_be_replayed(tmp_path: Path, replayed: Callable[..., tuple[int, str]]) -> None:
+    path, folder = write(tmp_path), tmp_path / "fmus"
+    words = [
+        *("--set", "components.printer.kind=LayerDeposition", "--set", "components.profiler.kind=ProfileSensor"),
+        *("--set", "part.height_um=6.0"),
+    ]
+    assert main(["run", str(path), "--out", str(folder), *words]) == 0
+    code, said = replayed(folder)
+    assert code == 1
+    assert "no component of this run is a device" in said

@@ -1,0 +1,400 @@
+"""Rig and links between real processes: the emulated bench, the process that owns the adapter, and this one."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import subprocess
+import sys
+import time
+import zlib
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+from inkloop_hardware.bus.adapter import Adapter
+from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.errors import BusError, HardwareError, NodeLost, NodeRefused, NodeStopped
+from inkloop_hardware.link.link import Link
+from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.protocol.codec import Codec, Frame
+from inkloop_hardware.protocol.e2e_monitor import E2eMonitor, Verdict
+from inkloop_hardware.protocol.node_state import NodeTimes
+from inkloop_hardware.protocol.records import MasterAlive, unpack
+from inkloop_hardware.protocol.services import Key, Outcome, Routine
+from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+from support.benches import node_bench
+
+FULL = np.ones((9, 9), np.uint8)
+LIMIT = 30.0
+LONG_CURE_MS = 8000
+OFF_WITHIN = 0.35
+"""Seconds after the last MasterAlive, by the node's own clock."""
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return node_bench.build_process(tmp_path_factory.mktemp("bench"))
+
+
+@contextmanager
+def bench(program: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """The running bench and its channel."""
+    running = subprocess.Popen([program, "pass_ms=5", *arguments], stdout=subprocess.PIPE, text=True)
+    assert running.stdout
+    try:
+        yield running, running.stdout.readline().strip()
+    finally:
+        running.kill()
+        running.wait()
+        running.stdout.close()
+
+
+@pytest.fixture
+def channel(program: Path) -> Iterator[str]:
+    with bench(program) as (_, name):
+        yield name
+
+
+@pytest.fixture
+def rig(channel: str) -> Iterator[Rig]:
+    with Rig(settings(channel)) as made:
+        cleared(made)
+        yield made
+
+
+def settings(channel: str, **others: object) -> BusSettings:
+    return BusSettings("slcan", channel, 500_000, **others)  # type: ignore[arg-type]
+
+
+def cleared(rig: Rig) -> None:
+    rig.wait_for(Node, LIMIT)
+    for node in Node:
+        assert rig.link(node).routine(Routine.CLEAR, Key(rig.job, 0), b"\0", limit_s=LIMIT) is Outcome.DONE
+
+
+def print_layer(rig: Rig, layer: int, blob: bytes) -> None:
+    rig.link(Node.HEAD).download(layer, blob)
+    for number, colour in enumerate(node_bench.RASTER):
+        key = Key(rig.job, layer, number)
+        with rig.enabled(gate=True, motion=True):
+            assert rig.link(Node.HEAD).routine(Routine.PASS, key, bytes([colour]), limit_s=LIMIT) is Outcome.DONE
+        with rig.enabled(lamp=True):
+            assert rig.link(Node.CURE).routine(Routine.CURE, key, b"\0\x14", limit_s=LIMIT) is Outcome.DONE
+
+
+def scan(rig: Rig, layer: int) -> bytes:
+    assert rig.link(Node.PROFILER).routine(Routine.SCAN, Key(rig.job, layer), limit_s=LIMIT) is Outcome.DONE
+    return rig.link(Node.PROFILER).upload(layer)
+
+
+class Observer:
+    """An adapter of its own on the bench's bus, which asks and never says that a master lives."""
+
+    def __init__(self, channel: str) -> None:
+        self.adapter = Adapter(settings(channel))
+        self.found: deque[bytes] = deque()
+        self.codec = Codec()
+
+    def begin(self) -> None:
+        pass
+
+    def check(self) -> None:
+        pass
+
+    def now(self) -> float:
+        return time.monotonic()
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        for frame in frames:
+            self.adapter.send(frame)
+
+    def receive(self, wait_s: float) -> bytes | None:
+        until = self.now() + wait_s
+        while not self.found:
+            for message in self.adapter.receive(max(0.0, until - self.now())):
+                if message.arbitration_id == self.answer_id:
+                    self.found.append(bytes(message.data))
+            if self.now() >= until:
+                break
+        return self.found.popleft() if self.found else None
+
+    def wait_for_lamp(self) -> None:
+        """Until the lamp's node says that it is on. Nothing is asked: two clients of one node disturb each other."""
+        status, until = self.codec.message("CureStatus").frame_id, self.now() + LIMIT
+        while True:
+            assert self.now() < until
+            for message in self.adapter.receive(LIMIT):
+                frame = Frame(message.arbitration_id, bytes(message.data))
+                if frame.arbitration_id == status and self.codec.decode(frame).values["LampOn"]:
+                    return
+
+    def link(self, node: Node) -> Link:
+        self.answer_id = node.answer_id(self.codec)
+        return Link(node, self.codec, self, "the bus of the test")
+
+
+def lamp_after_the_master_is_gone(channel: str) -> NodeTimes:
+    """Times of the lamp's node, once it has heard nothing for half a second; it must be off."""
+    observer = Observer(channel)
+    link = observer.link(Node.CURE)
+    times = link.times()
+    while times.now - times.master_alive < 0.5:
+        time.sleep(0.05)
+        times = link.times()
+    assert link.state().state is State.SAFE
+    observer.adapter.close()
+    assert times.lamp_on > 0.0
+    return times
+
+
+def test_layer_is_printed_scanned_and_fetched_as_by_the_nodes_themselves(
+    program: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "inkloop_hardware")
+    blob = node_bench.pattern_blob(FULL)
+    with bench(program) as (_, channel), Rig(settings(channel)) as rig, node_bench.NodeBench(pass_ms=5) as same:
+        cleared(rig)
+        print_layer(rig, 1, blob)
+        found = scan(rig, 1)
+        same.ready().print_layer(FULL, 1)
+        assert same.scan(1) == node_bench.DONE
+        assert found == same.upload(1)
+        state, journal = rig.link(Node.HEAD).state(), rig.link(Node.HEAD).journal()
+        assert (state.job, state.session, state.gate_pulses) == (rig.job, rig.session, 4)
+        assert state.pattern_crc == zlib.crc32(blob)
+        assert [int(record.kind) for record in journal] == [4, 3, 4, 3, 4, 3, 4, 3, 2, 1]
+        again = rig.link(Node.HEAD).routine(Routine.PASS, Key(rig.job, 1, 2), b"\2", limit_s=LIMIT)
+        assert again is Outcome.DONE_BEFORE
+        status = rig.status(Node.HEAD)
+        assert status is not None
+        assert (status.protocol_version, status.boot_count) == (rig.codec.protocol_version, 1)
+    assert {"head: off", "stage: off", "cure: off", "profiler: off"} <= set(caplog.messages)
+
+
+@pytest.mark.parametrize("suffix", ["blf", "asc"])
+def test_traffic_log_is_read_by_stock_tools_and_tells_what_was_enabled(
+    program: Path, tmp_path: Path, suffix: str
+) -> None:
+    began = time.time()
+    log = Path("run") / f"traffic.{suffix}"
+    with bench(program) as (_, channel), Rig(settings(channel, traffic_log=log), folder=tmp_path) as rig:
+        cleared(rig)
+        with pytest.raises(RuntimeError), rig.enabled(lamp=True, motion=True):
+            raise RuntimeError("a step that fails")
+        with rig.enabled(gate=True):
+            rig.alive()
+    codec, monitor = Codec(), E2eMonitor()
+    enables, others = [], set()
+    options = {"relative_timestamp": False} if suffix == "asc" else {}
+    with can.LogReader(tmp_path / log, **options) as reader:
+        for message in reader:
+            assert began - 1 <= message.timestamp <= time.time() + 1
+            others.add(message.arbitration_id)
+            if message.arbitration_id < 0x600:
+                reading = codec.decode(Frame(message.arbitration_id, bytes(message.data)))
+                if message.arbitration_id == 0x20:
+                    assert monitor.take(reading.intact, reading.counter or 0) in (Verdict.FIRST, Verdict.GOOD)
+                    alive = unpack(codec, reading)
+                    assert isinstance(alive, MasterAlive)
+                    enables.append((alive.lamp_enable, alive.gate_enable, alive.motion_enable))
+    changes = [one for number, one in enumerate(enables) if number == 0 or one != enables[number - 1]]
+    off = (False, False, False)
+    assert changes == [off, (True, False, True), off, (False, True, False), off]
+    assert {0x20, 0x101, 0x640, 0x641} <= others
+
+
+def test_hanging_loop_loses_its_enables_and_its_heartbeat(
+    rig: Rig, channel: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The loop hangs while the lamp is on; then it comes back, and the step is not enabled again."""
+    found: list[NodeTimes] = []
+    lives = rig.alive
+
+    def hang() -> None:
+        status = rig.status(Node.CURE)
+        lives()
+        if status is not None and status.lamp_on and not found:
+            found.append(lamp_after_the_master_is_gone(channel))
+
+    monkeypatch.setattr(rig, "alive", hang)
+    key = Key(rig.job, 0)
+    with rig.enabled(lamp=True), pytest.raises((NodeStopped, NodeRefused)):
+        rig.link(Node.CURE).routine(Routine.CURE, key, LONG_CURE_MS.to_bytes(2, "big"), limit_s=LIMIT)
+    times = found[0]
+    assert times.lamp_off - times.lamp_on < 3.0 < LONG_CURE_MS / 1e3
+    assert times.lamp_off - times.master_alive <= OFF_WITHIN
+    assert times.off - times.master_alive <= OFF_WITHIN
+
+
+MASTER = """
+import sys
+from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.protocol.services import Key, Routine
+from inkloop_hardware.protocol.vocabulary import Node
+
+with Rig(BusSettings("slcan", sys.argv[1], 500_000)) as rig:
+    rig.wait_for(Node, 30)
+    lamp = rig.link(Node.CURE)
+    lamp.routine(Routine.CLEAR, Key(rig.job, 0), bytes(1), limit_s=30)
+    with rig.enabled(lamp=True):
+        lamp.routine(Routine.CURE, Key(rig.job, 0), (8000).to_bytes(2, "big"), limit_s=30)
+"""
+
+
+def wait_until(true: Callable[[], bool]) -> None:
+    until = time.monotonic() + LIMIT
+    while not true():
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
+def test_killed_master_leaves_nothing_on(channel: str) -> None:
+    """SIGKILL: nobody could clean up, and the process that owns the adapter ends by itself."""
+    observer = Observer(channel)
+    with subprocess.Popen([sys.executable, "-c", MASTER, channel]) as master:
+        observer.wait_for_lamp()
+        master.send_signal(signal.SIGKILL)
+    times = lamp_after_the_master_is_gone(channel)
+    assert times.lamp_off - times.master_alive <= OFF_WITHIN
+    assert times.off - times.master_alive <= OFF_WITHIN
+    observer.adapter.close()
+
+
+def test_killed_bus_process_leaves_nothing_on_and_is_said_in_words(rig: Rig, channel: str) -> None:
+    observer = Observer(channel)
+    with rig.enabled(lamp=True):
+        rig.link(Node.CURE).client.conn.send(b"\x31\x01\x02\x04" + bytes(Key(rig.job, 0)) + b"\x1f\x40")
+        observer.wait_for_lamp()
+        os.kill(rig.bus.process_id, signal.SIGKILL)
+        times = lamp_after_the_master_is_gone(channel)
+    assert times.lamp_off - times.master_alive <= OFF_WITHIN
+    for call in (rig.alive, rig.link(Node.HEAD).state, rig.stop_request):
+        with pytest.raises(BusError, match=r"bus process of slcan on socket.*ended without a word"):
+            call()
+    observer.adapter.close()
+
+
+def test_ended_bus_process_closes_its_log(program: Path, tmp_path: Path) -> None:
+    with bench(program) as (_, channel), Rig(settings(channel, traffic_log=tmp_path / "t.blf")) as rig:
+        cleared(rig)
+        os.kill(rig.bus.process_id, signal.SIGTERM)
+        with pytest.raises(BusError, match="ended without a word"):
+            wait_until(lambda: rig.alive() is not None)
+        with can.LogReader(tmp_path / "t.blf") as reader:
+            assert {0x20, 0x640, 0x641} <= {message.arbitration_id for message in reader}
+
+
+def test_ctrl_c_in_the_terminal_is_left_to_the_master(rig: Rig) -> None:
+    assert os.getpgid(rig.bus.process_id) != os.getpgid(0)
+    os.kill(rig.bus.process_id, signal.SIGINT)
+    assert rig.link(Node.HEAD).state().state is State.IDLE
+
+
+def test_stop_request_stays_until_it_is_taken_back_and_a_person_clears(rig: Rig) -> None:
+    head = rig.link(Node.HEAD)
+    key = Key(rig.job, 0)
+    rig.stop_request()
+    wait_until(lambda: head.state().cause is Fault.STOP_REQUEST)
+    with pytest.raises(NodeRefused, match="clear"):
+        head.routine(Routine.CLEAR, key, b"\1", limit_s=LIMIT)
+    rig.stop_request(False)
+    wait_until(lambda: head.state().flags == 1)
+    with pytest.raises(NodeRefused):
+        head.routine(Routine.CLEAR, key, b"\0", limit_s=LIMIT)
+    assert head.routine(Routine.CLEAR, key, b"\1", limit_s=LIMIT) is Outcome.DONE
+
+
+def test_second_master_makes_the_bench_safe(rig: Rig, channel: str) -> None:
+    with Rig(settings(channel)) as other:
+        assert other.session != rig.session
+        wait_until(lambda: rig.link(Node.HEAD).state().cause is Fault.TWO_MASTERS)
+        with pytest.raises(NodeRefused):
+            rig.link(Node.HEAD).routine(Routine.CLEAR, Key(rig.job, 0), b"\0", limit_s=LIMIT)
+    wait_until(lambda: rig.link(Node.HEAD).state().session == rig.session)
+
+
+def test_bench_that_goes_away_is_said_in_words(program: Path) -> None:
+    with bench(program) as (running, channel), Rig(settings(channel)) as rig:
+        cleared(rig)
+        running.kill()
+        running.wait()
+        with pytest.raises((BusError, NodeLost), match=r"unplugged|silent"):
+            wait_until(lambda: rig.link(Node.HEAD).state().state is State.FAULT)
+
+
+def test_node_that_is_not_there_is_named(program: Path) -> None:
+    with bench(program, "one_node=1") as (_, channel), Rig(settings(channel)) as rig:
+        rig.wait_for([Node.HEAD], LIMIT)
+        with pytest.raises(NodeLost, match=r"the stage was never heard; the profiler was never heard"):
+            rig.wait_for([Node.HEAD, Node.STAGE, Node.PROFILER], 0.5)
+        with pytest.raises(NodeLost, match="stage was never heard"):
+            rig.link(Node.STAGE).state()
+
+
+def test_bus_is_open_from_the_first_attach_to_the_last_detach(channel: str) -> None:
+    rig = Rig(settings(channel))
+    with pytest.raises(HardwareError, match="attach"):
+        rig.alive()
+    rig.job = 77
+    for _ in range(2):
+        rig.attach()
+        rig.attach()
+        rig.detach()
+        cleared(rig)
+        assert rig.job == 77
+        rig.detach()
+        with pytest.raises(HardwareError, match="attach"):
+            rig.alive()
+    rig.detach()
+
+
+def test_files_of_the_present_folder_are_not_taken_for_libraries(
+    channel: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "can.py").write_text("raise SystemExit('a script of the user')\n")
+    monkeypatch.chdir(tmp_path)
+    with Rig(settings(channel)) as rig:
+        rig.wait_for(Node, LIMIT)
+
+
+def test_bus_that_cannot_be_opened_does_not_count(channel: str) -> None:
+    rig = Rig(settings("socket://127.0.0.1:1"))
+    with pytest.raises(BusError, match=r"socket://127.0.0.1:1 at 500 kbit/s cannot be opened.*inkloop bench"):
+        rig.attach()
+    rig.settings = settings(channel)
+    rig.attach()
+    rig.wait_for(Node, LIMIT)
+    rig.detach()
+
+
+@pytest.mark.parametrize("suffix", [".txt", ""])
+def test_traffic_log_of_an_unknown_kind_is_refused(channel: str, tmp_path: Path, suffix: str) -> None:
+    rig = Rig(
+        settings(channel, traffic_log=Path("traffic").with_suffix(f".{suffix}" if suffix else "")), folder=tmp_path
+    )
+    with pytest.raises(BusError, match=r"traffic.*expected \.blf or \.asc"):
+        rig.attach()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("cells", [100, pytest.param(1000, marks=pytest.mark.long)])
+def test_pattern_and_map_of_any_size_go_through(program: Path, cells: int) -> None:
+    pattern = np.random.default_rng(0).integers(0, 3, (cells, cells)).astype(np.uint8)
+    blob = node_bench.pattern_blob(pattern)
+    size = f"nx={cells}", f"ny={cells}", "noise_std=1e-6"
+    with bench(program, *size) as (_, channel), Rig(settings(channel)) as rig:
+        cleared(rig)
+        rig.link(Node.HEAD).download(1, blob)
+        assert rig.link(Node.HEAD).state().pattern_crc == zlib.crc32(blob)
+        found = scan(rig, 0)
+    with node_bench.NodeBench(nx=cells, ny=cells, noise_std=1e-6) as same:
+        assert same.ready().scan(0) == node_bench.DONE
+        assert found == same.upload(0)

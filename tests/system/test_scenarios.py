@@ -1,0 +1,181 @@
+"""Every shipped scenario prints, and the cylinder keeps its promises over ten seeds."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inkloop.components.devices import KINDS
+from inkloop.printing.run import print_part
+from inkloop.results.result import Result
+from inkloop.scenario.file import Scenario
+from support.benches.bench_run import FMUS, assert_same_print, emulated
+from support.places import SCENARIOS
+
+FOLDER = SCENARIOS
+SCENARIOS = sorted(FOLDER.glob("*.toml"))
+SEEDS = range(1, 11)
+UM = 1e6
+
+
+@cache
+def printed(name: str, seed: int, variant: str = "") -> Result:
+    path, overrides = FOLDER / f"{name}.toml", [f"seed={seed}"]
+    scenario = Scenario.load(path, overrides)
+    if any(table.kind in KINDS for table in scenario.tables.components.values()):
+        with emulated(path, overrides) as (_, channel):
+            return print_part(Scenario.load(path, [*overrides, channel]))
+    return print_part(scenario.variant(variant) if variant else scenario)
+
+
+def mean_over_seeds(name: str, variant: str = "") -> dict[str, float]:
+    """Mean over the seeds of each figure [um]."""
+    metrics = [printed(name, seed, variant).metrics() for seed in SEEDS]
+    return {key: float(np.mean([figures[key] for figures in metrics])) * UM for key in ("mean_error", "mae", "std")}
+
+
+@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
+def test_scenario_says_what_to_look_at(path: Path) -> None:
+    comment = [line for line in path.read_text().split("title =")[0].splitlines() if line]
+    assert comment
+    assert all(line.startswith("#") for line in comment)
+    assert "What to look at:" in " ".join(comment)
+
+
+@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
+def test_scenario_prints_until_its_controller_is_done(path: Path) -> None:
+    result = printed(path.stem, seed=1)
+    assert result.stop_reason == "done"
+    assert result.dataset.sizes["layer"] > 1
+    assert np.isfinite(result.dataset.height).all()
+
+
+@pytest.mark.parametrize(("name", "mae", "std"), [("cylinder", 0.45, 0.60), ("cylinder-40", 0.60, 0.76)])
+def test_cylinder_ends_flat_and_on_target(name: str, mae: float, std: float) -> None:
+    figures = mean_over_seeds(name)
+    assert abs(figures["mean_error"]) <= 0.2
+    assert figures["mae"] <= mae
+    assert figures["std"] <= std
+
+
+@pytest.mark.parametrize(("name", "expected"), [("cylinder", 44.0), ("cylinder-40", 84.0)])
+def test_open_loop_cylinder_ends_as_low_as_the_paper_says(name: str, expected: float) -> None:
+    """Lu et al. 2015, Fig. 11 and 12: mean error 44.1 and 84.7 um."""
+    assert mean_over_seeds(name, "open loop")["mean_error"] == pytest.approx(expected, abs=2.0)
+
+
+def test_open_loop_scenario_is_the_open_loop_of_the_cylinder() -> None:
+    alone, beside = printed("cylinder-open-loop", 1), printed("cylinder", 1, "open loop")
+    np.testing.assert_array_equal(alone.final_height, beside.final_height)
+
+
+def test_cylinder_beats_the_papers_algorithm_on_the_same_plant() -> None:
+    ours, theirs = mean_over_seeds("cylinder"), mean_over_seeds("cylinder", "paper's algorithm, same plant")
+    assert ours["mae"] < theirs["mae"]
+
+
+def test_same_seed_prints_the_same_bits() -> None:
+    scenario = Scenario.load(FOLDER / "cuboid.toml")
+    first, second = print_part(scenario).dataset, print_part(scenario).dataset
+    for name in ("height", "pattern", "measured_height"):
+        np.testing.assert_array_equal(first[name], second[name])
+
+
+def test_two_inks_stay_where_the_part_says() -> None:
+    """Cells as wide as these leave a tenth of the walls to the wrong ink, whoever prints."""
+    closed, blind = printed("two-materials", 1).metrics(), printed("two-materials", 1, "open loop").metrics()
+    assert closed["mismatch"] < 0.11
+    assert blind["mismatch"] > 0.5
+    assert abs(closed["mean_error"]) * UM < 0.3
+
+
+def test_noise_of_the_sensor_is_filtered_out() -> None:
+    """Readings taken for the truth: the controller fills what only looks low."""
+    filtered, exact, taken = (
+        printed("noisy-sensor", 1, variant).metrics()
+        for variant in ("", "exact sensor", "readings taken for the truth")
+    )
+    assert abs(filtered["mean_error"]) < 0.3e-6
+    assert filtered["std"] < 1.3 * exact["std"]
+    assert taken["mean_error"] < -1e-6
+    assert taken["layers"] > filtered["layers"]
+
+
+def test_roller_reaches_the_height_for_more_ink_and_leaves_the_rim_low() -> None:
+    rolled, closed = printed("roller", 1), printed("roller", 1, "closed loop, no roller")
+    lacking = rolled.dataset.target_height.values - rolled.final_height.values
+    i, j = np.meshgrid(np.arange(35) - 17, np.arange(35) - 17, indexing="ij")
+    assert lacking[np.hypot(i, j) <= 15].min() > -1e-12
+    assert lacking[np.hypot(i, j) <= 12].max() < 1e-6
+    assert lacking[np.hypot(i, j) <= 15].max() > 10e-6
+    assert rolled.metrics()["mae"] < printed("roller", 1, "open loop, no roller").metrics()["mae"] / 20
+    assert rolled.metrics()["droplets"] > 1.05 * closed.metrics()["droplets"]
+    assert closed.metrics()["std"] < rolled.metrics()["std"] / 3
+
+
+def test_four_passes_weave_the_middle_and_lift_the_rim() -> None:
+    """The same droplets, 8 cells around the middle and the ring outside 13 cells."""
+    four, one = printed("four-passes", 1, "open loop"), printed("four-passes", 1, "open loop, one pass")
+    assert four.metrics()["droplets"] == one.metrics()["droplets"]
+    i, j = np.meshgrid(np.arange(35) - 17, np.arange(35) - 17, indexing="ij")
+    middle, ring = np.hypot(i, j) <= 8, (np.hypot(i, j) > 13) & (np.hypot(i, j) <= 15)
+    four_top, one_top = four.final_height.values, one.final_height.values
+    assert four_top[middle].std() > 2 * one_top[middle].std()
+    assert four_top[ring].mean() > one_top[ring].mean() + 1e-6
+    assert abs(printed("four-passes", 1).metrics()["mean_error"]) < 0.3e-6
+    assert printed("four-passes", 1).final_height.values[middle].std() < four_top[middle].std() / 2
+
+
+def test_smaller_drops_make_an_evener_top_and_more_of_them_at_once_fewer_layers() -> None:
+    grey, single = printed("grey-head", 1).metrics(), printed("grey-head", 1, "single drops").metrics()
+    assert abs(grey["mean_error"]) < 0.3e-6
+    assert max(grey["std"], single["std"]) < 0.6 * printed("cylinder", 1).metrics()["std"]
+    assert single["layers"] > 2 * grey["layers"]
+
+
+def test_uneven_substrate_is_not_seen_at_the_top() -> None:
+    uneven, flat = printed("uneven-start", 1), printed("cylinder", 1)
+    assert float(uneven.dataset.height[0].std()) > 10e-6
+    assert uneven.metrics()["std"] < 1.1 * flat.metrics()["std"]
+    assert printed("uneven-start", 1, "open loop").metrics()["std"] > 10e-6
+
+
+@pytest.mark.parametrize(
+    ("name", "mean", "std", "ratio"),
+    [("no-flow", 0.5, 1.2, 3.0), ("wide-droplets", 0.2, 0.6, 5.0), ("wu-chiu-plant", 1.0, 2.2, 1.6)],
+)
+def test_controller_prints_on_plants_that_it_does_not_plan_with(
+    name: str, mean: float, std: float, ratio: float
+) -> None:
+    closed, blind = printed(name, 1).metrics(), printed(name, 1, "open loop").metrics()
+    assert abs(closed["mean_error"]) * UM <= mean
+    assert closed["std"] * UM <= std
+    assert blind["std"] > ratio * closed["std"]
+    assert blind["mae"] > 4 * closed["mae"]
+
+
+def test_scans_tell_how_much_of_a_wide_droplet_arrives() -> None:
+    learnt, told = printed("wide-droplets", 1), printed("wide-droplets", 1, "ink as told")
+    assert told.metrics()["mean_error"] * UM > 0.7 > 5 * abs(learnt.metrics()["mean_error"]) * UM
+
+
+def test_every_step_of_the_staircase_ends_at_its_height() -> None:
+    run = printed("staircase", 1).dataset
+    for top in (40e-6, 80e-6, 120e-6, 160e-6, 200e-6):
+        step = np.isclose(run.target_height.values, top)
+        assert step.any()
+        assert float(run.height[-1].values[step].mean()) == pytest.approx(top, abs=2e-6)
+
+
+def test_error_of_the_closed_loop_does_not_grow_with_the_height() -> None:
+    tall, cylinder = printed("tall-cylinder", 1).metrics(), printed("cylinder", 1).metrics()
+    assert tall["mae"] < 1.2 * cylinder["mae"]
+    blind = [printed(name, 1, "open loop").metrics()["mean_error"] for name in ("cylinder", "tall-cylinder")]
+    assert blind[1] > 2 * blind[0]
+
+
+def test_bench_prints_what_the_fmus_print_to_the_bit() -> None:
+    assert_same_print(printed("bench", 1), print_part(Scenario.load(FOLDER / "bench.toml", [*FMUS, "seed=1"])))

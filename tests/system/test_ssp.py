@@ -1,0 +1,336 @@
+"""A scenario as a system of FMUs for other tools: valid, readable by others, and the same print from there."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.ssp.simulation import simulate_ssp
+from fmpy.ssp.ssd import read_ssd, read_ssv
+from lxml import etree
+from pyssp_standard import SSP
+from pyssp_standard.standard import ModelicaStandard
+
+from inkloop.cli import main
+from inkloop.errors import ScenarioError
+from inkloop.exchange.ssp import archive, maestro, osp
+from inkloop.exchange.ssp.reading import scenario_of
+from inkloop.exchange.ssp.system import System, system_of
+from inkloop.fmu import describe
+from inkloop.fmu_writer.export import export
+from inkloop.master.wiring import Connection
+from inkloop.printing.print import Print
+from inkloop.results.result import Result
+from inkloop.scenario.file import Scenario
+from support.fmus import amplifier
+
+VERSIONS = {"1.0": "2", "2.0": "3"}
+EVERY_VERSION = pytest.mark.parametrize("version", VERSIONS)
+TEXT = """
+title = "a small block"
+seed = 5
+grid = { nx = 6, ny = 5 }
+part = { shape = "cuboid", height_um = 15.2, size_x_um = 700.0, size_y_um = 500.0 }
+process = { passes = 4, pass_order = "diagonal" }
+[components.controller]
+kind = "LayerMpc"
+horizon = 2
+sweeps = 2
+[components.printer]
+kind = "LayerDeposition"
+variation = 0.2
+[components.profiler]
+kind = "ProfileSensor"
+noise_std_um = 0.2
+scan_duration_s = 0.0
+"""
+OPEN_LOOP = TEXT.replace('kind = "LayerMpc"\nhorizon = 2\nsweeps = 2', 'kind = "OpenLoop"\nlayers = 3')
+PLANT_OF_ONE_PASS = TEXT.replace("variation = 0.2", "variation = 0.2\npasses = 1")
+"""The plant begins so by itself; the job says four."""
+MAPS = ("pattern", "height", "measured_height")
+
+
+def scenario_in(folder: Path, text: str = TEXT) -> Scenario:
+    (folder / "block.toml").write_text(text, encoding="utf-8")
+    return Scenario.load(folder / "block.toml")
+
+
+def exported(folder: Path, version: str, text: str = TEXT) -> tuple[Path, System]:
+    """An .ssp of a scenario, and the system that it was written from."""
+    fmus = folder / f"fmus-{version}"
+    fmus.mkdir()
+    system = system_of(scenario_in(folder, text), VERSIONS[version], fmus)
+    archive.write(system, version, folder / f"block-{version}.ssp")
+    return folder / f"block-{version}.ssp", system
+
+
+@EVERY_VERSION
+@pytest.mark.parametrize("text", [TEXT, OPEN_LOOP], ids=["with its controller", "without"])
+def test_files_are_valid_by_the_schemas_of_their_version(version: str, text: str, tmp_path: Path) -> None:
+    path, _ = exported(tmp_path, version, text)
+    with zipfile.ZipFile(path) as opened:
+        for member, kind in (("SystemStructure.ssd", "ssd"), ("resources/parameters.ssv", "ssv")):
+            schema = ModelicaStandard.schemas[kind if version == "1.0" else f"{kind}2"]
+            etree.XMLSchema(file=str(schema)).assertValid(etree.fromstring(opened.read(member)))
+
+
+@EVERY_VERSION
+def test_pyssp_reads_all_of_it(version: str, tmp_path: Path) -> None:
+    path, system = exported(tmp_path, version)
+    with SSP(path, mode="r") as opened:
+        with opened.system_structure as structure:
+            assert structure.version == version
+            assert [element.name for element in structure.system.elements] == [part.name for part in system.parts]
+        (parameters,) = opened.ssv
+        with parameters as values:
+            assert values.version == version
+            names = {entry["name"] for entry in values.parameters}
+        expected = {f"{part.name}.{scalar}" for part in system.parts for name in part.values
+                    for scalar in part.scalars(name)}  # fmt: skip
+        assert names == expected
+
+
+@EVERY_VERSION
+def test_connectors_are_variables_of_the_fmus(version: str, tmp_path: Path) -> None:
+    path, _ = exported(tmp_path, version)
+    known = set()
+    with SSP(path, mode="r") as opened, opened.system_structure as structure:
+        for component in structure.system.elements:
+            file = opened.unpacked_path / component.source
+            model = fmpy.read_model_description(str(file), validate=False)
+            variables = {variable.name: variable.causality for variable in model.modelVariables}
+            assert component.connectors
+            assert all(variables[connector.name] == connector.kind for connector in component.connectors)
+            known |= {(component.name, connector.name) for connector in component.connectors}
+        ends = [(wire.start_element, wire.start_connector) for wire in structure.system.connections]
+        ends += [(wire.end_element, wire.end_connector) for wire in structure.system.connections]
+    assert ends
+    assert set(ends) <= known
+
+
+@EVERY_VERSION
+@pytest.mark.parametrize(
+    "text", [TEXT, OPEN_LOOP, PLANT_OF_ONE_PASS], ids=["with its controller", "without", "plant of its own"]
+)
+def test_print_from_an_ssp_is_that_of_its_scenario(version: str, text: str, tmp_path: Path) -> None:
+    path, _ = exported(tmp_path, version, text)
+    expected = Print(Scenario.load(tmp_path / "block.toml")).run()
+    found = Print(scenario_of(path)).run()
+    assert found.stop_reason == expected.stop_reason == "done"
+    for name in MAPS:
+        np.testing.assert_array_equal(found.dataset[name].values, expected.dataset[name].values)
+
+
+def test_controller_in_python_stays_outside_in_words(tmp_path: Path) -> None:
+    path, system = exported(tmp_path, "1.0", OPEN_LOOP)
+    assert system.notes() == ["controller is not in it: kind OpenLoop is no FMU"]
+    structure = read_ssd(str(path))
+    connectors = {connector.name: connector.kind for connector in structure.system.connectors}
+    assert connectors["pattern[1,1]"] == connectors["layer_command"] == "input"
+    assert connectors["measured_height[6,5]"] == connectors["layers_scanned"] == "output"
+    assert "controller is not in it" in structure.system.description
+
+
+def test_what_an_fmu_cannot_say_is_told(tmp_path: Path) -> None:
+    certified = TEXT.replace("horizon = 2", "horizon = 1\nalpha = 1.0\ncertified = true")
+    event = '[[events]]\nat_layer = 1\naction = "override"\nport = "printer.pattern"\nvalue = 0\ncells = [[0, 0]]\n'
+    _, system = exported(tmp_path, "1.0", certified + event)
+    controller, events = system.notes()
+    assert "LayerController.fmu cannot stand in for it: certified is no option" in controller
+    assert "the events of the scenario are not in it" in events
+
+
+@EVERY_VERSION
+def test_options_go_by_the_name_that_the_controller_fmu_has_for_them(version: str, tmp_path: Path) -> None:
+    _, system = exported(tmp_path, version)
+    assert system.part("controller").values["sweeps_max"] == 2
+
+
+def test_foreign_fmu_of_scalars_goes_with_scalars_of_ours(tmp_path: Path) -> None:
+    export("LayerDeposition", fmi="2", nx=6, ny=5, fixed=True, out=tmp_path / "theirs.fmu")
+    text = TEXT.replace('kind = "LayerDeposition"', 'kind = "Fmu"\nfile = "theirs.fmu"')
+    scenario = scenario_in(tmp_path, text)
+    with pytest.raises(ScenarioError, match=r"one is an array, .* --fmi 2 makes scalars of ours"):
+        system_of(scenario, "3", tmp_path)
+    assert [part.name for part in system_of(scenario, "2", tmp_path).parts] == ["controller", "printer", "profiler"]
+    mapped = text.replace("[components.profiler]", 'ports = { height = "height" }\n[components.profiler]')
+    notes = system_of(scenario_in(tmp_path, mapped), "2", tmp_path).notes()
+    assert notes == [
+        "printer is not in it: inkloop translates its names, units and gains (ports), which no system file says"
+    ]
+
+
+def test_grid_beyond_what_is_quick_in_fmi_2_is_written_with_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    text = OPEN_LOOP.replace("nx = 6, ny = 5", "nx = 33, ny = 32")
+    system = system_of(scenario_in(tmp_path, text), "2", tmp_path)
+    assert len(system.part("printer").scalars("height")) == 33 * 32
+    assert "some importers take minutes to read that" in caplog.text
+
+
+def test_names_that_other_tools_refuse_are_a_fault(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"components.my printer: other tools take letters"):
+        exported(tmp_path, "1.0", TEXT.replace("[components.printer]", '[components."my printer"]'))
+
+
+def test_fmpy_runs_the_system_with_the_controller_outside(tmp_path: Path) -> None:
+    """Three full layers, commanded from outside at every third step, are the layers of the open loop."""
+    path, _ = exported(tmp_path, "1.0", OPEN_LOOP.replace("passes = 4, ", "").replace("diagonal", "raster"))
+    expected = Print(Scenario.load(tmp_path / "block.toml")).run().dataset
+    with zipfile.ZipFile(path) as opened:
+        opened.extract("resources/parameters.ssv", tmp_path)
+    pattern = expected["pattern"].values[1]
+    inputs: dict[str, Any] = {"layer_command": lambda time: min(3, int(time // 3))}
+    for (i, j), value in np.ndenumerate(pattern):
+        inputs[f"pattern[{i + 1},{j + 1}]"] = lambda time, value=value: int(value)
+        inputs[f"drop_level[{i + 1},{j + 1}]"] = lambda time: 1
+    values = read_ssv(str(tmp_path / "resources/parameters.ssv"))
+    rows = simulate_ssp(str(path), stop_time=14.0, step_size=1.0, parameter_set=values, input=inputs)
+    for (i, j), height in np.ndenumerate(expected["height"].values[-1]):
+        assert rows[f"printer.height[{i + 1},{j + 1}]"][-1] == height
+
+
+def test_libcosim_prints_the_same_part(tmp_path: Path) -> None:
+    execution_module = pytest.importorskip("libcosimpy.CosimExecution", reason="libcosimpy is not installed")
+    from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+    from libcosimpy.CosimObserver import CosimObserver
+
+    log_output_level(CosimLogLevel.ERROR)
+    scenario_in(tmp_path)
+    folder = tmp_path / "osp"
+    assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", "osp", "-o", str(folder)]) == 0
+    execution = execution_module.CosimExecution.from_osp_config_file(osp_path=str(folder))
+    observer = CosimObserver.create_last_value()
+    execution.add_observer(observer=observer)
+    printer = execution.slave_index_from_instance_name("printer")
+    expected = Print(Scenario.load(tmp_path / "block.toml")).run().dataset["height"].values[-1]
+    for _ in range(60):
+        assert execution.step()
+    height = describe(folder / "printer.fmu").variables["height"]
+    found = np.reshape(observer.last_real_values(printer, list(height.references)), expected.shape)
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.fixture
+def amplified(tmp_path: Path) -> Scenario:
+    """Two FMUs of others, the second fed with a gain and an offset."""
+    amplifier.build(tmp_path, 2)
+    both = "".join(f'[components.{name}]\nkind = "Fmu"\nfile = "amplifier2.fmu"\ngain = {g}\n' for name, g in
+                   (("first", 3.0), ("second", 2.0)))  # fmt: skip
+    job = TEXT.split("[components")[0]
+    wires = '[[connections]]\nsource = "first.y"\ntarget = "second.x"\ngain = 2.5\noffset_um = 4.0\n'
+    wires += '[[connections]]\nsource = "second.y"\ntarget = "first.x"\n'
+    return scenario_in(tmp_path, job + both + wires)
+
+
+def test_gain_offset_and_parameters_of_foreign_fmus_go_and_come_back(amplified: Scenario, tmp_path: Path) -> None:
+    system = system_of(amplified, "2", tmp_path)
+    archive.write(system, "1.0", tmp_path / "two.ssp")
+    read_ssd(str(tmp_path / "two.ssp"))
+    again = scenario_of(tmp_path / "two.ssp")
+    components, connections = again.build()
+    for component in components.values():
+        component.terminate()
+    assert connections == [
+        Connection("first.y", "second.x", 2.5, pytest.approx(4e-6)),
+        Connection("second.y", "first.x", 1.0, 0.0),
+    ]
+    assert again.tables.components["first"].options["gain"] == 3.0
+    assert "gain" not in again.tables.components["second"].options  # 2 is what the FMU begins with
+
+
+def test_files_of_libcosim_say_gain_and_offset_of_each_element(amplified: Scenario, tmp_path: Path) -> None:
+    root = ET.fromstring(osp.structure(system_of(amplified, "2", tmp_path)))
+    begin = "{http://opensimulationplatform.com/MSMI/OSPSystemStructure}"
+    lines = root.findall(f"{begin}Functions/{begin}LinearTransformation")
+    assert [(line.get("factor"), line.get("offset")) for line in lines] == [("2.5", "4e-06")] * 3
+    assert len(root.findall(f"{begin}Connections/{begin}SignalConnection")) == 6
+    assert len(root.findall(f"{begin}Connections/{begin}VariableConnection")) == 3
+
+
+def test_file_of_maestro_names_scalars_of_the_fmus(tmp_path: Path) -> None:
+    system = system_of(scenario_in(tmp_path), "2", tmp_path)
+    tables = maestro.tables(system)
+    model = tables[maestro.MULTI_MODEL]
+    known = {f"{{{part.name}}}.{part.name}.{scalar}": variable.causality for part in system.parts
+             for variable in part.description.variables.values()
+             for scalar in (variable.elements or (variable.name,))}  # fmt: skip
+    assert {known[source] for source in model["connections"]} == {"output"}
+    assert {known[end] for ends in model["connections"].values() for end in ends} == {"input"}
+    assert sum(len(ends) for ends in model["connections"].values()) == 5 * 30 + 4
+    assert {known[name] for name in model["parameters"]} == {"parameter"}
+    assert model["parameters"]["{controller}.controller.mask[1,1]"] is False
+    assert tables[maestro.CONFIGURATION]["algorithm"] == {"type": "fixed-step", "size": 1.0}
+
+
+def test_fmus_of_a_folder_begin_with_the_parameters(tmp_path: Path) -> None:
+    scenario_in(tmp_path)
+    assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", "osp", "-o", str(tmp_path / "out")]) == 0
+    printer = describe(tmp_path / "out" / "printer.fmu").variables
+    controller = describe(tmp_path / "out" / "controller.fmu").variables
+    assert (printer["variation"].start, printer["passes"].start) == (("0.2",), ("4",))
+    assert controller["mask"].start[0] == "false"
+    assert sorted(set(map(float, controller["target_height"].start))) == pytest.approx([0.0, 15.2e-6])
+
+
+@pytest.mark.parametrize(
+    ("to", "words"),
+    [
+        ("ssp", "inkloop run {out} prints it; in another tool import it, communication step 1 s"),
+        ("osp", "libcosimpy: CosimExecution.from_osp_config_file(osp_path='{out}'), then simulate_until"),
+        ("maestro", "cd {out} && java -jar maestro.jar import sg1 --interpret -output=out --fmu-search-path=. "
+                    "simulation.json multimodel.json"),
+    ],
+)  # fmt: skip
+def test_export_ends_with_what_comes_next(
+    to: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario_in(tmp_path)
+    out = tmp_path / ("block.ssp" if to == "ssp" else "block")
+    assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", to, "-o", str(out)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"  next: {words.format(out=out)}"
+    if to == "maestro":
+        assert all((out / name).is_file() for name in words.split()[-2:])
+
+
+@EVERY_VERSION
+def test_job_of_another_grid_is_told_with_both_grids(version: str, tmp_path: Path) -> None:
+    path, _ = exported(tmp_path, version)
+    job = tmp_path / "wide.toml"
+    job.write_text(TEXT.replace("nx = 6, ny = 5", "nx = 8, ny = 7"), encoding="utf-8")
+    said = (
+        "controller, printer, profiler: of a grid of 6 x 5 cells, {} of {}; export the .ssp anew for that grid, or {}"
+    )
+    with pytest.raises(ScenarioError) as caught:
+        scenario_of(path, job=job)
+    assert caught.value.faults == (said.format(job, "8 x 7", "take another job"),)
+    with pytest.raises(ScenarioError) as caught:
+        scenario_of(path, ["grid.nx=9"])
+    assert caught.value.faults == (said.format("the scenario in it", "9 x 5", "leave its grid as it is"),)
+    assert scenario_of(path, ["grid.nx=8", "grid.nx=6"]).job().nx == 6
+
+
+def test_command_line_exports_and_runs_an_ssp(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "inkloop.report.run_report.write", lambda folder: ""
+    )  # the pictures take longest and are not at stake
+    scenario_in(tmp_path)
+    path, run = str(tmp_path / "b.ssp"), str(tmp_path / "run")
+    assert main(["export-ssp", str(tmp_path / "block.toml"), "-o", path, "--ssp", "2.0"]) == 0
+    assert main(["validate", path]) == 0
+    assert main(["run", path, "--no-isolate", "--out", run]) == 0
+    assert Result.load(Path(run)).stop_reason == "done"
+    assert main(["resume", run, "--no-isolate"]) == 0  # the .ssp is found again: nothing left to do
+    assert "the run is finished" in capsys.readouterr().out
+    assert main(["validate", str(tmp_path / "block.toml"), "--job", path]) == 1
+    assert "--job goes with an .ssp" in capsys.readouterr().err
+    assert main(["export-ssp", str(tmp_path / "block.toml"), "--fmi", "3"]) == 1
+    assert "SSP 1.0 takes FMI 2 only; add --ssp 2.0" in capsys.readouterr().err

@@ -1,0 +1,388 @@
+"""Laws of the search core."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.component import Ink
+from inkloop_controller.core import bindings
+from inkloop_controller.core.bindings import HorizonProblem, Moves, SearchProgress, SearchStatus
+
+INK = Ink()
+ONE_MICROMETRE = 1e-6
+
+
+def problem(height: Any, target: Any, alpha: float = 1.0, *, layers: int = 1, **fields: Any) -> HorizonProblem:
+    kinds = fields.pop("kinds", (INK,))
+    choices = np.full((layers, *height.shape), 2 ** len(kinds) - 1, np.uint16)
+    values = {"part": np.ones(height.shape, np.bool_), "choices": choices, "kinds": kinds, **fields}
+    return HorizonProblem(height=height, target=target, alpha=alpha, **values)
+
+
+def rough(seed: int, n: int = 20) -> tuple[Any, Any]:
+    """A rough surface, and a flat target that no pattern reaches exactly."""
+    height = np.random.default_rng(seed).uniform(0.0, 8e-6, (n, n))
+    return height, np.full((n, n), height.mean() + 3.8e-6)
+
+
+def everything(n: int = 20, layers: int = 1) -> Any:
+    return np.ones((layers, n, n), np.int32)
+
+
+def printed(height: Any, plan: Any, kinds: tuple[Ink, ...] = (INK,), orders: Any = ()) -> Any:
+    """Surface after all layers of a plan, by the layer map: one kind of droplet after the other on the same surface."""
+    for number, layer in enumerate(plan):
+        for colours in [[colour] for colour in orders[number]] if orders else [range(4)]:
+            i, j = np.indices(height.shape)
+            jetted = np.where(np.isin(2 * (i % 2) + j % 2, list(colours)), layer, 0)
+            added = [
+                bindings.layer(height, (jetted == 1 + k).astype(np.int32), (kind,)) - height
+                for k, kind in enumerate(kinds)
+            ]
+            height = height + sum(added)
+    return height
+
+
+def value(wanted: HorizonProblem, plan: Any) -> float:
+    return bindings.objective(wanted, plan).value
+
+
+@pytest.mark.parametrize("search", ["ours", "paper's"])
+def test_pattern_that_made_a_surface_is_recovered(search: str) -> None:
+    """The test of Lu, Zheng, Mishra (2015, IV-C): 50 of 50."""
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        height = rng.uniform(0.0, 8e-6, (20, 20))
+        plan = rng.integers(0, 2, (1, 20, 20), dtype=np.int32)
+        wanted = problem(height, printed(height, plan))
+        if search == "ours":
+            found = bindings.search(wanted, everything(), sweeps_max=50)
+        else:
+            found = bindings.paper_search(wanted, everything(), 20, 100_000, seed)
+        np.testing.assert_array_equal(found.plan, plan)
+        assert found.objective.value < 1e-9 * ONE_MICROMETRE
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.3, 0.8, 1.0])
+def test_running_sums_do_not_drift(alpha: float) -> None:
+    height, target = rough(1, 40)
+    for offset in (0.0, 1e-2):  # 10 mm above the substrate, squares would cancel without a reference height
+        found = bindings.search(
+            problem(height + offset, target + offset, alpha), everything(40), sweeps_max=200, annealing_sweeps=200
+        )
+        assert found.flips > 3000
+        assert found.incremental == pytest.approx(found.objective.value, rel=1e-9)
+
+
+@pytest.mark.parametrize("layers", [1, 2, 3])
+@pytest.mark.parametrize("alpha", [0.7, 1.0])
+def test_finished_search_leaves_no_move_that_helps(layers: int, alpha: float) -> None:
+    height, target = rough(2, 7)
+    wanted = problem(height, target, alpha, layers=layers)
+    found = bindings.search(wanted, everything(7, layers), sweeps_max=500)
+    assert found.status is SearchStatus.DONE
+    for changed in [*flips(found.plan), *swaps(found.plan), *shifts(found.plan)]:
+        assert value(wanted, changed) > found.objective.value - 1e-8 * ONE_MICROMETRE / 81
+
+
+def flips(plan: Any) -> list[Any]:
+    changes = []
+    for cell in range(plan.size):
+        changed = plan.copy()
+        changed.flat[cell] = 1 - changed.flat[cell]
+        changes.append(changed)
+    return changes
+
+
+def swaps(plan: Any) -> list[Any]:
+    n = plan.shape[1]
+    changes = []
+    for layer, i, j in np.argwhere(plan):
+        for k, m in np.ndindex(3, 3):
+            place = (layer, i + k - 1, j + m - 1)
+            if 0 <= place[1] < n and 0 <= place[2] < n and not plan[place]:
+                changed = plan.copy()
+                changed[layer, i, j], changed[place] = 0, 1
+                changes.append(changed)
+    return changes
+
+
+def shifts(plan: Any) -> list[Any]:
+    changes = []
+    for layer, i, j in np.argwhere(plan):
+        for other in np.flatnonzero(plan[:, i, j] == 0):
+            changed = plan.copy()
+            changed[layer, i, j], changed[other, i, j] = 0, 1
+            changes.append(changed)
+    return changes
+
+
+def test_finished_paper_search_leaves_no_flip_that_helps() -> None:
+    height, target = rough(3, 9)
+    wanted = problem(height, target, 0.7)
+    found = bindings.paper_search(wanted, everything(9), 20, 100_000, 1)
+    assert found.status is SearchStatus.DONE
+    assert found.swaps == 0
+    for changed in flips(found.plan):
+        assert value(wanted, changed) > found.objective.value - 1e-8 * ONE_MICROMETRE / 81
+
+
+def test_batch_of_flips_never_raises_the_objective() -> None:
+    """On a flat surface that wants half a layer each flip alone helps, and all together do harm."""
+    height = np.zeros((12, 12))
+    wanted = problem(height, np.full((12, 12), 3.8e-6))
+    values = [
+        bindings.paper_search(wanted, everything(12), 144, batches, 7).objective.value
+        for batches in (1, 2, 3, 5, 9, 17, 33, 100)
+    ]
+    assert values == sorted(values, reverse=True)
+    assert values[-1] < value(wanted, everything(12))
+
+
+def test_work_budget_is_kept() -> None:
+    height, target = rough(4)
+    found = bindings.search(problem(height, target), everything(), sweeps_max=2)
+    assert found.status is SearchStatus.BUDGET
+    assert found.sweeps == 2
+    greedy = bindings.paper_search(problem(height, target), everything(), 10, 3, 0)
+    assert greedy.status is SearchStatus.BUDGET
+    assert greedy.evaluations == 30
+
+
+def test_same_seed_gives_the_same_bits() -> None:
+    height, target = rough(5)
+    wanted = problem(height, target, 0.8)
+    for repeat in (
+        lambda: bindings.search(wanted, everything(), sweeps_max=50, annealing_sweeps=20, seed=3),
+        lambda: bindings.paper_search(wanted, everything(), 20, 1000, 3),
+    ):
+        first, second = repeat(), repeat()
+        np.testing.assert_array_equal(first.plan, second.plan)
+        assert first.objective == second.objective
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+@pytest.mark.parametrize(("shape", "layers", "passes", "alpha"), [((150, 70), 2, 1, 1.0), ((65, 200), 1, 4, 0.6)])
+def test_any_number_of_threads_gives_the_same_bits(
+    threads: int, shape: tuple[int, int], layers: int, passes: int, alpha: float
+) -> None:
+    """Also on grids that are no multiple of a tile."""
+    height = np.random.default_rng(8).uniform(0.0, 8e-6, shape)
+    colours = ((0, 3, 1, 2),) * layers if passes == 4 else ()
+    wanted = problem(height, np.full(shape, height.mean() + 4.5e-6 * layers), alpha, layers=layers, colours=colours)
+    start = np.zeros((layers, *shape), np.int32)
+    one, many = (
+        bindings.search(wanted, start, sweeps_max=12, annealing_sweeps=2, threads=number) for number in (1, threads)
+    )
+    assert one == replace(many, plan=one.plan)
+    np.testing.assert_array_equal(one.plan, many.plan)
+
+
+def test_tiles_side_by_side_never_raise_the_objective() -> None:
+    """The standard deviation is no sum over tiles: each may lower it alone and all together raise it."""
+    height = np.zeros((129, 129))
+    wanted = problem(height, np.full(height.shape, 3.8e-6), 0.0)
+    start = (np.indices(height.shape).sum(axis=0) % 2).astype(np.int32)[None]
+    values = [value(wanted, start)]
+    bindings.search(wanted, start, sweeps_max=40, after_sweep=lambda progress: values.append(progress.value) or False)
+    assert len(values) > 3
+    assert values == sorted(values, reverse=True)
+
+
+@pytest.mark.parametrize("orders", [(), ((0, 3, 1, 2), (2, 1, 3, 0))])
+def test_objective_is_that_of_all_layers_and_passes(orders: Any) -> None:
+    height, target = rough(9, 12)
+    kinds = (INK, Ink(3.9e-6, 0.55e-6, 0.15e-6), Ink(8.8e-6, 1.2e-6, 0.4e-6))
+    weight = np.random.default_rng(9).uniform(0.0, 1.0, height.shape)
+    ceiling = target + 10e-6
+    wanted = problem(
+        height, target, 0.6, layers=2, kinds=kinds, colours=orders,
+        weight=weight, overshoot=3.0, ceiling=ceiling, ceiling_cost=50.0,
+    )  # fmt: skip
+    plan = np.random.default_rng(1).integers(0, 4, (2, 12, 12), dtype=np.int32)
+    after = printed(height, plan, kinds, orders)
+    found = bindings.objective(wanted, plan)
+    below, above = np.maximum(target - after, 0.0), np.maximum(after - target, 0.0)
+    assert found.error == pytest.approx((weight * (below + 3.0 * above)).mean(), rel=1e-9)
+    assert found.over_ceiling == pytest.approx(50.0 * (weight * np.maximum(after - ceiling, 0.0)).mean(), rel=1e-9)
+    assert found.over_ceiling > 0.0
+    assert found.deviation == pytest.approx(after.std(), rel=1e-9)
+    assert found.value == pytest.approx(0.6 * (found.error + found.over_ceiling) + 0.4 * found.deviation, rel=1e-12)
+
+
+def test_two_layers_that_made_a_surface_are_recovered() -> None:
+    """Droplets that fell in the wrong layer together are what descent alone leaves: annealing shifts them."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        height = rng.uniform(0.0, 5e-6, (20, 20))
+        wanted = problem(height, printed(height, rng.integers(0, 2, (2, 20, 20), dtype=np.int32)), layers=2)
+        found = bindings.search(wanted, everything(layers=2), sweeps_max=200, annealing_sweeps=100, seed=1)
+        assert found.objective.value < 1e-9 * ONE_MICROMETRE
+
+
+@pytest.mark.parametrize("alpha", [0.5, 1.0])
+def test_two_layers_of_a_few_cells_are_as_good_as_they_can_be(alpha: float) -> None:
+    """Against every plan of 2 x 3 cells in 2 layers."""
+    for seed in range(6):
+        height = np.random.default_rng(seed).uniform(0.0, 8e-6, (2, 3))
+        wanted = problem(height, np.full((2, 3), height.mean() + 7.6e-6), alpha, layers=2)
+        plans = (np.arange(2**12)[:, None] >> np.arange(12)) & 1
+        least = min(value(wanted, plan.astype(np.int32).reshape(2, 2, 3)) for plan in plans)
+        found = bindings.search(wanted, np.zeros((2, 2, 3), np.int32), sweeps_max=200, annealing_sweeps=500, seed=2)
+        assert found.objective.value == pytest.approx(least, rel=1e-9)
+
+
+def test_drop_sizes_come_closer_than_one_size() -> None:
+    height, target = rough(10)
+    sizes = tuple(Ink(k * INK.h1, k * INK.h2, k * INK.h3) for k in (0.5, 1.0, 1.5))
+    one, many = (
+        bindings.search(problem(height, target, kinds=kinds), np.zeros((1, 20, 20), np.int32), sweeps_max=200)
+        for kinds in (sizes[1:2], sizes)
+    )
+    assert {1, 2} <= set(np.unique(many.plan))
+    assert many.objective.value < 0.7 * one.objective.value
+
+
+def test_droplets_keep_to_the_choices_of_their_cell_and_layer() -> None:
+    """Also where a nozzle is dead in one layer only."""
+    height, target = rough(6)
+    wanted = problem(height, target, layers=2, kinds=(INK, Ink(3.9e-6, 0.55e-6, 0.15e-6)))
+    choices = np.random.default_rng(6).integers(0, 4, (2, 20, 20)).astype(np.uint16)
+    found = bindings.search(replace(wanted, choices=choices), np.zeros((2, 20, 20), np.int32), sweeps_max=100)
+    assert set(np.unique(found.plan)) == {0, 1, 2}
+    assert not found.plan[choices == 0].any()
+    assert not (found.plan[choices == 1] == 2).any()
+    assert not (found.plan[choices == 2] == 1).any()
+
+
+def test_what_falls_beside_the_part_costs_nothing() -> None:
+    height, target = rough(7)
+    part = np.zeros((20, 20), np.bool_)
+    part[5:15, 5:15] = True
+    near, far = target.copy(), target.copy()
+    far[~part] = 0.1
+    left, right = (
+        bindings.search(
+            problem(height, there, 0.8, part=part, choices=part.astype(np.uint16)[None]),
+            part.astype(np.int32)[None],
+            sweeps_max=100,
+        )
+        for there in (near, far)
+    )
+    np.testing.assert_array_equal(left.plan, right.plan)
+    assert left.objective == right.objective
+
+
+def test_clock_ends_a_search_with_a_valid_plan() -> None:
+    height, target = rough(11, 60)
+    wanted = problem(height, target, 0.8, layers=3)
+    found = bindings.search(wanted, everything(60, 3), sweeps_max=10**6, annealing_sweeps=10**6, seconds_max=0.02)
+    assert found.status is SearchStatus.TIME
+    assert found.objective == bindings.objective(wanted, found.plan)
+    assert found.objective.value <= value(wanted, everything(60, 3))
+
+
+def test_search_without_any_time_or_work_returns_its_start() -> None:
+    height, target = rough(11)
+    for budget, status in (({"seconds_max": 0.0}, SearchStatus.TIME), ({"sweeps_max": 0}, SearchStatus.BUDGET)):
+        found = bindings.search(problem(height, target), everything(), **{"sweeps_max": 9, **budget})
+        assert found.status is status
+        np.testing.assert_array_equal(found.plan, everything())
+
+
+def test_search_stops_where_it_is_told_to() -> None:
+    height, target = rough(12)
+    seen: list[SearchProgress] = []
+
+    def after_sweep(progress: SearchProgress) -> bool:
+        seen.append(progress)
+        return progress.sweeps == 3
+
+    found = bindings.search(problem(height, target), everything(), sweeps_max=100, after_sweep=after_sweep)
+    assert found.status is SearchStatus.STOPPED
+    assert [progress.sweeps for progress in seen] == [1, 2, 3]
+    assert found.objective.value == pytest.approx(seen[-1].value, rel=1e-12)
+
+
+def test_interrupt_stops_the_search_and_keeps_its_plan() -> None:
+    height, target = rough(13)
+
+    def interrupt(_: SearchProgress) -> bool:
+        raise KeyboardInterrupt
+
+    found = bindings.search(problem(height, target), everything(), sweeps_max=100, after_sweep=interrupt)
+    assert (found.status, found.interrupted, found.sweeps) == (SearchStatus.STOPPED, True, 1)
+    assert found.objective.value < value(problem(height, target), everything())
+
+
+def test_fault_of_a_caller_is_not_lost_in_the_search() -> None:
+    def fail(_: SearchProgress) -> bool:
+        raise RuntimeError("display is gone")
+
+    with pytest.raises(RuntimeError, match="display is gone"):
+        bindings.search(problem(*rough(14)), everything(), sweeps_max=100, after_sweep=fail)
+
+
+def test_only_the_moves_asked_for_are_made() -> None:
+    height, target = rough(15)
+    start = (np.arange(800).reshape(2, 20, 20) % 3 > 0).astype(np.int32)
+    wanted = problem(height, target + 6.3e-6, layers=2)
+    for moves in (Moves.FLIPS, Moves.SWAPS, Moves.SHIFTS):
+        found = bindings.search(wanted, start, sweeps_max=100, moves=moves)
+        made = {Moves.FLIPS: found.flips, Moves.SWAPS: found.swaps, Moves.SHIFTS: found.shifts}
+        assert [move for move in made if made[move]] == [moves]
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"target": np.zeros((3, 4))}, r"target has shape \(3, 4\); needs \(4, 4\)"),
+        ({"height": np.full((4, 4), np.nan)}, r"height is nan at cell \(0, 0\)"),
+        ({"height": np.full((4, 4), 0.7)}, "height reaches 0.7 m"),
+        ({"choices": np.zeros((1, 4, 4))}, "choices has dtype float64; needs uint16"),
+        ({"choices": np.zeros((0, 4, 4), np.uint16)}, "horizon of 1 to 5"),
+        ({"choices": np.zeros((6, 4, 4), np.uint16)}, "choices holds 6 layers; needs a horizon of 1 to 5"),
+        ({"choices": np.full((1, 4, 4), 2, np.uint16)}, r"layer 0 is 2 at cell \(0, 0\); needs bits of the 1 kinds"),
+        ({"kinds": (), "choices": np.zeros((1, 4, 4), np.uint16)}, "kinds holds 0 kinds"),
+        ({"kinds": (Ink(4.4e-6, -1e-6, 0.0),)}, "kind 0 is .* neither h2 nor h3 below 0"),
+        ({"part": np.zeros((4, 4), np.bool_)}, "part marks no cell"),
+        ({"alpha": 1.5}, "alpha is 1.5; needs a weight between 0 and 1"),
+        ({"alpha": np.nan, "overshoot": 0.0}, "alpha is nan.*; overshoot is 0.0; needs a cost above 0"),
+        ({"weight": np.full((4, 4), -1.0)}, r"weight is -1.0 at cell \(0, 0\)"),
+        ({"ceiling": np.full((4, 4), np.inf)}, r"ceiling is inf at cell \(0, 0\)"),
+        ({"ceiling_cost": -1.0}, "ceiling_cost is -1.0"),
+        ({"colours": ((0, 1, 2, 2),)}, "for each of 1 layers the colours 0 to 3 once"),
+    ],
+)
+def test_problem_that_cannot_be_meant_is_refused(fields: dict[str, Any], words: str) -> None:
+    whole = {"height": np.zeros((4, 4)), "target": np.zeros((4, 4)), **fields}
+    with pytest.raises(ValueError, match=words):
+        problem(**whole)
+
+
+@pytest.mark.parametrize(
+    ("plan", "words"),
+    [
+        (np.ones((1, 2, 2), np.int32), r"kind 0 at cell \(0, 1\) of layer 0, where the choices do not allow it"),
+        (np.full((1, 2, 2), 2, np.int32), "plan holds 2 to 2; needs 0 to 1"),
+        (np.zeros((2, 2, 2), np.int32), r"plan has shape \(2, 2, 2\); needs \(1, 2, 2\)"),
+    ],
+)
+def test_plan_that_cannot_be_printed_is_refused(plan: Any, words: str) -> None:
+    choices = np.array([[[1, 0], [1, 1]]], np.uint16)
+    with pytest.raises(ValueError, match=words):
+        bindings.search(problem(np.zeros((2, 2)), np.zeros((2, 2)), choices=choices), plan, sweeps_max=10)
+
+
+def test_budgets_that_cannot_be_meant_are_refused_together() -> None:
+    with pytest.raises(ValueError, match=r"sweeps_max is -1; .*; seconds_max is nan; .*; threads is 0"):
+        bindings.search(problem(*rough(0)), everything(), sweeps_max=-1, seconds_max=np.nan, threads=0)
+
+
+def test_papers_search_is_for_one_layer_and_one_kind() -> None:
+    with pytest.raises(ValueError, match="2 layers with up to 1 kinds"):
+        bindings.paper_search(problem(*rough(0), layers=2), everything(layers=2), 20, 100, 0)

@@ -1,0 +1,175 @@
+"""Relaxed droplets: the core's surface, its gradient, its optimum, and the plans that error diffusion makes of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.component import Ink
+from inkloop_controller.core import bindings
+from inkloop_controller.core.bindings import HorizonProblem
+from inkloop_controller.core.droplet_relaxation import diffuse, relax, relaxed_gradient
+from inkloop_controller.program.program import HorizonProgram
+from inkloop_controller.program.statement import drop_limits, smoothed_cost
+
+INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
+GREY = tuple(Ink(k * Ink().h1, k * Ink().h2, k * Ink().h3) for k in (1, 2, 3))
+ORDER = (0, 3, 1, 2)
+SMOOTHING = 1e-7  # [m]
+
+
+def rough(shape: tuple[int, int], layers: int, passes: int = 1, seed: int = 0, **values: Any) -> HorizonProblem:
+    """A rough surface with a flat target that takes half of all droplets."""
+    height = np.random.default_rng(seed).uniform(0.0, 8e-6, shape)
+    whole: dict[str, Any] = {
+        "target": np.full(shape, height.mean() + 3.8e-6 * layers),
+        "part": np.ones(shape, np.bool_),
+        "choices": np.ones((layers, *shape), np.uint16),
+        "kinds": (Ink(),),
+        "alpha": 1.0,
+        "colours": (ORDER,) * layers if passes == 4 else (),
+    }
+    return HorizonProblem(height, **{**whole, **values})
+
+
+def uneven(layers: int, passes: int, seed: int) -> HorizonProblem:
+    """Two inks, dead cells, a part with a fringe, a ceiling: all that an objective may have."""
+    rng = np.random.default_rng(seed)
+    shape = (6, 7)
+    problem = rough(shape, layers, passes, seed)
+    return replace(
+        problem,
+        part=rng.random(shape) < 0.8,
+        choices=rng.integers(0, 3, (layers, *shape), np.uint16),
+        kinds=INKS,
+        alpha=0.3,
+        weight=rng.random(shape),
+        overshoot=2.0,
+        ceiling=problem.target + 0.5e-6,
+        ceiling_cost=3.0,
+    )
+
+
+@pytest.mark.parametrize("passes", [1, 4])
+@pytest.mark.parametrize("layers", [1, 2, 3])
+def test_whole_droplets_cost_what_their_plan_costs(layers: int, passes: int) -> None:
+    for seed in range(3):
+        problem = uneven(layers, passes, seed)
+        chosen = np.random.default_rng(seed).random(problem.choices.shape) < 0.5
+        plan = np.where(chosen, problem.choices, 0).astype(np.int32)
+        value, _ = relaxed_gradient(problem, (plan > 0).astype(float), 0.0)
+        assert value == pytest.approx(bindings.objective(problem, plan).value, abs=1e-15)
+
+
+@pytest.mark.parametrize("passes", [1, 4])
+@pytest.mark.parametrize("layers", [1, 2, 3])
+def test_adjoint_is_the_gradient_of_the_statement(layers: int, passes: int) -> None:
+    for seed in range(3):
+        problem = uneven(layers, passes, seed)
+        droplets = np.random.default_rng(seed).random(problem.choices.shape) * (problem.choices > 0)
+        value, gradient = relaxed_gradient(problem, droplets, SMOOTHING)
+        expected, slope = smoothed_cost(problem, droplets, SMOOTHING)
+        assert value == pytest.approx(expected, rel=1e-12)
+        allowed = problem.choices > 0
+        np.testing.assert_allclose(gradient[allowed], slope[allowed], rtol=0, atol=1e-9 * np.abs(slope).max())
+        assert (gradient[~allowed] == 0.0).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_gradients_end_near_the_optimum_of_a_convex_problem(seed: int) -> None:
+    for problem in (rough((8, 8), 1, seed=seed), rough((8, 8), 1, seed=seed, alpha=0.5, overshoot=3.0)):
+        best = HorizonProgram(problem, "ipopt").solve(problem)
+        value, _ = relaxed_gradient(problem, relax(problem).droplets, 0.0)
+        assert best.solved
+        assert best.bound <= value <= best.value + 0.01e-6
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_gradients_level_a_rough_surface_over_two_layers(seed: int) -> None:
+    problem = rough((12, 12), 2, seed=seed)
+    assert relaxed_gradient(problem, relax(problem).droplets, 0.0)[0] < 0.002e-6
+
+
+def test_relaxation_is_not_worse_than_its_start_and_keeps_to_the_choices() -> None:
+    for problem in (uneven(3, 4, 1), rough((5, 5), 2, kinds=GREY, choices=np.full((2, 5, 5), 0b101, np.uint16))):
+        first = relax(problem)
+        again = relax(problem, first.droplets, iterations_max=3)
+        limits = drop_limits(problem)
+        assert again.value <= first.value
+        assert (first.droplets >= 0.0).all()
+        assert (first.droplets <= limits).all()
+        assert limits.max() == (3.0 if problem.kinds == GREY else 1.0)
+
+
+def test_relaxation_stops_with_its_budget() -> None:
+    problem = rough((6, 6), 2)
+    assert relax(problem, iterations_max=0).iterations == 0
+    assert relax(problem, iterations_max=7).iterations == 7
+    assert relax(problem, iterations_max=7, seconds_max=0.0).iterations == 0
+    with pytest.raises(ValueError, match="iterations_max is -1"):
+        relax(problem, iterations_max=-1)
+    with pytest.raises(ValueError, match="start has shape"):
+        relax(problem, np.zeros((6, 6)))
+
+
+@pytest.mark.parametrize("layers", [1, 2, 5])
+def test_diffusion_keeps_the_number_of_droplets(layers: int) -> None:
+    for share in (0.03, 0.37, 0.6, 0.99):
+        problem = rough((20, 30), layers)
+        plan = diffuse(problem, np.full(problem.choices.shape, share))
+        assert abs(int(plan.sum()) - layers * share * 600) <= 0.5 + 1e-9
+        halves = plan.sum(axis=0)[:, :15], plan.sum(axis=0)[:, 15:]
+        assert abs(int(halves[0].sum()) - int(halves[1].sum())) <= 20  # at most one for each row of the border
+
+
+def test_diffusion_of_whole_droplets_changes_only_their_layer() -> None:
+    problem = rough((9, 9), 3)
+    droplets = np.random.default_rng(1).integers(0, 2, problem.choices.shape)
+    plan = diffuse(problem, droplets.astype(float))
+    assert (plan.sum(axis=0) == droplets.sum(axis=0)).all()
+
+
+def test_diffusion_fills_the_last_layers_first() -> None:
+    problem = rough((9, 9), 3)
+    plan = diffuse(problem, np.full(problem.choices.shape, 0.5))
+    assert (np.diff(plan, axis=0) >= 0).all()
+    assert plan[2].all()
+    assert not plan[0].any()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_diffusion_keeps_to_the_choices(seed: int) -> None:
+    problem = uneven(3, 1, seed)
+    droplets = np.random.default_rng(seed).random(problem.choices.shape)
+    plan = diffuse(problem, droplets)
+    jetted = plan > 0
+    assert (problem.choices[jetted] >> (plan[jetted] - 1) & 1).all()
+    assert (plan == diffuse(problem, droplets)).all()
+
+
+def test_diffusion_counts_grey_levels() -> None:
+    choices = np.full((1, 20, 20), 0b111, np.uint16)
+    problem = rough((20, 20), 1, kinds=GREY, choices=choices)
+    plan = diffuse(problem, np.full((1, 20, 20), 2.3))
+    assert set(np.unique(plan)) == {2, 3}
+    assert plan.mean() == pytest.approx(2.3, abs=0.03)
+    assert set(np.unique(diffuse(replace(problem, choices=choices & 0b101), np.full((1, 20, 20), 2.3)))) == {1, 3}
+
+
+@pytest.mark.parametrize("layers", [2, 3])
+@pytest.mark.parametrize("seed", range(8))
+def test_diffused_plan_is_better_than_nothing_and_everything(layers: int, seed: int) -> None:
+    printed = np.zeros((16, 16))
+    for number in range(10):
+        factor = 1.0 - 0.2 * np.random.default_rng([seed, number]).random((16, 16))
+        printed = bindings.layer(printed, np.ones((16, 16), np.int32), (Ink(),), (), factor)
+    wanted = printed.mean() + (0.15 + 0.1 * seed) * 7.6e-6 * layers
+    problem = replace(rough((16, 16), layers), height=printed, target=np.full((16, 16), wanted))
+    plan = diffuse(problem, relax(problem).droplets)
+    found, nothing, everything = (
+        bindings.objective(problem, tried).value for tried in (plan, np.zeros_like(plan), np.ones_like(plan))
+    )
+    assert found < min(nothing, everything)

@@ -1,0 +1,59 @@
+"""The threads of the search core under the thread sanitizer, by a program in C that plans with one and with four."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from support.places import ROOT
+
+CORE = ROOT / "controller" / "core"
+LAYER_MAP = ROOT / "fmus" / "layer_deposition"
+DRIVER = ROOT / "tests" / "c" / "planning_in_threads.c"
+ELSEWHERE = ("inkloop_core.c", "one_after_another.c")  # the interface for Python, and no threads
+FLAGS = ("-std=c11", "-O2", "-g", "-ffp-contract=off", "-fsanitize=thread")
+WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
+
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(sys.platform != "linux" or not shutil.which("gcc"), reason="gcc for Linux is not installed"),
+]
+
+
+def planned(core: Path, folder: Path) -> subprocess.CompletedProcess[str]:
+    """The driver on this core, run; skipped where gcc has no thread sanitizer."""
+    empty = subprocess.run(["gcc", "-fsanitize=thread", "-xc", "-", "-o", folder / "empty"], input="int main(void) {}",
+                           capture_output=True, text=True, check=False)  # fmt: skip
+    if empty.returncode or subprocess.run([folder / "empty"], capture_output=True, check=False).returncode:
+        pytest.skip("gcc with its thread sanitizer is not installed, or does not run on this kernel")
+    sources = [path for path in sorted(core.glob("*.c")) if path.name not in ELSEWHERE]
+    program = folder / "planning"
+    command = ["gcc", *FLAGS, *WARNINGS, f"-I{core}", f"-I{LAYER_MAP}", DRIVER, *sources, LAYER_MAP / "layer_map.c",
+               "-lm", "-lpthread", "-o", program]  # fmt: skip
+    subprocess.run(command, check=True)
+    told = {"TSAN_OPTIONS": "halt_on_error=1"}
+    return subprocess.run([program], env=os.environ | told, capture_output=True, text=True, check=False)
+
+
+def test_four_threads_plan_what_one_does_and_share_nothing_unguarded(tmp_path: Path) -> None:
+    done = planned(CORE, tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr[-5000:]
+    assert "ThreadSanitizer" not in done.stderr
+
+
+def test_race_between_tiles_would_be_told(tmp_path: Path) -> None:
+    """A counter that all threads share, put in on purpose."""
+    core = tmp_path / "core"
+    shutil.copytree(CORE, core)
+    sweep = core / "tiled_sweep.c"
+    text, begins = sweep.read_text(), "    const Share *share = handed;\n"
+    assert text.count(begins) == 1
+    sweep.write_text(text.replace(begins, f"    static long counted;\n    counted++;\n{begins}"))
+    done = planned(core, tmp_path)
+    assert done.returncode != 0
+    assert "data race" in done.stderr

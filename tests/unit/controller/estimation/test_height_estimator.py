@@ -1,0 +1,160 @@
+"""The estimated surface: what a scan is worth against what was expected."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.component import Ink, Job
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
+from inkloop_controller.model.layer_model import LayerModel
+from support.closed_loop import block, cylinder
+from support.numpy import lu_numpy
+
+
+def printed(job: Job, estimator: HeightEstimator, layers: int, noise_std: float, common: float = 0.0) -> Any:
+    """(estimate, surface, last scan) after full layers of varying droplets; `common`: share of the noise in a scan."""
+    rng, plant = np.random.default_rng(1), LayerModel.of(job)
+    seen, pattern = np.ones(job.mask.shape, np.bool_), job.mask.astype(np.int32)
+    height = np.zeros(job.mask.shape)
+
+    def scan() -> Any:
+        shared, own = rng.standard_normal(), rng.standard_normal(height.shape)
+        return height + noise_std * (np.sqrt(common) * shared + np.sqrt(1.0 - common) * own)
+
+    estimate, measured = estimator.first(scan(), seen), height
+    for layer in range(1, layers + 1):
+        height = plant.layer(height, pattern, layer, 1.0 - 0.2 * rng.random(height.shape))
+        measured = scan()
+        estimate = estimator.next(estimate, pattern, layer, measured, seen)
+    return estimate, height, measured
+
+
+def rms(values: Any) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@pytest.mark.parametrize("common", [0.0, 0.5])
+def test_estimate_is_nearer_to_the_surface_than_the_scan(common: float) -> None:
+    job = cylinder()
+    estimate, height, scan = printed(job, HeightEstimator(job), 15, 1e-6, common)
+    error = (estimate.height - height)[job.mask]
+    assert np.std(error) < 0.75 * np.std((scan - height)[job.mask])
+
+
+def test_variance_says_how_far_off_the_estimate_is() -> None:
+    job = cylinder()
+    estimate, height, _ = printed(job, HeightEstimator(job), 15, 1e-6)
+    claimed = float(np.sqrt(estimate.height_variance[job.mask].mean()))
+    assert 0.6 < rms((estimate.height - height)[job.mask]) / claimed < 1.3
+
+
+def test_noise_is_learnt_from_unprinted_cells_and_none_means_that_scans_are_taken_as_they_are() -> None:
+    job = cylinder()
+    estimate, *_ = printed(job, HeightEstimator(job), 8, 1e-6)
+    assert np.sqrt(estimate.noise_variance) == pytest.approx(1e-6, rel=0.05)
+    exact, _, scan = printed(job, HeightEstimator(job), 8, 0.0)
+    assert exact.noise_variance == 0.0
+    np.testing.assert_array_equal(exact.height, scan)
+
+
+def test_noise_that_is_common_to_a_scan_is_not_taken_for_ink() -> None:
+    job = cylinder()
+    for common in (0.5, 1.0):
+        estimate, *_ = printed(job, HeightEstimator(job), 10, 3e-6, common)
+        assert estimate.ink_scale == pytest.approx(0.9, abs=0.02)
+
+
+def test_repeated_scans_of_a_finished_surface_average_out() -> None:
+    job = cylinder()
+    rng, seen, nothing = np.random.default_rng(2), np.ones(job.mask.shape, np.bool_), np.zeros((35, 35), np.int32)
+    surface = rng.uniform(0.0, 20e-6, job.mask.shape)
+    estimator = HeightEstimator(job, sensor_noise_std=1e-6)
+    estimate = estimator.first(surface + rng.normal(0.0, 1e-6, surface.shape), seen)
+    for layer in range(1, 25):
+        scan = surface + rng.normal(0.0, 1e-6, surface.shape)
+        estimate = estimator.next(estimate, nothing, layer, scan, seen)
+    assert rms(estimate.height - surface) == pytest.approx(1e-6 / 5.0, rel=0.3)
+    assert estimate.ink_scale == 1.0
+
+
+def test_scan_taken_as_read_is_the_estimate() -> None:
+    job = cylinder()
+    estimate, _, scan = printed(job, HeightEstimator(job, take_as_read=True), 3, 1e-6)
+    np.testing.assert_array_equal(estimate.height, scan)
+
+
+def test_invalid_cells_are_predicted_their_variance_grows_and_in_the_end_they_are_untrusted() -> None:
+    job = block(20, 20)
+    pattern, seen = job.mask.astype(np.int32), np.ones(job.mask.shape, np.bool_)
+    estimator = HeightEstimator(job, untrusted_layers=3)
+    estimate = estimator.first(np.zeros(seen.shape), seen)
+    hidden = seen.copy()
+    hidden[5, 6] = False
+    surface = np.zeros(seen.shape)
+    for layer in range(1, 6):
+        before = estimate
+        surface = LayerModel.of(job).layer(surface, pattern, layer)
+        estimate = estimator.next(before, pattern, layer, np.where(hidden, surface, np.nan), hidden)
+        assert estimate.height[5, 6] == pytest.approx(surface[5, 6], abs=1e-9)
+        assert estimate.height_variance[5, 6] > before.height_variance[5, 6]
+        assert estimate.unseen[5, 6] == layer
+        np.testing.assert_array_equal(np.argwhere(estimate.untrusted), [[5, 6]] if layer > 3 else np.empty((0, 2)))
+    surface = LayerModel.of(job).layer(surface, pattern, 6)
+    again = estimator.next(estimate, pattern, 6, surface, seen)
+    assert not again.unseen.any()
+    assert not again.untrusted.any()
+
+
+@pytest.mark.parametrize("factor", [1.0, np.random.default_rng(4).uniform(0.7, 2.0, (14, 12))])
+def test_variances_of_the_droplets_of_a_layer_that_was_not_seen_add(factor: Any) -> None:
+    """Each droplet by itself on the same rough surface: a tenth of what it adds to a cell is its standard deviation."""
+    inks, rng = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6)), np.random.default_rng(5)
+    job = block(14, 12, inks=inks)
+    estimator = HeightEstimator(job, adapt_ink="off")
+    surface, seen = rng.uniform(0.0, 12e-6, (14, 12)), np.ones((14, 12), np.bool_)
+    pattern = np.where(job.mask, rng.integers(0, 3, (14, 12)), 0).astype(np.int32)
+    table, alone = tuple((ink.h1, ink.h2, ink.h3) for ink in inks), np.zeros((14, 12))
+    for cell in zip(*np.nonzero(pattern), strict=True):
+        single = np.zeros_like(pattern)
+        single[cell] = pattern[cell]
+        alone += (lu_numpy.one_pass(surface, single, table, factor)[0] - surface) ** 2
+    volumes = np.broadcast_to(factor, seen.shape).astype(np.float64)
+    after = estimator.next(estimator.first(surface, seen), pattern, 1, surface, ~seen, volumes)
+    np.testing.assert_allclose(after.height_variance, 0.1**2 * alone, rtol=1e-9, atol=1e-30)
+
+
+def test_unmeasured_start_surface_is_bare_substrate() -> None:
+    job = block()
+    valid = np.zeros((job.nx, job.ny), np.bool_)
+    np.testing.assert_array_equal(HeightEstimator(job).first(np.full(valid.shape, 7.0), valid).height, 0.0)
+
+
+def test_cell_whose_droplets_never_come_follows_the_scan() -> None:
+    job = block(20, 20)
+    pattern, seen = job.mask.astype(np.int32), np.ones(job.mask.shape, np.bool_)
+    factor = np.ones(seen.shape)
+    factor[10, 10] = 1e-9
+    estimator, rng = HeightEstimator(job, sensor_noise_std=0.3e-6), np.random.default_rng(3)
+    surface = np.zeros(seen.shape)
+    estimate = estimator.first(surface, seen)
+    for layer in range(1, 11):
+        surface = LayerModel.of(job).layer(surface, pattern, layer, factor)
+        scan = surface + rng.normal(0.0, 0.3e-6, surface.shape)
+        estimate = estimator.next(estimate, pattern, layer, scan, seen)
+    assert estimate.height[10, 10] == pytest.approx(surface[10, 10], abs=1e-6)
+
+
+def test_estimate_comes_back_from_arrays_bit_by_bit() -> None:
+    estimate, *_ = printed(block(20, 20), HeightEstimator(block(20, 20)), 3, 1e-6)
+    back = Estimate.of_arrays(estimate.arrays())
+    for name, value in back.arrays().items():
+        np.testing.assert_array_equal(value, estimate.arrays()[name], err_msg=name)
+    assert back.inks == estimate.inks
+
+
+def test_all_faults_of_the_options_are_told_at_once() -> None:
+    with pytest.raises(ValueError, match=r"adapt_ink is 'yes'.*sensor_noise_std is -1.*untrusted_layers is -2"):
+        HeightEstimator(block(), adapt_ink="yes", sensor_noise_std=-1.0, untrusted_layers=-2)  # type: ignore[arg-type]

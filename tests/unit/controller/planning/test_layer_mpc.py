@@ -1,0 +1,344 @@
+"""The layer controller: starts, relaxation, stop rule, budgets, materials, refusals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.component import BoolMap, FloatMap, Ink, Job
+from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
+from inkloop_controller.core import bindings
+from inkloop_controller.estimation.height_estimator import Estimate
+from inkloop_controller.model.droplet_choices import DropletChoices
+from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.model.regions import materials
+from inkloop_controller.model.starts import full_layers, no_droplets
+from inkloop_controller.planning.layer_mpc import LayerMpc
+from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus, surface_objective
+from inkloop_controller.problem.criterion import Criterion
+from inkloop_controller.problem.work import Work
+from support.closed_loop import block
+from support.half_spaces import Above
+from support.numpy.plan_starts_numpy import shifted, without_first_layer
+
+INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
+ENGINES = [("highs", 1.0), ("ipopt", 1.0), ("ipopt", 0.8), ("ipopt", 0.3), ("ipopt", 0.0)]
+
+
+def rough_job(seed: int = 0, n: int = 9) -> tuple[Job, Any]:
+    """A block that wants half a layer more on a rough surface."""
+    height = np.random.default_rng(seed).uniform(0.0, 8e-6, (n, n))
+    return block(n, n, float(height.mean()) + 3.8e-6), height
+
+
+def none(job: Job, layers: int = 1) -> Any:
+    return np.zeros((layers, job.nx, job.ny), np.int32)
+
+
+def known(height: Any, ink_scale: float = 1.0) -> Estimate:
+    """A surface, and ink of that share of the nominal volume, known for sure."""
+    return Estimate.exact(height, LayerModel((Ink(),)).scaled(ink_scale).inks)
+
+
+def planned(job: Job, height: Any, last: Any = None, **options: Any) -> LayerPlan:
+    """The plan for the first layer on a surface."""
+    alpha = options.pop("alpha", 0.8)
+    planner = LayerMpc(job, criterion=Criterion(alpha=alpha), **options)
+    return planner.plan(Estimate.exact(height, job.inks), 0, none(job) if last is None else last)
+
+
+@pytest.mark.parametrize(("relaxation", "alpha"), ENGINES)
+def test_relaxed_optimum_is_below_every_pattern(relaxation: Any, alpha: float) -> None:
+    job, height = rough_job()
+    mpc = LayerMpc(job, criterion=Criterion(alpha=alpha), horizon=1, relaxation=relaxation)
+    plan = mpc.plan(known(height), 0, none(job))
+    assert 0.0 <= plan.bound < plan.objective.value
+    assert plan.gap == pytest.approx(1.0 - plan.bound / plan.objective.value)
+    rng = np.random.default_rng(1)
+    problem = mpc.problem(known(height), 0)
+    for _ in range(100):
+        pattern = (rng.integers(0, 2, (1, *height.shape)) * job.mask).astype(np.int32)
+        assert plan.bound < bindings.objective(problem, pattern).value
+
+
+def test_longer_horizons_have_no_bound() -> None:
+    job, height = rough_job()
+    plan = planned(job, height, horizon=2, relaxation="ipopt")
+    assert np.isnan(plan.bound)
+    assert np.isnan(plan.gap)
+
+
+def test_both_relaxations_agree_where_both_apply() -> None:
+    job, height = rough_job(1)
+    ipopt, highs = (planned(job, height, alpha=1.0, horizon=1, relaxation=name).bound for name in ("ipopt", "highs"))
+    assert ipopt == pytest.approx(highs, abs=5e-12)
+
+
+def test_relaxation_is_solved_anew_for_every_layer() -> None:
+    job, height = rough_job(2)
+    options: Any = {"criterion": Criterion(alpha=1.0), "horizon": 1, "relaxation": "highs"}
+    mpc = LayerMpc(job, **options)
+    first = mpc.plan(known(height), 0, none(job))
+    second = mpc.plan(known(height[::-1] + 1e-6, 0.8), 1, first.plan)
+    fresh = LayerMpc(job, **options).plan(known(height[::-1] + 1e-6, 0.8), 1, first.plan)
+    assert second.bound == pytest.approx(fresh.bound, rel=1e-9)
+    assert second.bound != pytest.approx(first.bound, rel=1e-3)
+
+
+@pytest.mark.parametrize("horizon", [1, 2, 3])
+@pytest.mark.parametrize("alpha", [0.1, 0.5, 1.0])
+def test_plan_is_never_worse_than_nothing_full_layers_or_the_rest_of_the_last_plan(horizon: int, alpha: float) -> None:
+    for seed in range(10):
+        job, height = rough_job(seed)
+        rng = np.random.default_rng(seed + 100)
+        last = (rng.integers(0, 2, (horizon, *height.shape)) * job.mask).astype(np.int32)
+        mpc = LayerMpc(job, criterion=Criterion(alpha=alpha), horizon=horizon)
+        plan, problem = mpc.plan(known(height), 0, last), mpc.problem(known(height), 0)
+        for other in (no_droplets(problem), full_layers(problem), shifted(last, problem)):
+            assert plan.objective.value <= bindings.objective(problem, other).value
+
+
+def test_objective_is_that_of_the_predicted_surface() -> None:
+    job, height = rough_job(3)
+    plan = LayerMpc(job, criterion=Criterion(alpha=0.6), horizon=1).plan(known(height, 0.9), 0, none(job))
+    np.testing.assert_array_equal(plan.predicted_height, LayerModel(job.inks).scaled(0.9).layer(height, plan.pattern))
+    expected = surface_objective(plan.predicted_height, job.target_height, job.mask, 0.6)
+    assert plan.objective.value == pytest.approx(expected.value, rel=1e-9)
+    assert plan.objective.error == pytest.approx(expected.error, rel=1e-9)
+    assert plan.objective.deviation == pytest.approx(expected.deviation, rel=1e-9)
+
+
+def test_objective_of_a_longer_horizon_is_that_of_all_its_layers() -> None:
+    job, height = rough_job(4)
+    job = block(9, 9, float(height.mean()) + 11e-6, passes=4, pass_rotation=1)
+    plan, model, surface = planned(job, height, alpha=0.5), LayerModel.of(job), height
+    for number, layer in enumerate(plan.plan, start=1):
+        surface = model.layer(surface, layer, number)
+    expected = surface_objective(surface, job.target_height, job.mask, 0.5)
+    assert plan.objective.value == pytest.approx(expected.value, rel=1e-9)
+
+
+@pytest.mark.parametrize("alpha", [0.1, 0.8, 1.0])
+def test_finished_part_is_done(alpha: float) -> None:
+    job = block()
+    surface = Estimate.exact(job.target_height, job.inks)
+    for planner in (LayerMpc(job, criterion=Criterion(alpha=alpha)), StochasticGreedy(job, alpha=alpha)):
+        plan = planner.plan(surface, 4, none(job))
+        assert plan.status is PlanStatus.DONE
+        assert not plan.pattern.any()
+
+
+def test_first_layer_is_never_empty_unless_the_print_is_done() -> None:
+    for seed in range(10):
+        job, height = rough_job(seed)
+        plan = planned(job, height, horizon=3)
+        assert plan.pattern.any() == (plan.status is not PlanStatus.DONE)
+
+
+def test_layer_is_printed_first_only_for_what_it_must_gain() -> None:
+    left_out = 0
+    for seed in range(20):
+        job, height = rough_job(seed)
+        mpc = LayerMpc(job, criterion=Criterion(layer_worth=0.2))
+        plan, problem = mpc.plan(known(height), 0, none(job)), mpc.problem(known(height), 0)
+        left_out += plan.objective.value > planned(job, height).objective.value
+        if plan.plan[1:].any():
+            sooner = bindings.objective(problem, without_first_layer(plan.plan, problem)).value
+            assert (
+                sooner > 1.2 * plan.objective.value or sooner >= bindings.objective(problem, no_droplets(problem)).value
+            )
+    assert left_out > 0
+
+
+def test_certified_plan_comes_with_a_proven_bound() -> None:
+    job, height = rough_job(5)
+    plan = planned(job, height, alpha=1.0, horizon=1, certified=True)
+    assert plan.bound_confidence == 1.0
+    assert plan.gap <= 0.01
+    assert "certificate" in plan.seconds
+
+
+def test_exact_plan_is_optimal_by_its_bound() -> None:
+    job = block(8, 8, 0.0)
+    target = LayerModel.of(job).layer(np.zeros((8, 8)), job.mask.astype(np.int32))
+    job = Job(8, 8, job.pitch, target, job.mask)
+    plan = planned(job, np.zeros((8, 8)), alpha=1.0, horizon=1, relaxation="highs")
+    assert plan.status is PlanStatus.OPTIMAL
+    np.testing.assert_array_equal(plan.pattern, job.mask)
+
+
+def test_dead_nozzle_jets_nothing_and_does_not_keep_the_print_from_ending() -> None:
+    job = block(9, 9, 0.0)
+    choices = DropletChoices(job, dead_nozzles=(4,))
+    surface = np.where(np.arange(9) == 4, 0.0, job.target_height + 20e-6)
+    plan = planned(job, surface, choices=choices)
+    assert plan.status is PlanStatus.DONE
+    low = planned(job, np.full((9, 9), -20e-6), choices=choices)
+    assert low.pattern.any()
+    assert not low.pattern[:, 4].any()
+
+
+def test_grey_head_takes_larger_drops_where_more_is_lacking() -> None:
+    job = block(9, 9, 30e-6)
+    height = np.zeros((9, 9))
+    height[:, :4] = 22e-6
+    plan = planned(job, height, horizon=1, choices=DropletChoices(job, drop_levels=4))
+    assert set(np.unique(plan.pattern)) == {0, 1}
+    assert plan.drop_level[2:-2, 5:7].mean() > plan.drop_level[2:-2, 2:4].mean() + 1.0
+    predicted = LayerModel.of(job).layer(height, plan.pattern, 1, plan.drop_level.astype(np.float64))
+    np.testing.assert_array_equal(plan.predicted_height, predicted)
+
+
+def test_ceiling_is_kept_where_the_plain_criterion_would_pass_it() -> None:
+    job, height = rough_job(5)
+    limit = 1e-6
+    free = planned(job, height)
+    kept = LayerMpc(job, criterion=Criterion(overshoot_limit=limit)).plan(known(height), 0, none(job))
+    room = job.target_height + limit
+    risen = job.mask & (height <= room)
+    after = LayerModel.of(job)
+    tops = []
+    for plan in (free, kept):
+        surface = height
+        for number, layer in enumerate(plan.plan, start=1):
+            surface = after.layer(surface, layer, number)
+        tops.append(float((surface - room)[risen].max()))
+    assert tops[0] > 0.0
+    assert tops[1] <= 1e-12
+
+
+def test_ceiling_of_the_part_does_not_forbid_what_spills_beside_it() -> None:
+    job = block()
+    flat = np.zeros((job.nx, job.ny))
+    limited = LayerMpc(job, criterion=Criterion(overshoot_limit=1e-6, fringe_weight=0.1))
+    np.testing.assert_array_equal(limited.plan(known(flat), 0, none(job)).pattern, job.mask)
+
+
+def test_budget_and_clock_end_a_repair_and_the_plan_says_so() -> None:
+    job, height = rough_job(6, 30)
+    assert planned(job, height, work=Work(sweeps=1)).status is PlanStatus.BUDGET
+    hurried = planned(job, height, work=Work(time_limit=1e-9))
+    assert hurried.status in (PlanStatus.FALLBACK, PlanStatus.TIME_LIMIT)
+    assert hurried.pattern.any()
+
+
+def test_interruption_gives_the_best_plan_so_far() -> None:
+    def interrupt(progress: Any) -> bool:
+        raise KeyboardInterrupt
+
+    job, height = rough_job(7, 30)
+    plan = planned(job, height, after_sweep=interrupt)
+    assert plan.status is PlanStatus.INTERRUPTED
+    assert plan.objective.value <= planned(job, height, work=Work(sweeps=1)).objective.value * 2
+    assert plan.pattern.any()
+
+
+def test_after_sweep_ends_all_repairs_with_the_best_plan_so_far() -> None:
+    job, height = rough_job(7)
+    sweeps = []
+    enough = planned(job, height, after_sweep=lambda progress: bool(sweeps.append(progress.sweeps)) or True)
+    assert len(sweeps) == 1
+    assert enough.status in (PlanStatus.INTERRUPTED, PlanStatus.FALLBACK)
+    watched = planned(job, height, after_sweep=lambda progress: bool(sweeps.append(progress.sweeps)))
+    assert len(sweeps) == 1 + watched.sweeps
+    assert watched.objective.value <= enough.objective.value
+
+
+def test_exception_of_after_sweep_is_raised_again() -> None:
+    job, height = rough_job(7)
+    with pytest.raises(ZeroDivisionError):
+        planned(job, height, after_sweep=lambda progress: bool(1 / 0))
+
+
+def test_last_plan_that_no_plan_can_be_is_refused() -> None:
+    job, height = rough_job(8)
+    with pytest.raises(ValueError, match="last holds 0 to 99; needs 0 to 16"):
+        planned(job, height, last=np.where(job.mask, 99, 0)[None].astype(np.int32))
+
+
+def test_last_plan_of_another_grid_is_not_used() -> None:
+    job, height = rough_job(8)
+    assert planned(job, height, last=np.ones((3, 4, 4), np.int32)).start != "last plan"
+
+
+def test_phases_are_timed() -> None:
+    job, height = rough_job(9)
+    assert set(planned(job, height).seconds) == {"relaxation", "rounding", "repair"}
+
+
+def test_search_of_the_paper_refuses_four_passes() -> None:
+    with pytest.raises(ValueError, match="passes is 4; this controller plans layers of 1 pass"):
+        StochasticGreedy(block(passes=4))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda job: LayerMpc(job, horizon=0), "horizon is 0"),
+        (lambda job: LayerMpc(job, horizon=6), "needs 1 to 5 layers"),
+        (lambda job: LayerMpc(job, horizon=1, relaxation="highs"), "take 'ipopt'"),
+        (lambda job: LayerMpc(job, certified=True), "certified with horizon 3"),
+        (lambda job: Work(sweeps=0, threads=0), "sweeps is 0.*threads is 0"),
+        (lambda job: Work(time_limit=0.0), "time_limit is 0"),
+        (lambda job: StochasticGreedy(job, alpha=2.0), "alpha is 2.0"),
+        (lambda job: StochasticGreedy(job, batch=0), "batch is 0"),
+        (lambda job: OpenLoop(job, layers=-1), "layers is -1"),
+    ],
+)
+def test_option_that_cannot_be_meant_is_refused(make: Any, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        make(block())
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_surface_that_is_not_finite_is_refused(wrong: float) -> None:
+    job, height = rough_job()
+    height[4, 4] = wrong
+    with pytest.raises(ValueError, match=r"height is .* at cell \(4, 4\)"):
+        planned(job, height)
+
+
+def test_open_loop_prints_full_layers_up_to_the_nominal_height() -> None:
+    job = block(height=30.4e-6)  # four layers of 7.6 um
+    planner = OpenLoop(job)
+    flat = Estimate.exact(np.zeros((job.nx, job.ny)), job.inks)
+    plans = [planner.plan(flat, layer, none(job)) for layer in range(5)]
+    assert [plan.status for plan in plans] == [PlanStatus.FIXED] * 4 + [PlanStatus.DONE]
+    for plan in plans[:4]:
+        np.testing.assert_array_equal(plan.pattern, job.mask)
+
+
+def test_material_is_asked_for_half_a_layer_above_the_surface() -> None:
+    job = block(inks=INKS, region=Above(10e-6))
+    half_layer = (7.6e-6 + 6.7e-6) / 4
+    for test, surface in (("middle", 10e-6 - half_layer), ("surface", 10e-6)):
+        shape = (job.nx, job.ny)
+        assert (materials(job, np.full(shape, surface - 1e-9), test) == 1).all()  # type: ignore[arg-type]
+        assert (materials(job, np.full(shape, surface + 1e-9), test) == 0).all()  # type: ignore[arg-type]
+
+
+def test_region_is_asked_in_metres_from_the_first_cell() -> None:
+    asked: list[Any] = []
+
+    class Asked:
+        def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
+            asked.extend([x, y])
+            return np.ones(z.shape, np.bool_)
+
+    job = block(4 + 5, 4 + 2, inks=INKS, region=Asked())
+    materials(job, np.zeros((9, 6)), "middle")
+    i, j = np.indices((9, 6))
+    np.testing.assert_allclose(asked[0], i * job.pitch)
+    np.testing.assert_allclose(asked[1], j * job.pitch)
+
+
+@pytest.mark.parametrize("planner", [LayerMpc, StochasticGreedy, OpenLoop])
+def test_every_droplet_is_of_the_ink_that_belongs_there(planner: Any) -> None:
+    lower = block(inks=INKS, region=Above(5e-6))
+    upper = block(inks=INKS, region=Above(-5e-6))
+    for job, pattern in ((lower, 2), (upper, 1)):
+        plan = planner(job).plan(Estimate.exact(np.zeros((job.nx, job.ny)), job.inks), 0, none(job))
+        assert set(np.unique(plan.pattern[job.mask])) - {0} == {pattern}
+        assert not plan.pattern[~job.mask].any()

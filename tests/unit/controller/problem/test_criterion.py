@@ -1,0 +1,79 @@
+"""The criterion: schedule, ceiling, fringe, and what it refuses."""
+
+from __future__ import annotations
+
+from math import nan
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop_controller.controllers import LayerMpcController
+from inkloop_controller.problem.criterion import Criterion, beside
+from support.closed_loop import block, print_part
+
+
+def test_schedule_of_alpha_holds_from_its_layer_on() -> None:
+    criterion = Criterion(alpha=[(1, 0.5), (10, 0.9)])
+    assert [criterion.alpha_of(layer) for layer in (1, 9, 10, 99)] == [0.5, 0.5, 0.9, 0.9]
+    assert Criterion(alpha=0.3).alpha_of(7) == 0.3
+
+
+def test_ceiling_is_lower_where_the_prediction_is_less_sure() -> None:
+    target, std = np.full((1, 2), 100e-6), np.array([[0.0, 2e-6]])
+    everywhere = np.ones(target.shape, np.bool_)
+    ceiling = Criterion(overshoot_limit=5e-6, chance_margin=2.0).ceiling(target, std, everywhere)
+    assert ceiling is not None
+    assert ceiling == pytest.approx(np.array([[105e-6, 101e-6]]))
+    assert Criterion().ceiling(target, std, everywhere) is None
+
+
+def test_chance_margin_of_two_keeps_the_limit_on_all_but_a_few_cells() -> None:
+    """A normal prediction is exceeded by 2.3 % of the cells at two standard deviations, by half of those at the limit
+    at none."""
+    job = block(16, 16)
+
+    def share_above(margin: float) -> float:
+        controller = LayerMpcController(job, overshoot_limit_um=0.0, chance_margin=margin)
+        prints = [print_part(controller, job, variation=0.2, seed=seed) for seed in range(8)]
+        return float(np.mean([(one.height > job.target_height)[job.mask].mean() for one in prints]))
+
+    assert share_above(2.0) < 0.023
+    assert share_above(0.0) > 0.035
+
+
+def test_fringe_is_the_ring_beside_the_part() -> None:
+    part = np.zeros((5, 6), np.bool_)
+    part[2, 2:4] = True
+    ring = np.zeros_like(part)
+    ring[1:4, 1:5] = True
+    assert (beside(part) == (ring & ~part)).all()
+    weight = Criterion(fringe_weight=0.25).weight(part)
+    assert weight[2, 2] == 1.0
+    assert weight[1, 1] == 0.25
+    assert weight[0, 0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"alpha": 1.5}, "alpha is 1.5"),
+        ({"alpha": nan}, "alpha is nan"),
+        ({"alpha": [(1, 0.5), (3, -0.5)]}, "alpha is -0.5"),
+        ({"alpha": [(3, 0.5), (1, 0.5)]}, "rising layers"),
+        ({"alpha": []}, "rising layers"),
+        ({"overshoot": 0.0}, "overshoot is 0.0"),
+        ({"overshoot_limit": -1e-6}, "overshoot_limit is -1e-06"),
+        ({"chance_margin": nan}, "chance_margin is nan"),
+        ({"layer_worth": -0.1}, "layer_worth is -0.1"),
+        ({"fringe_weight": 2.0}, "fringe_weight is 2.0"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(options: Any, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Criterion(**options)
+
+
+def test_all_faults_are_named_at_once() -> None:
+    with pytest.raises(ValueError, match=r"alpha is 2.*overshoot is -1.*fringe_weight is -1"):
+        Criterion(alpha=2.0, overshoot=-1.0, fringe_weight=-1.0)

@@ -1,0 +1,114 @@
+"""A certificate never promises more than the proven optimum allows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from inkloop.component import Ink
+from inkloop_controller.core import bindings
+from inkloop_controller.core.bindings import HorizonProblem, IntPlan
+from inkloop_controller.program.certificate import certify, student_t
+from inkloop_controller.program.program import HorizonProgram
+
+
+def rough(shape: tuple[int, int], seed: int = 0, **values: Any) -> HorizonProblem:
+    height = np.random.default_rng(seed).uniform(0.0, 8e-6, shape)
+    target = np.full(shape, height.mean() + 3.8e-6)
+    choices = np.ones((1, *shape), np.uint16)
+    return HorizonProblem(height, target, np.ones(shape, np.bool_), choices, (Ink(),), **{"alpha": 1.0, **values})
+
+
+def searched(problem: HorizonProblem) -> IntPlan:
+    return bindings.search(problem, np.zeros(problem.choices.shape, np.int32), sweeps_max=50).plan
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_small_grid_is_proven(seed: int) -> None:
+    problem = rough((6, 6), seed)
+    certificate = certify(problem, searched(problem))
+    best = HorizonProgram(problem, "highs", whole=True).solve(problem)
+    assert certificate.confidence == 1.0
+    assert certificate.bound <= best.value <= certificate.objective * (1 + 1e-9)
+    assert certificate.bound == pytest.approx(best.value, rel=1e-3)
+    assert 0.0 <= certificate.gap < 0.2
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("tile", [3, 4])
+def test_all_tiles_together_bound_the_optimum(seed: int, tile: int) -> None:
+    # Tiles that do not divide the grid, a part with a hole, a fringe, dead cells and a ceiling.
+    rng = np.random.default_rng(seed)
+    plain = rough((7, 8), seed)
+    part = rng.random((7, 8)) < 0.9
+    problem = replace(
+        plain,
+        part=part,
+        weight=np.where(part, 1.0, 0.3),
+        choices=(rng.random((1, 7, 8)) < 0.9).astype(np.uint16),
+        overshoot=2.0,
+        ceiling=plain.target + 1e-6,
+        ceiling_cost=5.0,
+    )
+    certificate = certify(problem, searched(problem), whole_max=0, tile=tile)
+    best = HorizonProgram(problem, "highs", whole=True).solve(problem)
+    assert certificate.tiles == certificate.tiles_solved == certificate.tiles_proven
+    assert certificate.confidence == 1.0
+    assert 0.3 * best.value < certificate.bound <= best.value
+
+
+def test_one_tile_over_the_whole_grid_proves_the_optimum() -> None:
+    problem = rough((6, 6))
+    whole = certify(problem, searched(problem))
+    tiled = certify(problem, searched(problem), whole_max=0, tile=6)
+    assert tiled.bound == pytest.approx(whole.bound, rel=1e-3)
+
+
+def test_sampled_bound_keeps_below_the_optimum() -> None:
+    problem = rough((10, 10), 1)
+    plan = searched(problem)
+    best = HorizonProgram(problem, "highs", whole=True, seconds_max=20.0).solve(problem).bound
+    for seed in range(5):
+        certificate = certify(problem, plan, whole_max=0, tile=4, tiles_max=5, seed=seed)
+        assert (certificate.tiles, certificate.tiles_solved, certificate.confidence) == (9, 5, 0.95)
+        assert certificate.bound <= best
+
+
+def test_more_confidence_asks_for_a_lower_bound() -> None:
+    problem = rough((10, 10), 1)
+    plan = searched(problem)
+    bounds = [
+        certify(problem, plan, whole_max=0, tile=4, tiles_max=5, confidence=confidence).bound
+        for confidence in (0.5, 0.9, 0.99)
+    ]
+    assert bounds[0] > bounds[1] > bounds[2]
+
+
+def test_worse_plan_has_a_larger_gap_and_no_lower_bound() -> None:
+    problem = rough((6, 6))
+    good, bad = certify(problem, searched(problem)), certify(problem, np.ones((1, 6, 6), np.int32))
+    assert bad.gap > good.gap
+    assert bad.bound == pytest.approx(good.bound, rel=1e-3)
+
+
+@pytest.mark.parametrize("confidence", [0.9, 0.95, 0.99])
+def test_students_t_is_the_quantile(confidence: float) -> None:
+    for degrees in (9, 29, 100):
+        assert student_t(confidence, degrees) == pytest.approx(float(stats.t.ppf(confidence, degrees)), rel=1e-3)
+    assert student_t(confidence, 0) == np.inf
+
+
+def test_problems_that_are_not_linear_are_refused() -> None:
+    problem = rough((4, 4))
+    plan = np.zeros((1, 4, 4), np.int32)
+    for other in (replace(problem, alpha=0.8), replace(problem, colours=((0, 1, 2, 3),))):
+        with pytest.raises(ValueError, match="needs 1 layer of 1 pass and alpha = 1"):
+            certify(other, plan)
+    with pytest.raises(ValueError, match="at most 1 kind on each cell"):
+        certify(replace(problem, kinds=(Ink(), Ink()), choices=np.full((1, 4, 4), 3, np.uint16)), plan)
+    with pytest.raises(ValueError, match="tiles_max 1"):
+        certify(problem, plan, tiles_max=1)

@@ -1,0 +1,194 @@
+"""The handshake of the controller."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.component import Component, Ink, Status
+from inkloop.errors import ComponentError
+from inkloop_controller.controllers import LayerMpcController, OpenLoopController, StochasticGreedyController
+from inkloop_controller.model.layer_model import LayerModel
+from support.closed_loop import SECOND, block, inputs_of, print_part
+from support.half_spaces import Below
+
+MAKERS = [LayerMpcController, OpenLoopController, StochasticGreedyController]
+JOB = block()
+FLAT = np.zeros((JOB.nx, JOB.ny))
+
+
+def started(controller: Component, layer: int = 0) -> Component:
+    controller.initialize(0, inputs_of(JOB, FLAT, layer))
+    return controller
+
+
+def answer(controller: Component, height: Any, scanned: int, printed: int, valid: Any = None) -> dict[str, Any]:
+    inputs = inputs_of(JOB, height, printed, valid) | {"layers_scanned": np.asarray(scanned, np.int32)}
+    return dict(controller.do_step(0, SECOND, inputs))
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_layer_is_commanded_once_the_last_one_is_printed_and_scanned(make: Any) -> None:
+    controller = started(make(JOB))
+    assert answer(controller, FLAT, -1, 0)["layer_command"] == 0  # no scan yet
+    assert answer(controller, FLAT, 0, 0)["layer_command"] == 1
+    for scanned, printed in ((0, 0), (0, 1), (1, 0)):  # the same scan, a scan to come, a number that cannot be
+        assert answer(controller, FLAT, scanned, printed)["layer_command"] == 1
+    assert answer(controller, FLAT, 1, 1)["layer_command"] == 2
+
+
+def test_repeated_scan_changes_nothing() -> None:
+    controller = started(LayerMpcController(JOB))
+    first = answer(controller, FLAT, 0, 0)
+    second = answer(controller, FLAT + 5e-6, 0, 0)
+    for name, value in first.items():
+        np.testing.assert_array_equal(second[name], value, err_msg=name)
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_commands_count_from_the_layers_there_are(make: Any) -> None:
+    controller = started(make(JOB), layer=2)
+    assert answer(controller, FLAT, 2, 2)["layer_command"] == 3
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_done_is_for_good(make: Any) -> None:
+    controller = started(make(JOB, **({"layers": 0} if make is OpenLoopController else {})))
+    done = answer(controller, JOB.target_height, 0, 0)
+    assert done["status"] == Status.DONE
+    assert done["layer_command"] == 0
+    assert not done["pattern"].any()
+    assert answer(controller, FLAT, 1, 1)["status"] == Status.DONE
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_part_is_printed_to_its_end_and_the_same_bits_again(make: Any) -> None:
+    controller = make(JOB)
+    one, other = (print_part(controller, JOB, variation=0.2, seed=4) for _ in range(2))
+    np.testing.assert_array_equal(one.height, other.height)
+    assert len(one.patterns) >= 4
+
+
+def test_restored_controller_goes_on_with_the_same_bits() -> None:
+    controller, resumed = started(LayerMpcController(JOB)), started(LayerMpcController(JOB))
+    height, plant = FLAT, LayerModel.of(JOB)
+    for layer in range(3):
+        pattern = answer(controller, height, layer, layer)["pattern"]
+        height = plant.layer(height, pattern, layer + 1, np.full(height.shape, 0.9))
+    resumed.restore(controller.save())  # type: ignore[attr-defined]
+    assert resumed.save() == controller.save()  # type: ignore[attr-defined]
+    left, right = (answer(one, height, 3, 3) for one in (controller, resumed))
+    for name in left.keys() - {"solve_time"}:
+        np.testing.assert_array_equal(left[name], right[name], err_msg=name)
+
+
+def test_state_of_another_grid_is_refused() -> None:
+    other = LayerMpcController(block(7, 7))
+    with pytest.raises(ComponentError, match=r"of a grid \(7, 7\); needs \(10, 9\)"):
+        LayerMpcController(JOB).restore(other.save())
+    with pytest.raises(ComponentError, match="is no state of it"):
+        LayerMpcController(JOB).restore(b"nonsense")
+
+
+def test_height_that_is_no_number_is_refused_where_it_is_marked_valid() -> None:
+    broken = FLAT.copy()
+    broken[3, 4] = np.nan
+    valid = np.ones(FLAT.shape, np.bool_)
+    with pytest.raises(ComponentError, match=r"nan at cell \(3, 4\) of scan 0, which is marked valid"):
+        answer(started(LayerMpcController(JOB)), broken, 0, 0)
+    valid[3, 4] = False
+    assert answer(started(LayerMpcController(JOB)), broken, 0, 0, valid)["layer_command"] == 1
+
+
+def test_part_is_printed_through_cells_that_are_never_measured() -> None:
+    """The model fills in for them: the error stays within a few droplets' spread."""
+    controller, plant = started(LayerMpcController(JOB)), LayerModel.of(JOB)
+    valid = np.ones(FLAT.shape, np.bool_)
+    valid[4:6, 4:6] = False
+    height = FLAT
+    for layer in range(20):
+        outputs = answer(controller, np.where(valid, height, 0.0), layer, layer, valid)
+        if outputs["status"] == Status.DONE:
+            break
+        height = plant.layer(height, outputs["pattern"], layer + 1, np.full(height.shape, 0.9))
+    assert outputs["status"] == Status.DONE
+    assert np.abs(JOB.target_height - height)[JOB.mask].max() < 8e-6
+
+
+def test_bound_counts_only_with_a_relaxation() -> None:
+    without = answer(started(LayerMpcController(JOB)), FLAT, 0, 0)
+    assert not without["bound_valid"]
+    assert np.isnan(without["bound"])
+    bounded = answer(started(LayerMpcController(JOB, horizon=1, relaxation="ipopt")), FLAT, 0, 0)
+    assert bounded["bound_valid"]
+    assert bounded["bound"] <= bounded["objective"]
+
+
+def test_cell_that_is_never_seen_makes_the_status_untrusted_while_the_print_goes_on() -> None:
+    controller, plant, height = started(LayerMpcController(JOB, untrusted_layers=1)), LayerModel.of(JOB), FLAT
+    hidden = np.ones(FLAT.shape, np.bool_)
+    hidden[4, 4] = False
+    statuses = []
+    for layer in range(20):
+        outputs = answer(controller, height, layer, layer, hidden)
+        statuses.append(int(outputs["status"]))
+        if outputs["status"] == Status.DONE:
+            break
+        assert outputs["layer_command"] == layer + 1
+        height = plant.layer(height, outputs["pattern"], layer + 1)
+    assert statuses[0] == Status.IDLE
+    assert set(statuses[1:-1]) == {Status.UNTRUSTED}
+    assert statuses[-1] == Status.DONE
+
+
+def test_restored_controller_goes_on_with_the_same_bits_on_noisy_scans() -> None:
+    controller, resumed = started(LayerMpcController(JOB)), started(LayerMpcController(JOB))
+    height, plant, rng = FLAT, LayerModel.of(JOB), np.random.default_rng(6)
+    for layer in range(6):
+        if layer == 3:
+            resumed.restore(controller.save())  # type: ignore[attr-defined]
+        scan = height + rng.normal(0.0, 1e-6, height.shape)
+        outputs = answer(controller, scan, layer, layer)
+        if layer >= 3:
+            again = answer(resumed, scan, layer, layer)
+            for name in ("pattern", "estimated_height", "volume_scale"):
+                np.testing.assert_array_equal(again[name], outputs[name], err_msg=name)
+        height = plant.layer(height, outputs["pattern"], layer + 1, np.full(height.shape, 0.9))
+
+
+@pytest.mark.parametrize(
+    ("fields", "options"),
+    [
+        ({"passes": 4, "pass_rotation": 1}, {}),
+        ({"inks": (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6)), "region": Below(20e-6)}, {"region_test": "either"}),
+        ({}, {"drop_levels": 3}),
+    ],
+    ids=["four passes", "two inks", "grey"],
+)
+def test_controller_restored_after_every_layer_prints_the_same_bits(fields: Any, options: Any) -> None:
+    """Noisy scans, droplets that vary, and a cell that is dead from layer 2 on."""
+    job = block(height=45e-6, **fields)
+    plant, droplets, sensor = LayerModel.of(job), np.random.default_rng(7), np.random.default_rng(8)
+    steady, resumed = (LayerMpcController(job, adapt_ink="full", **options) for _ in range(2))
+    height = np.zeros((job.nx, job.ny))
+    for controller in (steady, resumed):
+        controller.initialize(0, inputs_of(job, height, 0))
+    dead_cells = []
+    for layer in range(60):
+        scan = height + sensor.normal(0.0, 0.3e-6, height.shape)
+        outputs = answer(steady, scan, layer, layer)
+        again = answer(resumed, scan, layer, layer)
+        for name in outputs.keys() - {"solve_time"}:
+            np.testing.assert_array_equal(again[name], outputs[name], err_msg=f"{name} of layer {layer}")
+        saved, resumed = resumed.save(), LayerMpcController(job, adapt_ink="full", **options)
+        resumed.restore(saved)
+        dead_cells.append(int(outputs["dead_cells"]))
+        if outputs["status"] == Status.DONE:
+            break
+        factor = outputs["drop_level"] * (1.0 - 0.2 * droplets.random(height.shape))
+        factor[5, 5] *= 1e-9 if layer > 1 else 1.0
+        height = plant.layer(height, outputs["pattern"], layer + 1, factor)
+    assert outputs["status"] == Status.DONE
+    assert max(dead_cells) == 1

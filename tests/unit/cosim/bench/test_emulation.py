@@ -1,0 +1,147 @@
+"""From a scenario to the emulated bench that stands for its printer and profiler, and words where that cannot be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.bench.emulation import emulation_of
+from inkloop.cli import main
+from inkloop.component import Job, Port, Values
+from inkloop.components import catalog
+from inkloop.components.devices import KINDS, Bench
+from inkloop.components.fmu_parameters import values_of_model
+from inkloop.errors import ComponentError, ScenarioError
+from inkloop.printing.listening import check_listening, local_port
+from inkloop.scenario.file import Scenario
+from inkloop.tables.schema import BenchTable
+from inkloop.testing import job
+from support.benches.bench_run import BLOCK, FMUS, TWO_INKS, write
+
+
+@pytest.mark.parametrize("overrides", [[], FMUS], ids=["devices", "FMUs"])
+def test_bench_has_grid_ink_sensor_and_seeds_of_the_scenario(overrides: list[str], tmp_path: Path) -> None:
+    scenario = Scenario.load(write(tmp_path, TWO_INKS), overrides)
+    found = emulation_of(scenario).parameters
+    assert (found["nx"], found["ny"]) == (12, 11)
+    assert (found["h1_a"], found["h1_b"]) == (4.4e-6, 3.9e-6)
+    assert (found["variation"], found["variation_kind"], found["resolution"]) == (0.2, 1, 1e-7)
+    assert found["printer_seed"] == scenario.job("printer").seed
+    assert found["sensor_seed"] == scenario.job("profiler").seed
+    assert emulation_of(scenario).surface is None
+
+
+def test_substrate_of_the_scenario_is_the_surface_of_the_bench(tmp_path: Path) -> None:
+    scenario = Scenario.load(write(tmp_path), ["substrate.wave_um=3.0"])
+    surface = emulation_of(scenario).surface
+    assert surface is not None
+    np.testing.assert_array_equal(surface, scenario.job("printer").height_start)
+
+
+def test_options_that_only_the_fmus_have_are_all_named(tmp_path: Path) -> None:
+    overrides = ["components.printer.roller_step_um=3.0", "components.printer.layer_period_s=2.0"]
+    with pytest.raises(ScenarioError, match="2 faults") as refused:
+        emulation_of(Scenario.load(write(tmp_path), overrides))
+    assert "components.printer.roller_step is not emulated" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("channel", "port"),
+    [("socket://127.0.0.1:28550", 28550), ("socket://10.0.0.7:28550", None), ("can0", None), (None, None)],
+)
+def test_only_a_port_of_this_machine_is_one_for_an_emulated_bench(channel: str | None, port: int | None) -> None:
+    assert local_port(channel) == port
+
+
+def test_run_without_a_bench_leaves_no_folder_and_says_what_to_start(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    scenario = Scenario.load(path, ["bench.channel=socket://127.0.0.1:9"])
+    with pytest.raises(ComponentError, match=rf"`inkloop bench {path}` in another terminal"):
+        check_listening(scenario)
+    assert main(["run", str(path), "--out", str(tmp_path / "run"), "--set", "bench.channel=socket://127.0.0.1:9"]) == 1
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("overrides", "word"), [([], "bench.channel are not set"), (["bench.channel=can0"], "bench.channel is 'can0'")]
+)
+def test_bench_that_does_not_know_where_to_listen_says_so(
+    overrides: list[str], word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sets = [piece for override in overrides for piece in ("--set", override)]
+    assert main(["bench", str(write(tmp_path)), *sets]) == 1
+    assert word in capsys.readouterr().err
+
+
+def test_options_of_a_device_are_those_of_the_model_in_its_place() -> None:
+    for kind, device in KINDS.items():
+        assert catalog.faults(kind, job(), {"seed": 3}) == []
+        faults = (catalog.faults(name, job(), {"bla": 1, "nx": "x"}) for name in (kind, device.model))
+        assert next(faults) == next(faults)
+
+
+def test_passes_of_the_printers_own_table_are_those_of_the_device() -> None:
+    options: dict[str, Any] = {"passes": 4, "pass_order": "diagonal", "pass_rotation": 3}
+    values = values_of_model("LayerDeposition", job(), options)
+    assert [int(values[name]) for name in options] == [4, 2, 3]
+
+
+def test_devices_of_one_loop_share_a_rig_that_opens_nothing_before_they_begin(tmp_path: Path) -> None:
+    scenario = Scenario.load(write(tmp_path), ["bench.channel=/dev/no-such-adapter"])
+    components, _ = scenario.build(tmp_path)
+    printer, profiler = components["printer"], components["profiler"]
+    assert printer._rig is profiler._rig  # type: ignore[attr-defined]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["block.toml"]
+
+
+def test_traffic_of_a_resumed_run_does_not_replace_that_of_its_first_part(tmp_path: Path) -> None:
+    names = []
+    for _ in range(3):
+        names.append(str(Bench(BenchTable(), tmp_path).rig.settings.traffic_log))
+        (tmp_path / names[-1]).touch()
+    assert names == ["traffic.blf", "traffic-2.blf", "traffic-3.blf"]
+    assert Bench(BenchTable(traffic_log=""), tmp_path).rig.settings.traffic_log is None
+    assert Bench(BenchTable()).rig.settings.traffic_log is None
+
+
+class Blower:
+    """A third party's device."""
+
+    inputs = ()
+    outputs = (Port("speed", "m/s"),)
+
+    def __init__(self, job: Job, rig: Any, *, speed: float = 1.0) -> None:
+        self.rig = rig
+
+    def initialize(self, time_ns: int, inputs: Values) -> Values:
+        return {}
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        return {}
+
+    def terminate(self) -> None: ...
+
+
+def test_device_of_a_third_party_is_given_the_rig_of_its_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(catalog, "_load", lambda kind: Blower)
+    bench = Bench(BenchTable(channel="can0"))
+    assert catalog.make("blowers:Blower", job(), {"speed": 2.0}, bench).rig is bench.rig  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("line", "word"),
+    [
+        ("bitrate = 5", "bench.bitrate is 5"),
+        ('traffic_log = "a.txt"', "bench.traffic_log is 'a.txt'"),
+        ("cure_ms = 0", "bench.cure_ms is 0"),
+        ("chanel = 1", "bench.chanel is not a key of this table; did you mean channel?"),
+    ],
+)
+def test_fault_of_the_bench_table_is_named(line: str, word: str, tmp_path: Path) -> None:
+    text = BLOCK.replace("bitrate = 500000\ncure_ms = 2", line)
+    with pytest.raises(ScenarioError) as refused:
+        Scenario.load(write(tmp_path, text))
+    assert word in str(refused.value)

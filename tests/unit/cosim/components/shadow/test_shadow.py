@@ -1,0 +1,324 @@
+"""A shadow deposits what the device says it has printed, and tells when the scans grow otherwise."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.component import Component, Job, Port, Status, Values
+from inkloop.components import catalog
+from inkloop.components.shadow.comparison import ScannedLayer, start_surface
+from inkloop.components.shadow.shadow import Shadow
+from inkloop.errors import ComponentError, ScenarioError
+from inkloop.master.master import Algorithm, Master
+from inkloop.master.wiring import check, contract_connections
+from inkloop.testing import RESUMABLE_LAWS, Law
+from inkloop.testing import job as small_job
+from support.benches.device_toys import DevicePrinter, DeviceProfiler, StartingPrinter
+from support.toys import DROPLET, FunctionComponent, ToyController, ToyProfiler, toy_job
+
+SECOND = 1_000_000_000
+ORDERS = list(permutations(("controller", "printer", "shadow", "profiler")))
+
+
+class Watch:
+    """Keeps what a shadow says whenever it has compared a layer; its height when it has followed one."""
+
+    def __init__(self, printer: DevicePrinter) -> None:
+        self.printer = printer
+        self.growth: dict[int, float] = {}
+        self.surface: dict[int, float] = {}
+        self.status: dict[int, int] = {}
+        self.last: Values = {}
+
+    def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
+        self.stepped(time_ns, outputs)
+
+    def stepped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
+        self.last = outputs["shadow"]
+        layer = int(self.last["layers_compared"])
+        self.growth[layer] = float(self.last["growth_divergence"])
+        self.surface[layer] = float(self.last["surface_divergence"])
+        self.status[layer] = int(self.last["status"])
+
+
+def rig(job: Job, durations: tuple[int, int] = (0, 0), plate: np.ndarray | None = None, **limits: Any) -> dict:
+    """Controller, device printer, its shadow, and a profiler of what lies on the bed."""
+    printer = DevicePrinter(job, durations[0], plate)
+    return {
+        "controller": ToyController(job),
+        "printer": printer,
+        "shadow": Shadow(job, StartingPrinter, **limits),
+        "profiler": DeviceProfiler(job, printer, durations[1]),
+    }
+
+
+def run(parts: dict[str, Component], algorithm: Algorithm = "gauss-seidel", layers: int = 9) -> tuple[Watch, str]:
+    watch = Watch(parts["printer"])
+    wires = contract_connections(parts)
+    assert check(parts, wires) == []
+    master = Master(parts, wires, step_ns=SECOND, algorithm=algorithm, observers=[watch])
+    return watch, master.run(layers_max=layers, time_max_ns=1000 * SECOND)
+
+
+@pytest.mark.parametrize("law", RESUMABLE_LAWS)
+@pytest.mark.parametrize("start", ["scan", "job"])
+def test_shadow_keeps(law: Law, start: str) -> None:
+    law(lambda: catalog.make("Shadow", small_job(), {"start": start, "variation": 0.2}))
+
+
+@pytest.mark.parametrize("law", RESUMABLE_LAWS)
+def test_shadow_of_any_plant_keeps(law: Law) -> None:
+    law(lambda: Shadow(small_job(), StartingPrinter))
+
+
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
+@pytest.mark.parametrize("order", ORDERS, ids=" ".join)
+def test_shadow_of_a_rig_that_does_as_the_model_never_diverges(order: tuple[str, ...], algorithm: Algorithm) -> None:
+    """Whatever the order of the components, the algorithm and the durations; the plate is not flat."""
+    job = toy_job()
+    plate = np.linspace(0.0, 30e-6, 12).reshape(4, 3)
+    for durations in ((0, 0), (3 * SECOND, 0), (0, 2 * SECOND)):
+        parts = rig(job, durations, plate)
+        watch, reason = run({name: parts[name] for name in order}, algorithm)
+        assert reason == "done"
+        assert max(watch.growth) >= 3
+        assert max(value for layer, value in watch.growth.items() if layer > 0) < 1e-15
+        assert max(value for layer, value in watch.surface.items() if layer >= 0) < 1e-15
+        assert set(watch.status.values()) == {Status.IDLE}
+        if order.index("shadow") > order.index("printer"):  # before it, the run may end when it is a step behind
+            np.testing.assert_allclose(watch.last["height"], parts["printer"].surface, atol=1e-15)
+
+
+class GivingUpPrinter(DevicePrinter):
+    """Gives layer 2 up after half of its lines, and says so."""
+
+    def __init__(self, job: Job) -> None:
+        super().__init__(job)
+        self.outputs = (*self.outputs, Port("layer_unknown", dtype="bool"))
+        self.disturb = lambda layer, pattern: pattern * ((np.indices(pattern.shape)[0] < 2) | (layer != 2))
+
+    def _told(self, values: Values) -> Values:
+        return super()._told({**values, "layer_unknown": np.asarray(values["layers_printed"] == 2)})
+
+
+def test_shadow_goes_on_from_the_scan_of_a_layer_that_was_given_up() -> None:
+    job = toy_job()
+    printer = GivingUpPrinter(job)
+    parts = {**rig(job, stop=1e-6), "printer": printer, "profiler": DeviceProfiler(job, printer)}
+    watch, reason = run(parts)
+    assert reason == "done", "the shadow would have stopped the run"
+    assert {layer for layer, status in watch.status.items() if status != Status.IDLE} == {2}
+    assert np.isnan(watch.growth[2])
+    later = [value for layer, value in watch.surface.items() if layer > 2]
+    assert later
+    assert max(later) < 1e-15
+
+
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
+@pytest.mark.parametrize("order", ORDERS, ids=" ".join)
+def test_simulated_sensor_scans_each_layer_of_the_shadow_of_a_device(
+    order: tuple[str, ...], algorithm: Algorithm
+) -> None:
+    """Never the surface before it, whatever stands where."""
+    job = toy_job()
+    parts = rig(job, start="job") | {"profiler": ToyProfiler(job)}
+    watch, reason = run({name: parts[name] for name in order}, algorithm)
+    assert reason == "done"
+    assert max(watch.surface) >= 3
+    assert max(value for layer, value in watch.surface.items() if layer >= 0) < 1e-15
+
+
+def test_layer_is_deposited_when_the_printer_says_so_with_the_pattern_of_its_command() -> None:
+    job = toy_job()
+    shadow = Shadow(job, StartingPrinter)
+    shadow.initialize(0, inputs(job, 0, 0, 0))
+    given = [(1, 0, 1), (1, 0, 0), (1, 1, 0)]  # command, printed, what the pattern input says meanwhile
+    heights = [shadow.do_step(k * SECOND, SECOND, inputs(job, *row))["height"].max() for k, row in enumerate(given)]
+    assert heights == [0.0, 0.0, DROPLET]
+
+
+def inputs(job: Job, command: int, printed: int, dots: int, scan: Values | None = None) -> Values:
+    return {
+        "pattern": np.full((job.nx, job.ny), dots, np.int32),
+        "layer_command": np.asarray(command),
+        "layers_printed": np.asarray(printed),
+        **(scan or {}),
+    }
+
+
+def scan(layer: int, height: np.ndarray, valid: np.ndarray | bool = True) -> Values:
+    marks = np.broadcast_to(valid, height.shape)
+    return {"layers_scanned": np.asarray(layer), "measured_height": height, "valid": marks}
+
+
+def test_without_a_profiler_the_shadow_only_follows() -> None:
+    job = toy_job()
+    shadow = Shadow(job, StartingPrinter)
+    shadow.initialize(0, inputs(job, 0, 0, 0))
+    for layer in range(1, 5):
+        outputs = shadow.do_step(layer * SECOND, SECOND, inputs(job, layer, layer, 1))
+    assert int(outputs["layers_followed"]) == 4
+    assert int(outputs["layers_compared"]) == -1
+    np.testing.assert_allclose(outputs["height"], 4 * DROPLET)
+
+
+def test_growth_of_a_scan_that_jumps_is_that_of_all_layers_between() -> None:
+    job = toy_job()
+    ones = np.ones((job.nx, job.ny))
+    shadow = Shadow(job, StartingPrinter)
+    shadow.initialize(0, inputs(job, 0, 0, 0, scan(-1, 0 * ones, False)))
+    flat = scan(0, 0 * ones)
+    for command in (0, 1, 2, 3):
+        shadow.do_step(command * SECOND, SECOND, inputs(job, command, command, 1, flat))
+    outputs = shadow.do_step(4 * SECOND, SECOND, inputs(job, 3, 3, 1, scan(3, 2.5 * DROPLET * ones)))
+    assert int(outputs["layers_compared"]) == 3
+    assert float(outputs["growth_divergence"]) == pytest.approx(0.5 * DROPLET)
+
+
+def test_scan_of_an_older_layer_is_held_against_the_surface_of_that_layer() -> None:
+    job = toy_job()
+    ones = np.ones((job.nx, job.ny))
+    shadow = Shadow(job, StartingPrinter)
+    shadow.initialize(0, inputs(job, 0, 0, 0))
+    shadow.do_step(0, SECOND, inputs(job, 1, 1, 1, scan(0, 0 * ones)))
+    shadow.do_step(SECOND, SECOND, inputs(job, 2, 2, 1, scan(0, 0 * ones)))
+    outputs = shadow.do_step(2 * SECOND, SECOND, inputs(job, 2, 2, 1, scan(1, DROPLET * ones)))
+    assert float(outputs["surface_divergence"]) == pytest.approx(0.0, abs=1e-18)
+
+
+def test_start_surface_is_the_scan_and_elsewhere_what_was_assumed_moved_by_the_median() -> None:
+    assumed = np.array([[0.0, 1.0, 2.0]])
+    measured = np.array([[10.0, 12.0, 99.0]])
+    seen = np.array([[True, True, False]])
+    np.testing.assert_array_equal(start_surface(assumed, measured, seen), [[10.0, 12.0, 12.5]])
+    assert start_surface(assumed, measured, ~(seen | True)) is assumed
+
+
+def test_cells_that_were_not_seen_twice_do_not_count() -> None:
+    part = np.array([[True, True, True, False]])
+    surface = np.zeros((1, 4))
+    before = ScannedLayer(np.array([[0.0, 7.0, 0.0, 0.0]]), np.array([[True, False, True, True]]), surface)
+    after = ScannedLayer(np.array([[3.0, 5.0, 9.0, 50.0]]), np.array([[True, True, False, True]]), surface)
+    found = after.divergence(before, part)
+    assert found.growth == 3.0
+    assert found.surface == pytest.approx(np.sqrt((9 + 25) / 2))
+
+
+def test_layer_that_was_not_jetted_is_said_once_and_its_run_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+    job = toy_job()
+    parts = rig(job, alarm=DROPLET / 2)
+    parts["printer"].disturb = lambda layer, pattern: 0 * pattern if layer == 2 else pattern
+    with caplog.at_level(logging.WARNING):
+        watch, reason = run(parts)
+    assert reason == "done"
+    assert [layer for layer, status in watch.status.items() if status] == [2]
+    assert watch.growth[2] == pytest.approx(DROPLET)
+    assert watch.surface[4] == pytest.approx(DROPLET)
+    said = [record.getMessage() for record in caplog.records]
+    assert said == [
+        "layer 2 grew otherwise than the model says, by 10.00 um rms over the part; more than alarm_um = 5. "
+        "Look at the print head and at the scan"
+    ]
+
+
+def test_layer_beyond_the_stop_limit_ends_the_run(caplog: pytest.LogCaptureFixture) -> None:
+    parts = rig(toy_job(), alarm=DROPLET / 4, stop=DROPLET / 2)
+    parts["printer"].disturb = lambda layer, pattern: 0 * pattern if layer == 3 else pattern
+    watch, reason = run(parts)
+    assert reason == "fault"
+    assert watch.status == {-1: 0, 0: 0, 1: 0, 2: 0, 3: Status.FAULT}
+    assert "layer 3 grew otherwise" in caplog.text
+    assert "stop_um = 5: the run ends" in caplog.text
+
+
+def test_layer_of_which_nothing_can_be_compared_is_untrusted(caplog: pytest.LogCaptureFixture) -> None:
+    parts = rig(toy_job())
+    parts["profiler"].blind = np.ones((4, 3), np.bool_)
+    watch, _ = run(parts, layers=3)
+    assert watch.status[0] == Status.IDLE
+    assert watch.status[1] == watch.status[2] == Status.UNTRUSTED
+    assert "layer 1: no cell of the part was seen in its scan and in the one before" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("command", "printed", "said"),
+    [(2, 0, "layer_command is 2 after 0: a pattern was missed"), (0, 1, "layer 1 was never commanded")],
+)
+def test_layer_without_a_pattern_is_refused(command: int, printed: int, said: str) -> None:
+    job = toy_job()
+    shadow = Shadow(job, StartingPrinter)
+    shadow.initialize(0, inputs(job, 0, 0, 0))
+    with pytest.raises(ComponentError, match=said):
+        shadow.do_step(0, SECOND, inputs(job, command, printed, 1))
+
+
+def test_plant_that_takes_longer_than_a_step_is_refused() -> None:
+    job = small_job()
+    shadow = catalog.make("Shadow", job, {"layer_duration_s": 5.0})
+    shadow.initialize(0, inputs(job, 0, 0, 0))
+    with pytest.raises(ComponentError, match="has not completed layer 1 in one step of 1 s; leave its duration out"):
+        shadow.do_step(0, SECOND, inputs(job, 1, 1, 1))
+    shadow.terminate()
+
+
+def test_state_of_something_else_is_refused() -> None:
+    shadow = Shadow(toy_job(), StartingPrinter)
+    with pytest.raises(ComponentError, match="no state of a shadow"):
+        shadow.restore(b"something else")
+
+
+def heap(job: Job) -> Component:
+    """A plant without the handshake."""
+    shape = (job.nx, job.ny)
+    kept = np.zeros(shape)
+
+    def step(time_ns: int, step_ns: int, values: Values) -> Values:
+        np.add(kept, DROPLET * values["dots"], out=kept)
+        return {"top": kept}
+
+    return FunctionComponent([Port("dots", shape=shape)], [Port("top", "m", shape)], step)
+
+
+def test_plant_without_the_handshake_is_stepped_layer_by_layer(caplog: pytest.LogCaptureFixture) -> None:
+    job = toy_job()
+    options = {"plant": f"{__name__}:heap", "pattern_input": "dots", "height_output": "top"}
+    shadow = catalog.make("Shadow", job, options)
+    ones = np.ones((job.nx, job.ny))
+    shadow.initialize(0, inputs(job, 0, 0, 0))
+    shadow.do_step(0, SECOND, inputs(job, 0, 0, 0, scan(0, 5e-6 * ones)))
+    outputs = shadow.do_step(SECOND, SECOND, inputs(job, 1, 1, 1, scan(1, (5e-6 + DROPLET) * ones)))
+    assert "the plant takes no start surface" in caplog.text
+    assert float(outputs["growth_divergence"]) == pytest.approx(0.0, abs=1e-15)
+    assert float(outputs["surface_divergence"]) == pytest.approx(5e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"plant": "Shadow"}, "plant is 'Shadow'; expected a deposition model"),
+        ({"plant": "ProfileSensor"}, "pattern_input is 'pattern', which the plant does not have"),
+        ({"plant": "Nowhere"}, "kind is 'Nowhere'; known: "),
+        ({"alarm_um": 0.0}, "alarm_um is 0.0; expected"),
+        ({"start": "flat"}, "start is 'flat'; expected 'scan' or 'job'"),
+        ({"variaton": 0.1}, "variaton is no option of LayerDeposition; did you mean variation?"),
+        ({"plant": "Fmu", "file": "none.fmu"}, "kind is 'Fmu'"),
+    ],
+)
+def test_fault_of_the_options_is_told(options: dict[str, object], said: str) -> None:
+    faults = catalog.faults("Shadow", small_job(), options)
+    assert any(fault.startswith(said) for fault in faults), faults
+    with pytest.raises(ScenarioError):
+        catalog.make("Shadow", small_job(), options)
+
+
+def test_plant_that_cannot_be_followed_is_named() -> None:
+    job = toy_job()
+    made: Callable[[Job], Component] = lambda job: FunctionComponent([Port("layer_command")], [])  # noqa: E731
+    with pytest.raises(ValueError, match="plant has no pattern, height, layers_printed; needs those of the layer"):
+        Shadow(job, made)

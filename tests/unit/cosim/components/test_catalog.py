@@ -1,0 +1,90 @@
+from __future__ import annotations
+
+import sys
+import types
+from importlib.metadata import EntryPoint, EntryPoints
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from inkloop.component import Component, Job, Port, Values
+from inkloop.components import catalog
+from inkloop.errors import ScenarioError
+from support.toys import toy_job
+
+
+class Fan:
+    """A third party's component, in as few lines as it takes."""
+
+    inputs = ()
+    outputs = (Port("speed", "m/s"),)
+
+    def __init__(
+        self, job: Job, *, speed: float = 1.0, blades: int = 3, mode: Literal["on", "off"] = "on",
+        levels: tuple[float, ...] = (),
+    ) -> None:  # fmt: skip
+        if speed < 0:
+            raise ValueError(f"speed is {speed:g}; a fan turns forwards")
+        self.options = (speed, blades, mode, levels)
+
+    def initialize(self, time_ns: int, inputs: Values) -> Values:
+        return {"speed": np.asarray(self.options[0])}
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        return {"speed": np.asarray(self.options[0])}
+
+    def terminate(self) -> None: ...
+
+
+@pytest.fixture(autouse=True)
+def workshop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A module of a third party, found by name and by entry point."""
+    module = types.ModuleType("workshop")
+    module.Fan = Fan  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "workshop", module)
+    points = EntryPoints([EntryPoint("Fan", "workshop:Fan", catalog.GROUP)])
+    monkeypatch.setattr(catalog, "entry_points", lambda **wanted: points.select(**wanted))
+
+
+@pytest.mark.parametrize("kind", ["Fan", "workshop:Fan"])
+def test_third_party_class_takes_part_by_name_or_entry_point(kind: str) -> None:
+    fan = catalog.make(kind, toy_job(), {"speed": 2, "mode": "off", "levels": [1, 2.5]})
+    assert isinstance(fan, Component)
+    assert isinstance(fan, Fan)
+    assert fan.options == (2.0, 3, "off", (1.0, 2.5))
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"sped": 1.0}, "sped is not a key of this table; did you mean speed?"),
+        ({"speed": "fast"}, "speed is 'fast'; expected a valid number"),
+        ({"blades": 2.5}, "blades is 2.5; expected a valid integer"),
+        ({"blades": True}, "blades is True; expected a valid integer"),
+        ({"mode": "auto"}, "mode is 'auto'; expected 'on' or 'off'"),
+    ],
+)
+def test_wrong_option_is_named_with_what_would_be_right(options: dict[str, object], said: str) -> None:
+    assert catalog.faults("Fan", toy_job(), options) == [said]
+    with pytest.raises(ScenarioError, match="1 fault"):
+        catalog.make("Fan", toy_job(), options)
+
+
+def test_all_faults_are_told_at_once() -> None:
+    assert len(catalog.faults("Fan", toy_job(), {"sped": 1.0, "blades": "x", "mode": 3})) == 3
+
+
+def test_refusal_of_a_constructor_is_a_fault_of_the_scenario() -> None:
+    with pytest.raises(ScenarioError, match="speed is -1; a fan turns forwards"):
+        catalog.make("Fan", toy_job(), {"speed": -1.0})
+
+
+def test_unknown_kind_is_answered_with_the_nearest() -> None:
+    assert catalog.faults("LayerMpcc", toy_job(), {}) == ["kind is 'LayerMpcc'; did you mean LayerMpc?"]
+
+
+@pytest.mark.parametrize("kind", ["workshop:Fam", "workshops:Fan"])
+def test_class_that_cannot_be_loaded_is_a_fault(kind: str) -> None:
+    (fault,) = catalog.faults(kind, toy_job(), {})
+    assert fault.startswith(f"kind is '{kind}', which cannot be loaded: ")

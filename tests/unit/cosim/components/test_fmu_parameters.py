@@ -1,0 +1,151 @@
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inkloop.component import Job
+from inkloop.components import catalog, fmu_parameters
+from inkloop.fmu import FmuComponent, FmuDescription, Variable
+from support.fmus.amplifier import build
+from support.toys import toy_job
+
+KINDS = {"per droplet": 1, "per_layer": 3}
+
+
+def parameter(name: str, unit: str = "1", type: str = "Float64", **more: object) -> Variable:
+    return Variable(name, type, "parameter", "fixed", (0,), unit=unit, start=("0",), **more)  # type: ignore[arg-type]
+
+
+PRINTER = FmuDescription(
+    path=Path("printer.fmu"),
+    name="Printer",
+    fmi=3,
+    identifier="Printer",
+    token="",
+    variables={
+        variable.name: variable
+        for variable in (
+            Variable("nx", "UInt64", "structuralParameter", "fixed", (1,), start=("9",)),
+            Variable("ny", "UInt64", "structuralParameter", "fixed", (2,), start=("9",)),
+            Variable("height", "Float64", "output", "discrete", (3,), ("nx", "ny"), "m"),
+            parameter("pitch", "m"),
+            parameter("h1_a", "m"),
+            parameter("height_start", "m", dimensions=("nx", "ny")),
+            parameter("variation", minimum="0", maximum="1", description="largest share missing"),
+            parameter("variation_kind", type="Enumeration", items=KINDS),
+            parameter("layer_duration", "s"),
+            parameter("seed", type="Int32"),
+        )
+    },
+    platforms=(),
+    can_serialize=True,
+    can_vary_step=True,
+)
+
+
+def parse(options: dict[str, object], job: Job | None = None) -> fmu_parameters._Parsed:
+    return fmu_parameters._parse(PRINTER, job or toy_job(), options, ())
+
+
+def test_job_speaks_for_itself() -> None:
+    job = toy_job(nx=6, ny=4)
+    parsed = parse({}, job)
+    assert parsed.faults == []
+    assert parsed.structural == {"nx": 6, "ny": 4}
+    assert parsed.parameters == {"pitch": job.pitch, "h1_a": job.inks[0].h1, "seed": job.seed}
+
+
+def test_job_speaks_in_the_unit_of_the_fmu_and_only_of_what_is_its_own() -> None:
+    variables = {"pitch": parameter("pitch", "mm"), "h1_a": parameter("h1_a", "V"), "seed": parameter("seed", "kg"),
+                 "pass_order": parameter("pass_order"), "passes": parameter("passes", type="Int32")}  # fmt: skip
+    sizes = {name: PRINTER.variables[name] for name in ("nx", "ny", "height")}
+    foreign = replace(PRINTER, variables={**variables, **sizes})
+    job = toy_job()
+    assert fmu_parameters._parse(foreign, job, {}, ()).parameters == {"pitch": job.pitch * 1e3, "passes": 1}
+    assert fmu_parameters._parse(foreign, job, {}, (), is_told=False).parameters == {}
+
+
+def test_option_overrules_the_job_and_comes_in_its_unit() -> None:
+    parsed = parse({"pitch_um": 250, "nx": 5, "layer_duration_ms": 1500, "variation": 0.2})
+    assert parsed.faults == []
+    assert parsed.parameters["pitch"] == pytest.approx(250e-6)
+    assert parsed.parameters["layer_duration"] == 1.5
+    assert parsed.parameters["variation"] == 0.2
+    assert parsed.structural["nx"] == 5
+
+
+def test_nested_list_fills_an_array_of_the_grid() -> None:
+    job = toy_job(nx=2, ny=3)
+    parsed = parse({"height_start_um": [[0, 1, 2], [3, 4, 5]]}, job)
+    assert parsed.faults == []
+    np.testing.assert_allclose(parsed.parameters["height_start"], np.arange(6).reshape(2, 3) * 1e-6)  # type: ignore[arg-type]
+    (fault,) = parse({"height_start_um": [[0, 1]]}, job).faults
+    assert fault.startswith("height_start_um is 1 x 2 values")
+    assert fault.endswith("expected a number, or 2 x 3 of them [um]")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"pitch": 1e-4}, "pitch is a length; write pitch_um, pitch_mm, pitch_nm or pitch_m"),
+        ({"pich_um": 1.0}, "pich_um is no option of Printer; did you mean pitch_um?"),
+        ({"variation": 2}, "variation is 2; expected a number in 0 .. 1 (largest share missing)"),
+        (
+            {"variation_kind": "per_cell"},
+            "variation_kind is 'per_cell'; expected one of 'per droplet' (1), 'per_layer' (3)",
+        ),
+        ({"seed": 1.5}, "seed is 1.5; expected a whole number"),
+        ({"pitch_um": 250, "pitch_mm": 0.25}, "pitch_mm says again what pitch_um says; keep one"),
+        ({"pitch_um": "wide"}, "pitch_um is 'wide'; expected a number [um]"),
+        ({"nx": "many"}, "nx is 'many'; expected a whole number"),
+    ],
+)
+def test_wrong_option_is_named_with_what_would_be_right(options: dict[str, object], said: str) -> None:
+    assert parse(options).faults == [said]
+
+
+def test_enumeration_goes_by_name_or_number() -> None:
+    for value in ("per_layer", "per droplet", 3):
+        assert parse({"variation_kind": value}).faults == []
+
+
+def test_any_fmu_file_is_a_component(tmp_path: Path) -> None:
+    path = build(tmp_path, 3)
+    part = catalog.make("Fmu", toy_job(), {"file": str(path), "gain": 3.0, "n": 2})
+    assert isinstance(part, FmuComponent)
+    part.initialize(0, {})
+    outputs = part.do_step(0, 1, {"x": np.array([1.0, 2.0])})
+    np.testing.assert_array_equal(outputs["y"], [3.0, 6.0])
+    part.terminate()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({}, "file is missing; name the .fmu file"),
+        ({"file": "nowhere.fmu"}, "kind is 'Fmu': nowhere.fmu: cannot be read: No such file or directory"),
+    ],
+)
+def test_missing_file_is_a_fault_of_the_scenario(options: dict[str, object], said: str) -> None:
+    assert catalog.faults("Fmu", toy_job(), options) == [said]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"alpha": [[1, 0.8], [4, 0.3]]}, "alpha is a schedule; .* take kind 'LayerMpc' .* sets alpha between steps"),
+        ({"sweeps": 3}, "sweeps is no option of LayerController; write sweeps_max"),
+        ({"dead_nozzles": [1]}, "dead_nozzles is no option of .*; mark the cells that nozzles reach in jettable"),
+        ({"certified": True}, "certified is no option of .*; it proves no bound; take kind 'LayerMpc' for one"),
+        ({"foo": 1}, "foo is no option of LayerController; known: .* fringe_weight, h1_a_um, h1_b_um, h2_a_um, .*"),
+    ],
+)
+def test_what_only_the_python_controller_takes_is_answered_with_what_to_do(
+    options: dict[str, object], said: str
+) -> None:
+    (fault,) = catalog.faults("LayerController", toy_job(), options)
+    assert re.fullmatch(said, fault)

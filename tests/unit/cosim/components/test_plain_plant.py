@@ -1,0 +1,159 @@
+"""A plant without the handshake prints one layer for each command and nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inkloop.component import Job, Port, Values
+from inkloop.components import catalog
+from inkloop.components.plain_plant import PlainPlant
+from inkloop.errors import ComponentError, ScenarioError
+from inkloop.fmu import FmuComponent
+from inkloop.testing import LAWS, RESUMABLE_LAWS, Law
+from support.fmus.amplifier import build
+from support.toys import DROPLET, FunctionComponent, toy_job
+
+SECOND = 1_000_000_000
+FLAT = toy_job(nx=3, ny=1)
+
+
+class Heap:
+    """Adds a droplet wherever its input says, in every step; heights in micrometres."""
+
+    def __init__(self, job: Job) -> None:
+        shape = (job.nx, job.ny)
+        self.inputs = (Port("dots", shape=shape), Port("temperature", "K", start=300.0))
+        self.outputs = (Port("surface", "um", shape), Port("fumes"))
+        self.times: list[tuple[int, int]] = []
+        self._surface = np.zeros(shape)
+
+    def initialize(self, time_ns: int, inputs: Values) -> Values:
+        return self._outputs(inputs)
+
+    def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
+        self.times.append((time_ns, step_ns))
+        self._surface = self._surface + DROPLET * 1e6 * inputs["dots"]
+        return self._outputs(inputs)
+
+    def terminate(self) -> None: ...
+
+    def _outputs(self, inputs: Values) -> Values:
+        return {"surface": self._surface, "fumes": np.array(inputs["temperature"])}
+
+
+def heap(job: Job) -> tuple[Heap, PlainPlant]:
+    plant = Heap(job)
+    return plant, PlainPlant(job, plant, pattern_input="dots", height_output="surface")
+
+
+def inputs(job: Job, command: int, dots: int = 1) -> Values:
+    pattern = np.full((job.nx, job.ny), dots, np.int32)
+    return {"pattern": pattern, "layer_command": np.asarray(command, np.int32), "temperature": np.asarray(310.0)}
+
+
+def test_both_ports_that_are_not_there_are_named() -> None:
+    with pytest.raises(ValueError, match=r"pattern_input is 'dot', .*; height_output is 'surfaces'"):
+        PlainPlant(toy_job(), Heap(toy_job()), pattern_input="dot", height_output="surfaces")
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_plain_plant_of_python_keeps(law: Law) -> None:
+    law(lambda: heap(toy_job())[1])
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize("law", RESUMABLE_LAWS)
+def test_plain_plant_of_a_foreign_fmu_keeps(law: Law, fmi: int, tmp_path: Path) -> None:
+    law(lambda: PlainPlant(FLAT, FmuComponent(build(tmp_path, fmi)), pattern_input="x", height_output="y"))
+
+
+def test_each_command_is_one_step_of_the_plant_on_a_clock_of_its_own() -> None:
+    job = toy_job()
+    plant, part = heap(job)
+    start = part.initialize(0, inputs(job, 4))
+    assert int(start["layers_printed"]) == 4
+    printed = [
+        int(part.do_step(k * SECOND, SECOND, inputs(job, command))["layers_printed"])
+        for k, command in enumerate([4, 5, 5, 5, 6])
+    ]
+    assert printed == [4, 5, 5, 5, 6]
+    assert plant.times == [(0, SECOND), (SECOND, SECOND)]
+
+
+def test_surface_arrives_in_metres_and_other_ports_are_handed_through() -> None:
+    job = toy_job()
+    _, part = heap(job)
+    part.initialize(0, inputs(job, 0))
+    outputs = part.do_step(0, SECOND, inputs(job, 1))
+    np.testing.assert_allclose(outputs["height"], DROPLET, rtol=1e-12)
+    assert float(outputs["fumes"]) == 310.0
+
+
+@pytest.mark.parametrize("command", [2, -1])
+def test_command_out_of_order_is_refused_and_prints_nothing(command: int) -> None:
+    job = toy_job()
+    plant, part = heap(job)
+    part.initialize(0, inputs(job, 0))
+    with pytest.raises(ComponentError, match=f"layer_command is {command} after layer 0; needs 0 or 1"):
+        part.do_step(0, SECOND, inputs(job, command))
+    assert plant.times == []
+
+
+def test_plant_without_save_says_so() -> None:
+    _, part = heap(toy_job())
+    with pytest.raises(ComponentError, match="the plant cannot save its state"):
+        part.save()
+
+
+@pytest.mark.parametrize(
+    ("ports", "said"),
+    [
+        ({"pattern_input": "dot"}, "pattern_input is 'dot', which the plant does not have; did you mean dots"),
+        ({"height_output": "fumes"}, r"height_output is 'fumes' of shape \(\); needs 4 x 3 values"),
+    ],
+)
+def test_port_that_does_not_fit_is_named(ports: dict[str, str], said: str) -> None:
+    job = toy_job()
+    with pytest.raises(ValueError, match=said):
+        PlainPlant(job, Heap(job), **{"pattern_input": "dots", "height_output": "surface", **ports})
+
+
+@pytest.mark.parametrize(
+    ("outputs", "said"),
+    [
+        ([Port("height", "K", (4, 3))], r"which is in \[K\]; needs a length"),
+        ([Port("height", "m", (4, 3)), Port("layers_printed")], "plant has layers_printed of its own"),
+    ],
+)
+def test_plant_that_is_none_is_refused(outputs: list[Port], said: str) -> None:
+    plant = FunctionComponent(inputs=[Port("pattern", shape=(4, 3))], outputs=outputs)
+    with pytest.raises(ValueError, match=said):
+        PlainPlant(toy_job(), plant)
+
+
+def test_scenario_names_the_plant_its_ports_and_its_parameters(tmp_path: Path) -> None:
+    options = {"file": str(build(tmp_path, 2)), "pattern_input": "x", "height_output": "y", "gain": 3.0}
+    part = catalog.make("PlainPlant", FLAT, options)
+    part.initialize(0, inputs(FLAT, 0) | {"on": np.array(True)})
+    assert part.do_step(0, SECOND, inputs(FLAT, 1))["height"].tolist() == [[3.0]] * 3
+    part.terminate()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"pattern_input": 3}, "pattern_input is 3; expected the name of a port"),
+        ({"gian": 3.0}, "gian is no option of Amplifier; did you mean gain?"),
+        ({"height_output": "z"}, "height_output is 'z', which the plant does not have"),
+        ({"plant": "PlainPlant"}, "plant is 'PlainPlant'; expected a kind"),
+        ({"plant": "Nowhere"}, "kind is 'Nowhere'; known: "),
+    ],
+)
+def test_fault_of_the_scenario_is_told(changes: dict[str, object], said: str, tmp_path: Path) -> None:
+    options = {"file": str(build(tmp_path, 2)), "pattern_input": "x", "height_output": "y", **changes}
+    assert any(fault.startswith(said) for fault in catalog.faults("PlainPlant", FLAT, options))
+    with pytest.raises(ScenarioError, match=r"(?s)PlainPlant.*fault"):
+        catalog.make("PlainPlant", FLAT, options)

@@ -1,0 +1,200 @@
+"""What an .ssp of others may hold and what not: everything wrong with it at once, in words."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from inkloop.errors import FmuError, ScenarioError
+from inkloop.exchange.ssp.archive import SCENARIO
+from inkloop.exchange.ssp.reading import scenario_of
+from inkloop.fmu.archive_member import fmu_file
+from support.fmus import amplifier
+
+NAMES = " ".join(f'xmlns:{short}="http://ssp-standard.org/SSP1/SystemStructure{long}"' for short, long in
+                 (("ssd", "Description"), ("ssc", "Common"), ("ssv", "ParameterValues")))  # fmt: skip
+JOB = """
+title = "two FMUs of others"
+grid = { nx = 4, ny = 4 }
+part = { shape = "cuboid", height_um = 10.0, size_x_um = 500.0, size_y_um = 500.0 }
+[components.first]
+kind = "OpenLoop"
+[[connections]]
+source = "second.y"
+target = "first.x"
+gain = 7.0
+"""
+FIRST, SECOND = (f'<ssd:Component name="{name}" source="resources/amplifier2.fmu">' for name in ("first", "second"))
+BOTH = f"{FIRST}</ssd:Component>{SECOND}</ssd:Component>"
+
+
+def wires(source: str, target: str, inside: str = "", elements: int = 3) -> str:
+    """Connections of the arrays of two ports, element by element."""
+    ((a, x), (b, y)) = (place.split(".") for place in (source, target))
+    return "".join(
+        f'<ssd:Connection startElement="{a}" startConnector="{x}[{n}]" endElement="{b}" endConnector="{y}[{n}]">'
+        f"{inside}</ssd:Connection>"
+        for n in range(1, elements + 1)
+    )
+
+
+def packed(folder: Path, elements: str = BOTH, connections: str = "", bindings: str = "", job: str = JOB) -> Path:
+    """An .ssp with the FMU of others, as someone else might write it."""
+    path = folder / "theirs.ssp"
+    structure = f"""<ssd:SystemStructureDescription {NAMES} version="1.0" name="theirs"><ssd:System name="root">
+<ssd:ParameterBindings>{bindings}</ssd:ParameterBindings><ssd:Elements>{elements}</ssd:Elements>
+<ssd:Connections>{connections}</ssd:Connections></ssd:System></ssd:SystemStructureDescription>"""
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("SystemStructure.ssd", structure)
+        archive.write(amplifier.build(folder, 2), "resources/amplifier2.fmu")
+        if job:
+            archive.writestr(SCENARIO, job)
+    return path
+
+
+def bound(*parameters: str) -> str:
+    """A parameter set in the structure itself."""
+    entries = "".join(parameters)
+    return f"""<ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet version="1.0" name="set">
+<ssv:Parameters>{entries}</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues></ssd:ParameterBinding>"""
+
+
+def parameter(name: str, value: str, kind: str = "Real", more: str = "") -> str:
+    return f'<ssv:Parameter name="{name}"><ssv:{kind} value="{value}" {more}/></ssv:Parameter>'
+
+
+def faults_of(path: Path) -> str:
+    with pytest.raises(ScenarioError) as caught:
+        scenario_of(path)
+    return str(caught.value)
+
+
+def test_components_and_connections_take_the_place_of_the_scenario_s(tmp_path: Path) -> None:
+    both = wires("first.y", "second.x") + wires("second.y", "first.x")
+    scenario = scenario_of(packed(tmp_path, connections=both))
+    assert [table.kind for table in scenario.tables.components.values()] == ["Fmu", "Fmu"]
+    found = [(wire.source, wire.target, wire.gain) for wire in scenario.tables.connections]
+    assert found == [("first.y", "second.x", 1.0), ("second.y", "first.x", 1.0)]
+
+
+def test_parameters_stand_in_the_unit_of_the_fmu_and_enumerations_by_name(tmp_path: Path) -> None:
+    inside = bound(parameter("gain", "4.5"), parameter("mode", "squared", "Enumeration"))
+    first = f"{FIRST}<ssd:ParameterBindings>{inside}</ssd:ParameterBindings></ssd:Component>"
+    top = bound(parameter("second.gain", "3"))
+    scenario = scenario_of(packed(tmp_path, f"{first}{SECOND}</ssd:Component>", bindings=top))
+    tables = scenario.tables.components
+    assert (tables["first"].options["gain"], tables["first"].options["mode"]) == (4.5, "squared")
+    assert tables["second"].options["gain"] == 3.0
+
+
+def test_source_is_a_uri_relative_to_the_structure(tmp_path: Path) -> None:
+    written = BOTH.replace('source="resources', 'source="./resources/../resources').replace("lifier2", "lifi%65r2")
+    assert written.count("%65") == 2
+    assert scenario_of(packed(tmp_path, written)).foreign_fmus == ["components.first", "components.second"]
+
+
+def test_what_no_set_names_stays_as_the_fmu_begins(tmp_path: Path) -> None:
+    """Nothing of the job goes there: not a seed, not a pitch, not the passes of another tool's plant."""
+    tables = scenario_of(packed(tmp_path)).tables.components
+    assert [table.options["job_parameters"] for table in tables.values()] == [False, False]
+
+
+def test_job_is_the_one_that_is_named(tmp_path: Path) -> None:
+    job = tmp_path / "jobs" / "other.toml"
+    job.parent.mkdir()
+    job.write_text(JOB.replace("two FMUs of others", "another job"), encoding="utf-8")
+    scenario = scenario_of(packed(tmp_path, job=""), ["seed=9"], job)
+    assert (scenario.tables.title, scenario.tables.seed) == ("another job", 9)
+    assert scenario.foreign_fmus == ["components.first", "components.second"]
+
+
+def test_ssp_without_a_scenario_asks_for_one(tmp_path: Path) -> None:
+    assert "name a scenario with --job FILE" in faults_of(packed(tmp_path, job=""))
+
+
+def test_every_fault_of_the_structure_is_named_at_once(tmp_path: Path) -> None:
+    elements = f"""{BOTH}<ssd:System name="inner"/><ssd:Component name="a.b" source="resources/amplifier2.fmu"/>
+<ssd:Component name="lost" source="resources/amplifier.fmu"/>
+<ssd:Component name="packet" source="x.ssp" type="application/x-ssp-package"/>"""
+    connections = (
+        wires("first.y", "second.x", elements=2)
+        + wires("second.y", "first.X", elements=1)
+        + wires("second.y", "third.x", elements=1)
+        + wires("second.y", "first.x", "<ssc:BooleanMappingTransformation/>")
+    )
+    bindings = bound(
+        parameter("first.gian", "1"),
+        parameter("second.gain", "much"),
+        parameter("third.gain", "1"),
+        parameter("first.mode", "", "Enumeration"),
+        parameter("first.gain", "1", more='unit="m"'),
+    )
+    bindings += '<ssd:ParameterBinding source="resources/none.ssv"/>'
+    bindings += '<ssd:ParameterBinding source="x.ssv" sourceBase="component"/>'
+    bindings += "<ssd:ParameterBinding><ssd:ParameterMapping/></ssd:ParameterBinding>"
+    text = faults_of(packed(tmp_path, elements, connections, bindings))
+    for words in (
+        "inner is a System; inkloop takes components in one system only",
+        "a.b has a dot in its name",
+        "lost is 'resources/amplifier.fmu', which is not in the .ssp; did you mean resources/amplifier2.fmu?",
+        "packet is of type 'application/x-ssp-package'; inkloop takes FMUs",
+        "first.y to second.x: 2 of 3 elements are connected",
+        "a connection names first.X[1]; did you mean x[1]",
+        "a connection names component 'third'",
+        "from second.y to first.x has a BooleanMappingTransformation",
+        "parameter first.gian is none of first; did you mean gain?",
+        "parameter second.gain is 'much'; expected Real",
+        "parameter first.mode is ''; expected Enumeration",
+        "parameter third.gain: there is no component 'third'",
+        "parameter first.gain is in [m]; gain is in [1]",
+        "parameters 'resources/none.ssv' cannot be read",
+        "a parameter binding has a mapping (.ssm)",
+        "parameters 'x.ssv' lie in an FMU (sourceBase)",
+    ):
+        assert words in text, text
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(b"PK", "is no .ssp"), (None, "cannot be read")],
+)
+def test_file_that_is_no_ssp_is_told(content: bytes | None, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "x.ssp"
+    if content is not None:
+        path.write_bytes(content)
+    assert words in faults_of(path)
+
+
+@pytest.mark.parametrize("place", range(40, 400, 24))
+def test_damaged_ssp_is_told(place: int, tmp_path: Path) -> None:
+    whole = packed(tmp_path)
+    path = tmp_path / "packed.ssp"
+    with zipfile.ZipFile(whole) as members, zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in members.namelist():
+            archive.writestr(name, members.read(name))
+    content = bytearray(path.read_bytes())
+    content[place] ^= 0xFF
+    path.write_bytes(bytes(content))
+    assert re.search(r"is no \.ssp, or a damaged one|is no XML|holds no|cannot be read", faults_of(path))
+
+
+@pytest.mark.parametrize("text", ["", "<a", "<a/>"])
+def test_structure_that_is_none_is_told(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "x.ssp"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr(SCENARIO, JOB)
+        if text:
+            archive.writestr("SystemStructure.ssd", text)
+    assert "SystemStructure.ssd" in faults_of(path)
+
+
+def test_fmu_in_an_ssp_is_named_by_its_place_there(tmp_path: Path) -> None:
+    path = packed(tmp_path)
+    with fmu_file(path / "resources" / "amplifier2.fmu") as found:
+        assert found.read_bytes() == (tmp_path / "amplifier2.fmu").read_bytes()
+    assert not found.exists()
+    with pytest.raises(FmuError, match=r"theirs\.ssp/resources/none\.fmu: cannot be read"):
+        fmu_file(path / "resources" / "none.fmu").__enter__()

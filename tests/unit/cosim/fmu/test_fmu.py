@@ -1,0 +1,235 @@
+from __future__ import annotations
+
+import re
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inkloop.component import Component, Values
+from inkloop.errors import ComponentError, FmuError
+from inkloop.fmu import FmuComponent, describe
+from support.fmus.amplifier import build
+
+SECOND = 1_000_000_000
+BOTH = pytest.mark.parametrize("fmi", [2, 3])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("amplifier")
+
+
+def inputs(*x: float) -> Values:
+    return {"x": np.array(x), "on": np.array(True)}
+
+
+@BOTH
+def test_ports_are_the_same_in_fmi_2_and_fmi_3(folder: Path, fmi: int) -> None:
+    part = FmuComponent(build(folder, fmi))
+    assert isinstance(part, Component)
+    assert {port.name: (port.unit, port.shape, port.dtype, port.start) for port in (*part.inputs, *part.outputs)} == {
+        "on": ("1", (), "bool", 1.0),
+        "x": ("m", (3,), "float64", 0.0),
+        "y": ("m", (3,), "float64", 0.0),
+        "count": ("1", (), "int32", 0.0),
+        "high": ("1", (3,), "bool", 0.0),
+    }
+    part.terminate()
+
+
+@BOTH
+def test_values_travel_unchanged_in_every_type(folder: Path, fmi: int) -> None:
+    part = FmuComponent(build(folder, fmi), parameters={"gain": 3, "mode": "squared"})
+    part.initialize(0, inputs(0.0, 0.0, 0.0))
+    first = part.do_step(0, SECOND, inputs(0.1, 1.0, 0.3))
+    second = part.do_step(SECOND, SECOND, {"on": np.array(False)})
+    np.testing.assert_array_equal(first["y"], np.square(3 * np.array([0.1, 1.0, 0.3])))
+    assert first["high"].tolist() == [False, True, False]
+    assert second["y"].tolist() == [0.0, 0.0, 0.0]
+    assert [int(values["count"]) for values in (first, second)] == [1, 2]
+    assert [first[name].dtype.name for name in ("y", "high", "count")] == ["float64", "bool", "int32"]
+    part.terminate()
+
+
+@BOTH
+def test_outputs_of_an_earlier_step_stay_as_they_were(folder: Path, fmi: int) -> None:
+    part = FmuComponent(build(folder, fmi))
+    part.initialize(0, {})
+    kept = [part.do_step(k * SECOND, SECOND, inputs(k, k, k)) for k in range(4)]
+    assert [values["y"].tolist() for values in kept] == [[2.0 * k] * 3 for k in range(4)]
+    part.terminate()
+
+
+def test_structural_parameter_resizes_every_array_that_it_rules(folder: Path) -> None:
+    part = FmuComponent(build(folder, 3), structural={"n": 5})
+    assert [port.shape for port in part.outputs if port.name in ("y", "high")] == [(5,), (5,)]
+    part.initialize(0, {})
+    np.testing.assert_array_equal(part.do_step(0, SECOND, inputs(1, 2, 3, 4, 5))["y"], [2, 4, 6, 8, 10])
+    part.terminate()
+
+
+@BOTH
+def test_refused_value_is_told_in_the_words_of_the_fmu_and_the_instance_goes_on(folder: Path, fmi: int) -> None:
+    part = FmuComponent(build(folder, fmi))
+    part.initialize(0, {})
+    with pytest.raises(ComponentError, match=r"^x: fmi\dSet\w+ returned discard: x is negative"):
+        part.do_step(0, SECOND, inputs(1, -1, 1))
+    np.testing.assert_array_equal(part.do_step(0, SECOND, inputs(1, 1, 1))["y"], [2, 2, 2])
+    part.terminate()
+
+
+def test_message_of_an_fmi_2_logger_is_formatted(folder: Path) -> None:
+    part, other = FmuComponent(build(folder, 2)), FmuComponent(build(folder, 2))
+    part.initialize(0, {})
+    other.initialize(0, {})
+    with pytest.raises(ComponentError, match=r"x is negative \(3 cells\)$"):
+        part.do_step(0, SECOND, inputs(-1, 1, 1))
+    part.terminate()
+    other.terminate()
+
+
+@BOTH
+@pytest.mark.parametrize(("seconds", "said"), [(2_000, "an error"), (2_000_000, "a fatal error")])
+def test_failed_step_is_told_and_everything_is_removed(folder: Path, fmi: int, seconds: int, said: str) -> None:
+    part = FmuComponent(build(folder, fmi))
+    part.initialize(0, {})
+    files = part._folder
+    with pytest.raises(ComponentError, match=rf"DoStep returned {said}: step is too long"):
+        part.do_step(0, seconds * SECOND, {})
+    assert files.exists()
+    part.terminate()
+    assert not files.exists()
+
+
+@BOTH
+def test_restored_state_replays_the_same_bits(folder: Path, fmi: int) -> None:
+    part = FmuComponent(build(folder, fmi))
+    part.initialize(0, {})
+    part.do_step(0, SECOND, inputs(0.1, 0.2, 0.3))
+    state = part.save()
+    expected = part.do_step(SECOND, SECOND, {})
+    other = FmuComponent(build(folder, fmi))
+    other.initialize(0, {})
+    other.restore(state)
+    found = other.do_step(SECOND, SECOND, {})
+    assert all(np.array_equal(found[name], expected[name]) for name in expected)
+    part.terminate()
+    other.terminate()
+
+
+@BOTH
+def test_array_of_another_shape_is_refused(folder: Path, fmi: int) -> None:
+    part = FmuComponent(build(folder, fmi))
+    part.initialize(0, {})
+    with pytest.raises(ComponentError, match="x takes 3, found 2"):
+        part.do_step(0, SECOND, inputs(1, 2))
+    part.terminate()
+
+
+def test_use_before_initialization_is_refused(folder: Path) -> None:
+    part = FmuComponent(build(folder, 3))
+    with pytest.raises(ComponentError, match="before it was initialized"):
+        part.do_step(0, SECOND, {})
+    part.terminate()
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ({"gian": 1.0}, "gian is no parameter; did you mean gain?"),
+        ({"gain": 11.0}, r"gain is 11.0; expected a number in 0 .. 10"),
+        ({"gain": "high"}, "gain is 'high'; expected a number"),
+        ({"gain": float("nan")}, "gain is nan; expected a number"),
+        ({"gain": [1.0, 2.0]}, "gain is 2 values from 1.0 to 2.0; expected a number"),
+        ({"mode": "cubed"}, r"mode is 'cubed'; expected one of 'plain' \(1\), 'squared' \(2\)"),
+        ({"mode": 3}, r"mode is 3; expected one of 'plain' \(1\), 'squared' \(2\)"),
+        ({"x": 1.0}, "x is no parameter"),
+    ],
+)
+@BOTH
+def test_wrong_parameter_is_refused_before_anything_starts(
+    folder: Path, fmi: int, parameters: dict[str, object], said: str
+) -> None:
+    with pytest.raises(FmuError, match=said):
+        FmuComponent(build(folder, fmi), parameters=parameters)
+
+
+def test_unknown_structural_parameter_is_refused(folder: Path) -> None:
+    with pytest.raises(FmuError, match="m is no structural parameter of Amplifier; known: n"):
+        FmuComponent(build(folder, 3), structural={"m": 4})
+    with pytest.raises(FmuError, match="n is no structural parameter of Amplifier; it has none"):
+        FmuComponent(build(folder, 2), structural={"n": 4})
+
+
+def test_damaged_binary_is_told_when_it_is_unpacked(folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "damaged.fmu"
+    content = bytearray(build(folder, 2).read_bytes())
+    content[content.index(b"\x7fELF") + 40] ^= 0xFF
+    path.write_bytes(bytes(content))
+    with pytest.raises(FmuError, match=r"damaged\.fmu: cannot be unpacked, it is damaged or the disk is full: Bad CRC"):
+        FmuComponent(path)
+
+
+def test_elements_counted_from_0_make_the_same_array(folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "from0.fmu"
+    with zipfile.ZipFile(build(folder, 2)) as ours, zipfile.ZipFile(path, "w") as theirs:
+        text = ours.read("modelDescription.xml").decode()
+        theirs.writestr("modelDescription.xml", re.sub(r"\[(\d)\]", lambda match: f"[{int(match[1]) - 1}]", text))
+    x = describe(path).variables["x"]
+    assert x.references == describe(build(folder, 2)).variables["x"].references
+    assert x.elements == ("x[0]", "x[1]", "x[2]")
+
+
+def test_array_with_a_missing_element_is_refused(folder: Path) -> None:
+    with pytest.raises(FmuError, match=r"the elements of x do not make an array of 3: x\[2\] is missing"):
+        describe(build(folder, 2, element_missing=True))
+
+
+def test_fmu_for_another_machine_is_refused_in_words(folder: Path) -> None:
+    with pytest.raises(FmuError, match="holds binaries for riscv64-plan9, this machine needs"):
+        FmuComponent(build(folder, 3, platform="riscv64-plan9"))
+
+
+def test_binary_that_cannot_be_loaded_is_told(folder: Path, tmp_path: Path) -> None:
+    broken = tmp_path / "broken.fmu"
+    with zipfile.ZipFile(build(folder, 3)) as good, zipfile.ZipFile(broken, "w") as bad:
+        for name in good.namelist():
+            bad.writestr(name, good.read(name) if name.endswith(".xml") else b"not a library")
+    part = FmuComponent(broken)
+    here = Path.cwd()
+    with pytest.raises(FmuError, match="the binary cannot be loaded"):
+        part.initialize(0, {})
+    assert Path.cwd() == here
+    part.terminate()
+
+
+def test_file_that_is_no_fmu_is_told(tmp_path: Path) -> None:
+    with pytest.raises(FmuError, match="cannot be read: No such file"):
+        describe(tmp_path / "missing.fmu")
+    (tmp_path / "text.fmu").write_text("no archive")
+    with pytest.raises(FmuError, match="is not a readable FMU"):
+        describe(tmp_path / "text.fmu")
+
+
+def test_model_exchange_only_is_told(folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "me.fmu"
+    with zipfile.ZipFile(build(folder, 3)) as source, zipfile.ZipFile(path, "w") as target:
+        text = source.read("modelDescription.xml").decode()
+        start, end = text.index("<CoSimulation"), text.index("<TypeDefinitions")
+        target.writestr(
+            "modelDescription.xml", text[:start] + '<ModelExchange modelIdentifier="amplifier"/>' + text[end:]
+        )
+    with pytest.raises(FmuError, match="offers model exchange only; export it for co-simulation"):
+        describe(path)
+
+
+@BOTH
+def test_description_for_a_person_names_every_variable(folder: Path, fmi: int) -> None:
+    text = "\n".join(describe(build(folder, fmi)).lines())
+    assert text.startswith(f"Amplifier  FMI {fmi} co-simulation")
+    for name in ("on", "x", "y", "count", "high", "gain", "mode"):
+        assert f"\n  {name} " in text
+    assert "[m]" in text
+    assert "{1 plain, 2 squared}" in text

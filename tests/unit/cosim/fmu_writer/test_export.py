@@ -1,0 +1,121 @@
+"""Exporting FMUs: grids, tokens and what is said where it cannot be done."""
+
+from __future__ import annotations
+
+import logging
+
+import fmpy
+import numpy as np
+import pytest
+
+from inkloop.errors import ComponentError, FmuError
+from inkloop.fmu import FmuComponent
+from inkloop.fmu_writer import definition
+from inkloop.fmu_writer.archive import pack, unpack
+from inkloop.fmu_writer.export import export, find_fmu
+from support.places import ROOT
+
+DEFINITION = ROOT / "fmus" / "layer_deposition" / "variables.toml"
+
+
+def test_structural_fmu_starts_with_the_exported_grid(tmp_path) -> None:
+    path = export("LayerDeposition", fmi="3", nx=5, ny=7, fixed=False, out=tmp_path / "it.fmu")
+    result = fmpy.simulate_fmu(str(path), start_values={"layer_period": 1.0}, output_interval=1.0, stop_time=2.0)
+    assert np.asarray(result["height"][-1]).shape == (5, 7)
+
+
+@pytest.mark.parametrize("fmi", ["2", "3"])
+def test_fixed_fmu_has_as_many_cells_as_asked_for(fmi, tmp_path) -> None:
+    path = export("LayerDeposition", fmi=fmi, nx=3, ny=2, fixed=True, out=tmp_path / "sub" / "it.fmu")
+    description = fmpy.read_model_description(str(path))
+    found = {v.name: v for v in description.modelVariables}
+    if fmi == "2":
+        assert [name for name in found if name.startswith("height[")] == [
+            f"height[{i},{j}]" for i in (1, 2, 3) for j in (1, 2)
+        ]
+        assert found["nx"].start == "3"
+    else:
+        assert [d.start for d in found["height"].dimensions] == [3, 2]
+
+
+def test_unknown_model_is_answered_with_those_there_are(tmp_path) -> None:
+    with pytest.raises(
+        FmuError, match=r"no FMU 'Deposition' .*; models there: LayerController, LayerDeposition, ProfileSensor"
+    ):
+        export("Deposition", fmi="3", nx=3, ny=3, fixed=False, out=tmp_path / "it.fmu")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("nx", "ny"), [(0, 3), (3, 0), (-1, 3)])
+def test_grid_without_cells_is_refused(nx, ny, tmp_path) -> None:
+    with pytest.raises(FmuError, match=f"{nx} x {ny} cells; expected at least 1 x 1"):
+        export("ProfileSensor", fmi="2", nx=nx, ny=ny, fixed=True, out=tmp_path / "it.fmu")
+
+
+def test_form_that_is_not_built_is_refused() -> None:
+    with pytest.raises(FmuError, match="'fmi1'; expected one of fmi3, fmi3-fixed, fmi2"):
+        find_fmu("LayerDeposition", "fmi1")
+
+
+def test_large_fmi_2_grid_is_written_with_a_warning(tmp_path, caplog) -> None:
+    with caplog.at_level(logging.WARNING, "inkloop.fmu_writer.export"):
+        export("ProfileSensor", fmi="2", nx=32, ny=32, fixed=True, out=tmp_path / "it.fmu")
+        assert not caplog.messages
+        export("ProfileSensor", fmi="2", nx=33, ny=32, fixed=True, out=tmp_path / "it.fmu")
+    assert "1056 scalars per map" in caplog.text
+
+
+def test_missing_set_says_how_to_get_one(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("INKLOOP_FMU_DIR", str(tmp_path))
+    with pytest.raises(FmuError, match="models there: none"):
+        find_fmu("LayerDeposition")
+
+
+def test_archive_that_is_none_is_named(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("INKLOOP_FMU_DIR", str(tmp_path))
+    (tmp_path / "fmi3").mkdir()
+    (tmp_path / "fmi3" / "LayerDeposition.fmu").write_text("no archive")
+    with pytest.raises(FmuError, match=r"LayerDeposition\.fmu: is not a readable FMU"):
+        export("LayerDeposition", fmi="3", nx=3, ny=3, fixed=False, out=tmp_path / "it.fmu")
+
+
+def test_a_set_that_was_built_by_another_version_is_not_exported_and_says_what_to_do(tmp_path, monkeypatch) -> None:
+    members = unpack(find_fmu("LayerDeposition", "fmi2"))
+    fingerprint = definition.load(DEFINITION.read_text(), DEFINITION).fingerprint
+    older = members["modelDescription.xml"].replace(fingerprint.encode(), b"0123456789abcdef")
+    (tmp_path / "fmi2").mkdir()
+    pack(tmp_path / "fmi2" / "LayerDeposition.fmu", {**members, "modelDescription.xml": older})
+    monkeypatch.setenv("INKLOOP_FMU_DIR", str(tmp_path))
+    with pytest.raises(FmuError, match=r"LayerDeposition: .* built from other sources .*; run make"):
+        export("LayerDeposition", fmi="2", nx=3, ny=3, fixed=True, out=tmp_path / "it.fmu")
+    assert not (tmp_path / "it.fmu").exists()
+
+
+def test_an_fmu_of_two_builds_is_refused_and_says_what_to_do(tmp_path) -> None:
+    members = unpack(find_fmu("LayerDeposition", "fmi2"))
+    fingerprint = definition.load(DEFINITION.read_text(), DEFINITION).fingerprint
+    other = members["modelDescription.xml"].replace(fingerprint.encode(), b"0123456789abcdef")
+    pack(tmp_path / "it.fmu", {**members, "modelDescription.xml": other})
+    with pytest.raises(ComponentError, match=r"this binary expects .*run make, .* then export it anew"):
+        FmuComponent(tmp_path / "it.fmu").initialize(0, {})
+
+
+def test_fingerprint_changes_with_what_the_binary_must_know() -> None:
+    text = DEFINITION.read_text()
+    model = definition.load(text, DEFINITION)
+    same = definition.load(text.replace("Simulation time", "Time"), DEFINITION)
+    other = definition.load(text.replace("max = 2, terminal", "max = 3, terminal"), DEFINITION)
+    assert model.fingerprint == same.fingerprint != other.fingerprint
+    assert model.token(4, 5, resizable=False) == f"LayerDeposition-{model.fingerprint}-4x5"
+
+
+def test_every_fault_of_a_definition_is_reported() -> None:
+    text = DEFINITION.read_text()
+    text = text.replace('terminal = "command"', 'terminal = "nowhere"').replace('declared = "PassOrder", ', "")
+    text = text.replace('initial_from = "layer_command"', 'initial_from = "gone"')
+    with pytest.raises(FmuError) as caught:
+        definition.load(text, "it.toml")
+    message = str(caught.value)
+    assert message.startswith("it.toml: 5 faults")
+    for part in ("pattern: terminal is 'nowhere'", "pass_order: declared is None", "layers_printed: initial_from is"):
+        assert part in message

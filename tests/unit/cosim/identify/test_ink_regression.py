@@ -1,0 +1,143 @@
+"""Laws of the regression that finds h1, h2, h3 from noisy layers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inkloop.errors import IdentificationError
+from inkloop.identify import designs
+from inkloop.identify.expected_increments import expected_rates, expected_share
+from inkloop.identify.ink_regression import identify_ink, start_surface
+from inkloop.identify.print_record import noise_of
+from inkloop.identify.run_record import record_of
+from inkloop.models import LayerDeposition
+from inkloop.printing.run import print_part
+from inkloop.scenario.file import Scenario
+from support.logged_print import made_up, random_layers
+from support.places import SCENARIOS
+
+TRUE = np.array([4.4, 0.6, 0.2])
+FAR = (4.4e-6, 0.6e-6, 0.2e-6, 0.15e-6, 0.1e-6, 0.05e-6)
+TWO = ((4.4e-6, 0.6e-6, 0.2e-6), (3.0e-6, 0.5e-6, 0.3e-6))
+LU = LayerDeposition()
+
+
+def relative_errors(prints, noise, **options):
+    """(prints, 3): found over true heights, less 1."""
+    return np.array([identify_ink([one], noise, **options).heights[0] * 1e6 / TRUE - 1.0 for one in prints])
+
+
+def test_mean_share_is_the_mean_over_normal_rises() -> None:
+    rises = np.random.default_rng(5).normal(-1e-6, 2e-6, 200_000)
+    sampled = np.clip(1.0 + rises / 5e-6, 0.0, 1.0).mean()
+    found = expected_share(np.array([-1e-6]), np.array([4e-12]), np.array([5e-6]))
+    assert found[0] == pytest.approx(sampled, abs=2e-3)
+
+
+@pytest.mark.parametrize("heights", [((4.4e-6, 0.6e-6, 0.2e-6),), TWO, (FAR,)], ids=["reach 1", "two inks", "reach 2"])
+@pytest.mark.parametrize("passes", [1, 4])
+def test_rates_of_a_known_surface_are_the_layer_map(heights, passes) -> None:
+    generator = np.random.default_rng(3)
+    height, pattern = generator.uniform(0.0, 9e-6, (8, 7)), generator.integers(0, len(heights) + 1, (8, 7))
+    colours = (0, 1, 2, 3) if passes == 4 else ()
+    rates, _ = expected_rates(height, np.zeros((8, 7)), pattern.astype(np.int32), np.array(heights), colours)
+    model = LayerDeposition(heights, passes)
+    after = model.layer(model.start(height), pattern.astype(np.int32)).height
+    assert height + np.tensordot(np.array(heights), rates) == pytest.approx(after, rel=1e-12)
+
+
+def test_exact_scans_give_the_ink_exactly() -> None:
+    found = identify_ink([made_up(LU, random_layers(14, 12, 4, 0))], 0.0)
+    assert found.heights[0] * 1e6 == pytest.approx(TRUE, rel=1e-6)
+
+
+@pytest.mark.parametrize("model", [LayerDeposition(passes=4, pass_order=2, pass_rotation=1), LayerDeposition((FAR,))],
+                         ids=["four passes", "reach 2"])  # fmt: skip
+def test_exact_scans_give_the_ink_of_other_forms(model) -> None:
+    found = identify_ink([made_up(model, random_layers(16, 14, 4, 1))], 0.0, reach=model.reach)
+    assert found.heights[0] == pytest.approx(model.heights[0], rel=1e-5)
+
+
+def test_a_closed_loop_with_exact_scans_tells_its_ink() -> None:
+    """Droplets lack 10 % on average; a few nearly exact growths must not outweigh all others."""
+    size = ["grid.nx=18", "grid.ny=18", "part.radius_um=1600.0", "part.height_um=150.0"]
+    result = print_part(Scenario.load(SCENARIOS / "cylinder.toml", size))
+    found = identify_ink([record_of(result, "cylinder")], 0.0).heights[0] * 1e6
+    assert found == pytest.approx(0.9 * TRUE, rel=0.03)
+
+
+def test_two_inks_are_told_apart() -> None:
+    patterns = [np.random.default_rng(k).integers(0, 3, (20, 20)).astype(np.int32) for k in range(4)]
+    found = identify_ink([made_up(LayerDeposition(TWO), patterns, 0.1e-6)], 0.1e-6)
+    assert found.heights * 1e6 == pytest.approx(np.array(TWO) * 1e6, abs=0.02)
+
+
+def test_one_small_layer_of_the_laser_at_its_best_gives_2_3_and_10_percent() -> None:
+    """20 x 20 cells, 0.3 um noise; the pattern is the first of the designed layers, over the whole grid."""
+    patterns = designs.layers(20, 20, 1, margin=1)
+    errors = relative_errors([made_up(LU, patterns, 0.3e-6, seed) for seed in range(20)], 0.3e-6)
+    assert (np.abs(errors).max(axis=0) < [0.02, 0.03, 0.10]).all()
+
+
+def test_noise_of_the_scans_biases_plain_regression_but_not_ours() -> None:
+    prints = [made_up(LU, random_layers(30, 30, 5, seed), 1e-6, seed) for seed in range(6)]
+    plain = relative_errors(prints, 1e-6, correct=False).mean(axis=0)
+    ours = relative_errors(prints, 1e-6).mean(axis=0)
+    assert plain[0] < -0.06
+    assert plain[2] > 0.2
+    assert (np.abs(ours) < [0.006, 0.02, 0.05]).all()
+
+
+def test_varied_droplets_give_the_mean_ink_with_intervals_that_hold() -> None:
+    prints = [made_up(LU, random_layers(24, 24, 4, seed), 0.5e-6, seed, variation=0.4) for seed in range(8)]
+    found = [identify_ink([one], 0.5e-6) for one in prints]
+    inside = [np.abs(one.heights[0] * 1e6 - 0.8 * TRUE) <= one.half_widths[0] * 1e6 for one in found]
+    assert np.mean(inside) >= 0.8
+    assert np.mean([one.heights[0] for one in found], axis=0) * 1e6 == pytest.approx(0.8 * TRUE, rel=0.03)
+    spread = 0.4 / np.sqrt(12.0) / 0.8
+    assert np.mean([one.droplet_std for one in found]) == pytest.approx(spread, rel=0.35)
+
+
+def test_rough_start_surface_is_no_obstacle() -> None:
+    start = np.random.default_rng(9).normal(0.0, 2e-6, (30, 30))
+    found = identify_ink([made_up(LU, random_layers(30, 30, 3, 4), 0.4e-6, 4, start=start)], 0.4e-6)
+    assert (np.abs(found.heights[0] * 1e6 / TRUE - 1.0) < [0.02, 0.04, 0.1]).all()
+
+
+def test_plane_start_surface_is_known_better_than_a_scan() -> None:
+    i, j = np.indices((20, 20))
+    plane = 1e-7 * i + 2e-7 * j
+    mean, variance = start_surface(plane + np.random.default_rng(2).normal(0.0, 1e-6, (20, 20)), 1e-6)
+    assert np.sqrt(np.mean((mean - plane) ** 2)) < 0.2e-6
+    assert variance.max() < 0.05e-12
+
+
+def test_cells_that_were_not_measured_are_left_out() -> None:
+    record = made_up(LU, random_layers(20, 20, 3, 2), 0.0)
+    record.measured[np.random.default_rng(1).random(record.measured.shape) < 0.1] = np.nan
+    found = identify_ink([record], 1e-10)
+    assert found.heights[0] * 1e6 == pytest.approx(TRUE, rel=0.01)
+    assert found.used < 0.95 * 3 * 400
+
+
+def test_noise_is_read_from_untouched_cells() -> None:
+    record = made_up(LU, random_layers(40, 40, 4, 2, margin=5), 0.7e-6)
+    assert noise_of([record]) == pytest.approx(0.7e-6, rel=0.05)
+    assert noise_of([made_up(LU, random_layers(10, 10, 1, 2))]) is None
+
+
+def test_patterns_that_tell_nothing_apart_are_refused_in_words() -> None:
+    """In the middle of a full layer on flat ground every cell grows by h1 + 4 h2 + 4 h3."""
+    record, middle = made_up(LU, [np.ones((12, 12), np.int32)]), np.pad(np.ones((8, 8), bool), 2)
+    with pytest.raises(IdentificationError, match=r"do not tell .*h3 of material A.*stripes"):
+        identify_ink([record], 0.0, cells=[middle])
+
+
+def test_surface_that_sinks_and_patterns_without_droplets_are_refused_in_words() -> None:
+    record = made_up(LU, random_layers(8, 8, 2, 0))
+    record.measured[:] = -record.measured
+    with pytest.raises(IdentificationError, match="sank"):
+        identify_ink([record], 0.0)
+    with pytest.raises(IdentificationError, match="no layer has a droplet"):
+        identify_ink([made_up(LU, [np.zeros((8, 8), np.int32)])], 0.0)

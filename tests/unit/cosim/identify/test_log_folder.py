@@ -1,0 +1,117 @@
+"""Prints logged by somebody else: what is read, and what is refused in words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inkloop.errors import IdentificationError
+from inkloop.identify.log_folder import read_log
+from inkloop.models import LayerDeposition, VolumeAreaDeposition
+from support.logged_print import PITCH, made_up, random_layers
+
+FINE = "pixel_um = 65.814\noffset_x_um = -98.721\noffset_y_um = -98.721"
+PEAKS = "pixel_um = 20.0\noffset_x_um = -40.0\noffset_y_um = -40.0\nmiddle_share = 0.2\n"
+CELL = "pitch_um = 263.256\nunit = 'um'\npixel_um = 263.256\n"
+
+
+def log(folder: Path, record, description: str = CELL, pixels: int = 1) -> Path:
+    """A folder as a user would log it: tables whose rows go along x, heights in um."""
+    folder.mkdir(exist_ok=True)
+    (folder / "print.toml").write_text(description)
+    for layer, pattern in enumerate(record.pattern, start=1):
+        np.savetxt(folder / f"pattern_{layer:04d}.csv", pattern.T, fmt="%d", delimiter=",")
+    for layer, scan in enumerate(record.measured):
+        fine = np.kron(scan, np.ones((pixels, pixels)))
+        np.savetxt(folder / f"layer_{layer:04d}.csv", fine.T * 1e6, fmt="%.9f", delimiter=",")
+    return folder
+
+
+def test_logged_print_is_the_print(tmp_path: Path) -> None:
+    record = made_up(LayerDeposition(), random_layers(9, 7, 3, 0))
+    read = read_log(log(tmp_path / "print", record))
+    assert np.array_equal(read.pattern, record.pattern)
+    assert read.measured == pytest.approx(record.measured, abs=1e-14)
+    assert read.pitch == pytest.approx(PITCH)
+
+
+def test_fine_pixels_become_cell_means_and_missing_ones_stay_missing(tmp_path: Path) -> None:
+    record = made_up(LayerDeposition(), random_layers(8, 6, 2, 1))
+    record.measured[1, 2, 3] = np.nan
+    folder = log(tmp_path / "print", record, CELL.replace("pixel_um = 263.256", FINE), 4)
+    for path in folder.glob("layer_*"):
+        path.write_text(path.read_text().replace("nan", ""))
+    read = read_log(folder)
+    assert np.isnan(read.measured[1, 2, 3])
+    known = np.isfinite(record.measured)
+    assert read.measured[known] == pytest.approx(record.measured[known], abs=1e-13)
+
+
+def test_covered_area_is_the_share_of_pixels_above_the_threshold(tmp_path: Path) -> None:
+    record = made_up(LayerDeposition(), [np.eye(8, dtype=np.int32)])
+    folder = log(tmp_path / "print", record, CELL + "inked_um = 0.5\n")
+    area = read_log(folder).area
+    assert area is not None
+    assert not area[0].any()
+    assert np.array_equal(area[1] > 0.5, record.measured[1] > 0.5e-6)
+
+
+def test_peak_heights_are_those_of_the_middle_of_a_cell(tmp_path: Path) -> None:
+    record = made_up(LayerDeposition(), random_layers(6, 6, 1, 1))
+    folder = log(tmp_path / "print", record, "pitch_um = 100.0\nunit = 'um'\n" + PEAKS, 5)
+    peak = np.zeros((5, 5))
+    peak[2, 2] = 1e-6
+    for layer, scan in enumerate(record.measured):
+        fine = np.kron(scan, np.ones((5, 5))) + np.tile(peak, (6, 6))
+        np.savetxt(folder / f"layer_{layer:04d}.csv", fine.T * 1e6, fmt="%.9f", delimiter=",")
+    assert read_log(folder).measured == pytest.approx(record.measured + 1e-6, abs=1e-13)
+
+
+def test_level_of_every_scan_is_that_of_untouched_cells(tmp_path: Path) -> None:
+    record = made_up(LayerDeposition(), random_layers(16, 16, 2, 1, margin=4))
+    drifted = record.measured + np.array([0.0, 5e-6, -3e-6])[:, None, None]
+    exact = record.measured.copy()
+    record.measured[:] = drifted
+    read = read_log(log(tmp_path / "print", record, CELL + "datum = 'offset'\n"))
+    assert read.measured == pytest.approx(exact, abs=1e-13)
+
+
+def test_every_fault_of_a_folder_is_named_at_once(tmp_path: Path) -> None:
+    folder = log(tmp_path / "print", made_up(VolumeAreaDeposition(), random_layers(6, 6, 3, 0)))
+    (folder / "layer_0001.csv").unlink()
+    (folder / "layer_0002.csv").write_text("not a map")
+    with pytest.raises(IdentificationError, match="2 faults") as caught:
+        read_log(folder)
+    assert "layer_0001.csv" in str(caught.value)
+    (folder / "pattern_0002.csv").write_text("0,1,5\n")
+    (folder / "pattern_0003.csv").write_text("a,b\n")
+    with pytest.raises(IdentificationError, match=r"holds 5; expected rows and columns of 0, 1 and 2") as caught:
+        read_log(folder)
+    assert "pattern_0003.csv: cannot be read as a table of numbers" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("pitch_um = -1.0\npixels = 3\n", "2 faults"),
+        ("unit = 'um'\n", "pitch_um is missing"),
+        ("pitch_um = 1.0\npatterns = 'p.csv'\n", "a name with the number in it"),
+        ("pitch_um = \n", "is not TOML"),
+        ("pitch_um = 263.256\nunit = 'um'\n", "does not say how large its pixels are"),
+        ("pitch_um = 263.256\npixel_um = 263.256\n", "does not say the unit"),
+        (CELL + "offset_x_um = 90000.0\n", "shows no cell of the grid"),
+        (CELL + "datum = 'plane'\n", "the plane needs 8"),
+    ],
+)
+def test_description_that_cannot_be_meant_is_refused_in_words(text, words, tmp_path: Path) -> None:
+    folder = log(tmp_path / "print", made_up(LayerDeposition(), random_layers(6, 6, 1, 0)), text)
+    with pytest.raises(IdentificationError, match=words):
+        read_log(folder)
+
+
+def test_folder_without_patterns_is_refused_in_words(tmp_path: Path) -> None:
+    (tmp_path / "print.toml").write_text(CELL)
+    with pytest.raises(IdentificationError, match=r"pattern_0001.csv is not there"):
+        read_log(tmp_path)

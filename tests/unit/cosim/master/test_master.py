@@ -1,0 +1,237 @@
+from __future__ import annotations
+
+import signal
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from inkloop.component import Port, Status, Values
+from inkloop.errors import ComponentError, ScenarioError
+from inkloop.master.master import Master
+from inkloop.master.wiring import Connection, contract_connections
+from inkloop.results.recorder import Recorder
+from support.toys import FunctionComponent, toy_job, toy_loop
+
+SECOND = 1_000_000_000
+
+
+class Trace:
+    """Observer that keeps one output of one component."""
+
+    def __init__(self, place: str) -> None:
+        self._component, self._port = place.split(".")
+        self.times: list[int] = []
+        self.values: list[float] = []
+
+    def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
+        self.stepped(time_ns, outputs)
+
+    def stepped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
+        self.times.append(time_ns)
+        self.values.append(float(outputs[self._component][self._port]))
+
+
+def counter() -> FunctionComponent:
+    """Puts out the number of its steps."""
+    count = iter(range(1, 1000))
+    return FunctionComponent(
+        outputs=[Port("y")], step=lambda time_ns, step_ns, values: {"y": np.asarray(float(next(count)))}
+    )
+
+
+def follower(start: float = 0.0) -> FunctionComponent:
+    """Puts out its input."""
+    return FunctionComponent(
+        inputs=[Port("x")],
+        outputs=[Port("y", start=start)],
+        start=lambda values: {"y": values["x"]},
+        step=lambda time_ns, step_ns, values: {"y": values["x"]},
+    )
+
+
+def test_gauss_seidel_passes_the_newest_outputs_and_jacobi_those_of_the_last_point() -> None:
+    for algorithm, expected in (("gauss-seidel", [0.0, 1.0, 2.0, 3.0]), ("jacobi", [0.0, 0.0, 1.0, 2.0])):
+        trace = Trace("b.y")
+        parts = {"a": counter(), "b": follower()}
+        Master(parts, [Connection("a.y", "b.x")], step_ns=1, algorithm=algorithm, observers=[trace]).run(time_max_ns=3)
+        assert trace.values == expected
+
+
+def test_outputs_of_the_start_time_reach_the_consumer_before_the_first_step() -> None:
+    source = FunctionComponent(outputs=[Port("y", start=7.0)])
+    trace = Trace("b.y")
+    Master({"b": follower(), "a": source}, [Connection("a.y", "b.x")], step_ns=1, observers=[trace]).run(time_max_ns=1)
+    assert trace.values == [7.0, 7.0]
+
+
+def test_start_value_stands_in_where_initialization_goes_in_a_circle() -> None:
+    parts = {"a": follower(start=1.0), "b": follower(start=5.0)}
+    trace = Trace("a.y")
+    Master(parts, [Connection("b.y", "a.x"), Connection("a.y", "b.x")], step_ns=1, observers=[trace]).run(time_max_ns=0)
+    assert trace.values == [5.0]
+
+
+def test_communication_points_are_exact_multiples_of_the_step() -> None:
+    trace = Trace("a.y")
+    Master({"a": counter()}, [], step_ns=SECOND // 10, observers=[trace]).run(time_max_ns=SECOND)
+    assert trace.times == [k * SECOND // 10 for k in range(11)]
+
+
+def test_slow_component_steps_every_so_often_and_holds_in_between() -> None:
+    slow = counter()
+    trace = Trace("slow.y")
+    Master({"slow": slow}, [], step_ns=10, every={"slow": 3}, observers=[trace]).run(time_max_ns=60)
+    assert trace.values == [0, 0, 0, 1, 1, 1, 2]
+    assert slow.log[1:-1] == ["do_step 0 30", "do_step 30 30"]
+
+
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
+@pytest.mark.parametrize("step_ns", [SECOND // 3, SECOND, 5 * SECOND, 40 * SECOND])
+@pytest.mark.parametrize("durations", [(0, 0), (2 * SECOND, 6 * SECOND)])
+def test_same_layers_whatever_the_master_and_its_step(algorithm: str, step_ns: int, durations: tuple[int, int]) -> None:
+    job = toy_job(layers=5)
+    parts = toy_loop(job, *durations)
+    recorder = Recorder(job, parts)
+    master = Master(parts, contract_connections(parts), step_ns=step_ns, algorithm=algorithm, observers=[recorder])
+    assert master.run(layers_max=100) == "done"
+    printed = recorder.dataset()
+    assert printed.sizes["layer"] == 6
+    np.testing.assert_array_equal(printed.height[-1], job.target_height)
+    np.testing.assert_array_equal(printed.measured_height, printed.height)
+    np.testing.assert_array_equal(printed.estimated_height, printed.height)
+    np.testing.assert_array_equal(printed.pattern[1:], np.broadcast_to(job.mask, (5, *job.mask.shape)))
+
+
+@pytest.mark.parametrize(("algorithm", "steps_per_layer"), [("gauss-seidel", 1), ("jacobi", 3)])
+def test_steps_per_layer_are_those_of_the_contract(algorithm: str, steps_per_layer: int) -> None:
+    parts = toy_loop(toy_job())
+    trace = Trace("printer.layers_printed")
+    Master(parts, contract_connections(parts), step_ns=1, algorithm=algorithm, observers=[trace]).run(layers_max=4)
+    first = [trace.values.index(layer) for layer in (1, 2, 3)]
+    assert np.diff(first).tolist() == [steps_per_layer] * 2
+
+
+def test_run_ends_at_the_limit_that_comes_first() -> None:
+    def end(**limits: int) -> tuple[str, int]:
+        parts = toy_loop(toy_job())
+        recorder = Recorder(toy_job(), parts)
+        reason = Master(parts, contract_connections(parts), step_ns=SECOND, observers=[recorder]).run(**limits)
+        return reason, recorder.layers
+
+    assert end(layers_max=3) == ("layers_max", 3)
+    assert end(layers_max=3, time_max_ns=2 * SECOND) == ("time_max", 1)
+    assert end(layers_max=30) == ("done", 5)
+
+
+def test_fault_of_a_component_ends_the_run() -> None:
+    broken = FunctionComponent(
+        outputs=[Port("status", dtype="int32")], step=lambda *_: {"status": np.asarray(int(Status.FAULT))}
+    )
+    assert Master({"printer": broken}, [], step_ns=1).run(time_max_ns=100) == "fault"
+    assert broken.log == ["initialize", "do_step 0 1", "terminate"]
+
+
+def test_run_without_an_end_is_refused() -> None:
+    with pytest.raises(ScenarioError, match="time_max_s"):
+        Master({"a": counter()}, [], step_ns=1).run(layers_max=3)
+
+
+def test_every_component_is_terminated_once_when_one_fails_to_initialize() -> None:
+    def refuse(values: Values) -> Values:
+        raise ValueError("nozzle cover is on")
+
+    good, bad, late = counter(), FunctionComponent(start=refuse), counter()
+    with pytest.raises(ComponentError, match="bad could not be initialized: ValueError: nozzle cover is on"):
+        Master({"good": good, "bad": bad, "late": late}, [], step_ns=1).run(time_max_ns=1)
+    assert [part.log.count("terminate") for part in (good, bad, late)] == [1, 1, 1]
+
+
+def test_every_component_is_terminated_even_if_terminating_fails() -> None:
+    class Sticky(FunctionComponent):
+        def terminate(self) -> None:
+            raise OSError("device is gone")
+
+    good = counter()
+    with pytest.raises(OSError, match="device is gone"):
+        Master({"good": good, "sticky": Sticky()}, [], step_ns=1).run(time_max_ns=1)
+    assert good.log[-1] == "terminate"
+
+
+def test_failure_names_component_time_and_layer() -> None:
+    parts = toy_loop(toy_job())
+    profiler_step = parts["profiler"].do_step
+
+    def fail_late(time_ns: int, step_ns: int, inputs: Values) -> Values:
+        if time_ns >= 2 * SECOND:
+            raise RuntimeError("laser is off")
+        return profiler_step(time_ns, step_ns, inputs)
+
+    parts["profiler"].do_step = fail_late  # type: ignore[method-assign]
+    with pytest.raises(ComponentError, match=r"profiler failed at t = 2 s, after layer 2: RuntimeError: laser is off"):
+        Master(parts, contract_connections(parts), step_ns=SECOND).run(layers_max=5)
+
+
+def test_value_that_is_not_a_number_is_stopped_at_its_source() -> None:
+    spoilt = np.zeros((2, 3))
+    spoilt[1, 2] = np.nan
+    source = FunctionComponent(outputs=[Port("height", "m", (2, 3))], step=lambda *_: {"height": spoilt})
+    sink = FunctionComponent(inputs=[Port("height", "m", (2, 3))])
+    with pytest.raises(ComponentError, match=r"source failed at t = 0 s: output height is nan in cell \(1, 2\)"):
+        Master({"source": source, "sink": sink}, [Connection("source.height", "sink.height")], step_ns=1).run(
+            time_max_ns=1
+        )
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ({}, "declared but not returned"),
+        ({"y": np.zeros(2)}, r"has shape \(2,\), declared \(\)"),
+        ({"y": np.asarray("five")}, "is <U4, declared float64"),
+    ],
+)
+def test_output_must_be_what_was_declared(value: Values, said: str) -> None:
+    part = FunctionComponent(outputs=[Port("y")], step=lambda *_: value)
+    with pytest.raises(ComponentError, match=said):
+        Master({"a": part}, [], step_ns=1).run(time_max_ns=1)
+
+
+def test_consumer_cannot_change_what_its_source_gave() -> None:
+    def spoil(time_ns: int, step_ns: int, inputs: Values) -> Values:
+        inputs["x"][...] = 5.0
+        return {}
+
+    parts = {"a": counter(), "b": FunctionComponent(inputs=[Port("x")], step=spoil)}
+    with pytest.raises(ComponentError, match="b failed at t = 0 s: ValueError: assignment destination is read-only"):
+        Master(parts, [Connection("a.y", "b.x")], step_ns=1).run(time_max_ns=1)
+
+
+def test_interrupt_ends_after_the_step_and_keeps_what_was_recorded() -> None:
+    job = toy_job()
+    parts = toy_loop(job)
+    printer_step = parts["printer"].do_step
+
+    def interrupt_at_three(time_ns: int, step_ns: int, inputs: Values) -> Values:
+        if time_ns == 3 * SECOND:
+            signal.raise_signal(signal.SIGINT)
+        return printer_step(time_ns, step_ns, inputs)
+
+    parts["printer"].do_step = interrupt_at_three  # type: ignore[method-assign]
+    recorder = Recorder(job, parts)
+    handler = signal.getsignal(signal.SIGINT)
+    master = Master(parts, contract_connections(parts), step_ns=SECOND, observers=[recorder])
+    assert master.run(layers_max=5) == "interrupted"
+    assert recorder.layers == 3
+    assert np.isfinite(recorder.dataset().measured_height).all()
+    assert signal.getsignal(signal.SIGINT) is handler
+
+
+def test_wall_time_is_split_without_remainder() -> None:
+    parts = toy_loop(toy_job())
+    master = Master(parts, contract_connections(parts), step_ns=SECOND)
+    master.run(layers_max=5)
+    wall = master.wall_s
+    assert set(wall) == {*parts, "observers", "master", "total"}
+    assert wall["total"] == pytest.approx(sum(seconds for name, seconds in wall.items() if name != "total"))
+    assert min(wall.values()) >= 0

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import pytest
+
+from inkloop.component import Port
+from inkloop.master.master import Master
+from inkloop.master.pacing import Pacing, sentence
+from support.toys import FunctionComponent
+
+MS = 1_000_000
+
+
+class FakeClock:
+    """A clock that only runs while somebody sleeps or works."""
+
+    def __init__(self) -> None:
+        self.now_ns = 12_345
+        self.naps: list[float] = []
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+    def sleep(self, seconds: float) -> None:
+        self.naps.append(seconds)
+        self.now_ns += round(seconds * 1e9)
+
+
+def paced(clock: FakeClock, work_ms: list[int], factor: float = 1.0) -> Pacing:
+    """Points every 100 ms of simulated time, the step to each of which takes so much of the clock."""
+    pacing = Pacing(factor, clock=clock, sleep=clock.sleep)
+    pacing.start(0)
+    for point, work in enumerate(work_ms, start=1):
+        clock.now_ns += work * MS
+        pacing.wait(point * 100 * MS)
+    return pacing
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 4.0])
+def test_points_are_reached_at_their_time_by_the_clock(factor: float) -> None:
+    clock = FakeClock()
+    begin = clock.now_ns
+    pacing = paced(clock, [1, 7, 3], factor)
+    assert clock.now_ns - begin == pytest.approx(300 * MS / factor, abs=1)
+    assert pacing.statistics["missed"] == 0
+
+
+def test_late_point_is_counted_and_caught_up_with() -> None:
+    clock = FakeClock()
+    begin = clock.now_ns
+    statistics = paced(clock, [10, 250, 10, 10]).statistics
+    assert (statistics["steps"], statistics["missed"]) == (4, 2)
+    assert statistics["worst_s"] == pytest.approx(0.15)
+    assert 0.06 < statistics["p99_s"] < 0.15
+    assert clock.now_ns - begin == 400 * MS
+
+
+def test_resumed_run_counts_from_where_it_stands() -> None:
+    clock = FakeClock()
+    begin = clock.now_ns
+    pacing = Pacing(clock=clock, sleep=clock.sleep)
+    pacing.start(1000 * MS)
+    pacing.wait(1100 * MS)
+    assert clock.now_ns - begin == 100 * MS
+
+
+def test_long_wait_is_given_up_when_cancelled() -> None:
+    clock = FakeClock()
+    pacing = Pacing(clock=clock, sleep=clock.sleep)
+    pacing.start(0)
+    pacing.wait(3_600_000 * MS, lambda: len(clock.naps) >= 2)
+    assert len(clock.naps) == 2
+    assert max(clock.naps) <= 0.1
+
+
+def test_nothing_is_counted_before_the_first_point() -> None:
+    assert Pacing().statistics == {"real_time_factor": 1.0, "steps": 0, "missed": 0, "worst_s": 0.0, "p99_s": 0.0}
+
+
+def test_sentence_says_factor_missed_worst_and_p99() -> None:
+    figures = {"real_time_factor": 2.0, "steps": 40, "missed": 3, "worst_s": 0.0125, "p99_s": 0.01}
+    assert sentence(figures) == "real time x 2: 3 of 40 steps late, worst 12.5 ms, 99 % within 10 ms"
+
+
+def test_master_steps_by_the_clock_and_says_what_it_waited() -> None:
+    clock = FakeClock()
+    begin = clock.now_ns
+    pacing = Pacing(clock=clock, sleep=clock.sleep)
+    part = FunctionComponent(outputs=[Port("y")])
+    master = Master({"a": part}, [], step_ns=20 * MS, pacing=pacing)
+    assert master.run(time_max_ns=100 * MS) == "time_max"
+    assert clock.now_ns - begin == 100 * MS
+    assert pacing.statistics["steps"] == 5
+    assert set(master.wall_s) == {"a", "observers", "waiting", "master", "total"}

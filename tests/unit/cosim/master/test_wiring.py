@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inkloop.component import Port
+from inkloop.master.wiring import Connection, Transfer, check, contract_connections, feeds
+from support.toys import FunctionComponent, toy_job, toy_loop
+
+
+def test_contract_wires_the_loop_completely() -> None:
+    parts = toy_loop(toy_job())
+    wires = contract_connections(parts)
+    assert len(wires) == sum(len(part.inputs) for part in parts.values())
+    assert Connection("controller.pattern", "printer.pattern") in wires
+    assert check(parts, wires) == []
+
+
+def test_input_with_two_possible_sources_is_asked_about() -> None:
+    job = toy_job()
+    parts = toy_loop(job) | {"shadow": toy_loop(job)["printer"]}
+    faults = check(parts, contract_connections(parts))
+    assert "profiler.height may come from printer.height or shadow.height; say which under [[connections]]" in faults
+
+
+def test_missing_contract_input_is_a_fault_and_any_other_open_input_is_not() -> None:
+    parts = {
+        "printer": FunctionComponent(inputs=[Port("pattern", "1", (2, 2), "int32")]),
+        "fan": FunctionComponent(inputs=[Port("speed", "m/s")]),
+    }
+    (fault,) = check(parts, [])
+    assert fault.startswith("printer.pattern is not connected: no other component has an output pattern")
+
+
+@pytest.mark.parametrize(
+    ("port", "said"),
+    [
+        (Port("y", "s"), "a.y gives [s], b.x takes [m]: same quantity needed"),
+        (Port("y", "m", (3,)), "a.y gives 3, b.x takes a scalar"),
+        (Port("y", "m", dtype="int32"), "a.y gives int32, b.x takes float64"),
+    ],
+)
+def test_mismatch_is_named_with_both_sides(port: Port, said: str) -> None:
+    parts = {"a": FunctionComponent(outputs=[port]), "b": FunctionComponent(inputs=[Port("x", "m")])}
+    (fault,) = check(parts, [Connection("a.y", "b.x")])
+    assert fault.startswith(said)
+
+
+@pytest.mark.parametrize(("source", "target"), [("%", "1"), ("degC", "K"), ("m", "V")])
+def test_gain_leads_to_a_unit_that_is_not_known_here(source: str, target: str) -> None:
+    parts = {"a": FunctionComponent(outputs=[Port("y", source)]), "b": FunctionComponent(inputs=[Port("x", target)])}
+    (fault,) = check(parts, [Connection("a.y", "b.x")])
+    assert fault.endswith(f"same quantity needed, or a gain that says how [{source}] becomes [{target}]")
+    assert fed(Connection("a.y", "b.x", 0.01, 1.0), source, target, 50.0) == 1.5
+
+
+@pytest.mark.parametrize(
+    ("connection", "said"),
+    [
+        (Connection("aa.y", "b.x"), "aa.y: there is no component 'aa'; did you mean a?"),
+        (Connection("a.yy", "b.x"), "a.yy: a has no output 'yy'; did you mean y?"),
+        (Connection("a.y", "b.xx"), "b.xx: b has no input 'xx'; did you mean x?"),
+        (Connection("b.y", "b.x"), "b.y: b has no output 'y'; it has no outputs"),
+    ],
+)
+def test_unknown_end_is_answered_with_the_nearest_known(connection: Connection, said: str) -> None:
+    parts = {"a": FunctionComponent(outputs=[Port("y")]), "b": FunctionComponent(inputs=[Port("x")])}
+    assert check(parts, [connection]) == [said]
+
+
+def test_input_is_fed_once() -> None:
+    parts = {"a": FunctionComponent(outputs=[Port("y"), Port("z")]), "b": FunctionComponent(inputs=[Port("x")])}
+    (fault,) = check(parts, [Connection("a.y", "b.x"), Connection("a.z", "b.x")])
+    assert fault.startswith("b.x is fed twice, by a.y and a.z")
+
+
+def fed(connection: Connection, source: str, target: str, value: float) -> float:
+    parts = {"a": FunctionComponent(outputs=[Port("y", source)]), "b": FunctionComponent(inputs=[Port("x", target)])}
+    assert check(parts, [connection]) == []
+    ((port, component, output, transfer),) = feeds(parts, [connection])["b"]
+    assert (port, component, output) == ("x", "a", "y")
+    return float(transfer(np.asarray(value)))
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "given", "expected"),
+    [
+        ("m", "um", 2e-6, 2.0),
+        ("mm", "um", 3.0, 3000.0),
+        ("um", "m", 250.0, 250e-6),
+        ("s", "ms", 0.5, 500.0),
+        ("mm/s", "m/s", 40.0, 0.04),
+        ("deg", "rad", 180.0, np.pi),
+        ("V", "V", 5.0, 5.0),
+    ],
+)
+def test_value_arrives_in_the_unit_of_the_input(source: str, target: str, given: float, expected: float) -> None:
+    assert fed(Connection("a.y", "b.x"), source, target, given) == pytest.approx(expected)
+
+
+def test_gain_acts_before_the_offset_and_both_after_the_unit() -> None:
+    assert fed(Connection("a.y", "b.x", gain=2.0, offset=5.0), "m", "um", 3e-6) == pytest.approx(11.0)
+
+
+def test_value_of_a_plain_connection_is_the_very_array_of_its_source() -> None:
+    assert Transfer()(value := np.ones(3)) is value
+
+
+def test_array_on_its_way_keeps_its_type_and_cannot_be_written() -> None:
+    arrived = Transfer(factor=2.0)(np.ones(3, np.float32))
+    assert arrived.dtype == np.float32
+    assert not arrived.flags.writeable
+
+
+@pytest.mark.parametrize("dtype", ["int32", "bool"])
+def test_gain_is_of_floating_point_values_only(dtype: str) -> None:
+    port = {"dtype": dtype}
+    parts = {"a": FunctionComponent(outputs=[Port("y", **port)]), "b": FunctionComponent(inputs=[Port("x", **port)])}
+    assert check(parts, [Connection("a.y", "b.x")]) == []
+    (fault,) = check(parts, [Connection("a.y", "b.x", gain=2.0)])
+    assert fault.startswith(f"a.y is {dtype}; a gain, an offset or another unit needs floating-point values")

@@ -1,0 +1,284 @@
+"""Maps of a folder are taken when they are whole, for the layer that they are of, and only if they show the part."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.component import Port, Status
+from inkloop.components import catalog
+from inkloop.errors import ComponentError, ScenarioError
+from inkloop.master.master import Master
+from inkloop.master.wiring import contract_connections
+from inkloop.metrology import map_folder
+from inkloop.metrology.folder_watch import FolderWatch
+from inkloop.metrology.map_folder import MapFolder
+from support.closed_loop import block
+from support.toys import FunctionComponent
+
+SECOND = 1_000_000_000
+JOB = block()
+FINE = 4
+PIXEL_UM = JOB.pitch * 1e6 / FINE
+CORNER_UM = -0.5 * (JOB.pitch * 1e6 - PIXEL_UM)
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(map_folder, "PATIENCE_S", 0.0)
+
+
+def profiler(folder: Path, **options: Any) -> MapFolder:
+    """A map folder of NPZ files, one in each cell's own pixels."""
+    given = {"file_name": "{layer}.npz", "complete": "renamed", "offset_x_um": CORNER_UM, "offset_y_um": CORNER_UM}
+    made = catalog.make("MapFolder", JOB, {"folder": str(folder), **given, **options})
+    assert isinstance(made, MapFolder)
+    made.initialize(0, printed(0))
+    return made
+
+
+def printed(layer: int) -> dict[str, Any]:
+    return {"layers_printed": np.asarray(layer, np.int32)}
+
+
+def surface(layer: int) -> Any:
+    """A surface (nx, ny) [um] that no other layer has."""
+    return np.where(JOB.mask, 8.0 * layer, 0.0) + np.arange(JOB.ny) + 0.1 * layer
+
+
+def write(folder: Path, layer: int, heights: Any = None, fine: int = FINE) -> Path:
+    heights = surface(layer) if heights is None else heights
+    path = folder / f"{layer}.npz"
+    np.savez(path, z_um=np.kron(heights, np.ones((fine, fine))), pixel_um=JOB.pitch * 1e6 / fine)
+    return path
+
+
+def scan(part: MapFolder, layer: int) -> dict[str, Any]:
+    return dict(part.do_step(layer * SECOND, SECOND, printed(layer)))
+
+
+def test_scan_is_busy_until_the_file_of_the_printed_layer_is_there(tmp_path: Path) -> None:
+    part = profiler(tmp_path)
+    outputs = scan(part, 0)
+    assert (outputs["layers_scanned"], outputs["status"]) == (-1, Status.BUSY)
+    write(tmp_path, 0)
+    outputs = scan(part, 0)
+    assert (outputs["layers_scanned"], outputs["status"]) == (0, Status.IDLE)
+    np.testing.assert_allclose(outputs["measured_height"] * 1e6, surface(0), atol=1e-9)
+    assert outputs["valid"].all()
+
+
+def test_done_layer_is_not_scanned_again(tmp_path: Path) -> None:
+    part = profiler(tmp_path)
+    write(tmp_path, 0)
+    before = scan(part, 0)
+    write(tmp_path, 0, surface(0) + 5.0)
+    np.testing.assert_array_equal(scan(part, 0)["measured_height"], before["measured_height"])
+
+
+def test_scan_takes_the_newest_layer_though_the_number_jumps(tmp_path: Path) -> None:
+    part = profiler(tmp_path)
+    assert scan(part, 0)["status"] == Status.BUSY
+    write(tmp_path, 3)
+    outputs = scan(part, 3)
+    assert outputs["layers_scanned"] == 3
+    np.testing.assert_allclose(outputs["measured_height"] * 1e6, surface(3), atol=1e-9)
+
+
+def test_cell_that_was_not_measured_keeps_its_last_valid_height(tmp_path: Path) -> None:
+    part = profiler(tmp_path)
+    holes = surface(0)
+    holes[0, 0] = np.nan
+    write(tmp_path, 0, holes)
+    assert scan(part, 0)["measured_height"][0, 0] == 0.0
+    write(tmp_path, 1)
+    known = scan(part, 1)["measured_height"]
+    later = surface(2)
+    later[4, 4] = np.nan
+    write(tmp_path, 2, later)
+    outputs = scan(part, 2)
+    assert outputs["measured_height"][4, 4] == known[4, 4]
+    assert np.argwhere(~outputs["valid"]).tolist() == [[4, 4]]
+
+
+def half(layer: int) -> Any:
+    """A surface of which nothing along the first half of x was measured."""
+    heights = surface(layer)
+    heights[: JOB.nx // 2 + 1] = np.nan
+    return heights
+
+
+REFUSALS: dict[str, tuple[Callable[[Path], object], dict[str, Any], str]] = {
+    "nothing measured": (lambda f: write(f, 1, np.full(surface(1).shape, np.nan)), {}, "no pixel of it was measured"),
+    "part not seen": (lambda f: write(f, 1, half(1)), {}, r"33% of the part's cells were measured; needs 50%"),
+    "same again": (lambda f: write(f, 1, surface(0)), {}, "heights of the scan of layer 0 again"),
+    "another field": (lambda f: write(f, 1, fine=5), {}, "has 50 x 45 pixels, the scans before it 40 x 36"),
+    "no map": (lambda f: (f / "1.npz").write_bytes(b"half a"), {}, "is no array of numbers that NumPy saved"),
+    "unit against the file": (lambda f: write(f, 1), {"unit": "mm"}, "heights are in um, unit is 'mm'"),
+    "no datum": (
+        lambda f: write(f, 1, np.where(JOB.mask, surface(1), np.nan)), {"datum": "plane"}, "datum: 0 cells beside",
+    ),
+    "no part to fit to": (
+        lambda f: write(f, 1, np.random.default_rng(1).random(surface(1).shape)), {"registration": "fit"},
+        r"the part explains \d+% of its relief",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("write_second", "options", "said"), REFUSALS.values(), ids=REFUSALS)
+def test_map_that_cannot_be_meant_is_refused_in_words(
+    write_second: Callable[[Path], object], options: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    part = profiler(tmp_path, **({} if "unit" in options else options))
+    write(tmp_path, 0)
+    scan(part, 0)
+    if "unit" in options:
+        part = profiler(tmp_path, **options)
+    write_second(tmp_path)
+    with pytest.raises(ComponentError, match=rf"layer 1: .*1\.npz: .*{said}"):
+        scan(part, 1)
+
+
+def test_map_beside_the_grid_is_refused_with_both_places(tmp_path: Path) -> None:
+    write(tmp_path, 0)
+    with pytest.raises(
+        ComponentError, match=r"field lies at x 5\.00 to 7\.63.*the grid at 0 to 2\.63 and 0 to 2\.37 mm"
+    ):
+        scan(profiler(tmp_path, offset_x_um=5000.0), 0)
+
+
+def test_files_of_an_earlier_print_are_refused_before_the_first_layer(tmp_path: Path) -> None:
+    for layer in range(4):
+        write(tmp_path, layer)
+    with pytest.raises(
+        ComponentError, match=r"1\.npz is there before layer 1 is printed.*3 such files.*move them away"
+    ):
+        scan(profiler(tmp_path), 0)
+    assert scan(profiler(tmp_path, replay=True), 0)["layers_scanned"] == 0
+
+
+def test_awaited_file_has_its_time_limit(tmp_path: Path) -> None:
+    part = profiler(tmp_path, timeout_s=1e-6)
+    with pytest.raises(
+        ComponentError, match=r"0\.npz did not come within 1e-06 s; there is no file of any layer: scan layer 0"
+    ):
+        scan(part, 0)
+    part = profiler(tmp_path, timeout_s=1e-6, complete="done")
+    write(tmp_path, 0)
+    with pytest.raises(ComponentError, match=r"0\.npz was not complete within .*its \.done mark is missing"):
+        scan(part, 0)
+
+
+def test_folder_has_to_be_there(tmp_path: Path) -> None:
+    with pytest.raises(ComponentError, match="is no folder; make it"):
+        profiler(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"file_name": "scan.csv"}, r"file_name is 'scan.csv'; expected a name of its own for each layer"),
+        ({"file_name": "{number}.csv"}, r"file_name is '\{number\}.csv' \(KeyError: 'number'\)"),
+        ({"registration": "fiducials"}, "fiducials_map_um and fiducials_grid_um: give both"),
+        ({"fiducials_map_um": [[0, 0], [1, 1]]}, "fiducials_map_um and fiducials_grid_um: give both"),
+        (
+            {
+                "registration": "fiducials",
+                "fiducials_map_um": [[0, 0], [1000, 0]],
+                "fiducials_grid_um": [[0, 0], [1100, 0]],
+            },
+            r"the best fit leaves 50 um rms, 26\.3 um are allowed",
+        ),
+        ({"unit": "inch"}, "unit is 'inch'"),
+        ({"valid_share_min": 0.0}, "valid_share_min is 0.0"),
+    ],
+)
+def test_faulty_options_are_told_before_anything_runs(options: dict[str, Any], said: str, tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=said):
+        catalog.make("MapFolder", JOB, {"folder": str(tmp_path / "later"), **options})
+
+
+def test_fiducials_place_the_map_as_the_numbers_they_stand_for(tmp_path: Path) -> None:
+    write(tmp_path, 0)
+    corners = [[0.0, 0.0], [1000.0, 0.0], [0.0, 2000.0]]
+    on_grid = [[x + CORNER_UM, y + CORNER_UM] for x, y in corners]
+    found = profiler(tmp_path, registration="fiducials", fiducials_map_um=corners, fiducials_grid_um=on_grid,
+                     offset_x_um=0.0, offset_y_um=0.0)  # fmt: skip
+    given = scan(profiler(tmp_path), 0)
+    np.testing.assert_allclose(scan(found, 0)["measured_height"], given["measured_height"], atol=1e-12)
+
+
+def test_restored_folder_waits_for_the_layer_after_its_last_scan(tmp_path: Path) -> None:
+    part = profiler(tmp_path)
+    write(tmp_path, 0)
+    before = scan(part, 0)
+    other = profiler(tmp_path)
+    other.restore(part.save())
+    assert scan(other, 0)["layers_scanned"] == 0
+    np.testing.assert_array_equal(scan(other, 1)["measured_height"], before["measured_height"])
+    write(tmp_path, 1, surface(0))
+    with pytest.raises(ComponentError, match="of layer 0 again"):
+        scan(other, 1)
+    with pytest.raises(ComponentError, match="is no state of a map folder"):
+        other.restore(b"rubbish")
+
+
+class Clock:
+    """Time that passes only by sleeping; what happens at a time is a list of (time, action)."""
+
+    def __init__(self, events: list[tuple[float, Callable[[], object]]]) -> None:
+        self.now, self._events = 0.0, events
+
+    def __call__(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+        while self._events and self._events[0][0] <= self.now:
+            self._events.pop(0)[1]()
+
+
+def test_growing_file_is_taken_when_it_stays_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "7.csv"
+
+    def grow() -> None:
+        with path.open("a") as file:
+            file.write("1,2,3\n")
+
+    clock = Clock([(0.1, grow), (0.5, grow), (0.9, grow)])
+    watch = FolderWatch(tmp_path, "{layer}.csv", "stable", 0.5, clock=clock, sleep=clock.sleep)
+    assert watch.look(7, 0.05) is None
+    assert watch.look(7, 0.5) == path
+    assert clock.now >= 0.9 + 0.5
+    assert path.read_text().count("\n") == 3
+
+
+def test_empty_file_is_never_complete(tmp_path: Path) -> None:
+    (tmp_path / "7.csv").touch()
+    clock = Clock([])
+    watch = FolderWatch(tmp_path, "{layer}.csv", "stable", 0.5, clock=clock, sleep=clock.sleep)
+    assert watch.look(7, 3.0) is None
+    assert clock.now >= 3.0
+
+
+def test_done_mark_completes_a_file(tmp_path: Path) -> None:
+    (tmp_path / "7.csv").write_text("1,2\n")
+    clock = Clock([(0.4, (tmp_path / "7.csv.done").touch)])
+    watch = FolderWatch(tmp_path, "{layer}.csv", "done", 0.5, clock=clock, sleep=clock.sleep)
+    assert watch.look(7, 0.2) is None
+    assert watch.look(7, 0.5) == tmp_path / "7.csv"
+
+
+def test_first_ctrl_c_ends_the_wait_for_a_file(tmp_path: Path) -> None:
+    printer = FunctionComponent(outputs=[Port("layers_printed", dtype="int32")])
+    parts = {"printer": printer, "profiler": profiler(tmp_path)}
+    master = Master(parts, contract_connections(parts), step_ns=SECOND)
+    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+    assert master.run(layers_max=1) == "interrupted"

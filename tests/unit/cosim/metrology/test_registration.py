@@ -1,0 +1,265 @@
+"""A fine map on a grid of cells: means are kept, invalid pixels stay out, known places are found again."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
+
+from inkloop.errors import HeightMapError
+from inkloop.metrology.cell_means import cell_means
+from inkloop.metrology.datum import level, reference_cells
+from inkloop.metrology.height_map import HeightMap
+from inkloop.metrology.map_fit import fit_to_surface
+from inkloop.metrology.registration import Registration, from_fiducials
+from support.fine_maps import covering, fine_map
+
+PITCH, UM = 263.256e-6, 1e-6
+
+
+@pytest.mark.parametrize("turns", [0, 1, 2, 3])
+@pytest.mark.parametrize("mirror", ["none", "x", "y"])
+@pytest.mark.parametrize(("a", "b"), [(1, 1), (6, 6), (4, 7)])
+def test_aligned_pixels_that_divide_a_cell_give_its_exact_mean(a: int, b: int, mirror: str, turns: int) -> None:
+    """Rectangular pixels, each orientation that a file may have."""
+    nx, ny = 5, 4
+    z = np.random.default_rng(3).random((nx * a, ny * b))
+    dx, dy = PITCH / a, PITCH / b
+    expected = z.reshape(nx, a, ny, b).mean(axis=(1, 3))
+    if mirror != "none":
+        expected = np.flip(expected, 0 if mirror == "x" else 1)
+    expected = np.rot90(expected, -turns, axes=(1, 0))
+    flat = Registration(0.0, 0.0, turns * math.pi / 2, mirror=mirror)  # type: ignore[arg-type]
+    corners = flat.to_grid(np.array([0.0, (nx * a - 1) * dx]), np.array([0.0, (ny * b - 1) * dy]))
+    pixel = (dx, dy) if turns % 2 == 0 else (dy, dx)
+    offset = [float(side / 2 - PITCH / 2 - corner.min()) for side, corner in zip(pixel, corners, strict=True)]
+    placed = Registration(offset[0], offset[1], turns * math.pi / 2, mirror=mirror)  # type: ignore[arg-type]
+    cells = cell_means(HeightMap(z, dx, dy), placed, *expected.shape, PITCH)
+    np.testing.assert_allclose(cells.mean, expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(cells.share, 1.0, rtol=0, atol=1e-9)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    rotation=st.floats(-math.pi, math.pi),
+    u=st.floats(-PITCH, PITCH),
+    v=st.floats(-PITCH, PITCH),
+    pixel=st.sampled_from([9e-6, 20e-6, 70e-6]),
+)
+def test_mean_height_is_kept_wherever_the_map_lies(rotation: float, u: float, v: float, pixel: float) -> None:
+    """A smooth surface of 10 um: each cell's mean as by integration; the error grows by the square of a pixel."""
+    nx, ny = 6, 5
+    registration, shape = covering(nx, ny, PITCH, pixel, rotation, 1.5 * PITCH)
+    registration = Registration(registration.offset_x + u, registration.offset_y + v, rotation)
+    x, y = registration.to_grid(np.arange(shape[0])[:, None] * pixel, np.arange(shape[1]) * pixel)
+    wave = 2e-3
+    waves = HeightMap(10 * UM * np.sin(x / wave * 6) * np.cos(y / wave * 5), pixel, pixel)
+    cells = cell_means(waves, registration, nx, ny, PITCH)
+    i, j = np.arange(nx)[:, None] * PITCH, np.arange(ny) * PITCH
+    damped = math.prod(math.sin(half) / half for half in (6 / wave * PITCH / 2, 5 / wave * PITCH / 2))
+    exact = 10 * UM * np.sin(i / wave * 6) * np.cos(j / wave * 5) * damped
+    np.testing.assert_allclose(cells.mean, exact, rtol=0, atol=0.3 * UM * (pixel / 70e-6) ** 2 + 0.002 * UM)
+    assert cells.share.min() > 0.98
+
+
+@pytest.mark.parametrize("rotation", [0.0, 0.3, 1.4])
+def test_volume_under_a_map_is_kept(rotation: float) -> None:
+    """A map that lies inside the grid: what its pixels hold is what the cells hold."""
+    z = np.random.default_rng(5).random((120, 90)) * UM
+    grid = cell_means(HeightMap(z, 11e-6, 13e-6), Registration(1.6e-3, 0.5e-3, rotation), 14, 14, PITCH)
+    volume = np.nansum(grid.mean * grid.share) * PITCH**2
+    tolerance = 1e-9 if rotation == 0.0 else 2e-3  # turned pixels overlap by a little, and a share is at most 1
+    assert volume == pytest.approx(z.sum() * 11e-6 * 13e-6, rel=tolerance)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 1000), rotation=st.floats(-0.1, 0.1), holes=st.floats(0.05, 0.9))
+def test_invalid_pixels_never_leak_into_cells(seed: int, rotation: float, holes: float) -> None:
+    """Where the surface is 1, every cell that is seen at all is 1; shares tell what was measured."""
+    rng = np.random.default_rng(seed)
+    registration, shape = covering(6, 5, PITCH, 25e-6, rotation, PITCH)
+    z = np.where(rng.random(shape) < holes, np.nan, 1.0)
+    z[: shape[0] * 2 // 5, : shape[1] * 2 // 5] = np.inf
+    cells = cell_means(HeightMap(z, 25e-6, 25e-6), registration, 6, 5, PITCH)
+    valid = cells.valid(0.02)
+    assert np.isfinite(cells.mean[valid]).all()
+    np.testing.assert_allclose(cells.mean[cells.share > 0], 1.0, rtol=1e-12)
+    assert not valid[0, 0]
+    pixels = 2 * (PITCH / 25e-6) ** 2
+    spread = math.sqrt(holes * (1.0 - holes) / pixels)
+    assert cells.share[4:, 4:].mean() == pytest.approx(1.0 - holes, abs=6 * spread)
+
+
+def test_cells_outside_the_map_are_not_measured() -> None:
+    cells = cell_means(HeightMap(np.ones((39, 39)), 30e-6, 30e-6), Registration(), 30, 30, PITCH)
+    assert np.isnan(cells.mean[5:, 5:]).all()
+    assert not cells.share[5:, 5:].any()
+    assert cells.share[0, 0] == pytest.approx((PITCH / 2 + 15e-6) ** 2 / PITCH**2)
+
+
+def test_pixels_larger_than_cells_are_refused() -> None:
+    with pytest.raises(HeightMapError, match=r"a pixel is 300 um on the grid, a cell 263\.3 um"):
+        cell_means(HeightMap(np.ones((9, 9)), 300e-6, 300e-6), Registration(), 5, 5, PITCH)
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    rotation=st.floats(-3.1, 3.1),
+    offset=st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)),
+    scale=st.floats(0.5, 2.0),
+    mirror=st.sampled_from(["none", "x", "y"]),
+    count=st.integers(2, 6),
+)
+def test_fiducials_find_the_registration_again(
+    rotation: float, offset: tuple[float, float], scale: float, mirror: str, count: int
+) -> None:
+    truth = Registration(*offset, rotation, scale, mirror)  # type: ignore[arg-type]
+    on_map = np.random.default_rng(count).random((count, 2)) * 5e-3
+    on_grid = np.stack(truth.to_grid(on_map[:, 0], on_map[:, 1]), axis=1)
+    fit = from_fiducials(on_map, on_grid, mirror=mirror, with_scale=True, residual_max=1e-9)  # type: ignore[arg-type]
+    assert fit.residual < 1e-12
+    assert fit.registration.scale == pytest.approx(scale, rel=1e-9)
+    np.testing.assert_allclose(fit.registration.to_grid(on_map[:, 0], on_map[:, 1]), on_grid.T, atol=1e-12)
+    back = fit.registration.to_map(*fit.registration.to_grid(on_map[:, 0], on_map[:, 1]))
+    np.testing.assert_allclose(back, on_map.T, atol=1e-12)
+
+
+def test_residual_of_fiducials_is_their_distance() -> None:
+    """Three on a line, the middle one off by 3 um: the line shifts by 1 um, and 2, 1, 1 um are left."""
+    on_map = [[0.0, 0.0], [1e-3, 0.0], [2e-3, 0.0]]
+    on_grid = [[0.0, 0.0], [1e-3, 3e-6], [2e-3, 0.0]]
+    fit = from_fiducials(on_map, on_grid, residual_max=1e-5)
+    assert fit.residual == pytest.approx(math.sqrt((4 + 1 + 1) / 3) * UM, rel=1e-3)
+    with pytest.raises(HeightMapError, match=r"leaves 1.41 um rms, 1 um are allowed; check that they are given"):
+        from_fiducials(on_map, on_grid, residual_max=1e-6)
+
+
+def test_mirrored_fiducials_are_recognised() -> None:
+    on_map = np.array([[0.0, 0.0], [3e-3, 0.0], [0.0, 2e-3], [3e-3, 2e-3]])
+    with pytest.raises(HeightMapError, match=r"with mirror = 'y' it is .*: the map is mirrored"):
+        from_fiducials(on_map, on_map * [1, -1] + 1e-3, residual_max=20e-6)
+
+
+@pytest.mark.parametrize(
+    ("on_map", "on_grid", "said"),
+    [
+        ([[0.0, 0.0]], [[0.0, 0.0]], "two or more points"),
+        ([[0.0, 0.0], [1.0, 0.0]], [[0.0, 0.0]], "two or more points"),
+        ([[1.0, 1.0], [1.0, 1.0]], [[0.0, 0.0], [1.0, 0.0]], "all lie on one point of the map"),
+        ([[1.0, 1.0], [math.nan, 1.0]], [[0.0, 0.0], [1.0, 0.0]], "not finite"),
+    ],
+)
+def test_fiducials_that_say_nothing_are_refused(
+    on_map: list[list[float]], on_grid: list[list[float]], said: str
+) -> None:
+    with pytest.raises(HeightMapError, match=said):
+        from_fiducials(on_map, on_grid, residual_max=1.0)
+
+
+def block() -> np.ndarray:
+    """A part on a grid of 20 x 18 cells, without symmetry."""
+    surface = np.zeros((20, 18))
+    surface[4:14, 3:15] = 8 * UM
+    surface[12:14, 10:15] = 0.0
+    return surface
+
+
+def measured(truth: Registration, rng: np.random.Generator, noise: float = 0.3 * UM) -> HeightMap:
+    """The block under a tilted profiler with noise, spikes, a hole and missing pixels."""
+    fine = fine_map(block(), PITCH, truth, (640, 600), 9e-6)
+    x, y = np.indices(fine.shape) * 9e-6
+    z = fine.z + noise * rng.standard_normal(fine.shape) + 2e-3 * x - 1e-3 * y + 40 * UM
+    z[rng.random(fine.shape) < 0.002] = 300 * UM
+    z[rng.random(fine.shape) < 0.1] = np.nan
+    z[200:260, 100:200] = np.nan
+    return HeightMap(z, 9e-6, 9e-6, source="scan.tif")
+
+
+@pytest.mark.parametrize(("u", "v", "turn_deg"), [(0.0, 0.0, 0.0), (1.7, -2.4, 1.2), (-0.3, 0.45, -1.6)])
+def test_fit_finds_a_known_shift_and_turn(u: float, v: float, turn_deg: float) -> None:
+    start = Registration(-0.2e-3, -0.3e-3, 0.05)
+    truth = Registration(start.offset_x + u * PITCH, start.offset_y + v * PITCH, 0.05 + math.radians(turn_deg))
+    scan, turn = measured(truth, np.random.default_rng(2)), math.radians(2)
+    fit = fit_to_surface(scan, block(), PITCH, start, reach=3 * PITCH, rotation_reach=turn)
+    middle = np.array(2.9e-3), np.array(2.7e-3)
+    missed = np.subtract(fit.registration.to_grid(*middle), truth.to_grid(*middle))
+    assert np.abs(missed).max() < 0.01 * PITCH
+    assert 0.0 < fit.offset_std < 0.02 * PITCH
+    assert 0.0 < fit.rotation_std < math.radians(0.1)
+    assert fit.registration.rotation == pytest.approx(truth.rotation, abs=math.radians(0.05))
+    assert fit.explained > 0.7
+
+
+@pytest.mark.parametrize("softness", [0.0, 0.2, 0.35])
+def test_fit_is_not_led_astray_by_soft_flanks_that_are_seen_in_part(softness: float) -> None:
+    """Where ink runs, flanks are soft, and where they are steepest little light comes back."""
+    truth = Registration(0.4 * PITCH, -0.7 * PITCH, 0.02)
+    soft = gaussian_filter(np.kron(block(), np.ones((12, 12))), 12 * softness)
+    fine = fine_map(soft, PITCH / 12, replaced_origin(truth), (640, 600), 9e-6)
+    steep = np.hypot(*np.gradient(fine.z, 9e-6)) > 0.02
+    seen = HeightMap(np.where(steep & (np.random.default_rng(6).random(fine.shape) < 0.6), np.nan, fine.z), 9e-6, 9e-6)
+    fit = fit_to_surface(seen, block(), PITCH, Registration(), reach=2 * PITCH, rotation_reach=math.radians(2))
+    middle = np.array(2.9e-3), np.array(2.7e-3)
+    assert np.abs(np.subtract(fit.registration.to_grid(*middle), truth.to_grid(*middle))).max() < 0.01 * PITCH
+    assert fit.registration.rotation == pytest.approx(truth.rotation, abs=math.radians(0.1))
+
+
+def replaced_origin(registration: Registration) -> Registration:
+    """The same place on a grid of twelfths, whose origin is the centre of its own first cell."""
+    shift = (PITCH - PITCH / 12) / 2
+    return Registration(registration.offset_x + shift, registration.offset_y + shift, registration.rotation)
+
+
+def test_fit_that_may_not_turn_keeps_the_rotation_that_it_was_given() -> None:
+    truth = Registration(0.4 * PITCH, -0.7 * PITCH, 0.02)
+    start = Registration(rotation=0.02)
+    fit = fit_to_surface(measured(truth, np.random.default_rng(4)), block(), PITCH, start, reach=2 * PITCH)
+    assert (fit.registration.rotation, fit.rotation_std) == (0.02, 0.0)
+    assert fit.registration.offset_x == pytest.approx(truth.offset_x, abs=0.01 * PITCH)
+    assert fit.registration.offset_y == pytest.approx(truth.offset_y, abs=0.01 * PITCH)
+
+
+def test_fit_to_a_map_without_the_part_is_refused() -> None:
+    noise = HeightMap(UM * np.random.default_rng(1).standard_normal((300, 300)), 18e-6, 18e-6, source="scan.tif")
+    with pytest.raises(HeightMapError, match=r"scan.tif: the part explains \d+% of its relief"):
+        fit_to_surface(noise, block(), PITCH, Registration(), reach=2 * PITCH)
+
+
+def test_fit_beyond_its_reach_is_refused() -> None:
+    truth = Registration(4.6 * PITCH, 0.0)
+    with pytest.raises(HeightMapError, match="correct offset and rotation, or search wider"):
+        fit_to_surface(measured(truth, np.random.default_rng(3)), block(), PITCH, Registration(), reach=2 * PITCH)
+
+
+def test_fit_to_a_flat_surface_is_refused() -> None:
+    with pytest.raises(HeightMapError, match="flat, so nothing tells where the map lies"):
+        fit_to_surface(HeightMap(np.zeros((9, 9)), 1e-5, 1e-5), np.ones((4, 4)), PITCH, Registration(), reach=PITCH)
+
+
+def test_plane_of_the_reference_cells_is_taken_off_whatever_lies_on_them() -> None:
+    surface, mask = block(), block() > 0
+    i, j = np.indices(surface.shape)
+    tilted = surface + 3 * UM * i - 2 * UM * j + 70 * UM
+    tilted[0, 5], tilted[17, 2] = 500 * UM, np.nan
+    reference = reference_cells(mask, 2)
+    assert not reference[2:14, 1:17].any()
+    assert reference[:2].all()
+    levelled = level(tilted, reference, "plane")
+    untouched = np.isfinite(tilted) & (tilted < 400 * UM)
+    np.testing.assert_allclose(levelled[untouched], surface[untouched], rtol=0, atol=1e-3 * UM)
+    assert np.isnan(levelled[17, 2])
+    np.testing.assert_allclose(level(surface + UM, reference, "offset"), surface, atol=1e-12)
+    assert level(tilted, reference, "none") is tilted
+
+
+def test_datum_without_cells_to_stand_on_is_refused() -> None:
+    height = np.full((9, 9), np.nan)
+    height[0, :] = 1.0
+    with pytest.raises(HeightMapError, match="lie on one line"):
+        level(height, np.ones((9, 9), np.bool_), "plane")
+    with pytest.raises(HeightMapError, match="0 cells beside the part were measured, the offset needs 1"):
+        level(np.full((9, 9), np.nan), np.ones((9, 9), np.bool_), "offset")

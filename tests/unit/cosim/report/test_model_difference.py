@@ -1,0 +1,95 @@
+"""Hardware against model: none where the device prints as the model says, and the right cell where it does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inkloop.cli import main
+from inkloop.report import run_report
+from inkloop.report.model_difference import model_difference
+from inkloop.results.result import Result
+from support.benches.bench_run import BLOCK, printed_with_fmus, write
+
+EXACT = [
+    *("components.printer.variation=0.0", "components.profiler.noise_std_um=0.0"),
+    *("components.profiler.dropout_rate=0.0", "substrate.tilt_x=1e-3", "part.height_um=9.0"),
+]
+RESOLUTION = 0.1e-6
+CELL = (5, 4)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """A print by devices that are as the model says, on a tilted substrate."""
+    made = printed_with_fmus(write(tmp_path_factory.mktemp("exact")), EXACT)
+    dataset = made.dataset.drop_vars("height").assign_attrs(scenario=BLOCK)
+    return replace(made, dataset=dataset)
+
+
+def with_error(run: Result, layer: int, error: float) -> Result:
+    """One cell is scanned otherwise from a layer on."""
+    maps = run.dataset.measured_height.values.copy()
+    maps[layer:, CELL[0], CELL[1]] += error
+    return replace(run, dataset=run.dataset.assign(measured_height=(("layer", "x", "y"), maps)))
+
+
+def test_device_that_prints_as_the_model_says_differs_by_the_resolution(run: Result) -> None:
+    found = model_difference(run)
+    assert found is not None
+    assert len(found.rows) == run.dataset.sizes["layer"] > 2
+    assert all(abs(row.worst) <= RESOLUTION for row in found.rows)
+    assert found.model == "LayerDeposition"
+
+
+def test_worst_cell_is_found_and_its_growth_is_that_of_one_layer(run: Result) -> None:
+    found = model_difference(with_error(run, 1, -3e-6))
+    assert found is not None
+    cells = int(run.dataset.mask.sum())
+    for row in found.rows[1:]:
+        assert row.cell == CELL
+        assert row.worst == pytest.approx(-3e-6, abs=RESOLUTION)
+        assert row.mean == pytest.approx(-3e-6 / cells, abs=RESOLUTION)
+        assert row.rms == pytest.approx(3e-6 / np.sqrt(cells), abs=RESOLUTION)
+    assert found.rows[1].growth == pytest.approx(3e-6 / np.sqrt(cells), abs=RESOLUTION)
+    assert found.rows[2].growth <= RESOLUTION
+    assert "worst cell (5, 4) -3.0" in found.sentence()
+
+
+def test_cells_that_were_not_seen_do_not_count(run: Result) -> None:
+    altered = with_error(run, 1, -3e-6)
+    valid = altered.dataset.valid.values.copy()
+    valid[:, CELL[0], CELL[1]] = False
+    found = model_difference(replace(altered, dataset=altered.dataset.assign(valid=(("layer", "x", "y"), valid))))
+    assert found is not None
+    assert all(row.cell != CELL and abs(row.worst) <= RESOLUTION for row in found.rows)
+    assert np.isnan(found.maps[:, CELL[0], CELL[1]]).all()
+
+
+def test_shadow_of_the_run_is_its_model(run: Result) -> None:
+    shadow = run.dataset.measured_height.values - 2e-6
+    found = model_difference(replace(run, dataset=run.dataset.assign(shadow_height=(("layer", "x", "y"), shadow))))
+    assert found is not None
+    assert found.model == "the shadow"
+    assert all(row.mean == pytest.approx(2e-6) for row in found.rows)
+
+
+def test_report_of_a_run_on_devices_has_a_row_for_each_layer(
+    run: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    surface = run.dataset.assign(height=run.dataset.measured_height)  # as the recorder has it of a run on devices
+    replace(run, dataset=surface).save(tmp_path)
+    assert main(["report", str(tmp_path)]) == 0
+    assert "Measured less LayerDeposition" in capsys.readouterr().out
+    rows = [line for line in (tmp_path / run_report.MODEL_TABLE).read_text().splitlines() if line.startswith("│")]
+    assert len(rows) == run.dataset.sizes["layer"]
+    assert (tmp_path / "hardware-against-model.png").stat().st_size > 10_000
+    assert "hardware against LayerDeposition" in (tmp_path / "summary.txt").read_text()
+
+
+def test_print_of_models_has_no_such_table(tmp_path: Path) -> None:
+    made = printed_with_fmus(write(tmp_path), ["part.height_um=6.0"])
+    assert model_difference(made) is None

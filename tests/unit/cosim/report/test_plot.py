@@ -1,0 +1,74 @@
+"""Pictures tell an error as tables do: target minus height, red where the part is too high."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+
+from inkloop.report import plot
+from inkloop.results.metrics import masked_error
+
+PITCH = 100e-6
+SIGN = "target - height [µm]"
+
+
+def printed(error_um: float, high_cell: tuple[int, int] | None = None) -> xr.Dataset:
+    """A part of 3 x 3 cells in 5 x 5 that lacks `error_um` everywhere, and ends 9 um too high in one cell."""
+    mask = np.zeros((5, 5), np.bool_)
+    mask[1:4, 1:4] = True
+    target = np.where(mask, 50e-6, 0.0)
+    height = np.where(mask, target - error_um * 1e-6, 0.0)
+    if high_cell is not None:
+        height[high_cell] = target[high_cell] + 9e-6
+    errors = [masked_error(surface, target, mask) for surface in (np.zeros_like(height), height)]
+    axis = np.arange(5) * PITCH
+    return xr.Dataset(
+        {
+            "height": (("layer", "x", "y"), np.stack([np.zeros_like(height), height])),
+            "target_height": (("x", "y"), target),
+            "mask": (("x", "y"), mask),
+            "mean_error": ("layer", [error.mean_error for error in errors]),
+            "std": ("layer", [error.std for error in errors]),
+        },
+        coords={"layer": [0, 1], "x": axis, "y": axis},
+        attrs={"pitch": PITCH},
+    )
+
+
+def labels(figure: Figure) -> list[str]:
+    return [text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel()) if "target - h" in text]
+
+
+@pytest.mark.parametrize("error_um", [-3.0, 4.0])
+def test_maps_have_the_mean_error_of_the_table(error_um: float) -> None:
+    run = printed(error_um, high_cell=(2, 3))
+    reported = float(run.mean_error[-1]) * 1e6
+    for figure in (plot.error_map(run, "a"), plot.comparison({"a": run}, {"a": 1.0})):
+        (image,) = [image for axes in figure.axes for image in axes.get_images()]
+        assert np.nanmean(np.ma.filled(image.get_array(), np.nan)) == pytest.approx(reported)
+        assert SIGN in labels(figure)
+
+
+def test_too_high_is_red_on_every_map() -> None:
+    run = printed(1.0, high_cell=(2, 3))
+    for figure in (plot.error_map(run, "a"), plot.comparison({"a": run}, {"a": 1.0})):
+        (image,) = [image for axes in figure.axes for image in axes.get_images()]
+        red, _, blue, _ = image.to_rgba(image.get_array())[3, 2]
+        assert red > blue
+    (solid,) = [each for axes in plot.surfaces({"a": run}).axes for each in axes.collections
+                if isinstance(each, PolyCollection) and len(each.get_facecolor()) > 25]  # fmt: skip
+    redder = solid.get_facecolor()[:, 0] - solid.get_facecolor()[:, 2]
+    assert (redder > 0.2).sum() == 1
+    assert (redder < -0.01).sum() == 8
+
+
+def test_cut_has_the_mean_error_of_the_table() -> None:
+    run = printed(4.0)
+    figure = plot.cross_section({"a": run})
+    top = figure.axes[1]
+    assert np.nanmean(top.lines[0].get_ydata()) == pytest.approx(float(run.mean_error[-1]) * 1e6)
+    assert labels(figure) == [SIGN]
+    assert SIGN in labels(plot.surfaces({"a": run}))

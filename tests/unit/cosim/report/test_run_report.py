@@ -1,0 +1,74 @@
+"""Runs side by side, and one run in words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from inkloop.cli import main
+from inkloop.printing.run import print_part
+from inkloop.scenario.file import Scenario
+from support.places import SCENARIOS
+
+CUBOID = SCENARIOS / "cuboid.toml"
+
+
+def run_folder(folder: Path, *overrides: str) -> str:
+    print_part(Scenario.load(CUBOID, overrides)).save(folder)
+    return str(folder)
+
+
+def test_compare_shows_each_run_and_writes_the_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    runs = [run_folder(tmp_path / str(seed), f"seed={seed}", f"label=seed {seed}") for seed in (1, 2)]
+    picture = tmp_path / "both.png"
+    assert main(["compare", *runs, "--out", str(picture)]) == 0
+    shown = capsys.readouterr().out
+    assert "seed 1" in shown
+    assert "seed 2" in shown
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_runs_of_one_label_are_told_apart_by_their_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    runs = [run_folder(tmp_path / str(seed), f"seed={seed}") for seed in (1, 2)]
+    assert main(["compare", *runs, "--out", str(tmp_path / "both.png")]) == 0
+    shown = capsys.readouterr().out.replace("\n", "")
+    assert all(run in shown for run in runs)
+
+
+@pytest.mark.parametrize(("change", "said"), [("grid.nx=14", "14 x 12 cells"), ("grid.pitch_um=250.0", "of 250 um")])
+def test_runs_of_different_grids_are_refused(
+    change: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs = [run_folder(tmp_path / "first"), run_folder(tmp_path / "second", change)]
+    assert main(["compare", *runs, "--out", str(tmp_path / "both.png")]) == 1
+    error = capsys.readouterr().err
+    assert said in error
+    assert "12 x 12 cells of 263.256 um" in error
+    assert not (tmp_path / "both.png").exists()
+
+
+def test_info_says_how_a_run_ended(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = run_folder(tmp_path / "run", "seed=7", "run.layers_max=2")
+    assert main(["info", folder]) == 0
+    shown = capsys.readouterr().out
+    for said in ("Cuboid, 8 x 8 droplets", "seed: 7", "after 2 layers", "mean error", "casadi", "wall time: "):
+        assert said in shown
+
+
+@pytest.mark.parametrize(
+    ("port", "value", "said"),
+    [("printer.pattern", "0", "dead cells: 2, "), ("profiler.valid", "false", "untrusted cells: 2, ")],
+)
+def test_cells_that_cannot_be_printed_or_seen_are_said_when_the_run_ends_and_by_info(
+    port: str, value: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    event = f'at_layer = 1\naction = "override"\nport = "{port}"\nvalue = {value}\ncells = [[6, 6], [7, 6]]\n'
+    broken = tmp_path / "broken.toml"
+    broken.write_text(f"{CUBOID.read_text(encoding='utf-8')}\n[[events]]\n{event}", encoding="utf-8")
+    for scenario, expected in ((CUBOID, False), (broken, True)):
+        folder = str(tmp_path / scenario.stem)
+        assert main(["run", str(scenario), "--out", folder, "--no-compare"]) == 0
+        assert (said in capsys.readouterr().out) is expected
+        assert main(["info", folder]) == 0
+        assert (said in capsys.readouterr().out) is expected

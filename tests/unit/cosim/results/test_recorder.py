@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inkloop.component import Port, Values
+from inkloop.master.master import Master
+from inkloop.master.wiring import contract_connections
+from inkloop.results.metrics import masked_error
+from inkloop.results.recorder import LayerRow, Recorder
+from support.toys import DROPLET, FunctionComponent, ToyPrinter, toy_job, toy_loop
+
+SECOND = 1_000_000_000
+
+
+def printed_loop(layers: int = 4) -> tuple[Recorder, list[LayerRow]]:
+    job = toy_job(layers=layers)
+    parts = toy_loop(job, 2 * SECOND, 6 * SECOND)
+    rows: list[LayerRow] = []
+    recorder = Recorder(job, parts, rows.append)
+    Master(parts, contract_connections(parts), step_ns=SECOND, observers=[recorder]).run(layers_max=100)
+    return recorder, rows
+
+
+def test_row_of_a_layer_holds_what_belongs_to_that_layer() -> None:
+    recorder, _ = printed_loop(layers=4)
+    run = recorder.dataset()
+    mask = run.mask.values
+    for layer in range(5):
+        np.testing.assert_array_equal(run.height[layer], np.where(mask, layer * DROPLET, 0.0))
+        np.testing.assert_array_equal(run.measured_height[layer], run.height[layer])
+        np.testing.assert_array_equal(run.pattern[layer], mask if layer else np.zeros_like(mask))
+        assert run.droplets_a[layer] == layer * mask.sum()
+    np.testing.assert_array_equal(run.objective[1:], mask.sum())
+    assert np.isnan(run.objective[0])
+    assert np.all(np.diff(run.time) > 0)
+
+
+def test_errors_by_layer_are_target_minus_height_over_the_part() -> None:
+    recorder, _ = printed_loop(layers=4)
+    run = recorder.dataset()
+    np.testing.assert_allclose(run.mean_error, DROPLET * np.arange(4, -1, -1), atol=1e-18)
+    np.testing.assert_allclose(run.mae, run.mean_error, atol=1e-18)
+    np.testing.assert_allclose(run["std"], 0.0, atol=1e-18)
+
+
+def test_error_figures_of_a_known_surface() -> None:
+    target = np.array([[4.0, 4.0, 9.0]])
+    error = masked_error(np.array([[1.0, 5.0, 0.0]]), target, np.array([[True, True, False]]))
+    assert (error.mean_error, error.mae, error.rms, error.std) == (1.0, 2.0, pytest.approx(5**0.5), 2.0)
+    assert (error.min, error.max) == (-1.0, 3.0)
+
+
+def test_every_layer_is_told_once_in_order() -> None:
+    recorder, rows = printed_loop(layers=4)
+    assert [row.layer for row in rows] == [0, 1, 2, 3, 4]
+    assert [row.mean_error for row in rows] == pytest.approx(recorder.dataset().mean_error.values)
+    assert rows[-1].scalars["objective"] == toy_job().mask.sum()
+
+
+def test_every_array_says_its_unit_and_meaning() -> None:
+    run = printed_loop()[0].dataset()
+    assert {name for name, array in run.variables.items() if not {"units", "long_name"} <= set(array.attrs)} == set()
+    assert (run.height.attrs["units"], run.time.attrs["units"], run.x.attrs["units"]) == ("m", "s", "m")
+
+
+def test_layers_that_were_jumped_over_are_empty() -> None:
+    job = toy_job(layers=6)
+    height = np.ones((job.nx, job.ny))
+    numbers = iter([2, 2, 5])
+
+    def jump(time_ns: int, step_ns: int, inputs: Values) -> Values:
+        number = next(numbers)
+        return {"height": number * height, "layers_printed": np.asarray(number)}
+
+    printer = FunctionComponent(outputs=[Port("height", "m", (job.nx, job.ny)), Port("layers_printed")], step=jump)
+    recorder = Recorder(job, {"printer": printer})
+    Master({"printer": printer}, [], step_ns=1, observers=[recorder]).run(time_max_ns=3)
+    run = recorder.dataset()
+    assert np.isfinite(run.height).all(("x", "y")).values.tolist() == [True, False, True, False, False, True]
+    np.testing.assert_array_equal(run.height[5], 5 * height)
+
+
+def test_printer_alone_is_recorded() -> None:
+    job = toy_job()
+    printer = ToyPrinter(job)
+    printer.inputs = ()
+    recorder = Recorder(job, {"printer": printer})
+    values = {"pattern": job.mask.astype(np.int32), "layer_command": np.asarray(1)}
+    recorder.initialized(0, {"printer": printer.initialize(0, {})})
+    recorder.stepped(SECOND, {"printer": printer.do_step(0, SECOND, values)})
+    run = recorder.dataset()
+    assert run.height.shape == (2, job.nx, job.ny)
+    assert "measured_height" not in run
+    assert run.time.values.tolist() == [0.0, 1.0]
+
+
+def test_same_name_from_two_components_is_kept_apart() -> None:
+    job = toy_job()
+    temperature = Port("temperature", "K", start=1.0)
+    parts = toy_loop(job)
+    for start, name in ((300.0, "printer"), (310.0, "profiler")):
+        parts[name].outputs += (Port("temperature", "K", start=start),)
+        step, first = parts[name].do_step, parts[name].initialize
+        extra = {"temperature": np.asarray(start)}
+        parts[name].do_step = lambda t, h, i, step=step, extra=extra: {**step(t, h, i), **extra}
+        parts[name].initialize = lambda t, i, first=first, extra=extra: {**first(t, i), **extra}
+    recorder = Recorder(job, parts)
+    Master(parts, contract_connections(parts), step_ns=1, observers=[recorder]).run(layers_max=2)
+    run = recorder.dataset()
+    assert (float(run.temperature[-1]), float(run.profiler_temperature[-1])) == (300.0, 310.0)
+    assert run.profiler_temperature.attrs["units"] == temperature.unit

@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from inkloop.errors import ResultError
+from inkloop.master.master import Master
+from inkloop.master.wiring import contract_connections
+from inkloop.results.recorder import Recorder
+from inkloop.results.result import Result
+from support.toys import DROPLET, toy_job, toy_loop
+
+
+@pytest.fixture
+def result() -> Result:
+    job = toy_job(layers=3)
+    parts = toy_loop(job)
+    recorder = Recorder(job, parts)
+    master = Master(parts, contract_connections(parts), step_ns=1_000_000_000, observers=[recorder])
+    reason = master.run(layers_max=10)
+    return Result.of(
+        recorder.dataset(),
+        title="Block",
+        label="closed loop",
+        scenario_text="title = 'Block'  # µm\n",
+        seed=7,
+        stop_reason=reason,
+        wall_s=master.wall_s,
+        components=parts,
+    )
+
+
+def test_saved_run_reads_back_the_same(result: Result, tmp_path: Path) -> None:
+    result.save(tmp_path / "run")
+    loaded = Result.load(tmp_path / "run")
+    xr.testing.assert_identical(loaded.dataset, result.dataset)
+    assert loaded.run == result.run
+    assert loaded.scenario_text == result.scenario_text
+    assert (tmp_path / "run" / "scenario.toml").read_text(encoding="utf-8") == result.scenario_text
+    assert loaded.dataset.mask.dtype == np.bool_
+    assert loaded.dataset.pattern.dtype == np.int32
+
+
+def test_run_record_says_how_the_run_came_about(result: Result, tmp_path: Path) -> None:
+    result.save(tmp_path)
+    record = json.loads((tmp_path / "run.json").read_text())
+    assert record["seed"] == 7
+    assert record["stop_reason"] == "done"
+    assert record["sha256"]["scenario"] == hashlib.sha256(result.scenario_text.encode()).hexdigest()
+    assert {"numpy", "fmpy", "casadi", "python"} <= set(record["versions"])
+    assert record["wall_s"]["total"] == result.wall_s > 0
+
+
+def test_figures_of_a_perfect_print(result: Result) -> None:
+    figures = result.metrics()
+    assert figures["layers"] == 3
+    assert figures["droplets"] == 3 * toy_job().mask.sum()
+    assert max(abs(figures[name]) for name in ("mean_error", "mae", "rms", "std", "min", "max")) < 1e-18
+    assert float(result.final_height.max()) == pytest.approx(3 * DROPLET)
+    assert int(np.isfinite(result.error_map).sum()) == toy_job().mask.sum()
+
+
+def test_saving_leaves_no_partial_file(result: Result, tmp_path: Path) -> None:
+    result.save(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["result.nc", "run.json", "scenario.toml"]
+
+
+def test_folder_without_a_run_is_refused_in_words(tmp_path: Path) -> None:
+    with pytest.raises(ResultError, match=r"holds no result\.nc; name a folder that `inkloop run` has made"):
+        Result.load(tmp_path)
+
+
+def test_broken_file_is_refused_in_words(result: Result, tmp_path: Path) -> None:
+    result.save(tmp_path)
+    (tmp_path / "result.nc").write_bytes(b"no netCDF")
+    with pytest.raises(ResultError, match="cannot be read"):
+        Result.load(tmp_path)
+
+
+def test_other_schema_is_refused_in_words(result: Result, tmp_path: Path) -> None:
+    Result(result.dataset.assign_attrs(schema_version=99), result.run).save(tmp_path)
+    with pytest.raises(ResultError, match="schema version is 99; this inkloop reads 1"):
+        Result.load(tmp_path)

@@ -1,0 +1,49 @@
+"""The printed solid: whose ink fills a place, and what share of the geometry is missed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from inkloop.component import Ink, Job
+from inkloop.results.solid import layer_inks, voxels, with_solid
+from support.half_spaces import Below
+
+INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
+
+
+def printed(heights: list[float], inks: list[int], boundary: float) -> xr.Dataset:
+    """Flat layers up to the given heights [um], each of one ink, where ink A belongs below a boundary [um]."""
+    height = np.broadcast_to(np.array([0.0, *heights])[:, None, None] * 1e-6, (len(heights) + 1, 4, 4))
+    pattern = np.broadcast_to(np.array([0, *inks], np.int32)[:, None, None], height.shape)
+    arrays = {"height": (("layer", "x", "y"), height), "pattern": (("layer", "x", "y"), pattern)}
+    run = xr.Dataset({**arrays, "target_height": (("x", "y"), height[-1])}, attrs={"pitch": 263.256e-6})
+    job = Job(4, 4, 263.256e-6, height[-1], np.ones((4, 4), np.bool_), INKS, Below(boundary * 1e-6))
+    return with_solid(run, job)
+
+
+def test_a_cell_belongs_to_its_own_droplet_whatever_surrounds_it() -> None:
+    pattern = np.full((1, 3, 3), 1, np.int32)
+    pattern[0, 1, 1] = 2
+    assert layer_inks(pattern, INKS)[0, 1, 1] == 2
+
+
+def test_a_cell_without_droplet_belongs_to_the_ink_that_spreads_most_into_it() -> None:
+    pattern = np.zeros((1, 3, 3), np.int32)
+    pattern[0, 0, 1], pattern[0, 0, 0] = 2, 1  # B from a side, A from a corner
+    assert layer_inks(pattern, INKS)[0, 1, 1] == 2
+    assert layer_inks(pattern, INKS)[0, 2, 2] == 0  # nothing near
+
+
+def test_voxels_hold_the_ink_of_the_layer_that_reaches_them() -> None:
+    assert voxels(printed([7.0, 14.0], [1, 2], 7.0))[2, 2].tolist() == [1] * 7 + [2] * 7
+
+
+def test_solid_as_wanted_has_no_mismatch() -> None:
+    assert float(printed([10.0, 20.0], [1, 2], 10.0).mismatch) == 0.0
+
+
+@pytest.mark.parametrize("boundary", [8.0, 12.0])
+def test_mismatch_is_the_share_that_is_too_much_or_lacking(boundary: float) -> None:
+    assert float(printed([10.0, 20.0], [1, 2], boundary).mismatch) == pytest.approx(2.0 / boundary)

@@ -1,0 +1,221 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inkloop.component import Port, Values
+from inkloop.errors import ScenarioError
+from inkloop.master.events import Event, Manipulator
+from inkloop.master.master import Master
+from inkloop.master.wiring import contract_connections
+from inkloop.printing.run import print_part
+from inkloop.results.recorder import Recorder
+from inkloop.scenario.file import Scenario
+from support.places import SCENARIOS
+from support.toys import DROPLET, FunctionComponent, toy_job, toy_loop
+
+CUBOID = (SCENARIOS / "cuboid.toml").read_text()
+SECOND = 1_000_000_000
+PARTS = {"a": FunctionComponent(inputs=[Port("x", start=1.0)], outputs=[Port("y", "m", (2, 3))])}
+
+
+def number(value: float) -> np.ndarray:
+    return np.asarray(value)
+
+
+def seen(events: list[Event], layer: int, time_ns: int = 0) -> float:
+    """What `a` gets at its open input x, whose start value is 1."""
+    return float(Manipulator(events, PARTS).inputs("a", {}, time_ns, layer)["x"])
+
+
+def test_override_replaces_bias_adds_and_reset_takes_back() -> None:
+    events = [
+        Event("a.x", "override", at_layer=2, value=number(10.0)),
+        Event("a.x", "bias", at_layer=3, value=number(0.5)),
+        Event("a.x", "reset", at_layer=4),
+    ]
+    assert [seen(events, layer) for layer in (1, 2, 3, 4)] == [1.0, 10.0, 10.5, 1.0]
+
+
+def test_events_of_one_port_act_in_the_order_of_the_file() -> None:
+    override = Event("a.x", "override", at_layer=1, value=number(10.0))
+    bias = Event("a.x", "bias", at_layer=1, value=number(0.5))
+    assert seen([override, bias], 1) == 10.5
+    assert seen([bias, override], 1) == 10.0
+    assert seen([bias, bias], 1) == 2.0
+
+
+def test_event_at_a_time_begins_with_the_step_that_begins_then() -> None:
+    events = [Event("a.x", "override", at_time_ns=5, value=number(7.0))]
+    assert [seen(events, 0, time_ns) for time_ns in (4, 5, 6)] == [1.0, 7.0, 7.0]
+
+
+def test_growing_bias_grows_by_each_further_layer_and_not_by_steps() -> None:
+    events = [Event("a.x", "bias", at_layer=3, value=number(1.0), per_layer=number(0.25))]
+    assert [seen(events, layer, time_ns) for time_ns in (0, 9) for layer in (2, 3, 4, 5)] == [1, 2, 2.25, 2.5] * 2
+
+
+def test_only_the_chosen_cells_change_and_the_source_keeps_its_array() -> None:
+    cells = np.zeros((2, 3), dtype=np.bool_)
+    cells[1, 2] = True
+    events = [
+        Event("a.y", "override", at_layer=1, value=number(5.0)),
+        Event("a.y", "reset", at_layer=1, cells=~cells),
+    ]
+    given = np.ones((2, 3))
+    changed = Manipulator(events, PARTS).outputs("a", {"y": given}, 0, 1)["y"]
+    np.testing.assert_array_equal(changed, np.where(cells, 5.0, 1.0))
+    np.testing.assert_array_equal(given, np.ones((2, 3)))
+    assert not changed.flags.writeable
+
+
+def test_layers_count_as_modified_until_every_cell_is_reset() -> None:
+    half = np.zeros((2, 3), dtype=np.bool_)
+    half[0] = True
+    events = [
+        Event("a.y", "override", at_layer=2, value=number(5.0)),
+        Event("a.y", "reset", at_layer=4, cells=half),
+        Event("a.y", "reset", at_layer=6, cells=~half),
+    ]
+    manipulator = Manipulator(events, PARTS)
+    assert [manipulator.in_effect(0, layer) for layer in range(1, 7)] == [False, True, True, True, True, False]
+
+
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
+@pytest.mark.parametrize("durations", [(0, 0), (2 * SECOND, 3 * SECOND)])
+def test_event_begins_with_its_layer_whatever_the_master(algorithm: str, durations: tuple[int, int]) -> None:
+    """The droplets of cell (1, 0) are lost in layers 2 and 3, which the toy controller makes up for at the end."""
+    job = toy_job(layers=4)
+    parts = toy_loop(job, *durations)
+    cell = np.zeros((job.nx, job.ny), dtype=np.bool_)
+    cell[1, 0] = True
+    none = np.asarray(0, dtype=np.int32)
+    events = [
+        Event("printer.pattern", "override", at_layer=2, value=none, cells=cell),
+        Event("printer.pattern", "reset", at_layer=4),
+    ]
+    recorder = Recorder(job, parts)
+    wires = contract_connections(parts)
+    master = Master(parts, wires, step_ns=SECOND, algorithm=algorithm, observers=[recorder], events=events)
+    assert master.run(layers_max=20) == "done"
+    height = recorder.dataset().height.values / DROPLET
+    np.testing.assert_allclose(height[:, 1, 0], [0, 1, 1, 1, 2, 3, 4])
+    np.testing.assert_allclose(height[:, 1, 1], [0, 1, 2, 3, 4, 4, 4])
+
+
+def test_changed_output_is_what_everybody_and_the_record_see() -> None:
+    job = toy_job(layers=2)
+    parts = toy_loop(job)
+    height = np.full((job.nx, job.ny), DROPLET)
+    events = [Event("profiler.measured_height", "bias", at_layer=1, value=height)]
+    recorder = Recorder(job, parts)
+    Master(parts, contract_connections(parts), step_ns=1, observers=[recorder], events=events).run(layers_max=9)
+    result = recorder.dataset()
+    assert result.sizes["layer"] == 2
+    np.testing.assert_allclose(result.measured_height[1] - result.height[1], DROPLET)
+    np.testing.assert_array_equal(result.estimated_height[1], result.measured_height[1])
+
+
+def load(tmp_path: Path, events: str) -> Scenario:
+    path = tmp_path / "events.toml"
+    printer = 'kind = "LayerDeposition"\nnozzle_pitch = 4'
+    path.write_text(CUBOID.replace('kind = "LayerDeposition"', printer) + events)
+    return Scenario.load(path)
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ('port = "printer.pattern"\nvalue = 0', "at_layer, at_time_s: neither is given; give one of them"),
+        ('at_layer = 1\nat_time_s = 1.0\nport = "printer.pattern"\nvalue = 0', "at_layer, at_time_s: both are given"),
+        ('at_layer = 0\nport = "printer.pattern"\nvalue = 0', "at_layer is 0; expected greater than or equal to 1"),
+        ('at_layer = 1\nport = "printer.patern"\nvalue = 0', "printer has no port 'patern'; did you mean pattern?"),
+        ('at_layer = 1\nport = "printr.pattern"\nvalue = 0', "no component 'printr'; did you mean printer?"),
+        ('at_layer = 1\nport = "printer.pattern"', "value is missing; add what to override printer.pattern with"),
+        ('at_layer = 1\nport = "printer.pattern"\nvalue = 0.5', "value is 0.5; expected a whole number"),
+        ('at_layer = 1\nport = "printer.pattern"\nvalue = [0, 1]', "value has shape (2,); printer.pattern takes"),
+        ('at_layer = 1\nport = "printer.height"\nvalue = 1.0', "value is a length; write value_um, value_mm"),
+        ('at_layer = 1\nport = "printer.height"\nvalue_um = inf', "value_um is inf; expected a finite number"),
+        ('at_layer = 1\nport = "profiler.valid"\nvalue = 0', "value is 0; expected true or false"),
+        ('at_layer = 1\nport = "printer.pattern"\nvalue = 0\ncells = [[12, 0]]', "cells has [12, 0]; the grid of"),
+        ('at_layer = 1\nport = "printer.pattern"\nvalue = 0\nnozzles = [4]', "nozzles has 4; expected 0 to 3"),
+        (
+            'at_layer = 1\nport = "profiler.valid"\nvalue = false\nnozzles = [1]',
+            "profiler does not say how many it has",
+        ),
+        ('at_layer = 1\nport = "printer.layer_command"\nvalue = 0\ncells = [[0, 0]]', "has no cells"),
+        ('at_layer = 1\nport = "printer.pattern"\nvalue = 0\ntilt_x = 0.1', "tilt_x and tilt_y are of a bias"),
+        (
+            'at_layer = 1\nport = "printer.pattern"\nvalue = 0\ncell = 1',
+            "cell is not a key of this table; did you mean",
+        ),
+    ],
+)
+def test_fault_of_an_event_is_named_with_its_place(tmp_path: Path, table: str, said: str) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        load(tmp_path, f'\n[[events]]\naction = "override"\n{table}\n')
+    (fault,) = caught.value.faults
+    assert fault.startswith("events.[0].")
+    assert said in fault
+
+
+def test_faults_of_all_events_come_at_once(tmp_path: Path) -> None:
+    wrong = '\n[[events]]\nat_layer = 1\naction = "bias"\nport = "profiler.valid"\nvalue = true\nnozzles = [0]\n'
+    late = '\n[[events]]\nat_time_s = 1.0\naction = "bias"\nport = "printer.height"\nper_layer_um = 1.0\n'
+    with pytest.raises(ScenarioError) as caught:
+        load(tmp_path, wrong + late)
+    assert [fault.split(" ")[0] for fault in caught.value.faults] == [
+        "events.[0].action",
+        "events.[0].nozzles:",
+        "events.[1].per_layer",
+    ]
+
+
+def test_event_of_a_file_comes_in_the_unit_of_its_port_and_for_its_cells(tmp_path: Path) -> None:
+    scenario = load(
+        tmp_path,
+        '\n[[events]]\nat_layer = 2\naction = "override"\nport = "printer.pattern"\nvalue = 0\nnozzles = [1]\n'
+        '\n[[events]]\nat_time_s = 0.5\naction = "bias"\nport = "printer.height"\nvalue_um = 3\ntilt_x = 0.01\n',
+    )
+    components, _ = scenario.build()
+    dead, tilted = scenario.events(components)
+    for part in components.values():
+        part.terminate()
+    assert dead.cells is not None
+    assert np.flatnonzero(dead.cells.all(axis=0)).tolist() == [1, 5, 9]
+    assert dead.cells.sum() == 3 * 12
+    assert tilted.value is not None
+    assert tilted.at_time_ns == SECOND // 2
+    assert tilted.value.mean() == pytest.approx(3e-6)
+    np.testing.assert_allclose(np.diff(tilted.value, axis=0), 0.01 * 263.256e-6)
+    np.testing.assert_allclose(np.diff(tilted.value, axis=1), 0.0, atol=1e-20)
+
+
+def test_result_says_which_layers_were_modified_and_by_what(tmp_path: Path) -> None:
+    event = 'action = "override"\nport = "printer.pattern"\nvalue = 0\nnozzles = [1]\n'
+    end = 'action = "reset"\nport = "printer.pattern"\n'
+    result = print_part(load(tmp_path, f"\n[[events]]\nat_layer = 2\n{event}\n[[events]]\nat_layer = 3\n{end}"))
+    modified = result.dataset["modified"]
+    assert modified.dtype == np.bool_
+    assert np.flatnonzero(modified).tolist() == [2]
+    words = ["from layer 2: override printer.pattern 0 in 36 cells", "from layer 3: reset printer.pattern"]
+    assert result.run["events"] == words
+    assert result.dataset.attrs["events"].split("\n") == words
+    result.save(tmp_path / "run")
+    assert "modified" not in print_part(Scenario.load(SCENARIOS / "cuboid.toml")).dataset
+
+
+def test_component_of_a_manipulated_input_never_knows() -> None:
+    got: list[Values] = []
+
+    def keep(time_ns: int, step_ns: int, inputs: Values) -> Values:
+        got.append(inputs)
+        return {}
+
+    sink = FunctionComponent(inputs=[Port("x", start=2.0), Port("z")], step=keep)
+    events = [Event("a.x", "bias", at_time_ns=1, value=number(0.5))]
+    Master({"a": sink}, [], step_ns=1, events=events).run(time_max_ns=3)
+    assert [float(inputs["x"]) for inputs in got] == [2.0, 2.5, 2.5]
+    assert all(set(inputs) == {"x"} for inputs in got)

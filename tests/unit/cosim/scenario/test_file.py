@@ -1,0 +1,257 @@
+"""A scenario file is read whole or refused with every fault named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inkloop.errors import ScenarioError
+from inkloop.scenario.file import Scenario
+from inkloop.tables.job import component_seed
+
+GOOD = """
+title = "small"
+[grid]
+nx = 9
+ny = 8
+[part]
+shape = "cuboid"
+size_x_um = 1316.28
+size_y_um = 1053.024
+height_um = 22.8
+[components.controller]
+kind = "OpenLoop"
+[components.printer]
+kind = "LayerDeposition"
+[components.profiler]
+kind = "ProfileSensor"
+scan_duration_s = 0.0
+"""
+
+
+def faults_of(tmp_path: Path, text: str, *overrides: str) -> tuple[str, ...]:
+    path = tmp_path / "case.toml"
+    path.write_text(text)
+    with pytest.raises(ScenarioError) as caught:
+        Scenario.load(path, overrides)
+    assert str(path) in str(caught.value)
+    return caught.value.faults
+
+
+def test_good_file_becomes_a_job_in_si(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(GOOD)
+    job = Scenario.load(path).job("printer")
+    assert (job.nx, job.ny, int(job.mask.sum())) == (9, 8, 20)
+    assert job.pitch == pytest.approx(263.256e-6)
+    assert job.target_height[job.mask] == pytest.approx(22.8e-6)
+    assert not job.target_height[~job.mask].any()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ("nx = 9", "nx = 0", "grid.nx is 0"),
+        ("nx = 9", "nx = 9.5", "grid.nx is 9.5"),
+        ("nx = 9", 'nx = "9"', "grid.nx is '9'"),
+        ("nx = 9", "nz = 9", "grid.nz is not a key of this table; did you mean nx or ny?"),
+        ("ny = 8", "", "grid.ny is missing"),
+        ("height_um = 22.8", "height_um = nan", "part.height_um is nan"),
+        ("height_um = 22.8", "height_um = -1.0", "part.height_um is -1.0"),
+        ("height_um", "hight_um", "did you mean height_um?"),
+        ('"cuboid"', '"cone"', "part.shape is 'cone'; expected one of cylinder, cuboid, staircase, pipe-junction"),
+        ('shape = "cuboid"', "", "part.shape is missing"),
+        ("size_x_um = 1316.28", "size_x_um = 13162.8", "part reaches beyond the grid"),
+        ("size_x_um = 1316.28", "size_x_um = 1316.28\ncenter_x_um = -9e6", "part covers no cell"),
+        ('"OpenLoop"', '"OpenLop"', "did you mean OpenLoop?"),
+        ("scan_duration_s", "scan_duration", "scan_duration_s"),
+        ("scan_duration_s = 0.0", 'scan_duration_s = "fast"', "components.profiler.scan_duration_s"),
+        ("[components.profiler]", "[components.profiler]\nnoise = 1", "components.profiler.noise is no option"),
+        ('[components.profiler]\nkind = "ProfileSensor"\nscan_duration_s = 0.0', "", "controller.measured_height"),
+        ("[grid]", "[grid", "is not TOML"),
+    ],
+)
+def test_each_fault_is_named_with_its_place(tmp_path: Path, old: str, new: str, fault: str) -> None:
+    assert old in GOOD
+    assert any(fault in sentence for sentence in faults_of(tmp_path, GOOD.replace(old, new)))
+
+
+def test_all_faults_of_a_file_are_reported_at_once(tmp_path: Path) -> None:
+    text = GOOD.replace("nx = 9", "nx = 0").replace("height_um = 22.8", "").replace('"OpenLoop"', '"OpenLop"')
+    found = "\n".join(faults_of(tmp_path, text.replace("scan_duration_s = 0.0", "noise_std_um = -1.0")))
+    for fault in ("grid.nx is 0", "part.height_um is missing", "did you mean OpenLoop?", "noise_std_um"):
+        assert fault in found
+
+
+def test_all_options_that_the_controller_cannot_mean_are_reported_at_once(tmp_path: Path) -> None:
+    wrong = "alpha = 1.8\nhorizon = 9\ndrop_levels = 17\nsweeps = -1\nuntrusted_layers = -1"
+    found = "\n".join(faults_of(tmp_path, GOOD.replace('"OpenLoop"', f'"LayerMpc"\n{wrong}')))
+    for fault in ("alpha is 1.8", "horizon is 9", "drop_levels is 17", "sweeps is -1", "untrusted_layers is -1"):
+        assert found.count(fault) == 1
+
+
+EVENT = '\n[[events]]\nat_layer = 1\naction = "bias"\nport = "profilr.measured_height"\nvalue_um = 1.0\n'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ("nx = 9", "nx = 0", "grid.nx is 0"),
+        ('title = "small"', "", "title is missing"),
+        ("scan_duration_s = 0.0", "noise_std_um = -1.0", "components.profiler.noise_std_um"),
+        ('"OpenLoop"', '"OpenLop"', "did you mean OpenLoop?"),
+        ("size_x_um = 1316.28", "size_x_um = 13162.8", "part reaches beyond the grid"),
+    ],
+)
+def test_wrong_port_of_an_event_is_named_beside_other_faults(tmp_path: Path, old: str, new: str, fault: str) -> None:
+    events = EVENT + EVENT.replace("profilr.measured_height", "printer.hieght")
+    found = "\n".join(faults_of(tmp_path, GOOD.replace(old, new) + events))
+    for expected in (fault, "events.[0].port is 'profilr.measured_height'", "events.[1].port is 'printer.hieght'"):
+        assert found.count(expected) == 1
+
+
+def test_event_on_a_component_that_is_faulty_itself_is_not_blamed(tmp_path: Path) -> None:
+    text = GOOD.replace("scan_duration_s = 0.0", "noise_std_um = -1.0") + EVENT.replace("profilr", "profiler")
+    assert [fault.split()[0] for fault in faults_of(tmp_path, text)] == ["components.profiler.noise_std_um"]
+
+
+def test_file_beside_the_scenario_is_found_while_other_tables_are_faulty(tmp_path: Path) -> None:
+    (tmp_path / "lamp.fmu").write_text("no archive")
+    lamp = '[components.lamp]\nkind = "Fmu"\nfile = "lamp.fmu"\n'
+    found = "\n".join(faults_of(tmp_path, GOOD.replace("nx = 9", "nx = 0") + lamp))
+    assert str(tmp_path / "lamp.fmu") in found
+
+
+@pytest.mark.parametrize(
+    ("options", "faults"),
+    [
+        ("sweps = 3\nhorizon = 9", ("sweps is not a key of this table; did you mean sweeps?", "horizon is 9")),
+        ("horizn = 9", ("horizn is not a key of this table; did you mean horizon?", "horizon is 9")),
+        ("alpha = 1.8\nhorizon = 2.5", ("horizon is 2.5; expected", "alpha is 1.8; needs")),
+        ('sweps = 3\niteratons = "few"', ("did you mean sweeps?", "did you mean iterations?", "iterations is 'few'")),
+    ],
+)
+def test_misspelt_key_hides_no_wrong_value_of_its_table(tmp_path: Path, options: str, faults: tuple[str, ...]) -> None:
+    found = "\n".join(faults_of(tmp_path, GOOD.replace('"OpenLoop"', f'"LayerMpc"\n{options}')))
+    for fault in faults:
+        assert found.count(fault) == 1
+
+
+def test_misspelt_key_is_judged_as_what_it_means(tmp_path: Path) -> None:
+    certified = '"LayerMpc"\ncertified = true\nhorizn = 1\nalpha = 1.0'
+    assert len(faults_of(tmp_path, GOOD.replace('"OpenLoop"', certified))) == 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "option", "said"),
+    [
+        ("LayerMpc", "overshoot_limit_um = -2.5", "expected greater than or equal to 0"),
+        ("LayerMpc", "overshoot_limit_um = nan", "expected greater than or equal to 0"),
+        ("LayerMpc", "sensor_noise_std_um = -2.5", "expected greater than or equal to 0"),
+        ("LayerMpc", "sensor_noise_std_um = inf", "expected a finite number"),
+        ("LayerMpc", "sensor_resolution_um = -2.5", "expected greater than or equal to 0"),
+        ("LayerMpc", "time_limit_s = -2.5", "expected greater than 0"),
+        ("CohenLipson", "threshold_um = -2.5", "expected greater than or equal to 0"),
+        ("LayerController", "overshoot_limit_um = -2.5", "expected a number in 0 .. 1000000 [um]"),
+        ("LayerController", "overshoot_limit_mm = -2.5", "expected a number in 0 .. 1000 [mm]"),
+        ("LayerController", "sensor_resolution_nm = -2.5", "expected a number in 0 .. 1000000000 [nm]"),
+    ],
+)
+def test_fault_names_key_value_and_limits_as_they_are_written(
+    tmp_path: Path, kind: str, option: str, said: str
+) -> None:
+    (fault,) = faults_of(tmp_path, GOOD.replace('"OpenLoop"', f'"{kind}"\n{option}'))
+    assert fault.startswith(f"components.controller.{option.replace(' =', ' is')}; {said}")
+
+
+def test_value_of_an_event_is_told_as_it_is_written(tmp_path: Path) -> None:
+    event = EVENT.replace("profilr", "profiler").replace("value_um = 1.0", "value_um = [1.5, nan]")
+    (fault,) = faults_of(tmp_path, GOOD + event)
+    assert fault.startswith("events.[0].value_um is [1.5, nan]; expected a finite number")
+
+
+def test_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"absent\.toml"):
+        Scenario.load(tmp_path / "absent.toml")
+
+
+def test_override_changes_the_run_and_its_record(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(GOOD)
+    scenario = Scenario.load(path, ["grid.nx=11", "components.printer.variation=0.3", "label=wide"])
+    assert scenario.job().nx == 11
+    assert scenario.tables.components["printer"].options == {"variation": 0.3}
+    again = tmp_path / "again.toml"
+    again.write_text(scenario.text)
+    assert Scenario.load(again).tables == scenario.tables
+
+
+@pytest.mark.parametrize("override", ["grid.nx", "=3", "grid.nx.far=3"])
+def test_override_that_sets_nothing_is_a_fault(tmp_path: Path, override: str) -> None:
+    assert any("--set" in fault for fault in faults_of(tmp_path, GOOD, override))
+
+
+def test_override_of_a_component_that_is_not_there_names_the_nearest(tmp_path: Path) -> None:
+    found = faults_of(tmp_path, GOOD, "components.controler.alpha=1")
+    assert found == (
+        "--set components.controler.alpha=1: there is no components.controler; did you mean components.controller?",
+    )
+
+
+def test_comparison_must_replace_a_component(tmp_path: Path) -> None:
+    text = GOOD + '[compare.x.components.controler]\nkind = "OpenLoop"\n'
+    assert any("did you mean controller?" in fault for fault in faults_of(tmp_path, text))
+
+
+def test_components_draw_from_streams_of_their_own() -> None:
+    seeds = {component_seed(seed, name) for seed in range(50) for name in ("printer", "profiler", "controller")}
+    assert len(seeds) == 150
+    assert component_seed(7, "printer") == component_seed(7, "printer")
+
+
+def test_support_fills_the_block_around_the_part(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(GOOD + "[support]\nmargin_cells = 1\n")
+    job = Scenario.load(path).job()
+    assert job.mask.sum() == 7 * 6
+    assert job.region is not None
+    inside = job.region.contains(np.array([4 * job.pitch]), np.array([3.5 * job.pitch]), np.array([1e-6]))
+    assert inside.all()
+
+
+def test_value_that_a_controller_refuses_is_a_fault_with_its_place_in_every_run(tmp_path: Path) -> None:
+    text = GOOD.replace('kind = "OpenLoop"', 'kind = "LayerMpc"\nalpha = 2.0')
+    found = faults_of(tmp_path, text + '[compare.x.components.controller]\nkind = "OpenLoop"\nlayers = -1\n')
+    assert [fault.split(" is ")[0] for fault in found] == [
+        "components.controller.alpha",
+        "compare.x.components.controller.layers",
+    ]
+
+
+WIRE = '\n[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\n'
+
+
+def test_offset_of_a_connection_comes_in_its_unit(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(GOOD + WIRE + "gain = 1.5\noffset_um = 20\n")
+    components, (wire, *_) = Scenario.load(path).build()
+    for component in components.values():
+        component.terminate()
+    assert (wire.target, wire.gain) == ("profiler.height", 1.5)
+    assert wire.offset == pytest.approx(20e-6)
+
+
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [
+        ("offset = 1.0", "connections.[0].offset is a length; write offset_um"),
+        ("offset_um = true", "connections.[0].offset_um is True; expected a finite number"),
+        ("gian = 2.0", "connections.[0].gian is not a key of this table; did you mean gain?"),
+        ("gain = nan", "connections.[0].gain is nan; expected a finite number"),
+    ],
+)
+def test_fault_of_a_gain_or_an_offset_is_named(tmp_path: Path, key: str, said: str) -> None:
+    (fault,) = faults_of(tmp_path, f"{GOOD}{WIRE}{key}\n")
+    assert fault.startswith(said)

@@ -1,0 +1,92 @@
+"""The schema for editors takes what `inkloop` takes, and refuses what it can tell is wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomlkit
+from jsonschema import Draft7Validator
+
+from inkloop.cli import main
+from inkloop.components import catalog
+from inkloop.scenario import new
+from inkloop.scenario.json_schema import scenario_schema
+from support.places import SCENARIOS
+
+FOLDER = SCENARIOS
+SCHEMA = scenario_schema()
+
+
+def faults(document: Any) -> list[str]:
+    return [f"{list(error.absolute_path)}: {error.message}" for error in Draft7Validator(SCHEMA).iter_errors(document)]
+
+
+def cuboid() -> Any:
+    return tomlkit.parse((FOLDER / "cuboid.toml").read_text()).unwrap()
+
+
+def test_schema_is_one() -> None:
+    Draft7Validator.check_schema(SCHEMA)
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem)
+def test_shipped_scenario_fits_the_schema(path: Path) -> None:
+    assert faults(tomlkit.parse(path.read_text()).unwrap()) == []
+
+
+@pytest.mark.parametrize("shape", new.PARTS)
+def test_template_fits_the_schema(shape: str, tmp_path: Path) -> None:
+    path = new.write(tmp_path / "mine", shape)
+    assert faults(tomlkit.parse(path.read_text()).unwrap()) == []
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value"),
+    [
+        ("grid", "nz", 3),
+        ("grid", "nx", "35"),
+        ("part", "shape", "cone"),
+        ("controller", "kind", "LayerMcp"),
+        ("controller", "alhpa", 0.5),
+        ("controller", "alpha", "much"),
+        ("printer", "variation", 1.5),
+        ("printer", "variation_kind", "per_drop"),
+        ("printer", "layer_duration", 5.0),
+        ("profiler", "preset", "lasr"),
+    ],
+)
+def test_wrong_key_or_value_does_not_fit_the_schema(table: str, key: str, value: object) -> None:
+    document = cuboid()
+    tables = document | document["components"]
+    tables[table][key] = value
+    assert len(faults(document)) >= 1
+
+
+@pytest.mark.parametrize(("key", "value"), [("layer_duration_ms", 500), ("variation_kind", 3), ("h1_a_um", 4.0)])
+def test_key_in_any_unit_fits_the_schema(key: str, value: object) -> None:
+    document = cuboid()
+    document["components"]["printer"][key] = value
+    assert faults(document) == []
+
+
+def test_kind_of_ones_own_may_have_any_option() -> None:
+    document = cuboid()
+    document["components"]["controller"] = {"kind": "mine:Controller", "threshold": [1, 2]}
+    assert faults(document) == []
+
+
+def test_every_option_of_the_python_kinds_is_in_the_schema() -> None:
+    rules = SCHEMA["$defs"]["ComponentTable"]["allOf"]
+    known = {rule["if"]["properties"]["kind"]["const"]: rule["then"]["properties"] for rule in rules}
+    for kind in catalog.PYTHON_KINDS:
+        assert set(catalog.python_options(kind).model_fields) <= set(known[kind])
+
+
+def test_command_writes_the_schema_or_prints_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["schema"]) == 0
+    assert json.loads(capsys.readouterr().out) == SCHEMA
+    assert main(["schema", "--out", str(tmp_path / "schema.json")]) == 0
+    assert json.loads((tmp_path / "schema.json").read_text()) == SCHEMA

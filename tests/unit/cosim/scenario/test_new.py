@@ -1,0 +1,51 @@
+"""A scenario from `inkloop new` prints as it is, and names every table that there is."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from inkloop.cli import main
+from inkloop.printing.run import print_part
+from inkloop.scenario import new
+from inkloop.scenario.file import Scenario
+from inkloop.tables.schema import ScenarioFile
+
+
+@pytest.mark.parametrize("shape", new.PARTS)
+def test_template_prints_until_its_controller_is_done(shape: str, tmp_path: Path) -> None:
+    assert main(["new", str(tmp_path / "mine"), "--shape", shape]) == 0
+    result = print_part(Scenario.load(tmp_path / "mine.toml"))
+    assert result.stop_reason == "done"
+    assert abs(result.metrics()["mean_error"]) < 1e-6
+
+
+def test_every_shape_has_a_template() -> None:
+    part = ScenarioFile.model_json_schema()["properties"]["part"]
+    assert set(part["discriminator"]["mapping"]) == set(new.PARTS)
+
+
+@pytest.mark.parametrize("shape", new.PARTS)
+def test_every_table_is_in_the_template(shape: str, tmp_path: Path) -> None:
+    text = new.write(tmp_path / "mine", shape).read_text()
+    heads = {head.split(".")[0] for head in re.findall(r"^(?:# )?\[+([\w.]+)", text, re.MULTILINE)}
+    values = {"schema_version", "title", "label", "seed"}
+    assert heads == set(ScenarioFile.model_fields) - values
+
+
+@pytest.mark.parametrize("shape", new.PARTS)
+def test_tables_that_are_comments_are_valid_when_they_are_switched_on(shape: str, tmp_path: Path) -> None:
+    path = new.write(tmp_path / "mine", shape)
+    head, separator, tables = path.read_text().partition("[grid]")
+    switched = re.sub(r"^# (?=[\w\[])", "", tables, flags=re.MULTILINE)
+    path.write_text(head + separator + switched)
+    Scenario.load(path)
+
+
+def test_new_overwrites_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "mine.toml").write_text("mine")
+    assert main(["new", str(tmp_path / "mine")]) == 1
+    assert "not overwritten" in capsys.readouterr().err
+    assert (tmp_path / "mine.toml").read_text() == "mine"

@@ -1,0 +1,64 @@
+"""Faults of the emulated bench, as text, as tables and on a wire of their own."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from inkloop.bench.emulation import emulation_of
+from inkloop.errors import InkloopError, ScenarioError
+from inkloop.scenario.file import Scenario
+from inkloop.tables.bench_faults import read_fault
+from support.benches.bench_run import BLOCK, COMMAND, write
+
+
+@pytest.mark.parametrize(
+    "text", ["loss:probability=0.001,way=to-nodes,seed=3", "reboot:nth=4,node=head,layer=2,pass=1,step=pass", "bus-off"]
+)
+def test_fault_is_written_as_it_is_read(text: str) -> None:
+    assert str(read_fault(text)) == text
+    assert str(read_fault("corruption:id=0x640")) == "corruption:id=1600"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("lost", "kind is 'lost'; expected 'loss'"),
+        ("loss:p=1", "p is not a key of this table"),
+        ("loss:psas=1", "did you mean pass"),
+        ("loss:probability=2,way=up", r"probability is 2;.*way is 'up'; expected 'to-nodes' or 'from-nodes'"),
+        ("loss:probability=0.5,nth=1", "expected probability, or nth, not both"),
+        ("death", "expected node beside"),
+    ],
+)
+def test_wrong_fault_is_refused_in_words(text: str, words: str) -> None:
+    with pytest.raises(InkloopError, match=words):
+        read_fault(text)
+
+
+def test_scenario_says_what_goes_wrong_and_all_its_faults_at_once(tmp_path: Path) -> None:
+    tables = '\n[[bench.faults]]\nkind = "death"\nnode = "cure"\nstep = "cure"\n[[bench.faults]]\nkind = "swap"\n'
+    found = emulation_of(Scenario.load(write(tmp_path, BLOCK + tables))).faults
+    assert [str(fault) for fault in found] == ["death:node=cure,step=cure", "swap"]
+    wrong = tables.replace('"swap"', '"swop"').replace('"cure"', '"lamp"')
+    with pytest.raises(ScenarioError) as raised:
+        Scenario.load(write(tmp_path, BLOCK + wrong))
+    for word in ("bench.faults.[0].node", "bench.faults.[0].step", "bench.faults.[1].kind is 'swop'"):
+        assert word in str(raised.value)
+
+
+def test_command_says_what_goes_wrong_on_request_and_refuses_what_it_does_not_know(tmp_path: Path) -> None:
+    path = write(tmp_path, BLOCK + '\n[[bench.faults]]\nkind = "swap"\n')
+    words = [*COMMAND, "bench", str(path), "--port", "0", "--fault"]
+    running = subprocess.Popen([*words, "loss:probability=1e-3"], stdout=subprocess.PIPE, text=True)
+    assert running.stdout
+    lines = [running.stdout.readline() for _ in range(4)]
+    running.send_signal(signal.SIGINT)
+    running.communicate(timeout=60)
+    assert lines[2:] == ["on request: swap\n", "on request: loss:probability=0.001\n"]
+    wrong = subprocess.run([*words, "lost"], capture_output=True, text=True, check=False)
+    assert wrong.returncode == 1
+    assert "kind is 'lost'; expected 'loss'" in " ".join(wrong.stderr.split())

@@ -1,0 +1,111 @@
+"""Inks in files of their own: what a scenario takes from one, and what is refused in words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from inkloop.errors import ScenarioError
+from inkloop.scenario.file import Scenario
+
+INK = """
+[a]
+h1_um = 5.0
+h2_um = 0.5
+h3_um = 0.1
+
+[models.VolumeAreaDeposition]
+height_scale_um = 7.5
+mv_plus_per_um = 0.005
+guard = true
+
+[identified]
+noise_um = 0.3
+"""
+SCENARIO = """
+title = "An ink of its own"
+[grid]
+nx = 8
+ny = 8
+[part]
+shape = "cuboid"
+size_x_um = 1000.0
+size_y_um = 1000.0
+height_um = 20.0
+[ink]
+file = "inks/mine.toml"
+[components.controller]
+kind = "OpenLoop"
+[components.printer]
+kind = "VolumeAreaDeposition"
+[components.profiler]
+kind = "ProfileSensor"
+"""
+
+
+def write(folder: Path, ink: str = INK, scenario: str = SCENARIO) -> Path:
+    (folder / "inks").mkdir(exist_ok=True)
+    (folder / "inks" / "mine.toml").write_text(ink)
+    (folder / "print.toml").write_text(scenario)
+    return folder / "print.toml"
+
+
+def test_scenario_takes_the_ink_of_a_file_beside_it(tmp_path: Path) -> None:
+    scenario = Scenario.load(write(tmp_path))
+    (ink,) = scenario.job().inks
+    assert (ink.h1, ink.h2, ink.h3) == pytest.approx((5.0e-6, 0.5e-6, 0.1e-6))
+    assert scenario.tables.components["printer"].options == {
+        "height_scale_um": 7.5, "mv_plus_per_um": 0.005, "guard": True,
+    }  # fmt: skip
+
+
+def test_text_as_run_holds_the_ink_itself(tmp_path: Path) -> None:
+    """So that a later change of the ink file changes no run."""
+    text = Scenario.load(write(tmp_path)).text
+    assert "h1_um = 5.0" in text
+    assert "file =" not in text
+    assert "from inks/mine.toml" in text
+    (tmp_path / "inks" / "mine.toml").unlink()
+    assert Scenario.of_text(text, str(tmp_path / "print.toml")).job().inks[0].h1 == pytest.approx(5.0e-6)
+
+
+def test_what_the_scenario_says_itself_wins(tmp_path: Path) -> None:
+    own = SCENARIO.replace("[components.controller]", "[ink.a]\nh2_um = 0.7\n[components.controller]")
+    own = own.replace('"VolumeAreaDeposition"', '"VolumeAreaDeposition"\nmv_plus_per_mm = 4.0\nguard = false')
+    scenario = Scenario.load(write(tmp_path, scenario=own))
+    assert scenario.job().inks[0].h2 == pytest.approx(0.7e-6)
+    assert scenario.job().inks[0].h1 == pytest.approx(5.0e-6)
+    assert scenario.tables.components["printer"].options == {
+        "mv_plus_per_mm": 4.0, "guard": False, "height_scale_um": 7.5,
+    }  # fmt: skip
+
+
+def test_ink_of_a_file_can_be_named_on_the_command_line(tmp_path: Path) -> None:
+    without = SCENARIO.replace('[ink]\nfile = "inks/mine.toml"\n', "")
+    scenario = Scenario.load(write(tmp_path, scenario=without), ['ink.file="inks/mine.toml"'])
+    assert scenario.job().inks[0].h1 == pytest.approx(5.0e-6)
+
+
+@pytest.mark.parametrize(
+    ("ink", "words"),
+    [
+        (INK.replace("h3_um = 0.1\n", ""), "a.h3_um is missing"),
+        (INK.replace("h1_um = 5.0", "h1_um = -5.0"), "a.h1_um is -5.0"),
+        (INK.replace("h1_um", "h1_mm"), "h1_mm is not a key"),
+        ("[a\n", "is not TOML"),
+        (INK.replace("height_scale_um = 7.5", "height = 7.5"), "components.printer.height"),
+    ],
+)
+def test_ink_that_cannot_be_meant_is_refused_in_words(ink, words, tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        Scenario.load(write(tmp_path, ink))
+    assert words in str(caught.value)
+
+
+def test_ink_file_that_is_not_there_and_other_faults_are_named_at_once(tmp_path: Path) -> None:
+    path = write(tmp_path, scenario=SCENARIO.replace("mine.toml", "yours.toml").replace("nx = 8", "nx = 0"))
+    with pytest.raises(ScenarioError, match="2 faults") as caught:
+        Scenario.load(path)
+    assert "ink.file is 'inks/yours.toml'" in str(caught.value)
+    assert "grid.nx is 0" in str(caught.value)

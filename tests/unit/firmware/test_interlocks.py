@@ -1,0 +1,259 @@
+"""What the nodes of the bench enforce by themselves, by their own time stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from support.benches.node_bench import (
+    CURE,
+    CURE_ROUTINE,
+    DONE,
+    ENABLE_DROPPED,
+    GATE,
+    GATE_NOT_CONFIRMED,
+    GATE_OPENINGS,
+    GATE_STAYS_CLOSED,
+    GATE_STAYS_OPEN,
+    HEAD,
+    HOME,
+    LAMP,
+    LAMP_PULSES,
+    LAMP_STAYS_ON,
+    LAMP_TIME,
+    LAMP_WITH_GATE,
+    MASTER_LOST,
+    MOTION,
+    NOT_READY,
+    NRC_CONDITIONS,
+    NRC_FAILED,
+    NRC_RANGE,
+    PASS,
+    STAGE,
+    STEP_EXPIRED,
+    STOP_REQUEST,
+    SUPERVISION,
+    TWO_MASTERS,
+    WORK_FAILS,
+    WORK_HANGS,
+    MasterAlive,
+    NodeBench,
+    pattern_blob,
+)
+
+FULL = np.ones((9, 9), np.uint8)
+LONG = 5000
+
+
+@pytest.fixture
+def bench() -> Iterator[NodeBench]:
+    with NodeBench(pass_ms=LONG) as made:
+        made.ready()
+        assert made.download(pattern_blob(FULL), 1) == 0
+        yield made
+
+
+def begin_pass(bench: NodeBench) -> None:
+    assert bench.raw(bench.routine(PASS, 1, 0, option=b"\x00")) == b"\x7f\x31\x78"
+    bench.tick(200)
+    assert bench.state().state == "PRINTING"
+
+
+def begin_cure(bench: NodeBench, milliseconds: int = LONG) -> None:
+    request = bench.routine(CURE_ROUTINE, 1, 0, option=milliseconds.to_bytes(2, "big"))
+    assert bench.raw(request, CURE) == b"\x7f\x31\x78"
+    bench.tick(200)
+    assert bench.state(CURE).state == "CURING"
+
+
+def off_after(bench: NodeBench, node: int) -> tuple[str, int]:
+    """State after half a second, and the fault; the request under way has been told."""
+    bench.tick(500)
+    assert bench.late(node)[:3] == bytes((0x7F, 0x31, NRC_FAILED))
+    return bench.state(node).state, bench.state(node).cause
+
+
+@pytest.mark.parametrize("roles", [0, 1])
+def test_every_node_wakes_up_de_energised(roles: int) -> None:
+    with NodeBench(one_node=roles) as bench:
+        assert {bench.state(node).state for node in range(bench.count)} == {"SAFE"}
+        assert bench.counted(GATE_OPENINGS) == bench.counted(LAMP_PULSES) == 0
+
+
+def test_lamp_is_off_350_ms_after_the_last_master_alive(bench: NodeBench) -> None:
+    begin_cure(bench)
+    bench.master = None
+    assert off_after(bench, CURE) == ("SAFE", MASTER_LOST)
+    times = bench.times(CURE)
+    assert 0 < times.lamp_off - times.master_alive <= 350
+    assert times.off == times.lamp_off
+
+
+def test_gate_is_closed_350_ms_after_the_last_master_alive(bench: NodeBench) -> None:
+    begin_pass(bench)
+    bench.master = None
+    assert off_after(bench, HEAD) == ("SAFE", MASTER_LOST)
+    times = bench.times(HEAD)
+    assert 0 < times.gate_closed - times.master_alive <= 350
+
+
+def test_all_nodes_go_safe_when_the_master_is_lost_and_idle_ones_resume_without_a_person(bench: NodeBench) -> None:
+    kept, bench.master = bench.master, None
+    bench.tick(400)
+    assert {(bench.state(node).state, bench.state(node).cause) for node in range(4)} == {("SAFE", MASTER_LOST)}
+    bench.master = kept
+    bench.tick(100)
+    assert [bench.clear(node) for node in range(4)] == [DONE] * 4
+
+
+def test_lamp_is_off_100_ms_after_its_enable_dropped(bench: NodeBench) -> None:
+    begin_cure(bench)
+    dropped = bench.clock
+    bench.master = MasterAlive(GATE | MOTION, 1, 7)
+    assert off_after(bench, CURE) == ("SAFE", ENABLE_DROPPED)
+    assert 0 < bench.times(CURE).lamp_off - dropped <= 100
+    assert bench.state(HEAD).state == "VERIFIED", "what did not need it goes on"
+
+
+def test_gate_is_closed_100_ms_after_its_enable_dropped(bench: NodeBench) -> None:
+    begin_pass(bench)
+    dropped = bench.clock
+    bench.master = MasterAlive(LAMP | MOTION, 1, 7)
+    assert off_after(bench, HEAD) == ("SAFE", ENABLE_DROPPED)
+    assert 0 < bench.times(HEAD).gate_closed - dropped <= 100
+
+
+@pytest.mark.parametrize(("node", "begin"), [(HEAD, begin_pass), (CURE, begin_cure)])
+def test_stop_request_acts_at_once_and_stays(bench: NodeBench, node: int, begin) -> None:
+    begin(bench)
+    asked = bench.clock
+    bench.stop(True)
+    times = bench.times(node)
+    assert (times.gate_closed if node == HEAD else times.lamp_off) == asked
+    assert {(bench.state(each).state, bench.state(each).cause) for each in range(4)} == {("SAFE", STOP_REQUEST)}
+    bench.tick(100)
+    assert bench.clear(node, 1) == -NRC_CONDITIONS, "still asked for"
+    bench.stop(False)
+    assert bench.state(node).state == "SAFE"
+    assert bench.clear(node) == -NRC_CONDITIONS, "no person"
+    assert bench.clear(node, 1) == DONE
+
+
+def test_step_is_refused_without_its_enable(bench: NodeBench) -> None:
+    bench.master = MasterAlive(0, 1, 7)
+    bench.tick(100)
+    assert bench.run(PASS, layer=1, option=b"\x00") == -NRC_CONDITIONS
+    assert bench.cure(1) == bench.run(HOME, STAGE, attempt=2) == -NRC_CONDITIONS
+    assert bench.counted(GATE_OPENINGS) == bench.counted(LAMP_PULSES) == 0
+
+
+def test_lamp_is_refused_unless_the_gate_is_confirmed_closed(bench: NodeBench) -> None:
+    bench.broken(GATE_STAYS_OPEN)
+    assert bench.cure(1) == -NRC_CONDITIONS
+    bench.broken(0)
+    begin_pass(bench)
+    assert bench.cure(1) == -NRC_CONDITIONS
+    assert bench.counted(LAMP_PULSES) == 0
+
+
+def test_lamp_goes_out_in_the_tick_in_which_the_gate_is_not_closed_any_more(bench: NodeBench) -> None:
+    begin_cure(bench)
+    bench.broken(GATE_STAYS_OPEN)
+    seen = bench.clock + 5
+    bench.tick()
+    assert bench.times(CURE).lamp_off == seen
+    assert (bench.state(CURE).state, bench.state(CURE).cause) == ("FAULT", GATE_NOT_CONFIRMED)
+    bench.broken(0)
+    assert bench.clear(CURE) == -NRC_CONDITIONS
+    assert bench.clear(CURE, 1) == DONE
+
+
+def test_nothing_is_jetted_while_the_lamp_is_on(bench: NodeBench) -> None:
+    begin_cure(bench)
+    assert bench.run(PASS, layer=1, option=b"\x00") == -NRC_CONDITIONS
+    assert bench.counted(LAMP_WITH_GATE) == bench.counted(GATE_OPENINGS) == 0
+
+
+def test_lamp_that_comes_on_under_the_open_gate_ends_the_pass(bench: NodeBench) -> None:
+    """Whoever lit it: a second later the nozzles would be full of cured ink."""
+    begin_pass(bench)
+    bench.broken(LAMP_STAYS_ON)
+    seen = bench.clock + 5
+    bench.tick()
+    assert bench.times().gate_closed == seen
+    assert (bench.state().state, bench.state().cause, bench.state().unknown) == ("FAULT", LAMP_TIME, 1)
+
+
+def test_lamp_time_has_a_limit() -> None:
+    with NodeBench(lamp_limit_ms=1000) as bench:
+        bench.ready()
+        assert bench.cure(1, milliseconds=1000) == bench.cure(1, milliseconds=0) == -NRC_RANGE
+        began = bench.clock
+        assert bench.cure(1, milliseconds=900) == DONE
+        assert 900 <= bench.times(CURE).lamp_off - began <= 910
+
+
+def test_lamp_that_stays_on_is_a_fault(bench: NodeBench) -> None:
+    begin_cure(bench, 300)
+    bench.broken(LAMP_STAYS_ON)
+    bench.tick(1000)
+    assert (bench.state(CURE).state, bench.state(CURE).cause) == ("FAULT", STEP_EXPIRED)
+
+
+def test_gate_that_does_not_open_ends_the_pass_before_a_droplet(bench: NodeBench) -> None:
+    bench.broken(GATE_STAYS_CLOSED)
+    assert bench.run(PASS, layer=1, option=b"\x00") == -NRC_FAILED
+    assert (bench.state().state, bench.state().cause) == ("FAULT", GATE_NOT_CONFIRMED)
+    assert not bench.surface.any()
+
+
+def test_gate_that_does_not_close_is_a_fault_but_the_pass_is_done(bench: NodeBench) -> None:
+    begin_pass(bench)
+    bench.tick(LONG - 300)
+    bench.broken(GATE_STAYS_OPEN)
+    bench.tick(2000)
+    assert (bench.state().state, bench.state().cause) == ("FAULT", GATE_NOT_CONFIRMED)
+    assert (bench.state().done, bench.state().unknown) == (1, 0)
+
+
+@pytest.mark.parametrize("what", [WORK_FAILS, WORK_HANGS])
+def test_device_that_fails_or_hangs_is_a_fault(bench: NodeBench, what: int) -> None:
+    bench.broken(what)
+    assert bench.run(HOME, STAGE, attempt=2) == -NRC_FAILED
+    assert bench.state(STAGE).state == "FAULT"
+
+
+def test_head_that_is_not_ready_does_not_begin(bench: NodeBench) -> None:
+    bench.broken(NOT_READY)
+    assert bench.run(PASS, layer=1, option=b"\x00") == -NRC_CONDITIONS
+    assert bench.state().state == "VERIFIED"
+
+
+def test_two_masters_make_every_node_safe_until_one_is_silent(bench: NodeBench) -> None:
+    begin_cure(bench)
+    bench.say_alive(MasterAlive(LAMP | GATE | MOTION, 2, 7))
+    assert {(bench.state(node).state, bench.state(node).cause) for node in range(4)} == {("SAFE", TWO_MASTERS)}
+    assert bench.times(CURE).lamp_off == bench.clock
+    assert bench.clear(CURE, 1) == -NRC_CONDITIONS
+    bench.tick(400)
+    assert bench.clear(CURE, 1) == DONE
+
+
+def test_new_session_is_taken_up_after_the_old_one_is_silent(bench: NodeBench) -> None:
+    bench.master = None
+    bench.tick(400)
+    bench.master = MasterAlive(LAMP | GATE | MOTION, 2, 7)
+    bench.tick(100)
+    assert bench.clear(CURE) == DONE
+    assert bench.state(CURE).session == 2
+
+
+def test_supervision_that_fails_makes_a_node_safe(bench: NodeBench) -> None:
+    begin_cure(bench)
+    bench.c.node_supervision(bench.node(CURE), bench.clock, False)
+    assert (bench.state(CURE).state, bench.state(CURE).cause) == ("SAFE", SUPERVISION)
+    assert bench.clear(CURE, 1) == -NRC_CONDITIONS
+    bench.c.node_supervision(bench.node(CURE), bench.clock, True)
+    assert bench.clear(CURE, 1) == DONE

@@ -1,0 +1,255 @@
+"""The firmware's ISO-TP: against can-isotp both ways, and what it does with what goes wrong on the bus."""
+
+from __future__ import annotations
+
+import subprocess
+from collections import deque
+from pathlib import Path
+
+import isotp
+import pytest
+
+from inkloop_hardware.protocol.codec import Frame
+from support.benches.wire_library import ANSWER_ID, FIRMWARE, REQUEST_ID, ROOT, WARNINGS, IsotpEnd
+
+SIZES = [*range(1, 30), 61, 62, 63, 118, 119, 120, 509, 1250, 4000, 4094, 4095]
+PADDED = 8
+
+
+def payload(length: int) -> bytes:
+    return bytes((7 * i + i // 256 + length) % 256 for i in range(length))
+
+
+class Peer:
+    """can-isotp without threads, as the master uses it."""
+
+    def __init__(self, block_size: int = 0, longest: int = 4095) -> None:
+        self.inbox: deque[Frame] = deque()
+        self.outbox: deque[Frame] = deque()
+        self.errors: list[Exception] = []
+        address = isotp.Address(isotp.AddressingMode.Normal_11bits, rxid=ANSWER_ID, txid=REQUEST_ID)
+        parameters = {"blocksize": block_size, "stmin": 0, "tx_padding": 0x55, "max_frame_size": longest}
+        self.layer = isotp.TransportLayerLogic(self._receive, self._send, address, self.errors.append, parameters)
+
+    def _receive(self, timeout: float) -> isotp.CanMessage | None:
+        if not self.inbox:
+            return None
+        frame = self.inbox.popleft()
+        return isotp.CanMessage(arbitration_id=frame.arbitration_id, data=frame.data, dlc=len(frame.data))
+
+    def _send(self, message: isotp.CanMessage) -> None:
+        self.outbox.append(Frame(message.arbitration_id, bytes(message.data)))
+
+
+def talk(node: IsotpEnd, peer: Peer, turns: int = 2000) -> None:
+    """Lets both go on until neither has anything to say."""
+    for now in range(turns):
+        peer.layer.process()
+        quiet = not peer.outbox
+        while peer.outbox:
+            assert node.take(peer.outbox.popleft(), now)
+        while (frame := node.next(now)) is not None:
+            assert (frame.arbitration_id, len(frame.data)) == (ANSWER_ID, PADDED)
+            peer.inbox.append(frame)
+            quiet = False
+        if quiet and not peer.inbox and not node.state.is_sending and not peer.layer.transmitting():
+            return
+    raise AssertionError("the two still talk")
+
+
+@pytest.mark.parametrize("block_size", [0, 8])
+@pytest.mark.parametrize("size", SIZES)
+def test_messages_of_can_isotp_arrive(size: int, block_size: int) -> None:
+    node, peer = IsotpEnd(block_size), Peer()
+    peer.layer.send(payload(size))
+    talk(node, peer)
+    assert node.receive() == payload(size)
+    assert (node.state.received, node.state.malformed, peer.errors) == ("done", 0, [])
+
+
+@pytest.mark.parametrize("block_size", [0, 8])
+@pytest.mark.parametrize("size", SIZES)
+def test_messages_reach_can_isotp(size: int, block_size: int) -> None:
+    node, peer = IsotpEnd(), Peer(block_size)
+    assert node.send(payload(size))
+    talk(node, peer)
+    assert peer.layer.recv() == payload(size)
+    assert (node.state.sent, node.state.unexpected, peer.errors) == ("done", 0, [])
+
+
+def test_overflow_of_can_isotp_ends_our_message_at_once() -> None:
+    node, peer = IsotpEnd(), Peer(longest=100)
+    assert node.send(payload(101))
+    talk(node, peer)
+    assert (node.state.sent, peer.layer.recv()) == ("overflow", None)
+    assert node.send(payload(100))
+    talk(node, peer)
+    assert (node.state.sent, peer.layer.recv()) == ("done", payload(100))
+
+
+def test_both_ways_at_once_do_not_disturb_each_other() -> None:
+    node, peer = IsotpEnd(8), Peer(8)
+    peer.layer.send(payload(900))
+    assert node.send(payload(700))
+    talk(node, peer)
+    assert (node.receive(), peer.layer.recv()) == (payload(900), payload(700))
+
+
+def segments(message: bytes) -> list[Frame]:
+    """First frame and consecutive frames of a message of more than 7 bytes."""
+    first = bytes([0x10 | len(message) >> 8, len(message) & 0xFF]) + message[:6]
+    rest = [message[at : at + 7] for at in range(6, len(message), 7)]
+    return [
+        Frame(REQUEST_ID, first),
+        *(Frame(REQUEST_ID, bytes([0x20 | (i + 1) % 16]) + part.ljust(7, b"\xcc")) for i, part in enumerate(rest)),
+    ]
+
+
+def test_a_lost_doubled_or_swapped_frame_ends_the_message_and_the_next_one_arrives() -> None:
+    message = payload(100)
+    whole = segments(message)
+    lost = whole[:5] + whole[6:]
+    doubled = whole[:6] + whole[5:]
+    swapped = [*whole[:5], whole[6], whole[5], *whole[7:]]
+    for damaged in (lost, doubled, swapped):
+        node = IsotpEnd()
+        for frame in damaged:
+            node.take(frame, 0)
+        assert (node.receive(), node.state.received) == (b"", "sequence")
+        assert node.state.unexpected > 0
+        for frame in whole:
+            node.take(frame, 1)
+        assert (node.receive(), node.state.received) == (message, "done")
+
+
+def test_sender_that_waited_for_no_flow_control_gets_none_after_the_end() -> None:
+    whole = segments(payload(100))
+    for last in (whole[4], whole[3]):
+        node = IsotpEnd(block_size=2)
+        for frame in (*whole[:3], last, last):
+            node.take(frame, 0)
+        assert (node.state.received, node.next(0)) == ("sequence", None)
+
+
+def test_sender_that_stops_is_given_up_after_a_second_even_where_the_clock_wraps() -> None:
+    start = 2**32 - 500
+    node = IsotpEnd()
+    node.take(segments(payload(100))[0], start)
+    assert node.next(start) == Frame(ANSWER_ID, bytes.fromhex("300000cccccccccc"))
+    node.tick((start + 999) % 2**32)
+    assert node.state.received == "none"
+    node.tick((start + 1000) % 2**32)
+    assert (node.state.received, node.receive()) == ("timeout", b"")
+    assert not node.take(Frame(0x123, b"\0"), 0)
+
+
+def test_missing_flow_control_is_given_up_after_a_second_and_sending_is_free_again() -> None:
+    node = IsotpEnd()
+    assert node.send(payload(100))
+    assert node.next(10) is not None
+    assert node.next(1000) is None
+    node.tick(1009)
+    assert node.state.is_sending
+    assert not node.send(b"busy")
+    node.tick(1010)
+    assert (node.state.sent, node.state.is_sending) == ("timeout", False)
+    node.take(Frame(REQUEST_ID, bytes.fromhex("300000")), 1011)
+    assert node.next(1011) is None
+    assert node.send(b"free")
+
+
+@pytest.mark.parametrize(("flow", "end"), [("32", "overflow"), ("33", "flow"), ("3f", "flow")])
+def test_refusal_of_the_receiver_ends_sending(flow: str, end: str) -> None:
+    node = IsotpEnd()
+    assert node.send(payload(100))
+    assert node.next(0) is not None
+    node.take(Frame(REQUEST_ID, bytes.fromhex(flow + "0000")), 1)
+    assert (node.state.sent, node.next(2)) == (end, None)
+
+
+def test_waits_are_borne_twice_in_a_row_and_each_gives_a_new_second() -> None:
+    wait, go = (Frame(REQUEST_ID, bytes.fromhex(text)) for text in ("310000", "300000"))
+    patient = IsotpEnd()
+    assert patient.send(payload(20))
+    assert patient.next(0) is not None
+    patient.take(wait, 900)
+    patient.take(wait, 1800)
+    patient.take(go, 2700)
+    assert patient.next(2700) is not None
+    tired = IsotpEnd()
+    assert tired.send(payload(20))
+    assert tired.next(0) is not None
+    for now in (1, 2, 3):
+        tired.take(wait, now)
+    assert tired.state.sent == "waits"
+
+
+def test_flow_control_that_comes_twice_changes_nothing() -> None:
+    node, go = IsotpEnd(), Frame(REQUEST_ID, bytes.fromhex("300000"))
+    assert node.send(payload(27))
+    sent = [node.next(0)]
+    node.take(go, 1)
+    sent.append(node.next(1))
+    node.take(go, 1)
+    sent += [node.next(1), node.next(1)]
+    expected = [frame.data.ljust(8, b"\xcc") for frame in segments(payload(27))]
+    assert [frame.data for frame in sent if frame] == expected
+    assert (node.state.sent, node.state.unexpected) == ("done", 1)
+
+
+def test_longer_message_than_the_buffer_is_refused_at_its_first_frame() -> None:
+    node = IsotpEnd()
+    node.take(Frame(REQUEST_ID, bytes.fromhex("1000000010000102")), 0)  # the 32-bit length: 4096
+    refusal = node.next(0)
+    assert refusal is not None
+    assert refusal.data[0] == 0x32
+    assert (node.state.received, node.next(1)) == ("overflow", None)
+
+
+def test_message_that_nobody_took_is_kept_and_the_next_one_refused() -> None:
+    node = IsotpEnd()
+    node.take(Frame(REQUEST_ID, b"\x03one"), 0)
+    node.take(Frame(REQUEST_ID, b"\x03two"), 1)
+    node.take(segments(payload(20))[0], 2)
+    refusal = node.next(2)
+    assert refusal is not None
+    assert refusal.data[0] == 0x32
+    assert node.state.dropped == 2
+    assert (node.receive(), node.receive()) == (b"one", b"")
+    node.take(Frame(REQUEST_ID, b"\x03two"), 3)
+    assert node.receive() == b"two"
+
+
+def test_new_message_takes_the_place_of_one_that_is_under_way() -> None:
+    node = IsotpEnd()
+    for frame in segments(payload(50))[:3]:
+        node.take(frame, 0)
+    for frame in segments(payload(30)):
+        node.take(frame, 1)
+    assert (node.receive(), node.state.replaced) == (payload(30), 1)
+
+
+@pytest.mark.parametrize(
+    "data", ["", "00", "08", "0801020304050607", "0301", "10", "1007010203040506", "30", "40", "ff"]
+)
+def test_malformed_frames_are_counted_and_change_nothing(data: str) -> None:
+    node = IsotpEnd()
+    node.take(Frame(REQUEST_ID, bytes.fromhex(data)), 0)
+    assert (node.state.malformed, node.receive(), node.next(0)) == (1, b"", None)
+
+
+@pytest.mark.parametrize("message", [b"", payload(4096)])
+def test_lengths_that_cannot_be_are_not_sent(message: bytes) -> None:
+    node = IsotpEnd()
+    assert not node.send(message)
+    assert node.next(0) is None
+
+
+def test_laws_of_the_wire_hold_for_every_length_and_under_noise(tmp_path: Path) -> None:
+    """Also: nothing reads or writes beside its buffers."""
+    program = tmp_path / "laws"
+    checks = ("-std=c11", "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    sources = (ROOT / "tests" / "c" / "wire_laws.c", FIRMWARE / "isotp.c", FIRMWARE / "slcan.c")
+    subprocess.run(["gcc", *checks, *WARNINGS, f"-I{FIRMWARE}", *sources, "-o", program], check=True)
+    laws = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert laws.returncode == 0, laws.stdout + laws.stderr

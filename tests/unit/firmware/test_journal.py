@@ -1,0 +1,238 @@
+"""What a node knows after a power failure: every step is done, not begun, or said to be unknown."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from struct import pack, unpack_from
+
+import numpy as np
+import pytest
+
+from support.benches.node_bench import (
+    CURE,
+    CURE_ROUTINE,
+    DONE,
+    DONE_BEFORE,
+    GATE_OPENINGS,
+    HEAD,
+    JOURNAL_DAMAGED,
+    NEVER,
+    NRC_CONDITIONS,
+    NRC_FAILED,
+    NRC_SEQUENCE,
+    PASS,
+    PASS_UNKNOWN,
+    RASTER,
+    UNKNOWN,
+    NodeBench,
+    pattern_blob,
+)
+
+FULL = np.ones((9, 9), np.uint8)
+RECORD = 40
+INTENT, DONE_RECORD = 3, 4
+SECTOR, SECTORS, IN_SECTOR = 4096, 4, 4096 // RECORD
+
+
+@pytest.fixture
+def bench() -> Iterator[NodeBench]:
+    with NodeBench() as made:
+        made.ready()
+        assert made.download(pattern_blob(FULL), 1) == 0
+        yield made
+
+
+def reboot(bench: NodeBench, node: int = HEAD) -> None:
+    bench.power_up(node)
+    bench.tick(100)
+
+
+def known(bench: NodeBench, number: int) -> int:
+    """Outcome that the node says of a pass, asked without starting it."""
+    return bench.raw(bench.routine(PASS, 1, number, kind=3))[4]
+
+
+@pytest.mark.parametrize("after", range(0, 400, 5))
+def test_power_failure_at_any_time_doubles_and_hides_no_pass(after: int) -> None:
+    """A layer of 4 passes of about 60 ms; the master resumes by what the node says."""
+    with NodeBench() as bench:
+        bench.ready()
+        pattern = pattern_blob(FULL)
+        assert bench.download(pattern, 1) == 0
+        begun, end = 0, bench.clock + after
+        while bench.clock < end and begun < 4:
+            bench.raw(bench.routine(PASS, 1, begun, option=bytes([begun])))
+            bench.tick()
+            begun += bench.late()[4:5] == bytes([DONE])
+        opened = bench.counted(GATE_OPENINGS)
+        reboot(bench)
+        state = bench.state()
+        assert (state.done | state.unknown).bit_count() == opened
+        assert state.needs_operator == bool(state.unknown)
+        if state.unknown:
+            number = state.unknown.bit_length() - 1
+            assert state.cause == PASS_UNKNOWN
+            assert known(bench, number) == UNKNOWN
+            assert bench.clear() == -NRC_CONDITIONS
+            assert bench.clear(option=1) == DONE
+            assert bench.download(pattern, 1) == -NRC_SEQUENCE, "closed to jetting"
+            assert bench.run(PASS, layer=1, which=number, option=b"\x00") == -NRC_SEQUENCE
+            assert bench.download(pattern, 2) == 0
+            return
+        assert bench.clear() == DONE
+        if state.done < 15:
+            assert bench.download(pattern, 1) == 0
+        for number in RASTER:
+            expected = DONE_BEFORE if state.done >> number & 1 else DONE
+            assert bench.run(PASS, layer=1, which=number, option=bytes([number])) == expected
+        assert bench.counted(GATE_OPENINGS) == 4
+
+
+def test_resumed_layer_takes_the_same_pattern_only(bench: NodeBench) -> None:
+    assert bench.run(PASS, layer=1, which=0, option=b"\x00") == DONE
+    reboot(bench)
+    assert bench.clear() == DONE
+    assert bench.run(PASS, layer=1, which=1, option=b"\x01") == -NRC_SEQUENCE, "the pattern is lost"
+    assert bench.download(pattern_blob(np.eye(9)), 1) == -0x72
+    assert bench.download(pattern_blob(FULL), 1) == 0
+    assert bench.state().state == "PRINTED"
+    assert bench.run(PASS, layer=1, which=1, option=b"\x01") == DONE
+
+
+@pytest.mark.parametrize("written", [0, 1, 20, RECORD - 1])
+def test_torn_intent_energises_nothing_and_was_never_written(bench: NodeBench, written: int) -> None:
+    bench.tear(written)
+    assert bench.run(PASS, layer=1, which=0, option=b"\x00") == -NRC_FAILED
+    assert (bench.state().state, bench.state().cause) == ("FAULT", JOURNAL_DAMAGED)
+    assert bench.counted(GATE_OPENINGS) == 0
+    reboot(bench)
+    assert (known(bench, 0), bench.state().unknown) == (NEVER, 0)
+    assert bench.clear() == DONE
+    assert bench.download(pattern_blob(FULL), 1) == 0
+    assert bench.run(PASS, layer=1, which=0, option=b"\x00") == DONE
+
+
+@pytest.mark.parametrize("written", [0, 1, 20, RECORD - 1])
+def test_torn_done_is_unknown(bench: NodeBench, written: int) -> None:
+    bench.raw(bench.routine(PASS, 1, 0, option=b"\x00"))
+    bench.tear(written)
+    bench.tick(200)
+    assert bench.state().cause == JOURNAL_DAMAGED
+    reboot(bench)
+    assert (known(bench, 0), bench.state().unknown) == (UNKNOWN, 1)
+
+
+def test_altered_record_is_not_believed(bench: NodeBench) -> None:
+    assert bench.run(PASS, layer=1, which=0, option=b"\x00") == DONE
+    assert bench.journal()[-2:] == [(INTENT, 4, 0), (DONE_RECORD, 4, 0)]
+    newest = len(bench.journal()) - 1
+    bench.storage()[newest * RECORD + 21] ^= 1
+    reboot(bench)
+    assert bench.state().unknown == 1
+
+
+@pytest.mark.parametrize(("where", "byte"), [(4, 0), (4, 99), (5, 7), (6, 255), (20, 255), (20, 2), (21, 16)])
+def test_record_of_another_firmware_is_not_believed(bench: NodeBench, where: int, byte: int) -> None:
+    """Its checksum may be right and its kinds, passes and masks impossible."""
+    before = bench.state()
+    record = bytearray(bench.storage()[(len(bench.journal()) - 1) * RECORD :][:RECORD].tobytes())
+    record[:4], record[12:14], record[where] = pack(">I", 1000), b"\0\x4d", byte
+    record[36:] = pack(">I", zlib.crc32(record[:36]))
+    bench.storage()[3 * SECTOR :][:RECORD] = list(record)
+    reboot(bench)
+    state = bench.state()
+    assert (state.layer, state.passes, state.done, state.boots) == (before.layer, 4, 0, before.boots + 1)
+
+
+def test_unknown_pass_given_up_by_an_interlock_is_said_at_once_and_after_a_reboot(bench: NodeBench) -> None:
+    bench.raw(bench.routine(PASS, 1, 0, option=b"\x00"))
+    bench.tick(30)
+    bench.stop(True)
+    bench.stop(False)
+    assert bench.state().unknown == 1
+    assert 0 < np.count_nonzero(bench.surface) < 81, "part of the pass is on the substrate"
+    reboot(bench)
+    assert bench.state().unknown == 1
+    assert bench.clear(option=1) == DONE
+    reboot(bench)
+    assert bench.clear() == DONE, "the person is remembered, and so is the pass"
+    assert bench.state().unknown == 1
+
+
+def test_unknown_cure_is_repeated_by_a_person_s_leave(bench: NodeBench) -> None:
+    bench.raw(bench.routine(CURE_ROUTINE, 1, 0, option=b"\x01\x00"), CURE)
+    bench.tick(50)
+    reboot(bench, CURE)
+    assert bench.raw(bench.routine(CURE_ROUTINE, 1, 0, kind=3), CURE)[4] == UNKNOWN
+    assert bench.clear(CURE) == -NRC_CONDITIONS
+    assert bench.clear(CURE, 1) == DONE
+    assert bench.cure(1, attempt=2) == DONE
+    assert bench.cure(1, attempt=3) == DONE_BEFORE
+
+
+def test_unknown_pass_is_cured_and_scanned_before_anything_is_jetted() -> None:
+    with NodeBench(one_node=1) as bench:
+        bench.ready()
+        assert bench.download(pattern_blob(FULL), 1) == 0
+        bench.raw(bench.routine(PASS, 1, 0, option=b"\x00"))
+        bench.tick(20)
+        reboot(bench)
+        assert bench.clear(option=1) == DONE
+        assert bench.scan(1) == -NRC_SEQUENCE, "wet"
+        assert bench.download(pattern_blob(FULL), 2) == -NRC_SEQUENCE
+        assert bench.cure(1) == DONE
+        assert bench.download(pattern_blob(FULL), 2) == -NRC_SEQUENCE, "not seen"
+        assert bench.scan(1) == DONE
+        assert bench.download(pattern_blob(FULL), 2) == 0
+
+
+def test_boots_are_counted_and_the_ring_forgets_only_what_is_old(bench: NodeBench) -> None:
+    """408 records fit; the newest one survives every turn of the ring."""
+    bench.print_layer(FULL, 1)
+    for _ in range(1000):
+        bench.power_up()
+    bench.tick(100)
+    state = bench.state()
+    assert (state.boots, state.layer, state.done) == (1001, 1, 15)
+    assert len(bench.journal()) == 100
+
+
+@pytest.mark.parametrize("written", [0, 3, RECORD - 1])
+def test_ring_goes_on_after_a_record_torn_at_any_place(bench: NodeBench, written: int) -> None:
+    for turn in range(450):
+        bench.power_up()
+        if turn % 7 == 0:
+            bench.tear(written)
+            bench.tick(100)
+            bench.clear(option=1)
+    bench.power_up()
+    assert bench.state().layer == 1
+    assert bench.state().boots == 452
+
+
+def test_journal_is_newest_first_after_an_erasure_that_was_cut_short(bench: NodeBench) -> None:
+    """Old records that such an erasure has left behind its first slot come back nowhere."""
+    while unpack_from(">I", bench.raw(b"\x22\x01\x10"), 3)[0] < SECTORS * IN_SECTOR:
+        bench.power_up()
+    bench.storage()[:RECORD] = 0xFF
+    for _ in range(3):
+        bench.power_up()
+    records = bench.raw(b"\x22\x01\x10")[3:]
+    numbers = [unpack_from(">I", records, at)[0] for at in range(0, len(records), RECORD)]
+    newest = SECTORS * IN_SECTOR + 3
+    assert numbers == list(range(newest, newest - len(numbers), -1))
+
+
+def test_journal_and_surface_outlive_the_process(tmp_path) -> None:
+    with NodeBench(folder=tmp_path) as bench:
+        bench.ready().print_layer(FULL, 1)
+        surface = bench.surface.copy()
+    with NodeBench(folder=tmp_path) as bench:
+        assert (bench.state().boots, bench.state().layer, bench.state().done) == (2, 1, 15)
+        assert bench.surface.tobytes() == surface.tobytes()
+    with pytest.raises(ValueError, match="another number of cells"):
+        NodeBench(folder=tmp_path, nx=10)
+    (tmp_path / "surface.bin").write_bytes(b"a picture")
+    with pytest.raises(ValueError, match="no surface of a bench"):
+        NodeBench(folder=tmp_path)

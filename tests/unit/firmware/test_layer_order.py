@@ -1,0 +1,312 @@
+"""Laws of the layer cycle of the bench's nodes: what follows what, and that nothing happens twice."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from support.benches.node_bench import (
+    CURE,
+    CURE_ROUTINE,
+    DONE,
+    DONE_BEFORE,
+    DRY_RUN,
+    GATE_OPENINGS,
+    HEAD,
+    HOME,
+    LAMP_PULSES,
+    LAMP_WITH_GATE,
+    MOVE,
+    NEVER,
+    NRC_BUSY,
+    NRC_CONDITIONS,
+    NRC_PENDING,
+    NRC_RANGE,
+    NRC_SEQUENCE,
+    PASS,
+    PROFILER,
+    PURGE,
+    SCAN,
+    STAGE,
+    UNDER_WAY,
+    NodeBench,
+    pattern_blob,
+)
+
+FULL = np.ones((9, 9), np.uint8)
+SPARSE = np.eye(9, dtype=np.uint8)
+
+
+@pytest.fixture(params=[0, 1], ids=["four nodes", "one node"])
+def bench(request: pytest.FixtureRequest) -> Any:
+    with NodeBench(one_node=request.param) as made:
+        yield made
+
+
+def everything(bench: NodeBench) -> Any:
+    """What must not change when a request is refused or repeated."""
+    states = [bench.state(node) for node in range(bench.count)]
+    journals = [bench.journal(node) for node in range(bench.count)]
+    return states, journals, bench.surface.copy().tobytes(), bench.counted(GATE_OPENINGS), bench.counted(LAMP_PULSES)
+
+
+def test_three_layers_go_round(bench: NodeBench) -> None:
+    bench.ready()
+    for layer in (1, 2, 3):
+        bench.print_layer(FULL, layer)
+        assert bench.scan(layer) == DONE
+    assert bench.counted(GATE_OPENINGS) == bench.counted(LAMP_PULSES) == 12
+    assert bench.counted(LAMP_WITH_GATE) == 0
+    assert bench.state().done == 15
+
+
+def test_states_are_passed_in_order() -> None:
+    with NodeBench(one_node=1) as bench:
+        seen = [bench.state().state]
+
+        def note() -> None:
+            if bench.state().state != seen[-1]:
+                seen.append(bench.state().state)
+
+        def begin(request: bytes) -> None:
+            bench.raw(request)
+            for _ in range(100):
+                note()
+                bench.tick()
+
+        bench.tick(100)
+        assert bench.clear() == DONE
+        note()
+        bench.run(HOME)
+        bench.raw(bytes.fromhex("3400440000000100000010"))
+        note()
+        assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
+        note()
+        begin(bench.routine(PASS, 1, option=b"\xff"))
+        begin(bench.routine(CURE_ROUTINE, 1, option=b"\x00\x14"))
+        begin(bench.routine(SCAN, 1))
+        assert seen == [
+            "SAFE",
+            "IDLE",
+            "RECEIVING",
+            "VERIFIED",
+            "PRINTING",
+            "PRINTED",
+            "CURING",
+            "CURED",
+            "SCANNING",
+            "MAP_READY",
+        ]
+
+
+def test_nothing_is_done_before_the_node_is_cleared(bench: NodeBench) -> None:
+    bench.tick(100)
+    before = everything(bench)
+    stage, cure, profiler = (STAGE, CURE, PROFILER) if bench.count == 4 else (HEAD, HEAD, HEAD)
+    assert bench.download(pattern_blob(FULL), 1) == -NRC_CONDITIONS
+    assert bench.run(HOME, stage) == bench.run(MOVE, stage, option=b"\x01") == -NRC_CONDITIONS
+    assert bench.run(PURGE) == bench.run(PASS, layer=1, option=b"\x00") == -NRC_CONDITIONS
+    assert bench.cure(1) == bench.scan(1) == -NRC_CONDITIONS
+    assert bench.run(DRY_RUN, profiler, option=b"\x01") == bench.run(DRY_RUN, cure, option=b"\x01") == -NRC_CONDITIONS
+    assert everything(bench) == before
+
+
+def test_repeat_of_done_changes_nothing(bench: NodeBench) -> None:
+    bench.ready().print_layer(SPARSE, 1)
+    assert bench.scan(1) == DONE
+    before = everything(bench)
+    for number in range(4):
+        assert bench.run(PASS, layer=1, which=number, attempt=9, option=bytes([number])) == DONE_BEFORE
+        assert bench.cure(1, number, attempt=9) == DONE_BEFORE
+    assert bench.scan(1) == DONE_BEFORE
+    assert bench.run(HOME, STAGE if bench.count == 4 else HEAD) == DONE_BEFORE
+    assert everything(bench) == before
+
+
+def test_repeat_of_what_is_under_way_does_not_begin_it_again(bench: NodeBench) -> None:
+    bench.ready()
+    assert bench.download(pattern_blob(SPARSE), 1) == 0
+    request = bench.routine(PASS, 1, 0, option=b"\x00")
+    assert bench.raw(request) == bench.raw(request) == b"\x7f\x31\x78"
+    assert bench.raw(bench.routine(PASS, 1, 0, kind=3))[4] == UNDER_WAY
+    assert bench.raw(bench.routine(PASS, 1, 1, option=b"\x01")) == b"\x7f\x31\x21"
+    bench.tick(200)
+    assert bench.late()[4] == DONE
+    assert bench.late() == b""
+    assert bench.counted(GATE_OPENINGS) == 1
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_passes_come_in_their_order(bench: NodeBench, number: int) -> None:
+    bench.ready()
+    assert bench.download(pattern_blob(SPARSE), 1) == 0
+    before = everything(bench)
+    assert bench.run(PASS, layer=1, which=number, option=b"\x00") == -NRC_SEQUENCE
+    assert bench.run(PASS, layer=1, which=4, option=b"\x00") == -NRC_RANGE
+    assert bench.run(PASS, layer=1, which=0, option=b"\x04") == -NRC_RANGE
+    assert bench.run(PASS, layer=1, which=0, option=b"\xff") == -NRC_RANGE
+    assert bench.run(PASS, layer=2, which=0, option=b"\x00") == -NRC_SEQUENCE
+    assert bench.run(PASS, layer=1, which=0, option=b"\x00", job=8) == -NRC_SEQUENCE
+    assert bench.raw(bench.routine(PASS, 1, number, kind=3))[4] == NEVER
+    assert everything(bench) == before
+
+
+def test_pattern_of_a_begun_layer_is_refused(bench: NodeBench) -> None:
+    bench.ready()
+    assert bench.download(pattern_blob(SPARSE), 1) == 0
+    assert bench.download(pattern_blob(FULL), 1) == 0, "not begun: a better one is welcome"
+    assert bench.run(PASS, layer=1, which=0, option=b"\x00") == DONE
+    before = everything(bench)
+    for layer in (0, 1, 2, 3):
+        assert bench.download(pattern_blob(SPARSE), layer) == -NRC_SEQUENCE
+    assert everything(bench) == before
+
+
+def test_layers_are_neither_left_out_nor_printed_again(bench: NodeBench) -> None:
+    bench.ready().print_layer(FULL, 1)
+    assert bench.scan(1) == DONE
+    before = everything(bench)
+    for layer in (0, 1, 3):
+        assert bench.download(pattern_blob(FULL), layer) == -NRC_SEQUENCE
+    assert bench.run(PASS, layer=2, which=0, option=b"\x00") == -NRC_SEQUENCE
+    assert everything(bench) == before
+
+
+def test_wet_ink_is_not_scanned_by_a_node_that_knows() -> None:
+    with NodeBench(one_node=1) as bench:
+        bench.ready()
+        assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
+        assert bench.scan(1) == -NRC_SEQUENCE
+        assert bench.run(PASS, layer=1, option=b"\xff") == DONE
+        assert bench.scan(1) == -NRC_SEQUENCE
+        assert bench.download(pattern_blob(FULL), 2) == -NRC_SEQUENCE
+        assert bench.cure(1) == DONE
+        assert bench.download(pattern_blob(FULL), 2) == -NRC_SEQUENCE, "not seen yet"
+        assert bench.scan(1) == DONE
+        assert bench.download(pattern_blob(FULL), 2) == 0
+
+
+def test_cure_needs_something_to_cure() -> None:
+    with NodeBench(one_node=1) as bench:
+        bench.ready()
+        assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
+        assert bench.cure(1) == -NRC_SEQUENCE
+        assert bench.counted(LAMP_PULSES) == 0
+
+
+def test_rescan_is_allowed_and_a_stale_map_is_not_given(bench: NodeBench) -> None:
+    profiler = PROFILER if bench.count == 4 else HEAD
+    bench.ready()
+    assert bench.scan(0) == DONE, "the start surface"
+    bench.print_layer(FULL, 1)
+    assert bench.scan(1) == DONE
+    first = bench.upload(1, profiler)
+    bench.surface[0, 0] += 5e-6
+    assert bench.scan(1, attempt=1) == DONE_BEFORE
+    assert bench.upload(1, profiler) == first
+    assert bench.scan(1, attempt=2) == DONE
+    assert bench.upload(1, profiler) != first
+    assert bench.scan(0) == -NRC_SEQUENCE
+
+
+def test_scan_of_another_attempt_waits_until_this_one_is_over(bench: NodeBench) -> None:
+    profiler = PROFILER if bench.count == 4 else HEAD
+    bench.ready()
+    assert bench.raw(bench.routine(SCAN, attempt=1), profiler)[2] == NRC_PENDING
+    assert bench.raw(bench.routine(SCAN, attempt=2), profiler)[2] == NRC_BUSY
+    assert bench.raw(bench.routine(SCAN, attempt=1), profiler)[2] == NRC_PENDING
+    bench.tick(8000)
+    assert bench.scan(0, attempt=1) == DONE_BEFORE
+    assert bench.run(SCAN, profiler, which=4) == -NRC_RANGE, "what could not be known as done before"
+
+
+def test_service_of_another_role_is_refused() -> None:
+    with NodeBench() as bench:
+        bench.ready()
+        for node in range(4):
+            own = {HEAD: PASS, STAGE: HOME, CURE: CURE_ROUTINE, PROFILER: SCAN}
+            for other, routine in own.items():
+                if other != node:
+                    assert bench.raw(bench.routine(routine, 1), node) == b"\x7f\x31\x31"
+            if node != HEAD:
+                assert bench.raw(bytes.fromhex("3400440000000100000010"), node) == b"\x7f\x34\x70"
+            if node != PROFILER:
+                assert bench.raw(bytes.fromhex("3500440000000100000010"), node) == b"\x7f\x35\x70"
+
+
+def test_dry_run_prints_lights_and_remembers_nothing(bench: NodeBench) -> None:
+    bench.ready().print_layer(SPARSE, 1)
+    assert bench.scan(1) == DONE
+    surface, journals = bench.surface.copy(), [bench.journal(node) for node in range(bench.count)]
+    openings, pulses = bench.counted(GATE_OPENINGS), bench.counted(LAMP_PULSES)
+    bench.stop(True), bench.stop(False)
+    for node in range(bench.count):
+        assert bench.clear(node, 1) == DONE
+        assert bench.run(DRY_RUN, node, option=b"\x01") == DONE
+    if bench.count == 1:
+        assert bench.scan(1) == DONE
+    bench.print_layer(FULL, 2)
+    for node in range(bench.count):
+        assert bench.run(DRY_RUN, node, option=b"\x00") == DONE
+    assert bench.state().layer == 1
+    assert bench.surface.tobytes() == surface.tobytes()
+    assert (bench.counted(GATE_OPENINGS), bench.counted(LAMP_PULSES)) == (openings, pulses)
+    cleared = [(6, 0, 0)]
+    assert [bench.journal(node) for node in range(bench.count)] == [journal + cleared for journal in journals]
+
+
+def test_another_job_begins_when_the_last_one_is_over(bench: NodeBench) -> None:
+    assert bench.master
+    bench.ready()
+    assert bench.download(pattern_blob(SPARSE), 1) == 0
+    assert bench.run(PASS, layer=1, which=0, option=b"\x00") == DONE
+    bench.master.job = 8
+    bench.say_alive()
+    assert bench.download(pattern_blob(FULL), 1) == -NRC_SEQUENCE
+    assert bench.clear(HEAD, 2) == -NRC_CONDITIONS, "only a person gives a layer up"
+    assert bench.clear(HEAD, 3) == DONE
+    if bench.count == 1:
+        assert bench.cure(1) == bench.scan(1) == DONE
+    assert bench.download(pattern_blob(FULL), 1) == 0
+    assert (bench.state().job, bench.state().done) == (8, 0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 3), st.integers(0, 4)), max_size=40), st.booleans())
+def test_whatever_is_asked_every_pass_is_jetted_at_most_once(asked: Any, one_node: bool) -> None:
+    """Also: the clock may wrap, and the lamp is never on without the gate closed."""
+    jetted: set[tuple[int, int]] = set()
+    with NodeBench(one_node=one_node, clock=2**32 - 500) as bench:
+        bench.ready()
+        for action, layer, number in asked:
+            if action == 0:
+                bench.download(pattern_blob(FULL), layer)
+            elif action == 1:
+                bench.cure(layer, number)
+            elif action == 2:
+                bench.scan(layer)
+            elif action == 3:
+                bench.power_up(HEAD)
+                bench.tick(100)
+                bench.clear(HEAD, 1)
+            elif bench.run(PASS, layer=layer, which=number, option=bytes([number % 4])) == DONE:
+                assert (layer, number) not in jetted
+                jetted.add((layer, number))
+        assert bench.counted(GATE_OPENINGS) == len(jetted)
+        assert bench.counted(LAMP_WITH_GATE) == 0
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.binary(max_size=24), max_size=20))
+def test_no_bytes_bring_a_node_out_of_its_states(requests: list[bytes]) -> None:
+    with NodeBench() as bench:
+        bench.tick(100)
+        for request in requests:
+            answer = bench.raw(request, len(request) % 4)
+            assert not answer or answer[0] in (request[0] + 0x40, 0x7F)
+        assert bench.state().state in ("SAFE", "IDLE")
+        assert bench.counted(GATE_OPENINGS) == bench.counted(LAMP_PULSES) == 0

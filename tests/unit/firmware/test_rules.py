@@ -1,0 +1,86 @@
+"""What a microcontroller can run: no memory taken, no global state, no operating system, the numbers of the DBC."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import cantools
+import pytest
+
+from support.benches.node_bench import CORE, FIRMWARE, ROOT, STRICT, write_codec
+
+ALL = [*CORE, *(FIRMWARE / f"{name}.c" for name in ("e2e", "e2e_monitor", "slcan", "isotp", "node_frames"))]
+GENERATED = {"inkloop.h", "inkloop_protocol.h"}
+HEADERS = {"stdbool.h", "stddef.h", "stdint.h", "string.h"}
+
+
+@pytest.fixture(scope="module")
+def codec(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the generated C codec; objects go there too."""
+    return write_codec(tmp_path_factory.mktemp("codec"))
+
+
+def compiled(source: Path, codec: Path, *command: str) -> Path:
+    """The object file of a source."""
+    path = codec / f"{source.stem}.o"
+    places = (f"-I{FIRMWARE}", f"-I{codec}")
+    subprocess.run([*command, *STRICT, "-Wconversion", *places, "-c", source, "-o", path], check=True)
+    return path
+
+
+def symbols(source: Path, codec: Path) -> list[tuple[str, str]]:
+    """(kind, name) of every symbol of a compiled file."""
+    listed = subprocess.run(["nm", compiled(source, codec, "gcc")], capture_output=True, text=True, check=True).stdout
+    return [(line.split()[-2], line.split()[-1]) for line in listed.splitlines()]
+
+
+def test_firmware_asks_for_nothing_but_bytes_to_be_copied(codec: Path) -> None:
+    """So it takes no memory after it was linked, and reads no clock and no file."""
+    found = [symbol for source in ALL for symbol in symbols(source, codec)]
+    defined = {name for kind, name in found if kind != "U"}
+    asked = {name for kind, name in found if kind == "U"} - defined - {"_GLOBAL_OFFSET_TABLE_"}
+    assert "node_tick" in defined
+    asked -= {name for name in asked if name.startswith("inkloop_")}  # the generated codec
+    assert asked <= {"memcpy", "memset", "memcmp", "memmove", "__stack_chk_fail"}
+
+
+def test_firmware_has_no_global_that_changes(codec: Path) -> None:
+    for source in ALL:
+        assert not [name for kind, name in symbols(source, codec) if kind in "BbDdCGgSs"], source
+
+
+def test_firmware_includes_itself_and_the_freestanding_headers_only() -> None:
+    own = {path.name for path in FIRMWARE.glob("*.h")}
+    for source in (*ALL, *FIRMWARE.glob("*.h")):
+        found = set(re.findall(r'#\s*include\s*[<"]([^">]+)', source.read_text(encoding="utf-8")))
+        assert found <= own | HEADERS | GENERATED, source
+
+
+def test_node_knows_no_frame() -> None:
+    """Requests and answers are byte strings; who carries them is `node_frames.c` alone."""
+    wire = {"can_frame.h", "e2e.h", "e2e_monitor.h", "isotp.h", "slcan.h", "node_frames.h", *GENERATED}
+    for source in CORE:
+        for path in (source, source.with_suffix(".h")):
+            assert not wire & set(re.findall(r'#\s*include\s*[<"]([^">]+)', path.read_text(encoding="utf-8"))), path
+
+
+def test_every_source_of_the_firmware_is_checked_here() -> None:
+    assert set(FIRMWARE.glob("*.c")) == set(ALL)
+
+
+@pytest.mark.parametrize(("signal", "prefix"), [("State", "NODE_"), ("Fault", "CAUSE_")])
+def test_states_and_faults_are_numbered_as_in_the_dbc(signal: str, prefix: str) -> None:
+    dbc = cantools.database.load_file(ROOT / "hardware" / "inkloop_hardware" / "protocol" / "inkloop.dbc")
+    choices = dbc.get_message_by_name("HeadStatus").get_signal_by_name(signal).choices
+    text = (FIRMWARE / "node.h").read_text(encoding="utf-8")
+    names = re.findall(rf"^    {prefix}(\w+)[,\n]", text, re.MULTILINE)
+    assert names == [str(choices[number]) for number in range(len(choices))]
+
+
+@pytest.mark.skipif(not shutil.which("arm-none-eabi-gcc"), reason="arm-none-eabi-gcc is not installed")
+def test_firmware_compiles_for_a_cortex_m3(codec: Path) -> None:
+    for source in ALL:
+        compiled(source, codec, "arm-none-eabi-gcc", "-mcpu=cortex-m3", "-mthumb")

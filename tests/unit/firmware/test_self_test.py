@@ -1,0 +1,111 @@
+"""A node's self test of gate and lamp: confirmed by the lines, everything off afterwards, no layer knows of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from support.benches.node_bench import (
+    CURE,
+    DONE,
+    ENABLE_DROPPED,
+    GATE_NOT_CONFIRMED,
+    GATE_OPENINGS,
+    GATE_STAYS_CLOSED,
+    GATE_STAYS_OPEN,
+    HEAD,
+    LAMP_PULSES,
+    LAMP_STAYS_ON,
+    LAMP_TIME,
+    LAMP_WITH_GATE,
+    NRC_CONDITIONS,
+    NRC_FAILED,
+    NRC_RANGE,
+    PASS,
+    SELF_TEST,
+    MasterAlive,
+    NodeBench,
+    pattern_blob,
+)
+
+FULL = np.ones((9, 9), np.uint8)
+OF_THE_GATE, OF_THE_LAMP = b"\x00\x00", b"\x00\x64"
+
+
+@pytest.fixture
+def bench() -> Iterator[NodeBench]:
+    with NodeBench() as made:
+        yield made.ready()
+
+
+def assert_off(bench: NodeBench, node: int) -> None:
+    times = bench.times(node)
+    assert times.lamp_off >= times.lamp_on
+    assert times.gate_closed >= times.gate_opened
+
+
+def test_gate_goes_to_both_ends_and_the_lamp_lights_with_it_closed(bench: NodeBench) -> None:
+    before = bench.surface.copy()
+    assert bench.run(SELF_TEST, HEAD, option=OF_THE_GATE) == DONE
+    assert bench.run(SELF_TEST, CURE, option=OF_THE_LAMP) == DONE
+    assert bench.counted(GATE_OPENINGS) == 1
+    assert bench.counted(LAMP_PULSES) == 1
+    assert bench.counted(LAMP_WITH_GATE) == 0
+    times = bench.times(CURE)
+    assert 100 <= times.lamp_off - times.lamp_on < 110
+    np.testing.assert_array_equal(bench.surface, before)
+
+
+def test_layer_under_way_and_journals_do_not_know_of_it(bench: NodeBench) -> None:
+    assert bench.download(pattern_blob(FULL), 1) == 0
+    assert bench.run(PASS, layer=1, option=b"\0") == DONE
+    before = [(bench.journal(node), bench.state(node).done, bench.state(node).state) for node in (HEAD, CURE)]
+    assert bench.run(SELF_TEST, HEAD, option=OF_THE_GATE) == DONE
+    assert bench.run(SELF_TEST, CURE, option=OF_THE_LAMP) == DONE
+    assert [(bench.journal(n), bench.state(n).done, bench.state(n).state) for n in (HEAD, CURE)] == before
+    assert bench.cure(1) == DONE
+    assert bench.run(PASS, layer=1, which=1, option=b"\1") == DONE
+
+
+@pytest.mark.parametrize(
+    ("broken", "node", "option", "cause"),
+    [
+        (GATE_STAYS_CLOSED, HEAD, OF_THE_GATE, GATE_NOT_CONFIRMED),
+        (GATE_STAYS_OPEN, HEAD, OF_THE_GATE, GATE_NOT_CONFIRMED),
+        (LAMP_STAYS_ON, CURE, OF_THE_LAMP, LAMP_TIME),
+    ],
+)
+def test_what_is_not_confirmed_is_a_fault_with_everything_off(
+    broken: int, node: int, option: bytes, cause: int, bench: NodeBench
+) -> None:
+    assert bench.raw(bench.routine(SELF_TEST, option=option), node)[2] == 0x78
+    bench.broken(broken)
+    bench.tick(1500)
+    assert bench.late(node)[:3] == bytes((0x7F, 0x31, NRC_FAILED))
+    state = bench.state(node)
+    assert (state.state, state.cause, state.needs_operator) == ("FAULT", cause, True)
+    assert_off(bench, node)
+
+
+def test_nothing_moves_that_is_not_enabled(bench: NodeBench) -> None:
+    bench.master = MasterAlive(0, 1, 7)
+    bench.say_alive()
+    assert bench.run(SELF_TEST, HEAD, option=OF_THE_GATE) == -NRC_CONDITIONS
+    assert bench.run(SELF_TEST, CURE, option=OF_THE_LAMP) == -NRC_CONDITIONS
+    assert bench.counted(GATE_OPENINGS) == bench.counted(LAMP_PULSES) == 0
+
+
+def test_dropped_enable_ends_it(bench: NodeBench) -> None:
+    assert bench.raw(bench.routine(SELF_TEST, option=b"\x13\x88"), CURE)[2] == 0x78
+    bench.tick(50)
+    bench.master = MasterAlive(0, 1, 7)
+    bench.say_alive()
+    assert (bench.state(CURE).state, bench.state(CURE).cause) == ("SAFE", ENABLE_DROPPED)
+    assert_off(bench, CURE)
+
+
+def test_what_a_node_does_not_have_it_does_not_test(bench: NodeBench) -> None:
+    assert bench.run(SELF_TEST, CURE, option=OF_THE_GATE) == -NRC_RANGE
+    assert bench.run(SELF_TEST, HEAD, option=OF_THE_LAMP) == -NRC_RANGE

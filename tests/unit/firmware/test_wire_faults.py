@@ -1,0 +1,180 @@
+"""The wire of the emulated bench: which frames are hit, and what becomes of them."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+from collections import Counter
+from functools import lru_cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import pytest
+
+from inkloop.tables.bench_faults import FaultTable, read_fault
+from inkloop_hardware.bus.slcan_bus import frame_of
+from inkloop_hardware.protocol.codec import Codec, Frame
+from inkloop_hardware.protocol.records import MasterAlive, pack
+from support.benches.node_bench import CORE, FIRMWARE, FMUS, HOST, KERNELS, PLACES, ROOT, STRICT, write_codec
+
+TO_NODES, FROM_NODES = 0, 1
+CODEC = Codec()
+
+
+class Taken(ctypes.Structure):
+    _fields_ = (
+        ("id", ctypes.c_uint32),
+        ("length", ctypes.c_uint8),
+        ("data", ctypes.c_uint8 * 8),
+        ("is_line", ctypes.c_uint8),
+        ("line_length", ctypes.c_uint8),
+        ("line", ctypes.c_char * 80),
+    )
+
+
+@lru_cache
+def library() -> ctypes.CDLL:
+    folder = Path(mkdtemp(prefix="inkloop-wire-faults-"))
+    write_codec(folder)
+    host = [FIRMWARE / "host" / f"{name}.c" for name in ("fault", "fault_text", "frame_faults", "wire_faults")]
+    wire = [FIRMWARE / f"{name}.c" for name in ("e2e", "slcan")]
+    sources = [*CORE, *HOST, *KERNELS, *host, *wire, folder / "inkloop.c", ROOT / "tests" / "c" / "fault_probe.c"]
+    places = (*PLACES, f"-I{folder}", f"-I{FMUS / 'common'}")
+    subprocess.run(["gcc", *STRICT, "-fPIC", "-shared", *places, *sources, "-lm", "-o", folder / "w.so"], check=True)
+    loaded = ctypes.CDLL(str(folder / "w.so"))
+    loaded.probe_taken.restype = ctypes.POINTER(Taken)
+    return loaded
+
+
+class FaultyWire:
+    def __init__(self, *faults: str) -> None:
+        self.c = library()
+        self.c.probe_begin()
+        why = ctypes.create_string_buffer(300)
+        for fault in faults:
+            assert self.c.probe_add(fault.encode(), why, 300), why.value
+
+    def send(self, frame: Frame, way: int = TO_NODES) -> None:
+        self.c.probe_pass(way, ctypes.c_uint32(frame.arbitration_id), frame.data, ctypes.c_uint8(len(frame.data)))
+
+    def taken(self) -> list[Frame | bytes]:
+        """What came out: frames, and lines in place of frames."""
+        found: list[Frame | bytes] = []
+        for k in range(self.c.probe_count()):
+            one = self.c.probe_taken(k).contents
+            line = ctypes.string_at(ctypes.addressof(one) + Taken.line.offset, one.line_length)
+            found.append(line if one.is_line else Frame(one.id, bytes(one.data[: one.length])))
+        return found
+
+
+def numbered(count: int, identifier: int = 0x640) -> list[Frame]:
+    return [Frame(identifier, number.to_bytes(4, "big")) for number in range(count)]
+
+
+def through(*faults: str, count: int = 200, identifier: int = 0x640, way: int = TO_NODES) -> list[int]:
+    """Numbers of the frames that came out."""
+    wire = FaultyWire(*faults)
+    for frame in numbered(count, identifier):
+        wire.send(frame, way)
+    return [int.from_bytes(frame.data, "big") for frame in wire.taken() if isinstance(frame, Frame)]
+
+
+def test_same_seed_loses_the_same_frames_and_another_one_others() -> None:
+    first, again, other = (through(f"loss:probability=0.1,seed={seed}") for seed in (1, 1, 2))
+    assert first == again != other
+    assert 150 < len(first) < 200
+
+
+def test_frames_of_an_id_are_hit_whatever_comes_between_them() -> None:
+    alone = through("loss:probability=0.1", count=100)
+    wire = FaultyWire("loss:probability=0.1")
+    for number, frame in enumerate(numbered(100)):
+        wire.send(frame)
+        for _ in range(number % 3):
+            wire.send(Frame(0x101, bytes(8)), FROM_NODES)
+    found = [frame for frame in wire.taken() if isinstance(frame, Frame) and frame.arbitration_id == 0x640]
+    assert [int.from_bytes(frame.data, "big") for frame in found] == alone
+
+
+def test_probability_is_the_share_of_frames() -> None:
+    wire = FaultyWire("loss:probability=0.25,seed=3")
+    for frame in numbered(4000):
+        wire.send(frame)
+    assert 4000 * 0.75 - 3 * 27.4 < len(wire.taken()) < 4000 * 0.75 + 3 * 27.4  # three standard deviations
+
+
+def test_single_shot_hits_the_nth_that_fits_and_as_many_after_it() -> None:
+    assert through("loss:nth=5,count=3", count=10) == [0, 1, 2, 3, 7, 8, 9]
+    assert through("burst:nth=2", count=20) == [0, 17, 18, 19]
+    assert through("loss", count=3) == [1, 2]
+
+
+def test_only_what_fits_is_counted_and_hit() -> None:
+    for fault in ("loss:id=0x641", "loss:way=from-nodes", "loss:node=cure", "flow-control", "stuck-counter"):
+        assert through(fault, count=5) == [0, 1, 2, 3, 4], fault
+    assert through("loss:way=from-nodes,node=head", count=2, identifier=0x641, way=FROM_NODES) == [1]
+    for identifier, node in ((0x103, "cure"), (0x114, "profiler"), (0x182, "stage"), (0x642, "stage")):
+        assert through(f"loss:node={node}", count=2, identifier=identifier) == [1]
+
+
+def test_fault_that_waits_for_a_step_does_nothing_before() -> None:
+    assert through("loss:step=pass,count=100", count=5) == [0, 1, 2, 3, 4]
+
+
+def test_frames_are_doubled_swapped_and_overtaken() -> None:
+    assert through("duplication:nth=2", count=3) == [0, 1, 1, 2]
+    assert through("swap:nth=2", count=4) == [0, 2, 1, 3]
+    assert through("delay:nth=1,frames=3", count=6) == [1, 2, 3, 0, 4, 5]
+    assert Counter(through("swap:probability=0.3,seed=5", count=200)).most_common(1)[0][1] == 1
+
+
+def test_a_frame_meets_every_fault_in_turn() -> None:
+    assert through("duplication:nth=2", "loss:nth=3", count=4) == [0, 1, 2, 3]
+
+
+def test_corruption_turns_one_bit() -> None:
+    wire = FaultyWire("corruption:probability=1,seed=4")
+    for _ in range(100):
+        wire.send(Frame(0x640, bytes(8)))
+    turned = [int.from_bytes(frame.data, "big") for frame in wire.taken() if isinstance(frame, Frame)]
+    assert all(number.bit_count() == 1 for number in turned)
+    assert len(set(turned)) > 30
+    wire = FaultyWire("corruption:byte=6")
+    wire.send(Frame(0x640, bytes(8)))
+    (found,) = wire.taken()
+    assert isinstance(found, Frame)
+    assert found.data[6] != 0
+
+
+def test_stuck_counter_has_a_check_byte_that_is_right_and_a_bad_check_byte_has_not() -> None:
+    alive = MasterAlive(True, False, False, session=5, job=6)
+    wire = FaultyWire("stuck-counter:nth=2,count=2", "bad-check:nth=4,count=1")
+    for counter in range(5):
+        wire.send(pack(CODEC, alive, counter))
+    readings = [CODEC.decode(frame) for frame in wire.taken() if isinstance(frame, Frame)]
+    assert [reading.intact for reading in readings] == [True, True, True, False, True]
+    assert [reading.counter for reading in readings[:3]] == [0, 0, 0]
+
+
+def test_garbled_line_is_no_frame() -> None:
+    wire = FaultyWire("malformed-line:probability=1")
+    for number in range(60):
+        wire.send(Frame(0x101, bytes(range(number % 9))), FROM_NODES)
+    lines = wire.taken()
+    assert len(set(lines)) > 10
+    for line in lines:
+        assert isinstance(line, bytes)
+        assert line.endswith(b"\r")
+        for part in line.split(b"\r")[:-1]:
+            with pytest.raises((ValueError, IndexError)):
+                frame_of(part, 0.0)
+
+
+def test_malformed_line_to_the_nodes_is_a_lost_frame() -> None:
+    assert through("malformed-line:nth=2", count=3) == [0, 2]
+
+
+@pytest.mark.parametrize("kind", FaultTable.model_fields["kind"].annotation.__args__)  # type: ignore[union-attr]
+def test_every_kind_and_key_of_a_scenario_is_known_to_the_nodes(kind: str) -> None:
+    FaultyWire(str(read_fault(f"{kind}:node=head,nth=2,count=3,frames=4,id=0x20,seed=5,layer=1,pass=2,step=upload")))
+    FaultyWire(str(read_fault(f"{kind}:node=cure,probability=1e-3,way=to-nodes,service=0x36,byte=7,step=self-test")))

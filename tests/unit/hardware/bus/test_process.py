@@ -1,0 +1,145 @@
+"""The parts of the bus process: what crosses the pipes, what waits for nobody, what a killed run leaves on disk."""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+
+import can
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from inkloop_hardware.bus.messages import ROOM, Kind, Outbox, pack_frames, read_message, unpack_frames, write_message
+from inkloop_hardware.bus.traffic_log import TrafficLog
+from inkloop_hardware.errors import BusError
+from inkloop_hardware.protocol.codec import Frame
+
+FRAMES = st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8))
+
+
+class Trickle(io.RawIOBase):
+    """A stream that takes a few bytes at a time, as a pipe that is nearly full does."""
+
+    def __init__(self) -> None:
+        self.taken = b""
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: object) -> int:
+        piece = bytes(memoryview(data)[:3])  # type: ignore[call-overload]
+        self.taken += piece
+        return len(piece)
+
+
+@settings(deadline=None)
+@given(st.lists(FRAMES, max_size=200), st.floats(0, 1e9))
+def test_frames_cross_the_pipe_as_they_are(frames: list[Frame], now: float) -> None:
+    stream = Trickle()
+    write_message(stream, Kind.FRAMES, pack_frames(frames, now))
+    write_message(stream, Kind.CLOSE)
+    found = io.BytesIO(stream.taken)
+    message = read_message(found)
+    assert message is not None
+    assert message[0] is Kind.FRAMES
+    assert list(unpack_frames(message[1])) == [(now, frame) for frame in frames]
+    assert read_message(found) == (Kind.CLOSE, b"")
+    assert read_message(found) is None
+
+
+def test_message_that_is_cut_off_is_the_end() -> None:
+    stream = Trickle()
+    write_message(stream, Kind.WORDS, b"some words")
+    for length in range(len(stream.taken)):
+        assert read_message(io.BytesIO(stream.taken[:length])) is None
+
+
+def test_who_does_not_read_is_not_waited_for_and_what_is_dropped_is_counted() -> None:
+    reading, writing = os.pipe()
+    outbox = Outbox(io.FileIO(writing, "w"))
+    content = pack_frames([Frame(1, b"12345678")] * 10_000)
+    count = 3 * ROOM // len(content)
+    for _ in range(count):
+        outbox.put(Kind.FRAMES, content, may_drop=True)
+    assert 0 < outbox.dropped < 10_000 * count
+    outbox.put(Kind.FAILED, b"words are never dropped")
+    arrived, said = 0, b""
+    with io.BufferedReader(io.FileIO(reading, "r")) as stream:
+        while not said:
+            message = read_message(stream)
+            assert message is not None
+            arrived += sum(1 for _ in unpack_frames(message[1])) if message[0] is Kind.FRAMES else 0
+            said = message[1] if message[0] is Kind.FAILED else b""
+    outbox.close()
+    assert arrived + outbox.dropped == 10_000 * count
+
+
+def test_reader_that_is_gone_ends_the_outbox_without_an_error() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    outbox = Outbox(io.FileIO(writing, "w"))
+    for _ in range(10):
+        outbox.put(Kind.WORDS, b"to nobody")
+    outbox.close()
+    assert not outbox.is_writing
+
+
+def message(number: int) -> can.Message:
+    return can.Message(1.7e9 + number / 100, 0x100 + number % 16, False, data=bytes([number % 256] * 8))
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".BLF"])
+@pytest.mark.parametrize("is_closed", [True, False])
+def test_log_is_readable_up_to_its_last_flush(tmp_path: Path, suffix: str, is_closed: bool) -> None:
+    """Also of a process that was killed: the file is copied as it is on the disk."""
+    log = TrafficLog(tmp_path / f"traffic{suffix}")
+    for number in range(250):
+        log.take(message(number))
+        if number % 100 == 99:
+            log.flush(float(number))
+    if is_closed:
+        log.close()
+    copy = tmp_path / f"copy{suffix}"
+    copy.write_bytes((tmp_path / f"traffic{suffix}").read_bytes())
+    options = {} if suffix.lower() == ".blf" else {"relative_timestamp": False}
+    with can.LogReader(copy, **options) as reader:
+        found = list(reader)
+    if not is_closed:
+        log.close()
+    assert len(found) >= (250 if is_closed else 200)
+    for number, one in enumerate(found):
+        expected = message(number)
+        assert (one.arbitration_id, bytes(one.data)) == (expected.arbitration_id, bytes(expected.data))
+        assert one.timestamp == pytest.approx(expected.timestamp, abs=1e-2)
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".asc"])
+def test_frame_from_before_the_first_one_keeps_a_sane_time(tmp_path: Path, suffix: str) -> None:
+    log = TrafficLog(tmp_path / f"traffic{suffix}")
+    for number in (5, 3, 8):
+        log.take(message(number))
+    log.close()
+    options = {} if suffix == ".blf" else {"relative_timestamp": False}
+    times = [one.timestamp for one in can.LogReader(tmp_path / f"traffic{suffix}", **options)]
+    assert [round(at - times[0], 3) for at in times] == [0.0, 0.0, 0.03]
+    assert abs(times[0] - message(5).timestamp) < 1
+
+
+def test_log_of_before_is_kept(tmp_path: Path) -> None:
+    for count in (1, 2, 3):
+        log = TrafficLog(tmp_path / "traffic.asc")
+        for number in range(count):
+            log.take(message(number))
+        log.close()
+    counts = {path.name: len(list(can.LogReader(path))) for path in tmp_path.iterdir()}
+    assert counts == {"traffic.asc": 1, "traffic-2.asc": 2, "traffic-3.asc": 3}
+
+
+def test_log_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BusError, match=r"traffic log .*file.a\.blf cannot be written"):
+        TrafficLog(tmp_path / "file" / "a.blf")
+    with pytest.raises(BusError, match=r"its suffix is '\.csv', expected \.blf or \.asc"):
+        TrafficLog(tmp_path / "a.csv")

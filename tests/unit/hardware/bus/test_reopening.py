@@ -1,0 +1,76 @@
+"""When an adapter may be opened again, and who else on the bus keeps everything disabled: laws without a bus."""
+
+from __future__ import annotations
+
+import pytest
+
+from inkloop_hardware.bus.reopening import BUS_OFF_PAUSE, LONGEST_PAUSE, Reopening
+from inkloop_hardware.errors import BusError, BusOff
+from inkloop_hardware.link.bus_watch import OVER_AFTER, BusWatch
+from inkloop_hardware.protocol.records import MasterAlive, StopRequest
+from inkloop_hardware.protocol.vocabulary import Source
+
+GONE, OFF = BusError("gone."), BusOff("off.", 1.0)
+OTHER = MasterAlive(False, False, False, session=5, job=1)
+
+
+def test_pauses_grow_to_a_limit_and_end_in_words() -> None:
+    again: list[float] = []
+    tried = Reopening(limit_s=10.0).pauses(GONE, True, 0.0)
+    with pytest.raises(BusError, match=r"gone\. It was tried to open it again for 1\d s"):
+        again.extend(tried)
+    assert again == sorted(again)
+    assert again[:3] == [0.1, 0.2, 0.4]
+    assert max(again) == LONGEST_PAUSE
+    assert 10.0 <= sum(again) < 10.0 + LONGEST_PAUSE
+
+
+def test_adapter_that_is_bus_off_is_opened_once_in_a_run() -> None:
+    reopening = Reopening(limit_s=10.0)
+    assert next(reopening.pauses(OFF, False, 0.0)) == BUS_OFF_PAUSE
+    with pytest.raises(BusError, match="once already"):
+        next(reopening.pauses(OFF, False, 1.0))
+    assert next(reopening.pauses(GONE, False, 1.0)) == 0.1
+
+
+def test_adapter_that_fails_again_soon_has_no_more_tries() -> None:
+    reopening = Reopening(limit_s=1.0)
+    pauses = []
+    for now in range(4):
+        pauses.append(next(reopening.pauses(GONE, False, float(now))))
+        reopening.opened(float(now))
+    assert pauses == [0.1, 0.2, 0.4, 0.8]
+    with pytest.raises(BusError, match="tried to open it again for 2 s"):
+        next(reopening.pauses(GONE, False, 4.0))
+    assert next(reopening.pauses(GONE, False, 1000.0)) == 0.1
+
+
+def test_adapter_that_went_bus_off_with_the_lamp_on_is_left_to_a_person() -> None:
+    with pytest.raises(BusError, match="lamp was enabled"):
+        next(Reopening(limit_s=10.0).pauses(OFF, True, 0.0))
+
+
+def test_another_master_is_one_that_is_heard_twice_and_not_for_long() -> None:
+    watch = BusWatch(session=4)
+    watch.take_master(0.0, OTHER)
+    assert watch.trouble(0.0) is None, "the last word of a run that ended"
+    watch.take_master(0.1, OTHER)
+    assert "session 5" in (watch.trouble(0.1) or "")
+    assert watch.trouble(0.1 + OVER_AFTER + 0.01) is None
+
+
+def test_own_frames_are_no_other_master() -> None:
+    watch = BusWatch(session=OTHER.session)
+    for now in range(3):
+        watch.take_master(now / 10, OTHER)
+    assert watch.trouble(0.2) is None
+
+
+def test_stop_request_lasts_until_it_is_released_or_silent() -> None:
+    watch = BusWatch(session=4)
+    watch.take_stop(0.0, StopRequest(True, Source.OPERATOR))
+    assert "stop request of the operator" in (watch.trouble(0.2) or "")
+    assert watch.trouble(OVER_AFTER + 0.01) is None
+    watch.take_stop(1.0, StopRequest(True, Source.OPERATOR))
+    watch.take_stop(1.1, StopRequest(False, Source.OPERATOR))
+    assert watch.trouble(1.1) is None

@@ -1,0 +1,251 @@
+"""The master's journal: on the disk before anything is asked for, whole after any end, and no word against the head."""
+
+from __future__ import annotations
+
+import errno
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.errors import ComponentError
+from inkloop.testing import job
+from inkloop_hardware.devices.journal_comparison import JournalsDiffer, compare
+from inkloop_hardware.devices.master_journal import JOURNAL_FILE, Asked, Event, JournalError, LayerAsked, MasterJournal
+from inkloop_hardware.devices.printer import Printer
+from inkloop_hardware.devices.profiler import Profiler
+from inkloop_hardware.protocol.node_state import BookFlags, Flags, NodeState, Roles, Step
+from inkloop_hardware.protocol.services import Key, Routine
+from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+from support.benches.node_bench import NodeBench
+from support.benches.node_rig import NodeRig
+
+JOB = 7
+FOUR = replace(job(), passes=4)
+STEPS = {Routine.PASS: Asked.PASS, Routine.CURE: Asked.CURE, Routine.SCAN: Asked.SCAN}
+
+
+def journal(folder: Path) -> MasterJournal:
+    """Of a layer in the middle: its first pass done, its second one asked for."""
+    written = MasterJournal(folder)
+    for layer in (1, 2):
+        written.intend(Asked.PATTERN, Key(JOB, layer), 0xABC0 + layer)
+        written.done(Asked.PATTERN, Key(JOB, layer), 0xABC0 + layer)
+        written.intend(Asked.PASS, Key(JOB, layer, 0), 0xABC0 + layer)
+        written.done(Asked.PASS, Key(JOB, layer, 0), 0xABC0 + layer)
+    written.intend(Asked.PASS, Key(JOB, 2, 1), 0xABC2)
+    return written
+
+
+def test_another_process_reads_what_was_written(tmp_path: Path) -> None:
+    written = journal(tmp_path)
+    found = MasterJournal(tmp_path)
+    assert found.records == written.records
+    assert (found.job, found.layer) == (JOB, LayerAsked(2, asked=0b11, done=0b01, pattern_crc=0xABC2))
+
+
+def test_new_journal_knows_no_job_and_no_layer(tmp_path: Path) -> None:
+    for new in (MasterJournal(), MasterJournal(tmp_path)):
+        assert (new.job, new.session, new.layer, new.records) == (None, None, None, ())
+    assert not (tmp_path / JOURNAL_FILE).exists()
+
+
+def test_line_that_was_cut_short_anywhere_was_never_written(tmp_path: Path) -> None:
+    records = journal(tmp_path).records
+    path = tmp_path / JOURNAL_FILE
+    whole = path.read_bytes()
+    last = whole.rstrip(b"\n").rfind(b"\n") + 1
+    for end in range(last, len(whole)):
+        path.write_bytes(whole[:end])
+        found = MasterJournal(tmp_path)
+        assert found.records == records[:-1]
+        assert path.read_bytes() == whole[:last]
+        found.intend(Asked.CURE, Key(JOB, 2, 0))
+        assert MasterJournal(tmp_path).records[-1].asked is Asked.CURE
+
+
+def test_last_line_of_garbage_is_cut_off(tmp_path: Path) -> None:
+    """A disk may have made room for a line and not written it."""
+    records = journal(tmp_path).records
+    path = tmp_path / JOURNAL_FILE
+    whole = path.read_bytes()
+    for garbage in (b"\0" * 90, b"\0" * 90 + b"\n"):
+        path.write_bytes(whole + garbage)
+        assert MasterJournal(tmp_path).records == records
+        assert path.read_bytes() == whole
+
+
+def test_journal_that_was_altered_in_the_middle_is_refused_in_words(tmp_path: Path) -> None:
+    journal(tmp_path)
+    path = tmp_path / JOURNAL_FILE
+    lines = path.read_bytes().splitlines(keepends=True)
+    for altered in (lines[:3] + lines[4:], [lines[0].replace(b"intent", b"done"), *lines[1:]]):
+        path.write_bytes(b"".join(altered))
+        with pytest.raises(JournalError, match=r"master\.journal: was altered.*begin a new part"):
+            MasterJournal(tmp_path).records  # noqa: B018
+
+
+def test_full_disk_is_said_and_leaves_the_journal_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written = journal(tmp_path)
+    before = (tmp_path / JOURNAL_FILE).read_bytes()
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(JournalError, match=r"No space left on device.*was not asked for"):
+            written.intend(Asked.PASS, Key(JOB, 2, 2))
+    assert (tmp_path / JOURNAL_FILE).read_bytes() == before
+    written.intend(Asked.PASS, Key(JOB, 2, 2))
+    assert MasterJournal(tmp_path).layer == LayerAsked(2, asked=0b111, done=0b01, pattern_crc=0)
+
+
+def journalled(routine: Routine, key: Key, *_: object) -> tuple[Asked, Key] | None:
+    return (STEPS[routine], key) if routine in STEPS else None
+
+
+def test_every_step_is_on_the_disk_before_it_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is on the disk: what was there when the journal was last synced."""
+    synced: list[bytes] = []
+    sync = os.fsync
+
+    def sync_and_look(descriptor: int) -> None:
+        sync(descriptor)
+        synced.append((tmp_path / JOURNAL_FILE).read_bytes() if (tmp_path / JOURNAL_FILE).exists() else b"")
+
+    asked: list[tuple[Asked, Key]] = []
+
+    def last_on_disk() -> Any:
+        (tmp_path / "disk").mkdir(exist_ok=True)
+        (tmp_path / "disk" / JOURNAL_FILE).write_bytes(synced[-1])
+        return MasterJournal(tmp_path / "disk").records[-1]
+
+    def watch(call: Any, what: Any) -> Any:
+        def watched(*arguments: Any, **options: Any) -> Any:
+            if (step := what(*arguments)) is not None:
+                record = last_on_disk()
+                assert (record.event, record.asked, record.key) == (Event.INTENT, *step)
+                asked.append(step)
+            return call(*arguments, **options)
+
+        return watched
+
+    monkeypatch.setattr(os, "fsync", sync_and_look)
+    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5, scan_ms=5) as nodes:
+        rig, kept = NodeRig(nodes), MasterJournal(tmp_path)
+        for node in Node:
+            link: Any = rig.link(node)
+            link.routine = watch(link.routine, journalled)
+            link.download = watch(link.download, lambda layer, _: (Asked.PATTERN, Key(rig.job, layer)))
+        printer, profiler = Printer(FOUR, rig, cure_ms=5, journal=kept), Profiler(FOUR, rig, journal=kept)
+        ones, zero = (
+            np.ones((FOUR.nx, FOUR.ny), np.int32),
+            {"layer_command": np.int32(0), "layers_printed": np.int32(0)},
+        )
+        for device in (printer, profiler):
+            device.initialize(0, zero)
+        printer.do_step(0, 1, {"pattern": ones, "drop_level": ones, "layer_command": np.int32(1)})
+        profiler.do_step(0, 1, {"layers_printed": np.int32(1)})
+    assert [step for step, _ in asked] == [Asked.PATTERN, *[Asked.PASS, Asked.CURE] * 4, Asked.SCAN]
+    assert MasterJournal(tmp_path).records[-1].event is Event.DONE
+
+
+def head(layer: int, *, job: int = JOB, done: int = 0, unknown: int = 0, crc: int = 0xABC2) -> NodeState:
+    return NodeState(
+        *(State.SAFE, Fault.NONE, Roles.HEAD, Flags(0), job, layer, 4, done, unknown, 0, BookFlags(0), Step.NONE),
+        *(1, 1, crc, 0.0, 0),
+    )
+
+
+@pytest.mark.parametrize(
+    ("mine", "theirs"),
+    [
+        (None, head(5, job=8, done=3)),  # nothing was asked for yet
+        (LayerAsked(1), head(5, job=8, done=15)),  # the pattern never arrived
+        (LayerAsked(2), head(1, done=15)),
+        (LayerAsked(2), head(2)),
+        (LayerAsked(2, 0b1, 0, 0xABC2), head(2)),  # the request never arrived
+        (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, done=0b01)),
+        (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, done=0b11)),  # the answer never arrived
+        (LayerAsked(2, 0b11, 0b01, 0xABC2), head(2, done=0b01, unknown=0b10)),
+    ],
+)
+def test_head_may_know_more_or_less_where_an_answer_or_a_request_was_lost(mine: Any, theirs: NodeState) -> None:
+    compare(mine, JOB, theirs)
+
+
+@pytest.mark.parametrize(
+    ("mine", "theirs", "word"),
+    [
+        (LayerAsked(2, 0b11, 0b11, 0xABC2), head(2, done=0b01), r"passes 1, 2 of layer 2 of job 7 done.*pass 1 done"),
+        (LayerAsked(2, 0b01, 0b01, 0xABC2), head(2, done=0b11), "journals differ"),
+        (LayerAsked(2, 0b01, 0b00, 0xABC2), head(1, done=15), "journals differ"),
+        (LayerAsked(2, 0b01, 0b01, 0xABC2), head(2, job=8, done=0b01), "of job 8"),
+        (LayerAsked(2), head(0, job=0), "another head is mounted, its journal was erased"),
+        (LayerAsked(2, 0b1111, 0b1111, 0xABC2), head(3), "something else was printed since"),
+        (
+            LayerAsked(2, 0b01, 0b01, 0xABC2),
+            head(2, done=0b01, crc=1),
+            r"another pattern .*00000001.*0000abc2",
+        ),
+    ],
+)
+def test_journals_that_cannot_both_be_true_stop_the_run_in_words(mine: Any, theirs: NodeState, word: str) -> None:
+    with pytest.raises(JournalsDiffer, match=word) as caught:
+        compare(mine, JOB, theirs)
+    assert "inkloop run" in str(caught.value)
+
+
+def printer_of(folder: Path, rig: NodeRig) -> Printer:
+    printer = Printer(FOUR, rig, cure_ms=5, journal=MasterJournal(folder))
+    printer.initialize(0, {"layer_command": np.int32(0)})
+    return printer
+
+
+def print_layer(printer: Printer, layer: int) -> Any:
+    ones = np.ones((FOUR.nx, FOUR.ny), np.int32)
+    return printer.do_step(0, 1, {"pattern": ones, "drop_level": ones, "layer_command": np.int32(layer)})
+
+
+def test_run_keeps_its_job_even_without_a_checkpoint(tmp_path: Path) -> None:
+    """It was stopped in layer 1: what the head has done of it is gone on with, not printed again on top."""
+    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
+        print_layer(printer_of(tmp_path, NodeRig(nodes, job=7)), 1)
+        surface = nodes.surface.copy()
+        again = NodeRig(nodes, job=8)
+        assert print_layer(printer_of(tmp_path, again), 1)["layers_printed"] == 1
+        assert again.job == 7
+        np.testing.assert_array_equal(nodes.surface, surface)
+
+
+def test_checkpoint_that_is_older_than_the_journal_is_refused_in_words(tmp_path: Path) -> None:
+    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
+        first = printer_of(tmp_path, NodeRig(nodes))
+        for layer in (1, 2):
+            print_layer(first, layer)
+        surface = nodes.surface.copy()
+        with pytest.raises(ComponentError, match=r"has begun layer 2 already.*put back from a copy"):
+            print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)
+        np.testing.assert_array_equal(nodes.surface, surface)
+
+
+def test_checkpoint_of_another_job_is_refused_in_words(tmp_path: Path) -> None:
+    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
+        saved = printer_of(tmp_path / "one", NodeRig(nodes, job=7)).save()
+        other = printer_of(tmp_path / "other", NodeRig(nodes, job=8))
+        with pytest.raises(JournalError, match=r"journal of job 8, and the run was at job 7"):
+            other.restore(saved)
+
+
+def test_head_that_has_forgotten_the_job_is_not_printed_with(tmp_path: Path) -> None:
+    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
+        print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)
+    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as new:
+        rig = NodeRig(new)
+        with pytest.raises(JournalsDiffer, match="its journal was erased"):
+            printer_of(tmp_path, rig)
+        assert not [asked for node in Node for asked in rig.link(node).asked], "nothing was asked of the nodes"

@@ -1,0 +1,127 @@
+"""A node that restarts in the middle of a print: the print goes on where nothing is unknown, else a person is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.testing import job
+from inkloop_hardware.devices.printer import Printer
+from inkloop_hardware.devices.profiler import Profiler
+from inkloop_hardware.devices.readiness import NotReady
+from inkloop_hardware.errors import NodeRefused
+from inkloop_hardware.protocol.services import Routine
+from inkloop_hardware.protocol.vocabulary import Node
+from support.benches import node_bench
+from support.benches.node_bench import NodeBench
+from support.benches.node_rig import NodeRig
+
+FOUR = replace(job(), passes=4)
+ONES = np.ones((FOUR.nx, FOUR.ny), np.int32)
+
+
+def bench(**options: float) -> NodeBench:
+    return NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=20, scan_ms=5, variation=0.2, printer_seed=3, **options)
+
+
+def print_layer(printer: Printer, layer: int) -> Any:
+    return printer.do_step(0, 1, {"pattern": ONES, "drop_level": ONES, "layer_command": np.int32(layer)})
+
+
+def started(rig: NodeRig) -> Printer:
+    printer = Printer(FOUR, rig, cure_ms=20)
+    printer.initialize(0, {"layer_command": np.int32(0)})
+    return printer
+
+
+def before(rig: NodeRig, node: Node, routine: Routine, nth: int, happen: Callable[[], None], times: int = 1) -> None:
+    """Something happens before the nth request for a routine, and before so many after it."""
+    link: Any = rig.link(node)
+    ask, count = link.routine, 0
+
+    def watched(asked: Routine, *rest: Any, **more: Any) -> Any:
+        nonlocal count
+        count += asked == routine
+        if asked == routine and nth <= count < nth + times:
+            happen()
+        return ask(asked, *rest, **more)
+
+    link.routine = watched
+
+
+@pytest.mark.parametrize("node", [Node.HEAD, Node.STAGE, Node.CURE])
+@pytest.mark.parametrize("nth", [1, 3])
+def test_node_that_restarts_between_steps_is_gone_on_with_and_every_pass_is_jetted_once(node: Node, nth: int) -> None:
+    routine = {Node.HEAD: Routine.PASS, Node.STAGE: Routine.MOVE, Node.CURE: Routine.CURE}[node]
+    with bench() as nodes, bench() as same:
+        print_layer(started(NodeRig(same)), 1)
+        rig = NodeRig(nodes)
+        printer = started(rig)
+        before(rig, node, routine, nth, lambda: nodes.power_up(list(Node).index(node)))
+        assert print_layer(printer, 1)["layers_printed"] == 1
+        assert nodes.counted(node_bench.GATE_OPENINGS) == nodes.counted(node_bench.LAMP_PULSES) == 4
+        np.testing.assert_array_equal(nodes.surface, same.surface)
+
+
+def test_profiler_that_restarts_scans_again() -> None:
+    with bench() as nodes:
+        rig = NodeRig(nodes)
+        profiler = Profiler(FOUR, rig)
+        profiler.initialize(0, {"layers_printed": np.int32(0)})
+        before(rig, Node.PROFILER, Routine.SCAN, 1, lambda: nodes.power_up(node_bench.PROFILER))
+        assert profiler.do_step(0, 1, {"layers_printed": np.int32(0)})["layers_scanned"] == 0
+
+
+def test_head_that_restarts_within_a_pass_asks_for_a_person_and_says_which_pass() -> None:
+    with bench() as nodes:
+        rig = NodeRig(nodes)
+        printer = started(rig)
+        head: Any = rig.link(Node.HEAD)
+        ask = head.routine
+
+        def dies(routine: Routine, key: Any, option: bytes = b"", **more: Any) -> Any:
+            if routine != Routine.PASS or key.pass_ != 2:
+                return ask(routine, key, option, **more)
+            nodes.raw(nodes.routine(node_bench.PASS, layer=1, which=2, option=option, job=rig.job))
+            nodes.tick(10)
+            nodes.power_up(node_bench.HEAD)
+            raise NodeRefused("head: it began and gave up", 0x26)
+
+        head.routine = dies
+        with pytest.raises(
+            NotReady, match=r"gave up\n.*pass 3 of layer 1.*nobody knows.*inkloop device SCENARIO clear"
+        ):
+            print_layer(printer, 1)
+        head.routine, openings = ask, nodes.counted(node_bench.GATE_OPENINGS)
+        assert nodes.clear(node_bench.HEAD, 1) == node_bench.DONE
+        found = print_layer(printer, 1)
+        assert (found["layers_printed"], found["layer_unknown"]) == (1, True)
+        assert found["droplets_a"] == np.count_nonzero(ONES[0::2])
+        assert nodes.counted(node_bench.GATE_OPENINGS) == openings
+        found = print_layer(printer, 2)
+        assert (found["layers_printed"], found["layer_unknown"]) == (2, False)
+
+
+def test_bench_that_falls_again_and_again_ends_the_run() -> None:
+    with bench() as nodes:
+        rig = NodeRig(nodes)
+        printer = started(rig)
+        before(rig, Node.HEAD, Routine.PASS, 1, lambda: nodes.power_up(node_bench.HEAD), times=9)
+        with pytest.raises(NodeRefused):
+            print_layer(printer, 1)
+        assert nodes.counted(node_bench.GATE_OPENINGS) == 0
+
+
+def test_refusal_of_a_node_that_did_not_fall_ends_the_run_at_once() -> None:
+    with bench() as nodes:
+        rig = NodeRig(nodes)
+        printer = started(rig)
+        nodes.broken(node_bench.NOT_READY)
+        with pytest.raises(NodeRefused):
+            print_layer(printer, 1)
+        asked = [routine for routine, *_ in rig.link(Node.HEAD).asked]
+        assert asked.count(Routine.PASS) == 1

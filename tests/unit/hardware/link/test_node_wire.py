@@ -1,0 +1,107 @@
+"""A wait ends in words when its node is gone or has fallen, and the control loop counts as alive while it waits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from inkloop_hardware.errors import NodeLost, NodeStopped
+from inkloop_hardware.link import node_wire
+from inkloop_hardware.link.node_watch import NodeWatch
+from inkloop_hardware.link.node_wire import LAST_WORD, NodeWire
+from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.protocol.records import NodeFault, NodeStatus
+from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+from support.benches.faulty_wire import CODEC
+
+STATUS = NodeStatus(
+    *(Node.CURE, True, False, True, True, State.CURING), pass_mask=0, fault=Fault.NONE, layer=3, boot_count=1,
+    unknown_mask=0, protocol_version=1,
+)  # fmt: skip
+
+
+class Bench:
+    """What a wire needs of a rig: one lamp that is on, by an injected clock."""
+
+    codec = CODEC
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.seen = NodeWatch(Node.CURE)
+        self.seen.take_status(0.0, STATUS, 0)
+        self.words = 0
+
+    def alive(self) -> None:
+        self.words += 1
+
+    def check(self, nodes: tuple[Node, ...]) -> None:
+        if trouble := self.seen.trouble(self.now):
+            raise NodeLost(trouble)
+
+    def check_alone(self) -> None:
+        pass
+
+    def watch(self, node: Node) -> NodeWatch:
+        return self.seen
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
+    made = Bench()
+    monkeypatch.setattr(node_wire.time, "monotonic", lambda: made.now)
+    return made
+
+
+def wire_of(bench: Bench) -> NodeWire:
+    wire = NodeWire(bench, Node.CURE)  # type: ignore[arg-type]
+    wire.begin()
+    return wire
+
+
+def test_each_slice_of_a_wait_says_that_the_loop_lives(bench: Bench) -> None:
+    wire = wire_of(bench)
+    for _ in range(5):
+        wire.check()
+    assert bench.words == 6
+
+
+def test_node_that_falls_silent_ends_the_wait(bench: Bench) -> None:
+    wire = wire_of(bench)
+    wire.check()
+    bench.now = 0.31
+    with pytest.raises(NodeLost, match=r"cure is silent for 0\.3 s"):
+        wire.check()
+
+
+def test_node_that_falls_is_given_a_moment_to_say_so_itself(bench: Bench) -> None:
+    wire = wire_of(bench)
+    bench.seen.take_fault(NodeFault(Node.CURE, Fault.GATE_NOT_CONFIRMED, 1, 3, 0.1))
+    wire.check()
+    bench.seen.take_status(0.1, replace(STATUS, state=State.FAULT, fault=Fault.GATE_NOT_CONFIRMED), 1)
+    bench.now = LAST_WORD
+    wire.check()
+    bench.now = LAST_WORD + 0.01
+    with pytest.raises(NodeStopped, match=r"de-energised state \(gate not confirmed\).*clear") as caught:
+        wire.check()
+    assert caught.value.fault is Fault.GATE_NOT_CONFIRMED
+
+
+def test_node_that_was_off_before_may_be_asked(bench: Bench) -> None:
+    off = replace(STATUS, state=State.SAFE, fault=Fault.MASTER_LOST)
+    bench.seen.take_status(0.1, off, 1)
+    wire = wire_of(bench)
+    for number in range(2, 12):
+        bench.now = number / 10
+        bench.seen.take_status(bench.now, off, number)
+        bench.seen.take_fault(NodeFault(Node.CURE, Fault.MASTER_LOST, 1, 3, 0.1))
+        wire.check()
+
+
+@pytest.mark.parametrize("number", [0, -1, 1 << 32])
+def test_job_is_a_number_of_32_bits_and_not_0(number: int) -> None:
+    rig = Rig(None)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=f"job is {number}, expected 1 to 4294967295"):
+        rig.job = number
+    assert 1 <= rig.job <= 0xFFFFFFFF
+    assert 1 <= rig.session <= 0xFFFF

@@ -1,0 +1,325 @@
+"""Patterns and maps over a wire that loses, doubles and alters frames arrive as they were, or it is said."""
+
+from __future__ import annotations
+
+import zlib
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+import pytest
+
+from inkloop_hardware.bus.isotp_connection import IsoTpConnection
+from inkloop_hardware.errors import HardwareError, LinkTimeout, NodeRefused, TransferError
+from inkloop_hardware.protocol.codec import Frame
+from inkloop_hardware.protocol.services import Key, Outcome, Routine
+from inkloop_hardware.protocol.vocabulary import State
+from support.benches.faulty_wire import FaultyWire
+from support.benches.node_bench import CURE, HEAD, PROFILER, RASTER, NodeBench, pattern_blob, run_length
+
+JOB = 7
+BLOCK, ANSWER, EXIT = 0x36, 0x76, 0x37
+
+
+@pytest.fixture
+def bench() -> Iterator[NodeBench]:
+    with NodeBench() as made:
+        yield made.ready()
+
+
+def random_pattern(cells: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 3, (cells, cells)).astype(np.uint8)
+
+
+def nth(
+    which: int, is_it: Callable[[Frame], bool], then: Callable[[Frame], Frame | None]
+) -> Callable[[Frame], Frame | None]:
+    """Something happens to the `which`-th frame of a kind, counted from 0."""
+    seen = iter(range(1 << 30))
+    return lambda frame: then(frame) if is_it(frame) and next(seen) == which else frame
+
+
+def kind(frame: Frame) -> int:
+    """0 single, 1 first, 2 consecutive, 3 flow control."""
+    return frame.data[0] >> 4
+
+
+def is_single(frame: Frame, service: int) -> bool:
+    return kind(frame) == 0 and frame.data[1] == service
+
+
+def lose(frame: Frame) -> None:
+    return None
+
+
+def change(frame: Frame) -> Frame:
+    return Frame(frame.arbitration_id, frame.data[:4] + bytes([frame.data[4] ^ 0x40]) + frame.data[5:])
+
+
+@pytest.mark.parametrize("cells", [1, 9, 40])
+@pytest.mark.parametrize("coded", [False, True])
+def test_pattern_arrives_as_it_was_sent(cells: int, coded: bool) -> None:
+    blob = pattern_blob(random_pattern(cells))
+    sent = run_length(blob) if coded else blob
+    moved: list[tuple[int, int]] = []
+    with NodeBench(nx=cells, ny=cells) as bench:
+        link = FaultyWire(bench.ready()).link()
+        link.download(1, sent, coded=coded, progress=lambda done, total: moved.append((done, total)))
+        assert link.state().pattern_crc == zlib.crc32(sent)
+        assert (link.counts.again, link.counts.stray, link.counts.broken, link.counts.anew) == (0, 0, 0, 0)
+    assert moved[-1] == (len(sent), len(sent))
+
+
+def test_map_arrives_as_it_is_in_the_node() -> None:
+    with NodeBench(nx=80, ny=70, noise_std=1e-6) as bench:
+        assert bench.ready().scan(0) == 0
+        assert FaultyWire(bench, PROFILER).link().upload(0) == bench.upload(0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_layer_over_a_lossy_wire_is_right_and_jetted_once(seed: int) -> None:
+    """One frame in 500 is lost and one comes twice, both ways: every pass once, and bytes as they were."""
+    blob = pattern_blob(random_pattern(40, seed))
+    faults = {"seed": seed, "loss": 2e-3, "repeat": 2e-3}
+    with NodeBench(nx=40, ny=40, noise_std=1e-6) as bench:
+        wires = {node: FaultyWire(bench, node, **faults) for node in (HEAD, CURE, PROFILER)}
+        links = {node: wire.link() for node, wire in wires.items()}
+        bench.ready()
+        links[HEAD].download(1, blob)
+        for number, colour in enumerate(RASTER):
+            key = Key(JOB, 1, number)
+            assert links[HEAD].routine(Routine.PASS, key, bytes([colour]), limit_s=30) <= Outcome.DONE_BEFORE
+            assert links[CURE].routine(Routine.CURE, key, b"\0\x14", limit_s=30) <= Outcome.DONE_BEFORE
+        assert links[PROFILER].routine(Routine.SCAN, Key(JOB, 1), limit_s=30) <= Outcome.DONE_BEFORE
+        assert links[PROFILER].upload(1) == bench.upload(1)
+        assert (bench.state().gate_pulses, bench.state().pattern_crc) == (4, zlib.crc32(blob))
+
+
+def test_20_kB_and_a_map_with_a_frame_in_1000_lost_take_less_than_15_s() -> None:
+    """By the nodes' clock, the wire itself being as fast as one likes."""
+    pattern = np.random.default_rng(1).integers(0, 2, (400, 400))
+    with NodeBench(nx=400, ny=400) as large, NodeBench(nx=100, ny=100) as small:
+        head, profiler = FaultyWire(large.ready(), seed=1, loss=1e-3), FaultyWire(small.ready(), PROFILER, loss=1e-3)
+        assert small.scan(0) == 0
+        began = large.clock + small.clock
+        head.link().download(1, pattern_blob(pattern, bits=1))
+        profiler.link().upload(0)
+        assert head.lost + profiler.lost > 3
+        assert large.clock + small.clock - began < 12_000, "3 s are left for passes and scan"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_wire_that_loses_a_tenth_ends_right_or_in_words(seed: int) -> None:
+    blob = pattern_blob(random_pattern(60, seed))
+    with NodeBench(nx=60, ny=60) as bench:
+        link = FaultyWire(bench.ready(), seed=seed, loss=0.1).link()
+        failure = None
+        try:
+            link.download(1, blob)
+        except HardwareError as error:
+            failure = str(error)
+        assert failure is None or "head (0x641" in failure
+        assert failure is None or not bench.state().pattern_loaded
+        assert failure is not None or bench.state().pattern_crc == zlib.crc32(blob)
+
+
+@pytest.mark.parametrize("which", range(3))
+def test_block_whose_answer_is_lost_is_not_sent_again(which: int) -> None:
+    blob = pattern_blob(random_pattern(200))
+    with NodeBench(nx=200, ny=200) as bench:
+        wire = FaultyWire(bench.ready(), alter=nth(which, lambda frame: is_single(frame, ANSWER), lose))
+        link = wire.link()
+        link.download(1, blob)
+        assert bench.state().pattern_crc == zlib.crc32(blob)
+        assert (wire.lost, link.counts.anew) == (1, 0)
+
+
+def test_block_of_a_map_that_is_cut_off_is_asked_for_in_smaller_pieces() -> None:
+    asked: list[bytes] = []
+    cut = nth(500, lambda frame: frame.arbitration_id == 0x647 and kind(frame) == 2, lose)
+
+    def take_note(frame: Frame) -> Frame | None:
+        if frame.arbitration_id == 0x646 and is_single(frame, BLOCK):
+            asked.append(frame.data[1 : 1 + frame.data[0]])
+        return cut(frame)
+
+    with NodeBench(nx=80, ny=70, noise_std=1e-6) as bench:
+        assert bench.ready().scan(0) == 0
+        link = FaultyWire(bench, PROFILER, alter=take_note).link()
+        assert link.upload(0) == bench.upload(0)
+        assert link.counts.anew == 0
+    assert asked[:3] == [b"\x36\x01", b"\x36\x01\x07\xfe", b"\x36\x02\x07\xfe"], "2046 bytes instead of 4093"
+
+
+def fifth(frame: Frame) -> bool:
+    """A frame from the middle of a block."""
+    return frame.data[0] == 0x25
+
+
+@pytest.mark.parametrize("often", [1, 2])
+def test_altered_byte_is_found_and_the_pattern_sent_once_more(often: int) -> None:
+    """Once more; then it is said that the way is no good."""
+    blob = pattern_blob(np.ones((20, 20)), bits=1)
+    count = iter(range(100))
+
+    def alter(frame: Frame) -> Frame:
+        return change(frame) if fifth(frame) and next(count) < often else frame
+
+    with NodeBench(nx=20, ny=20) as bench:
+        link = FaultyWire(bench.ready(), alter=alter).link()
+        if often == 1:
+            link.download(1, blob)
+        else:
+            with pytest.raises(TransferError, match=r"checksum differs.*cables"):
+                link.download(1, blob)
+        assert link.counts.anew == 1
+        assert (bench.state().pattern_crc == zlib.crc32(blob)) == bench.state().pattern_loaded == (often == 1)
+
+
+@pytest.mark.parametrize("often", [1, 2])
+def test_altered_block_counter_is_refused_and_the_pattern_sent_once_more(often: int, bench: NodeBench) -> None:
+    """The node answers 0x73 and keeps nothing of the block; twice, and it is said."""
+    blob, count, answers = pattern_blob(random_pattern(9)), iter(range(100)), []
+
+    def alter(frame: Frame) -> Frame:
+        if frame.data[:3] == b"\x03\x7f\x36":
+            answers.append(frame.data[3])
+        if kind(frame) != 1 or frame.data[2] != BLOCK or next(count) >= often:
+            return frame
+        return Frame(frame.arbitration_id, frame.data[:3] + b"\x09" + frame.data[4:])
+
+    link = FaultyWire(bench, alter=alter).link()
+    if often == 1:
+        link.download(1, blob)
+    else:
+        with pytest.raises(TransferError, match="block 1 of the pattern of layer 1"):
+            link.download(1, blob)
+    assert answers == [0x73] * often
+    assert link.counts.anew == 1
+    assert bench.state().pattern_loaded == (often == 1)
+
+
+def test_altered_byte_of_a_map_is_found_and_the_map_fetched_once_more(bench: NodeBench) -> None:
+    assert bench.scan(0) == 0
+    link = FaultyWire(bench, PROFILER, alter=nth(0, fifth, change)).link()
+    assert link.upload(0) == bench.upload(0)
+    assert link.counts.anew == 1
+
+
+class LateWire(FaultyWire):
+    """Answers stay on the way, in their order, for 1.2 s: until after their requests were given up and sent again.
+    It happens `count` times, to the first frames of a kind."""
+
+    def __init__(self, bench: NodeBench, node: int, service: int, count: int) -> None:
+        self.held: deque[Frame] = deque()
+        self.until = 0
+        self.service, self.left = service, count
+        super().__init__(bench, node, alter=self.hold)
+
+    def hold(self, frame: Frame) -> Frame | None:
+        if frame.arbitration_id % 2 == 0:
+            return frame
+        said = frame.data[1:3][kind(frame)] if kind(frame) in (0, 1) else None
+        if self.left and not self.held and said == self.service:
+            self.left -= 1
+            self.until = self.bench.clock + 1200
+        if self.held or self.bench.clock < self.until:
+            self.held.append(frame)
+            return None
+        return frame
+
+    def receive(self, wait_s: float) -> bytes | None:
+        if self.bench.clock >= self.until:
+            self.waiting.extend(frame.data for frame in self.held)
+            self.held.clear()
+        return super().receive(wait_s)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("service", [0x74, ANSWER, 0x77, 0x62])
+def test_late_answers_of_a_head_belong_to_nothing_any_more(service: int, count: int) -> None:
+    blob = pattern_blob(random_pattern(200))
+    with NodeBench(nx=200, ny=200) as bench:
+        wire = LateWire(bench.ready(), HEAD, service, count)
+        link = wire.link()
+        assert link.state().state is State.IDLE
+        link.download(1, blob)
+        assert link.state().state is State.VERIFIED
+        assert bench.state().pattern_crc == zlib.crc32(blob)
+        assert (wire.left < count, link.counts.anew) == (True, 0)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("service", [0x75, ANSWER, 0x77])
+def test_late_answers_of_a_profiler_belong_to_nothing_any_more(service: int, count: int) -> None:
+    with NodeBench(nx=80, ny=70, noise_std=1e-6) as bench:
+        assert bench.ready().scan(0) == 0
+        wire = LateWire(bench, PROFILER, service, count)
+        assert wire.link().upload(0) == bench.upload(0)
+        assert wire.left < count
+
+
+def test_node_that_restarts_in_the_middle_takes_the_pattern_after_a_clear(bench: NodeBench) -> None:
+    blob = pattern_blob(np.ones((9, 9)))
+
+    def restart(frame: Frame) -> Frame:
+        bench.power_up(HEAD)
+        bench.tick(100)
+        return frame
+
+    link = FaultyWire(bench, alter=nth(0, lambda frame: is_single(frame, EXIT), restart)).link()
+    with pytest.raises(NodeRefused, match="clear"):
+        link.download(1, blob)
+    assert bench.clear() == 0
+    link.download(1, blob)
+    assert bench.state().pattern_crc == zlib.crc32(blob)
+
+
+def test_node_that_does_not_answer_is_named_with_what_was_asked(bench: NodeBench) -> None:
+    wire = FaultyWire(bench, alter=lambda frame: None if frame.arbitration_id == 0x641 else frame)
+    began = wire.now()
+    with pytest.raises(LinkTimeout, match=r"head \(0x641 on a faulty wire\) within 1 s, 6 tries: identifier 0100"):
+        wire.link().state()
+    assert 6 <= wire.now() - began < 7
+
+
+def test_map_of_another_layer_is_refused_in_words(bench: NodeBench) -> None:
+    link = FaultyWire(bench, PROFILER).link()
+    with pytest.raises(NodeRefused, match="no map of layer 0"):
+        link.upload(0)
+    assert bench.scan(0) == 0
+    with pytest.raises(NodeRefused, match=r"0x24.*not what comes next") as caught:
+        link.upload(3)
+    assert caught.value.code == 0x24
+
+
+class DoublingWire:
+    """A node of which every answer, a single frame, comes twice at once."""
+
+    def __init__(self) -> None:
+        self.coming: deque[bytes] = deque()
+
+    def begin(self) -> None:
+        """Nothing to remember."""
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        for frame in frames:
+            self.coming.extend(2 * [bytes([2, frame.data[1] + 0x40, frame.data[2]])])
+
+    def receive(self, wait_s: float) -> bytes | None:
+        return self.coming.popleft() if self.coming else None
+
+    def now(self) -> float:
+        return 0.0
+
+    def check(self) -> None:
+        """It is always well."""
+
+
+def test_copy_at_the_heels_of_an_answer_is_counted_and_never_taken_for_the_next_one() -> None:
+    connection = IsoTpConnection(DoublingWire(), 0x640, 0x641, lambda request, message: message[1:] == request[1:])
+    for number in range(3):
+        connection.empty_rxqueue()
+        connection.send(bytes([0x22, number]))
+        assert connection.wait_frame(1.0) == bytes([0x62, number])
+        assert connection.stray == number

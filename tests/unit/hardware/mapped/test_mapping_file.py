@@ -1,0 +1,224 @@
+"""A mapping file is right, or every fault of it is said at once with its place; patterns and maps as its tables say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from inkloop.component import Job
+from inkloop.components import catalog
+from inkloop.errors import ScenarioError
+from inkloop.testing import job as small_job
+from inkloop_hardware.errors import TransferError
+from inkloop_hardware.mapped.mapped_bytes import hexadecimal, map_size, number, pattern_bytes, read_map
+from inkloop_hardware.mapped.mapping_file import load
+from inkloop_hardware.mapped.mapping_tables import CELLS, MapTable, PatternTable
+from support.benches import foreign_rig
+
+JOB = small_job(6, 5)
+FIELDS = {"job": 0xC0FFEE, "layer": 7, "nx": 6, "ny": 5}
+
+
+def written(folder: Path, *changes: tuple[str, str], more: str = "") -> Path:
+    text = foreign_rig.MAPPING
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    (folder / "rig.dbc").write_text(foreign_rig.DBC)
+    (folder / "rig.toml").write_text(text + more)
+    return folder / "rig.toml"
+
+
+def faults(folder: Path, *changes: tuple[str, str], more: str = "") -> tuple[str, ...]:
+    with pytest.raises(ScenarioError) as refused:
+        load(written(folder, *changes, more=more), JOB)
+    return refused.value.faults
+
+
+def test_names_of_messages_become_the_ids_of_peers(tmp_path: Path) -> None:
+    assert load(written(tmp_path), JOB).ids == {"head": (0x7A0, 0x7A8), "scanner": (0x7B0, 0x7B8)}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('message = "PlcCommand"', 'message = "PlcComand"',
+         "printer step 2 (send): message is 'PlcComand'; did you mean PlcCommand?"),
+        ('message = "PlcCommand"', 'message = "WideState"', "printer step 2 (send): WideState has a 29-bit id"),
+        ('signal = "State"', 'signal = "Stat"', "printer step 3 (wait): signal is 'Stat'; did you mean State?"),
+        ('expected = "BUSY"', 'expected = "BUZY"', "printer step 3 (wait): expected is 'BUZY'; did you mean BUSY?"),
+        ('unless = "FAULT"', 'unless = "FALT"', "printer step 3 (wait): unless is 'FALT'; did you mean FAULT?"),
+        ('Go = "GO"', 'Go = "RUN"', "printer step 2 (send): message PlcCommand: Go is 'RUN', expected one of HOLD, GO"),
+        ("Lamp = 37.5", "Lamp = 137.5",
+         "printer step 2 (send): message PlcCommand: Lamp is 137.5 %, expected 0 to 100 %"),
+        (", Lamp = 37.5", "", "printer step 2 (send): message PlcCommand lacks a value for 'Lamp'"),
+        ('LayerNo = "{layer}"', 'LayerNo = "{lyer}"',
+         "printer step 2 (send): '{lyer}'; expected a number or a template of one"),
+        ('peer = "scanner"', 'peer = "scaner"', "profiler step 1 (routine): peer is 'scaner'; did you mean scanner?"),
+        ("request = 0x7B0", "request = 0x17B0", "peers.scanner.request is 0x17B0; expected an 11-bit id"),
+        ('request = "HeadRequest"', 'request = "HeadAsk"', "peers.head.request: message is 'HeadAsk'; did you mean"),
+        ('unit = "um"', 'unit = "inch"', "map.unit is 'inch'; expected one of nm, um"),
+        ('unit = "m"', 'unit = "s"',
+         "outputs.bed_position: unit is 's', to which the [mm] of BedPosition does not convert"),
+        ('header = "A5 {layer:04x}"', 'header = "A5 {layer.x}"', "pattern.header is 'A5 {layer.x}'; expected pairs"),
+        ('header = "A5 {layer:04x}"', 'header = "A5 {layer:03x}"',
+         "pattern.header is 'A5 {layer:03x}'; expected pairs of hexadecimal digits"),
+        ('answer = "01"', 'answer = "0{x}"', "profiler step 1 (routine): answer is '0{x}'; expected pairs"),
+        ('[map]', '[mapp]', "mapp is not a key of this table"),
+        ('bits = 2', 'bits = 3', "pattern.bits is 3; expected 1, 2, 4 or 8"),
+        ('do = "send"', 'do = "sent"', "printer.2 is "),
+        ("limit_s = 10.0", "limit_s = 10.0\nenables = [\"lamp\"]",
+         "printer step 3 (wait): enables are of the heartbeat; write heartbeat = true"),
+        ('dbc = "rig.dbc"', 'dbc = "none.dbc"', "dbc: "),
+        ("[peers.head]", "[peers.head", "is not TOML"),
+        ('address = "{layer}"', "address = -1", "printer step 1 (download): address is 0x-1; expected 0 to 0xFF"),
+    ],
+)  # fmt: skip
+def test_fault_is_said_with_its_place(old: str, new: str, said: str, tmp_path: Path) -> None:
+    found = faults(tmp_path, (old, new))
+    assert any(fault.startswith(said) for fault in found), found
+
+
+def test_all_faults_are_said_at_once(tmp_path: Path) -> None:
+    found = faults(tmp_path, ('signal = "State"', 'signal = "Stat"'), ('unit = "um"', 'unit = "inch"'),
+                   ('peer = "scanner"', 'peer = "scaner"'))  # fmt: skip
+    assert [fault.split(":")[0].split(" is")[0] for fault in found] == [
+        "map.unit",
+        "printer step 3 (wait)",
+        "profiler step 1 (routine)",
+    ]
+
+
+def test_port_that_nothing_feeds_is_said(tmp_path: Path) -> None:
+    sections = foreign_rig.MAPPING.split("\n[[")
+    without = {
+        "download": 'printer has no step do = "download": the input pattern goes nowhere; add one',
+        "upload": 'profiler has 0 steps do = "upload"; measured_height needs exactly one',
+    }
+    for step, said in without.items():
+        kept = "\n[[".join(part for part in sections if f'do = "{step}"' not in part.split("[outputs")[0])
+        (tmp_path / "rig.dbc").write_text(foreign_rig.DBC)
+        (tmp_path / "rig.toml").write_text(kept)
+        with pytest.raises(ScenarioError) as refused:
+            load(tmp_path / "rig.toml", JOB)
+        assert refused.value.faults == (said,)
+    (tmp_path / "rig.toml").write_text('dbc = "rig.dbc"\n')
+    with pytest.raises(ScenarioError, match="binds no port; add"):
+        load(tmp_path / "rig.toml", JOB)
+
+
+def test_tables_that_steps_need_are_asked_for(tmp_path: Path) -> None:
+    text = foreign_rig.MAPPING
+    bare = text[: text.index("[pattern]")] + text[text.index("[[printer]]") :]
+    (tmp_path / "rig.dbc").write_text(foreign_rig.DBC)
+    (tmp_path / "rig.toml").write_text(bare)
+    with pytest.raises(ScenarioError) as refused:
+        load(tmp_path / "rig.toml", JOB)
+    assert [fault.split(";")[0] for fault in refused.value.faults] == ["pattern is missing", "map is missing"]
+
+
+def test_scenario_names_the_faults_of_its_mapping(tmp_path: Path) -> None:
+    path = written(tmp_path, ('unit = "um"', 'unit = "inch"'))
+    (fault,) = catalog.faults("hardware.mapped", JOB, {"mapping": str(path)})
+    assert fault.startswith("mapping: rig.toml: map.unit is 'inch'")
+    (fault,) = catalog.faults("hardware.mapped", JOB, {"mapping": str(tmp_path / "none.toml")})
+    assert fault.startswith("mapping: none.toml: cannot be read")
+    assert catalog.faults("hardware.mapped", JOB, {"mapping": str(written(tmp_path))}) == []
+
+
+def ports(folder: Path, job: Job, keep: str) -> tuple[set[str], set[str]]:
+    """Inputs and outputs of a rig with the steps of one section only."""
+    sections = foreign_rig.MAPPING.split("\n[[")
+    drop = {"printer": "profiler]]", "profiler": "printer]]"}[keep]
+    text = "\n[[".join(part.split("\n[outputs")[0] for part in sections if not part.startswith(drop))
+    (folder / "rig.dbc").write_text(foreign_rig.DBC)
+    (folder / "rig.toml").write_text(text + foreign_rig.MAPPING[foreign_rig.MAPPING.index("[outputs") :])
+    part = catalog.make("hardware.mapped", job, {"mapping": str(folder / "rig.toml")})
+    return {port.name for port in part.inputs}, {port.name for port in part.outputs}
+
+
+def test_rig_has_the_ports_that_it_has_steps_for(tmp_path: Path) -> None:
+    inputs, outputs = ports(tmp_path, JOB, "printer")
+    assert inputs == {"pattern", "layer_command"}
+    assert outputs == {"layers_printed", "status", "bed_position"}
+    inputs, outputs = ports(tmp_path, JOB, "profiler")
+    assert inputs == {"layers_printed"}
+    assert outputs == {"measured_height", "valid", "layers_scanned", "status", "bed_position"}
+
+
+def test_templates_are_filled_in() -> None:
+    assert hexadecimal("A5 {layer:04x} {job:08x}", FIELDS) == bytes.fromhex("a5000700c0ffee")
+    assert number("0x{layer}0", FIELDS) == 0x70
+    assert number(3, FIELDS) == 3
+
+
+def test_cells_lie_as_the_table_says() -> None:
+    pattern = np.zeros((3, 2), np.int32)
+    pattern[2, 0], pattern[0, 1] = 1, 2
+    fields = {**FIELDS, "nx": 3, "ny": 2}
+    found = {
+        (order, fastest, whole): pattern_bytes(
+            pattern, PatternTable(bits=2, bit_order=order, fastest=fastest, whole_lines=whole), fields
+        ).hex()
+        for order in ("msb", "lsb")
+        for fastest in ("x", "y")
+        for whole in (False, True)
+    }
+    assert found == {
+        ("msb", "y", False): "2040",  # 0 2 | 0 0 | 1 0
+        ("msb", "y", True): "200040",
+        ("msb", "x", False): "0600",  # 0 0 1 | 2 0 0
+        ("msb", "x", True): "0480",
+        ("lsb", "y", False): "0801",
+        ("lsb", "y", True): "080001",
+        ("lsb", "x", False): "9000",
+        ("lsb", "x", True): "1002",
+    }
+
+
+def test_material_that_the_bits_do_not_hold_is_refused() -> None:
+    with pytest.raises(ValueError, match="the pattern has material 2, too much for 1 bit a cell; take bits = 2"):
+        pattern_bytes(np.full((6, 5), 2), PatternTable(), FIELDS)
+
+
+@given(
+    cell=st.sampled_from(sorted(CELLS)),
+    order=st.sampled_from(["big", "little"]),
+    fastest=st.sampled_from(["x", "y"]),
+    marks=st.booleans(),
+    seed=st.integers(0, 1000),
+)
+def test_map_is_read_back_as_it_was_laid_out(cell: str, order: str, fastest: str, marks: bool, seed: int) -> None:
+    table = MapTable(cell=cell, byte_order=order, fastest=fastest, valid_bits=marks, unit="um", scale=0.1, datum=2.0,
+                     invalid=255, header="01 {nx:02x}")  # fmt: skip
+    random = np.random.default_rng(seed)
+    readings, seen = random.integers(0, 255, (6, 5)), random.random((6, 5)) < 0.8
+    laid = np.where(seen, readings, 255) if not marks else readings
+    lines = laid if fastest == "y" else laid.T
+    data = b"\x01\x06" + lines.astype((">" if order == "big" else "<") + CELLS[cell]).tobytes()
+    if marks:
+        data += np.packbits(seen if fastest == "y" else seen.T.reshape(-1)).tobytes()
+    assert len(data) == map_size(table, FIELDS)
+    height, valid = read_map(data, table, FIELDS)
+    np.testing.assert_array_equal(valid, seen)
+    np.testing.assert_allclose(height, np.where(seen, (readings * 0.1 + 2.0) * 1e-6, 0.0), atol=1e-15)
+
+
+def test_cells_that_are_no_number_are_not_valid() -> None:
+    data = np.full(30, np.nan, ">f4").tobytes()
+    height, valid = read_map(data, MapTable(cell="float32", unit="mm"), FIELDS)
+    assert not valid.any()
+    assert not height.any()
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [(b"\x02" + bytes(60), "the map begins with 02, expected 01"), (b"\x01", "the map has 1 bytes, expected 61")],
+)
+def test_map_of_another_form_is_refused(data: bytes, said: str) -> None:
+    with pytest.raises(TransferError, match=said):
+        read_map(data, MapTable(header="01", unit="um"), FIELDS)

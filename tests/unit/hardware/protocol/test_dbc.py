@@ -1,0 +1,155 @@
+"""The DBC of the bench: complete, consistent, and the only source of codec, records and page."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from dataclasses import fields
+from enum import IntEnum
+from pathlib import Path
+
+import pytest
+from cantools.database.can import Message
+
+from inkloop_hardware.errors import FrameError
+from inkloop_hardware.protocol.c_codec import write_codec
+from inkloop_hardware.protocol.codec import BENCH_DBC, Codec
+from inkloop_hardware.protocol.protocol_page import renewed
+from inkloop_hardware.protocol.records import KINDS, SI, signal_name
+from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
+from support.places import ROOT
+
+CODEC = Codec()
+MESSAGES = CODEC.database.messages
+BIT_RATE = 500_000
+STATUS_SIGNALS = [signal.name for signal in CODEC.message("CureStatus").signals[2:]]
+EVERY_MESSAGE = pytest.mark.parametrize("message", MESSAGES, ids=[message.name for message in MESSAGES])
+
+
+def supervision_of(message: Message) -> list[tuple[str, int, int]]:
+    return [(signal.name, signal.start, signal.length) for signal in message.signals[:2]]
+
+
+def test_ids_and_cycles_are_those_of_the_bench() -> None:
+    ids = {message.name: message.frame_id for message in MESSAGES}
+    assert len(set(ids.values())) == len(MESSAGES)
+    assert (ids["StopRequest"], ids["MasterAlive"]) == (0x010, 0x020)
+    assert ids["StopRequest"] == min(ids.values())  # nothing wins arbitration against it
+    for place, node in enumerate(Node):
+        assert (ids[f"{node}Status"], ids[f"{node}Measurement"], ids[f"{node}Fault"]) == (
+            0x101 + place,
+            0x111 + place,
+            0x181 + place,
+        )
+        assert (node.request_id(CODEC), node.answer_id(CODEC)) == (0x640 + 2 * place, 0x641 + 2 * place)
+        assert CODEC.cycle_time(f"{node}Status") == 0.1
+        assert CODEC.cycle_time(f"{node}Request") is None
+    assert CODEC.cycle_time("MasterAlive") == 0.1
+    assert CODEC.protocol_version == 1
+
+
+@EVERY_MESSAGE
+def test_everything_is_said_in_words_and_known_units(message: Message) -> None:
+    assert message.comment
+    assert message.senders
+    for signal in message.signals:
+        assert signal.comment, signal.name
+        assert (signal.unit or "") in SI, signal.name
+        assert signal.receivers, signal.name
+
+
+@EVERY_MESSAGE
+def test_limits_fit_the_bits(message: Message) -> None:
+    for signal in message.signals:
+        if signal.name == "IsoTpData":
+            continue
+        bits = signal.length - signal.is_signed
+        assert signal.minimum is not None
+        assert signal.maximum is not None
+        assert round(signal.minimum / signal.scale) >= (-(2**bits) if signal.is_signed else 0)
+        assert round(signal.maximum / signal.scale) <= 2**bits - 1
+
+
+@EVERY_MESSAGE
+def test_supervised_messages_begin_with_check_byte_and_counter(message: Message) -> None:
+    layout = [("Crc8", 0, 8), ("Counter", 8, 4)]
+    supervised = message.name.endswith("Status") or message.name in ("StopRequest", "MasterAlive")
+    assert (CODEC.data_id(message.name) is not None) == supervised
+    assert (supervision_of(message) == layout) == supervised
+
+
+def test_data_ids_are_unique() -> None:
+    ids = [number for message in MESSAGES if (number := CODEC.data_id(message.name)) is not None]
+    assert len(ids) == 6
+    assert len(set(ids)) == 6
+
+
+@pytest.mark.parametrize("words", [State, Fault, Source], ids=lambda words: words.__name__)
+def test_enumerations_are_the_value_tables(words: type[IntEnum]) -> None:
+    dbc = CODEC.database.dbc
+    assert dbc is not None
+    expected = {word.value: word.name for word in words}
+    assert {number: str(word) for number, word in dbc.value_tables[words.__name__].items()} == expected
+    for message in MESSAGES:
+        for signal in message.signals:
+            if signal.name == words.__name__:
+                assert signal.choices is not None
+                assert {number: str(word) for number, word in signal.choices.items()} == expected, message.name
+
+
+@pytest.mark.parametrize("name", sorted(KINDS))
+def test_fields_of_a_record_are_the_signals_of_its_message(name: str) -> None:
+    kind, _ = KINDS[name]
+    ours = {signal_name(field.name) for field in fields(kind) if field.name != "node"}
+    assert ours == {signal.name for signal in CODEC.message(name).signals} - {"Crc8", "Counter"}
+
+
+def test_every_message_but_those_of_isotp_has_a_record() -> None:
+    assert set(KINDS) == {message.name for message in MESSAGES if message.signals[0].name != "IsoTpLow"}
+
+
+def test_cyclic_frames_leave_the_bus_to_the_patterns() -> None:
+    """A frame of n bytes has at most 47 + 8 n bits and 1 stuff bit to 4 of 34 + 8 n."""
+    load = 0.0
+    for message in MESSAGES:
+        if message.send_type == "Cyclic" and message.cycle_time:
+            bits = 47 + 8 * message.length + (34 + 8 * message.length - 1) // 4
+            load += bits / (message.cycle_time / 1e3) / BIT_RATE
+    assert 0.01 < load < 0.03
+
+
+def test_generated_c_is_the_same_each_time_and_has_no_date(tmp_path: Path) -> None:
+    first, second = (write_codec(BENCH_DBC, tmp_path / name) for name in ("first", "second"))
+    assert [path.name for path in first] == ["inkloop.h", "inkloop.c", "inkloop_protocol.h"]
+    for one, other in zip(first, second, strict=True):
+        assert one.read_bytes() == other.read_bytes()
+        assert not re.search(r"\d\d:\d\d:\d\d|(?<!-)\b202\d\b", one.read_text("utf-8"))
+
+
+def test_page_is_what_the_dbc_says() -> None:
+    page = (ROOT / "docs" / "reference" / "can-protocol.md").read_text("utf-8")
+    assert page == renewed(page, CODEC), (
+        "run: python -m inkloop_hardware.protocol.protocol_page docs/reference/can-protocol.md"
+    )
+    with pytest.raises(ValueError, match="no single pair of lines"):
+        renewed("no marks", CODEC)
+
+
+def test_stock_cantools_reads_a_log_of_the_bus() -> None:
+    status = CODEC.encode("CureStatus", dict.fromkeys(STATUS_SIGNALS, 0) | {"State": "CURING", "LampOn": "ON"}, 4)
+    line = f"  can0  {status.arbitration_id:03X}   [8]  {status.data.hex(' ').upper()}\n"
+    command = [sys.executable, "-m", "cantools", "decode", BENCH_DBC]
+    decoded = subprocess.run(command, input=line, capture_output=True, text=True, check=True).stdout
+    assert "CureStatus" in decoded
+    assert "State: CURING" in decoded
+    assert "LampOn: ON" in decoded
+
+
+def test_file_that_is_no_dbc_is_refused_in_words(tmp_path: Path) -> None:
+    broken = tmp_path / "broken.dbc"
+    broken.write_text("BO_ what\n")
+    with pytest.raises(FrameError, match=r"broken\.dbc cannot be read as a DBC"):
+        Codec(broken)
+    with pytest.raises(FrameError, match="cannot be read as a DBC"):
+        Codec(tmp_path / "missing.dbc")

@@ -1,0 +1,164 @@
+"""What a node says of itself is read as the firmware writes it; what changes is said once, in words."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from inkloop_hardware.link.node_watch import NodeWatch
+from inkloop_hardware.protocol.node_state import BookFlags, Flags, Happening, NodeState, Roles, Step
+from inkloop_hardware.protocol.records import NodeFault, NodeStatus
+from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
+from inkloop_hardware.protocol.vocabulary import Fault, Node, State
+from support.benches.faulty_wire import FaultyWire
+from support.benches.node_bench import HEAD, PASS, PROFILER, NodeBench, pattern_blob
+
+STATUS = NodeStatus(
+    *(Node.HEAD, False, False, True, True, State.IDLE), pass_mask=0, fault=Fault.NONE, layer=3, boot_count=1,
+    unknown_mask=0, protocol_version=1,
+)  # fmt: skip
+
+
+@pytest.fixture
+def bench() -> Iterator[NodeBench]:
+    with NodeBench() as made:
+        yield made.ready()
+
+
+def test_state_of_a_printed_layer_is_read(bench: NodeBench) -> None:
+    bench.print_layer(np.ones((9, 9)), 1)
+    state = FaultyWire(bench, HEAD).link().state()
+    expected = NodeState(
+        *(State.PRINTED, Fault.NONE, Roles.HEAD, Flags.PATTERN_LOADED),
+        *(7, 1, 4, 0b1111, 0, 0, BookFlags(0), Step.NONE, 1, 1),
+        pattern_crc=bench.state().pattern_crc,
+        clock=bench.clock / 1e3,
+        gate_pulses=4,
+    )
+    assert state == expected
+    assert state.layer_is_complete
+
+
+def test_times_and_limits_are_in_seconds(bench: NodeBench) -> None:
+    bench.print_layer(np.ones((9, 9)), 1)
+    link = FaultyWire(bench, HEAD).link()
+    times, ticks = link.times(), bench.times()
+    assert times.now == bench.clock / 1e3
+    assert (times.master_alive, times.gate_opened, times.gate_closed) == (
+        ticks.master_alive / 1e3,
+        ticks.gate_opened / 1e3,
+        ticks.gate_closed / 1e3,
+    )
+    limits = link.limits()
+    assert (limits.alive, limits.block, limits.pattern_bytes) == (0.3, 4095, 21)
+
+
+def test_map_size_version_and_transfer_are_read(bench: NodeBench) -> None:
+    link = FaultyWire(bench, PROFILER).link()
+    assert (link.map_size().size, link.map_size().nx, link.map_size().ny) == (0, 9, 9)
+    assert bench.scan(0) == 0
+    link.upload(0)
+    transfer = link.transfer()
+    assert (transfer.active, transfer.upload, transfer.done, transfer.size) == (False, True, 185, 185)
+    assert link.version()
+
+
+def test_journal_is_read_newest_first(bench: NodeBench) -> None:
+    bench.print_layer(np.ones((9, 9)), 1)
+    records = FaultyWire(bench, HEAD).link().journal()
+    assert [(record.kind, record.step, record.key.pass_) for record in reversed(records)] == bench.journal()
+    newest = records[0]
+    assert (newest.kind, newest.step, newest.key) == (Happening.DONE, Step.PASS, Key(7, 1, 3, 1))
+    assert (newest.number, newest.done, newest.passes, newest.boots) == (len(records), 0b1111, 4, 1)
+    assert newest.pattern_crc == bench.state().pattern_crc
+
+
+def test_interrupted_pass_is_unknown_to_everybody_who_asks(bench: NodeBench) -> None:
+    link = FaultyWire(bench, HEAD).link()
+    link.download(1, pattern_blob(np.ones((9, 9))))
+    key = Key(7, 1, 0, 1)
+    assert link.ask(Routine.PASS, key) is Outcome.NEVER
+    bench.raw(bench.routine(PASS, layer=1, option=b"\0"))
+    bench.tick(10)
+    assert link.ask(Routine.PASS, key) is Outcome.UNDER_WAY
+    bench.power_up(HEAD)
+    bench.tick(100)
+    assert link.ask(Routine.PASS, key) is Outcome.UNKNOWN
+    assert link.state().flags & Flags.NEEDS_OPERATOR
+    released = ClearOption.OPERATOR | ClearOption.ABANDON
+    assert link.routine(Routine.CLEAR, Key(7, 1), bytes([released]), limit_s=5) is Outcome.DONE
+    assert link.state().book == BookFlags.ACKNOWLEDGED | BookFlags.ABANDONED
+
+
+def told(
+    watch: NodeWatch, caplog: pytest.LogCaptureFixture, *changes: dict[str, object], level: int = logging.DEBUG
+) -> list[str]:
+    caplog.set_level(level, "inkloop_hardware")
+    for number, change in enumerate(changes):
+        watch.take_status(number / 10, replace(STATUS, **change), number % 15)  # type: ignore[arg-type]
+    return caplog.messages
+
+
+def test_each_change_of_a_node_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
+    printing = {"state": State.PRINTING, "pass_mask": 1}
+    off = {"state": State.SAFE, "fault": Fault.ENABLE_DROPPED}
+    assert told(NodeWatch(Node.HEAD), caplog, {}, {}, printing, printing, off, off) == [
+        "head: idle",
+        "head: pass 2 of layer 3",
+        "head: off (enable dropped)",
+    ]
+
+
+def test_what_was_asked_of_a_node_is_not_said_again(caplog: pytest.LogCaptureFixture) -> None:
+    """Its frames come every 100 ms and miss short steps; who asks says each of them."""
+    printing = {"state": State.PRINTING, "pass_mask": 1}
+    off = {"state": State.SAFE, "fault": Fault.ENABLE_DROPPED}
+    assert told(NodeWatch(Node.HEAD), caplog, {}, printing, off, level=logging.INFO) == [
+        "head: idle",
+        "head: off (enable dropped)",
+    ]
+
+
+def test_restart_is_said(caplog: pytest.LogCaptureFixture) -> None:
+    off = {"state": State.SAFE, "boot_count": 2}
+    assert told(NodeWatch(Node.HEAD), caplog, {}, off, off) == ["head: idle", "head: restarted", "head: off"]
+
+
+def test_fall_is_counted_once_whether_seen_in_status_or_fault_frame() -> None:
+    fault = NodeFault(Node.HEAD, Fault.LAMP_TIME, 0, 3, 1.0)
+    for by_frame in (True, False):
+        watch = NodeWatch(Node.HEAD)
+        watch.take_status(0.0, STATUS, 0)
+        assert watch.falls == 0
+        if by_frame:
+            watch.take_fault(fault)
+        watch.take_status(0.1, replace(STATUS, state=State.FAULT, fault=Fault.LAMP_TIME), 1)
+        watch.take_fault(fault)
+        assert (watch.falls, watch.fault) == (1, Fault.LAMP_TIME)
+        watch.take_status(0.2, STATUS, 2)
+        watch.take_status(0.3, replace(STATUS, state=State.FAULT, fault=Fault.LAMP_TIME), 3)
+        assert watch.falls == 2
+
+
+@pytest.mark.parametrize(
+    ("counters", "now", "words"),
+    [
+        ([], 1.0, "never heard"),
+        ([0, 1, 2], 0.5, None),
+        ([0, 1, 2], 0.501, "silent for 0.3 s"),
+        ([0, 0, 0, 0, 0, 0], 0.5, "not to be believed"),
+        ([0, 1, None, 3, None], 0.5, "not to be believed"),
+    ],
+)
+def test_node_counts_as_lost_when_silent_stuck_or_damaged(
+    counters: list[int | None], now: float, words: str | None
+) -> None:
+    watch = NodeWatch(Node.HEAD)
+    for number, counter in enumerate(counters):
+        watch.take_status(number / 10, None if counter is None else STATUS, counter or 0)
+    trouble = watch.trouble(now)
+    assert trouble is None if words is None else words in (trouble or "")

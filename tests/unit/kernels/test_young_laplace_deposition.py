@@ -1,0 +1,154 @@
+"""Laws of YoungLaplaceDeposition, shown on the FMU."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from support.fmus.fmu_driver import DISCARD, ERROR, OK, Driver, random_patterns
+from support.fmus.young_laplace_library import PITCH, VOLUME, Print
+
+MODEL = "YoungLaplaceDeposition"
+COARSE = {"cells_per_pitch": 4}
+
+
+def middle(nx: int, ny: int):
+    """Droplets wherever two cells or more from the border."""
+    pattern = np.zeros((nx, ny), dtype=np.int32)
+    pattern[2:-2, 2:-2] = 1
+    return pattern
+
+
+@pytest.mark.parametrize("form", [1, 2])
+@pytest.mark.parametrize("passes", [1, 4])
+def test_cell_means_and_what_left_the_grid_are_all_that_was_printed(form, passes) -> None:
+    """The pattern reaches the border."""
+    with Driver(MODEL, nx=7, ny=6).start({**COARSE, "form": form, "passes": passes}) as fmu:
+        for pattern in random_patterns(7, 6, 5):
+            fmu.print_layer(pattern)
+        drops = fmu.get("droplets_a") + fmu.get("droplets_b")
+        assert fmu.get("volume_lost") > 0.0
+        held = fmu.get("height").sum() * PITCH**2
+        assert held + fmu.get("volume_lost") == pytest.approx(drops * VOLUME, rel=1e-12)
+
+
+def test_part_with_a_margin_loses_nothing() -> None:
+    with Driver(MODEL, nx=8, ny=8).start(COARSE) as fmu:
+        for _ in range(3):
+            fmu.print_layer(middle(8, 8))
+        assert fmu.get("volume_lost") == 0.0
+        assert fmu.get("height").sum() * PITCH**2 == pytest.approx(48 * VOLUME, rel=1e-12)
+
+
+def test_fmu_prints_what_its_kernels_print() -> None:
+    """Lines p, p + 4, ... in pass p, in the order of the rotation."""
+    kernels = Print(9, 9, 4)
+    with Driver(MODEL).start({**COARSE, "pass_rotation": 1}) as fmu:
+        for number, pattern in enumerate(random_patterns(9, 9, 3), start=1):
+            kernels.layer(pattern > 0, [((number + k) % 4, 4) for k in range(4)])
+            assert fmu.print_layer(pattern) == pytest.approx(kernels.cells, rel=1e-9, abs=1e-15)
+        assert fmu.get("fallbacks") == kernels.fallbacks
+
+
+def test_diagonal_order_prints_the_last_line_second() -> None:
+    kernels = Print(9, 9, 4)
+    kernels.layer(np.ones((9, 9)), [(0, 4), (3, 4), (1, 4), (2, 4)])
+    with Driver(MODEL).start({**COARSE, "pass_order": 2}) as fmu:
+        assert fmu.print_layer(np.ones((9, 9), dtype=np.int32)) == pytest.approx(kernels.cells, rel=1e-9)
+
+
+def test_one_pass_adds_what_each_line_would_print_alone() -> None:
+    with Driver(MODEL, nx=5, ny=5).start({**COARSE, "passes": 1}) as fmu:
+        together = fmu.print_layer(np.ones((5, 5), dtype=np.int32))
+    alone = np.zeros((5, 5))
+    for line in range(5):
+        pattern = np.zeros((5, 5), dtype=np.int32)
+        pattern[:, line] = 1
+        with Driver(MODEL, nx=5, ny=5).start({**COARSE, "passes": 1}) as fmu:
+            alone += fmu.print_layer(pattern)
+    assert together == pytest.approx(alone, rel=1e-12)
+
+
+def test_both_materials_are_the_same_liquid_counted_apart() -> None:
+    patterns = random_patterns(6, 6, 2)
+    with Driver(MODEL, nx=6, ny=6).start(COARSE) as two, Driver(MODEL, nx=6, ny=6).start(COARSE) as one:
+        for pattern in patterns:
+            assert np.array_equal(two.print_layer(pattern), one.print_layer(np.minimum(pattern, 1)))
+        assert two.get("droplets_b") == sum((pattern == 2).sum() for pattern in patterns)
+        assert one.get("droplets_b") == 0
+
+
+def test_two_drops_in_one_droplet_spread_like_one_of_twice_the_volume() -> None:
+    pattern = np.zeros((5, 5), dtype=np.int32)
+    pattern[2, 2] = 1
+    with Driver(MODEL, nx=5, ny=5).start() as fmu:
+        assert fmu.set("drop_level", 2) == OK
+        levels = fmu.print_layer(pattern)
+    with Driver(MODEL, nx=5, ny=5).start({"droplet_volume": 2.0 * VOLUME}) as fmu:
+        assert fmu.print_layer(pattern) == pytest.approx(levels, rel=1e-12)
+
+
+def test_start_surface_is_kept_in_the_mean_of_every_cell() -> None:
+    surface = np.random.default_rng(6).uniform(0.0, 4e-6, (6, 5))
+    with Driver(MODEL, nx=6, ny=5).start({**COARSE, "height_start": surface}) as fmu:
+        assert fmu.print_layer(np.zeros((6, 5), dtype=np.int32)) == pytest.approx(surface, rel=1e-12)
+
+
+def test_droplet_that_spreads_too_far_is_refused() -> None:
+    """Radius 35.2 um: 14 drops are the first that reach beyond two pitches of 42.3 um."""
+    with Driver(MODEL, nx=5, ny=5).start() as fmu:
+        assert max(fmu.set("drop_level", 14), fmu.set("layer_command", 1)) == OK
+        before = fmu.save()
+        assert fmu.step(0.0) == DISCARD
+        assert "2 pitches" in fmu.messages[-1]
+        assert fmu.save() == before
+        assert max(fmu.set("drop_level", 13), fmu.step(0.0)) == OK
+        assert fmu.get("layers_printed") == 1
+    with Driver(MODEL, nx=5, ny=5) as fmu:
+        assert max(fmu.set("pitch", 17e-6), fmu.enter()) == OK
+        assert fmu.exit() == ERROR
+        assert max(fmu.set("contact_angle", 1.3), fmu.exit()) == OK
+
+
+def test_state_of_other_parameters_brings_its_own_fine_surface() -> None:
+    pattern = np.ones((4, 4), dtype=np.int32)
+    with Driver(MODEL, nx=4, ny=4).start({"cells_per_pitch": 6}) as fine, Driver(MODEL, nx=4, ny=4) as other:
+        unborn = other.save()
+        other.start({"cells_per_pitch": 3})
+        fine.print_layer(pattern)
+        assert other.restore(fine.save()) == OK
+        other.now = fine.now
+        assert np.array_equal(other.print_layer(pattern), fine.print_layer(pattern))
+        assert other.restore(unborn) == OK
+        assert other.save() == unborn
+
+
+def test_square_of_ten_layers_has_the_recorded_shape() -> None:
+    """25 x 25 droplets, 42.3 um apart, nonlinear, recorded with another solver at 2.6 um: inner 15 x 15 droplets
+    186 um, end walls 150 um wide (10 to 90 %) at 45 degrees, side walls at 79 degrees, a ridge of 203 um beside them,
+    corner droplet 82 um, less than 0.5 % of the volume outside the nominal square."""
+    square = Print(29, 29, 6)
+    for _ in range(10):
+        square.layer(middle(29, 29))
+    um, n = square.height * 1e6, square.per_pitch
+    rim = square.rim
+    assert square.cells[7:22, 7:22].mean() * 1e6 == pytest.approx(186.0, rel=0.01)
+    sites = um[rim + n // 2 - 1 :, rim + n // 2 - 1 :][: 29 * n : n, : 29 * n : n]
+    corners = sites[[2, 2, 26, 26], [2, 26, 2, 26]]
+    assert corners.mean() == pytest.approx(82.0, rel=0.05)
+    assert sites[7:22].mean(axis=0).max() == pytest.approx(203.0, rel=0.02)
+    inner = slice(rim + 7 * n, rim + 22 * n)
+    width, angle = wall(um[:, inner].mean(axis=1), square.spacing * 1e6)
+    assert width == pytest.approx(150.0, rel=0.05)
+    assert angle == pytest.approx(45.0, rel=0.05)
+    assert wall(um[inner].mean(axis=0), square.spacing * 1e6)[1] == pytest.approx(79.0, rel=0.02)
+    nominal = slice(rim + 2 * n, rim + 27 * n)
+    assert 1.0 - um[nominal, nominal].sum() / um.sum() < 0.005
+
+
+def wall(profile, spacing: float) -> tuple[float, float]:
+    """Width from 10 to 90 % of the top [um] and mean angle [degrees] of the wall where a profile begins."""
+    half = profile[: len(profile) // 2]
+    top, rising = half.max(), half[: half.argmax() + 1]
+    low, high = (np.interp(share * top, rising, np.arange(len(rising)) * spacing) for share in (0.1, 0.9))
+    return float(high - low), float(np.degrees(np.arctan2(0.8 * top, high - low)))

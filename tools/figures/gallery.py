@@ -1,0 +1,91 @@
+"""Run every scenario and show one telling picture of each: `make gallery`."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from inkloop.bench.emulation import emulation_of
+from inkloop.cli import main
+from inkloop.components.devices import KINDS
+from inkloop.files import write_text
+from inkloop.report import run_report
+from inkloop.scenario.file import Scenario
+from inkloop_hardware.emulated_bench import EmulatedBench
+
+ROOT = Path(__file__).parents[2]
+HERE = ROOT / "docs" / "gallery"
+SCENARIOS = ROOT / "scenarios"
+BUILD = ROOT / "build" / "gallery"
+COMPARISON = "compare"
+"""In place of the name of a picture: the run beside its comparison runs."""
+
+PICTURES = {
+    "bench": "cross-section",
+    "cuboid": COMPARISON,
+    "cylinder-open-loop": "cross-section",
+    "drifting-ink": "cross-section",
+    "four-passes": COMPARISON,
+    "grey-head": COMPARISON,
+    "noisy-sensor": COMPARISON,
+    "pipe-junction": "solid",
+    "roller": COMPARISON,
+    "staircase": "cross-section",
+    "tall-cylinder": "layers",
+    "tilted-substrate": "cross-section",
+    "two-materials": "materials",
+    "uneven-start": "cross-section",
+}
+DEFAULT_PICTURE = "open-against-closed"
+HEAD = """\
+# Gallery
+
+Every file of [scenarios/](../../scenarios/), printed by `make gallery`, which writes this page from the words on top of
+each file.
+"""
+
+
+def show(path: Path) -> str:
+    """Run one scenario, put its picture beside this file; its entry of the page."""
+    folder = BUILD / path.stem
+    with bench_of(path) as words:
+        if main(["run", str(path), "--out", str(folder), *words]) != 0:
+            raise SystemExit(f"{path}: did not print")
+    picture = HERE / f"{path.stem}.png"
+    name = PICTURES.get(path.stem, DEFAULT_PICTURE)
+    if name == COMPARISON:
+        run_report.compare([folder, *sorted((folder / run_report.COMPARE_FOLDER).iterdir())], picture)
+    else:
+        shutil.copyfile(folder / f"{name}.png", picture)
+    return entry(path)
+
+
+@contextmanager
+def bench_of(path: Path) -> Iterator[list[str]]:
+    """Runs an emulated bench for a scenario that prints on devices; words that lead `inkloop run` to it."""
+    scenario = Scenario.load(path)
+    if not any(table.kind in KINDS for table in scenario.tables.components.values()):
+        yield []
+        return
+    emulation = emulation_of(scenario)
+    with EmulatedBench(emulation.parameters, surface=emulation.surface) as bench:
+        yield ["--set", f"bench.channel={bench.channel}"]
+
+
+def entry(path: Path) -> str:
+    """Title, the comment on top of the file as text, and the picture."""
+    scenario = Scenario.load(path)
+    comment = path.read_text(encoding="utf-8").split("title =")[0]
+    words = "\n".join(line.removeprefix("#").strip() for line in comment.splitlines()).strip()
+    title = scenario.tables.title
+    return f"\n## {title}\n\n[{path.name}](../../scenarios/{path.name}): {words}\n\n![{title}]({path.stem}.png)\n"
+
+
+if __name__ == "__main__":
+    shutil.rmtree(BUILD, ignore_errors=True)
+    paths = sorted(SCENARIOS.glob("*.toml"))
+    write_text(HERE / "README.md", HEAD + "".join(show(path) for path in paths))
+    sys.stdout.write(f"wrote {HERE / 'README.md'}\n")

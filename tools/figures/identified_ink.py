@@ -1,0 +1,77 @@
+"""Figures and picture of identify-an-ink.md: `python tools/figures/identified_ink.py`, also run by `make gallery`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from inkloop.identify import designs
+from inkloop.identify.command import tables
+from inkloop.identify.experiments import Plan, perform, plant_scenario
+from inkloop.identify.identification import identify
+from inkloop.identify.ink_regression import identify_ink
+from inkloop.identify.picture import save
+from inkloop.identify.print_record import PrintRecord
+from inkloop.models import DropletVolumes, LayerDeposition
+
+HERE = Path(__file__).parents[2] / "docs" / "how-to"
+PITCH = 263.256e-6
+PRINTS = 20
+
+
+def print_of(patterns: list[NDArray[np.int32]], noise: float, seed: int, variation: float = 0.0) -> PrintRecord:
+    """Layers of the ink of Lu et al. as a profiler with white noise [m] sees them."""
+    model = LayerDeposition()
+    surfaces = [model.start(np.zeros(patterns[0].shape))]
+    for number, pattern in enumerate(patterns, start=1):
+        volume = DropletVolumes(variation, seed=seed).of_layer(*pattern.shape, number)
+        surfaces.append(model.layer(surfaces[-1], pattern, number, volume))
+    scans = np.stack([surface.height for surface in surfaces])
+    return PrintRecord(
+        "made up", PITCH, np.stack(patterns), scans + np.random.default_rng(seed).normal(0, noise, scans.shape)
+    )
+
+
+def bias(console: Console) -> None:
+    """What noise does to a plain regression and to ours, over prints that differ in noise and patterns."""
+    cases = [("one layer, 20 x 20 cells", 20, 1, 0.3e-6), ("5 layers, 40 x 40 cells", 40, 5, 1e-6)]
+    for words, side, count, noise in cases:
+        records = [print_of(designs.layers(side, side, count, seed, margin=1), noise, seed) for seed in range(PRINTS)]
+        for method, correct in (("plain", False), ("ours", True)):
+            found = np.array([identify_ink([one], noise, correct=correct).heights[0] for one in records])
+            error = (found / LayerDeposition().heights[0] - 1.0) * 100
+            means, worst = error.mean(axis=0), np.abs(error).max(axis=0)
+            figures = ", ".join(
+                f"h{k} {m:+.1f} (worst {w:.1f})" for k, (m, w) in enumerate(zip(means, worst, strict=True), 1)
+            )
+            console.print(f"{words}, {noise * 1e6:g} um, {method}: {figures} %", highlight=False)
+
+
+def coverage(console: Console) -> None:
+    """In how many prints the 95 % intervals hold the mean ink, with droplets that lack up to 20 % of their volume."""
+    true = 0.9 * np.array(LayerDeposition().heights[0])
+    inside = []
+    for seed in range(2 * PRINTS):
+        record = print_of(designs.layers(24, 24, 4, seed, margin=0), 0.5e-6, seed, variation=0.2)
+        found = identify_ink([record], 0.5e-6)
+        inside.append(np.abs(found.heights[0] - true) <= found.half_widths[0])
+    console.print(f"intervals hold the ink in {np.mean(inside):.0%} of {np.size(inside)} cases", highlight=False)
+
+
+def main() -> None:
+    """Print the figures and write the picture."""
+    console = Console(width=120)
+    bias(console)
+    coverage(console)
+    scenario = plant_scenario("YoungLaplaceDeposition", 0.1, ["grid.pitch_um=42.3"])
+    found = identify(perform(scenario, Plan()))
+    for table in tables(found):
+        console.print(table)
+    save(found, HERE / "identified-ink.png")
+
+
+if __name__ == "__main__":
+    main()

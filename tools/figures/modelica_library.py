@@ -1,0 +1,54 @@
+"""Picture of use-the-modelica-library.md: `python tools/figures/modelica_library.py`, also run by `make gallery`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import rumoca
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from inkloop.report.plot import COLOURS, STYLE, UM, WIDTH_IN, save
+
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "docs" / "how-to"
+LIBRARY = ROOT / "models/InkLoop/package.mo"
+EXAMPLES = {"CylinderOpenLoop": (8.0, "open loop"), "CylinderThresholdFeedback": (14.0, "threshold feedback")}
+CELLS = 11
+MIDDLE = 6
+
+
+def section_by_layer(example: str, stop: float) -> list[np.ndarray]:
+    """The row of cells through the middle after every layer [m], across the columns that the nozzles jet."""
+    run = rumoca.Session().load(str(LIBRARY), model=f"InkLoop.Examples.{example}").simulate(t=(0.0, stop), dt=0.5)
+    layers = run["deposition.layers_printed"]
+    row = np.array([run[f"deposition.height[{MIDDLE},{j}]"] for j in range(1, CELLS + 1)])
+    return [row[:, np.flatnonzero(layers == layer)[-1]] for layer in np.unique(layers)[1:]]
+
+
+def draw(axes: Axes, sections: list[np.ndarray], title: str) -> None:
+    """One line per layer, the last one strong, and the target."""
+    cells = np.arange(1, CELLS + 1)
+    for section in sections:
+        axes.step(cells, section * UM, where="mid", color="0.7", linewidth=0.8)
+    axes.step(cells, sections[-1] * UM, where="mid", color=COLOURS[0], linewidth=1.8, label="last layer")
+    axes.hlines(45.6, 1.5, 10.5, color=COLOURS[1], linestyle="--", linewidth=1.0, label="six nominal layers")
+    axes.set(title=f"{title}, {len(sections)} layers", xlabel="cell along y", xticks=cells[::2])
+
+
+def picture() -> Figure:
+    """Both examples side by side."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_IN, 0.42 * WIDTH_IN), layout="constrained")
+        panels = figure.subplots(1, 2, sharey=True)
+        for axes, (example, (stop, title)) in zip(panels, EXAMPLES.items(), strict=True):
+            draw(axes, section_by_layer(example, stop), title)
+        panels[0].set_ylabel("height [um]")
+        panels[0].legend(loc="upper right", bbox_to_anchor=(1.0, 0.93))
+        return figure
+
+
+if __name__ == "__main__":
+    save(picture(), FOLDER / "modelica-library.png")

@@ -1,0 +1,99 @@
+"""Pages the-papers.md and score-board.md: `python tools/figures/the_papers.py`, also run by `make gallery`.
+
+Runs `inkloop reproduce` and `inkloop score`, or takes what lies in a folder given: lu, wu-chiu, hume-rosen, score.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+from inkloop.cli import main
+from inkloop.files import write_text
+
+HERE = Path(__file__).parents[2] / "docs" / "reference"
+PAPERS = {
+    "lu": ("edges-shrink", "spacing", "cylinder-20", "pipe-junction"),
+    "wu-chiu": ("pattern-errors",),
+    "hume-rosen": ("droplet-errors", "line-on-a-step", "square", "square-walls"),
+}
+"""Paper -> pictures that the page shows."""
+
+PAPERS_PAGE = """# The papers reproduced
+
+What the papers behind the models print, beside what comes out here, by
+
+    inkloop reproduce lu | wu-chiu | hume-rosen [--quick] [--out DIR]
+
+A run folder holds the table (`table.txt`, `table.md`, `table.csv`), the pictures and how they came about
+(`reproduce.json`). Ctrl-C keeps the steps that are finished; `--quick` takes fewer prints and coarser grids. Finite
+elements need `pip install inkloop[reproduce]` (scikit-fem). "-" under "reproduced" means that there is nothing to
+compare: the paper prints no number, or one that was measured on another machine or plant. After "±" stands the
+standard deviation over prints, or over groups of samples. This page is written by `make gallery`.
+"""
+
+SCORE_PAGE = """# The score board
+
+    inkloop score                          # our controllers and the baselines on all plants
+    inkloop score module:Class             # a controller of yours beside ours
+    inkloop score module:Class --set limit=0.5 --plant lu --quick --out DIR
+
+Each plant is a file of [plant-v1](../../cosim/inkloop/studies/score/plant-v1), a scenario without its controller:
+the part, what a controller is told of the ink, the droplets and their variation, the sensor. It is printed with three fixed
+seeds, the same droplets for everyone. A version of the board never changes: the number after "plants" is a hash of
+its files, and tables compare where it is the same. Your class is what [a scenario
+takes](../how-to/bring-your-own-component.md): `module.py` stands in the folder where you call the command.
+
+The run folder holds `score.md`, `score.tex` (with booktabs), `score.csv` (every print) and `score.png`. To cite: the
+last line of the table, inkloop as [CITATION.cff](../../CITATION.cff) says, and the papers of the plants.
+
+| plant | the printer | the sensor |
+|---|---|---|
+| `plant-v1/lu` | layer-to-layer model, up to 20 % of a droplet missing (Lu, Zheng, Mishra 2015) | exact |
+| `plant-v1/lu-laser` | the same, up to 40 % | laser line, 1 um |
+| `plant-v1/lu-wide` | droplets that reach two cells far | exact |
+| `plant-v1/caps` | spherical caps, no flow | exact |
+| `plant-v1/volume-area` | volume and area propagation (Wu, Chiu 2024), guarded | exact |
+| `plant-v1/young-laplace-linear` | lines under surface tension (Hume, Rosen 2018), linear | exact |
+| `plant-v1/young-laplace` | the same, nonlinear | exact |
+
+What a controller believes of the ink, and what the plant does, are told apart: "Lu nominal" knows the volume of a
+droplet, in the proportions of Lu et al., Table I; "identified" is the least-squares fit of `h1`, `h2`, `h3` to eight
+random layers printed on the plant beforehand; "single droplet" is what one droplet leaves on flat ground, all that a
+model without flow knows, and what "superposition" (greedy geometric feedback, Cohen and Lipson 2010) adds up.
+"learning" goes on fitting `h1`, `h2` and `h3` while it prints (`adapt_ink = "full"`): that can make things worse
+where no ink of this model describes the plant, as on `volume-area` and `young-laplace`. No controller here is worse
+than printing blindly, on any plant.
+"""
+
+
+def write_papers(runs: Path) -> None:
+    """the-papers.md and its pictures."""
+    page = PAPERS_PAGE
+    for paper, pictures in PAPERS.items():
+        if not (runs / paper).exists() and main(["reproduce", paper, "--out", str(runs / paper)]) != 0:
+            raise SystemExit(f"inkloop reproduce {paper} did not end well")
+        title, _, table = (runs / paper / "table.md").read_text(encoding="utf-8").partition("\n")
+        page += f"\n## {title.removeprefix('# ')}\n{table}"
+        for picture in pictures:
+            shutil.copy(runs / paper / f"{picture}.png", HERE / f"{picture}.png")
+            page += f"\n![{picture.replace('-', ' ')}]({picture}.png)\n"
+    write_text(HERE / "the-papers.md", page)
+
+
+def write_score(runs: Path) -> None:
+    """score-board.md and its picture."""
+    if not (runs / "score").exists() and main(["score", "--out", str(runs / "score")]) != 0:
+        raise SystemExit("inkloop score did not end well")
+    shutil.copy(runs / "score" / "score.png", HERE / "score.png")
+    table = (runs / "score" / "score.md").read_text(encoding="utf-8")
+    write_text(HERE / "score-board.md", f"{SCORE_PAGE}\n{table}\n![rms by controller and plant](score.png)\n")
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as folder:
+        runs = Path(sys.argv[1] if len(sys.argv) > 1 else folder)
+        write_papers(runs)
+        write_score(runs)
