@@ -82,7 +82,7 @@ def test_every_source_of_the_firmware_is_checked_here() -> None:
 def test_states_and_faults_are_numbered_as_in_the_dbc(signal: str, prefix: str) -> None:
     dbc = cantools.database.load_file(ROOT / "hardware" / "inkloop_hardware" / "inkloop.dbc")
     choices = dbc.get_message_by_name("HeadStatus").get_signal_by_name(signal).choices
-    text = (FIRMWARE / "node" / "node.h").read_text(encoding="utf-8")
+    text = (FIRMWARE / "node" / "node_state.h").read_text(encoding="utf-8")
     names = re.findall(rf"^    {prefix}(\w+)[,\n]", text, re.MULTILINE)
     assert names == [str(choices[number]) for number in range(len(choices))]
 

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "interlocks.h"
+#include "services.h"
 #include "steps.h"
 
 const NodeLimits NODE_LIMITS = {
@@ -21,50 +22,23 @@ static bool is_open_question(const Book *book) {
     return (book->unknown != 0 || book->flags & BOOK_CURE_UNKNOWN) && !(book->flags & BOOK_ACKNOWLEDGED);
 }
 
-void node_init(Node *node, const NodeOptions *options, const Hal *hal, uint32_t now) {
-    memset(node, 0, sizeof *node);
-    node->hal = hal;
-    node->options = *options;
-    node->now = now;
-    node->supervised = true;
-    node->pattern.cells = options->pattern_memory;
-    node->pattern.capacity = options->pattern_bytes;
-    interlocks_all_off(node);
-    node->times = (NodeTimes){.safe = now, .lamp_off = now, .gate_closed = now};
-    journal_open(&node->journal, hal);
-    const Record *newest = &node->journal.newest;
-    node->book = newest->book;
-    if (newest->kind == RECORD_INTENT)
-        mark_unknown(&node->book, newest->step, newest->pass);
-    node->book.boots++;
-    node->needs_operator = is_open_question(&node->book);
-    node->cause = node->needs_operator ? CAUSE_PASS_UNKNOWN : CAUSE_NONE;
-    node_record(node, RECORD_BOOT, STEP_NONE, NULL);
-}
-
-bool node_has(const Node *node, uint8_t role) {
-    return (node->options.roles & role) != 0;
-}
-
-bool node_is_off(const Node *node) {
-    return node->state == NODE_SAFE || node->state == NODE_FAULT;
-}
-
-bool node_record(Node *node, RecordKind kind, StepKind step, const Key *key) {
-    if (node->dry)
-        return true;
-    Record record = {.kind = kind, .step = step, .book = node->book, .time_ms = node->now};
-    if (key) {
-        record.pass = key->pass;
-        record.attempt = key->attempt;
+/* SAFE where the master's word is missing or says stop, FAULT where the device does not do what it should. */
+static NodeState state_after(Cause cause) {
+    switch (cause) {
+    case CAUSE_MASTER_LOST:
+    case CAUSE_STOP_REQUEST:
+    case CAUSE_ENABLE_DROPPED:
+    case CAUSE_TWO_MASTERS:
+    case CAUSE_SUPERVISION:
+        return NODE_SAFE;
+    default:
+        return NODE_FAULT;
     }
-    if (journal_append(&node->journal, record))
-        return true;
-    node_de_energise(node, NODE_FAULT, CAUSE_JOURNAL_DAMAGED);
-    return false;
 }
 
-void node_de_energise(Node *node, NodeState state, Cause cause) {
+/* Everything off; what was under way is unknown. A FAULT is kept. The next cause, if the journal refuses to hold it. */
+static Cause de_energise(Node *node, Cause cause) {
+    const NodeState state = state_after(cause);
     interlocks_all_off(node);
     const Step left = node->step;
     if (left.kind != STEP_NONE)
@@ -85,14 +59,69 @@ void node_de_energise(Node *node, NodeState state, Cause cause) {
         mark_unknown(&node->book, left.kind, left.key.pass);
         node->needs_operator = true;
         if (!node->journal.damaged)
-            node_record(node, RECORD_UNKNOWN, left.kind, &left.key);
+            return node_record(node, RECORD_UNKNOWN, left.kind, &left.key);
     }
+    return CAUSE_NONE;
+}
+
+/* The one place where a cause takes effect: every function by which something reaches the node ends here. */
+static void enforce(Node *node, Cause cause) {
+    while (cause != CAUSE_NONE)
+        cause = de_energise(node, cause);
+}
+
+void node_init(Node *node, const NodeOptions *options, const Hal *hal, uint32_t now) {
+    memset(node, 0, sizeof *node);
+    node->hal = hal;
+    node->options = *options;
+    node->now = now;
+    node->supervised = true;
+    node->pattern.cells = options->pattern_memory;
+    node->pattern.capacity = options->pattern_bytes;
+    interlocks_all_off(node);
+    node->times = (NodeTimes){.safe = now, .lamp_off = now, .gate_closed = now};
+    journal_open(&node->journal, hal);
+    const Record *newest = &node->journal.newest;
+    node->book = newest->book;
+    if (newest->kind == RECORD_INTENT)
+        mark_unknown(&node->book, newest->step, newest->pass);
+    node->book.boots++;
+    node->needs_operator = is_open_question(&node->book);
+    node->cause = node->needs_operator ? CAUSE_PASS_UNKNOWN : CAUSE_NONE;
+    enforce(node, node_record(node, RECORD_BOOT, STEP_NONE, NULL));
 }
 
 void node_tick(Node *node, uint32_t now) {
     node->now = now;
-    interlocks_watch(node);
-    steps_continue(node);
+    const Cause cause = interlocks_watch(node);
+    enforce(node, cause != CAUSE_NONE ? cause : steps_continue(node));
+}
+
+void node_master_alive(Node *node, uint32_t now, const MasterAlive *master) {
+    node->now = now;
+    enforce(node, interlocks_take_master(node, master));
+}
+
+void node_supervision(Node *node, uint32_t now, bool trusted) {
+    node->now = now;
+    node->supervised = trusted;
+    enforce(node, trusted || node_is_off(node) ? CAUSE_NONE : CAUSE_SUPERVISION);
+}
+
+void node_stop_request(Node *node, uint32_t now, bool active) {
+    node->now = now;
+    node->stop_active = active;
+    enforce(node, active ? CAUSE_STOP_REQUEST : CAUSE_NONE);
+}
+
+size_t node_request(Node *node, uint32_t now, const uint8_t *request, size_t length, uint8_t *answer, size_t room) {
+    node->now = now;
+    Cause cause = CAUSE_NONE;
+    const size_t answered = services_answer(node, request, length, answer, room, &cause);
+    const uint8_t waiting = node->answer_length;
+    enforce(node, cause);
+    node->answer_length = waiting; /* `answer` refuses what was given up just now */
+    return answered;
 }
 
 size_t node_take_answer(Node *node, uint8_t *answer, size_t room) {

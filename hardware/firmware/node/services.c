@@ -145,7 +145,7 @@ static size_t tester_present(const uint8_t *request, size_t length, uint8_t *ans
     return request[1] & SUPPRESS ? 0 : 2;
 }
 
-static size_t transfer(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room) {
+static size_t transfer(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room, Cause *cause) {
     if (node->step.kind != STEP_NONE)
         return uds_refusal(answer, request[0], UDS_BUSY);
     switch (request[0]) {
@@ -156,12 +156,11 @@ static size_t transfer(Node *node, const uint8_t *request, size_t length, uint8_
     case UDS_TRANSFER:
         return transfer_block(node, request, length, answer, room);
     default:
-        return transfer_exit(node, request, length, answer);
+        return transfer_exit(node, request, length, answer, cause);
     }
 }
 
-size_t node_request(Node *node, uint32_t now, const uint8_t *request, size_t length, uint8_t *answer, size_t room) {
-    node->now = now;
+size_t services_answer(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room, Cause *cause) {
     if (length == 0 || room < ANSWER_ROOM)
         return 0;
     switch (request[0]) {
@@ -172,12 +171,12 @@ size_t node_request(Node *node, uint32_t now, const uint8_t *request, size_t len
     case UDS_READ:
         return read_identifier(node, request, length, answer, room);
     case UDS_ROUTINE_CONTROL:
-        return routine_control(node, request, length, answer);
+        return routine_control(node, request, length, answer, cause);
     case UDS_DOWNLOAD:
     case UDS_UPLOAD:
     case UDS_TRANSFER:
     case UDS_TRANSFER_EXIT:
-        return transfer(node, request, length, answer, room);
+        return transfer(node, request, length, answer, room, cause);
     default:
         return uds_refusal(answer, request[0], UDS_SERVICE_NOT_SUPPORTED);
     }

@@ -23,6 +23,10 @@
 #ifndef INKLOOP_SERVICES_H
 #define INKLOOP_SERVICES_H
 
+#include <stddef.h>
+
+#include "node_state.h"
+
 enum {
     ID_VERSION = 0xF195,
     ID_STATE = 0x0100,
@@ -32,5 +36,9 @@ enum {
     ID_TRANSFER = 0x0104,
     ID_JOURNAL = 0x0110
 };
+
+/* Answers a request; the length of the answer, 0 for none. `cause`, CAUSE_NONE before, is set if the node has to go off
+ * by it. */
+size_t services_answer(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room, Cause *cause);
 
 #endif

@@ -152,7 +152,7 @@ static size_t exit_answer(const Node *node, uint8_t *answer) {
 }
 
 /* A whole pattern with the right checksum becomes the layer's; a layer that is begun keeps the one it has. */
-static uint8_t adopt_pattern(Node *node) {
+static uint8_t adopt_pattern(Node *node, Cause *cause) {
     const Transfer *transfer = &node->transfer;
     Book *book = &node->book;
     const bool resumed = book->job == transfer->job && book->layer == transfer->layer && layer_is_begun(book);
@@ -166,13 +166,14 @@ static uint8_t adopt_pattern(Node *node) {
                        .pattern_crc = transfer->crc,
                        .passes = node->pattern.passes,
                        .boots = book->boots};
-    return node_record(node, RECORD_PATTERN, STEP_NONE, NULL) ? UDS_OK : UDS_FAILED;
+    *cause = node_record(node, RECORD_PATTERN, STEP_NONE, NULL);
+    return *cause == CAUSE_NONE ? UDS_OK : UDS_FAILED;
 }
 
-static size_t exit_download(Node *node, const uint8_t *request, uint8_t *answer) {
+static size_t exit_download(Node *node, const uint8_t *request, uint8_t *answer, Cause *cause) {
     if (get_u32(request + 1) != node->transfer.crc) /* the whole pattern again */
         return give_up(node, answer, UDS_TRANSFER_EXIT, UDS_CHECKSUM);
-    const uint8_t code = adopt_pattern(node);
+    const uint8_t code = adopt_pattern(node, cause);
     if (code == UDS_FAILED)
         return uds_refusal(answer, UDS_TRANSFER_EXIT, code);
     if (code != UDS_OK)
@@ -183,7 +184,7 @@ static size_t exit_download(Node *node, const uint8_t *request, uint8_t *answer)
     return exit_answer(node, answer);
 }
 
-size_t transfer_exit(Node *node, const uint8_t *request, size_t length, uint8_t *answer) {
+size_t transfer_exit(Node *node, const uint8_t *request, size_t length, uint8_t *answer, Cause *cause) {
     Transfer *transfer = &node->transfer;
     const size_t expected = transfer->upload ? 1 : 1 + CRC_BYTES;
     if (!transfer->active && !transfer->ended)
@@ -196,7 +197,7 @@ size_t transfer_exit(Node *node, const uint8_t *request, size_t length, uint8_t 
     }
     if (transfer->done != transfer->size)
         return uds_refusal(answer, UDS_TRANSFER_EXIT, UDS_SEQUENCE);
-    const size_t answered = transfer->upload ? exit_answer(node, answer) : exit_download(node, request, answer);
+    const size_t answered = transfer->upload ? exit_answer(node, answer) : exit_download(node, request, answer, cause);
     transfer->ended = answer[0] != UDS_NEGATIVE;
     transfer->active = false;
     return answered;

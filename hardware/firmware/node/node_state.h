@@ -1,0 +1,155 @@
+/* The state of one node of the bench: what it is doing, what it may do next, and what it remembers.
+ *
+ *     SAFE -> clear -> IDLE -> RECEIVING -> VERIFIED -> PRINTING -> PRINTED (mask) x passes -> CURING -> CURED
+ *          -> SCANNING -> MAP_READY -> RECEIVING of the next layer;   FAULT and SAFE from anywhere
+ *
+ * A node has one role or several; states of roles it does not have are left out. All parts of the node read and change
+ * this one struct; none of them sets SAFE or FAULT: they return a Cause, and node.c acts on it. */
+#ifndef INKLOOP_NODE_STATE_H
+#define INKLOOP_NODE_STATE_H
+
+#include <stddef.h>
+
+#include "hal.h"
+#include "journal.h"
+#include "pattern.h"
+
+typedef enum {
+    NODE_SAFE,
+    NODE_IDLE,
+    NODE_RECEIVING,
+    NODE_VERIFIED,
+    NODE_PRINTING,
+    NODE_PRINTED,
+    NODE_CURING,
+    NODE_CURED,
+    NODE_SCANNING,
+    NODE_MAP_READY,
+    NODE_FAULT
+} NodeState; /* value table "State" of inkloop.dbc */
+
+typedef enum {
+    CAUSE_NONE,
+    CAUSE_MASTER_LOST,
+    CAUSE_STOP_REQUEST,
+    CAUSE_ENABLE_DROPPED,
+    CAUSE_TWO_MASTERS,
+    CAUSE_SUPERVISION,
+    CAUSE_STEP_EXPIRED,
+    CAUSE_GATE_NOT_CONFIRMED,
+    CAUSE_LAMP_TIME,
+    CAUSE_LAMP_TEMPERATURE,
+    CAUSE_HEAD_TEMPERATURE,
+    CAUSE_BACK_PRESSURE,
+    CAUSE_STAGE_POSITION,
+    CAUSE_STAGE_LIMIT,
+    CAUSE_SCAN_FAILED,
+    CAUSE_PATTERN_CHECKSUM,
+    CAUSE_JOURNAL_DAMAGED,
+    CAUSE_PASS_UNKNOWN,
+    CAUSE_RECEIVE_OVERRUN,
+    CAUSE_INTERNAL
+} Cause; /* value table "Fault" of inkloop.dbc */
+
+enum { ROLE_HEAD = 1, ROLE_STAGE = 2, ROLE_CURE = 4, ROLE_PROFILER = 8 };
+enum { ENABLE_LAMP = 1, ENABLE_GATE = 2, ENABLE_MOTION = 4 };
+
+/* Every length of time that a node enforces by itself [ms]. */
+typedef struct {
+    uint32_t alive;   /* without MasterAlive: everything off */
+    uint32_t lamp;    /* longest pulse of the lamp */
+    uint32_t gate;    /* for the gate to reach its end switch */
+    uint32_t pass;    /* longest pass */
+    uint32_t motion;  /* longest move, homing or purge */
+    uint32_t scan;    /* longest scan */
+    uint32_t pending; /* between two "still busy" answers */
+} NodeLimits;
+
+typedef struct {
+    uint8_t roles; /* ROLE_... */
+    NodeLimits limits;
+    uint8_t *pattern_memory; /* of the head: packed cells of the largest pattern */
+    uint32_t pattern_bytes;
+} NodeOptions;
+
+typedef struct {
+    uint32_t job;
+    uint16_t layer;
+    uint8_t pass, attempt;
+} Key; /* of every routine: what it is to happen to, and the how manieth try it is */
+
+typedef struct {
+    uint8_t enables; /* ENABLE_... */
+    uint16_t session;
+    uint32_t job;
+} MasterAlive;
+
+typedef enum { STEP_OPENING, STEP_WORKING, STEP_CLOSING } StepPhase; /* the gate opens, work, what was open closes */
+
+/* The step under way. */
+typedef struct {
+    StepKind kind; /* STEP_NONE: nothing */
+    Key key;
+    uint16_t routine;
+    StepPhase phase;
+    uint8_t colour;      /* of a pass */
+    uint32_t lamp_ms;    /* of a cure */
+    uint32_t began;      /* [ms] */
+    uint32_t expires_in; /* after `began` [ms]: what enabled it holds no longer */
+    uint32_t phase_began;
+    uint32_t said_busy;
+} Step;
+
+typedef struct {
+    bool active, upload;
+    uint8_t next_counter;
+    bool any;                       /* at least one block went through: its repeat is answered as it was */
+    bool ended;                     /* the last transfer ended well: its end may be asked for again */
+    uint32_t size, done, last_size; /* bytes: of all blocks, so far, of the newest block */
+    uint32_t crc, crc_before;       /* of the bytes so far; without the newest block */
+    uint16_t layer;
+    uint32_t job;
+    NodeState before;
+} Transfer;
+
+/* When the node saw or did what its interlocks are about [ms of its clock]. */
+typedef struct {
+    uint32_t master_alive, safe, lamp_on, lamp_off, gate_opened, gate_closed;
+} NodeTimes;
+
+enum { ANSWER_ROOM = 64 };
+
+typedef struct {
+    const Hal *hal;
+    NodeOptions options;
+    Journal journal;
+    Book book, book_before_dry_run;
+    Pattern pattern;
+    bool pattern_loaded, scanned, dry;
+    uint8_t scan_attempt;
+    NodeState state;
+    Cause cause;
+    bool needs_operator; /* clear is refused unless a person is behind it */
+    bool stop_active, supervised;
+    bool lamp_driven, gate_driven;
+    MasterAlive master;
+    bool master_seen, other_master_seen;
+    uint32_t other_master_ms;
+    uint32_t now;
+    Step step;
+    uint16_t last_routine; /* the last one of those that the journal does not hold */
+    Key last_key;
+    Transfer transfer;
+    NodeTimes times;
+    uint32_t gate_pulses; /* since power-up */
+    uint8_t answer[ANSWER_ROOM];
+    uint8_t answer_length;
+} Node;
+
+bool node_has(const Node *node, uint8_t role);
+bool node_is_off(const Node *node); /* SAFE or FAULT */
+
+/* Writes a record with the present book; CAUSE_JOURNAL_DAMAGED when it cannot. A dry run writes nothing. */
+Cause node_record(Node *node, RecordKind kind, StepKind step, const Key *key);
+
+#endif
