@@ -21,7 +21,7 @@ FIRMWARE = ROOT / "hardware" / "firmware"
 CORE = sorted((FIRMWARE / "node").glob("*.c"))
 WIRE = sorted((FIRMWARE / "can").glob("*.c"))
 FAULTS = sorted((FIRMWARE / "host" / "faults").glob("*.c"))
-HOST = [FIRMWARE / "host" / f"{name}.c" for name in ("bench", "board", "world")]
+HOST = [FIRMWARE / "host" / f"{name}.c" for name in ("bench", "board", "surface_file", "world")]
 FMUS = ROOT / "fmus"
 KERNELS = [
     FMUS / "layer_deposition" / "layer_map.c",
