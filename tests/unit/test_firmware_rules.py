@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import cantools
@@ -13,6 +14,7 @@ import pytest
 from node_bench import CORE, FIRMWARE, PLACES, ROOT, STRICT, WIRE, write_codec
 
 ALL = [*CORE, *WIRE]
+HOST_ONLY = sorted((FIRMWARE / "host").rglob("*.c"))
 HEADER_FILES = [path for name in ("node", "can") for path in sorted((FIRMWARE / name).glob("*.h"))]
 GENERATED = {"inkloop.h", "inkloop_protocol.h"}
 HEADERS = {"stdbool.h", "stddef.h", "stdint.h", "string.h"}
@@ -36,7 +38,7 @@ def compiled(source: Path, codec: Path, *command: str) -> Path:
 def symbols(codec: Path) -> dict[Path, list[tuple[str, str]]]:
     """(kind, name) of every symbol of each compiled source."""
     found = {}
-    for source in ALL:
+    for source in (*ALL, *HOST_ONLY):
         path = compiled(source, codec, "gcc")
         listed = subprocess.run(["nm", path], capture_output=True, text=True, check=True).stdout
         found[source] = [(line.split()[-2], line.split()[-1]) for line in listed.splitlines()]
@@ -45,7 +47,7 @@ def symbols(codec: Path) -> dict[Path, list[tuple[str, str]]]:
 
 def test_firmware_asks_for_nothing_but_bytes_to_be_copied(symbols: dict[Path, list[tuple[str, str]]]) -> None:
     """So it takes no memory after it was linked, and reads no clock and no file."""
-    found = [symbol for listed in symbols.values() for symbol in listed]
+    found = [symbol for source in ALL for symbol in symbols[source]]
     defined = {name for kind, name in found if kind != "U"}
     asked = {name for kind, name in found if kind == "U"} - defined - {"_GLOBAL_OFFSET_TABLE_"}
     assert "node_tick" in defined
@@ -54,8 +56,8 @@ def test_firmware_asks_for_nothing_but_bytes_to_be_copied(symbols: dict[Path, li
 
 
 def test_firmware_has_no_global_that_changes(symbols: dict[Path, list[tuple[str, str]]]) -> None:
-    for source, listed in symbols.items():
-        assert not [name for kind, name in listed if kind in "BbDdCGgSs"], source
+    for source in ALL:
+        assert not [name for kind, name in symbols[source] if kind in "BbDdCGgSs"], source
 
 
 def test_firmware_includes_itself_and_the_freestanding_headers_only() -> None:
@@ -71,6 +73,36 @@ def test_node_knows_no_frame() -> None:
     for source in CORE:
         for path in (source, source.with_suffix(".h")):
             assert not wire & set(re.findall(r'#\s*include\s*[<"]([^">]+)', path.read_text(encoding="utf-8"))), path
+
+
+def unit(path: Path) -> str:
+    """A source and its header are one."""
+    return f"{path.parent.name}/{path.stem}"
+
+
+def test_no_circle_joins_the_files_of_the_firmware(symbols: dict[Path, list[tuple[str, str]]]) -> None:
+    """Neither by includes nor by calls, of the node and its frames as of the emulator and the image."""
+    headers = {path.name: path for path in sorted(FIRMWARE.rglob("*.h")) if "fuzz" not in path.parts}
+    needs: dict[str, set[str]] = {}
+    for path in (*headers.values(), *ALL, *HOST_ONLY, *(FIRMWARE / "cortex_m").glob("*.c")):
+        found = re.findall(r'#include "(.*?)"', path.read_text(encoding="utf-8"))
+        needs.setdefault(unit(path), set()).update(unit(headers[name]) for name in found if name in headers)
+    owner = {name: source for source, listed in symbols.items() for kind, name in listed if kind in "TR"}
+    for source, listed in symbols.items():
+        needs[unit(source)].update(unit(owner[name]) for kind, name in listed if kind == "U" and name in owner)
+    for name, below in needs.items():
+        below.discard(name)
+    assert needs["node/node"] >= {"node/interlocks", "node/steps", "node/services"}
+    TopologicalSorter(needs).prepare()
+
+
+def test_only_node_c_switches_everything_off(symbols: dict[Path, list[tuple[str, str]]]) -> None:
+    """And sets SAFE and FAULT, in one function with one caller; all other parts return a cause."""
+    callers = {source.stem for source in CORE if ("U", "interlocks_all_off") in symbols[source]}
+    assert callers == {"node"}
+    texts = {source.stem: source.read_text(encoding="utf-8") for source in CORE}
+    assert {stem for stem, text in texts.items() if re.search(r"\bNODE_(SAFE|FAULT)\b", text)} == {"node", "node_state"}
+    assert len(re.findall(r"\bde_energise\(", texts["node"])) == 2  # its definition and its call in enforce
 
 
 def test_every_source_of_the_firmware_is_checked_here() -> None:
