@@ -115,8 +115,19 @@ def test_states_and_faults_are_numbered_as_in_the_dbc(signal: str, prefix: str) 
     dbc = cantools.database.load_file(ROOT / "hardware" / "inkloop_hardware" / "inkloop.dbc")
     choices = dbc.get_message_by_name("HeadStatus").get_signal_by_name(signal).choices
     text = (FIRMWARE / "node" / "node_state.h").read_text(encoding="utf-8")
-    names = re.findall(rf"^    {prefix}(\w+)[,\n]", text, re.MULTILINE)
-    assert names == [str(choices[number]) for number in range(len(choices))]
+    numbers: dict[int, str] = {}
+    for name, number in re.findall(rf"^    {prefix}(\w+)(?: = (\d+))?[,\n]", text, re.MULTILINE):
+        numbers[int(number) if number else max(numbers, default=-1) + 1] = name
+    assert numbers == {number: str(name) for number, name in choices.items()}
+
+
+def test_every_cause_is_given_somewhere() -> None:
+    """So the value table of the DBC promises nothing that no node does."""
+    text = (FIRMWARE / "node" / "node_state.h").read_text(encoding="utf-8")
+    causes = set(re.findall(r"^    (CAUSE_\w+)", text, re.MULTILINE))
+    given = "".join(source.read_text(encoding="utf-8") for source in CORE)
+    assert causes
+    assert causes == set(re.findall(r"(?:return|[?:]) (CAUSE_\w+)\b", given))
 
 
 @pytest.mark.skipif(not shutil.which("arm-none-eabi-gcc"), reason="arm-none-eabi-gcc is not installed")
