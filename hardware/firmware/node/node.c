@@ -9,17 +9,17 @@
 const NodeLimits NODE_LIMITS = {
     .alive = 300, .lamp = 10000, .gate = 500, .pass = 120000, .motion = 30000, .scan = 60000, .pending = 1000};
 
-static void mark_unknown(Book *book, StepKind step, uint8_t pass) {
+static void mark_unknown(LayerProgress *progress, StepKind step, uint8_t pass) {
     if (step == STEP_PASS)
-        book->unknown |= (uint8_t)(1u << pass);
+        progress->unknown |= (uint8_t)(1u << pass);
     if (step == STEP_CURE)
-        book->flags |= BOOK_CURE_UNKNOWN;
+        progress->flags |= LAYER_CURE_UNKNOWN;
     if (step == STEP_PASS || step == STEP_CURE)
-        book->flags &= (uint8_t)~BOOK_ACKNOWLEDGED;
+        progress->flags &= (uint8_t)~LAYER_ACKNOWLEDGED;
 }
 
-static bool is_open_question(const Book *book) {
-    return (book->unknown != 0 || book->flags & BOOK_CURE_UNKNOWN) && !(book->flags & BOOK_ACKNOWLEDGED);
+static bool is_open_question(const LayerProgress *progress) {
+    return (progress->unknown != 0 || progress->flags & LAYER_CURE_UNKNOWN) && !(progress->flags & LAYER_ACKNOWLEDGED);
 }
 
 /* SAFE where the master's word is missing or says stop, FAULT where the device does not do what it should. */
@@ -54,9 +54,9 @@ static Cause de_energise(Node *node, Cause cause) {
     node->pattern_loaded = node->scanned = false;
     if (node->dry) {
         node->dry = false;
-        node->book = node->book_before_dry_run;
+        node->progress = node->progress_before_dry_run;
     } else if ((left.kind == STEP_PASS || left.kind == STEP_CURE) && !steps_is_done(node, &left)) {
-        mark_unknown(&node->book, left.kind, left.key.pass);
+        mark_unknown(&node->progress, left.kind, left.key.pass);
         node->needs_operator = true;
         if (!node->journal.damaged)
             return node_record(node, RECORD_UNKNOWN, left.kind, &left.key);
@@ -82,11 +82,11 @@ void node_init(Node *node, const NodeOptions *options, const Hal *hal, uint32_t 
     node->times = (NodeTimes){.safe = now, .lamp_off = now, .gate_closed = now};
     journal_open(&node->journal, hal);
     const Record *newest = &node->journal.newest;
-    node->book = newest->book;
+    node->progress = newest->progress;
     if (newest->kind == RECORD_INTENT)
-        mark_unknown(&node->book, newest->step, newest->pass);
-    node->book.boots++;
-    node->needs_operator = is_open_question(&node->book);
+        mark_unknown(&node->progress, newest->step, newest->pass);
+    node->progress.boots++;
+    node->needs_operator = is_open_question(&node->progress);
     node->cause = node->needs_operator ? CAUSE_PASS_UNKNOWN : CAUSE_NONE;
     enforce(node, node_record(node, RECORD_BOOT, STEP_NONE, NULL));
 }
@@ -137,10 +137,10 @@ NodeStatus node_status(const Node *node) {
     const uint32_t lines = node->hal->lines(node->hal->context);
     return (NodeStatus){.state = node->state,
                         .cause = node->cause,
-                        .layer = node->book.layer,
-                        .boots = node->book.boots,
-                        .done = node->book.done,
-                        .unknown = node->book.unknown,
+                        .layer = node->progress.layer,
+                        .boots = node->progress.boots,
+                        .done = node->progress.done,
+                        .unknown = node->progress.unknown,
                         .lamp_on = node->lamp_driven,
                         .gate_open = node->gate_driven,
                         .gate_closed = (lines & LINE_GATE_CLOSED) != 0,

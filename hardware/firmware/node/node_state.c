@@ -11,7 +11,7 @@ bool node_is_off(const Node *node) {
 Cause node_record(Node *node, RecordKind kind, StepKind step, const Key *key) {
     if (node->dry)
         return CAUSE_NONE;
-    Record record = {.kind = kind, .step = step, .book = node->book, .time_ms = node->now};
+    Record record = {.kind = kind, .step = step, .progress = node->progress, .time_ms = node->now};
     if (key) {
         record.pass = key->pass;
         record.attempt = key->attempt;

@@ -70,7 +70,7 @@ typedef struct {
     uint32_t job;
     uint16_t layer;
     uint8_t pass, attempt;
-} Key; /* of every routine: what it is to happen to, and the how manieth try it is */
+} Key; /* identifies a step; `attempt` counts repetitions */
 
 typedef struct {
     uint8_t enables; /* ENABLE_... */
@@ -117,7 +117,7 @@ typedef struct {
     const Hal *hal;
     NodeOptions options;
     Journal journal;
-    Book book, book_before_dry_run;
+    LayerProgress progress, progress_before_dry_run;
     Pattern pattern;
     bool pattern_loaded, scanned, dry;
     uint8_t scan_attempt;
@@ -143,7 +143,7 @@ typedef struct {
 bool node_has(const Node *node, uint8_t role);
 bool node_is_off(const Node *node); /* SAFE or FAULT */
 
-/* Writes a record with the present book; CAUSE_JOURNAL_DAMAGED when it cannot. A dry run writes nothing. */
+/* Writes a record with the progress as it is now; CAUSE_JOURNAL_DAMAGED when it cannot. A dry run writes nothing. */
 Cause node_record(Node *node, RecordKind kind, StepKind step, const Key *key);
 
 #endif

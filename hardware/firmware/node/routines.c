@@ -47,9 +47,9 @@ static uint8_t clear(Node *node, uint16_t option, Cause *cause) {
     if ((node->needs_operator || option & CLEAR_ABANDON) && !released)
         return UDS_CONDITIONS;
     if (released)
-        node->book.flags |= BOOK_ACKNOWLEDGED;
+        node->progress.flags |= LAYER_ACKNOWLEDGED;
     if (option & CLEAR_ABANDON)
-        node->book.flags |= BOOK_ABANDONED;
+        node->progress.flags |= LAYER_ABANDONED;
     if (released)
         *cause = node_record(node, RECORD_CLEAR, STEP_NONE, NULL);
     if (*cause != CAUSE_NONE)
@@ -72,9 +72,9 @@ static uint8_t set_dry_run(Node *node, uint16_t option) {
     if (dry && node->state != NODE_IDLE)
         return UDS_SEQUENCE;
     if (dry)
-        node->book_before_dry_run = node->book;
+        node->progress_before_dry_run = node->progress;
     else
-        node->book = node->book_before_dry_run;
+        node->progress = node->progress_before_dry_run;
     node->dry = dry;
     node->pattern_loaded = node->scanned = false;
     node->transfer.active = node->transfer.ended = false;
@@ -83,7 +83,7 @@ static uint8_t set_dry_run(Node *node, uint16_t option) {
 }
 
 static uint8_t conditions_of_pass(const Node *node, uint16_t option) {
-    const bool one_pass = node->book.passes == 1;
+    const bool one_pass = node->progress.passes == 1;
     if (one_pass ? option != ALL_COLOURS : option >= COLOUR_COUNT)
         return UDS_OUT_OF_RANGE;
     const bool stage = node_has(node, ROLE_STAGE);

@@ -26,17 +26,17 @@ static uint8_t flags_of(const Node *node) {
 }
 
 static size_t put_state(const Node *node, uint8_t *to) {
-    const Book *book = &node->book;
+    const LayerProgress *progress = &node->progress;
     const uint8_t first[4] = {(uint8_t)node->state, (uint8_t)node->cause, node->options.roles, flags_of(node)};
-    const uint8_t layer[6] = {book->passes, book->done,  book->unknown,
-                              book->cured,  book->flags, (uint8_t)node->step.kind};
+    const uint8_t layer[6] = {progress->passes, progress->done,  progress->unknown,
+                              progress->cured,  progress->flags, (uint8_t)node->step.kind};
     memcpy(to, first, sizeof first);
-    put_u32(to + 4, book->job);
-    put_u16(to + 8, book->layer);
+    put_u32(to + 4, progress->job);
+    put_u16(to + 8, progress->layer);
     memcpy(to + 10, layer, sizeof layer);
-    put_u16(to + 16, book->boots);
+    put_u16(to + 16, progress->boots);
     put_u16(to + 18, node->master.session);
-    const uint32_t rest[] = {book->pattern_crc, node->now, node->gate_pulses};
+    const uint32_t rest[] = {progress->pattern_crc, node->now, node->gate_pulses};
     return 20 + put_numbers(to + 20, rest, 3);
 }
 

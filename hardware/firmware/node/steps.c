@@ -81,10 +81,10 @@ static Cause cause_of(StepKind kind) {
 
 /* Cure and scan may be the first a node hears of a layer; what was under way of another one is over. */
 static void open_layer(Node *node, StepKind kind, const Key *key) {
-    Book *book = &node->book;
-    const bool same = book->job == key->job && book->layer == key->layer;
+    LayerProgress *progress = &node->progress;
+    const bool same = progress->job == key->job && progress->layer == key->layer;
     if (!same)
-        *book = (Book){.job = key->job, .layer = key->layer, .boots = book->boots};
+        *progress = (LayerProgress){.job = key->job, .layer = key->layer, .boots = progress->boots};
     if (!same || kind == STEP_SCAN) /* blocks of a map are of one scan */
         node->scanned = false;
     if (node->transfer.active)
@@ -111,9 +111,9 @@ Cause steps_begin(Node *node, StepKind kind, uint16_t routine, const Key *key, u
 }
 
 bool steps_is_done(const Node *node, const Step *step) {
-    const Book *book = &node->book;
+    const LayerProgress *progress = &node->progress;
     const uint8_t bit = (uint8_t)(1u << (step->key.pass % PASSES_MAX));
-    return step->kind == STEP_PASS ? (book->done & bit) != 0 : step->phase == STEP_CLOSING;
+    return step->kind == STEP_PASS ? (progress->done & bit) != 0 : step->phase == STEP_CLOSING;
 }
 
 void steps_give_up(Node *node) {
@@ -134,18 +134,18 @@ static void answer_done(Node *node) {
 /* Writes the DONE of what has just ended. */
 static Cause note_done(Node *node) {
     const Step *step = &node->step;
-    Book *book = &node->book;
+    LayerProgress *progress = &node->progress;
     const uint8_t bit = (uint8_t)(1u << (step->key.pass % PASSES_MAX));
     if (step->kind == STEP_PASS)
-        book->done |= bit;
+        progress->done |= bit;
     if (step->kind == STEP_CURE) {
-        book->cured |= node_has(node, ROLE_HEAD) ? (uint8_t)(book->done | book->unknown) : bit;
-        book->flags &= (uint8_t)~BOOK_CURE_UNKNOWN;
+        progress->cured |= node_has(node, ROLE_HEAD) ? (uint8_t)(progress->done | progress->unknown) : bit;
+        progress->flags &= (uint8_t)~LAYER_CURE_UNKNOWN;
     }
     return is_journalled(step->kind) ? node_record(node, RECORD_DONE, step->kind, &step->key) : CAUSE_NONE;
 }
 
-static Cause continue_pass(Node *node, WorkProgress progress) {
+static Cause continue_pass(Node *node, WorkProgress work) {
     const bool expired = node->now - node->step.phase_began >= node->options.limits.gate;
     if (node->step.phase == STEP_OPENING) {
         if (node->dry || interlocks_line(node, LINE_GATE_OPEN)) {
@@ -154,7 +154,7 @@ static Cause continue_pass(Node *node, WorkProgress progress) {
         }
         return expired ? CAUSE_GATE_NOT_CONFIRMED : CAUSE_NONE;
     }
-    if (node->step.phase == STEP_WORKING && progress == WORK_FINISHED) {
+    if (node->step.phase == STEP_WORKING && work == WORK_FINISHED) {
         interlocks_gate_close(node);
         enter(node, STEP_CLOSING);
         return note_done(node);
@@ -202,8 +202,8 @@ static Cause continue_self_test(Node *node) {
     return CAUSE_NONE;
 }
 
-static Cause continue_work(Node *node, WorkProgress progress) {
-    if (progress != WORK_FINISHED)
+static Cause continue_work(Node *node, WorkProgress work) {
+    if (work != WORK_FINISHED)
         return CAUSE_NONE;
     const Cause cause = note_done(node);
     if (cause != CAUSE_NONE)
@@ -220,18 +220,18 @@ static Cause continue_work(Node *node, WorkProgress progress) {
 static Cause continue_step(Node *node) {
     const StepKind kind = node->step.kind;
     const bool working = node->step.phase == STEP_WORKING && kind != STEP_CURE && kind != STEP_SELF_TEST;
-    const WorkProgress progress = working ? node->hal->progress(node->hal->context) : WORK_RUNNING;
-    if (progress == WORK_FAILED)
+    const WorkProgress work = working ? node->hal->progress(node->hal->context) : WORK_RUNNING;
+    if (work == WORK_FAILED)
         return cause_of(kind);
     switch (kind) {
     case STEP_PASS:
-        return continue_pass(node, progress);
+        return continue_pass(node, work);
     case STEP_CURE:
         return continue_cure(node);
     case STEP_SELF_TEST:
         return continue_self_test(node);
     default:
-        return continue_work(node, progress);
+        return continue_work(node, work);
     }
 }
 

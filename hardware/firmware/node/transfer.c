@@ -59,7 +59,7 @@ size_t transfer_download(Node *node, const uint8_t *request, size_t length, uint
 
 size_t transfer_upload(Node *node, const uint8_t *request, size_t length, uint8_t *answer) {
     uint8_t code = fault_of_form(node, request, length, ROLE_PROFILER);
-    if (code == UDS_OK && (node->state != NODE_MAP_READY || get_u16(request + 5) != node->book.layer))
+    if (code == UDS_OK && (node->state != NODE_MAP_READY || get_u16(request + 5) != node->progress.layer))
         code = UDS_SEQUENCE;
     if (code == UDS_OK && (request[1] != PLAIN || get_u32(request + 7) != height_map_bytes(node->hal)))
         code = UDS_OUT_OF_RANGE;
@@ -154,18 +154,19 @@ static size_t exit_answer(const Node *node, uint8_t *answer) {
 /* A whole pattern with the right checksum becomes the layer's; a layer that is begun keeps the one it has. */
 static uint8_t adopt_pattern(Node *node, Cause *cause) {
     const Transfer *transfer = &node->transfer;
-    Book *book = &node->book;
-    const bool resumed = book->job == transfer->job && book->layer == transfer->layer && layer_is_begun(book);
+    LayerProgress *progress = &node->progress;
+    const bool resumed =
+        progress->job == transfer->job && progress->layer == transfer->layer && layer_is_begun(progress);
     if (!pattern_is_complete(&node->pattern) || !pattern_is_printable(&node->pattern))
         return UDS_OUT_OF_RANGE;
-    if (resumed && (transfer->crc != book->pattern_crc || node->pattern.passes != book->passes))
+    if (resumed && (transfer->crc != progress->pattern_crc || node->pattern.passes != progress->passes))
         return UDS_CHECKSUM;
     if (!resumed)
-        *book = (Book){.job = transfer->job,
-                       .layer = transfer->layer,
-                       .pattern_crc = transfer->crc,
-                       .passes = node->pattern.passes,
-                       .boots = book->boots};
+        *progress = (LayerProgress){.job = transfer->job,
+                                    .layer = transfer->layer,
+                                    .pattern_crc = transfer->crc,
+                                    .passes = node->pattern.passes,
+                                    .boots = progress->boots};
     *cause = node_record(node, RECORD_PATTERN, STEP_NONE, NULL);
     return *cause == CAUSE_NONE ? UDS_OK : UDS_FAILED;
 }
@@ -180,7 +181,7 @@ static size_t exit_download(Node *node, const uint8_t *request, uint8_t *answer,
         return give_up(node, answer, UDS_TRANSFER_EXIT, code);
     node->pattern_loaded = true;
     node->scanned = false;
-    node->state = layer_is_begun(&node->book) ? NODE_PRINTED : NODE_VERIFIED;
+    node->state = layer_is_begun(&node->progress) ? NODE_PRINTED : NODE_VERIFIED;
     return exit_answer(node, answer);
 }
 
