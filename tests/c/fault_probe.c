@@ -1,6 +1,7 @@
 /* The wire of the emulated bench without a bench: frames go in, what comes out is written down. */
 #include <string.h>
 
+#include "fault_text.h"
 #include "wire_faults.h"
 
 enum { TAKEN = 4096 };

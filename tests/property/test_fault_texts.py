@@ -29,7 +29,7 @@ def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[subprocess.Popen
     if not shutil.which("gcc"):
         pytest.skip("gcc is not installed")
     program = tmp_path_factory.mktemp("faults") / "fault_text"
-    sources = [FIRMWARE / "host" / "fault_text.c", ROOT / "tests" / "c" / "fault_text_probe.c"]
+    sources = [FIRMWARE / "host" / "faults" / "fault_text.c", ROOT / "tests" / "c" / "fault_text_probe.c"]
     sanitizers = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
     subprocess.run(["gcc", *STRICT, *sanitizers, *PLACES, *sources, "-lm", "-o", program], check=True)
     with subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:

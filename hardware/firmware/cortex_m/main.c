@@ -3,10 +3,10 @@
  * Journals and surface live in memory: a reset begins anew. An image for one's own board has its own storage, CAN
  * controller and actuators in place of host/board.c, uart.c and host/world.c. */
 #include "bench.h"
+#include "clock.h"
 #include "measurements.h"
 #include "node_frames.h"
 #include "slcan.h"
-#include "startup.h"
 #include "uart.h"
 
 enum { BYTES_AT_ONCE = 256, FRAMES_AT_ONCE = 16 };

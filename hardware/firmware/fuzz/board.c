@@ -184,7 +184,7 @@ void fuzz_board_power_off(FuzzBoard *board) {
     board->lamp = board->gate = board->working = board->homed = board->power_fails = false;
     for (int k = 0; k < 3; k++)
         board->enabled[k] = false;
-    board->book_known = false;
+    board->progress_known = false;
 }
 
 void fuzz_board_master_alive(FuzzBoard *board, const MasterAlive *master) {

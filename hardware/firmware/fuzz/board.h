@@ -52,8 +52,8 @@ typedef struct {
     uint32_t scans, jets;
     Key seen; /* of the last scan that ended */
     Jetted jetted;
-    Book book; /* as it was after the last operation */
-    bool book_known;
+    LayerProgress progress; /* as it was after the last operation */
+    bool progress_known;
 } FuzzBoard;
 
 void fuzz_board_init(FuzzBoard *board, Node *node, uint8_t sectors);

@@ -5,8 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "board.h"
-
 typedef enum { REAL, COUNT16, COUNT32, SIGNED32, KIND, FLAG } Type;
 
 typedef struct {
@@ -56,7 +54,6 @@ static const Option OPTIONS[] = {
 static const char *const NAMES[BENCH_NODES] = {"head", "stage", "cure", "profiler"};
 static const uint8_t ROLES[BENCH_NODES] = {ROLE_HEAD, ROLE_STAGE, ROLE_CURE, ROLE_PROFILER};
 enum { ALL_ROLES = ROLE_HEAD | ROLE_STAGE | ROLE_CURE | ROLE_PROFILER };
-static const char SURFACE_MAGIC[8] = "INKSURF1";
 
 BenchOptions bench_defaults(void) {
     return (BenchOptions){.world = world_defaults(), .limits = NODE_LIMITS};
@@ -107,51 +104,6 @@ static const char *fault_of(const BenchOptions *options) {
     return NULL;
 }
 
-static size_t surface_bytes(const Bench *bench) {
-    return (size_t)bench->options.world.nx * bench->options.world.ny * sizeof(double);
-}
-
-bool bench_keep_surface(const Bench *bench) {
-    if (bench->surface_path[0] == '\0')
-        return true;
-    char temporary[sizeof bench->surface_path + 4];
-    snprintf(temporary, sizeof temporary, "%s.new", bench->surface_path);
-    FILE *file = fopen(temporary, "wb");
-    if (!file)
-        return false;
-    const int32_t head[3] = {bench->options.world.nx, bench->options.world.ny, bench->world.scans};
-    const bool written = fwrite(SURFACE_MAGIC, 1, sizeof SURFACE_MAGIC, file) == sizeof SURFACE_MAGIC &&
-                         fwrite(head, 1, sizeof head, file) == sizeof head &&
-                         fwrite(bench->world.height, 1, surface_bytes(bench), file) == surface_bytes(bench);
-    if (fclose(file) != 0 || !written)
-        return false;
-#ifdef _WIN32
-    remove(bench->surface_path); /* rename does not replace a file there */
-#endif
-    return rename(temporary, bench->surface_path) == 0;
-}
-
-/* A surface that is there is gone on with. */
-static const char *load_surface(Bench *bench) {
-    FILE *file = fopen(bench->surface_path, "rb");
-    if (!file)
-        return NULL;
-    char magic[sizeof SURFACE_MAGIC];
-    int32_t head[3] = {0};
-    const bool known = fread(magic, 1, sizeof magic, file) == sizeof magic &&
-                       memcmp(magic, SURFACE_MAGIC, sizeof magic) == 0 &&
-                       fread(head, 1, sizeof head, file) == sizeof head;
-    const bool fits = known && head[0] == bench->options.world.nx && head[1] == bench->options.world.ny;
-    const bool whole = fits && fread(bench->world.height, 1, surface_bytes(bench), file) == surface_bytes(bench);
-    fclose(file);
-    bench->world.scans = head[2];
-    if (!known)
-        return "surface.bin is no surface of a bench; choose another folder or remove it";
-    if (!fits)
-        return "surface.bin has another number of cells than nx and ny say; choose another folder or remove it";
-    return whole ? NULL : "surface.bin is cut off; remove it and the journals to begin anew";
-}
-
 static const char *open_files(Bench *bench, const char *folder) {
     char path[sizeof bench->surface_path];
     for (int node = 0; node < bench_node_count(bench); node++) {
@@ -160,15 +112,13 @@ static const char *open_files(Bench *bench, const char *folder) {
             return "a journal could not be opened or made in the folder";
     }
     snprintf(bench->surface_path, sizeof bench->surface_path, "%s/surface.bin", folder);
-    return load_surface(bench);
+    return surface_file_read(&bench->world, bench->surface_path);
 }
 
 static void join(Bench *bench) {
     for (int node = 0; node < BENCH_NODES; node++) {
         Board *board = &bench->board[node];
-        board->bench = bench;
-        board->torn_at = -1;
-        memset(board->storage, 0xFF, sizeof board->storage);
+        board_init(board, &bench->world, bench->surface_path);
         bench->hal[node] = board_hal(board);
     }
 }

@@ -5,26 +5,12 @@
 #ifndef INKLOOP_BENCH_H
 #define INKLOOP_BENCH_H
 
-#include <stdio.h>
-
+#include "board.h"
 #include "node.h"
+#include "surface_file.h"
 #include "world.h"
 
 enum { BENCH_HEAD, BENCH_STAGE, BENCH_CURE, BENCH_PROFILER, BENCH_NODES };
-enum { BENCH_SECTORS = 4, BENCH_SECTOR_BYTES = 4096, BENCH_STORAGE_BYTES = BENCH_SECTORS * BENCH_SECTOR_BYTES };
-
-typedef struct Bench Bench;
-
-/* What stands behind one node's HAL. */
-typedef struct {
-    Bench *bench;
-    uint8_t storage[BENCH_STORAGE_BYTES];
-    FILE *file;      /* NULL: memory only */
-    int32_t torn_at; /* >= 0: the next write ends after so many bytes, as in a power failure */
-    Work work;
-    bool working;
-    uint32_t work_began;
-} Board;
 
 typedef struct {
     WorldOptions world;
@@ -32,7 +18,7 @@ typedef struct {
     bool one_node; /* the first node has all four roles, and the others stay off */
 } BenchOptions;
 
-struct Bench {
+typedef struct {
     BenchOptions options;
     World world;
     Board board[BENCH_NODES];
@@ -40,8 +26,8 @@ struct Bench {
     Node node[BENCH_NODES];
     uint8_t *pattern_memory;
     uint32_t pattern_bytes;
-    char surface_path[4096]; /* "": not kept */
-};
+    char surface_path[SURFACE_PATH_ROOM]; /* "": not kept */
+} Bench;
 
 BenchOptions bench_defaults(void);
 
@@ -58,9 +44,6 @@ void bench_power_up(Bench *bench, int node, uint32_t now);
 
 /* Time goes on for the world and every node. */
 void bench_tick(Bench *bench, uint32_t now);
-
-/* Writes the surface to its file, if it has one: before anybody says that a pass is done. False: it could not be. */
-bool bench_keep_surface(const Bench *bench);
 
 Node *bench_node(Bench *bench, int node);
 int bench_node_count(const Bench *bench);

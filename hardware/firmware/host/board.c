@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "surface_file.h"
+
 static bool write_through(Board *board, uint32_t offset, uint32_t length) {
     if (!board->file)
         return true;
@@ -11,7 +13,7 @@ static bool write_through(Board *board, uint32_t offset, uint32_t length) {
 
 static bool storage_read(void *context, uint32_t offset, uint8_t *to, uint32_t length) {
     const Board *board = context;
-    if (offset > BENCH_STORAGE_BYTES || length > BENCH_STORAGE_BYTES - offset)
+    if (offset > BOARD_STORAGE_BYTES || length > BOARD_STORAGE_BYTES - offset)
         return false;
     memcpy(to, board->storage + offset, length);
     return true;
@@ -19,7 +21,7 @@ static bool storage_read(void *context, uint32_t offset, uint8_t *to, uint32_t l
 
 static bool storage_write(void *context, uint32_t offset, const uint8_t *from, uint32_t length) {
     Board *board = context;
-    if (offset > BENCH_STORAGE_BYTES || length > BENCH_STORAGE_BYTES - offset)
+    if (offset > BOARD_STORAGE_BYTES || length > BOARD_STORAGE_BYTES - offset)
         return false;
     const bool torn = board->torn_at >= 0 && (uint32_t)board->torn_at < length;
     const uint32_t written = torn ? (uint32_t)board->torn_at : length;
@@ -30,14 +32,14 @@ static bool storage_write(void *context, uint32_t offset, const uint8_t *from, u
 
 static bool storage_erase(void *context, uint32_t sector) {
     Board *board = context;
-    if (sector >= BENCH_SECTORS)
+    if (sector >= BOARD_SECTORS)
         return false;
-    memset(board->storage + sector * BENCH_SECTOR_BYTES, 0xFF, BENCH_SECTOR_BYTES);
-    return write_through(board, sector * BENCH_SECTOR_BYTES, BENCH_SECTOR_BYTES);
+    memset(board->storage + sector * BOARD_SECTOR_BYTES, 0xFF, BOARD_SECTOR_BYTES);
+    return write_through(board, sector * BOARD_SECTOR_BYTES, BOARD_SECTOR_BYTES);
 }
 
 static World *world_of(void *context) {
-    return &((Board *)context)->bench->world;
+    return ((Board *)context)->world;
 }
 
 static void set_lamp(void *context, bool on) {
@@ -83,7 +85,7 @@ static bool begin(void *context, const Work *work) {
 
 /* What the work has done by now: all of it, or the share of it that time allowed. */
 static bool finish(Board *board, double share) {
-    World *world = &board->bench->world;
+    World *world = board->world;
     board->working = false;
     if (board->work.kind == WORK_JET && !board->work.dry)
         world_jet(world, &board->work, share);
@@ -91,7 +93,7 @@ static bool finish(Board *board, double share) {
         world->homed = true;
     if (board->work.kind == WORK_SCAN && share >= 1.0)
         world_scan(world);
-    return bench_keep_surface(board->bench);
+    return surface_file_write(world, board->surface_path);
 }
 
 static WorkProgress progress(void *context) {
@@ -122,10 +124,18 @@ static bool map_reading(void *context, uint32_t cell, int16_t *reading) {
     return world_map_reading(world_of(context), cell, reading);
 }
 
+void board_init(Board *board, World *world, const char *surface_path) {
+    memset(board, 0, sizeof *board);
+    board->world = world;
+    board->surface_path = surface_path;
+    board->torn_at = -1;
+    memset(board->storage, 0xFF, sizeof board->storage);
+}
+
 Hal board_hal(Board *board) {
     return (Hal){.context = board,
-                 .sectors = BENCH_SECTORS,
-                 .sector_bytes = BENCH_SECTOR_BYTES,
+                 .sectors = BOARD_SECTORS,
+                 .sector_bytes = BOARD_SECTOR_BYTES,
                  .storage_read = storage_read,
                  .storage_write = storage_write,
                  .storage_erase = storage_erase,
@@ -146,8 +156,8 @@ bool board_open_file(Board *board, const char *path) {
         board->file = fopen(path, "w+b");
     if (!board->file)
         return false;
-    if (found && fread(board->storage, 1, BENCH_STORAGE_BYTES, board->file) == BENCH_STORAGE_BYTES)
+    if (found && fread(board->storage, 1, BOARD_STORAGE_BYTES, board->file) == BOARD_STORAGE_BYTES)
         return true;
-    memset(board->storage, 0xFF, BENCH_STORAGE_BYTES); /* new, or its first writing was interrupted */
-    return write_through(board, 0, BENCH_STORAGE_BYTES);
+    memset(board->storage, 0xFF, BOARD_STORAGE_BYTES); /* new, or its first writing was interrupted */
+    return write_through(board, 0, BOARD_STORAGE_BYTES);
 }

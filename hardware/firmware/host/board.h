@@ -1,8 +1,27 @@
-/* The HAL of an emulated node: storage in memory and, if there is one, in a file; actuators and inputs in the world. */
+/* The HAL of an emulated node: storage in memory and, if there is one, in a file; actuators and inputs in the world.
+ * Work is finished only when the surface it left has been written to its file. */
 #ifndef INKLOOP_BOARD_H
 #define INKLOOP_BOARD_H
 
-#include "bench.h"
+#include <stdio.h>
+
+#include "world.h"
+
+enum { BOARD_SECTORS = 4, BOARD_SECTOR_BYTES = 4096, BOARD_STORAGE_BYTES = BOARD_SECTORS * BOARD_SECTOR_BYTES };
+
+typedef struct {
+    World *world;
+    const char *surface_path; /* "": the surface is not kept */
+    uint8_t storage[BOARD_STORAGE_BYTES];
+    FILE *file;      /* NULL: memory only */
+    int32_t torn_at; /* >= 0: the next write ends after so many bytes, as in a power failure */
+    Work work;
+    bool working;
+    uint32_t work_began;
+} Board;
+
+/* Erased storage in memory; `world` and `surface_path` are kept. */
+void board_init(Board *board, World *world, const char *surface_path);
 
 /* The functions above `board`. */
 Hal board_hal(Board *board);

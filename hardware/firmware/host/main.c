@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "bench.h"
+#include "fault_text.h"
 #include "hub.h"
 #include "measurements.h"
 #include "node_faults.h"

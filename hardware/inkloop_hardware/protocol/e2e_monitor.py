@@ -1,7 +1,7 @@
 """What a receiver makes of the check bytes and counters of one supervised message.
 
 Two bad frames among the last five, and the sender counts as missing, until fewer than two of the last five are bad.
-Silence is not seen here: who waits for the frame has a clock. `firmware/e2e_monitor.c` keeps the same laws.
+Silence is not seen here: who waits for the frame has a clock. `firmware/can/e2e_monitor.c` keeps the same laws.
 """
 
 from __future__ import annotations

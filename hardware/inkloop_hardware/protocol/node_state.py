@@ -1,6 +1,6 @@
 """What the identifiers of a node (service 0x22) say, as records.
 
-Big-endian layouts of `firmware/services.h` and `journal.h`. Times are s of the node's own clock since its power-up; 0
+Big-endian layouts of `firmware/node/services.h` and `journal.h`. Times are s of the node's own clock since its power-up; 0
 for what has not happened.
 """
 

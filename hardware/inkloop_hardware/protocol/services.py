@@ -1,6 +1,6 @@
 """What can be asked of a node: routines, their keys and outcomes, and the words of its refusals.
 
-The numbers are those of `firmware/uds.h`; docs/reference/node-services.md explains them.
+The numbers are those of `firmware/node/uds.h`; docs/reference/node-services.md explains them.
 """
 
 from __future__ import annotations

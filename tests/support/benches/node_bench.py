@@ -19,11 +19,10 @@ import numpy as np
 from support.places import ROOT
 
 FIRMWARE = ROOT / "hardware" / "firmware"
-CORE = [FIRMWARE / f"{name}.c" for name in (
-    "crc32", "height_map", "interlocks", "journal", "layer_order", "node", "pattern", "routines", "services", "steps",
-    "transfer", "uds",
-)]  # fmt: skip
-HOST = [FIRMWARE / "host" / f"{name}.c" for name in ("bench", "board", "world")]
+CORE = sorted((FIRMWARE / "node").glob("*.c"))
+WIRE = sorted((FIRMWARE / "can").glob("*.c"))
+FAULTS = sorted((FIRMWARE / "host" / "faults").glob("*.c"))
+HOST = [FIRMWARE / "host" / f"{name}.c" for name in ("bench", "board", "surface_file", "world")]
 FMUS = ROOT / "fmus"
 KERNELS = [
     FMUS / "layer_deposition" / "layer_map.c",
@@ -34,8 +33,10 @@ KERNELS = [
 SANITIZERS = os.environ.get("INKLOOP_SANITIZERS", "").split()
 """More flags for everything that is compiled here; test_firmware_sanitized.py sets them."""
 STRICT = ("-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror", *SANITIZERS)
-PLACES = (f"-I{FIRMWARE}", f"-I{FIRMWARE / 'host'}", *(f"-isystem{FMUS / name}" for name in
-          ("deposition", "layer_deposition", "profile_sensor", "common")))  # fmt: skip
+PLACES = (
+    *(f"-I{FIRMWARE / name}" for name in ("node", "can", "host", "host/faults")),
+    *(f"-isystem{FMUS / name}" for name in ("deposition", "layer_deposition", "profile_sensor", "common")),
+)
 
 HEAD, STAGE, CURE, PROFILER = range(4)
 STATES = (
@@ -337,10 +338,8 @@ def write_codec(folder: Path) -> Path:
 def build_process(folder: Path) -> Path:
     """The emulated bench as a program, with the codec generated from the DBC."""
     write_codec(folder)
-    wire = [FIRMWARE / f"{name}.c" for name in ("e2e", "e2e_monitor", "slcan", "isotp", "node_frames")]
-    faults = ("fault", "fault_text", "frame_faults", "node_faults", "wire_faults")
-    host = [*HOST, *(FIRMWARE / "host" / f"{name}.c" for name in ("hub", "main", "measurements", *faults))]
+    process = (FIRMWARE / "host" / f"{name}.c" for name in ("hub", "main", "measurements"))
     program = folder / "bench_nodes"
-    sources = (*CORE, *wire, *host, *KERNELS, folder / "inkloop.c")
+    sources = (*CORE, *WIRE, *HOST, *FAULTS, *process, *KERNELS, folder / "inkloop.c")
     subprocess.run(["gcc", *STRICT, *PLACES, f"-I{folder}", *sources, "-lm", "-o", program], check=True)
     return program

@@ -15,8 +15,8 @@ from inkloop_hardware.protocol.codec import BENCH_DBC, Frame
 from support.benches.node_bench import SANITIZERS
 from support.places import ROOT
 
-FIRMWARE = ROOT / "hardware" / "firmware"
-SOURCES = [FIRMWARE / f"{name}.c" for name in ("e2e", "e2e_monitor", "isotp", "slcan")]
+CAN = ROOT / "hardware" / "firmware" / "can"
+SOURCES = [CAN / f"{name}.c" for name in ("e2e", "e2e_monitor", "isotp", "slcan")]
 WARNINGS = ("-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror")
 TRAPS = ("-fsanitize=undefined", "-fsanitize-undefined-trap-on-error")
 ENDS = ("none", "done", "timeout", "sequence", "overflow", "waits", "flow")
@@ -29,7 +29,7 @@ def wire_library() -> ctypes.CDLL:
     folder = Path(tempfile.mkdtemp(prefix="inkloop-wire-"))
     write_codec(BENCH_DBC, folder)
     sources = [*SOURCES, folder / "inkloop.c", ROOT / "tests" / "c" / "wire_probe.c"]
-    places = (f"-I{FIRMWARE}", f"-I{folder}")
+    places = (f"-I{CAN}", f"-I{folder}")
     library = folder / "wire.so"
     flags = ("-std=c11", "-O1", "-fPIC", "-shared", *WARNINGS, *(SANITIZERS or TRAPS))
     subprocess.run(["gcc", *flags, *places, *sources, "-lm", "-o", library], check=True)

@@ -21,7 +21,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Self
 
-from support.benches.node_bench import FIRMWARE, ROOT, write_codec
+from support.benches.node_bench import CORE, FIRMWARE, PLACES, ROOT, WIRE, write_codec
 
 TARGETS = ("frames", "isotp", "services", "slcan")
 PARTS = ("asking", "board", "laws", "requests", "wire")
@@ -52,8 +52,8 @@ def build(folder: Path, compiler: str = "gcc", *, fuzzer: bool = False) -> dict[
     """The program of every target: with libFuzzer in it, or with `replay.c`; RuntimeError with the compiler's words."""
     write_codec(folder)
     sanitizers = (f"{SANITIZERS},fuzzer-no-link" if fuzzer else SANITIZERS, "-fno-sanitize-recover=all")
-    flags = (compiler, *FLAGS, *sanitizers, f"-I{FIRMWARE}", f"-I{FUZZ}", f"-isystem{folder}")
-    shared = [*sorted(FIRMWARE.glob("*.c")), folder / "inkloop.c", *(FUZZ / f"{name}.c" for name in PARTS)]
+    flags = (compiler, *FLAGS, *sanitizers, f"-I{FUZZ}", *PLACES, f"-isystem{folder}")
+    shared = [*CORE, *WIRE, folder / "inkloop.c", *(FUZZ / f"{name}.c" for name in PARTS)]
     driver = () if fuzzer else (FUZZ / "replay.c",)
     own = [FUZZ / f"{target}.c" for target in TARGETS]
 

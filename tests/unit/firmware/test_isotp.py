@@ -10,7 +10,7 @@ import isotp
 import pytest
 
 from inkloop_hardware.protocol.codec import Frame
-from support.benches.wire_library import ANSWER_ID, FIRMWARE, REQUEST_ID, ROOT, WARNINGS, IsotpEnd
+from support.benches.wire_library import ANSWER_ID, CAN, REQUEST_ID, ROOT, WARNINGS, IsotpEnd
 
 SIZES = [*range(1, 30), 61, 62, 63, 118, 119, 120, 509, 1250, 4000, 4094, 4095]
 PADDED = 8
@@ -249,7 +249,7 @@ def test_laws_of_the_wire_hold_for_every_length_and_under_noise(tmp_path: Path) 
     """Also: nothing reads or writes beside its buffers."""
     program = tmp_path / "laws"
     checks = ("-std=c11", "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-    sources = (ROOT / "tests" / "c" / "wire_laws.c", FIRMWARE / "isotp.c", FIRMWARE / "slcan.c")
-    subprocess.run(["gcc", *checks, *WARNINGS, f"-I{FIRMWARE}", *sources, "-o", program], check=True)
+    sources = (ROOT / "tests" / "c" / "wire_laws.c", CAN / "isotp.c", CAN / "slcan.c")
+    subprocess.run(["gcc", *checks, *WARNINGS, f"-I{CAN}", *sources, "-o", program], check=True)
     laws = subprocess.run([program], capture_output=True, text=True, check=False)
     assert laws.returncode == 0, laws.stdout + laws.stderr

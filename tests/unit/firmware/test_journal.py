@@ -123,6 +123,19 @@ def test_torn_done_is_unknown(bench: NodeBench, written: int) -> None:
     assert (known(bench, 0), bench.state().unknown) == (UNKNOWN, 1)
 
 
+@pytest.mark.parametrize("written", [0, 1, 20, RECORD - 1])
+def test_stop_that_cannot_be_written_down_is_a_fault_and_the_pass_unknown(bench: NodeBench, written: int) -> None:
+    bench.raw(bench.routine(PASS, 1, 0, option=b"\x00"))
+    bench.tick(20)
+    bench.tear(written)
+    bench.stop(True)
+    assert (bench.state().state, bench.state().cause) == ("FAULT", JOURNAL_DAMAGED)
+    assert bench.state().unknown == 1
+    bench.stop(False)
+    reboot(bench)
+    assert (known(bench, 0), bench.state().unknown) == (UNKNOWN, 1)
+
+
 def test_altered_record_is_not_believed(bench: NodeBench) -> None:
     assert bench.run(PASS, layer=1, which=0, option=b"\x00") == DONE
     assert bench.journal()[-2:] == [(INTENT, 4, 0), (DONE_RECORD, 4, 0)]

@@ -19,6 +19,7 @@ from support.benches.node_bench import CORE, FIRMWARE, FMUS, HOST, KERNELS, PLAC
 
 TO_NODES, FROM_NODES = 0, 1
 CODEC = Codec()
+FAULTS = ("fault", "fault_text", "frame_faults", "wire_faults")
 
 
 class Taken(ctypes.Structure):
@@ -36,9 +37,9 @@ class Taken(ctypes.Structure):
 def library() -> ctypes.CDLL:
     folder = Path(mkdtemp(prefix="inkloop-wire-faults-"))
     write_codec(folder)
-    host = [FIRMWARE / "host" / f"{name}.c" for name in ("fault", "fault_text", "frame_faults", "wire_faults")]
-    wire = [FIRMWARE / f"{name}.c" for name in ("e2e", "slcan")]
-    sources = [*CORE, *HOST, *KERNELS, *host, *wire, folder / "inkloop.c", ROOT / "tests" / "c" / "fault_probe.c"]
+    faults = [FIRMWARE / "host" / "faults" / f"{name}.c" for name in FAULTS]
+    wire = [FIRMWARE / "can" / f"{name}.c" for name in ("e2e", "slcan")]
+    sources = [*CORE, *HOST, *KERNELS, *faults, *wire, folder / "inkloop.c", ROOT / "tests" / "c" / "fault_probe.c"]
     places = (*PLACES, f"-I{folder}", f"-I{FMUS / 'common'}")
     subprocess.run(["gcc", *STRICT, "-fPIC", "-shared", *places, *sources, "-lm", "-o", folder / "w.so"], check=True)
     loaded = ctypes.CDLL(str(folder / "w.so"))

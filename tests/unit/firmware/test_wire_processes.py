@@ -10,7 +10,7 @@ import can
 import isotp
 import pytest
 
-from support.benches.wire_library import ANSWER_ID, FIRMWARE, REQUEST_ID, ROOT, WARNINGS
+from support.benches.wire_library import ANSWER_ID, CAN, REQUEST_ID, ROOT, WARNINGS
 
 PATIENCE = 20.0
 """Seconds after which a test gives up; nothing is measured."""
@@ -19,8 +19,8 @@ PATIENCE = 20.0
 @pytest.fixture
 def bus(tmp_path: Path) -> Iterator[can.BusABC]:
     program = tmp_path / "echo"
-    sources = (ROOT / "tests" / "c" / "wire_echo.c", FIRMWARE / "isotp.c", FIRMWARE / "slcan.c")
-    subprocess.run(["gcc", "-std=c11", "-O1", *WARNINGS, f"-I{FIRMWARE}", *sources, "-o", program], check=True)
+    sources = (ROOT / "tests" / "c" / "wire_echo.c", CAN / "isotp.c", CAN / "slcan.c")
+    subprocess.run(["gcc", "-std=c11", "-O1", *WARNINGS, f"-I{CAN}", *sources, "-o", program], check=True)
     with subprocess.Popen([program], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         port = int(process.stdout.readline())

@@ -1,25 +1,11 @@
 #include "fault.h"
 
-#include "fault_text.h"
 #include "inkloop.h"
 #include "random.h"
 
 enum { FIRST_STREAM = 100, STEP_DOWNLOAD = 8 /* after those of StepKind */, STEP_UPLOAD };
 enum { FLOW_CONTROL = 0x3, FIRST_ISOTP_ID = INKLOOP_HEAD_REQUEST_FRAME_ID };
 enum { LAST_ISOTP_ID = INKLOOP_PROFILER_ANSWER_FRAME_ID, POSITIVE = 0x40, NEGATIVE = 0x7F };
-
-bool faults_add(Faults *faults, const char *text, char *why, size_t room) {
-    if (faults->count == FAULTS_MAX) {
-        snprintf(why, room, "more than %d faults", FAULTS_MAX);
-        return false;
-    }
-    Fault *fault = &faults->fault[faults->count];
-    if (!fault_read(fault, text, why, room))
-        return false;
-    fault->number = faults->count++;
-    fault->armed = fault->step == ANY && fault->layer == ANY && fault->pass == ANY;
-    return true;
-}
 
 static bool fits(int32_t wanted, int32_t found) {
     return wanted == ANY || wanted == found;

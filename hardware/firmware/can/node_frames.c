@@ -121,7 +121,7 @@ static void write_fault(const NodeFrames *frames, uint32_t now, CanFrame *frame)
     const Node *node = frames->node;
     const struct inkloop_head_fault_t said = {.fault = (uint8_t)node->cause,
                                               .pass = node->journal.newest.pass & 0xFu,
-                                              .layer = node->book.layer,
+                                              .layer = node->progress.layer,
                                               .node_time = node->cause == CAUSE_NONE ? now : node->times.safe};
     *frame =
         (CanFrame){.id = (uint32_t)(INKLOOP_HEAD_FAULT_FRAME_ID + frames->number), .length = INKLOOP_HEAD_FAULT_LENGTH};

@@ -3,13 +3,16 @@
 #ifndef INKLOOP_INTERLOCKS_H
 #define INKLOOP_INTERLOCKS_H
 
-#include "node.h"
+#include "node_state.h"
 
 /* Lamp off, gate closed, jets off, stage held. */
 void interlocks_all_off(Node *node);
 
-/* Looks at everything that can go wrong by itself; at each tick, before anything else. */
-void interlocks_watch(Node *node);
+/* What has gone wrong by itself, CAUSE_NONE if nothing; at each tick, before anything else. */
+Cause interlocks_watch(const Node *node);
+
+/* Takes a MasterAlive, unless another master lives; what follows from it. */
+Cause interlocks_take_master(Node *node, const MasterAlive *master);
 
 /* The lamp goes on only through here; false, and nothing done, unless the gate is confirmed closed. */
 bool interlocks_lamp_on(Node *node);

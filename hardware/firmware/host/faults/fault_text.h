@@ -7,4 +7,7 @@
 /* Reads KIND[:key=value,...] into a fault with the defaults of its kind; false, with `why` in words. */
 bool fault_read(Fault *fault, const char *text, char *why, size_t room);
 
+/* Adds the fault of a text; false, with the error in `why`. */
+bool faults_add(Faults *faults, const char *text, char *why, size_t room);
+
 #endif

@@ -4,8 +4,8 @@
  *
  * 0100 state: state, cause, roles, flags (1 a person is needed to clear, 2 stop request, 4 pattern in memory, 8 dry
  * run, 16 map ready, 32 journal damaged), job (4), layer (2), passes of the layer, masks of passes done, unknown,
- * cured, flags of the book, step under way, boots (2), session (2), CRC of the pattern (4), clock (4), gate pulses
- * since power-up (4).
+ * cured, flags of the layer (journal.h), step under way, boots (2), session (2), CRC of the pattern (4), clock (4),
+ * gate pulses since power-up (4).
  *
  * 0101 times [ms]: clock, last MasterAlive, last turn to SAFE or FAULT, lamp on, lamp off, gate opened, gate closed (4
  * each).
@@ -23,6 +23,10 @@
 #ifndef INKLOOP_SERVICES_H
 #define INKLOOP_SERVICES_H
 
+#include <stddef.h>
+
+#include "node_state.h"
+
 enum {
     ID_VERSION = 0xF195,
     ID_STATE = 0x0100,
@@ -32,5 +36,9 @@ enum {
     ID_TRANSFER = 0x0104,
     ID_JOURNAL = 0x0110
 };
+
+/* Answers a request; the length of the answer, 0 for none. `cause`, CAUSE_NONE before, is set if the node has to go off
+ * by it. */
+size_t services_answer(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room, Cause *cause);
 
 #endif

@@ -143,3 +143,16 @@ bool fault_read(Fault *fault, const char *text, char *why, size_t room) {
     }
     return true;
 }
+
+bool faults_add(Faults *faults, const char *text, char *why, size_t room) {
+    if (faults->count == FAULTS_MAX) {
+        snprintf(why, room, "more than %d faults", FAULTS_MAX);
+        return false;
+    }
+    Fault *fault = &faults->fault[faults->count];
+    if (!fault_read(fault, text, why, room))
+        return false;
+    fault->number = faults->count++;
+    fault->armed = fault->step == ANY && fault->layer == ANY && fault->pass == ANY;
+    return true;
+}

@@ -60,9 +60,6 @@ typedef struct {
     uint32_t count;
 } Faults;
 
-/* Adds the fault of a text; false, with `why` in words. */
-bool faults_add(Faults *faults, const char *text, char *why, size_t room);
-
 /* Arms what waited for a step that a node is in now. Call once per turn. */
 void faults_arm(Faults *faults, Bench *bench);
 

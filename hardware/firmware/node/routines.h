@@ -20,6 +20,8 @@
 enum { CLEAR_OPERATOR = 1, CLEAR_ABANDON = 2 };
 enum { COLOUR_COUNT = 4, ALL_COLOURS = 255, STATION_COUNT = 4 };
 
-size_t routine_control(Node *node, const uint8_t *request, size_t length, uint8_t *answer);
+/* The length of the answer. `cause` is set if the node has to go off: a step could not begin, the journal is damaged.
+ */
+size_t routine_control(Node *node, const uint8_t *request, size_t length, uint8_t *answer, Cause *cause);
 
 #endif

@@ -26,17 +26,17 @@ static uint8_t flags_of(const Node *node) {
 }
 
 static size_t put_state(const Node *node, uint8_t *to) {
-    const Book *book = &node->book;
+    const LayerProgress *progress = &node->progress;
     const uint8_t first[4] = {(uint8_t)node->state, (uint8_t)node->cause, node->options.roles, flags_of(node)};
-    const uint8_t layer[6] = {book->passes, book->done,  book->unknown,
-                              book->cured,  book->flags, (uint8_t)node->step.kind};
+    const uint8_t layer[6] = {progress->passes, progress->done,  progress->unknown,
+                              progress->cured,  progress->flags, (uint8_t)node->step.kind};
     memcpy(to, first, sizeof first);
-    put_u32(to + 4, book->job);
-    put_u16(to + 8, book->layer);
+    put_u32(to + 4, progress->job);
+    put_u16(to + 8, progress->layer);
     memcpy(to + 10, layer, sizeof layer);
-    put_u16(to + 16, book->boots);
+    put_u16(to + 16, progress->boots);
     put_u16(to + 18, node->master.session);
-    const uint32_t rest[] = {book->pattern_crc, node->now, node->gate_pulses};
+    const uint32_t rest[] = {progress->pattern_crc, node->now, node->gate_pulses};
     return 20 + put_numbers(to + 20, rest, 3);
 }
 
@@ -145,7 +145,7 @@ static size_t tester_present(const uint8_t *request, size_t length, uint8_t *ans
     return request[1] & SUPPRESS ? 0 : 2;
 }
 
-static size_t transfer(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room) {
+static size_t transfer(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room, Cause *cause) {
     if (node->step.kind != STEP_NONE)
         return uds_refusal(answer, request[0], UDS_BUSY);
     switch (request[0]) {
@@ -156,12 +156,11 @@ static size_t transfer(Node *node, const uint8_t *request, size_t length, uint8_
     case UDS_TRANSFER:
         return transfer_block(node, request, length, answer, room);
     default:
-        return transfer_exit(node, request, length, answer);
+        return transfer_exit(node, request, length, answer, cause);
     }
 }
 
-size_t node_request(Node *node, uint32_t now, const uint8_t *request, size_t length, uint8_t *answer, size_t room) {
-    node->now = now;
+size_t services_answer(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room, Cause *cause) {
     if (length == 0 || room < ANSWER_ROOM)
         return 0;
     switch (request[0]) {
@@ -172,12 +171,12 @@ size_t node_request(Node *node, uint32_t now, const uint8_t *request, size_t len
     case UDS_READ:
         return read_identifier(node, request, length, answer, room);
     case UDS_ROUTINE_CONTROL:
-        return routine_control(node, request, length, answer);
+        return routine_control(node, request, length, answer, cause);
     case UDS_DOWNLOAD:
     case UDS_UPLOAD:
     case UDS_TRANSFER:
     case UDS_TRANSFER_EXIT:
-        return transfer(node, request, length, answer, room);
+        return transfer(node, request, length, answer, room, cause);
     default:
         return uds_refusal(answer, request[0], UDS_SERVICE_NOT_SUPPORTED);
     }

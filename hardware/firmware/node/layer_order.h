@@ -1,17 +1,17 @@
-/* What may come next: which pattern, pass, cure and scan follow from the book of a node. */
+/* What may come next: which pattern, pass, cure and scan follow from the progress of a node in its layer. */
 #ifndef INKLOOP_LAYER_ORDER_H
 #define INKLOOP_LAYER_ORDER_H
 
 #include "uds.h"
 
 /* A pass of it was begun, whether or not it came to its end. */
-bool layer_is_begun(const Book *book);
+bool layer_is_begun(const LayerProgress *progress);
 
 /* All its passes were jetted. */
-bool layer_is_finished(const Book *book);
+bool layer_is_finished(const LayerProgress *progress);
 
 /* No more will be: a pass is unknown, or a person gave it up. */
-bool layer_is_closed(const Book *book);
+bool layer_is_closed(const LayerProgress *progress);
 
 /* UDS_OK, or the code that refuses the pattern of a layer. */
 uint8_t order_of_pattern(const Node *node, uint32_t job, uint16_t layer);

@@ -1,9 +1,9 @@
 /* What a node must not forget: a ring of records in non-volatile memory.
  *
- * Every record carries the whole book (which layer, which passes) besides what happened, so that the newest readable
- * record alone says where the node is. An INTENT is written before anything is energised, a DONE after it ended; an
- * INTENT that is the newest record at power-up is a step whose outcome nobody knows. A torn record fails its CRC and
- * counts as never written: nothing had been energised then (INTENT), or the outcome is unknown (DONE). */
+ * Every record carries the whole progress (which layer, which passes) besides the event, so that the newest
+ * readable record alone says where the node is. An INTENT is written before anything is energised, a DONE after it
+ * ended; an INTENT that is the newest record at power-up is a step whose outcome nobody knows. A torn record fails its
+ * CRC and counts as never written: nothing had been energised then (INTENT), or the outcome is unknown (DONE). */
 #ifndef INKLOOP_JOURNAL_H
 #define INKLOOP_JOURNAL_H
 
@@ -12,8 +12,8 @@
 enum { RECORD_BYTES = 40, PASSES_MAX = 4 };
 
 typedef enum {
-    RECORD_BOOT = 1, /* power-up; its book holds what became unknown */
-    RECORD_PATTERN,  /* a pattern was verified: layer, passes and CRC of the book are its */
+    RECORD_BOOT = 1, /* power-up; its progress holds what became unknown */
+    RECORD_PATTERN,  /* a pattern was verified: the progress holds its layer, passes and CRC */
     RECORD_INTENT,   /* a step begins */
     RECORD_DONE,     /* it has ended as it should */
     RECORD_UNKNOWN,  /* it was given up midway */
@@ -23,9 +23,9 @@ typedef enum {
 typedef enum { STEP_NONE, STEP_HOME, STEP_MOVE, STEP_PURGE, STEP_PASS, STEP_CURE, STEP_SCAN, STEP_SELF_TEST } StepKind;
 
 enum {
-    BOOK_ABANDONED = 1,    /* the layer is not to be finished */
-    BOOK_CURE_UNKNOWN = 2, /* a cure was given up midway and not repeated yet */
-    BOOK_ACKNOWLEDGED = 4  /* a person knows of the unknown step */
+    LAYER_ABANDONED = 1,    /* the layer is not to be finished */
+    LAYER_CURE_UNKNOWN = 2, /* a cure was given up midway and not repeated yet */
+    LAYER_ACKNOWLEDGED = 4  /* a person knows of the unknown step */
 };
 
 typedef struct {
@@ -36,16 +36,16 @@ typedef struct {
     uint8_t done;    /* bit p: pass p was jetted */
     uint8_t unknown; /* bit p: pass p was begun, and nobody knows how far it came */
     uint8_t cured;   /* bit p: pass p was cured */
-    uint8_t flags;   /* BOOK_... */
+    uint8_t flags;   /* LAYER_... */
     uint16_t boots;
-} Book;
+} LayerProgress;
 
 typedef struct {
     uint32_t number; /* counts up from 1 over the whole life */
     RecordKind kind;
     StepKind step;
     uint8_t pass, attempt;
-    Book book;
+    LayerProgress progress;
     uint32_t time_ms; /* since power-up */
 } Record;
 

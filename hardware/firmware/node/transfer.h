@@ -18,6 +18,8 @@ enum { BLOCK_MAX = 4095 }; /* of 0x36 with its two first bytes: what ISO-TP carr
 size_t transfer_download(Node *node, const uint8_t *request, size_t length, uint8_t *answer);
 size_t transfer_upload(Node *node, const uint8_t *request, size_t length, uint8_t *answer);
 size_t transfer_block(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room);
-size_t transfer_exit(Node *node, const uint8_t *request, size_t length, uint8_t *answer);
+
+/* `cause` is set if the node has to go off: the journal is damaged. */
+size_t transfer_exit(Node *node, const uint8_t *request, size_t length, uint8_t *answer, Cause *cause);
 
 #endif

@@ -1,19 +1,12 @@
-/* One node of the bench: what it is doing, what it may do next, and what it remembers.
+/* The state of one node of the bench: what it is doing, what it may do next, and what it remembers.
  *
  *     SAFE -> clear -> IDLE -> RECEIVING -> VERIFIED -> PRINTING -> PRINTED (mask) x passes -> CURING -> CURED
  *          -> SCANNING -> MAP_READY -> RECEIVING of the next layer;   FAULT and SAFE from anywhere
  *
- * A node has one role or several; states of roles it does not have are left out. Lamp, gate and motion are off in SAFE
- * and FAULT, which is where every node wakes up. All memory is the caller's; time is passed in, in ms, and may wrap.
- * The core does one thing at a time and returns at once. It sends no frames: in each turn of its loop the caller
- *
- *     node_master_alive, node_stop_request, node_request    for what has come in
- *     node_tick(&node, now)                                 to go on
- *     node_take_answer(&node, bytes, room)                  and node_status for what is to be sent
- *
- * These are supervised messages and a stop request. They replace neither an emergency stop nor a lamp interlock. */
-#ifndef INKLOOP_NODE_H
-#define INKLOOP_NODE_H
+ * A node has one role or several; states of roles it does not have are left out. All parts of the node read and change
+ * this one struct; none of them sets SAFE or FAULT: they return a Cause, and node.c acts on it. */
+#ifndef INKLOOP_NODE_STATE_H
+#define INKLOOP_NODE_STATE_H
 
 #include <stddef.h>
 
@@ -45,18 +38,12 @@ typedef enum {
     CAUSE_STEP_EXPIRED,
     CAUSE_GATE_NOT_CONFIRMED,
     CAUSE_LAMP_TIME,
-    CAUSE_LAMP_TEMPERATURE,
-    CAUSE_HEAD_TEMPERATURE,
-    CAUSE_BACK_PRESSURE,
+    CAUSE_BACK_PRESSURE = 11,
     CAUSE_STAGE_POSITION,
-    CAUSE_STAGE_LIMIT,
-    CAUSE_SCAN_FAILED,
-    CAUSE_PATTERN_CHECKSUM,
-    CAUSE_JOURNAL_DAMAGED,
-    CAUSE_PASS_UNKNOWN,
-    CAUSE_RECEIVE_OVERRUN,
-    CAUSE_INTERNAL
-} Cause; /* value table "Fault" of inkloop.dbc */
+    CAUSE_SCAN_FAILED = 14,
+    CAUSE_JOURNAL_DAMAGED = 16,
+    CAUSE_PASS_UNKNOWN
+} Cause; /* value table "Fault" of inkloop.dbc; 9, 10, 13 and 15 mean nothing */
 
 enum { ROLE_HEAD = 1, ROLE_STAGE = 2, ROLE_CURE = 4, ROLE_PROFILER = 8 };
 enum { ENABLE_LAMP = 1, ENABLE_GATE = 2, ENABLE_MOTION = 4 };
@@ -72,8 +59,6 @@ typedef struct {
     uint32_t pending; /* between two "still busy" answers */
 } NodeLimits;
 
-extern const NodeLimits NODE_LIMITS; /* 300 ms alive; the others assumed */
-
 typedef struct {
     uint8_t roles; /* ROLE_... */
     NodeLimits limits;
@@ -85,7 +70,7 @@ typedef struct {
     uint32_t job;
     uint16_t layer;
     uint8_t pass, attempt;
-} Key; /* of every routine: what it is to happen to, and the how manieth try it is */
+} Key; /* identifies a step; `attempt` counts repetitions */
 
 typedef struct {
     uint8_t enables; /* ENABLE_... */
@@ -93,12 +78,14 @@ typedef struct {
     uint32_t job;
 } MasterAlive;
 
+typedef enum { STEP_OPENING, STEP_WORKING, STEP_CLOSING } StepPhase; /* the gate opens, work, what was open closes */
+
 /* The step under way. */
 typedef struct {
     StepKind kind; /* STEP_NONE: nothing */
     Key key;
     uint16_t routine;
-    uint8_t phase;
+    StepPhase phase;
     uint8_t colour;      /* of a pass */
     uint32_t lamp_ms;    /* of a cure */
     uint32_t began;      /* [ms] */
@@ -130,7 +117,7 @@ typedef struct {
     const Hal *hal;
     NodeOptions options;
     Journal journal;
-    Book book, book_before_dry_run;
+    LayerProgress progress, progress_before_dry_run;
     Pattern pattern;
     bool pattern_loaded, scanned, dry;
     uint8_t scan_attempt;
@@ -153,48 +140,10 @@ typedef struct {
     uint8_t answer_length;
 } Node;
 
-/* Power-up: reads the journal; SAFE, everything off. `options` is copied, `hal` and the pattern memory are kept. */
-void node_init(Node *node, const NodeOptions *options, const Hal *hal, uint32_t now);
-
-/* Goes on with what is under way; call at least every 10 ms. */
-void node_tick(Node *node, uint32_t now);
-
-/* A MasterAlive that passed its end-to-end check. */
-void node_master_alive(Node *node, uint32_t now, const MasterAlive *master);
-
-/* Whether the end-to-end monitor of MasterAlive believes it (2 of 5 rule). */
-void node_supervision(Node *node, uint32_t now, bool trusted);
-
-/* A StopRequest that passed its check: latched until it is released and a person clears the node. */
-void node_stop_request(Node *node, uint32_t now, bool active);
-
-/* A UDS request; the length of the answer, 0 for none. `room` >= ANSWER_ROOM; blocks of a map and the
- * journal fill no more than it. */
-size_t node_request(Node *node, uint32_t now, const uint8_t *request, size_t length, uint8_t *answer, size_t room);
-
-/* An answer that has become ready since; its length, 0 for none. */
-size_t node_take_answer(Node *node, uint8_t *answer, size_t room);
-
-/* What a status frame says. */
-typedef struct {
-    NodeState state;
-    Cause cause;
-    uint16_t layer, boots;
-    uint8_t done, unknown;
-    bool lamp_on, gate_open, gate_closed, ready;
-} NodeStatus;
-
-NodeStatus node_status(const Node *node);
-
-/* For the parts of the node itself. */
-
-/* SAFE or FAULT: everything off, what was under way is unknown. A running FAULT is kept. */
-void node_de_energise(Node *node, NodeState state, Cause cause);
-
 bool node_has(const Node *node, uint8_t role);
 bool node_is_off(const Node *node); /* SAFE or FAULT */
 
-/* Writes a record with the present book; false and FAULT when it cannot. A dry run writes nothing. */
-bool node_record(Node *node, RecordKind kind, StepKind step, const Key *key);
+/* Writes a record with the progress as it is now; CAUSE_JOURNAL_DAMAGED when it cannot. A dry run writes nothing. */
+Cause node_record(Node *node, RecordKind kind, StepKind step, const Key *key);
 
 #endif

@@ -1,7 +1,5 @@
 #include "interlocks.h"
 
-#include "steps.h"
-
 bool interlocks_line(const Node *node, uint32_t line) {
     return (node->hal->lines(node->hal->context) & line) != 0;
 }
@@ -88,66 +86,43 @@ static uint8_t needed(const Node *node) {
     }
 }
 
-static void off(Node *node, Cause cause) {
-    node_de_energise(node, NODE_SAFE, cause);
+/* Droplets are on their way: the gate must be open. */
+static bool is_jetting(const Node *node) {
+    return node->step.kind == STEP_PASS && node->step.phase == STEP_WORKING && !node->dry;
 }
 
-static void fault(Node *node, Cause cause) {
-    node_de_energise(node, NODE_FAULT, cause);
-}
-
-void interlocks_watch(Node *node) {
+Cause interlocks_watch(const Node *node) {
     if (node_is_off(node))
-        return;
-    const NodeLimits *limits = &node->options.limits;
+        return CAUSE_NONE;
     if (!is_alive(node))
-        off(node, CAUSE_MASTER_LOST);
-    else if (is_other_master_alive(node))
-        off(node, CAUSE_TWO_MASTERS);
-    else if (!interlocks_enabled(node, needed(node)))
-        off(node, CAUSE_ENABLE_DROPPED);
-    else if (node->lamp_driven && (!interlocks_line(node, LINE_GATE_CLOSED) || interlocks_line(node, LINE_GATE_OPEN)))
-        fault(node, CAUSE_GATE_NOT_CONFIRMED);
-    else if (node->lamp_driven && node->now - node->times.lamp_on >= limits->lamp)
-        fault(node, CAUSE_LAMP_TIME);
-    else if (steps_is_jetting(node) && !interlocks_line(node, LINE_GATE_OPEN))
-        fault(node, CAUSE_GATE_NOT_CONFIRMED);
-    else if (node->gate_driven && interlocks_line(node, LINE_LAMP_ON)) /* it would cure the ink in the nozzles */
-        fault(node, CAUSE_LAMP_TIME);
-    else if (node->step.kind != STEP_NONE && node->now - node->step.began >= node->step.expires_in)
-        fault(node, CAUSE_STEP_EXPIRED);
+        return CAUSE_MASTER_LOST;
+    if (is_other_master_alive(node))
+        return CAUSE_TWO_MASTERS;
+    if (!interlocks_enabled(node, needed(node)))
+        return CAUSE_ENABLE_DROPPED;
+    if (node->lamp_driven && (!interlocks_line(node, LINE_GATE_CLOSED) || interlocks_line(node, LINE_GATE_OPEN)))
+        return CAUSE_GATE_NOT_CONFIRMED;
+    if (node->lamp_driven && node->now - node->times.lamp_on >= node->options.limits.lamp)
+        return CAUSE_LAMP_TIME;
+    if (is_jetting(node) && !interlocks_line(node, LINE_GATE_OPEN))
+        return CAUSE_GATE_NOT_CONFIRMED;
+    if (node->gate_driven && interlocks_line(node, LINE_LAMP_ON)) /* it would cure the ink in the nozzles */
+        return CAUSE_LAMP_TIME;
+    if (node->step.kind != STEP_NONE && node->now - node->step.began >= node->step.expires_in)
+        return CAUSE_STEP_EXPIRED;
+    return CAUSE_NONE;
 }
 
-static void note_other_master(Node *node) {
-    node->other_master_seen = true;
-    node->other_master_ms = node->now;
-    off(node, CAUSE_TWO_MASTERS);
-}
-
-void node_master_alive(Node *node, uint32_t now, const MasterAlive *master) {
-    node->now = now;
-    if (is_alive(node) && node->master.session != master->session) {
-        note_other_master(node);
-        return;
+Cause interlocks_take_master(Node *node, const MasterAlive *master) {
+    const bool other = node->master.session != master->session;
+    if (is_alive(node) && other) {
+        node->other_master_seen = true;
+        node->other_master_ms = node->now;
+        return CAUSE_TWO_MASTERS;
     }
-    if (!node_is_off(node) && node->master_seen && node->master.session != master->session)
-        off(node, CAUSE_MASTER_LOST);
+    const bool lost = !node_is_off(node) && node->master_seen && other;
     node->master = *master;
     node->master_seen = true;
-    node->times.master_alive = now;
-    interlocks_watch(node);
-}
-
-void node_supervision(Node *node, uint32_t now, bool trusted) {
-    node->now = now;
-    node->supervised = trusted;
-    if (!trusted && !node_is_off(node))
-        off(node, CAUSE_SUPERVISION);
-}
-
-void node_stop_request(Node *node, uint32_t now, bool active) {
-    node->now = now;
-    node->stop_active = active;
-    if (active)
-        off(node, CAUSE_STOP_REQUEST);
+    node->times.master_alive = node->now;
+    return lost ? CAUSE_MASTER_LOST : interlocks_watch(node);
 }

@@ -17,21 +17,21 @@ static uint32_t offset_of(const Journal *journal, uint32_t slot) {
 }
 
 static void write_bytes(const Record *record, uint8_t bytes[RECORD_BYTES]) {
-    const Book *book = &record->book;
+    const LayerProgress *progress = &record->progress;
     put_u32(bytes, record->number);
     bytes[4] = (uint8_t)record->kind;
     bytes[5] = (uint8_t)record->step;
     bytes[6] = record->pass;
     bytes[7] = record->attempt;
-    put_u32(bytes + 8, book->job);
-    put_u16(bytes + 12, book->layer);
-    put_u16(bytes + 14, book->boots);
-    put_u32(bytes + 16, book->pattern_crc);
-    bytes[20] = book->passes;
-    bytes[21] = book->done;
-    bytes[22] = book->unknown;
-    bytes[23] = book->cured;
-    put_u32(bytes + 24, book->flags);
+    put_u32(bytes + 8, progress->job);
+    put_u16(bytes + 12, progress->layer);
+    put_u16(bytes + 14, progress->boots);
+    put_u32(bytes + 16, progress->pattern_crc);
+    bytes[20] = progress->passes;
+    bytes[21] = progress->done;
+    bytes[22] = progress->unknown;
+    bytes[23] = progress->cured;
+    put_u32(bytes + 24, progress->flags);
     put_u32(bytes + 28, record->time_ms);
     put_u32(bytes + 32, 0);
     put_u32(bytes + CRC_AT, crc32_after(0, bytes, CRC_AT));
@@ -53,15 +53,15 @@ static bool read_bytes(const uint8_t bytes[RECORD_BYTES], Record *record) {
     record->step = (StepKind)bytes[5];
     record->pass = bytes[6];
     record->attempt = bytes[7];
-    record->book = (Book){.job = get_u32(bytes + 8),
-                          .layer = get_u16(bytes + 12),
-                          .boots = get_u16(bytes + 14),
-                          .pattern_crc = get_u32(bytes + 16),
-                          .passes = bytes[20],
-                          .done = bytes[21],
-                          .unknown = bytes[22],
-                          .cured = bytes[23],
-                          .flags = bytes[27]};
+    record->progress = (LayerProgress){.job = get_u32(bytes + 8),
+                                       .layer = get_u16(bytes + 12),
+                                       .boots = get_u16(bytes + 14),
+                                       .pattern_crc = get_u32(bytes + 16),
+                                       .passes = bytes[20],
+                                       .done = bytes[21],
+                                       .unknown = bytes[22],
+                                       .cured = bytes[23],
+                                       .flags = bytes[27]};
     record->time_ms = get_u32(bytes + 28);
     return true;
 }

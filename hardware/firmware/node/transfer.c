@@ -59,7 +59,7 @@ size_t transfer_download(Node *node, const uint8_t *request, size_t length, uint
 
 size_t transfer_upload(Node *node, const uint8_t *request, size_t length, uint8_t *answer) {
     uint8_t code = fault_of_form(node, request, length, ROLE_PROFILER);
-    if (code == UDS_OK && (node->state != NODE_MAP_READY || get_u16(request + 5) != node->book.layer))
+    if (code == UDS_OK && (node->state != NODE_MAP_READY || get_u16(request + 5) != node->progress.layer))
         code = UDS_SEQUENCE;
     if (code == UDS_OK && (request[1] != PLAIN || get_u32(request + 7) != height_map_bytes(node->hal)))
         code = UDS_OUT_OF_RANGE;
@@ -152,38 +152,40 @@ static size_t exit_answer(const Node *node, uint8_t *answer) {
 }
 
 /* A whole pattern with the right checksum becomes the layer's; a layer that is begun keeps the one it has. */
-static uint8_t adopt_pattern(Node *node) {
+static uint8_t adopt_pattern(Node *node, Cause *cause) {
     const Transfer *transfer = &node->transfer;
-    Book *book = &node->book;
-    const bool resumed = book->job == transfer->job && book->layer == transfer->layer && layer_is_begun(book);
+    LayerProgress *progress = &node->progress;
+    const bool resumed =
+        progress->job == transfer->job && progress->layer == transfer->layer && layer_is_begun(progress);
     if (!pattern_is_complete(&node->pattern) || !pattern_is_printable(&node->pattern))
         return UDS_OUT_OF_RANGE;
-    if (resumed && (transfer->crc != book->pattern_crc || node->pattern.passes != book->passes))
+    if (resumed && (transfer->crc != progress->pattern_crc || node->pattern.passes != progress->passes))
         return UDS_CHECKSUM;
     if (!resumed)
-        *book = (Book){.job = transfer->job,
-                       .layer = transfer->layer,
-                       .pattern_crc = transfer->crc,
-                       .passes = node->pattern.passes,
-                       .boots = book->boots};
-    return node_record(node, RECORD_PATTERN, STEP_NONE, NULL) ? UDS_OK : UDS_FAILED;
+        *progress = (LayerProgress){.job = transfer->job,
+                                    .layer = transfer->layer,
+                                    .pattern_crc = transfer->crc,
+                                    .passes = node->pattern.passes,
+                                    .boots = progress->boots};
+    *cause = node_record(node, RECORD_PATTERN, STEP_NONE, NULL);
+    return *cause == CAUSE_NONE ? UDS_OK : UDS_FAILED;
 }
 
-static size_t exit_download(Node *node, const uint8_t *request, uint8_t *answer) {
+static size_t exit_download(Node *node, const uint8_t *request, uint8_t *answer, Cause *cause) {
     if (get_u32(request + 1) != node->transfer.crc) /* the whole pattern again */
         return give_up(node, answer, UDS_TRANSFER_EXIT, UDS_CHECKSUM);
-    const uint8_t code = adopt_pattern(node);
+    const uint8_t code = adopt_pattern(node, cause);
     if (code == UDS_FAILED)
         return uds_refusal(answer, UDS_TRANSFER_EXIT, code);
     if (code != UDS_OK)
         return give_up(node, answer, UDS_TRANSFER_EXIT, code);
     node->pattern_loaded = true;
     node->scanned = false;
-    node->state = layer_is_begun(&node->book) ? NODE_PRINTED : NODE_VERIFIED;
+    node->state = layer_is_begun(&node->progress) ? NODE_PRINTED : NODE_VERIFIED;
     return exit_answer(node, answer);
 }
 
-size_t transfer_exit(Node *node, const uint8_t *request, size_t length, uint8_t *answer) {
+size_t transfer_exit(Node *node, const uint8_t *request, size_t length, uint8_t *answer, Cause *cause) {
     Transfer *transfer = &node->transfer;
     const size_t expected = transfer->upload ? 1 : 1 + CRC_BYTES;
     if (!transfer->active && !transfer->ended)
@@ -196,7 +198,7 @@ size_t transfer_exit(Node *node, const uint8_t *request, size_t length, uint8_t 
     }
     if (transfer->done != transfer->size)
         return uds_refusal(answer, UDS_TRANSFER_EXIT, UDS_SEQUENCE);
-    const size_t answered = transfer->upload ? exit_answer(node, answer) : exit_download(node, request, answer);
+    const size_t answered = transfer->upload ? exit_answer(node, answer) : exit_download(node, request, answer, cause);
     transfer->ended = answer[0] != UDS_NEGATIVE;
     transfer->active = false;
     return answered;

@@ -38,7 +38,7 @@ static bool same_key(const Key *left, const Key *right) {
            left->attempt == right->attempt;
 }
 
-static uint8_t clear(Node *node, uint16_t option) {
+static uint8_t clear(Node *node, uint16_t option, Cause *cause) {
     if (option > (CLEAR_OPERATOR | CLEAR_ABANDON))
         return UDS_OUT_OF_RANGE;
     const bool released = (option & CLEAR_OPERATOR) != 0;
@@ -47,10 +47,12 @@ static uint8_t clear(Node *node, uint16_t option) {
     if ((node->needs_operator || option & CLEAR_ABANDON) && !released)
         return UDS_CONDITIONS;
     if (released)
-        node->book.flags |= BOOK_ACKNOWLEDGED;
+        node->progress.flags |= LAYER_ACKNOWLEDGED;
     if (option & CLEAR_ABANDON)
-        node->book.flags |= BOOK_ABANDONED;
-    if (released && !node_record(node, RECORD_CLEAR, STEP_NONE, NULL))
+        node->progress.flags |= LAYER_ABANDONED;
+    if (released)
+        *cause = node_record(node, RECORD_CLEAR, STEP_NONE, NULL);
+    if (*cause != CAUSE_NONE)
         return UDS_FAILED;
     node->needs_operator = false;
     node->cause = CAUSE_NONE;
@@ -70,9 +72,9 @@ static uint8_t set_dry_run(Node *node, uint16_t option) {
     if (dry && node->state != NODE_IDLE)
         return UDS_SEQUENCE;
     if (dry)
-        node->book_before_dry_run = node->book;
+        node->progress_before_dry_run = node->progress;
     else
-        node->book = node->book_before_dry_run;
+        node->progress = node->progress_before_dry_run;
     node->dry = dry;
     node->pattern_loaded = node->scanned = false;
     node->transfer.active = node->transfer.ended = false;
@@ -81,7 +83,7 @@ static uint8_t set_dry_run(Node *node, uint16_t option) {
 }
 
 static uint8_t conditions_of_pass(const Node *node, uint16_t option) {
-    const bool one_pass = node->book.passes == 1;
+    const bool one_pass = node->progress.passes == 1;
     if (one_pass ? option != ALL_COLOURS : option >= COLOUR_COUNT)
         return UDS_OUT_OF_RANGE;
     const bool stage = node_has(node, ROLE_STAGE);
@@ -150,7 +152,8 @@ static Outcome known(const Node *node, const Routine *routine, const Key *key) {
                                                                                     : OUTCOME_NEVER;
 }
 
-static size_t start(Node *node, const Routine *routine, const Key *key, uint16_t option, uint8_t *answer) {
+static size_t start(Node *node, const Routine *routine, const Key *key, uint16_t option, uint8_t *answer,
+                    Cause *cause) {
     const Outcome outcome = known(node, routine, key);
     if (outcome == OUTCOME_UNDER_WAY)
         return uds_refusal(answer, UDS_ROUTINE_CONTROL, UDS_PENDING);
@@ -160,7 +163,7 @@ static size_t start(Node *node, const Routine *routine, const Key *key, uint16_t
         return uds_refusal(answer, UDS_ROUTINE_CONTROL, UDS_BUSY);
     uint8_t code = UDS_OK;
     if (routine->routine == ROUTINE_CLEAR)
-        code = clear(node, option);
+        code = clear(node, option, cause);
     else if (routine->routine == ROUTINE_DRY_RUN)
         code = set_dry_run(node, option);
     else if (node_is_off(node))
@@ -172,13 +175,11 @@ static size_t start(Node *node, const Routine *routine, const Key *key, uint16_t
     if (routine->kind == STEP_NONE)
         return uds_routine_answer(answer, UDS_START, routine->routine, OUTCOME_DONE, key);
     node->answer_length = 0;
-    const bool begun = steps_begin(node, routine->kind, routine->routine, key, option);
-    if (!begun)
-        node->answer_length = 0;
-    return uds_refusal(answer, UDS_ROUTINE_CONTROL, begun ? UDS_PENDING : UDS_FAILED);
+    *cause = steps_begin(node, routine->kind, routine->routine, key, option);
+    return uds_refusal(answer, UDS_ROUTINE_CONTROL, *cause == CAUSE_NONE ? UDS_PENDING : UDS_FAILED);
 }
 
-size_t routine_control(Node *node, const uint8_t *request, size_t length, uint8_t *answer) {
+size_t routine_control(Node *node, const uint8_t *request, size_t length, uint8_t *answer, Cause *cause) {
     if (length < ROUTINE_HEAD)
         return uds_refusal(answer, UDS_ROUTINE_CONTROL, UDS_LENGTH);
     if (request[1] != UDS_START && request[1] != UDS_RESULTS)
@@ -194,5 +195,5 @@ size_t routine_control(Node *node, const uint8_t *request, size_t length, uint8_
         return uds_routine_answer(answer, UDS_RESULTS, routine->routine, known(node, routine, &key), &key);
     const uint8_t *option = request + ROUTINE_HEAD + KEY_BYTES;
     const uint16_t value = routine->option_bytes == 2 ? get_u16(option) : routine->option_bytes == 1 ? option[0] : 0;
-    return start(node, routine, &key, value, answer);
+    return start(node, routine, &key, value, answer, cause);
 }

@@ -2,22 +2,19 @@
 #ifndef INKLOOP_STEPS_H
 #define INKLOOP_STEPS_H
 
-#include "node.h"
+#include "node_state.h"
 
 /* Begins a step that is allowed now; its INTENT is in the journal before anything is energised. `option`: colour of a
- * pass, milliseconds of a cure, station of a move. False: nothing was begun, and the node is in FAULT. */
-bool steps_begin(Node *node, StepKind kind, uint16_t routine, const Key *key, uint16_t option);
+ * pass, milliseconds of a cure, station of a move. CAUSE_NONE, or why it has to be given up. */
+Cause steps_begin(Node *node, StepKind kind, uint16_t routine, const Key *key, uint16_t option);
 
-/* Goes on with it; its answer is ready when it has ended. */
-void steps_continue(Node *node);
+/* Goes on with it; its answer is ready when it has ended. CAUSE_NONE, or why it has to be given up. */
+Cause steps_continue(Node *node);
 
 /* Forgets it; its answer says that it failed. Actuators are the caller's. */
 void steps_give_up(Node *node);
 
 /* Whether its DONE is in the journal. */
 bool steps_is_done(const Node *node, const Step *step);
-
-/* Droplets are on their way: the gate must be open. */
-bool steps_is_jetting(const Node *node);
 
 #endif

@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "node.h"
+#include "node_state.h"
 
 enum { /* services */
        UDS_SESSION = 0x10,

@@ -3,8 +3,6 @@
 #include "interlocks.h"
 #include "uds.h"
 
-enum { OPENING, WORKING, CLOSING };
-
 static bool is_journalled(StepKind kind) {
     return kind == STEP_PASS || kind == STEP_CURE || kind == STEP_SCAN;
 }
@@ -35,7 +33,7 @@ static bool begin_work(Node *node, WorkKind kind, uint8_t station) {
     return node->hal->begin(node->hal->context, &work);
 }
 
-static void enter(Node *node, uint8_t phase) {
+static void enter(Node *node, StepPhase phase) {
     node->step.phase = phase;
     node->step.phase_began = node->now;
 }
@@ -49,7 +47,7 @@ static bool energise(Node *node, uint16_t option) {
     case STEP_PURGE:
         return begin_work(node, WORK_PURGE, 0);
     case STEP_PASS:
-        enter(node, OPENING);
+        enter(node, STEP_OPENING);
         node->state = NODE_PRINTING;
         return interlocks_gate_open(node);
     case STEP_CURE:
@@ -58,7 +56,7 @@ static bool energise(Node *node, uint16_t option) {
     case STEP_SELF_TEST:
         if (option)
             return interlocks_lamp_on(node);
-        enter(node, OPENING);
+        enter(node, STEP_OPENING);
         return interlocks_gate_open(node);
     default:
         node->state = NODE_SCANNING;
@@ -83,45 +81,39 @@ static Cause cause_of(StepKind kind) {
 
 /* Cure and scan may be the first a node hears of a layer; what was under way of another one is over. */
 static void open_layer(Node *node, StepKind kind, const Key *key) {
-    Book *book = &node->book;
-    const bool same = book->job == key->job && book->layer == key->layer;
+    LayerProgress *progress = &node->progress;
+    const bool same = progress->job == key->job && progress->layer == key->layer;
     if (!same)
-        *book = (Book){.job = key->job, .layer = key->layer, .boots = book->boots};
+        *progress = (LayerProgress){.job = key->job, .layer = key->layer, .boots = progress->boots};
     if (!same || kind == STEP_SCAN) /* blocks of a map are of one scan */
         node->scanned = false;
     if (node->transfer.active)
         node->transfer.active = node->transfer.ended = false;
 }
 
-bool steps_begin(Node *node, StepKind kind, uint16_t routine, const Key *key, uint16_t option) {
+Cause steps_begin(Node *node, StepKind kind, uint16_t routine, const Key *key, uint16_t option) {
     if (kind == STEP_CURE || kind == STEP_SCAN)
         open_layer(node, kind, key);
-    if (is_journalled(kind) && !node_record(node, RECORD_INTENT, kind, key))
-        return false;
+    const Cause cause = is_journalled(kind) ? node_record(node, RECORD_INTENT, kind, key) : CAUSE_NONE;
+    if (cause != CAUSE_NONE)
+        return cause;
     node->step = (Step){.kind = kind,
                         .key = *key,
                         .routine = routine,
-                        .phase = WORKING,
+                        .phase = STEP_WORKING,
                         .colour = (uint8_t)option,
                         .lamp_ms = option,
                         .began = node->now,
                         .expires_in = limit_of(node, kind, option),
                         .phase_began = node->now,
                         .said_busy = node->now};
-    if (energise(node, option))
-        return true;
-    node_de_energise(node, NODE_FAULT, cause_of(kind));
-    return false;
+    return energise(node, option) ? CAUSE_NONE : cause_of(kind);
 }
 
 bool steps_is_done(const Node *node, const Step *step) {
-    const Book *book = &node->book;
+    const LayerProgress *progress = &node->progress;
     const uint8_t bit = (uint8_t)(1u << (step->key.pass % PASSES_MAX));
-    return step->kind == STEP_PASS ? (book->done & bit) != 0 : step->phase == CLOSING;
-}
-
-bool steps_is_jetting(const Node *node) {
-    return node->step.kind == STEP_PASS && node->step.phase == WORKING && !node->dry;
+    return step->kind == STEP_PASS ? (progress->done & bit) != 0 : step->phase == STEP_CLOSING;
 }
 
 void steps_give_up(Node *node) {
@@ -140,104 +132,115 @@ static void answer_done(Node *node) {
 }
 
 /* Writes the DONE of what has just ended. */
-static bool note_done(Node *node) {
+static Cause note_done(Node *node) {
     const Step *step = &node->step;
-    Book *book = &node->book;
+    LayerProgress *progress = &node->progress;
     const uint8_t bit = (uint8_t)(1u << (step->key.pass % PASSES_MAX));
     if (step->kind == STEP_PASS)
-        book->done |= bit;
+        progress->done |= bit;
     if (step->kind == STEP_CURE) {
-        book->cured |= node_has(node, ROLE_HEAD) ? (uint8_t)(book->done | book->unknown) : bit;
-        book->flags &= (uint8_t)~BOOK_CURE_UNKNOWN;
+        progress->cured |= node_has(node, ROLE_HEAD) ? (uint8_t)(progress->done | progress->unknown) : bit;
+        progress->flags &= (uint8_t)~LAYER_CURE_UNKNOWN;
     }
-    return !is_journalled(step->kind) || node_record(node, RECORD_DONE, step->kind, &step->key);
+    return is_journalled(step->kind) ? node_record(node, RECORD_DONE, step->kind, &step->key) : CAUSE_NONE;
 }
 
-static void continue_pass(Node *node, WorkProgress progress) {
+static Cause continue_pass(Node *node, WorkProgress work) {
     const bool expired = node->now - node->step.phase_began >= node->options.limits.gate;
-    if (node->step.phase == OPENING) {
+    if (node->step.phase == STEP_OPENING) {
         if (node->dry || interlocks_line(node, LINE_GATE_OPEN)) {
-            enter(node, WORKING);
-            if (!begin_work(node, WORK_JET, 0))
-                node_de_energise(node, NODE_FAULT, CAUSE_BACK_PRESSURE);
-        } else if (expired) {
-            node_de_energise(node, NODE_FAULT, CAUSE_GATE_NOT_CONFIRMED);
+            enter(node, STEP_WORKING);
+            return begin_work(node, WORK_JET, 0) ? CAUSE_NONE : CAUSE_BACK_PRESSURE;
         }
-    } else if (node->step.phase == WORKING && progress == WORK_FINISHED) {
-        interlocks_gate_close(node);
-        enter(node, CLOSING);
-        note_done(node);
-    } else if (node->step.phase == CLOSING) {
-        if (node->dry || interlocks_line(node, LINE_GATE_CLOSED)) {
-            node->state = NODE_PRINTED;
-            answer_done(node);
-        } else if (expired) {
-            node_de_energise(node, NODE_FAULT, CAUSE_GATE_NOT_CONFIRMED);
-        }
+        return expired ? CAUSE_GATE_NOT_CONFIRMED : CAUSE_NONE;
     }
+    if (node->step.phase == STEP_WORKING && work == WORK_FINISHED) {
+        interlocks_gate_close(node);
+        enter(node, STEP_CLOSING);
+        return note_done(node);
+    }
+    if (node->step.phase == STEP_CLOSING) {
+        if (!node->dry && !interlocks_line(node, LINE_GATE_CLOSED))
+            return expired ? CAUSE_GATE_NOT_CONFIRMED : CAUSE_NONE;
+        node->state = NODE_PRINTED;
+        answer_done(node);
+    }
+    return CAUSE_NONE;
 }
 
-static void continue_cure(Node *node) {
-    if (node->step.phase == WORKING && node->now - node->step.phase_began >= node->step.lamp_ms) {
+static Cause continue_cure(Node *node) {
+    if (node->step.phase == STEP_WORKING && node->now - node->step.phase_began >= node->step.lamp_ms) {
         interlocks_lamp_off(node);
-        enter(node, CLOSING);
-        note_done(node);
-    } else if (node->step.phase == CLOSING && (node->dry || !interlocks_line(node, LINE_LAMP_ON))) {
+        enter(node, STEP_CLOSING);
+        return note_done(node);
+    }
+    if (node->step.phase == STEP_CLOSING && (node->dry || !interlocks_line(node, LINE_LAMP_ON))) {
         node->state = NODE_CURED;
         answer_done(node);
     }
+    return CAUSE_NONE;
 }
 
 /* The gate to its one end and back, or the lamp for a moment: nothing is jetted, and no layer knows of it. */
-static void continue_self_test(Node *node) {
+static Cause continue_self_test(Node *node) {
     const uint32_t lasted = node->now - node->step.phase_began;
     const bool expired = lasted >= node->options.limits.gate;
-    if (node->step.phase == OPENING && interlocks_line(node, LINE_GATE_OPEN)) {
+    if (node->step.phase == STEP_OPENING && interlocks_line(node, LINE_GATE_OPEN)) {
         interlocks_gate_close(node);
-        enter(node, CLOSING);
-    } else if (node->step.phase == WORKING && lasted >= node->step.lamp_ms) {
+        enter(node, STEP_CLOSING);
+    } else if (node->step.phase == STEP_WORKING && lasted >= node->step.lamp_ms) {
         const bool lit = interlocks_line(node, LINE_LAMP_ON);
         interlocks_lamp_off(node);
-        enter(node, CLOSING);
-        if (!lit)
-            node_de_energise(node, NODE_FAULT, CAUSE_LAMP_TIME);
-    } else if (node->step.phase == CLOSING && interlocks_line(node, LINE_GATE_CLOSED) &&
+        enter(node, STEP_CLOSING);
+        return lit ? CAUSE_NONE : CAUSE_LAMP_TIME;
+    } else if (node->step.phase == STEP_CLOSING && interlocks_line(node, LINE_GATE_CLOSED) &&
                !interlocks_line(node, LINE_LAMP_ON)) {
         answer_done(node);
-    } else if (node->step.phase != WORKING && expired) {
-        node_de_energise(node, NODE_FAULT, node->step.lamp_ms ? CAUSE_LAMP_TIME : CAUSE_GATE_NOT_CONFIRMED);
+    } else if (node->step.phase != STEP_WORKING && expired) {
+        return node->step.lamp_ms ? CAUSE_LAMP_TIME : CAUSE_GATE_NOT_CONFIRMED;
     }
+    return CAUSE_NONE;
 }
 
-static void continue_work(Node *node, WorkProgress progress) {
-    if (progress != WORK_FINISHED || !note_done(node))
-        return;
+static Cause continue_work(Node *node, WorkProgress work) {
+    if (work != WORK_FINISHED)
+        return CAUSE_NONE;
+    const Cause cause = note_done(node);
+    if (cause != CAUSE_NONE)
+        return cause;
     if (node->step.kind == STEP_SCAN) {
         node->scanned = true;
         node->scan_attempt = node->step.key.attempt;
         node->state = NODE_MAP_READY;
     }
     answer_done(node);
+    return CAUSE_NONE;
 }
 
-void steps_continue(Node *node) {
-    if (node->step.kind == STEP_NONE)
-        return;
-    const bool working =
-        node->step.phase == WORKING && node->step.kind != STEP_CURE && node->step.kind != STEP_SELF_TEST;
-    const WorkProgress progress = working ? node->hal->progress(node->hal->context) : WORK_RUNNING;
-    if (progress == WORK_FAILED)
-        node_de_energise(node, NODE_FAULT, cause_of(node->step.kind));
-    else if (node->step.kind == STEP_PASS)
-        continue_pass(node, progress);
-    else if (node->step.kind == STEP_CURE)
-        continue_cure(node);
-    else if (node->step.kind == STEP_SELF_TEST)
-        continue_self_test(node);
-    else
-        continue_work(node, progress);
-    if (node->step.kind != STEP_NONE && node->now - node->step.said_busy >= node->options.limits.pending) {
+static Cause continue_step(Node *node) {
+    const StepKind kind = node->step.kind;
+    const bool working = node->step.phase == STEP_WORKING && kind != STEP_CURE && kind != STEP_SELF_TEST;
+    const WorkProgress work = working ? node->hal->progress(node->hal->context) : WORK_RUNNING;
+    if (work == WORK_FAILED)
+        return cause_of(kind);
+    switch (kind) {
+    case STEP_PASS:
+        return continue_pass(node, work);
+    case STEP_CURE:
+        return continue_cure(node);
+    case STEP_SELF_TEST:
+        return continue_self_test(node);
+    default:
+        return continue_work(node, work);
+    }
+}
+
+Cause steps_continue(Node *node) {
+    const Cause cause = node->step.kind == STEP_NONE ? CAUSE_NONE : continue_step(node);
+    const bool under_way = cause == CAUSE_NONE && node->step.kind != STEP_NONE;
+    if (under_way && node->now - node->step.said_busy >= node->options.limits.pending) {
         node->answer_length = (uint8_t)uds_refusal(node->answer, UDS_ROUTINE_CONTROL, UDS_PENDING);
         node->step.said_busy = node->now;
     }
+    return cause;
 }

@@ -1,0 +1,15 @@
+/* Milliseconds, counted by the SysTick timer of a Cortex-M. */
+#ifndef INKLOOP_CLOCK_H
+#define INKLOOP_CLOCK_H
+
+#include <stdint.h>
+
+void clock_start(void);
+
+/* Handler of the timer's interrupt: one millisecond has passed. */
+void clock_tick(void);
+
+/* Since clock_start; it wraps after 49 days. */
+uint32_t clock_ms(void);
+
+#endif
