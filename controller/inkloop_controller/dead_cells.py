@@ -1,4 +1,4 @@
-"""Cells whose droplets do not come: from when on, and when they are tried again (controller/core/dead_cells.h)."""
+"""Cells whose droplets do not come, and when they are tried again (controller/core/estimator/dead_cells.h)."""
 
 from __future__ import annotations
 

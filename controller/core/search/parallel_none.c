@@ -1,6 +1,7 @@
-#include "side_by_side.h"
+/* Without threads: the shares run one after the other. */
+#include "parallel.h"
 
-void side_by_side(void *(*work)(void *share), void *shares, size_t size, size_t count) {
+void run_parallel(void *(*work)(void *share), void *shares, size_t size, size_t count) {
     for (size_t k = 0; k < count; k++)
         work((char *)shares + k * size);
 }
