@@ -1,48 +1,36 @@
-/* Under the address sanitizer, ground between the variables of an instance that nobody may touch, so that what strays
- * from one map into the next is seen; in every other build nothing. */
-#ifndef INKLOOP_GAPS_H
-#define INKLOOP_GAPS_H
+/* AddressSanitizer red zones between the variables of an instance: an access beyond a map is reported instead of
+ * reading the next map. Builds without AddressSanitizer have none. */
+#ifndef INKLOOP_RED_ZONES_H
+#define INKLOOP_RED_ZONES_H
 
-#include "instance.h"
+#include <stdbool.h>
+#include <stddef.h>
 
 #if defined(__has_feature)
 #if __has_feature(address_sanitizer)
-#define INKLOOP_GAPS
+#define INKLOOP_RED_ZONES
 #endif
 #elif defined(__SANITIZE_ADDRESS__)
-#define INKLOOP_GAPS
+#define INKLOOP_RED_ZONES
 #endif
 
-#if defined(INKLOOP_GAPS)
+#if defined(INKLOOP_RED_ZONES)
 #include <sanitizer/asan_interface.h>
 
-enum { GAP = 64 }; /* bytes, as eight cells of a map */
+enum { RED_ZONE = 64 }; /* bytes after each variable: eight cells of a map */
 
-static inline void set_gaps(const Instance *instance, bool are_closed) {
-    const VariableTable *table = instance->model->table;
-    for (size_t k = 0; k < table->count; k++) {
-        const size_t end = instance->offsets[k] + value_count(instance, k) * value_size(table->variables[k].type);
-        if (are_closed)
-            ASAN_POISON_MEMORY_REGION(instance->block + end, instance->offsets[k + 1] - end);
-        else
-            ASAN_UNPOISON_MEMORY_REGION(instance->block + end, instance->offsets[k + 1] - end);
-    }
+static inline void set_red_zone(unsigned char *start, size_t size, bool is_poisoned) {
+    if (is_poisoned)
+        ASAN_POISON_MEMORY_REGION(start, size);
+    else
+        ASAN_UNPOISON_MEMORY_REGION(start, size);
 }
 #else
-enum { GAP = 0 };
+enum { RED_ZONE = 0 };
 
-static inline void set_gaps(const Instance *instance, bool are_closed) {
-    (void)instance, (void)are_closed;
+static inline void set_red_zone(unsigned char *start, size_t size, bool is_poisoned) {
+    (void)start, (void)size, (void)is_poisoned;
 }
 #endif
-
-/* Around a copy of the whole block. */
-static inline void open_gaps(const Instance *instance) {
-    set_gaps(instance, false);
-}
-
-static inline void close_gaps(const Instance *instance) {
-    set_gaps(instance, true);
-}
 
 #endif

@@ -1,16 +1,16 @@
-/* One instance of a model: values, life cycle, messages, saved states. No FMI type, no global variable. */
-#ifndef INKLOOP_INSTANCE_H
-#define INKLOOP_INSTANCE_H
+/* One instance of a model: its values in one block of memory, its mode and its messages. No FMI type, no global
+ * variable. Above it: values.h, snapshot.h, lifecycle.h, the adapters of FMI 2 and 3. */
+#ifndef INKLOOP_STORAGE_H
+#define INKLOOP_STORAGE_H
 
 #include "kernel.h"
-
-/* The model that an FMU offers; a kernel may stand on others beside it. */
-extern const Model *const FMU_MODEL;
 
 /* Where an instance is in its life; bits, so that a call is legal in a set of modes. */
 typedef enum { INSTANTIATED = 1, CONFIGURATION = 2, INITIALIZATION = 4, STEP = 8, TERMINATED = 16 } Mode;
 enum { BEFORE_STEP = INSTANTIATED | INITIALIZATION, RUNNING = BEFORE_STEP | STEP, ANY_MODE = 31 };
 enum { MESSAGE_SIZE = 512, MARK_SIZE = 16 };
+enum { MAX_CELLS = 1 << 26 }; /* 8192 x 8192; a larger grid is more likely an error */
+enum { TIME, NX, NY };        /* the first variables of every model */
 
 struct Instance {
     const Model *model;
@@ -27,7 +27,7 @@ struct Instance {
     size_t *first_references; /* of the exposed variables, and the number of references */
     size_t saved_size;        /* bytes of the block before the scratch variables */
     size_t last_found;        /* variable of the last reference that was looked up */
-    unsigned char *kept;      /* what the kernel keeps beside the block, and its scratch memory */
+    unsigned char *kept;      /* what the kernel keeps besides the block, and its scratch memory */
     unsigned char *scratch;
     size_t kept_size, scratch_size;
     struct Snapshot *before; /* all values before the present step, if `is_before_step_kept` */
@@ -35,22 +35,19 @@ struct Instance {
     char message[MESSAGE_SIZE];
 };
 
-/* The token is "Model-fingerprint-NXxNY", with "-resizable" at the end where nx and ny can be set, or a mark of what
- * the model's resources hold (see model_definition.py); `resources` is the path of their folder or NULL. NULL on
- * failure, with the reason in `message`. */
-Instance *instance_create(const Model *model, const char *token, bool has_scalar_references, const char *resources,
-                          char message[MESSAGE_SIZE]);
-void instance_free(Instance *instance);
+bool is_possible_grid(uint64_t nx, uint64_t ny);
 
-/* Everything as in a new instance. */
-Outcome instance_reset(Instance *instance);
+/* A block for nx * ny cells with all start values; the memory that the instance had before is not released. False, and
+ * nothing changed, if there is no memory. */
+bool storage_allocate(Instance *instance, uint64_t nx, uint64_t ny);
+void storage_release(Instance *instance);
 
-Outcome instance_enter_configuration(Instance *instance);
-Outcome instance_exit_configuration(Instance *instance);
-Outcome instance_enter_initialization(Instance *instance, double start_time);
-Outcome instance_exit_initialization(Instance *instance);
-Outcome instance_do_step(Instance *instance, double start, double step);
-double instance_time(Instance *instance);
+/* The first `saved_size` bytes of the block, with the states and without the scratch variables, out and in. */
+void storage_save(const Instance *instance, void *bytes);
+void storage_load(Instance *instance, const void *bytes);
+
+size_t value_size(ValueType type);
+size_t value_count(const Instance *instance, size_t variable);
 
 /* Like refuse, for a call that the standard does not allow. */
 #if defined(__GNUC__)
@@ -58,52 +55,10 @@ __attribute__((format(printf, 2, 3)))
 #endif
 Outcome misuse(Instance *instance, const char *format, ...);
 
-/* MISUSED if one is none of those that the descriptions name. */
-Outcome check_categories(Instance *instance, size_t count, const char *const categories[]);
-
-/* MISUSED: an argument that the call cannot do without is NULL. */
+/* MISUSED: an argument that the call requires is NULL. */
 Outcome missing(Instance *instance, const char *argument);
 
 /* "Instantiated", "Step Mode", ... */
 const char *mode_name(Mode mode);
-
-size_t value_size(ValueType type);
-size_t value_count(const Instance *instance, size_t variable);
-
-/* values.c: what one value reference stands for, a whole variable or one cell of it. */
-typedef struct {
-    size_t variable, first, count;
-} Span;
-
-Outcome find_span(Instance *instance, uint32_t reference, Span *span);
-
-/* MISUSED if it cannot be set now, REFUSED if a value is not taken; `values` are of the variable's own type. */
-Outcome check_values(Instance *instance, Span span, const void *values);
-void write_values(Instance *instance, Span span, const void *values);
-const void *read_values(Instance *instance, Span span);
-
-/* Calculates the outputs if something was set before the first step that they may depend on. */
-void update_outputs(Instance *instance);
-
-/* MISUSED if a call that names `count` variables comes without references or values. */
-Outcome check_arrays(Instance *instance, const void *references, const void *values, size_t count);
-
-/* Several references of one type at once, all or nothing. */
-Outcome get_values(Instance *instance, ValueType type, const uint32_t references[], size_t count, void *values,
-                   size_t value_total);
-Outcome set_values(Instance *instance, ValueType type, const uint32_t references[], size_t count, const void *values,
-                   size_t value_total);
-
-/* snapshot.c: the whole state, bit by bit. */
-typedef struct Snapshot {
-    size_t size;
-    unsigned char bytes[];
-} Snapshot;
-
-/* `*snapshot` may hold an older snapshot of the same size, which is reused, or be NULL. */
-Outcome snapshot_take(Instance *instance, Snapshot **snapshot);
-Outcome snapshot_copy(Instance *instance, Snapshot **snapshot); /* to go back to only: without its checksum */
-Outcome snapshot_restore(Instance *instance, const Snapshot *snapshot);
-Outcome snapshot_from_bytes(Instance *instance, const void *bytes, size_t size, Snapshot **snapshot);
 
 #endif
