@@ -3,7 +3,7 @@
 #define INKLOOP_FMI2_COMPONENT_H
 
 #include "fmi2Functions.h"
-#include "instance.h"
+#include "lifecycle.h"
 
 typedef struct {
     Instance *core;

@@ -1,5 +1,7 @@
 /* FMI 2.0: values and saved states. Every cell of a map has a value reference of its own, row by row. */
 #include "fmi2_component.h"
+#include "snapshot.h"
+#include "values.h"
 
 #include <stdlib.h>
 #include <string.h>

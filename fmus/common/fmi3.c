@@ -1,5 +1,7 @@
 /* FMI 3.0 co-simulation: the calls that a model takes part in. A variable has one value reference, its number. */
 #include "fmi3_component.h"
+#include "snapshot.h"
+#include "values.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -3,7 +3,7 @@
 #define INKLOOP_FMI3_COMPONENT_H
 
 #include "fmi3Functions.h"
-#include "instance.h"
+#include "lifecycle.h"
 
 typedef struct {
     Instance *core;

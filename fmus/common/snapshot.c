@@ -1,6 +1,6 @@
-#include "instance.h"
+#include "snapshot.h"
 
-#include "gaps.h"
+#include "values.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -81,7 +81,8 @@ static Snapshot *sized(Snapshot *old, size_t size) {
     return snapshot;
 }
 
-Outcome snapshot_copy(Instance *instance, Snapshot **snapshot) {
+/* To go back within a step: without its checksum. */
+static Outcome copy_state(Instance *instance, Snapshot **snapshot) {
     update_outputs(instance); /* so that states are equal where everything that can be read is */
     const Header header = header_of(instance);
     Snapshot *taken = sized(*snapshot, sizeof header + instance->saved_size + instance->kept_size);
@@ -89,9 +90,7 @@ Outcome snapshot_copy(Instance *instance, Snapshot **snapshot) {
         return misuse(instance, "no memory for a state of %lu bytes",
                       (unsigned long)(instance->saved_size + instance->kept_size));
     memcpy(taken->bytes, &header, sizeof header);
-    open_gaps(instance);
-    memcpy(taken->bytes + sizeof header, instance->block, instance->saved_size);
-    close_gaps(instance);
+    storage_save(instance, taken->bytes + sizeof header);
     if (instance->kept_size > 0)
         memcpy(taken->bytes + sizeof header + instance->saved_size, instance->kept, instance->kept_size);
     *snapshot = taken;
@@ -100,7 +99,7 @@ Outcome snapshot_copy(Instance *instance, Snapshot **snapshot) {
 
 Outcome snapshot_take(Instance *instance, Snapshot **snapshot) {
     Header header;
-    if (snapshot_copy(instance, snapshot) != ACCEPTED)
+    if (copy_state(instance, snapshot) != ACCEPTED)
         return MISUSED;
     memcpy(&header, (*snapshot)->bytes, sizeof header);
     header.checksum = checksum_of((*snapshot)->bytes, (*snapshot)->size);
@@ -122,9 +121,7 @@ Outcome snapshot_restore(Instance *instance, const Snapshot *snapshot) {
                       (unsigned long long)header.kept_size);
     if (kept)
         memcpy(kept, snapshot->bytes + sizeof header + instance->saved_size, header.kept_size);
-    open_gaps(instance);
-    memcpy(instance->block, snapshot->bytes + sizeof header, instance->saved_size);
-    close_gaps(instance);
+    storage_load(instance, snapshot->bytes + sizeof header);
     instance->mode = (Mode)header.mode;
     instance->is_outdated = (header.mode & BEFORE_STEP) != 0;
     return ACCEPTED;
@@ -142,4 +139,9 @@ Outcome snapshot_from_bytes(Instance *instance, const void *bytes, size_t size, 
     memcpy(taken->bytes, bytes, size);
     *snapshot = taken;
     return ACCEPTED;
+}
+
+bool keep_values(Instance *instance) {
+    instance->is_before_step_kept = copy_state(instance, &instance->before) == ACCEPTED;
+    return instance->is_before_step_kept;
 }

@@ -1,5 +1,7 @@
 #include "job_file.h"
 
+#include "values.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

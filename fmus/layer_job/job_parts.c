@@ -3,7 +3,9 @@
 #include "layer_controller_variables.h"
 #include "layer_deposition_variables.h"
 #include "profile_sensor_variables.h"
+#include "snapshot.h"
 #include "superposition_deposition_variables.h"
+#include "values.h"
 #include "volume_area_deposition_variables.h"
 #include "young_laplace_deposition_variables.h"
 

@@ -3,7 +3,7 @@
 #ifndef INKLOOP_JOB_PARTS_H
 #define INKLOOP_JOB_PARTS_H
 
-#include "instance.h"
+#include "lifecycle.h"
 
 typedef enum { PRINTER, PROFILER, CONTROLLER, PARTS } PartRole;
 

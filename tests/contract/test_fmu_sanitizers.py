@@ -103,8 +103,8 @@ COUNTING = "static void count_droplets(const LayerHandshake *h) {"
 
 
 @pytest.mark.parametrize(("flags", "fault", "said"), [
-    (ADDRESS, ("instance.c", "    free(instance->block);\n", ""), "LeakSanitizer"),
-    (ADDRESS, ("instance.c", "calloc(end, 1)", "calloc(end - GAP - 8, 1)"), "AddressSanitizer"),
+    (ADDRESS, ("storage.c", "    free(instance->block);\n", ""), "LeakSanitizer"),
+    (ADDRESS, ("storage.c", "calloc(end, 1)", "calloc(end - RED_ZONE - 8, 1)"), "AddressSanitizer"),
     (ADDRESS, ("layer_handshake.c", COUNTING, f"{COUNTING}\n    (void)(*h->nx << (62 + *h->nx));"), "runtime error"),
     (ADDRESS, ("layer_handshake.c", COUNTING, f"{COUNTING}\n    h->height[*h->nx * *h->ny] = 0;"), "use-after-poison"),
     (THREAD, ("layer_handshake.c", COUNTING, f"static long counted;\n{COUNTING}\n    counted++;"), "data race"),

@@ -17,7 +17,7 @@ from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.regions import nominal_layer_height
 from inkloop_controller.problem.horizon_problem import IntMap
 
-DROPLET_STD = 0.1  # of a droplet's volume about its mean [1], as in controller/core/height_estimator.h
+DROPLET_STD = 0.1  # of a droplet's volume about its mean [1], as in controller/core/estimator/height_estimator.h
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Estimate:
 class HeightEstimator:
     """A Kalman filter per cell on the layer model, around sensor drift, the ink, and cells that were not seen.
 
-    How it goes about it is said where it is done, in controller/core/height_estimator.h. A reading has the variance
+    The method is described in controller/core/estimator/height_estimator.h. A reading has the variance
     sensor_noise_std^2 + sensor_resolution^2 / 12 [m^2]; without sensor_noise_std the noise is what the unprinted cells
     show. untrusted_layers: as many a cell may live on prediction alone; take_as_read: neither drift nor noise are
     looked for. Raises ValueError for options that cannot be meant.

@@ -47,7 +47,7 @@ def best_plan(
     seconds_max: float,
     after_sweep: Callable[[SearchProgress], bool] | None = None,
 ) -> FoundPlan:
-    """The best plan found, as controller/core/horizon_planner.h says; its first layer is not empty unless all are.
+    """The best plan found (controller/core/planner/horizon_planner.h); its first layer is not empty unless all are.
 
     last: (layers, nx, ny) the last plan, of any number of layers; of another grid it is not used; layer_worth: see
     Criterion; seed: of the annealing, 64 bits; seconds_max: guard by the clock, instead of that of `work`; after_sweep:

@@ -38,7 +38,7 @@ class _Relaxed:
 class LayerMpc:
     """Chooses the coming layers that minimise the criterion over the surface after the last of them.
 
-    How a plan is found stands where that is done, in controller/core/horizon_planner.h. Below an alpha of about 0.1 the
+    The search is described in controller/core/planner/horizon_planner.h. Below an alpha of about 0.1 the
     criterion makes no sense: one layer ahead nothing is printed, for the first layer's unevenness costs more than its
     height gains; further ahead a print may end too high. Dead cells are left out, but for a layer now and then in which
     they are tried again.

@@ -22,7 +22,7 @@ ChoiceMaps: TypeAlias = NDArray[np.uint16]
 
 HORIZON_MAX = 5
 KINDS_MAX = 16
-HEIGHT_MAX = 0.5  # [m] above that heights leave the lattice of controller/core/lattice.h
+HEIGHT_MAX = 0.5  # [m] above that heights leave the lattice of controller/core/model/lattice.h
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,7 @@ def fmu_model(model: ModelDefinition) -> str:
     return "\n".join(
         [
             _ORIGIN,
-            '#include "instance.h"',
+            '#include "lifecycle.h"',
             f'#include "{file_names(model)[0]}"',
             "",
             f"const Model *const FMU_MODEL = &{_snake(model.name).upper()};",

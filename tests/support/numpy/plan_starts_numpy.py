@@ -1,4 +1,4 @@
-"""What is done to plans as the horizon recedes, stated in NumPy beside controller/core/plan_starts.c."""
+"""What is done to plans as the horizon recedes, stated in NumPy beside controller/core/planner/plan_starts.c."""
 
 from __future__ import annotations
 

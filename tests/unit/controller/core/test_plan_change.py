@@ -11,7 +11,7 @@ CORE = ROOT / "controller" / "core"
 LAYER_MAP = ROOT / "fmus" / "layer_deposition"
 SOURCES = (
     ROOT / "tests" / "c" / "plan_change_laws.c",
-    *(CORE / f"{name}.c" for name in ("plan_change", "plan_surface", "objective")),
+    *(CORE / f"{name}.c" for name in ("search/plan_change", "search/plan_surface", "problem/objective")),
     LAYER_MAP / "layer_map.c",
 )
 FLAGS = ("-std=c11", "-O1", "-g", "-ffp-contract=off", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -21,7 +21,7 @@ WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 def test_changes_are_exact_and_leave_no_trace_when_tried_or_undone(tmp_path: Path) -> None:
     """Also: the surfaces are those of the layer map, and nothing reads or writes beside its arrays."""
     program = tmp_path / "laws"
-    places = (f"-I{CORE}", f"-I{LAYER_MAP}")
+    places = (*(f"-I{CORE / group}" for group in ("problem", "model", "search")), f"-I{LAYER_MAP}")
     subprocess.run(["gcc", *FLAGS, *WARNINGS, *places, *SOURCES, "-lm", "-o", program], check=True)
     laws = subprocess.run([program], capture_output=True, text=True, check=False)
     assert laws.returncode == 0, laws.stdout + laws.stderr

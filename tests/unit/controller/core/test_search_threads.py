@@ -15,7 +15,7 @@ from support.places import ROOT
 CORE = ROOT / "controller" / "core"
 LAYER_MAP = ROOT / "fmus" / "layer_deposition"
 DRIVER = ROOT / "tests" / "c" / "planning_in_threads.c"
-ELSEWHERE = ("inkloop_core.c", "one_after_another.c")  # the interface for Python, and no threads
+ELSEWHERE = ("inkloop_core.c", "parallel_none.c")  # the interface for Python, and no threads
 FLAGS = ("-std=c11", "-O2", "-g", "-ffp-contract=off", "-fsanitize=thread")
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 
@@ -31,9 +31,10 @@ def planned(core: Path, folder: Path) -> subprocess.CompletedProcess[str]:
                            capture_output=True, text=True, check=False)  # fmt: skip
     if empty.returncode or subprocess.run([folder / "empty"], capture_output=True, check=False).returncode:
         pytest.skip("gcc with its thread sanitizer is not installed, or does not run on this kernel")
-    sources = [path for path in sorted(core.glob("*.c")) if path.name not in ELSEWHERE]
+    sources = [path for path in sorted(core.rglob("*.c")) if path.name not in ELSEWHERE]
     program = folder / "planning"
-    command = ["gcc", *FLAGS, *WARNINGS, f"-I{core}", f"-I{LAYER_MAP}", DRIVER, *sources, LAYER_MAP / "layer_map.c",
+    groups = sorted({f"-I{path.parent}" for path in sources})
+    command = ["gcc", *FLAGS, *WARNINGS, *groups, f"-I{LAYER_MAP}", DRIVER, *sources, LAYER_MAP / "layer_map.c",
                "-lm", "-lpthread", "-o", program]  # fmt: skip
     subprocess.run(command, check=True)
     told = {"TSAN_OPTIONS": "halt_on_error=1"}
@@ -50,7 +51,7 @@ def test_race_between_tiles_would_be_told(tmp_path: Path) -> None:
     """A counter that all threads share, put in on purpose."""
     core = tmp_path / "core"
     shutil.copytree(CORE, core)
-    sweep = core / "tiled_sweep.c"
+    sweep = core / "search" / "tiled_sweep.c"
     text, begins = sweep.read_text(), "    const Share *share = handed;\n"
     assert text.count(begins) == 1
     sweep.write_text(text.replace(begins, f"    static long counted;\n    counted++;\n{begins}"))

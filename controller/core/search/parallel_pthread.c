@@ -1,12 +1,13 @@
-#include "side_by_side.h"
+/* With POSIX threads: one thread per share; the caller runs the first share itself. */
+#include "parallel.h"
 
 #include <pthread.h>
 #include <stdbool.h>
 
-/* A thread that cannot be started is done here. */
-void side_by_side(void *(*work)(void *share), void *shares, size_t size, size_t count) {
-    pthread_t thread[SHARES_AT_ONCE];
-    bool started[SHARES_AT_ONCE];
+/* The share of a thread that cannot be started runs in the calling thread. */
+void run_parallel(void *(*work)(void *share), void *shares, size_t size, size_t count) {
+    pthread_t thread[MAX_PARALLEL];
+    bool started[MAX_PARALLEL];
     char *first = shares;
     for (size_t k = 1; k < count; k++)
         started[k] = pthread_create(&thread[k], NULL, work, first + k * size) == 0;

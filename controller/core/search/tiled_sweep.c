@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "side_by_side.h"
+#include "parallel.h"
 
 _Static_assert(TILE > 2 * (STEPS_MAX + 2), "a swap of one tile reaches STEPS_MAX + 1 cells, and one more is read");
 
@@ -19,7 +19,7 @@ bool tiling_open(Tiling *tiling, PlanSurface *surface, int32_t threads) {
     const size_t rows = (surface->nx + TILE - 1) / TILE, columns = (surface->ny + TILE - 1) / TILE;
     const size_t alike = ((rows + 1) / 2) * ((columns + 1) / 2);
     *tiling = (Tiling){.surface = surface, .rows = rows, .columns = columns};
-    const size_t usable = alike < SHARES_AT_ONCE ? alike : SHARES_AT_ONCE;
+    const size_t usable = alike < MAX_PARALLEL ? alike : MAX_PARALLEL;
     const size_t wanted = (size_t)threads < usable ? (size_t)threads : usable;
     tiling->awake = malloc(surface->framed);
     tiling->kept = malloc(surface->problem->layers * surface->framed);
@@ -79,10 +79,10 @@ static void *sweep_share(void *handed) {
 static void sweep_together(Tiling *tiling, const Sweep *sweep, size_t colour) {
     const size_t tiles = tiles_of_colour(tiling, colour);
     const size_t threads = tiling->threads < tiles ? tiling->threads : tiles;
-    Share share[SHARES_AT_ONCE];
+    Share share[MAX_PARALLEL];
     for (size_t k = 0; k < threads; k++)
         share[k] = (Share){tiling, sweep, colour, k, threads, tiling->surface->sums};
-    side_by_side(sweep_share, share, sizeof *share, threads);
+    run_parallel(sweep_share, share, sizeof *share, threads);
 }
 
 /* Sums with what the tiles of a colour did to them, in the order of the tiles. */

@@ -1,195 +1,16 @@
-#include "instance.h"
+#include "lifecycle.h"
 
-#include "gaps.h"
 #include "resources.h"
+#include "snapshot.h"
+#include "values.h"
 
 #include <math.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { TIME, NX, NY }; /* the first variables of every model */
-enum { ALIGNMENT = 8 };
-static const uint64_t MAX_CELLS = UINT64_C(1) << 26; /* 8192 x 8192; beyond that a wrong number is likelier */
-
-static void write_message(char message[MESSAGE_SIZE], const char *format, va_list arguments) {
-    vsnprintf(message, MESSAGE_SIZE, format, arguments);
-}
-
-Outcome refuse(Instance *instance, const char *format, ...) {
-    va_list arguments;
-    va_start(arguments, format);
-    write_message(instance->message, format, arguments);
-    va_end(arguments);
-    return REFUSED;
-}
-
-Outcome misuse(Instance *instance, const char *format, ...) {
-    va_list arguments;
-    va_start(arguments, format);
-    write_message(instance->message, format, arguments);
-    va_end(arguments);
-    return MISUSED;
-}
-
-Outcome missing(Instance *instance, const char *argument) {
-    return misuse(instance, "%s is NULL", argument);
-}
-
-Outcome check_categories(Instance *instance, size_t count, const char *const categories[]) {
-    for (size_t k = 0; k < count; k++) {
-        const char *found = categories && categories[k] ? categories[k] : "NULL";
-        if (strcmp(found, "logStatusDiscard") != 0 && strcmp(found, "logStatusError") != 0)
-            return misuse(instance, "category is %.100s; expected logStatusDiscard or logStatusError", found);
-    }
-    return ACCEPTED;
-}
-
-const char *mode_name(Mode mode) {
-    switch (mode) {
-    case INSTANTIATED:
-        return "Instantiated";
-    case CONFIGURATION:
-        return "Configuration Mode";
-    case INITIALIZATION:
-        return "Initialization Mode";
-    case STEP:
-        return "Step Mode";
-    case TERMINATED:
-        return "Terminated";
-    }
-    return "no mode";
-}
-
-size_t value_size(ValueType type) {
-    static const size_t SIZES[] = {sizeof(double), sizeof(int32_t), sizeof(bool), sizeof(int64_t), sizeof(uint64_t)};
-    return SIZES[type];
-}
-
-size_t value_count(const Instance *instance, size_t variable) {
-    return instance->model->table->variables[variable].is_grid ? (size_t)(instance->nx * instance->ny) : 1;
-}
-
-void *values_of(Instance *instance, size_t variable) {
-    return instance->block + instance->offsets[variable];
-}
-
-/* `*memory` with another size; NULL if that is 0, and NULL, nothing changed, if there is none. */
-static void *resized(unsigned char **memory, size_t *present, size_t size) {
-    if (*memory && *present == size)
-        return *memory;
-    unsigned char *fresh = size == 0 ? NULL : calloc(size, 1);
-    if (!fresh && size > 0)
-        return NULL;
-    free(*memory);
-    *memory = fresh;
-    *present = size;
-    return fresh;
-}
-
-void *kept_memory(Instance *instance, size_t size) {
-    return resized(&instance->kept, &instance->kept_size, size);
-}
-
-void *scratch_memory(Instance *instance, size_t size) {
-    return resized(&instance->scratch, &instance->scratch_size, size);
-}
-
 double instance_time(Instance *instance) {
     return *(double *)values_of(instance, TIME);
-}
-
-static void fill(Instance *instance, size_t variable) {
-    const VariableDefinition *definition = &instance->model->table->variables[variable];
-    unsigned char *values = values_of(instance, variable);
-    union {
-        double real;
-        int32_t integer;
-        bool boolean;
-        int64_t enumeration;
-        uint64_t count;
-    } start;
-    memset(&start, 0, sizeof start);
-    switch (definition->type) {
-    case TYPE_REAL:
-        start.real = definition->start;
-        break;
-    case TYPE_INTEGER:
-        start.integer = (int32_t)definition->start;
-        break;
-    case TYPE_BOOLEAN:
-        start.boolean = definition->start != 0.0;
-        break;
-    case TYPE_ENUMERATION:
-        start.enumeration = (int64_t)definition->start;
-        break;
-    case TYPE_COUNT:
-        start.count = (uint64_t)definition->start;
-        break;
-    }
-    const size_t size = value_size(definition->type);
-    for (size_t k = 0; k < value_count(instance, variable); k++)
-        memcpy(values + k * size, &start, size);
-}
-
-/* A block for nx * ny cells with all start values; false, and nothing changed, if there is no memory for it. */
-static bool allocate(Instance *instance, uint64_t nx, uint64_t ny) {
-    const VariableTable *table = instance->model->table;
-    Instance sized = *instance;
-    sized.nx = nx;
-    sized.ny = ny;
-    sized.offsets = malloc((table->count + 1) * sizeof *sized.offsets);
-    sized.first_references = malloc((table->exposed_count + 1) * sizeof *sized.first_references);
-    sized.block = NULL;
-    if (sized.offsets && sized.first_references) {
-        size_t end = 0, reference = 0;
-        sized.saved_size = 0;
-        for (size_t k = 0; k < table->count; k++) {
-            const size_t size = value_count(&sized, k) * value_size(table->variables[k].type);
-            sized.offsets[k] = end;
-            if (k < table->exposed_count) {
-                sized.first_references[k] = reference;
-                reference += sized.has_scalar_references ? value_count(&sized, k) : 1;
-            }
-            end += (size + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT + GAP;
-            if (table->variables[k].causality != SCRATCH)
-                sized.saved_size = end;
-        }
-        sized.offsets[table->count] = end;
-        sized.first_references[table->exposed_count] = reference;
-        sized.block = calloc(end, 1);
-    }
-    if (!sized.block) {
-        free(sized.offsets);
-        free(sized.first_references);
-        return false;
-    }
-    sized.last_found = 0;
-    sized.kept = sized.scratch = NULL;
-    sized.kept_size = sized.scratch_size = 0;
-    sized.before = NULL;
-    *instance = sized;
-    close_gaps(instance);
-    for (size_t k = 0; k < table->count; k++)
-        fill(instance, k);
-    *(uint64_t *)values_of(instance, NX) = nx;
-    *(uint64_t *)values_of(instance, NY) = ny;
-    instance->is_outdated = true;
-    return true;
-}
-
-static void release(Instance *instance) {
-    free(instance->block);
-    free(instance->offsets);
-    free(instance->first_references);
-    free(instance->kept);
-    free(instance->scratch);
-    free(instance->before);
-}
-
-static bool is_possible(uint64_t nx, uint64_t ny) {
-    return nx >= 1 && ny >= 1 && nx <= MAX_CELLS && ny <= MAX_CELLS / nx;
 }
 
 /* The grid that a token carries; false if the token is not one of this binary. */
@@ -210,7 +31,7 @@ static bool read_token(const char *token, Instance *instance) {
     instance->is_resizable = strcmp(instance->mark, "resizable") == 0;
     instance->start_nx = nx;
     instance->start_ny = ny;
-    return (instance->is_resizable || *instance->mark == '\0' || instance->model->open) && is_possible(nx, ny);
+    return (instance->is_resizable || *instance->mark == '\0' || instance->model->open) && is_possible_grid(nx, ny);
 }
 
 /* The instance with the start values of its table, and of its resources. */
@@ -234,7 +55,7 @@ Instance *instance_create(const Model *model, const char *token, bool has_scalar
             "the GUID or instantiation token is %s; this binary expects %s-%s-NXxNY as in the modelDescription.xml "
             "of the same FMU",
             token ? token : "missing", model->table->model, model->table->fingerprint);
-    } else if (!allocate(instance, instance->start_nx, instance->start_ny)) {
+    } else if (!storage_allocate(instance, instance->start_nx, instance->start_ny)) {
         snprintf(message, MESSAGE_SIZE, "no memory for %llu x %llu cells", (unsigned long long)instance->start_nx,
                  (unsigned long long)instance->start_ny);
     } else {
@@ -242,7 +63,7 @@ Instance *instance_create(const Model *model, const char *token, bool has_scalar
         if (begin(instance) == ACCEPTED)
             return instance;
         memcpy(message, instance->message, MESSAGE_SIZE);
-        release(instance);
+        storage_release(instance);
     }
     free(instance->resources);
     free(instance);
@@ -250,22 +71,22 @@ Instance *instance_create(const Model *model, const char *token, bool has_scalar
 }
 
 void instance_free(Instance *instance) {
-    release(instance);
+    storage_release(instance);
     free(instance->resources);
     free(instance);
 }
 
 Outcome instance_reset(Instance *instance) {
     Instance old = *instance;
-    if (!allocate(instance, instance->start_nx, instance->start_ny))
+    if (!storage_allocate(instance, instance->start_nx, instance->start_ny))
         return misuse(instance, "no memory for a second block; the instance is as it was");
     if (begin(instance) != ACCEPTED) {
         memcpy(old.message, instance->message, MESSAGE_SIZE);
-        release(instance);
+        storage_release(instance);
         *instance = old;
         return MISUSED;
     }
-    release(&old);
+    storage_release(&old);
     return ACCEPTED;
 }
 
@@ -284,17 +105,17 @@ Outcome instance_enter_configuration(Instance *instance) {
 Outcome instance_exit_configuration(Instance *instance) {
     const uint64_t nx = *(uint64_t *)values_of(instance, NX), ny = *(uint64_t *)values_of(instance, NY);
     if (nx != instance->nx || ny != instance->ny) {
-        if (!is_possible(nx, ny))
+        if (!is_possible_grid(nx, ny))
             return refuse(instance, "nx is %llu, ny is %llu; expected 1 to %llu cells together", (unsigned long long)nx,
                           (unsigned long long)ny, (unsigned long long)MAX_CELLS);
         const VariableTable *table = instance->model->table;
         Instance old = *instance;
-        if (!allocate(instance, nx, ny))
+        if (!storage_allocate(instance, nx, ny))
             return refuse(instance, "no memory for %llu x %llu cells", (unsigned long long)nx, (unsigned long long)ny);
         for (size_t k = NY + 1; k < table->exposed_count; k++) /* what was set outlives the new size, maps cannot */
             if (!table->variables[k].is_grid)
                 memcpy(values_of(instance, k), values_of(&old, k), value_size(table->variables[k].type));
-        release(&old);
+        storage_release(&old);
     }
     instance->mode = INSTANTIATED;
     return ACCEPTED;
@@ -316,11 +137,6 @@ Outcome instance_exit_initialization(Instance *instance) {
         instance->is_outdated = false;
     }
     return outcome;
-}
-
-bool keep_values(Instance *instance) {
-    instance->is_before_step_kept = snapshot_copy(instance, &instance->before) == ACCEPTED;
-    return instance->is_before_step_kept;
 }
 
 /* Back to the beginning of the step if an output of it is no number that anyone could go on with. */
@@ -364,4 +180,13 @@ Outcome instance_do_step(Instance *instance, double start, double step) {
     if (outcome == ACCEPTED)
         *(double *)values_of(instance, TIME) = start + step;
     return outcome;
+}
+
+Outcome check_categories(Instance *instance, size_t count, const char *const categories[]) {
+    for (size_t k = 0; k < count; k++) {
+        const char *found = categories && categories[k] ? categories[k] : "NULL";
+        if (strcmp(found, "logStatusDiscard") != 0 && strcmp(found, "logStatusError") != 0)
+            return misuse(instance, "category is %.100s; expected logStatusDiscard or logStatusError", found);
+    }
+    return ACCEPTED;
 }

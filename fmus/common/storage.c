@@ -1,0 +1,196 @@
+#include "storage.h"
+
+#include "red_zones.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { ALIGNMENT = 8 };
+
+static void write_message(char message[MESSAGE_SIZE], const char *format, va_list arguments) {
+    vsnprintf(message, MESSAGE_SIZE, format, arguments);
+}
+
+Outcome refuse(Instance *instance, const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    write_message(instance->message, format, arguments);
+    va_end(arguments);
+    return REFUSED;
+}
+
+Outcome misuse(Instance *instance, const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    write_message(instance->message, format, arguments);
+    va_end(arguments);
+    return MISUSED;
+}
+
+Outcome missing(Instance *instance, const char *argument) {
+    return misuse(instance, "%s is NULL", argument);
+}
+
+const char *mode_name(Mode mode) {
+    switch (mode) {
+    case INSTANTIATED:
+        return "Instantiated";
+    case CONFIGURATION:
+        return "Configuration Mode";
+    case INITIALIZATION:
+        return "Initialization Mode";
+    case STEP:
+        return "Step Mode";
+    case TERMINATED:
+        return "Terminated";
+    }
+    return "no mode";
+}
+
+size_t value_size(ValueType type) {
+    static const size_t SIZES[] = {sizeof(double), sizeof(int32_t), sizeof(bool), sizeof(int64_t), sizeof(uint64_t)};
+    return SIZES[type];
+}
+
+size_t value_count(const Instance *instance, size_t variable) {
+    return instance->model->table->variables[variable].is_grid ? (size_t)(instance->nx * instance->ny) : 1;
+}
+
+void *values_of(Instance *instance, size_t variable) {
+    return instance->block + instance->offsets[variable];
+}
+
+/* `*memory` with another size; NULL if that is 0, and NULL, nothing changed, if there is none. */
+static void *resized(unsigned char **memory, size_t *present, size_t size) {
+    if (*memory && *present == size)
+        return *memory;
+    unsigned char *fresh = size == 0 ? NULL : calloc(size, 1);
+    if (!fresh && size > 0)
+        return NULL;
+    free(*memory);
+    *memory = fresh;
+    *present = size;
+    return fresh;
+}
+
+void *kept_memory(Instance *instance, size_t size) {
+    return resized(&instance->kept, &instance->kept_size, size);
+}
+
+void *scratch_memory(Instance *instance, size_t size) {
+    return resized(&instance->scratch, &instance->scratch_size, size);
+}
+
+static void fill(Instance *instance, size_t variable) {
+    const VariableDefinition *definition = &instance->model->table->variables[variable];
+    unsigned char *values = values_of(instance, variable);
+    union {
+        double real;
+        int32_t integer;
+        bool boolean;
+        int64_t enumeration;
+        uint64_t count;
+    } start;
+    memset(&start, 0, sizeof start);
+    switch (definition->type) {
+    case TYPE_REAL:
+        start.real = definition->start;
+        break;
+    case TYPE_INTEGER:
+        start.integer = (int32_t)definition->start;
+        break;
+    case TYPE_BOOLEAN:
+        start.boolean = definition->start != 0.0;
+        break;
+    case TYPE_ENUMERATION:
+        start.enumeration = (int64_t)definition->start;
+        break;
+    case TYPE_COUNT:
+        start.count = (uint64_t)definition->start;
+        break;
+    }
+    const size_t size = value_size(definition->type);
+    for (size_t k = 0; k < value_count(instance, variable); k++)
+        memcpy(values + k * size, &start, size);
+}
+
+/* In sanitizer builds: no access between the end of a variable and the next one. */
+static void poison_red_zones(const Instance *instance, bool is_poisoned) {
+    const VariableTable *table = instance->model->table;
+    for (size_t k = 0; k < table->count; k++) {
+        const size_t end = instance->offsets[k] + value_count(instance, k) * value_size(table->variables[k].type);
+        set_red_zone(instance->block + end, instance->offsets[k + 1] - end, is_poisoned);
+    }
+}
+
+bool storage_allocate(Instance *instance, uint64_t nx, uint64_t ny) {
+    const VariableTable *table = instance->model->table;
+    Instance sized = *instance;
+    sized.nx = nx;
+    sized.ny = ny;
+    sized.offsets = malloc((table->count + 1) * sizeof *sized.offsets);
+    sized.first_references = malloc((table->exposed_count + 1) * sizeof *sized.first_references);
+    sized.block = NULL;
+    if (sized.offsets && sized.first_references) {
+        size_t end = 0, reference = 0;
+        sized.saved_size = 0;
+        for (size_t k = 0; k < table->count; k++) {
+            const size_t size = value_count(&sized, k) * value_size(table->variables[k].type);
+            sized.offsets[k] = end;
+            if (k < table->exposed_count) {
+                sized.first_references[k] = reference;
+                reference += sized.has_scalar_references ? value_count(&sized, k) : 1;
+            }
+            end += (size + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT + RED_ZONE;
+            if (table->variables[k].causality != SCRATCH)
+                sized.saved_size = end;
+        }
+        sized.offsets[table->count] = end;
+        sized.first_references[table->exposed_count] = reference;
+        sized.block = calloc(end, 1);
+    }
+    if (!sized.block) {
+        free(sized.offsets);
+        free(sized.first_references);
+        return false;
+    }
+    sized.last_found = 0;
+    sized.kept = sized.scratch = NULL;
+    sized.kept_size = sized.scratch_size = 0;
+    sized.before = NULL;
+    *instance = sized;
+    poison_red_zones(instance, true);
+    for (size_t k = 0; k < table->count; k++)
+        fill(instance, k);
+    *(uint64_t *)values_of(instance, NX) = nx;
+    *(uint64_t *)values_of(instance, NY) = ny;
+    instance->is_outdated = true;
+    return true;
+}
+
+void storage_release(Instance *instance) {
+    free(instance->block);
+    free(instance->offsets);
+    free(instance->first_references);
+    free(instance->kept);
+    free(instance->scratch);
+    free(instance->before);
+}
+
+bool is_possible_grid(uint64_t nx, uint64_t ny) {
+    return nx >= 1 && ny >= 1 && nx <= MAX_CELLS && ny <= MAX_CELLS / nx;
+}
+
+void storage_save(const Instance *instance, void *bytes) {
+    poison_red_zones(instance, false);
+    memcpy(bytes, instance->block, instance->saved_size);
+    poison_red_zones(instance, true);
+}
+
+void storage_load(Instance *instance, const void *bytes) {
+    poison_red_zones(instance, false);
+    memcpy(instance->block, bytes, instance->saved_size);
+    poison_red_zones(instance, true);
+}

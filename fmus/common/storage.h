@@ -1,0 +1,64 @@
+/* One instance of a model: its values in one block of memory, its mode and its messages. No FMI type, no global
+ * variable. Above it: values.h, snapshot.h, lifecycle.h, the adapters of FMI 2 and 3. */
+#ifndef INKLOOP_STORAGE_H
+#define INKLOOP_STORAGE_H
+
+#include "kernel.h"
+
+/* Where an instance is in its life; bits, so that a call is legal in a set of modes. */
+typedef enum { INSTANTIATED = 1, CONFIGURATION = 2, INITIALIZATION = 4, STEP = 8, TERMINATED = 16 } Mode;
+enum { BEFORE_STEP = INSTANTIATED | INITIALIZATION, RUNNING = BEFORE_STEP | STEP, ANY_MODE = 31 };
+enum { MESSAGE_SIZE = 512, MARK_SIZE = 16 };
+enum { MAX_CELLS = 1 << 26 }; /* 8192 x 8192; a larger grid is more likely an error */
+enum { TIME, NX, NY };        /* the first variables of every model */
+
+struct Instance {
+    const Model *model;
+    Mode mode;
+    bool has_scalar_references; /* FMI 2: every cell has a value reference; FMI 3: every variable */
+    bool is_resizable;
+    char mark[MARK_SIZE];        /* what the token says after the grid */
+    char *resources;             /* path of the folder; NULL if the importer names none */
+    bool is_outdated;            /* outputs must be calculated before they are read */
+    uint64_t start_nx, start_ny; /* grid of a new instance */
+    uint64_t nx, ny;             /* grid of the block */
+    unsigned char *block;
+    size_t *offsets;          /* of the variables in the block, 8-byte aligned, and its end */
+    size_t *first_references; /* of the exposed variables, and the number of references */
+    size_t saved_size;        /* bytes of the block before the scratch variables */
+    size_t last_found;        /* variable of the last reference that was looked up */
+    unsigned char *kept;      /* what the kernel keeps besides the block, and its scratch memory */
+    unsigned char *scratch;
+    size_t kept_size, scratch_size;
+    struct Snapshot *before; /* all values before the present step, if `is_before_step_kept` */
+    bool is_before_step_kept;
+    char message[MESSAGE_SIZE];
+};
+
+bool is_possible_grid(uint64_t nx, uint64_t ny);
+
+/* A block for nx * ny cells with all start values; the memory that the instance had before is not released. False, and
+ * nothing changed, if there is no memory. */
+bool storage_allocate(Instance *instance, uint64_t nx, uint64_t ny);
+void storage_release(Instance *instance);
+
+/* The first `saved_size` bytes of the block, with the states and without the scratch variables, out and in. */
+void storage_save(const Instance *instance, void *bytes);
+void storage_load(Instance *instance, const void *bytes);
+
+size_t value_size(ValueType type);
+size_t value_count(const Instance *instance, size_t variable);
+
+/* Like refuse, for a call that the standard does not allow. */
+#if defined(__GNUC__)
+__attribute__((format(printf, 2, 3)))
+#endif
+Outcome misuse(Instance *instance, const char *format, ...);
+
+/* MISUSED: an argument that the call requires is NULL. */
+Outcome missing(Instance *instance, const char *argument);
+
+/* "Instantiated", "Step Mode", ... */
+const char *mode_name(Mode mode);
+
+#endif

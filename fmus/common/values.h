@@ -1,0 +1,31 @@
+/* Reading and setting values by value reference, with all checks. */
+#ifndef INKLOOP_VALUES_H
+#define INKLOOP_VALUES_H
+
+#include "storage.h"
+
+/* What one value reference stands for: a whole variable or one cell of it. */
+typedef struct {
+    size_t variable, first, count;
+} Span;
+
+Outcome find_span(Instance *instance, uint32_t reference, Span *span);
+
+/* MISUSED if it cannot be set now, REFUSED if a value is not accepted; `values` are of the variable's own type. */
+Outcome check_values(Instance *instance, Span span, const void *values);
+void write_values(Instance *instance, Span span, const void *values);
+const void *read_values(Instance *instance, Span span);
+
+/* Calculates the outputs if something was set before the first step that they may depend on. */
+void update_outputs(Instance *instance);
+
+/* MISUSED if a call that names `count` variables comes without references or values. */
+Outcome check_arrays(Instance *instance, const void *references, const void *values, size_t count);
+
+/* Several references of one type at once, all or nothing. */
+Outcome get_values(Instance *instance, ValueType type, const uint32_t references[], size_t count, void *values,
+                   size_t value_total);
+Outcome set_values(Instance *instance, ValueType type, const uint32_t references[], size_t count, const void *values,
+                   size_t value_total);
+
+#endif
