@@ -41,8 +41,8 @@ SCORE_PAGE = """# The score board
     inkloop score module:Class --set limit=0.5 --plant lu --quick --out DIR
 
 Each plant is a file of [plant-v1](../../cosim/inkloop/studies/score/plant-v1), a scenario without its controller:
-the part, what a controller is told of the ink, the droplets and their variation, the sensor. It is printed with three fixed
-seeds, the same droplets for everyone. A version of the board never changes: the number after "plants" is a hash of
+the part, what a controller is told of the ink, the droplets and their variation, the sensor. It is printed with three
+fixed seeds, the same droplets for everyone. A version of the board never changes: the number after "plants" is a hash of
 its files, and tables compare where it is the same. Your class is what [a scenario
 takes](../how-to/bring-your-own-component.md): `module.py` stands in the folder where you call the command.
 

@@ -1,7 +1,7 @@
 """What the identifiers of a node (service 0x22) say, as records.
 
-Big-endian layouts of `firmware/node/services.h` and `journal.h`. Times are s of the node's own clock since its power-up; 0
-for what has not happened.
+Big-endian layouts of `firmware/node/services.h` and `journal.h`. Times are in s of the node's own clock since its
+power-up; 0 for an event that has not happened.
 """
 
 from __future__ import annotations
