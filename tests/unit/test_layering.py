@@ -103,6 +103,31 @@ def test_controller_and_hardware_stand_on_the_floor_only(package: str, name: str
         assert not [module for module in imported(path) if is_below(module, package)]
 
 
+CORE_GROUPS = ("problem", "model", "estimator", "search", "relaxation", "planner")
+COMMON_FILES = ("red_zones", "storage", "values", "snapshot", "lifecycle", "fmi2_component", "fmi3_component")
+
+
+def test_groups_of_the_controller_core_use_only_groups_before_them() -> None:
+    group_of = {path.name: path.parent.name for path in (ROOT / "controller" / "core").glob("*/*.[ch]")}
+    assert set(group_of.values()) == set(CORE_GROUPS)
+    for name, group in group_of.items():
+        source = ROOT / "controller" / "core" / group / name
+        for header in included(source):
+            if header in group_of:
+                assert CORE_GROUPS.index(group_of[header]) <= CORE_GROUPS.index(group), f"{name} includes {header}"
+
+
+def test_common_files_of_the_fmus_use_only_files_before_them() -> None:
+    for name in COMMON_FILES:
+        for source in (ROOT / "fmus" / "common").glob(f"{name}.[ch]"):
+            used = {header.removesuffix(".h") for header in included(source)} & set(COMMON_FILES)
+            assert all(COMMON_FILES.index(other) <= COMMON_FILES.index(name) for other in used), source
+
+
+def included(source: Path) -> list[str]:
+    return re.findall(r'#\s*include "(.*?)"', source.read_text(encoding="utf-8"))
+
+
 def test_kernels_know_no_fmi_type() -> None:
     sources = [path for path in (ROOT / "fmus").rglob("*.[ch]") if path.parent.name not in ("common", "fuzz")]
     sources += (ROOT / "controller" / "core").rglob("*.[ch]")
