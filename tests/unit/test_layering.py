@@ -12,7 +12,7 @@ import pytest
 
 from support.places import ROOT
 
-FLOOR = {"inkloop.component", "inkloop.errors"}
+FLOOR = {"inkloop.component", "inkloop.errors", "inkloop.files"}
 BUILD_TIME = {
     f"inkloop.fmu_writer{name}"
     for name in ("", ".definition", ".description", ".c_tables", ".documentation", ".archive", ".export", ".windows")
