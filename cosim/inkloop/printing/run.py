@@ -40,7 +40,7 @@ def resume(folder: Path, console: Console) -> int:
 
     Raises ResultError where nothing can go on from the folder, ScenarioError, ComponentError.
     """
-    scenario = scenario_of(folder)
+    scenario = scenario_of_run(folder)
     record = read_record(folder)
     if not is_unchanged(folder, record):
         raise ResultError(f"{folder / SCENARIO_FILE}: was changed since the run began; put it back, or run it anew")
@@ -63,9 +63,9 @@ def scenario_file(folder: Path) -> Path:
     return Path(record["scenario_file"])
 
 
-def scenario_of(folder: Path) -> Scenario:
+def scenario_of_run(folder: Path, overrides: Mapping[str, Any] | None = None) -> Scenario:
     """The scenario as the run in `folder` began it. Raises ResultError, ScenarioError."""
-    return Scenario.load(folder / SCENARIO_FILE, source=scenario_file(folder))
+    return Scenario.load(folder / SCENARIO_FILE, overrides, source=scenario_file(folder))
 
 
 def print_part(

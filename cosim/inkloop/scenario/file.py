@@ -21,6 +21,7 @@ from inkloop.geometry import cell_centers
 from inkloop.master.events import Event
 from inkloop.master.wiring import Connection, check, contract_connections
 from inkloop.scenario.events import read_events
+from inkloop.scenario.overrides import apply_overrides
 from inkloop.scenario.validation import component_faults, component_of, end_faults, faultless, mix_faults, shadow_faults
 from inkloop.suggest import nearest
 from inkloop.tables import ink_file
@@ -39,10 +40,13 @@ class Scenario:
     tables: ScenarioFile
 
     @classmethod
-    def load(cls, path: Path | str, overrides: Iterable[str] = (), *, source: Path | str | None = None) -> Scenario:
-        """Read `path` with `key=value` overrides. Raises ScenarioError with every fault of the file.
+    def load(
+        cls, path: Path | str, overrides: Mapping[str, Any] | None = None, *, source: Path | str | None = None
+    ) -> Scenario:
+        """Read a scenario file. Raises ScenarioError with every error of the file.
 
-        source: the file that `path` is a copy of; its FMUs stand beside it.
+        overrides: values that replace those of the file, by dotted key, {"components.controller.alpha": 0.5}, or nested
+        as the tables are; source: the file that `path` is a copy of, relative to which its FMUs are named.
         """
         source = str(source or path)
         try:
@@ -54,13 +58,13 @@ class Scenario:
         return cls.of_text(text, source, overrides)
 
     @classmethod
-    def of_text(cls, text: str, source: str, overrides: Iterable[str] = ()) -> Scenario:
+    def of_text(cls, text: str, source: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
         """The scenario of a text; what it names stands beside `source`. Raises ScenarioError."""
         try:
             document = tomlkit.parse(text)
         except TOMLKitError as error:
             raise ScenarioError(source, [f"is not TOML: {error}"]) from error
-        faults = [fault for override in overrides if (fault := apply_override(document, override))]
+        faults = apply_overrides(document, overrides or {})
         faults += ink_file.put_in(document, Path(source).parent)
         return cls._from_tables(source, tomlkit.dumps(document), document.unwrap(), faults)
 
@@ -218,28 +222,3 @@ def _connection(
         offset = 0.0
     faults += [f"{place}.{fault}" for fault in wrong]
     return Connection(table.source, table.target, table.gain, float(offset))
-
-
-def apply_override(document: tomlkit.TOMLDocument, override: str) -> str | None:
-    """Set one `table.key=value` in the document; a sentence if it cannot be."""
-    path, separator, text = override.partition("=")
-    keys = [key.strip() for key in path.split(".")]
-    if not separator or not all(keys):
-        return f"--set {override}: expected key=value, e.g. --set components.controller.alpha=0.5"
-    try:
-        value: Any = tomlkit.value(text.strip())
-    except TOMLKitError:
-        value = text.strip()
-    components = document.get("components", {})
-    if keys[0] == "components" and len(keys) > 2 and keys[1] not in components and keys[2:] != ["kind"]:
-        known = [f"components.{name}" for name in components]
-        return f"--set {override}: there is no components.{keys[1]}; {nearest(f'components.{keys[1]}', known)}"
-    table: Any = document
-    for key in keys[:-1]:
-        if key not in table:
-            table[key] = tomlkit.table()
-        table = table[key]
-        if not isinstance(table, Mapping):
-            return f"--set {override}: {key} is not a table"
-    table[keys[-1]] = value
-    return None
