@@ -46,8 +46,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
     if not folder.is_dir():
         with scenario_of(options) as scenario:
             return act(scenario, options, console)
-    from inkloop.components.python_class import classes_from
     from inkloop.printing.run import scenario_file, scenario_of_run
+    from inkloop.scenario.class_path import classes_from
 
     with classes_from(scenario_file(folder).parent):
         return act(scenario_of_run(folder, overrides_of(options.overrides, str(folder))), options, console)

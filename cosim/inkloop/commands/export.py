@@ -31,9 +31,9 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Write the FMU; the exit code."""
-    from inkloop.fmu_writer.export import export
+    from inkloop.fmu_writer.export import export_fmu
 
-    path = export(
+    path = export_fmu(
         options.model,
         fmi=options.fmi,
         nx=options.nx,

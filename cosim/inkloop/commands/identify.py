@@ -55,8 +55,8 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Identify, show and write; the exit code."""
-    from inkloop.components.python_class import classes_from
     from inkloop.identify import command
+    from inkloop.scenario.class_path import classes_from
 
     source = options.sources[0]
     with classes_from(Path(source).parent):

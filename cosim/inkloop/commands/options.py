@@ -64,7 +64,7 @@ def is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:
 @contextmanager
 def scenario_of(options: argparse.Namespace) -> Iterator[Scenario]:
     """The scenario of the command line. Classes beside it may be its components. Raises ScenarioError."""
-    from inkloop.components.python_class import classes_from
+    from inkloop.scenario.class_path import classes_from
     from inkloop.scenario.file import Scenario
 
     path: Path = options.scenario

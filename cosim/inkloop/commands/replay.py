@@ -30,8 +30,8 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 def run(options: argparse.Namespace, console: Console) -> int:
     """Replay and compare; the exit code."""
     from inkloop.bench.replay import replay
-    from inkloop.components.python_class import classes_from
     from inkloop.printing.run import scenario_file
+    from inkloop.scenario.class_path import classes_from
 
     with classes_from(scenario_file(options.run).parent):
         return replay(options, overrides_of(options.overrides, str(options.run)), console)

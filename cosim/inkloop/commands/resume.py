@@ -22,8 +22,8 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Print the remaining layers, in a subprocess where asked; the exit code."""
-    from inkloop.components.python_class import classes_from
     from inkloop.printing import run as printing
+    from inkloop.scenario.class_path import classes_from
 
     with classes_from(printing.scenario_file(options.run).parent):
         scenario = printing.scenario_of_run(options.run)

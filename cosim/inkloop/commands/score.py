@@ -49,7 +49,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Print on all plants, and show the scores; the exit code."""
-    from inkloop.components.python_class import classes_from
+    from inkloop.scenario.class_path import classes_from
     from inkloop.studies.score import command
 
     with classes_from(Path.cwd()):

@@ -18,7 +18,7 @@ from inkloop.components.presets import PRESETS, preset_of
 from inkloop.errors import FmuError
 from inkloop.fmu import FmuComponent, FmuDescription, Variable, describe, platform_fault
 from inkloop.fmu.archive_member import fmu_file
-from inkloop.fmu_writer.export import export, find_fmu
+from inkloop.fmu_writer.export import export_fmu, find_fmu
 from inkloop.suggest import nearest
 from inkloop.units import conversion, missing_suffix, scaled, spellings, unit_of
 
@@ -59,7 +59,7 @@ def make_model(model: str, job: Job, options: Mapping[str, object]) -> FmuCompon
     if form == "fmi3" or describe(found).grid == (sizes["nx"], sizes["ny"]):
         return FmuComponent(found, parameters=parsed.parameters, structural=sizes)
     with tempfile.TemporaryDirectory(prefix="inkloop-export-") as folder:  # a component keeps what it needs of the file
-        made = export(model, fmi="2" if form == "fmi2" else "3", nx=sizes["nx"], ny=sizes["ny"], fixed=True,
+        made = export_fmu(model, fmi="2" if form == "fmi2" else "3", nx=sizes["nx"], ny=sizes["ny"], fixed=True,
                       out=Path(folder) / f"{model}.fmu")  # fmt: skip
         return FmuComponent(made, parameters=parsed.parameters, structural=sizes)
 

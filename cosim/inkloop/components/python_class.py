@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import inspect
 import json
-import sys
 import typing
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
@@ -50,17 +47,3 @@ def as_meant(table: type[BaseModel], options: Mapping[str, object], error: Valid
             left[meant[0]] = options[key]
     is_whole = all(name in left for name, field in table.model_fields.items() if field.is_required())
     return left if is_whole else None
-
-
-@contextmanager
-def classes_from(folder: Path) -> Iterator[None]:
-    """Within the block a kind "module:Class" is also looked for in `folder`."""
-    place = str(folder.resolve())
-    if place in sys.path:
-        yield
-        return
-    sys.path.append(place)
-    try:
-        yield
-    finally:
-        sys.path.remove(place)

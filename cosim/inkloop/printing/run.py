@@ -89,7 +89,7 @@ def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool
         for place, variant in _runs(scenario, folder, compare):
             if _is_finished(place):
                 continue
-            with _alone(place, folder), _words_of_devices(variant, progress.console, place):
+            with _alone(place, folder), log_devices(variant, progress.console, place):
                 Result.begin(place, variant.text, notes)
                 result = print_part(variant, progress, place, notes)
             if "real_time" in result.run:
@@ -114,7 +114,7 @@ def _alone(place: Path, folder: Path) -> AbstractContextManager[None]:
     return nullcontext() if place == folder else sole_writer(place)
 
 
-def _words_of_devices(scenario: Scenario, console: Console, folder: Path) -> AbstractContextManager[None]:
+def log_devices(scenario: Scenario, console: Console, folder: Path) -> AbstractContextManager[None]:
     """Shows what devices say, if there are any. Raises ComponentError if nobody listens at their emulated bus."""
     kinds = {table.kind for table in scenario.tables.components.values()}
     if not kinds.isdisjoint(devices.KINDS):

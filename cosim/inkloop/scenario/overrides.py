@@ -15,6 +15,8 @@ from inkloop.suggest import nearest
 
 def apply_overrides(document: tomlkit.TOMLDocument, overrides: Mapping[str, Any]) -> list[str]:
     """Set values in the document by dotted or nested keys; a sentence for each that cannot be set."""
+    if not isinstance(overrides, Mapping):
+        raise TypeError(f"overrides are {overrides!r}; expected a mapping, e.g. {{'components.controller.alpha': 0.5}}")
     return [fault for path, value in _leaves(overrides) if (fault := _apply(document, path, value))]
 
 
