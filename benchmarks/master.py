@@ -42,9 +42,7 @@ def _beside_others() -> Table:
     log_output_level(CosimLogLevel.ERROR)
     with tempfile.TemporaryDirectory() as folder:
         for fmi in ("3", "2"):
-            path = export_fmu(
-                "LayerDeposition", fmi=fmi, nx=SIDE, ny=SIDE, out=Path(folder) / f"{fmi}.fmu"
-            )
+            path = export_fmu("LayerDeposition", fmi=fmi, nx=SIDE, ny=SIDE, out=Path(folder) / f"{fmi}.fmu")
             ours, own = min(_inkloop(path) for _ in range(3))
             fmpy_s = min(_fmpy(path) for _ in range(3))
             row = [f"FMI {fmi}", scaled(ours), scaled(own), scaled(fmpy_s), f"{fmpy_s / ours:.2f}"]
