@@ -8,8 +8,8 @@
     inkloop.run("scenarios/cuboid.toml", {"components.controller.alpha": 0.5}, out="runs/mine")
     inkloop.load("runs/mine")                                           # a Result; of a .toml file, a Scenario
 
-`run`, `load`, `Scenario` and `Result` print and read. `Component`, `Port`, `Job`, `Ink` and `Status` are for classes of
-your own. `FmuComponent`, `describe`, `find_fmu` and `export_fmu` handle FMUs. All errors derive from
+`run`, `load`, `Scenario` and `Result` print and read. A class of your own needs `Component`, `Port`, `Job`, `Ink`
+and `Status` to take part. `FmuComponent`, `describe`, `find_fmu` and `export_fmu` handle FMUs. All errors derive from
 `InkloopError`. Only these names are public (`inkloop.__all__`); anything else may change. The controller is in
 `inkloop_controller`. docs/reference/api.md lists all public names.
 """

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from inkloop.bench.emulation import Emulation, emulation_of
 from inkloop.components import devices
-from inkloop.components.devices import Bench
+from inkloop.components.bench import Bench
 from inkloop.errors import InkloopError
 from inkloop.printing.device_log import live_words
 from inkloop.printing.listening import check_listening, local_port
@@ -70,7 +70,7 @@ def act(scenario: Scenario, options: argparse.Namespace, console: Console) -> in
     commands = importlib.import_module("inkloop_hardware.devices.commands")
     job = next(
         (
-            devices.told(scenario.job(name), table.options)
+            devices.job_with_overrides(scenario.job(name), table.options)
             for name, table in scenario.tables.components.items()
             if table.kind == "hardware.printer"
         ),

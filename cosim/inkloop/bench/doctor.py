@@ -15,8 +15,8 @@ from rich.table import Table
 
 from inkloop.component import Job
 from inkloop.components import devices
+from inkloop.components.bench import Bench
 from inkloop.components.catalog import MAPPED
-from inkloop.components.devices import Bench
 from inkloop.scenario.file import Scenario
 from inkloop.tables.schema import BenchTable
 
@@ -49,7 +49,9 @@ def job_of_printer(scenario: Scenario) -> Job:
     """The job as the printer of a scenario is told it."""
     tables = scenario.tables.components.items()
     printers = (
-        devices.told(scenario.job(name), table.options) for name, table in tables if table.kind == "hardware.printer"
+        devices.job_with_overrides(scenario.job(name), table.options)
+        for name, table in tables
+        if table.kind == "hardware.printer"
     )
     return next(printers, scenario.job())
 

@@ -40,6 +40,16 @@ def platform_fault(description: FmuDescription) -> str | None:
     return f"holds binaries for {held}, this machine needs {needed}; export or compile it for that"
 
 
+def archive_fault(path: Path) -> str | None:
+    """What keeps an FMU from being unpacked: it is damaged."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            bad = archive.testzip()
+    except UNREADABLE as error:
+        return f"cannot be unpacked, it is damaged: {error}"
+    return None if bad is None else f"cannot be unpacked, it is damaged: bad CRC-32 of {bad}"
+
+
 class FmuComponent:
     """A co-simulation FMU behind the `Component` protocol.
 

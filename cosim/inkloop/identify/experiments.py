@@ -157,10 +157,9 @@ def _printer(plant: str) -> dict[str, Any]:
 
 def _controllers(scenario: Scenario) -> list[str]:
     """Names of the components that command layers. Raises ScenarioError if there are none."""
-    components, _ = scenario.build()
-    for component in components.values():
-        component.terminate()
-    found = [name for name, part in components.items() if any(port.name == "layer_command" for port in part.outputs)]
+    found = [
+        name for name, part in scenario.ports.items() if any(port.name == "layer_command" for port in part.outputs)
+    ]
     if not found:
         raise ScenarioError(scenario.source, ["no component commands layers; experiments take the controller's place"])
     return found

@@ -38,15 +38,15 @@ class Print:
     ) -> None:
         limits = scenario.tables.run
         self._scenario, self._folder, self._notes = scenario, folder, dict(notes or {})
-        self._components, connections = scenario.build(folder)
-        self._events = scenario.events(self._components)
+        self._components = scenario.build(folder)
+        self._events = scenario.events
         self._recorder = Recorder(scenario.job(), self._components, on_layer)
         self._checkpoints = Checkpoints(folder, self._components, self._recorder) if folder else None
         self._pacing = Pacing(limits.real_time_factor) if limits.real_time_factor else None
         self._step_ns = round(limits.step_s * 1e9)
         self._master = Master(
             self._components,
-            connections,
+            scenario.connections,
             step_ns=self._step_ns,
             algorithm=limits.algorithm,
             observers=[self._recorder, self._checkpoints] if self._checkpoints else [self._recorder],

@@ -13,10 +13,10 @@ from inkloop.studies.reproduce.comparison import Part, Row
 UM = 1e6
 PITCH_UM = 263.256
 PRINTED = {"open loop": (18.5, 8.7), "paper's search": (22.3, 4.4)}
-MACHINE = "the printed figures were measured on their machine, which no model here is fitted to"
+MACHINE = "the printed figures were measured on the authors' machine; no model here is fitted to it"
 NO_GROWTH = (
-    "their cuboid came out 10 % wider than the model, because droplets at the edges ran down; here ink beyond the edge "
-    "stays where it fell, and the controllers drop on the part's own cells only"
+    "the paper's cuboid was 10 % wider than the model, because droplets at the edges ran down; here ink beyond the "
+    "edge stays where it fell, and the controllers jet on cells of the part only"
 )
 
 
