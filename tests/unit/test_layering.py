@@ -85,7 +85,7 @@ def test_the_floor_imports_numpy_and_itself_only() -> None:
 def test_modules_of_the_build_import_the_standard_library_only() -> None:
     allowed = {*sys.stdlib_module_names}
     own = {name for name in modules() if is_below(name, BUILD_TIME)} | {"inkloop", "inkloop.errors", "inkloop.files"}
-    assert not [f"{name} imports {found}" for name in sorted(own) for found in imported(name)
+    assert not [f"{name} imports {found}" for name in sorted(own - {"inkloop"}) for found in imported(name)
                 if found.partition(".")[0] not in allowed and found not in own]  # fmt: skip
 
 
