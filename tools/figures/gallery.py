@@ -43,7 +43,7 @@ DEFAULT_PICTURE = "open-against-closed"
 HEAD = """\
 # Gallery
 
-Every file of [scenarios/](../../scenarios/), printed by `make gallery`, which writes this page from the words on top of
+`make gallery` prints every file of [scenarios/](../../scenarios/) and writes this page from the comment at the top of
 each file.
 """
 
