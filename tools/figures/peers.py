@@ -22,10 +22,10 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "peers.md"
 HEAD = f"""# The loop in other masters
 
 `LayerDeposition`, `ProfileSensor` and `LayerController` as FMUs, coupled by independent programs:
-{SHAPE[0]} x {SHAPE[1]} cells, {LAYERS} layers, droplets that vary, noisy scans, with durations of layers and scans. "equal"
-means that each layer of the print equals, bit by bit, the one of `inkloop run`; otherwise the table gives the
-difference. `make peers` writes this page. `make test` also tests everything that pip alone installs, `make test-long` Maestro and VDMCheck2
-if they are installed.
+{SHAPE[0]} x {SHAPE[1]} cells, {LAYERS} layers, droplets that vary, noisy scans, with durations of layers and scans.
+"equal" means that each layer of the print equals, bit by bit, the one of `inkloop run`; otherwise the table gives the
+difference. `make peers` writes this page. `make test` also tests everything that pip alone installs, `make test-long`
+Maestro and VDMCheck2 if they are installed.
 """
 NOTES = f"""
 - Jacobi: every component steps on the outputs of the last communication point. Gauss-Seidel: on the newest outputs,
