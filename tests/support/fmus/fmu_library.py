@@ -19,9 +19,9 @@ from inkloop.fmu_writer import archive, definition
 from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition
 from inkloop.fmu_writer.export import find_fmu
 from support.benches.node_bench import FIRMWARE, ROOT
+from support.compiled import run
 from support.fmus import layer_jobs
 from support.fmus.fmu_driver import MODELS
-from support.fmus.fuzzing import run
 
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 FUZZ = ROOT / "fmus" / "fuzz"
@@ -103,8 +103,8 @@ def packed(libraries: Sequence[Library], folder: Path) -> None:
 
 def write_table(built: Library, path: Path, *, resizable: bool = True) -> Path:
     """What the C programs must know of an FMU: version, grid, paths, token, and a line per variable."""
-    with zipfile.ZipFile(archive_of(built.model, built.form)) as archive:
-        model = definition.load(archive.read(archive.DEFINITION).decode(), built.model)
+    with zipfile.ZipFile(archive_of(built.model, built.form)) as packed_fmu:
+        model = definition.load(packed_fmu.read(archive.DEFINITION).decode(), built.model)
     is_fmi2 = built.form == "fmi2"
     is_resizable = resizable and not is_fmi2 and built.model != JOB
     nx, ny = GRID
