@@ -18,7 +18,7 @@ from lxml import etree
 from inkloop.cli import main
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.exchange.job.baking import bake
-from inkloop.fmu_writer.export import export
+from inkloop.fmu_writer.export import export_fmu
 from inkloop.scenario.file import Scenario
 from support.fmus.fmu_checkers import by_fmpy, by_fmutool
 from support.fmus.fmu_driver import OK, Driver
@@ -185,7 +185,7 @@ def test_devices_have_no_place_in_a_block() -> None:
 
 def test_block_without_a_scenario_is_not_exported(tmp_path) -> None:
     with pytest.raises(FmuError, match="inkloop export-job SCENARIO"):
-        export(MODEL, fmi="2", nx=9, ny=9, fixed=True, out=tmp_path / "it.fmu")
+        export_fmu(MODEL, fmi="2", nx=9, ny=9, fixed=True, out=tmp_path / "it.fmu")
 
 
 @EVERY_FORM

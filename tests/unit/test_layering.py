@@ -45,6 +45,9 @@ ROOT_NAMES_MAX = {"inkloop": 26, "inkloop_controller": 10, "inkloop_hardware": 1
 CORE_LEVELS = {"problem": 0, "model": 1, "estimator": 2, "search": 2, "relaxation": 2, "planner": 3, "": 4}
 """Groups of controller/core; the last is inkloop_core."""
 
+COMMON_FILES = ("red_zones", "storage", "values", "snapshot", "lifecycle", "fmi2_component", "fmi3_component")
+"""Files of fmus/common, each of which uses only those before it."""
+
 MODULE_CIRCLES_LEFT = {
     frozenset({"inkloop_hardware.errors", "inkloop_hardware.protocol.codec", "inkloop_hardware.protocol.vocabulary"}),
     frozenset({"inkloop_hardware.link.link", "inkloop_hardware.link.transfers"}),
@@ -169,6 +172,13 @@ def test_no_arrow_goes_upwards_between_the_groups_of_the_controller_core() -> No
     arrows = {(units[unit], units[other]) for unit in units for other in include_graph()[unit] if other in units}
     assert not {(group, other) for group, other in arrows if group != other
                 and CORE_LEVELS[group] <= CORE_LEVELS[other]}  # fmt: skip
+
+
+def test_common_files_of_the_fmus_use_only_files_before_them() -> None:
+    order = [f"fmus/common/{name}" for name in COMMON_FILES]
+    arrows = {(unit, other) for unit in order for other in include_graph()[unit] if other in order}
+    assert arrows
+    assert not {(unit, other) for unit, other in arrows if order.index(other) > order.index(unit)}
 
 
 def in_sources(folders: Iterable[Path], pattern: str) -> list[str]:

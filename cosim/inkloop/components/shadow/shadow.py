@@ -50,26 +50,10 @@ class Shadow:
         alarm: float = 3e-6,
         stop: float | None = None,
     ) -> None:
-        self.start = start
+        self.starts_on_scan = start == "scan"
         self._mask, self._alarm, self._stop = job.mask, alarm, math.inf if stop is None else stop
         self._plant = FollowedPlant(job, make_plant)
-        shape = (job.nx, job.ny)
-        self.inputs = (
-            *self._plant.inputs,
-            Port("layers_printed", dtype="int32"),
-            Port("measured_height", "m", shape),
-            Port("valid", "1", shape, "bool"),
-            Port("layers_scanned", dtype="int32", start=-1.0),
-            Port("layer_unknown", dtype="bool"),
-        )
-        self.outputs = (
-            Port("height", "m", shape),
-            Port("growth_divergence", "m", start=math.nan),
-            Port("surface_divergence", "m", start=math.nan),
-            Port("layers_followed", dtype="int32"),
-            Port("layers_compared", dtype="int32", start=-1.0),
-            Port("status", dtype="int32"),
-        )
+        self.inputs, self.outputs = shadow_ports(self._plant.inputs, (job.nx, job.ny))
         self._reference, self._compared, self._unknown = 0, -1, -1
         self._last_scan: ScannedLayer | None = None
         self._divergence, self._status = Divergence(), Status.IDLE
@@ -132,7 +116,7 @@ class Shadow:
 
     def _compare(self, layer: int, measured: FloatMap, valid: BoolMap) -> None:
         plant = self._plant
-        if self._last_scan is None and plant.layer == layer == self._reference and self.start == "scan":
+        if self._last_scan is None and plant.layer == layer == self._reference and self.starts_on_scan:
             plant.begin_on(start_surface(plant.start_surface, measured, valid))
             if not np.allclose(plant.surfaces[layer], plant.start_surface, rtol=0.0, atol=_SAME_M):
                 _LOG.warning("the plant takes no start surface (height_start); it begins on its own, and the surface "
@@ -176,3 +160,24 @@ class Shadow:
             "layers_compared": np.asarray(self._compared, np.int32),
             "status": np.asarray(int(self._status), np.int32),
         }
+
+
+def shadow_ports(plant_inputs: tuple[Port, ...], shape: tuple[int, int]) -> tuple[tuple[Port, ...], tuple[Port, ...]]:
+    """Inputs and outputs of a shadow, whose inputs begin with those of its plant."""
+    inputs = (
+        *plant_inputs,
+        Port("layers_printed", dtype="int32"),
+        Port("measured_height", "m", shape),
+        Port("valid", "1", shape, "bool"),
+        Port("layers_scanned", dtype="int32", start=-1.0),
+        Port("layer_unknown", dtype="bool"),
+    )
+    outputs = (
+        Port("height", "m", shape),
+        Port("growth_divergence", "m", start=math.nan),
+        Port("surface_divergence", "m", start=math.nan),
+        Port("layers_followed", dtype="int32"),
+        Port("layers_compared", dtype="int32", start=-1.0),
+        Port("status", dtype="int32"),
+    )
+    return inputs, outputs

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import types
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +14,9 @@ from inkloop.bench.emulation import emulation_of
 from inkloop.cli import main
 from inkloop.component import Job, Port, Values
 from inkloop.components import catalog
-from inkloop.components.devices import KINDS, Bench
-from inkloop.components.fmu_parameters import values_of_model
+from inkloop.components.bench import Bench
+from inkloop.components.devices import KINDS
+from inkloop.components.fmu_parameters import parse_model
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.printing.listening import check_listening, local_port
 from inkloop.scenario.file import Scenario
@@ -78,20 +81,22 @@ def test_bench_that_does_not_know_where_to_listen_says_so(
 
 def test_options_of_a_device_are_those_of_the_model_in_its_place() -> None:
     for kind, device in KINDS.items():
-        assert catalog.faults(kind, job(), {"seed": 3}) == []
-        faults = (catalog.faults(name, job(), {"bla": 1, "nx": "x"}) for name in (kind, device.model))
-        assert next(faults) == next(faults)
+        assert not catalog.check(kind, job(), {"seed": 3}).errors
+        of_device, of_model = (
+            catalog.check(name, job(), {"bla": 1, "nx": "x"}).errors for name in (kind, device.model)
+        )
+        assert of_device == of_model
 
 
 def test_passes_of_the_printers_own_table_are_those_of_the_device() -> None:
     options: dict[str, Any] = {"passes": 4, "pass_order": "diagonal", "pass_rotation": 3}
-    values = values_of_model("LayerDeposition", job(), options)
+    values = parse_model("LayerDeposition", job(), options).values
     assert [int(values[name]) for name in options] == [4, 2, 3]
 
 
 def test_devices_of_one_loop_share_a_rig_that_opens_nothing_before_they_begin(tmp_path: Path) -> None:
     scenario = Scenario.load(write(tmp_path), ["bench.channel=/dev/no-such-adapter"])
-    components, _ = scenario.build(tmp_path)
+    components = scenario.build(tmp_path)
     printer, profiler = components["printer"], components["profiler"]
     assert printer._rig is profiler._rig  # type: ignore[attr-defined]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["block.toml"]
@@ -126,7 +131,7 @@ class Blower:
 
 
 def test_device_of_a_third_party_is_given_the_rig_of_its_loop(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(catalog, "_load", lambda kind: Blower)
+    monkeypatch.setitem(sys.modules, "blowers", types.SimpleNamespace(Blower=Blower))
     bench = Bench(BenchTable(channel="can0"))
     assert catalog.make("blowers:Blower", job(), {"speed": 2.0}, bench).rig is bench.rig  # type: ignore[attr-defined]
 

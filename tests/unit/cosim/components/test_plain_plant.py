@@ -157,6 +157,6 @@ def test_scenario_names_the_plant_its_ports_and_its_parameters(tmp_path: Path) -
 )
 def test_fault_of_the_scenario_is_told(changes: dict[str, object], said: str, tmp_path: Path) -> None:
     options = {"file": str(build(tmp_path, 2)), "pattern_input": "x", "height_output": "y", **changes}
-    assert any(fault.startswith(said) for fault in catalog.faults("PlainPlant", FLAT, options))
+    assert any(error.startswith(said) for error in catalog.check("PlainPlant", FLAT, options).errors)
     with pytest.raises(ScenarioError, match=r"(?s)PlainPlant.*fault"):
         catalog.make("PlainPlant", FLAT, options)

@@ -236,9 +236,7 @@ WIRE = '\n[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"
 def test_offset_of_a_connection_comes_in_its_unit(tmp_path: Path) -> None:
     path = tmp_path / "case.toml"
     path.write_text(GOOD + WIRE + "gain = 1.5\noffset_um = 20\n")
-    components, (wire, *_) = Scenario.load(path).build()
-    for component in components.values():
-        component.terminate()
+    wire, *_ = Scenario.load(path).connections
     assert (wire.target, wire.gain) == ("profiler.height", 1.5)
     assert wire.offset == pytest.approx(20e-6)
 
