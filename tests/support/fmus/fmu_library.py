@@ -19,9 +19,9 @@ from inkloop.fmu_writer import archive, definition
 from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition
 from inkloop.fmu_writer.export import find_fmu
 from support.benches.node_bench import FIRMWARE, ROOT
+from support.compiled import run
 from support.fmus import layer_jobs
 from support.fmus.fmu_driver import MODELS
-from support.fmus.fuzzing import run
 
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 FUZZ = ROOT / "fmus" / "fuzz"
