@@ -99,7 +99,7 @@ class Onlooker:
         self.adapter = Adapter(settings)
         self.codec = Codec()
         self.lamp = Link(Node.CURE, self.codec, self, "the bus of the benchmark")
-        self._answer_id = Node.CURE.answer_id(self.codec)
+        self._answer_id = self.codec.answer_id(Node.CURE)
 
     def begin(self) -> None:
         """Nothing to note."""

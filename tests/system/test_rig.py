@@ -136,7 +136,7 @@ class Observer:
                     return
 
     def link(self, node: Node) -> Link:
-        self.answer_id = node.answer_id(self.codec)
+        self.answer_id = self.codec.answer_id(node)
         return Link(node, self.codec, self, "the bus of the test")
 
 

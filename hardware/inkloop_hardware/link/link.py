@@ -70,13 +70,13 @@ class Link:
 
     def __init__(self, node: Node, codec: Codec, wire: Wire, place: str) -> None:
         self.node = node
-        self.name = f"{node.lower()} (0x{node.answer_id(codec):03X} on {place})"
+        self.name = f"{node.lower()} (0x{codec.answer_id(node):03X} on {place})"
         self._wire = wire
         self._again = 0
         self._anew = 0
         self._unsure = False
         """Answers to requests of before may still come."""
-        self._connection = IsoTpConnection(wire, node.request_id(codec), node.answer_id(codec), is_answer)
+        self._connection = IsoTpConnection(wire, codec.request_id(node), codec.answer_id(node), is_answer)
         config: Any = dict(udsoncan.configs.default_client_config)
         config |= {"data_identifiers": {"default": Bytes()}, "request_timeout": None}
         config |= {"p2_timeout": P2, "p2_star_timeout": P2_STAR, "use_server_timing": False}

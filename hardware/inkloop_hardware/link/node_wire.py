@@ -24,7 +24,7 @@ class NodeWire:
     def __init__(self, rig: Rig, node: Node) -> None:
         self._rig = rig
         self._node = node
-        self._answer_id = node.answer_id(rig.codec)
+        self._answer_id = rig.codec.answer_id(node)
         self._falls: int | None = None
         self._fell_at: float | None = None
 

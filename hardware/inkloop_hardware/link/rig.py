@@ -217,7 +217,7 @@ class Rig:
         settings = replace(self.settings, traffic_log=log)
         self._watches = {node: NodeWatch(node) for node in Node}
         self._bus_watch = BusWatch(self._session)
-        answers = [node.answer_id(self.codec) for node in Node]
+        answers = [self.codec.answer_id(node) for node in Node]
         if settings.interface == INTERFACE:
             self._bus = ReplayConnection(settings)
             self._job = self._bus.job
