@@ -72,7 +72,7 @@ def _layer(faults: list[str]) -> tuple[float, int, int, bool, bool]:
         _, valid = read_map(profiler.upload(1), SIDE, SIDE)
         took = perf_counter() - begin
         state = head.state()
-        again = head.counts.again + profiler.counts.again
+        again = head.counts.repeated + profiler.counts.repeated
         return took, again, state.gate_pulses, state.pattern_crc == zlib.crc32(blob), bool(valid.all())
 
 
@@ -143,7 +143,7 @@ def _reaction(settings: BusSettings, happen: Callable[[Rig, Onlooker], None]) ->
         _clear(rig)
         with suppress(HardwareError), rig.enabled(lamp=True):
             cure = pack_bytes(">BBH", 0x31, 1, Routine.CURE) + bytes(Key(rig.job, 0)) + pack_bytes(">H", LONG_CURE_MS)
-            rig.link(Node.CURE).client.conn.send(cure)
+            rig.link(Node.CURE).requests.client.conn.send(cure)
             while not ((status := rig.status(Node.CURE)) and status.lamp_on):
                 rig.alive()
                 sleep(0.005)

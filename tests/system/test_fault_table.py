@@ -104,7 +104,7 @@ def test_layer_comes_whole_through_a_bus_that_loses_one_frame_in_a_thousand(side
         _, valid = read_map(run.rig.link(Node.PROFILER).upload(1), side, side)
         assert valid.all()
         assert (run.state().gate_pulses, run.state().pattern_crc) == (4, zlib.crc32(blob))
-        assert run.rig.link(Node.PROFILER).counts.again > 0
+        assert run.rig.link(Node.PROFILER).counts.repeated > 0
 
 
 def test_repeats_are_counted_and_late_answers_dropped(caplog: pytest.LogCaptureFixture) -> None:

@@ -271,7 +271,7 @@ def test_killed_master_leaves_nothing_on(channel: str) -> None:
 def test_killed_bus_process_leaves_nothing_on_and_is_said_in_words(rig: Rig, channel: str) -> None:
     observer = Observer(channel)
     with rig.enabled(lamp=True):
-        rig.link(Node.CURE).client.conn.send(b"\x31\x01\x02\x04" + bytes(Key(rig.job, 0)) + b"\x1f\x40")
+        rig.link(Node.CURE).requests.client.conn.send(b"\x31\x01\x02\x04" + bytes(Key(rig.job, 0)) + b"\x1f\x40")
         observer.wait_for_lamp()
         os.kill(rig.bus.process_id, signal.SIGKILL)
         times = lamp_after_the_master_is_gone(channel)

@@ -232,7 +232,7 @@ class Rig:
             if (counts := link.counts) != LinkCounts():
                 LOG.info(
                     "%s: %d requests sent again, %d answers late or doubled, %d frames out of order, %d transfers anew",
-                    *(link.node.lower(), counts.again, counts.stray, counts.broken, counts.anew),
+                    *(link.node.lower(), counts.repeated, counts.stray, counts.broken, counts.restarted),
                 )
 
     def _take_frames(self) -> None:
