@@ -145,7 +145,7 @@ def _reaction(settings: BusSettings, happen: Callable[[Rig, Onlooker], None]) ->
             cure = pack_bytes(">BBH", 0x31, 1, Routine.CURE) + bytes(Key(rig.job, 0)) + pack_bytes(">H", LONG_CURE_MS)
             rig.link(Node.CURE).requests.client.conn.send(cure)
             while not ((status := rig.status(Node.CURE)) and status.lamp_on):
-                rig.alive()
+                rig.keep_alive()
                 sleep(0.005)
             lit = onlooker.lamp.times()
             happen(rig, onlooker)
@@ -161,7 +161,7 @@ def _clear(rig: Rig) -> None:
 
 
 def _kill(rig: Rig, onlooker: Onlooker) -> None:
-    os.kill(rig.bus.process_id, signal.SIGKILL)
+    os.kill(rig.supervision.bus.process_id, signal.SIGKILL)
 
 
 def _drop(rig: Rig, onlooker: Onlooker) -> None:

@@ -66,7 +66,7 @@ class ReplayConnection:
         queue = self._queues[identifier]
         return queue.popleft() if queue else None
 
-    def say_alive(self, enables: Enables) -> None:
+    def send_keep_alive(self, enables: Enables) -> None:
         """Nobody needs to hear it."""
 
     def say_stop(self, active: bool) -> None:
