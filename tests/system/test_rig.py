@@ -215,7 +215,7 @@ def test_hanging_loop_loses_its_enables_and_its_heartbeat(
 ) -> None:
     """The loop hangs while the lamp is on; then it comes back, and the step is not enabled again."""
     found: list[NodeTimes] = []
-    lives = rig.alive
+    lives = rig.supervision.keep_alive
 
     def hang() -> None:
         status = rig.status(Node.CURE)
@@ -223,7 +223,7 @@ def test_hanging_loop_loses_its_enables_and_its_heartbeat(
         if status is not None and status.lamp_on and not found:
             found.append(lamp_after_the_master_is_gone(channel))
 
-    monkeypatch.setattr(rig, "alive", hang)
+    monkeypatch.setattr(rig.supervision, "keep_alive", hang)
     key = Key(rig.job, 0)
     with rig.enabled(lamp=True), pytest.raises((NodeStopped, NodeRefused)):
         rig.link(Node.CURE).routine(Routine.CURE, key, LONG_CURE_MS.to_bytes(2, "big"), limit_s=LIMIT)
@@ -276,7 +276,7 @@ def test_killed_bus_process_leaves_nothing_on_and_is_said_in_words(rig: Rig, cha
         os.kill(rig.supervision.bus.process_id, signal.SIGKILL)
         times = lamp_after_the_master_is_gone(channel)
     assert times.lamp_off - times.master_alive <= OFF_WITHIN
-    for call in (rig.alive, rig.link(Node.HEAD).state, rig.stop_request):
+    for call in (rig.keep_alive, rig.link(Node.HEAD).state, rig.stop_request):
         with pytest.raises(BusError, match=r"bus process of slcan on socket.*ended without a word"):
             call()
     observer.adapter.close()
