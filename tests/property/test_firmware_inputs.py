@@ -1,7 +1,8 @@
-"""Frames, ISO-TP messages, requests and serial lines of any kind: the firmware's laws hold, sanitizers find nothing.
+"""Frames, ISO-TP messages, requests and serial lines of any kind: the firmware's invariants hold.
 
-The laws are written in hardware/firmware/fuzz: lamp only with the gate confirmed closed, all off in SAFE and FAULT,
-passes done never shrink, no pass opened twice, the journal can always be read, answers fit their room ...
+Sanitizers find nothing either. The invariants are in hardware/firmware/fuzz: lamp only with the gate confirmed closed,
+all off in SAFE and FAULT, passes done never shrink, no pass opened twice, the journal can always be read,
+answers fit their room ...
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from support.benches.node_bench import STATES
 from support.fmus import fuzzing
 from support.fmus.fuzzing import CORPUS, LONGEST_INPUT, TARGETS, Replay
 
-pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
+pytestmark = [pytest.mark.compiled, pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")]
 INPUTS = [(target, path) for target in TARGETS for path in fuzzing.corpus(target)]
 OFF_BY_THEMSELVES = (1, 2, 3, 4, 5, 6, 7, 8, 12, 14, 16, 17)  # causes that a node finds, inkloop.dbc
 

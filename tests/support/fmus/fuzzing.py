@@ -3,9 +3,10 @@ is one, else fed with inputs.
 
 python tests/support/fmus/fuzzing.py [--seconds N] [target ...]
 
-runs libFuzzer for so many seconds over all targets together. What it learns stays in build/fuzz; an input that breaks a
-law or is caught by a sanitizer is kept there and named. Mend the firmware, then add the input, small and under a name
-that says what it found, to hardware/firmware/fuzz/corpus; what an FMU did becomes a test in contract/test_fmu_fuzz.py.
+runs libFuzzer for so many seconds over all targets together. What it learns stays in build/fuzz; an input that violates
+an invariant or is caught by a sanitizer is kept there and named. Correct the firmware, then add the input, small and
+named after what it found, to hardware/firmware/fuzz/corpus; what an FMU did becomes a test in
+contract/test_fmu_fuzz.py.
 """
 
 from __future__ import annotations
@@ -21,10 +22,13 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Self
 
-from support.benches.node_bench import CORE, FIRMWARE, PLACES, ROOT, WIRE, write_codec
+from inkloop_hardware.protocol.c_codec import write_codec
+from inkloop_hardware.protocol.codec import BENCH_DBC
+from support.benches.node_bench import CORE, FIRMWARE, PLACES, ROOT, WIRE
+from support.compiled import run
 
 TARGETS = ("frames", "isotp", "services", "slcan")
-PARTS = ("asking", "board", "laws", "requests", "wire")
+PARTS = ("asking", "board", "invariants", "requests", "wire")
 FUZZ = FIRMWARE / "fuzz"
 CORPUS = FUZZ / "corpus"
 CLANGS = ("clang", *(f"clang-{version}" for version in range(22, 13, -1)))
@@ -50,7 +54,7 @@ def clang() -> str | None:
 
 def build(folder: Path, compiler: str = "gcc", *, fuzzer: bool = False) -> dict[str, Path]:
     """The program of every target: with libFuzzer in it, or with `replay.c`; RuntimeError with the compiler's words."""
-    write_codec(folder)
+    write_codec(BENCH_DBC, folder)
     sanitizers = (f"{SANITIZERS},fuzzer-no-link" if fuzzer else SANITIZERS, "-fno-sanitize-recover=all")
     flags = (compiler, *FLAGS, *sanitizers, f"-I{FUZZ}", *PLACES, f"-isystem{folder}")
     shared = [*CORE, *WIRE, folder / "inkloop.c", *(FUZZ / f"{name}.c" for name in PARTS)]
@@ -73,18 +77,12 @@ def build(folder: Path, compiler: str = "gcc", *, fuzzer: bool = False) -> dict[
     return programs
 
 
-def run(command: Sequence[str | Path]) -> None:
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise RuntimeError(f"{' '.join(map(str, command))} failed:\n{done.stderr}")
-
-
 def corpus(target: str) -> list[Path]:
     return sorted((CORPUS / target).iterdir())
 
 
 class Replay:
-    """A target as a process that is fed inputs; one that breaks a law ends it."""
+    """A target as a process that is fed inputs; one that violates an invariant ends it."""
 
     def __init__(self, program: Path) -> None:
         self.program = program
@@ -105,7 +103,7 @@ class Replay:
         return said or f"the process ended with {process.returncode}" if process.returncode else said
 
     def feed(self, given: bytes) -> str:
-        """'' if all laws held, else what was broken."""
+        """'' if all invariants held, else the message."""
         if self.process is None:
             pipe = subprocess.PIPE
             self.process = subprocess.Popen([self.program], stdin=pipe, stdout=pipe, stderr=pipe)

@@ -10,7 +10,7 @@ from inkloop.studies.reproduce.liquid import Liquid
 def time_scales(quick: bool) -> Part:
     """Table 1, and the numbers that the text argues with."""
     ink = Liquid()
-    where, text = "Table 1", "the paper says that it is small and prints no number"
+    where, text = "Table 1", "the paper calls it small and gives no number"
     return Part([
         Row(where, "t_spread", "us", 10.0, ink.spreading * 1e6, 0.5),
         Row(where, "t_osc", "us", 50.0, ink.oscillation * 1e6, 1.0),
