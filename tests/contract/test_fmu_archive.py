@@ -144,6 +144,7 @@ def test_fixed_grid_has_the_sources_of_the_resizable_one(model) -> None:
     assert found[0] == found[1]
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("form", ["fmi3", "fmi2"])
 @EVERY_MODEL
 @pytest.mark.skipif(shutil.which("cmake") is None or shutil.which("gcc") is None, reason="needs cmake and gcc")

@@ -66,7 +66,7 @@ def main() -> None:
     console = Console(width=120)
     bias(console)
     coverage(console)
-    scenario = plant_scenario("YoungLaplaceDeposition", 0.1, ["grid.pitch_um=42.3"])
+    scenario = plant_scenario("YoungLaplaceDeposition", 0.1, {"grid.pitch_um": 42.3})
     found = identify(perform(scenario, Plan()))
     for table in tables(found):
         console.print(table)
