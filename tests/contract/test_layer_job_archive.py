@@ -74,8 +74,8 @@ def test_no_variable_is_an_array_and_none_lacks_words(file) -> None:
 
 @EVERY_FORM
 def test_start_values_are_those_of_the_scenario(form, tmp_path) -> None:
-    with Driver(MODEL, form, folder=unpacked(form, "noisy-sensor", "components.controller.alpha=0.7")) as fmu:
-        description = fmpy.read_model_description(unpacked(form, "noisy-sensor", "components.controller.alpha=0.7"))
+    with Driver(MODEL, form, folder=unpacked(form, "noisy-sensor", ("components.controller.alpha", 0.7))) as fmu:
+        description = fmpy.read_model_description(unpacked(form, "noisy-sensor", ("components.controller.alpha", 0.7)))
         starts = {v.name: v.start for v in description.modelVariables if v.causality in ("parameter", "input")}
         words = {"true": 1.0, "false": 0.0}
         assert {name: float(words.get(text, text)) for name, text in starts.items()} == {

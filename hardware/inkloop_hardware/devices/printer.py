@@ -62,7 +62,7 @@ class Printer:
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Print the layer that is commanded, if one is. ComponentError for a command or a pattern out of order."""
-        self._rig.alive()
+        self._rig.keep_alive()
         command, pattern = int(inputs["layer_command"]), inputs["pattern"]
         if command not in (self._printed, self._printed + 1) or self._steps is None:
             raise ComponentError(

@@ -24,7 +24,7 @@ from inkloop.bench.emulation import emulation_of
 from inkloop.cli import main
 from inkloop.component import pass_colours
 from inkloop.errors import InkloopError
-from inkloop.printing.run import print_part, scenario_of
+from inkloop.printing.run import print_part, scenario_of_run
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop_controller.model.layer_model import LayerModel
@@ -106,14 +106,14 @@ def powered(path: Path, folder: Path, looks: Path, kill_at: Sequence[str] = (), 
 
 def begin(path: Path, folder: Path, channel: str) -> None:
     """A run folder as `inkloop run` begins it."""
-    scenario = Scenario.load(path, [f"bench.channel={channel}"])
+    scenario = Scenario.load(path, {"bench.channel": channel})
     Result.begin(folder, scenario.text, {"scenario_file": str(path.resolve()), "compare": False})
 
 
 def session(folder: Path) -> Result | InkloopError:
     """Print on, from wherever the folder is."""
     try:
-        scenario = scenario_of(folder)
+        scenario = scenario_of_run(folder)
         return print_part(scenario, folder=folder, notes={"scenario_file": scenario.source, "compare": False})
     except InkloopError as error:
         return error

@@ -169,10 +169,10 @@ class NodeBench:
         for _ in range(0, milliseconds, step):
             self.clock += step
             if self.master and self.clock - self.last_alive >= 100:
-                self.say_alive()
+                self.send_keep_alive()
             self.c.bench_tick(self.bench, ctypes.c_uint32(self.clock))
 
-    def say_alive(self, master: MasterAlive | None = None) -> None:
+    def send_keep_alive(self, master: MasterAlive | None = None) -> None:
         said = master or self.master
         for node in range(self.count):
             self.c.node_master_alive(self.node(node), ctypes.c_uint32(self.clock), ctypes.byref(said))

@@ -199,7 +199,7 @@ def print_two_passes(nodes: NodeBench, rig: NodeRig) -> None:
     """By hand, as an interrupted printer leaves it."""
     blob = PatternBytes.of(full(), passes=4, materials=1)
     nodes.master = node_bench.MasterAlive(LAMP | GATE | MOTION, 1, rig.job)
-    nodes.say_alive()
+    nodes.send_keep_alive()
     assert nodes.download(blob.coded, 1, coded=0x10) == 0
     for number in range(2):
         assert nodes.run(node_bench.PASS, layer=1, which=number, option=bytes([number]), job=rig.job) == 0

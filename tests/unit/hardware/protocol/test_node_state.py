@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 
 from inkloop_hardware.link.node_watch import NodeWatch
-from inkloop_hardware.protocol.node_state import BookFlags, Flags, Happening, NodeState, Roles, Step
+from inkloop_hardware.protocol.node_state import (
+    BookFlags,
+    Flags,
+    Happening,
+    Identifier,
+    NodeState,
+    Roles,
+    Step,
+    TransferState,
+)
 from inkloop_hardware.protocol.records import NodeFault, NodeStatus
 from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
@@ -65,7 +74,7 @@ def test_map_size_version_and_transfer_are_read(bench: NodeBench) -> None:
     assert (link.map_size().size, link.map_size().nx, link.map_size().ny) == (0, 9, 9)
     assert bench.scan(0) == 0
     link.upload(0)
-    transfer = link.transfer()
+    transfer = link.requests.read(Identifier.TRANSFER, TransferState.of)
     assert (transfer.active, transfer.upload, transfer.done, transfer.size) == (False, True, 185, 185)
     assert link.version()
 
