@@ -113,7 +113,7 @@ def test_repeats_are_counted_and_late_answers_dropped(caplog: pytest.LogCaptureF
     with faulty("late-answer:node=head,service=0x36", "repeated-answer:node=cure,count=100") as run:
         run.print_layer(2)
         head, cure = run.rig.link(Node.HEAD).counts, run.rig.link(Node.CURE).counts
-    assert head.again >= 1
+    assert head.repeated >= 1
     assert head.stray >= 1
     assert cure.stray >= 1
     assert any("requests sent again" in words and words.startswith("head") for words in caplog.messages)
