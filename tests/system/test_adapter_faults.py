@@ -24,7 +24,7 @@ from support.benches.bench_run import FAST, assert_same_print, printed_with_fmus
 from support.benches.fault_run import BLOB, LIMIT_S, faulty, printed
 
 ALL = (0, 1, 2, 3)
-EXACT = ["part.height_um=6.0", "components.profiler.noise_std_um=0.0", "components.profiler.dropout_rate=0.0"]
+EXACT = {"part.height_um": 6.0, "components.profiler": {"noise_std_um": 0.0, "dropout_rate": 0.0}}
 
 
 def wait_until(true: Callable[[], bool]) -> None:
@@ -56,7 +56,7 @@ def test_print_goes_on_by_itself_where_no_step_is_unknown(fault: str, tmp_path: 
     path = write(tmp_path)
     emulation = emulation_of(Scenario.load(path, EXACT))
     with EmulatedBench(emulation.parameters | FAST, surface=emulation.surface, faults=[fault]) as bench:
-        found = print_part(Scenario.load(path, [f"bench.channel={bench.channel}", *EXACT]), folder=tmp_path / "run")
+        found = print_part(Scenario.load(path, {"bench.channel": bench.channel, **EXACT}), folder=tmp_path / "run")
     assert_same_print(found, printed_with_fmus(path, EXACT))
 
 
@@ -99,7 +99,7 @@ def test_terminal_that_is_unplugged_is_given_up_in_words(tmp_path: Path) -> None
     emulation = emulation_of(Scenario.load(path, EXACT))
     faults = ["unplugged:step=download,layer=2"]
     with EmulatedBench(emulation.parameters | FAST, terminal=True, surface=emulation.surface, faults=faults) as bench:
-        scenario = Scenario.load(path, [f"bench.channel={bench.channel}", *EXACT])
+        scenario = Scenario.load(path, {"bench.channel": bench.channel, **EXACT})
         with pytest.raises(ComponentError, match=rf"printer failed .*after layer 1.*{bench.channel}"):
             print_part(scenario, folder=tmp_path / "run")
 

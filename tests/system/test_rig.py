@@ -39,8 +39,8 @@ OFF_WITHIN = 0.35
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return node_bench.build_process(tmp_path_factory.mktemp("bench"))
+def program() -> Path:
+    return node_bench.process()
 
 
 @contextmanager

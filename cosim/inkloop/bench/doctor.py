@@ -8,7 +8,6 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -21,24 +20,9 @@ from inkloop.components.catalog import MAPPED
 from inkloop.scenario.file import Scenario
 from inkloop.tables.schema import BenchTable
 
-WELL, ERRORS, CANNOT_RUN = 0, 1, 2
+WELL, ERRORS = 0, 1
 """Exit codes."""
 STYLES = {"ok": "green", "warning": "yellow", "error": "bold red", "skipped": "dim"}
-
-
-def add_parser(commands: Any) -> argparse.ArgumentParser:
-    """The parser of the command, without the overrides of a scenario."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        "doctor",
-        help="look a bench over: adapter, bus, nodes, what they say; each finding with what to do",
-        description="Exit code 0: nothing stands in the way; 1: something does; 2: the scenario cannot be read.",
-    )
-    scenario = "a .toml file with a [bench]; without it python-can's own configuration says which bus"
-    parser.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO", help=scenario)
-    parser.add_argument("--self-test", action="store_true", help="try gate and lamp too, after a question")
-    parser.add_argument("--yes", action="store_true", help="with --self-test: do not ask")
-    parser.add_argument("--json", action="store_true", help="print the findings for other programs")
-    return parser
 
 
 def examine(scenario: Scenario | None, options: argparse.Namespace, console: Console) -> int:

@@ -16,7 +16,7 @@ from inkloop.components.port_mapping import MappedPort, MappedPorts, ports_of
 from inkloop.components.port_tables import OPTION, mapped_ports
 from inkloop.fmu import FmuComponent, archive_fault, describe, platform_fault
 from inkloop.fmu.archive_member import fmu_file
-from inkloop.fmu_writer.export import export, find_fmu
+from inkloop.fmu_writer.export import export_fmu, find_fmu
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def _make_model(model: str, form: str, file: Path, parsed: Parsed) -> FmuCompone
     if form == FORMS[0] or describe(file).grid == (sizes["nx"], sizes["ny"]):
         return FmuComponent(file, parameters=parsed.parameters, structural=sizes)
     with tempfile.TemporaryDirectory(prefix="inkloop-export-") as folder:  # a component keeps what it needs of the file
-        made = export(model, fmi="2" if form == "fmi2" else "3", nx=sizes["nx"], ny=sizes["ny"], fixed=True,
+        made = export_fmu(model, fmi="2" if form == "fmi2" else "3", nx=sizes["nx"], ny=sizes["ny"], fixed=True,
                       out=Path(folder) / f"{model}.fmu")  # fmt: skip
         return FmuComponent(made, parameters=parsed.parameters, structural=sizes)
 

@@ -8,9 +8,6 @@ from dataclasses import dataclass, field, replace
 
 from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition
 
-FORMS = ("fmi3", "fmi3-fixed", "fmi2")
-"""FMI 3 with structural parameters, FMI 3 with constant dimensions, FMI 2 with a scalar per cell."""
-
 _BASE_UNITS = {"1/m": {"m": "-1"}, "m": {"m": "1"}, "m3": {"m": "3"}, "rad": {"rad": "1"}, "s": {"s": "1"}}
 _DISPLAY_UNITS = {
     "1/m": ("1/um", "1e-6"),
@@ -64,7 +61,7 @@ def write(
     release: Release,
     baked: Baked = PLAIN,
 ) -> bytes:
-    """modelDescription.xml of one of `FORMS`; `sources` are the C files that make the binary."""
+    """modelDescription.xml of one of the `FORMS` of this package; `sources` are the C files that make the binary."""
     said = {name: getattr(baked, name) for name in ("description", "step_size", "stop_time")}
     model = replace(model, **{name: value for name, value in said.items() if value is not None})
     starts = {**baked.starts, "nx": nx, "ny": ny}

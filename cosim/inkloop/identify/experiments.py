@@ -6,7 +6,7 @@ catalog or FMU file in a loop made for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -135,7 +135,7 @@ def experiment_of(scenario: Scenario, design: str, side: int, plan: Plan) -> Sce
     return Scenario.of_text(tomlkit.dumps(document), scenario.source)
 
 
-def plant_scenario(plant: str, noise_um: float, overrides: Iterable[str] = ()) -> Scenario:
+def plant_scenario(plant: str, noise_um: float, overrides: Mapping[str, Any] | None = None) -> Scenario:
     """A loop around a kind of the catalog or an FMU file. Raises ScenarioError, FmuError."""
     components: dict[str, Mapping[str, Any]] = {
         "controller": {"kind": KIND, "design": "layers"},

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from inkloop.errors import ComponentError, ResultError
 from inkloop.master.events import Event, Manipulator
@@ -18,6 +17,9 @@ from inkloop.results.recorder import LayerRow, Recorder
 from inkloop.results.result import RESULT_FILE, UNFINISHED, Result
 from inkloop.results.solid import with_solid
 from inkloop.scenario.file import Scenario
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 class Print:
@@ -132,5 +134,5 @@ def _marked(dataset: xr.Dataset, events: Sequence[Event], manipulator: Manipulat
     ends_ns = np.nan_to_num(dataset["time"].values * 1e9).round().astype(np.int64)
     modified = [manipulator.in_effect(max(0, int(end_ns) - step_ns), layer) for layer, end_ns in enumerate(ends_ns)]
     attributes = {"units": "1", "long_name": "layers in which an event was in effect"}
-    marked = dataset.assign(modified=xr.Variable(("layer",), np.array(modified), attributes))
+    marked = dataset.assign(modified=(("layer",), np.array(modified), attributes))
     return marked.assign_attrs(events="\n".join(map(str, events)))

@@ -10,14 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from inkloop.component import Component, FloatMap, Job, Port, Status, Values, is_device
 from inkloop.results.metrics import surface_error
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 COUNTERS = {
     "layer_command": "controller",
@@ -150,6 +152,8 @@ class Recorder:
 
     def dataset(self) -> xr.Dataset:
         """Everything recorded, as labelled arrays with units; layers that were jumped over hold NaN or 0."""
+        import xarray as xr
+
         job, count = self._job, self.layers + 1
         variables: dict[str, xr.Variable] = {
             "target_height": _variable(("x", "y"), job.target_height, "m", "height that the part shall have"),
@@ -257,4 +261,6 @@ def _carried(maps: NDArray[Any], known: Mapping[int, object]) -> NDArray[Any]:
 
 
 def _variable(dims: tuple[str, ...], values: NDArray[Any] | FloatMap, unit: str, long_name: str) -> xr.Variable:
+    import xarray as xr
+
     return xr.Variable(dims, values, {"units": unit, "long_name": long_name})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from inkloop.errors import ScenarioError
 from inkloop.master.events import Event
 from inkloop.master.wiring import Connection
 from inkloop.scenario.loop import Loop
+from inkloop.scenario.overrides import apply_overrides
 from inkloop.scenario.validation import errors_of_invalid_file, part_errors
 from inkloop.suggest import nearest
 from inkloop.tables.ink_file import merge_ink_file
@@ -39,10 +40,13 @@ class Scenario:
     _job: Callable[[str], Job] = field(repr=False, compare=False)
 
     @classmethod
-    def load(cls, path: Path | str, overrides: Iterable[str] = (), *, source: Path | str | None = None) -> Scenario:
-        """Read `path` with `key=value` overrides. Raises ScenarioError with every error of the file.
+    def load(
+        cls, path: Path | str, overrides: Mapping[str, Any] | None = None, *, source: Path | str | None = None
+    ) -> Scenario:
+        """Read a scenario file. Raises ScenarioError with every error of the file.
 
-        source: the file that `path` is a copy of; its FMUs stand beside it.
+        overrides: values that replace those of the file, by dotted key, {"components.controller.alpha": 0.5}, or nested
+        as the tables are; source: the file that `path` is a copy of, relative to which its FMUs are named.
         """
         source = str(source or path)
         try:
@@ -54,13 +58,13 @@ class Scenario:
         return cls.of_text(text, source, overrides)
 
     @classmethod
-    def of_text(cls, text: str, source: str, overrides: Iterable[str] = ()) -> Scenario:
+    def of_text(cls, text: str, source: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
         """The scenario of a text; what it names stands beside `source`. Raises ScenarioError."""
         try:
             document = tomlkit.parse(text)
         except TOMLKitError as error:
             raise ScenarioError(source, [f"is not TOML: {error}"]) from error
-        errors = [wrong for override in overrides if (wrong := apply_override(document, override))]
+        errors = apply_overrides(document, overrides or {})
         errors += merge_ink_file(document, Path(source).parent)
         return cls._from_tables(source, tomlkit.dumps(document), document.unwrap(), errors)
 
@@ -155,28 +159,3 @@ def _check(table: ComponentTable, job: Job, folder: Path) -> Checked:
     if not job.mask.any():  # an error of the part; the components are checked all the same
         job = replace(job, mask=~job.mask)
     return catalog.check(table.kind, job, catalog.resolve_paths(table.kind, table.options, folder))
-
-
-def apply_override(document: tomlkit.TOMLDocument, override: str) -> str | None:
-    """Set one `table.key=value` in the document; a sentence if it cannot be."""
-    path, separator, text = override.partition("=")
-    keys = [key.strip() for key in path.split(".")]
-    if not separator or not all(keys):
-        return f"--set {override}: expected key=value, e.g. --set components.controller.alpha=0.5"
-    try:
-        value: Any = tomlkit.value(text.strip())
-    except TOMLKitError:
-        value = text.strip()
-    components = document.get("components", {})
-    if keys[0] == "components" and len(keys) > 2 and keys[1] not in components and keys[2:] != ["kind"]:
-        known = [f"components.{name}" for name in components]
-        return f"--set {override}: there is no components.{keys[1]}; {nearest(f'components.{keys[1]}', known)}"
-    table: Any = document
-    for key in keys[:-1]:
-        if key not in table:
-            table[key] = tomlkit.table()
-        table = table[key]
-        if not isinstance(table, Mapping):
-            return f"--set {override}: {key} is not a table"
-    table[keys[-1]] = value
-    return None

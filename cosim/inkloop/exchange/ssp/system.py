@@ -17,7 +17,7 @@ from inkloop.components.port_tables import OPTION as PORTS
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.fmu import FmuDescription, Variable, describe
 from inkloop.fmu.archive_member import fmu_file
-from inkloop.fmu_writer.export import export
+from inkloop.fmu_writer.export import export_fmu
 from inkloop.master.wiring import Connection, Transfer
 from inkloop.scenario.file import Scenario
 
@@ -151,7 +151,9 @@ def _controller(name: str, job: Job, options: Mapping[str, object], fmi: str, fo
 
 
 def _model(name: str, model: str, job: Job, options: Mapping[str, object], fmi: str, folder: Path) -> Part | str:
-    file = export(model, fmi="2" if fmi == "2" else "3", nx=job.nx, ny=job.ny, fixed=True, out=folder / f"{name}.fmu")
+    file = export_fmu(
+        model, fmi="2" if fmi == "2" else "3", nx=job.nx, ny=job.ny, fixed=True, out=folder / f"{name}.fmu"
+    )
     return _with_values(Part(name, file, describe(file), fmu_parameters.parse_model(model, job, options).values))
 
 

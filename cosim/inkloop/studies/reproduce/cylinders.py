@@ -23,7 +23,7 @@ def find(quick: bool, *, variation: float) -> Part:
     """Mean over ten seeds (quick: two)."""
     where, open_loop, closed_loop = FIGURES[variation]
     seeds = range(1, 3 if quick else 11)
-    runs = prints.by_controller("cylinder", seeds, [f"components.printer.variation={variation}"])
+    runs = prints.by_controller("cylinder", seeds, {"components.printer.variation": variation})
     rows = []
     for label, results in runs.items():
         metrics = [result.metrics() for result in results]

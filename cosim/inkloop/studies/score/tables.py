@@ -14,7 +14,8 @@ from rich.table import Table
 from inkloop import __version__
 from inkloop.component import Ink
 from inkloop.report.plot import WIDTH_IN
-from inkloop.studies.score.board import METRICS, OPEN_LOOP, VERSION, Score, fingerprint, relative
+from inkloop.studies.score import VERSION
+from inkloop.studies.score.board import METRICS, OPEN_LOOP, Score, fingerprint, relative
 
 CAPTION = "rms error over the part in um, mean over the seeds; score: geometric mean of rms over that of the open loop"
 

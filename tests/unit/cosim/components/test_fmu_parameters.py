@@ -113,6 +113,7 @@ def test_enumeration_goes_by_name_or_number() -> None:
         assert parse({"variation_kind": value}).errors == []
 
 
+@pytest.mark.compiled
 def test_any_fmu_file_is_a_component(tmp_path: Path) -> None:
     path = build(tmp_path, 3)
     part = catalog.make("Fmu", toy_job(), {"file": str(path), "gain": 3.0, "n": 2})

@@ -26,6 +26,8 @@ from support.benches.node_bench import GATE, LAMP, MOTION, NodeBench
 from support.benches.node_rig import NodeRig
 from support.fmus.fmu_driver import OK, Driver
 
+pytestmark = pytest.mark.compiled
+
 SECOND = 1_000_000_000
 FOUR = replace(job(), passes=4)
 

@@ -17,6 +17,8 @@ from inkloop_hardware.protocol.vocabulary import State
 from support.benches.faulty_wire import FaultyWire
 from support.benches.node_bench import CURE, HEAD, PROFILER, RASTER, NodeBench, pattern_blob, run_length
 
+pytestmark = pytest.mark.compiled
+
 JOB = 7
 BLOCK, ANSWER, EXIT = 0x36, 0x76, 0x37
 
