@@ -58,7 +58,7 @@ def message_of(error: Exception) -> str:
 
 
 def own_line(error: Exception) -> str:
-    """" (mine.py, line 12)": the innermost line of the user's own code that an exception passed through; "" if none.
+    """The innermost line of the user's own code that an exception passed through, " (mine.py, line 12)"; "" if none.
 
     The user's own is what belongs neither to inkloop nor to an installed library.
     """
