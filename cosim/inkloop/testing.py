@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import MEMBERS, Component, Job, Port, Values
+from inkloop.contract import COUNTERS, PATTERN, VALID
 
 SECOND = 1_000_000_000
-COUNTERS = ("layers_printed", "layers_scanned", "layer_command")
 WALL_CLOCK = frozenset({"solve_time"})
 """Outputs that may differ between two runs of the same bits."""
 
@@ -138,7 +138,7 @@ def _inputs(part: Component, k: int) -> dict[str, NDArray[Any]]:
 def _value(port: Port, k: int) -> NDArray[Any]:
     if port.name in COUNTERS:
         return np.asarray(k, port.dtype)
-    if port.name in ("valid", "pattern"):
+    if port.name in (VALID, PATTERN):
         return np.ones(port.shape, port.dtype)
     if port.dtype.startswith("float") and port.shape:
         return np.linspace(0, 1e-6 * k, port.start_value().size, dtype=port.dtype).reshape(port.shape)

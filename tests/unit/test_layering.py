@@ -12,7 +12,10 @@ import pytest
 
 from support.places import ROOT
 
-FLOOR = {"inkloop.component", "inkloop.errors"}
+FLOOR = {
+    f"inkloop.{name}"
+    for name in ("component", "errors", "contract", "units", "geometry", "files", "suggest", "testing")
+}
 BUILD_TIME = {
     f"inkloop.fmu_writer{name}"
     for name in ("", ".definition", ".description", ".c_tables", ".documentation", ".archive", ".export", ".windows")

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap
+from inkloop.contract import pass_colour
 from inkloop_controller.model.symbolic_layer import Symbolic, symbolic_layer
 from inkloop_controller.problem.horizon_problem import HorizonProblem
 
@@ -161,5 +162,5 @@ def _layer_numbers(problem: HorizonProblem, layer: int) -> LayerSymbols:
     h1, h2, h3 = np.moveaxis(table[first_kinds(problem)[layer]], -1, 0)
     i, j = np.indices(problem.part.shape)
     order = problem.colours[layer] if problem.colours else ()
-    jetted = tuple((2 * (i % 2) + j % 2 == colour).astype(float) for colour in order)
+    jetted = tuple((pass_colour(i, j) == colour).astype(float) for colour in order)
     return LayerSymbols(h1, h2, h3, drop_limits(problem)[layer], jetted or (np.ones(problem.part.shape),))

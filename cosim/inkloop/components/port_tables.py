@@ -14,7 +14,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from inkloop.component import Job, Port
-from inkloop.components.port_mapping import CONTRACT_PORTS, MappedPort, MappedPorts
+from inkloop.components.port_mapping import MappedPort, MappedPorts
+from inkloop.contract import SIGNALS
 from inkloop.fmu import FmuComponent
 from inkloop.suggest import nearest
 from inkloop.tables.messages import sentence
@@ -115,9 +116,8 @@ def _mapped(
 def _port(name: str, table: PortTable, job: Job, variables: Sequence[Port]) -> Port:
     """A signal of the layer contract as that says; of another, what the variables are, in SI."""
     first, grid = variables[0], (job.nx, job.ny)
-    if name in CONTRACT_PORTS:
-        unit, is_map, dtype, start = CONTRACT_PORTS[name]
-        return Port(name, unit, grid if is_map else (), dtype, start)
+    if name in SIGNALS:
+        return SIGNALS[name].port(grid)
     unit = UNITS.get(table.unit or first.unit, (table.unit or first.unit, 1.0))[0]
     return Port(name, unit, grid if len(variables) > 1 else first.shape, first.dtype, first.start)
 

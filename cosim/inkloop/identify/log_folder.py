@@ -19,6 +19,7 @@ from pydantic import Field, ValidationError
 from tomlkit.exceptions import TOMLKitError
 
 from inkloop.component import FloatMap
+from inkloop.contract import PassOrder
 from inkloop.errors import HeightMapError, IdentificationError
 from inkloop.identify.print_record import PrintRecord
 from inkloop.metrology.cell_means import cell_means
@@ -26,7 +27,6 @@ from inkloop.metrology.datum import Datum
 from inkloop.metrology.height_map import HeightMap, Mirror
 from inkloop.metrology.map_file import read
 from inkloop.metrology.registration import Registration
-from inkloop.tables.job import PASS_ORDERS
 from inkloop.tables.messages import sentence
 from inkloop.tables.shapes import UM, Length, Position, Table
 
@@ -93,7 +93,7 @@ def read_log(folder: Path) -> PrintRecord:
         np.stack(found),
         np.stack(areas) if table.inked_um is not None else None,
         table.passes,
-        PASS_ORDERS[table.pass_order],
+        PassOrder[table.pass_order.upper()].value,
         table.pass_rotation,
     )
     try:

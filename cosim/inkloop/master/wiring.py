@@ -10,13 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Component, Port, Values, is_shadow
+from inkloop.contract import HEIGHT, LAYERS_FOLLOWED, LAYERS_PRINTED, REQUIRED_INPUTS
 from inkloop.suggest import nearest
 from inkloop.units import UNITS, conversion
-
-CONTRACT_INPUTS = frozenset(
-    {"pattern", "layer_command", "layers_printed", "height", "measured_height", "valid", "layers_scanned"}
-)
-"""Inputs without which the handshake cannot run; any other may stay unconnected at its start value."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +140,7 @@ def _open_inputs(components: Mapping[str, Component], fed: Mapping[str, str]) ->
             sources = _sources(components, name, port.name)
             if len(sources) > 1:
                 yield f"{place} may come from {' or '.join(sources)}; say which under [[connections]]"
-            elif port.name in CONTRACT_INPUTS.difference(getattr(component, "optional_inputs", ())):
+            elif port.name in REQUIRED_INPUTS.difference(getattr(component, "optional_inputs", ())):
                 yield (
                     f"{place} is not connected: no other component has an output {port.name}; "
                     "add one that has, or name a source under [[connections]]"
@@ -192,11 +188,11 @@ def _counted_by_its_surface(
     wire: Connection, wires: Sequence[Connection], components: Mapping[str, Component]
 ) -> Connection:
     component, port = wire.target_parts
-    if port != "layers_printed":
+    if port != LAYERS_PRINTED:
         return wire
-    surfaces = [other.source_parts[0] for other in wires if other.target_parts == (component, "height")]
+    surfaces = [other.source_parts[0] for other in wires if other.target_parts == (component, HEIGHT)]
     shadow = next((name for name in surfaces if is_shadow(components[name])), None)
-    return wire if shadow is None else Connection(f"{shadow}.layers_followed", wire.target)
+    return wire if shadow is None else Connection(f"{shadow}.{LAYERS_FOLLOWED}", wire.target)
 
 
 def _sources(components: Mapping[str, Component], target: str, port: str) -> list[str]:

@@ -14,8 +14,9 @@ from zipfile import BadZipFile
 import numpy as np
 from pydantic import Field
 
-from inkloop.component import Job, Port, Status, Values
+from inkloop.component import Job, Status, Values
 from inkloop.components.devices import LOGGER
+from inkloop.contract import LAYERS_PRINTED, LAYERS_SCANNED, MEASURED_HEIGHT, STATUS, VALID, contract_ports
 from inkloop.errors import ComponentError, HeightMapError
 from inkloop.metrology.datum import Datum
 from inkloop.metrology.folder_watch import Complete, FolderWatch, Wait, name_faults
@@ -104,13 +105,8 @@ class MapFolder:
         }
         self._timeout_s, self._replay = timeout_s, replay
         shape = (job.nx, job.ny)
-        self.inputs = (Port("layers_printed", dtype="int32"),)
-        self.outputs = (
-            Port("measured_height", "m", shape),
-            Port("valid", shape=shape, dtype="bool"),
-            Port("layers_scanned", dtype="int32", start=-1),
-            Port("status", dtype="int32"),
-        )
+        self.inputs = contract_ports(shape, LAYERS_PRINTED)
+        self.outputs = contract_ports(shape, MEASURED_HEIGHT, VALID, LAYERS_SCANNED, STATUS)
         self._height, self._valid = np.zeros(shape), np.zeros(shape, np.bool_)
         self._scanned, self._status = -1, Status.IDLE
         self._map_shape: tuple[int, ...] = ()
@@ -128,7 +124,7 @@ class MapFolder:
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Look for the file of the newest layer if it is not scanned yet. Raises ComponentError."""
-        layer = int(inputs["layers_printed"])
+        layer = int(inputs[LAYERS_PRINTED])
         if not self._looked:
             self._refuse_leftovers(layer)
             self._looked = True
@@ -241,8 +237,8 @@ class MapFolder:
 
     def _outputs(self) -> Values:
         return {
-            "measured_height": self._height.copy(),
-            "valid": self._valid.copy(),
-            "layers_scanned": np.asarray(self._scanned, np.int32),
-            "status": np.asarray(int(self._status), np.int32),
+            MEASURED_HEIGHT: self._height.copy(),
+            VALID: self._valid.copy(),
+            LAYERS_SCANNED: np.asarray(self._scanned, np.int32),
+            STATUS: np.asarray(int(self._status), np.int32),
         }

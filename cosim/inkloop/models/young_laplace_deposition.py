@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inkloop.component import FloatMap, pass_colours
+from inkloop.component import FloatMap
+from inkloop.contract import pass_colours
 from inkloop.errors import InkloopError
 from inkloop.models.grid_arrays import heights, passes_of, pattern_of, positive, reals, volumes
 from inkloop.models.library import FineSurfaceStruct, LiquidStruct, library

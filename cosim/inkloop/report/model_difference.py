@@ -20,6 +20,7 @@ from inkloop.component import Component, FloatMap, Job
 from inkloop.components import devices, fmu_parameters
 from inkloop.components.shadow.comparison import ScannedLayer, start_surface
 from inkloop.components.shadow.replica import FollowedPlant
+from inkloop.contract import LAYER_COMMAND, MEASURED_HEIGHT, PATTERN, VALID
 from inkloop.report.plot import COLOURS, MM, UM, WIDTH_IN
 from inkloop.results.result import Result
 from inkloop.tables.job import job_of
@@ -86,7 +87,7 @@ def model_difference(result: Result) -> ModelDifference | None:
     raw = tomlkit.parse(result.scenario_text).unwrap()
     kinds = {name: str(table.get("kind")) for name, table in raw.get("components", {}).items()}
     printers = [name for name, kind in kinds.items() if kind.startswith(DEVICE) and kind != "hardware.profiler"]
-    if not printers or not {"measured_height", "valid", "pattern"} <= set(run):
+    if not printers or not {MEASURED_HEIGHT, VALID, PATTERN} <= set(run):
         return None
     if "shadow_height" in run:
         name, surfaces = "the shadow", run.shadow_height.values
@@ -114,7 +115,7 @@ def followed(run: xr.Dataset, job: Job) -> FloatMap:
         plant.begin_on(start_surface(plant.start_surface, run.measured_height.values[0], run.valid.values[0]))
         surfaces = [plant.surfaces[0]]
         for layer in range(1, run.sizes["layer"]):
-            command = {"layer_command": np.asarray(layer, np.int32), "pattern": run.pattern.values[layer]}
+            command = {LAYER_COMMAND: np.asarray(layer, np.int32), PATTERN: run.pattern.values[layer]}
             plant.take_command(command)
             plant.follow(layer, _STEP_NS)
             surfaces.append(plant.surfaces[layer])

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, Component, Port
+from inkloop.contract import LAYER_COMMAND
 from inkloop.master.events import Event, find_port
 from inkloop.suggest import nearest
 from inkloop.tables.schema import EventTable
@@ -30,7 +31,7 @@ def read_events(
     events: list[Event] = []
     faults: list[str] = []
     outputs = [port.name for part in components.values() for port in part.outputs]
-    commands = bool(unmade) or "layer_command" in outputs
+    commands = bool(unmade) or LAYER_COMMAND in outputs
     for number, table in enumerate(tables):
         place = f"events.[{number}]"
         own = _moment_faults(table, commands)

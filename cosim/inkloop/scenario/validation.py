@@ -11,6 +11,7 @@ import numpy as np
 
 from inkloop.component import Component, Job, Port, is_device, is_shadow
 from inkloop.components import catalog
+from inkloop.contract import HEIGHT, LAYERS_PRINTED, LAYERS_SCANNED, has_port
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.master.wiring import Connection, find
 from inkloop.scenario.events import find_event_port
@@ -124,8 +125,8 @@ def mix_faults(components: Mapping[str, Component]) -> list[str]:
         return []
     advice = 'add a component with kind = "Shadow", a model that follows the commanded patterns'
     faults = []
-    for printer in _giving("layers_printed", components):
-        for profiler in _giving("layers_scanned", components):
+    for printer in _giving(LAYERS_PRINTED, components):
+        for profiler in _giving(LAYERS_SCANNED, components):
             if is_device(components[printer]) and not is_device(components[profiler]):
                 faults.append(
                     f"{printer} is a device and {profiler} simulates a sensor, which has no surface to scan; {advice} "
@@ -144,8 +145,8 @@ def shadow_faults(components: Mapping[str, Component], connections: Sequence[Con
     faults = []
     fed = {connection.target_parts: connection.source_parts for connection in connections}
     for name, component in components.items():
-        sensor, _ = fed.get((name, "layers_scanned"), ("", ""))
-        scans_shadow = fed.get((sensor, "height")) == (name, "height")
+        sensor, _ = fed.get((name, LAYERS_SCANNED), ("", ""))
+        scans_shadow = fed.get((sensor, HEIGHT)) == (name, HEIGHT)
         if is_shadow(component) and scans_shadow and getattr(component, "start", "job") != "job":
             faults.append(
                 f'{name} begins on the first scan of {sensor}, which scans {name} itself; write start = "job" in '
@@ -155,4 +156,4 @@ def shadow_faults(components: Mapping[str, Component], connections: Sequence[Con
 
 
 def _giving(output: str, components: Mapping[str, Component]) -> Iterable[str]:
-    return [name for name, part in components.items() if any(port.name == output for port in part.outputs)]
+    return [name for name, part in components.items() if has_port(part.outputs, output)]

@@ -16,7 +16,8 @@ from zlib import crc32
 
 from numpy.typing import NDArray
 
-from inkloop.component import Job, pass_colours
+from inkloop.component import Job
+from inkloop.contract import pass_colours
 from inkloop_hardware.devices.master_journal import Asked, MasterJournal
 from inkloop_hardware.devices.readiness import MARGIN_S, NotReady
 from inkloop_hardware.errors import HardwareError, NodeRefused, TransferError

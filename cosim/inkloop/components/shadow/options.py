@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from inkloop.component import Component, Job
 from inkloop.components.plain_plant import PlainPlant
 from inkloop.components.shadow.shadow import Shadow
+from inkloop.contract import HEIGHT, LAYER_COMMAND, PATTERN, has_port
 from inkloop.errors import FmuError
 from inkloop.tables.messages import sentence
 
@@ -29,8 +30,8 @@ class ShadowTable(BaseModel):
     )
     alarm_um: _Limit = Field(default=3.0, description="rms growth divergence above which the status is untrusted")
     stop_um: _Limit | None = Field(default=None, description="rms growth divergence that ends the run")
-    pattern_input: str = Field(default="pattern", description="of a plant without the handshake: where patterns go")
-    height_output: str = Field(default="height", description="of a plant without the handshake: its surface")
+    pattern_input: str = Field(default=PATTERN, description="of a plant without the handshake: where patterns go")
+    height_output: str = Field(default=HEIGHT, description="of a plant without the handshake: its surface")
 
 
 def make_shadow(
@@ -46,7 +47,7 @@ def make_shadow(
 
     def plant(job: Job) -> Component:
         made = make_plant(table.plant, job, table.model_extra or {})
-        if any(port.name == "layer_command" for port in made.inputs):
+        if has_port(made.inputs, LAYER_COMMAND):
             return made
         try:
             return PlainPlant(job, made, pattern_input=table.pattern_input, height_output=table.height_output)
