@@ -32,7 +32,7 @@ INKLOOP_CORE_API double inkloop_layer(size_t nx, size_t ny, const double *height
 /* Objective of a plan (layers * nx * ny). CORE_DONE or CORE_NO_MEMORY. */
 INKLOOP_CORE_API int32_t inkloop_objective(const HorizonProblem *problem, const int32_t *plan, Objective *value);
 
-/* Improves `plan` (in: start, out: the best found) by annealing, if asked for, then by the moves asked for until none
+/* Improves `plan` (in: start, out: the best found) by annealing, if requested, then by the requested moves until none
  * helps (CORE_DONE), or until CORE_BUDGET, CORE_TIME or CORE_STOPPED. It never ends worse than it began. The same
  * input gives the same bits, on any number of threads, unless the clock ends it. */
 INKLOOP_CORE_API int32_t inkloop_search(const HorizonProblem *problem, const SearchOptions *options, int32_t *plan,
@@ -60,8 +60,8 @@ INKLOOP_CORE_API int32_t inkloop_diffuse(const HorizonProblem *problem, const do
 INKLOOP_CORE_API int32_t inkloop_plan(const HorizonProblem *problem, const PlanWork *work, int32_t *plan,
                                       PlanReport *report);
 
-/* What is known after the first scan, after each one that follows a layer, and after one that follows a layer that was
- * given up midway (height_estimator.h). The last two: CORE_DONE or CORE_NO_MEMORY. */
+/* The estimate after the first scan, after each one that follows a layer, and after one that follows a layer that was
+ * abandoned midway (height_estimator.h). The last two: CORE_DONE or CORE_NO_MEMORY. */
 INKLOOP_CORE_API void inkloop_estimate_first(const EstimatorOptions *options, const double *measured,
                                              const uint8_t *valid, SurfaceEstimate *estimate);
 INKLOOP_CORE_API int32_t inkloop_estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before,

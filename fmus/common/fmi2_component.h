@@ -1,4 +1,4 @@
-/* What fmi2Component points to, and the calls that it knows, shared by the two files of the FMI 2 adapter. */
+/* What fmi2Component points to, and its calls, shared by the two files of the FMI 2 adapter. */
 #ifndef INKLOOP_FMI2_COMPONENT_H
 #define INKLOOP_FMI2_COMPONENT_H
 
@@ -34,7 +34,7 @@ bool fmi2_is_illegal(const Component *component, Call call, const char *function
 /* The status of an outcome; logs the kept message if it was not accepted. */
 fmi2Status fmi2_finish(const Component *component, Call call, const char *function, Outcome outcome);
 
-/* Logged and an error: a call that these models have nothing for. */
+/* Logged and an error: a call that these models do not support. */
 fmi2Status fmi2_unsupported(const Component *component, const char *function);
 
 #endif

@@ -1,27 +1,8 @@
-/* FMI 3.0 co-simulation: the calls that a model takes part in. A variable has one value reference, its number. */
+/* FMI 3.0 co-simulation: life cycle and steps. */
 #include "fmi3_component.h"
-#include "snapshot.h"
-#include "values.h"
 
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
-
-typedef enum {
-    SET_DEBUG_LOGGING,
-    ENTER_CONFIGURATION,
-    EXIT_CONFIGURATION,
-    ENTER_INITIALIZATION,
-    EXIT_INITIALIZATION,
-    TERMINATE,
-    RESET,
-    GET,
-    SET,
-    GET_STATE,
-    SET_STATE,
-    SERIALIZE_STATE,
-    DO_STEP
-} Call;
 
 enum { HOLDS_STATE = RUNNING | TERMINATED };
 
@@ -54,7 +35,7 @@ fmi3Status fmi3_report(const Component *component, const char *function, fmi3Sta
     return status;
 }
 
-static bool is_illegal(const Component *component, Call call, const char *function) {
+bool fmi3_is_illegal(const Component *component, Call call, const char *function) {
     if (!component)
         return true;
     if (component->core->mode & CALLS[call].modes)
@@ -64,7 +45,7 @@ static bool is_illegal(const Component *component, Call call, const char *functi
     return true;
 }
 
-static fmi3Status finish(const Component *component, Call call, const char *function, Outcome outcome) {
+fmi3Status fmi3_finish(const Component *component, Call call, const char *function, Outcome outcome) {
     if (outcome == ACCEPTED)
         return fmi3OK;
     return fmi3_report(component, function, outcome == REFUSED ? CALLS[call].refused : fmi3Error);
@@ -118,44 +99,46 @@ fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean loggingOn, siz
                                const fmi3String categories[]) {
     const Component *component = instance;
     (void)loggingOn; /* there are no debug messages */
-    if (is_illegal(component, SET_DEBUG_LOGGING, __func__))
+    if (fmi3_is_illegal(component, SET_DEBUG_LOGGING, __func__))
         return fmi3Error;
-    return finish(component, SET_DEBUG_LOGGING, __func__, check_categories(component->core, nCategories, categories));
+    return fmi3_finish(component, SET_DEBUG_LOGGING, __func__,
+                       check_categories(component->core, nCategories, categories));
 }
 
 fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance) {
     const Component *component = instance;
-    if (is_illegal(component, ENTER_CONFIGURATION, __func__))
+    if (fmi3_is_illegal(component, ENTER_CONFIGURATION, __func__))
         return fmi3Error;
-    return finish(component, ENTER_CONFIGURATION, __func__, instance_enter_configuration(component->core));
+    return fmi3_finish(component, ENTER_CONFIGURATION, __func__, instance_enter_configuration(component->core));
 }
 
 fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance) {
     const Component *component = instance;
-    if (is_illegal(component, EXIT_CONFIGURATION, __func__))
+    if (fmi3_is_illegal(component, EXIT_CONFIGURATION, __func__))
         return fmi3Error;
-    return finish(component, EXIT_CONFIGURATION, __func__, instance_exit_configuration(component->core));
+    return fmi3_finish(component, EXIT_CONFIGURATION, __func__, instance_exit_configuration(component->core));
 }
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean toleranceDefined, fmi3Float64 tolerance,
                                        fmi3Float64 startTime, fmi3Boolean stopTimeDefined, fmi3Float64 stopTime) {
     const Component *component = instance;
     (void)toleranceDefined, (void)tolerance, (void)stopTimeDefined, (void)stopTime;
-    if (is_illegal(component, ENTER_INITIALIZATION, __func__))
+    if (fmi3_is_illegal(component, ENTER_INITIALIZATION, __func__))
         return fmi3Error;
-    return finish(component, ENTER_INITIALIZATION, __func__, instance_enter_initialization(component->core, startTime));
+    return fmi3_finish(component, ENTER_INITIALIZATION, __func__,
+                       instance_enter_initialization(component->core, startTime));
 }
 
 fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
     const Component *component = instance;
-    if (is_illegal(component, EXIT_INITIALIZATION, __func__))
+    if (fmi3_is_illegal(component, EXIT_INITIALIZATION, __func__))
         return fmi3Error;
-    return finish(component, EXIT_INITIALIZATION, __func__, instance_exit_initialization(component->core));
+    return fmi3_finish(component, EXIT_INITIALIZATION, __func__, instance_exit_initialization(component->core));
 }
 
 fmi3Status fmi3Terminate(fmi3Instance instance) {
     const Component *component = instance;
-    if (is_illegal(component, TERMINATE, __func__))
+    if (fmi3_is_illegal(component, TERMINATE, __func__))
         return fmi3Error;
     component->core->mode = TERMINATED;
     return fmi3OK;
@@ -163,100 +146,9 @@ fmi3Status fmi3Terminate(fmi3Instance instance) {
 
 fmi3Status fmi3Reset(fmi3Instance instance) {
     const Component *component = instance;
-    if (is_illegal(component, RESET, __func__))
+    if (fmi3_is_illegal(component, RESET, __func__))
         return fmi3Error;
-    return finish(component, RESET, __func__, instance_reset(component->core));
-}
-
-#define ACCESS(Name, TYPE)                                                                                             \
-    fmi3Status fmi3Get##Name(fmi3Instance instance, const fmi3ValueReference valueReferences[],                        \
-                             size_t nValueReferences, fmi3##Name values[], size_t nValues) {                           \
-        const Component *component = instance;                                                                         \
-        if (is_illegal(component, GET, __func__))                                                                      \
-            return fmi3Error;                                                                                          \
-        return finish(component, GET, __func__,                                                                        \
-                      get_values(component->core, TYPE, valueReferences, nValueReferences, values, nValues));          \
-    }                                                                                                                  \
-    fmi3Status fmi3Set##Name(fmi3Instance instance, const fmi3ValueReference valueReferences[],                        \
-                             size_t nValueReferences, const fmi3##Name values[], size_t nValues) {                     \
-        const Component *component = instance;                                                                         \
-        if (is_illegal(component, SET, __func__))                                                                      \
-            return fmi3Error;                                                                                          \
-        return finish(component, SET, __func__,                                                                        \
-                      set_values(component->core, TYPE, valueReferences, nValueReferences, values, nValues));          \
-    }
-
-ACCESS(Float64, TYPE_REAL)
-ACCESS(Int32, TYPE_INTEGER)
-ACCESS(Boolean, TYPE_BOOLEAN)
-ACCESS(Int64, TYPE_ENUMERATION)
-ACCESS(UInt64, TYPE_COUNT)
-
-fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *FMUState) {
-    const Component *component = instance;
-    if (is_illegal(component, GET_STATE, __func__))
-        return fmi3Error;
-    if (!FMUState)
-        return finish(component, GET_STATE, __func__, missing(component->core, "FMUState"));
-    Snapshot *snapshot = *FMUState;
-    const Outcome outcome = snapshot_take(component->core, &snapshot);
-    *FMUState = snapshot;
-    return finish(component, GET_STATE, __func__, outcome);
-}
-
-fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState FMUState) {
-    const Component *component = instance;
-    if (is_illegal(component, SET_STATE, __func__))
-        return fmi3Error;
-    return finish(component, SET_STATE, __func__, snapshot_restore(component->core, FMUState));
-}
-
-fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *FMUState) {
-    (void)instance;
-    if (FMUState) {
-        free(*FMUState);
-        *FMUState = NULL;
-    }
-    return fmi3OK;
-}
-
-fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState FMUState, size_t *size) {
-    const Component *component = instance;
-    if (is_illegal(component, SERIALIZE_STATE, __func__))
-        return fmi3Error;
-    if (!FMUState || !size)
-        return finish(component, SERIALIZE_STATE, __func__, missing(component->core, "FMUState or size"));
-    *size = ((const Snapshot *)FMUState)->size;
-    return fmi3OK;
-}
-
-fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState FMUState, fmi3Byte serializedState[],
-                                 size_t size) {
-    const Component *component = instance;
-    const Snapshot *snapshot = FMUState;
-    if (is_illegal(component, SERIALIZE_STATE, __func__))
-        return fmi3Error;
-    if (!snapshot || !serializedState)
-        return finish(component, SERIALIZE_STATE, __func__, missing(component->core, "FMUState or serializedState"));
-    if (size < snapshot->size)
-        return finish(component, SERIALIZE_STATE, __func__,
-                      misuse(component->core, "the buffer has %lu bytes; the state takes %lu", (unsigned long)size,
-                             (unsigned long)snapshot->size));
-    memcpy(serializedState, snapshot->bytes, snapshot->size);
-    return fmi3OK;
-}
-
-fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte serializedState[], size_t size,
-                                   fmi3FMUState *FMUState) {
-    const Component *component = instance;
-    if (is_illegal(component, SERIALIZE_STATE, __func__))
-        return fmi3Error;
-    if (!FMUState)
-        return finish(component, SERIALIZE_STATE, __func__, missing(component->core, "FMUState"));
-    Snapshot *snapshot = *FMUState;
-    const Outcome outcome = snapshot_from_bytes(component->core, serializedState, size, &snapshot);
-    *FMUState = snapshot;
-    return finish(component, SERIALIZE_STATE, __func__, outcome);
+    return fmi3_finish(component, RESET, __func__, instance_reset(component->core));
 }
 
 fmi3Status fmi3EnterStepMode(fmi3Instance instance) {
@@ -273,14 +165,14 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
                       fmi3Boolean *terminateSimulation, fmi3Boolean *earlyReturn, fmi3Float64 *lastSuccessfulTime) {
     const Component *component = instance;
     (void)noSetFMUStatePriorToCurrentPoint;
-    if (is_illegal(component, DO_STEP, __func__))
+    if (fmi3_is_illegal(component, DO_STEP, __func__))
         return fmi3Error;
     if (!eventHandlingNeeded || !terminateSimulation || !earlyReturn || !lastSuccessfulTime)
-        return finish(component, DO_STEP, __func__,
-                      missing(component->core, "eventHandlingNeeded, terminateSimulation, earlyReturn or "
-                                               "lastSuccessfulTime"));
+        return fmi3_finish(component, DO_STEP, __func__,
+                           missing(component->core, "eventHandlingNeeded, terminateSimulation, earlyReturn or "
+                                                    "lastSuccessfulTime"));
     const Outcome outcome = instance_do_step(component->core, currentCommunicationPoint, communicationStepSize);
     *eventHandlingNeeded = *terminateSimulation = *earlyReturn = fmi3False;
     *lastSuccessfulTime = instance_time(component->core);
-    return finish(component, DO_STEP, __func__, outcome);
+    return fmi3_finish(component, DO_STEP, __func__, outcome);
 }

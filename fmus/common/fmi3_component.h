@@ -1,4 +1,4 @@
-/* What fmi3Instance points to, shared by the two files of the FMI 3 adapter. */
+/* What fmi3Instance points to, and its calls, shared by the files of the FMI 3 adapter. */
 #ifndef INKLOOP_FMI3_COMPONENT_H
 #define INKLOOP_FMI3_COMPONENT_H
 
@@ -10,6 +10,28 @@ typedef struct {
     fmi3InstanceEnvironment environment;
     fmi3LogMessageCallback log;
 } Component;
+
+typedef enum {
+    SET_DEBUG_LOGGING,
+    ENTER_CONFIGURATION,
+    EXIT_CONFIGURATION,
+    ENTER_INITIALIZATION,
+    EXIT_INITIALIZATION,
+    TERMINATE,
+    RESET,
+    GET,
+    SET,
+    GET_STATE,
+    SET_STATE,
+    SERIALIZE_STATE,
+    DO_STEP
+} Call;
+
+/* True, and logged, where the call is not legal in the present mode. */
+bool fmi3_is_illegal(const Component *component, Call call, const char *function);
+
+/* The status of an outcome; logs the kept message if it was not accepted. */
+fmi3Status fmi3_finish(const Component *component, Call call, const char *function, Outcome outcome);
 
 /* Logs the kept message as coming from `function` and returns `status`. */
 fmi3Status fmi3_report(const Component *component, const char *function, fmi3Status status);

@@ -1,11 +1,11 @@
-/* The functions of FMI 3.0 that these models have no use for: other types, clocks, derivatives, other interfaces. */
+/* The functions of FMI 3.0 that these models do not support: other types, clocks, derivatives, other interfaces. */
 #include "fmi3_component.h"
 
 #include <stdio.h>
 
-/* Nothing asked for is no fault; anything else is. */
-static fmi3Status answer(const Component *component, const char *function, size_t asked) {
-    if (asked == 0)
+/* A request for zero variables is accepted; any other is an error. */
+static fmi3Status answer(const Component *component, const char *function, size_t count) {
+    if (count == 0)
         return fmi3OK;
     if (!component)
         return fmi3Error;
@@ -42,9 +42,9 @@ static fmi3Instance not_offered(fmi3InstanceEnvironment environment, fmi3LogMess
     return NULL;
 }
 
-#define UNSUPPORTED(Name, Parameters, asked)                                                                           \
+#define UNSUPPORTED(Name, Parameters, count)                                                                           \
     fmi3Status fmi3##Name Parameters {                                                                                 \
-        return answer(c, __func__, asked);                                                                             \
+        return answer(c, __func__, count);                                                                             \
     }
 
 #if defined(__GNUC__)

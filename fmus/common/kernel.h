@@ -1,8 +1,9 @@
-/* The version-free floor between FMI adapters and models: what a kernel offers and what it may use.
+/* The interface between the FMI adapters and the models, free of any FMI version: what a kernel offers and may use.
  *
- * A model is a table of variables (written from its variables.toml) and four functions. An instance keeps all values in
- * one block of memory, so reading, writing and saving a model is walking the table; a kernel sees the values through
- * the struct of pointers in its written header and knows no FMI type. One binary may hold several models. */
+ * A model is a table of variables (generated from its variables.toml) and up to six functions. An instance keeps all
+ * values in one block of memory, so reading, writing and saving a model means walking the table; a kernel sees the
+ * values through the struct of pointers in its generated header and uses no FMI type. One binary may contain several
+ * models. */
 #ifndef INKLOOP_KERNEL_H
 #define INKLOOP_KERNEL_H
 
@@ -21,7 +22,7 @@ typedef struct {
     ValueType type; /* stored as double, int32_t, bool, int64_t, uint64_t */
     Causality causality;
     bool is_grid;           /* nx * ny values in C order instead of one */
-    double start, min, max; /* reals must be finite besides */
+    double start, min, max; /* reals must also be finite */
 } VariableDefinition;
 
 typedef struct {
@@ -33,7 +34,7 @@ typedef struct {
 
 typedef enum {
     ACCEPTED,
-    REFUSED, /* a value or command that the model does not take; nothing has changed */
+    REFUSED, /* a value or command that the model does not accept; nothing has changed */
     MISUSED  /* a call that the standard does not allow here; nothing has changed */
 } Outcome;
 
@@ -42,13 +43,13 @@ typedef struct Instance Instance;
 /* Values of a variable by its number. */
 void *values_of(Instance *instance, size_t variable);
 
-/* Memory beside the variables, for what has a size of its own, as large as last asked for and zeroed whenever that
- * changes: the first is saved with the instance, the second is not. NULL if there is no memory. */
+/* Memory in addition to the variables, for data of other sizes: as large as last requested, and zeroed whenever that
+ * size changes. The first is saved with the instance, the second is not. NULL if there is no memory. */
 void *kept_memory(Instance *instance, size_t size);
 void *scratch_memory(Instance *instance, size_t size);
 
-/* Keeps all values as they are before a step changes them: if an output is not finite after it, they come back and the
- * step is refused. False if there is no memory. */
+/* Keeps all values as they are before a step changes them: if an output is not finite after it, they are restored and
+ * the step is refused. False if there is no memory. */
 bool keep_values(Instance *instance);
 
 /* Keep the message "what was found; what was expected; what to do" for the log; `return refuse(...)`. */
@@ -77,7 +78,7 @@ typedef struct {
      * outputs. */
     Outcome (*initialize)(Instance *instance);
 
-    /* One communication step with inputs held. Refusing, it must not have changed anything. */
+    /* One communication step with inputs held. If it refuses, it must not have changed anything. */
     Outcome (*do_step)(Instance *instance, double start, double end);
 } Model;
 

@@ -112,7 +112,7 @@ Outcome instance_exit_configuration(Instance *instance) {
         Instance old = *instance;
         if (!storage_allocate(instance, nx, ny))
             return refuse(instance, "no memory for %llu x %llu cells", (unsigned long long)nx, (unsigned long long)ny);
-        for (size_t k = NY + 1; k < table->exposed_count; k++) /* what was set outlives the new size, maps cannot */
+        for (size_t k = NY + 1; k < table->exposed_count; k++) /* scalars keep their values, maps cannot */
             if (!table->variables[k].is_grid)
                 memcpy(values_of(instance, k), values_of(&old, k), value_size(table->variables[k].type));
         storage_release(&old);
@@ -139,7 +139,7 @@ Outcome instance_exit_initialization(Instance *instance) {
     return outcome;
 }
 
-/* Back to the beginning of the step if an output of it is no number that anyone could go on with. */
+/* Restores the beginning of the step if one of its outputs is not finite. */
 static Outcome check_outputs(Instance *instance) {
     const VariableTable *table = instance->model->table;
     for (size_t k = 0; k < table->exposed_count; k++) {

@@ -21,7 +21,7 @@ static int hexadecimal(char digit) {
     return isdigit((unsigned char)digit) ? digit - '0' : tolower((unsigned char)digit) - 'a' + 10;
 }
 
-/* "%20" and the like as the bytes that they stand for, in place. */
+/* Replaces "%20" and the like by the bytes that they encode, in place. */
 static void decode_percent(char *text) {
     char *to = text;
     for (const char *from = text; *from; from++) {
@@ -72,7 +72,7 @@ static FILE *open_file(const char *path) {
 #endif
 }
 
-/* What is left of a file; NULL, with errno set, if it cannot be read. */
+/* The whole file; NULL, with errno set, if it cannot be read. */
 static unsigned char *read_all(FILE *file, size_t *size) {
     if (fseek(file, 0, SEEK_END) != 0)
         return NULL;

@@ -10,10 +10,10 @@ enum { FINGERPRINT_SIZE = 16 };
 typedef struct {
     char fingerprint[FINGERPRINT_SIZE];
     uint64_t nx, ny, mode, kept_size;
-    uint64_t checksum; /* of everything else: a state holds sizes and numbers that places in memory follow from */
+    uint64_t checksum; /* of everything else: addresses in memory are computed from sizes in a state */
 } Header;
 
-/* Any single word that is altered gives another sum; several together do, but for 1 in 2^64. */
+/* Any change of a single word changes the sum; a change of several words goes undetected with probability 2^-64. */
 static uint64_t add_to_checksum(uint64_t sum, const void *bytes, size_t size) {
     static const uint64_t ODD = UINT64_C(0x9E3779B97F4A7C15); /* 2^64 over the golden ratio */
     for (size_t at = 0; at < size; at += sizeof sum) {
@@ -117,7 +117,7 @@ Outcome snapshot_restore(Instance *instance, const Snapshot *snapshot) {
     memcpy(&header, snapshot->bytes, sizeof header);
     void *kept = kept_memory(instance, header.kept_size);
     if (!kept && header.kept_size > 0)
-        return misuse(instance, "no memory for the %llu bytes that the state keeps beside the variables",
+        return misuse(instance, "no memory for the %llu bytes that the state keeps in addition to the variables",
                       (unsigned long long)header.kept_size);
     if (kept)
         memcpy(kept, snapshot->bytes + sizeof header + instance->saved_size, header.kept_size);

@@ -17,7 +17,7 @@ struct Instance {
     Mode mode;
     bool has_scalar_references; /* FMI 2: every cell has a value reference; FMI 3: every variable */
     bool is_resizable;
-    char mark[MARK_SIZE];        /* what the token says after the grid */
+    char mark[MARK_SIZE];        /* end of the token, after the grid */
     char *resources;             /* path of the folder; NULL if the importer names none */
     bool is_outdated;            /* outputs must be calculated before they are read */
     uint64_t start_nx, start_ny; /* grid of a new instance */
@@ -27,7 +27,7 @@ struct Instance {
     size_t *first_references; /* of the exposed variables, and the number of references */
     size_t saved_size;        /* bytes of the block before the scratch variables */
     size_t last_found;        /* variable of the last reference that was looked up */
-    unsigned char *kept;      /* what the kernel keeps besides the block, and its scratch memory */
+    unsigned char *kept;      /* kept_memory and scratch_memory of the kernel */
     unsigned char *scratch;
     size_t kept_size, scratch_size;
     struct Snapshot *before; /* all values before the present step, if `is_before_step_kept` */

@@ -15,7 +15,7 @@ Outcome find_span(Instance *instance, uint32_t reference, Span *span) {
     if (reference >= first[exposed])
         return misuse(instance, "there is no variable with value reference %lu; expected 0 to %lu",
                       (unsigned long)reference, (unsigned long)(first[exposed] - 1));
-    size_t found = instance->last_found; /* importers go through references in order: mostly this one or the next */
+    size_t found = instance->last_found; /* importers mostly ask for references in order: this one or the next */
     if (reference < first[found])
         found = 0;
     while (reference >= first[found + 1])
@@ -60,7 +60,7 @@ static double as_double(ValueType type, const void *value) {
     case TYPE_INTEGER:
         return *(const int32_t *)value;
     case TYPE_BOOLEAN:
-        return *(const unsigned char *)value; /* an importer of another language may bring more than two values */
+        return *(const unsigned char *)value; /* an importer of another language may pass other values than 0 and 1 */
     case TYPE_ENUMERATION:
         return (double)*(const int64_t *)value;
     case TYPE_COUNT:
@@ -109,7 +109,7 @@ void write_values(Instance *instance, Span span, const void *values) {
 }
 
 void update_outputs(Instance *instance) {
-    if (!instance->is_outdated || instance->mode == CONFIGURATION) /* nx and ny may be others than those of the block */
+    if (!instance->is_outdated || instance->mode == CONFIGURATION) /* nx and ny may differ from those of the block */
         return;
     instance->model->calculate(instance);
     instance->is_outdated = false;

@@ -5,7 +5,7 @@
 
 enum { IDLE, BUSY };
 static const double ROUNDING = 1e-6;            /* of a duration: importers' times carry rounding */
-static const double LAYERS_OF_A_STEP = 10000.0; /* a longer step is likelier a slip of the pen (assumed) */
+static const double LAYERS_OF_A_STEP = 10000.0; /* a longer step is more likely an error (assumed) */
 
 size_t cell_count(const LayerHandshake *h) {
     return (size_t)(*h->nx * *h->ny);

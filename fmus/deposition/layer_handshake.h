@@ -1,5 +1,5 @@
-/* The layer contract as every deposition model keeps it: which command is taken, when its layer is complete, and what
- * is counted. A model brings its variables under the names below and prints a layer; it knows no time. */
+/* The layer contract of every deposition model: which command is accepted, when its layer is complete, and what is
+ * counted. A model has variables with the names below and prints a layer; it does not handle time. */
 #ifndef INKLOOP_LAYER_HANDSHAKE_H
 #define INKLOOP_LAYER_HANDSHAKE_H
 
@@ -15,7 +15,7 @@ typedef struct {
     int32_t *layers_printed, *status, *droplets_a, *droplets_b;
     double *height_mean;
     const double *height_start, *layer_duration, *layer_period;
-    int32_t *reference;                 /* the last command that was taken */
+    int32_t *reference;                 /* the last accepted command */
     int32_t *captured, *captured_level; /* pattern and drop levels of that command */
     double *captured_volume, *ready_at, *start_time;
     int32_t *fired; /* layers that the model has commanded itself */

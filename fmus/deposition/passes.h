@@ -13,7 +13,7 @@ typedef struct {
     int32_t rotation; /* layer n starts rotation * n positions later in the order */
 } Passes;
 
-/* Colour 2 * (i % 2) + (j % 2) of the cells (i, j) of a pass (from 0 on) of layer `layer`; -1 stands for every cell. */
+/* Colour 2 * (i % 2) + (j % 2) of the cells (i, j) of a pass (from 0 on) of layer `layer`; -1 means every cell. */
 int pass_colour(const Passes *how, int32_t layer, int pass);
 
 /* The check of a value of the variable `passes`. */

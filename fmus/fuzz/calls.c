@@ -1,4 +1,4 @@
-/* Calls of FMI in any order with any arguments, over one instance beside another that nobody touches. The FMU is the
+/* FMI calls in any order with any arguments on one instance, while a second instance must not change. The FMU is the
  * one of the table named in INKLOOP_FMU_TABLE; an input is read as a sequence of calls. */
 #include "values.h"
 
@@ -55,7 +55,7 @@ static void restore(Run *run, const Slot *slot) {
     demand(s, "set state", is_same(&s->before, &slot->bytes), "a restored state is the saved one");
 }
 
-/* The bytes of a state through other hands: as they are, with some changed, or cut. */
+/* The bytes of a state as a caller may pass them: unchanged, with some altered, or cut. */
 static void carry(Run *run, Slot *slot, Input *input) {
     Subject *s = &run->subject;
     const uint8_t form = input_byte(input);

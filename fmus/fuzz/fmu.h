@@ -18,7 +18,7 @@ typedef struct {
 } Log;
 
 /* type: r real, i integer, b Boolean, e enumeration, c count; role: i input, p parameter, t tunable parameter,
- * s structural parameter, - anything that cannot be set. A grid of FMI 2 has nx * ny references from the first on. */
+ * s structural parameter, - not settable. A grid of FMI 2 has nx * ny references from the first on. */
 typedef struct {
     char name[NAME_SIZE], type, role;
     bool is_grid;

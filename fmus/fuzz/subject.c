@@ -7,10 +7,10 @@
 
 enum { CELLS_MAX = 64 };
 
-void demand(const Subject *subject, const char *call, bool holds, const char *words) {
+void demand(const Subject *subject, const char *call, bool holds, const char *invariant) {
     if (holds)
         return;
-    fprintf(stderr, "broken law, at %s in mode %d: %s\n  last message: %s\n", call, (int)subject->mode, words,
+    fprintf(stderr, "broken invariant, at %s in mode %d: %s\n  last message: %s\n", call, (int)subject->mode, invariant,
             subject->log.text);
     abort();
 }
@@ -67,7 +67,7 @@ static void check_status(const Subject *s, const char *call, Verdict verdict, St
     demand(s, call, verdict != IS_REFUSED || status != OK, "a value beyond its limits is not taken");
     demand(s, call, verdict != SUCCEEDS || status == OK, "what is legal and sensible succeeds");
     demand(s, call, (s->log.count == 0) == (status == OK), "a refusal is logged, with its status, and nothing else is");
-    demand(s, call, status == OK || strlen(s->log.text) > 10, "a message says something");
+    demand(s, call, status == OK || strlen(s->log.text) > 10, "a failure comes with a message");
 }
 
 bool subject_end(Subject *s, const char *call, Verdict verdict, Status status) {

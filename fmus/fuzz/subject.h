@@ -1,5 +1,5 @@
-/* One instance with the laws around every call: it does what the state machine of the standard says, or it is refused
- * with a message and everything is as it was, bit by bit. */
+/* One instance with the invariants around every call: a call does what the state machine of the standard demands, or it
+ * is refused with a message and everything is as it was, bit by bit. */
 #ifndef INKLOOP_FUZZ_SUBJECT_H
 #define INKLOOP_FUZZ_SUBJECT_H
 
@@ -25,7 +25,7 @@ typedef struct {
     unsigned steps, layers, refusals;
 } Subject;
 
-/* What may come of a call, from what the standard and the table say of its arguments. */
+/* The permitted outcome of a call, by its arguments according to the standard and the table. */
 typedef enum {
     SUCCEEDS,     /* it is legal and sensible */
     MAY_BE_TAKEN, /* it is legal; the model decides */
@@ -63,6 +63,6 @@ bool is_same(const Saved *one, const Saved *other);
 /* Inputs with which the next step has something to do, different for each `seed`; false if one was refused. */
 bool subject_offer(Subject *subject, unsigned seed);
 
-void demand(const Subject *subject, const char *call, bool holds, const char *words);
+void demand(const Subject *subject, const char *call, bool holds, const char *invariant);
 
 #endif

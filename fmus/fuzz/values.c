@@ -9,7 +9,7 @@ typedef struct {
     char kind;
     uint32_t references[REFERENCES_MAX];
     size_t count, total;
-    unsigned char *values; /* as large as `total` says, so that a sanitizer sees what lies beyond */
+    unsigned char *values; /* as large as `total` says, so that a sanitizer sees an access beyond */
     Verdict verdict;
     const Variable *only; /* where there is one reference */
 } Access;
@@ -25,7 +25,7 @@ double any_number(Input *input) {
     return (double)(byte - 64) / 16.0;
 }
 
-/* For a variable: within its limits, at them, beyond them, or anything. */
+/* For a variable: within its limits, at them, beyond them, or any number. */
 static double any_number_for(const Variable *v, Input *input) {
     const uint8_t byte = input_byte(input);
     const double step = v->type == 'r' ? 1e-3 * fabs(v->start) + 1e-9 : 1.0;
@@ -76,7 +76,7 @@ static Verdict worse(Verdict one, Verdict other) {
     return one > other ? one : other;
 }
 
-/* What the standard says of setting a variable now. */
+/* What the standard permits for setting a variable now. */
 static Verdict settable(const Subject *s, const Variable *v) {
     switch (v->role) {
     case 'i':

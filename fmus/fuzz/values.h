@@ -1,4 +1,4 @@
-/* Numbers and references for a call, mostly right and sometimes anything. */
+/* Numbers and references for a call, mostly valid and sometimes arbitrary. */
 #ifndef INKLOOP_FUZZ_VALUES_H
 #define INKLOOP_FUZZ_VALUES_H
 

@@ -4,7 +4,7 @@
 
 #include <math.h>
 
-static const double NO_LIMIT = 1.0; /* [m], of the overshoot: the largest value stands for none */
+static const double NO_LIMIT = 1.0; /* [m], of the overshoot: the largest value means none */
 
 Passes passes_of(const LayerControllerVariables *v) {
     return (Passes){*v->passes, *v->pass_order, *v->pass_rotation};

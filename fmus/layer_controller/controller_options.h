@@ -1,4 +1,4 @@
-/* The parameters of the model as what the estimator and the planner are told. */
+/* The parameters of the model as options of the estimator and the planner. */
 #ifndef INKLOOP_CONTROLLER_OPTIONS_H
 #define INKLOOP_CONTROLLER_OPTIONS_H
 

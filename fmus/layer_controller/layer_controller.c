@@ -13,14 +13,14 @@ enum { NO_SCAN = -1 };
 static const double HIGHEST = 0.5;       /* [m], what the search can count with (lattice.h) */
 static const double LARGEST_SHARE = 4.0; /* of a droplet's nominal height that can be learnt (ink_identification.c) */
 
-/* What is kept beside the variables: all doubles, then the last plan. */
+/* What is kept in addition to the variables: all doubles, then the last plan. */
 typedef struct {
     Ink ink[INKS_MAX];
     InkEvidence evidence;
     int32_t plan[];
 } Kept;
 
-/* An answer in the making: nothing of the instance changes before it is complete. */
+/* An answer under construction: the instance does not change before it is complete. */
 typedef struct {
     SurfaceEstimate estimate;
     double *factor;

@@ -70,7 +70,7 @@ static Outcome refuse_damaged(Instance *job, const char *what) {
     return refuse(job, "job.bin is damaged: %s; %s", what, ADVICE);
 }
 
-/* One value as the variable's type stores it; false if it is none of the type. */
+/* One value as the variable's type stores it; false if it is not a value of that type. */
 static bool store(ValueType type, double value, unsigned char *place) {
     if (type == TYPE_REAL) {
         memcpy(place, &value, sizeof value);
@@ -159,7 +159,7 @@ static Outcome check_section(Instance *job, const Section *section, const Model 
                   section->model, model->table->fingerprint, model->table->model, ADVICE);
 }
 
-/* Everything before the sections; `from` stands behind it afterwards. */
+/* Everything before the sections; afterwards `from` is at the first section. */
 static Outcome check_head(Instance *job, Bytes *from, const char *mark) {
     const unsigned char *head = take(from, CHECKED_FROM), *grid = take(from, 2 * WORD);
     char sum[16];
@@ -173,8 +173,8 @@ static Outcome check_head(Instance *job, Bytes *from, const char *mark) {
         return refuse_damaged(job, "its check sum is another one");
     snprintf(sum, sizeof sum, "%08lx", (unsigned long)expected);
     if (*mark != '\0' && strcmp(mark, sum) != 0)
-        return refuse(job, "job.bin has check sum %s, the token of the FMU says %s; they belong to two exports", sum,
-                      mark);
+        return refuse(job, "job.bin has check sum %s, the token of the FMU has %s; they belong to different exports",
+                      sum, mark);
     if (unsigned_of(grid, WORD) != job->nx || unsigned_of(grid + WORD, WORD) != job->ny)
         return refuse(job, "job.bin is for %llu x %llu cells, the FMU for %llu x %llu; %s",
                       (unsigned long long)unsigned_of(grid, WORD), (unsigned long long)unsigned_of(grid + WORD, WORD),

@@ -20,7 +20,7 @@ static const Model *const MODELS[PARTS][MODELS_OF_ROLE] = {
     [CONTROLLER] = {&LAYER_CONTROLLER},
 };
 
-/* What stands before the states in the kept memory: the bytes of each, and which model of its role it is of. */
+/* The header before the states in the kept memory: the size of each, and the index of its model within its role. */
 typedef struct {
     uint64_t size[PARTS], model[PARTS];
 } Contents;

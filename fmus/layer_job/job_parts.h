@@ -1,5 +1,5 @@
 /* The three models that a job is made of, as instances of their own. Between two steps a job keeps their states only,
- * one after the other in its kept memory; whoever needs the parts opens them and, where all went well, keeps them. */
+ * one after the other in its kept memory; a call that needs the parts opens them and, on success, keeps them. */
 #ifndef INKLOOP_JOB_PARTS_H
 #define INKLOOP_JOB_PARTS_H
 
@@ -11,7 +11,7 @@ typedef struct {
     Instance *part[PARTS];
 } JobParts;
 
-/* The model of a role by its name, NULL if the role knows none of that name. */
+/* The model of a role by its name, NULL if the role has none of that name. */
 const Model *model_of_role(PartRole role, const char *name);
 
 /* "printer", ... */
@@ -35,10 +35,10 @@ const void *read_part(const JobParts *parts, PartRole role, const char *name);
 double part_real(const JobParts *parts, PartRole role, const char *name);
 int32_t part_integer(const JobParts *parts, PartRole role, const char *name);
 
-/* Sets a variable of a part, checked as an importer's value would be; a refusal is told by the job. */
+/* Sets a variable of a part, checked as an importer's value would be; a refusal becomes the message of the job. */
 Outcome set_part(Instance *job, const JobParts *parts, PartRole role, const char *name, const void *values);
 
-/* A part's own refusal, told by the job. */
+/* A part's own refusal, as the message of the job. */
 Outcome refuse_for_part(Instance *job, const JobParts *parts, PartRole role);
 
 #endif

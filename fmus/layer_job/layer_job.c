@@ -208,7 +208,7 @@ static Outcome initialize(Instance *instance) {
     return outcome;
 }
 
-/* All that happens by `reached`; refusing, it has changed nothing. */
+/* All that happens by `reached`; if it refuses, nothing has changed. */
 static Outcome print_until(Instance *instance, const LayerJobVariables *v, Course *course, double start,
                            double reached) {
     JobParts parts;

@@ -1,4 +1,4 @@
-/* What a profile sensor says of a surface, with all its errors. A grid is nx * ny cells in C order. */
+/* What a profile sensor reads of a surface, with all its errors. A grid is nx * ny cells in C order. */
 #ifndef INKLOOP_READING_H
 #define INKLOOP_READING_H
 

@@ -5,8 +5,8 @@
 
 #include <stddef.h>
 
-/* Mean over a Gaussian spot of standard deviation `radius`, truncated at 4 of them and weighted anew where it hangs
- * over the border; `lines` is room for one grid. All lengths in m. */
+/* Mean over a Gaussian spot of standard deviation `radius`, truncated at 4 of them and renormalised where it
+ * extends over the border; `lines` is room for one grid. All lengths in m. */
 void average_over_spot(const double *height, double *average, double *lines, size_t nx, size_t ny, double pitch,
                        double radius);
 

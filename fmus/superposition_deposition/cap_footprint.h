@@ -7,7 +7,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-enum { MOST_REACH = 8 }; /* cells from the middle; a drop wider than 17 cells is likelier a wrong number */
+enum { MOST_REACH = 8 }; /* cells from the middle; a drop wider than 17 cells is more likely an error */
 
 typedef struct {
     int reach;                                    /* cells that the cap reaches into, on each side */

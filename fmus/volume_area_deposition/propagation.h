@@ -1,7 +1,7 @@
 /* Volume and area of the ink in each cell, drop by drop (Wu, Chiu 2024, eq. 1-13): the master copy.
  *
- * A grid is nx * ny cells in C order. In place of volumes, shares of one drop in the paper, stand mean heights of
- * cells: one drop is `height_scale` over one cell. The height that ink is driven by is that of the covered part of a
+ * A grid is nx * ny cells in C order. The paper's volumes, in shares of one drop, are replaced by mean heights of
+ * cells: one drop is `height_scale` over one cell. The height that drives the ink is that of the covered part of a
  * cell. */
 #ifndef INKLOOP_PROPAGATION_H
 #define INKLOOP_PROPAGATION_H

@@ -24,7 +24,7 @@ size_t row_count(const FineSurface *surface);    /* along y */
 /* Heights between the points, bilinear; x and y in spacings from point (0, 0), inside the map [m]. */
 double height_at(const FineSurface *surface, double x, double y);
 
-/* A continuous surface whose cell means are `cells` (nx, ny); beyond the border it goes on level. */
+/* A continuous surface whose cell means are `cells` (nx, ny); beyond the border it continues level. */
 void spread_cells(const FineSurface *surface, const double *cells);
 
 /* The mean of every cell (nx, ny) [m]. */

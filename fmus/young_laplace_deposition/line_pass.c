@@ -69,7 +69,8 @@ static void print_body(const FineSurface *s, const FineSurface *found, const Liq
     const size_t corners = convex_hull(m->ends, ends, m->hull);
     find_wetted_nodes(found, m->hull, corners, &m->body.wet);
     const double volume = drop_count * liquid->droplet_volume / (s->spacing * s->spacing * s->spacing);
-    if (m->body.wet.count == 0) { /* a footprint smaller than the points tell: all on the point next to the site */
+    if (m->body.wet.count ==
+        0) { /* a footprint smaller than the spacing of the points: all on the point next to the site */
         const Place site = site_of(s, first, line);
         s->height[(size_t)site.x * row_count(s) + (size_t)site.y] += volume * s->spacing;
         report->fallbacks++;

@@ -1,5 +1,5 @@
 /* One pass: runs of neighbouring droplets of a line flow together into bodies, all bodies rest on the surface that the
- * pass finds and know nothing of each other (Hume and Rosen 2018). Lines run along x, one per cell along y. */
+ * pass finds, independently of each other (Hume and Rosen 2018). Lines run along x, one per cell along y. */
 #ifndef INKLOOP_LINE_PASS_H
 #define INKLOOP_LINE_PASS_H
 

@@ -223,7 +223,7 @@ static bool scale_to(LiquidBody *body, double volume) {
 }
 
 /* An edge that would have to overhang: where the surface is no function of the place, the least area is a wall along
- * the edge. Ends of lines may stand steep over a few points. */
+ * the edge. Ends of lines may be steep over a few points. */
 static bool is_overhanging(const LiquidBody *body) {
     size_t edge = 0, upright = 0;
     for (size_t k = 0; k < body->wet.count; k++) {

@@ -3,7 +3,7 @@
  * it never cuts into the solid.
  *
  * Unknown is the liquid's depth w at each node, in spacings. The flux through an arm, gx / sqrt(1 + gx^2 + gy^2), or gx
- * in the linear form, is taken as the mean over the quarters of squares beside it, with the slopes along the arms; what
+ * in the linear form, is taken as the mean over the adjacent quarters of squares, with the slopes along the arms; what
  * flows out of a node is the pressure, but on the solid. Away from the edge that is the least area of the surface under
  * sum(w) = volume and w >= 0. Newton's method, each step with one banded factorisation and two right-hand sides, and a
  * set of nodes pinned to the solid. An arm that the edge cuts counts with its own length and the width of a square

@@ -63,7 +63,7 @@ static Outcome check_largest_droplet(Instance *instance, const YoungLaplaceDepos
     return check_spread(instance, v, most * *v->volume_factor, "the largest droplet of the pattern");
 }
 
-/* Everything that layers need besides the variables; a restored state brings its fine surface. */
+/* Everything that layers need in addition to the variables; a restored state includes its fine surface. */
 static Outcome find_memory(Instance *instance, const YoungLaplaceDepositionVariables *v) {
     const FineSurface surface = kept_surface(instance, v);
     PassMemory memory;

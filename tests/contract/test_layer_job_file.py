@@ -89,7 +89,7 @@ FAULTS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "cut": (lambda c: c[:-9], "its check sum is another one"),
     "of a later layout": (lambda c: changed(c, 8, b"\x02"), "is of layout 2; this binary reads layout 1"),
     "damaged": (lambda c: changed(c, 700, b"\xff"), "its check sum is another one"),
-    "of another export": (lambda c: mended(changed(c, len(c) - 8, struct.pack("<d", 1e-9))), "belong to two exports"),
+    "of another export": (lambda c: mended(changed(c, len(c) - 8, struct.pack("<d", 1e-9))), "belong to different"),
     "of another grid": (lambda c: mended(changed(c, 16, b"\x0d")), "is for 13 x 12 cells, the FMU for 12 x 12"),
     "of other variables": (lambda c: mended(changed(c, HEAD + 32, b"0123456789abcdef")), "variables 0123456789abcdef"),
     "of a plant of others": (lambda c: mended(c.replace(b"LayerDeposition", b"LaserDeposition")),

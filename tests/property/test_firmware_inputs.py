@@ -1,7 +1,8 @@
-"""Frames, ISO-TP messages, requests and serial lines of any kind: the firmware's laws hold, sanitizers find nothing.
+"""Frames, ISO-TP messages, requests and serial lines of any kind: the firmware's invariants hold.
 
-The laws are written in hardware/firmware/fuzz: lamp only with the gate confirmed closed, all off in SAFE and FAULT,
-passes done never shrink, no pass opened twice, the journal can always be read, answers fit their room ...
+Sanitizers find nothing either. The invariants are in hardware/firmware/fuzz: lamp only with the gate confirmed closed,
+all off in SAFE and FAULT, passes done never shrink, no pass opened twice, the journal can always be read,
+answers fit their room ...
 """
 
 from __future__ import annotations

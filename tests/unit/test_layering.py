@@ -1,129 +1,203 @@
-"""Who may import whom, and through which door each library comes in."""
+"""Who may import whom, through which door each library comes in, and how many names stand at each root."""
 
 from __future__ import annotations
 
-import ast
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
-import pytest
-
 from support.places import ROOT
+from support.source_tree import (
+    PACKAGES,
+    c_files,
+    c_unit,
+    circles,
+    grouped,
+    import_graph,
+    imported,
+    include_graph,
+    is_below,
+    modules,
+    room,
+)
 
 FLOOR = {
     f"inkloop.{name}"
-    for name in ("component", "errors", "contract", "units", "geometry", "files", "suggest", "testing")
+    for name in ("component", "contract", "errors", "files", "geometry", "suggest", "testing", "units")
 }
-BUILD_TIME = {
-    f"inkloop.fmu_writer{name}"
-    for name in ("", ".definition", ".description", ".c_tables", ".documentation", ".archive", ".export", ".windows")
-}
+BUILD_TIME = "inkloop.fmu_writer"
+"""These modules run while the FMUs are built, when nothing else is installed."""
+COMMAND_LINE = ("inkloop.cli", "inkloop.commands")
+PLOTS = (
+    *("inkloop.report", "inkloop.studies"),
+    *("inkloop.identify.picture", "inkloop.exchange.job.target_picture"),
+)
 DOORS = {
     "fmpy": ("inkloop.fmu",),
-    "casadi": ("inkloop_controller",),
-    "can": ("inkloop_hardware",),
-    "cantools": ("inkloop_hardware",),
-    "isotp": ("inkloop_hardware",),
-    "udsoncan": ("inkloop_hardware",),
-    "e2e": ("inkloop_hardware",),
-    "tifffile": ("inkloop.metrology",),
-    "sdfio": ("inkloop.metrology",),
-    "SurfaceTopography": ("inkloop.metrology",),
+    "casadi": ("inkloop_controller.program", "inkloop_controller.model.symbolic_layer"),
+    **dict.fromkeys(("can", "cantools", "isotp", "udsoncan", "e2e"), ("inkloop_hardware",)),
+    **dict.fromkeys(("tifffile", "sdfio", "SurfaceTopography"), ("inkloop.metrology",)),
     "skfem": ("inkloop.studies.reproduce.finite_elements",),
-    "matplotlib": (
-        *("inkloop.report.plot", "inkloop.report.run_report", "inkloop.report.model_difference"),
-        *(
-            "inkloop.identify.picture",
-            "inkloop.exchange.job.target_picture",
-            "inkloop.studies.reproduce",
-            "inkloop.studies.score",
-        ),
-    ),
-    "mpl_toolkits": (
-        "inkloop.report.plot",
-        "inkloop.report.run_report",
-        "inkloop.studies.reproduce",
-        "inkloop.studies.score",
-    ),
+    **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
 }
+ROOT_NAMES_MAX = {"inkloop": 26, "inkloop_controller": 10, "inkloop_hardware": 10}
+CORE_LEVELS = {"problem": 0, "model": 1, "estimator": 2, "search": 2, "relaxation": 2, "planner": 3, "": 4}
+"""Groups of controller/core; the last is inkloop_core."""
+
+COMMON_FILES = ("red_zones", "storage", "values", "snapshot", "lifecycle", "fmi2_component", "fmi3_component")
+"""Files of fmus/common, each of which uses only those before it."""
+
+MODULE_CIRCLES_LEFT = {
+    frozenset({"inkloop_hardware.errors", "inkloop_hardware.protocol.codec", "inkloop_hardware.protocol.vocabulary"}),
+    frozenset({"inkloop_hardware.link.link", "inkloop_hardware.link.transfers"}),
+    frozenset({"inkloop_hardware.link.node_wire", "inkloop_hardware.link.rig"}),
+}
+"""Known offenders; to be emptied."""
+ROOM_CIRCLES_LEFT = {frozenset({"inkloop_hardware.errors", "inkloop_hardware.protocol"})}
+"""Known offenders; to be emptied."""
 
 
-def modules() -> Iterator[tuple[str, Path]]:
-    for root in (ROOT / "cosim", ROOT / "controller", ROOT / "hardware"):
-        for path in sorted(root.rglob("*.py")):
-            parts = path.relative_to(root).with_suffix("").parts
-            yield ".".join(parts[:-1] if parts[-1] == "__init__" else parts), path
+def offenders(importers: Iterable[str], forbidden: Iterable[str]) -> list[str]:
+    """`module imports module` of all importers that import something below a forbidden name."""
+    names = tuple(forbidden)
+    return [f"{name} imports {found}" for name in importers for found in sorted(imported(name))
+            if any(is_below(found, below) for below in names)]  # fmt: skip
 
 
-def imported(path: Path) -> set[str]:
-    """Every module that a file imports, at its top or inside a function."""
-    found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            found.add(node.module or "")
-            found.update(f"{node.module}.{alias.name}" for alias in node.names if node.module == "inkloop")
-    return found
+def outside(*doors: str) -> list[str]:
+    return [name for name in modules() if not any(is_below(name, door) for door in doors)]
 
 
-MODULES = list(modules())
-EVERY_MODULE = pytest.mark.parametrize(("name", "path"), MODULES, ids=[name for name, _ in MODULES])
+def test_each_library_comes_in_by_its_doors() -> None:
+    assert not [found for library, doors in DOORS.items() for found in offenders(outside(*doors), [library])]
+    assert not [door for doors in DOORS.values() for door in doors if door not in modules()]
 
 
-def is_below(module: str, package: str) -> bool:
-    return module == package or module.startswith(f"{package}.")
+def test_the_floor_imports_numpy_and_itself_only() -> None:
+    floor = FLOOR & set(modules())
+    allowed = {*sys.stdlib_module_names, "numpy"}
+    assert floor == FLOOR
+    assert not [f"{name} imports {found}" for name in sorted(floor) for found in imported(name)
+                if found.partition(".")[0] not in allowed and found not in floor]  # fmt: skip
 
 
-@EVERY_MODULE
-def test_each_library_comes_in_by_one_door(name: str, path: Path) -> None:
-    for library, doors in DOORS.items():
-        if any(is_below(name, door) for door in doors):
+def test_modules_of_the_build_import_the_standard_library_only() -> None:
+    allowed = {*sys.stdlib_module_names}
+    own = {name for name in modules() if is_below(name, BUILD_TIME)} | {"inkloop", "inkloop.errors", "inkloop.files"}
+    assert not [f"{name} imports {found}" for name in sorted(own) for found in imported(name)
+                if found.partition(".")[0] not in allowed and found not in own]  # fmt: skip
+
+
+def test_controller_and_hardware_import_the_floor_only_and_never_each_other() -> None:
+    inside = [name for name in modules() if not is_below(name, "inkloop")]
+    assert not [found for found in offenders(inside, ["inkloop"]) if found.split()[-1] not in FLOOR]
+    assert not offenders(outside("inkloop_controller"), ["inkloop_controller"])
+    assert not offenders(outside("inkloop_hardware"), ["inkloop_hardware"])
+
+
+def test_only_the_command_line_imports_the_studies() -> None:
+    assert not offenders(outside("inkloop.studies", *COMMAND_LINE), ["inkloop.studies"])
+
+
+def test_nothing_imports_the_command_line() -> None:
+    assert not offenders(outside(*COMMAND_LINE), COMMAND_LINE)
+
+
+def test_modules_take_only_the_version_from_the_root_of_their_package() -> None:
+    """`inkloop/__init__.py` stands on top of all modules; `import_graph` relies on that."""
+    taken = re.compile(rf"^\s*from ({'|'.join(PACKAGES)}) import (\w.*)$", re.MULTILINE)
+    found = [(name, f"{root}.{entry}") for name, path in modules().items()
+             for root, names in taken.findall(path.read_text(encoding="utf-8"))
+             for entry in names.split(", ")]  # fmt: skip
+    assert not [pair for pair in found if pair[1] not in modules() and pair[1] != "inkloop.__version__"]
+
+
+def test_no_circle_joins_modules() -> None:
+    """Imports inside functions count: a circle that is closed late is still one."""
+    assert circles(import_graph()) == MODULE_CIRCLES_LEFT
+
+
+def test_no_circle_joins_rooms() -> None:
+    """Folders and files at the root of a package; the command line may import every room."""
+    assert circles(grouped(import_graph(), {name: room(name) for name in modules()})) == ROOM_CIRCLES_LEFT
+
+
+def test_circles_are_found() -> None:
+    """The circle of two, the one of three that hangs below it, and the one name that imports itself."""
+    graph = {"a": {"b"}, "b": {"a", "c"}, "c": {"d"}, "d": {"e"}, "e": {"c"}, "f": {"a"}, "g": {"g"}}
+    assert circles(graph) == {frozenset("ab"), frozenset("cde"), frozenset("g")}
+
+
+def test_few_names_stand_at_the_root_of_a_package() -> None:
+    for package, folder in PACKAGES.items():
+        names = {path.name for path in folder.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}
+        assert len(names - {"__init__.py"}) <= ROOT_NAMES_MAX[package], sorted(names)
+
+
+def test_no_circle_joins_c_files() -> None:
+    """A source and its header are one; what is called is declared in a header that is included (below)."""
+    graph = include_graph()
+    assert graph["fmus/common/values"] >= {"fmus/common/storage"}
+    assert graph["hardware/firmware/node/node"] >= {"hardware/firmware/node/steps"}
+    assert circles(graph) == set()
+
+
+def test_functions_are_declared_by_their_own_header_or_by_an_interface() -> None:
+    """So the includes show every call; an interface is a header without a source, like kernel.h and parallel.h."""
+    definition = re.compile(r"^(?!static|\s|#|//|/\*)[A-Za-z_][\w *]*?\b(\w+)\([^;{}]*\)\s*\{", re.MULTILINE)
+    prototype = re.compile(r"^(?!static|\s|#|//|/\*|typedef)[A-Za-z_][\w *]*?\b(\w+)\([^;{}]*\);", re.MULTILINE)
+    interfaces = "".join(path.read_text(encoding="utf-8") for path in c_files()
+                         if path.suffix == ".h" and not path.with_suffix(".c").exists())  # fmt: skip
+    undeclared = []
+    for path in c_files():
+        if path.suffix == ".h":
             continue
-        assert not [found for found in imported(path) if is_below(found, library)]
+        text, header = path.read_text(encoding="utf-8"), path.with_suffix(".h")
+        declared = interfaces + (header.read_text(encoding="utf-8") if header.exists() else "")
+        names = [*definition.findall(text), *(f"{name};" for name in prototype.findall(text))]
+        undeclared += [f"{c_unit(path)}: {name}" for name in names if not re.search(rf"\b{name}\(", declared)]
+    image = "hardware/firmware/cortex_m"
+    assert {found for found in undeclared if not re.search(r": fmi[23][A-Z]\w+$", found)} == {
+        *("hardware/firmware/host/main: main", f"{image}/main: main"),
+        *(f"{image}/startup: {name}" for name in ("reset", "reset;", "main;")),
+    }  # the standard declares the functions of FMI, the linker looks for the others
 
 
-@EVERY_MODULE
-def test_floor_and_build_time_modules_stand_on_little(name: str, path: Path) -> None:
-    if name not in FLOOR | BUILD_TIME:
-        return
-    allowed = set(sys.stdlib_module_names) | ({"numpy"} if name in FLOOR else set())
-    own = FLOOR if name in FLOOR else BUILD_TIME | {"inkloop.errors", "inkloop.files"}
-    for found in imported(path) - {"inkloop", "inkloop.__version__"}:
-        assert found.split(".")[0] in allowed or found in own or found.rpartition(".")[0] in own, found
+def test_no_arrow_goes_upwards_between_the_groups_of_the_controller_core() -> None:
+    core = ROOT / "controller" / "core"
+    units = {c_unit(path): (path.parent.name if path.parent != core else "")
+             for path in c_files() if path.is_relative_to(core)}  # fmt: skip
+    assert set(units.values()) == set(CORE_LEVELS)
+    arrows = {(units[unit], units[other]) for unit in units for other in include_graph()[unit] if other in units}
+    assert not {(group, other) for group, other in arrows if group != other
+                and CORE_LEVELS[group] <= CORE_LEVELS[other]}  # fmt: skip
 
 
-@EVERY_MODULE
-@pytest.mark.parametrize("package", ["inkloop_controller", "inkloop_hardware"])
-def test_controller_and_hardware_stand_on_the_floor_only(package: str, name: str, path: Path) -> None:
-    found = {module for module in imported(path) if is_below(module, "inkloop")} - {"inkloop"}
-    if is_below(name, package):
-        assert found <= FLOOR
-    else:
-        assert not [module for module in imported(path) if is_below(module, package)]
+def test_common_files_of_the_fmus_use_only_files_before_them() -> None:
+    order = [f"fmus/common/{name}" for name in COMMON_FILES]
+    arrows = {(unit, other) for unit in order for other in include_graph()[unit] if other in order}
+    assert arrows
+    assert not {(unit, other) for unit, other in arrows if order.index(other) > order.index(unit)}
+
+
+def in_sources(folders: Iterable[Path], pattern: str) -> list[str]:
+    """Every match of the pattern in the C files of the folders, with its file."""
+    paths = [path for path in c_files() if path.parent in set(folders)]
+    assert paths
+    return [f"{path.name}: {match[0]}" for path in paths
+            for match in re.finditer(pattern, path.read_text(encoding="utf-8"))]  # fmt: skip
 
 
 def test_kernels_know_no_fmi_type() -> None:
-    sources = [path for path in (ROOT / "fmus").rglob("*.[ch]") if path.parent.name not in ("common", "fuzz")]
-    sources += (ROOT / "controller" / "core").rglob("*.[ch]")
-    sources += (ROOT / "hardware" / "firmware").rglob("*.[ch]")
-    assert sources
-    for source in sources:
-        text = source.read_text(encoding="utf-8")
-        assert not re.search(r"#\s*include\s*[<\"]fmi\d", text), source
-        assert not re.search(r"\bfmi[23][A-Z]\w*", text), source
+    folders = {path.parent for path in c_files()} - {ROOT / "fmus" / "common"}
+    assert not in_sources(folders, r"#\s*include\s*[<\"]fmi\d.*|\bfmi[23][A-Z]\w*")
 
 
-def test_firmware_stands_on_no_operating_system() -> None:
+def test_firmware_needs_no_operating_system() -> None:
     """node/ and can/: a microcontroller without one runs the same files, and nothing is allocated."""
+    folders = [ROOT / "hardware" / "firmware" / name for name in ("node", "can")]
+    headers = in_sources(folders, r"#\s*include\s*<.*?>")
     allowed = {"stdbool.h", "stddef.h", "stdint.h", "string.h"}
-    firmware = ROOT / "hardware" / "firmware"
-    sources = sorted([*(firmware / "node").glob("*.[ch]"), *(firmware / "can").glob("*.[ch]")])
-    assert sources
-    for source in sources:
-        text = source.read_text(encoding="utf-8")
-        assert set(re.findall(r"#\s*include\s*<(.*?)>", text)) <= allowed, source
-        assert not re.search(r"\b(malloc|calloc|realloc|free)\s*\(", text), source
+    assert {re.findall("<(.*)>", found)[0] for found in headers} <= allowed
+    assert not in_sources(folders, r"\b(malloc|calloc|realloc|free)\s*\(")

@@ -42,8 +42,8 @@ SCORE_PAGE = """# The score board
 
 Each plant is a file of [plant-v1](../../cosim/inkloop/studies/score/plant-v1), a scenario without its controller:
 the part, what a controller is told of the ink, the droplets and their variation, the sensor. It is printed with three
-fixed seeds, the same droplets for everyone. A version of the board never changes: the number after "plants" is a hash of
-its files, and tables compare where it is the same. Your class is what [a scenario
+fixed seeds, the same droplets for everyone. A version of the board never changes: the number after "plants" is a hash
+of its files, and tables compare where it is the same. Your class is what [a scenario
 takes](../how-to/bring-your-own-component.md): `module.py` stands in the folder where you call the command.
 
 The run folder holds `score.md`, `score.tex` (with booktabs), `score.csv` (every print) and `score.png`. To cite: the

@@ -12,7 +12,7 @@ static double within(double value, double least, double most) {
     return value < least ? least : value > most ? most : value;
 }
 
-static double said_by_layer(double own, double grown, double variance) {
+static double layer_evidence(double own, double grown, double variance) {
     const double weak = WEAK * own;
     return own > 0.0 ? weak * (0.5 * weak - grown) / variance : 0.0;
 }
@@ -21,13 +21,13 @@ void dead_evidence(size_t cells, const double *before, const double *own, const 
                    size_t part_cells, double *after) {
     size_t without = 0;
     for (size_t cell = 0; cell < cells; cell++)
-        without += said_by_layer(own[cell], grown[cell], variance[cell]) > 0.0;
+        without += layer_evidence(own[cell], grown[cell], variance[cell]) > 0.0;
     const bool is_whole_head = (double)without > WHOLE_HEAD * (double)part_cells;
     for (size_t cell = 0; cell < cells; cell++) {
-        const double said = said_by_layer(own[cell], grown[cell], variance[cell]);
-        after[cell] = is_whole_head
-                          ? before[cell]
-                          : within(before[cell] + within(said, -LAYER_EVIDENCE, LAYER_EVIDENCE), 0.0, DEAD_EVIDENCE);
+        const double evidence = layer_evidence(own[cell], grown[cell], variance[cell]);
+        after[cell] = is_whole_head ? before[cell]
+                                    : within(before[cell] + within(evidence, -LAYER_EVIDENCE, LAYER_EVIDENCE), 0.0,
+                                             DEAD_EVIDENCE);
     }
 }
 

@@ -189,7 +189,7 @@ bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *befor
     return true;
 }
 
-/* What is known before the scan of a layer that may have been jetted anyhow; the maps of `begun` are its own. */
+/* What is known before the scan of a layer of which any part may have been jetted; the maps of `begun` are its own. */
 static void expect_anything(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                             double *scratch, SurfaceEstimate *begun) {
     const Ink both[2] = {before->ink[0], before->ink[options->ink.inks - 1]};
@@ -200,7 +200,7 @@ static void expect_anything(const EstimatorOptions *options, const SurfaceEstima
         begun->variance[cell] = before->variance[cell] + whole * whole / 12.0;
         begun->unseen[cell] = before->unseen[cell];
         if (before->scans == 1 && whole != 0.0 && begun->unseen[cell] < 1)
-            begun->unseen[cell] = 1; /* or the first scan, of another height, would stand for the variance */
+            begun->unseen[cell] = 1; /* or the first scan, of another height, would set the variance */
     }
 }
 

@@ -1,10 +1,10 @@
-/* From scans to what the planner starts from: the surface, and how much ink a droplet really brings.
+/* From scans to the planner's starting point: the surface, and how much ink a droplet really adds.
  *
  * A Kalman filter per cell on the layer model, around sensor drift, the ink, and cells that were not seen. A layer adds
  * DROPLET_STD^2 times the sum of the squares of what each droplet adds to the cell to the variance of a cell's
- * prediction. Without a given noise of a reading it is what the unprinted cells show; a sensor that shows none is taken
- * as it is. Errors of neighbours are taken to be independent. A cell that grew in a way that neither explains follows
- * the scan: its droplets are not what they should be; where they bring nothing layer after layer it is dead. */
+ * prediction. Without a given noise of a reading it is what the unprinted cells show; a sensor that shows none is
+ * trusted as it is. Errors of neighbours are taken to be independent. A cell whose growth neither explains follows the
+ * scan: its droplets differ from the model; where they add nothing layer after layer the cell is dead. */
 #ifndef INKLOOP_HEIGHT_ESTIMATOR_H
 #define INKLOOP_HEIGHT_ESTIMATOR_H
 
@@ -19,7 +19,7 @@ typedef struct {
     size_t nx, ny;
     const uint8_t *part; /* nx * ny cells in C order, as all maps */
     InkPrior ink;
-    int32_t take_as_read;  /* neither drift nor noise are looked for */
+    int32_t take_as_read;  /* neither drift nor noise is estimated */
     double noise_variance; /* of a reading [m^2]; below 0: not known */
     double steps_variance; /* of the rounding of a reading [m^2]: the least there is */
     double first_variance; /* of the height of a cell that the first scan did not measure [m^2] */
@@ -46,9 +46,9 @@ void estimate_first(const EstimatorOptions *options, const double *measured, con
 bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                    const double *measured, const uint8_t *valid, SurfaceEstimate *after);
 
-/* The same for a layer that was begun and given up, nobody knows where: each cell grew by anything from nothing to what
- * the whole layer brings, so that the mean of the two with the variance of a uniform distribution is what the scan
- * corrects. Inks and dead cells stay as they were known. */
+/* The same for a layer that was abandoned at an unknown place: each cell grew by between nothing and what the whole
+ * layer adds, so the scan corrects the mean of the two, with the variance of a uniform distribution. Inks and dead
+ * cells stay as they were. */
 bool estimate_unknown(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                       const double *measured, const uint8_t *valid, SurfaceEstimate *after);
 

@@ -15,7 +15,7 @@ static const double STRANGE = 0.6; /* growth off by more than this share of what
 static const double STRANGE_NOISE = 3.0;                     /* ... and by more than so many standard deviations */
 static const double LEAST_SHARE = 0.25, LARGEST_SHARE = 4.0; /* beyond it is something else than the ink (assumed) */
 static const double SAME = 1e-9;                             /* eigenvalues below this share of the largest are 0 */
-enum { LEAST_DROPLETS = 20 }; /* fewer say more about single droplets than about the ink (assumed) */
+enum { LEAST_DROPLETS = 20 }; /* fewer show single droplets rather than the ink (assumed) */
 
 _Static_assert((int)SHARES_MAX <= (int)UNKNOWNS_MAX, "the shares are solved for together");
 
@@ -87,7 +87,7 @@ void likeliest_inks(const InkPrior *prior, const InkEvidence *evidence, Ink ink[
     }
 }
 
-/* Whether a layer adds enough to the cells that were seen to say something about its ink. */
+/* Whether a layer adds enough to the cells that were seen to show something about its ink. */
 static bool says_enough(const InkPrior *prior, const ObservedLayer *layer, const Ink ink[INKS_MAX]) {
     size_t droplets = 0, counted = 0;
     double sum = 0.0, full = 0.0;
@@ -117,7 +117,7 @@ static double usual_share(const InkPrior *prior, const ObservedLayer *layer, con
     return median(values, count);
 }
 
-/* Marks in `used` the cells of the part that were seen and grew as is usual, no strange one beside them; their number.
+/* Marks in `used` the cells of the part that were seen and grew as usual, with no strange neighbour; their number.
  */
 static size_t mark_usual(const InkPrior *prior, const ObservedLayer *layer, const Ink ink[INKS_MAX], double usual,
                          uint8_t *strange, uint8_t *used) {

@@ -2,8 +2,8 @@
  *
  * Recursive estimation by instrumental variables, with the nominal ink as prior. The growth of a cell is linear in the
  * heights of the inks but its rates come from a surface that is known with an error; regressed on themselves they would
- * blame the ink for it. The instrument is what the same droplets add on a flat surface, which no measurement enters;
- * for the volume alone, that they add anything. Where the patterns do not tell h1, h2 and h3 apart (full layers on a
+ * attribute it to the ink. The instrument is what the same droplets add on a flat surface, which no measurement enters;
+ * for the volume alone, that they add anything. Where the patterns do not distinguish h1, h2 and h3 (full layers on a
  * flat surface) the prior keeps their proportion. Cells that grew far from what is usual - the first time the median,
  * then what was learnt - are left out with their neighbours: a dead nozzle lowers no volume. What is left of the error
  * of the surface: flow saturates, so that noise on a flat surface still lowers h1 in INK_FULL, by 4 % at 0.3 um after
@@ -13,7 +13,7 @@
 
 #include "droplet_increments.h"
 
-/* What is learnt of each ink: its droplet volume; h1, h2 and h3 as far as the patterns tell them apart; nothing. */
+/* What is learnt of each ink: its droplet volume; h1, h2 and h3 as far as the patterns distinguish them; nothing. */
 enum { INK_SCALE = 1, INK_FULL = 2, INK_OFF = 3 };
 enum { SHARES_MAX = INKS_MAX * ORDERS };
 
@@ -46,8 +46,8 @@ size_t ink_shares(const InkPrior *prior);
 /* The inks that are likeliest after the evidence. */
 void likeliest_inks(const InkPrior *prior, const InkEvidence *evidence, Ink ink[INKS_MAX]);
 
-/* Adds a layer to the evidence, or leaves it as it is where the layer says too little. `values` and `marks` hold a map
- * each; `marks` two. */
+/* Adds a layer to the evidence, or leaves it unchanged if the layer contains too little. `values` and `marks` hold a
+ * map each; `marks` two. */
 void add_ink_evidence(const InkPrior *prior, const ObservedLayer *layer, double *values, uint8_t *marks,
                       InkEvidence *evidence);
 

@@ -13,7 +13,7 @@ static const double OUTLIER = 3.0;       /* robust standard deviations from whic
 static const double MAD = 1.4826;        /* standard deviation / median absolute value of a normal variable */
 static const double ROUNDING = 1e-12;    /* [m], heights that agree to this are equal */
 enum { ROUNDS = 8 };                     /* of reweighting; they more than suffice for a plane (by trial) */
-enum { LEAST_CELLS = 8 };                /* cells that tell what noise is (assumed) */
+enum { LEAST_CELLS = 8 };                /* cells needed to estimate the noise (assumed) */
 enum { LEAST_REFERENCES = 3 };
 
 /* The reference cells that were seen: their places, what they rose by, and their distances from a plane. */
@@ -91,7 +91,7 @@ static double fit_robustly(const References *cells, size_t terms, double coeffic
     return furthest;
 }
 
-/* Whether a fit is good for the part: far cells in one corner tell little about it. */
+/* Whether a fit holds for the part: far cells in one corner constrain it little. */
 static bool carries(const References *cells, size_t terms, size_t nx, size_t ny, const uint8_t *part) {
     double matrix[PLANE_TERMS * PLANE_TERMS], side[PLANE_TERMS], inverse[PLANE_TERMS][PLANE_TERMS] = {{0.0}};
     if (cells->count < LEAST_REFERENCES)

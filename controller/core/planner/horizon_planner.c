@@ -17,7 +17,7 @@ enum { SMALL_ANNEALING = 40000 }; /* values drawn for such a plan, in at most 20
 enum { MANY_SWEEPS = 200 };
 enum { UNREPAIRED = -1 };
 
-/* How a plan came about; found: how its search ended, or UNREPAIRED. */
+/* A plan and its origin; found: how its search ended, or UNREPAIRED. */
 typedef struct {
     int32_t start, is_annealed, found;
 } Origin;
@@ -188,7 +188,7 @@ static bool is_empty(const int32_t *values, size_t count) {
     return true;
 }
 
-/* Drops first layers that are not worth their while: what is planned after them comes sooner. */
+/* Drops first layers that gain too little: what is planned after them comes sooner. */
 static int32_t drop_poor_layers(Planning *planning) {
     const HorizonProblem *problem = planning->problem;
     const size_t cells = problem->nx * problem->ny;

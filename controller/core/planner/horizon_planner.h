@@ -3,7 +3,7 @@
  * The relaxed problem is solved and rounded by ordered error diffusion; that start, the rest of the last plan, full
  * layers and none are repaired by flips, swaps and shifts: the best of them, or where annealing is worth its time all
  * of them and once more the best one, annealed. The best result is taken. It is compared with printing nothing:
- * without that a small alpha trades height for evenness for ever. */
+ * otherwise a small alpha would trade height for evenness forever. */
 #ifndef INKLOOP_HORIZON_PLANNER_H
 #define INKLOOP_HORIZON_PLANNER_H
 
@@ -31,7 +31,7 @@ typedef struct {
     uint64_t seed;            /* of the annealing */
     double seconds_max;       /* guard by the clock; infinite: none */
     int32_t threads;          /* 1 or more; the bits of the answer do not depend on it */
-    int32_t (*after_sweep)(void *caller, const SearchReport *so_far); /* not 0: repair no more; NULL: not asked */
+    int32_t (*after_sweep)(void *caller, const SearchReport *so_far); /* not 0: stop the repairs; NULL: none */
     void *caller;
 } PlanWork;
 

@@ -1,4 +1,4 @@
-/* What can be done with a layer problem, each call complete in itself: it takes its memory and gives it back. */
+/* Operations on a layer problem. Each call is complete in itself: it allocates its memory and releases it. */
 #ifndef INKLOOP_HORIZON_SOLVER_H
 #define INKLOOP_HORIZON_SOLVER_H
 
@@ -7,7 +7,7 @@
 /* Objective of a plan. CORE_DONE or CORE_NO_MEMORY. */
 int32_t plan_objective(const HorizonProblem *problem, const int32_t *plan, Objective *value);
 
-/* Improves a plan by annealing, if asked for, and moves; see inkloop_search. */
+/* Improves a plan by annealing, if requested, and moves; see inkloop_search. */
 int32_t improve_plan(const HorizonProblem *problem, const SearchOptions *options, int32_t *plan, SearchReport *report);
 
 /* Moves relaxed droplets to a lower smoothed objective; see inkloop_relax. */

@@ -1,5 +1,4 @@
-/* The coming layers after a scan: what is to be decided about them (layer_problem.h), and the best that is found
- * (horizon_planner.h). */
+/* The layers after a scan: their decision problem (layer_problem.h) and the best plan found (horizon_planner.h). */
 #ifndef INKLOOP_LAYER_PLANNER_H
 #define INKLOOP_LAYER_PLANNER_H
 

@@ -1,4 +1,4 @@
-/* What is to be decided about the layers that follow a scan, as the search takes it. */
+/* The decision problem of the layers that follow a scan, in the form that the search takes. */
 #ifndef INKLOOP_LAYER_PROBLEM_H
 #define INKLOOP_LAYER_PROBLEM_H
 
@@ -6,7 +6,7 @@
 #include "horizon_problem.h"
 #include "ink_regions.h"
 
-/* What a print is to become, and the work that a layer may take. */
+/* The goal of a print, and the work that a layer may take. */
 typedef struct {
     size_t nx, ny, horizon;
     const double *target;    /* for the whole print [m] */
@@ -20,7 +20,7 @@ typedef struct {
     double overshoot;        /* what a metre above the target costs when a metre below costs 1 */
     double overshoot_limit;  /* height above the target that is not to be exceeded [m]; infinite: none */
     double chance_margin;    /* ... kept with so many standard deviations of the predicted height */
-    double fringe_weight;    /* weight of the ring of cells beside the part */
+    double fringe_weight;    /* weight of the ring of cells around the part */
     double layer_worth;      /* share of the objective that a layer must gain to come before the fuller ones after it */
     int64_t sweeps;          /* of the repair of one start */
     int64_t annealing_sweeps; /* of one more start that is annealed first; below 0: by the size of the problem */

@@ -20,13 +20,13 @@ typedef struct {
     const double *target;    /* for the surface after the last layer [m] */
     const double *ceiling;   /* what the last surface should not exceed [m]; NULL: none */
     const uint8_t *part;     /* cells whose standard deviation counts; at least one */
-    const double *weight;    /* of each cell's error: 1 in the part, less on a fringe beside it, 0 where none counts */
+    const double *weight;    /* of each cell's error: 1 in the part, less on a fringe around it, 0 where none counts */
     const uint16_t *choices; /* layers * nx * ny: bit k is set where a droplet of kind k may fall */
     size_t kinds;            /* 1 to KINDS_MAX */
     Ink kind[KINDS_MAX];     /* what a droplet of each kind adds */
     double alpha;            /* weight of the mean error against the standard deviation, 0 to 1 */
     double overshoot;        /* what a metre above the target costs when a metre below costs 1; > 0 */
-    double ceiling_cost;     /* what a metre above the ceiling costs besides; >= 0 */
+    double ceiling_cost;     /* what a metre above the ceiling costs in addition; >= 0 */
     int32_t passes;          /* 1, or 4 in a 2x2 colouring, each on the surface that the last one left */
     int32_t colours[HORIZON_MAX][4]; /* for 4 passes: colours 2 (i % 2) + j % 2 of each layer in the order jetted */
 } HorizonProblem;
@@ -57,7 +57,7 @@ typedef struct {
     uint64_t seed;            /* of the annealing */
     double seconds_max;       /* guard by the clock; infinite: none */
     int32_t threads;          /* 1 or more; the bits of the answer do not depend on it */
-    int32_t (*after_sweep)(void *caller, const SearchReport *so_far); /* not 0: stop here; NULL: not asked */
+    int32_t (*after_sweep)(void *caller, const SearchReport *so_far); /* not 0: stop here; NULL: none */
     void *caller;
 } SearchOptions;
 

@@ -9,8 +9,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Where a cell is asked for its ink: half a layer above the surface; on it, as the paper has it; or at both ends of the
- * layer, either ink being right where they differ. The middle halves the error of the printed geometry. */
+/* The height at which the ink of a cell is decided: half a layer above the surface; on it, as in the paper; or both
+ * ends of the layer, either ink being right where they differ. The middle halves the error of the printed geometry. */
 enum { REGION_MIDDLE = 1, REGION_SURFACE = 2, REGION_EITHER = 3 };
 enum { INTERVALS = 2 };
 

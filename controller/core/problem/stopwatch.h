@@ -1,4 +1,4 @@
-/* A clock to guard a search by; nothing of an answer depends on it but where the search ends. */
+/* A clock that limits a search; an answer depends on it only by where the search ends. */
 #ifndef INKLOOP_STOPWATCH_H
 #define INKLOOP_STOPWATCH_H
 

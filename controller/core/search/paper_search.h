@@ -3,7 +3,7 @@
  * A random batch of M cells is drawn; each flip is tried alone against the present pattern; all that lower the
  * objective alone are flipped together. The paper leaves open that together they may raise it: such a batch is undone
  * and M halved. A pass draws every allowed cell once, without repetition. When a pass has flipped nothing, no single
- * flip helps, which is the paper's end at M = 1. It knows one layer and on each cell one kind of droplet. */
+ * flip helps, which is the paper's end at M = 1. It plans one layer with one kind of droplet on each cell. */
 #ifndef INKLOOP_PAPER_SEARCH_H
 #define INKLOOP_PAPER_SEARCH_H
 

@@ -29,7 +29,7 @@ static void keep_best(Search *search) {
     memcpy(search->best, surface->plan, surface->problem->layers * surface->framed);
 }
 
-/* One sweep, and the question whether to go on; *changes: how many were made. */
+/* One sweep; CORE_DONE, or why the search ends here; *changes: how many were made. */
 static int32_t sweep(Search *search, const Sweep *wanted, int64_t *changes) {
     bool out_of_time;
     *changes = tiled_sweep(&search->tiling, wanted, search->report, &out_of_time);

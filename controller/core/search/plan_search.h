@@ -1,12 +1,12 @@
-/* Search for a better plan: annealing if asked for, then descent by flips, swaps and shifts. */
+/* Search for a better plan: annealing if requested, then descent by flips, swaps and shifts. */
 #ifndef INKLOOP_PLAN_SEARCH_H
 #define INKLOOP_PLAN_SEARCH_H
 
 #include "plan_surface.h"
 
 /* Improves the plan of the surface. It never ends worse than it began: the best plan at the end of a sweep is kept.
- * Counts what it did in `report`; ends at the `deadline` by the stopwatch. Returns CORE_DONE (no change of the moves
- * asked for helps), CORE_BUDGET, CORE_TIME, CORE_STOPPED or CORE_NO_MEMORY. */
+ * Counts what it did in `report`; ends at the `deadline` by the stopwatch. Returns CORE_DONE (none of the requested
+ * moves helps), CORE_BUDGET, CORE_TIME, CORE_STOPPED or CORE_NO_MEMORY. */
 int32_t plan_search(PlanSurface *surface, const SearchOptions *options, double deadline, SearchReport *report);
 
 #endif

@@ -26,7 +26,7 @@ static bool take_memory(PlanSurface *surface) {
     return true;
 }
 
-/* Copies what the problem says of each cell into the maps. Returns how many cells the part has. */
+/* Copies the problem's data of each cell into the maps. Returns the number of cells of the part. */
 static double copy_maps(PlanSurface *surface) {
     const HorizonProblem *problem = surface->problem;
     double count = 0.0;

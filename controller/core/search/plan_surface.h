@@ -16,7 +16,7 @@ enum { STEPS_MAX = 4 * HORIZON_MAX };
 typedef struct {
     double target; /* [m] */
     double weight; /* of the cell's error */
-    double inside; /* 1 in the part, 0 beside it */
+    double inside; /* 1 in the part, 0 outside */
 } Goal;
 
 typedef struct {

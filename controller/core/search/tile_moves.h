@@ -15,7 +15,7 @@ typedef struct {
     bool out_of_time;
 } Tally;
 
-/* Sorts of sweeps besides MOVE_FLIPS, MOVE_SWAPS and MOVE_SHIFTS. */
+/* Sorts of sweeps in addition to MOVE_FLIPS, MOVE_SWAPS and MOVE_SHIFTS. */
 enum { MOVE_ANNEAL = 8 };
 
 typedef struct {

@@ -75,7 +75,7 @@ static void *sweep_share(void *handed) {
     return NULL;
 }
 
-/* Sweeps the tiles of a colour side by side, each on the same sums. */
+/* Sweeps the tiles of a colour in parallel, each on the same sums. */
 static void sweep_together(Tiling *tiling, const Sweep *sweep, size_t colour) {
     const size_t tiles = tiles_of_colour(tiling, colour);
     const size_t threads = tiling->threads < tiles ? tiling->threads : tiles;

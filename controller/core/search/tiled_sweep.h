@@ -1,7 +1,7 @@
 /* A sweep over the whole grid, tile by tile, on one thread or several with the same bits.
  *
  * Tiles are coloured 2x2. Tiles of one colour lie further apart than any of their windows reach, so they work on the
- * shared surface at once; each goes with the sums as they stood when its colour began and its own changes. */
+ * shared surface at once; each uses the sums from when its colour began, plus its own changes. */
 #ifndef INKLOOP_TILED_SWEEP_H
 #define INKLOOP_TILED_SWEEP_H
 
@@ -23,8 +23,8 @@ typedef struct {
 bool tiling_open(Tiling *tiling, PlanSurface *surface, int32_t threads);
 void tiling_close(Tiling *tiling);
 
-/* Makes one sweep and adds what it did to `report`; returns how many changes were made. `out_of_time` tells whether the
- * deadline passed; the plan and the sums are valid all the same. A sweep that is no annealing never raises the
+/* Makes one sweep and adds what it did to `report`; returns how many changes were made. `out_of_time` reports whether
+ * the deadline passed; the plan and the sums are valid in either case. A sweep without annealing never raises the
  * objective: where that depends on more than the sums of each tile, the tiles of a colour go one after another. */
 int64_t tiled_sweep(Tiling *tiling, const Sweep *sweep, SearchReport *report, bool *out_of_time);
 

@@ -1,4 +1,4 @@
-/* A classic CAN frame, as every part of the firmware hands it on. */
+/* A classic CAN frame. */
 #ifndef INKLOOP_CAN_FRAME_H
 #define INKLOOP_CAN_FRAME_H
 

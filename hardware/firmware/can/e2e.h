@@ -1,8 +1,8 @@
 /* End-to-end protection of a frame: AUTOSAR E2E profile 1, variant 1A with both bytes of the data id.
  *
  * Byte 0 is the check byte (CRC-8, polynomial 0x1D, start 0, no final exclusive-or, over the data id, low byte first,
- * and bytes 1 to the end); the low half of byte 1 is the alive counter, 0 to 14. What the counter means for a receiver
- * is e2e_monitor.h. The protection finds damaged and stale frames; it makes nothing safe. */
+ * and bytes 1 to the end); the low half of byte 1 is the alive counter, 0 to 14. e2e_monitor.h evaluates the
+ * counter. The protection detects damaged and stale frames; it is no safety function. */
 #ifndef INKLOOP_E2E_H
 #define INKLOOP_E2E_H
 

@@ -1,7 +1,7 @@
-/* What a receiver makes of the check bytes and counters of one supervised frame.
+/* Supervision of one frame by its receiver: check bytes and counters.
  *
- * Two bad frames among the last five, and the sender counts as missing, until fewer than two of the last five are bad.
- * Silence is not seen here: who waits for the frame has a clock. The same laws are in e2e_monitor.py. */
+ * With two bad frames among the last five the sender counts as missing, until fewer than two of the last five are bad.
+ * Silence is not detected here: the caller has the clock. e2e_monitor.py follows the same rules. */
 #ifndef INKLOOP_E2E_MONITOR_H
 #define INKLOOP_E2E_MONITOR_H
 
@@ -9,10 +9,10 @@
 #include <stdint.h>
 
 enum {
-    E2E_WINDOW = 5,      /* frames that are looked back at */
-    E2E_BAD_LIMIT = 2,   /* so many bad ones among them, and the sender counts as missing */
-    E2E_LOST_MAX = 2,    /* so many frames may be lost in a row; the third cycle is a missing sender anyway */
-    E2E_STUCK_AFTER = 3, /* so many repeats in a row make a stuck counter */
+    E2E_WINDOW = 5,      /* frames that are considered */
+    E2E_BAD_LIMIT = 2,   /* with this many bad ones among them the sender counts as missing */
+    E2E_LOST_MAX = 2,    /* frames that may be lost in a row; the third cycle is a missing sender anyway */
+    E2E_STUCK_AFTER = 3, /* repeats in a row that make a stuck counter */
 };
 
 typedef enum {
@@ -34,10 +34,10 @@ typedef struct {
 
 void e2e_monitor_init(E2eMonitor *monitor);
 
-/* Takes note of one received frame. */
+/* Judges one received frame. */
 E2eVerdict e2e_monitor_take(E2eMonitor *monitor, bool check, uint8_t counter);
 
-/* Whether the sender can be believed: an undamaged frame came, and fewer than E2E_BAD_LIMIT of the last E2E_WINDOW were
+/* Whether the sender can be trusted: an undamaged frame came, and fewer than E2E_BAD_LIMIT of the last E2E_WINDOW were
  * bad. */
 bool e2e_monitor_trusts(const E2eMonitor *monitor);
 

@@ -9,7 +9,7 @@
  *     while (room and isotp_next(&end, now, &frame)) send(frame)
  *     isotp_received(&end, &length)           and, when it is done with the bytes, isotp_release(&end)
  *
- * ISO-TP itself finds a lost frame, but neither an altered byte nor 16 lost ones in a row: bulk data carries its own
+ * ISO-TP detects a lost frame, but neither an altered byte nor 16 lost ones in a row: bulk data carries its own
  * checksum. */
 #ifndef INKLOOP_ISOTP_H
 #define INKLOOP_ISOTP_H
@@ -22,10 +22,10 @@ enum { ISOTP_LENGTH_MAX = 4095 };
 
 typedef struct {
     uint32_t receive_id, send_id; /* 11-bit ids */
-    uint8_t block_size;           /* frames that we let the sender send before it waits for us; 0: all */
+    uint8_t block_size;           /* frames that the sender may send before it waits for us; 0: all */
     uint8_t separation;           /* STmin that we ask for, as on the wire: 0-127 ms, 0xF1-0xF9 100-900 us */
     uint8_t padding;              /* byte that fills our frames to 8 */
-    uint8_t wait_max;             /* "wait" flow controls in a row that we bear */
+    uint8_t wait_max;             /* "wait" flow controls in a row that we accept */
     uint16_t flow_timeout;        /* ms for a flow control to come (N_Bs; ISO 15765-2: 1000) */
     uint16_t frame_timeout;       /* ms for a consecutive frame to come (N_Cr; ISO 15765-2: 1000) */
 } IsotpOptions;
@@ -75,13 +75,13 @@ typedef struct {
 
 void isotp_init(Isotp *end, const IsotpOptions *options);
 
-/* Takes a frame from the bus; other ids are left alone. Returns whether the id was ours. */
+/* Takes a frame from the bus; other ids are ignored. Returns whether the id was ours. */
 bool isotp_take(Isotp *end, const CanFrame *frame, uint32_t now);
 
-/* Ends what waited too long. */
+/* Ends a message that has waited too long. */
 void isotp_tick(Isotp *end, uint32_t now);
 
-/* The next frame that is due, if there is one. What is handed out counts as sent: ask only with room for it. */
+/* The next frame that is due, if there is one. A frame that is handed out counts as sent: ask only with room for it. */
 bool isotp_next(Isotp *end, uint32_t now, CanFrame *frame);
 
 /* Begins to send a copy of `bytes`; false while a message is under way or for a length that cannot be. */
@@ -92,7 +92,7 @@ bool isotp_is_sending(const Isotp *end);
 const uint8_t *isotp_received(const Isotp *end, size_t *length);
 void isotp_release(Isotp *end);
 
-/* Forgets what is under way either way. */
+/* Drops the messages under way in both directions. */
 void isotp_abort(Isotp *end);
 
 #endif

@@ -33,37 +33,37 @@ static bool is_checked(NodeFrames *frames, const CanFrame *frame, size_t length,
 }
 
 static void take_stop_request(NodeFrames *frames, const CanFrame *frame, uint32_t now) {
-    struct inkloop_stop_request_t said;
+    struct inkloop_stop_request_t signals;
     if (is_checked(frames, frame, INKLOOP_STOP_REQUEST_LENGTH, INKLOOP_STOP_REQUEST_DATA_ID) &&
-        inkloop_stop_request_unpack(&said, frame->data, frame->length) == 0)
-        node_stop_request(frames->node, now, said.active != 0);
+        inkloop_stop_request_unpack(&signals, frame->data, frame->length) == 0)
+        node_stop_request(frames->node, now, signals.active != 0);
 }
 
 static MasterAlive master_of(const CanFrame *frame) {
-    struct inkloop_master_alive_t said = {0};
-    inkloop_master_alive_unpack(&said, frame->data, frame->length);
-    const int enables = (said.lamp_enable ? ENABLE_LAMP : 0) | (said.gate_enable ? ENABLE_GATE : 0) |
-                        (said.motion_enable ? ENABLE_MOTION : 0);
-    return (MasterAlive){.enables = (uint8_t)enables, .session = said.session, .job = said.job};
+    struct inkloop_master_alive_t signals = {0};
+    inkloop_master_alive_unpack(&signals, frame->data, frame->length);
+    const int enables = (signals.lamp_enable ? ENABLE_LAMP : 0) | (signals.gate_enable ? ENABLE_GATE : 0) |
+                        (signals.motion_enable ? ENABLE_MOTION : 0);
+    return (MasterAlive){.enables = (uint8_t)enables, .session = signals.session, .job = signals.job};
 }
 
-/* Another session is another sender with a counter of its own: the node is told, and when it takes the new master up,
- * supervision begins anew. */
+/* Another session is another sender with its own counter: the node gets its frame, and supervision is reset if the node
+ * accepts the new master. */
 static void take_master_alive(NodeFrames *frames, const CanFrame *frame, uint32_t now) {
     Node *node = frames->node;
     const bool checked = is_checked(frames, frame, INKLOOP_MASTER_ALIVE_LENGTH, INKLOOP_MASTER_ALIVE_DATA_ID);
-    const MasterAlive said = checked ? master_of(frame) : node->master;
-    const bool other = !node->master_seen || said.session != node->master.session;
+    const MasterAlive master = checked ? master_of(frame) : node->master;
+    const bool other = !node->master_seen || master.session != node->master.session;
     if (checked && other) {
-        node_master_alive(node, now, &said);
-        if (node->master.session != said.session)
+        node_master_alive(node, now, &master);
+        if (node->master.session != master.session)
             return;
         e2e_monitor_init(&frames->monitor);
     }
     const E2eVerdict verdict = e2e_monitor_take(&frames->monitor, checked, e2e_counter(frame->data));
     node_supervision(node, now, e2e_monitor_trusts(&frames->monitor));
     if (!other && (verdict == E2E_FIRST || verdict == E2E_GOOD || verdict == E2E_LOST))
-        node_master_alive(node, now, &said);
+        node_master_alive(node, now, &master);
 }
 
 void node_frames_take(NodeFrames *frames, const CanFrame *frame, uint32_t now) {
@@ -98,20 +98,20 @@ void node_frames_tick(NodeFrames *frames, uint32_t now) {
 /* All four status messages have one layout. */
 static void write_status(NodeFrames *frames, CanFrame *frame) {
     const NodeStatus status = node_status(frames->node);
-    const struct inkloop_head_status_t said = {.lamp_on = status.lamp_on,
-                                               .gate_open = status.gate_open,
-                                               .gate_closed = status.gate_closed,
-                                               .ready = status.ready,
-                                               .state = (uint8_t)status.state,
-                                               .pass_mask = status.done,
-                                               .fault = (uint8_t)status.cause,
-                                               .layer = status.layer,
-                                               .boot_count = (uint8_t)(status.boots & 0xFFu),
-                                               .unknown_mask = status.unknown,
-                                               .protocol_version = INKLOOP_PROTOCOL_VERSION};
+    const struct inkloop_head_status_t signals = {.lamp_on = status.lamp_on,
+                                                  .gate_open = status.gate_open,
+                                                  .gate_closed = status.gate_closed,
+                                                  .ready = status.ready,
+                                                  .state = (uint8_t)status.state,
+                                                  .pass_mask = status.done,
+                                                  .fault = (uint8_t)status.cause,
+                                                  .layer = status.layer,
+                                                  .boot_count = (uint8_t)(status.boots & 0xFFu),
+                                                  .unknown_mask = status.unknown,
+                                                  .protocol_version = INKLOOP_PROTOCOL_VERSION};
     *frame = (CanFrame){.id = (uint32_t)(INKLOOP_HEAD_STATUS_FRAME_ID + frames->number),
                         .length = INKLOOP_HEAD_STATUS_LENGTH};
-    inkloop_head_status_pack(frame->data, &said, sizeof frame->data);
+    inkloop_head_status_pack(frame->data, &signals, sizeof frame->data);
     const uint16_t data_id = (uint16_t)(INKLOOP_HEAD_STATUS_DATA_ID + frames->number);
     e2e_protect(frame->data, frame->length, data_id, frames->counter);
     frames->counter = e2e_next_counter(frames->counter);
@@ -119,13 +119,13 @@ static void write_status(NodeFrames *frames, CanFrame *frame) {
 
 static void write_fault(const NodeFrames *frames, uint32_t now, CanFrame *frame) {
     const Node *node = frames->node;
-    const struct inkloop_head_fault_t said = {.fault = (uint8_t)node->cause,
-                                              .pass = node->journal.newest.pass & 0xFu,
-                                              .layer = node->progress.layer,
-                                              .node_time = node->cause == CAUSE_NONE ? now : node->times.safe};
+    const struct inkloop_head_fault_t signals = {.fault = (uint8_t)node->cause,
+                                                 .pass = node->journal.newest.pass & 0xFu,
+                                                 .layer = node->progress.layer,
+                                                 .node_time = node->cause == CAUSE_NONE ? now : node->times.safe};
     *frame =
         (CanFrame){.id = (uint32_t)(INKLOOP_HEAD_FAULT_FRAME_ID + frames->number), .length = INKLOOP_HEAD_FAULT_LENGTH};
-    inkloop_head_fault_pack(frame->data, &said, sizeof frame->data);
+    inkloop_head_fault_pack(frame->data, &signals, sizeof frame->data);
 }
 
 bool node_frames_next(NodeFrames *frames, uint32_t now, CanFrame *frame) {

@@ -1,4 +1,4 @@
-/* One node on the bus: what it takes from frames and which frames it sends. Ids, layouts and cycles are those of
+/* One node on the bus: the frames it receives and sends. Ids, layouts and cycles are those of
  * inkloop.dbc; node `number` 0 is the head, 1 the stage, 2 the cure lamp, 3 the profiler. */
 #ifndef INKLOOP_NODE_FRAMES_H
 #define INKLOOP_NODE_FRAMES_H
@@ -15,7 +15,7 @@ typedef struct {
     E2eMonitor monitor; /* of MasterAlive */
     uint8_t counter;    /* of the status frame */
     bool status_sent;
-    uint32_t status_at, fault_at; /* when they were sent last [ms] */
+    uint32_t status_at, fault_at; /* time of the last one [ms] */
     Cause cause_sent;
     uint32_t damaged; /* supervised frames whose check byte was wrong */
     uint8_t answer[ISOTP_LENGTH_MAX];
@@ -23,10 +23,10 @@ typedef struct {
 
 void node_frames_init(NodeFrames *frames, Node *node, uint8_t number);
 
-/* Takes a frame from the bus; those that are not for this node are left alone. */
+/* Takes a frame from the bus; frames for other nodes are ignored. */
 void node_frames_take(NodeFrames *frames, const CanFrame *frame, uint32_t now);
 
-/* Lets the node go on and answers what it was asked. */
+/* Ticks the node and answers its requests. */
 void node_frames_tick(NodeFrames *frames, uint32_t now);
 
 /* The next frame that is due; ask until there is none, and only with room for one. */

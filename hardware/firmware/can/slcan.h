@@ -5,8 +5,8 @@
  *     O  L  C                                        open, open for listening, close
  *     V  N  F  Zn                                    version, serial number, status, time stamps (only off)
  *
- * Answers: CR, "z" CR or "Z" CR after a frame, a text with CR, or BEL for what is malformed or cannot be done now. A
- * malformed line is counted and dropped, whatever its bytes. */
+ * Answers: CR, "z" CR or "Z" CR after a frame, a text with CR, or BEL for a line that is malformed or cannot be
+ * executed now. A malformed line is counted and dropped. */
 #ifndef INKLOOP_SLCAN_H
 #define INKLOOP_SLCAN_H
 

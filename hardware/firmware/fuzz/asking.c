@@ -13,7 +13,7 @@ void bench_turn(Bench *bench, uint32_t milliseconds) {
     fuzz_board_check(&bench->board);
 }
 
-void bench_say_alive(Bench *bench, const MasterAlive *master) {
+void bench_send_alive(Bench *bench, const MasterAlive *master) {
     fuzz_board_master_alive(&bench->board, master);
     node_master_alive(&bench->node, bench->board.now, master);
     bench->alive_at = bench->board.now;
@@ -22,7 +22,7 @@ void bench_say_alive(Bench *bench, const MasterAlive *master) {
 void bench_live(Bench *bench, int ticks) {
     for (int k = 0; k < ticks; k++) {
         if (bench->board.now - bench->alive_at >= ALIVE_EVERY)
-            bench_say_alive(bench, &bench->master);
+            bench_send_alive(bench, &bench->master);
         bench_turn(bench, TICK);
     }
 }
@@ -32,7 +32,7 @@ void bench_power_up(Bench *bench) {
     bench->board.now += TICK;
     memset(bench->options.pattern_memory, 0xA5, bench->options.pattern_bytes);
     node_init(&bench->node, &bench->options, &bench->board.hal, bench->board.now);
-    law(bench->node.state == NODE_SAFE || bench->node.state == NODE_FAULT, "every node wakes up off");
+    invariant(bench->node.state == NODE_SAFE || bench->node.state == NODE_FAULT, "every node wakes up off");
 }
 
 static void check_transfer(Bench *bench, const uint8_t *answer) {
@@ -40,25 +40,26 @@ static void check_transfer(Bench *bench, const uint8_t *answer) {
     if (answer[0] == UDS_UPLOAD + UDS_POSITIVE)
         bench->upload_of = bench->board.scans;
     if (answer[0] == UDS_TRANSFER + UDS_POSITIVE && upload)
-        law(bench->upload_of == bench->board.scans, "all blocks of a map are of one scan");
+        invariant(bench->upload_of == bench->board.scans, "all blocks of a map are of one scan");
 }
 
 static void check_answer(Bench *bench, const uint8_t *request, const uint8_t *answer, size_t length) {
-    law(length <= bench->room, "answers fit their room");
+    invariant(length <= bench->room, "answers fit their room");
     if (length == 0) {
-        law(request[0] == UDS_SESSION || request[0] == UDS_TESTER_PRESENT, "only these may be silent");
+        invariant(request[0] == UDS_SESSION || request[0] == UDS_TESTER_PRESENT, "only these may be silent");
         return;
     }
     const bool refused = answer[0] == UDS_NEGATIVE;
-    law(refused ? length == 3 && answer[1] == request[0] && answer[2] != UDS_OK
-                : answer[0] == (uint8_t)(request[0] + UDS_POSITIVE),
-        "an answer is of its request");
+    invariant(refused ? length == 3 && answer[1] == request[0] && answer[2] != UDS_OK
+                      : answer[0] == (uint8_t)(request[0] + UDS_POSITIVE),
+              "an answer belongs to its request");
     if (!refused)
         check_transfer(bench, answer);
     const bool known = answer[0] == UDS_ROUTINE_CONTROL + UDS_POSITIVE && answer[4] == OUTCOME_DONE_BEFORE;
     const Key key = length == 13 ? uds_key(answer + 5) : (Key){0}, seen = bench->board.seen;
     if (known && get_u16(answer + 2) == ROUTINE_SCAN && !bench->node.dry)
-        law(key.job == seen.job && key.layer == seen.layer && key.attempt == seen.attempt, "what was scanned was seen");
+        invariant(key.job == seen.job && key.layer == seen.layer && key.attempt == seen.attempt,
+                  "only a finished scan is done before");
 }
 
 void bench_forget(Bench *bench) {
@@ -67,7 +68,7 @@ void bench_forget(Bench *bench) {
     bench->request = bench->answer = NULL;
 }
 
-/* What the node says at once goes to `first`. */
+/* The immediate answer goes to `first`. */
 static void ask(Bench *bench, const uint8_t *bytes, size_t length, uint8_t first[ANSWER_ROOM]) {
     bench_forget(bench);
     bench->request = malloc(length ? length : 1);
@@ -106,6 +107,7 @@ void bench_ask_to_the_end(Bench *bench, const uint8_t *request, size_t length) {
         return;
     const uint32_t before = bench->board.jets + bench->board.scans;
     ask(bench, request, length, first);
-    law(first[4] == OUTCOME_DONE_BEFORE, "a repeat of what is done is done before");
-    law(bench->board.jets + bench->board.scans == before && bench->node.step.kind == STEP_NONE, "and does nothing");
+    invariant(first[4] == OUTCOME_DONE_BEFORE, "a repeat of what is done is done before");
+    invariant(bench->board.jets + bench->board.scans == before && bench->node.step.kind == STEP_NONE,
+              "and does nothing");
 }

@@ -1,4 +1,4 @@
-/* A master that asks a node byte by byte, without a bus, and what holds of the answers. */
+/* A master that sends requests to a node without a bus, and the invariants of the answers. */
 #ifndef INKLOOP_FUZZ_ASKING_H
 #define INKLOOP_FUZZ_ASKING_H
 
@@ -19,22 +19,22 @@ typedef struct {
     uint8_t *request, *answer; /* in memory of just their size */
 } Bench;
 
-/* One tick after so many ms, and all laws. */
+/* One tick after so many ms; checks all invariants. */
 void bench_turn(Bench *bench, uint32_t milliseconds);
 
-/* Time as it should pass: a tick every 10 ms, a living master. */
+/* Normal operation: a tick every 10 ms, a living master. */
 void bench_live(Bench *bench, int ticks);
 
-void bench_say_alive(Bench *bench, const MasterAlive *master);
+void bench_send_alive(Bench *bench, const MasterAlive *master);
 void bench_power_up(Bench *bench);
 
 /* A request; whether the answer that comes at once is positive. */
 bool bench_ask_once(Bench *bench, const uint8_t *request, size_t length);
 
-/* To the end of the step; what was done is then done before. */
+/* A request, until its step has ended; a repeat of it then is answered "done before". */
 void bench_ask_to_the_end(Bench *bench, const uint8_t *request, size_t length);
 
-/* Gives the memory of the last request and its answer back. */
+/* Frees the memory of the last request and its answer. */
 void bench_forget(Bench *bench);
 
 #endif

@@ -10,7 +10,7 @@ static bool is_broken(const FuzzBoard *board, uint8_t what) {
 
 static bool storage_read(void *context, uint32_t offset, uint8_t *to, uint32_t length) {
     const FuzzBoard *board = context;
-    law(offset <= FUZZ_STORAGE_BYTES && length <= FUZZ_STORAGE_BYTES - offset, "reads stay in the storage");
+    invariant(offset <= FUZZ_STORAGE_BYTES && length <= FUZZ_STORAGE_BYTES - offset, "reads stay in the storage");
     memcpy(to, board->storage + offset, length);
     return true;
 }
@@ -29,13 +29,13 @@ static void fail_if_due(FuzzBoard *board) {
 
 static bool storage_write(void *context, uint32_t offset, const uint8_t *from, uint32_t length) {
     FuzzBoard *board = context;
-    law(offset <= FUZZ_STORAGE_BYTES && length <= FUZZ_STORAGE_BYTES - offset, "writes stay in the storage");
+    invariant(offset <= FUZZ_STORAGE_BYTES && length <= FUZZ_STORAGE_BYTES - offset, "writes stay in the storage");
     board->written_to = true;
-    if (is_broken(board, BROKEN_STORAGE)) /* it says that all is well, and forgets */
+    if (is_broken(board, BROKEN_STORAGE)) /* it reports success and stores nothing */
         return true;
     const uint32_t written = through(board, length);
     for (uint32_t k = 0; k < written; k++) {
-        law(board->tampered || board->storage[offset + k] == 0xFF, "only erased bytes are written");
+        invariant(board->tampered || board->storage[offset + k] == 0xFF, "only erased bytes are written");
         board->storage[offset + k] &= from[k];
     }
     fail_if_due(board);
@@ -44,7 +44,7 @@ static bool storage_write(void *context, uint32_t offset, const uint8_t *from, u
 
 static bool storage_erase(void *context, uint32_t sector) {
     FuzzBoard *board = context;
-    law(sector < board->hal.sectors, "erasures stay in the storage");
+    invariant(sector < board->hal.sectors, "erasures stay in the storage");
     if (is_broken(board, BROKEN_STORAGE))
         return false;
     board->written_to = true;
@@ -76,9 +76,9 @@ bool fuzz_board_allows(const FuzzBoard *board, uint8_t enable) {
 static void set_lamp(void *context, bool on) {
     FuzzBoard *board = context;
     const uint32_t gate = lines(board) & (LINE_GATE_OPEN | LINE_GATE_CLOSED);
-    law(!on || (gate == LINE_GATE_CLOSED && !board->gate), "lamp on only with the gate confirmed closed");
-    law(!on || fuzz_board_allows(board, ENABLE_LAMP), "lamp on only when a living master allows it");
-    law(!on || !board->node->dry, "no lamp in a dry run");
+    invariant(!on || (gate == LINE_GATE_CLOSED && !board->gate), "lamp on only with the gate confirmed closed");
+    invariant(!on || fuzz_board_allows(board, ENABLE_LAMP), "lamp on only when a living master allows it");
+    invariant(!on || !board->node->dry, "no lamp in a dry run");
     if (on && !board->lamp)
         board->lamp_at = board->now;
     board->lamp = on;
@@ -86,9 +86,9 @@ static void set_lamp(void *context, bool on) {
 
 static void set_gate(void *context, bool open) {
     FuzzBoard *board = context;
-    law(!open || !(lines(board) & LINE_LAMP_ON), "gate open only with the lamp off");
-    law(!open || fuzz_board_allows(board, ENABLE_GATE), "gate open only when a living master allows it");
-    law(!open || !board->node->dry, "no gate in a dry run");
+    invariant(!open || !(lines(board) & LINE_LAMP_ON), "gate open only with the lamp off");
+    invariant(!open || fuzz_board_allows(board, ENABLE_GATE), "gate open only when a living master allows it");
+    invariant(!open || !board->node->dry, "no gate in a dry run");
     if (open != board->gate)
         board->gate_at = board->now;
     board->gate = open;
@@ -99,24 +99,26 @@ static void note_jetting(FuzzBoard *board, const Work *work) {
     const Key *key = &board->node->step.key;
     const uint8_t bit = (uint8_t)(1u << key->pass);
     const uint32_t here = lines(board);
-    law((here & LINE_GATE_OPEN) && !(here & LINE_LAMP_ON), "jetting only with the gate open and the lamp off");
-    law(pattern_is_complete(work->pattern) && pattern_is_printable(work->pattern), "jetting a whole pattern only");
-    law(work->colour < 4 ? work->pattern->passes == 4 : work->colour == 255 && work->pattern->passes == 1, "colours");
+    invariant((here & LINE_GATE_OPEN) && !(here & LINE_LAMP_ON), "jetting only with the gate open and the lamp off");
+    invariant(pattern_is_complete(work->pattern) && pattern_is_printable(work->pattern),
+              "jetting a whole pattern only");
+    invariant(work->colour < 4 ? work->pattern->passes == 4 : work->colour == 255 && work->pattern->passes == 1,
+              "colours");
     board->jets++;
     if (board->tampered)
         return;
     if (board->jetted.job != key->job || board->jetted.layer != key->layer)
         board->jetted = (Jetted){.job = key->job, .layer = key->layer};
-    law(!(board->jetted.opened & bit), "no pass is opened twice");
-    law(board->jetted.finished == bit - 1, "no pass is left out");
+    invariant(!(board->jetted.opened & bit), "no pass is opened twice");
+    invariant(board->jetted.finished == bit - 1, "no pass is left out");
     board->jetted.opened |= bit;
 }
 
 static bool begin(void *context, const Work *work) {
     FuzzBoard *board = context;
     const bool moves = work->kind == WORK_HOME || work->kind == WORK_MOVE;
-    law(!moves || fuzz_board_allows(board, ENABLE_MOTION), "motion only when a living master allows it");
-    law(!board->working, "one thing at a time");
+    invariant(!moves || fuzz_board_allows(board, ENABLE_MOTION), "motion only when a living master allows it");
+    invariant(!board->working, "one thing at a time");
     if (is_broken(board, BROKEN_BEGIN_REFUSED))
         return false;
     if (work->kind == WORK_JET && !work->dry)
@@ -156,7 +158,7 @@ static MapShape map_shape(void *context) {
 
 static bool map_reading(void *context, uint32_t cell, int16_t *reading) {
     const FuzzBoard *board = context;
-    law(cell < 15, "readings of cells of the map");
+    invariant(cell < 15, "readings of cells of the map");
     *reading = (int16_t)(cell * 1000 + board->scans % 1000);
     return cell % 4 != 3;
 }

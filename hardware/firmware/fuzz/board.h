@@ -1,5 +1,5 @@
-/* A board for one node that remembers what was really done to it, and the laws that hold between that and what the node
- * says. Its gate takes 20 ms; everything else that it begins, 50 ms. */
+/* A board for one node that remembers what was really done to it, and the invariants that relate it to the state of the
+ * node. Its gate takes 20 ms; everything else that it begins, 50 ms. */
 #ifndef INKLOOP_FUZZ_BOARD_H
 #define INKLOOP_FUZZ_BOARD_H
 
@@ -21,7 +21,7 @@ enum { /* what is broken; bits */
        BROKEN_STORAGE = 128
 };
 
-/* What the surface has seen of the layer that the journal is at. */
+/* What was really jetted of the layer that the journal is at. */
 typedef struct {
     uint32_t job;
     uint16_t layer;
@@ -37,7 +37,7 @@ typedef struct {
     uint8_t broken;
     uint8_t storage[FUZZ_STORAGE_BYTES];
     bool written_to;  /* since the journal was looked at */
-    bool tampered;    /* storage holds what no node wrote: it proves nothing any more */
+    bool tampered;    /* storage holds records that no node wrote: it proves nothing */
     bool power_fails; /* in the next write or erasure, after `written` bytes */
     uint32_t written;
     jmp_buf power_failure;
@@ -48,7 +48,7 @@ typedef struct {
     uint32_t work_at;
     uint32_t enabled_at[3]; /* when the master last allowed lamp, gate, motion */
     bool enabled[3];
-    uint32_t alive_at; /* when the node was told that a master lives */
+    uint32_t alive_at; /* when the node last got a MasterAlive */
     uint32_t scans, jets;
     Key seen; /* of the last scan that ended */
     Jetted jetted;
@@ -64,14 +64,14 @@ void fuzz_board_power_off(FuzzBoard *board);
 /* A MasterAlive was handed to the node. */
 void fuzz_board_master_alive(FuzzBoard *board, const MasterAlive *master);
 
-/* Wired inputs as they are now, and whether a living master allows something, by its last word. */
+/* Wired inputs as they are now, and whether a living master allows something, by its last frame. */
 uint32_t fuzz_board_lines(const FuzzBoard *board);
 bool fuzz_board_allows(const FuzzBoard *board, uint8_t enable);
 
 /* Options of a node for it, with limits that are soon reached. */
 NodeOptions fuzz_options(uint8_t roles, uint8_t *pattern_memory);
 
-/* What holds after a tick, whatever came before; laws.c. */
+/* Checks the invariants that hold after every tick; invariants.c. */
 void fuzz_board_check(FuzzBoard *board);
 
 #endif

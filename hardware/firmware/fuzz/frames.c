@@ -55,34 +55,34 @@ static void any_frame(Wire *wire) {
 /* A heartbeat: of another master, with a wrong counter, or damaged on its way. */
 static void heartbeat(Wire *wire) {
     const uint8_t form = input_byte(&wire->input), fault = input_byte(&wire->input);
-    const MasterAlive said = {.enables = form & 7, .session = form >> 3 & 3, .job = 1u + (form >> 7)};
+    const MasterAlive sent = {.enables = form & 7, .session = form >> 3 & 3, .job = 1u + (form >> 7)};
     if (form & 0x40)
-        wire->master = said;
+        wire->master = sent;
     if (fault >> 4 < E2E_COUNTER_MAX)
         wire->counter = (uint8_t)((wire->counter + (fault >> 4)) % (E2E_COUNTER_MAX + 1));
-    CanFrame frame = wire_alive_frame(wire, &said);
+    CanFrame frame = wire_alive_frame(wire, &sent);
     const bool damaged = fault & 8;
     if (damaged)
         frame.data[1 + fault % 7] ^= (uint8_t)(1u << (fault & 7));
     const bool seen = wire->node.master_seen;
     wire->board.now++;
     wire_give(wire, &frame);
-    law(!damaged || (wire->node.times.master_alive != wire->board.now && wire->node.master_seen == seen),
-        "a damaged heartbeat is none");
+    invariant(!damaged || (wire->node.times.master_alive != wire->board.now && wire->node.master_seen == seen),
+              "a damaged heartbeat is none");
 }
 
 static void stop_request(Wire *wire) {
     const uint8_t form = input_byte(&wire->input);
-    const struct inkloop_stop_request_t said = {.active = form & 1};
+    const struct inkloop_stop_request_t signals = {.active = form & 1};
     CanFrame frame = {.id = INKLOOP_STOP_REQUEST_FRAME_ID, .length = INKLOOP_STOP_REQUEST_LENGTH};
-    inkloop_stop_request_pack(frame.data, &said, sizeof frame.data);
+    inkloop_stop_request_pack(frame.data, &signals, sizeof frame.data);
     e2e_protect(frame.data, frame.length, INKLOOP_STOP_REQUEST_DATA_ID, form >> 4 & 7);
     if (form & 2)
         frame.data[0] ^= 0x10;
     const bool before = wire->node.stop_active;
     wire_give(wire, &frame);
-    law(wire->node.stop_active == (form & 2 ? before : (form & 1) != 0), "a stop request acts when it is whole");
-    law(!wire->node.stop_active || node_is_off(&wire->node), "and puts the node off");
+    invariant(wire->node.stop_active == (form & 2 ? before : (form & 1) != 0), "a stop request acts when it is whole");
+    invariant(!wire->node.stop_active || node_is_off(&wire->node), "and puts the node off");
 }
 
 static void operate(Wire *wire) {

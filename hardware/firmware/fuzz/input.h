@@ -30,11 +30,11 @@ static inline void input_fill(Input *input, uint8_t *to, size_t length) {
         to[k] = input_byte(input);
 }
 
-/* Ends the run when a law of the firmware does not hold: fuzzers keep the input that did it. */
-static inline void law(bool holds, const char *words) {
+/* Ends the run when an invariant of the firmware is violated: fuzzers keep that input. */
+static inline void invariant(bool holds, const char *message) {
     if (holds)
         return;
-    fprintf(stderr, "broken law: %s\n", words);
+    fprintf(stderr, "violated invariant: %s\n", message);
     abort();
 }
 

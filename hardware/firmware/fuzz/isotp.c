@@ -22,18 +22,19 @@ static IsotpOptions options_of(Input *input, uint32_t receive_id, uint32_t send_
 static void check(const Isotp *end) {
     size_t length;
     const uint8_t *message = isotp_received(end, &length);
-    law(length <= ISOTP_LENGTH_MAX && (message != NULL) == (length > 0), "a message has 1 to 4095 bytes");
-    law(end->receiving.position <= ISOTP_LENGTH_MAX && end->sending.position <= ISOTP_LENGTH_MAX, "positions");
-    law(end->receiving.flow != ISOTP_FLOW_GO || end->receiving.state == ISOTP_RECEIVE_FRAMES,
-        "who receives nothing asks for no frames");
+    invariant(length <= ISOTP_LENGTH_MAX && (message != NULL) == (length > 0), "a message has 1 to 4095 bytes");
+    invariant(end->receiving.position <= ISOTP_LENGTH_MAX && end->sending.position <= ISOTP_LENGTH_MAX, "positions");
+    invariant(end->receiving.flow != ISOTP_FLOW_GO || end->receiving.state == ISOTP_RECEIVE_FRAMES,
+              "an end that receives nothing asks for no frames");
 }
 
 static void check_frame(const Isotp *end, const CanFrame *frame) {
-    law(frame->id == end->options.send_id && frame->length == CAN_DATA_MAX, "frames of eight bytes with the own id");
-    law(frame->data[0] >> 4 <= 3, "a frame of ISO 15765-2");
+    invariant(frame->id == end->options.send_id && frame->length == CAN_DATA_MAX,
+              "frames of eight bytes with the own id");
+    invariant(frame->data[0] >> 4 <= 3, "a frame of ISO 15765-2");
 }
 
-/* Whatever comes. */
+/* Frames of any content. */
 static void take_anything(Input *input) {
     Isotp *end = malloc(sizeof *end);
     if (!end)
@@ -108,7 +109,7 @@ static void exchange(Input *input) {
         const size_t length = 1 + input_word(input) % ISOTP_LENGTH_MAX;
         for (size_t k = 0; k < length; k++)
             sent[k] = (uint8_t)(k / 7 * 31 + k);
-        law(isotp_send(a, sent, length), "an idle end sends");
+        invariant(isotp_send(a, sent, length), "an idle end sends");
         uint32_t now = UINT32_MAX - 100;
         int spoilt = 0;
         size_t got = 0;
@@ -121,12 +122,12 @@ static void exchange(Input *input) {
             isotp_tick(a, now);
             isotp_tick(b, now);
         }
-        law(!found || (got == length && memcmp(found, sent, length) == 0), "what arrives is what was sent");
-        law(found || spoilt > 0, "with no frame spoilt every message arrives");
+        invariant(!found || (got == length && memcmp(found, sent, length) == 0), "what arrives is what was sent");
+        invariant(found || spoilt > 0, "with no frame spoilt every message arrives");
         now += 2000;
         isotp_tick(a, now);
         isotp_tick(b, now);
-        law(!isotp_is_sending(a) && b->receiving.state != ISOTP_RECEIVE_FRAMES, "nobody waits for ever");
+        invariant(!isotp_is_sending(a) && b->receiving.state != ISOTP_RECEIVE_FRAMES, "no end waits forever");
     }
     free(a);
     free(b);

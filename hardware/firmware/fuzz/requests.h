@@ -6,7 +6,7 @@
 
 enum { FUZZ_REQUEST_MAX = 600 };
 
-/* The routine that brings a node to work: 31 01 clear with a person behind it. */
+/* The routine that brings a node to work: 31 01 clear, confirmed by a person. */
 size_t fuzz_request_clear(uint8_t *to);
 
 /* A routine: number, kind, job, layer, pass, attempt, option from the input. */
@@ -24,7 +24,7 @@ size_t fuzz_request_upload(uint8_t layer, uint32_t size, uint8_t *to);
 /* 22 of one of the identifiers. */
 size_t fuzz_request_read(Input *input, uint8_t *to);
 
-/* Whatever bytes. */
+/* Any bytes. */
 size_t fuzz_request_raw(Input *input, uint8_t *to);
 
 #endif

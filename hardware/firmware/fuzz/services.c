@@ -41,7 +41,7 @@ static void download(Bench *bench) {
     request[0] = UDS_TRANSFER_EXIT;
     const bool altered = form & 16;
     put_u32(request + 1, crc32_after(0, pattern, size) ^ (altered ? 1 : 0));
-    law(!bench_ask_once(bench, request, 5) || !altered, "a pattern with another checksum is refused");
+    invariant(!bench_ask_once(bench, request, 5) || !altered, "a pattern with another checksum is refused");
 }
 
 static void upload(Bench *bench) {
@@ -60,10 +60,10 @@ static void upload(Bench *bench) {
 
 static void other_master(Bench *bench) {
     const uint8_t form = input_byte(&bench->input);
-    const MasterAlive said = {.enables = form & 7, .session = form >> 3 & 3, .job = 1u + (form >> 7)};
+    const MasterAlive sent = {.enables = form & 7, .session = form >> 3 & 3, .job = 1u + (form >> 7)};
     if (form & 0x40)
-        bench->master = said;
-    bench_say_alive(bench, &said);
+        bench->master = sent;
+    bench_send_alive(bench, &sent);
 }
 
 static void tamper(Bench *bench) {

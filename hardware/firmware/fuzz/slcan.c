@@ -16,26 +16,27 @@ static bool same_frame(const CanFrame *left, const CanFrame *right) {
 static void check_round_trip(const CanFrame *frame) {
     char line[SLCAN_LINE_MAX];
     const size_t length = slcan_write(frame, line);
-    law(length > 0 && length <= SLCAN_LINE_MAX && line[length - 1] == '\r', "a frame that was read can be written");
+    invariant(length > 0 && length <= SLCAN_LINE_MAX && line[length - 1] == '\r',
+              "a frame that was read can be written");
     Slcan other;
     SlcanEvent event = {0};
     slcan_init(&other);
     slcan_take(&other, 'O', &event);
     slcan_take(&other, '\r', &event);
     for (size_t k = 0; k < length; k++)
-        law(slcan_take(&other, (uint8_t)line[k], &event) == (k + 1 == length), "one line is one event");
-    law(event.has_frame && same_frame(&event.frame, frame), "a frame that was written is read as it was");
+        invariant(slcan_take(&other, (uint8_t)line[k], &event) == (k + 1 == length), "one line is one event");
+    invariant(event.has_frame && same_frame(&event.frame, frame), "a frame that was written is read as it was");
 }
 
 static void check_event(const Slcan *slcan, const SlcanEvent *event) {
-    law(event->answer_length > 0 && event->answer_length <= SLCAN_ANSWER_MAX, "every line is answered");
+    invariant(event->answer_length > 0 && event->answer_length <= SLCAN_ANSWER_MAX, "every line is answered");
     const char last = event->answer[event->answer_length - 1];
-    law(last == '\r' || (last == '\a' && event->answer_length == 1), "an answer ends with CR, or is BEL");
+    invariant(last == '\r' || (last == '\a' && event->answer_length == 1), "an answer ends with CR, or is BEL");
     if (!event->has_frame)
         return;
-    law(slcan->open && !slcan->listen_only, "frames go out through an open channel only");
-    law(event->frame.id <= (event->frame.extended ? (uint32_t)CAN_EXTENDED_ID_MAX : (uint32_t)CAN_ID_MAX), "id");
-    law(event->frame.length <= CAN_DATA_MAX, "at most eight bytes");
+    invariant(slcan->open && !slcan->listen_only, "frames go out through an open channel only");
+    invariant(event->frame.id <= (event->frame.extended ? (uint32_t)CAN_EXTENDED_ID_MAX : (uint32_t)CAN_ID_MAX), "id");
+    invariant(event->frame.length <= CAN_DATA_MAX, "at most eight bytes");
     check_round_trip(&event->frame);
 }
 
@@ -48,13 +49,14 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t length) {
         const uint32_t before = slcan->frames + slcan->malformed + slcan->refused;
         SlcanEvent event;
         const bool happened = slcan_take(slcan, bytes[k], &event);
-        law(happened == (bytes[k] == '\r'), "a line ends with CR, and only with it");
+        invariant(happened == (bytes[k] == '\r'), "a line ends with CR, and only with it");
         if (happened)
             check_event(slcan, &event);
         else
-            law(!event.has_frame && event.answer_length == 0, "nothing before the end of a line");
-        law(slcan->frames + slcan->malformed + slcan->refused <= before + (happened ? 1 : 0), "a line counts once");
-        law(slcan->used <= SLCAN_LINE_MAX, "a line stays in its room");
+            invariant(!event.has_frame && event.answer_length == 0, "nothing before the end of a line");
+        invariant(slcan->frames + slcan->malformed + slcan->refused <= before + (happened ? 1 : 0),
+                  "a line counts once");
+        invariant(slcan->used <= SLCAN_LINE_MAX, "a line stays in its buffer");
     }
     free(slcan);
     return 0;

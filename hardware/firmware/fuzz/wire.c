@@ -14,20 +14,20 @@ static bool is_lost(Wire *wire) {
 }
 
 static void check_status(Wire *wire, const CanFrame *frame) {
-    struct inkloop_head_status_t said;
+    struct inkloop_head_status_t signals;
     const uint16_t data_id = (uint16_t)(INKLOOP_HEAD_STATUS_DATA_ID + wire->frames.number);
-    law(e2e_check(frame->data, frame->length, data_id), "a status frame is protected");
+    invariant(e2e_check(frame->data, frame->length, data_id), "a status frame is protected");
     const uint8_t counter = e2e_counter(frame->data);
-    law(!wire->status_seen || counter == (wire->status_counter + 1) % 15, "its counter counts");
+    invariant(!wire->status_seen || counter == (wire->status_counter + 1) % 15, "its counter counts up");
     wire->status_counter = counter;
     wire->status_seen = true;
-    law(inkloop_head_status_unpack(&said, frame->data, frame->length) == 0, "it can be read");
-    law(said.state == (uint8_t)wire->node.state && said.lamp_on == wire->board.lamp &&
-            said.gate_open == wire->board.gate,
-        "and says what is");
+    invariant(inkloop_head_status_unpack(&signals, frame->data, frame->length) == 0, "it can be read");
+    invariant(signals.state == (uint8_t)wire->node.state && signals.lamp_on == wire->board.lamp &&
+                  signals.gate_open == wire->board.gate,
+              "and reports the real state");
 }
 
-/* Frames of both sides until nobody has any. */
+/* Moves the frames of both sides until there are none. */
 static void move(Wire *wire) {
     const uint32_t now = wire->board.now, number = wire->frames.number;
     CanFrame frame;
@@ -36,11 +36,11 @@ static void move(Wire *wire) {
         moved = false;
         while (node_frames_next(&wire->frames, now, &frame)) {
             moved = true;
-            law(!frame.extended && !frame.remote && frame.length == CAN_DATA_MAX, "frames of eight bytes");
+            invariant(!frame.extended && !frame.remote && frame.length == CAN_DATA_MAX, "frames of eight bytes");
             if (frame.id == INKLOOP_HEAD_STATUS_FRAME_ID + number)
                 check_status(wire, &frame);
             else if (frame.id != INKLOOP_HEAD_FAULT_FRAME_ID + number)
-                law(frame.id == wire->tester.options.receive_id, "no other ids");
+                invariant(frame.id == wire->tester.options.receive_id, "no other ids");
             if (!is_lost(wire))
                 isotp_take(&wire->tester, &frame, now);
         }
@@ -69,13 +69,13 @@ void wire_give(Wire *wire, const CanFrame *frame) {
 }
 
 CanFrame wire_alive_frame(Wire *wire, const MasterAlive *master) {
-    const struct inkloop_master_alive_t said = {.lamp_enable = (master->enables & ENABLE_LAMP) != 0,
-                                                .gate_enable = (master->enables & ENABLE_GATE) != 0,
-                                                .motion_enable = (master->enables & ENABLE_MOTION) != 0,
-                                                .session = master->session,
-                                                .job = master->job};
+    const struct inkloop_master_alive_t signals = {.lamp_enable = (master->enables & ENABLE_LAMP) != 0,
+                                                   .gate_enable = (master->enables & ENABLE_GATE) != 0,
+                                                   .motion_enable = (master->enables & ENABLE_MOTION) != 0,
+                                                   .session = master->session,
+                                                   .job = master->job};
     CanFrame frame = {.id = INKLOOP_MASTER_ALIVE_FRAME_ID, .length = INKLOOP_MASTER_ALIVE_LENGTH};
-    inkloop_master_alive_pack(frame.data, &said, sizeof frame.data);
+    inkloop_master_alive_pack(frame.data, &signals, sizeof frame.data);
     e2e_protect(frame.data, frame.length, INKLOOP_MASTER_ALIVE_DATA_ID, wire->counter);
     wire->counter = e2e_next_counter(wire->counter);
     wire->alive_at = wire->board.now;

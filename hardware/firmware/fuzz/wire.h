@@ -1,4 +1,4 @@
-/* A node on a bus, and a master's end of ISO-TP on the same; what holds of the frames that the node sends. */
+/* A node on a bus, with a master's end of ISO-TP, and the invariants of the frames that the node sends. */
 #ifndef INKLOOP_FUZZ_WIRE_H
 #define INKLOOP_FUZZ_WIRE_H
 
@@ -20,16 +20,16 @@ typedef struct {
     uint8_t lose; /* so many frames go through, then one is lost; 0: none */
 } Wire;
 
-/* One tick after so many ms, all laws, and the frames of both sides. */
+/* One tick after so many ms, the frames of both sides; checks all invariants. */
 void wire_turn(Wire *wire, uint32_t milliseconds);
 
-/* Gives the node a frame; what it takes of a master is told to the board. */
+/* Gives the node a frame; the board gets the MasterAlive that the node accepts. */
 void wire_give(Wire *wire, const CanFrame *frame);
 
 /* The next heartbeat. */
 CanFrame wire_alive_frame(Wire *wire, const MasterAlive *master);
 
-/* Time as it should pass: a tick every 10 ms, a living master. */
+/* Normal operation: a tick every 10 ms, a living master. */
 void wire_live(Wire *wire, int ticks);
 
 /* Sends a request and lives until its answer is there or nothing comes. */

@@ -1,4 +1,4 @@
-/* The four nodes of the emulated bench on one world, and the HAL that joins them.
+/* The emulator: the four nodes of the bench on one world, and the HAL that joins them.
  *
  * All memory is taken by bench_create. With a folder, journals and surface are files there that outlive the process:
  * journal-head.bin, journal-stage.bin, journal-cure.bin, journal-profiler.bin, surface.bin. */
@@ -35,14 +35,14 @@ BenchOptions bench_defaults(void);
  * purge_ms, gate_ms, one_node, lamp_limit_ms. False: no such name, or not a value for it. */
 bool bench_set(BenchOptions *options, const char *name, double value);
 
-/* NULL: no memory, or a file in `folder` could not be made or belongs to another grid; `why` says so. */
+/* NULL: no memory, or a file in `folder` could not be made or belongs to another grid; `why` gets the message. */
 Bench *bench_create(const BenchOptions *options, const char *folder, char *why, size_t room);
 void bench_delete(Bench *bench);
 
-/* Power-up of a node; what it is doing ends as in a power failure. */
+/* Power-up of a node; a step under way ends as in a power failure. */
 void bench_power_up(Bench *bench, int node, uint32_t now);
 
-/* Time goes on for the world and every node. */
+/* Advances the world and every node to `now`. */
 void bench_tick(Bench *bench, uint32_t now);
 
 Node *bench_node(Bench *bench, int node);

@@ -83,7 +83,7 @@ static bool begin(void *context, const Work *work) {
     return true;
 }
 
-/* What the work has done by now: all of it, or the share of it that time allowed. */
+/* Ends the work: all of it is done, or the share that time allowed. */
 static bool finish(Board *board, double share) {
     World *world = board->world;
     board->working = false;

@@ -17,32 +17,32 @@
 #include <termios.h>
 #include <unistd.h>
 
-enum { READ_AT_ONCE = 2048, NOBODY = -1 };
+enum { READ_AT_ONCE = 2048, NO_FILE = -1 };
 static const char BEL[] = "\a";
 
 void hub_init(Hub *hub) {
-    hub->listener = hub->kept_open = NOBODY;
+    hub->listener = hub->kept_open = NO_FILE;
     for (int k = 0; k < HUB_CLIENTS; k++)
-        hub->client[k].file = NOBODY;
+        hub->client[k].file = NO_FILE;
 }
 
 static void put_off(HubClient *client) {
-    if (client->terminal) { /* its device stays; whoever opens it next begins anew */
+    if (client->terminal) { /* its device stays; the next user starts from a reset adapter */
         slcan_init(&client->slcan);
         client->used = 0;
         return;
     }
     close(client->file);
-    client->file = NOBODY;
+    client->file = NO_FILE;
 }
 
 void hub_close(Hub *hub) {
     for (int k = 0; k < HUB_CLIENTS; k++)
-        if (hub->client[k].file != NOBODY)
+        if (hub->client[k].file != NO_FILE)
             close(hub->client[k].file);
-    if (hub->listener != NOBODY)
+    if (hub->listener != NO_FILE)
         close(hub->listener);
-    if (hub->kept_open != NOBODY)
+    if (hub->kept_open != NO_FILE)
         close(hub->kept_open);
     hub_init(hub);
 }
@@ -55,7 +55,7 @@ static bool do_not_block(int file) {
 static HubClient *add_client(Hub *hub, int file, bool terminal, uint32_t now) {
     for (int k = 0; k < HUB_CLIENTS; k++) {
         HubClient *client = &hub->client[k];
-        if (client->file != NOBODY)
+        if (client->file != NO_FILE)
             continue;
         client->file = file;
         client->terminal = terminal;
@@ -120,7 +120,7 @@ static void put(HubClient *client, const char *bytes, size_t length) {
 static void put_except(Hub *hub, const char *bytes, size_t length, const HubClient *sender) {
     for (int k = 0; k < HUB_CLIENTS; k++) {
         HubClient *client = &hub->client[k];
-        if (client->file != NOBODY && client != sender && client->slcan.open && !client->bus_off)
+        if (client->file != NO_FILE && client != sender && client->slcan.open && !client->bus_off)
             put(client, bytes, length);
     }
 }
@@ -141,18 +141,18 @@ void hub_send_line(Hub *hub, const char *bytes, size_t length) {
 void hub_unplug(Hub *hub, int client, uint32_t refusals) {
     HubClient *gone = &hub->client[client];
     hub->refusals = refusals;
-    if (gone->file == NOBODY)
+    if (gone->file == NO_FILE)
         return;
-    if (gone->terminal && hub->kept_open != NOBODY) {
+    if (gone->terminal && hub->kept_open != NO_FILE) {
         close(hub->kept_open);
-        hub->kept_open = NOBODY;
+        hub->kept_open = NO_FILE;
     }
     gone->terminal = false;
     put_off(gone);
 }
 
 void hub_bus_off(Hub *hub, int client, uint32_t times) {
-    hub->client[client].bus_off = hub->client[client].file != NOBODY;
+    hub->client[client].bus_off = hub->client[client].file != NO_FILE;
     hub->relapses = times - 1;
 }
 
@@ -203,7 +203,7 @@ static void take_bytes(Hub *hub, HubClient *client, HubTake *take, void *context
         send_except(hub, &event.frame, client);
         hub->sender = (int)(client - hub->client);
         take(context, &event.frame);
-        if (client->file == NOBODY) /* unplugged meanwhile */
+        if (client->file == NO_FILE) /* unplugged meanwhile */
             return;
     }
 }
@@ -236,6 +236,6 @@ void hub_turn(Hub *hub, int wait_ms, uint32_t now, HubTake *take, void *context)
             welcome(hub, now);
     }
     for (int k = 0; k < HUB_CLIENTS; k++)
-        if (hub->client[k].file != NOBODY)
+        if (hub->client[k].file != NO_FILE)
             flush(&hub->client[k], now);
 }

@@ -1,7 +1,7 @@
 /* A CAN bus of serial adapters (slcan) on this machine: each client of a TCP port on 127.0.0.1, or the one behind a
- * pseudo-terminal, is an adapter on the same bus and sees what all others send. The bus waits for nobody: frames for a
- * client whose buffer is full are dropped and counted, as an adapter does, and who does not read for HUB_PATIENCE is
- * put off. It is as fast as the machine, not as a bit rate. POSIX. */
+ * pseudo-terminal, is an adapter on the same bus and sees what all others send. The bus never waits: frames for a
+ * client whose buffer is full are dropped and counted, as an adapter does, and a client that does not read for
+ * HUB_PATIENCE is disconnected. The bus is as fast as the machine; no bit rate is emulated. POSIX. */
 #ifndef INKLOOP_HUB_H
 #define INKLOOP_HUB_H
 
@@ -14,9 +14,9 @@
 enum { HUB_CLIENTS = 8, HUB_BUFFER = 65536, HUB_PATIENCE = 10000 /* ms */ };
 
 typedef struct {
-    int file; /* -1: nobody */
+    int file; /* -1: none */
     bool terminal;
-    bool bus_off;   /* until its channel is closed: nothing comes in, and what it is told to send is refused with BEL */
+    bool bus_off;   /* until its channel is closed: it receives nothing and refuses to send with BEL */
     bool relapsing; /* it goes bus-off again with the next frame that it sends */
     Slcan slcan;
     uint32_t dropped;  /* frames */
@@ -27,7 +27,7 @@ typedef struct {
 
 typedef struct {
     int listener;  /* -1: none */
-    int kept_open; /* the other end of the pseudo-terminal, so that it stays when its user leaves; -1: none */
+    int kept_open; /* the other end of the pseudo-terminal, so that it outlives its user; -1: none */
     HubClient client[HUB_CLIENTS];
     int sender;        /* whose frame is handed on */
     uint32_t refusals; /* connections that will be closed as soon as they are made */

@@ -29,7 +29,7 @@ typedef struct {
     uint16_t port;
     bool terminal, until_stdin_closes;
     Faults *faults;
-    char why[TEXT]; /* a fault is not understood */
+    char why[TEXT]; /* message about a fault that is not understood */
 } Options;
 
 typedef struct {
@@ -84,7 +84,7 @@ static bool read_fault(Options *options, const char *text) {
     return faults_add(options->faults, text, options->why, sizeof options->why);
 }
 
-/* The argument that is wrong, NULL if none. */
+/* The first argument that is not understood, NULL if none. */
 static const char *read_arguments(Options *options, int count, char **arguments) {
     for (int k = 1; k < count; k++) {
         const char *argument = arguments[k];
@@ -108,7 +108,7 @@ static const char *read_arguments(Options *options, int count, char **arguments)
     return NULL;
 }
 
-/* A frame that has come through. */
+/* Takes a frame behind the wire faults. */
 static void deliver(void *context, Way way, const CanFrame *frame) {
     Nodes *nodes = context;
     if (way == FROM_NODES) {

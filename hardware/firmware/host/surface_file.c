@@ -42,8 +42,8 @@ const char *surface_file_read(World *world, const char *path) {
     fclose(file);
     world->scans = head[2];
     if (!known)
-        return "surface.bin is no surface of a bench; choose another folder or remove it";
+        return "surface.bin is not a surface of the emulator; choose another folder or remove it";
     if (!fits)
-        return "surface.bin has another number of cells than nx and ny say; choose another folder or remove it";
-    return whole ? NULL : "surface.bin is cut off; remove it and the journals to begin anew";
+        return "surface.bin has another number of cells than nx and ny; choose another folder or remove it";
+    return whole ? NULL : "surface.bin is cut off; remove it and the journals to start again";
 }

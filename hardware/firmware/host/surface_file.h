@@ -10,7 +10,7 @@ enum { SURFACE_PATH_ROOM = 4096 }; /* bytes of the longest path with its 0 */
 /* Replaces the file as a whole; nothing for the path "". False: it could not be written. */
 bool surface_file_write(const World *world, const char *path);
 
-/* Resumes with the surface of the file, if there is one. NULL, or what is wrong with it. */
+/* Resumes with the surface of the file, if there is one. NULL, or the error message. */
 const char *surface_file_read(World *world, const char *path);
 
 #endif

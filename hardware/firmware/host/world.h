@@ -1,8 +1,8 @@
-/* What lies under the emulated nodes: a substrate, droplets, a gate, a lamp, a stage and a profile sensor.
+/* The printer below the emulated nodes: a substrate, droplets, a gate, a lamp, a stage and a profile sensor.
  *
  * Surface and readings are those of the FMUs LayerDeposition and ProfileSensor, from the same kernels. Not modelled:
- * heat, cure dose, ink that is still wet, a stage that loses steps; a pass that ends midway has printed the lines along
- * x that its share of the time reached. */
+ * heat, cure dose, ink that is still wet, a stage that loses steps; a pass that is interrupted has printed the lines
+ * along x that its share of the time reached. */
 #ifndef INKLOOP_WORLD_H
 #define INKLOOP_WORLD_H
 
@@ -15,7 +15,7 @@
 #include "layer_map.h"
 #include "reading.h"
 
-enum { /* what can be broken, one bit each */
+enum { /* defects, one bit each */
        BROKEN_GATE_STAYS_OPEN = 1,
        BROKEN_GATE_STAYS_CLOSED = 2,
        BROKEN_LAMP_STAYS_ON = 4,

@@ -9,13 +9,13 @@
 
 #include "pattern.h"
 
-/* Wired inputs, seen by every node: the cure lamp and the head must each know what the other does without the bus. */
+/* Wired inputs of every node: the cure lamp and the head must see each other's state without the bus. */
 enum {
     LINE_GATE_CLOSED = 1, /* end switch: the gate between lamp and nozzles is closed */
-    LINE_GATE_OPEN = 2,   /* end switch: it is open; neither: it is on its way, or broken */
+    LINE_GATE_OPEN = 2,   /* end switch: it is open; neither: it is moving, or broken */
     LINE_LAMP_ON = 4,     /* current of the cure lamp */
     LINE_READY = 8,       /* ink temperature and back pressure are in their ranges */
-    LINE_HOMED = 16       /* the stage knows where it is */
+    LINE_HOMED = 16       /* the stage has been homed */
 };
 
 typedef enum { WORK_HOME, WORK_MOVE, WORK_PURGE, WORK_JET, WORK_SCAN } WorkKind;
@@ -38,7 +38,7 @@ typedef struct {
 typedef struct {
     void *context; /* first argument of all of these */
 
-    /* Non-volatile memory: `sectors` of `sector_bytes`, 0xFF where erased. A write may be torn by a power failure. */
+    /* Non-volatile memory: `sectors` of `sector_bytes`, 0xFF where erased. A power failure may tear a write. */
     uint32_t sectors, sector_bytes;
     bool (*storage_read)(void *context, uint32_t offset, uint8_t *to, uint32_t length);
     bool (*storage_write)(void *context, uint32_t offset, const uint8_t *from, uint32_t length);

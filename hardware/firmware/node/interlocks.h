@@ -1,5 +1,5 @@
-/* What a node enforces by itself, whatever it was asked: the lamp only with the gate confirmed closed and never longer
- * than its limit, nothing energised without a living master that enables it, and off means off. */
+/* The interlocks, which a node enforces whatever it is asked: the lamp only with the gate confirmed closed and never
+ * longer than its limit, nothing energised without a living master that enables it, and off means off. */
 #ifndef INKLOOP_INTERLOCKS_H
 #define INKLOOP_INTERLOCKS_H
 
@@ -8,17 +8,17 @@
 /* Lamp off, gate closed, jets off, stage held. */
 void interlocks_all_off(Node *node);
 
-/* What has gone wrong by itself, CAUSE_NONE if nothing; at each tick, before anything else. */
+/* Checks all interlocks; CAUSE_NONE, or the first that is broken. Call at each tick, before anything else. */
 Cause interlocks_watch(const Node *node);
 
-/* Takes a MasterAlive, unless another master lives; what follows from it. */
+/* Accepts a MasterAlive, unless another master lives. CAUSE_NONE, or why the node has to go off. */
 Cause interlocks_take_master(Node *node, const MasterAlive *master);
 
-/* The lamp goes on only through here; false, and nothing done, unless the gate is confirmed closed. */
+/* The only way to switch the lamp on; false, with no effect, unless the gate is confirmed closed. */
 bool interlocks_lamp_on(Node *node);
 void interlocks_lamp_off(Node *node);
 
-/* The gate opens only through here; false, and nothing done, while the lamp is on. */
+/* The only way to open the gate; false, with no effect, while the lamp is on. */
 bool interlocks_gate_open(Node *node);
 void interlocks_gate_close(Node *node);
 

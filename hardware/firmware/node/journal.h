@@ -1,8 +1,8 @@
-/* What a node must not forget: a ring of records in non-volatile memory.
+/* The journal of a node, which outlives a power failure: a ring of records in non-volatile memory.
  *
  * Every record carries the whole progress (which layer, which passes) besides the event, so that the newest
  * readable record alone says where the node is. An INTENT is written before anything is energised, a DONE after it
- * ended; an INTENT that is the newest record at power-up is a step whose outcome nobody knows. A torn record fails its
+ * ended; an INTENT that is the newest record at power-up is a step whose outcome is unknown. A torn record fails its
  * CRC and counts as never written: nothing had been energised then (INTENT), or the outcome is unknown (DONE). */
 #ifndef INKLOOP_JOURNAL_H
 #define INKLOOP_JOURNAL_H
@@ -15,16 +15,16 @@ typedef enum {
     RECORD_BOOT = 1, /* power-up; its progress holds what became unknown */
     RECORD_PATTERN,  /* a pattern was verified: the progress holds its layer, passes and CRC */
     RECORD_INTENT,   /* a step begins */
-    RECORD_DONE,     /* it has ended as it should */
-    RECORD_UNKNOWN,  /* it was given up midway */
-    RECORD_CLEAR     /* a person has released the node */
+    RECORD_DONE,     /* it was completed */
+    RECORD_UNKNOWN,  /* it was interrupted */
+    RECORD_CLEAR     /* a person has cleared the node */
 } RecordKind;
 
 typedef enum { STEP_NONE, STEP_HOME, STEP_MOVE, STEP_PURGE, STEP_PASS, STEP_CURE, STEP_SCAN, STEP_SELF_TEST } StepKind;
 
 enum {
     LAYER_ABANDONED = 1,    /* the layer is not to be finished */
-    LAYER_CURE_UNKNOWN = 2, /* a cure was given up midway and not repeated yet */
+    LAYER_CURE_UNKNOWN = 2, /* a cure was interrupted and not repeated yet */
     LAYER_ACKNOWLEDGED = 4  /* a person knows of the unknown step */
 };
 
@@ -34,7 +34,7 @@ typedef struct {
     uint32_t pattern_crc;
     uint8_t passes;  /* of the layer; 0: no pattern belongs to it */
     uint8_t done;    /* bit p: pass p was jetted */
-    uint8_t unknown; /* bit p: pass p was begun, and nobody knows how far it came */
+    uint8_t unknown; /* bit p: pass p was interrupted: how far it came is not known */
     uint8_t cured;   /* bit p: pass p was cured */
     uint8_t flags;   /* LAYER_... */
     uint16_t boots;
@@ -53,7 +53,7 @@ typedef struct {
     const Hal *hal;
     uint32_t next; /* slot of the next record */
     Record newest; /* number 0: none yet */
-    bool damaged;  /* storage refuses writes: nothing may be energised any more */
+    bool damaged;  /* storage refuses writes: nothing may be energised until power-up */
 } Journal;
 
 /* Finds the newest record. */

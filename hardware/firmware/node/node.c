@@ -22,7 +22,7 @@ static bool is_open_question(const LayerProgress *progress) {
     return (progress->unknown != 0 || progress->flags & LAYER_CURE_UNKNOWN) && !(progress->flags & LAYER_ACKNOWLEDGED);
 }
 
-/* SAFE where the master's word is missing or says stop, FAULT where the device does not do what it should. */
+/* SAFE when the master is missing, ambiguous or asks for a stop; FAULT when a device or the journal fails. */
 static NodeState state_after(Cause cause) {
     switch (cause) {
     case CAUSE_MASTER_LOST:
@@ -36,7 +36,8 @@ static NodeState state_after(Cause cause) {
     }
 }
 
-/* Everything off; what was under way is unknown. A FAULT is kept. The next cause, if the journal refuses to hold it. */
+/* Switches everything off; a pass or cure under way is unknown. A FAULT is kept. CAUSE_NONE, or CAUSE_JOURNAL_DAMAGED
+ * if the unknown step cannot be recorded. */
 static Cause de_energise(Node *node, Cause cause) {
     const NodeState state = state_after(cause);
     interlocks_all_off(node);
@@ -64,7 +65,7 @@ static Cause de_energise(Node *node, Cause cause) {
     return CAUSE_NONE;
 }
 
-/* The one place where a cause takes effect: every function by which something reaches the node ends here. */
+/* The only place where a cause takes effect: every function that hands the node an input ends here. */
 static void enforce(Node *node, Cause cause) {
     while (cause != CAUSE_NONE)
         cause = de_energise(node, cause);
@@ -120,7 +121,7 @@ size_t node_request(Node *node, uint32_t now, const uint8_t *request, size_t len
     const size_t answered = services_answer(node, request, length, answer, room, &cause);
     const uint8_t waiting = node->answer_length;
     enforce(node, cause);
-    node->answer_length = waiting; /* `answer` refuses what was given up just now */
+    node->answer_length = waiting; /* `answer` already refuses the step that was given up */
     return answered;
 }
 

@@ -4,7 +4,7 @@
  *          -> SCANNING -> MAP_READY -> RECEIVING of the next layer;   FAULT and SAFE from anywhere
  *
  * A node has one role or several; states of roles it does not have are left out. All parts of the node read and change
- * this one struct; none of them sets SAFE or FAULT: they return a Cause, and node.c acts on it. */
+ * this struct, but none of them sets SAFE or FAULT: they return a Cause, and node.c acts on it. */
 #ifndef INKLOOP_NODE_STATE_H
 #define INKLOOP_NODE_STATE_H
 
@@ -43,12 +43,12 @@ typedef enum {
     CAUSE_SCAN_FAILED = 14,
     CAUSE_JOURNAL_DAMAGED = 16,
     CAUSE_PASS_UNKNOWN
-} Cause; /* value table "Fault" of inkloop.dbc; 9, 10, 13 and 15 mean nothing */
+} Cause; /* value table "Fault" of inkloop.dbc; 9, 10, 13 and 15 are not used */
 
 enum { ROLE_HEAD = 1, ROLE_STAGE = 2, ROLE_CURE = 4, ROLE_PROFILER = 8 };
 enum { ENABLE_LAMP = 1, ENABLE_GATE = 2, ENABLE_MOTION = 4 };
 
-/* Every length of time that a node enforces by itself [ms]. */
+/* Time limits that a node enforces [ms]. */
 typedef struct {
     uint32_t alive;   /* without MasterAlive: everything off */
     uint32_t lamp;    /* longest pulse of the lamp */
@@ -89,16 +89,16 @@ typedef struct {
     uint8_t colour;      /* of a pass */
     uint32_t lamp_ms;    /* of a cure */
     uint32_t began;      /* [ms] */
-    uint32_t expires_in; /* after `began` [ms]: what enabled it holds no longer */
+    uint32_t expires_in; /* after `began` [ms]: the step takes too long */
     uint32_t phase_began;
-    uint32_t said_busy;
+    uint32_t busy_sent_at;
 } Step;
 
 typedef struct {
     bool active, upload;
     uint8_t next_counter;
-    bool any;                       /* at least one block went through: its repeat is answered as it was */
-    bool ended;                     /* the last transfer ended well: its end may be asked for again */
+    bool any;                       /* at least one block was transferred: its repeat gets the same answer */
+    bool ended;                     /* the last transfer succeeded: its exit may be repeated */
     uint32_t size, done, last_size; /* bytes: of all blocks, so far, of the newest block */
     uint32_t crc, crc_before;       /* of the bytes so far; without the newest block */
     uint16_t layer;
@@ -106,7 +106,7 @@ typedef struct {
     NodeState before;
 } Transfer;
 
-/* When the node saw or did what its interlocks are about [ms of its clock]. */
+/* Times of the events that the interlocks depend on [ms of the node's clock]. */
 typedef struct {
     uint32_t master_alive, safe, lamp_on, lamp_off, gate_opened, gate_closed;
 } NodeTimes;
@@ -123,7 +123,7 @@ typedef struct {
     uint8_t scan_attempt;
     NodeState state;
     Cause cause;
-    bool needs_operator; /* clear is refused unless a person is behind it */
+    bool needs_operator; /* clear is refused unless a person confirms it */
     bool stop_active, supervised;
     bool lamp_driven, gate_driven;
     MasterAlive master;
@@ -131,7 +131,7 @@ typedef struct {
     uint32_t other_master_ms;
     uint32_t now;
     Step step;
-    uint16_t last_routine; /* the last one of those that the journal does not hold */
+    uint16_t last_routine; /* the last one that is not journalled */
     Key last_key;
     Transfer transfer;
     NodeTimes times;

@@ -2,7 +2,7 @@
  *
  * Transferred: an 8-byte head (version 1, bits per cell 1 or 2, nx, ny, passes 1 or 4, 0), then the cells in C order,
  * most significant bits first, without padding of lines: 0 none, 1 material A, 2 material B. Optionally the cells are
- * run-length coded: a byte c below 128 is followed by c + 1 bytes as they are, any other by one byte that stands
+ * run-length coded: a byte c below 128 is followed by c + 1 bytes as they are, any other by one byte that is repeated
  * c - 126 times. */
 #ifndef INKLOOP_PATTERN_H
 #define INKLOOP_PATTERN_H
@@ -23,13 +23,14 @@ typedef struct {
     uint8_t head_filled;
     bool run_length;
     uint8_t literal; /* bytes still to come as they are */
-    uint8_t repeat;  /* how often the next byte stands; 0: the next byte is a count */
+    uint8_t repeat;  /* repetitions of the next byte; 0: the next byte is a count */
 } Pattern;
 
 /* Forgets what was there; cells arrive next. */
 void pattern_begin(Pattern *pattern, bool run_length);
 
-/* Takes the next bytes; false when the head is not one this node can print or there are more cells than it says. */
+/* Takes the next bytes; false when this node cannot print a pattern with such a head, or when more cells come than it
+ * announces. */
 bool pattern_take(Pattern *pattern, const uint8_t *bytes, size_t length);
 
 /* Bytes of the packed cells. */

@@ -125,7 +125,7 @@ static uint8_t conditions_of_self_test(const Node *node, uint16_t lamp_ms) {
     return dark && interlocks_enabled(node, ENABLE_GATE) ? UDS_OK : UDS_CONDITIONS;
 }
 
-/* What forbids to begin now: first the order of the layer, then what is enabled and confirmed. */
+/* Why it cannot begin now: first the order of the layer, then what is enabled and confirmed. UDS_OK if it can. */
 static uint8_t refusal_of(const Node *node, StepKind kind, const Key *key, uint16_t option) {
     uint8_t code = UDS_OK;
     if (kind == STEP_PASS)

@@ -1,17 +1,17 @@
-/* Routines (0x31): what the node is to do, each for one (job, layer, pass, attempt).
+/* Routines (0x31): the steps of the node, each for one (job, layer, pass, attempt).
  *
  *     31 01 routine (2) job (4) layer (2) pass attempt [option]   begin: answered when done, 7F 31 78 meanwhile
- *     31 03 routine (2) job (4) layer (2) pass attempt            what is known of it; changes nothing
+ *     31 03 routine (2) job (4) layer (2) pass attempt            its outcome; changes nothing
  *     71 kind routine (2) outcome job (4) layer (2) pass attempt
  *
  * A pass, cure or scan that is done is answered "done before" and nothing is changed, whatever the attempt (a scan: of
- * the same attempt; a higher one scans anew). Homing, move and purge: if nothing else of them came in between.
+ * the same attempt; a higher one scans again). The same holds for homing, move and purge, if it was the last of them.
  *
- *     clear    option: 1 a person is there and releases the node, 2 the open layer is given up, 3 both
+ *     clear    option: 1 a person confirms, 2 the open layer is abandoned, 3 both
  *     pass     option: colour 0-3, cells (i, j) with 2 * (i % 2) + j % 2 equal to it; 255 all, for layers of one pass
  *     cure     option (2): milliseconds
  *     move     option: station 0 home, 1 print, 2 cure, 3 scan
- *     dry run  option: 1 from now on nothing is jetted, lit or written to the journal; 0 back to what was before */
+ *     dry run  option: 1 begins a dry run: nothing is jetted, lit or written to the journal; 0 ends it */
 #ifndef INKLOOP_ROUTINES_H
 #define INKLOOP_ROUTINES_H
 

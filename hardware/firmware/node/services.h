@@ -2,7 +2,7 @@
  *
  * F195 version: text of the firmware.
  *
- * 0100 state: state, cause, roles, flags (1 a person is needed to clear, 2 stop request, 4 pattern in memory, 8 dry
+ * 0100 state: state, cause, roles, flags (1 a person has to confirm clear, 2 stop request, 4 pattern in memory, 8 dry
  * run, 16 map ready, 32 journal damaged), job (4), layer (2), passes of the layer, masks of passes done, unknown,
  * cured, flags of the layer (journal.h), step under way, boots (2), session (2), CRC of the pattern (4), clock (4),
  * gate pulses since power-up (4).
@@ -14,7 +14,7 @@
  *
  * 0103 map: bytes to upload (4), nx (2), ny (2).
  *
- * 0104 transfer: flags (1 under way, 2 upload), counter of the next block, layer (2), job (4), bytes that went through
+ * 0104 transfer: flags (1 under way, 2 upload), counter of the next block, layer (2), job (4), bytes transferred
  * (4), of (4).
  *
  * 0110 journal: records of 40 bytes, newest first, as many as fit: number (4), kind, step, pass, attempt, job (4),

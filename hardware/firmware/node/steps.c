@@ -13,7 +13,7 @@ static uint32_t limit_of(const Node *node, StepKind kind, uint16_t option) {
     case STEP_PASS:
         return limits->pass + 2 * limits->gate;
     case STEP_CURE:
-        return option + limits->gate; /* the lamp goes out by itself; then it must be seen to be out */
+        return option + limits->gate; /* the lamp switches off at `option`; then its line must show it */
     case STEP_SELF_TEST:
         return option + 2 * limits->gate;
     case STEP_SCAN:
@@ -79,7 +79,7 @@ static Cause cause_of(StepKind kind) {
     }
 }
 
-/* Cure and scan may be the first a node hears of a layer; what was under way of another one is over. */
+/* Starts the layer of a cure or scan, if it is new to this node; a transfer of the layer before is ended. */
 static void open_layer(Node *node, StepKind kind, const Key *key) {
     LayerProgress *progress = &node->progress;
     const bool same = progress->job == key->job && progress->layer == key->layer;
@@ -106,7 +106,7 @@ Cause steps_begin(Node *node, StepKind kind, uint16_t routine, const Key *key, u
                         .began = node->now,
                         .expires_in = limit_of(node, kind, option),
                         .phase_began = node->now,
-                        .said_busy = node->now};
+                        .busy_sent_at = node->now};
     return energise(node, option) ? CAUSE_NONE : cause_of(kind);
 }
 
@@ -131,7 +131,7 @@ static void answer_done(Node *node) {
     node->step.kind = STEP_NONE;
 }
 
-/* Writes the DONE of what has just ended. */
+/* Writes the DONE of the step that has just ended. */
 static Cause note_done(Node *node) {
     const Step *step = &node->step;
     LayerProgress *progress = &node->progress;
@@ -181,7 +181,7 @@ static Cause continue_cure(Node *node) {
     return CAUSE_NONE;
 }
 
-/* The gate to its one end and back, or the lamp for a moment: nothing is jetted, and no layer knows of it. */
+/* Moves the gate to its open end and back, or lights the lamp briefly: nothing is jetted, no layer is changed. */
 static Cause continue_self_test(Node *node) {
     const uint32_t lasted = node->now - node->step.phase_began;
     const bool expired = lasted >= node->options.limits.gate;
@@ -238,9 +238,9 @@ static Cause continue_step(Node *node) {
 Cause steps_continue(Node *node) {
     const Cause cause = node->step.kind == STEP_NONE ? CAUSE_NONE : continue_step(node);
     const bool under_way = cause == CAUSE_NONE && node->step.kind != STEP_NONE;
-    if (under_way && node->now - node->step.said_busy >= node->options.limits.pending) {
+    if (under_way && node->now - node->step.busy_sent_at >= node->options.limits.pending) {
         node->answer_length = (uint8_t)uds_refusal(node->answer, UDS_ROUTINE_CONTROL, UDS_PENDING);
-        node->step.said_busy = node->now;
+        node->step.busy_sent_at = node->now;
     }
     return cause;
 }

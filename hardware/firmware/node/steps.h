@@ -8,10 +8,10 @@
  * pass, milliseconds of a cure, station of a move. CAUSE_NONE, or why it has to be given up. */
 Cause steps_begin(Node *node, StepKind kind, uint16_t routine, const Key *key, uint16_t option);
 
-/* Goes on with it; its answer is ready when it has ended. CAUSE_NONE, or why it has to be given up. */
+/* Continues it; its answer is ready when it has ended. CAUSE_NONE, or why it has to be given up. */
 Cause steps_continue(Node *node);
 
-/* Forgets it; its answer says that it failed. Actuators are the caller's. */
+/* Drops it and answers that it failed. The caller switches the actuators off. */
 void steps_give_up(Node *node);
 
 /* Whether its DONE is in the journal. */

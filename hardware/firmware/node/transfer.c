@@ -15,8 +15,8 @@ static size_t accepted(uint8_t *answer, uint8_t service) {
     return 4;
 }
 
-/* What is wrong with the form of 0x34 or 0x35, UDS_OK if nothing. */
-static uint8_t fault_of_form(const Node *node, const uint8_t *request, size_t length, uint8_t role) {
+/* Checks the form of 0x34 or 0x35; UDS_OK, or the code that refuses it. */
+static uint8_t check_form(const Node *node, const uint8_t *request, size_t length, uint8_t role) {
     if (!node_has(node, role))
         return UDS_NOT_ACCEPTED;
     if (length != REQUEST_BYTES)
@@ -38,7 +38,7 @@ static void begin(Node *node, bool upload, uint16_t layer, uint32_t size) {
 }
 
 size_t transfer_download(Node *node, const uint8_t *request, size_t length, uint8_t *answer) {
-    uint8_t code = fault_of_form(node, request, length, ROLE_HEAD);
+    uint8_t code = check_form(node, request, length, ROLE_HEAD);
     if (code == UDS_OK && request[1] != PLAIN && request[1] != RUN_LENGTH)
         code = UDS_OUT_OF_RANGE;
     if (code == UDS_OK)
@@ -49,7 +49,7 @@ size_t transfer_download(Node *node, const uint8_t *request, size_t length, uint
     if (code != UDS_OK)
         return uds_refusal(answer, UDS_DOWNLOAD, code);
     begin(node, false, get_u16(request + 5), size);
-    if (node->transfer.before == NODE_VERIFIED) /* that pattern is overwritten now */
+    if (node->transfer.before == NODE_VERIFIED) /* the download overwrites that pattern */
         node->transfer.before = NODE_IDLE;
     node->pattern_loaded = false;
     pattern_begin(&node->pattern, request[1] == RUN_LENGTH);
@@ -58,7 +58,7 @@ size_t transfer_download(Node *node, const uint8_t *request, size_t length, uint
 }
 
 size_t transfer_upload(Node *node, const uint8_t *request, size_t length, uint8_t *answer) {
-    uint8_t code = fault_of_form(node, request, length, ROLE_PROFILER);
+    uint8_t code = check_form(node, request, length, ROLE_PROFILER);
     if (code == UDS_OK && (node->state != NODE_MAP_READY || get_u16(request + 5) != node->progress.layer))
         code = UDS_SEQUENCE;
     if (code == UDS_OK && (request[1] != PLAIN || get_u32(request + 7) != height_map_bytes(node->hal)))
@@ -91,7 +91,7 @@ static void count(Transfer *transfer, const uint8_t *bytes, uint32_t size) {
     transfer->any = true;
 }
 
-/* As if the newest block had not been asked for. */
+/* Undoes the newest block, which is about to be repeated. */
 static void take_back(Transfer *transfer) {
     transfer->crc = transfer->crc_before;
     transfer->done -= transfer->last_size;
@@ -151,7 +151,7 @@ static size_t exit_answer(const Node *node, uint8_t *answer) {
     return 1 + CRC_BYTES;
 }
 
-/* A whole pattern with the right checksum becomes the layer's; a layer that is begun keeps the one it has. */
+/* Makes a complete pattern that of its layer; a layer that is begun accepts only the pattern it has. */
 static uint8_t adopt_pattern(Node *node, Cause *cause) {
     const Transfer *transfer = &node->transfer;
     LayerProgress *progress = &node->progress;
@@ -172,7 +172,7 @@ static uint8_t adopt_pattern(Node *node, Cause *cause) {
 }
 
 static size_t exit_download(Node *node, const uint8_t *request, uint8_t *answer, Cause *cause) {
-    if (get_u32(request + 1) != node->transfer.crc) /* the whole pattern again */
+    if (get_u32(request + 1) != node->transfer.crc) /* the whole pattern has to be sent again */
         return give_up(node, answer, UDS_TRANSFER_EXIT, UDS_CHECKSUM);
     const uint8_t code = adopt_pattern(node, cause);
     if (code == UDS_FAILED)

@@ -1,11 +1,11 @@
 /* Download of a pattern and upload of a height map (0x34, 0x35, 0x36, 0x37).
  *
- *     34 00 44 layer (4) size (4)   pattern as pattern.h has it; 10 instead of 00: run-length coded. The job is the one
- *                                   that MasterAlive says
+ *     34 00 44 layer (4) size (4)   pattern as pattern.h has it; 10 instead of 00: run-length coded. The job is that
+ *                                   of MasterAlive
  *     35 00 44 layer (4) size (4)   the last scan as height_map.h has it
  *     36 counter bytes...           counter from 1, after 255 comes 0; the newest block may be repeated
  *     36 counter [most (2)]         of an upload: no more than `most` bytes, else as many as fit; a repeat with a lower
- *                                   `most` gives the front of that block, and the next block begins behind it
+ *                                   `most` gives the front of that block, and the next block begins after it
  *     37 crc (4)                    CRC-32 of all bytes as transferred; of an upload: 37 alone, the answer carries it
  */
 #ifndef INKLOOP_TRANSFER_H

@@ -1,4 +1,4 @@
-/* The words of ISO 14229 (UDS) that the node knows, and how its answers are put together. */
+/* Services and codes of ISO 14229 (UDS) that the node knows, and the layout of its answers. */
 #ifndef INKLOOP_UDS_H
 #define INKLOOP_UDS_H
 
@@ -28,9 +28,9 @@ enum { /* negative response codes */
        UDS_SUBFUNCTION_NOT_SUPPORTED = 0x12,
        UDS_LENGTH = 0x13,
        UDS_BUSY = 0x21,
-       UDS_CONDITIONS = 0x22, /* the node is off, not enabled, not ready, not homed, or a person is needed */
+       UDS_CONDITIONS = 0x22, /* the node is off, not enabled, not ready, not homed, or a person has to clear it */
        UDS_SEQUENCE = 0x24,   /* not what comes next */
-       UDS_FAILED = 0x26,     /* begun and given up: the interlocks did it, or the device */
+       UDS_FAILED = 0x26,     /* begun and given up, by an interlock or the device */
        UDS_OUT_OF_RANGE = 0x31,
        UDS_NOT_ACCEPTED = 0x70, /* no download or upload with this node */
        UDS_SUSPENDED = 0x71,    /* more data than announced */
@@ -55,7 +55,7 @@ typedef enum {
     OUTCOME_DONE,        /* by this request */
     OUTCOME_DONE_BEFORE, /* nothing was changed */
     OUTCOME_UNDER_WAY,   /* results only, like those below */
-    OUTCOME_UNKNOWN,     /* begun, and nobody knows how far it came */
+    OUTCOME_UNKNOWN,     /* begun and interrupted: how far it came is not known */
     OUTCOME_NEVER        /* not begun */
 } Outcome;
 

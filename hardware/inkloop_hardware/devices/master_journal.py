@@ -15,6 +15,7 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 
+from inkloop.files import sync_folder
 from inkloop_hardware.errors import HardwareError
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.services import Key
@@ -178,7 +179,7 @@ class MasterJournal:
                     file.truncate(before)
                     raise
             if is_new:
-                _sync_folder(path.parent)
+                sync_folder(path.parent)
         except OSError as error:
             raise JournalError(
                 f"{path}: cannot be written: {error.strerror or error}; the step it is about was not asked "
@@ -213,14 +214,3 @@ def _read(path: Path) -> list[MasterRecord]:
     except OSError as error:
         raise JournalError(f"{path}: cannot be read: {error.strerror or error}") from error
     return records
-
-
-def _sync_folder(folder: Path) -> None:
-    """Have the disk know of a new file; where folders cannot be synced (Windows) the system sees to it."""
-    if os.name == "nt":
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -3,9 +3,10 @@ is one, else fed with inputs.
 
 python tests/support/fmus/fuzzing.py [--seconds N] [target ...]
 
-runs libFuzzer for so many seconds over all targets together. What it learns stays in build/fuzz; an input that breaks a
-law or is caught by a sanitizer is kept there and named. Mend the firmware, then add the input, small and under a name
-that says what it found, to hardware/firmware/fuzz/corpus; what an FMU did becomes a test in contract/test_fmu_fuzz.py.
+runs libFuzzer for so many seconds over all targets together. What it learns stays in build/fuzz; an input that violates
+an invariant or is caught by a sanitizer is kept there and named. Correct the firmware, then add the input, small and
+named after what it found, to hardware/firmware/fuzz/corpus; what an FMU did becomes a test in
+contract/test_fmu_fuzz.py.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from typing import Self
 from support.benches.node_bench import CORE, FIRMWARE, PLACES, ROOT, WIRE, write_codec
 
 TARGETS = ("frames", "isotp", "services", "slcan")
-PARTS = ("asking", "board", "laws", "requests", "wire")
+PARTS = ("asking", "board", "invariants", "requests", "wire")
 FUZZ = FIRMWARE / "fuzz"
 CORPUS = FUZZ / "corpus"
 CLANGS = ("clang", *(f"clang-{version}" for version in range(22, 13, -1)))
@@ -84,7 +85,7 @@ def corpus(target: str) -> list[Path]:
 
 
 class Replay:
-    """A target as a process that is fed inputs; one that breaks a law ends it."""
+    """A target as a process that is fed inputs; one that violates an invariant ends it."""
 
     def __init__(self, program: Path) -> None:
         self.program = program
@@ -105,7 +106,7 @@ class Replay:
         return said or f"the process ended with {process.returncode}" if process.returncode else said
 
     def feed(self, given: bytes) -> str:
-        """'' if all laws held, else what was broken."""
+        """'' if all invariants held, else the message."""
         if self.process is None:
             pipe = subprocess.PIPE
             self.process = subprocess.Popen([self.program], stdin=pipe, stdout=pipe, stderr=pipe)

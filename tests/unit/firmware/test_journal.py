@@ -247,5 +247,5 @@ def test_journal_and_surface_outlive_the_process(tmp_path) -> None:
     with pytest.raises(ValueError, match="another number of cells"):
         NodeBench(folder=tmp_path, nx=10)
     (tmp_path / "surface.bin").write_bytes(b"a picture")
-    with pytest.raises(ValueError, match="no surface of a bench"):
+    with pytest.raises(ValueError, match="not a surface of the emulator"):
         NodeBench(folder=tmp_path)

@@ -1,4 +1,4 @@
-/* A fault that was asked for: what, on which frames or at which step, how often. Text:
+/* A requested fault: which, on which frames or at which step, how often. Text:
  *
  *     KIND[:key=value,...]     loss:probability=1e-3    burst:id=0x640,nth=40    reboot:node=head,step=pass,layer=2
  *
@@ -43,8 +43,8 @@ enum { ANY = -1, FAULTS_MAX = 16, STANDARD_IDS = CAN_ID_MAX + 1 };
 typedef struct {
     FaultKind kind;
     double probability;  /* of each frame; 0: once, at the nth */
-    uint32_t nth, count; /* the nth that fits, and so many in a row; nth 0: the first, an event at once */
-    uint32_t frames;     /* how long: frames that overtake a delayed one, MasterAlive frames of a death; 0: for ever */
+    uint32_t nth, count; /* from the nth that fits, this many in a row; nth 0: the first, an event at once */
+    uint32_t frames; /* how long: frames that overtake a delayed one, MasterAlive frames of a death; 0: without end */
     int32_t way, id, node, service, byte;
     int32_t layer, pass, step; /* it waits until a node is in such a step; ANY: it does not wait */
     int32_t seed;
@@ -60,7 +60,7 @@ typedef struct {
     uint32_t count;
 } Faults;
 
-/* Arms what waited for a step that a node is in now. Call once per turn. */
+/* Arms the faults that waited for a step that a node is in now. Call once per turn. */
 void faults_arm(Faults *faults, Bench *bench);
 
 /* Whether a frame on its way is hit. */

@@ -18,7 +18,7 @@ static const char *const STEP_NAMES[] = {"none", "home",      "move",     "purge
 
 typedef struct {
     const char *name;
-    const char *const *words; /* NULL: a number */
+    const char *const *choices; /* NULL: a number */
     size_t at;
     double least, most;
 } KeyOf;
@@ -43,12 +43,12 @@ static bool read_number(const char *text, double least, double most, double *num
 
 static bool read_choice(const KeyOf *key, const char *text, int32_t *to) {
     double number;
-    for (int k = 0; key->words && key->words[k]; k++)
-        if (strcmp(key->words[k], text) == 0) {
+    for (int k = 0; key->choices && key->choices[k]; k++)
+        if (strcmp(key->choices[k], text) == 0) {
             *to = k;
             return true;
         }
-    if (key->words || !read_number(text, key->least, key->most, &number))
+    if (key->choices || !read_number(text, key->least, key->most, &number))
         return false;
     *to = (int32_t)number;
     return true;
@@ -128,8 +128,8 @@ bool fault_read(Fault *fault, const char *text, char *why, size_t room) {
         const int read = whole ? read_pair(fault, name, value) : -1;
         if (read == 1)
             continue;
-        snprintf(why, room, "%s=%s of %s is %s", name, whole ? value : "", KINDS[fault->kind],
-                 read < 0 ? "no key of a fault" : "no value of this key");
+        snprintf(why, room, "%s=%s of %s: %s", name, whole ? value : "", KINDS[fault->kind],
+                 read < 0 ? "there is no such key" : "the key does not take this value");
         return false;
     }
     if (fault->probability > 0.0 && fault->nth > 0) {

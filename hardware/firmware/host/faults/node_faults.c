@@ -22,7 +22,7 @@ void node_faults_power_up(NodeFaults *faulty, int node, uint32_t now) {
     node_frames_init(&faulty->frames[node], bench_node(faulty->bench, node), (uint8_t)node);
 }
 
-/* Without power the lamp is dark, a spring closes the gate, and nothing moves. The journal says what it says. */
+/* Without power the lamp is dark, a spring closes the gate, and nothing moves. The journal stays as it is. */
 static void die(NodeFaults *faulty, int node, uint32_t frames) {
     const Hal *hal = &faulty->bench->hal[node];
     const bool lit = node == BENCH_CURE || faulty->bench->options.one_node;
@@ -138,11 +138,11 @@ bool node_faults_intrude(NodeFaults *faulty, const CanFrame *frame, CanFrame *ot
     if (frame->id != INKLOOP_MASTER_ALIVE_FRAME_ID || faulty->intrusions == 0)
         return false;
     faulty->intrusions--;
-    struct inkloop_master_alive_t said = {0};
-    inkloop_master_alive_unpack(&said, frame->data, frame->length);
-    said.session ^= OTHER_SESSION;
+    struct inkloop_master_alive_t signals = {0};
+    inkloop_master_alive_unpack(&signals, frame->data, frame->length);
+    signals.session ^= OTHER_SESSION;
     *other = *frame;
-    inkloop_master_alive_pack(other->data, &said, sizeof other->data);
+    inkloop_master_alive_pack(other->data, &signals, sizeof other->data);
     e2e_protect(other->data, other->length, INKLOOP_MASTER_ALIVE_DATA_ID, faulty->intruder_counter);
     faulty->intruder_counter = e2e_next_counter(faulty->intruder_counter);
     return true;

@@ -1,4 +1,4 @@
-/* What goes wrong in the nodes of the emulated bench and with the adapters on its bus, not on the wire itself. */
+/* Faults in the nodes of the emulator and in the adapters on its bus, not on the wire itself. */
 #ifndef INKLOOP_NODE_FAULTS_H
 #define INKLOOP_NODE_FAULTS_H
 
@@ -31,10 +31,10 @@ void node_faults_init(NodeFaults *faulty, Faults *faults, Bench *bench, Hub *hub
 /* Power for a node: at the start, and after a fault. */
 void node_faults_power_up(NodeFaults *faulty, int node, uint32_t now);
 
-/* Lets all events happen that are due; `frame`: what has just come from an adapter, NULL once per turn. */
+/* Makes all events happen that are due; `frame`: the one that has just come from an adapter, NULL once per turn. */
 void node_faults_happen(NodeFaults *faulty, const CanFrame *frame, uint32_t now);
 
-/* What `node_frames_tick` does, with answers that go wrong; not for a dead node. */
+/* Does what `node_frames_tick` does, with faulty answers; not for a dead node. */
 void node_faults_tick(NodeFaults *faulty, int node, uint32_t now);
 
 /* The MasterAlive of a second master that follows `frame`, if one does. */

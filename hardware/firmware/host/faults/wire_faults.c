@@ -11,7 +11,7 @@ void wire_faults_init(WireFaults *wire, Faults *faults, const WireEnds *ends) {
     wire->ends = *ends;
 }
 
-/* With no room left the frame goes on at once. */
+/* False when there is no room left: the frame is passed on at once. */
 static bool hold(WireFaults *wire, Way way, const CanFrame *frame, uint32_t behind, uint32_t next) {
     for (int k = 0; k < HELD_FRAMES; k++) {
         if (wire->held[k].behind > 0)
@@ -24,11 +24,11 @@ static bool hold(WireFaults *wire, Way way, const CanFrame *frame, uint32_t behi
 
 static void garble(WireFaults *wire, Way way, const CanFrame *frame, const Fault *fault) {
     char line[2 * SLCAN_LINE_MAX];
-    if (way == FROM_NODES) /* the other way the adapter drops such a line by itself */
+    if (way == FROM_NODES) /* in the other direction the adapter drops such a line */
         wire->ends.line(wire->ends.context, line, frame_garble(frame, fault, line));
 }
 
-static void go_on(WireFaults *wire, Way way, CanFrame frame, uint32_t next) {
+static void pass_on(WireFaults *wire, Way way, CanFrame frame, uint32_t next) {
     for (uint32_t k = next; k < wire->faults->count; k++) {
         Fault *fault = &wire->faults->fault[k];
         if (!fault_hits_frame(fault, way, &frame))
@@ -38,7 +38,7 @@ static void go_on(WireFaults *wire, Way way, CanFrame frame, uint32_t next) {
             frame_corrupt(&frame, fault);
             break;
         case FAULT_DUPLICATION:
-            go_on(wire, way, frame, k + 1);
+            pass_on(wire, way, frame, k + 1);
             break;
         case FAULT_SWAP:
         case FAULT_DELAY:
@@ -64,10 +64,10 @@ static void go_on(WireFaults *wire, Way way, CanFrame frame, uint32_t next) {
 }
 
 void wire_faults_pass(WireFaults *wire, Way way, const CanFrame *frame) {
-    go_on(wire, way, *frame, 0);
+    pass_on(wire, way, *frame, 0);
     for (int k = 0; k < HELD_FRAMES; k++) {
         HeldFrame *held = &wire->held[k];
         if (held->way == way && held->behind > 0 && --held->behind == 0)
-            go_on(wire, way, held->frame, held->next);
+            pass_on(wire, way, held->frame, held->next);
     }
 }

@@ -6,7 +6,7 @@
 
 enum { HELD_FRAMES = 64 };
 
-/* Where frames go on to; `line`: bytes that an adapter writes in place of a frame. */
+/* The takers of frames; `line`: bytes that an adapter writes in place of a frame. */
 typedef struct {
     void *context;
     void (*frame)(void *context, Way way, const CanFrame *frame);
@@ -16,7 +16,7 @@ typedef struct {
 typedef struct {
     CanFrame frame;
     Way way;
-    uint32_t behind; /* frames of its way that overtake it yet; 0: nobody is held here */
+    uint32_t behind; /* frames of its direction that still overtake it; 0: the place is free */
     uint32_t next;   /* fault that it meets next */
 } HeldFrame;
 

@@ -7,16 +7,20 @@
 static void check_outputs(const FuzzBoard *board) {
     const Node *node = board->node;
     const uint32_t here = fuzz_board_lines(board);
-    law(!node_is_off(node) || (!board->lamp && !board->gate && !board->working), "SAFE and FAULT are off");
-    law(!board->lamp || ((here & LINE_GATE_CLOSED) && !(here & LINE_GATE_OPEN)), "lamp only with the gate closed");
-    law(!board->lamp || fuzz_board_allows(board, ENABLE_LAMP), "lamp only while a living master allows it");
-    law(!board->lamp || board->now - board->lamp_at < node->options.limits.lamp, "lamp never longer than its limit");
-    law(!board->gate || fuzz_board_allows(board, ENABLE_GATE), "gate only while a living master allows it");
+    invariant(!node_is_off(node) || (!board->lamp && !board->gate && !board->working), "SAFE and FAULT are off");
+    invariant(!board->lamp || ((here & LINE_GATE_CLOSED) && !(here & LINE_GATE_OPEN)),
+              "lamp only with the gate closed");
+    invariant(!board->lamp || fuzz_board_allows(board, ENABLE_LAMP), "lamp only while a living master allows it");
+    invariant(!board->lamp || board->now - board->lamp_at < node->options.limits.lamp,
+              "lamp never longer than its limit");
+    invariant(!board->gate || fuzz_board_allows(board, ENABLE_GATE), "gate only while a living master allows it");
     const bool jets = board->working && board->work.kind == WORK_JET && !board->work.dry;
-    law(!jets || ((here & LINE_GATE_OPEN) && !(here & LINE_LAMP_ON)), "droplets fly only with gate open and lamp off");
-    law(node_is_off(node) || board->now - board->alive_at < node->options.limits.alive, "off without a living master");
-    law(!board->working || node->step.kind != STEP_NONE, "nothing works without a step");
-    law((board->lamp || board->gate) <= (node->step.kind != STEP_NONE), "nothing is energised without a step");
+    invariant(!jets || ((here & LINE_GATE_OPEN) && !(here & LINE_LAMP_ON)),
+              "droplets fly only with gate open and lamp off");
+    invariant(node_is_off(node) || board->now - board->alive_at < node->options.limits.alive,
+              "off without a living master");
+    invariant(!board->working || node->step.kind != STEP_NONE, "nothing works without a step");
+    invariant((board->lamp || board->gate) <= (node->step.kind != STEP_NONE), "nothing is energised without a step");
 }
 
 static void check_progress(FuzzBoard *board) {
@@ -27,19 +31,20 @@ static void check_progress(FuzzBoard *board) {
         return;
     const bool head = node_has(node, ROLE_HEAD);
     const uint8_t known = (uint8_t)(progress->done | progress->unknown);
-    law(!(progress->done & progress->unknown), "a pass is done or unknown");
+    invariant(!(progress->done & progress->unknown), "a pass is done or unknown");
     const bool same = progress->job == jetted->job && progress->layer == jetted->layer;
-    law(!head || !(progress->done & ~(same ? jetted->finished : 0)), "what is done was jetted to its end");
+    invariant(!head || !(progress->done & ~(same ? jetted->finished : 0)), "what is done was jetted to its end");
     if (same && head) {
         const uint8_t now = (uint8_t)(node->step.kind == STEP_PASS ? 1u << node->step.key.pass : 0u);
-        law(!(jetted->opened & ~(known | now)), "what was jetted is done, unknown or under way");
+        invariant(!(jetted->opened & ~(known | now)), "what was jetted is done, unknown or under way");
     }
     if (board->progress_known && progress->job == before->job && progress->layer == before->layer)
-        law(!(before->done & ~progress->done), "passes done never shrink");
+        invariant(!(before->done & ~progress->done), "passes done never shrink");
     else if (board->progress_known && head)
-        law(layer_is_finished(before) || layer_is_closed(before) || !layer_is_begun(before), "no open layer is left");
+        invariant(layer_is_finished(before) || layer_is_closed(before) || !layer_is_begun(before),
+                  "no open layer is left");
     if (board->progress_known && progress->job == before->job && head)
-        law(progress->layer >= before->layer, "layers go up");
+        invariant(progress->layer >= before->layer, "layers go up");
     if (board->progress_known && progress->job != before->job) /* a node knows of one job */
         board->jetted = (Jetted){.job = progress->job};
     board->progress = *progress;
@@ -51,17 +56,17 @@ static void check_journal(const FuzzBoard *board) {
     enum { MOST = FUZZ_STORAGE_BYTES / RECORD_BYTES };
     uint8_t records[MOST][RECORD_BYTES];
     const uint32_t found = journal_read(journal, records[0], MOST);
-    law(found <= MOST, "as many records as asked for");
+    invariant(found <= MOST, "as many records as asked for");
     uint32_t above = 0;
     for (uint32_t k = 0; k < found; k++) {
-        law(get_u32(records[k] + RECORD_BYTES - 4) == crc32_after(0, records[k], RECORD_BYTES - 4),
-            "records are whole");
-        law(board->tampered || k == 0 || get_u32(records[k]) < above, "newest first");
+        invariant(get_u32(records[k] + RECORD_BYTES - 4) == crc32_after(0, records[k], RECORD_BYTES - 4),
+                  "records are whole");
+        invariant(board->tampered || k == 0 || get_u32(records[k]) < above, "newest first");
         above = get_u32(records[k]);
     }
     if (board->tampered || journal->newest.number == 0)
         return;
-    law(found > 0 && get_u32(records[0]) == journal->newest.number, "the newest record can be read");
+    invariant(found > 0 && get_u32(records[0]) == journal->newest.number, "the newest record can be read");
 }
 
 static bool is_cause(Cause cause) {
@@ -80,8 +85,8 @@ void fuzz_board_check(FuzzBoard *board) {
         check_journal(board);
     board->written_to = false;
     const NodeStatus status = node_status(board->node);
-    law(status.state <= NODE_FAULT && is_cause(status.cause), "states and causes of the DBC");
-    law(board->node->answer_length <= ANSWER_ROOM, "answers stay in their room");
+    invariant(status.state <= NODE_FAULT && is_cause(status.cause), "states and causes of the DBC");
+    invariant(board->node->answer_length <= ANSWER_ROOM, "answers stay in their room");
     if (board->shows && (status.state != board->shown.state || status.cause != board->shown.cause))
         fprintf(stderr, "state %d cause %d\n", (int)status.state, (int)status.cause);
     board->shown = status;
