@@ -1,15 +1,20 @@
-"""Keys that carry their unit: `pitch_um = 250` says the same as a pitch of 250e-6 m.
+"""Units of measurement: the only place with a factor between two of them.
 
-SI inside, units in names where a number crosses a file. Units are spelled as in FMI.
+SI inside. Where a number crosses a file, its key carries the unit: `pitch_um = 250` is a pitch of 250e-6 m. Units are
+spelled as in FMI.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
-import numpy as np
-
-from inkloop.suggest import nearest
+UM_PER_M, M_PER_UM = 1e6, 1e-6
+MM_PER_M, NM_PER_M, M_PER_PM = 1e3, 1e9, 1e-12
+PL_PER_M3 = 1e15
+NS_PER_S, S_PER_NS = 1_000_000_000, 1e-9
+US_PER_S, MS_PER_S = 1e6, 1e3
+KILO, MEGA = 1000, 1e6
+"""A value in the second unit times the factor is in the first; of counts, bits and bytes thousands and millions."""
 
 SUFFIXES: Mapping[str, Mapping[str, float]] = {
     "1/m": {"per_um": 1e6, "per_mm": 1e3, "per_m": 1.0},
@@ -53,41 +58,6 @@ def unit_of(key: str, name: str, unit: str) -> tuple[str, float]:
     """The unit in which `key` gives the quantity `name`, in FMI spelling, and its factor to `unit`."""
     suffix = key.removeprefix(name).removeprefix("_")
     return suffix.replace("_per_", "/").replace("per_", "1/") or unit, spellings(name, unit)[key]
-
-
-def read_quantities(
-    found: Mapping[str, object], units: Mapping[str, str], other_keys: Iterable[str] = ()
-) -> tuple[dict[str, tuple[str, object]], list[str]]:
-    """By quantity of a table the key as written and the value in `units` (quantity -> unit); what is wrong with keys.
-
-    A value is a number, a boolean or a nested list of them; `other_keys` are known to the table besides.
-    """
-    keys = {key: (name, to_unit) for name, unit in units.items() for key, to_unit in spellings(name, unit).items()}
-    values: dict[str, tuple[str, object]] = {}
-    faults: list[str] = []
-    for key, value in found.items():
-        if key not in keys:
-            plain = missing_suffix(key, units[key]) if key in units else None
-            faults.append(plain or f"{key} is not a key of this table; {nearest(key, (*keys, *other_keys))}")
-            continue
-        name, factor = keys[key]
-        if name in values:
-            faults.append(f"{key} says again what {values[name][0]} says; keep one")
-        values[name] = key, scaled(value, factor)
-    return values, faults
-
-
-def scaled(value: object, factor: float) -> object:
-    """A number or nested list of numbers times `factor`; anything else as it is, to be refused by who reads it."""
-    if factor == 1.0:
-        return value
-    try:
-        array = np.asarray(value)
-    except ValueError:
-        return value
-    if array.dtype.kind not in "iuf":
-        return value
-    return (array * factor).item() if array.ndim == 0 else array * factor
 
 
 def conversion(source: str, target: str) -> float | None:

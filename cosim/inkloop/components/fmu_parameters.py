@@ -20,7 +20,8 @@ from inkloop.fmu import FmuComponent, FmuDescription, Variable, describe, platfo
 from inkloop.fmu.archive_member import fmu_file
 from inkloop.fmu_writer.export import export, find_fmu
 from inkloop.suggest import nearest
-from inkloop.units import conversion, missing_suffix, scaled, spellings, unit_of
+from inkloop.tables.quantities import scaled
+from inkloop.units import conversion, missing_suffix, spellings, unit_of
 
 JOB_PARAMETERS = "job_parameters"
 """Whether the job's own values (pitch, inks, passes, seed, ...) go to parameters of an FMU that bear their names."""

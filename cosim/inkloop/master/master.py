@@ -22,6 +22,7 @@ from inkloop.master.interrupt import deferred
 from inkloop.master.pacing import Pacing
 from inkloop.master.wiring import Connection, check, feeds, without_start
 from inkloop.results.checkpoint import Checkpoint
+from inkloop.units import S_PER_NS
 
 Algorithm = Literal["gauss-seidel", "jacobi"]
 StopReason = Literal["done", "layers_max", "time_max", "fault", "interrupted"]
@@ -135,7 +136,7 @@ class Master:
         Where the run is paced, also what it waited for the clock ("waiting").
         """
         *parts, total = self._wall_ns.values()
-        return {name: ns * 1e-9 for name, ns in self._wall_ns.items()} | {"master": (total - sum(parts)) * 1e-9}
+        return {name: ns * S_PER_NS for name, ns in self._wall_ns.items()} | {"master": (total - sum(parts)) * S_PER_NS}
 
     def _initialize(self) -> None:
         order = self._initial_order()
@@ -173,7 +174,7 @@ class Master:
                 outputs = component.do_step(begin_ns, own_step_ns, self._gather(name, before, begin_ns))
                 self._publish(name, outputs, begin_ns)
             except Exception as error:
-                place = f"at t = {begin_ns * 1e-9:.9g} s{self._layer()}"
+                place = f"at t = {begin_ns * S_PER_NS:.9g} s{self._layer()}"
                 raise ComponentError(f"{name} failed {place}: {_text(error)}") from error
             self._wall_ns[name] += perf_counter_ns() - begin
         self._observe("stepped", time_ns)

@@ -36,6 +36,7 @@ from inkloop.contract import (
     VALID,
 )
 from inkloop.results.metrics import surface_error
+from inkloop.units import S_PER_NS
 
 COUNTER_ROLES = {
     **{name: str(SIGNALS[name].giver) for name in COUNTERS},
@@ -205,8 +206,8 @@ class Recorder:
         self._keep_scalars(CONTROLLER, number, values)
 
     def _printed(self, number: int, time_ns: int, values: Values) -> None:
-        self._layer_times[number] = time_ns * 1e-9
-        self._new_rows[f"run/time/{number}"] = np.asarray(time_ns * 1e-9)
+        self._layer_times[number] = time_ns * S_PER_NS
+        self._new_rows[f"run/time/{number}"] = np.asarray(time_ns * S_PER_NS)
         for name in (HEIGHT, "area"):
             self._keep(PRINTER, name, number, values)
         self._keep_scalars(PRINTER, number, values)
@@ -235,7 +236,7 @@ class Recorder:
         error = surface_error(values[self._surface_port], self._job)
         scalars = {name: float(rows[number]) for name, rows in self._rows.items()
                    if number in rows and rows[number].ndim == 0}  # fmt: skip
-        self._on_layer(LayerRow(number, time_ns * 1e-9, error.mean_error, error.mae, error.std, scalars))
+        self._on_layer(LayerRow(number, time_ns * S_PER_NS, error.mean_error, error.mae, error.std, scalars))
 
     def _who_tells_the_surface(self, components: Mapping[str, Component]) -> tuple[str, str]:
         """Role and output: the printer, else a profiler that scans something real, else the shadow; "" if nobody."""

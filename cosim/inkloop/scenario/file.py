@@ -26,8 +26,8 @@ from inkloop.suggest import nearest
 from inkloop.tables import ink_file
 from inkloop.tables.job import job_of
 from inkloop.tables.messages import sentence
+from inkloop.tables.quantities import read_quantities
 from inkloop.tables.schema import ComponentTable, ConnectionTable, ScenarioFile
-from inkloop.units import read_quantities
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from inkloop.components.shadow.shadow import Shadow
 from inkloop.contract import HEIGHT, LAYER_COMMAND, PATTERN, has_port
 from inkloop.errors import FmuError
 from inkloop.tables.messages import sentence
+from inkloop.units import M_PER_UM
 
 KIND = "Shadow"
-_UM = 1e-6
 _Limit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 
 
@@ -55,9 +55,9 @@ def make_shadow(
             made.terminate()
             raise
 
-    stop = None if table.stop_um is None else table.stop_um * _UM
+    stop = None if table.stop_um is None else table.stop_um * M_PER_UM
     try:
-        return Shadow(job, plant, start=table.start, alarm=table.alarm_um * _UM, stop=stop), []
+        return Shadow(job, plant, start=table.start, alarm=table.alarm_um * M_PER_UM, stop=stop), []
     except FmuError as error:
         return None, [f"plant is {table.plant!r}: {error}"]
     except ValueError as error:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from inkloop.component import Component, FloatMap, Job, Port, Values
 from inkloop.contract import HEIGHT, LAYER_COMMAND, LAYERS_PRINTED, PATTERN
 from inkloop.errors import ComponentError
+from inkloop.units import S_PER_NS
 
 
 class FollowedPlant:
@@ -73,7 +74,7 @@ class FollowedPlant:
             self._time_ns += step_ns
             if int(values[LAYERS_PRINTED]) != layer:
                 raise ComponentError(
-                    f"the plant has not completed layer {layer} in one step of {step_ns * 1e-9:g} s; leave its "
+                    f"the plant has not completed layer {layer} in one step of {step_ns * S_PER_NS:g} s; leave its "
                     "duration out (the printer says when a layer is done)"
                 )
             self.layer = layer

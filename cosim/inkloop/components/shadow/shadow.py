@@ -29,9 +29,9 @@ from inkloop.contract import (
     contract_ports,
 )
 from inkloop.errors import ComponentError
+from inkloop.units import UM_PER_M
 
 _LOG = logging.getLogger("inkloop.components.shadow.shadow")
-_UM = 1e6
 _SAME_M = 1e-9  # a plant on another start surface than it was given differs by more (assumed)
 
 SCAN_INPUTS = (MEASURED_HEIGHT, VALID, LAYERS_SCANNED)
@@ -166,13 +166,15 @@ class Shadow:
             _LOG.warning("layer %d: no cell of the part was seen in its scan and in the one before; nothing can be "
                          "compared with the model", layer)  # fmt: skip
             return Status.UNTRUSTED
-        said = f"layer {layer} grew otherwise than the model says, by {growth * _UM:.2f} um rms over the part"
+        said = f"layer {layer} grew otherwise than the model says, by {growth * UM_PER_M:.2f} um rms over the part"
         if growth > self._stop:
             _LOG.error("%s; more than stop_um = %g: the run ends. Look at the part and at the print head", said,
-                       self._stop * _UM)  # fmt: skip
+                       self._stop * UM_PER_M)  # fmt: skip
             return Status.FAULT
         if growth > self._alarm:
-            _LOG.warning("%s; more than alarm_um = %g. Look at the print head and at the scan", said, self._alarm * _UM)
+            _LOG.warning(
+                "%s; more than alarm_um = %g. Look at the print head and at the scan", said, self._alarm * UM_PER_M
+            )
             return Status.UNTRUSTED
         return Status.IDLE
 

@@ -12,6 +12,7 @@ from inkloop.components import catalog
 from inkloop.contract import LAYER_COMMAND, LAYERS_PRINTED, LAYERS_SCANNED, MEASURED_HEIGHT, PATTERN, VALID
 from inkloop.models import LayerDeposition
 from inkloop.studies.reproduce.comparison import Part, Row
+from inkloop.units import NS_PER_S
 
 SIDE, COUNT, ROUGHNESS = 20, 50, 8e-6
 FOUND = 1e-15
@@ -53,7 +54,7 @@ def first_pattern(kind: str, job: Job, options: dict[str, object], height: Float
     }
     try:
         controller.initialize(0, scan)
-        outputs = controller.do_step(0, 1_000_000_000, scan)
+        outputs = controller.do_step(0, NS_PER_S, scan)
     finally:
         controller.terminate()
     pattern = np.asarray(outputs[PATTERN], dtype=np.int32)

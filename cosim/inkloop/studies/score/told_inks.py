@@ -12,8 +12,9 @@ from inkloop.contract import HEIGHT, LAYER_COMMAND, PATTERN
 from inkloop.identify.ink_regression import identify_ink
 from inkloop.identify.print_record import PrintRecord
 from inkloop.scenario.file import Scenario
+from inkloop.units import NS_PER_S
 
-STEP_NS = 1_000_000_000
+STEP_NS = NS_PER_S
 LAYERS, COVERAGE = 8, 0.7
 """Layers printed to identify an ink, and the share of the part's cells that get a droplet in each (assumed)."""
 Pattern = NDArray[np.int32]
