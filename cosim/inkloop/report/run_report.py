@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
+from inkloop.contract import LAYER_UNKNOWN
 from inkloop.errors import ResultError
 from inkloop.files import write_text
 from inkloop.report import plot
@@ -166,7 +167,7 @@ def _nothing_printed(result: Result) -> list[str]:
 
 def _unknown_layers(run: xr.Dataset) -> list[str]:
     """One sentence on the layers that were given up midway."""
-    if "layer_unknown" not in run or not run.layer_unknown.any():
+    if LAYER_UNKNOWN not in run or not run.layer_unknown.any():
         return []
     layers = [str(layer) for layer in np.flatnonzero(run.layer_unknown.values)]
     which = f"layer {layers[0]} was" if len(layers) == 1 else f"layers {', '.join(layers)} were"

@@ -91,7 +91,7 @@ class Shadow:
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Take a new command, deposit what has been printed, compare what has been scanned. Raises ComponentError."""
-        if bool(inputs.get("layer_unknown", False)):
+        if bool(inputs.get(LAYER_UNKNOWN, False)):
             self._unknown = int(inputs[LAYERS_PRINTED])
         self._look(inputs)  # a scan of layer 0 is the surface to begin on: before the layer that it was waited for with
         self._plant.take_command(inputs)
