@@ -41,7 +41,7 @@ from support.benches.bench_run import (
 )
 from support.benches.stock_tools import Raw
 
-DBC = Path(inkloop_hardware.__file__).with_name("inkloop.dbc")
+DBC = Path(inkloop_hardware.__file__).parent / "protocol" / "inkloop.dbc"
 
 
 @pytest.mark.parametrize("text", [BLOCK, TWO_INKS], ids=["one ink", "two inks"])

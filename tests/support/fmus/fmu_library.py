@@ -103,8 +103,8 @@ def packed(libraries: Sequence[Library], folder: Path) -> None:
 
 def write_table(built: Library, path: Path, *, resizable: bool = True) -> Path:
     """What the C programs must know of an FMU: version, grid, paths, token, and a line per variable."""
-    with zipfile.ZipFile(archive_of(built.model, built.form)) as archive:
-        model = definition.load(archive.read(archive.DEFINITION).decode(), built.model)
+    with zipfile.ZipFile(archive_of(built.model, built.form)) as fmu:
+        model = definition.load(fmu.read(archive.DEFINITION).decode(), built.model)
     is_fmi2 = built.form == "fmi2"
     is_resizable = resizable and not is_fmi2 and built.model != JOB
     nx, ny = GRID
