@@ -16,7 +16,7 @@ Value = int | Finite | str
 """A number, a word of the signal's value table, or a template of a number such as "{layer}"."""
 
 CELLS = {"int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
-METRES = {**SUFFIXES["m"], "µm": SUFFIXES["m"]["um"]}
+METRES = {name: SUFFIXES["m"][name.replace("µ", "u")] for name in ("nm", "um", "µm", "mm", "m")}
 
 SECONDS = SUFFIXES["s"]
 
