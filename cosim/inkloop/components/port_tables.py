@@ -19,7 +19,7 @@ from inkloop.contract import SIGNALS
 from inkloop.fmu import FmuComponent
 from inkloop.suggest import nearest
 from inkloop.tables.messages import sentence
-from inkloop.units import UNITS, conversion
+from inkloop.units import UNITS, conversion, is_known, si_unit
 
 OPTION = "ports"
 _PLACES = ("{i}", "{j}", "{n}")
@@ -118,7 +118,7 @@ def _port(name: str, table: PortTable, job: Job, variables: Sequence[Port]) -> P
     first, grid = variables[0], (job.nx, job.ny)
     if name in SIGNALS:
         return SIGNALS[name].port(grid)
-    unit = UNITS.get(table.unit or first.unit, (table.unit or first.unit, 1.0))[0]
+    unit, _ = si_unit(table.unit or first.unit)
     return Port(name, unit, grid if len(variables) > 1 else first.shape, first.dtype, first.start)
 
 
@@ -133,7 +133,7 @@ def _unit_faults(table: PortTable, variable: Port, unit: str) -> list[str]:
         return [f".variable is {table.variable!r} in [{variable.unit}]; {_units_of(unit)}, and a gain if it takes one"]
     if table.unit is not None and conversion(unit, table.unit) is None:
         return [f".unit is {table.unit!r}; {_units_of(unit)}"]
-    if table.unit is not None and variable.unit in UNITS and variable.unit != table.unit and table.gain == 1.0:
+    if table.unit is not None and is_known(variable.unit) and variable.unit != table.unit and table.gain == 1.0:
         return [f".unit is {table.unit!r}, but the FMU says that {variable.name} is in [{variable.unit}]; leave it out"]
     return []
 

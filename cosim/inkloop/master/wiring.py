@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from inkloop.component import Component, Port, Values, is_shadow
 from inkloop.contract import HEIGHT, LAYERS_FOLLOWED, LAYERS_PRINTED, REQUIRED_INPUTS
 from inkloop.suggest import nearest
-from inkloop.units import UNITS, conversion
+from inkloop.units import conversion, is_known
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def _open_inputs(components: Mapping[str, Component], fed: Mapping[str, str]) ->
 
 
 def _mismatches(connection: Connection, source: Port, target: Port) -> Iterator[str]:
-    strange = {f"[{port.unit}]" for port in (source, target) if port.unit not in UNITS and port.unit != "1"}
+    strange = {f"[{port.unit}]" for port in (source, target) if not is_known(port.unit) and port.unit != "1"}
     is_told = bool(strange) and connection.gain != 1.0  # the gain says how one unit becomes the other
     is_one_quantity = is_told or conversion(source.unit, target.unit) is not None
     for what, found, expected, fits in (

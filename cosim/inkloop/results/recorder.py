@@ -275,4 +275,4 @@ def _carried(maps: NDArray[Any], known: Mapping[int, object]) -> NDArray[Any]:
 
 
 def _variable(dims: tuple[str, ...], values: NDArray[Any] | FloatMap, unit: str, long_name: str) -> xr.Variable:
-    return xr.Variable(dims, values, {"units": unit, "long_name": long_name})
+    return xr.Variable(dims, values, {"units": str(unit), "long_name": long_name})
