@@ -1,68 +1,107 @@
 # make            set everything up in .venv and print scenarios/cylinder.toml
-# make test       lint, C and Python tests
+# make check      format, types, and every test that needs no compiler, process or bench: minutes
+# make test       everything that continuous integration runs; names each test that is skipped
 # make test-long  the proofs that take minutes
 # make benchmarks measured comparisons, printed as ratios
-# make benchmarks-hardware  a layer on the emulated bench, beside the time of its frames on a real bus
+# make benchmarks-hardware  a layer on the emulated bench, relative to the time of its frames on a real bus
 # make peers      docs/reference/peers.md: the loop in masters of other people
 # make fuzz       twenty minutes of libFuzzer on the inputs of the firmware and the calls of the FMUs
 # make sanitize   all FMUs under sanitizers (about ten minutes)
 # make firmware-cortex-m  the emulated bench as an image for a Cortex-M3, with its size
 # make tools      compilers, emulators and masters of others that some tests use and skip without (Debian)
 # make gallery    docs/gallery: every scenario with one picture; the pictures of docs/explanation
-PYTHON ?= python3.11
-BIN    := .venv/bin
+# make upgrade    the newest packages that pyproject.toml allows, into .venv; then make check test test-long constraints
+# make constraints  constraints.txt: the versions in .venv, which make installs
+# make clean      remove .venv and build
+BIN := .venv/bin
+
+# PYTHON=/path/to/python chooses the Python of a new .venv; else the first of these that is new enough.
+IS_NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 11))
+ifndef PYTHON
+PYTHON := $(shell for each in python3 python3.13 python3.12 python3.11; do \
+                    $$each -c '$(IS_NEW_ENOUGH)' 2>/dev/null && echo $$each && break; done)
+endif
+PIP := $(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-check --no-compile --constraint constraints.txt
+
 # what decides about the compiled parts: C sources, their tables, and the modules that run while building
 BUILD_MODULES := $(wildcard cosim/inkloop/fmu_writer/*.py) \
                  $(addprefix hardware/inkloop_hardware/protocol/,c_codec.py inkloop.dbc)
-PIP    := $(PYTHON) -m pip --python $(BIN)/python install --quiet --disable-pip-version-check
+C_FILES := $(shell find controller fmus hardware tests -name '*.[ch]')
 
-.PHONY: run test lint format test-long benchmarks benchmarks-hardware peers fuzz sanitize firmware-cortex-m tools gallery clean
+.PHONY: run check test lint format test-long benchmarks benchmarks-hardware peers fuzz sanitize firmware-cortex-m tools gallery \
+        upgrade constraints clean
 run: .venv/installed
+	@echo "inkloop: printing scenarios/cylinder.toml (about ten seconds) ..."
 	$(BIN)/inkloop run scenarios/cylinder.toml
 
-.venv/installed: pyproject.toml CMakeLists.txt $(shell find fmus controller/core hardware/firmware -type f -not -path '*/fuzz/*') $(BUILD_MODULES)
-	@command -v $(PYTHON) >/dev/null || { echo "inkloop needs $(PYTHON) (or: make PYTHON=/path/to/python)"; exit 1; }
-	@test -x $(BIN)/python || $(PYTHON) -m venv --without-pip .venv
-	@echo "installing into .venv: two to four minutes the first time ..."
-	$(PIP) 'scikit-build-core>=0.11' 'fmpy>=0.3.29' 'cantools>=45'
-	$(PIP) --no-build-isolation --editable '.[dev]'
+$(BIN)/python:
+	@test -n "$(PYTHON)" || { echo "inkloop needs Python 3.11 or later, and no python3 here is that new; \
+	install one, or: make PYTHON=/path/to/python"; exit 1; }
+	@command -v "$(PYTHON)" >/dev/null || { echo "there is no $(PYTHON); inkloop needs Python 3.11 or later"; exit 1; }
+	@"$(PYTHON)" -c '$(IS_NEW_ENOUGH)' || { echo "$(PYTHON) is $$("$(PYTHON)" --version 2>&1); \
+	inkloop needs Python 3.11 or later: make PYTHON=/path/to/python"; exit 1; }
+	@"$(PYTHON)" -m pip --version >/dev/null 2>&1 || { echo "$(PYTHON) has no pip: install it (Debian: python3-pip)"; exit 1; }
+	@command -v "$${CC:-cc}" >/dev/null || { echo "there is no C compiler ($${CC:-cc}): install gcc or clang"; exit 1; }
+	"$(PYTHON)" -m venv --without-pip .venv
+
+# what a print and the build need
+.venv/requirements: pyproject.toml constraints.txt | $(BIN)/python
+	@echo "inkloop: downloading and installing what a print needs into .venv (250 MB; half a minute after the downloads) ..."
+	@$(BIN)/python -c 'import tomllib; file = tomllib.load(open("pyproject.toml", "rb")); \
+	print(*file["build-system"]["requires"], *file["project"]["dependencies"], sep="\n")' > $@.txt
+	$(PIP) --requirement $@.txt
 	@touch $@
+
+.venv/installed: .venv/requirements CMakeLists.txt \
+                 $(shell find fmus controller/core hardware/firmware -type f -not -path '*/fuzz/*') $(BUILD_MODULES)
+	@echo "inkloop: compiling the FMUs, the controller and the emulated bench (about half a minute the first time) ..."
+	$(PIP) --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+# what tests and checks need besides
+.venv/developer: .venv/installed
+	@echo "inkloop: downloading and installing what the tests need into .venv (half a minute after the downloads) ..."
+	$(PIP) --quiet 'inkloop[dev]'   # inkloop itself is there; its extras are missing
+	@touch $@
+
+check: lint
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not long and not system and not compiled'
 
 test: lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
-lint: .venv/installed
+lint: .venv/developer
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/clang-format --dry-run --Werror $(shell git ls-files '*.c' '*.h')
+	$(BIN)/clang-format --dry-run --Werror $(C_FILES)
 
-format: .venv/installed
+format: .venv/developer
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
-	$(BIN)/clang-format -i $(shell git ls-files '*.c' '*.h')
+	$(BIN)/clang-format -i $(C_FILES)
 
-test-long: .venv/installed
+test-long: .venv/developer
 	$(BIN)/python -m pytest -m long -n 2 --dist loadfile
 
-benchmarks: .venv/installed
+benchmarks: .venv/developer
 	$(BIN)/python -m benchmarks
 
-benchmarks-hardware: .venv/installed
+benchmarks-hardware: .venv/developer
 	$(BIN)/python -m benchmarks hardware bench_faults
 
-peers: .venv/installed
+peers: .venv/developer
 	$(PIP) 'ecospy>=0.7.2'   # of use nowhere else; it also needs libtbb12
 	$(BIN)/python tests/support/masters/java_programs.py
 	PYTHONPATH=tests $(BIN)/python tools/figures/peers.py
 
-sanitize: .venv/installed
+sanitize: .venv/developer
 	$(BIN)/python -m pytest -m long -n 2 tests/contract/test_fmu_sanitizers.py tests/unit/controller/core/test_search_threads.py
 
-fuzz: .venv/installed
+fuzz: .venv/developer
 	$(BIN)/python tests/support/fmus/fuzzing.py
 
-firmware-cortex-m: .venv/installed
+firmware-cortex-m: .venv/developer
 	@if command -v arm-none-eabi-gcc >/dev/null; then $(MAKE) --no-print-directory -C hardware/firmware/cortex_m; \
 	else echo "arm-none-eabi-gcc is not installed: the firmware was not compiled for a Cortex-M; make tools"; fi
 
@@ -75,13 +114,22 @@ tools:
 	$(PYTHON) tests/support/masters/java_programs.py
 
 # every scenario with one picture, docs/gallery; pictures and tables of docs/explanation
-gallery: .venv/installed
+gallery: .venv/developer
 	$(BIN)/python tools/figures/gallery.py
 	$(BIN)/python tools/figures/layer_problem.py
 	$(BIN)/python tools/figures/height_maps.py
 	$(BIN)/python tools/figures/modelica_library.py
 	$(BIN)/python tools/figures/identified_ink.py
 	$(BIN)/python tools/figures/the_papers.py
+
+# Without constraints: the newest packages, to be tested before `make constraints` keeps their versions.
+upgrade: .venv/developer
+	$(subst --constraint constraints.txt,,$(PIP)) --upgrade --upgrade-strategy eager --no-build-isolation \
+	--requirement .venv/requirements.txt --editable '.[dev]'
+
+constraints: .venv/developer
+	@{ echo "# Versions that the tests passed with, on every Python of the project; written by make constraints."; \
+	$(PYTHON) -m pip --python $(BIN)/python freeze --all --exclude inkloop --exclude ecospy; } > constraints.txt
 
 clean:
 	rm -rf build .venv

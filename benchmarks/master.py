@@ -18,7 +18,7 @@ from rich.table import Table
 from benchmarks.timing import scaled
 from inkloop.component import Job, Port, Values
 from inkloop.fmu import FmuComponent
-from inkloop.fmu_writer.export import export
+from inkloop.fmu_writer.export import export_fmu
 from inkloop.master.master import Master
 from inkloop.master.wiring import contract_connections
 from inkloop.results.recorder import Recorder
@@ -42,7 +42,7 @@ def _beside_others() -> Table:
     log_output_level(CosimLogLevel.ERROR)
     with tempfile.TemporaryDirectory() as folder:
         for fmi in ("3", "2"):
-            path = export("LayerDeposition", fmi=fmi, nx=SIDE, ny=SIDE, fixed=False, out=Path(folder) / f"{fmi}.fmu")
+            path = export_fmu("LayerDeposition", fmi=fmi, nx=SIDE, ny=SIDE, out=Path(folder) / f"{fmi}.fmu")
             ours, own = min(_inkloop(path) for _ in range(3))
             fmpy_s = min(_fmpy(path) for _ in range(3))
             row = [f"FMI {fmi}", scaled(ours), scaled(own), scaled(fmpy_s), f"{fmpy_s / ours:.2f}"]

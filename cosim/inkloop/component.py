@@ -80,12 +80,47 @@ class Component(Protocol):
         """Release everything; called exactly once, also after a failure."""
 
 
-def is_device(component: Component) -> bool:
+class HasPorts(Protocol):
+    """All that connections and events depend on: a component, or the `Ports` of one that is not built yet."""
+
+    @property
+    def inputs(self) -> tuple[Port, ...]:
+        """Ports that can be fed."""
+
+    @property
+    def outputs(self) -> tuple[Port, ...]:
+        """Ports that can be read."""
+
+
+@dataclass(frozen=True)
+class Ports:
+    """The ports of a component that need not be built yet, and what its class says about connecting them.
+
+    starts_on_scan: a shadow whose surface begins with the first scan.
+    """
+
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    is_device: bool = False
+    is_shadow: bool = False
+    optional_inputs: frozenset[str] = frozenset()
+    starts_on_scan: bool = False
+
+    @classmethod
+    def of(cls, component: HasPorts) -> Ports:
+        """The ports of a component that is built."""
+        optional = frozenset(getattr(component, "optional_inputs", ()))
+        starts_on_scan = bool(getattr(component, "starts_on_scan", False))
+        ports = tuple(component.inputs), tuple(component.outputs)
+        return cls(*ports, is_device(component), is_shadow(component), optional, starts_on_scan)
+
+
+def is_device(component: HasPorts) -> bool:
     """Whether a component acts on or measures something real."""
     return bool(getattr(component, "is_device", False))
 
 
-def is_shadow(component: Component) -> bool:
+def is_shadow(component: HasPorts) -> bool:
     """Whether a component is a model beside a device: it stands in where nobody else has its outputs."""
     return bool(getattr(component, "is_shadow", False))
 

@@ -14,12 +14,9 @@ HardwareError
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from enum import IntEnum
 
 from inkloop.errors import InkloopError
-
-if TYPE_CHECKING:
-    from inkloop_hardware.protocol.vocabulary import Fault
 
 
 class FrameError(InkloopError):
@@ -64,9 +61,9 @@ class NodeLost(HardwareError):
 
 
 class NodeStopped(HardwareError):
-    """A node took its de-energised state while something was asked of it."""
+    """A node took its de-energised state during a request; `fault` is its cause, of `protocol.vocabulary.Fault`."""
 
-    def __init__(self, message: str, fault: Fault) -> None:
+    def __init__(self, message: str, fault: IntEnum) -> None:
         super().__init__(message)
         self.fault = fault
 

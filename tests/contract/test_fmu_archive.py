@@ -15,7 +15,7 @@ from fmpy.build import build_platform_binary
 from fmpy.validation import validate_fmu
 from lxml import etree
 
-from inkloop.fmu_writer.export import export, find_fmu
+from inkloop.fmu_writer.export import export_fmu, find_fmu
 from support.fmus.fmu_driver import DEPOSITION_MODELS, FORMS, MODELS, Driver, random_patterns
 
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
@@ -38,7 +38,7 @@ def binary_of(path: Path, folder: Path) -> Path:
 @EVERY_MODEL
 @pytest.mark.parametrize(("nx", "ny"), [(1, 1), (1, 12), (7, 4)])
 def test_descriptions_are_valid(model, form, nx, ny, tmp_path) -> None:
-    path = export(model, fmi=form[3], nx=nx, ny=ny, fixed=form != "fmi3", out=tmp_path / "it.fmu")
+    path = export_fmu(model, fmi=form[3], nx=nx, ny=ny, fixed=form != "fmi3", out=tmp_path / "it.fmu")
     assert validate_fmu(str(path)) == []
 
 
@@ -82,7 +82,7 @@ def test_flags_are_those_that_other_tests_show(model, form) -> None:
 @EVERY_FORM
 def test_date_follows_the_source_date(form, tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
-    paths = [export("ProfileSensor", fmi=form[3], nx=3, ny=2, fixed=form != "fmi3", out=tmp_path / f"{k}.fmu")
+    paths = [export_fmu("ProfileSensor", fmi=form[3], nx=3, ny=2, fixed=form != "fmi3", out=tmp_path / f"{k}.fmu")
              for k in range(2)]  # fmt: skip
     assert described(paths[0]).get("generationDateAndTime") == "1970-01-02T00:00:00Z"
     assert paths[0].read_bytes() == paths[1].read_bytes()
@@ -144,6 +144,7 @@ def test_fixed_grid_has_the_sources_of_the_resizable_one(model) -> None:
     assert found[0] == found[1]
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("form", ["fmi3", "fmi2"])
 @EVERY_MODEL
 @pytest.mark.skipif(shutil.which("cmake") is None or shutil.which("gcc") is None, reason="needs cmake and gcc")

@@ -61,6 +61,7 @@ def feed(program: Path, table: Path, inputs: list[bytes]) -> str:
     return said
 
 
+@pytest.mark.compiled
 @needs_gcc
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("resizable", [True, False])
@@ -79,6 +80,7 @@ def test_calls_do_what_the_standard_says_or_change_nothing(name, resizable, call
     assert refusals > 10 * len(inputs)
 
 
+@pytest.mark.compiled
 @needs_gcc
 @pytest.mark.parametrize(("change", "broken"), [
     (lambda text: text.replace("variation r p", "variation r -"), "does not allow does not succeed"),
@@ -95,6 +97,7 @@ def test_laws_bite(change, broken, calls, folder) -> None:
         feed(calls, table, drawn("LayerDeposition-fmi3"))
 
 
+@pytest.mark.compiled
 @pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_fuzzer_finds_nothing_in_minutes(name, folder) -> None:

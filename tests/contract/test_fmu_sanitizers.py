@@ -24,6 +24,7 @@ from support.fmus.fmu_library import FORMS, JOB, NAMES, Library
 
 pytestmark = [
     pytest.mark.long,
+    pytest.mark.compiled,
     pytest.mark.skipif(sys.platform != "linux" or not shutil.which("gcc"), reason="gcc for Linux is not installed"),
 ]
 TESTS = [f"contract/test_{name}.py" for name in ("fmu_state", "fmu_handshake", "fmu_flags", "fmu_fuzz", "fmu_archive",

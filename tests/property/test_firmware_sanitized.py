@@ -33,6 +33,7 @@ def preloaded() -> str | None:
 
 
 @pytest.mark.long
+@pytest.mark.compiled
 def test_sanitizers_find_nothing_in_the_tests_of_the_nodes() -> None:
     libraries = preloaded()
     if libraries is None:

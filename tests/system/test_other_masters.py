@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from inkloop.cli import main
-from inkloop.fmu_writer.export import export, find_fmu
+from inkloop.fmu_writer.export import export_fmu, find_fmu
 from support.fmus.fmu_checkers import by_fmutool, by_vdm_check
 from support.fmus.fmu_driver import FORMS, MODELS
 from support.masters.java_programs import MAESTRO, VDM_CHECK
@@ -69,7 +69,7 @@ def test_difference_of_prints_is_said() -> None:
 def test_fmutool_finds_nothing_wrong(model: str, form: str, tmp_path: Path) -> None:
     assert by_fmutool(find_fmu(model, form)) == []
     if form == "fmi2":
-        assert by_fmutool(export(model, fmi="2", nx=3, ny=2, fixed=True, out=tmp_path / "it.fmu")) == []
+        assert by_fmutool(export_fmu(model, fmi="2", nx=3, ny=2, fixed=True, out=tmp_path / "it.fmu")) == []
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ from inkloop.exchange.ssp import archive, maestro, osp
 from inkloop.exchange.ssp.reading import scenario_of
 from inkloop.exchange.ssp.system import System, system_of
 from inkloop.fmu import describe
-from inkloop.fmu_writer.export import export
+from inkloop.fmu_writer.export import export_fmu
 from inkloop.master.wiring import Connection
 from inkloop.printing.print import Print
 from inkloop.results.result import Result
@@ -152,7 +152,7 @@ def test_options_go_by_the_name_that_the_controller_fmu_has_for_them(version: st
 
 
 def test_foreign_fmu_of_scalars_goes_with_scalars_of_ours(tmp_path: Path) -> None:
-    export("LayerDeposition", fmi="2", nx=6, ny=5, fixed=True, out=tmp_path / "theirs.fmu")
+    export_fmu("LayerDeposition", fmi="2", nx=6, ny=5, fixed=True, out=tmp_path / "theirs.fmu")
     text = TEXT.replace('kind = "LayerDeposition"', 'kind = "Fmu"\nfile = "theirs.fmu"')
     scenario = scenario_in(tmp_path, text)
     with pytest.raises(ScenarioError, match=r"one is an array, .* --fmi 2 makes scalars of ours"):
@@ -234,10 +234,7 @@ def test_gain_offset_and_parameters_of_foreign_fmus_go_and_come_back(amplified: 
     archive.write(system, "1.0", tmp_path / "two.ssp")
     read_ssd(str(tmp_path / "two.ssp"))
     again = scenario_of(tmp_path / "two.ssp")
-    components, connections = again.build()
-    for component in components.values():
-        component.terminate()
-    assert connections == [
+    assert again.connections == [
         Connection("first.y", "second.x", 2.5, pytest.approx(4e-6)),
         Connection("second.y", "first.x", 1.0, 0.0),
     ]

@@ -23,7 +23,7 @@ from inkloop.exchange.job.baking import bake
 from inkloop.fmu import describe
 from inkloop.fmu_writer import windows
 from inkloop.fmu_writer.archive import unpack
-from inkloop.fmu_writer.export import LAYER_JOB, export
+from inkloop.fmu_writer.export import LAYER_JOB, export_fmu
 from inkloop.fmu_writer.windows import COMPILER, with_windows_binary
 from support.fmus import amplifier
 from support.fmus.fmu_driver import MODELS
@@ -57,7 +57,7 @@ def exported(model: str, fmi: Literal["2", "3"], folder: Path) -> Path:
     if model == LAYER_JOB:
         archive.write(bake(scenario_in(folder)), fmi, folder / "LayerJob.fmu", windows=True)
         return folder / "LayerJob.fmu"
-    return export(model, fmi=fmi, nx=9, ny=9, fixed=False, windows=True, out=folder / f"{model}.fmu")
+    return export_fmu(model, fmi=fmi, nx=9, ny=9, fixed=False, windows=True, out=folder / f"{model}.fmu")
 
 
 def declared(fmi: str) -> set[str]:
@@ -156,7 +156,7 @@ def test_missing_compiler_is_named_with_its_package(tmp_path: Path, monkeypatch:
 
 @HAS_COMPILER
 def test_refused_sources_are_told_by_what_the_compiler_says(tmp_path: Path) -> None:
-    path = export("ProfileSensor", fmi="3", nx=3, ny=2, fixed=False, out=tmp_path / "it.fmu")
+    path = export_fmu("ProfileSensor", fmi="3", nx=3, ny=2, fixed=False, out=tmp_path / "it.fmu")
     members = {**unpack(path), "sources/values.c": b"#error no such thing here\n"}
     with pytest.raises(FmuError, match=r"(?s)refuses the sources of ProfileSensor:\n.*no such thing here"):
         with_windows_binary(members, "3")

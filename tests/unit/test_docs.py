@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import inspect
 import os
 import re
@@ -111,8 +110,8 @@ def test_scenario_page_names_every_key_and_kind() -> None:
 
 def test_every_option_of_the_controllers_is_on_the_scenario_page() -> None:
     page = (ROOT / "docs/reference/scenario.md").read_text()
-    for module, name in catalog.PYTHON_KINDS.values():
-        parameters = inspect.signature(getattr(importlib.import_module(module), name)).parameters.values()
+    for name, python in catalog.PYTHON_KINDS.items():
+        parameters = inspect.signature(python.entry.load()).parameters.values()
         options = [parameter.name for parameter in parameters if parameter.kind is parameter.KEYWORD_ONLY]
         assert options
         assert not [option for option in options if f"`{option}`" not in page], name

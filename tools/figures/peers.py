@@ -19,29 +19,30 @@ from support.masters.other_masters import MASTERS, Master, layers_by
 from support.masters.six_by_six import LAYERS, SHAPE, STEPS_S, TEXT, difference, our_run, scenario_in
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "peers.md"
-HEAD = f"""# The loop in masters of others
+HEAD = f"""# The loop in other masters
 
-`LayerDeposition`, `ProfileSensor` and `LayerController` as FMUs, coupled by programs of other people: {SHAPE[0]} x
-{SHAPE[1]} cells, {LAYERS} layers, droplets that vary, noisy scans, both of which take time. "equal" means that each
-layer of the print is, bit by bit, the one of `inkloop run`. What differs is said. `make peers` writes this page;
-what pip alone installs is tested by `make test` too, Maestro and VDMCheck2 by `make test-long` where they are.
+`LayerDeposition`, `ProfileSensor` and `LayerController` as FMUs, coupled by independent programs:
+{SHAPE[0]} x {SHAPE[1]} cells, {LAYERS} layers, droplets that vary, noisy scans, with durations of layers and scans.
+"equal" means that each layer of the print equals, bit by bit, the one of `inkloop run`; otherwise the table gives the
+difference. `make peers` writes this page. `make test` also tests everything that pip alone installs, `make test-long`
+Maestro and VDMCheck2 if they are installed.
 """
 NOTES = f"""
-- Jacobi: every part steps on what the others gave at the last communication point. Gauss-Seidel: on what they gave
-  last, in the order controller, printer, profiler; fmucontainer calls it `-sequential`. What has
-  one row was run by its fixed-step algorithm.
-- **FMPy, `simulate_ssp`** takes FMI 2 only and reads the text `false` of a parameter file as true: hand it numbers, as
-  here, or the mask covers the whole grid. It begins with zeros on all connections, which this loop does not mind.
-- **fmucontainer** sees that the three FMUs stand in a loop and says that it starts them without each other's values.
-  Version 2.0 writes start values of an array of Booleans wrongly (FMI 3): the mask goes in from outside, as an
-  input of the container. Constant dimensions only.
+- Jacobi: every component steps on the outputs of the last communication point. Gauss-Seidel: on the newest outputs,
+  in the order controller, printer, profiler; fmucontainer calls it `-sequential`. Masters with one row ran their
+  fixed-step algorithm.
+- **FMPy, `simulate_ssp`** supports FMI 2 only and reads the text `false` of a parameter file as true: use numbers, as
+  here, or the mask covers the whole grid. All connections start at zero, which does not affect this loop.
+- **fmucontainer** detects that the three FMUs form a loop and reports that it starts them without each other's values.
+  Version 2.0 writes wrong start values for arrays of Booleans (FMI 3): here the mask is an input of the container.
+  Constant dimensions only.
 - **Ecos** is wired by its Python calls: it left out the parameters that our .ssp gives the whole system. It needs
-  `libtbb.so.12` (Debian: libtbb12). It reads arrays of FMI 3 as zeros without saying so, hence FMI 2 only.
-- **libcosim** takes FMI 2 only; the file is the one of `inkloop export-ssp --to osp`.
+  `libtbb.so.12` (Debian: libtbb12). It reads arrays of FMI 3 as zeros without a message, hence FMI 2 only.
+- **libcosim** supports FMI 2 only; the file is the one from `inkloop export-ssp --to osp`.
 - **Maestro** (Java) starts from the files of `inkloop export-ssp --to maestro`. It stops at the first enumeration of a
-  description, hence the FMUs there declare integers; it cannot read names with a hyphen, nor arrays of FMI 3. Its
-  CSV prints the shortest decimals that read back as the same number, so that no bit is lost, but does not quote names
-  with commas. To prepare these 36 cells takes it some 45 s of processor time, to run them one second.
+  description, hence its FMUs declare integers; it cannot read names with a hyphen, nor arrays of FMI 3. Its
+  CSV holds the shortest decimals that read back as the same number, so that no bit is lost, but does not quote names
+  with commas. It takes some 45 s of processor time to prepare these 36 cells, and one second to run them.
 - OMSimulator, Dymola and Simulink were not run.
 
 The scenario:
@@ -53,20 +54,20 @@ The scenario:
 ## The same print as one block
 
 `LayerJob.fmu` (`inkloop export-job`) has scalar inputs and outputs only, for tools without arrays. "equal" means that
-the mean height after each layer, to which every droplet adds, is bit by bit the one of `inkloop run`.
+the mean height after each layer, to which every droplet adds, equals that of `inkloop run` bit by bit.
 """
 BLOCK_NOTES = """
-- **Ecos** leaves out enumerations of FMI 3, here `status`.
-- **Maestro** runs nothing without a connection: here a second instance listens to the first.
+- **Ecos** omits enumerations of FMI 3, here `status`.
+- **Maestro** runs nothing without a connection: here a second instance reads the outputs of the first.
 
 ## Checkers
 
-Of all models in all forms that are built, and of the block above:
+All models in all built forms, and the block above:
 """
 
 
 def outcome(master: Master, loop: Loop, fmi: str, algorithm: str, step_s: float, ours: Any) -> str:
-    """ "equal", or what differs, in words."""
+    """ "equal", or a message with the difference."""
     with tempfile.TemporaryDirectory() as folder:
         try:
             found = layers_by(master, loop, fmi, algorithm, step_s, Path(folder))
@@ -76,7 +77,7 @@ def outcome(master: Master, loop: Loop, fmi: str, algorithm: str, step_s: float,
 
 
 def table(loop: Loop, ours: Any) -> Iterator[str]:
-    """One row for each way of running a master; each is told while it goes on, since some take minutes."""
+    """One row for each way of running a master; stderr names each as it runs, since some take minutes."""
     headings = ["master", "version", "FMI", "algorithm", "starts from", *(f"step {step_s:g} s" for step_s in STEPS_S)]
     yield f"| {' | '.join(headings)} |"
     yield "|---" * len(headings) + "|"

@@ -23,49 +23,50 @@ PAPERS = {
 
 PAPERS_PAGE = """# The papers reproduced
 
-What the papers behind the models print, beside what comes out here, by
+This page compares the figures printed in the papers behind the models with the results of inkloop. To repeat it:
 
     inkloop reproduce lu | wu-chiu | hume-rosen [--quick] [--out DIR]
 
-A run folder holds the table (`table.txt`, `table.md`, `table.csv`), the pictures and how they came about
-(`reproduce.json`). Ctrl-C keeps the steps that are finished; `--quick` takes fewer prints and coarser grids. Finite
+A run folder holds the table (`table.txt`, `table.md`, `table.csv`), the pictures and their provenance
+(`reproduce.json`). Ctrl-C keeps the finished steps; `--quick` uses fewer prints and coarser grids. Finite
 elements need `pip install inkloop[reproduce]` (scikit-fem). "-" under "reproduced" means that there is nothing to
-compare: the paper prints no number, or one that was measured on another machine or plant. After "±" stands the
-standard deviation over prints, or over groups of samples. This page is written by `make gallery`.
+compare: the paper gives no number, or one that was measured on another machine or plant. The number after "±" is the
+standard deviation over prints, or over groups of samples. `make gallery` writes this page.
 """
 
 SCORE_PAGE = """# The score board
 
     inkloop score                          # our controllers and the baselines on all plants
-    inkloop score module:Class             # a controller of yours beside ours
+    inkloop score module:Class             # also your own controller
     inkloop score module:Class --set limit=0.5 --plant lu --quick --out DIR
 
-Each plant is a file of [plant-v1](../../cosim/inkloop/studies/score/plant-v1), a scenario without its controller:
-the part, what a controller is told of the ink, the droplets and their variation, the sensor. It is printed with three
-fixed seeds, the same droplets for everyone. A version of the board never changes: the number after "plants" is a hash
-of its files, and tables compare where it is the same. Your class is what [a scenario
-takes](../how-to/bring-your-own-component.md): `module.py` stands in the folder where you call the command.
+Each plant is a file of [plant-v1](../../cosim/inkloop/studies/score/plant-v1), a scenario without a controller: the
+part, the ink that a controller assumes, the droplets and their variation, the sensor. Every controller prints it with
+the same three seeds and therefore the same droplets. A version of the board never changes: the number after "plants"
+is a hash of its files; tables with the same hash can be compared. Your class is the same as [in a
+scenario](../how-to/bring-your-own-component.md); run the command in the folder of `module.py`.
 
-The run folder holds `score.md`, `score.tex` (with booktabs), `score.csv` (every print) and `score.png`. To cite: the
-last line of the table, inkloop as [CITATION.cff](../../CITATION.cff) says, and the papers of the plants.
+The run folder holds `score.md`, `score.tex` (with booktabs), `score.csv` (every print) and `score.png`. To cite, use
+the last line of the table, inkloop as given in [CITATION.cff](../../CITATION.cff), and the papers of the plants.
 
 | plant | the printer | the sensor |
 |---|---|---|
 | `plant-v1/lu` | layer-to-layer model, up to 20 % of a droplet missing (Lu, Zheng, Mishra 2015) | exact |
 | `plant-v1/lu-laser` | the same, up to 40 % | laser line, 1 um |
-| `plant-v1/lu-wide` | droplets that reach two cells far | exact |
+| `plant-v1/lu-wide` | droplets that spread over two cells | exact |
 | `plant-v1/caps` | spherical caps, no flow | exact |
 | `plant-v1/volume-area` | volume and area propagation (Wu, Chiu 2024), guarded | exact |
 | `plant-v1/young-laplace-linear` | lines under surface tension (Hume, Rosen 2018), linear | exact |
 | `plant-v1/young-laplace` | the same, nonlinear | exact |
 
-What a controller believes of the ink, and what the plant does, are told apart: "Lu nominal" knows the volume of a
-droplet, in the proportions of Lu et al., Table I; "identified" is the least-squares fit of `h1`, `h2`, `h3` to eight
-random layers printed on the plant beforehand; "single droplet" is what one droplet leaves on flat ground, all that a
-model without flow knows, and what "superposition" (greedy geometric feedback, Cohen and Lipson 2010) adds up.
-"learning" goes on fitting `h1`, `h2` and `h3` while it prints (`adapt_ink = "full"`): that can make things worse
-where no ink of this model describes the plant, as on `volume-area` and `young-laplace`. No controller here is worse
-than printing blindly, on any plant.
+The ink that a controller assumes differs from what the plant does. "Lu nominal" knows the volume of a droplet, in the
+proportions of Lu et al., Table I. "Identified" is the least-squares fit of `h1`, `h2`, `h3` to eight random layers
+printed on the plant beforehand. "Single droplet" is what one droplet leaves on flat ground: all that a model without
+flow knows, and what "superposition" (greedy geometric feedback, Cohen and Lipson 2010) adds up. "Learning" also fits
+`h1`, `h2` and `h3` during the print (`adapt_ink = "full"`). That can make things worse if no ink of this model
+describes the plant, as on `volume-area` and `young-laplace`; by how much is then chance (with an ink that differs by
+1e-4 of a droplet it ended at 5.75 instead of 7.68 um on `young-laplace`). No controller here is worse than printing
+open loop, on any plant.
 """
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +11,9 @@ from inkloop.component import FloatMap, Ink, Job
 from inkloop.contract import PassOrder, pass_colours
 from inkloop_controller.core import bindings
 from inkloop_controller.core.bindings import IntMap
-from inkloop_controller.model.symbolic_layer import Symbolic, symbolic_layer
+
+if TYPE_CHECKING:
+    from inkloop_controller.model.symbolic_layer import Symbolic
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,8 @@ class LayerModel:
 
     def symbolic(self, H: Symbolic, U: Symbolic, material: IntMap | None = None) -> Symbolic:
         """The same map in CasADi for one pass: H (nx, ny) [m], U (nx, ny) relaxed to 0..1, material of each cell."""
+        from inkloop_controller.model.symbolic_layer import symbolic_layer
+
         if self.passes != 1:
             raise ValueError(f"passes is {self.passes}; the symbolic map is written for one pass")
         chosen = np.zeros(H.shape, np.int32) if material is None else material

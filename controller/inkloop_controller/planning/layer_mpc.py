@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib import import_module
 from math import nan
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
@@ -19,8 +20,9 @@ from inkloop_controller.planning.layer_plan import PROVEN, LayerPlan, PlanStatus
 from inkloop_controller.problem.criterion import CEILING_COST, PLAIN, Criterion
 from inkloop_controller.problem.horizon_problem import HORIZON_MAX, HorizonProblem, IntPlan, SearchProgress
 from inkloop_controller.problem.work import DEFAULT_WORK, Stopwatch, Work
-from inkloop_controller.program.certificate import certify
-from inkloop_controller.program.program import HorizonProgram
+
+if TYPE_CHECKING:
+    from inkloop_controller.program.program import HorizonProgram
 
 Relaxation: TypeAlias = Literal["gradient", "ipopt", "highs", "none"]
 
@@ -73,6 +75,8 @@ class LayerMpc:
         self._after_sweep, self._model = after_sweep, LayerModel.of(job)
         self._weight = criterion.weight(job.mask)
         self._programs: dict[bool, HorizonProgram] = {}  # by whether alpha is 1, where the deviation falls out
+        if certified:
+            import_module("inkloop_controller.program.certificate")  # CasADi, loaded here and not within a time limit
         if relaxation in ("ipopt", "highs"):
             self._program(self.problem(Estimate.exact(np.zeros((job.nx, job.ny)), job.inks), 0))
 
@@ -141,12 +145,16 @@ class LayerMpc:
         """What no plan can be below [m], and the probability that it holds; NaN and 1 if that is not known."""
         if not self._certified or not plan.any() or watch.remaining == 0.0:
             return proven, 1.0
+        from inkloop_controller.program.certificate import certify
+
         with watch.phase("certificate"):
             found = certify(problem, plan, seconds_max=min(CERTIFICATE_S, watch.remaining))
         return (proven, 1.0) if proven >= found.bound else (found.bound, found.confidence)
 
     def _program(self, problem: HorizonProblem) -> HorizonProgram:
         """The program for problems of this shape; built the first time."""
+        from inkloop_controller.program.program import HorizonProgram
+
         linear = problem.alpha == 1.0
         if linear not in self._programs:
             assert self._relaxation in ("ipopt", "highs")

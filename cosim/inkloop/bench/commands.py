@@ -5,27 +5,19 @@ from __future__ import annotations
 import argparse
 import importlib
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
 from inkloop.bench.emulation import Emulation, emulation_of
 from inkloop.components import devices
-from inkloop.components.devices import Bench
+from inkloop.components.bench import Bench
 from inkloop.errors import InkloopError
 from inkloop.printing.device_log import live_words
 from inkloop.printing.listening import check_listening, local_port
 from inkloop.scenario.file import Scenario
 from inkloop.tables.bench_faults import read_fault
 
-ACTIONS = {
-    "status": "what every node is doing and remembers; changes nothing",
-    "clear": "a person looked at the bench and releases the nodes; --give-up: the open layer is not to be finished",
-    "home": "the stage finds its zero",
-    "purge": "the head purges",
-    "dry-run": "one whole layer without jet and lamp",
-}
 NO_CHANNEL = (
     "bench.interface and bench.channel are not set, and an emulated bench needs to know where to listen; add to the "
     'scenario\n    [bench]\n    interface = "slcan"\n    channel = "socket://127.0.0.1:28550"\nor say --port N or --pty'
@@ -78,7 +70,7 @@ def act(scenario: Scenario, options: argparse.Namespace, console: Console) -> in
     commands = importlib.import_module("inkloop_hardware.devices.commands")
     job = next(
         (
-            devices.told(scenario.job(name), table.options)
+            devices.job_with_overrides(scenario.job(name), table.options)
             for name, table in scenario.tables.components.items()
             if table.kind == "hardware.printer"
         ),
@@ -98,24 +90,6 @@ def act(scenario: Scenario, options: argparse.Namespace, console: Console) -> in
         for line in lines:
             console.print(line, highlight=False, markup=False, soft_wrap=True)
     return 0
-
-
-def add_parsers(commands: Any) -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
-    """The parsers of both commands, without what every command on a scenario has."""
-    bench = commands.add_parser("bench", help="run an emulated bench: four nodes on a CAN bus of this machine")
-    bench.add_argument("--port", type=int, metavar="N", help="TCP port on 127.0.0.1 (default: that of [bench])")
-    bench.add_argument("--pty", action="store_true", help="a pseudo-terminal in place of a port")
-    bench.add_argument("--folder", type=Path, metavar="DIR", help="keep journals and surface there")
-    words = "KIND[:key=value,...], for example loss:probability=1e-3; docs/reference/bench-faults.md; may be repeated"
-    bench.add_argument("--fault", action="append", default=[], metavar="FAULT", help=words)
-    words = "; ".join(f"{name}: {meaning}" for name, meaning in ACTIONS.items())
-    device = commands.add_parser(
-        "device", help="ask something of the nodes of a bench without printing", description=words
-    )
-    device.add_argument("scenario", type=Path, metavar="SCENARIO", help="a .toml file with a [bench], or a run folder")
-    device.add_argument("action", choices=tuple(ACTIONS))
-    device.add_argument("--give-up", action="store_true", help="with clear: the open layer is not to be finished")
-    return bench, device
 
 
 def _other_channel(file: str, channel: str) -> str:

@@ -8,7 +8,6 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -16,29 +15,14 @@ from rich.table import Table
 
 from inkloop.component import Job
 from inkloop.components import devices
+from inkloop.components.bench import Bench
 from inkloop.components.catalog import MAPPED
-from inkloop.components.devices import Bench
 from inkloop.scenario.file import Scenario
 from inkloop.tables.schema import BenchTable
 
-WELL, FAULTS, CANNOT_RUN = 0, 1, 2
+WELL, FAULTS = 0, 1
 """Exit codes."""
 STYLES = {"good": "green", "note": "yellow", "fault": "bold red", "left out": "dim"}
-
-
-def add_parser(commands: Any) -> argparse.ArgumentParser:
-    """The parser of the command, without the overrides of a scenario."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        "doctor",
-        help="look a bench over: adapter, bus, nodes, what they say; each finding with what to do",
-        description="Exit code 0: nothing stands in the way; 1: something does; 2: the scenario cannot be read.",
-    )
-    scenario = "a .toml file with a [bench]; without it python-can's own configuration says which bus"
-    parser.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO", help=scenario)
-    parser.add_argument("--self-test", action="store_true", help="try gate and lamp too, after a question")
-    parser.add_argument("--yes", action="store_true", help="with --self-test: do not ask")
-    parser.add_argument("--json", action="store_true", help="print the findings for other programs")
-    return parser
 
 
 def examine(scenario: Scenario | None, options: argparse.Namespace, console: Console) -> int:
@@ -65,7 +49,9 @@ def job_of_printer(scenario: Scenario) -> Job:
     """The job as the printer of a scenario is told it."""
     tables = scenario.tables.components.items()
     printers = (
-        devices.told(scenario.job(name), table.options) for name, table in tables if table.kind == "hardware.printer"
+        devices.job_with_overrides(scenario.job(name), table.options)
+        for name, table in tables
+        if table.kind == "hardware.printer"
     )
     return next(printers, scenario.job())
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from inkloop.component import FloatMap
-from inkloop.components import devices, fmu_parameters
+from inkloop.components import devices
+from inkloop.components.fmu_parameters import parse_model
 from inkloop.errors import ScenarioError
 from inkloop.scenario.file import Scenario
 from inkloop.tables.bench_faults import FaultTable
@@ -44,17 +45,17 @@ def emulation_of(scenario: Scenario) -> Emulation:
     """
     grid = scenario.tables.grid
     parameters: dict[str, float] = {"nx": grid.nx, "ny": grid.ny}
-    faults: list[str] = []
+    errors: list[str] = []
     for name, table in scenario.tables.components.items():
         model = devices.KINDS[table.kind].model if table.kind in devices.KINDS else table.kind
         if model not in _EMULATED:
             continue
-        values = fmu_parameters.values_of_model(model, scenario.job(name), table.options)
-        faults += [f"components.{name}.{fault}" for fault in _unknown(model, values)]
+        values = parse_model(model, scenario.job(name), table.options).values
+        errors += [f"components.{name}.{error}" for error in _unknown(model, values)]
         parameters |= {key: value.item() for key, value in values.items() if key in _EMULATED[model]}
         parameters[_SEEDS[model]] = values["seed"].item()
-    if faults:
-        raise ScenarioError(scenario.source, faults)
+    if errors:
+        raise ScenarioError(scenario.source, errors)
     return Emulation(parameters, scenario.job().height_start, tuple(scenario.tables.bench.faults))
 
 

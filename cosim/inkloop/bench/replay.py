@@ -10,6 +10,7 @@ import argparse
 import importlib
 import io
 import tempfile
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -21,8 +22,8 @@ from inkloop.components import devices
 from inkloop.contract import MEASURED_HEIGHT, PATTERN, VALID
 from inkloop.errors import ComponentError, InkloopError, ResultError
 from inkloop.printing.device_log import live_words
-from inkloop.printing.run import new_run_folder, print_part, scenario_file
-from inkloop.results.result import RESULT_FILE, SCENARIO_FILE, UNFINISHED, Result
+from inkloop.printing.run import new_run_folder, print_part, scenario_of_run
+from inkloop.results.result import RESULT_FILE, UNFINISHED, Result
 from inkloop.scenario.file import Scenario
 
 COMPARED = {PATTERN: "patterns", MEASURED_HEIGHT: "scans", VALID: "valid cells", "estimated_height": "estimates"}
@@ -30,23 +31,10 @@ SAME, DIFFERS = 0, 1
 """Exit codes."""
 
 
-def add_parser(commands: Any) -> argparse.ArgumentParser:
-    """The parser of the command, without the overrides of a scenario."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        "replay",
-        help="drive the master again from the traffic log of a run on devices, without a bus",
-        description="Exit code 0: the master does the same again; 1: it does not, or the log cannot be gone by.",
-    )
-    parser.add_argument("run", type=Path, metavar="RUN", help="a run folder with its traffic log")
-    parser.add_argument("--log", type=Path, metavar="FILE", help="another log, .blf or .asc (default: that of RUN)")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="keep the replayed run there")
-    return parser
-
-
-def replay(options: argparse.Namespace, console: Console) -> int:
+def replay(options: argparse.Namespace, overrides: Mapping[str, Any], console: Console) -> int:
     """Print again from the log and say what differs; the exit code. Raises ResultError, ScenarioError."""
     folder: Path = options.run
-    scenario = _scenario(folder, options)
+    scenario = _scenario(folder, overrides, options.log)
     log = scenario.tables.bench.channel
     with ExitStack() as stack:
         if options.out:
@@ -93,18 +81,17 @@ def differences(recorded: Result, again: Result) -> list[str]:
     return said
 
 
-def _scenario(folder: Path, options: argparse.Namespace) -> Scenario:
+def _scenario(folder: Path, overrides: Mapping[str, Any], other_log: Path | None) -> Scenario:
     """The scenario of a run, on the bus of its log. Raises ResultError where there is nothing to replay."""
-    source = scenario_file(folder)
-    scenario = Scenario.load(folder / SCENARIO_FILE, options.overrides, source=source)
+    scenario = scenario_of_run(folder, overrides)
     kinds = {table.kind for table in scenario.tables.components.values()}
     if kinds.isdisjoint(devices.KINDS):
         raise ResultError(f"{folder}: no component of this run is a device; what was not on a bus cannot be replayed")
-    log = options.log or folder / scenario.tables.bench.traffic_log
+    log = other_log or folder / scenario.tables.bench.traffic_log
     if not log.is_file():
         raise ResultError(f"{folder}: there is no traffic log {log}; name one with --log (bench.traffic_log writes it)")
-    on_the_log = ["bench.interface=replay", f"bench.channel={log}", "bench.traffic_log="]
-    return Scenario.load(folder / SCENARIO_FILE, [*options.overrides, *on_the_log], source=source)
+    on_the_log = {"bench.interface": "replay", "bench.channel": str(log), "bench.traffic_log": ""}
+    return scenario_of_run(folder, {**overrides, **on_the_log})
 
 
 def _replayed(scenario: Scenario, place: Path, is_whole: bool) -> list[str]:

@@ -1,16 +1,42 @@
-"""A region as intervals of height on each cell: what a tool without geometry can be told of it."""
+"""What a job says under the names that FMUs use for it, its region as intervals of height on each cell."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import FloatMap, Geometry, Job
+from inkloop.fmu import Variable
 from inkloop.geometry import cell_centers
+from inkloop.units import conversion
 
 INTERVALS = 2  # on a cell, at most: the walls of a pipe
 SAMPLES_PER_LAYER = 4  # what is thinner is not seen (assumed)
 EDGE_M = 1.0  # stands for no end; above its top for nowhere
+_LENGTHS = frozenset({"pitch", "target_height", "height_start"})
+
+
+def parameters_from_job(job: Job) -> dict[str, Any]:
+    """Values of the job in SI by the names of parameters."""
+    inks = {f"h{order}_{letter}": getattr(ink, f"h{order}")
+            for letter, ink in zip("ab", job.inks, strict=False) for order in (1, 2, 3)}  # fmt: skip
+    names = ("nx", "ny", "pitch", "target_height", "mask", "passes", "pass_order", "pass_rotation", "seed")
+    surface = {} if job.height_start is None else {"height_start": job.height_start}
+    return {name: getattr(job, name) for name in names} | inks | surface
+
+
+def ink_parameters(job: Job) -> dict[str, Any]:
+    """Values of the job for an FMU that chooses between inks. Raises ValueError as `region_intervals`."""
+    return {"inks": len(job.inks), "has_region": job.region is not None, **region_intervals(job)}
+
+
+def factor_from_job(name: str, variable: Variable) -> float | None:
+    """From the job's number to the FMU's; None where the FMU means something else by the name."""
+    is_length = name in _LENGTHS or name.startswith(("h1_", "h2_", "h3_", "region_bottom_", "region_top_"))
+    is_other_type = name == "pass_order" and not variable.items
+    return None if is_other_type else conversion("m" if is_length else "1", variable.unit)
 
 
 def region_intervals(job: Job) -> dict[str, FloatMap]:

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 
-from inkloop.component import Component, Job, Port, Status, Values
+from inkloop.component import Component, HasPorts, Job, Port, Ports, Status, Values
+from inkloop.components.bench import Bench
+from inkloop.components.kind import Check, Checked
 from inkloop.contract import HEIGHT, LAYER_COMMAND, LAYERS_PRINTED, PATTERN, STATUS, checked_command, contract_ports
 from inkloop.errors import ComponentError
 from inkloop.suggest import nearest
 from inkloop.units import conversion
 
+KIND = "PlainPlant"
+_PORT_OPTIONS = ("pattern_input", "height_output")
 _COUNTER_BYTES = 8
 
 
@@ -26,26 +33,11 @@ class PlainPlant:
         self, job: Job, plant: Component, *, pattern_input: str = PATTERN, height_output: str = HEIGHT
     ) -> None:
         self._plant, self._shape = plant, (job.nx, job.ny)
-        faults = [
-            *self._port_faults(plant.inputs, "pattern_input", pattern_input),
-            *self._port_faults(plant.outputs, "height_output", height_output),
-        ]
-        if faults:
-            raise ValueError("; ".join(faults))
+        ports = wrapped_ports(job, plant, pattern_input=pattern_input, height_output=height_output)
+        self.inputs, self.outputs = ports.inputs, ports.outputs
         self._pattern = next(port for port in plant.inputs if port.name == pattern_input)
         self._height = next(port for port in plant.outputs if port.name == height_output)
-        factor = conversion(self._height.unit, "m")
-        if factor is None:
-            raise ValueError(f"height_output is {height_output!r}, which is in [{self._height.unit}]; needs a length")
-        self._factor = factor
-        own_inputs = contract_ports(self._shape, PATTERN, LAYER_COMMAND)
-        own_outputs = contract_ports(self._shape, HEIGHT, LAYERS_PRINTED, STATUS)
-        self.inputs = own_inputs + tuple(port for port in plant.inputs if port.name != pattern_input)
-        self.outputs = own_outputs + tuple(port for port in plant.outputs if port.name != height_output)
-        for ports in (self.inputs, self.outputs):
-            names = [port.name for port in ports]
-            if twice := sorted({name for name in names if names.count(name) > 1}):
-                raise ValueError(f"plant has {', '.join(twice)} of its own: it keeps the handshake; name it as kind")
+        self._factor = conversion(self._height.unit, "m") or 1.0
         self._printed = self._plant_time_ns = 0
         self._values: Values = {}
 
@@ -94,15 +86,6 @@ class PlainPlant:
         self._plant.restore(saved[offset:])
         self._printed, self._plant_time_ns, self._values = int(printed), int(plant_time_ns), values
 
-    def _port_faults(self, ports: tuple[Port, ...], option: str, name: str) -> list[str]:
-        known = {port.name: port for port in ports}
-        if name not in known:
-            return [f"{option} is {name!r}, which the plant does not have; {nearest(name, known)}"]
-        nx, ny = self._shape
-        if known[name].shape not in (self._shape, (nx * ny,)):
-            return [f"{option} is {name!r} of shape {known[name].shape}; needs {nx} x {ny} values, as the grid"]
-        return []
-
     def _plant_inputs(self, inputs: Values) -> Values:
         handed = {name: value for name, value in inputs.items() if name not in (PATTERN, LAYER_COMMAND)}
         pattern = np.asarray(inputs[PATTERN]).reshape(self._pattern.shape).astype(self._pattern.dtype)
@@ -117,3 +100,72 @@ class PlainPlant:
             LAYERS_PRINTED: np.asarray(self._printed, np.int32),
             STATUS: np.asarray(int(Status.IDLE), np.int32),
         }
+
+
+def wrapped_ports(job: Job, plant: HasPorts, *, pattern_input: str = PATTERN, height_output: str = HEIGHT) -> Ports:
+    """The ports of a `PlainPlant` around a plant. Raises ValueError with what does not fit."""
+    shape = (job.nx, job.ny)
+    errors = [
+        *_port_errors(plant.inputs, "pattern_input", pattern_input, shape),
+        *_port_errors(plant.outputs, "height_output", height_output, shape),
+    ]
+    if errors:
+        raise ValueError("; ".join(errors))
+    height = next(port for port in plant.outputs if port.name == height_output)
+    if conversion(height.unit, "m") is None:
+        raise ValueError(f"height_output is {height_output!r}, which is in [{height.unit}]; needs a length")
+    own_inputs = contract_ports(shape, PATTERN, LAYER_COMMAND)
+    own_outputs = contract_ports(shape, HEIGHT, LAYERS_PRINTED, STATUS)
+    inputs = own_inputs + tuple(port for port in plant.inputs if port.name != pattern_input)
+    outputs = own_outputs + tuple(port for port in plant.outputs if port.name != height_output)
+    for ports in (inputs, outputs):
+        names = [port.name for port in ports]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(f"plant has {', '.join(twice)} of its own: it keeps the handshake; name it as kind")
+    return Ports(inputs, outputs)
+
+
+def _port_errors(ports: tuple[Port, ...], option: str, name: str, shape: tuple[int, int]) -> list[str]:
+    known = {port.name: port for port in ports}
+    if name not in known:
+        return [f"{option} is {name!r}, which the plant does not have; {nearest(name, known)}"]
+    nx, ny = shape
+    if known[name].shape not in (shape, (nx * ny,)):
+        return [f"{option} is {name!r} of shape {known[name].shape}; needs {nx} x {ny} values, as the grid"]
+    return []
+
+
+class PlainPlantKind:
+    """The kind of a `PlainPlant`: `plant` is the kind of the plant itself, its options stand in the same table."""
+
+    path_option: ClassVar[str | None] = "file"
+
+    def __init__(self, check: Check) -> None:
+        self._check = check
+
+    def check(self, job: Job, options: Mapping[str, object]) -> Checked:
+        """Check the options of the plant, then whether its ports fit."""
+        names = {name: options[name] for name in _PORT_OPTIONS if name in options}
+        errors = [
+            f"{name} is {value!r}; expected the name of a port"
+            for name, value in names.items()
+            if not isinstance(value, str)
+        ]
+        kind = options.get("plant", "Fmu")
+        if not isinstance(kind, str) or kind == KIND:
+            errors.append(f"plant is {kind!r}; expected a kind, such as 'Fmu' or 'package.module:Class'")
+            return Checked(KIND, errors)
+        own = {name: value for name, value in options.items() if name not in ("plant", *_PORT_OPTIONS)}
+        plant = self._check(kind, job, own)
+        if errors or plant.ports is None:
+            return Checked(KIND, [*errors, *plant.errors])
+        chosen = {name: str(value) for name, value in names.items()}
+        try:
+            ports = wrapped_ports(job, plant.ports, **chosen)
+        except ValueError as error:
+            return Checked(KIND, [str(error)])
+
+        def construct(bench: Bench) -> Component:
+            return PlainPlant(job, plant.make(bench), **chosen)
+
+        return Checked(KIND, (), ports, construct)

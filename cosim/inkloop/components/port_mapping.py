@@ -61,8 +61,8 @@ class MappedPorts:
     def __init__(self, fmu: FmuComponent, inputs: Sequence[MappedPort], outputs: Sequence[MappedPort]) -> None:
         self._fmu, self._mapped_inputs, self._mapped_outputs = fmu, inputs, outputs
         self.sha256 = fmu.sha256
-        self.inputs = _ports(inputs, fmu.inputs)
-        self.outputs = _ports(outputs, fmu.outputs)
+        self.inputs = ports_of(inputs, fmu.inputs)
+        self.outputs = ports_of(outputs, fmu.outputs)
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         """Start the FMU; outputs at `time_ns`."""
@@ -97,7 +97,7 @@ class MappedPorts:
         return {port.name: mapped[port.name] if port.name in mapped else values[port.name] for port in self.outputs}
 
 
-def _ports(mapped: Sequence[MappedPort], own: Sequence[Port]) -> tuple[Port, ...]:
+def ports_of(mapped: Sequence[MappedPort], own: Sequence[Port]) -> tuple[Port, ...]:
     """The mapped ports, then those of the FMU that no mapping takes."""
     taken = {variable.name for each in mapped for variable in each.variables}
     return (*(each.port for each in mapped), *(port for port in own if port.name not in taken))

@@ -14,9 +14,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from inkloop.component import Job, Port
-from inkloop.components.port_mapping import MappedPort, MappedPorts
+from inkloop.components.port_mapping import MappedPort
 from inkloop.contract import SIGNALS
-from inkloop.fmu import FmuComponent
 from inkloop.suggest import nearest
 from inkloop.tables.messages import sentence
 from inkloop.units import UNITS, conversion, is_known, si_unit
@@ -45,29 +44,23 @@ def mapped_ports(
         return [], [], [f'{OPTION} is {option!r}; expected a table, such as {OPTION}.height = "H"']
     inputs: list[MappedPort] = []
     outputs: list[MappedPort] = []
-    faults: list[str] = []
+    errors: list[str] = []
     own = {"input": {port.name: port for port in fmu_inputs}, "output": {port.name: port for port in fmu_outputs}}
     for name, found in option.items():
         if not isinstance(found, str | Mapping):
-            faults.append(f"{OPTION}.{name} is {found!r}; expected the name of a variable, or a table with it")
+            errors.append(f"{OPTION}.{name} is {found!r}; expected the name of a variable, or a table with it")
             continue
         try:
             table = PortTable.model_validate({"variable": found} if isinstance(found, str) else found)
         except ValidationError as error:
-            faults += [f"{OPTION}.{name}.{sentence(detail, PortTable)}" for detail in error.errors()]
+            errors += [f"{OPTION}.{name}.{sentence(detail, PortTable)}" for detail in error.errors()]
             continue
         way = "input" if _names(table, job)[0] in own["input"] else "output"
         mapped, wrong = _mapped(str(name), table, job, own[way], {*own["input"], *own["output"]})
-        faults += [f"{OPTION}.{name}{fault}" for fault in wrong]
+        errors += [f"{OPTION}.{name}{error}" for error in wrong]
         if mapped is not None:
             (inputs if way == "input" else outputs).append(mapped)
-    return inputs, outputs, faults + _taken_twice(inputs, outputs, own)
-
-
-def make_mapped(fmu: FmuComponent, job: Job, option: object) -> MappedPorts:
-    """An FMU with a faultless option."""
-    inputs, outputs, _ = mapped_ports(fmu.inputs, fmu.outputs, job, option)
-    return MappedPorts(fmu, inputs, outputs)
+    return inputs, outputs, errors + _taken_twice(inputs, outputs, own)
 
 
 def _names(table: PortTable, job: Job) -> list[str]:
@@ -103,8 +96,8 @@ def _mapped(
     if found != needed:
         what = f"{job.nx} x {job.ny} values, as the grid" if port.shape else "one value"
         return None, [f".variable is {table.variable!r} with {found} values; needs {what}"]
-    if faults := _unit_faults(table, variables[0], port.unit):
-        return None, faults
+    if errors := _unit_errors(table, variables[0], port.unit):
+        return None, errors
     factor = table.gain * (conversion(port.unit, table.unit or variables[0].unit) or 1.0)  # counts have a gain only
     is_real = np.dtype(variables[0].dtype).kind == "f"
     if (factor != 1.0 or table.offset != 0.0) and not is_real:
@@ -122,7 +115,7 @@ def _port(name: str, table: PortTable, job: Job, variables: Sequence[Port]) -> P
     return Port(name, unit, grid if len(variables) > 1 else first.shape, first.dtype, first.start)
 
 
-def _unit_faults(table: PortTable, variable: Port, unit: str) -> list[str]:
+def _unit_errors(table: PortTable, variable: Port, unit: str) -> list[str]:
     """What is wrong with the unit of a port in `unit`; a gain leads from there to any unit of the FMU."""
     if table.gain == 0.0:
         return [".gain is 0; needs another number, or nothing gets through"]
@@ -146,11 +139,11 @@ def _units_of(unit: str) -> str:
 def _taken_twice(
     inputs: Sequence[MappedPort], outputs: Sequence[MappedPort], own: Mapping[str, Mapping[str, Any]]
 ) -> list[str]:
-    faults = []
+    errors = []
     for mapped, ports in ((inputs, own["input"]), (outputs, own["output"])):
         taken = [variable.name for each in mapped for variable in each.variables]
         twice = sorted({name for name in taken if taken.count(name) > 1})
-        faults += [f"{OPTION}: {name} stands behind two ports; keep one" for name in twice]
+        errors += [f"{OPTION}: {name} stands behind two ports; keep one" for name in twice]
         clash = sorted({each.port.name for each in mapped} & (ports.keys() - set(taken)))
-        faults += [f"{OPTION}.{name}: the FMU has a variable of that name besides; map it to another" for name in clash]
-    return faults
+        errors += [f"{OPTION}.{name}: the FMU has a variable of that name besides; map it to another" for name in clash]
+    return errors

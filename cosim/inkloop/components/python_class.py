@@ -1,26 +1,118 @@
-"""The options of a Python class in a scenario: the keyword-only parameters that it declares, as a table."""
+"""Kinds that are Python classes: `Class(job, *, option: type = default, ...)`.
+
+Options are checked against these types. A class is a component, or has a method `pattern` and becomes a controller that
+goes by it; a class with a parameter `rig` is given the bus of `[bench]`.
+"""
 
 from __future__ import annotations
 
+import copy
 import inspect
 import json
 import typing
+import weakref
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint
+from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
+from inkloop.component import MEMBERS, Component, Job, Ports
+from inkloop.components.bench import Bench, load
+from inkloop.components.kind import Checked
+from inkloop.errors import ScenarioError
 from inkloop.suggest import near
+from inkloop.tables.messages import sentence
+
+_RULE_CONTROLLER = ("inkloop_controller.pattern_rule", "rule_controller")
 
 
-def validated(factory: Callable[..., Any], options: Mapping[str, object]) -> dict[str, Any]:
-    """Options with the types that the factory declares; TOML's arrays become what it asks for (a tuple, a set)."""
-    table = options_table(factory).model_validate_json(json.dumps(dict(options)))
-    return {name: getattr(table, name) for name in table.model_fields_set}
+@dataclass(frozen=True)
+class PythonClass:
+    """A kind that a Python class makes; it is imported when options are checked. entry: kind and "module:Class"."""
+
+    entry: EntryPoint
+    path_option: str | None = None
+
+    def options_table(self) -> type[BaseModel]:
+        """The options as a table. Raises ImportError and AttributeError from loading."""
+        return options_table(self._load())
+
+    def check(self, job: Job, options: Mapping[str, object]) -> Checked:
+        """Check options against the types of the class, then by its constructor, whose ValueError is an error of them.
+
+        The component that this needs is the first one to be made; one with a rig is constructed again with that of
+        its loop.
+        """
+        kind = self.entry.name
+        try:
+            return self._constructed(job, options)
+        except ValidationError as error:
+            table = self.options_table()
+            errors = [sentence(detail, table) for detail in error.errors()]
+            left = without_invalid_keys(table, options, error)
+            return Checked(kind, errors if left is None else [*errors, *self.check(job, left).errors])
+        except ScenarioError as error:  # errors of a file that an option names
+            key = next((key for key, value in options.items() if value == error.source), "kind")
+            return Checked(kind, [f"{key}: {Path(error.source).name}: {fault}" for fault in error.faults])
+        except ValueError as error:
+            return Checked(kind, [str(error)])
+        except (ImportError, AttributeError) as error:
+            return Checked(kind, [f"kind is {kind!r}, which cannot be loaded: {error}"])
+        except LookupError as error:
+            return Checked(kind, [f"kind is {kind!r}, which cannot be constructed: {error!r}"])
+        except TypeError as error:
+            return Checked(kind, [f"kind is {kind!r}: its options are not what a scenario file can hold: {error}"])
+
+    def _constructed(self, job: Job, options: Mapping[str, object]) -> Checked:
+        """Valid options with the component that they make. Raises what loading and the constructor raise."""
+        factory = self._load()
+        table = options_table(factory).model_validate_json(json.dumps(dict(options)))
+        chosen = {name: getattr(table, name) for name in table.model_fields_set}
+        takes_rig = "rig" in inspect.signature(factory).parameters
+
+        def construct(bench: Bench) -> Component:
+            rig = {"rig": bench.rig} if takes_rig else {}
+            return _component(self.entry.name, job, factory(job, **rig, **copy.deepcopy(chosen)))
+
+        component = construct(Bench())
+        ports = Ports.of(component)
+        if takes_rig:
+            component.terminate()
+            return Checked(self.entry.name, ports=ports, construct=construct)
+        return Checked(self.entry.name, ports=ports, construct=_Constructed(component, construct))
+
+    def _load(self) -> Callable[..., Any]:
+        return typing.cast(Callable[..., Any], self.entry.load())
+
+
+class _Constructed:
+    """Hands over a component that is constructed already, then constructs further ones.
+
+    One that is never handed over is terminated when this is dropped.
+    """
+
+    def __init__(self, component: Component, construct: Callable[[Bench], Component]) -> None:
+        self._component: Component | None = component
+        self._construct = construct
+        self._terminate = weakref.finalize(self, component.terminate)
+
+    def __call__(self, bench: Bench) -> Component:
+        """The component at the first call, a new one at every other."""
+        component, self._component = self._component, None
+        if component is None:
+            return self._construct(bench)
+        self._terminate.detach()
+        return component
 
 
 def options_table(factory: Callable[..., Any]) -> type[BaseModel]:
-    """A table that describes the keyword-only options of a factory."""
+    """A table of the keyword-only options of a factory, with the types that it declares.
+
+    Read from JSON, TOML's arrays become what it asks for (a tuple, a set).
+    """
     function = factory.__init__ if inspect.isclass(factory) else factory
     hints = typing.get_type_hints(function, include_extras=True)
     fields: dict[str, Any] = {
@@ -35,15 +127,28 @@ def options_table(factory: Callable[..., Any]) -> type[BaseModel]:
     return create_model(getattr(factory, "__name__", "Options"), __config__=strict, **fields)
 
 
-def as_meant(table: type[BaseModel], options: Mapping[str, object], error: ValidationError) -> dict[str, object] | None:
-    """The options without those that `error` names, a misspelt key as the one it is nearest to, so that the others
-    can be judged; None where a required option is wrong: nothing can be judged without it.
+def without_invalid_keys(
+    table: type[BaseModel], options: Mapping[str, object], error: ValidationError
+) -> dict[str, object] | None:
+    """The options without those that `error` names, a misspelt key renamed to the nearest one, to check the others.
+
+    None where a required option is invalid: nothing can be checked without it.
     """
     wrong = {str(detail["loc"][0]): detail["type"] for detail in error.errors()}
     left = {key: value for key, value in options.items() if key not in wrong}
-    for key in (key for key, fault in wrong.items() if fault == "extra_forbidden"):
+    for key in (key for key, kind in wrong.items() if kind == "extra_forbidden"):
         meant = near(key, table.model_fields)
         if len(meant) == 1 and meant[0] not in options:
             left[meant[0]] = options[key]
     is_whole = all(name in left for name, field in table.model_fields.items() if field.is_required())
     return left if is_whole else None
+
+
+def _component(kind: str, job: Job, made: Any) -> Component:
+    """What a class made, as a component. Raises ValueError if it is neither one nor a rule for patterns."""
+    if isinstance(made, Component):
+        return made
+    if callable(getattr(made, "pattern", None)):
+        return typing.cast(Component, load(*_RULE_CONTROLLER)(job, made))
+    missing = [name for name in MEMBERS if not hasattr(made, name)]
+    raise ValueError(f"kind is {kind!r}, which has no {', '.join(missing)}; needs those, or a method pattern")

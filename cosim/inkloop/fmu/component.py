@@ -12,30 +12,43 @@ import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import fmpy
 from numpy.typing import NDArray
 
 from inkloop.component import Port, Values
 from inkloop.errors import ComponentError, FmuError
 from inkloop.fmu.archive_member import UNREADABLE
-from inkloop.fmu.binding import Binding
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.reading import describe
 from inkloop.suggest import nearest
 from inkloop.units import S_PER_NS
 
-PLATFORM = {2: fmpy.platform, 3: fmpy.platform_tuple}
-"""FMI version -> folder in binaries/ that this machine needs."""
+if TYPE_CHECKING:
+    from inkloop.fmu.binding import Binding
 
 
 def platform_fault(description: FmuDescription) -> str | None:
     """What keeps this machine from running an FMU: it holds no binary for it."""
-    needed, held = PLATFORM[description.fmi], ", ".join(description.platforms) or "none"
+    import fmpy
+
+    needed, held = (
+        fmpy.platform if description.fmi == 2 else fmpy.platform_tuple,
+        ", ".join(description.platforms) or "none",
+    )
     if needed in description.platforms:
         return None
     return f"holds binaries for {held}, this machine needs {needed}; export or compile it for that"
+
+
+def archive_fault(path: Path) -> str | None:
+    """What keeps an FMU from being unpacked: it is damaged."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            bad = archive.testzip()
+    except UNREADABLE as error:
+        return f"cannot be unpacked, it is damaged: {error}"
+    return None if bad is None else f"cannot be unpacked, it is damaged: bad CRC-32 of {bad}"
 
 
 class FmuComponent:
@@ -136,6 +149,8 @@ class FmuComponent:
         return folder
 
     def _start(self) -> Binding:
+        from inkloop.fmu.binding import Binding  # FMPy's classes, which only a running FMU needs
+
         here = Path.cwd()
         try:
             binding = Binding(self.description, self._folder)

@@ -13,7 +13,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import fmpy
 import numpy as np
 
 from inkloop.errors import FmuError
@@ -35,10 +34,12 @@ def describe(path: Path | str) -> FmuDescription:
 
 @lru_cache(maxsize=32)
 def _describe(path: Path, changed_ns: int) -> FmuDescription:
+    from fmpy import read_model_description
+
     try:
         with zipfile.ZipFile(path) as archive:
             names = [name.split("/") for name in archive.namelist()]
-        model = fmpy.read_model_description(str(path), validate=False)
+        model = read_model_description(str(path), validate=False)
     except OSError:
         raise
     except Exception as error:  # the parser raises bare exceptions

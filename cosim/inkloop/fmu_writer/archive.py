@@ -16,9 +16,9 @@ from pathlib import Path
 
 from inkloop.errors import FmuError, InkloopError
 from inkloop.files import replaced, write_text
-from inkloop.fmu_writer import c_tables, definition, description, documentation
+from inkloop.fmu_writer import FORMS, c_tables, definition, description, documentation
 from inkloop.fmu_writer.definition import ModelDefinition
-from inkloop.fmu_writer.description import FORMS, PLAIN, Baked, Release
+from inkloop.fmu_writer.description import PLAIN, Baked, Release
 
 DEFINITION = "sources/variables.toml"
 """Where an FMU keeps the definition that its description is written from."""

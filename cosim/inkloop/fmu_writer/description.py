@@ -9,9 +9,6 @@ from dataclasses import dataclass, field, replace
 from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition
 from inkloop.units import BASE_UNITS, si_unit
 
-FORMS = ("fmi3", "fmi3-fixed", "fmi2")
-"""FMI 3 with structural parameters, FMI 3 with constant dimensions, FMI 2 with a scalar per cell."""
-
 _DISPLAY_UNITS = {"1/m": "1/um", "m": "um", "m3": "um3", "rad": "deg", "s": "ms"}
 _FMI2_TYPES = {"real": "Real", "integer": "Integer", "boolean": "Boolean", "enumeration": "Enumeration",
                "count": "Integer"}  # fmt: skip
@@ -58,7 +55,7 @@ def write(
     release: Release,
     baked: Baked = PLAIN,
 ) -> bytes:
-    """modelDescription.xml of one of `FORMS`; `sources` are the C files that make the binary."""
+    """modelDescription.xml of one of the `FORMS` of this package; `sources` are the C files that make the binary."""
     said = {name: getattr(baked, name) for name in ("description", "step_size", "stop_time")}
     model = replace(model, **{name: value for name, value in said.items() if value is not None})
     starts = {**baked.starts, "nx": nx, "ny": ny}

@@ -8,11 +8,8 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from inkloop import __version__
 from inkloop.errors import FmuError
-from inkloop.fmu_writer.archive import described, pack, unpack
-from inkloop.fmu_writer.description import FORMS
-from inkloop.fmu_writer.windows import with_windows_binary
+from inkloop.fmu_writer import FORMS
 
 FMI2_CELLS = 32 * 32
 """Cells up to which every importer that was tried reads an FMI 2 description in seconds."""
@@ -38,14 +35,24 @@ def find_fmu(model: str, form: str = "fmi3") -> Path:
     return path
 
 
-def export(
-    model: str, *, fmi: Literal["2", "3"], nx: int, ny: int, fixed: bool, out: Path, windows: bool = False
+def export_fmu(
+    model: str,
+    *,
+    out: Path | str,
+    nx: int = 9,
+    ny: int = 9,
+    fmi: Literal["2", "3"] = "3",
+    fixed: bool = False,
+    windows: bool = False,
 ) -> Path:
-    """Write an FMU for a grid of nx * ny cells to `out`; returns `out`. Raises FmuError.
+    """Write one of our FMUs for a grid of nx * ny cells to the file `out`; returns its path. Raises FmuError.
 
     FMI 3 without `fixed` keeps structural parameters, of which nx and ny become the start values.
     windows: a binary for 64-bit Windows too, for which mingw-w64 has to be installed.
     """
+    from inkloop import __version__
+    from inkloop.fmu_writer.archive import described, pack, unpack
+
     if fmi not in ("2", "3"):
         raise FmuError(f"FMI version is {fmi!r}; expected '2' or '3'")
     if model == LAYER_JOB:
@@ -59,10 +66,13 @@ def export(
             "FMI 3 has no such cost", model, nx, ny, nx * ny)  # fmt: skip
     members = described(unpack(find_fmu(model, form)), form, nx, ny, __version__)
     if windows:
+        from inkloop.fmu_writer.windows import with_windows_binary
+
         members = with_windows_binary(members, fmi)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    pack(out, members)
-    return out
+    path = Path(out)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pack(path, members)
+    return path
 
 
 def _folder() -> Path:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import date
 from pathlib import Path
@@ -32,32 +32,14 @@ from inkloop.tables.schema import Inks
 from inkloop.units import UM_PER_M
 
 
-def add_parser(commands: Any) -> argparse.ArgumentParser:
-    """The parser of the command."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        "identify", help="find an ink from logged prints, a run, or experiments on a plant; writes an ink file"
-    )
-    parser.add_argument("sources", nargs="+", metavar="SOURCE",
-                        help=f"folders with {DESCRIPTION} or of runs; or a scenario, .fmu or kind")  # fmt: skip
-    parser.add_argument("--out", type=Path, metavar="FILE", help="ink file to write (default: NAME-ink.toml)")
-    parser.add_argument("--noise-um", type=float, metavar="UM", help="standard deviation of a reading (default: what "
-                        "untouched cells show; experiments on a bare kind or .fmu: 0.3)")  # fmt: skip
-    parser.add_argument("--samples", type=int, default=75, help="experiments: of each motif of droplets (default 75)")
-    parser.add_argument("--layers", type=int, default=6, help="experiments: layers of many droplets (default 6)")
-    parser.add_argument("--side", type=int, default=32, help="experiments: cells along their sides (default 32)")
-    parser.add_argument("--seed", type=int, default=0, help="of experiments and of groups of samples (default 0)")
-    parser.add_argument("--runs", type=Path, metavar="DIR", help="experiments: keep their run folders there")
-    return parser
-
-
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace, overrides: Mapping[str, Any], console: Console) -> int:
     """Identify, show and write; the exit code. Raises IdentificationError and what reading or printing raises."""
     out: Path = options.out or Path(f"{Path(options.sources[0]).resolve().stem}-ink.toml")
     if out.exists():
         raise IdentificationError(f"{out}: is there already and is not overwritten; name another --out")
     _check(options)
     with _progress(console) as show:
-        records, nominal = _records(options, show)
+        records, nominal = _records(options, overrides, show)
         noise = None if options.noise_um is None else options.noise_um / UM_PER_M
         found = identify(records, nominal, noise, options.seed, show)
     for table in tables(found):
@@ -94,7 +76,9 @@ def _check(options: argparse.Namespace) -> None:
         raise IdentificationError("\n".join(faults))
 
 
-def _records(options: argparse.Namespace, show: _Show) -> tuple[list[PrintRecord], Sequence[Ink]]:
+def _records(
+    options: argparse.Namespace, overrides: Mapping[str, Any], show: _Show
+) -> tuple[list[PrintRecord], Sequence[Ink]]:
     """The prints, and the ink that their scenario takes for granted."""
     folders = [Path(source) for source in options.sources if Path(source).is_dir()]
     if len(folders) == len(options.sources):
@@ -104,10 +88,10 @@ def _records(options: argparse.Namespace, show: _Show) -> tuple[list[PrintRecord
         raise IdentificationError(f"{others}: no folder of a print; name folders, or one plant to experiment on")
     source = options.sources[0]
     if source.endswith(".toml"):
-        scenario = Scenario.load(source, options.overrides)
+        scenario = Scenario.load(source, overrides)
     elif source.endswith(".fmu") or not any(mark in source for mark in "/\\."):
         noise = 0.3 if options.noise_um is None else options.noise_um
-        scenario = plant_scenario(source, noise, options.overrides)
+        scenario = plant_scenario(source, noise, overrides)
     else:
         raise IdentificationError(f"{source}: is not there; name a folder, a scenario, an .fmu file or a kind")
     plan = Plan(options.samples, options.layers, options.side, options.seed)

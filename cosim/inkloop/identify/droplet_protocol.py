@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from inkloop.component import BoolMap
 from inkloop.errors import IdentificationError
@@ -57,7 +57,7 @@ def identify_by_protocol(records: Sequence[PrintRecord], noise_std: float) -> Pr
         )
     mean = {name: float(values.mean()) for name, values in rises.items()}
     variance = {name: float(values.var(ddof=1)) / values.size for name, values in rises.items()}
-    factor = float(student.ppf(0.975, min(counts.values()) - 1))
+    factor = float(stdtrit(min(counts.values()) - 1, 0.975))
     h1 = mean["single"]
     errors = (
         variance["single"],

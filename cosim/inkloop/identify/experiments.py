@@ -6,7 +6,7 @@ catalog or FMU file in a loop made for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -132,7 +132,7 @@ def experiment_of(scenario: Scenario, design: str, side: int, plan: Plan) -> Sce
     return Scenario.of_text(tomlkit.dumps(document), scenario.source)
 
 
-def plant_scenario(plant: str, noise_um: float, overrides: Iterable[str] = ()) -> Scenario:
+def plant_scenario(plant: str, noise_um: float, overrides: Mapping[str, Any] | None = None) -> Scenario:
     """A loop around a kind of the catalog or an FMU file. Raises ScenarioError, FmuError."""
     components: dict[str, Mapping[str, Any]] = {
         "controller": {"kind": KIND, "design": "layers"},
@@ -154,10 +154,7 @@ def _printer(plant: str) -> dict[str, Any]:
 
 def _controllers(scenario: Scenario) -> list[str]:
     """Names of the components that command layers. Raises ScenarioError if there are none."""
-    components, _ = scenario.build()
-    for component in components.values():
-        component.terminate()
-    found = [name for name, part in components.items() if has_port(part.outputs, LAYER_COMMAND)]
+    found = [name for name, part in scenario.ports.items() if has_port(part.outputs, LAYER_COMMAND)]
     if not found:
         raise ScenarioError(scenario.source, ["no component commands layers; experiments take the controller's place"])
     return found

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.optimize import nnls
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import IdentificationError
@@ -56,7 +56,7 @@ class InkEstimate:
     @property
     def half_widths(self) -> NDArray[np.float64]:
         """Of the 95 % confidence intervals, in the shape of the heights [m]."""
-        factor = float(student.ppf(0.975, max(1, self.degrees)))
+        factor = float(stdtrit(max(1, self.degrees), 0.975))
         return np.asarray(factor * np.sqrt(np.diag(self.covariance)).reshape(self.heights.shape))
 
 

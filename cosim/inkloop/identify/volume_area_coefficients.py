@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from inkloop.errors import IdentificationError
 from inkloop.identify.ink_regression import start_surface
@@ -77,7 +77,7 @@ def identify_volume_area(records: Sequence[PrintRecord], noise_std: float, seed:
     level = max(LEVEL * scale, 3.0 * noise_std)
     table = np.array([_ratios(group, scale, level) for group in chosen])
     coefficients = dict(zip(NAMES, (float(value) for value in np.nanmean(table, axis=0)), strict=True))
-    factor = float(student.ppf(0.975, len(chosen) - 1)) / np.sqrt(len(chosen))
+    factor = float(stdtrit(len(chosen) - 1, 0.975)) / np.sqrt(len(chosen))
     widths = dict(zip(NAMES, (float(factor * value) for value in np.nanstd(table, axis=0, ddof=1)), strict=True))
     growths = np.array([np.sum(s.height_after - s.height) for s in samples])
     widths["height_scale"] = 1.96 * float(growths.std(ddof=1)) / np.sqrt(growths.size)

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import BoolMap, Component, Port, Values
+from inkloop.component import BoolMap, HasPorts, Port, Values
 from inkloop.units import S_PER_NS
 
 Action = Literal["override", "bias", "reset"]
@@ -72,7 +72,7 @@ class Manipulator:
     A change of an output is seen by everybody, the record included; one of an input by its component alone.
     """
 
-    def __init__(self, events: Sequence[Event], components: Mapping[str, Component]) -> None:
+    def __init__(self, events: Sequence[Event], components: Mapping[str, HasPorts]) -> None:
         self._inputs: dict[str, dict[str, _ChangedPort]] = {}
         self._outputs: dict[str, dict[str, _ChangedPort]] = {}
         for place in dict.fromkeys(event.place for event in events):
@@ -102,7 +102,7 @@ class Manipulator:
         return {**values, **{name: port.value(values.get(name), time_ns, layer) for name, port in ports.items()}}
 
 
-def find_port(component: Component, name: str) -> tuple[Port, bool]:
+def find_port(component: HasPorts, name: str) -> tuple[Port, bool]:
     """The port of that name and whether it is an input, which goes before an output. Raises LookupError."""
     for ports, is_input in ((component.inputs, True), (component.outputs, False)):
         for port in ports:

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import Component, Port, Values, is_shadow
+from inkloop.component import HasPorts, Port, Values, is_shadow
 from inkloop.contract import HEIGHT, LAYERS_FOLLOWED, LAYERS_PRINTED, REQUIRED_INPUTS
 from inkloop.suggest import nearest
 from inkloop.units import conversion, is_known
@@ -47,7 +47,7 @@ class Transfer:
 
     @classmethod
     def of(cls, connection: Connection, source: Port, target: Port) -> Transfer:
-        """The transfer of a connection without faults between its two ports."""
+        """The transfer of a connection without errors between its two ports."""
         return cls((conversion(source.unit, target.unit) or 1.0) * connection.gain, connection.offset)
 
     @property
@@ -64,7 +64,7 @@ class Transfer:
         return arrived
 
 
-def contract_connections(components: Mapping[str, Component]) -> list[Connection]:
+def contract_connections(components: Mapping[str, HasPorts]) -> list[Connection]:
     """Every input from the one other component that has an output of the same name, a shadow only if no other has it.
 
     An input with several such components is left open; `check` asks which one is meant. Who scans the height of a
@@ -76,15 +76,15 @@ def contract_connections(components: Mapping[str, Component]) -> list[Connection
             sources = _sources(components, name, port.name)
             if len(sources) == 1:
                 wires.append(Connection(sources[0], f"{name}.{port.name}"))
-    return [_counted_by_its_surface(wire, wires, components) for wire in wires]
+    return [_use_shadow_counter(wire, wires, components) for wire in wires]
 
 
 def feeds(
-    components: Mapping[str, Component], connections: Sequence[Connection]
+    components: Mapping[str, HasPorts], connections: Sequence[Connection]
 ) -> dict[str, list[tuple[str, str, str, Transfer]]]:
     """By component, what its inputs get: input, component and output it comes from, and the way between.
 
-    The connections have no faults.
+    The connections have no errors.
     """
     inputs = {f"{name}.{port.name}": port for name, component in components.items() for port in component.inputs}
     outputs = {f"{name}.{port.name}": port for name, component in components.items() for port in component.outputs}
@@ -111,27 +111,27 @@ def without_start(name: str, feeds: Feeds, outputs: Mapping[str, Values], ready:
     return None
 
 
-def check(components: Mapping[str, Component], connections: Sequence[Connection]) -> list[str]:
-    """Every fault of the wiring, one sentence each; empty if the loop may run."""
+def check(components: Mapping[str, HasPorts], connections: Sequence[Connection]) -> list[str]:
+    """Every error of the wiring, one sentence each; empty if the loop may run."""
     inputs, outputs = (
         {name: _ports(component, way) for name, component in components.items()} for way in ("input", "output")
     )
-    faults: list[str] = []
+    errors: list[str] = []
     fed: dict[str, str] = {}
     for connection in connections:
-        source = find(connection.source, outputs, "output", faults)
-        target = find(connection.target, inputs, "input", faults)
+        source = find(connection.source, outputs, "output", errors)
+        target = find(connection.target, inputs, "input", errors)
         if source and target:
-            faults += _mismatches(connection, source, target)
+            errors += _mismatches(connection, source, target)
         if connection.target in fed:
-            faults.append(
+            errors.append(
                 f"{connection.target} is fed twice, by {fed[connection.target]} and {connection.source}; keep one"
             )
         fed[connection.target] = connection.source
-    return faults + list(_open_inputs(components, fed))
+    return errors + list(_open_inputs(components, fed))
 
 
-def _open_inputs(components: Mapping[str, Component], fed: Mapping[str, str]) -> Iterator[str]:
+def _open_inputs(components: Mapping[str, HasPorts], fed: Mapping[str, str]) -> Iterator[str]:
     for name, component in components.items():
         for port in component.inputs:
             place = f"{name}.{port.name}"
@@ -166,26 +166,26 @@ def _mismatches(connection: Connection, source: Port, target: Port) -> Iterator[
         )
 
 
-def _ports(component: Component, direction: str) -> dict[str, Port]:
+def _ports(component: HasPorts, direction: str) -> dict[str, Port]:
     ports = component.inputs if direction == "input" else component.outputs
     return {port.name: port for port in ports}
 
 
-def find(place: str, ports: Mapping[str, Mapping[str, Port]], direction: str, faults: list[str]) -> Port | None:
-    """The port at "component.port"; where there is none, `faults` gets a sentence with names that are near."""
+def find(place: str, ports: Mapping[str, Mapping[str, Port]], direction: str, errors: list[str]) -> Port | None:
+    """The port at "component.port"; where there is none, `errors` gets a sentence with names that are near."""
     component, name = _parts(place)
     if component not in ports:
-        faults.append(f"{place}: there is no component {component!r}; {nearest(component, ports)}")
+        errors.append(f"{place}: there is no component {component!r}; {nearest(component, ports)}")
     elif name not in ports[component]:
         known = nearest(name, ports[component]) if ports[component] else f"it has no {direction}s"
-        faults.append(f"{place}: {component} has no {direction} {name!r}; {known}")
+        errors.append(f"{place}: {component} has no {direction} {name!r}; {known}")
     else:
         return ports[component][name]
     return None
 
 
-def _counted_by_its_surface(
-    wire: Connection, wires: Sequence[Connection], components: Mapping[str, Component]
+def _use_shadow_counter(
+    wire: Connection, wires: Sequence[Connection], components: Mapping[str, HasPorts]
 ) -> Connection:
     component, port = wire.target_parts
     if port != LAYERS_PRINTED:
@@ -195,7 +195,7 @@ def _counted_by_its_surface(
     return wire if shadow is None else Connection(f"{shadow}.{LAYERS_FOLLOWED}", wire.target)
 
 
-def _sources(components: Mapping[str, Component], target: str, port: str) -> list[str]:
+def _sources(components: Mapping[str, HasPorts], target: str, port: str) -> list[str]:
     having = [
         name
         for name, component in components.items()

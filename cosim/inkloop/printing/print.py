@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from inkloop.errors import ComponentError, ResultError
 from inkloop.master.events import Event, Manipulator
@@ -19,6 +18,9 @@ from inkloop.results.result import RESULT_FILE, UNFINISHED, Result
 from inkloop.results.solid import with_solid
 from inkloop.scenario.file import Scenario
 from inkloop.units import NS_PER_S
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 class Print:
@@ -37,15 +39,15 @@ class Print:
     ) -> None:
         limits = scenario.tables.run
         self._scenario, self._folder, self._notes = scenario, folder, dict(notes or {})
-        self._components, connections = scenario.build(folder)
-        self._events = scenario.events(self._components)
+        self._components = scenario.build(folder)
+        self._events = scenario.events
         self._recorder = Recorder(scenario.job(), self._components, on_layer)
         self._checkpoints = Checkpoints(folder, self._components, self._recorder) if folder else None
         self._pacing = Pacing(limits.real_time_factor) if limits.real_time_factor else None
         self._step_ns = round(limits.step_s * NS_PER_S)
         self._master = Master(
             self._components,
-            connections,
+            scenario.connections,
             step_ns=self._step_ns,
             algorithm=limits.algorithm,
             observers=[self._recorder, self._checkpoints] if self._checkpoints else [self._recorder],
@@ -133,5 +135,5 @@ def _marked(dataset: xr.Dataset, events: Sequence[Event], manipulator: Manipulat
     ends_ns = np.nan_to_num(dataset["time"].values * NS_PER_S).round().astype(np.int64)
     modified = [manipulator.in_effect(max(0, int(end_ns) - step_ns), layer) for layer, end_ns in enumerate(ends_ns)]
     attributes = {"units": "1", "long_name": "layers in which an event was in effect"}
-    marked = dataset.assign(modified=xr.Variable(("layer",), np.array(modified), attributes))
+    marked = dataset.assign(modified=(("layer",), np.array(modified), attributes))
     return marked.assign_attrs(events="\n".join(map(str, events)))

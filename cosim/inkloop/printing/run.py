@@ -41,7 +41,7 @@ def resume(folder: Path, console: Console) -> int:
 
     Raises ResultError where nothing can go on from the folder, ScenarioError, ComponentError.
     """
-    scenario = scenario_of(folder)
+    scenario = scenario_of_run(folder)
     record = read_record(folder)
     if not is_unchanged(folder, record):
         raise ResultError(f"{folder / SCENARIO_FILE}: was changed since the run began; put it back, or run it anew")
@@ -64,9 +64,9 @@ def scenario_file(folder: Path) -> Path:
     return Path(record["scenario_file"])
 
 
-def scenario_of(folder: Path) -> Scenario:
+def scenario_of_run(folder: Path, overrides: Mapping[str, Any] | None = None) -> Scenario:
     """The scenario as the run in `folder` began it. Raises ResultError, ScenarioError."""
-    return Scenario.load(folder / SCENARIO_FILE, source=scenario_file(folder))
+    return Scenario.load(folder / SCENARIO_FILE, overrides, source=scenario_file(folder))
 
 
 def print_part(
@@ -90,7 +90,7 @@ def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool
         for place, variant in _runs(scenario, folder, compare):
             if _is_finished(place):
                 continue
-            with _alone(place, folder), _words_of_devices(variant, progress.console, place):
+            with _alone(place, folder), log_devices(variant, progress.console, place):
                 Result.begin(place, variant.text, notes)
                 result = print_part(variant, progress, place, notes)
             if "real_time" in result.run:
@@ -115,7 +115,7 @@ def _alone(place: Path, folder: Path) -> AbstractContextManager[None]:
     return nullcontext() if place == folder else sole_writer(place)
 
 
-def _words_of_devices(scenario: Scenario, console: Console, folder: Path) -> AbstractContextManager[None]:
+def log_devices(scenario: Scenario, console: Console, folder: Path) -> AbstractContextManager[None]:
     """Shows what devices say, if there are any. Raises ComponentError if nobody listens at their emulated bus."""
     kinds = {table.kind for table in scenario.tables.components.values()}
     if not kinds.isdisjoint(devices.KINDS):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from inkloop.component import Component, FloatMap, Job
-from inkloop.components import devices, fmu_parameters
+from inkloop.components import catalog, devices
 from inkloop.components.shadow.comparison import ScannedLayer, start_surface
 from inkloop.components.shadow.replica import FollowedPlant
 from inkloop.contract import LAYER_COMMAND, MEASURED_HEIGHT, PATTERN, VALID
@@ -101,7 +101,7 @@ def model_difference(result: Result) -> ModelDifference | None:
         job = job_of(tables, printers[0])
         table = tables.components[printers[0]]
         name = MODEL
-        surfaces = followed(run, devices.told(job, table.options) if table.kind in devices.KINDS else job)
+        surfaces = followed(run, devices.job_with_overrides(job, table.options) if table.kind in devices.KINDS else job)
     seen = run.valid.values.astype(bool) & run.mask.values.astype(bool)
     maps = np.where(seen, run.measured_height.values - surfaces, np.nan)
     rows = tuple(_rows(run, surfaces))
@@ -112,7 +112,7 @@ def followed(run: xr.Dataset, job: Job) -> FloatMap:
     """Surfaces (layer, x, y) [m] of the model, with the patterns of a run, from its first scan on."""
 
     def make(job: Job) -> Component:
-        return fmu_parameters.make_model(MODEL, job, {})
+        return catalog.make(MODEL, job, {})
 
     plant = FollowedPlant(job, make)
     try:

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from inkloop.component import Component, FloatMap, Job, Port, Status, Values, is_device
@@ -37,6 +36,9 @@ from inkloop.contract import (
 )
 from inkloop.results.metrics import surface_error
 from inkloop.units import S_PER_NS
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 COUNTER_ROLES = {
     **{name: str(SIGNALS[name].giver) for name in COUNTERS},
@@ -168,6 +170,8 @@ class Recorder:
 
     def dataset(self) -> xr.Dataset:
         """Everything recorded, as labelled arrays with units; layers that were jumped over hold NaN or 0."""
+        import xarray as xr
+
         job, count = self._job, self.layers + 1
         variables: dict[str, xr.Variable] = {
             "target_height": _variable(("x", "y"), job.target_height, "m", "height that the part shall have"),
@@ -275,4 +279,6 @@ def _carried(maps: NDArray[Any], known: Mapping[int, object]) -> NDArray[Any]:
 
 
 def _variable(dims: tuple[str, ...], values: NDArray[Any] | FloatMap, unit: str, long_name: str) -> xr.Variable:
+    import xarray as xr
+
     return xr.Variable(dims, values, {"units": str(unit), "long_name": long_name})

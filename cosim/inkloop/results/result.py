@@ -13,15 +13,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from inkloop.component import Component
 from inkloop.errors import ResultError
 from inkloop.files import replaced, sync_folder, write_text
 from inkloop.results.metrics import masked_error
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SCHEMA_VERSION = 1
 RESULT_FILE, RUN_FILE, SCENARIO_FILE = "result.nc", "run.json", "scenario.toml"
@@ -147,6 +149,8 @@ class Result:
                 begun = name == RESULT_FILE and (folder / RUN_FILE).is_file()
                 advice = f"`inkloop resume {folder}` ends it" if begun else "name a folder that `inkloop run` has made"
                 raise ResultError(f"{folder}: holds no {name}; {advice}")
+        import xarray as xr
+
         try:
             with xr.open_dataset(folder / RESULT_FILE, engine="h5netcdf") as stored:
                 dataset = stored.load()

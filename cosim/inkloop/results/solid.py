@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from inkloop.component import FloatMap, Ink, Job
 from inkloop.geometry import cell_centers
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 STEP_M = 1e-6  # height of a voxel: a droplet brings several times that (assumed)
 

@@ -1,4 +1,4 @@
-"""From the `[[events]]` of a scenario to events of its ports, and everything that is wrong with them."""
+"""From the `[[events]]` of a scenario to events of its ports, with all errors."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import BoolMap, Component, Port
+from inkloop.component import BoolMap, HasPorts, Port
 from inkloop.contract import LAYER_COMMAND
 from inkloop.master.events import Event, find_port
 from inkloop.suggest import nearest
@@ -19,65 +19,65 @@ from inkloop.units import NS_PER_S, conversion, spellings
 
 def read_events(
     tables: Sequence[EventTable],
-    components: Mapping[str, Component],
+    components: Mapping[str, HasPorts],
     nozzle_pitch: Mapping[str, int],
     pitch: float,
-    unmade: Collection[str] = (),
+    unknown: Collection[str] = (),
 ) -> tuple[list[Event], list[str]]:
-    """Events in the order of the file, and every fault, each with its place; with faults the list is not whole.
+    """Events in the order of the file, and every error, each with its place; with errors the list is not whole.
 
-    nozzle_pitch: component -> its number of nozzles, of those that say it; pitch: distance of cells [m]; unmade:
-    further components, of which nothing but the name is known.
+    nozzle_pitch: component -> its number of nozzles, of those that say it; pitch: distance of cells [m]; unknown:
+    further components, whose ports are not known.
     """
     events: list[Event] = []
-    faults: list[str] = []
+    errors: list[str] = []
     outputs = [port.name for part in components.values() for port in part.outputs]
-    commands = bool(unmade) or LAYER_COMMAND in outputs
+    commands = bool(unknown) or LAYER_COMMAND in outputs
     for number, table in enumerate(tables):
         place = f"events.[{number}]"
-        own = _moment_faults(table, commands)
-        port, unknown = find_event_port(table.port, components, unmade)
-        own += unknown
+        own = _moment_errors(table, commands)
+        port, wrong = find_event_port(table.port, components, unknown)
+        own += wrong
         if port is not None:
             reader = _Reader(table, port, nozzle_pitch.get(table.port.partition(".")[0]), pitch)
             event = reader.event()
-            own += reader.faults
+            own += reader.errors
             if not own:
                 events.append(event)
-        faults += [f"{place}.{fault}" for fault in own]
-    return events, faults
+        errors += [f"{place}.{error}" for error in own]
+    return events, errors
 
 
 class _Reader:
-    """Reads one table for the port it names; `faults` collects what is wrong."""
+    """Reads one table for the port it names; `errors` collects what is wrong."""
 
     def __init__(self, table: EventTable, port: Port, nozzle_pitch: int | None, pitch: float) -> None:
         self._table = table
         self._port = port
         self._nozzle_pitch = nozzle_pitch
         self._pitch = pitch
-        self.faults: list[str] = []
+        self.errors: list[str] = []
 
     def event(self) -> Event:
-        """The event; of use if there are no faults."""
+        """The event; of use if there are no errors."""
         table, port = self._table, self._port
         units = {} if table.action == "reset" else {"value": port.unit}
         if table.action == "bias":
             units["per_layer"] = port.unit
-        values, faults = read_quantities(table.quantities, units, type(table).model_fields)
-        self.faults += faults
+        values, errors = read_quantities(table.quantities, units, type(table).model_fields)
+        self.errors += errors
         value = self._array(*values["value"]) if "value" in values else None
         per_layer = self._array(*values["per_layer"]) if "per_layer" in values else None
         if table.action == "bias" and port.dtype == "bool":
-            self.faults.append(f"action is 'bias', but {table.port} is true or false; override it")
+            self.errors.append(f"action is 'bias', but {table.port} is true or false; override it")
         if per_layer is not None and table.at_layer is None:
-            self.faults.append("per_layer needs at_layer, the layer from which it grows; give at_layer")
+            self.errors.append("per_layer needs at_layer, the layer from which it grows; give at_layer")
         value = self._tilted(value)
         if value is None and per_layer is not None:
             value = np.zeros((), dtype=port.dtype)
-        if value is None and table.action != "reset" and not faults and "value" not in values:
+        if value is None and table.action != "reset" and not errors and "value" not in values:
             expected = next(iter(spellings("value", port.unit)))
-            self.faults.append(f"{expected} is missing; add what to {table.action} {table.port} with")
+            self.errors.append(f"{expected} is missing; add what to {table.action} {table.port} with")
         moment = None if table.at_time_s is None else round(table.at_time_s * NS_PER_S)
         return Event(table.port, table.action, table.at_layer, moment, value, per_layer, self._cells())
 
@@ -91,10 +91,10 @@ class _Reader:
         if array.dtype.kind not in kinds or not np.isfinite(array).all():
             what = {"b": "true or false", "i": "a whole number", "f": "a finite number"}[np.dtype(port.dtype).kind]
             found = self._table.quantities[key]
-            self.faults.append(f"{key} is {found!r}; expected {what}, or an array of them")
+            self.errors.append(f"{key} is {found!r}; expected {what}, or an array of them")
             return None
         if array.shape not in ((), port.shape):
-            self.faults.append(f"{key} has shape {array.shape}; {self._table.port} takes a number or {port.shape}")
+            self.errors.append(f"{key} has shape {array.shape}; {self._table.port} takes a number or {port.shape}")
             return None
         return array.astype(port.dtype)
 
@@ -105,7 +105,7 @@ class _Reader:
             return value
         to_unit = conversion("m", port.unit)
         if table.action != "bias" or len(port.shape) != 2 or to_unit is None:
-            self.faults.append(
+            self.errors.append(
                 f"tilt_x and tilt_y are of a bias on a map of heights; {table.action} of {table.port} has none"
             )
             return value
@@ -118,14 +118,14 @@ class _Reader:
         if table.cells is None and table.nozzles is None:
             return None
         if len(shape) != 2:
-            self.faults.append(f"{table.port} has no cells; leave cells and nozzles out")
+            self.errors.append(f"{table.port} has no cells; leave cells and nozzles out")
             return None
         chosen = np.zeros(shape, dtype=np.bool_)
         for cell in table.cells or ():
             if all(0 <= index < count for index, count in zip(cell, shape, strict=True)):
                 chosen[tuple(cell)] = True
             else:
-                self.faults.append(f"cells has {cell}; the grid of {table.port} is {shape[0]} x {shape[1]}")
+                self.errors.append(f"cells has {cell}; the grid of {table.port} is {shape[0]} x {shape[1]}")
         if table.nozzles is not None:
             chosen |= self._cells_of_nozzles(table.nozzles, shape)
         return chosen
@@ -135,20 +135,20 @@ class _Reader:
         count = self._nozzle_pitch
         if count is None:
             component = self._table.port.partition(".")[0]
-            self.faults.append(
+            self.errors.append(
                 f"nozzles: {component} does not say how many it has; give components.{component}.nozzle_pitch, "
                 "or select by cells"
             )
             return np.zeros(shape, dtype=np.bool_)
         wrong = [nozzle for nozzle in nozzles if not 0 <= nozzle < count]
-        self.faults += [
+        self.errors += [
             f"nozzles has {nozzle}; expected 0 to {count - 1} (nozzle_pitch is {count})" for nozzle in wrong
         ]
         of_line = np.isin(np.arange(shape[1]) % count, nozzles)
         return np.broadcast_to(of_line, shape).copy()
 
 
-def _moment_faults(table: EventTable, commands: bool) -> list[str]:
+def _moment_errors(table: EventTable, commands: bool) -> list[str]:
     if (table.at_layer is None) == (table.at_time_s is None):
         said = "both are given" if table.at_layer is not None else "neither is given"
         return [f"at_layer, at_time_s: {said}; give one of them"]
@@ -158,14 +158,14 @@ def _moment_faults(table: EventTable, commands: bool) -> list[str]:
 
 
 def find_event_port(
-    place: str, components: Mapping[str, Component], unmade: Collection[str] = ()
+    place: str, components: Mapping[str, HasPorts], unknown: Collection[str] = ()
 ) -> tuple[Port | None, list[str]]:
-    """The port at "component.port", and what is wrong with the place; neither for a component that is not made."""
+    """The port at "component.port", and what is wrong with the place; neither for a component with unknown ports."""
     component, _, name = place.partition(".")
-    if component in unmade:
+    if component in unknown:
         return None, []
     if component not in components:
-        known = nearest(component, (*components, *unmade))
+        known = nearest(component, (*components, *unknown))
         return None, [f"port is {place!r}: there is no component {component!r}; {known}"]
     try:
         return find_port(components[component], name)[0], []

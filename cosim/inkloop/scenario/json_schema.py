@@ -28,8 +28,8 @@ def scenario_schema() -> Schema:
     definitions = schema["$defs"]
     options = {model: _model_options(model) for model in catalog.FMU_MODELS}
     options |= {kind: _model_options(device.model) for kind, device in devices.KINDS.items()}
-    for kind in catalog.PYTHON_KINDS:
-        table = catalog.python_options(kind).model_json_schema()
+    for kind, python in catalog.PYTHON_KINDS.items():
+        table = python.options_table().model_json_schema()
         definitions.update(table.pop("$defs", {}))
         options[kind] = table
     definitions["ComponentTable"] = _by_kind(definitions["ComponentTable"], options)

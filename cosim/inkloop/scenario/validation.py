@@ -1,101 +1,139 @@
-"""Ends of connections that name nothing, told beside the faults of components that keep a loop from being made."""
+"""Everything that is wrong with the components of a scenario, their connections and events, one sentence each.
+
+Errors in one table do not hide those in others: what depends on ports is checked for the components whose ports are
+known, and what depends on the job is checked with a stand-in where the tables of the job are invalid.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from inkloop.component import Component, Job, Port, is_device, is_shadow
+from inkloop.component import HasPorts, Job, Ports, is_device, is_shadow
 from inkloop.components import catalog
+from inkloop.components.kind import Checked
 from inkloop.contract import HEIGHT, LAYERS_PRINTED, LAYERS_SCANNED, has_port
-from inkloop.errors import FmuError, ScenarioError
+from inkloop.geometry import cell_centers
 from inkloop.master.wiring import Connection, find
 from inkloop.scenario.events import find_event_port
-
-Parts = Mapping[str, tuple[str, Job, Mapping[str, Any]]]
-"""By component its kind, job and options, some of them faulty."""
-
-
-@contextmanager
-def faultless(parts: Parts, names: Collection[str]) -> Iterator[dict[str, Component]]:
-    """The components of these names that can be made, terminated at the end."""
-    components = {name: made for name in names if name in parts and (made := _made(*parts[name])) is not None}
-    try:
-        yield components
-    finally:
-        for component in components.values():
-            component.terminate()
-
-
-def component_of(place: str) -> str:
-    """Name of the component in "component.port"."""
-    return place.partition(".")[0]
-
-
-def end_faults(
-    components: Mapping[str, Component], unmade: Collection[str], connections: Sequence[tuple[str, str]]
-) -> list[str]:
-    """What is wrong with (output, input), each "component.port"; ends at components that are not made are left out."""
-    faults: list[str] = []
-    for ends in connections:
-        for place, direction in zip(ends, ("output", "input"), strict=True):
-            ports: dict[str, dict[str, Port]] = {name: {} for name in unmade}
-            ports |= {
-                name: {port.name: port for port in getattr(component, f"{direction}s")}
-                for name, component in components.items()
-            }
-            if component_of(place) not in unmade:
-                find(place, ports, direction, faults)
-    return faults
-
-
-def _made(kind: str, job: Job, options: Mapping[str, Any]) -> Component | None:
-    try:
-        return catalog.make(kind, job, options)
-    except (ScenarioError, FmuError):
-        return None  # whose faults are told where components are checked
-
+from inkloop.tables.schema import ScenarioFile
 
 SIDE = 9
-"""Cells along an edge of a grid whose own number is faulty."""
+"""Cells along an edge of a grid whose own number is invalid."""
 
 
-def component_faults(raw: Mapping[str, Any], folder: Path) -> list[str]:
-    """Faults of options, of ends of connections and of ports of events, as far as they can be told.
+def part_errors(tables: ScenarioFile, job: Job) -> list[str]:
+    """What is wrong with the part on its grid."""
+    grid = tables.grid
+    if not job.mask.any():
+        return ["part covers no cell of the grid; make it larger, move it, or enlarge grid.nx and grid.ny"]
+    if tables.support is not None:
+        return []
+    x, y = cell_centers(grid.nx + 2, grid.ny + 2, grid.pitch)
+    around = tables.part.geometry(grid).contains(x - grid.pitch, y - grid.pitch, np.zeros_like(x))
+    around[1:-1, 1:-1] = False
+    if around.any():
+        return [
+            f"part reaches beyond the grid of {grid.nx} x {grid.ny} cells; enlarge grid.nx and grid.ny "
+            "(leave 2 empty cells around the part) or make it smaller"
+        ]
+    return []
+
+
+def known_ports(checked: Mapping[str, Checked]) -> tuple[dict[str, Ports], list[str]]:
+    """The ports of components, and the names of those whose options have errors: their ports are unknown."""
+    ports = {name: part.ports for name, part in checked.items() if part.ports is not None}
+    return ports, [name for name in checked if name not in ports]
+
+
+def end_errors(
+    ports: Mapping[str, HasPorts], unknown: Collection[str], connections: Sequence[tuple[str, str]]
+) -> list[str]:
+    """What is wrong with (output, input), each "component.port"; ends at components with unknown ports are left out."""
+    errors: list[str] = []
+    for ends in connections:
+        for place, direction in zip(ends, ("output", "input"), strict=True):
+            by_name = {name: {} for name in unknown} | {
+                name: {port.name: port for port in getattr(component, f"{direction}s")}
+                for name, component in ports.items()
+            }
+            if place.partition(".")[0] not in unknown:
+                find(place, by_name, direction, errors)
+    return errors
+
+
+def mix_errors(components: Mapping[str, HasPorts]) -> list[str]:
+    """What is wrong with combining devices and simulated parts; empty if they go together.
+
+    A device that prints needs a device that scans and the other way round, or a shadow: a model that follows the
+    commanded patterns.
+    """
+    if any(is_shadow(component) for component in components.values()):
+        return []
+    advice = 'add a component with kind = "Shadow", a model that follows the commanded patterns'
+    errors = []
+    for printer in _giving(LAYERS_PRINTED, components):
+        for profiler in _giving(LAYERS_SCANNED, components):
+            if is_device(components[printer]) and not is_device(components[profiler]):
+                errors.append(
+                    f"{printer} is a device and {profiler} simulates a sensor, which has no surface to scan; {advice} "
+                    f"and gives {profiler} its height, or make {profiler} a device"
+                )
+            elif is_device(components[profiler]) and not is_device(components[printer]):
+                errors.append(
+                    f"{profiler} is a device and {printer} simulates a printer, of which {profiler} sees nothing; "
+                    f"{advice}, to be held against the scans, or make {printer} a device"
+                )
+    return errors
+
+
+def shadow_errors(components: Mapping[str, HasPorts], connections: Sequence[Connection]) -> list[str]:
+    """A shadow that a sensor scans must not take those scans for the surface that it begins on."""
+    errors = []
+    fed = {connection.target_parts: connection.source_parts for connection in connections}
+    for name, component in components.items():
+        sensor, _ = fed.get((name, LAYERS_SCANNED), ("", ""))
+        scans_shadow = fed.get((sensor, HEIGHT)) == (name, HEIGHT)
+        if is_shadow(component) and scans_shadow and getattr(component, "starts_on_scan", False):
+            errors.append(
+                f'{name} begins on the first scan of {sensor}, which scans {name} itself; write start = "job" in '
+                f"components.{name}, or let {sensor} scan a printer"
+            )
+    return errors
+
+
+def errors_of_invalid_file(raw: Mapping[str, Any], folder: Path) -> list[str]:
+    """Errors of options, ends of connections and ports of events in a file whose other tables are invalid.
 
     raw: the file as read; folder: where it stands.
     """
-    parts = _parts(raw, folder)
-    faults = [
-        f"components.{name}.{fault}" for name, part in parts.items() for fault in catalog.faults(part[0], *part[1:])
-    ]
-    names = [str(name) for name in _table(raw, "components")]
+    checked = _checked(raw, folder)
+    ports, _ = known_ports(checked)
+    unknown = [name for name in map(str, _table(raw, "components")) if name not in ports]
+    errors = [f"components.{name}.{error}" for name, part in checked.items() for error in part.errors]
     connections = [(source, target) for _, table in _rows(raw, "connections")
                    if isinstance(source := table.get("source"), str)
                    and isinstance(target := table.get("target"), str)]  # fmt: skip
-    ports = [(number, table["port"]) for number, table in _rows(raw, "events") if isinstance(table.get("port"), str)]
-    ends = [*(port for _, port in ports), *(end for both in connections for end in both)]
-    with faultless(parts, {component_of(end) for end in ends}) as components:
-        unmade = [name for name in names if name not in components]
-        faults += end_faults(components, unmade, connections)
-        for number, port in ports:
-            faults += [f"events.[{number}].{fault}" for fault in find_event_port(port, components, unmade)[1]]
-    return faults
+    errors += end_errors(ports, unknown, connections)
+    for number, table in _rows(raw, "events"):
+        if isinstance(place := table.get("port"), str):
+            errors += [f"events.[{number}].{error}" for error in find_event_port(place, ports, unknown)[1]]
+    return errors
 
 
-def _parts(raw: Mapping[str, Any], folder: Path) -> Parts:
+def _checked(raw: Mapping[str, Any], folder: Path) -> dict[str, Checked]:
+    """The components whose kind can be read, their options checked for a flat job on a grid as far as it is valid."""
     nx, ny = (_cells(_table(raw, "grid").get(edge)) for edge in ("nx", "ny"))
     job = Job(nx, ny, pitch=1e-4, target_height=np.zeros((nx, ny)), mask=np.ones((nx, ny), dtype=np.bool_))
-    parts = {}
+    checked = {}
     for name, table in _table(raw, "components").items():
         if isinstance(table, Mapping) and isinstance(kind := table.get("kind"), str):
             options = {key: value for key, value in table.items() if key != "kind"}
-            parts[str(name)] = kind, job, catalog.beside(kind, options, folder)
-    return parts
+            checked[str(name)] = catalog.check(kind, job, catalog.resolve_paths(kind, options, folder))
+    return checked
 
 
 def _cells(found: object) -> int:
@@ -115,45 +153,5 @@ def _rows(raw: Mapping[str, Any], key: str) -> Iterator[tuple[int, Mapping[str, 
             yield number, row
 
 
-def mix_faults(components: Mapping[str, Component]) -> list[str]:
-    """What is wrong with devices beside simulated parts, one sentence each; empty if they go together.
-
-    A device that prints needs a device that scans and the other way round, or a shadow: a model that follows the
-    commanded patterns.
-    """
-    if any(is_shadow(component) for component in components.values()):
-        return []
-    advice = 'add a component with kind = "Shadow", a model that follows the commanded patterns'
-    faults = []
-    for printer in _giving(LAYERS_PRINTED, components):
-        for profiler in _giving(LAYERS_SCANNED, components):
-            if is_device(components[printer]) and not is_device(components[profiler]):
-                faults.append(
-                    f"{printer} is a device and {profiler} simulates a sensor, which has no surface to scan; {advice} "
-                    f"and gives {profiler} its height, or make {profiler} a device"
-                )
-            elif is_device(components[profiler]) and not is_device(components[printer]):
-                faults.append(
-                    f"{profiler} is a device and {printer} simulates a printer, of which {profiler} sees nothing; "
-                    f"{advice}, to be held against the scans, or make {printer} a device"
-                )
-    return faults
-
-
-def shadow_faults(components: Mapping[str, Component], connections: Sequence[Connection]) -> list[str]:
-    """A shadow that a sensor scans must not take those scans for the surface that it begins on."""
-    faults = []
-    fed = {connection.target_parts: connection.source_parts for connection in connections}
-    for name, component in components.items():
-        sensor, _ = fed.get((name, LAYERS_SCANNED), ("", ""))
-        scans_shadow = fed.get((sensor, HEIGHT)) == (name, HEIGHT)
-        if is_shadow(component) and scans_shadow and getattr(component, "start", "job") != "job":
-            faults.append(
-                f'{name} begins on the first scan of {sensor}, which scans {name} itself; write start = "job" in '
-                f"components.{name}, or let {sensor} scan a printer"
-            )
-    return faults
-
-
-def _giving(output: str, components: Mapping[str, Component]) -> Iterable[str]:
+def _giving(output: str, components: Mapping[str, HasPorts]) -> Iterable[str]:
     return [name for name, part in components.items() if has_port(part.outputs, output)]

@@ -39,8 +39,8 @@ class InkFile(Table):
     identified: dict[str, Any] = Field(default={}, description="for people")
 
 
-def put_in(document: tomlkit.TOMLDocument, folder: Path) -> list[str]:
-    """Replaces `ink.file` of a scenario by what the file beside it says; what is wrong, one sentence each."""
+def merge_ink_file(document: tomlkit.TOMLDocument, folder: Path) -> list[str]:
+    """Replace `ink.file` of a scenario by the content of that file; returns the errors, one sentence each."""
     ink = document.get("ink")
     if not isinstance(ink, MutableMapping) or not isinstance(ink.get("file"), str):
         return []

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import zlib
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inkloop.component import FloatMap, Ink, Job
 from inkloop.contract import PassOrder
 from inkloop.geometry import cell_centers
 from inkloop.tables.schema import InkTable, ScenarioFile
 
+T = TypeVar("T", bound=np.generic)
+
 
 def job_of(tables: ScenarioFile, component: str) -> Job:
-    """The job as `component` is told it; its seed is a stream of its own, derived from the scenario's."""
+    """The job of `component`, its maps read-only; its seed is a stream of its own, derived from the scenario's."""
     grid, process = tables.grid, tables.process
     geometry = tables.part.geometry(grid)
     x, y = cell_centers(grid.nx, grid.ny, grid.pitch)
@@ -29,15 +33,15 @@ def job_of(tables: ScenarioFile, component: str) -> Job:
         nx=grid.nx,
         ny=grid.ny,
         pitch=grid.pitch,
-        target_height=np.where(mask, top, 0.0),
-        mask=mask,
+        target_height=_frozen(np.where(mask, top, 0.0)),
+        mask=_frozen(mask),
         inks=_inks(tables),
         region=None if tables.support is None else geometry,
         passes=process.passes,
         pass_order=PassOrder[process.pass_order.upper()].value,
         pass_rotation=process.pass_rotation,
         seed=component_seed(tables.seed, component),
-        height_start=_height_start(tables),
+        height_start=None if (start := _height_start(tables)) is None else _frozen(start),
     )
 
 
@@ -57,3 +61,9 @@ def _inks(tables: ScenarioFile) -> tuple[Ink, ...]:
     if inks.b is None and tables.support is None:
         return (inks.a.ink,)
     return inks.a.ink, (inks.b or InkTable()).ink
+
+
+def _frozen(values: NDArray[T]) -> NDArray[T]:
+    """The same array, read-only: jobs are shared."""
+    values.flags.writeable = False
+    return values

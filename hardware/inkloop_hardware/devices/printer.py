@@ -73,7 +73,7 @@ class Printer:
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Print the layer that is commanded, if one is. ComponentError for a command or a pattern out of order."""
-        self._rig.alive()
+        self._rig.keep_alive()
         if self._steps is None:
             raise ComponentError("the bus is not open: initialize comes first")
         command, pattern = checked_command(inputs, self._printed), inputs[PATTERN]

@@ -55,7 +55,7 @@ class Profiler:
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Scan the layer that is new, if one is."""
-        self._rig.alive()
+        self._rig.keep_alive()
         newest, steps = int(inputs[LAYERS_PRINTED]), self._steps
         if newest != self._scanned and steps is not None:
             found = gone_on_with(self._rig, NODES, lambda: steps.scan(newest))

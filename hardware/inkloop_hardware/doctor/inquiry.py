@@ -94,7 +94,7 @@ class Told:
 
 def links(adapter: Adapter, codec: Codec, nodes: Sequence[Node]) -> list[Link]:
     """What talks to these nodes."""
-    return [Link(node, codec, OwnWire(adapter, node.answer_id(codec)), str(adapter.settings)) for node in nodes]
+    return [Link(node, codec, OwnWire(adapter, codec.answer_id(node)), str(adapter.settings)) for node in nodes]
 
 
 def told_by(link: Link) -> Told:

@@ -37,7 +37,7 @@ def tables(codec: Codec) -> str:
 
 
 def renewed(page: str, codec: Codec) -> str:
-    """The page with its tables written anew; ValueError without the two marks around them."""
+    """The page with its tables rewritten; ValueError without the two marks around them."""
     if page.count(BEGIN) != 1 or page.count(END) != 1:
         raise ValueError(
             f"the page has no single pair of lines {BEGIN.strip()!r} and {END.strip()!r} around its tables"

@@ -14,7 +14,7 @@ import numpy as np
 from fmpy import fmi2, fmi3
 from fmpy.fmi1 import FMICallException
 
-from inkloop.fmu_writer.export import export, find_fmu
+from inkloop.fmu_writer.export import export_fmu, find_fmu
 
 OK, DISCARD, ERROR = 0, 2, 3
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
@@ -35,7 +35,7 @@ def _unpacked(model: str, form: str, nx: int, ny: int) -> tuple[Path, Any]:
     if form != "fmi3" and (nx, ny) != (9, 9):
         folder = tempfile.TemporaryDirectory()
         _folders.append(folder)
-        path = export(model, fmi=form[3], nx=nx, ny=ny, fixed=True, out=Path(folder.name) / f"{model}.fmu")
+        path = export_fmu(model, fmi=form[3], nx=nx, ny=ny, fixed=True, out=Path(folder.name) / f"{model}.fmu")
     folder = tempfile.TemporaryDirectory()
     _folders.append(folder)
     fmpy.extract(str(path), folder.name)

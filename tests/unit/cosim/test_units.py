@@ -24,7 +24,7 @@ def test_length_without_a_unit_is_a_fault() -> None:
     assert missing_suffix("pitch", "m") == "pitch is a length; write pitch_um, pitch_mm, pitch_nm or pitch_m"
     assert missing_suffix("variation", "1") is None
     assert spellings("variation", "1") == {"variation": 1.0}
-    assert set(QUANTITIES) == set(SUFFIXES)
+    assert set(QUANTITIES) == set(SUFFIXES) == set(units.BASE_UNITS) - {"1"}
 
 
 def test_key_says_in_which_unit_its_number_is() -> None:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from inkloop.component import Component, Job
-from inkloop.components.plain_plant import PlainPlant
-from inkloop.components.shadow.shadow import Shadow
+from inkloop.component import Component, Job, Ports
+from inkloop.components.bench import Bench
+from inkloop.components.kind import Check, Checked
+from inkloop.components.plain_plant import PlainPlant, wrapped_ports
+from inkloop.components.shadow.replica import checked_inputs
+from inkloop.components.shadow.shadow import Shadow, shadow_ports
 from inkloop.contract import HEIGHT, LAYER_COMMAND, PATTERN, has_port
-from inkloop.errors import FmuError
 from inkloop.tables.messages import sentence
 from inkloop.units import M_PER_UM
 
@@ -34,31 +36,45 @@ class ShadowTable(BaseModel):
     height_output: str = Field(default=HEIGHT, description="of a plant without the handshake: its surface")
 
 
-def make_shadow(
-    job: Job, options: Mapping[str, object], make_plant: Callable[[str, Job, Mapping[str, object]], Component]
-) -> tuple[Component | None, list[str]]:
-    """A shadow, or everything wrong with its options; make_plant: `catalog.make`. Raises ScenarioError of the plant."""
-    try:
-        table = ShadowTable.model_validate(dict(options))
-    except ValidationError as error:
-        return None, [sentence(detail, ShadowTable) for detail in error.errors()]
-    if table.plant == KIND:
-        return None, [f"plant is {KIND!r}; expected a deposition model, such as 'LayerDeposition'"]
+class ShadowKind:
+    """The kind of a `Shadow`."""
 
-    def plant(job: Job) -> Component:
-        made = make_plant(table.plant, job, table.model_extra or {})
-        if has_port(made.inputs, LAYER_COMMAND):
-            return made
+    path_option: ClassVar[str | None] = "file"
+
+    def __init__(self, check: Check) -> None:
+        self._check = check
+
+    def check(self, job: Job, options: Mapping[str, object]) -> Checked:
+        """Check the shadow's own options, those of its plant, then whether the plant can be followed."""
         try:
-            return PlainPlant(job, made, pattern_input=table.pattern_input, height_output=table.height_output)
-        except ValueError:
-            made.terminate()
-            raise
+            table = ShadowTable.model_validate(dict(options))
+        except ValidationError as error:
+            return Checked(KIND, [sentence(detail, ShadowTable) for detail in error.errors()])
+        if table.plant == KIND:
+            return Checked(KIND, [f"plant is {KIND!r}; expected a deposition model, such as 'LayerDeposition'"])
+        plant_options = table.model_extra or {}
+        plant = self._check(table.plant, job, plant_options)
+        if plant.ports is None:
+            return Checked(KIND, plant.errors)
+        names = {"pattern_input": table.pattern_input, "height_output": table.height_output}
+        has_handshake = has_port(plant.ports.inputs, LAYER_COMMAND)
+        shape = (job.nx, job.ny)
+        try:
+            followed = plant.ports if has_handshake else wrapped_ports(job, plant.ports, **names)
+            inputs, outputs = shadow_ports(checked_inputs(followed, shape), shape)
+        except ValueError as error:
+            return Checked(KIND, [str(error)])
+        starts_on_scan = table.start == "scan"
+        ports = Ports(inputs, outputs, is_shadow=True, optional_inputs=Shadow.optional_inputs,
+                      starts_on_scan=starts_on_scan)  # fmt: skip
 
-    stop = None if table.stop_um is None else table.stop_um * M_PER_UM
-    try:
-        return Shadow(job, plant, start=table.start, alarm=table.alarm_um * M_PER_UM, stop=stop), []
-    except FmuError as error:
-        return None, [f"plant is {table.plant!r}: {error}"]
-    except ValueError as error:
-        return None, [str(error)]
+        def construct(bench: Bench) -> Component:
+            def make_plant(wanted: Job) -> Component:  # another job: the same on another start surface
+                checked = plant if wanted is job else self._check(table.plant, wanted, plant_options)
+                made = checked.make(bench)
+                return made if has_handshake else PlainPlant(wanted, made, **names)
+
+            stop = None if table.stop_um is None else table.stop_um * M_PER_UM
+            return Shadow(job, make_plant, start=table.start, alarm=table.alarm_um * M_PER_UM, stop=stop)
+
+        return Checked(KIND, (), ports, construct)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import Component, FloatMap, Job, Port, Values
+from inkloop.component import Component, FloatMap, HasPorts, Job, Port, Values
 from inkloop.contract import HEIGHT, LAYER_COMMAND, LAYERS_PRINTED, PATTERN
 from inkloop.errors import ComponentError
 from inkloop.units import S_PER_NS
@@ -32,7 +32,7 @@ class FollowedPlant:
         self._patterns: dict[int, Values] = {}
         self._plant = make_plant(job)
         try:
-            self.inputs = _checked_inputs(self._plant, shape)
+            self.inputs = checked_inputs(self._plant, shape)
         except ValueError:
             self._plant.terminate()
             raise
@@ -125,7 +125,7 @@ class FollowedPlant:
         self.surfaces = {self.layer: np.array(values[HEIGHT], np.float64)}
 
 
-def _checked_inputs(plant: Component, shape: tuple[int, int]) -> tuple[Port, ...]:
+def checked_inputs(plant: HasPorts, shape: tuple[int, int]) -> tuple[Port, ...]:
     """The inputs of a plant that follows the layer contract. Raises ValueError for any other."""
     inputs = {port.name for port in plant.inputs}
     outputs = {port.name: port for port in plant.outputs}

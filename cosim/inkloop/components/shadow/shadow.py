@@ -63,22 +63,10 @@ class Shadow:
         alarm: float = 3e-6,
         stop: float | None = None,
     ) -> None:
-        self.start = start
+        self.starts_on_scan = start == "scan"
         self._mask, self._alarm, self._stop = job.mask, alarm, math.inf if stop is None else stop
         self._plant = FollowedPlant(job, make_plant)
-        shape = (job.nx, job.ny)
-        self.inputs = (
-            *self._plant.inputs,
-            *contract_ports(shape, LAYERS_PRINTED, *SCAN_INPUTS, LAYER_UNKNOWN),
-        )
-        self.outputs = (
-            *contract_ports(shape, HEIGHT),
-            Port("growth_divergence", "m", start=math.nan),
-            Port("surface_divergence", "m", start=math.nan),
-            Port(LAYERS_FOLLOWED, dtype="int32"),
-            Port(LAYERS_COMPARED, dtype="int32", start=-1.0),
-            *contract_ports(shape, STATUS),
-        )
+        self.inputs, self.outputs = shadow_ports(self._plant.inputs, (job.nx, job.ny))
         self._reference, self._compared, self._unknown = 0, -1, -1
         self._last_scan: ScannedLayer | None = None
         self._divergence, self._status = Divergence(), Status.IDLE
@@ -141,7 +129,7 @@ class Shadow:
 
     def _compare(self, layer: int, measured: FloatMap, valid: BoolMap) -> None:
         plant = self._plant
-        if self._last_scan is None and plant.layer == layer == self._reference and self.start == "scan":
+        if self._last_scan is None and plant.layer == layer == self._reference and self.starts_on_scan:
             plant.begin_on(start_surface(plant.start_surface, measured, valid))
             if not np.allclose(plant.surfaces[layer], plant.start_surface, rtol=0.0, atol=_SAME_M):
                 _LOG.warning("the plant takes no start surface (height_start); it begins on its own, and the surface "
@@ -187,3 +175,20 @@ class Shadow:
             LAYERS_COMPARED: np.asarray(self._compared, np.int32),
             STATUS: np.asarray(int(self._status), np.int32),
         }
+
+
+def shadow_ports(plant_inputs: tuple[Port, ...], shape: tuple[int, int]) -> tuple[tuple[Port, ...], tuple[Port, ...]]:
+    """Inputs and outputs of a shadow, whose inputs begin with those of its plant."""
+    inputs = (
+        *plant_inputs,
+        *contract_ports(shape, LAYERS_PRINTED, *SCAN_INPUTS, LAYER_UNKNOWN),
+    )
+    outputs = (
+        *contract_ports(shape, HEIGHT),
+        Port("growth_divergence", "m", start=math.nan),
+        Port("surface_divergence", "m", start=math.nan),
+        Port(LAYERS_FOLLOWED, dtype="int32"),
+        Port(LAYERS_COMPARED, dtype="int32", start=-1.0),
+        *contract_ports(shape, STATUS),
+    )
+    return inputs, outputs

@@ -4,27 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
 from inkloop.exchange.job import archive
 from inkloop.exchange.job.baking import bake
 from inkloop.scenario.file import Scenario
-
-
-def add_parser(commands: Any) -> argparse.ArgumentParser:
-    """The parser of the command."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        "export-job", help="write a scenario as one FMU with scalar inputs and outputs, for tools without arrays"
-    )
-    parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="a .toml file")
-    parser.add_argument("--fmi", choices=tuple(archive.FORMS), default="2", help="FMI version (default 2)")
-    parser.add_argument(
-        "--windows", action="store_true", help="add a binary for 64-bit Windows; needs mingw-w64 on this machine"
-    )
-    parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="file to write (default: NAME.fmu)")
-    return parser
 
 
 def export(scenario: Scenario, options: argparse.Namespace, console: Console) -> int:

@@ -6,39 +6,16 @@ import argparse
 import json
 import tempfile
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
 from inkloop.errors import ScenarioError
-from inkloop.exchange.ssp import archive, maestro, osp, start_values
+from inkloop.exchange.ssp import VERSIONS, archive, maestro, osp, start_values
 from inkloop.exchange.ssp.system import System, system_of
 from inkloop.files import write_text
 from inkloop.fmu_writer.archive import DEFINITION, pack, unpack
 from inkloop.fmu_writer.windows import with_windows_binary
 from inkloop.scenario.file import Scenario
-
-FORMATS = ("ssp", "osp", "maestro")
-VERSIONS = {"1.0": "2", "2.0": "3"}
-"""Version of SSP -> version of FMI of our FMUs in it, unless said otherwise."""
-
-
-def add_parser(commands: Any) -> argparse.ArgumentParser:
-    """The parser of the command."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        "export-ssp", help="write a scenario as a system of FMUs for other tools: SSP, libcosim, Maestro"
-    )
-    parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="a .toml file")
-    parser.add_argument("-o", "--out", type=Path, metavar="PATH",
-                        help="file, of --to osp, ... folder to write (default: NAME.ssp, NAME-osp, ...)")  # fmt: skip
-    parser.add_argument("--to", choices=FORMATS, default="ssp", help="whose file (default ssp)")
-    parser.add_argument("--ssp", choices=tuple(VERSIONS), default="1.0",
-                        help="1.0 with FMI 2 and scalars (default), 2.0 with FMI 3 and arrays")  # fmt: skip
-    parser.add_argument("--fmi", choices=("2", "3"), help="version of FMI of our FMUs in it")
-    parser.add_argument(
-        "--windows", action="store_true", help="our FMUs with a binary for 64-bit Windows; needs mingw-w64 here"
-    )
-    return parser
 
 
 def export(scenario: Scenario, options: argparse.Namespace, console: Console) -> int:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import xml.etree.ElementTree as ET
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,8 @@ from inkloop.exchange.ssp.archive import SCENARIO, STRUCTURE
 from inkloop.exchange.ssp.names import SSD, member_of
 from inkloop.fmu import FmuDescription, describe
 from inkloop.fmu.archive_member import SUFFIX, UNREADABLE, fmu_file
-from inkloop.scenario.file import Scenario, apply_override
+from inkloop.scenario.file import Scenario
+from inkloop.scenario.overrides import apply_overrides
 from inkloop.suggest import nearest
 from inkloop.units import spellings
 
@@ -32,7 +33,7 @@ _FMU = "application/x-fmu-sharedlibrary"
 __all__ = ["SUFFIX", "scenario_of"]
 
 
-def scenario_of(path: Path, overrides: Iterable[str] = (), job: Path | None = None) -> Scenario:
+def scenario_of(path: Path, overrides: Mapping[str, Any] | None = None, job: Path | None = None) -> Scenario:
     """The scenario of an .ssp; job: the scenario file that it is laid over, default the one in it.
 
     Raises ScenarioError with all that is wrong with the .ssp, or then with the scenario.
@@ -55,8 +56,7 @@ def scenario_of(path: Path, overrides: Iterable[str] = (), job: Path | None = No
     except UNREADABLE as error:
         raise ScenarioError(str(path), [f"is no .ssp, or a damaged one: {error}"]) from error
     connections = joined_connections.read(system, known, faults)
-    overrides = list(overrides)
-    if faults := faults or _grid_faults(known, text, overrides, job):
+    if faults := faults or _grid_faults(known, text, overrides or {}, job):
         raise ScenarioError(str(path), faults)
     source = job or path
     place = Path(os.path.relpath(path.resolve(), source.resolve().parent))
@@ -130,15 +130,14 @@ def _described(path: Path, sources: Mapping[str, str], faults: list[str]) -> dic
 
 
 def _grid_faults(
-    known: Mapping[str, FmuDescription], text: str, overrides: Iterable[str], job: Path | None
+    known: Mapping[str, FmuDescription], text: str, overrides: Mapping[str, Any], job: Path | None
 ) -> list[str]:
     """Where FMUs are of another grid than what is printed, a sentence for each grid."""
     try:
         document = tomlkit.parse(text)
     except TOMLKitError:
         return []  # told by who reads it next, as are overrides that cannot be applied
-    for override in overrides:
-        apply_override(document, override)
+    apply_overrides(document, overrides)
     grid: Any = document.unwrap().get("grid")
     wanted = (grid.get("nx"), grid.get("ny")) if isinstance(grid, Mapping) else (None, None)
     fixed = {name: of.grid for name, of in known.items() if of.grid is not None and "nx" not in of.default_sizes}

@@ -11,13 +11,13 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from inkloop.component import Component, Job
+from inkloop.component import HasPorts, Job
 from inkloop.components import catalog, fmu_parameters
 from inkloop.components.port_tables import OPTION as PORTS
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.fmu import FmuDescription, Variable, describe
 from inkloop.fmu.archive_member import fmu_file
-from inkloop.fmu_writer.export import export
+from inkloop.fmu_writer.export import export_fmu
 from inkloop.master.wiring import Connection, Transfer
 from inkloop.scenario.file import Scenario
 
@@ -118,10 +118,7 @@ def system_of(scenario: Scenario, fmi: str, folder: Path) -> System:
     if not parts:
         reasons = [f"{name}: {reason}" for name, reason in outside.items()]
         raise ScenarioError(scenario.source, ["none of its components is an FMU that could be packed", *reasons])
-    components, connections = scenario.build()
-    for component in components.values():
-        component.terminate()
-    wires = _wires(connections, components, parts)
+    wires = _wires(scenario.connections, scenario.ports, parts)
     system = System(scenario.tables.title, list(parts.values()), wires, outside, scenario.tables.run.step_s,
                     _stop_s(scenario, parts), scenario.text, bool(scenario.tables.events))  # fmt: skip
     if faults := list(_form_faults(system)):
@@ -145,17 +142,19 @@ def _part(name: str, kind: str, job: Job, options: Mapping[str, object], fmi: st
 def _controller(name: str, job: Job, options: Mapping[str, object], fmi: str, folder: Path) -> Part | str:
     options = fmu_parameters.options_of_controller_fmu(options)
     try:
-        faults = fmu_parameters.faults_of_model(CONTROLLER, job, options)
+        errors = fmu_parameters.parse_model(CONTROLLER, job, options).errors
     except FmuError as error:
         return f"kind {PYTHON_CONTROLLER} runs in Python, and {error}"
-    if faults:
-        return f"{CONTROLLER}.fmu cannot stand in for it: {'; '.join(faults)}"
+    if errors:
+        return f"{CONTROLLER}.fmu cannot stand in for it: {'; '.join(errors)}"
     return _model(name, CONTROLLER, job, options, fmi, folder)
 
 
 def _model(name: str, model: str, job: Job, options: Mapping[str, object], fmi: str, folder: Path) -> Part | str:
-    file = export(model, fmi="2" if fmi == "2" else "3", nx=job.nx, ny=job.ny, fixed=True, out=folder / f"{name}.fmu")
-    return _with_values(Part(name, file, describe(file), fmu_parameters.values_of_model(model, job, options)))
+    file = export_fmu(
+        model, fmi="2" if fmi == "2" else "3", nx=job.nx, ny=job.ny, fixed=True, out=folder / f"{name}.fmu"
+    )
+    return _with_values(Part(name, file, describe(file), fmu_parameters.parse_model(model, job, options).values))
 
 
 def _foreign(name: str, job: Job, options: Mapping[str, object], fmi: str, folder: Path) -> Part | str:
@@ -183,7 +182,7 @@ def _is_changed(variable: Variable, value: NDArray[Any], sizes: Mapping[str, int
 
 
 def _wires(
-    connections: Sequence[Connection], components: Mapping[str, Component], parts: Mapping[str, Part]
+    connections: Sequence[Connection], components: Mapping[str, HasPorts], parts: Mapping[str, Part]
 ) -> list[Wire]:
     """The wires between two parts, and those between a part and the outside, each signal of the outside once."""
     inputs = {(name, port.name): port for name, part in components.items() for port in part.inputs}

@@ -8,7 +8,6 @@ import io
 import json
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 from matplotlib import rc_context
 from rich.console import Console
@@ -19,21 +18,8 @@ from inkloop.errors import ResultError
 from inkloop.files import write_text
 from inkloop.printing.run import INTERRUPTED, new_run_folder
 from inkloop.report import plot
+from inkloop.studies.reproduce import PAPERS
 from inkloop.studies.reproduce.comparison import Paper, Part, markdown, remarks, spreadsheet, terminal_table
-
-PAPERS = {"lu": "lu", "wu-chiu": "wu_chiu", "hume-rosen": "hume_rosen"}
-"""Name of a paper on the command line -> module with its `PAPER`."""
-
-
-def add_parser(commands: Any) -> argparse.ArgumentParser:
-    """The parser of the command."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        "reproduce", help="put a paper's printed figures beside what comes out here"
-    )
-    parser.add_argument("paper", choices=tuple(PAPERS), metavar="PAPER", help=", ".join(PAPERS))
-    parser.add_argument("--quick", action="store_true", help="fewer prints and coarser grids: half a minute at most")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for table and pictures (default: runs/PAPER)")
-    return parser
 
 
 def reproduce(options: argparse.Namespace, console: Console) -> int:

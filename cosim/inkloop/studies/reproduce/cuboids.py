@@ -13,10 +13,10 @@ from inkloop.units import UM_PER_M
 
 PITCH_UM = 263.256
 PRINTED = {"open loop": (18.5, 8.7), "paper's search": (22.3, 4.4)}
-MACHINE = "the printed figures were measured on their machine, which no model here is fitted to"
+MACHINE = "the printed figures were measured on the authors' machine; no model here is fitted to it"
 NO_GROWTH = (
-    "their cuboid came out 10 % wider than the model, because droplets at the edges ran down; here ink beyond the edge "
-    "stays where it fell, and the controllers drop on the part's own cells only"
+    "the paper's cuboid was 10 % wider than the model, because droplets at the edges ran down; here ink beyond the "
+    "edge stays where it fell, and the controllers jet on cells of the part only"
 )
 
 
@@ -26,9 +26,12 @@ def find(quick: bool) -> Part:
     rows, shown = [], {}
     for side, passes in ((8, 1), (8, 4), (9, 1)):
         size = side * PITCH_UM
-        options = [f"grid.nx={side + 4}", f"grid.ny={side + 4}", f"part.size_x_um={size}", f"part.size_y_um={size}",
-                   f"components.printer.passes={passes}"]  # fmt: skip
-        runs = prints.by_controller("cuboid", seeds, options)
+        overrides = {
+            "grid": {"nx": side + 4, "ny": side + 4},
+            "part": {"size_x_um": size, "size_y_um": size},
+            "components.printer.passes": passes,
+        }
+        runs = prints.by_controller("cuboid", seeds, overrides)
         where = f"Table II: {side} x {side}, {passes} pass{'es' if passes > 1 else ''}"
         for label, results in runs.items():
             rows += _rows(where, label, results, side, of_paper=(side, passes) == (8, 4))

@@ -13,17 +13,17 @@ FIGURES = {0.2: ("Fig. 11: cylinder, 20 %", (44.1, 15.0), (0.7, 4.1)),
            0.4: ("Fig. 12: cylinder, 40 %", (84.7, 16.6), (1.9, 4.5))}  # fmt: skip
 """Variation -> place, mean error and standard deviation as printed [um], open and closed loop."""
 NO_SPREAD = (
-    "the printed unevenness of the open loop does not come out of the paper's own model with independent droplets: "
+    "the printed unevenness of the open loop does not follow from the paper's own model with independent droplets: "
     "missing volume averages out over 53 layers and the rim loses a known amount"
 )
-OTHER_PLANT = "printed on a plant that is not quite this one, as the open loop shows; compare the rows of one plant"
+OTHER_PLANT = "printed on a slightly different plant, as the open loop shows; compare the rows of one plant"
 
 
 def find(quick: bool, *, variation: float) -> Part:
     """Mean over ten seeds (quick: two)."""
     where, open_loop, closed_loop = FIGURES[variation]
     seeds = range(1, 3 if quick else 11)
-    runs = prints.by_controller("cylinder", seeds, [f"components.printer.variation={variation}"])
+    runs = prints.by_controller("cylinder", seeds, {"components.printer.variation": variation})
     rows = []
     for label, results in runs.items():
         metrics = [result.metrics() for result in results]

@@ -16,8 +16,8 @@ DIAMETER, HEIGHT = 413e-6, 4.4e-6
 """The measured cap of Fig. 18."""
 CHOSEN, SIDE, MARGIN = 0.6268, 9, 3
 RIBS = (
-    "a layer is most even near the spacing that the paper chose; that it is smoother still below 0.5, as the text "
-    "says, does not come out where every fourth line is cured before the next: lines that overlap by more pile up"
+    "a layer is most even near the spacing that the paper chose; the text says that it is even smoother below 0.5, "
+    "which does not reproduce if every fourth line is cured before the next: lines that overlap more pile up"
 )
 
 

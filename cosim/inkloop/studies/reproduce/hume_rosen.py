@@ -11,7 +11,7 @@ from inkloop.units import US_PER_S
 def time_scales(quick: bool) -> Part:
     """Table 1, and the numbers that the text argues with."""
     ink = Liquid()
-    where, text = "Table 1", "the paper says that it is small and prints no number"
+    where, text = "Table 1", "the paper calls it small and gives no number"
     return Part([
         Row(where, "t_spread", "us", 10.0, ink.spreading * US_PER_S, 0.5),
         Row(where, "t_osc", "us", 50.0, ink.oscillation * US_PER_S, 1.0),

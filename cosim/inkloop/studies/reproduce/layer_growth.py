@@ -18,9 +18,7 @@ DOME = (27.343, 29.592, 30.273, 30.391, 30.4)
 picture).
 """
 LAYER_COUNT = "the caption says six layers, the text ten; ten are shown"
-ADDITIVE = (
-    "the traditional model: caps 413 um wide and 4.4 um high, added up; the paper says constant height everywhere"
-)
+ADDITIVE = "the traditional model: sum of caps 413 um wide and 4.4 um high; the paper says constant height everywhere"
 
 
 def find(quick: bool) -> Part:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,15 +24,15 @@ def printed(scenario: Scenario) -> Result:
 
 
 def by_controller(
-    name: str, seeds: Iterable[int], options: Sequence[str] = (), *, without: Sequence[str] = ()
+    name: str, seeds: Iterable[int], overrides: Mapping[str, Any] | None = None, *, without: Sequence[str] = ()
 ) -> Mapping[str, list[Result]]:
     """Label of each controller of scenario NAME.toml -> its prints, one for each seed.
 
-    options: overrides, `key=value`; without: comparison runs to leave out.
+    overrides: of the scenario; without: comparison runs to leave out.
     """
     found: dict[str, list[Result]] = {}
     for seed in seeds:
-        scenario = Scenario.load(SCENARIOS / f"{name}.toml", [f"seed={seed}", *options])
+        scenario = Scenario.load(SCENARIOS / f"{name}.toml", {"seed": seed, **(overrides or {})})
         found.setdefault(scenario.tables.label, []).append(printed(scenario))
         for other in scenario.tables.compare:
             if other not in without:

@@ -16,7 +16,7 @@ from inkloop.units import NS_PER_S
 
 SIDE, COUNT, ROUGHNESS = 20, 50, 8e-6
 FOUND = 1e-15
-SURFACES = "start surfaces are uniform over 0 to 8 um, a layer's height; the paper says only that they are random"
+SURFACES = "start surfaces are uniform over 0 to 8 um, a layer height; the paper only says that they are random"
 CONTROLLERS: Mapping[str, tuple[str, dict[str, object]]] = {
     "paper's search": ("StochasticGreedy", {"alpha": 1.0}),
     "LayerMpc, one layer ahead": ("LayerMpc", {"alpha": 1.0, "horizon": 1, "adapt_ink": "off"}),

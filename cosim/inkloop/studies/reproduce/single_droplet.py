@@ -32,13 +32,13 @@ PRINTED: Mapping[str, tuple[tuple[float, float, float], ...]] = {
 """Table 2: mean error, error of the centre [um] and time [s], for each size of `SIZES_UM`."""
 
 FLOOR = (
-    "the printed errors stop falling where ours go on to zero; with an outline of 22 points they come out; the paper "
-    "does not say how many points its outline has, and matches the volume to 0.5 %"
+    "the printed errors level off where ours fall to zero; an outline of 22 points reproduces them; the paper does "
+    "not give the number of points of its outline, and matches the volume to 0.5 %"
 )
 COARSE_OUTLINE = 22
 """Points of an outline on the circle with which the printed errors come out: found by trial."""
-ANOTHER_COMPUTER = "on one core of this computer, theirs is another, in MATLAB"
-PARABOLOID = "the linear form has another surface on this base: its centre is 0.834 um higher, whatever the mesh"
+ANOTHER_COMPUTER = "on one core of this computer; the paper used another, with MATLAB"
+PARABOLOID = "the linear form has a different surface on this base: its centre is 0.834 um higher, whatever the mesh"
 
 
 def find(quick: bool) -> Part:

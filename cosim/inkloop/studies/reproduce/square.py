@@ -16,12 +16,11 @@ from inkloop.units import UM_PER_M
 
 SIDE, MARGIN, LAYERS, PAPER_S = 25, 2, 10, 900.0
 SHORT_OF_IT = (
-    "200 um is the thickness that the paper asks for; "
-    "30 pl every 42.3 um are 16.8 um a layer, 168 um in ten; that the inner square stands higher is ink that the lines "
-    "have drawn away from their ends"
+    "200 um is the thickness that the paper specifies; 30 pl every 42.3 um are 16.8 um per layer, 168 um in ten; "
+    "the inner square is higher because the lines contract and draw ink away from their ends"
 )
-ANOTHER_COMPUTER = "on one core of this computer, theirs is another"
-NO_NUMBERS = "the paper shows the shape and prints no number of it"
+ANOTHER_COMPUTER = "on one core of this computer; the paper used another"
+NO_NUMBERS = "the paper shows the shape and gives no numbers for it"
 
 
 def find(quick: bool) -> Part:

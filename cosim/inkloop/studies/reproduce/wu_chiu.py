@@ -28,18 +28,17 @@ TABLE_1 = {"3": 4.54, "4": 6.25, "6": 3.35, "7": 6.77, "8": 5.84}
 TABLE_2 = 5.11
 SAMPLES, FEW = 75, 12
 
-ONE_SAMPLE = "(20) comes from resampled groups, (18) and (19) are printed for one; no estimator gives (20) from them"
+ONE_SAMPLE = (
+    "(20) comes from resampled groups, (18) and (19) are printed for one group; no estimator gives (20) from them"
+)
 RADIUS = (
-    "the height differences (19) ask for a cap of 0.6 pitches; with the 1.5 to 2 pitches that the text names they are "
-    "3 um off"
+    "the height differences (19) need a cap of 0.6 pitches; with the 1.5 to 2 pitches in the text they are 3 um off"
 )
 NO_PROFILES = (
-    "measured on printed drops whose profiles are not given: ours is the same resampling (8 patterns, 75 samples, "
-    "groups of 3) on synthetic profiles, with 3 % (standard deviation) in the volume of a drop and 0.04 um in a pixel"
+    "measured on printed drops whose profiles are not given; ours is the same resampling (8 patterns, 75 samples, "
+    "groups of 3) on synthetic profiles, with a standard deviation of 3 % in drop volume and 0.04 um per pixel"
 )
-OTHER_INK = (
-    "drops under surface tension keep closer together than the paper's ink: a small share goes to the neighbours"
-)
+OTHER_INK = "drops under surface tension spread less than the paper's ink: a small share goes to the neighbours"
 
 
 def printed_sample(quick: bool) -> Part:

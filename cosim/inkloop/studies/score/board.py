@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,12 +15,11 @@ from inkloop.errors import InkloopError
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
+from inkloop.studies.score import PLANTS, VERSION
 from inkloop.studies.score.told_inks import identified, single_droplet
 from inkloop.suggest import nearest
 from inkloop.units import UM_PER_M
 
-VERSION = "plant-v1"
-PLANTS = ("lu", "lu-laser", "lu-wide", "caps", "volume-area", "young-laplace-linear", "young-laplace")
 SEEDS = (1, 2, 3)
 FOLDER = Path(__file__).parent / VERSION
 METRICS = ("mean_error", "mae", "rms", "std", "layers", "droplets")
@@ -29,13 +29,13 @@ METRICS = ("mean_error", "mae", "rms", "std", "layers", "droplets")
 class Entry:
     """A controller of the board.
 
-    kind: as in a scenario; options: `key=value` of its table; ink: what it is told of a plant, None: the droplets'
+    kind: as in a scenario; options: those of its table; ink: what it is told of a plant, None: the droplets'
     volume in the proportions of Lu et al., Table I; note: what it knows, in words.
     """
 
     name: str
     kind: str
-    options: tuple[str, ...] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
     ink: Callable[[Scenario], Ink] | None = None
     note: str = ""
 
@@ -46,19 +46,19 @@ OURS = Entry("LayerMpc, Lu nominal", "LayerMpc", note="learns the volume of the 
 LEARNING = Entry(
     "LayerMpc, Lu identified, learning",
     "LayerMpc",
-    ('adapt_ink="full"',),
+    {"adapt_ink": "full"},
     identified,
     "the same, learns h1, h2, h3 too",
 )
 ENTRIES = (
     OPEN_LOOP,
-    Entry("superposition", "CohenLipson", (), single_droplet, "greedy geometric feedback (Cohen, Lipson 2010)"),
+    Entry("superposition", "CohenLipson", {}, single_droplet, "greedy geometric feedback (Cohen, Lipson 2010)"),
     Entry("error diffusion", "ErrorDiffusion", note="of what each layer lacks, Lu nominal"),
     PAPERS,
     OURS,
-    Entry("LayerMpc, Lu identified", "LayerMpc", (), identified, "least squares on random layers of the plant"),
+    Entry("LayerMpc, Lu identified", "LayerMpc", {}, identified, "least squares on random layers of the plant"),
     LEARNING,
-    Entry("LayerMpc, single droplet", "LayerMpc", (), single_droplet, "the ink that superposition is told"),
+    Entry("LayerMpc, single droplet", "LayerMpc", {}, single_droplet, "the ink that superposition is told"),
 )
 AGAINST = (OPEN_LOOP, PAPERS, OURS, LEARNING)
 """Those that a controller of one's own is shown beside."""
@@ -79,17 +79,17 @@ class Score:
         return float(np.mean(self.figures[metric])) * scale
 
 
-def load(plant: str, overrides: Iterable[str] = ()) -> Scenario:
+def load(plant: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
     """The scenario of a plant, with the controller in it that the overrides say. Raises ScenarioError."""
     if plant not in PLANTS:
         raise InkloopError(f"there is no plant {VERSION}/{plant}: {nearest(plant, PLANTS)}")
     return Scenario.load(FOLDER / f"{plant}.toml", overrides)
 
 
-def overrides_of(entry: Entry) -> list[str]:
+def overrides_of(entry: Entry) -> dict[str, Any]:
     """What puts a controller into the scenario of a plant."""
-    options = [f"components.controller.{option}" for option in entry.options]
-    return [f"components.controller.kind={entry.kind}", *options]
+    options = {f"components.controller.{name}": value for name, value in entry.options.items()}
+    return {"components.controller.kind": entry.kind, **options}
 
 
 def prints(entry: Entry, plant: str, seeds: Iterable[int]) -> Score:
@@ -98,7 +98,7 @@ def prints(entry: Entry, plant: str, seeds: Iterable[int]) -> Score:
     ink = nominal.job().inks[0] if entry.ink is None else entry.ink(nominal)
     figures: dict[str, list[float]] = {metric: [] for metric in METRICS}
     for seed in seeds:
-        result = _printed(load(plant, [f"seed={seed}", *overrides_of(entry), *_overrides(ink)]))
+        result = _printed(load(plant, {"seed": seed, **overrides_of(entry), **_overrides(ink)}))
         for metric, value in result.metrics().items():
             if metric in figures:
                 figures[metric].append(value)
@@ -127,5 +127,5 @@ def _printed(scenario: Scenario) -> Result:
     return result
 
 
-def _overrides(ink: Ink) -> list[str]:
-    return [f"ink.a.{name}_um={getattr(ink, name) * UM_PER_M!r}" for name in ("h1", "h2", "h3")]
+def _overrides(ink: Ink) -> dict[str, float]:
+    return {f"ink.a.{name}_um": getattr(ink, name) * UM_PER_M for name in ("h1", "h2", "h3")}

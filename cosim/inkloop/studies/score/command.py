@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +16,12 @@ from inkloop.files import write_text
 from inkloop.printing.lock import sole_writer
 from inkloop.printing.run import INTERRUPTED, new_run_folder
 from inkloop.report import plot
-from inkloop.studies.score import tables
+from inkloop.studies.score import PLANTS, VERSION, tables
 from inkloop.studies.score.board import (
     AGAINST,
     ENTRIES,
     OPEN_LOOP,
-    PLANTS,
     SEEDS,
-    VERSION,
     Entry,
     Score,
     load,
@@ -34,31 +31,14 @@ from inkloop.studies.score.board import (
 from inkloop.suggest import nearest
 
 
-def add_parser(commands: Any) -> argparse.ArgumentParser:
-    """The parser of the command."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        "score", help="compare controllers on the plants of the score board, one of your own beside ours"
-    )
-    parser.add_argument("controller", nargs="?", metavar="MODULE:CLASS",
-                        help="your controller, as kind in a scenario; without it: all of ours")  # fmt: skip
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides",
-                        help="option of your controller; may be repeated")  # fmt: skip
-    parser.add_argument("--plant", action="append", default=[], metavar="PLANT", dest="plants",
-                        help=f"only this plant; may be repeated: {', '.join(PLANTS)}")  # fmt: skip
-    parser.add_argument("--quick", action="store_true", help="one seed instead of three")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for tables and picture (default: runs/score)")
-    return parser
-
-
-def score(options: argparse.Namespace, console: Console) -> int:
-    """The exit code of the command. Raises InkloopError."""
-    sys.path.append(str(Path.cwd()))
+def score(options: argparse.Namespace, overrides: Mapping[str, Any], console: Console) -> int:
+    """The exit code of the command; overrides: options of the user's controller. Raises InkloopError."""
     entries = list(ENTRIES)
     if options.controller is not None:
-        own = Entry(options.controller, options.controller, tuple(options.overrides))
+        own = Entry(options.controller, options.controller, overrides)
         entries = [*AGAINST, own]
         load(PLANTS[0], overrides_of(own))  # what is wrong with it is said before anything is printed
-    elif options.overrides:
+    elif overrides:
         raise InkloopError("--set is for a controller of your own; name it, as MODULE:CLASS or by its kind")
     unknown = [plant for plant in options.plants if plant.removeprefix(f"{VERSION}/") not in PLANTS]
     if unknown:

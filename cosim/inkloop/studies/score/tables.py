@@ -14,7 +14,8 @@ from rich.table import Table
 from inkloop import __version__
 from inkloop.component import Ink
 from inkloop.report.plot import WIDTH_IN
-from inkloop.studies.score.board import METRICS, OPEN_LOOP, VERSION, Score, fingerprint, relative
+from inkloop.studies.score import VERSION
+from inkloop.studies.score.board import METRICS, OPEN_LOOP, Score, fingerprint, relative
 from inkloop.units import UM_PER_M
 
 CAPTION = "rms error over the part in um, mean over the seeds; score: geometric mean of rms over that of the open loop"
@@ -46,7 +47,7 @@ def markdown(scores: Sequence[Score], seeds: Sequence[int]) -> str:
     plants, names, cells = _cells(scores)
     lines = [f"| controller | {' | '.join((*plants, 'score'))} |", f"|---|{'---:|' * (len(plants) + 1)}"]
     lines += [f"| {name} | {' | '.join(map(_text, row))} |" for name, row in zip(names, cells, strict=True)]
-    lines += ["", f"{CAPTION}. {how_to_cite(seeds)}", "", "Inks that the controllers were told, h1, h2, h3 in um:", ""]
+    lines += ["", f"{CAPTION}. {how_to_cite(seeds)}", "", "Ink assumed by each controller, h1, h2, h3 in um:", ""]
     told = {(score.plant, score.entry.name): score.ink for score in scores}
     lines += [f"| controller | {' | '.join(plants)} |", f"|---|{'---|' * len(plants)}"]
     lines += [f"| {name} | {' | '.join(_ink(told[plant, name]) for plant in plants)} |" for name in names]

@@ -25,7 +25,7 @@ def surfaces(scenario: Scenario, patterns: Sequence[Pattern]) -> Iterator[FloatM
 
     Raises ScenarioError, ComponentError.
     """
-    components, _ = scenario.build()
+    components = scenario.build()
     printer = components["printer"]
     inputs = {port.name: port.start_value() for port in printer.inputs}
     try:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import types
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +14,9 @@ from inkloop.bench.emulation import emulation_of
 from inkloop.cli import main
 from inkloop.component import Job, Port, Values
 from inkloop.components import catalog
-from inkloop.components.devices import KINDS, Bench
-from inkloop.components.fmu_parameters import values_of_model
+from inkloop.components.bench import Bench
+from inkloop.components.devices import KINDS
+from inkloop.components.fmu_parameters import parse_model
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.printing.listening import check_listening, local_port
 from inkloop.scenario.file import Scenario
@@ -22,8 +25,8 @@ from inkloop.testing import job
 from support.benches.bench_run import BLOCK, FMUS, TWO_INKS, write
 
 
-@pytest.mark.parametrize("overrides", [[], FMUS], ids=["devices", "FMUs"])
-def test_bench_has_grid_ink_sensor_and_seeds_of_the_scenario(overrides: list[str], tmp_path: Path) -> None:
+@pytest.mark.parametrize("overrides", [{}, FMUS], ids=["devices", "FMUs"])
+def test_bench_has_grid_ink_sensor_and_seeds_of_the_scenario(overrides: dict[str, str], tmp_path: Path) -> None:
     scenario = Scenario.load(write(tmp_path, TWO_INKS), overrides)
     found = emulation_of(scenario).parameters
     assert (found["nx"], found["ny"]) == (12, 11)
@@ -35,14 +38,14 @@ def test_bench_has_grid_ink_sensor_and_seeds_of_the_scenario(overrides: list[str
 
 
 def test_substrate_of_the_scenario_is_the_surface_of_the_bench(tmp_path: Path) -> None:
-    scenario = Scenario.load(write(tmp_path), ["substrate.wave_um=3.0"])
+    scenario = Scenario.load(write(tmp_path), {"substrate.wave_um": 3.0})
     surface = emulation_of(scenario).surface
     assert surface is not None
     np.testing.assert_array_equal(surface, scenario.job("printer").height_start)
 
 
 def test_options_that_only_the_fmus_have_are_all_named(tmp_path: Path) -> None:
-    overrides = ["components.printer.roller_step_um=3.0", "components.printer.layer_period_s=2.0"]
+    overrides = {"components.printer": {"roller_step_um": 3.0, "layer_period_s": 2.0}}
     with pytest.raises(ScenarioError, match="2 faults") as refused:
         emulation_of(Scenario.load(write(tmp_path), overrides))
     assert "components.printer.roller_step is not emulated" in str(refused.value)
@@ -58,7 +61,7 @@ def test_only_a_port_of_this_machine_is_one_for_an_emulated_bench(channel: str |
 
 def test_run_without_a_bench_leaves_no_folder_and_says_what_to_start(tmp_path: Path) -> None:
     path = write(tmp_path)
-    scenario = Scenario.load(path, ["bench.channel=socket://127.0.0.1:9"])
+    scenario = Scenario.load(path, {"bench.channel": "socket://127.0.0.1:9"})
     with pytest.raises(ComponentError, match=rf"`inkloop bench {path}` in another terminal"):
         check_listening(scenario)
     assert main(["run", str(path), "--out", str(tmp_path / "run"), "--set", "bench.channel=socket://127.0.0.1:9"]) == 1
@@ -78,20 +81,22 @@ def test_bench_that_does_not_know_where_to_listen_says_so(
 
 def test_options_of_a_device_are_those_of_the_model_in_its_place() -> None:
     for kind, device in KINDS.items():
-        assert catalog.faults(kind, job(), {"seed": 3}) == []
-        faults = (catalog.faults(name, job(), {"bla": 1, "nx": "x"}) for name in (kind, device.model))
-        assert next(faults) == next(faults)
+        assert not catalog.check(kind, job(), {"seed": 3}).errors
+        of_device, of_model = (
+            catalog.check(name, job(), {"bla": 1, "nx": "x"}).errors for name in (kind, device.model)
+        )
+        assert of_device == of_model
 
 
 def test_passes_of_the_printers_own_table_are_those_of_the_device() -> None:
     options: dict[str, Any] = {"passes": 4, "pass_order": "diagonal", "pass_rotation": 3}
-    values = values_of_model("LayerDeposition", job(), options)
+    values = parse_model("LayerDeposition", job(), options).values
     assert [int(values[name]) for name in options] == [4, 2, 3]
 
 
 def test_devices_of_one_loop_share_a_rig_that_opens_nothing_before_they_begin(tmp_path: Path) -> None:
-    scenario = Scenario.load(write(tmp_path), ["bench.channel=/dev/no-such-adapter"])
-    components, _ = scenario.build(tmp_path)
+    scenario = Scenario.load(write(tmp_path), {"bench.channel": "/dev/no-such-adapter"})
+    components = scenario.build(tmp_path)
     printer, profiler = components["printer"], components["profiler"]
     assert printer._rig is profiler._rig  # type: ignore[attr-defined]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["block.toml"]
@@ -126,7 +131,7 @@ class Blower:
 
 
 def test_device_of_a_third_party_is_given_the_rig_of_its_loop(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(catalog, "_load", lambda kind: Blower)
+    monkeypatch.setitem(sys.modules, "blowers", types.SimpleNamespace(Blower=Blower))
     bench = Bench(BenchTable(channel="can0"))
     assert catalog.make("blowers:Blower", job(), {"speed": 2.0}, bench).rig is bench.rig  # type: ignore[attr-defined]
 

@@ -66,13 +66,13 @@ def test_third_party_class_takes_part_by_name_or_entry_point(kind: str) -> None:
     ],
 )
 def test_wrong_option_is_named_with_what_would_be_right(options: dict[str, object], said: str) -> None:
-    assert catalog.faults("Fan", toy_job(), options) == [said]
+    assert catalog.check("Fan", toy_job(), options).errors == [said]
     with pytest.raises(ScenarioError, match="1 fault"):
         catalog.make("Fan", toy_job(), options)
 
 
 def test_all_faults_are_told_at_once() -> None:
-    assert len(catalog.faults("Fan", toy_job(), {"sped": 1.0, "blades": "x", "mode": 3})) == 3
+    assert len(catalog.check("Fan", toy_job(), {"sped": 1.0, "blades": "x", "mode": 3}).errors) == 3
 
 
 def test_refusal_of_a_constructor_is_a_fault_of_the_scenario() -> None:
@@ -81,10 +81,10 @@ def test_refusal_of_a_constructor_is_a_fault_of_the_scenario() -> None:
 
 
 def test_unknown_kind_is_answered_with_the_nearest() -> None:
-    assert catalog.faults("LayerMpcc", toy_job(), {}) == ["kind is 'LayerMpcc'; did you mean LayerMpc?"]
+    assert catalog.check("LayerMpcc", toy_job(), {}).errors == ["kind is 'LayerMpcc'; did you mean LayerMpc?"]
 
 
 @pytest.mark.parametrize("kind", ["workshop:Fam", "workshops:Fan"])
 def test_class_that_cannot_be_loaded_is_a_fault(kind: str) -> None:
-    (fault,) = catalog.faults(kind, toy_job(), {})
-    assert fault.startswith(f"kind is '{kind}', which cannot be loaded: ")
+    (error,) = catalog.check(kind, toy_job(), {}).errors
+    assert error.startswith(f"kind is '{kind}', which cannot be loaded: ")

@@ -47,14 +47,14 @@ PRINTER = FmuDescription(
 )
 
 
-def parse(options: dict[str, object], job: Job | None = None) -> fmu_parameters._Parsed:
-    return fmu_parameters._parse(PRINTER, job or toy_job(), options, ())
+def parse(options: dict[str, object], job: Job | None = None) -> fmu_parameters.Parsed:
+    return fmu_parameters.parse(PRINTER, job or toy_job(), options, ())
 
 
 def test_job_speaks_for_itself() -> None:
     job = toy_job(nx=6, ny=4)
     parsed = parse({}, job)
-    assert parsed.faults == []
+    assert parsed.errors == []
     assert parsed.structural == {"nx": 6, "ny": 4}
     assert parsed.parameters == {"pitch": job.pitch, "h1_a": job.inks[0].h1, "seed": job.seed}
 
@@ -65,13 +65,13 @@ def test_job_speaks_in_the_unit_of_the_fmu_and_only_of_what_is_its_own() -> None
     sizes = {name: PRINTER.variables[name] for name in ("nx", "ny", "height")}
     foreign = replace(PRINTER, variables={**variables, **sizes})
     job = toy_job()
-    assert fmu_parameters._parse(foreign, job, {}, ()).parameters == {"pitch": job.pitch * 1e3, "passes": 1}
-    assert fmu_parameters._parse(foreign, job, {}, (), is_told=False).parameters == {}
+    assert fmu_parameters.parse(foreign, job, {}, ()).parameters == {"pitch": job.pitch * 1e3, "passes": 1}
+    assert fmu_parameters.parse(foreign, job, {}, (), use_job_parameters=False).parameters == {}
 
 
 def test_option_overrules_the_job_and_comes_in_its_unit() -> None:
     parsed = parse({"pitch_um": 250, "nx": 5, "layer_duration_ms": 1500, "variation": 0.2})
-    assert parsed.faults == []
+    assert parsed.errors == []
     assert parsed.parameters["pitch"] == pytest.approx(250e-6)
     assert parsed.parameters["layer_duration"] == 1.5
     assert parsed.parameters["variation"] == 0.2
@@ -81,11 +81,11 @@ def test_option_overrules_the_job_and_comes_in_its_unit() -> None:
 def test_nested_list_fills_an_array_of_the_grid() -> None:
     job = toy_job(nx=2, ny=3)
     parsed = parse({"height_start_um": [[0, 1, 2], [3, 4, 5]]}, job)
-    assert parsed.faults == []
+    assert parsed.errors == []
     np.testing.assert_allclose(parsed.parameters["height_start"], np.arange(6).reshape(2, 3) * 1e-6)  # type: ignore[arg-type]
-    (fault,) = parse({"height_start_um": [[0, 1]]}, job).faults
-    assert fault.startswith("height_start_um is 1 x 2 values")
-    assert fault.endswith("expected a number, or 2 x 3 of them [um]")
+    (error,) = parse({"height_start_um": [[0, 1]]}, job).errors
+    assert error.startswith("height_start_um is 1 x 2 values")
+    assert error.endswith("expected a number, or 2 x 3 of them [um]")
 
 
 @pytest.mark.parametrize(
@@ -105,14 +105,15 @@ def test_nested_list_fills_an_array_of_the_grid() -> None:
     ],
 )
 def test_wrong_option_is_named_with_what_would_be_right(options: dict[str, object], said: str) -> None:
-    assert parse(options).faults == [said]
+    assert parse(options).errors == [said]
 
 
 def test_enumeration_goes_by_name_or_number() -> None:
     for value in ("per_layer", "per droplet", 3):
-        assert parse({"variation_kind": value}).faults == []
+        assert parse({"variation_kind": value}).errors == []
 
 
+@pytest.mark.compiled
 def test_any_fmu_file_is_a_component(tmp_path: Path) -> None:
     path = build(tmp_path, 3)
     part = catalog.make("Fmu", toy_job(), {"file": str(path), "gain": 3.0, "n": 2})
@@ -131,7 +132,7 @@ def test_any_fmu_file_is_a_component(tmp_path: Path) -> None:
     ],
 )
 def test_missing_file_is_a_fault_of_the_scenario(options: dict[str, object], said: str) -> None:
-    assert catalog.faults("Fmu", toy_job(), options) == [said]
+    assert catalog.check("Fmu", toy_job(), options).errors == [said]
 
 
 @pytest.mark.parametrize(
@@ -147,5 +148,5 @@ def test_missing_file_is_a_fault_of_the_scenario(options: dict[str, object], sai
 def test_what_only_the_python_controller_takes_is_answered_with_what_to_do(
     options: dict[str, object], said: str
 ) -> None:
-    (fault,) = catalog.faults("LayerController", toy_job(), options)
-    assert re.fullmatch(said, fault)
+    (error,) = catalog.check("LayerController", toy_job(), options).errors
+    assert re.fullmatch(said, error)

@@ -20,7 +20,7 @@ def test_parameters_of_every_preset_are_parameters_of_its_model() -> None:
 
 def test_preset_gives_its_values_and_the_table_wins_over_them() -> None:
     options = {"preset": "laser", "noise_std_um": 3.0}
-    parameters = fmu_parameters._parse_model("ProfileSensor", toy_job(), options).parameters
+    parameters = fmu_parameters.parse_model("ProfileSensor", toy_job(), options).parameters
     assert parameters["noise_std"] == pytest.approx(3e-6)
     assert parameters["resolution"] == PRESETS["ProfileSensor"]["laser"]["resolution"]
 
@@ -34,4 +34,4 @@ def test_preset_gives_its_values_and_the_table_wins_over_them() -> None:
     ],
 )
 def test_preset_that_there_is_not_is_a_fault(kind: str, preset: object, said: str) -> None:
-    assert catalog.faults(kind, toy_job(), {"preset": preset}) == [said]
+    assert catalog.check(kind, toy_job(), {"preset": preset}).errors == [said]

@@ -13,10 +13,11 @@ from inkloop.components.port_tables import mapped_ports
 from inkloop.fmu import FmuComponent, FmuDescription, describe
 from inkloop.master.wiring import Connection, Transfer, check
 from inkloop.testing import job
-from inkloop.units import BASE_UNITS, SUFFIXES, conversion, spellings
+from inkloop.units import conversion, spellings
 from support.fmus.amplifier import build
 from support.toys import FunctionComponent
 
+pytestmark = pytest.mark.compiled
 BOTH = pytest.mark.parametrize("fmi", [2, 3])
 UNITS = """<UnitDefinitions>
 <Unit name="inch"><BaseUnit m="1" factor="0.0254"/></Unit>
@@ -106,7 +107,3 @@ def test_mapped_port_takes_the_definition_and_no_other_unit(folder: Path) -> Non
     *_, (fault,) = mapped_ports(part.inputs[1:], [], job(), {"thickness": {"variable": "x", "unit": "um"}})
     assert fault == "ports.thickness.unit is 'um', but the FMU says that x is in [inch]; leave it out"
     part.terminate()
-
-
-def test_every_quantity_has_its_base_units() -> None:
-    assert set(SUFFIXES) == set(BASE_UNITS) - {"1"}

@@ -12,21 +12,21 @@ from inkloop.errors import ComponentError, FmuError
 from inkloop.fmu import FmuComponent
 from inkloop.fmu_writer import definition
 from inkloop.fmu_writer.archive import pack, unpack
-from inkloop.fmu_writer.export import export, find_fmu
+from inkloop.fmu_writer.export import export_fmu, find_fmu
 from support.places import ROOT
 
 DEFINITION = ROOT / "fmus" / "layer_deposition" / "variables.toml"
 
 
 def test_structural_fmu_starts_with_the_exported_grid(tmp_path) -> None:
-    path = export("LayerDeposition", fmi="3", nx=5, ny=7, fixed=False, out=tmp_path / "it.fmu")
+    path = export_fmu("LayerDeposition", fmi="3", nx=5, ny=7, fixed=False, out=tmp_path / "it.fmu")
     result = fmpy.simulate_fmu(str(path), start_values={"layer_period": 1.0}, output_interval=1.0, stop_time=2.0)
     assert np.asarray(result["height"][-1]).shape == (5, 7)
 
 
 @pytest.mark.parametrize("fmi", ["2", "3"])
 def test_fixed_fmu_has_as_many_cells_as_asked_for(fmi, tmp_path) -> None:
-    path = export("LayerDeposition", fmi=fmi, nx=3, ny=2, fixed=True, out=tmp_path / "sub" / "it.fmu")
+    path = export_fmu("LayerDeposition", fmi=fmi, nx=3, ny=2, fixed=True, out=tmp_path / "sub" / "it.fmu")
     description = fmpy.read_model_description(str(path))
     found = {v.name: v for v in description.modelVariables}
     if fmi == "2":
@@ -42,14 +42,14 @@ def test_unknown_model_is_answered_with_those_there_are(tmp_path) -> None:
     with pytest.raises(
         FmuError, match=r"no FMU 'Deposition' .*; models there: LayerController, LayerDeposition, ProfileSensor"
     ):
-        export("Deposition", fmi="3", nx=3, ny=3, fixed=False, out=tmp_path / "it.fmu")
+        export_fmu("Deposition", fmi="3", nx=3, ny=3, fixed=False, out=tmp_path / "it.fmu")
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(("nx", "ny"), [(0, 3), (3, 0), (-1, 3)])
 def test_grid_without_cells_is_refused(nx, ny, tmp_path) -> None:
     with pytest.raises(FmuError, match=f"{nx} x {ny} cells; expected at least 1 x 1"):
-        export("ProfileSensor", fmi="2", nx=nx, ny=ny, fixed=True, out=tmp_path / "it.fmu")
+        export_fmu("ProfileSensor", fmi="2", nx=nx, ny=ny, fixed=True, out=tmp_path / "it.fmu")
 
 
 def test_form_that_is_not_built_is_refused() -> None:
@@ -59,9 +59,9 @@ def test_form_that_is_not_built_is_refused() -> None:
 
 def test_large_fmi_2_grid_is_written_with_a_warning(tmp_path, caplog) -> None:
     with caplog.at_level(logging.WARNING, "inkloop.fmu_writer.export"):
-        export("ProfileSensor", fmi="2", nx=32, ny=32, fixed=True, out=tmp_path / "it.fmu")
+        export_fmu("ProfileSensor", fmi="2", nx=32, ny=32, fixed=True, out=tmp_path / "it.fmu")
         assert not caplog.messages
-        export("ProfileSensor", fmi="2", nx=33, ny=32, fixed=True, out=tmp_path / "it.fmu")
+        export_fmu("ProfileSensor", fmi="2", nx=33, ny=32, fixed=True, out=tmp_path / "it.fmu")
     assert "1056 scalars per map" in caplog.text
 
 
@@ -76,7 +76,7 @@ def test_archive_that_is_none_is_named(tmp_path, monkeypatch) -> None:
     (tmp_path / "fmi3").mkdir()
     (tmp_path / "fmi3" / "LayerDeposition.fmu").write_text("no archive")
     with pytest.raises(FmuError, match=r"LayerDeposition\.fmu: is not a readable FMU"):
-        export("LayerDeposition", fmi="3", nx=3, ny=3, fixed=False, out=tmp_path / "it.fmu")
+        export_fmu("LayerDeposition", fmi="3", nx=3, ny=3, fixed=False, out=tmp_path / "it.fmu")
 
 
 def test_a_set_that_was_built_by_another_version_is_not_exported_and_says_what_to_do(tmp_path, monkeypatch) -> None:
@@ -87,7 +87,7 @@ def test_a_set_that_was_built_by_another_version_is_not_exported_and_says_what_t
     pack(tmp_path / "fmi2" / "LayerDeposition.fmu", {**members, "modelDescription.xml": older})
     monkeypatch.setenv("INKLOOP_FMU_DIR", str(tmp_path))
     with pytest.raises(FmuError, match=r"LayerDeposition: .* built from other sources .*; run make"):
-        export("LayerDeposition", fmi="2", nx=3, ny=3, fixed=True, out=tmp_path / "it.fmu")
+        export_fmu("LayerDeposition", fmi="2", nx=3, ny=3, fixed=True, out=tmp_path / "it.fmu")
     assert not (tmp_path / "it.fmu").exists()
 
 

@@ -179,10 +179,7 @@ def test_event_of_a_file_comes_in_the_unit_of_its_port_and_for_its_cells(tmp_pat
         '\n[[events]]\nat_layer = 2\naction = "override"\nport = "printer.pattern"\nvalue = 0\nnozzles = [1]\n'
         '\n[[events]]\nat_time_s = 0.5\naction = "bias"\nport = "printer.height"\nvalue_um = 3\ntilt_x = 0.01\n',
     )
-    components, _ = scenario.build()
-    dead, tilted = scenario.events(components)
-    for part in components.values():
-        part.terminate()
+    dead, tilted = scenario.events
     assert dead.cells is not None
     assert np.flatnonzero(dead.cells.all(axis=0)).tolist() == [1, 5, 9]
     assert dead.cells.sum() == 3 * 12

@@ -81,8 +81,8 @@ def test_kind_of_ones_own_may_have_any_option() -> None:
 def test_every_option_of_the_python_kinds_is_in_the_schema() -> None:
     rules = SCHEMA["$defs"]["ComponentTable"]["allOf"]
     known = {rule["if"]["properties"]["kind"]["const"]: rule["then"]["properties"] for rule in rules}
-    for kind in catalog.PYTHON_KINDS:
-        assert set(catalog.python_options(kind).model_fields) <= set(known[kind])
+    for kind, python in catalog.PYTHON_KINDS.items():
+        assert set(python.options_table().model_fields) <= set(known[kind])
 
 
 def test_command_writes_the_schema_or_prints_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

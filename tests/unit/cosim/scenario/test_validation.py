@@ -11,7 +11,7 @@ from inkloop.errors import ScenarioError
 from inkloop.master.wiring import contract_connections
 from inkloop.printing.print import Print
 from inkloop.scenario.file import Scenario
-from inkloop.scenario.validation import mix_faults
+from inkloop.scenario.validation import mix_errors
 from support.benches.device_toys import DevicePrinter, DeviceProfiler
 from support.toys import ToyPrinter, ToyProfiler, toy_job
 
@@ -92,10 +92,8 @@ def test_shadow_does_not_begin_on_a_scan_of_itself(tmp_path: Path) -> None:
 
 def test_sensor_scans_the_printer_where_printer_and_shadow_both_have_a_height(tmp_path: Path) -> None:
     for printer, source in (("FMU", "printer.height"), ("device", "shadow.height")):
-        parts, wires = scenario(tmp_path, printer, "FMU", "shadow", "job").build()
+        wires = scenario(tmp_path, printer, "FMU", "shadow", "job").connections
         assert [wire.source for wire in wires if wire.target == "profiler.height"] == [source]
-        for part in parts.values():
-            part.terminate()
 
 
 def test_two_shadows_are_asked_about() -> None:
@@ -109,6 +107,6 @@ def test_two_shadows_are_asked_about() -> None:
 
 def test_each_side_alone_is_legal() -> None:
     job = toy_job()
-    assert mix_faults({"printer": DevicePrinter(job)}) == []
-    assert mix_faults({"profiler": DeviceProfiler(job)}) == []
-    assert mix_faults({}) == []
+    assert mix_errors({"printer": DevicePrinter(job)}) == []
+    assert mix_errors({"profiler": DeviceProfiler(job)}) == []
+    assert mix_errors({}) == []

@@ -11,8 +11,16 @@ import pytest
 from inkloop.cli import main
 from inkloop.component import Job
 from inkloop.models import LayerDeposition
-from inkloop.studies.reproduce import cuboids, droplet_spacing, layer_growth, recovery, single_droplet, square, wu_chiu
-from inkloop.studies.reproduce.command import PAPERS
+from inkloop.studies.reproduce import (
+    PAPERS,
+    cuboids,
+    droplet_spacing,
+    layer_growth,
+    recovery,
+    single_droplet,
+    square,
+    wu_chiu,
+)
 from inkloop.studies.reproduce.comparison import Part, Row, markdown, remarks, spreadsheet
 from inkloop.studies.reproduce.finite_elements import solve, triangles
 from inkloop.studies.reproduce.hume_rosen import time_scales

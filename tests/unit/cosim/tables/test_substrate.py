@@ -40,7 +40,7 @@ def test_print_starts_from_the_substrate_of_the_file() -> None:
     scenario = Scenario.load(UNEVEN)
     expected = scenario.job().height_start
     assert expected is not None
-    components, _ = scenario.build()
+    components = scenario.build()
     try:
         outputs = components["printer"].initialize(0, {p.name: p.start_value() for p in components["printer"].inputs})
     finally:

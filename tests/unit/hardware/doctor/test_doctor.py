@@ -269,6 +269,7 @@ def test_page_names_every_check() -> None:
     assert not sorted(check for check in checks if f"\n    {check} " not in page)
 
 
+@pytest.mark.compiled
 def test_self_test_tries_gate_then_lamp_with_the_enables_of_each() -> None:
     with NodeBench() as bench:
         rig = NodeRig(bench)
@@ -278,6 +279,7 @@ def test_self_test_tries_gate_then_lamp_with_the_enables_of_each() -> None:
         assert [bench.counted(what) for what in range(3)] == [1, 1, 0]
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize(("broken", "tests"), [(GATE_STAYS_CLOSED, 1), (LAMP_STAYS_ON, 1)])
 def test_gate_that_is_not_confirmed_gets_no_light(broken: int, tests: int) -> None:
     with NodeBench() as bench:
@@ -289,6 +291,7 @@ def test_gate_that_is_not_confirmed_gets_no_light(broken: int, tests: int) -> No
         assert bench.counted(1) == 0
 
 
+@pytest.mark.compiled
 def test_nodes_that_need_a_person_are_not_energised() -> None:
     with NodeBench() as bench:
         bench.stop(True)

@@ -123,11 +123,11 @@ def test_tables_that_steps_need_are_asked_for(tmp_path: Path) -> None:
 
 def test_scenario_names_the_faults_of_its_mapping(tmp_path: Path) -> None:
     path = written(tmp_path, ('unit = "um"', 'unit = "inch"'))
-    (fault,) = catalog.faults("hardware.mapped", JOB, {"mapping": str(path)})
+    (fault,) = catalog.check("hardware.mapped", JOB, {"mapping": str(path)}).errors
     assert fault.startswith("mapping: rig.toml: map.unit is 'inch'")
-    (fault,) = catalog.faults("hardware.mapped", JOB, {"mapping": str(tmp_path / "none.toml")})
+    (fault,) = catalog.check("hardware.mapped", JOB, {"mapping": str(tmp_path / "none.toml")}).errors
     assert fault.startswith("mapping: none.toml: cannot be read")
-    assert catalog.faults("hardware.mapped", JOB, {"mapping": str(written(tmp_path))}) == []
+    assert not catalog.check("hardware.mapped", JOB, {"mapping": str(written(tmp_path))}).errors
 
 
 def ports(folder: Path, job: Job, keep: str) -> tuple[set[str], set[str]]:

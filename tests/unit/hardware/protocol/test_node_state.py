@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 
 from inkloop_hardware.link.node_watch import NodeWatch
-from inkloop_hardware.protocol.node_state import BookFlags, Flags, Happening, NodeState, Roles, Step
+from inkloop_hardware.protocol.node_state import (
+    BookFlags,
+    Flags,
+    Happening,
+    Identifier,
+    NodeState,
+    Roles,
+    Step,
+    TransferState,
+)
 from inkloop_hardware.protocol.records import NodeFault, NodeStatus
 from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
@@ -29,6 +38,7 @@ def bench() -> Iterator[NodeBench]:
         yield made.ready()
 
 
+@pytest.mark.compiled
 def test_state_of_a_printed_layer_is_read(bench: NodeBench) -> None:
     bench.print_layer(np.ones((9, 9)), 1)
     state = FaultyWire(bench, HEAD).link().state()
@@ -43,6 +53,7 @@ def test_state_of_a_printed_layer_is_read(bench: NodeBench) -> None:
     assert state.layer_is_complete
 
 
+@pytest.mark.compiled
 def test_times_and_limits_are_in_seconds(bench: NodeBench) -> None:
     bench.print_layer(np.ones((9, 9)), 1)
     link = FaultyWire(bench, HEAD).link()
@@ -57,16 +68,18 @@ def test_times_and_limits_are_in_seconds(bench: NodeBench) -> None:
     assert (limits.alive, limits.block, limits.pattern_bytes) == (0.3, 4095, 21)
 
 
+@pytest.mark.compiled
 def test_map_size_version_and_transfer_are_read(bench: NodeBench) -> None:
     link = FaultyWire(bench, PROFILER).link()
     assert (link.map_size().size, link.map_size().nx, link.map_size().ny) == (0, 9, 9)
     assert bench.scan(0) == 0
     link.upload(0)
-    transfer = link.transfer()
+    transfer = link.requests.read(Identifier.TRANSFER, TransferState.of)
     assert (transfer.active, transfer.upload, transfer.done, transfer.size) == (False, True, 185, 185)
     assert link.version()
 
 
+@pytest.mark.compiled
 def test_journal_is_read_newest_first(bench: NodeBench) -> None:
     bench.print_layer(np.ones((9, 9)), 1)
     records = FaultyWire(bench, HEAD).link().journal()
@@ -77,6 +90,7 @@ def test_journal_is_read_newest_first(bench: NodeBench) -> None:
     assert newest.pattern_crc == bench.state().pattern_crc
 
 
+@pytest.mark.compiled
 def test_interrupted_pass_is_unknown_to_everybody_who_asks(bench: NodeBench) -> None:
     link = FaultyWire(bench, HEAD).link()
     link.download(1, pattern_blob(np.ones((9, 9))))

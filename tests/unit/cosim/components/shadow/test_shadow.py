@@ -311,8 +311,8 @@ def test_plant_without_the_handshake_is_stepped_layer_by_layer(caplog: pytest.Lo
     ],
 )
 def test_fault_of_the_options_is_told(options: dict[str, object], said: str) -> None:
-    faults = catalog.faults("Shadow", small_job(), options)
-    assert any(fault.startswith(said) for fault in faults), faults
+    errors = catalog.check("Shadow", small_job(), options).errors
+    assert any(error.startswith(said) for error in errors), errors
     with pytest.raises(ScenarioError):
         catalog.make("Shadow", small_job(), options)
 

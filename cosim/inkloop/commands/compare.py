@@ -1,0 +1,31 @@
+"""`inkloop compare`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "compare", help="compare several runs on the same grid in one table and one picture"
+    )
+    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folder, as written by `inkloop run`")
+    parser.add_argument(
+        "--out", type=Path, default=Path("compare.png"), metavar="FILE", help="picture to write (default: compare.png)"
+    )
+    return parser
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Show the table and write the picture; the exit code."""
+    from inkloop.report import run_report
+
+    console.print(run_report.compare(options.runs, options.out))
+    console.print(f"wrote {options.out}", highlight=False)
+    return 0

@@ -1,0 +1,46 @@
+"""`inkloop export`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from inkloop.commands.options import add_windows
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "export", help="write one of inkloop's FMUs for a grid of your size"
+    )
+    parser.add_argument("model", metavar="MODEL", help="LayerDeposition, ProfileSensor, ...; an unknown name lists all")
+    parser.add_argument("--fmi", choices=("2", "3"), default="3", help="FMI version (default: 3)")
+    parser.add_argument("--nx", type=int, default=9, metavar="N", help="cells along x (default: 9)")
+    parser.add_argument("--ny", type=int, default=9, metavar="N", help="cells along y (default: 9)")
+    parser.add_argument(
+        "--fixed", action="store_true", help="FMI 3 with constant dimensions, for tools that cannot resize arrays"
+    )
+    add_windows(parser)
+    parser.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: MODEL.fmu)")
+    return parser
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Write the FMU; the exit code."""
+    from inkloop.fmu_writer.export import export_fmu
+
+    path = export_fmu(
+        options.model,
+        fmi=options.fmi,
+        nx=options.nx,
+        ny=options.ny,
+        fixed=options.fixed,
+        out=options.out or Path(f"{options.model}.fmu"),
+        windows=options.windows,
+    )
+    console.print(f"wrote {path}", highlight=False)
+    return 0

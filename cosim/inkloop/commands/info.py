@@ -1,0 +1,32 @@
+"""`inkloop info`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command."""
+    parser: argparse.ArgumentParser = commands.add_parser("info", help="describe an FMU or a run")
+    parser.add_argument("path", type=Path, metavar="FMU|RUN", help="an .fmu file, or a run folder")
+    return parser
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Show the lines of the description; the exit code."""
+    if options.path.is_dir():
+        from inkloop.report.run_report import lines
+
+        shown = lines(options.path)
+    else:
+        from inkloop.fmu.reading import describe
+
+        shown = list(describe(options.path).lines())
+    for line in shown:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    return 0

@@ -1,0 +1,29 @@
+"""`inkloop new`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from inkloop.scenario import new as templates
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command."""
+    parser: argparse.ArgumentParser = commands.add_parser("new", help="write a commented scenario to start from")
+    parser.add_argument("name", type=Path, metavar="NAME", help="writes NAME.toml")
+    parser.add_argument(
+        "--shape", choices=tuple(templates.PARTS), default="cylinder", help="shape of the part (default: cylinder)"
+    )
+    return parser
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Write the scenario; the exit code."""
+    path = templates.write(options.name, options.shape)
+    console.print(f"wrote {path}; inkloop run {path} prints it", highlight=False)
+    return 0

@@ -1,0 +1,110 @@
+"""Options that several commands share: a scenario with overrides, a subprocess, a binary for Windows."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import traceback
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from inkloop.errors import InkloopError, ScenarioError
+
+if TYPE_CHECKING:
+    from inkloop.scenario.file import Scenario
+
+
+def add_scenario(parser: argparse.ArgumentParser) -> None:
+    """SCENARIO, --job and --set; `scenario_of` reads them."""
+    parser.add_argument(
+        "scenario", type=Path, metavar="SCENARIO", help="scenario file (.toml), or system of FMUs (.ssp)"
+    )
+    parser.add_argument(
+        "--job", type=Path, metavar="FILE", help="scenario to combine with the .ssp (default: the one embedded in it)"
+    )
+    add_overrides(parser)
+
+
+def add_overrides(parser: argparse.ArgumentParser) -> None:
+    """--set, which may be repeated; `overrides_of` reads it."""
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        dest="overrides",
+        help="override a key, e.g. components.controller.alpha=0.5; may be repeated",
+    )
+
+
+def add_isolate(parser: argparse.ArgumentParser) -> None:
+    """--isolate and --no-isolate."""
+    parser.add_argument(
+        "--isolate",
+        action=argparse.BooleanOptionalAction,
+        help="print in a subprocess, so that a crashing FMU yields an error message "
+        "(default: if a component is an FMU that is not part of inkloop)",
+    )
+
+
+def add_windows(parser: argparse.ArgumentParser) -> None:
+    """--windows of the commands that write FMUs."""
+    parser.add_argument(
+        "--windows", action="store_true", help="add binaries for 64-bit Windows to inkloop's FMUs; needs mingw-w64"
+    )
+
+
+def is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:
+    """Whether to print in a subprocess: as chosen, else where a component runs an FMU of others."""
+    return bool(scenario.foreign_fmus) if options.isolate is None else bool(options.isolate)
+
+
+@contextmanager
+def scenario_of(options: argparse.Namespace) -> Iterator[Scenario]:
+    """The scenario of the command line. Classes beside it may be its components. Raises ScenarioError."""
+    from inkloop.scenario.class_path import classes_from
+    from inkloop.scenario.file import Scenario
+
+    path: Path = options.scenario
+    job: Path | None = getattr(options, "job", None)
+    overrides = overrides_of(options.overrides, str(path))
+    with classes_from((job or path).parent):
+        if path.suffix == ".ssp":
+            from inkloop.exchange.ssp import reading
+
+            yield reading.scenario_of(path, overrides, job)
+        elif job is not None:
+            raise ScenarioError(str(path), [f"--job {job}: --job goes with an .ssp; leave it out"])
+        else:
+            yield Scenario.load(path, overrides)
+
+
+def overrides_of(pairs: Iterable[str], source: str) -> dict[str, Any]:
+    """The values of repeated --set options by key; a value that is not TOML is text. Raises ScenarioError."""
+    import tomlkit
+    from tomlkit.exceptions import TOMLKitError
+
+    overrides: dict[str, Any] = {}
+    faults = []
+    for pair in pairs:
+        key, separator, text = (piece.strip() for piece in pair.partition("="))
+        if not separator or not all(name.strip() for name in key.split(".")):
+            faults.append(f"--set {pair}: expected KEY=VALUE, e.g. --set components.controller.alpha=0.5")
+            continue
+        try:
+            overrides[key] = tomlkit.value(text)
+        except TOMLKitError:
+            overrides[key] = text
+    if faults:
+        raise ScenarioError(source, faults)
+    return overrides
+
+
+def show_error(error: InkloopError, options: argparse.Namespace) -> None:
+    """Print the message of an error on stderr; with --traceback, below the calls that led to it and to its causes."""
+    if options.traceback:
+        traceback.print_exception(error)
+    else:
+        print(error, file=sys.stderr)

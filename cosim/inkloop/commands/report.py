@@ -1,0 +1,29 @@
+"""`inkloop report`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "report", help="write the tables and pictures of a run folder again"
+    )
+    parser.add_argument("run", type=Path, metavar="RUN", help="run folder, as written by `inkloop run`")
+    return parser
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Write tables and pictures, and show the tables; the exit code."""
+    from inkloop.report import run_report
+
+    console.print(run_report.write(options.run))
+    if (options.run / run_report.MODEL_TABLE).is_file():
+        console.print((options.run / run_report.MODEL_TABLE).read_text(encoding="utf-8"), highlight=False, markup=False)
+    return 0

@@ -1,0 +1,32 @@
+"""`inkloop reproduce`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from inkloop.studies.reproduce import PAPERS
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "reproduce", help="compute the figures of a paper again and compare them with the printed ones"
+    )
+    parser.add_argument("paper", choices=tuple(PAPERS), metavar="PAPER", help=f"one of {', '.join(PAPERS)}")
+    parser.add_argument("--quick", action="store_true", help="fewer prints and coarser grids: half a minute at most")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="new folder for tables and pictures (default: runs/PAPER)"
+    )
+    return parser
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Compute and compare; the exit code."""
+    from inkloop.studies.reproduce import command
+
+    return command.reproduce(options, console)

@@ -1,0 +1,34 @@
+"""`inkloop resume`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from inkloop.commands.options import add_isolate, is_isolated
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command."""
+    parser: argparse.ArgumentParser = commands.add_parser("resume", help="resume an interrupted run")
+    parser.add_argument("run", type=Path, metavar="RUN", help="run folder of the interrupted run")
+    add_isolate(parser)
+    return parser
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Print the remaining layers, in a subprocess where asked; the exit code."""
+    from inkloop.printing import run as printing
+    from inkloop.scenario.class_path import classes_from
+
+    with classes_from(printing.scenario_file(options.run).parent):
+        scenario = printing.scenario_of_run(options.run)
+        if not is_isolated(options, scenario):
+            return printing.resume(options.run, console)
+        from inkloop.printing.isolation import run_isolated
+
+        return run_isolated([*options.words, "--no-isolate"], options.run, scenario.foreign_fmus)

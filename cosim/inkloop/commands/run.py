@@ -1,0 +1,42 @@
+"""`inkloop run`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from inkloop.commands.options import add_isolate, add_scenario, is_isolated, scenario_of
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "run", help="print the part of a scenario; writes tables, pictures and a result file"
+    )
+    add_scenario(parser)
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="new run folder (default: runs/NAME, or runs/NAME-2, ... if that exists)",
+    )
+    parser.add_argument("--no-compare", action="store_true", help="skip the comparison runs of the scenario")
+    add_isolate(parser)
+    return parser
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Print, in a subprocess where asked; the exit code."""
+    from inkloop.printing import run as printing
+
+    with scenario_of(options) as scenario:
+        if not is_isolated(options, scenario):
+            return printing.run(scenario, options.out, console, compare=not options.no_compare)
+        from inkloop.printing.isolation import run_isolated
+
+        folder = printing.new_run_folder(options.out, options.scenario.stem)
+        return run_isolated([*options.words, "--no-isolate", "--out", str(folder)], folder, scenario.foreign_fmus)

@@ -1,0 +1,35 @@
+"""`inkloop schema`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "schema", help="print the JSON Schema of scenario files, for editors"
+    )
+    parser.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: standard output)")
+    return parser
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Print or write the schema; the exit code."""
+    import json
+
+    from inkloop.files import write_text
+    from inkloop.scenario.json_schema import scenario_schema
+
+    text = json.dumps(scenario_schema(), indent=2)
+    if options.out is None:
+        print(text)
+    else:
+        write_text(options.out, text + "\n")
+        console.print(f"wrote {options.out}", highlight=False)
+    return 0

@@ -1,0 +1,31 @@
+"""`inkloop validate`."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from inkloop.commands.options import add_scenario, scenario_of
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command."""
+    parser: argparse.ArgumentParser = commands.add_parser("validate", help="check a scenario and list all its errors")
+    add_scenario(parser)
+    return parser
+
+
+def run(options: argparse.Namespace, console: Console) -> int:
+    """Say what a valid scenario prints; the exit code."""
+    with scenario_of(options) as scenario:
+        grid = scenario.tables.grid
+        printed = int(scenario.job().mask.sum())
+        console.print(
+            f"{options.scenario}: no fault; {grid.nx} x {grid.ny} cells, {printed} printed, "
+            f"components {', '.join(scenario.tables.components)}",
+            highlight=False,
+        )
+    return 0

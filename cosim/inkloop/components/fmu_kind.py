@@ -1,0 +1,98 @@
+"""Kinds that are FMUs: our own models by name, and any FMU file."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from inkloop.component import Component, Job, Ports
+from inkloop.components.bench import Bench
+from inkloop.components.fmu_parameters import FORMS, JOB_PARAMETERS, Parsed, parse_file, parse_model
+from inkloop.components.kind import Checked
+from inkloop.components.port_mapping import MappedPort, MappedPorts, ports_of
+from inkloop.components.port_tables import OPTION, mapped_ports
+from inkloop.fmu import FmuComponent, archive_fault, describe, platform_fault
+from inkloop.fmu.archive_member import fmu_file
+from inkloop.fmu_writer.export import export_fmu, find_fmu
+
+
+@dataclass(frozen=True)
+class FmuModel:
+    """One of our FMUs."""
+
+    model: str
+    path_option: ClassVar[str | None] = None
+
+    def check(self, job: Job, options: Mapping[str, object]) -> Checked:
+        """Check parameters against the description of the FMU. Raises FmuError if it is not there."""
+        parsed = parse_model(self.model, job, options)
+        if parsed.errors:
+            return Checked(self.model, parsed.errors)
+        form = str(options.get("fmi", FORMS[0]))
+        file = parsed.description.path if form == FORMS[0] else find_fmu(self.model, form)
+
+        def construct(bench: Bench) -> Component:
+            return _make_model(self.model, form, file, parsed)
+
+        if errors := _binary_errors(file, f"kind is {self.model!r}, whose FMU"):
+            return Checked(self.model, errors)
+        return Checked(self.model, (), _ports(parsed), construct)
+
+
+class FmuFile:
+    """Any FMU file, named by the option `file`."""
+
+    path_option: ClassVar[str | None] = "file"
+
+    def check(self, job: Job, options: Mapping[str, object]) -> Checked:
+        """Check parameters and mapped ports against the description. Raises FmuError if the file cannot be read."""
+        if not isinstance(options.get("file"), str):
+            return Checked("Fmu", ["file is missing; name the .fmu file"])
+        file = Path(str(options["file"]))
+        with fmu_file(file) as path:
+            parsed = parse_file(describe(path), job, options)
+            errors = _binary_errors(path, f"file is {options['file']!r}, which")
+        if not isinstance(asked := options.get(JOB_PARAMETERS, True), bool):
+            errors.append(f"{JOB_PARAMETERS} is {asked!r}; expected true or false")
+        inputs: list[MappedPort] = []
+        outputs: list[MappedPort] = []
+        ports = Ports((), ()) if parsed.errors else _ports(parsed)
+        if OPTION in options and not parsed.errors:
+            inputs, outputs, wrong = mapped_ports(ports.inputs, ports.outputs, job, options[OPTION])
+            errors += wrong
+            ports = Ports(ports_of(inputs, ports.inputs), ports_of(outputs, ports.outputs))
+        if errors := [*errors, *parsed.errors]:
+            return Checked("Fmu", errors)
+
+        def construct(bench: Bench) -> Component:
+            with fmu_file(file) as path:  # a component keeps what it needs of the file
+                fmu = FmuComponent(path, parameters=parsed.parameters, structural=parsed.structural)
+            return MappedPorts(fmu, inputs, outputs) if OPTION in options else fmu
+
+        return Checked("Fmu", (), ports, construct)
+
+
+def _make_model(model: str, form: str, file: Path, parsed: Parsed) -> FmuComponent:
+    """One of our FMUs; where its grid is fixed to another size, one exported for the job."""
+    sizes = parsed.structural
+    if form == FORMS[0] or describe(file).grid == (sizes["nx"], sizes["ny"]):
+        return FmuComponent(file, parameters=parsed.parameters, structural=sizes)
+    with tempfile.TemporaryDirectory(prefix="inkloop-export-") as folder:  # a component keeps what it needs of the file
+        made = export_fmu(model, fmi="2" if form == "fmi2" else "3", nx=sizes["nx"], ny=sizes["ny"], fixed=True,
+                      out=Path(folder) / f"{model}.fmu")  # fmt: skip
+        return FmuComponent(made, parameters=parsed.parameters, structural=sizes)
+
+
+def _ports(parsed: Parsed) -> Ports:
+    """The ports of an FMU for its sizes."""
+    description, sizes = parsed.description, parsed.sizes
+    return Ports(description.ports("input", sizes), description.ports("output", sizes))
+
+
+def _binary_errors(path: Path, what: str) -> list[str]:
+    """What keeps this machine from running an FMU."""
+    faults = (platform_fault(describe(path)), archive_fault(path))
+    return [f"{what} {fault}" for fault in faults if fault]

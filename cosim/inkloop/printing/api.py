@@ -1,0 +1,72 @@
+"""Print and read from Python: `inkloop.run` and `inkloop.load`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from inkloop.printing.lock import sole_writer
+from inkloop.printing.run import log_devices, new_run_folder, print_part
+from inkloop.results.result import Result
+from inkloop.scenario.class_path import classes_from
+from inkloop.scenario.file import Scenario
+
+
+def run(
+    scenario: Scenario | Path | str,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    out: Path | str | None = None,
+    **keys: Any,
+) -> Result:
+    """Print a scenario and return its result.
+
+    scenario: a .toml or .ssp file, or a loaded Scenario; overrides and keys: values that replace those of the file, see
+    `load`; out: new folder for the run (None: the result stays in memory). In the folder each layer is saved as soon as
+    it is printed, so that `inkloop resume` can continue; `inkloop report` adds tables and pictures. Comparison runs of
+    the scenario are not printed. Ctrl-C ends the print after a layer: `stop_reason` is then "interrupted".
+
+    Raises ScenarioError for errors of the scenario, ComponentError where a component fails, ResultError where the
+    folder exists or cannot be written.
+    """
+    loaded = _scenario(scenario, {**(overrides or {}), **keys})
+    source = Path(loaded.source)
+    with classes_from(source.parent):
+        if out is None:
+            return print_part(loaded)
+        folder = new_run_folder(Path(out), source.stem)
+        with sole_writer(folder), log_devices(loaded, Console(quiet=True), folder):
+            notes = {"scenario_file": str(source.resolve()), "compare": False}
+            Result.begin(folder, loaded.text, notes)
+            return print_part(loaded, folder=folder, notes=notes)
+
+
+def load(path: Path | str, overrides: Mapping[str, Any] | None = None, **keys: Any) -> Scenario | Result:
+    """Read a scenario (.toml or .ssp), or the result in a run folder.
+
+    overrides and keys: values that replace those of a scenario. A key is dotted, {"components.controller.alpha": 0.5},
+    or tables are nested as in the file, {"components": {"controller": {"alpha": 0.5}}} or grid={"nx": 20, "ny": 20}.
+
+    Raises ScenarioError with all errors of a scenario, ResultError for a folder that holds no result.
+    """
+    changed = {**(overrides or {}), **keys}
+    if not Path(path).is_dir():
+        return _scenario(path, changed)
+    if changed:
+        raise TypeError(f"{path} is a run folder, whose result takes no overrides; found {', '.join(changed)}")
+    return Result.load(Path(path))
+
+
+def _scenario(scenario: Scenario | Path | str, overrides: Mapping[str, Any]) -> Scenario:
+    if isinstance(scenario, Scenario):
+        return Scenario.of_text(scenario.text, scenario.source, overrides) if overrides else scenario
+    path = Path(scenario)
+    with classes_from(path.parent):
+        if path.suffix == ".ssp":
+            from inkloop.exchange.ssp import reading
+
+            return reading.scenario_of(path, overrides)
+        return Scenario.load(path, overrides)

@@ -1,0 +1,86 @@
+"""The loop of one print: components with checked options, their connections and events, and all that is wrong."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from inkloop.component import Component, HasPorts, Ports
+from inkloop.components.bench import Bench
+from inkloop.components.kind import Checked
+from inkloop.master.events import Event
+from inkloop.master.wiring import Connection, check, contract_connections
+from inkloop.scenario.events import read_events
+from inkloop.scenario.validation import end_errors, known_ports, mix_errors, shadow_errors
+from inkloop.tables.quantities import read_quantities
+from inkloop.tables.schema import BenchTable, ComponentTable, ConnectionTable, ScenarioFile
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Components by name in file order, and how they are connected.
+
+    errors: of connections and events, those of the components' options left out; connections and events are of use
+    if there are none.
+    """
+
+    checked: Mapping[str, Checked]
+    ports: Mapping[str, Ports]
+    connections: list[Connection]
+    events: list[Event]
+    errors: list[str]
+
+    @classmethod
+    def of(cls, tables: ScenarioFile, components: Mapping[str, ComponentTable], checked: Mapping[str, Checked]) -> Loop:
+        """Connect checked components by the tables of a scenario."""
+        ports, unknown = known_ports(checked)
+        connections: list[Connection] = []
+        if unknown:
+            errors = end_errors(ports, unknown, [(c.source, c.target) for c in tables.connections])
+        else:
+            connections, errors = _connected(tables.connections, ports)
+        counts = {name: table.options.get("nozzle_pitch") for name, table in components.items()}
+        nozzle_pitch = {name: count for name, count in counts.items() if isinstance(count, int)}
+        events, wrong = read_events(tables.events, ports, nozzle_pitch, tables.grid.pitch, unknown)
+        return cls(checked, ports, connections, events, errors + wrong)
+
+    def build(self, bench: BenchTable, folder: Path | None) -> dict[str, Component]:
+        """A component of each, for the caller to terminate; folder: of the run. Raises FmuError."""
+        components: dict[str, Component] = {}
+        shared = Bench(bench, folder)
+        try:
+            for name, checked in self.checked.items():
+                components[name] = checked.make(shared)
+        except BaseException:
+            for component in components.values():
+                component.terminate()
+            raise
+        return components
+
+
+def _connected(tables: list[ConnectionTable], ports: Mapping[str, HasPorts]) -> tuple[list[Connection], list[str]]:
+    """The connections of the file and those of the layer contract, and everything wrong with them."""
+    errors: list[str] = []
+    explicit = [_connection(f"connections.[{number}]", table, ports, errors) for number, table in enumerate(tables)]
+    taken = {connection.target for connection in explicit}
+    wires = [wire for wire in contract_connections(ports) if wire.target not in taken]
+    if mixed := mix_errors(ports):  # what they leave unconnected is no error of its own
+        return [], errors + mixed
+    connections = explicit + wires
+    return connections, errors + check(ports, connections) + shadow_errors(ports, connections)
+
+
+def _connection(place: str, table: ConnectionTable, ports: Mapping[str, HasPorts], errors: list[str]) -> Connection:
+    """The connection of a table, its offset in the unit of its input; `errors` gets what is wrong with the keys."""
+    component, _, name = table.target.partition(".")
+    inputs = {port.name: port for port in ports[component].inputs} if component in ports else {}
+    unit = inputs[name].unit if name in inputs else "1"
+    values, wrong = read_quantities(table.quantities, {"offset": unit}, ConnectionTable.model_fields)
+    key, offset = values.get("offset", ("offset", 0.0))
+    if isinstance(offset, bool) or not isinstance(offset, int | float) or not math.isfinite(offset):
+        wrong.append(f"{key} is {table.quantities[key]!r}; expected a finite number")
+        offset = 0.0
+    errors += [f"{place}.{error}" for error in wrong]
+    return Connection(table.source, table.target, table.gain, float(offset))
