@@ -16,7 +16,8 @@ from inkloop.errors import FmuError
 from inkloop.fmu import FmuDescription, Variable, describe
 from inkloop.fmu_writer.export import find_fmu
 from inkloop.suggest import nearest
-from inkloop.units import missing_suffix, scaled, spellings, unit_of
+from inkloop.tables.quantities import scaled
+from inkloop.units import missing_suffix, spellings, unit_of
 
 JOB_PARAMETERS = "job_parameters"
 """Whether the job's own values (pitch, inks, passes, seed, ...) go to parameters of an FMU that bear their names."""
