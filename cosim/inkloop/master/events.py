@@ -19,7 +19,7 @@ from inkloop.component import BoolMap, HasPorts, Port, Values
 Action = Literal["override", "bias", "reset"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Event:
     """A change to the port at `place` ("component.port"), in the port's unit and type.
 
