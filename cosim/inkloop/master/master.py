@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Component, Port, Status, Values
-from inkloop.errors import ComponentError, InkloopError, ScenarioError
+from inkloop.errors import ComponentError, ScenarioError, message_of
 from inkloop.master.events import Event, Manipulator
 from inkloop.master.interrupt import deferred
 from inkloop.master.pacing import Pacing
@@ -146,7 +146,7 @@ class Master:
                 outputs = self._components[name].initialize(0, self._gather(name, self._outputs, 0))
                 self._publish(name, outputs, 0)
             except Exception as error:
-                raise ComponentError(f"{name} could not be initialized: {_text(error)}") from error
+                raise ComponentError(f"{name} could not be initialized: {message_of(error)}") from error
             self._wall_ns[name] += perf_counter_ns() - begin
 
     def _restore(self, checkpoint: Checkpoint) -> int:
@@ -155,7 +155,7 @@ class Master:
             try:
                 component.restore(checkpoint.states[name])  # type: ignore[attr-defined]
             except Exception as error:
-                raise ComponentError(f"{name} could not be restored: {_text(error)}") from error
+                raise ComponentError(f"{name} could not be restored: {message_of(error)}") from error
         self._outputs = {name: dict(checkpoint.outputs[name]) for name in self._components}
         return checkpoint.time_ns
 
@@ -173,7 +173,7 @@ class Master:
                 self._publish(name, outputs, begin_ns)
             except Exception as error:
                 place = f"at t = {begin_ns * 1e-9:.9g} s{self._layer()}"
-                raise ComponentError(f"{name} failed {place}: {_text(error)}") from error
+                raise ComponentError(f"{name} failed {place}: {message_of(error)}") from error
             self._wall_ns[name] += perf_counter_ns() - begin
         self._observe("stepped", time_ns)
 
@@ -240,10 +240,6 @@ class Master:
     def _layer(self) -> str:
         printer = self._find("layers_printed")
         return f", after layer {int(printer['layers_printed'])}" if printer else ""
-
-
-def _text(error: Exception) -> str:
-    return str(error) if isinstance(error, InkloopError) else f"{type(error).__name__}: {error}"
 
 
 def checked_output(port: Port, outputs: Values, must_be_finite: bool) -> NDArray[Any]:

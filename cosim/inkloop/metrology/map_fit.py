@@ -11,8 +11,6 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
-from scipy.ndimage import gaussian_filter, map_coordinates
-from scipy.optimize import least_squares
 
 from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import HeightMapError
@@ -141,6 +139,8 @@ class _Relief:
 
     def softened(self, width: float) -> _Relief:
         """The same with soft flanks on the known surface, `width` [cells]."""
+        from scipy.ndimage import gaussian_filter
+
         return replace(self, surface=gaussian_filter(self.surface, width * self.per_cell)) if width else self
 
     def residuals(self, move: Move) -> FloatMap:
@@ -158,6 +158,8 @@ class _Relief:
         """(k,) known surface at the moved points, less its plane."""
         x, y = _moved(self.x, self.y, move, self.middle)
         i, j = (position / self.pitch * self.per_cell + (self.per_cell - 1) / 2 for position in (x, y))
+        from scipy.ndimage import map_coordinates
+
         known = map_coordinates(self.surface, [i, j], order=1, mode="nearest")
         return np.asarray(known - self.plane @ (self.plane.T @ known), np.float64)
 
@@ -207,6 +209,8 @@ def _least_squares(relief: _Relief, first: Move, pitch: float, may_turn: bool) -
         return relief.residuals(_move(cells, pitch, relief.radius)) / scale
 
     start = np.array([first[0] / pitch, first[1] / pitch, first[2] * relief.radius / pitch][: 3 if may_turn else 2])
+    from scipy.optimize import least_squares
+
     return _move(least_squares(residuals, start, diff_step=[1e-3] * start.size).x, pitch, relief.radius)
 
 
