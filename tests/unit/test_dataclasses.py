@@ -1,4 +1,4 @@
-"""Dataclasses with arrays are equal to themselves only: arrays have no truth value, so == of their fields would raise."""
+"""Dataclasses with arrays are equal to themselves only: an array has no truth value, so == of fields would raise."""
 
 from __future__ import annotations
 
