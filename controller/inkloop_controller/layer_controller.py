@@ -28,7 +28,7 @@ from inkloop_controller.planning.layer_plan import Planner, PlanStatus
 from inkloop_controller.problem.horizon_problem import IntMap, IntPlan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _State:
     """All that a step leaves for the next one, and for the outputs."""
 

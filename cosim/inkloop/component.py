@@ -151,7 +151,7 @@ class Ink:
         return self.h1 + 4.0 * self.h2 + 4.0 * self.h3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Job:
     """What is to be printed, as every component is told it.
 

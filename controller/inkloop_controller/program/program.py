@@ -27,7 +27,7 @@ SMOOTHING = 1e-4  # [um2] taken off the variance, so that the flat surface has a
 TOLERANCE = 2e-6  # [um] by which HiGHS may overrate a bound: its feasibility tolerances, 1e-6 for each of two rows
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RelaxedPlan:
     """Droplets of any size (layers, nx, ny), counted in droplets of the first kind allowed on a cell.
 

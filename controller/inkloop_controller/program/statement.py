@@ -36,7 +36,7 @@ class LayerSymbols:
     jetted: tuple[Symbolic, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HorizonStatement:
     """The values of a HorizonProblem, as symbols or numbers, heights in um from the part's mean before the first layer.
 

@@ -28,7 +28,7 @@ CONTROLLER = "LayerController"
 """The model that plans the layers."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Parsed:
     """What the options and the job come to, and the errors of the options, one sentence each.
 

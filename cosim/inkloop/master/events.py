@@ -20,7 +20,7 @@ from inkloop.units import S_PER_NS
 Action = Literal["override", "bias", "reset"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Event:
     """A change to the port at `place` ("component.port"), in the port's unit and type.
 

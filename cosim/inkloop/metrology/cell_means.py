@@ -21,7 +21,7 @@ _UPRIGHT = 1e-12  # rad: a rotation by quarter turns
 _ROUNDING = 1e-6  # share of a cell that a pixel beside it gets by rounding
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CellMeans:
     """mean: (nx, ny) mean measured height [m], NaN where nothing was; share: (nx, ny), measured part of each cell."""
 
@@ -54,7 +54,7 @@ def cell_means(map_: HeightMap, registration: Registration, nx: int, ny: int, pi
     return bins.means()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Bins:
     """Sums over the cells of a grid with a ring of cells around it, which takes what lies outside.
 

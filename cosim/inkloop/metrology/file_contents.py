@@ -14,7 +14,7 @@ _METRES = {**SUFFIXES["m"], "pm": M_PER_PM}
 _SPELLINGS = {"\u00b5m": "um", "\u03bcm": "um", "micron": "um", "microns": "um"}  # micro sign, Greek mu
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FileContents:
     """Values as stored, with what the file tells about them; None where it is silent.
 

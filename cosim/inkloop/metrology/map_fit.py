@@ -92,7 +92,7 @@ def fit_to_surface(
     return SurfaceFit(fine.registration(move), rms, explained, float(deviations[:2].max()) * pitch, turn_std)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Relief:
     """The map in points on the grid, less its plane, and the known surface to compare it with.
 

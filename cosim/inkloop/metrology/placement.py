@@ -22,7 +22,7 @@ PART_SEEN_MIN = 0.5
 """A scan that shows less of the part than this share of its cells is taken for a mistake (assumed)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Placed:
     """height: (nx, ny) [m], NaN where nothing was measured; valid: (nx, ny); words: what there is to say about it."""
 

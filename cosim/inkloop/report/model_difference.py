@@ -47,7 +47,7 @@ class LayerDifference:
     cell: tuple[int, int]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ModelDifference:
     """model: its name; maps: (layer, x, y) measured less model [m], NaN where nothing was seen; a row for each scan."""
 

@@ -30,7 +30,7 @@ CONTRACT = frozenset(
 """(source, target, signal) as the block wires its parts."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Bake:
     """What a block prints. parts: by role its model and parameters; own: start values of the block's parameters."""
 
