@@ -16,7 +16,7 @@ from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.emulated_bench import EmulatedBench
-from inkloop_hardware.errors import BusAway, BusError, NodeLost, NodeRefused
+from inkloop_hardware.errors import BusDisconnected, BusError, NodeLost, NodeRefused
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.services import Outcome
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
@@ -65,7 +65,7 @@ def test_adapter_that_is_unplugged_is_opened_again_and_nothing_is_enabled_by_its
     with faulty("unplugged:step=cure,pass=1,nth=3,count=3") as run:
         run.print_layer(1)
         run.jet(1)
-        with pytest.raises(BusAway, match=r"cannot be read any more: .*unplugged.*being opened again"):
+        with pytest.raises(BusDisconnected, match=r"cannot be read any more: .*unplugged.*being opened again"):
             run.cure(1, milliseconds=8000)
         wait_until(lambda: run.rig.keep_alive() is None and not run.rig.supervision.bus.away)
         run.rig.wait_for(Node, LIMIT_S)
@@ -113,7 +113,7 @@ def test_bench_that_is_gone_is_given_up_in_words() -> None:
 
 def test_bus_off_is_left_once_and_only_once() -> None:
     with faulty("bus-off:step=download,count=2") as run:
-        with pytest.raises(BusAway, match=r"refuses every frame and hears none: bus-off.*termination"):
+        with pytest.raises(BusDisconnected, match=r"refuses every frame and hears none: bus-off.*termination"):
             run.rig.link(Node.HEAD).download(1, BLOB)
         with pytest.raises(BusError, match="opened again once already"):
             wait_until(lambda: run.rig.keep_alive() is not None)

@@ -19,12 +19,13 @@ from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.devices.layer_steps import LayerSteps
 from inkloop_hardware.devices.readiness import make_ready
 from inkloop_hardware.errors import (
+    AnotherMaster,
     HardwareError,
     LinkTimeout,
     NodeLost,
     NodeRefused,
     NodeStopped,
-    NotAlone,
+    StopRequested,
     TransferError,
 )
 from inkloop_hardware.link.rig import Rig
@@ -50,7 +51,7 @@ def wait_until(true: Callable[[], bool]) -> None:
 def is_disturbed(rig: Rig) -> bool:
     try:
         rig.check_alone()
-    except NotAlone:
+    except (AnotherMaster, StopRequested):
         return True
     return False
 
@@ -112,7 +113,7 @@ def test_repeats_are_counted_and_late_answers_dropped(caplog: pytest.LogCaptureF
     with faulty("late-answer:node=head,service=0x36", "repeated-answer:node=cure,count=100") as run:
         run.print_layer(2)
         head, cure = run.rig.link(Node.HEAD).counts, run.rig.link(Node.CURE).counts
-    assert head.again >= 1
+    assert head.repeated >= 1
     assert head.stray >= 1
     assert cure.stray >= 1
     assert any("requests sent again" in words and words.startswith("head") for words in caplog.messages)
@@ -257,14 +258,14 @@ def test_second_master_makes_the_nodes_safe_and_both_are_told(caplog: pytest.Log
         other.wait_for(Node, LIMIT_S)
         for rig, session in ((run.rig, other.session), (other, run.rig.session)):
             wait_until(lambda rig=rig: rig.keep_alive() is None and is_disturbed(rig))
-            with pytest.raises(NotAlone, match=f"another master speaks on this bus, session {session}"):
+            with pytest.raises(AnotherMaster, match=f"another master is active on this bus, session {session}"):
                 rig.check_alone()
-            with pytest.raises(NotAlone), rig.enabled(gate=True):
+            with pytest.raises(AnotherMaster), rig.enabled(gate=True):
                 pytest.fail("nothing may be enabled")
         for node in Node:
             state = run.state(node)
             assert (state.state, state.cause) == (State.SAFE, Fault.TWO_MASTERS)
-    assert caplog.text.count("another master speaks on the bus") == 2
+    assert caplog.text.count("another master is active on the bus") == 2
 
 
 def test_second_master_in_a_pass_ends_it_in_words() -> None:
@@ -292,7 +293,7 @@ def test_stop_request_is_latched_until_it_is_released_and_a_person_clears(caplog
         assert run.state().cause is Fault.STOP_REQUEST
         press(True)
         wait_until(lambda: run.rig.keep_alive() is None and is_disturbed(run.rig))
-        with pytest.raises(NotAlone, match="a stop request of the operator is active: release it"), run.rig.enabled():
+        with pytest.raises(StopRequested, match="a stop request of the operator is active: release"), run.rig.enabled():
             pytest.fail("nothing may be enabled")
         for option in (0, 1):
             with pytest.raises(NodeRefused, match="stop request"):

@@ -6,6 +6,7 @@ import dataclasses
 import inspect
 import os
 import re
+import runpy
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -97,6 +98,12 @@ def test_links_lead_to_a_file(page: Path) -> None:
     targets = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text())
     missing = [target for target in targets if not (page.parent / target).exists()]
     assert not missing
+
+
+def test_api_page_is_written_from_the_public_names() -> None:
+    written = runpy.run_path(str(ROOT / "tools/pages/api.py"))["page"]()
+    page = (ROOT / "docs/reference/api.md").read_text(encoding="utf-8")
+    assert page == written, "run: python tools/pages/api.py docs/reference/api.md"
 
 
 def test_scenario_page_names_every_key_and_kind() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from inkloop_hardware.errors import NodeStopped, NotAlone
+from inkloop_hardware.errors import AnotherMaster, NodeStopped, StopRequested
 from inkloop_hardware.link.node_watch import because
 from inkloop_hardware.link.supervision import Supervision
 from inkloop_hardware.protocol.codec import Frame
@@ -59,6 +59,6 @@ class NodeWire:
     def _advice(self) -> str:
         try:
             self._supervision.check_alone()
-        except NotAlone as others:
+        except (AnotherMaster, StopRequested) as others:
             return str(others)
         return "mend the cause and clear it"

@@ -15,7 +15,7 @@ from typing import Self
 from inkloop_hardware.bus.connection import BusConnection
 from inkloop_hardware.bus.heartbeat import Enables
 from inkloop_hardware.bus.settings import BusSettings
-from inkloop_hardware.errors import BusAway, BusError, HardwareError, NodeLost
+from inkloop_hardware.errors import BusDisconnected, BusError, HardwareError, NodeLost
 from inkloop_hardware.link.link import Link, LinkCounts
 from inkloop_hardware.link.node_wire import NodeWire
 from inkloop_hardware.link.supervision import Supervision
@@ -115,7 +115,7 @@ class Rig:
     def enabled(self, *, lamp: bool = False, gate: bool = False, motion: bool = False) -> Iterator[None]:
         """Enables for one step; on leaving, whatever happened, nothing is enabled any more. Not to be nested.
 
-        NotAlone while another master speaks or somebody asks for a stop.
+        AnotherMaster or StopRequested while one of them is on the bus.
         """
         if self.supervision.enables:
             raise HardwareError("a step is enabled already; enables belong to one step at a time")
@@ -135,14 +135,14 @@ class Rig:
             self.keep_alive()
             if time.monotonic() > until:
                 return self.supervision.check(wanted)
-            with suppress(NodeLost, BusAway):
+            with suppress(NodeLost, BusDisconnected):
                 self.supervision.check(wanted)
                 if self.supervision.is_settled:
                     return
             time.sleep(PAUSE)
 
     def check_alone(self) -> None:
-        """NotAlone, in words, while another master speaks on the bus or somebody asks for a stop."""
+        """AnotherMaster or StopRequested while one of them is on the bus."""
         self.supervision.check_alone()
 
     def status(self, node: Node) -> NodeStatus | None:
@@ -173,6 +173,7 @@ class Rig:
         for link in self._links.values():
             if (counts := link.counts) != LinkCounts():
                 LOG.info(
-                    "%s: %d requests sent again, %d answers late or doubled, %d frames out of order, %d transfers anew",
+                    "%s: %d requests sent again, %d answers late or doubled, %d frames out of order, "
+                    "%d transfers restarted",
                     *(link.node.lower(), counts.repeated, counts.stray, counts.broken, counts.restarted),
                 )

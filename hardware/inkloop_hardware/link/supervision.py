@@ -8,7 +8,7 @@ from collections.abc import Container, Iterable
 
 from inkloop_hardware.bus.connection import BusConnection
 from inkloop_hardware.bus.heartbeat import Enables
-from inkloop_hardware.errors import BusAway, FrameError, HardwareError, NodeLost, NotAlone
+from inkloop_hardware.errors import AnotherMaster, BusDisconnected, FrameError, HardwareError, NodeLost, StopRequested
 from inkloop_hardware.link.bus_watch import BusWatch
 from inkloop_hardware.link.node_watch import NodeWatch
 from inkloop_hardware.protocol.codec import Codec, Frame
@@ -109,21 +109,24 @@ class Supervision:
 
     def check(self, nodes: Iterable[Node]) -> None:
         """NodeLost if one of them was never heard, is silent for three cycles (300 ms) or is not to be believed;
-        BusAway while the adapter is gone."""
+        BusDisconnected while the adapter is gone."""
         self._take_frames()
         if self.bus.away:
             self._beating_since = time.monotonic()  # the nodes must hear the heartbeat again before anything is asked
-            raise BusAway(self.bus.away)
+            raise BusDisconnected(self.bus.away)
         now = self.bus.clock
         troubles = [trouble for node in nodes if (trouble := self._watches[node].trouble(now)) is not None]
         if troubles:
             raise NodeLost(f"{self._place}: {'; '.join(troubles)}")
 
     def check_alone(self) -> None:
-        """NotAlone, in words, while another master speaks on the bus or somebody asks for a stop."""
+        """AnotherMaster or StopRequested while one of them is on the bus."""
         self._take_frames()
-        if (trouble := self._bus_watch.trouble(self.bus.clock)) is not None:
-            raise NotAlone(f"{self._place}: {trouble}")
+        now = self.bus.clock
+        if (message := self._bus_watch.stop_request(now)) is not None:
+            raise StopRequested(f"{self._place}: {message}")
+        if (message := self._bus_watch.other_master(now)) is not None:
+            raise AnotherMaster(f"{self._place}: {message}")
 
     def watch(self, node: Node) -> NodeWatch:
         """What a node said of itself."""

@@ -17,7 +17,7 @@ from inkloop_hardware.devices.journal_comparison import JournalsDiffer, compare
 from inkloop_hardware.devices.master_journal import JOURNAL_FILE, Asked, Event, JournalError, LayerAsked, MasterJournal
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
-from inkloop_hardware.protocol.node_state import BookFlags, Flags, NodeState, Roles, Step
+from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeState, Roles, Step
 from inkloop_hardware.protocol.services import Key, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches.node_bench import NodeBench
@@ -157,7 +157,7 @@ def test_every_step_is_on_the_disk_before_it_is_asked_for(tmp_path: Path, monkey
 
 def head(layer: int, *, job: int = JOB, done: int = 0, unknown: int = 0, crc: int = 0xABC2) -> NodeState:
     return NodeState(
-        *(State.SAFE, Fault.NONE, Roles.HEAD, Flags(0), job, layer, 4, done, unknown, 0, BookFlags(0), Step.NONE),
+        *(State.SAFE, Fault.NONE, Roles.HEAD, Flags(0), job, layer, 4, done, unknown, 0, LayerFlags(0), Step.NONE),
         *(1, 1, crc, 0.0, 0),
     )
 

@@ -11,10 +11,10 @@ import pytest
 
 from inkloop_hardware.link.node_watch import NodeWatch
 from inkloop_hardware.protocol.node_state import (
-    BookFlags,
     Flags,
     Happening,
     Identifier,
+    LayerFlags,
     NodeState,
     Roles,
     Step,
@@ -44,7 +44,7 @@ def test_state_of_a_printed_layer_is_read(bench: NodeBench) -> None:
     state = FaultyWire(bench, HEAD).link().state()
     expected = NodeState(
         *(State.PRINTED, Fault.NONE, Roles.HEAD, Flags.PATTERN_LOADED),
-        *(7, 1, 4, 0b1111, 0, 0, BookFlags(0), Step.NONE, 1, 1),
+        *(7, 1, 4, 0b1111, 0, 0, LayerFlags(0), Step.NONE, 1, 1),
         pattern_crc=bench.state().pattern_crc,
         clock=bench.clock / 1e3,
         gate_pulses=4,
@@ -105,7 +105,7 @@ def test_interrupted_pass_is_unknown_to_everybody_who_asks(bench: NodeBench) -> 
     assert link.state().flags & Flags.NEEDS_OPERATOR
     released = ClearOption.OPERATOR | ClearOption.ABANDON
     assert link.routine(Routine.CLEAR, Key(7, 1), bytes([released]), limit_s=5) is Outcome.DONE
-    assert link.state().book == BookFlags.ACKNOWLEDGED | BookFlags.ABANDONED
+    assert link.state().layer_flags == LayerFlags.ACKNOWLEDGED | LayerFlags.ABANDONED
 
 
 def told(
