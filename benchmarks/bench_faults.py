@@ -16,6 +16,7 @@ import numpy as np
 from rich.console import Group
 from rich.table import Table
 
+from inkloop.units import MS_PER_S
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.emulated_bench import EmulatedBench
@@ -72,7 +73,7 @@ def _layer(faults: list[str]) -> tuple[float, int, int, bool, bool]:
         _, valid = read_map(profiler.upload(1), SIDE, SIDE)
         took = perf_counter() - begin
         state = head.state()
-        again = head.counts.again + profiler.counts.again
+        again = head.counts.repeated + profiler.counts.repeated
         return took, again, state.gate_pulses, state.pattern_crc == zlib.crc32(blob), bool(valid.all())
 
 
@@ -87,7 +88,7 @@ def _reactions() -> Table:
     ):
         with EmulatedBench(TIMES_MS) as bench:
             settings = BusSettings("slcan", bench.channel, 500_000)
-            found = [1e3 * _reaction(settings, happen) for _ in range(REPEATS)]
+            found = [MS_PER_S * _reaction(settings, happen) for _ in range(REPEATS)]
         table.add_row(what, since, f"{median(found):.0f}", f"{max(found):.0f}", limit)
     return table
 
@@ -99,7 +100,7 @@ class Onlooker:
         self.adapter = Adapter(settings)
         self.codec = Codec()
         self.lamp = Link(Node.CURE, self.codec, self, "the bus of the benchmark")
-        self._answer_id = Node.CURE.answer_id(self.codec)
+        self._answer_id = self.codec.answer_id(Node.CURE)
 
     def begin(self) -> None:
         """Nothing to note."""
@@ -143,9 +144,9 @@ def _reaction(settings: BusSettings, happen: Callable[[Rig, Onlooker], None]) ->
         _clear(rig)
         with suppress(HardwareError), rig.enabled(lamp=True):
             cure = pack_bytes(">BBH", 0x31, 1, Routine.CURE) + bytes(Key(rig.job, 0)) + pack_bytes(">H", LONG_CURE_MS)
-            rig.link(Node.CURE).client.conn.send(cure)
+            rig.link(Node.CURE).requests.client.conn.send(cure)
             while not ((status := rig.status(Node.CURE)) and status.lamp_on):
-                rig.alive()
+                rig.keep_alive()
                 sleep(0.005)
             lit = onlooker.lamp.times()
             happen(rig, onlooker)
@@ -161,7 +162,7 @@ def _clear(rig: Rig) -> None:
 
 
 def _kill(rig: Rig, onlooker: Onlooker) -> None:
-    os.kill(rig.bus.process_id, signal.SIGKILL)
+    os.kill(rig.supervision.bus.process_id, signal.SIGKILL)
 
 
 def _drop(rig: Rig, onlooker: Onlooker) -> None:

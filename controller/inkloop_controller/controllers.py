@@ -9,6 +9,7 @@ from typing import Annotated, TypeVar
 from pydantic import Field
 
 from inkloop.component import Job
+from inkloop.units import M_PER_UM
 from inkloop_controller.baselines.geometric_feedback import CohenLipson, ErrorDiffusion
 from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
 from inkloop_controller.estimation.height_estimator import HeightEstimator
@@ -64,7 +65,7 @@ def LayerMpcController(
         lambda: Criterion(
             alpha=alpha,
             overshoot=overshoot,
-            overshoot_limit=inf if overshoot_limit_um is None else overshoot_limit_um * 1e-6,
+            overshoot_limit=inf if overshoot_limit_um is None else overshoot_limit_um * M_PER_UM,
             chance_margin=chance_margin,
             fringe_weight=fringe_weight,
             layer_worth=layer_worth,
@@ -99,8 +100,8 @@ def LayerMpcController(
         lambda: HeightEstimator(
             job,
             adapt_ink=adapt_ink,
-            sensor_noise_std=None if sensor_noise_std_um is None else sensor_noise_std_um * 1e-6,
-            sensor_resolution=sensor_resolution_um * 1e-6,
+            sensor_noise_std=None if sensor_noise_std_um is None else sensor_noise_std_um * M_PER_UM,
+            sensor_resolution=sensor_resolution_um * M_PER_UM,
             untrusted_layers=untrusted_layers,
         ),
     )
@@ -126,7 +127,7 @@ def CohenLipsonController(
     job: Job, *, threshold_um: Length | None = None, region_test: RegionTest = "middle"
 ) -> LayerController:
     """Greedy geometric feedback; see CohenLipson. Scans are taken as they are."""
-    threshold = None if threshold_um is None else threshold_um * 1e-6
+    threshold = None if threshold_um is None else threshold_um * M_PER_UM
     planner = CohenLipson(job, threshold=threshold, region_test=region_test)
     return LayerController(job, planner, HeightEstimator(job, adapt_ink="off", take_as_read=True))
 

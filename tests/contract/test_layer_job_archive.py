@@ -128,6 +128,7 @@ def test_binary_shows_the_standards_functions_and_needs_the_c_library(form) -> N
     assert {name.split(".")[0] for name in re.findall(r"NEEDED.*\[(.*)\]", dynamic)} <= {"libc", "libm"}
 
 
+@pytest.mark.compiled
 @EVERY_FORM
 @pytest.mark.long
 @pytest.mark.skipif(shutil.which("cmake") is None or shutil.which("gcc") is None, reason="needs cmake and gcc")

@@ -29,7 +29,7 @@ Relaxation: TypeAlias = Literal["gradient", "ipopt", "highs", "none"]
 CERTIFICATE_S = 60.0  # what a certificate may take if no limit is given (assumed)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Relaxed:
     """Where to round from, and what no plan can be below [m] (NaN: not known)."""
 

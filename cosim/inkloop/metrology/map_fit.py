@@ -16,6 +16,7 @@ from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import HeightMapError
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.registration import Registration
+from inkloop.units import UM_PER_M
 
 EXPLAINED_MIN = 0.5
 """Share of the relief that the known surface has to explain (assumed)."""
@@ -75,12 +76,13 @@ def fit_to_surface(
     rms = float(np.sqrt(np.mean(residuals**2)))
     if explained < EXPLAINED_MIN or fine.gain(move) <= 0.0:
         raise HeightMapError(
-            f"{map_.source}: the part explains {max(explained, 0.0):.0%} of its relief and leaves {rms * 1e6:.3g} um "
-            f"rms; needs {EXPLAINED_MIN:.0%}: check offset, rotation, mirror and pixel size, or give fiducials"
+            f"{map_.source}: the part explains {max(explained, 0.0):.0%} of its relief and leaves "
+            f"{rms * UM_PER_M:.3g} um rms; needs {EXPLAINED_MIN:.0%}: check offset, rotation, mirror and pixel size, "
+            "or give fiducials"
         )
     if max(abs(move[0]), abs(move[1])) > reach or abs(move[2]) > rotation_reach * 1.2 + 1e-12:
         raise HeightMapError(
-            f"{map_.source}: the part seems to lie {move[0] * 1e6:.0f}, {move[1] * 1e6:.0f} um and "
+            f"{map_.source}: the part seems to lie {move[0] * UM_PER_M:.0f}, {move[1] * UM_PER_M:.0f} um and "
             f"{math.degrees(move[2]):.2f} deg from where it was said to; beyond what is searched: correct "
             "offset and rotation, or search wider"
         )
@@ -90,7 +92,7 @@ def fit_to_surface(
     return SurfaceFit(fine.registration(move), rms, explained, float(deviations[:2].max()) * pitch, turn_std)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Relief:
     """The map in points on the grid, less its plane, and the known surface to compare it with.
 

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from inkloop.units import SUFFIXES
+
 Identifier = Annotated[int, Field(ge=0, le=0xFFFF)]
 Bytes = Annotated[int, Field(ge=1, le=8)]
 Limit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -14,9 +16,9 @@ Value = int | Finite | str
 """A number, a word of the signal's value table, or a template of a number such as "{layer}"."""
 
 CELLS = {"int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
-METRES = {"nm": 1e-9, "um": 1e-6, "µm": 1e-6, "mm": 1e-3, "m": 1.0}
+METRES = {name: SUFFIXES["m"][name.replace("µ", "u")] for name in ("nm", "um", "µm", "mm", "m")}
 
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
+SECONDS = SUFFIXES["s"]
 
 
 class Table(BaseModel):
@@ -57,8 +59,8 @@ class MapTable(Table):
     valid_bits: bool = Field(default=False, description="a bit for each cell follows, most significant first")
 
 
-class Act(Table):
-    """What all steps have."""
+class StepBase(Table):
+    """Keys that every step has."""
 
     limit_s: Limit = Field(default=60.0, description="seconds that the step may take")
     enables: tuple[Literal["lamp", "gate", "motion"], ...] = Field(
@@ -66,7 +68,7 @@ class Act(Table):
     )
 
 
-class Memory(Act):
+class Memory(StepBase):
     """A place of a peer's memory."""
 
     peer: str
@@ -88,7 +90,7 @@ class Upload(Memory):
     do: Literal["upload"]
 
 
-class RoutineStep(Act):
+class RoutineStep(StepBase):
     """0x31 01; done when it is answered, "still busy" (0x78) extends. Never repeated."""
 
     do: Literal["routine"]
@@ -98,7 +100,7 @@ class RoutineStep(Act):
     answer: str = Field(default="", description="hexadecimal template that its answer's record must begin with")
 
 
-class Read(Act):
+class Read(StepBase):
     """0x22 again and again, until a number in the answer is what it is to be."""
 
     do: Literal["read"]
@@ -109,7 +111,7 @@ class Read(Act):
     expected: int | str = Field(description='number, or template such as "{layer}"')
 
 
-class Send(Act):
+class Send(StepBase):
     """A frame with all its signals."""
 
     do: Literal["send"]
@@ -117,7 +119,7 @@ class Send(Act):
     signals: dict[str, Value] = Field(default={}, description="in the units of the DBC")
 
 
-class Wait(Act):
+class Wait(StepBase):
     """Until a frame that came in since something was last done says what it is to say."""
 
     do: Literal["wait"]

@@ -17,6 +17,7 @@ from cantools.database import errors as cantools_errors
 from cantools.database.can import Database, Message, Signal
 from e2e import p01
 
+from inkloop.units import MS_PER_S
 from inkloop_hardware.errors import FrameError
 
 BENCH_DBC = Path(__file__).with_name("inkloop.dbc")
@@ -78,13 +79,21 @@ class Codec:
     def cycle_time(self, name: str) -> float | None:
         """Seconds between two frames, None for a message without a cycle."""
         cycle_ms = self.message(name).cycle_time
-        return None if not cycle_ms else cycle_ms / 1e3
+        return None if not cycle_ms else cycle_ms / MS_PER_S
 
     def data_id(self, name: str) -> int | None:
         """Data id of E2E profile 1, None for a message that is not supervised."""
         dbc = self.message(name).dbc
         attribute = dbc.attributes.get("E2EDataId") if dbc else None
         return int(attribute.value) or None if attribute is not None else None
+
+    def request_id(self, node: str) -> int:
+        """Arbitration id of ISO-TP frames to a node, such as `Node.HEAD`."""
+        return self.message(f"{node}Request").frame_id
+
+    def answer_id(self, node: str) -> int:
+        """Arbitration id of ISO-TP frames from a node."""
+        return self.message(f"{node}Answer").frame_id
 
     def encode(self, name: str, values: Mapping[str, float | str], counter: int | None = None) -> Frame:
         """The frame of a message.

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from struct import Struct
 
+from inkloop.units import MS_PER_S
 from inkloop_hardware.protocol.services import Key
 from inkloop_hardware.protocol.vocabulary import Fault, State
 
@@ -55,7 +56,7 @@ class Flags(IntFlag):
     JOURNAL_DAMAGED = 32
 
 
-class BookFlags(IntFlag):
+class LayerFlags(IntFlag):
     """What is remembered of the open layer besides its passes."""
 
     ABANDONED = 1
@@ -108,7 +109,7 @@ class NodeState:
     done: int
     unknown: int
     cured: int
-    book: BookFlags
+    layer_flags: LayerFlags
     step: Step
     boots: int
     session: int
@@ -119,11 +120,13 @@ class NodeState:
     @classmethod
     def of(cls, data: bytes) -> NodeState:
         """From identifier 0100."""
-        state, cause, roles, flags, job, layer, passes, done, unknown, cured, book, step, *rest = STATE.unpack(data)
+        state, cause, roles, flags, job, layer, passes, done, unknown, cured, remembered, step, *rest = STATE.unpack(
+            data
+        )
         boots, session, pattern_crc, clock_ms, gate_pulses = rest
         return cls(
             *(State(state), Fault(cause), Roles(roles), Flags(flags), job, layer, passes, done, unknown, cured),
-            *(BookFlags(book), Step(step), boots, session, pattern_crc, clock_ms / 1e3, gate_pulses),
+            *(LayerFlags(remembered), Step(step), boots, session, pattern_crc, clock_ms / MS_PER_S, gate_pulses),
         )
 
     @property
@@ -147,7 +150,7 @@ class NodeTimes:
     @classmethod
     def of(cls, data: bytes) -> NodeTimes:
         """From identifier 0101."""
-        return cls(*(number / 1e3 for number in TIMES.unpack(data)))
+        return cls(*(number / MS_PER_S for number in TIMES.unpack(data)))
 
 
 @dataclass(frozen=True)
@@ -166,8 +169,9 @@ class NodeLimits:
     @classmethod
     def of(cls, data: bytes) -> NodeLimits:
         """From identifier 0102."""
-        pattern_bytes, alive, lamp, gate, pass_, motion, scan, block = LIMITS.unpack(data)
-        return cls(pattern_bytes, alive / 1e3, lamp / 1e3, gate / 1e3, pass_ / 1e3, motion / 1e3, scan / 1e3, block)
+        pattern_bytes, *limits_ms, block = LIMITS.unpack(data)
+        alive, lamp, gate, pass_, motion, scan = (limit / MS_PER_S for limit in limits_ms)
+        return cls(pattern_bytes, alive, lamp, gate, pass_, motion, scan, block)
 
 
 @dataclass(frozen=True)
@@ -217,7 +221,7 @@ class JournalRecord:
     done: int
     unknown: int
     cured: int
-    book: BookFlags
+    layer_flags: LayerFlags
     clock: float
 
     @classmethod
@@ -227,10 +231,10 @@ class JournalRecord:
 
     @classmethod
     def _at(cls, data: bytes, at: int) -> JournalRecord:
-        number, kind, step, pass_, attempt, job, layer, boots, crc, *book = RECORD.unpack_from(data, at)
-        passes, done, unknown, cured, flags, clock_ms, _reserved = book
+        number, kind, step, pass_, attempt, job, layer, boots, crc, *progress = RECORD.unpack_from(data, at)
+        passes, done, unknown, cured, flags, clock_ms, _reserved = progress
         key = Key(job, layer, pass_, attempt)
         return cls(
             *(number, Happening(kind), Step(step), key, boots, crc, passes, done, unknown, cured),
-            *(BookFlags(flags), clock_ms / 1e3),
+            *(LayerFlags(flags), clock_ms / MS_PER_S),
         )

@@ -22,7 +22,7 @@ import numpy as np
 
 from inkloop.bench.emulation import emulation_of
 from inkloop.cli import main
-from inkloop.component import pass_colours
+from inkloop.contract import pass_colours
 from inkloop.errors import InkloopError
 from inkloop.printing.run import print_part, scenario_of_run
 from inkloop.results.result import Result
@@ -33,6 +33,7 @@ from inkloop_hardware.emulated_bench import program
 from inkloop_hardware.link.node_wire import NodeWire
 from inkloop_hardware.protocol.node_state import Happening, JournalRecord, Step
 from inkloop_hardware.protocol.vocabulary import Node
+from support import compiled
 from support.benches.bench_run import FAST
 from support.places import C_SOURCES
 
@@ -42,12 +43,10 @@ WORDS_FILE, DONE = "words.txt", "done"
 RESOLUTION = 1e-7
 
 
-def build_looks(folder: Path) -> Path:
+def looks() -> Path:
     """The library that makes a program look."""
-    path = folder / "kill_points.so"
-    source = C_SOURCES / "kill_points.c"
-    subprocess.run(["gcc", "-std=c11", "-O1", "-shared", "-fPIC", source, "-o", path, "-ldl"], check=True)
-    return path
+    made = compiled.object_of(C_SOURCES / "kill_points.c", ("-std=c11", "-O1", "-fPIC"))
+    return compiled.linked("kill_points.so", [made], ("-shared", "-ldl"))
 
 
 class Nodes:

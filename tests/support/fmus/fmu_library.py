@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree
 
 import fmpy
 
@@ -19,9 +20,9 @@ from inkloop.fmu_writer import archive, definition
 from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition
 from inkloop.fmu_writer.export import find_fmu
 from support.benches.node_bench import FIRMWARE, ROOT
+from support.compiled import run
 from support.fmus import layer_jobs
 from support.fmus.fmu_driver import MODELS
-from support.fmus.fuzzing import run
 
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 FUZZ = ROOT / "fmus" / "fuzz"
@@ -59,6 +60,12 @@ class Library:
 def archive_of(model: str, form: str) -> Path:
     """The FMU with a library; a print in one block has a fixed grid only."""
     return find_fmu(model, "fmi3-fixed" if (model, form) == (JOB, "fmi3") else form)
+
+
+def described(path: Path) -> ElementTree.Element:
+    """The description in an FMU."""
+    with zipfile.ZipFile(path) as fmu:
+        return ElementTree.fromstring(fmu.read("modelDescription.xml"))
 
 
 def unpacked(model: str, form: str, folder: Path) -> Path:

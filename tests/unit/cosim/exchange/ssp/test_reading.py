@@ -14,6 +14,8 @@ from inkloop.exchange.ssp.reading import scenario_of
 from inkloop.fmu.archive_member import fmu_file
 from support.fmus import amplifier
 
+pytestmark = pytest.mark.compiled
+
 NAMES = " ".join(f'xmlns:{short}="http://ssp-standard.org/SSP1/SystemStructure{long}"' for short, long in
                  (("ssd", "Description"), ("ssc", "Common"), ("ssv", "ParameterValues")))  # fmt: skip
 JOB = """
