@@ -29,7 +29,7 @@ def test_open_loop_ends_low_by_the_missing_ink(variation: float, mean_error: flo
     ("horizon", "variation", "mae", "std"),
     rest_is_long(
         [(1, 0.4, 1.1, 1.35), (3, 0.2, 0.45, 0.60), (1, 0.2, 1.2, 1.45), (2, 0.2, 0.50, 0.65), (3, 0.4, 0.60, 0.76)], 2
-    ),  # fmt: skip
+    ),
 )
 def test_longer_horizons_end_flatter(horizon: int, variation: float, mae: float, std: float) -> None:
     job = cylinder()

@@ -61,6 +61,6 @@ def test_plan_is_within_half_a_per_cent_of_the_optimum_on_8_by_8(seed: int) -> N
     assert gap(8, seed) <= GAP
 
 
-@pytest.mark.parametrize(("n", "seed"), rest_is_long([(12, 101), *((12, seed) for seed in TWELVE), *PROVEN_20], 1))
+@pytest.mark.parametrize(("n", "seed"), rest_is_long([(12, 101), *((12, seed) for seed in TWELVE), *PROVEN_20], 0))
 def test_plan_is_within_half_a_per_cent_of_the_optimum_on_larger_grids(n: int, seed: int) -> None:
     assert gap(n, seed) <= GAP
