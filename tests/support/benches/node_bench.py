@@ -62,12 +62,12 @@ class MasterAlive(ctypes.Structure):
 @lru_cache
 def library() -> ctypes.CDLL:
     """Core, host HAL, kernels and probes; the firmware itself with every conversion written out."""
-    folder = Path(tempfile.mkdtemp(prefix="inkloop-node-"))
-    objects = []
+    folder = write_parameters(Path(tempfile.mkdtemp(prefix="inkloop-node-")))
+    places, objects = (*PLACES, f"-I{folder}"), []
     for source in (*CORE, *HOST, *KERNELS, ROOT / "tests" / "c" / "bench_probe.c"):
         own = ("-Wconversion",) if source.is_relative_to(FIRMWARE) else ()
         objects.append(folder / f"{source.stem}.o")
-        subprocess.run(["gcc", *STRICT, *own, "-fPIC", *PLACES, "-c", source, "-o", objects[-1]], check=True)
+        subprocess.run(["gcc", *STRICT, *own, "-fPIC", *places, "-c", source, "-o", objects[-1]], check=True)
     path = folder / "node_bench.so"
     subprocess.run(["gcc", *SANITIZERS, "-shared", *objects, "-lm", "-o", path], check=True)
     loaded = ctypes.CDLL(str(path))
@@ -335,9 +335,17 @@ def write_codec(folder: Path) -> Path:
     return folder
 
 
+def write_parameters(folder: Path) -> Path:
+    """Generates the emulator's parameters from variables.toml; the folder."""
+    write = [sys.executable, "-B", "-m", "inkloop.fmu_writer.archive", "emulated", "--definition"]
+    definitions = [FMUS / name / "variables.toml" for name in ("layer_deposition", "profile_sensor")]
+    subprocess.run([*write, *definitions, "--out", folder / "emulated_parameters.h"], check=True)
+    return folder
+
+
 def build_process(folder: Path) -> Path:
-    """The emulated bench as a program, with the codec generated from the DBC."""
-    write_codec(folder)
+    """The emulated bench as a program, with all that is generated for it."""
+    write_parameters(write_codec(folder))
     process = (FIRMWARE / "host" / f"{name}.c" for name in ("hub", "main", "measurements"))
     program = folder / "bench_nodes"
     sources = (*CORE, *WIRE, *HOST, *FAULTS, *process, *KERNELS, folder / "inkloop.c")

@@ -11,7 +11,7 @@ from pathlib import Path
 import cantools
 import pytest
 
-from support.benches.node_bench import CORE, FIRMWARE, PLACES, ROOT, STRICT, WIRE, write_codec
+from support.benches.node_bench import CORE, FIRMWARE, PLACES, ROOT, STRICT, WIRE, write_codec, write_parameters
 
 ALL = [*CORE, *WIRE]
 HOST_ONLY = sorted((FIRMWARE / "host").rglob("*.c"))
@@ -22,8 +22,8 @@ HEADERS = {"stdbool.h", "stddef.h", "stdint.h", "string.h"}
 
 @pytest.fixture(scope="module")
 def codec(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of the generated C codec; objects go there too."""
-    return write_codec(tmp_path_factory.mktemp("codec"))
+    """Folder of the generated C; objects go there too."""
+    return write_parameters(write_codec(tmp_path_factory.mktemp("codec")))
 
 
 def compiled(source: Path, codec: Path, *command: str) -> Path:

@@ -15,7 +15,18 @@ from inkloop.tables.bench_faults import FaultTable, read_fault
 from inkloop_hardware.bus.slcan_bus import frame_of
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.records import MasterAlive, pack
-from support.benches.node_bench import CORE, FIRMWARE, FMUS, HOST, KERNELS, PLACES, ROOT, STRICT, write_codec
+from support.benches.node_bench import (
+    CORE,
+    FIRMWARE,
+    FMUS,
+    HOST,
+    KERNELS,
+    PLACES,
+    ROOT,
+    STRICT,
+    write_codec,
+    write_parameters,
+)
 
 TO_NODES, FROM_NODES = 0, 1
 CODEC = Codec()
@@ -36,7 +47,7 @@ class Taken(ctypes.Structure):
 @lru_cache
 def library() -> ctypes.CDLL:
     folder = Path(mkdtemp(prefix="inkloop-wire-faults-"))
-    write_codec(folder)
+    write_parameters(write_codec(folder))
     faults = [FIRMWARE / "host" / "faults" / f"{name}.c" for name in FAULTS]
     wire = [FIRMWARE / "can" / f"{name}.c" for name in ("e2e", "slcan")]
     sources = [*CORE, *HOST, *KERNELS, *faults, *wire, folder / "inkloop.c", ROOT / "tests" / "c" / "fault_probe.c"]
