@@ -72,7 +72,7 @@ def _layer(faults: list[str]) -> tuple[float, int, int, bool, bool]:
         _, valid = read_map(profiler.upload(1), SIDE, SIDE)
         took = perf_counter() - begin
         state = head.state()
-        again = head.counts.again + profiler.counts.again
+        again = head.counts.repeated + profiler.counts.repeated
         return took, again, state.gate_pulses, state.pattern_crc == zlib.crc32(blob), bool(valid.all())
 
 
@@ -99,7 +99,7 @@ class Onlooker:
         self.adapter = Adapter(settings)
         self.codec = Codec()
         self.lamp = Link(Node.CURE, self.codec, self, "the bus of the benchmark")
-        self._answer_id = Node.CURE.answer_id(self.codec)
+        self._answer_id = self.codec.answer_id(Node.CURE)
 
     def begin(self) -> None:
         """Nothing to note."""
@@ -143,9 +143,9 @@ def _reaction(settings: BusSettings, happen: Callable[[Rig, Onlooker], None]) ->
         _clear(rig)
         with suppress(HardwareError), rig.enabled(lamp=True):
             cure = pack_bytes(">BBH", 0x31, 1, Routine.CURE) + bytes(Key(rig.job, 0)) + pack_bytes(">H", LONG_CURE_MS)
-            rig.link(Node.CURE).client.conn.send(cure)
+            rig.link(Node.CURE).requests.client.conn.send(cure)
             while not ((status := rig.status(Node.CURE)) and status.lamp_on):
-                rig.alive()
+                rig.keep_alive()
                 sleep(0.005)
             lit = onlooker.lamp.times()
             happen(rig, onlooker)
@@ -161,7 +161,7 @@ def _clear(rig: Rig) -> None:
 
 
 def _kill(rig: Rig, onlooker: Onlooker) -> None:
-    os.kill(rig.bus.process_id, signal.SIGKILL)
+    os.kill(rig.supervision.bus.process_id, signal.SIGKILL)
 
 
 def _drop(rig: Rig, onlooker: Onlooker) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import nan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.progress import track
@@ -52,7 +53,7 @@ class Case:
     scenario: str
     seeds: range
     wanted: tuple[Wanted, ...]
-    options: tuple[str, ...] = ()
+    overrides: Mapping[str, Any] = field(default_factory=dict)
     open_loop: bool = True
 
 
@@ -66,7 +67,7 @@ def height_and_evenness(must: tuple[float, float], aim: tuple[float, float], bia
 
 
 TEN, THREE, TWO = range(1, 11), range(1, 4), range(1, 3)
-NOISY_40 = ("components.printer.variation=0.4",)
+NOISY_40 = {"components.printer.variation": 0.4}
 CASES = (
     Case("cylinder, 20 %", "cylinder", TEN, height_and_evenness((0.45, 0.60), (0.38, 0.50), "0.7", "4.1")),
     Case("cylinder, 40 %", "cylinder-40", TEN, height_and_evenness((0.60, 0.76), (0.57, 0.72), "1.9", "4.5")),
@@ -86,7 +87,7 @@ ALPHAS = tuple(
         "cylinder",
         THREE,
         NO_RUNAWAY,
-        (f"components.controller.alpha={alpha}",),
+        {"components.controller.alpha": alpha},
         False,
     )
     for alpha in (1.0, 0.8, 0.5, 0.3, 0.2, 0.1)
@@ -119,8 +120,8 @@ def measure() -> Table:
 def _printed(run: tuple[Case, str, int]) -> dict[str, float]:
     """Metrics of one print [m], with the average height of the part."""
     case, planner, seed = run
-    chosen = [] if planner == OPEN_LOOP else [f"components.controller.kind={planner}"]
-    scenario = Scenario.load(SCENARIOS / f"{case.scenario}.toml", [f"seed={seed}", *case.options, *chosen])
+    chosen = {} if planner == OPEN_LOOP else {"components.controller.kind": planner}
+    scenario = Scenario.load(SCENARIOS / f"{case.scenario}.toml", {"seed": seed, **case.overrides, **chosen})
     result = print_part(scenario.variant(OPEN_LOOP) if planner == OPEN_LOOP else scenario)
     height, part = result.final_height.values, result.dataset.mask.values
     return {**result.metrics(), "mean_height": float(height[part].mean())}

@@ -1,78 +1,79 @@
-"""Errors of the bench, split by who can mend them.
+"""Errors of the bench, by what has to be corrected.
 
 HardwareError
-├── BusError        adapter, cable, bus process: the message names the interface and the channel
-│   ├── BusOff      the adapter took itself off the bus: too many errors
-│   └── BusAway     the adapter is gone, and is being opened again
-├── NotAlone        another master speaks, or somebody asks for a stop: nothing is enabled
-├── NodeLost        a node is silent or not to be believed
-├── NodeStopped     a node fell to SAFE or FAULT in the middle of something; `fault` says why
-├── NodeRefused     a node answered that it will not; `code` is its negative response code
-├── LinkTimeout     a node is alive and does not answer a request
-└── TransferError   a pattern or a map did not get across whole
+├── BusError             the adapter, a cable or the bus process failed; the message names interface and channel
+│   ├── BusOff           the adapter has left the bus after too many errors
+│   └── BusDisconnected  the adapter is missing and is being opened again
+├── AnotherMaster        another master is active: nothing is enabled
+├── StopRequested        a stop request is active: nothing is enabled
+├── NodeLost             a node is silent, or its frames cannot be trusted
+├── NodeStopped          a node went to SAFE or FAULT during a request; `fault` is the cause
+├── NodeRefused          a node refused a request; `code` is its negative response code
+├── LinkTimeout          a node is alive and does not answer a request
+└── TransferError        a pattern or a map was not transferred completely
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from enum import IntEnum
 
 from inkloop.errors import InkloopError
 
-if TYPE_CHECKING:
-    from inkloop_hardware.protocol.vocabulary import Fault
-
 
 class FrameError(InkloopError):
-    """A frame or a value does not fit the DBC; the message names both and says what would."""
+    """A frame or a value does not fit the DBC; the message names both, and what would fit."""
 
 
 class HardwareError(InkloopError):
-    """Anything that goes wrong between the master and the nodes of a bench."""
+    """Base of the errors between the master and the nodes of a bench."""
 
 
 class BusError(HardwareError):
-    """The bus cannot be opened or used any more."""
+    """Adapter, cable or bus process failed."""
 
 
 class BusOff(BusError):
-    """The adapter does not send any more, because of too many errors on the bus; `since` a second of the monotonic
-    clock."""
+    """The adapter does not send any more after too many errors on the bus; `since`: second of the monotonic clock."""
 
     def __init__(self, message: str, since: float) -> None:
         super().__init__(message)
         self.since = since
 
 
-class BusAway(BusError):
-    """The adapter is gone for the moment; it is being opened again."""
+class BusDisconnected(BusError):
+    """The adapter is missing at the moment; it is being opened again."""
 
 
 class ReplayDiffers(BusError):
-    """In a replay: the master asks for something else than it did in the recorded run."""
+    """A replayed request differs from that of the recorded run."""
 
 
 class ReplayEnded(BusError):
-    """In a replay: the recorded run has come no further."""
+    """The recorded run of a replay ends here."""
 
 
-class NotAlone(HardwareError):
-    """Another master, or somebody who asks for a stop, speaks on the bus."""
+class AnotherMaster(HardwareError):
+    """Another master is active on the bus; nothing is enabled meanwhile."""
+
+
+class StopRequested(HardwareError):
+    """A stop request is active; nothing is enabled until it is released."""
 
 
 class NodeLost(HardwareError):
-    """A node is silent, or its frames are not to be believed."""
+    """A node is silent, or its frames cannot be trusted."""
 
 
 class NodeStopped(HardwareError):
-    """A node took its de-energised state while something was asked of it."""
+    """A node took its de-energised state during a request; `fault` is its cause, of `protocol.vocabulary.Fault`."""
 
-    def __init__(self, message: str, fault: Fault) -> None:
+    def __init__(self, message: str, fault: IntEnum) -> None:
         super().__init__(message)
         self.fault = fault
 
 
 class NodeRefused(HardwareError):
-    """A node will not do what it was asked; `code` is that of UDS (0x22, 0x24 ...)."""
+    """A node refused a request; `code` is the negative response code of UDS (0x22, 0x24 ...)."""
 
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
@@ -80,7 +81,7 @@ class NodeRefused(HardwareError):
 
 
 class LinkTimeout(HardwareError):
-    """No answer to a request, in all its tries."""
+    """A request was not answered in any of its tries."""
 
 
 class TransferError(HardwareError):

@@ -8,18 +8,18 @@ package InkLoop "Closed-loop ink-jet 3D printing, layer by layer"
     Documentation(info="<html>
 <p>
 Models of closed-loop ink-jet 3D printing: a part is built layer by layer from droplets, its surface is measured after
-every layer, and the next pattern of droplets is chosen from what was measured.
+every layer, and the next pattern of droplets is chosen from the measurement.
 </p>
 <table border=\"1\" cellspacing=\"0\" cellpadding=\"4\">
 <tr><td><a href=\"modelica://InkLoop.UsersGuide\">UsersGuide</a></td><td>conventions, the layer contract, references</td></tr>
 <tr><td><a href=\"modelica://InkLoop.Examples\">Examples</a></td><td>prints in open and closed loop</td></tr>
-<tr><td><a href=\"modelica://InkLoop.Deposition\">Deposition</a></td><td>what a layer of droplets makes of a surface</td></tr>
-<tr><td><a href=\"modelica://InkLoop.Sensors\">Sensors</a></td><td>what an instrument reads of it</td></tr>
-<tr><td><a href=\"modelica://InkLoop.Control\">Control</a></td><td>which droplets come next</td></tr>
-<tr><td><a href=\"modelica://InkLoop.Validation\">Validation</a></td><td>published numbers and laws, as assertions</td></tr>
+<tr><td><a href=\"modelica://InkLoop.Deposition\">Deposition</a></td><td>the surface after a layer of droplets</td></tr>
+<tr><td><a href=\"modelica://InkLoop.Sensors\">Sensors</a></td><td>the surface as an instrument measures it</td></tr>
+<tr><td><a href=\"modelica://InkLoop.Control\">Control</a></td><td>the droplets of the next layer</td></tr>
+<tr><td><a href=\"modelica://InkLoop.Validation\">Validation</a></td><td>published numbers and invariants, as assertions</td></tr>
 </table>
 <p>
-The library is the readable statement of the models that the project inkloop ships as FMUs, and is tested to give the same
+The library states in readable form the models that the project inkloop ships as FMUs; tests check that both give the same
 numbers. It is plain Modelica 3.6, uses no other library and calls no external code.
 </p>
 </html>"),

@@ -59,13 +59,13 @@ MAKERS: dict[str, Callable[[Path], Component]] = {
     },
     **{kind: lambda _, kind=kind: catalog.make(kind, JOB, {}) for kind in CONTROLLERS},
     "MapFolder": recorded_maps,
-    "foreign FMI 2": lambda folder: FmuComponent(build(folder, 2)),
-    "foreign FMI 3": lambda folder: FmuComponent(build(folder, 3)),
 }
+FOREIGN = [pytest.param(lambda folder, fmi=fmi: FmuComponent(build(folder, fmi)), id=f"foreign FMI {fmi}",
+                        marks=pytest.mark.compiled) for fmi in (2, 3)]  # fmt: skip
 
 
 @pytest.mark.parametrize("law", RESUMABLE_LAWS)
-@pytest.mark.parametrize("maker", MAKERS.values(), ids=MAKERS)
+@pytest.mark.parametrize("maker", [*(pytest.param(make, id=name) for name, make in MAKERS.items()), *FOREIGN])
 def test_ours_keep(maker: Callable[[Path], Component], law: Law, tmp_path: Path) -> None:
     law(lambda: maker(tmp_path))
 

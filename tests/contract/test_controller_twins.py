@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,14 +35,14 @@ def planned_by_mpc(path: Path) -> bool:
 OTHERS = [path.stem for path in sorted(FOLDER.glob("*.toml")) if planned_by_mpc(path) and path.stem not in QUICK]
 
 
-def printed(name: str, *overrides: str) -> xr.Dataset:
-    limit = ["run.layers_max=6"] if name in TALLEST else []
-    dataset = print_part(Scenario.load(FOLDER / f"{name}.toml", [*limit, *overrides])).dataset
+def printed(name: str, overrides: Mapping[str, Any] | None = None) -> xr.Dataset:
+    limit = {"run.layers_max": 6} if name in TALLEST else {}
+    dataset = print_part(Scenario.load(FOLDER / f"{name}.toml", {**limit, **(overrides or {})})).dataset
     return dataset.drop_vars([variable for variable in OF_PYTHON_ALONE if variable in dataset])
 
 
 def assert_same_print(name: str, form: str) -> None:
-    native = printed(name, 'components.controller.kind="LayerController"', f'components.controller.fmi="{form}"')
+    native = printed(name, {"components.controller": {"kind": "LayerController", "fmi": form}})
     xr.testing.assert_identical(native.drop_attrs(), printed(name).drop_attrs())
 
 

@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import zipfile
 from pathlib import Path
-from xml.etree import ElementTree
 
 import fmpy
 import pytest
@@ -16,16 +15,9 @@ from fmpy.validation import validate_fmu
 from lxml import etree
 
 from inkloop.fmu_writer.export import export_fmu, find_fmu
-from support.fmus.fmu_driver import DEPOSITION_MODELS, FORMS, MODELS, Driver, random_patterns
-
-EVERY_FORM = pytest.mark.parametrize("form", FORMS)
-EVERY_MODEL = pytest.mark.parametrize("model", MODELS)
-HEADERS = Path(fmpy.__file__).parent / "c-code"
-
-
-def described(path: Path):
-    with zipfile.ZipFile(path) as archive:
-        return ElementTree.fromstring(archive.read("modelDescription.xml"))
+from support.fmus.fmu_driver import DEPOSITION_MODELS, FORMS, Driver, random_patterns
+from support.fmus.fmu_library import HEADERS, described
+from support.fmus.fmu_life import EVERY_FORM, EVERY_MODEL
 
 
 def binary_of(path: Path, folder: Path) -> Path:
@@ -144,6 +136,7 @@ def test_fixed_grid_has_the_sources_of_the_resizable_one(model) -> None:
     assert found[0] == found[1]
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("form", ["fmi3", "fmi2"])
 @EVERY_MODEL
 @pytest.mark.skipif(shutil.which("cmake") is None or shutil.which("gcc") is None, reason="needs cmake and gcc")

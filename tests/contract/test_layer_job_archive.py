@@ -74,8 +74,8 @@ def test_no_variable_is_an_array_and_none_lacks_words(file) -> None:
 
 @EVERY_FORM
 def test_start_values_are_those_of_the_scenario(form, tmp_path) -> None:
-    with Driver(MODEL, form, folder=unpacked(form, "noisy-sensor", "components.controller.alpha=0.7")) as fmu:
-        description = fmpy.read_model_description(unpacked(form, "noisy-sensor", "components.controller.alpha=0.7"))
+    with Driver(MODEL, form, folder=unpacked(form, "noisy-sensor", ("components.controller.alpha", 0.7))) as fmu:
+        description = fmpy.read_model_description(unpacked(form, "noisy-sensor", ("components.controller.alpha", 0.7)))
         starts = {v.name: v.start for v in description.modelVariables if v.causality in ("parameter", "input")}
         words = {"true": 1.0, "false": 0.0}
         assert {name: float(words.get(text, text)) for name, text in starts.items()} == {
@@ -128,6 +128,7 @@ def test_binary_shows_the_standards_functions_and_needs_the_c_library(form) -> N
     assert {name.split(".")[0] for name in re.findall(r"NEEDED.*\[(.*)\]", dynamic)} <= {"libc", "libm"}
 
 
+@pytest.mark.compiled
 @EVERY_FORM
 @pytest.mark.long
 @pytest.mark.skipif(shutil.which("cmake") is None or shutil.which("gcc") is None, reason="needs cmake and gcc")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import shutil
 import struct
-import subprocess
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 import pytest
 from fmpy import fmi3
 
+from support import compiled
 from support.fmus.fmu_driver import OK, Driver
 from support.fmus.layer_jobs import MODEL, finish, unpacked
 from support.places import ROOT
@@ -173,17 +173,16 @@ def test_folder_with_any_name_is_found(form, tmp_path) -> None:
         ("", ""),
     ],
 )
+@pytest.mark.compiled
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
 def test_uri_of_a_folder_becomes_its_path(uri, path, path_of_uri) -> None:
     assert path_of_uri(uri) == path
 
 
 @pytest.fixture(scope="module")
-def path_of_uri(tmp_path_factory) -> Callable[[str], str]:
-    library = tmp_path_factory.mktemp("resources") / "resources.so"
+def path_of_uri() -> Callable[[str], str]:
     source = ROOT / "fmus" / "common" / "resources.c"
-    subprocess.run(["gcc", "-std=c11", "-shared", "-fPIC", "-o", library, source], check=True)
-    function = ctypes.CDLL(str(library)).resource_path
+    function = compiled.library("resources.so", [source], ("-std=c11",)).resource_path
     function.restype = ctypes.c_char_p
 
     def path_of(uri: str) -> str:

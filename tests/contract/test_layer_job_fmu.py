@@ -21,14 +21,14 @@ OF_THE_PRINTER = ("droplets_a", "droplets_b", "volume_lost", "height_mean")
 OF_THE_CONTROLLER = ("objective", "volume_scale", "dead_cells", "untrusted_cells")
 CASES = {
     "cylinder": ("cylinder",),
-    "four passes": ("four-passes", "run.layers_max=20"),
-    "two materials": ("two-materials", "run.layers_max=14"),
-    "noisy sensor with delays": ("noisy-sensor", "components.printer.layer_duration_s=2.5", "run.layers_max=20"),
-    "three heights learnt, lines of liquid": ("surface-tension", "run.layers_max=3"),
-    "droplet after droplet": ("wu-chiu-plant", "run.layers_max=6"),
-    "caps": ("no-flow", "run.layers_max=6"),
-    "grey head": ("grey-head", "run.layers_max=6"),
-    "uneven start": ("uneven-start", "run.layers_max=6"),
+    "four passes": ("four-passes", ("run.layers_max", 20)),
+    "two materials": ("two-materials", ("run.layers_max", 14)),
+    "noisy sensor with delays": ("noisy-sensor", ("components.printer.layer_duration_s", 2.5), ("run.layers_max", 20)),
+    "three heights learnt, lines of liquid": ("surface-tension", ("run.layers_max", 3)),
+    "droplet after droplet": ("wu-chiu-plant", ("run.layers_max", 6)),
+    "caps": ("no-flow", ("run.layers_max", 6)),
+    "grey head": ("grey-head", ("run.layers_max", 6)),
+    "uneven start": ("uneven-start", ("run.layers_max", 6)),
 }
 
 
@@ -60,7 +60,7 @@ def test_layers_are_those_of_a_run_bit_by_bit(case, form) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("name", sorted(path.stem for path in SCENARIOS.glob("*.toml")))
 def test_every_scenario_prints_its_layers_or_is_refused_in_words(name) -> None:
-    case = (name, "run.layers_max=12")
+    case = (name, ("run.layers_max", 12))
     tables = scenario(*case).tables
     kinds = {table.kind for table in tables.components.values()}
     if tables.events or not kinds <= {"LayerMpc", *FMU_MODELS}:
@@ -222,7 +222,7 @@ def test_refused_step_changes_nothing(form) -> None:
 @EVERY_FORM
 def test_step_that_never_ends_is_refused(form) -> None:
     """Without volume no layer brings the print nearer to its end."""
-    with block(form, "cuboid", "run.layers_max=1000000000") as fmu:
+    with block(form, "cuboid", ("run.layers_max", 1000000000)) as fmu:
         fmu.start({"volume_factor": 0.0, "layer_period": 1e-6})
         before = fmu.save()
         assert fmu.step(0.0, 1.0) != OK

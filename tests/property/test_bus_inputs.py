@@ -184,6 +184,7 @@ SIZES = st.sampled_from([pack(">IHH", size, 3, 5) for size in (0, 44, 45, 0xFFFF
 FRAMES = st.binary(max_size=8).map(lambda data: Frame(ANSWER, data))
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("name", CALLS)
 @settings(max_examples=40, deadline=None)
 @given(says=st.lists(SAID | LENGTHS | SIZES | FRAMES, min_size=1, max_size=6))
@@ -208,6 +209,7 @@ PEER_CALLS: dict[str, Callable[[Peer], object]] = {
 }
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("name", PEER_CALLS)
 @settings(max_examples=40, deadline=None)
 @given(says=st.lists(SAID | LENGTHS | FRAMES, min_size=1, max_size=6))

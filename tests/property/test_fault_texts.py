@@ -12,8 +12,11 @@ from hypothesis import strategies as st
 
 from inkloop.errors import InkloopError
 from inkloop.tables.bench_faults import read_fault
-from support.benches.node_bench import FIRMWARE, PLACES, ROOT, STRICT
+from support.benches.node_bench import FIRMWARE, PLACES, STRICT
+from support.compiled import program
+from support.places import C_SOURCES
 
+pytestmark = pytest.mark.compiled
 WORDS = st.sampled_from(
     ["loss", "reboot", "swap", ":", ",", "=", "node=head", "nth=4", "nth=0x10", "probability=1e-3", "probability=nan",
      "way=to-nodes", "id=0x640", "byte=7", "pass=3", "seed=0", "layer=65535", "count=4294967295", "frames=-1", "x" * 80]
@@ -24,15 +27,14 @@ ANY_TEXT = st.text(st.characters(exclude_characters="\0\n", exclude_categories=[
 
 
 @pytest.fixture(scope="module")
-def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[subprocess.Popen[bytes]]:
+def nodes() -> Iterator[subprocess.Popen[bytes]]:
     """The reader of the emulated bench, with sanitizers."""
     if not shutil.which("gcc"):
         pytest.skip("gcc is not installed")
-    program = tmp_path_factory.mktemp("faults") / "fault_text"
-    sources = [FIRMWARE / "host" / "faults" / "fault_text.c", ROOT / "tests" / "c" / "fault_text_probe.c"]
+    sources = [FIRMWARE / "host" / "faults" / "fault_text.c", C_SOURCES / "fault_text_probe.c"]
     sanitizers = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-    subprocess.run(["gcc", *STRICT, *sanitizers, *PLACES, *sources, "-lm", "-o", program], check=True)
-    with subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+    reader = program("fault_text", sources, (*STRICT, *sanitizers, *PLACES))
+    with subprocess.Popen([reader], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         yield process
         assert process.stdin is not None
         process.stdin.close()

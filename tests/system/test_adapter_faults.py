@@ -16,7 +16,7 @@ from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.emulated_bench import EmulatedBench
-from inkloop_hardware.errors import BusAway, BusError, NodeLost, NodeRefused
+from inkloop_hardware.errors import BusDisconnected, BusError, NodeLost, NodeRefused
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.services import Outcome
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
@@ -24,7 +24,7 @@ from support.benches.bench_run import FAST, assert_same_print, printed_with_fmus
 from support.benches.fault_run import BLOB, LIMIT_S, faulty, printed
 
 ALL = (0, 1, 2, 3)
-EXACT = ["part.height_um=6.0", "components.profiler.noise_std_um=0.0", "components.profiler.dropout_rate=0.0"]
+EXACT = {"part.height_um": 6.0, "components.profiler": {"noise_std_um": 0.0, "dropout_rate": 0.0}}
 
 
 def wait_until(true: Callable[[], bool]) -> None:
@@ -56,7 +56,7 @@ def test_print_goes_on_by_itself_where_no_step_is_unknown(fault: str, tmp_path: 
     path = write(tmp_path)
     emulation = emulation_of(Scenario.load(path, EXACT))
     with EmulatedBench(emulation.parameters | FAST, surface=emulation.surface, faults=[fault]) as bench:
-        found = print_part(Scenario.load(path, [f"bench.channel={bench.channel}", *EXACT]), folder=tmp_path / "run")
+        found = print_part(Scenario.load(path, {"bench.channel": bench.channel, **EXACT}), folder=tmp_path / "run")
     assert_same_print(found, printed_with_fmus(path, EXACT))
 
 
@@ -65,9 +65,9 @@ def test_adapter_that_is_unplugged_is_opened_again_and_nothing_is_enabled_by_its
     with faulty("unplugged:step=cure,pass=1,nth=3,count=3") as run:
         run.print_layer(1)
         run.jet(1)
-        with pytest.raises(BusAway, match=r"cannot be read any more: .*unplugged.*being opened again"):
+        with pytest.raises(BusDisconnected, match=r"cannot be read any more: .*unplugged.*being opened again"):
             run.cure(1, milliseconds=8000)
-        wait_until(lambda: run.rig.alive() is None and not run.rig.bus.away)
+        wait_until(lambda: run.rig.keep_alive() is None and not run.rig.supervision.bus.away)
         run.rig.wait_for(Node, LIMIT_S)
         cure, times = run.state(Node.CURE), run.rig.link(Node.CURE).times()
         assert (cure.state, cure.cause) == (State.SAFE, Fault.MASTER_LOST)
@@ -89,7 +89,7 @@ def test_adapter_that_does_not_come_back_is_given_up_in_words() -> None:
         with pytest.raises(BusError, match="unplugged"):
             run.rig.link(Node.HEAD).download(1, BLOB)
         with pytest.raises(BusError, match=r"unplugged.*tried to open it again for [12] s"):
-            wait_until(lambda: run.rig.alive() is not None)
+            wait_until(lambda: run.rig.keep_alive() is not None)
 
 
 @pytest.mark.long
@@ -99,7 +99,7 @@ def test_terminal_that_is_unplugged_is_given_up_in_words(tmp_path: Path) -> None
     emulation = emulation_of(Scenario.load(path, EXACT))
     faults = ["unplugged:step=download,layer=2"]
     with EmulatedBench(emulation.parameters | FAST, terminal=True, surface=emulation.surface, faults=faults) as bench:
-        scenario = Scenario.load(path, [f"bench.channel={bench.channel}", *EXACT])
+        scenario = Scenario.load(path, {"bench.channel": bench.channel, **EXACT})
         with pytest.raises(ComponentError, match=rf"printer failed .*after layer 1.*{bench.channel}"):
             print_part(scenario, folder=tmp_path / "run")
 
@@ -108,15 +108,15 @@ def test_bench_that_is_gone_is_given_up_in_words() -> None:
     with faulty(reopen_s=0.5) as run:
         run.bench.kill()
         with pytest.raises(BusError, match="tried to open it again"):
-            wait_until(lambda: run.rig.alive() is not None)
+            wait_until(lambda: run.rig.keep_alive() is not None)
 
 
 def test_bus_off_is_left_once_and_only_once() -> None:
     with faulty("bus-off:step=download,count=2") as run:
-        with pytest.raises(BusAway, match=r"refuses every frame and hears none: bus-off.*termination"):
+        with pytest.raises(BusDisconnected, match=r"refuses every frame and hears none: bus-off.*termination"):
             run.rig.link(Node.HEAD).download(1, BLOB)
         with pytest.raises(BusError, match="opened again once already"):
-            wait_until(lambda: run.rig.alive() is not None)
+            wait_until(lambda: run.rig.keep_alive() is not None)
 
 
 def test_bus_off_with_the_lamp_enabled_is_left_to_a_person() -> None:
@@ -126,7 +126,7 @@ def test_bus_off_with_the_lamp_enabled_is_left_to_a_person() -> None:
         with pytest.raises((BusError, NodeLost), match=r"silent|bus-off"):
             run.cure(0, milliseconds=8000)
         with pytest.raises(BusError, match="lamp was enabled, so it is not opened again by itself"):
-            wait_until(lambda: run.rig.alive() is not None)
+            wait_until(lambda: run.rig.keep_alive() is not None)
 
 
 PLUGIN = '''
@@ -176,7 +176,7 @@ def test_frame_that_is_not_taken_is_sent_again(plugin: str, timeout: bool, caplo
         run.print_layer()
         assert run.state().gate_pulses == 4
         np.testing.assert_allclose(run.scan(), printed(ALL), atol=1e-12)
-        wait_until(lambda: run.rig.alive() is None and "frames sent again so far" in caplog.text)
+        wait_until(lambda: run.rig.keep_alive() is None and "frames sent again so far" in caplog.text)
 
 
 def test_adapter_that_never_takes_a_frame_is_said_in_words(plugin: str) -> None:
@@ -184,4 +184,4 @@ def test_adapter_that_never_takes_a_frame_is_said_in_words(plugin: str) -> None:
         settings = BusSettings(plugin, bench.channel, 500_000, {"every": 0, "sleep_after_open": 0.0})
         words = "takes no frame for 1 s .*tried to open it again"
         with Rig(replace(settings, reopen_s=0.2)) as rig, pytest.raises(BusError, match=words):
-            wait_until(lambda: rig.alive() is not None)
+            wait_until(lambda: rig.keep_alive() is not None)

@@ -19,8 +19,8 @@ from support.benches.stock_tools import FULL, adapter, print_and_scan, process, 
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return node_bench.build_process(tmp_path_factory.mktemp("bench"))
+def program() -> Path:
+    return node_bench.process()
 
 
 def test_stock_tools_print_cure_scan_and_read_the_journal(program: Path) -> None:

@@ -48,7 +48,7 @@ DBC = Path(inkloop_hardware.__file__).parent / "protocol" / "inkloop.dbc"
 def test_run_on_a_bench_is_the_run_with_fmus_to_the_bit(text: str, tmp_path: Path) -> None:
     path = write(tmp_path, text)
     with emulated(path) as (_, channel):
-        bench = print_part(Scenario.load(path, [channel]), folder=tmp_path / "run")
+        bench = print_part(Scenario.load(path, {"bench.channel": channel}), folder=tmp_path / "run")
     fmus = printed_with_fmus(path)
     assert fmus.dataset.sizes["layer"] > 3
     assert np.count_nonzero(~fmus.dataset.valid.values) > 0
@@ -56,10 +56,10 @@ def test_run_on_a_bench_is_the_run_with_fmus_to_the_bit(text: str, tmp_path: Pat
 
 
 def test_uneven_substrate_is_under_the_bench_too(tmp_path: Path) -> None:
-    overrides = ["substrate.wave_um=3.0", "substrate.tilt_x=1e-3", "part.height_um=6.0"]
+    overrides = {"substrate": {"wave_um": 3.0, "tilt_x": 1e-3}, "part.height_um": 6.0}
     path = write(tmp_path)
     with emulated(path, overrides) as (_, channel):
-        bench = print_part(Scenario.load(path, [channel, *overrides]))
+        bench = print_part(Scenario.load(path, {"bench.channel": channel, **overrides}))
     assert float(bench.dataset.measured_height[0].std()) > 1e-6
     assert_same_print(bench, printed_with_fmus(path, overrides))
 
@@ -83,7 +83,9 @@ def test_stock_tools_watch_a_run_and_read_a_journal_in_it(tmp_path: Path) -> Non
             kinds.append([data[at + 4] for at in range(0, len(data), 40)])
 
         with Client(PythonIsoTpConnection(stack), config=settings) as client:
-            result = Print(Scenario.load(path, [channel]), tmp_path / "run", on_layer=read_journal).run()
+            result = Print(
+                Scenario.load(path, {"bench.channel": channel}), tmp_path / "run", on_layer=read_journal
+            ).run()
         notifier.stop()
         bus.shutdown()
         logger.send_signal(signal.SIGINT)
@@ -125,7 +127,7 @@ def test_second_interrupt_ends_at_once_with_everything_off(tmp_path: Path, capsy
             time.sleep(0.3)
         said, _ = running.communicate(timeout=PATIENCE_S)
         assert running.returncode == 130, said
-        assert main(["device", str(path), "status", "--set", channel]) == 0
+        assert main(["device", str(path), "status", "--set", f"bench.channel={channel}"]) == 0
         said = capsys.readouterr().out
         assert "1 unknown, needs a person" in said
         assert main(["resume", str(folder)]) == 1
@@ -135,8 +137,8 @@ def test_second_interrupt_ends_at_once_with_everything_off(tmp_path: Path, capsy
 def test_killed_run_goes_on_where_it_was_once_a_person_has_looked(tmp_path: Path) -> None:
     """It is killed while the lamp is lit, so that nothing is jetted: what became of that cure, nobody knows."""
     path, folder = write(tmp_path, BLOCK.replace("cure_ms = 2", "cure_ms = 500")), tmp_path / "run"
-    with emulated(path, ["part.height_um=6.0"]) as (_, channel):
-        words = ["--set", channel, "--set", "part.height_um=6.0"]
+    with emulated(path, {"part.height_um": 6.0}) as (_, channel):
+        words = ["--set", f"bench.channel={channel}", "--set", "part.height_um=6.0"]
         running = started("run", str(path), "--out", str(folder), *words)
         wait_for_word(folder / "bench.log", "lamp on", running)
         running.kill()
@@ -150,12 +152,12 @@ def test_what_a_person_asks_of_the_nodes_leaves_the_part_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """An exact sensor: the scan of the dry run is one of those that its noise is counted by."""
-    path, exact = write(tmp_path), ["components.profiler.noise_std_um=0.0", "components.profiler.dropout_rate=0.0"]
+    path, exact = write(tmp_path), {"components.profiler": {"noise_std_um": 0.0, "dropout_rate": 0.0}}
     with emulated(path, exact) as (_, channel):
         for action in ("status", "home", "purge", "dry-run", "clear"):
-            assert main(["device", str(path), action, "--set", channel]) == 0
+            assert main(["device", str(path), action, "--set", f"bench.channel={channel}"]) == 0
         assert "nothing was jetted or lit" in capsys.readouterr().out
-        bench = print_part(Scenario.load(path, [channel, *exact]))
+        bench = print_part(Scenario.load(path, {"bench.channel": channel, **exact}))
     assert_same_print(bench, printed_with_fmus(path, exact))
 
 
@@ -197,13 +199,18 @@ def test_bus_that_is_not_there_is_said_in_words(
 @pytest.mark.long
 @pytest.mark.parametrize(("size", "inks"), [(300, 2), (1000, 1), (1000, 2)])
 def test_large_grids_cross_the_bus_whole(size: int, inks: int, tmp_path: Path) -> None:
-    changes = [f"grid.nx={size}", f"grid.ny={size}", "run.layers_max=1", "process.passes=1"]
-    changes += [f"part.size_{axis}_um={263.256 * (size - 6)}" for axis in "xy"]
-    changes += ['components.controller.kind="OpenLoop"']
+    side_um = 263.256 * (size - 6)
+    changes = {
+        "grid": {"nx": size, "ny": size},
+        "part": {"size_x_um": side_um, "size_y_um": side_um},
+        "run.layers_max": 1,
+        "process.passes": 1,
+        "components.controller.kind": "OpenLoop",
+    }
     text = (TWO_INKS if inks == 2 else BLOCK).replace("horizon = 1\n", "")
     path = write(tmp_path, text)
     with emulated(path, changes) as (_, channel):
-        bench = print_part(Scenario.load(path, [channel, *changes]))
+        bench = print_part(Scenario.load(path, {"bench.channel": channel, **changes}))
     fmus = printed_with_fmus(path, changes)
     for name in ("pattern", "measured_height", "valid"):
         np.testing.assert_array_equal(bench.dataset[name], fmus.dataset[name], err_msg=name)

@@ -43,15 +43,15 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def doctor(path: Path, capsys: pytest.CaptureFixture[str]) -> Said:
-    """Looks over the bench at a channel: the exit code, and what is said of each check that is not good."""
+    """Looks over the bench at a channel: the exit code, and what is said of each check with an error."""
 
     def look(channel: str, *words: str) -> tuple[int, dict[str, str]]:
         code = main(["doctor", str(path), "--json", "--set", f"bench.channel={channel}", *words])
         said = json.loads(capsys.readouterr().out)
         assert said["exit_code"] == code
         for finding in said["findings"]:
-            assert finding["grade"] != "fault" or finding["advice"]
-        return code, {one["check"]: one["found"] for one in said["findings"] if one["grade"] == "fault"}
+            assert finding["grade"] != "error" or finding["advice"]
+        return code, {one["check"]: one["found"] for one in said["findings"] if one["grade"] == "error"}
 
     return look
 
@@ -193,6 +193,6 @@ def test_scenario_that_cannot_be_read_is_another_exit_code(tmp_path: Path, capsy
 def test_table_says_what_to_do(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["doctor", str(path), "--set", "bench.channel=/dev/no-such-adapter"]) == 1
     said = " ".join(capsys.readouterr().out.split())
-    assert "fault" in said
+    assert "error" in said
     assert "plug the adapter in" in said
-    assert "one fault is to be mended first" in said
+    assert "1 error: correct it before a print" in said

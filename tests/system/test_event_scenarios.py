@@ -21,7 +21,7 @@ EVERY_SEED = pytest.mark.parametrize("seed", SEEDS)
 
 @cache
 def printed(name: str, seed: int, variant: str = "") -> Result:
-    scenario = Scenario.load(FOLDER / f"{name}.toml", [f"seed={seed}"])
+    scenario = Scenario.load(FOLDER / f"{name}.toml", {"seed": seed})
     return print_part(scenario.variant(variant) if variant else scenario)
 
 
@@ -104,7 +104,7 @@ def test_print_goes_on_over_cells_that_the_sensor_loses(seed: int, tmp_path: Pat
     )
     path = tmp_path / "blind.toml"
     path.write_text((FOLDER / "cylinder.toml").read_text() + lost)
-    result = print_part(Scenario.load(path, [f"seed={seed}"]))
+    result = print_part(Scenario.load(path, {"seed": seed}))
     valid = result.dataset["valid"].values
     assert [int((~valid[layer]).sum()) for layer in (9, 10, 29, 30)] == [0, 25, 25, 0]
     assert result.stop_reason == "done"

@@ -15,13 +15,13 @@ import pytest
 from inkloop.errors import InkloopError
 from inkloop.report import run_report
 from inkloop.results.result import Result
+from support.benches import kill_points
 from support.benches.bench_run import BLOCK
 from support.benches.kill_points import (
     Nodes,
     assert_printed_once,
     begin,
     books,
-    build_looks,
     clear,
     powered,
     session,
@@ -41,8 +41,8 @@ SIX_AND_TEN = [6, pytest.param(10, marks=pytest.mark.long)]
 
 
 @pytest.fixture(scope="module")
-def looks(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build_looks(tmp_path_factory.mktemp("looks"))
+def looks() -> Path:
+    return kill_points.looks()
 
 
 def part(folder: Path, deaths: int) -> Path:

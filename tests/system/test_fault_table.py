@@ -19,12 +19,13 @@ from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.devices.layer_steps import LayerSteps
 from inkloop_hardware.devices.readiness import make_ready
 from inkloop_hardware.errors import (
+    AnotherMaster,
     HardwareError,
     LinkTimeout,
     NodeLost,
     NodeRefused,
     NodeStopped,
-    NotAlone,
+    StopRequested,
     TransferError,
 )
 from inkloop_hardware.link.rig import Rig
@@ -50,7 +51,7 @@ def wait_until(true: Callable[[], bool]) -> None:
 def is_disturbed(rig: Rig) -> bool:
     try:
         rig.check_alone()
-    except NotAlone:
+    except (AnotherMaster, StopRequested):
         return True
     return False
 
@@ -104,7 +105,7 @@ def test_layer_comes_whole_through_a_bus_that_loses_one_frame_in_a_thousand(side
         _, valid = read_map(run.rig.link(Node.PROFILER).upload(1), side, side)
         assert valid.all()
         assert (run.state().gate_pulses, run.state().pattern_crc) == (4, zlib.crc32(blob))
-        assert run.rig.link(Node.PROFILER).counts.again > 0
+        assert run.rig.link(Node.PROFILER).counts.repeated > 0
 
 
 def test_repeats_are_counted_and_late_answers_dropped(caplog: pytest.LogCaptureFixture) -> None:
@@ -112,7 +113,7 @@ def test_repeats_are_counted_and_late_answers_dropped(caplog: pytest.LogCaptureF
     with faulty("late-answer:node=head,service=0x36", "repeated-answer:node=cure,count=100") as run:
         run.print_layer(2)
         head, cure = run.rig.link(Node.HEAD).counts, run.rig.link(Node.CURE).counts
-    assert head.again >= 1
+    assert head.repeated >= 1
     assert head.stray >= 1
     assert cure.stray >= 1
     assert any("requests sent again" in words and words.startswith("head") for words in caplog.messages)
@@ -125,11 +126,11 @@ def test_node_that_never_answers_is_named_and_left_safe() -> None:
         with pytest.raises(LinkTimeout, match=r"head \(0x641 .*has not ended in time: pass of layer 1, pass 0; ask it"):
             run.jet(0, limit_s=1.2)
         assert run.rig.status(Node.HEAD) is not None
-        wait_until(lambda: run.rig.alive() is None and run.rig.status(Node.CURE).state is State.IDLE)  # type: ignore[union-attr]
+        wait_until(lambda: run.rig.keep_alive() is None and run.rig.status(Node.CURE).state is State.IDLE)  # type: ignore[union-attr]
         run.rig.detach()
         with Rig(settings_of(run.bench)) as other:
             other.wait_for(Node, LIMIT_S)
-            wait_until(lambda: other.alive() is None and other.status(Node.HEAD).fault is Fault.MASTER_LOST)  # type: ignore[union-attr]
+            wait_until(lambda: other.keep_alive() is None and other.status(Node.HEAD).fault is Fault.MASTER_LOST)  # type: ignore[union-attr]
         run.rig.attach()
 
 
@@ -162,8 +163,8 @@ def test_node_that_dies_in_a_pass_is_lost_and_its_pass_unknown() -> None:
         with pytest.raises(NodeLost, match=r"the head is silent for 0\.\d s; is it powered"):
             run.jet(1)
         with pytest.raises(NodeLost, match="head is silent"):
-            run.rig.check([Node.HEAD])
-        wait_until(lambda: run.rig.alive() is None and run.rig.status(Node.HEAD).boot_count == 2)  # type: ignore[union-attr]
+            run.rig.supervision.check([Node.HEAD])
+        wait_until(lambda: run.rig.keep_alive() is None and run.rig.status(Node.HEAD).boot_count == 2)  # type: ignore[union-attr]
         state = run.state()
         assert (state.state, state.cause) == (State.SAFE, Fault.PASS_UNKNOWN)
         assert (state.done, state.unknown) == (0b01, 0b10)
@@ -189,7 +190,7 @@ def test_node_that_dies_in_a_pass_is_lost_and_its_pass_unknown() -> None:
 def test_node_that_is_not_to_be_believed_counts_as_lost(fault: str) -> None:
     with faulty(f"{fault},step=download") as run:
         run.rig.link(Node.HEAD).download(1, BLOB)
-        wait_until(lambda: run.rig.alive() is None and not run.rig.watch(Node.CURE).monitor.trusted)
+        wait_until(lambda: run.rig.keep_alive() is None and not run.rig.supervision.watch(Node.CURE).monitor.trusted)
         with pytest.raises(NodeLost, match=r"cure is not to be believed: .*(damaged|repeated)"):
             run.cure(0)
 
@@ -216,7 +217,7 @@ def test_node_that_restarts_is_told_and_goes_on_by_its_journal(caplog: pytest.Lo
             run.cure(number)
         with pytest.raises(NodeRefused, match=r"0x22.*it is SAFE"):
             run.jet(2)
-        wait_until(lambda: run.rig.alive() is None and "head: restarted" in caplog.messages)
+        wait_until(lambda: run.rig.keep_alive() is None and "head: restarted" in caplog.messages)
         state = run.state()
         assert (state.boots, state.done, state.unknown) == (2, 0b11, 0)
         run.clear()
@@ -256,15 +257,15 @@ def test_second_master_makes_the_nodes_safe_and_both_are_told(caplog: pytest.Log
     with faulty(pass_ms=1000) as run, Rig(settings_of(run.bench)) as other:
         other.wait_for(Node, LIMIT_S)
         for rig, session in ((run.rig, other.session), (other, run.rig.session)):
-            wait_until(lambda rig=rig: rig.alive() is None and is_disturbed(rig))
-            with pytest.raises(NotAlone, match=f"another master speaks on this bus, session {session}"):
+            wait_until(lambda rig=rig: rig.keep_alive() is None and is_disturbed(rig))
+            with pytest.raises(AnotherMaster, match=f"another master is active on this bus, session {session}"):
                 rig.check_alone()
-            with pytest.raises(NotAlone), rig.enabled(gate=True):
+            with pytest.raises(AnotherMaster), rig.enabled(gate=True):
                 pytest.fail("nothing may be enabled")
         for node in Node:
             state = run.state(node)
             assert (state.state, state.cause) == (State.SAFE, Fault.TWO_MASTERS)
-    assert caplog.text.count("another master speaks on the bus") == 2
+    assert caplog.text.count("another master is active on the bus") == 2
 
 
 def test_second_master_in_a_pass_ends_it_in_words() -> None:
@@ -291,8 +292,8 @@ def test_stop_request_is_latched_until_it_is_released_and_a_person_clears(caplog
         wait_until(lambda: run.state().state is State.SAFE)
         assert run.state().cause is Fault.STOP_REQUEST
         press(True)
-        wait_until(lambda: run.rig.alive() is None and is_disturbed(run.rig))
-        with pytest.raises(NotAlone, match="a stop request of the operator is active: release it"), run.rig.enabled():
+        wait_until(lambda: run.rig.keep_alive() is None and is_disturbed(run.rig))
+        with pytest.raises(StopRequested, match="a stop request of the operator is active: release"), run.rig.enabled():
             pytest.fail("nothing may be enabled")
         for option in (0, 1):
             with pytest.raises(NodeRefused, match="stop request"):
@@ -333,4 +334,4 @@ def test_layer_that_was_begun_with_another_pattern_is_not_gone_on_with() -> None
 def test_malformed_lines_are_counted_and_said(caplog: pytest.LogCaptureFixture) -> None:
     with faulty("malformed-line:id=0x101,step=download") as run:
         run.rig.link(Node.HEAD).download(1, BLOB)
-        wait_until(lambda: run.rig.alive() is None and "1 malformed lines of the adapter so far" in caplog.text)
+        wait_until(lambda: run.rig.keep_alive() is None and "1 malformed lines of the adapter so far" in caplog.text)

@@ -20,9 +20,8 @@ from inkloop.identify.volume_area_coefficients import identify_volume_area
 from inkloop.models import LayerDeposition, VolumeAreaDeposition, YoungLaplaceDeposition
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
-from support.logged_print import made_up, random_layers
+from support.logged_print import log, made_up, random_layers
 from support.places import ROOT
-from unit.cosim.identify.test_log_folder import log
 
 RIVALS = ("Lu, regression", "spherical caps", "Wu, Chiu, fitted", "Young-Laplace")
 SMALL = ["--samples", "6", "--layers", "3", "--side", "16"]
@@ -73,12 +72,12 @@ def test_logged_prints_are_pooled(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "pitch_um", "model", "options"),
     [
-        ("VolumeAreaDeposition", 90.0, VolumeAreaDeposition, ["guard=true", "limit_gains=true"]),
-        ("YoungLaplaceDeposition", 42.3, YoungLaplaceDeposition, ["form=linear", "cells_per_pitch=4"]),
+        ("VolumeAreaDeposition", 90.0, VolumeAreaDeposition, {"guard": True, "limit_gains": True}),
+        ("YoungLaplaceDeposition", 42.3, YoungLaplaceDeposition, {"form": "linear", "cells_per_pitch": 4}),
     ],
 )
 def test_model_of_the_plant_explains_it_best(kind, pitch_um, model, options) -> None:
-    overrides = [f"grid.pitch_um={pitch_um}", *(f"components.printer.{option}" for option in options)]
+    overrides = {"grid.pitch_um": pitch_um, "components.printer": options}
     scenario = plant_scenario(kind, 0.02, overrides)
     records = perform(scenario, Plan(samples=0, layers=3, side=14))
     chosen = [one for one in candidates([Ink()], 0.02e-6) if one.name in RIVALS]
@@ -88,7 +87,7 @@ def test_model_of_the_plant_explains_it_best(kind, pitch_um, model, options) -> 
 
 
 def test_areas_of_a_plant_that_tells_them_are_recorded() -> None:
-    records = perform(plant_scenario("VolumeAreaDeposition", 0.0, ["grid.pitch_um=90.0"]), Plan(samples=6, layers=0))
+    records = perform(plant_scenario("VolumeAreaDeposition", 0.0, {"grid.pitch_um": 90.0}), Plan(samples=6, layers=0))
     found = identify_volume_area(records, 0.0)
     assert found.area_known
     assert found.coefficients["mv_minus"] == pytest.approx(-20100.0, rel=1e-6)
@@ -96,7 +95,7 @@ def test_areas_of_a_plant_that_tells_them_are_recorded() -> None:
 
 def test_experiments_are_the_same_for_the_same_seed(tmp_path: Path) -> None:
     def printed() -> PrintRecord:
-        overrides = ["components.printer.variation=0.2", "components.profiler.seed=4"]
+        overrides = {"components.printer.variation": 0.2, "components.profiler.seed": 4}
         (record,) = perform(plant_scenario("LayerDeposition", 0.3, overrides), Plan(0, 2, 12, 5), tmp_path / "runs")
         return record
 

@@ -13,6 +13,7 @@ from can.io import BLFWriter
 
 from inkloop.bench.emulation import emulation_of
 from inkloop.cli import main
+from inkloop.commands.options import overrides_of
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
@@ -25,7 +26,7 @@ ARRAYS = ("pattern", "measured_height", "valid", "estimated_height", "droplets_a
 def recorded(folder: Path, text: str = BLOCK, faults: tuple[str, ...] = (), *overrides: str) -> Path:
     """A run on a bench, with its log."""
     path = write(folder, text)
-    emulation = emulation_of(Scenario.load(path, overrides))
+    emulation = emulation_of(Scenario.load(path, overrides_of(overrides, str(path))))
     with EmulatedBench(emulation.parameters | FAST, surface=emulation.surface, faults=faults) as bench:
         channel = f"bench.channel={bench.channel}"
         words = [word for override in (channel, *overrides) for word in ("--set", override)]
@@ -106,7 +107,9 @@ def test_other_order_of_passes_is_told_by_layer_and_pass(run: Path, replayed: Ca
 
 
 def test_replay_is_chosen_by_a_word_of_the_scenario(run: Path) -> None:
-    scenario = Scenario.load(run.parent / "block.toml", ["bench.interface=replay", f"bench.channel={run}/traffic.blf"])
+    scenario = Scenario.load(
+        run.parent / "block.toml", {"bench": {"interface": "replay", "channel": f"{run}/traffic.blf"}}
+    )
     again = print_part(scenario).dataset
     for name in ARRAYS:
         np.testing.assert_array_equal(Result.load(run).dataset[name], again[name], err_msg=name)

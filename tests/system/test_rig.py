@@ -39,8 +39,8 @@ OFF_WITHIN = 0.35
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return node_bench.build_process(tmp_path_factory.mktemp("bench"))
+def program() -> Path:
+    return node_bench.process()
 
 
 @contextmanager
@@ -136,7 +136,7 @@ class Observer:
                     return
 
     def link(self, node: Node) -> Link:
-        self.answer_id = node.answer_id(self.codec)
+        self.answer_id = self.codec.answer_id(node)
         return Link(node, self.codec, self, "the bus of the test")
 
 
@@ -189,7 +189,7 @@ def test_traffic_log_is_read_by_stock_tools_and_tells_what_was_enabled(
         with pytest.raises(RuntimeError), rig.enabled(lamp=True, motion=True):
             raise RuntimeError("a step that fails")
         with rig.enabled(gate=True):
-            rig.alive()
+            rig.keep_alive()
     codec, monitor = Codec(), E2eMonitor()
     enables, others = [], set()
     options = {"relative_timestamp": False} if suffix == "asc" else {}
@@ -215,7 +215,7 @@ def test_hanging_loop_loses_its_enables_and_its_heartbeat(
 ) -> None:
     """The loop hangs while the lamp is on; then it comes back, and the step is not enabled again."""
     found: list[NodeTimes] = []
-    lives = rig.alive
+    lives = rig.supervision.keep_alive
 
     def hang() -> None:
         status = rig.status(Node.CURE)
@@ -223,7 +223,7 @@ def test_hanging_loop_loses_its_enables_and_its_heartbeat(
         if status is not None and status.lamp_on and not found:
             found.append(lamp_after_the_master_is_gone(channel))
 
-    monkeypatch.setattr(rig, "alive", hang)
+    monkeypatch.setattr(rig.supervision, "keep_alive", hang)
     key = Key(rig.job, 0)
     with rig.enabled(lamp=True), pytest.raises((NodeStopped, NodeRefused)):
         rig.link(Node.CURE).routine(Routine.CURE, key, LONG_CURE_MS.to_bytes(2, "big"), limit_s=LIMIT)
@@ -271,12 +271,12 @@ def test_killed_master_leaves_nothing_on(channel: str) -> None:
 def test_killed_bus_process_leaves_nothing_on_and_is_said_in_words(rig: Rig, channel: str) -> None:
     observer = Observer(channel)
     with rig.enabled(lamp=True):
-        rig.link(Node.CURE).client.conn.send(b"\x31\x01\x02\x04" + bytes(Key(rig.job, 0)) + b"\x1f\x40")
+        rig.link(Node.CURE).requests.client.conn.send(b"\x31\x01\x02\x04" + bytes(Key(rig.job, 0)) + b"\x1f\x40")
         observer.wait_for_lamp()
-        os.kill(rig.bus.process_id, signal.SIGKILL)
+        os.kill(rig.supervision.bus.process_id, signal.SIGKILL)
         times = lamp_after_the_master_is_gone(channel)
     assert times.lamp_off - times.master_alive <= OFF_WITHIN
-    for call in (rig.alive, rig.link(Node.HEAD).state, rig.stop_request):
+    for call in (rig.keep_alive, rig.link(Node.HEAD).state, rig.stop_request):
         with pytest.raises(BusError, match=r"bus process of slcan on socket.*ended without a word"):
             call()
     observer.adapter.close()
@@ -285,16 +285,16 @@ def test_killed_bus_process_leaves_nothing_on_and_is_said_in_words(rig: Rig, cha
 def test_ended_bus_process_closes_its_log(program: Path, tmp_path: Path) -> None:
     with bench(program) as (_, channel), Rig(settings(channel, traffic_log=tmp_path / "t.blf")) as rig:
         cleared(rig)
-        os.kill(rig.bus.process_id, signal.SIGTERM)
+        os.kill(rig.supervision.bus.process_id, signal.SIGTERM)
         with pytest.raises(BusError, match="ended without a word"):
-            wait_until(lambda: rig.alive() is not None)
+            wait_until(lambda: rig.keep_alive() is not None)
         with can.LogReader(tmp_path / "t.blf") as reader:
             assert {0x20, 0x640, 0x641} <= {message.arbitration_id for message in reader}
 
 
 def test_ctrl_c_in_the_terminal_is_left_to_the_master(rig: Rig) -> None:
-    assert os.getpgid(rig.bus.process_id) != os.getpgid(0)
-    os.kill(rig.bus.process_id, signal.SIGINT)
+    assert os.getpgid(rig.supervision.bus.process_id) != os.getpgid(0)
+    os.kill(rig.supervision.bus.process_id, signal.SIGINT)
     assert rig.link(Node.HEAD).state().state is State.IDLE
 
 
@@ -342,7 +342,7 @@ def test_node_that_is_not_there_is_named(program: Path) -> None:
 def test_bus_is_open_from_the_first_attach_to_the_last_detach(channel: str) -> None:
     rig = Rig(settings(channel))
     with pytest.raises(HardwareError, match="attach"):
-        rig.alive()
+        rig.keep_alive()
     rig.job = 77
     for _ in range(2):
         rig.attach()
@@ -352,7 +352,7 @@ def test_bus_is_open_from_the_first_attach_to_the_last_detach(channel: str) -> N
         assert rig.job == 77
         rig.detach()
         with pytest.raises(HardwareError, match="attach"):
-            rig.alive()
+            rig.keep_alive()
     rig.detach()
 
 

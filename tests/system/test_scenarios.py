@@ -23,11 +23,11 @@ UM = 1e6
 
 @cache
 def printed(name: str, seed: int, variant: str = "") -> Result:
-    path, overrides = FOLDER / f"{name}.toml", [f"seed={seed}"]
+    path, overrides = FOLDER / f"{name}.toml", {"seed": seed}
     scenario = Scenario.load(path, overrides)
     if any(table.kind in KINDS for table in scenario.tables.components.values()):
         with emulated(path, overrides) as (_, channel):
-            return print_part(Scenario.load(path, [*overrides, channel]))
+            return print_part(Scenario.load(path, {**overrides, "bench.channel": channel}))
     return print_part(scenario.variant(variant) if variant else scenario)
 
 
@@ -178,4 +178,4 @@ def test_error_of_the_closed_loop_does_not_grow_with_the_height() -> None:
 
 
 def test_bench_prints_what_the_fmus_print_to_the_bit() -> None:
-    assert_same_print(printed("bench", 1), print_part(Scenario.load(FOLDER / "bench.toml", [*FMUS, "seed=1"])))
+    assert_same_print(printed("bench", 1), print_part(Scenario.load(FOLDER / "bench.toml", {**FMUS, "seed": 1})))

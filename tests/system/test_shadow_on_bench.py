@@ -21,7 +21,7 @@ def test_shadow_of_a_bench_without_variation_differs_by_the_sensor_steps_only(tm
     """Four passes with another order in each layer, over CAN, beside the FMU."""
     path = write(tmp_path, EXACT + SHADOW)
     with emulated(path) as (_, channel):
-        run = print_part(Scenario.load(path, [channel])).dataset
+        run = print_part(Scenario.load(path, {"bench.channel": channel})).dataset
     assert run.sizes["layer"] >= 3
     assert run.growth_divergence[1:].max() < STEP
     assert run.surface_divergence.max() < STEP
@@ -31,8 +31,8 @@ def test_shadow_of_a_bench_without_variation_differs_by_the_sensor_steps_only(tm
 
 def test_bench_that_jets_less_than_the_model_is_told_from_the_first_layer_on(tmp_path: Path) -> None:
     path = write(tmp_path, EXACT + SHADOW + "alarm_um = 1.0\n")
-    with emulated(path, ["components.printer.h1_a_um=2.2"]) as (_, channel):
-        run = print_part(Scenario.load(path, [channel])).dataset
+    with emulated(path, {"components.printer.h1_a_um": 2.2}) as (_, channel):
+        run = print_part(Scenario.load(path, {"bench.channel": channel})).dataset
     assert run.shadow_status[1:3].values.tolist() == [4, 4]
     assert float(run.growth_divergence[1]) == pytest.approx(2.2e-6, rel=0.2)
 
@@ -40,7 +40,9 @@ def test_bench_that_jets_less_than_the_model_is_told_from_the_first_layer_on(tmp
 def test_bench_prints_under_a_simulated_sensor_that_scans_its_shadow(tmp_path: Path) -> None:
     path = write(tmp_path, EXACT + SHADOW + 'start = "job"\n')
     with emulated(path) as (_, channel):
-        run = print_part(Scenario.load(path, [channel, "components.profiler.kind=ProfileSensor"])).dataset
+        run = print_part(
+            Scenario.load(path, {"bench.channel": channel, "components.profiler.kind": "ProfileSensor"})
+        ).dataset
     np.testing.assert_array_equal(run.height, run.shadow_height)
     np.testing.assert_allclose(run.measured_height, run.shadow_height, atol=STEP)
     assert float(np.abs(run.mean_error[-1])) < 5e-6

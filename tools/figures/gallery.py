@@ -21,7 +21,7 @@ HERE = ROOT / "docs" / "gallery"
 SCENARIOS = ROOT / "scenarios"
 BUILD = ROOT / "build" / "gallery"
 COMPARISON = "compare"
-"""In place of the name of a picture: the run beside its comparison runs."""
+"""Used instead of a picture name: the run compared with its comparison runs."""
 
 PICTURES = {
     "bench": "cross-section",
@@ -43,16 +43,16 @@ DEFAULT_PICTURE = "open-against-closed"
 HEAD = """\
 # Gallery
 
-Every file of [scenarios/](../../scenarios/), printed by `make gallery`, which writes this page from the words on top of
+`make gallery` prints every file of [scenarios/](../../scenarios/) and writes this page from the comment at the top of
 each file.
 """
 
 
 def show(path: Path) -> str:
-    """Run one scenario, put its picture beside this file; its entry of the page."""
+    """Run one scenario and copy its picture to the page; returns its entry of the page."""
     folder = BUILD / path.stem
-    with bench_of(path) as words:
-        if main(["run", str(path), "--out", str(folder), *words]) != 0:
+    with bench_of(path) as arguments:
+        if main(["run", str(path), "--out", str(folder), *arguments]) != 0:
             raise SystemExit(f"{path}: did not print")
     picture = HERE / f"{path.stem}.png"
     name = PICTURES.get(path.stem, DEFAULT_PICTURE)
@@ -65,7 +65,7 @@ def show(path: Path) -> str:
 
 @contextmanager
 def bench_of(path: Path) -> Iterator[list[str]]:
-    """Runs an emulated bench for a scenario that prints on devices; words that lead `inkloop run` to it."""
+    """Run the emulator for a scenario that prints on devices; yields the arguments of `inkloop run` that select it."""
     scenario = Scenario.load(path)
     if not any(table.kind in KINDS for table in scenario.tables.components.values()):
         yield []
@@ -79,9 +79,9 @@ def entry(path: Path) -> str:
     """Title, the comment on top of the file as text, and the picture."""
     scenario = Scenario.load(path)
     comment = path.read_text(encoding="utf-8").split("title =")[0]
-    words = "\n".join(line.removeprefix("#").strip() for line in comment.splitlines()).strip()
+    text = "\n".join(line.removeprefix("#").strip() for line in comment.splitlines()).strip()
     title = scenario.tables.title
-    return f"\n## {title}\n\n[{path.name}](../../scenarios/{path.name}): {words}\n\n![{title}]({path.stem}.png)\n"
+    return f"\n## {title}\n\n[{path.name}](../../scenarios/{path.name}): {text}\n\n![{title}]({path.stem}.png)\n"
 
 
 if __name__ == "__main__":

@@ -38,7 +38,7 @@ def print_of(patterns: list[NDArray[np.int32]], noise: float, seed: int, variati
 def bias(console: Console) -> None:
     """What noise does to a plain regression and to ours, over prints that differ in noise and patterns."""
     cases = [("one layer, 20 x 20 cells", 20, 1, 0.3e-6), ("5 layers, 40 x 40 cells", 40, 5, 1e-6)]
-    for words, side, count, noise in cases:
+    for label, side, count, noise in cases:
         records = [print_of(designs.layers(side, side, count, seed, margin=1), noise, seed) for seed in range(PRINTS)]
         for method, correct in (("plain", False), ("ours", True)):
             found = np.array([identify_ink([one], noise, correct=correct).heights[0] for one in records])
@@ -47,7 +47,7 @@ def bias(console: Console) -> None:
             figures = ", ".join(
                 f"h{k} {m:+.1f} (worst {w:.1f})" for k, (m, w) in enumerate(zip(means, worst, strict=True), 1)
             )
-            console.print(f"{words}, {noise * 1e6:g} um, {method}: {figures} %", highlight=False)
+            console.print(f"{label}, {noise * 1e6:g} um, {method}: {figures} %", highlight=False)
 
 
 def coverage(console: Console) -> None:
@@ -66,7 +66,7 @@ def main() -> None:
     console = Console(width=120)
     bias(console)
     coverage(console)
-    scenario = plant_scenario("YoungLaplaceDeposition", 0.1, ["grid.pitch_um=42.3"])
+    scenario = plant_scenario("YoungLaplaceDeposition", 0.1, {"grid.pitch_um": 42.3})
     found = identify(perform(scenario, Plan()))
     for table in tables(found):
         console.print(table)

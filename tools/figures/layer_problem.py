@@ -41,7 +41,7 @@ LAYERS_MAX = 150  # a cylinder that is not done by then never will be (assumed)
 CERTIFICATE_S = 15.0  # for each surface
 PAIRS = 200
 
-Setting: TypeAlias = tuple[str, ...]
+Setting: TypeAlias = tuple[tuple[str, float], ...]
 """Overrides of the cylinder's scenario."""
 Figures: TypeAlias = Mapping[str, float]
 
@@ -128,18 +128,18 @@ def unit_time(prints: Mapping[Setting, Sequence[Figures]]) -> float:
 
 def setting(horizon: int, alpha: float) -> Setting:
     """Overrides for a controller that looks so many layers ahead."""
-    return (f"components.controller.horizon={horizon}", f"components.controller.alpha={alpha}")
+    return (("components.controller.horizon", horizon), ("components.controller.alpha", alpha))
 
 
 def grey(levels: int) -> Setting:
     """Overrides for a head whose largest droplet is that of the cylinder, in so many steps."""
-    drop = (f"ink.a.{name}_um={value / levels * UM:.6g}" for name, value in vars(INK).items())
-    return (f"components.controller.drop_levels={levels}", *drop)
+    drop = ((f"ink.a.{name}_um", float(f"{value / levels * UM:.6g}")) for name, value in vars(INK).items())
+    return (("components.controller.drop_levels", levels), *drop)
 
 
 def printed(setting: Setting, seed: int) -> Figures:
     """Errors of the last surface over the part [m] (NaN: nothing was printed), layers, and time per plan [s]."""
-    result = print_part(Scenario.load(CYLINDER, [f"seed={seed}", f"run.layers_max={LAYERS_MAX}", *setting]))
+    result = print_part(Scenario.load(CYLINDER, {"seed": seed, "run.layers_max": LAYERS_MAX, **dict(setting)}))
     figures = {name: result.metrics()[name] for name in ("mean_error", "mae", "std", "layers")}
     if figures["layers"] == 0.0:
         return {**dict.fromkeys((*figures, "solve_time"), nan), "layers": 0.0, "finished": 0.0}

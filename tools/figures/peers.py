@@ -23,9 +23,9 @@ HEAD = f"""# The loop in other masters
 
 `LayerDeposition`, `ProfileSensor` and `LayerController` as FMUs, coupled by independent programs:
 {SHAPE[0]} x {SHAPE[1]} cells, {LAYERS} layers, droplets that vary, noisy scans, with durations of layers and scans.
-"equal" means that each layer of the print equals, bit by bit, the one of `inkloop run`; otherwise the table gives the difference. `make peers`
-writes this page. `make test` also tests everything that pip alone installs, `make test-long` Maestro and VDMCheck2
-if they are installed.
+"equal" means that each layer of the print equals, bit by bit, the one of `inkloop run`; otherwise the table gives the
+difference. `make peers` writes this page. `make test` also tests everything that pip alone installs, `make test-long`
+Maestro and VDMCheck2 if they are installed.
 """
 NOTES = f"""
 - Jacobi: every component steps on the outputs of the last communication point. Gauss-Seidel: on the newest outputs,
@@ -77,7 +77,7 @@ def outcome(master: Master, loop: Loop, fmi: str, algorithm: str, step_s: float,
 
 
 def table(loop: Loop, ours: Any) -> Iterator[str]:
-    """One row for each way of running a master; each is reported on standard error, since some take minutes."""
+    """One row for each way of running a master; stderr names each as it runs, since some take minutes."""
     headings = ["master", "version", "FMI", "algorithm", "starts from", *(f"step {step_s:g} s" for step_s in STEPS_S)]
     yield f"| {' | '.join(headings)} |"
     yield "|---" * len(headings) + "|"

@@ -20,9 +20,9 @@ from inkloop.components.catalog import MAPPED
 from inkloop.scenario.file import Scenario
 from inkloop.tables.schema import BenchTable
 
-WELL, FAULTS = 0, 1
+WELL, ERRORS = 0, 1
 """Exit codes."""
-STYLES = {"good": "green", "note": "yellow", "fault": "bold red", "left out": "dim"}
+STYLES = {"ok": "green", "warning": "yellow", "error": "bold red", "skipped": "dim"}
 
 
 def examine(scenario: Scenario | None, options: argparse.Namespace, console: Console) -> int:
@@ -35,13 +35,13 @@ def examine(scenario: Scenario | None, options: argparse.Namespace, console: Con
     with waiting:
         looked = doctor.examine(bench.rig.settings, expected, self_test=self_test, mapped=_is_mapped(scenario))
         found = [*_of_scenario(scenario), *looked]
-    faults = sum(finding.grade == "fault" for finding in found)
-    code = FAULTS if faults else WELL
+    errors = sum(finding.grade == "error" for finding in found)
+    code = ERRORS if errors else WELL
     if options.json:
         print(json.dumps({"exit_code": code, "findings": [finding.to_json() for finding in found]}, indent=2))
     else:
         console.print(_table(found))
-        console.print(_words(faults), highlight=False)
+        console.print(_verdict(errors), highlight=False)
     return code
 
 
@@ -60,16 +60,20 @@ def _of_scenario(scenario: Scenario | None) -> Iterator[Any]:
     """What is to be said of the [bench] of a scenario, which is valid."""
     if scenario is None:
         return
-    say = importlib.import_module("inkloop_hardware.doctor.findings")
+    finding = importlib.import_module("inkloop_hardware.doctor.findings").Finding
     kinds = {table.kind for table in scenario.tables.components.values()}
     bench = scenario.tables.bench
     if kinds.isdisjoint({*devices.KINDS, MAPPED}):
-        yield say.note("scenario", f"no component of {scenario.source} is a device", 'set kind = "hardware.printer"')
+        yield finding.warning(
+            "scenario", f"no component of {scenario.source} is a device", 'set kind = "hardware.printer"'
+        )
     elif bench.interface is None or bench.channel is None:
         missing = " and ".join(f"bench.{key}" for key in ("interface", "channel") if getattr(bench, key) is None)
-        yield say.note("scenario", f"{scenario.source}: {missing} not set", "python-can's own configuration counts")
+        yield finding.warning(
+            "scenario", f"{scenario.source}: {missing} not set", "python-can's own configuration counts"
+        )
     else:
-        yield say.good("scenario", f"{scenario.source}: {bench.interface} on {bench.channel}")
+        yield finding.ok("scenario", f"{scenario.source}: {bench.interface} on {bench.channel}")
 
 
 def _is_mapped(scenario: Scenario | None) -> bool:
@@ -102,7 +106,7 @@ def _plain(words: str) -> str:
     return words.replace("[", r"\[")
 
 
-def _words(faults: int) -> str:
-    if faults == 0:
-        return "nothing stands in the way of a print"
-    return "one fault is to be mended first" if faults == 1 else f"{faults} faults are to be mended first"
+def _verdict(errors: int) -> str:
+    if errors == 0:
+        return "ready to print"
+    return f"{errors} {'error' if errors == 1 else 'errors'}: correct {'it' if errors == 1 else 'them'} before a print"

@@ -103,7 +103,8 @@ def overrides_of(pairs: Iterable[str], source: str) -> dict[str, Any]:
 
 
 def show_error(error: InkloopError, options: argparse.Namespace) -> None:
-    """The message of an error on stderr, with --traceback below the traceback that led to it and to its cause."""
+    """Print the message of an error on stderr; with --traceback, below the calls that led to it and to its causes."""
     if options.traceback:
         traceback.print_exception(error)
-    print(error, file=sys.stderr)
+    else:
+        print(error, file=sys.stderr)

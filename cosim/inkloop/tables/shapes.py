@@ -20,7 +20,7 @@ class Table(BaseModel):
 
 
 class Grid(Table):
-    """`[grid]`: the droplet sites."""
+    """`[grid]`: the cells."""
 
     nx: int = Field(ge=1, description="cells along x")
     ny: int = Field(ge=1, description="cells along y")

@@ -59,7 +59,7 @@ class Adapter:
         except (can.CanError, OSError) as error:
             self.is_gone = True
             raise BusError(f"{self.settings} cannot be read any more: {error}. Was it unplugged or ended?") from error
-        if isinstance(self.bus, BulkSlcanBus) and (since := self.bus.deaf_since) is not None:
+        if isinstance(self.bus, BulkSlcanBus) and (since := self.bus.bus_off_since) is not None:
             raise BusOff(
                 f"{self.settings} refuses every frame and hears none: bus-off, or nobody acknowledges. Look at cables, "
                 "termination, bit rate and the power of the nodes.",

@@ -111,7 +111,7 @@ class BusConnection:
             self.check()
         return found
 
-    def say_alive(self, enables: Enables) -> None:
+    def send_keep_alive(self, enables: Enables) -> None:
         """The control loop lives."""
         self._tell(Kind.ALIVE, bytes([enables]))
 

@@ -91,10 +91,6 @@ class Heartbeat:
         self.beating, self.enables = False, Enables.NONE
         return [self._frame()]
 
-    def next_due(self) -> float | None:
-        """When `frames` has something again; None: not before a word."""
-        return self._due if self.beating else None
-
     def _frame(self) -> Frame:
         self._said = self.enables
         lamp, gate, motion = (one in self.enables for one in (Enables.LAMP, Enables.GATE, Enables.MOTION))

@@ -23,7 +23,7 @@ WRITE_TIMEOUT = 1.0
 TIME_STAMP = 4
 """Hexadecimal digits that some adapters put behind a frame."""
 BEL = 7
-DEAF_AFTER, DEAF_REFUSALS = 0.15, 2
+BUS_OFF_AFTER_S, BUS_OFF_REFUSALS = 0.15, 2
 """An adapter that for so many seconds refuses what it is told to send, confirms nothing and hears nothing is bus-off; a
 full buffer refuses too, but frames come in meanwhile."""
 
@@ -61,10 +61,10 @@ class BulkSlcanBus(slcanBus):
             self.serialPortOrig.write(f"{head}{msg.dlc:d}{msg.data.hex().upper()}\r".encode())
 
     @property
-    def deaf_since(self) -> float | None:
+    def bus_off_since(self) -> float | None:
         """Second of the monotonic clock since which it takes no part in the bus, None if it does."""
         since = self._refused_since
-        if since is None or self._refusals_in_a_row < DEAF_REFUSALS or time.monotonic() - since <= DEAF_AFTER:
+        if since is None or self._refusals_in_a_row < BUS_OFF_REFUSALS or time.monotonic() - since <= BUS_OFF_AFTER_S:
             return None
         return since
 

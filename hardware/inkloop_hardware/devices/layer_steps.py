@@ -21,7 +21,7 @@ from inkloop_hardware.devices.master_journal import Asked, MasterJournal
 from inkloop_hardware.devices.readiness import MARGIN_S, NotReady
 from inkloop_hardware.errors import HardwareError, NodeRefused, TransferError
 from inkloop_hardware.link.rig import Rig
-from inkloop_hardware.protocol.node_state import BookFlags, Flags, NodeLimits, NodeState
+from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState
 from inkloop_hardware.protocol.pattern_bytes import PatternBytes
 from inkloop_hardware.protocol.services import Key, Routine, Station
 from inkloop_hardware.protocol.vocabulary import Node
@@ -89,7 +89,7 @@ class LayerSteps:
             done = 0
         else:
             done = state.done
-            if state.unknown or (state.book & BookFlags.ABANDONED and not state.layer_is_complete):
+            if state.unknown or (state.layer_flags & LayerFlags.ABANDONED and not state.layer_is_complete):
                 return self._cure_given_up(layer, state, colours)
             self._bring_again(layer, made, state)
         for number, colour in enumerate(colours):

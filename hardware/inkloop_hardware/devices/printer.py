@@ -15,7 +15,7 @@ from inkloop_hardware.devices.journal_comparison import compare
 from inkloop_hardware.devices.layer_steps import ALL_COLOURS, LayerSteps, PrintedLayer
 from inkloop_hardware.devices.master_journal import MasterJournal
 from inkloop_hardware.devices.readiness import make_ready
-from inkloop_hardware.devices.recovery import gone_on_with
+from inkloop_hardware.devices.recovery import retry_after_recovery
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.node_state import NodeLimits
 from inkloop_hardware.protocol.vocabulary import Node
@@ -55,14 +55,14 @@ class Printer:
         self._journal.take_up(self._rig)
         self._rig.attach()
         self._attached = True
-        limits = gone_on_with(self._rig, NODES, self._ready, is_start=True)
+        limits = retry_after_recovery(self._rig, NODES, self._ready, is_start=True)
         self._steps = LayerSteps(self._rig, self._job, limits, cure_ms=self._cure_ms, journal=self._journal)
         self._printed, self._droplets, self._is_unknown = int(inputs["layer_command"]), [0, 0], False
         return self._outputs()
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Print the layer that is commanded, if one is. ComponentError for a command or a pattern out of order."""
-        self._rig.alive()
+        self._rig.keep_alive()
         command, pattern = int(inputs["layer_command"]), inputs["pattern"]
         if command not in (self._printed, self._printed + 1) or self._steps is None:
             raise ComponentError(
@@ -90,7 +90,7 @@ class Printer:
                 "older than its journal: was the run folder put back from a copy? Begin a new part"
             )
         try:
-            became = gone_on_with(self._rig, NODES, lambda: steps.print_layer(layer, pattern))
+            became = retry_after_recovery(self._rig, NODES, lambda: steps.print_layer(layer, pattern))
         except ValueError as error:
             raise ComponentError(str(error)) from error
         self._printed, self._is_unknown = layer, became.is_unknown

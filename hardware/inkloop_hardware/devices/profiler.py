@@ -12,7 +12,7 @@ from inkloop.errors import ComponentError
 from inkloop_hardware.devices.layer_steps import LayerSteps
 from inkloop_hardware.devices.master_journal import MasterJournal
 from inkloop_hardware.devices.readiness import make_ready
-from inkloop_hardware.devices.recovery import gone_on_with
+from inkloop_hardware.devices.recovery import retry_after_recovery
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.height_map_bytes import read_map
 from inkloop_hardware.protocol.vocabulary import Node
@@ -52,17 +52,17 @@ class Profiler:
         self._journal.take_up(self._rig)
         self._rig.attach()
         self._attached = True
-        limits = gone_on_with(self._rig, NODES, lambda: make_ready(self._rig, NODES), is_start=True)
+        limits = retry_after_recovery(self._rig, NODES, lambda: make_ready(self._rig, NODES), is_start=True)
         self._steps = LayerSteps(self._rig, self._job, limits, journal=self._journal)
         self._scanned = -1
         return self._outputs()
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Scan the layer that is new, if one is."""
-        self._rig.alive()
+        self._rig.keep_alive()
         newest, steps = int(inputs["layers_printed"]), self._steps
         if newest != self._scanned and steps is not None:
-            found = gone_on_with(self._rig, NODES, lambda: steps.scan(newest))
+            found = retry_after_recovery(self._rig, NODES, lambda: steps.scan(newest))
             height, valid = read_map(found, self._job.nx, self._job.ny)
             self._height, self._valid = np.where(valid, height, self._height), valid
             self._scanned = newest

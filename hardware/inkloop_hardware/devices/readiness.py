@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from inkloop_hardware.errors import HardwareError
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec
-from inkloop_hardware.protocol.node_state import BookFlags, Flags, NodeLimits, NodeState, Roles
+from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeLimits, NodeState, Roles
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node
 
@@ -56,7 +56,7 @@ def blocked(node: Node, state: NodeState) -> str | None:
     if state.unknown:
         passes = ", ".join(str(number + 1) for number in range(4) if state.unknown >> number & 1)
         why = f"pass {passes} of layer {state.layer}, which was begun, and nobody knows how far it came"
-    elif state.book & BookFlags.CURE_UNKNOWN:
+    elif state.layer_flags & LayerFlags.CURE_UNKNOWN:
         why = (
             f"a cure of layer {state.layer}, which was begun, and nobody knows how long it lasted; it will be repeated"
         )

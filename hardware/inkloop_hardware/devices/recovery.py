@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from inkloop_hardware.devices.readiness import NotReady, blocked, make_ready
 from inkloop_hardware.errors import (
-    BusAway,
+    BusDisconnected,
     HardwareError,
     LinkTimeout,
     NodeLost,
@@ -27,14 +27,16 @@ TIMES = 3  # that a layer or a scan is gone on with; a bench that falls more oft
 RETURN_S = 5.0  # for a node to restart, or to be heard again (assumed)
 REOPENING_S = 20.0  # for an adapter that is gone to be opened again; the bus process gives up before
 
-PASSING = (BusAway, NodeLost, NodeStopped, NodeRefused, LinkTimeout, TransferError)
+PASSING = (BusDisconnected, NodeLost, NodeStopped, NodeRefused, LinkTimeout, TransferError)
 """What a node or an adapter that was away for a while, or fell, may be behind."""
 
 Found = TypeVar("Found")
 _log = logging.getLogger("inkloop_hardware")
 
 
-def gone_on_with(rig: Rig, nodes: Sequence[Node], work: Callable[[], Found], *, is_start: bool = False) -> Found:
+def retry_after_recovery(
+    rig: Rig, nodes: Sequence[Node], work: Callable[[], Found], *, is_start: bool = False
+) -> Found:
     """What `work` gives; it is begun again where nodes or the adapter were away, or nodes fell, and no node needs a
     person, three times at most. is_start: `work` makes the nodes ready itself.
 
@@ -44,10 +46,10 @@ def gone_on_with(rig: Rig, nodes: Sequence[Node], work: Callable[[], Found], *, 
     fall: HardwareError | None = None
     for left in range(TIMES, -1, -1):
         if fall is not None:
-            rig.wait_for(nodes, REOPENING_S if isinstance(fall, BusAway) else RETURN_S)
+            rig.wait_for(nodes, REOPENING_S if isinstance(fall, BusDisconnected) else RETURN_S)
         try:
             if fall is not None:
-                _take_up(rig, nodes, fall, is_start)
+                _recover_nodes(rig, nodes, fall, is_start)
             return work()
         except PASSING as error:
             if error is fall or left == 0:
@@ -56,11 +58,11 @@ def gone_on_with(rig: Rig, nodes: Sequence[Node], work: Callable[[], Found], *, 
     raise AssertionError("the last try returns or raises")
 
 
-def _take_up(rig: Rig, nodes: Sequence[Node], error: HardwareError, is_start: bool) -> None:
+def _recover_nodes(rig: Rig, nodes: Sequence[Node], error: HardwareError, is_start: bool) -> None:
     """Clear the nodes and home the stage; raises `error` where that mends nothing, or what forbids it."""
     states = {node: rig.link(node).state() for node in nodes}
     fallen = [node.lower() for node, state in states.items() if state.state in (State.SAFE, State.FAULT)]
-    if not fallen and not isinstance(error, BusAway | NodeLost | NodeStopped | LinkTimeout):
+    if not fallen and not isinstance(error, BusDisconnected | NodeLost | NodeStopped | LinkTimeout):
         raise error
     if faults := [fault for node, state in states.items() if (fault := blocked(node, state))]:
         raise NotReady("\n".join([str(error), *faults])) from error

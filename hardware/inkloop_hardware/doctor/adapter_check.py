@@ -20,7 +20,7 @@ from can.util import load_config
 
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
-from inkloop_hardware.doctor.findings import Finding, Grade, fault, good, note
+from inkloop_hardware.doctor.findings import Finding, Grade
 from inkloop_hardware.errors import BusError
 
 NETWORK = Path("/sys/class/net")
@@ -45,7 +45,7 @@ def before_opening(settings: BusSettings, network: Path = NETWORK) -> Iterator[F
     """What can be told of an adapter without opening it. settings: see `configured`; network: of socketcan."""
     name, channel = settings.interface, settings.channel
     if name is None:
-        yield fault(
+        yield Finding.error(
             "interface", "no interface is named, and python-can's own configuration names none",
             "set bench.interface and bench.channel, or CAN_INTERFACE and CAN_CHANNEL, or write ~/.canrc",
         )  # fmt: skip
@@ -53,17 +53,19 @@ def before_opening(settings: BusSettings, network: Path = NETWORK) -> Iterator[F
     if name not in VALID_INTERFACES:
         near = get_close_matches(name, VALID_INTERFACES, 1)
         advice = f"did you mean {near[0]!r}?" if near else f"it knows {', '.join(sorted(VALID_INTERFACES))}"
-        yield fault("interface", f"python-can knows no interface {name!r}", advice)
+        yield Finding.error("interface", f"python-can knows no interface {name!r}", advice)
         return
-    yield good("interface", f"{name}, of python-can {can.__version__}")
+    yield Finding.ok("interface", f"{name}, of python-can {can.__version__}")
     if channel is None:
-        yield fault("adapter", f"no channel is named for {name}", "set bench.channel, " + _example(name))
+        yield Finding.error("adapter", f"no channel is named for {name}", "set bench.channel, " + _example(name))
     elif name == "socketcan":
         yield from _network_interface(channel, network)
     elif name in ON_SERIAL_PORTS and channel.startswith("/"):
         yield from _serial_port(Path(channel))
     if name == "slcan" and settings.bitrate is None:
-        yield note("adapter", "no bit rate is said, the adapter keeps the one it has", "set bench.bitrate, 500000")
+        yield Finding.warning(
+            "adapter", "no bit rate is said, the adapter keeps the one it has", "set bench.bitrate, 500000"
+        )
 
 
 def opened(settings: BusSettings) -> tuple[Adapter | None, Finding]:
@@ -71,27 +73,31 @@ def opened(settings: BusSettings) -> tuple[Adapter | None, Finding]:
     try:
         adapter = Adapter(settings)
     except BusError as error:
-        return None, fault("adapter", f"{settings} cannot be opened: {error.__cause__}", _advice(settings, error))
-    return adapter, good("adapter", f"{settings} is open")
+        return None, Finding.error(
+            "adapter", f"{settings} cannot be opened: {error.__cause__}", _advice(settings, error)
+        )
+    return adapter, Finding.ok("adapter", f"{settings} is open")
 
 
 def _network_interface(channel: str, network: Path) -> Iterator[Finding]:
     if not (network / channel).exists():
         there = sorted(path.name for path in network.glob("*can*")) if network.exists() else []
         found = f"it has {', '.join(there)}" if there else "load its driver (`modprobe gs_usb` ...), look at `ip link`"
-        yield fault("adapter", f"this machine has no network interface {channel!r}", f"plug the adapter in; {found}")
+        yield Finding.error(
+            "adapter", f"this machine has no network interface {channel!r}", f"plug the adapter in; {found}"
+        )
     elif (network / channel / "operstate").read_text(encoding="ascii").strip() == "down":
         words = f"sudo ip link set {channel} up type can bitrate 500000 restart-ms 0"
-        yield fault("adapter", f"the network interface {channel} is down", f"`{words}`")
+        yield Finding.error("adapter", f"the network interface {channel} is down", f"`{words}`")
 
 
 def _serial_port(port: Path) -> Iterator[Finding]:
     if not port.exists():
         there = serial_ports()
         found = f"the serial ports of this machine: {', '.join(there)}" if there else "this machine has no serial port"
-        yield fault("adapter", f"there is no {port}", f"plug the adapter in; {found}")
+        yield Finding.error("adapter", f"there is no {port}", f"plug the adapter in; {found}")
     elif not os.access(port, os.R_OK | os.W_OK):
-        yield fault("adapter", f"{port} may not be read and written by this user", f"`{_group_command(port)}`")
+        yield Finding.error("adapter", f"{port} may not be read and written by this user", f"`{_group_command(port)}`")
 
 
 def serial_ports() -> Sequence[str]:
@@ -131,4 +137,4 @@ def _example(name: str) -> str:
 
 def hinders(findings: Sequence[Finding]) -> bool:
     """Whether one of them has to be mended first."""
-    return any(finding.grade is Grade.FAULT for finding in findings)
+    return any(finding.grade is Grade.ERROR for finding in findings)

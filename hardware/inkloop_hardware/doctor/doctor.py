@@ -10,7 +10,7 @@ from contextlib import closing
 
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.doctor.adapter_check import before_opening, configured, hinders, opened
-from inkloop_hardware.doctor.findings import Finding, fault, left_out
+from inkloop_hardware.doctor.findings import Finding
 from inkloop_hardware.doctor.inquiry import Expected, ask, links
 from inkloop_hardware.doctor.listening import Heard, judge, judge_bus, listen
 from inkloop_hardware.doctor.self_test import WHAT, try_gate_and_lamp
@@ -34,12 +34,12 @@ def examine(
     before = list(before_opening(bus))
     yield from before
     if hinders(before):
-        yield left_out("bus, nodes", NO_ADAPTER)
+        yield Finding.skipped("bus, nodes", NO_ADAPTER)
         return
     adapter, finding = opened(bus)
     yield finding
     if adapter is None:
-        yield left_out("bus, nodes", NO_ADAPTER)
+        yield Finding.skipped("bus, nodes", NO_ADAPTER)
         return
     well = True
     try:
@@ -48,21 +48,21 @@ def examine(
             heard = listen(adapter, codec)
             if mapped:
                 yield from judge_bus(heard, foreign=True)
-                yield left_out("nodes", "this rig has frames of its own", "its mapping says what is waited for")
+                yield Finding.skipped("nodes", "this rig has frames of its own", "its mapping says what is waited for")
                 return
             yield from judge(heard, codec)
             if heard.sessions:
-                yield left_out("services", "somebody is master: a node that two ask at once answers neither")
+                yield Finding.skipped("services", "somebody is master: a node that two ask at once answers neither")
                 return
             if not heard.nodes:
-                yield left_out("services", "there is nobody to ask")
+                yield Finding.skipped("services", "there is nobody to ask")
                 return
             for finding in ask(links(adapter, codec, _understood(heard, codec)), expected):
                 well = well and not hinders([finding])
                 yield finding
         yield from _tried(bus, self_test, well)
     except HardwareError as error:
-        yield fault("bus", str(error), "look at the adapter and its cables, then ask again")
+        yield Finding.error("bus", str(error), "look at the adapter and its cables, then ask again")
 
 
 def _understood(heard: Heard, codec: Codec) -> list[Node]:
@@ -72,9 +72,9 @@ def _understood(heard: Heard, codec: Codec) -> list[Node]:
 
 def _tried(settings: BusSettings, wanted: bool, well: bool) -> Iterator[Finding]:
     if not wanted:
-        yield left_out("self test", f"gate and lamp were not tried ({WHAT})", "--self-test does it")
+        yield Finding.skipped("self test", f"gate and lamp were not tried ({WHAT})", "--self-test does it")
     elif not well:
-        yield left_out("self test", "there are faults: nothing is energised", "mend them first")
+        yield Finding.skipped("self test", "there are faults: nothing is energised", "mend them first")
     else:
         with Rig(settings) as rig:
             yield from try_gate_and_lamp(rig)

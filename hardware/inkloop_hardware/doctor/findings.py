@@ -1,52 +1,53 @@
-"""What a look at a bench brings: one finding for each check, with what to do about it."""
+"""Results of an examination: one finding for each check, with what to do about it."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from enum import StrEnum
+from typing import Self
 
 
 class Grade(StrEnum):
-    """How a check ended."""
+    """Result of a check."""
 
-    GOOD = "good"
-    NOTE = "note"
-    """worth knowing, nothing stands in the way of a print"""
-    FAULT = "fault"
-    """to be mended first"""
-    LEFT_OUT = "left out"
-    """not looked at, and why"""
+    OK = "ok"
+    WARNING = "warning"
+    """Worth knowing; a print can start."""
+    ERROR = "error"
+    """Must be corrected before a print."""
+    SKIPPED = "skipped"
+    """Not checked; the finding gives the reason."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """check: what was looked at; found, advice: sentences; advice is empty where nothing is to be done."""
+    """check: what was examined; found, advice: sentences; advice is empty if nothing has to be done."""
 
     check: str
     grade: Grade
     found: str
     advice: str = ""
 
+    @classmethod
+    def ok(cls, check: str, found: str) -> Self:
+        """A check that passed."""
+        return cls(check, Grade.OK, found)
+
+    @classmethod
+    def warning(cls, check: str, found: str, advice: str = "") -> Self:
+        """Something worth knowing that does not prevent a print."""
+        return cls(check, Grade.WARNING, found, advice)
+
+    @classmethod
+    def error(cls, check: str, found: str, advice: str) -> Self:
+        """Something that must be corrected before a print."""
+        return cls(check, Grade.ERROR, found, advice)
+
+    @classmethod
+    def skipped(cls, check: str, reason: str, advice: str = "") -> Self:
+        """A check that was not made."""
+        return cls(check, Grade.SKIPPED, reason, advice)
+
     def to_json(self) -> dict[str, str]:
         """For other programs."""
         return {name: str(value) for name, value in asdict(self).items()}
-
-
-def good(check: str, found: str) -> Finding:
-    """Nothing to do."""
-    return Finding(check, Grade.GOOD, found)
-
-
-def note(check: str, found: str, advice: str = "") -> Finding:
-    """Worth knowing."""
-    return Finding(check, Grade.NOTE, found, advice)
-
-
-def fault(check: str, found: str, advice: str) -> Finding:
-    """To be mended."""
-    return Finding(check, Grade.FAULT, found, advice)
-
-
-def left_out(check: str, why: str, advice: str = "") -> Finding:
-    """Not looked at."""
-    return Finding(check, Grade.LEFT_OUT, why, advice)

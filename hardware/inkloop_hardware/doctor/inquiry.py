@@ -10,7 +10,7 @@ from itertools import pairwise
 from inkloop.component import Job
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.devices.readiness import ROLES, blocked
-from inkloop_hardware.doctor.findings import Finding, Grade, fault, good, left_out, note
+from inkloop_hardware.doctor.findings import Finding, Grade
 from inkloop_hardware.errors import BusError, HardwareError
 from inkloop_hardware.link.link import Link
 from inkloop_hardware.protocol.codec import Codec, Frame
@@ -79,7 +79,7 @@ class ClockLook:
 
 
 @dataclass(frozen=True)
-class Told:
+class NodeReport:
     """What one node says of itself; map_shape: of a profiler, else None."""
 
     node: Node
@@ -93,10 +93,10 @@ class Told:
 
 def links(adapter: Adapter, codec: Codec, nodes: Sequence[Node]) -> list[Link]:
     """What talks to these nodes."""
-    return [Link(node, codec, OwnWire(adapter, node.answer_id(codec)), str(adapter.settings)) for node in nodes]
+    return [Link(node, codec, OwnWire(adapter, codec.answer_id(node)), str(adapter.settings)) for node in nodes]
 
 
-def told_by(link: Link) -> Told:
+def read_node(link: Link) -> NodeReport:
     """Everything that is asked of a node. Raises HardwareError."""
     first = _look(link)
     shape = None
@@ -105,46 +105,48 @@ def told_by(link: Link) -> Told:
         shape = (size.nx, size.ny)
     version, state, limits, journal = link.version(), link.state(), link.limits(), link.journal()
     time.sleep(max(0.0, first.answered + CLOCK_SPAN - time.monotonic()))
-    return Told(link.node, version, state, limits, journal, shape, (first, _look(link)))
+    return NodeReport(link.node, version, state, limits, journal, shape, (first, _look(link)))
 
 
 def ask(asked: Sequence[Link], expected: Expected | None) -> Iterator[Finding]:
     """States, services, clocks, journals and limits. BusError when the adapter is gone."""
-    told = []
+    reports = []
     for link in asked:
         try:
-            told.append(told_by(link))
+            reports.append(read_node(link))
         except BusError:
             raise
         except HardwareError as error:
-            yield fault("services", str(error), "does the node run this inkloop's firmware, or an ISO-TP of its own?")
-    yield from judged(told, expected)
+            yield Finding.error(
+                "services", str(error), "does the node run this inkloop's firmware, or an ISO-TP of its own?"
+            )
+    yield from assess(reports, expected)
 
 
-def judged(told: Sequence[Told], expected: Expected | None) -> Iterator[Finding]:
+def assess(reports: Sequence[NodeReport], expected: Expected | None) -> Iterator[Finding]:
     """What is to be said of nodes that have answered."""
-    if not told:
+    if not reports:
         return
-    yield from merged([good("services", f"{one.node.lower()}: {one.version}") for one in told])
-    for judge in (_states, _clocks, _journals):
-        yield from merged([finding for one in told for finding in judge(one)])
+    yield from merge([Finding.ok("services", f"{report.node.lower()}: {report.version}") for report in reports])
+    for check in (_states, _clocks, _journals):
+        yield from merge([finding for report in reports for finding in check(report)])
     if expected is None:
-        yield left_out("limits", "no scenario was named, so there is nothing to compare them with")
+        yield Finding.skipped("limits", "no scenario was named, so there is nothing to compare them with")
     else:
-        yield from merged([finding for one in told for finding in _limits(one, expected)])
+        yield from merge([finding for report in reports for finding in _limits(report, expected)])
 
 
-def merged(findings: Sequence[Finding]) -> Iterator[Finding]:
-    """The same, where several nodes are well in the same words in one finding."""
+def merge(findings: Sequence[Finding]) -> Iterator[Finding]:
+    """Merge equal passing findings of several nodes."""
     names: dict[str, list[str]] = {}
     for finding in findings:
-        if finding.grade is Grade.GOOD:
+        if finding.grade is Grade.OK:
             name, _, words = finding.found.partition(": ")
             names.setdefault(words, []).append(name)
         else:
             yield finding
     for words, who in names.items():
-        yield good(findings[0].check, f"{', '.join(who)}: {words}")
+        yield Finding.ok(findings[0].check, f"{', '.join(who)}: {words}")
 
 
 def _look(link: Link) -> ClockLook:
@@ -152,35 +154,41 @@ def _look(link: Link) -> ClockLook:
     return ClockLook(link.times().now, asked, time.monotonic())
 
 
-def _states(told: Told) -> Iterator[Finding]:
-    state, name = told.state, told.node.lower()
+def _states(report: NodeReport) -> Iterator[Finding]:
+    state, name = report.state, report.node.lower()
     because = f" because of {state.cause.name}" if state.cause is not Fault.NONE else ""
-    if not state.roles & ROLES[told.node]:
-        yield fault("states", f"{name}: the node at its ids has the roles {state.roles!s}", "give it its own ids")
-    if (words := blocked(told.node, state)) is not None:
+    if not state.roles & ROLES[report.node]:
+        yield Finding.error(
+            "states", f"{name}: the node at its ids has the roles {state.roles!s}", "give it its own ids"
+        )
+    if (words := blocked(report.node, state)) is not None:
         found, _, advice = words.partition("; ")
-        yield fault("states", found, advice)
+        yield Finding.error("states", found, advice)
     elif state.state is State.FAULT:
-        yield fault("states", f"{name}: FAULT{because}", "look at the device, then `inkloop device SCENARIO clear`")
+        yield Finding.error(
+            "states", f"{name}: FAULT{because}", "look at the device, then `inkloop device SCENARIO clear`"
+        )
     elif state.flags & Flags.DRY_RUN:
-        yield note("states", f"{name}: in a dry run", "the next run ends it")
+        yield Finding.warning("states", f"{name}: in a dry run", "the next run ends it")
     else:
-        yield good("states", f"{name}: {state.state.name}{because}")
+        yield Finding.ok("states", f"{name}: {state.state.name}{because}")
 
 
-def _clocks(told: Told) -> Iterator[Finding]:
-    name = told.node.lower()
-    slowest, fastest = clock_rates(*told.clock)
-    if told.clock[1].node < told.clock[0].node:
-        yield fault("clock", f"{name}: its clock went back while it was asked: it restarted", "look at its supply")
+def _clocks(report: NodeReport) -> Iterator[Finding]:
+    name = report.node.lower()
+    slowest, fastest = clock_rates(*report.clock)
+    if report.clock[1].node < report.clock[0].node:
+        yield Finding.error(
+            "clock", f"{name}: its clock went back while it was asked: it restarted", "look at its supply"
+        )
     elif fastest < 1 - CLOCK_TOLERANCE or slowest > 1 + CLOCK_TOLERANCE:
         rate = (slowest + fastest) / 2
-        yield fault(
+        yield Finding.error(
             "clock", f"{name}: its clock runs {abs(rate - 1):.0%} too {'fast' if rate > 1 else 'slow'}",
             "its limits of time are that far off: correct the clock of its board",
         )  # fmt: skip
     else:
-        yield good("clock", f"{name}: goes as ours does")
+        yield Finding.ok("clock", f"{name}: goes as ours does")
 
 
 def clock_rates(first: ClockLook, last: ClockLook) -> tuple[float, float]:
@@ -190,41 +198,41 @@ def clock_rates(first: ClockLook, last: ClockLook) -> tuple[float, float]:
     return (passed - CLOCK_STEP) / (last.answered - first.asked), (passed + CLOCK_STEP) / most
 
 
-def _journals(told: Told) -> Iterator[Finding]:
-    name, records = told.node.lower(), told.journal
-    if told.state.flags & Flags.JOURNAL_DAMAGED:
+def _journals(report: NodeReport) -> Iterator[Finding]:
+    name, records = report.node.lower(), report.journal
+    if report.state.flags & Flags.JOURNAL_DAMAGED:
         return  # said with its state
     if not records:
-        yield note(
+        yield Finding.warning(
             "journals", f"{name}: it remembers nothing", "a node notes its power-up at least: is its storage new?"
         )
         return
     if any(newer.number != older.number + 1 for newer, older in pairwise(records)):
-        yield note(
+        yield Finding.warning(
             "journals", f"{name}: a record between {records[-1].number} and {records[0].number} cannot be read",
             "one that a power failure has torn counts as never written; if it comes again, replace the storage",
         )  # fmt: skip
     else:
-        yield good("journals", f"{name}: its newest {len(records)} of {records[0].number} records can be read")
+        yield Finding.ok("journals", f"{name}: its newest {len(records)} of {records[0].number} records can be read")
 
 
-def _limits(told: Told, expected: Expected) -> Iterator[Finding]:
-    name, limits, job = told.node.lower(), told.limits, expected.job
+def _limits(report: NodeReport, expected: Expected) -> Iterator[Finding]:
+    name, limits, job = report.node.lower(), report.limits, expected.job
     faults = []
-    if told.node is Node.HEAD:
+    if report.node is Node.HEAD:
         needed = PatternBytes.cells_of(job.nx, job.ny, materials=len(job.inks))
         if needed > limits.pattern_bytes:
             faults.append((
                 f"a pattern of {job.nx} x {job.ny} cells takes {needed} bytes, it has room for {limits.pattern_bytes}",
                 "take a smaller grid, or a head with more memory",
             ))  # fmt: skip
-    if told.map_shape not in (None, (0, 0), (job.nx, job.ny)):
-        found = " x ".join(map(str, told.map_shape or ()))
+    if report.map_shape not in (None, (0, 0), (job.nx, job.ny)):
+        found = " x ".join(map(str, report.map_shape or ()))
         faults.append((
             f"its maps have {found} cells, the scenario {job.nx} x {job.ny}",
             "set the profiler to the scenario's grid, or grid.nx and grid.ny to what it measures",
         ))  # fmt: skip
-    if told.node is Node.CURE and expected.cure_ms / 1e3 >= limits.lamp:
+    if report.node is Node.CURE and expected.cure_ms / 1e3 >= limits.lamp:
         faults.append((
             f"bench.cure_ms is {expected.cure_ms}, this lamp goes out after {limits.lamp * 1e3:.0f} ms by itself",
             "take less light after each pass",
@@ -238,6 +246,6 @@ def _limits(told: Told, expected: Expected) -> Iterator[Finding]:
             "300 ms let two frames be lost",
         ))  # fmt: skip
     for found, advice in faults:
-        yield fault("limits", f"{name}: {found}", advice)
+        yield Finding.error("limits", f"{name}: {found}", advice)
     if not faults:
-        yield good("limits", f"{name}: bears the scenario")
+        yield Finding.ok("limits", f"{name}: bears the scenario")

@@ -10,7 +10,7 @@ from itertools import pairwise
 from statistics import median
 
 from inkloop_hardware.bus.adapter import Adapter
-from inkloop_hardware.doctor.findings import Finding, fault, good, note
+from inkloop_hardware.doctor.findings import Finding
 from inkloop_hardware.errors import FrameError
 from inkloop_hardware.link.node_watch import LOST_AFTER
 from inkloop_hardware.protocol.codec import Codec, Frame
@@ -104,13 +104,13 @@ def judge(heard: Heard, codec: Codec) -> Iterator[Finding]:
     yield from _masters(heard)
     if not heard.speaking:
         advice = "is the bench powered, and the cable plugged in?" if heard.frames == 0 else CHECK_NODE
-        yield fault("nodes", f"no node said anything in {heard.lasted:.1f} s", advice)
+        yield Finding.error("nodes", f"no node said anything in {heard.lasted:.1f} s", advice)
         return
     missing = [node.lower() for node in Node if node not in heard.speaking]
     if missing:
-        yield fault("nodes", f"{' and '.join(missing)} said nothing in {heard.lasted:.1f} s", CHECK_NODE)
+        yield Finding.error("nodes", f"{' and '.join(missing)} said nothing in {heard.lasted:.1f} s", CHECK_NODE)
     else:
-        yield good("nodes", f"{', '.join(node.lower() for node in Node)} are there")
+        yield Finding.ok("nodes", f"{', '.join(node.lower() for node in Node)} are there")
     yield from _heartbeats(heard, codec)
     yield from _supervision(heard)
     yield from _protocol(heard, codec)
@@ -120,36 +120,42 @@ def judge_bus(heard: Heard, *, foreign: bool = False) -> Iterator[Finding]:
     """Frames and errors. foreign: the rig has frames of its own, none of them has to be of the protocol."""
     wires = "look at cables, at 120 ohm at both ends, and at the bit rate of every node (the bench has 500 kbit/s)"
     if heard.frames == 0:
-        yield fault("bus", f"no frame came in within {heard.lasted:.1f} s", wires)
+        yield Finding.error("bus", f"no frame came in within {heard.lasted:.1f} s", wires)
     elif not heard.speaking and heard.others and not foreign:
         ids = ", ".join(f"0x{number:03X}" for number, _ in heard.others.most_common(4))
-        yield fault("bus", f"{heard.frames} frames came in, none of the protocol ({ids})", "is this the right bus?")
+        yield Finding.error(
+            "bus", f"{heard.frames} frames came in, none of the protocol ({ids})", "is this the right bus?"
+        )
     else:
-        yield good("bus", f"{heard.frames} frames in {heard.lasted:.1f} s")
+        yield Finding.ok("bus", f"{heard.frames} frames in {heard.lasted:.1f} s")
         if heard.others and not foreign:
             ids = ", ".join(f"0x{number:03X}" for number, _ in heard.others.most_common(4))
-            yield note("bus", f"{heard.others.total()} frames of somebody else ({ids})", "they take room on the bus")
+            yield Finding.warning(
+                "bus", f"{heard.others.total()} frames of somebody else ({ids})", "they take room on the bus"
+            )
     if heard.errors:
-        yield fault("bus", f"{heard.errors} error frames", wires)
+        yield Finding.error("bus", f"{heard.errors} error frames", wires)
     for words, count in heard.complaints.items():
         if "error frames" not in words:
-            yield fault("bus", f"{count} {words}", "look at the adapter, its USB cable and its bit rate")
+            yield Finding.error("bus", f"{count} {words}", "look at the adapter, its USB cable and its bit rate")
 
 
 def _masters(heard: Heard) -> Iterator[Finding]:
     if not heard.sessions:
-        yield good("masters", "nobody else is master")
+        yield Finding.ok("masters", "nobody else is master")
     elif len(heard.sessions) == 1:
         session, job = next(iter(heard.sessions.items()))
-        yield fault(
+        yield Finding.error(
             "masters", f"somebody is master already: session {session}, job {job}",
             "a run is going on; end it, or let it end. Two masters at once stop every node",
         )  # fmt: skip
     else:
         sessions = ", ".join(str(session) for session in heard.sessions)
-        yield fault("masters", f"there are {len(heard.sessions)} masters, sessions {sessions}", "end all but one")
+        yield Finding.error(
+            "masters", f"there are {len(heard.sessions)} masters, sessions {sessions}", "end all but one"
+        )
     if heard.stopped:
-        yield fault(
+        yield Finding.error(
             "masters", "a stop request is active", "release it where it was made; then `inkloop device SCENARIO clear`"
         )
 
@@ -160,14 +166,14 @@ def _heartbeats(heard: Heard, codec: Codec) -> Iterator[Finding]:
         cycle = codec.cycle_time(f"{node}{NodeStatus.message}") or 0.1
         gaps = [later - earlier for earlier, later in pairwise(heard.times[node])]
         if not gaps:
-            yield fault("heartbeat", f"{node.lower()}: a single status in {heard.lasted:.1f} s", CHECK_NODE)
+            yield Finding.error("heartbeat", f"{node.lower()}: a single status in {heard.lasted:.1f} s", CHECK_NODE)
         elif max(gaps) > LOST_AFTER:
-            yield fault(
+            yield Finding.error(
                 "heartbeat", f"{node.lower()}: {max(gaps) * 1e3:.0f} ms between two statuses, the cycle is "
                 f"{cycle * 1e3:.0f} ms", "a run takes the node for lost after 300 ms: look at cables and at its load",
             )  # fmt: skip
         elif abs(median(gaps) - cycle) > CYCLE_SLACK * cycle:
-            yield note(
+            yield Finding.warning(
                 "heartbeat", f"{node.lower()}: a status every {median(gaps) * 1e3:.0f} ms, the cycle is "
                 f"{cycle * 1e3:.0f} ms", "does its firmware have another protocol, or is this machine busy?",
             )  # fmt: skip
@@ -175,7 +181,7 @@ def _heartbeats(heard: Heard, codec: Codec) -> Iterator[Finding]:
             well.append(median(gaps))
     if well:
         number = f"{len(well)} nodes" if len(well) > 1 else "one node"
-        yield good("heartbeat", f"{number}, a status every {min(well) * 1e3:.0f} to {max(well) * 1e3:.0f} ms")
+        yield Finding.ok("heartbeat", f"{number}, a status every {min(well) * 1e3:.0f} to {max(well) * 1e3:.0f} ms")
 
 
 def _supervision(heard: Heard) -> Iterator[Finding]:
@@ -186,31 +192,31 @@ def _supervision(heard: Heard) -> Iterator[Finding]:
             well = False
             words = ", ".join(f"{count} {word}" for word, count in bad.items() if count)
             verdict = "" if monitor.trusted else "; it is not to be believed"
-            yield fault(
+            yield Finding.error(
                 "supervision", f"{node.lower()}: of its statuses {words}{verdict}",
                 "damaged: cables, adapter, or another data id; repeated or jumped: do two nodes use its ids?",
             )  # fmt: skip
         elif monitor.lost:
             well = well and monitor.lost <= LOST_SHARE * len(heard.times[node])
-            say = note if monitor.lost <= LOST_SHARE * len(heard.times[node]) else fault
-            yield say(
+            grade = Finding.warning if monitor.lost <= LOST_SHARE * len(heard.times[node]) else Finding.error
+            yield grade(
                 "supervision", f"{node.lower()}: {monitor.lost} statuses were lost, {len(heard.times[node])} came in",
                 "look at cables and termination, and at the load of bus and adapter",
             )  # fmt: skip
     if well:
         counted = sum(len(times) for times in heard.times.values())
-        yield good("supervision", f"check bytes and counters of {counted} statuses are right")
+        yield Finding.ok("supervision", f"check bytes and counters of {counted} statuses are right")
 
 
 def _protocol(heard: Heard, codec: Codec) -> Iterator[Finding]:
     ours = codec.protocol_version
     other = {node: status.protocol_version for node, status in heard.status.items() if status.protocol_version != ours}
     for node, version in other.items():
-        yield fault(
+        yield Finding.error(
             "protocol", f"{node.lower()} speaks version {version} of the protocol, this inkloop {ours}",
             "update the older of the two",
         )  # fmt: skip
     for words in sorted(heard.misread):
-        yield fault("protocol", words, "update the older of the two, or give the node the DBC of this inkloop")
+        yield Finding.error("protocol", words, "update the older of the two, or give the node the DBC of this inkloop")
     if not other and not heard.misread and heard.status:
-        yield good("protocol", f"version {ours} of the protocol, as in this inkloop's DBC")
+        yield Finding.ok("protocol", f"version {ours} of the protocol, as in this inkloop's DBC")

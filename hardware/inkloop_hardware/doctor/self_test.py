@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from struct import pack
 
 from inkloop_hardware.devices.readiness import MARGIN_S, blocked, clear
-from inkloop_hardware.doctor.findings import Finding, Grade, fault, good, left_out
+from inkloop_hardware.doctor.findings import Finding, Grade
 from inkloop_hardware.errors import HardwareError, NodeRefused
 from inkloop_hardware.link.link import Link
 from inkloop_hardware.link.rig import Rig
@@ -32,13 +32,13 @@ def try_gate_and_lamp(rig: Rig) -> Iterator[Finding]:
         state = rig.link(node).state()
         if (words := blocked(node, state)) is not None:
             found, _, advice = words.partition("; ")
-            yield left_out("self test", found, advice)
+            yield Finding.skipped("self test", found, advice)
             return
         clear(rig, node)
     for test in (_gate, _lamp):
         finding = test(rig)
         yield finding
-        if finding.grade is not Grade.GOOD:  # no light behind a gate that is not to be trusted
+        if finding.grade is not Grade.OK:  # no light behind a gate that is not to be trusted
             return
 
 
@@ -51,7 +51,7 @@ def _gate(rig: Rig) -> Finding:
     except HardwareError as error:
         return _failed(head, error)
     open_ms = (times.gate_closed - times.gate_opened) * 1e3
-    return good("self test", f"gate: seen open and closed again, driven for {open_ms:.0f} ms")
+    return Finding.ok("self test", f"gate: seen open and closed again, driven for {open_ms:.0f} ms")
 
 
 def _lamp(rig: Rig) -> Finding:
@@ -63,7 +63,7 @@ def _lamp(rig: Rig) -> Finding:
     except HardwareError as error:
         return _failed(lamp, error)
     lit_ms = (times.lamp_off - times.lamp_on) * 1e3
-    return good("self test", f"lamp: seen lit for {lit_ms:.0f} ms and dark again, the gate closed")
+    return Finding.ok("self test", f"lamp: seen lit for {lit_ms:.0f} ms and dark again, the gate closed")
 
 
 def _test(rig: Rig, link: Link, lamp_ms: int) -> None:
@@ -75,7 +75,7 @@ def _test(rig: Rig, link: Link, lamp_ms: int) -> None:
 def _failed(link: Link, error: HardwareError) -> Finding:
     if isinstance(error, NodeRefused) and error.code == OUT_OF_RANGE:
         words = f"the firmware of the {link.node.lower()} has no self test"
-        return left_out("self test", words, "update it, or look at gate and lamp in the first layer")
-    return fault(
+        return Finding.skipped("self test", words, "update it, or look at gate and lamp in the first layer")
+    return Finding.error(
         "self test", str(error), "everything is off; look at gate, end switches and lamp before anything is printed"
     )

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
-from functools import partial
 from struct import pack
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from udsoncan import DataFormatIdentifier, MemoryLocation
 
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
+from inkloop_hardware.link.requests import TRIES, Requests
 from inkloop_hardware.protocol.height_map_bytes import map_size
+from inkloop_hardware.protocol.node_state import Identifier, MapSize, TransferState
 from inkloop_hardware.protocol.pattern_bytes import CELLS_MAX
-
-if TYPE_CHECKING:
-    from inkloop_hardware.link.link import Link
 
 Progress = Callable[[int, int], None]
 """Called with bytes that went through and bytes in all."""
 
-TRIES = 6
 BLOCK_FLOOR = 256
 """Bytes of a block, with its two first ones."""
 BLOCK_HEAD = 2
@@ -59,100 +56,101 @@ class BlockSize:
         self.bytes = max(self._floor, self.bytes // 2)
 
 
-def send_pattern(link: Link, layer: int, blob: bytes, coded: bool, progress: Progress | None) -> None:
+def send_pattern(requests: Requests, layer: int, blob: bytes, coded: bool, progress: Progress | None) -> None:
     """Download of a pattern (0x34, 0x36, 0x37); TransferError if the node has other bytes in the end."""
     what = f"pattern of layer {layer} (0x34)"
     form = DataFormatIdentifier(compression=1 if coded else 0)
-    answer = link.request(what, lambda: link.client.request_download(_place(layer, len(blob)), form))
-    size = _block_size(link, what, answer)
+    answer = requests.request(what, requests.client.request_download, _place(layer, len(blob)), form)
+    size = _block_size(requests, what, answer)
     at, number = 0, 1
     while at < len(blob):
-        at += _send_block(link, layer, number, blob, at, size)
+        at += _send_block(requests, layer, number, blob, at, size)
         number += 1
         if progress:
             progress(at, len(blob))
     expected = zlib.crc32(blob)
     what = f"end of the pattern of layer {layer} (0x37)"
-    found = _within(link, what, lambda: link.client.request_transfer_exit(pack(">I", expected)))
+    found = _within(requests, what, requests.client.request_transfer_exit, pack(">I", expected))
     if found.service_data.parameter_records != pack(">I", expected):
-        raise TransferError(f"the {link.name} has another checksum: {what}")
+        raise TransferError(f"the {requests.name} has another checksum: {what}")
 
 
-def receive_map(link: Link, layer: int, progress: Progress | None) -> bytes:
+def receive_map(requests: Requests, layer: int, progress: Progress | None) -> bytes:
     """Upload of a map (0x35, 0x36, 0x37); TransferError if it is short or altered."""
-    said = link.map_size()
+    said = requests.read(Identifier.MAP, MapSize.of)
     total = said.size
     if total not in (0, map_size(said.nx, said.ny)) or said.nx * said.ny > CELLS_MAX:
-        raise TransferError(f"the {link.name} says that its map of {said.nx} x {said.ny} cells has {total} bytes")
+        raise TransferError(f"the {requests.name} says that its map of {said.nx} x {said.ny} cells has {total} bytes")
     if total == 0:
-        raise NodeRefused(f"the {link.name} has no map of layer {layer}: nothing was scanned since its power-up", 0x24)
+        words = f"the {requests.name} has no map of layer {layer}: nothing was scanned since its power-up"
+        raise NodeRefused(words, 0x24)
     what = f"map of layer {layer} (0x35)"
-    answer = link.request(what, lambda: link.client.request_upload(_place(layer, total)))
-    size = _block_size(link, what, answer)
+    answer = requests.request(what, requests.client.request_upload, _place(layer, total))
+    size = _block_size(requests, what, answer)
     found, number = bytearray(), 1
     while len(found) < total:
-        found += _fetch_block(link, layer, number, size)
+        found += _fetch_block(requests, layer, number, size)
         number += 1
         if progress:
             progress(len(found), total)
     what = f"end of the map of layer {layer} (0x37)"
-    end = _within(link, what, link.client.request_transfer_exit)
+    end = _within(requests, what, requests.client.request_transfer_exit)
     if len(found) != total or end.service_data.parameter_records != pack(">I", zlib.crc32(found)):
-        raise TransferError(f"the map of layer {layer} from the {link.name} was altered on the way; scan once more")
+        raise TransferError(f"the map of layer {layer} from the {requests.name} was altered on the way; scan once more")
     return bytes(found)
 
 
-def _send_block(link: Link, layer: int, number: int, blob: bytes, at: int, size: BlockSize) -> int:
+def _send_block(requests: Requests, layer: int, number: int, blob: bytes, at: int, size: BlockSize) -> int:
     """Bytes of the block that the node has in the end. Before a repeat it is asked what it took."""
     what = f"block {number} of the pattern of layer {layer} (0x36)"
     for attempt in range(TRIES):
         piece = blob[at : at + size.bytes]
         try:
-            _within(link, what, partial(link.client.transfer_data, number % 256, piece), tries=1)
+            _within(requests, what, requests.client.transfer_data, number % 256, piece, tries=1)
         except LinkTimeout:
             size.was_lost()
         else:
             if attempt == 0:
                 size.went_through()
             return len(piece)
-        taken = link.transfer()
+        taken = requests.read(Identifier.TRANSFER, TransferState.of)
         if taken.active and taken.done == at + len(piece):
             return len(piece)
         if not taken.active or taken.done != at:
-            raise TransferError(f"the {link.name} has {taken.done} bytes, expected {at}: {what}")
-    raise LinkTimeout(f"the {link.name} does not take it in {TRIES} tries: {what}; look at cables and termination")
+            raise TransferError(f"the {requests.name} has {taken.done} bytes, expected {at}: {what}")
+    raise LinkTimeout(f"the {requests.name} does not take it in {TRIES} tries: {what}; look at cables and termination")
 
 
-def _fetch_block(link: Link, layer: int, number: int, size: BlockSize) -> bytes:
+def _fetch_block(requests: Requests, layer: int, number: int, size: BlockSize) -> bytes:
     """The next block; a repeat asks for less of the same."""
     what = f"block {number} of the map of layer {layer} (0x36)"
     for attempt in range(TRIES):
         most = None if attempt == 0 and size.is_whole else pack(">H", size.bytes)
         try:
-            answer = _within(link, what, partial(link.client.transfer_data, number % 256, most), tries=1)
+            answer = _within(requests, what, requests.client.transfer_data, number % 256, most, tries=1)
         except LinkTimeout:
             size.was_lost()
             continue
         piece: bytes = answer.service_data.parameter_records or b""
         if not piece:
-            raise TransferError(f"the {link.name} brings an empty one: {what}")
+            raise TransferError(f"the {requests.name} brings an empty one: {what}")
         if attempt == 0:
             size.went_through()
         return piece
-    raise LinkTimeout(f"the {link.name} does not bring it in {TRIES} tries: {what}; look at cables and termination")
+    raise LinkTimeout(f"the {requests.name} does not bring it in {TRIES} tries: {what}; look at cables and termination")
 
 
-def _block_size(link: Link, what: str, answer: Any) -> BlockSize:
+def _block_size(requests: Requests, what: str, answer: Any) -> BlockSize:
     most = answer.service_data.max_length
     if most <= BLOCK_HEAD:
-        raise TransferError(f"the {link.name} takes blocks of {most} bytes, {BLOCK_HEAD} are their head: {what}")
+        raise TransferError(f"the {requests.name} takes blocks of {most} bytes, {BLOCK_HEAD} are their head: {what}")
     return BlockSize(most)
 
 
-def _within(link: Link, what: str, ask: Callable[[], Any], tries: int = TRIES) -> Any:
+def _within(requests: Requests, what: str, service: Callable[..., Any], *arguments: object, tries: int = TRIES) -> Any:
     """A request in the middle of a transfer: a refusal that says that the two ends differ is a TransferError."""
     try:
-        return link.request(what, ask, tries)
+        return requests.request(what, service, *arguments, tries=tries)
     except NodeRefused as error:
         if error.code in BROKEN:
             raise TransferError(str(error)) from error

@@ -17,7 +17,7 @@ from inkloop_hardware.mapped.mapped_peer import Peer
 from inkloop_hardware.mapped.mapping_file import RigMapping
 from inkloop_hardware.protocol.codec import COUNTERS, Frame, Reading
 
-WORD_CYCLE = 0.02
+KEEP_ALIVE_PERIOD_S = 0.02
 PAUSE = 0.005
 KEPT = 4096
 """Frames of one message that wait to be looked at."""
@@ -64,8 +64,8 @@ class MappedBus:
         self._bus.check()
         now = time.monotonic()
         if self._heartbeat and now >= self._word_due:
-            self._word_due = now + WORD_CYCLE
-            self._bus.say_alive(self._enables)
+            self._word_due = now + KEEP_ALIVE_PERIOD_S
+            self._bus.send_keep_alive(self._enables)
         while self._bus.others:
             _, frame = self._bus.others.popleft()
             if frame.arbitration_id in self._known:
@@ -107,11 +107,11 @@ class MappedBus:
             return
         try:
             self._enables = Enables(sum(Enables[name.upper()] for name in names))
-            self._bus.say_alive(self._enables)
+            self._bus.send_keep_alive(self._enables)
             yield
         finally:
             self._enables = Enables.NONE
-            self._bus.say_alive(self._enables)
+            self._bus.send_keep_alive(self._enables)
 
     def close(self) -> None:
         """Gives the adapter back."""

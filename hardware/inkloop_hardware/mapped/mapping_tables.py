@@ -57,8 +57,8 @@ class MapTable(Table):
     valid_bits: bool = Field(default=False, description="a bit for each cell follows, most significant first")
 
 
-class Act(Table):
-    """What all steps have."""
+class StepBase(Table):
+    """Keys that every step has."""
 
     limit_s: Limit = Field(default=60.0, description="seconds that the step may take")
     enables: tuple[Literal["lamp", "gate", "motion"], ...] = Field(
@@ -66,7 +66,7 @@ class Act(Table):
     )
 
 
-class Memory(Act):
+class Memory(StepBase):
     """A place of a peer's memory."""
 
     peer: str
@@ -88,7 +88,7 @@ class Upload(Memory):
     do: Literal["upload"]
 
 
-class RoutineStep(Act):
+class RoutineStep(StepBase):
     """0x31 01; done when it is answered, "still busy" (0x78) extends. Never repeated."""
 
     do: Literal["routine"]
@@ -98,7 +98,7 @@ class RoutineStep(Act):
     answer: str = Field(default="", description="hexadecimal template that its answer's record must begin with")
 
 
-class Read(Act):
+class Read(StepBase):
     """0x22 again and again, until a number in the answer is what it is to be."""
 
     do: Literal["read"]
@@ -109,7 +109,7 @@ class Read(Act):
     expected: int | str = Field(description='number, or template such as "{layer}"')
 
 
-class Send(Act):
+class Send(StepBase):
     """A frame with all its signals."""
 
     do: Literal["send"]
@@ -117,7 +117,7 @@ class Send(Act):
     signals: dict[str, Value] = Field(default={}, description="in the units of the DBC")
 
 
-class Wait(Act):
+class Wait(StepBase):
     """Until a frame that came in since something was last done says what it is to say."""
 
     do: Literal["wait"]

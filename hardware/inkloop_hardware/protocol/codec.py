@@ -86,6 +86,14 @@ class Codec:
         attribute = dbc.attributes.get("E2EDataId") if dbc else None
         return int(attribute.value) or None if attribute is not None else None
 
+    def request_id(self, node: str) -> int:
+        """Arbitration id of ISO-TP frames to a node, such as `Node.HEAD`."""
+        return self.message(f"{node}Request").frame_id
+
+    def answer_id(self, node: str) -> int:
+        """Arbitration id of ISO-TP frames from a node."""
+        return self.message(f"{node}Answer").frame_id
+
     def encode(self, name: str, values: Mapping[str, float | str], counter: int | None = None) -> Frame:
         """The frame of a message.
 

@@ -55,7 +55,7 @@ class Flags(IntFlag):
     JOURNAL_DAMAGED = 32
 
 
-class BookFlags(IntFlag):
+class LayerFlags(IntFlag):
     """What is remembered of the open layer besides its passes."""
 
     ABANDONED = 1
@@ -108,7 +108,7 @@ class NodeState:
     done: int
     unknown: int
     cured: int
-    book: BookFlags
+    layer_flags: LayerFlags
     step: Step
     boots: int
     session: int
@@ -119,11 +119,13 @@ class NodeState:
     @classmethod
     def of(cls, data: bytes) -> NodeState:
         """From identifier 0100."""
-        state, cause, roles, flags, job, layer, passes, done, unknown, cured, book, step, *rest = STATE.unpack(data)
+        state, cause, roles, flags, job, layer, passes, done, unknown, cured, remembered, step, *rest = STATE.unpack(
+            data
+        )
         boots, session, pattern_crc, clock_ms, gate_pulses = rest
         return cls(
             *(State(state), Fault(cause), Roles(roles), Flags(flags), job, layer, passes, done, unknown, cured),
-            *(BookFlags(book), Step(step), boots, session, pattern_crc, clock_ms / 1e3, gate_pulses),
+            *(LayerFlags(remembered), Step(step), boots, session, pattern_crc, clock_ms / 1e3, gate_pulses),
         )
 
     @property
@@ -217,7 +219,7 @@ class JournalRecord:
     done: int
     unknown: int
     cured: int
-    book: BookFlags
+    layer_flags: LayerFlags
     clock: float
 
     @classmethod
@@ -227,10 +229,10 @@ class JournalRecord:
 
     @classmethod
     def _at(cls, data: bytes, at: int) -> JournalRecord:
-        number, kind, step, pass_, attempt, job, layer, boots, crc, *book = RECORD.unpack_from(data, at)
-        passes, done, unknown, cured, flags, clock_ms, _reserved = book
+        number, kind, step, pass_, attempt, job, layer, boots, crc, *progress = RECORD.unpack_from(data, at)
+        passes, done, unknown, cured, flags, clock_ms, _reserved = progress
         key = Key(job, layer, pass_, attempt)
         return cls(
             *(number, Happening(kind), Step(step), key, boots, crc, passes, done, unknown, cured),
-            *(BookFlags(flags), clock_ms / 1e3),
+            *(LayerFlags(flags), clock_ms / 1e3),
         )

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from enum import IntEnum, StrEnum
 
-from inkloop_hardware.protocol.codec import Codec
-
 
 class Node(StrEnum):
     """Who is on the bus besides the master; the first word of its messages."""
@@ -14,14 +12,6 @@ class Node(StrEnum):
     STAGE = "Stage"
     CURE = "Cure"
     PROFILER = "Profiler"
-
-    def request_id(self, codec: Codec) -> int:
-        """Arbitration id of ISO-TP frames to this node."""
-        return codec.message(f"{self}Request").frame_id
-
-    def answer_id(self, codec: Codec) -> int:
-        """Arbitration id of ISO-TP frames from this node."""
-        return codec.message(f"{self}Answer").frame_id
 
 
 class State(IntEnum):

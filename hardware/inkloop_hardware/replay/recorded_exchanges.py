@@ -63,8 +63,8 @@ def exchanges(seen: Sequence[Seen], codec: Codec) -> list[Exchange]:
 
 def _asked(seen: Iterable[Seen], codec: Codec) -> Iterator[Asked]:
     """Requests in their order, each with the answer that came before the next one."""
-    ways = {node.request_id(codec): (node, Reassembly()) for node in Node}
-    back = {node.answer_id(codec): (node, Reassembly()) for node in Node}
+    ways = {codec.request_id(node): (node, Reassembly()) for node in Node}
+    back = {codec.answer_id(node): (node, Reassembly()) for node in Node}
     waiting: dict[Node, Asked] = {}
     for at, (_, _, (identifier, data)) in enumerate(seen):
         if not data:

@@ -49,8 +49,8 @@ class ReplayConnection:
         self._nodes = RecordedNodes(exchanges(self._seen, codec), path, begins)
         self.job = self._nodes.job
         self._said_by = {codec.message(f"{node}{kind}").frame_id for node in Node for kind in ("Status", "Fault")}
-        self._ends = {node.request_id(codec): _End(node, codec, self._answer) for node in Node}
-        self._queues = {node.answer_id(codec): self._ends[node.request_id(codec)].sent for node in Node}
+        self._ends = {codec.request_id(node): _End(node, codec, self._answer) for node in Node}
+        self._queues = {codec.answer_id(node): self._ends[codec.request_id(node)].sent for node in Node}
         self._tell(self._nodes.first)
 
     def check(self) -> None:
@@ -66,7 +66,7 @@ class ReplayConnection:
         queue = self._queues[identifier]
         return queue.popleft() if queue else None
 
-    def say_alive(self, enables: Enables) -> None:
+    def send_keep_alive(self, enables: Enables) -> None:
         """Nobody needs to hear it."""
 
     def say_stop(self, active: bool) -> None:
@@ -100,7 +100,7 @@ class _End:
         self.sent: deque[bytes] = deque()
         self._came: deque[bytes] = deque()
         self._node, self._answer = node, answer
-        self._ids = node.answer_id(codec), node.request_id(codec)
+        self._ids = codec.answer_id(node), codec.request_id(node)
         address = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=self._ids[0], rxid=self._ids[1])
         self._stack = isotp.TransportLayerLogic(self._receive, self._send, address, params=PARAMETERS)
 

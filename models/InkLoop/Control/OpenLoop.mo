@@ -1,8 +1,8 @@
 within InkLoop.Control;
-block OpenLoop "The same full layer again and again, whatever has been measured"
+block OpenLoop "The same full layer each time, whatever has been measured"
   extends Interfaces.PartialController;
 
-  parameter Types.Pattern material[nx, ny] = fill(1, nx, ny) "What a full layer jets on each cell";
+  parameter Types.Pattern material[nx, ny] = fill(1, nx, ny) "Material of each cell in a full layer";
 
 equation
   next = material;
@@ -11,8 +11,8 @@ equation
     defaultComponentName="controller",
     Documentation(info="<html>
 <p>
-The traditional way to print: <code>layers_max</code> full layers. It waits for the scans and ignores them, so open and closed loop differ in
-nothing but the pattern.
+The traditional way to print: <code>layers_max</code> full layers. It waits for the scans and ignores them, so open and closed loop differ only in
+the pattern.
 </p>
 </html>"));
 end OpenLoop;

@@ -1,11 +1,11 @@
 within InkLoop.Control;
-block PatternSequence "Given patterns, one each time a period has passed"
+block PatternSequence "Given patterns, one per period"
   extends Icons.Controller;
 
   parameter Types.Pattern patterns[:, :, :] = fill(1, 1, 9, 9) "Patterns, the first index counts layers";
   parameter Types.Duration period(min=1e-6) = 1 "Time from layer to layer";
 
-  Interfaces.PatternOutput pattern[size(patterns, 2), size(patterns, 3)](each start=0, each fixed=true) "What to jet in the layer commanded last"
+  Interfaces.PatternOutput pattern[size(patterns, 2), size(patterns, 3)](each start=0, each fixed=true) "Pattern of the last commanded layer"
     annotation (Placement(transformation(extent={{100,50},{120,70}})));
   Interfaces.LayerOutput layer_command(start=0, fixed=true) "Layers commanded"
     annotation (Placement(transformation(extent={{100,-70},{120,-50}})));
@@ -19,7 +19,7 @@ algorithm
   annotation (
     defaultComponentName="controller",
     Documentation(info="<html>
-<p>Needs no sensor. After the last pattern nothing more is commanded.</p>
+<p>Needs no sensor. It commands nothing after the last pattern.</p>
 <h4>Assumptions</h4>
 <ul>
 <li>The period is longer than the deposition's <code>layer_duration</code>.</li>

@@ -2,7 +2,7 @@ within InkLoop.Control;
 block ThresholdFeedback "A droplet wherever at least half a layer is missing"
   extends Interfaces.PartialController;
 
-  parameter Types.Pattern material[nx, ny] = fill(1, nx, ny) "What belongs on each cell of the part; 0 outside";
+  parameter Types.Pattern material[nx, ny] = fill(1, nx, ny) "Material of each cell of the part; 0 outside";
   parameter Types.Height target_height[nx, ny] = fill(0, nx, ny) "Height that the part shall have";
   parameter Types.Height layer_height = 7.6e-6 "Height that a full layer adds in the interior";
 
@@ -17,8 +17,8 @@ equation
 <blockquote><p>h_d - z &ge; L/2.</p></blockquote>
 <h4>Assumptions</h4>
 <ul>
-<li>Each cell is judged for itself. What a droplet gives to its neighbours is known to the model, not to this rule.</li>
-<li>A cell that the scan has not measured is judged by its last valid reading, which the sensor repeats.</li>
+<li>The rule looks at each cell separately. It ignores what a droplet gives to its neighbours; only the model knows that.</li>
+<li>For an unmeasured cell the rule uses its last valid reading, which the sensor repeats.</li>
 </ul>
 </html>"));
 end ThresholdFeedback;

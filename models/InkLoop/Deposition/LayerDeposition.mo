@@ -8,12 +8,12 @@ block LayerDeposition "Layer-to-layer height map with one or two materials (Lu, 
   parameter Types.PassOrder pass_order = Types.PassOrder.raster "Order of the four passes";
   parameter Integer pass_rotation(min=0, max=3) = 0 "Places by which the order of the passes moves from layer to layer";
   parameter Types.Share variation = 0 "Amplitude p of the volume factor 1 - U[0, p]";
-  parameter Types.VariationKind variation_kind = Types.VariationKind.per_droplet "What one volume factor belongs to";
+  parameter Types.VariationKind variation_kind = Types.VariationKind.per_droplet "Scope of one volume factor";
   parameter Integer nozzle_pitch(min=1) = 1 "Number of nozzles; the head travels along x";
   parameter Types.Share nozzle_variation = 0 "Amplitude of the volume factor of a nozzle";
   parameter Integer seed(min=0) = 0 "Seed of all random factors";
 
-  Types.Volume volume_lost = lost*pitch^2 "What has left the grid over its open edges, times cell area";
+  Types.Volume volume_lost = lost*pitch^2 "Ink that left the grid over its open edges, height times cell area";
 
 protected
   discrete Types.Height lost(start=0, fixed=true) "Sum of the heights that have left the grid";
@@ -39,7 +39,7 @@ neighbours q, with a = h2 (side) or h3 (corner),
 s = clip(1 + (H<sub>p</sub> - H<sub>q</sub>)/(h1 + a), 0, 1),&nbsp; q receives a s,&nbsp; p gets back a (1 - s),
 </p></blockquote>
 <p>
-and p receives h1 besides. All H are the heights before the pass; the shares of all droplets add up. So an interior droplet always adds
+and p receives h1 itself. All H are the heights before the pass; the shares of all droplets add up. Therefore an interior droplet always adds
 h1 + 4 h2 + 4 h3.
 </p>
 <h4>Assumptions</h4>
@@ -49,7 +49,7 @@ h1 + 4 h2 + 4 h3.
 <li><code>passes</code> = 4 prints a layer in a 2 x 2 colouring, cured in between.</li>
 <li>The heights are the model's own units: peak heights of measured caps, which must not be read as volumes.</li>
 </ul>
-<p>The FMU of the same name has more: grey droplets, a roller, a volume factor as an input.</p>
+<p>The FMU of the same name also has grey droplets, a roller and a volume factor as an input.</p>
 <h4>References</h4>
 <p><a href=\"modelica://InkLoop.UsersGuide.References\">[Lu2015]</a>, equations (2) to (7) and Table I.</p>
 </html>"));

@@ -10,7 +10,7 @@ block VolumeAreaDeposition "Propagation of the volume and area of ink, drop by d
   parameter Types.Length cap_radius = 0.6*pitch "Base radius of a drop on flat ground";
   parameter Boolean guard = false "= true, if a partly covered higher cell grows its area at constant height";
   parameter Types.Share variation = 0 "Amplitude p of the volume factor 1 - U[0, p]";
-  parameter Types.VariationKind variation_kind = Types.VariationKind.per_droplet "What one volume factor belongs to";
+  parameter Types.VariationKind variation_kind = Types.VariationKind.per_droplet "Scope of one volume factor";
   parameter Integer nozzle_pitch(min=1) = 1 "Number of nozzles; the head travels along x";
   parameter Types.Share nozzle_variation = 0 "Amplitude of the volume factor of a nozzle";
   parameter Integer seed(min=0) = 0 "Seed of all random factors";
@@ -31,8 +31,8 @@ algorithm
     defaultComponentName="deposition",
     Documentation(info="<html>
 <p>
-State of a cell: v, the ink in it as a share of one drop, and a, the share of the cell that ink covers. The covered part stands
-h = c v/a high. A drop on cell p acts on the 3 x 3 cells around p. With the difference h~ of each cell's height and the mean of the
+State of a cell: v, the ink in it as a share of one drop, and a, the share of the cell that ink covers. The height of the covered part
+is h = c v/a. A drop on cell p acts on the 3 x 3 cells around p. With the difference h~ of each cell's height and the mean of the
 cells that touch it inside this region, before the drop, every cell q but p takes
 </p>
 <blockquote><p>
@@ -44,10 +44,10 @@ da = m<sub>a</sub>+ h~ where h~ &gt; 0, m<sub>a</sub>- h~ where h~ &lt; 0, a at 
 <ul>
 <li><code>height</code> is the mean over each cell, <code>height_start</code> + c v: the sum of all heights times the area of a cell is the volume
 of the ink.</li>
-<li>The pitch and the cap: with a base radius of 0.6 pitch the published differences (19) come out to 0.18 um; the range printed in the
+<li>The pitch and the cap: with a base radius of 0.6 pitch the published differences (19) are reproduced to 0.18 um; the range printed in the
 text (1.5 to 2 pitches) misses them by 3 um.</li>
-<li>Nothing leaves the grid: what would lie outside stays with the cell that is hit.</li>
-<li>Both materials are alike and counted apart. Drops fall along y first; <code>passes</code> and other orders are left to the FMU.</li>
+<li>Nothing leaves the grid: ink that would lie outside stays with the cell that is hit.</li>
+<li>Both materials have the same properties and are counted separately. Drops fall along y first; only the FMU has <code>passes</code> and other orders.</li>
 </ul>
 <h4>References</h4>
 <p><a href=\"modelica://InkLoop.UsersGuide.References\">[Wu2024]</a>, equations (1) to (20).</p>

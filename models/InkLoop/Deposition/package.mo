@@ -1,5 +1,5 @@
 within InkLoop;
-package Deposition "What layers of droplets make of a surface"
+package Deposition "Deposition models: the surface after a layer of droplets"
   extends Icons.Package;
 
   annotation (Documentation(info="<html>

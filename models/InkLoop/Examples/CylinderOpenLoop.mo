@@ -12,8 +12,8 @@ model CylinderOpenLoop "A cylinder in open loop, with nozzles that lack volume"
     experiment(StopTime=8, Tolerance=1e-6, Interval=0.5),
     Documentation(info="<html>
 <p>
-Six full layers of a cylinder that is 9 cells wide. Five nozzles jet it, and each lacks up to 40 % of its droplets' volume, always
-the same: stripes along x that grow with every layer. Plot <code>deposition.height[6, 2]</code> to <code>[6, 10]</code> at the end, and compare with
+Six full layers of a cylinder that is 9 cells wide. Five nozzles jet it, and each lacks up to 40 % of its droplets' volume, the same
+in every layer: stripes along x grow with every layer. Plot <code>deposition.height[6, 2]</code> to <code>[6, 10]</code> at the end, and compare with
 <a href=\"modelica://InkLoop.Examples.CylinderThresholdFeedback\">CylinderThresholdFeedback</a>.
 </p>
 </html>"));

@@ -17,7 +17,7 @@ model CylinderThresholdFeedback "The same cylinder with threshold feedback"
     Documentation(info="<html>
 <p>
 The plant of <a href=\"modelica://InkLoop.Examples.CylinderOpenLoop\">CylinderOpenLoop</a>, and a droplet only where at least half a layer is missing to
-45.6 um, six nominal layers. The stripes are gone: weak nozzles jet more often. The print ends by itself when no cell asks for a
+45.6 um, six nominal layers. The stripes are gone: weak nozzles jet more often. The print ends by itself when no cell needs a
 droplet; <code>controller.status</code> is 2 from then on.
 </p>
 </html>"));

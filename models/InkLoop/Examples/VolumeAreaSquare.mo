@@ -11,7 +11,7 @@ model VolumeAreaSquare "Two layers of a square by propagation of volume and area
     Documentation(info="<html>
 <p>
 Two layers of 5 x 5 drops, one drop after the other. Plot <code>deposition.height[5, 3]</code> to <code>[5, 7]</code> and <code>deposition.area[5, 2]</code>: the
-cell beside the part is partly covered.
+cell next to the part is partly covered.
 </p>
 </html>"));
 end VolumeAreaSquare;

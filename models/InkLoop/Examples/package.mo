@@ -3,6 +3,6 @@ package Examples "Prints in open and closed loop"
   extends Icons.Package;
 
   annotation (Documentation(info="<html>
-<p>Models that run by themselves. Each says what to plot.</p>
+<p>Complete models. The documentation of each names the variables to plot.</p>
 </html>"));
 end Examples;

@@ -5,7 +5,7 @@ pure function averageOverSpot "Mean over the spot of the sensor"
   input Types.Height height[:, :] "Surface";
   input Types.Length pitch "Distance of neighbouring cells";
   input Types.Length radius "Standard deviation of the spot; 0: a point";
-  output Types.Height average[size(height, 1), size(height, 2)] "What the spot sees";
+  output Types.Height average[size(height, 1), size(height, 2)] "Mean over the spot";
 
 protected
   Types.Height lines[size(height, 1), size(height, 2)] = height "Averaged along y";

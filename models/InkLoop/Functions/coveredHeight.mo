@@ -16,7 +16,7 @@ algorithm
 
   annotation (Documentation(info="<html>
 <p>
-Equation (2) of <a href=\"modelica://InkLoop.UsersGuide.References\">[Wu2024]</a>, h = c v/a: the ink stands on the part of the cell that it covers.
+Equation (2) of <a href=\"modelica://InkLoop.UsersGuide.References\">[Wu2024]</a>, h = c v/a: the ink covers only part of the cell, at this height.
 </p>
 </html>"));
 end coveredHeight;

@@ -14,5 +14,5 @@ algorithm
     end for;
   end for;
 
-  annotation (Documentation(info="<html><p>The droplet sites of a cuboid.</p></html>"));
+  annotation (Documentation(info="<html><p>The cells of a cuboid.</p></html>"));
 end cuboid;

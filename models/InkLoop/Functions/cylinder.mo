@@ -14,5 +14,5 @@ algorithm
     end for;
   end for;
 
-  annotation (Documentation(info="<html><p>The droplet sites of a cylinder: a cell belongs to it when its centre does.</p></html>"));
+  annotation (Documentation(info="<html><p>The cells of a cylinder: a cell belongs to it if its centre does.</p></html>"));
 end cylinder;

@@ -1,5 +1,5 @@
 within InkLoop.Functions;
-pure function dropletShares "What a droplet adds to the cell that it hits and to its eight neighbours"
+pure function dropletShares "Heights that a droplet adds to its cell and to its eight neighbours"
   extends Icons.Function;
 
   input Types.Height rise[3, 3] "Height of the cell that is hit, less those of its neighbours";
@@ -7,9 +7,9 @@ pure function dropletShares "What a droplet adds to the cell that it hits and to
   output Types.Height share[3, 3] "Added heights; [2, 2] belongs to the cell that is hit";
 
 protected
-  Types.Height spread = 0 "What the neighbour would take on a flat surface";
-  Types.Height taken = 0 "What it takes";
-  Types.Height kept = 0 "What flows back";
+  Types.Height spread = 0 "Flow to the neighbour on a flat surface";
+  Types.Height taken = 0 "Share that it takes";
+  Types.Height kept = 0 "Flow back";
 
 algorithm
   share := zeros(3, 3);
@@ -33,6 +33,6 @@ with a = h2 (side) or h3 (corner),
 <blockquote><p>
 s = sat<sub>h1+a</sub>(H<sub>p</sub> - H<sub>q</sub>),&nbsp; q receives a s,&nbsp; p gets back a (1 - s),
 </p></blockquote>
-<p>and p receives h1 besides. The shares always add up to h1 + 4 h2 + 4 h3.</p>
+<p>and p receives h1 itself. The shares always add up to h1 + 4 h2 + 4 h3.</p>
 </html>"));
 end dropletShares;

@@ -1,5 +1,5 @@
 within InkLoop.Functions;
-pure function heightDifference "Height of the cells around a drop, less the mean of the cells that touch them"
+pure function heightDifference "Height of the cells around a drop minus the mean of the cells that touch them"
   extends Icons.Function;
 
   input Types.Height height[:, :] "Heights of the covered parts";
@@ -37,7 +37,7 @@ algorithm
   annotation (Documentation(info="<html>
 <p>
 Equations (7) to (9) of <a href=\"modelica://InkLoop.UsersGuide.References\">[Wu2024]</a>: the region of interest is the 3 x 3 cells around the
-drop, cut to the grid; the mean is over the cells that touch <em>inside</em> the region, 8, 5 or 3 of them. That reading gives the
+drop, cut to the grid; the mean is over the cells that touch <em>inside</em> the region, 8, 5 or 3 of them. This interpretation gives the
 published differences (19).
 </p>
 </html>"));

@@ -1,5 +1,5 @@
 within InkLoop.Functions;
-pure function isInside "Whether a cell lies on the grid"
+pure function isInside "Tests whether a cell is on the grid"
   extends Icons.Function;
 
   input Integer i "Cell along x";

@@ -3,7 +3,7 @@ pure function layerMap "Surface after one pass of droplets"
   extends Icons.Function;
 
   input Types.Height height[:, :] "Surface before the pass";
-  input Types.Pattern pattern[size(height, 1), size(height, 2)] "What is jetted";
+  input Types.Pattern pattern[size(height, 1), size(height, 2)] "Pattern to jet";
   input Types.VolumeFactor factor[size(height, 1), size(height, 2)] "Volumes of the droplets";
   input Types.Ink ink_a "Material A";
   input Types.Ink ink_b "Material B";
@@ -13,7 +13,7 @@ pure function layerMap "Surface after one pass of droplets"
 
 protected
   Types.Height rise[3, 3] = zeros(3, 3) "Height of the cell that is hit, less those of its neighbours; 0 beyond the edges";
-  Types.Height share[3, 3] = zeros(3, 3) "What one droplet adds";
+  Types.Height share[3, 3] = zeros(3, 3) "Heights that one droplet adds";
 
 algorithm
   after := height;
@@ -49,8 +49,8 @@ The layer-to-layer map of <a href=\"modelica://InkLoop.UsersGuide.References\">[
 </p>
 <h4>Assumptions</h4>
 <ul>
-<li>All droplets of a pass meet the surface before the pass: they are jetted before any of them is cured.</li>
-<li>The grid has open edges: a neighbour outside takes all of its part, as one on level ground would, and it is lost.</li>
+<li>All droplets of a pass fall on the surface before the pass: they are jetted before any of them is cured.</li>
+<li>The grid has open edges: a neighbour outside takes its whole share, as on level ground, and this ink is lost.</li>
 <li>With two materials the heights and the width of the saturation are those of the droplet that falls.</li>
 <li>A volume factor scales the three heights of a droplet together.</li>
 </ul>

@@ -9,7 +9,7 @@ pure function lineMean "Gaussian-weighted mean around one place of a line"
   output Types.Height mean "Weighted mean";
 
 protected
-  constant Types.Number REACH = 4 "Standard deviations; beyond lies 6e-5 of the weight";
+  constant Types.Number REACH = 4 "Standard deviations; 6e-5 of the weight lies beyond";
   Integer reach = integer(min(size(line, 1), floor(REACH*radius/pitch))) "Places on either side that count";
   Types.Number weight = 0 "Weight of a place";
   Types.Number weights = 0 "Sum of the weights";
@@ -24,6 +24,6 @@ algorithm
   mean := total/weights;
 
   annotation (Documentation(info="<html>
-<p>Weights exp(-d<sup>2</sup>/(2 radius<sup>2</sup>)) up to four standard deviations, weighted anew where they hang over the end.</p>
+<p>Weights exp(-d<sup>2</sup>/(2 radius<sup>2</sup>)) up to four standard deviations, normalised again where they extend beyond the end.</p>
 </html>"));
 end lineMean;

@@ -17,8 +17,8 @@ algorithm
 
   annotation (Documentation(info="<html>
 <p>
-Layer n starts <code>pass_rotation</code> n places later in the order; the first layer is n = 1. A rotation spreads what the
-order of the passes does to a surface over the colours.
+Layer n starts <code>pass_rotation</code> n places later in the order; the first layer is n = 1. A rotation distributes the effect of the
+pass order over the colours.
 </p>
 </html>"));
 end passColour;

@@ -3,7 +3,7 @@ pure function printLayer "Surface after one layer, in one pass or in four"
   extends Icons.Function;
 
   input Types.Height height[:, :] "Surface before the layer";
-  input Types.Pattern pattern[size(height, 1), size(height, 2)] "What is jetted";
+  input Types.Pattern pattern[size(height, 1), size(height, 2)] "Pattern to jet";
   input Types.VolumeFactor factor[size(height, 1), size(height, 2)] "Volumes of the droplets";
   input Types.Ink ink_a "Material A";
   input Types.Ink ink_b "Material B";

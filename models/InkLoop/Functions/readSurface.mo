@@ -1,5 +1,5 @@
 within InkLoop.Functions;
-pure function readSurface "What a profile sensor reads of a surface"
+pure function readSurface "Readings of a profile sensor on a surface"
   extends Icons.Function;
 
   input Types.Height height[:, :] "Surface";
@@ -20,7 +20,7 @@ pure function readSurface "What a profile sensor reads of a surface"
   output Boolean valid[size(height, 1), size(height, 2)] "= true, if the cell has been measured";
 
 protected
-  Types.Height spot[size(height, 1), size(height, 2)] = averageOverSpot(height, pitch, spot_radius) "What the spot sees";
+  Types.Height spot[size(height, 1), size(height, 2)] = averageOverSpot(height, pitch, spot_radius) "Mean over the spot";
   Types.Number common = if noise_std > 0 then Random.normal(seed, Random.Stream.common_noise, 0, scan) else 0 "Noise of the scan";
   Types.Number white = 0 "Noise of the cell";
   Integer cell = 0 "Number of the cell, from 0";
@@ -51,7 +51,7 @@ algorithm
   end for;
 
   annotation (Documentation(info="<html>
-<p>The errors come in the order of the hardware:</p>
+<p>The errors act in the order of the hardware:</p>
 <ol>
 <li>the spot takes a Gaussian-weighted mean;</li>
 <li>a slope of angle t adds <code>slope_bias</code> sin(2 t);</li>

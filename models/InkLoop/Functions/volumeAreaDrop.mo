@@ -62,9 +62,9 @@ covered. On flat ground the drop is a <a href=\"modelica://InkLoop.Functions.cap
 </p>
 <h4>Assumptions</h4>
 <ul>
-<li>What would lie outside the grid stays with the cell that is hit, so a drop always adds its volume.</li>
-<li>m<sub>a</sub>+ = 0 freezes the area of a partly covered cell that stands above its surroundings, so its height may run away. That is what the
-equations say; with <code>guard</code> such a cell grows its area at constant height.</li>
+<li>Ink that would lie outside the grid stays with the cell that is hit, so a drop always adds its volume.</li>
+<li>m<sub>a</sub>+ = 0 freezes the area of a partly covered cell that stands above its surroundings, so its height may grow without limit. This follows from the
+equations; with <code>guard</code> such a cell grows its area at constant height.</li>
 </ul>
 </html>"));
 end volumeAreaDrop;

@@ -5,7 +5,7 @@ pure function volumeAreaLayer "Surface and covered area after one layer, drop by
   input Types.Height height_before[:, :] "Surface, mean over each cell";
   input Types.Share area_before[size(height_before, 1), size(height_before, 2)] "Covered share of each cell";
   input Types.Height substrate[size(height_before, 1), size(height_before, 2)] "Height of the bare ground";
-  input Types.Pattern pattern[size(height_before, 1), size(height_before, 2)] "What is jetted";
+  input Types.Pattern pattern[size(height_before, 1), size(height_before, 2)] "Pattern to jet";
   input Types.VolumeFactor factor[size(height_before, 1), size(height_before, 2)] "Volumes of the drops";
   input Types.Height height_scale "Volume of a nominal drop over the area of a cell";
   input Types.InverseLength m[4] "Coefficients m_v+, m_v-, m_a+, m_a-";

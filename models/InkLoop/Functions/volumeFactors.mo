@@ -7,7 +7,7 @@ pure function volumeFactors "Volumes of the droplets of a layer, over their nomi
   input Integer layer "Number of the layer, from 1";
   input Integer seed "Seed of all random factors";
   input Types.Share variation "Amplitude p of the factor 1 - U[0, p]";
-  input Types.VariationKind kind "What one factor belongs to";
+  input Types.VariationKind kind "Scope of one factor";
   input Integer nozzle_pitch "Number of nozzles";
   input Types.Share nozzle_variation "Amplitude of the factor of a nozzle";
   output Types.VolumeFactor factor[nx, ny] "One factor for each cell";
@@ -46,12 +46,12 @@ algorithm
   annotation (Documentation(info="<html>
 <p>
 A droplet lacks a random part of its volume: its factor is 1 - U[0, p], uniform, as in section VI of
-<a href=\"modelica://InkLoop.UsersGuide.References\">[Lu2015]</a>. Each nozzle may have a factor of its own, the same for the whole print; the head
+<a href=\"modelica://InkLoop.UsersGuide.References\">[Lu2015]</a>. Each nozzle may have its own factor, the same for the whole print; the head
 travels along x, so nozzle number j modulo <code>nozzle_pitch</code> jets on column j, both counted from 0.
 </p>
 <h4>Assumptions</h4>
 <ul>
-<li>The numbers are those of the FMU: <a href=\"modelica://InkLoop.Functions.Random\">Random</a> gives the same bits.</li>
+<li>The numbers equal those of the FMU: <a href=\"modelica://InkLoop.Functions.Random\">Random</a> gives the same bits.</li>
 </ul>
 </html>"));
 end volumeFactors;

@@ -14,7 +14,7 @@ partial block PartialController "Chooses the next pattern after each scan"
     annotation (Placement(transformation(extent={{-140,-50},{-100,-10}})));
   LayerInput layers_printed "Layers completed"
     annotation (Placement(transformation(extent={{-140,-100},{-100,-60}})));
-  PatternOutput pattern[nx, ny](each start=0, each fixed=true) "What to jet in the layer commanded last"
+  PatternOutput pattern[nx, ny](each start=0, each fixed=true) "Pattern of the last commanded layer"
     annotation (Placement(transformation(extent={{100,50},{120,70}})));
   LayerOutput layer_command(start=0, fixed=true) "Layers commanded"
     annotation (Placement(transformation(extent={{100,-10},{120,10}})));
@@ -22,7 +22,7 @@ partial block PartialController "Chooses the next pattern after each scan"
     annotation (Placement(transformation(extent={{100,-70},{120,-50}})));
 
 protected
-  Boolean asked "= true, if the newest layer has been scanned and no command is under way";
+  Boolean asked "= true, if the newest layer has been scanned and no command is in progress";
   Types.Pattern next[nx, ny] "Pattern that would be jetted next; none ends the print";
   Boolean enough = layers_scanned >= layers_max or max(next) == 0 "= true, if nothing is left to print";
 
@@ -39,12 +39,12 @@ algorithm
   annotation (Documentation(info="<html>
 <p>
 The controller's side of the <a href=\"modelica://InkLoop.UsersGuide.LayerContract\">layer contract</a>. A controller extends it and states
-<code>next</code>, the pattern for the surface that has been measured. A pattern without a droplet ends the print.
+<code>next</code>, the pattern for the measured surface. An empty pattern ends the print.
 </p>
 <h4>Assumptions</h4>
 <ul>
 <li>One command for each scan, and only when the newest layer has been scanned.</li>
-<li>Thinking takes no time.</li>
+<li>The controller computes in zero time.</li>
 </ul>
 </html>"));
 end PartialController;

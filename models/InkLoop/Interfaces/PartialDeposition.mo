@@ -8,7 +8,7 @@ partial block PartialDeposition "Takes commands and patterns, prints layers"
   parameter Types.Height height_start[nx, ny] = zeros(nx, ny) "Surface before the first layer";
   parameter Types.Duration layer_duration = 0 "Time from a command to the completed layer";
 
-  PatternInput pattern[nx, ny] "What to jet in the layer commanded next"
+  PatternInput pattern[nx, ny] "Pattern of the next commanded layer"
     annotation (Placement(transformation(extent={{-140,40},{-100,80}})));
   LayerInput layer_command "One more than before: print one layer with the present pattern"
     annotation (Placement(transformation(extent={{-140,-80},{-100,-40}})));
@@ -24,7 +24,7 @@ partial block PartialDeposition "Takes commands and patterns, prints layers"
   Integer droplets_b(start=0, fixed=true) "Droplets of material B in all completed layers";
 
 protected
-  Boolean commanded "= true, if a command has come that has not been taken";
+  Boolean commanded "= true, if a received command has not been taken";
   Boolean completed "= true, if the layer being printed is complete";
   Boolean in_order(start=true, fixed=true) "= true, if the command taken last was one more than the one before";
   Boolean known(start=true, fixed=true) "= true, if the pattern taken last holds materials only";
@@ -61,10 +61,10 @@ and states what <code>height</code> becomes <code>when completed</code>.
 </p>
 <h4>Assumptions</h4>
 <ul>
-<li>The pattern is taken when the command is accepted; what the input does later changes nothing.</li>
+<li>The pattern is taken when the command is accepted; later changes of the input have no effect.</li>
 <li>A command out of order stops the simulation with a message.</li>
-<li>Commands and patterns are read with <code>pre</code>, one event iteration after they were given. This is the one place where the
-ring of controller, deposition and sensor is cut, so its equations can be sorted.</li>
+<li>Commands and patterns are read with <code>pre</code>, one event iteration after they were given. This is the only place where the
+loop of controller, deposition and sensor is broken, so that its equations can be sorted.</li>
 </ul>
 </html>"));
 end PartialDeposition;

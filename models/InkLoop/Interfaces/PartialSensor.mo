@@ -21,7 +21,7 @@ partial block PartialSensor "Scans the surface after each layer"
 
 protected
   Boolean begun "= true, if a layer waits for its scan and the sensor is idle";
-  Boolean finished "= true, if the scan under way is finished";
+  Boolean finished "= true, if the scan in progress is finished";
   discrete Types.Height captured[nx, ny](each start=0, each fixed=true) "Surface when the scan began";
   Types.Layer layer_captured(start=-1, fixed=true) "Layer that is or was scanned last";
   Integer scans(start=0, fixed=true) "Finished scans";
@@ -46,12 +46,12 @@ algorithm
   annotation (Documentation(info="<html>
 <p>
 The sensor's side of the <a href=\"modelica://InkLoop.UsersGuide.LayerContract\">layer contract</a>. A sensor extends it and states what
-<code>measured_height</code> and <code>valid</code> become <code>when finished</code>, out of <code>pre(captured)</code>.
+<code>measured_height</code> and <code>valid</code> become <code>when finished</code>, from <code>pre(captured)</code>.
 </p>
 <h4>Assumptions</h4>
 <ul>
 <li>The first scan begins with the simulation and is of layer 0, the start surface.</li>
-<li>A scan takes the surface of the moment in which it begins, and the newest layer: the number may jump.</li>
+<li>A scan takes the surface at the moment in which it begins, and the newest layer: the number may jump.</li>
 </ul>
 </html>"));
 end PartialSensor;

@@ -4,7 +4,7 @@ package Interfaces "Connectors and partial blocks of the layer contract"
 
   annotation (Documentation(info="<html>
 <p>
-A printing loop has three parts, and each may be replaced by another that keeps the
+A printing loop has three components, and each may be replaced by another that keeps the
 <a href=\"modelica://InkLoop.UsersGuide.LayerContract\">layer contract</a>.
 </p>
 </html>"));

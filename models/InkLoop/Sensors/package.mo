@@ -1,5 +1,5 @@
 within InkLoop;
-package Sensors "What instruments read of a surface"
+package Sensors "Sensors: the surface as an instrument measures it"
   extends Icons.Package;
 
   annotation (Documentation(info="<html>

@@ -1,5 +1,5 @@
 within InkLoop.Types;
-record Ink "What one droplet adds to a flat surface"
+record Ink "Heights that one droplet adds to a flat surface"
   Height h1 = 4.4e-6 "Added to the cell that is hit";
   Height h2 = 0.6e-6 "Added to each side neighbour";
   Height h3 = 0.2e-6 "Added to each corner neighbour";

@@ -9,7 +9,7 @@ package Status "Codes of the output status"
   annotation (Documentation(info="<html>
 <p>
 Whole numbers instead of an enumeration: the codes are those of the FMUs and start at 0. The FMUs and the devices know two more,
-3 (fault) and 4 (untrusted), which this library does not raise.
+3 (fault) and 4 (untrusted), which this library does not use.
 </p>
 </html>"));
 end Status;

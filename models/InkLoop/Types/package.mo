@@ -4,8 +4,8 @@ package Types "Quantities, choices and records"
 
   annotation (Documentation(info="<html>
 <p>
-Quantities with SI units; heights are shown in micrometres. Own types instead of those of the Modelica Standard Library keep
-the library free of any other.
+Quantities with SI units; heights are shown in micrometres. They are defined here and not taken from the Modelica Standard Library, so that
+the library depends on no other.
 </p>
 </html>"));
 end Types;

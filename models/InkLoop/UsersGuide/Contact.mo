@@ -6,7 +6,7 @@ class Contact "Contact and licence"
     DocumentationClass=true,
     Documentation(info="<html>
 <p>
-The library is part of the project inkloop and written by its authors. Questions and faults go to them, where the project is kept.
+The library is part of the project inkloop and written by its authors. Please send questions and bug reports to them, through the repository of the project.
 </p>
 <p>Licence: BSD-3-Clause, as the whole project; its text is the file LICENSE of the project.</p>
 </html>"));

@@ -13,7 +13,7 @@ it matters the documentation says so.</li>
 <code>h1_a</code>).</li>
 <li>Boolean variables read \"= true, if ...\".</li>
 <li>Random numbers depend on seed, stream, cell and layer only, and are the same bits as in the FMUs.</li>
-<li>Times are those of events: between them nothing changes, so any integrator will do.</li>
+<li>Variables change only at events, so any integrator will do.</li>
 </ul>
 </html>"));
 end Conventions;

@@ -7,7 +7,7 @@ package UsersGuide "User's guide"
     Documentation(info="<html>
 <p>
 Ink-jet 3D printing builds a part layer by layer from droplets. Printed in open loop, tops become domes, edges shrink and heights
-drift. In closed loop the surface is measured after every layer, and the next pattern of droplets is chosen from what was measured.
+drift. In closed loop the surface is measured after every layer, and the next pattern of droplets is chosen from the measurement.
 </p>
 <p>
 Start with <a href=\"modelica://InkLoop.Examples.CylinderThresholdFeedback\">Examples.CylinderThresholdFeedback</a>: simulate it and plot

@@ -28,8 +28,8 @@ equation
     experiment(StopTime=5, Tolerance=1e-6, Interval=0.5),
     Documentation(info="<html>
 <p>
-Section III-C of <a href=\"modelica://InkLoop.UsersGuide.References\">[Lu2015]</a> with the heights of Table I. After M layers the edge falls behind over
-M cells, so the centre of nine cells is the first that four layers leave at 4 (h1 + 4 h2 + 4 h3) = 30.4 um.
+Section III-C of <a href=\"modelica://InkLoop.UsersGuide.References\">[Lu2015]</a> with the heights of Table I. After M layers the edge has affected
+M cells, so after four layers only the centre of nine cells is still at 4 (h1 + 4 h2 + 4 h3) = 30.4 um.
 </p>
 </html>"));
 end CuboidFourLayers;

@@ -27,8 +27,8 @@ equation
     experiment(StopTime=1, Tolerance=1e-6, Interval=0.5),
     Documentation(info="<html>
 <p>
-Equations (7) to (9) and (19) of <a href=\"modelica://InkLoop.UsersGuide.References\">[Wu2024]</a>: two drops lie left and right of the cell that is hit next. The
-caps' base radius of 0.6 pitch is the reading that gives the published differences; the paper prints a range that misses them by 3 um.
+Equations (7) to (9) and (19) of <a href=\"modelica://InkLoop.UsersGuide.References\">[Wu2024]</a>: two drops lie left and right of the cell that is hit next. A
+base radius of the caps of 0.6 pitch is the interpretation that gives the published differences; the range printed in the paper misses them by 3 um.
 </p>
 </html>"));
 end HeightDifferences;

@@ -5,7 +5,7 @@ model LineOfCells "A line of cells: two layers in closed form"
   parameter Integer n = 7 "Cells of the line";
   parameter Types.Height h1 = 4.4e-6 "Height on the cell that is hit";
   parameter Types.Height h2 = 0.6e-6 "Height on a side neighbour";
-  parameter Types.Height r = h1*h2/(h1 + h2) "What flows back from the second cell's edge side";
+  parameter Types.Height r = h1*h2/(h1 + h2) "Flow back from the second cell's edge side";
   parameter Types.Height rounding = 1e-18 "Rounding of Real numbers";
 
   Control.PatternSequence controller(patterns=fill(1, 2, n, 1)) "Two full layers"

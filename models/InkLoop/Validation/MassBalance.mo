@@ -1,5 +1,5 @@
 within InkLoop.Validation;
-model MassBalance "Heights on the grid and heights lost over its edges add up to what was jetted"
+model MassBalance "Heights on the grid and heights lost over its edges add up to the jetted height"
   extends Icons.Example;
 
   parameter Types.Ink ink_a "Material A";
@@ -7,8 +7,8 @@ model MassBalance "Heights on the grid and heights lost over its edges add up to
   parameter Types.Height uneven[6, 5] = {{5e-6*(1 + sin(7*i + 11*j)) for j in 1:5} for i in 1:6} "Start surface";
   Types.Height jetted = deposition.droplets_a*(ink_a.h1 + 4*ink_a.h2 + 4*ink_a.h3)
     + deposition.droplets_b*(ink_b.h1 + 4*ink_b.h2 + 4*ink_b.h3) "Sum of all droplets";
-  Types.Height present = sum(deposition.height) - sum(uneven) "What lies on the grid";
-  Types.Height gone = deposition.volume_lost/deposition.pitch^2 "What has left it";
+  Types.Height present = sum(deposition.height) - sum(uneven) "Ink on the grid";
+  Types.Height gone = deposition.volume_lost/deposition.pitch^2 "Ink that left it";
 
   Control.PatternSequence controller(patterns={{{mod(i*j + k, 3) for j in 1:5} for i in 1:6} for k in 1:4}) "Four layers of both materials"
     annotation (Placement(transformation(extent={{-60,-20},{-20,20}})));

@@ -2,7 +2,7 @@ within InkLoop.Validation;
 model VolumeAreaBalance "Propagation of volume and area: every drop adds its volume"
   extends Icons.Example;
 
-  Types.Height present = sum(deposition.height) "What lies on the grid";
+  Types.Height present = sum(deposition.height) "Ink on the grid";
   Types.Height jetted = deposition.droplets_a*deposition.height_scale "Sum of all drops";
 
   Control.PatternSequence controller(patterns={{{if mod(i*j + k, 3) > 0 then 1 else 0 for j in 1:5} for i in 1:5} for k in 1:3}) "Three layers"
@@ -26,6 +26,6 @@ equation
   annotation (
     experiment(StopTime=4, Tolerance=1e-6, Interval=0.5),
     Documentation(info="<html>
-<p>Equation (12) of <a href=\"modelica://InkLoop.UsersGuide.References\">[Wu2024]</a>: the cell that is hit keeps what its neighbours do not take.</p>
+<p>Equation (12) of <a href=\"modelica://InkLoop.UsersGuide.References\">[Wu2024]</a>: the cell that is hit keeps everything that its neighbours do not take.</p>
 </html>"));
 end VolumeAreaBalance;

@@ -1,8 +1,8 @@
 within InkLoop;
-package Validation "Published numbers and laws, as assertions"
+package Validation "Published numbers and invariants, as assertions"
   extends Icons.Package;
 
   annotation (Documentation(info="<html>
-<p>Models that stop with a message when a published number or a law does not come out.</p>
+<p>Models that stop with a message when a published number is not reproduced or an invariant is violated.</p>
 </html>"));
 end Validation;

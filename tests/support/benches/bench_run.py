@@ -5,9 +5,10 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from inkloop.scenario.file import Scenario
 from inkloop_hardware.emulated_bench import EmulatedBench
 
 FAST = {"pass_ms": 2, "scan_ms": 2, "move_ms": 2, "home_ms": 2, "gate_ms": 1}
-FMUS = ["components.printer.kind=LayerDeposition", "components.profiler.kind=ProfileSensor"]
+FMUS = {"components.printer.kind": "LayerDeposition", "components.profiler.kind": "ProfileSensor"}
 PATIENCE_S = 60.0
 COMMAND = [sys.executable, "-c", "import sys; from inkloop.cli import main; sys.exit(main(sys.argv[1:]))"]
 
@@ -71,15 +72,17 @@ def write(folder: Path, text: str = BLOCK) -> Path:
 
 
 @contextmanager
-def emulated(path: Path, overrides: list[str] | None = None, **times: float) -> Iterator[tuple[EmulatedBench, str]]:
+def emulated(
+    path: Path, overrides: Mapping[str, Any] | None = None, **times: float
+) -> Iterator[tuple[EmulatedBench, str]]:
     """The bench of a scenario, and the override that leads a run to it."""
-    emulation = emulation_of(Scenario.load(path, overrides or []))
+    emulation = emulation_of(Scenario.load(path, overrides))
     with EmulatedBench(emulation.parameters | FAST | times, surface=emulation.surface) as bench:
-        yield bench, f"bench.channel={bench.channel}"
+        yield bench, bench.channel
 
 
-def printed_with_fmus(path: Path, overrides: list[str] | None = None) -> Result:
-    return print_part(Scenario.load(path, [*FMUS, *(overrides or [])]))
+def printed_with_fmus(path: Path, overrides: Mapping[str, Any] | None = None) -> Result:
+    return print_part(Scenario.load(path, {**FMUS, **(overrides or {})}))
 
 
 def assert_same_print(bench: Result, fmus: Result) -> None:

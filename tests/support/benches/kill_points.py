@@ -24,7 +24,7 @@ from inkloop.bench.emulation import emulation_of
 from inkloop.cli import main
 from inkloop.component import pass_colours
 from inkloop.errors import InkloopError
-from inkloop.printing.run import print_part, scenario_of
+from inkloop.printing.run import print_part, scenario_of_run
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop_controller.model.layer_model import LayerModel
@@ -33,6 +33,7 @@ from inkloop_hardware.emulated_bench import program
 from inkloop_hardware.link.node_wire import NodeWire
 from inkloop_hardware.protocol.node_state import Happening, JournalRecord, Step
 from inkloop_hardware.protocol.vocabulary import Node
+from support import compiled
 from support.benches.bench_run import FAST
 from support.places import C_SOURCES
 
@@ -42,12 +43,10 @@ WORDS_FILE, DONE = "words.txt", "done"
 RESOLUTION = 1e-7
 
 
-def build_looks(folder: Path) -> Path:
+def looks() -> Path:
     """The library that makes a program look."""
-    path = folder / "kill_points.so"
-    source = C_SOURCES / "kill_points.c"
-    subprocess.run(["gcc", "-std=c11", "-O1", "-shared", "-fPIC", source, "-o", path, "-ldl"], check=True)
-    return path
+    made = compiled.object_of(C_SOURCES / "kill_points.c", ("-std=c11", "-O1", "-fPIC"))
+    return compiled.linked("kill_points.so", [made], ("-shared", "-ldl"))
 
 
 class Nodes:
@@ -107,14 +106,14 @@ def powered(path: Path, folder: Path, looks: Path, kill_at: Sequence[str] = (), 
 
 def begin(path: Path, folder: Path, channel: str) -> None:
     """A run folder as `inkloop run` begins it."""
-    scenario = Scenario.load(path, [f"bench.channel={channel}"])
+    scenario = Scenario.load(path, {"bench.channel": channel})
     Result.begin(folder, scenario.text, {"scenario_file": str(path.resolve()), "compare": False})
 
 
 def session(folder: Path) -> Result | InkloopError:
     """Print on, from wherever the folder is."""
     try:
-        scenario = scenario_of(folder)
+        scenario = scenario_of_run(folder)
         return print_part(scenario, folder=folder, notes={"scenario_file": scenario.source, "compare": False})
     except InkloopError as error:
         return error

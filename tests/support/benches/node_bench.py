@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import ctypes
 import os
-import subprocess
-import sys
-import tempfile
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from struct import pack, unpack, unpack_from
 from typing import Any, Self
 
 import numpy as np
 
-from support.places import ROOT
+from inkloop.fmu_writer import archive
+from inkloop_hardware.protocol.c_codec import write_codec
+from inkloop_hardware.protocol.codec import BENCH_DBC
+from support import compiled
+from support.places import C_SOURCES, ROOT
 
 FIRMWARE = ROOT / "hardware" / "firmware"
 CORE = sorted((FIRMWARE / "node").glob("*.c"))
@@ -30,6 +32,7 @@ KERNELS = [
     *(FMUS / "profile_sensor" / f"{name}.c" for name in ("scan", "reading")),
     FMUS / "common" / "random.c",
 ]
+EMULATED = [FMUS / name / "variables.toml" for name in ("layer_deposition", "profile_sensor")]
 SANITIZERS = os.environ.get("INKLOOP_SANITIZERS", "").split()
 """More flags for everything that is compiled here; test_firmware_sanitized.py sets them."""
 STRICT = ("-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror", *SANITIZERS)
@@ -59,18 +62,39 @@ class MasterAlive(ctypes.Structure):
     _fields_ = (("enables", ctypes.c_uint8), ("session", ctypes.c_uint16), ("job", ctypes.c_uint32))
 
 
-@lru_cache
+def codec() -> Path:
+    """The folder of the C codec that is generated from the DBC."""
+    return compiled.once(_write_codec, BENCH_DBC)
+
+
+def _write_codec(folder: Path, dbc: Path) -> None:
+    write_codec(dbc, folder)
+
+
+def _write_parameters(folder: Path, *definitions: Path) -> None:
+    """emulated_parameters.h, which the emulator includes."""
+    texts = map(str, definitions)
+    assert archive.main(["emulated", "--definition", *texts, "--out", str(folder / "emulated_parameters.h")]) == 0
+
+
+def firmware_objects(sources: Sequence[Path]) -> list[Path]:
+    """Object files; the firmware itself with every conversion written out."""
+    parameters = compiled.once(_write_parameters, *EMULATED)
+    flags = (*STRICT, "-fPIC", *PLACES, f"-I{codec()}", f"-I{parameters}")
+    return [compiled.object_of(source, (*flags, "-Wconversion") if source.is_relative_to(FIRMWARE) else flags)
+            for source in sources]  # fmt: skip
+
+
+def firmware_library(name: str, sources: Sequence[Path]) -> ctypes.CDLL:
+    """A shared library of these sources, loaded."""
+    return ctypes.CDLL(str(compiled.linked(name, firmware_objects(sources), (*SANITIZERS, "-shared"))))
+
+
+@cache
 def library() -> ctypes.CDLL:
-    """Core, host HAL, kernels and probes; the firmware itself with every conversion written out."""
-    folder = write_parameters(Path(tempfile.mkdtemp(prefix="inkloop-node-")))
-    places, objects = (*PLACES, f"-I{folder}"), []
-    for source in (*CORE, *HOST, *KERNELS, ROOT / "tests" / "c" / "bench_probe.c"):
-        own = ("-Wconversion",) if source.is_relative_to(FIRMWARE) else ()
-        objects.append(folder / f"{source.stem}.o")
-        subprocess.run(["gcc", *STRICT, *own, "-fPIC", *places, "-c", source, "-o", objects[-1]], check=True)
-    path = folder / "node_bench.so"
-    subprocess.run(["gcc", *SANITIZERS, "-shared", *objects, "-lm", "-o", path], check=True)
-    loaded = ctypes.CDLL(str(path))
+    """Core, host HAL, kernels and probes."""
+    probe = C_SOURCES / "bench_probe.c"
+    loaded = firmware_library("node_bench.so", (*CORE, *HOST, *KERNELS, probe))
     for name in ("bench_create", "bench_node", "probe_options", "probe_surface", "probe_storage"):
         getattr(loaded, name).restype = ctypes.c_void_p
     for name in ("node_request", "node_take_answer"):
@@ -154,10 +178,10 @@ class NodeBench:
         for _ in range(0, milliseconds, step):
             self.clock += step
             if self.master and self.clock - self.last_alive >= 100:
-                self.say_alive()
+                self.send_keep_alive()
             self.c.bench_tick(self.bench, ctypes.c_uint32(self.clock))
 
-    def say_alive(self, master: MasterAlive | None = None) -> None:
+    def send_keep_alive(self, master: MasterAlive | None = None) -> None:
         said = master or self.master
         for node in range(self.count):
             self.c.node_master_alive(self.node(node), ctypes.c_uint32(self.clock), ctypes.byref(said))
@@ -328,26 +352,8 @@ def heights(blob: bytes, resolution: float) -> tuple[Any, Any]:
     return np.where(valid, steps * resolution, 0.0).reshape(nx, ny), valid.reshape(nx, ny)
 
 
-def write_codec(folder: Path) -> Path:
-    """Generates the C codec from the DBC; the folder."""
-    write = [sys.executable, "-B", "-m", "inkloop_hardware.protocol.c_codec"]
-    subprocess.run([*write, ROOT / "hardware" / "inkloop_hardware" / "protocol" / "inkloop.dbc", folder], check=True)
-    return folder
-
-
-def write_parameters(folder: Path) -> Path:
-    """Generates the emulator's parameters from variables.toml; the folder."""
-    write = [sys.executable, "-B", "-m", "inkloop.fmu_writer.archive", "emulated", "--definition"]
-    definitions = [FMUS / name / "variables.toml" for name in ("layer_deposition", "profile_sensor")]
-    subprocess.run([*write, *definitions, "--out", folder / "emulated_parameters.h"], check=True)
-    return folder
-
-
-def build_process(folder: Path) -> Path:
-    """The emulated bench as a program, with all that is generated for it."""
-    write_parameters(write_codec(folder))
-    process = (FIRMWARE / "host" / f"{name}.c" for name in ("hub", "main", "measurements"))
-    program = folder / "bench_nodes"
-    sources = (*CORE, *WIRE, *HOST, *FAULTS, *process, *KERNELS, folder / "inkloop.c")
-    subprocess.run(["gcc", *STRICT, *PLACES, f"-I{folder}", *sources, "-lm", "-o", program], check=True)
-    return program
+def process() -> Path:
+    """The emulated bench as a program, with the codec generated from the DBC."""
+    main = (FIRMWARE / "host" / f"{name}.c" for name in ("hub", "main", "measurements"))
+    sources = (*CORE, *WIRE, *HOST, *FAULTS, *main, *KERNELS, codec() / "inkloop.c")
+    return compiled.linked("bench_nodes", firmware_objects(sources), SANITIZERS)

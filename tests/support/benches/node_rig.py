@@ -97,7 +97,7 @@ class NodeRig:
 
     def _enable(self, enables: int) -> None:
         self.bench.master = node_bench.MasterAlive(enables, 1, self._job)
-        self.bench.say_alive()
+        self.bench.send_keep_alive()
         self.bench.tick(5)
 
     def attach(self) -> None:
@@ -110,7 +110,7 @@ class NodeRig:
     def link(self, node: Node) -> NodeLink:
         return self._links[node]
 
-    def alive(self) -> None: ...
+    def keep_alive(self) -> None: ...
 
     @contextmanager
     def enabled(self, *, lamp: bool = False, gate: bool = False, motion: bool = False) -> Iterator[None]:

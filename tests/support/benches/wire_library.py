@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import subprocess
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-from inkloop_hardware.protocol.c_codec import write_codec
-from inkloop_hardware.protocol.codec import BENCH_DBC, Frame
-from support.benches.node_bench import SANITIZERS
-from support.places import ROOT
+from inkloop_hardware.protocol.codec import Frame
+from support import compiled
+from support.benches.node_bench import SANITIZERS, codec
+from support.places import C_SOURCES, ROOT
 
 CAN = ROOT / "hardware" / "firmware" / "can"
 SOURCES = [CAN / f"{name}.c" for name in ("e2e", "e2e_monitor", "isotp", "slcan")]
@@ -25,15 +22,10 @@ REQUEST_ID, ANSWER_ID = 0x640, 0x641
 
 @functools.cache
 def wire_library() -> ctypes.CDLL:
-    """Compiled once per test run; undefined behaviour ends it."""
-    folder = Path(tempfile.mkdtemp(prefix="inkloop-wire-"))
-    write_codec(BENCH_DBC, folder)
-    sources = [*SOURCES, folder / "inkloop.c", ROOT / "tests" / "c" / "wire_probe.c"]
-    places = (f"-I{CAN}", f"-I{folder}")
-    library = folder / "wire.so"
-    flags = ("-std=c11", "-O1", "-fPIC", "-shared", *WARNINGS, *(SANITIZERS or TRAPS))
-    subprocess.run(["gcc", *flags, *places, *sources, "-lm", "-o", library], check=True)
-    loaded = ctypes.CDLL(str(library))
+    """Undefined behaviour ends it."""
+    sources = [*SOURCES, codec() / "inkloop.c", C_SOURCES / "wire_probe.c"]
+    flags = ("-std=c11", "-O1", *WARNINGS, *(SANITIZERS or TRAPS), f"-I{CAN}", f"-I{codec()}")
+    loaded = compiled.library("wire.so", sources, flags)
     for name in ("probe_sizes", "probe_isotp_received", "probe_slcan_write"):
         loaded[name].restype = ctypes.c_size_t
     for name in ("e2e_check", "isotp_send", "isotp_is_sending", "e2e_monitor_trusts"):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
 import zipfile
 from pathlib import Path
 
 import fmpy
 
+from support import compiled
 from support.places import C_SOURCES
 
 SOURCE = C_SOURCES / "amplifier_fmu.c"
@@ -22,13 +22,11 @@ def build(
 
     `crashes` names a signal that the step after the third raises.
     """
-    library = folder / f"amplifier{fmi}{f'-{crashes}' if crashes else ''}.so"
-    if not library.exists():
-        flags = ("-Wall", "-Wextra", "-Werror", *([f"-DCRASHES={crashes}"] if crashes else []))
-        subprocess.run(
-            ["gcc", "-std=c11", *flags, f"-DFMI={fmi}", "-shared", "-fPIC", SOURCE, "-o", library], check=True
-        )
-    path = folder / f"{library.stem}{'-hole' if element_missing else ''}{platform or ''}.fmu"
+    name = f"amplifier{fmi}{f'-{crashes}' if crashes else ''}"
+    flags = ("-std=c11", "-Wall", "-Wextra", "-Werror", "-fPIC", f"-DFMI={fmi}")
+    made = compiled.object_of(SOURCE, (*flags, f"-DCRASHES={crashes}") if crashes else flags)
+    library = compiled.linked(f"{name}.so", [made], ("-shared",))
+    path = folder / f"{name}{'-hole' if element_missing else ''}{platform or ''}.fmu"
     place = platform or (fmpy.platform if fmi == 2 else fmpy.platform_tuple)
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", _fmi2(element_missing) if fmi == 2 else _fmi3())

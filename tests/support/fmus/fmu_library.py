@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree
 
 import fmpy
 
@@ -19,9 +20,9 @@ from inkloop.fmu_writer import archive, definition
 from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition
 from inkloop.fmu_writer.export import find_fmu
 from support.benches.node_bench import FIRMWARE, ROOT
+from support.compiled import run
 from support.fmus import layer_jobs
 from support.fmus.fmu_driver import MODELS
-from support.fmus.fuzzing import run
 
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 FUZZ = ROOT / "fmus" / "fuzz"
@@ -33,9 +34,13 @@ WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror")
 ROLES = {"input": "i", "parameter": "p", "structural": "s"}
 WORK = {"nx": 4, "ny": 4, "horizon": 2, "annealing_sweeps": 1, "iterations": 1, "sweeps_max": 2, "cells_per_pitch": 6}
 """Parameters that only mean more work: limits for the tests, so that thousands of inputs are tried."""
-BAKED = ("cuboid", "run.layers_max=3", "grid.nx=3", "grid.ny=2", "part.size_x_um=526.512", "part.size_y_um=263.256",
-         "components.controller.horizon=1", "components.controller.iterations=1",
-         "components.controller.annealing_sweeps=0")  # fmt: skip
+BAKED = (
+    "cuboid",
+    *(("run.layers_max", 3), ("grid.nx", 3), ("grid.ny", 2)),
+    *(("part.size_x_um", 526.512), ("part.size_y_um", 263.256)),
+    *((f"components.controller.{name}", count) for name, count in (("horizon", 1), ("iterations", 1))),
+    ("components.controller.annealing_sweeps", 0),
+)
 """The print in the block that is tried: little work for the same reason."""
 GRID = (3, 2)
 NO_COMPARISONS = "-fno-sanitize-coverage=trace-cmp"  # two thirds of the time; numbers of a model are no magic bytes
@@ -55,6 +60,12 @@ class Library:
 def archive_of(model: str, form: str) -> Path:
     """The FMU with a library; a print in one block has a fixed grid only."""
     return find_fmu(model, "fmi3-fixed" if (model, form) == (JOB, "fmi3") else form)
+
+
+def described(path: Path) -> ElementTree.Element:
+    """The description in an FMU."""
+    with zipfile.ZipFile(path) as fmu:
+        return ElementTree.fromstring(fmu.read("modelDescription.xml"))
 
 
 def unpacked(model: str, form: str, folder: Path) -> Path:

@@ -22,7 +22,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Self
 
-from support.benches.node_bench import CORE, FIRMWARE, PLACES, ROOT, WIRE, write_codec
+from inkloop_hardware.protocol.c_codec import write_codec
+from inkloop_hardware.protocol.codec import BENCH_DBC
+from support.benches.node_bench import CORE, FIRMWARE, PLACES, ROOT, WIRE
+from support.compiled import run
 
 TARGETS = ("frames", "isotp", "services", "slcan")
 PARTS = ("asking", "board", "invariants", "requests", "wire")
@@ -51,7 +54,7 @@ def clang() -> str | None:
 
 def build(folder: Path, compiler: str = "gcc", *, fuzzer: bool = False) -> dict[str, Path]:
     """The program of every target: with libFuzzer in it, or with `replay.c`; RuntimeError with the compiler's words."""
-    write_codec(folder)
+    write_codec(BENCH_DBC, folder)
     sanitizers = (f"{SANITIZERS},fuzzer-no-link" if fuzzer else SANITIZERS, "-fno-sanitize-recover=all")
     flags = (compiler, *FLAGS, *sanitizers, f"-I{FUZZ}", *PLACES, f"-isystem{folder}")
     shared = [*CORE, *WIRE, folder / "inkloop.c", *(FUZZ / f"{name}.c" for name in PARTS)]
@@ -72,12 +75,6 @@ def build(folder: Path, compiler: str = "gcc", *, fuzzer: bool = False) -> dict[
         last = (f"{SANITIZERS},fuzzer",) if fuzzer else (SANITIZERS,)
         run((compiler, *last, *parts, "-lm", "-o", programs[target]))
     return programs
-
-
-def run(command: Sequence[str | Path]) -> None:
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise RuntimeError(f"{' '.join(map(str, command))} failed:\n{done.stderr}")
 
 
 def corpus(target: str) -> list[Path]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import fmpy
 import xarray as xr
@@ -21,19 +22,19 @@ DONE = 2
 _folders: list[tempfile.TemporaryDirectory[str]] = []
 
 
-def scenario(name: str, *overrides: str) -> Scenario:
+def scenario(name: str, *overrides: tuple[str, Any]) -> Scenario:
     """One of those that are shipped."""
-    return Scenario.load(SCENARIOS / f"{name}.toml", overrides)
+    return Scenario.load(SCENARIOS / f"{name}.toml", dict(overrides))
 
 
 @lru_cache
-def printed(name: str, *overrides: str) -> xr.Dataset:
+def printed(name: str, *overrides: tuple[str, Any]) -> xr.Dataset:
     """What inkloop run prints."""
     return print_part(scenario(name, *overrides)).dataset
 
 
 @lru_cache
-def unpacked(form: str, name: str, *overrides: str) -> Path:
+def unpacked(form: str, name: str, *overrides: tuple[str, Any]) -> Path:
     """The folder of the block of a scenario."""
     folder = tempfile.TemporaryDirectory()
     _folders.append(folder)
@@ -43,7 +44,7 @@ def unpacked(form: str, name: str, *overrides: str) -> Path:
     return Path(folder.name) / "job"
 
 
-def block(form: str, name: str, *overrides: str) -> Driver:
+def block(form: str, name: str, *overrides: tuple[str, Any]) -> Driver:
     """An instance of it."""
     return Driver(MODEL, form, folder=unpacked(form, name, *overrides))
 

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import subprocess
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from support.places import ROOT
+from support import compiled
+from support.places import C_SOURCES, ROOT
 
 KERNELS = ROOT / "fmus" / "young_laplace_deposition"
 MODULES = ("banded_cholesky", "fine_surface", "footprint", "line_pass", "liquid_body", "wetted_nodes")
@@ -44,12 +42,9 @@ class Place(ctypes.Structure):
 
 @functools.cache
 def library() -> ctypes.CDLL:
-    """Compiled once per test run; undefined behaviour ends it."""
-    made = Path(tempfile.mkdtemp(prefix="inkloop-young-laplace-")) / "young_laplace.so"
-    flags = ("-std=c11", "-O2", "-fPIC", "-shared", *WARNINGS, *TRAPS, f"-I{KERNELS}")
-    sources = [*SOURCES, ROOT / "tests" / "c" / "young_laplace_probe.c"]
-    subprocess.run(["gcc", *flags, *sources, "-lm", "-o", made], check=True)
-    loaded = ctypes.CDLL(str(made))
+    """Undefined behaviour ends it."""
+    flags = ("-std=c11", "-O2", *WARNINGS, *TRAPS, f"-I{KERNELS}")
+    loaded = compiled.library("young_laplace.so", [*SOURCES, C_SOURCES / "young_laplace_probe.c"], flags)
     loaded.probe_print.restype = loaded.band_factor.restype = ctypes.c_bool
     loaded.cap_radius.restype = ctypes.c_double
     loaded.convex_hull.restype = ctypes.c_size_t

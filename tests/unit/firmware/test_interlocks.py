@@ -233,7 +233,7 @@ def test_head_that_is_not_ready_does_not_begin(bench: NodeBench) -> None:
 
 def test_two_masters_make_every_node_safe_until_one_is_silent(bench: NodeBench) -> None:
     begin_cure(bench)
-    bench.say_alive(MasterAlive(LAMP | GATE | MOTION, 2, 7))
+    bench.send_keep_alive(MasterAlive(LAMP | GATE | MOTION, 2, 7))
     assert {(bench.state(node).state, bench.state(node).cause) for node in range(4)} == {("SAFE", TWO_MASTERS)}
     assert bench.times(CURE).lamp_off == bench.clock
     assert bench.clear(CURE, 1) == -NRC_CONDITIONS

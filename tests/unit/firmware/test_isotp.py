@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import subprocess
 from collections import deque
-from pathlib import Path
 
 import isotp
 import pytest
 
 from inkloop_hardware.protocol.codec import Frame
-from support.benches.wire_library import ANSWER_ID, CAN, REQUEST_ID, ROOT, WARNINGS, IsotpEnd
+from support.benches.wire_library import ANSWER_ID, CAN, REQUEST_ID, WARNINGS, IsotpEnd
+from support.compiled import program
+from support.places import C_SOURCES
 
 SIZES = [*range(1, 30), 61, 62, 63, 118, 119, 120, 509, 1250, 4000, 4094, 4095]
 PADDED = 8
@@ -245,11 +246,10 @@ def test_lengths_that_cannot_be_are_not_sent(message: bytes) -> None:
     assert node.next(0) is None
 
 
-def test_laws_of_the_wire_hold_for_every_length_and_under_noise(tmp_path: Path) -> None:
+def test_laws_of_the_wire_hold_for_every_length_and_under_noise() -> None:
     """Also: nothing reads or writes beside its buffers."""
-    program = tmp_path / "laws"
     checks = ("-std=c11", "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-    sources = (ROOT / "tests" / "c" / "wire_laws.c", CAN / "isotp.c", CAN / "slcan.c")
-    subprocess.run(["gcc", *checks, *WARNINGS, f"-I{CAN}", *sources, "-o", program], check=True)
-    laws = subprocess.run([program], capture_output=True, text=True, check=False)
+    sources = (C_SOURCES / "wire_laws.c", CAN / "isotp.c", CAN / "slcan.c")
+    path = program("wire_laws", sources, (*checks, *WARNINGS, f"-I{CAN}"))
+    laws = subprocess.run([path], capture_output=True, text=True, check=False)
     assert laws.returncode == 0, laws.stdout + laws.stderr

@@ -265,7 +265,7 @@ def test_another_job_begins_when_the_last_one_is_over(bench: NodeBench) -> None:
     assert bench.download(pattern_blob(SPARSE), 1) == 0
     assert bench.run(PASS, layer=1, which=0, option=b"\x00") == DONE
     bench.master.job = 8
-    bench.say_alive()
+    bench.send_keep_alive()
     assert bench.download(pattern_blob(FULL), 1) == -NRC_SEQUENCE
     assert bench.clear(HEAD, 2) == -NRC_CONDITIONS, "only a person gives a layer up"
     assert bench.clear(HEAD, 3) == DONE

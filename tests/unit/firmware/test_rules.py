@@ -11,7 +11,8 @@ from pathlib import Path
 import cantools
 import pytest
 
-from support.benches.node_bench import CORE, FIRMWARE, PLACES, ROOT, STRICT, WIRE, write_codec, write_parameters
+from support.benches.node_bench import CORE, FIRMWARE, PLACES, ROOT, STRICT, WIRE, codec, firmware_objects
+from support.compiled import object_of
 
 ALL = [*CORE, *WIRE]
 HOST_ONLY = sorted((FIRMWARE / "host").rglob("*.c"))
@@ -21,25 +22,10 @@ HEADERS = {"stdbool.h", "stddef.h", "stdint.h", "string.h"}
 
 
 @pytest.fixture(scope="module")
-def codec(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of the generated C; objects go there too."""
-    return write_parameters(write_codec(tmp_path_factory.mktemp("codec")))
-
-
-def compiled(source: Path, codec: Path, *command: str) -> Path:
-    """The object file of a source."""
-    path = codec / f"{source.stem}.o"
-    command = (*command, *STRICT, "-Wconversion", *PLACES, f"-I{codec}")
-    subprocess.run([*command, "-c", source, "-o", path], check=True)
-    return path
-
-
-@pytest.fixture(scope="module")
-def symbols(codec: Path) -> dict[Path, list[tuple[str, str]]]:
+def symbols() -> dict[Path, list[tuple[str, str]]]:
     """(kind, name) of every symbol of each compiled source."""
-    found = {}
-    for source in (*ALL, *HOST_ONLY):
-        path = compiled(source, codec, "gcc")
+    found, sources = {}, (*ALL, *HOST_ONLY)
+    for source, path in zip(sources, firmware_objects(sources), strict=True):
         listed = subprocess.run(["nm", path], capture_output=True, text=True, check=True).stdout
         found[source] = [(line.split()[-2], line.split()[-1]) for line in listed.splitlines()]
     return found
@@ -131,6 +117,7 @@ def test_every_cause_is_given_somewhere() -> None:
 
 
 @pytest.mark.skipif(not shutil.which("arm-none-eabi-gcc"), reason="arm-none-eabi-gcc is not installed")
-def test_firmware_compiles_for_a_cortex_m3(codec: Path) -> None:
+def test_firmware_compiles_for_a_cortex_m3() -> None:
+    flags = ("-mcpu=cortex-m3", "-mthumb", *STRICT, "-Wconversion", *PLACES, f"-I{codec()}")
     for source in ALL:
-        compiled(source, codec, "arm-none-eabi-gcc", "-mcpu=cortex-m3", "-mthumb")
+        assert object_of(source, flags, "arm-none-eabi-gcc").stat().st_size > 0

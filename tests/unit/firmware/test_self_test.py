@@ -91,7 +91,7 @@ def test_what_is_not_confirmed_is_a_fault_with_everything_off(
 
 def test_nothing_moves_that_is_not_enabled(bench: NodeBench) -> None:
     bench.master = MasterAlive(0, 1, 7)
-    bench.say_alive()
+    bench.send_keep_alive()
     assert bench.run(SELF_TEST, HEAD, option=OF_THE_GATE) == -NRC_CONDITIONS
     assert bench.run(SELF_TEST, CURE, option=OF_THE_LAMP) == -NRC_CONDITIONS
     assert bench.counted(GATE_OPENINGS) == bench.counted(LAMP_PULSES) == 0
@@ -101,7 +101,7 @@ def test_dropped_enable_ends_it(bench: NodeBench) -> None:
     assert bench.raw(bench.routine(SELF_TEST, option=b"\x13\x88"), CURE)[2] == 0x78
     bench.tick(50)
     bench.master = MasterAlive(0, 1, 7)
-    bench.say_alive()
+    bench.send_keep_alive()
     assert (bench.state(CURE).state, bench.state(CURE).cause) == ("SAFE", ENABLE_DROPPED)
     assert_off(bench, CURE)
 

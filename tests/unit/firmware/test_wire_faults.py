@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-import subprocess
 from collections import Counter
-from functools import lru_cache
-from pathlib import Path
-from tempfile import mkdtemp
+from functools import cache
 
 import pytest
 
@@ -15,18 +12,8 @@ from inkloop.tables.bench_faults import FaultTable, read_fault
 from inkloop_hardware.bus.slcan_bus import frame_of
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.records import MasterAlive, pack
-from support.benches.node_bench import (
-    CORE,
-    FIRMWARE,
-    FMUS,
-    HOST,
-    KERNELS,
-    PLACES,
-    ROOT,
-    STRICT,
-    write_codec,
-    write_parameters,
-)
+from support.benches.node_bench import CORE, FIRMWARE, HOST, KERNELS, codec, firmware_library
+from support.places import C_SOURCES
 
 TO_NODES, FROM_NODES = 0, 1
 CODEC = Codec()
@@ -44,16 +31,12 @@ class Taken(ctypes.Structure):
     )
 
 
-@lru_cache
+@cache
 def library() -> ctypes.CDLL:
-    folder = Path(mkdtemp(prefix="inkloop-wire-faults-"))
-    write_parameters(write_codec(folder))
     faults = [FIRMWARE / "host" / "faults" / f"{name}.c" for name in FAULTS]
     wire = [FIRMWARE / "can" / f"{name}.c" for name in ("e2e", "slcan")]
-    sources = [*CORE, *HOST, *KERNELS, *faults, *wire, folder / "inkloop.c", ROOT / "tests" / "c" / "fault_probe.c"]
-    places = (*PLACES, f"-I{folder}", f"-I{FMUS / 'common'}")
-    subprocess.run(["gcc", *STRICT, "-fPIC", "-shared", *places, *sources, "-lm", "-o", folder / "w.so"], check=True)
-    loaded = ctypes.CDLL(str(folder / "w.so"))
+    sources = [*CORE, *HOST, *KERNELS, *faults, *wire, codec() / "inkloop.c", C_SOURCES / "fault_probe.c"]
+    loaded = firmware_library("wire_faults.so", sources)
     loaded.probe_taken.restype = ctypes.POINTER(Taken)
     return loaded
 

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Iterator
-from pathlib import Path
 
 import can
 import isotp
 import pytest
 
-from support.benches.wire_library import ANSWER_ID, CAN, REQUEST_ID, ROOT, WARNINGS
+from support.benches.wire_library import ANSWER_ID, CAN, REQUEST_ID, WARNINGS
+from support.compiled import program
+from support.places import C_SOURCES
 
 PATIENCE = 20.0
 """Seconds after which a test gives up; nothing is measured."""
 
 
 @pytest.fixture
-def bus(tmp_path: Path) -> Iterator[can.BusABC]:
-    program = tmp_path / "echo"
-    sources = (ROOT / "tests" / "c" / "wire_echo.c", CAN / "isotp.c", CAN / "slcan.c")
-    subprocess.run(["gcc", "-std=c11", "-O1", *WARNINGS, f"-I{CAN}", *sources, "-o", program], check=True)
-    with subprocess.Popen([program], stdout=subprocess.PIPE, text=True) as process:
+def bus() -> Iterator[can.BusABC]:
+    sources = (C_SOURCES / "wire_echo.c", CAN / "isotp.c", CAN / "slcan.c")
+    echo = program("echo", sources, ("-std=c11", "-O1", *WARNINGS, f"-I{CAN}"))
+    with subprocess.Popen([echo], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         port = int(process.stdout.readline())
         with can.Bus(interface="slcan", channel=f"socket://127.0.0.1:{port}", sleep_after_open=0) as bus:

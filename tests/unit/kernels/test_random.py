@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import ctypes
-import subprocess
 
 import pytest
 
+from support import compiled
 from support.numpy.philox_numpy import normal, philox, uniforms
 from support.places import ROOT
 
+pytestmark = pytest.mark.compiled
 COMMON = ROOT / "fmus" / "common"
 
 # Salmon, Moraes, Dror, Shaw: Random123, known-answer vectors of philox4x32 with 10 rounds: counter, key, words
@@ -22,10 +23,8 @@ KNOWN_ANSWERS = [
 
 
 @pytest.fixture(scope="module")
-def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    path = tmp_path_factory.mktemp("random") / "random.so"
-    subprocess.run(["gcc", "-std=c11", "-O2", "-shared", "-fPIC", COMMON / "random.c", "-o", path, "-lm"], check=True)
-    loaded = ctypes.CDLL(str(path))
+def library() -> ctypes.CDLL:
+    loaded = compiled.library("random.so", [COMMON / "random.c"], ("-std=c11", "-O2"))
     for name in ("random_uniform", "random_normal"):
         getattr(loaded, name).restype = ctypes.c_double
         getattr(loaded, name).argtypes = [ctypes.c_int32, ctypes.c_int, ctypes.c_uint64, ctypes.c_int32]

@@ -12,6 +12,8 @@ from scipy.optimize import brentq
 from support.fmus.young_laplace_library import ANGLE, LINEAR, NONLINEAR, PITCH, VOLUME, Place, Print, library, numbers
 from support.numpy import young_laplace_numpy
 
+pytestmark = pytest.mark.compiled
+
 FORMS = pytest.mark.parametrize("form", [LINEAR, NONLINEAR])
 
 

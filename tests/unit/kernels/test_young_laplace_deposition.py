@@ -8,6 +8,8 @@ import pytest
 from support.fmus.fmu_driver import DISCARD, ERROR, OK, Driver, random_patterns
 from support.fmus.young_laplace_library import PITCH, VOLUME, Print
 
+pytestmark = pytest.mark.compiled
+
 MODEL = "YoungLaplaceDeposition"
 COARSE = {"cells_per_pitch": 4}
 

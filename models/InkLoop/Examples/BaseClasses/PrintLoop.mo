@@ -1,5 +1,5 @@
 within InkLoop.Examples.BaseClasses;
-partial model PrintLoop "Controller, deposition and sensor in a ring"
+partial model PrintLoop "Controller, deposition and sensor in a loop"
   parameter Integer nx(min=1) = 9 "Cells along x";
   parameter Integer ny(min=1) = 9 "Cells along y";
 
@@ -30,7 +30,7 @@ equation
 
   annotation (Documentation(info="<html>
 <p>
-The loop of the <a href=\"modelica://InkLoop.UsersGuide.LayerContract\">layer contract</a>. Each of the three parts can be replaced.
+The loop of the <a href=\"modelica://InkLoop.UsersGuide.LayerContract\">layer contract</a>. Each of the three components can be replaced.
 </p>
 </html>"));
 end PrintLoop;

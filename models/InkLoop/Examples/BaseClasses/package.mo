@@ -1,6 +1,6 @@
 within InkLoop.Examples;
-package BaseClasses "What the examples have in common"
+package BaseClasses "Common parts of the examples"
   extends Icons.Package;
 
-  annotation (Documentation(info="<html><p>What the examples have in common.</p></html>"));
+  annotation (Documentation(info="<html><p>Common parts of the examples.</p></html>"));
 end BaseClasses;

@@ -5,12 +5,12 @@ pure function exclusiveOr "Bitwise exclusive or of three words of 32 bits"
   input Word a "Word";
   input Word b "Word";
   input Word c "Word";
-  output Word word "Word whose bits say where an odd number of the three has a 1";
+  output Word word "Word with a 1 in each bit where an odd number of the three has a 1";
 
 protected
-  Word x = a "What is left of a";
-  Word y = b "What is left of b";
-  Word z = c "What is left of c";
+  Word x = a "Remaining bits of a";
+  Word y = b "Remaining bits of b";
+  Word z = c "Remaining bits of c";
   Types.Number place = 1 "Value of the bit";
 
 algorithm

@@ -21,6 +21,7 @@ WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 
 pytestmark = [
     pytest.mark.long,
+    pytest.mark.compiled,
     pytest.mark.skipif(sys.platform != "linux" or not shutil.which("gcc"), reason="gcc for Linux is not installed"),
 ]
 

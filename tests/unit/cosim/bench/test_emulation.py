@@ -25,8 +25,8 @@ from inkloop.testing import job
 from support.benches.bench_run import BLOCK, FMUS, TWO_INKS, write
 
 
-@pytest.mark.parametrize("overrides", [[], FMUS], ids=["devices", "FMUs"])
-def test_bench_has_grid_ink_sensor_and_seeds_of_the_scenario(overrides: list[str], tmp_path: Path) -> None:
+@pytest.mark.parametrize("overrides", [{}, FMUS], ids=["devices", "FMUs"])
+def test_bench_has_grid_ink_sensor_and_seeds_of_the_scenario(overrides: dict[str, str], tmp_path: Path) -> None:
     scenario = Scenario.load(write(tmp_path, TWO_INKS), overrides)
     found = emulation_of(scenario).parameters
     assert (found["nx"], found["ny"]) == (12, 11)
@@ -38,14 +38,14 @@ def test_bench_has_grid_ink_sensor_and_seeds_of_the_scenario(overrides: list[str
 
 
 def test_substrate_of_the_scenario_is_the_surface_of_the_bench(tmp_path: Path) -> None:
-    scenario = Scenario.load(write(tmp_path), ["substrate.wave_um=3.0"])
+    scenario = Scenario.load(write(tmp_path), {"substrate.wave_um": 3.0})
     surface = emulation_of(scenario).surface
     assert surface is not None
     np.testing.assert_array_equal(surface, scenario.job("printer").height_start)
 
 
 def test_options_that_only_the_fmus_have_are_all_named(tmp_path: Path) -> None:
-    overrides = ["components.printer.roller_step_um=3.0", "components.printer.layer_period_s=2.0"]
+    overrides = {"components.printer": {"roller_step_um": 3.0, "layer_period_s": 2.0}}
     with pytest.raises(ScenarioError, match="2 faults") as refused:
         emulation_of(Scenario.load(write(tmp_path), overrides))
     assert "components.printer.roller_step is not emulated" in str(refused.value)
@@ -61,7 +61,7 @@ def test_only_a_port_of_this_machine_is_one_for_an_emulated_bench(channel: str |
 
 def test_run_without_a_bench_leaves_no_folder_and_says_what_to_start(tmp_path: Path) -> None:
     path = write(tmp_path)
-    scenario = Scenario.load(path, ["bench.channel=socket://127.0.0.1:9"])
+    scenario = Scenario.load(path, {"bench.channel": "socket://127.0.0.1:9"})
     with pytest.raises(ComponentError, match=rf"`inkloop bench {path}` in another terminal"):
         check_listening(scenario)
     assert main(["run", str(path), "--out", str(tmp_path / "run"), "--set", "bench.channel=socket://127.0.0.1:9"]) == 1
@@ -95,7 +95,7 @@ def test_passes_of_the_printers_own_table_are_those_of_the_device() -> None:
 
 
 def test_devices_of_one_loop_share_a_rig_that_opens_nothing_before_they_begin(tmp_path: Path) -> None:
-    scenario = Scenario.load(write(tmp_path), ["bench.channel=/dev/no-such-adapter"])
+    scenario = Scenario.load(write(tmp_path), {"bench.channel": "/dev/no-such-adapter"})
     components = scenario.build(tmp_path)
     printer, profiler = components["printer"], components["profiler"]
     assert printer._rig is profiler._rig  # type: ignore[attr-defined]

@@ -64,6 +64,7 @@ def test_plain_plant_of_python_keeps(law: Law) -> None:
     law(lambda: heap(toy_job())[1])
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("fmi", [2, 3])
 @pytest.mark.parametrize("law", RESUMABLE_LAWS)
 def test_plain_plant_of_a_foreign_fmu_keeps(law: Law, fmi: int, tmp_path: Path) -> None:
@@ -134,6 +135,7 @@ def test_plant_that_is_none_is_refused(outputs: list[Port], said: str) -> None:
         PlainPlant(toy_job(), plant)
 
 
+@pytest.mark.compiled
 def test_scenario_names_the_plant_its_ports_and_its_parameters(tmp_path: Path) -> None:
     options = {"file": str(build(tmp_path, 2)), "pattern_input": "x", "height_output": "y", "gain": 3.0}
     part = catalog.make("PlainPlant", FLAT, options)
@@ -142,6 +144,7 @@ def test_scenario_names_the_plant_its_ports_and_its_parameters(tmp_path: Path) -
     part.terminate()
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize(
     ("changes", "said"),
     [

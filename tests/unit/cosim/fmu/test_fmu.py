@@ -12,6 +12,8 @@ from inkloop.errors import ComponentError, FmuError
 from inkloop.fmu import FmuComponent, describe
 from support.fmus.amplifier import build
 
+pytestmark = pytest.mark.compiled
+
 SECOND = 1_000_000_000
 BOTH = pytest.mark.parametrize("fmi", [2, 3])
 

@@ -61,7 +61,7 @@ def test_exact_scans_give_the_ink_of_other_forms(model) -> None:
 
 def test_a_closed_loop_with_exact_scans_tells_its_ink() -> None:
     """Droplets lack 10 % on average; a few nearly exact growths must not outweigh all others."""
-    size = ["grid.nx=18", "grid.ny=18", "part.radius_um=1600.0", "part.height_um=150.0"]
+    size = {"grid": {"nx": 18, "ny": 18}, "part": {"radius_um": 1600.0, "height_um": 150.0}}
     result = print_part(Scenario.load(SCENARIOS / "cylinder.toml", size))
     found = identify_ink([record_of(result, "cylinder")], 0.0).heights[0] * 1e6
     assert found == pytest.approx(0.9 * TRUE, rel=0.03)

@@ -14,10 +14,11 @@ from inkloop.report.model_difference import model_difference
 from inkloop.results.result import Result
 from support.benches.bench_run import BLOCK, printed_with_fmus, write
 
-EXACT = [
-    *("components.printer.variation=0.0", "components.profiler.noise_std_um=0.0"),
-    *("components.profiler.dropout_rate=0.0", "substrate.tilt_x=1e-3", "part.height_um=9.0"),
-]
+EXACT = {
+    "components": {"printer": {"variation": 0.0}, "profiler": {"noise_std_um": 0.0, "dropout_rate": 0.0}},
+    "substrate.tilt_x": 1e-3,
+    "part.height_um": 9.0,
+}
 RESOLUTION = 0.1e-6
 CELL = (5, 4)
 
@@ -91,5 +92,5 @@ def test_report_of_a_run_on_devices_has_a_row_for_each_layer(
 
 
 def test_print_of_models_has_no_such_table(tmp_path: Path) -> None:
-    made = printed_with_fmus(write(tmp_path), ["part.height_um=6.0"])
+    made = printed_with_fmus(write(tmp_path), {"part.height_um": 6.0})
     assert model_difference(made) is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,13 +15,13 @@ from support.places import SCENARIOS
 CUBOID = SCENARIOS / "cuboid.toml"
 
 
-def run_folder(folder: Path, *overrides: str) -> str:
+def run_folder(folder: Path, **overrides: Any) -> str:
     print_part(Scenario.load(CUBOID, overrides)).save(folder)
     return str(folder)
 
 
 def test_compare_shows_each_run_and_writes_the_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    runs = [run_folder(tmp_path / str(seed), f"seed={seed}", f"label=seed {seed}") for seed in (1, 2)]
+    runs = [run_folder(tmp_path / str(seed), seed=seed, label=f"seed {seed}") for seed in (1, 2)]
     picture = tmp_path / "both.png"
     assert main(["compare", *runs, "--out", str(picture)]) == 0
     shown = capsys.readouterr().out
@@ -30,17 +31,17 @@ def test_compare_shows_each_run_and_writes_the_picture(tmp_path: Path, capsys: p
 
 
 def test_runs_of_one_label_are_told_apart_by_their_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    runs = [run_folder(tmp_path / str(seed), f"seed={seed}") for seed in (1, 2)]
+    runs = [run_folder(tmp_path / str(seed), seed=seed) for seed in (1, 2)]
     assert main(["compare", *runs, "--out", str(tmp_path / "both.png")]) == 0
     shown = capsys.readouterr().out.replace("\n", "")
     assert all(run in shown for run in runs)
 
 
-@pytest.mark.parametrize(("change", "said"), [("grid.nx=14", "14 x 12 cells"), ("grid.pitch_um=250.0", "of 250 um")])
+@pytest.mark.parametrize(("change", "said"), [({"nx": 14}, "14 x 12 cells"), ({"pitch_um": 250.0}, "of 250 um")])
 def test_runs_of_different_grids_are_refused(
-    change: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    change: dict[str, float], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    runs = [run_folder(tmp_path / "first"), run_folder(tmp_path / "second", change)]
+    runs = [run_folder(tmp_path / "first"), run_folder(tmp_path / "second", grid=change)]
     assert main(["compare", *runs, "--out", str(tmp_path / "both.png")]) == 1
     error = capsys.readouterr().err
     assert said in error
@@ -49,7 +50,7 @@ def test_runs_of_different_grids_are_refused(
 
 
 def test_info_says_how_a_run_ended(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = run_folder(tmp_path / "run", "seed=7", "run.layers_max=2")
+    folder = run_folder(tmp_path / "run", seed=7, run={"layers_max": 2})
     assert main(["info", folder]) == 0
     shown = capsys.readouterr().out
     for said in ("Cuboid, 8 x 8 droplets", "seed: 7", "after 2 layers", "mean error", "casadi", "wall time: "):

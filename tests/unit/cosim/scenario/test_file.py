@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +33,7 @@ scan_duration_s = 0.0
 """
 
 
-def faults_of(tmp_path: Path, text: str, *overrides: str) -> tuple[str, ...]:
+def faults_of(tmp_path: Path, text: str, overrides: Mapping[str, Any] | None = None) -> tuple[str, ...]:
     path = tmp_path / "case.toml"
     path.write_text(text)
     with pytest.raises(ScenarioError) as caught:
@@ -180,7 +182,7 @@ def test_missing_file_is_named(tmp_path: Path) -> None:
 def test_override_changes_the_run_and_its_record(tmp_path: Path) -> None:
     path = tmp_path / "case.toml"
     path.write_text(GOOD)
-    scenario = Scenario.load(path, ["grid.nx=11", "components.printer.variation=0.3", "label=wide"])
+    scenario = Scenario.load(path, {"grid.nx": 11, "components.printer": {"variation": 0.3}, "label": "wide"})
     assert scenario.job().nx == 11
     assert scenario.tables.components["printer"].options == {"variation": 0.3}
     again = tmp_path / "again.toml"
@@ -188,15 +190,34 @@ def test_override_changes_the_run_and_its_record(tmp_path: Path) -> None:
     assert Scenario.load(again).tables == scenario.tables
 
 
-@pytest.mark.parametrize("override", ["grid.nx", "=3", "grid.nx.far=3"])
-def test_override_that_sets_nothing_is_a_fault(tmp_path: Path, override: str) -> None:
-    assert any("--set" in fault for fault in faults_of(tmp_path, GOOD, override))
+def test_override_below_a_number_is_an_error(tmp_path: Path) -> None:
+    assert faults_of(tmp_path, GOOD, {"grid": {"nx": {"far": 3}}}) == ("grid.nx.far: nx is not a table",)
+
+
+@pytest.mark.parametrize("value", [None, object(), 1j])
+def test_override_that_toml_cannot_hold_is_an_error(tmp_path: Path, value: object) -> None:
+    (found,) = faults_of(tmp_path, GOOD, {"grid.nx": value})
+    assert found == f"grid.nx is {value!r}; expected a number, a string, true or false, a list or a table"
+
+
+def test_overrides_that_are_no_mapping_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "case.toml").write_text(GOOD)
+    with pytest.raises(TypeError, match="expected a mapping"):
+        Scenario.load(tmp_path / "case.toml", ["grid.nx=11"])  # type: ignore[arg-type]
+
+
+def test_overrides_of_numpy_and_paths_become_plain_values(tmp_path: Path) -> None:
+    (tmp_path / "case.toml").write_text(GOOD)
+    values = {"grid.nx": np.int64(11), "components.printer.variation": np.float64(0.3), "title": Path("wide")}
+    scenario = Scenario.load(tmp_path / "case.toml", values)
+    assert (scenario.tables.grid.nx, scenario.tables.title) == (11, "wide")
+    assert scenario.tables.components["printer"].options == {"variation": 0.3}
 
 
 def test_override_of_a_component_that_is_not_there_names_the_nearest(tmp_path: Path) -> None:
-    found = faults_of(tmp_path, GOOD, "components.controler.alpha=1")
+    found = faults_of(tmp_path, GOOD, {"components.controler.alpha": 1})
     assert found == (
-        "--set components.controler.alpha=1: there is no components.controler; did you mean components.controller?",
+        "components.controler.alpha: there is no components.controler; did you mean components.controller?",
     )
 
 
@@ -228,6 +249,12 @@ def test_value_that_a_controller_refuses_is_a_fault_with_its_place_in_every_run(
         "components.controller.alpha",
         "compare.x.components.controller.layers",
     ]
+
+
+def test_loop_of_a_comparison_run_is_checked_with_the_file(tmp_path: Path) -> None:
+    errors = faults_of(tmp_path, GOOD + '[compare."no sensor".components.profiler]\nkind = "LayerDeposition"\n')
+    assert all(error.startswith("compare.no sensor: controller.") for error in errors)
+    assert errors[0].startswith("compare.no sensor: controller.measured_height is not connected")
 
 
 WIRE = '\n[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\n'

@@ -38,7 +38,7 @@ def test_ink_of_the_layer_to_layer_plant_is_found_with_a_tenth_of_it_missing() -
 
 
 def test_single_droplet_tells_what_it_leaves_and_no_more() -> None:
-    found = single_droplet(load("caps", ["components.printer.variation=0.0"]))
+    found = single_droplet(load("caps", {"components.printer.variation": 0.0}))
     assert [found.h1 * UM, found.h2 * UM, found.h3 * UM] == pytest.approx([3.208, 0.260, 0.002], abs=1e-3)
 
 

@@ -83,7 +83,7 @@ def test_what_the_scenario_says_itself_wins(tmp_path: Path) -> None:
 
 def test_ink_of_a_file_can_be_named_on_the_command_line(tmp_path: Path) -> None:
     without = SCENARIO.replace('[ink]\nfile = "inks/mine.toml"\n', "")
-    scenario = Scenario.load(write(tmp_path, scenario=without), ['ink.file="inks/mine.toml"'])
+    scenario = Scenario.load(write(tmp_path, scenario=without), {"ink.file": "inks/mine.toml"})
     assert scenario.job().inks[0].h1 == pytest.approx(5.0e-6)
 
 

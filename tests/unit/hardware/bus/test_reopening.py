@@ -53,24 +53,24 @@ def test_adapter_that_went_bus_off_with_the_lamp_on_is_left_to_a_person() -> Non
 def test_another_master_is_one_that_is_heard_twice_and_not_for_long() -> None:
     watch = BusWatch(session=4)
     watch.take_master(0.0, OTHER)
-    assert watch.trouble(0.0) is None, "the last word of a run that ended"
+    assert watch.other_master(0.0) is None, "the last word of a run that ended"
     watch.take_master(0.1, OTHER)
-    assert "session 5" in (watch.trouble(0.1) or "")
-    assert watch.trouble(0.1 + OVER_AFTER + 0.01) is None
+    assert "session 5" in (watch.other_master(0.1) or "")
+    assert watch.other_master(0.1 + OVER_AFTER + 0.01) is None
 
 
 def test_own_frames_are_no_other_master() -> None:
     watch = BusWatch(session=OTHER.session)
     for now in range(3):
         watch.take_master(now / 10, OTHER)
-    assert watch.trouble(0.2) is None
+    assert watch.other_master(0.2) is None
 
 
 def test_stop_request_lasts_until_it_is_released_or_silent() -> None:
     watch = BusWatch(session=4)
     watch.take_stop(0.0, StopRequest(True, Source.OPERATOR))
-    assert "stop request of the operator" in (watch.trouble(0.2) or "")
-    assert watch.trouble(OVER_AFTER + 0.01) is None
+    assert "stop request of the operator" in (watch.stop_request(0.2) or "")
+    assert watch.stop_request(OVER_AFTER + 0.01) is None
     watch.take_stop(1.0, StopRequest(True, Source.OPERATOR))
     watch.take_stop(1.1, StopRequest(False, Source.OPERATOR))
-    assert watch.trouble(1.1) is None
+    assert watch.stop_request(1.1) is None

@@ -64,6 +64,7 @@ def line() -> Iterator[Line]:
     made.socket.close()
 
 
+@pytest.mark.compiled
 @settings(deadline=None)
 @given(FRAMES, st.sampled_from([b"", b"12FE"]))
 def test_line_of_the_firmware_is_read_as_it_was_meant(frame: SlcanFrame, time_stamp: bytes) -> None:
@@ -76,6 +77,7 @@ def test_line_of_the_firmware_is_read_as_it_was_meant(frame: SlcanFrame, time_st
     assert (found.dlc, bytes(found.data), found.timestamp) == (frame.length, frame.data, 5.0)
 
 
+@pytest.mark.compiled
 @settings(deadline=None)
 @given(st.lists(FRAMES, max_size=30), st.integers(1, 100))
 def test_frames_come_whole_and_in_order_however_they_are_cut(frames: list[SlcanFrame], piece: int) -> None:
@@ -114,6 +116,7 @@ def test_refusals_of_the_adapter_are_counted_and_its_answers_are_not(line: Line)
     assert (line.bus.malformed, line.bus.refused) == (malformed, refused + 3)
 
 
+@pytest.mark.compiled
 def test_adapter_gets_the_lines_that_the_firmware_understands(line: Line) -> None:
     said = bytearray()
     end = SlcanEnd(opened=False)

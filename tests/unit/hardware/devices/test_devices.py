@@ -26,6 +26,8 @@ from support.benches.node_bench import GATE, LAMP, MOTION, NodeBench
 from support.benches.node_rig import NodeRig
 from support.fmus.fmu_driver import OK, Driver
 
+pytestmark = pytest.mark.compiled
+
 SECOND = 1_000_000_000
 FOUR = replace(job(), passes=4)
 
@@ -197,7 +199,7 @@ def print_two_passes(nodes: NodeBench, rig: NodeRig) -> None:
     """By hand, as an interrupted printer leaves it."""
     blob = PatternBytes.of(full(), passes=4, materials=1)
     nodes.master = node_bench.MasterAlive(LAMP | GATE | MOTION, 1, rig.job)
-    nodes.say_alive()
+    nodes.send_keep_alive()
     assert nodes.download(blob.coded, 1, coded=0x10) == 0
     for number in range(2):
         assert nodes.run(node_bench.PASS, layer=1, which=number, option=bytes([number]), job=rig.job) == 0

@@ -17,7 +17,7 @@ from inkloop_hardware.devices.journal_comparison import JournalsDiffer, compare
 from inkloop_hardware.devices.master_journal import JOURNAL_FILE, Asked, Event, JournalError, LayerAsked, MasterJournal
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
-from inkloop_hardware.protocol.node_state import BookFlags, Flags, NodeState, Roles, Step
+from inkloop_hardware.protocol.node_state import Flags, LayerFlags, NodeState, Roles, Step
 from inkloop_hardware.protocol.services import Key, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches.node_bench import NodeBench
@@ -108,6 +108,7 @@ def journalled(routine: Routine, key: Key, *_: object) -> tuple[Asked, Key] | No
     return (STEPS[routine], key) if routine in STEPS else None
 
 
+@pytest.mark.compiled
 def test_every_step_is_on_the_disk_before_it_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is on the disk: what was there when the journal was last synced."""
     synced: list[bytes] = []
@@ -156,7 +157,7 @@ def test_every_step_is_on_the_disk_before_it_is_asked_for(tmp_path: Path, monkey
 
 def head(layer: int, *, job: int = JOB, done: int = 0, unknown: int = 0, crc: int = 0xABC2) -> NodeState:
     return NodeState(
-        *(State.SAFE, Fault.NONE, Roles.HEAD, Flags(0), job, layer, 4, done, unknown, 0, BookFlags(0), Step.NONE),
+        *(State.SAFE, Fault.NONE, Roles.HEAD, Flags(0), job, layer, 4, done, unknown, 0, LayerFlags(0), Step.NONE),
         *(1, 1, crc, 0.0, 0),
     )
 
@@ -211,6 +212,7 @@ def print_layer(printer: Printer, layer: int) -> Any:
     return printer.do_step(0, 1, {"pattern": ones, "drop_level": ones, "layer_command": np.int32(layer)})
 
 
+@pytest.mark.compiled
 def test_run_keeps_its_job_even_without_a_checkpoint(tmp_path: Path) -> None:
     """It was stopped in layer 1: what the head has done of it is gone on with, not printed again on top."""
     with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
@@ -222,6 +224,7 @@ def test_run_keeps_its_job_even_without_a_checkpoint(tmp_path: Path) -> None:
         np.testing.assert_array_equal(nodes.surface, surface)
 
 
+@pytest.mark.compiled
 def test_checkpoint_that_is_older_than_the_journal_is_refused_in_words(tmp_path: Path) -> None:
     with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
         first = printer_of(tmp_path, NodeRig(nodes))
@@ -233,6 +236,7 @@ def test_checkpoint_that_is_older_than_the_journal_is_refused_in_words(tmp_path:
         np.testing.assert_array_equal(nodes.surface, surface)
 
 
+@pytest.mark.compiled
 def test_checkpoint_of_another_job_is_refused_in_words(tmp_path: Path) -> None:
     with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
         saved = printer_of(tmp_path / "one", NodeRig(nodes, job=7)).save()
@@ -241,6 +245,7 @@ def test_checkpoint_of_another_job_is_refused_in_words(tmp_path: Path) -> None:
             other.restore(saved)
 
 
+@pytest.mark.compiled
 def test_head_that_has_forgotten_the_job_is_not_printed_with(tmp_path: Path) -> None:
     with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
         print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)

@@ -20,6 +20,8 @@ from support.benches import node_bench
 from support.benches.node_bench import NodeBench
 from support.benches.node_rig import NodeRig
 
+pytestmark = pytest.mark.compiled
+
 FOUR = replace(job(), passes=4)
 ONES = np.ones((FOUR.nx, FOUR.ny), np.int32)
 

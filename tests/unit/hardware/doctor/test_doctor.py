@@ -13,15 +13,15 @@ from inkloop.component import Job
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.doctor.adapter_check import before_opening, configured, opened
 from inkloop_hardware.doctor.findings import Finding, Grade
-from inkloop_hardware.doctor.inquiry import ClockLook, Expected, Told, clock_rates, judged
+from inkloop_hardware.doctor.inquiry import ClockLook, Expected, NodeReport, assess, clock_rates
 from inkloop_hardware.doctor.listening import Heard, judge, judge_bus
 from inkloop_hardware.doctor.self_test import try_gate_and_lamp
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.node_state import (
-    BookFlags,
     Flags,
     Happening,
     JournalRecord,
+    LayerFlags,
     NodeLimits,
     NodeState,
     Roles,
@@ -51,43 +51,43 @@ def heard(*, cycle: float = 0.1, without: tuple[Node, ...] = (), version: int = 
     return found
 
 
-def faults(findings: list[Finding]) -> dict[str, str]:
+def errors(findings: list[Finding]) -> dict[str, str]:
     """What is said of each check that found a fault; every one says what to do."""
-    found = [finding for finding in findings if finding.grade is Grade.FAULT]
+    found = [finding for finding in findings if finding.grade is Grade.ERROR]
     assert all(finding.advice for finding in found)
     return {finding.check: finding.found for finding in found}
 
 
-def heard_faults(found: Heard) -> dict[str, str]:
-    return faults(list(judge(found, CODEC)))
+def heard_errors(found: Heard) -> dict[str, str]:
+    return errors(list(judge(found, CODEC)))
 
 
 def test_well_bench_has_no_fault() -> None:
-    assert heard_faults(heard()) == {}
+    assert heard_errors(heard()) == {}
 
 
 def test_silent_bus_and_foreign_bus_are_told_apart() -> None:
-    assert set(heard_faults(Heard(lasted=1.0))) == {"bus", "nodes"}
+    assert set(heard_errors(Heard(lasted=1.0))) == {"bus", "nodes"}
     foreign = Heard(lasted=1.0)
     foreign.take(0.0, Frame(0x7DF, b"\1\2"), CODEC)
-    assert "0x7DF" in heard_faults(foreign)["bus"]
+    assert "0x7DF" in heard_errors(foreign)["bus"]
 
 
 def test_rig_with_frames_of_its_own_has_no_fault_for_them() -> None:
     foreign = Heard(lasted=1.0)
     foreign.take(0.0, Frame(0x7DF, b"\1\2"), CODEC)
-    assert faults(list(judge_bus(foreign, foreign=True))) == {}
-    assert set(faults(list(judge_bus(Heard(lasted=1.0), foreign=True)))) == {"bus"}
+    assert errors(list(judge_bus(foreign, foreign=True))) == {}
+    assert set(errors(list(judge_bus(Heard(lasted=1.0), foreign=True)))) == {"bus"}
 
 
 def test_missing_nodes_are_named() -> None:
-    assert heard_faults(heard(without=(Node.CURE, Node.STAGE)))["nodes"].startswith("stage and cure said nothing")
+    assert heard_errors(heard(without=(Node.CURE, Node.STAGE)))["nodes"].startswith("stage and cure said nothing")
 
 
 def test_error_frames_and_malformed_lines_point_at_the_wires() -> None:
     found = heard()
     found.errors, found.complaints = 3, {"malformed lines of the adapter": 2}
-    said = [finding for finding in judge(found, CODEC) if finding.grade is Grade.FAULT]
+    said = [finding for finding in judge(found, CODEC) if finding.grade is Grade.ERROR]
     assert [finding.found for finding in said] == ["3 error frames", "2 malformed lines of the adapter"]
     assert "120 ohm" in said[0].advice
     assert "USB" in said[1].advice
@@ -101,14 +101,14 @@ def test_lost_frames_are_a_fault_where_they_are_many() -> None:
         found.take(0.1 * number, pack(CODEC, status(Node.CURE), (number + number // 15) % 15), CODEC)
     said = [finding for finding in judge(found, CODEC) if finding.check == "supervision"]
     assert [(finding.grade, finding.found) for finding in said] == [
-        (Grade.FAULT, "head: 2 statuses were lost, 7 came in"),
-        (Grade.NOTE, "cure: 1 statuses were lost, 29 came in"),
+        (Grade.ERROR, "head: 2 statuses were lost, 7 came in"),
+        (Grade.WARNING, "cure: 1 statuses were lost, 29 came in"),
     ]
 
 
 def test_pause_that_a_run_would_not_bear_is_a_fault() -> None:
-    assert "400 ms" in heard_faults(heard(cycle=0.4))["heartbeat"]
-    assert heard_faults(heard(cycle=0.2)) == {}, "only worth a note"
+    assert "400 ms" in heard_errors(heard(cycle=0.4))["heartbeat"]
+    assert heard_errors(heard(cycle=0.2)) == {}, "only worth a note"
 
 
 def test_wrong_check_byte_repeated_counter_and_jump_are_counted() -> None:
@@ -121,17 +121,17 @@ def test_wrong_check_byte_repeated_counter_and_jump_are_counted() -> None:
     said = [finding.found for finding in judge(found, CODEC) if finding.check == "supervision"]
     assert said[0].startswith("head: of its statuses 2 repeated, 1 jumped")
     assert said[1] == "stage: of its statuses 5 damaged; it is not to be believed"
-    assert "cure said nothing" in heard_faults(found)["nodes"], "a damaged status is not silence"
+    assert "cure said nothing" in heard_errors(found)["nodes"], "a damaged status is not silence"
 
 
 def test_other_version_of_the_protocol_is_named_for_each_node() -> None:
-    assert heard_faults(heard(version=2))["protocol"].endswith("speaks version 2 of the protocol, this inkloop 1")
+    assert heard_errors(heard(version=2))["protocol"].endswith("speaks version 2 of the protocol, this inkloop 1")
 
 
 def test_state_that_our_protocol_does_not_have_is_said_in_words() -> None:
     found, frame = heard(), bytearray(pack(CODEC, status(Node.HEAD), 10).data)
     found.take(1.0, Frame(0x101, bytes(frame[:7])), CODEC)
-    assert "has 7 bytes, expected 8" in heard_faults(found)["protocol"]
+    assert "has 7 bytes, expected 8" in heard_errors(found)["protocol"]
 
 
 @pytest.mark.parametrize(("sessions", "words"), [((5,), "session 5, job 9"), ((5, 6), "2 masters, sessions 5, 6")])
@@ -139,26 +139,26 @@ def test_masters_on_the_bus_are_named(sessions: tuple[int, ...], words: str) -> 
     found = heard()
     for session in sessions:
         found.take(0.5, pack(CODEC, MasterAlive(False, False, False, session, 9), 1), CODEC)
-    assert words in heard_faults(found)["masters"]
+    assert words in heard_errors(found)["masters"]
 
 
 def test_stop_request_is_told() -> None:
     found = heard()
     found.take(0.5, pack(CODEC, StopRequest(True, Source.OPERATOR), 1), CODEC)
-    assert "stop request" in heard_faults(found)["masters"]
+    assert "stop request" in heard_errors(found)["masters"]
 
 
-def told(node: Node = Node.HEAD) -> Told:
+def told(node: Node = Node.HEAD) -> NodeReport:
     """A node that is well."""
     roles = Roles[node.upper()]
     state = NodeState(
-        State.SAFE, Fault.NONE, roles, Flags(0), 0, 0, 0, 0, 0, 0, BookFlags(0), Step.NONE, 1, 0, 0, 5.0, 0
+        State.SAFE, Fault.NONE, roles, Flags(0), 0, 0, 0, 0, 0, 0, LayerFlags(0), Step.NONE, 1, 0, 0, 5.0, 0
     )
     limits = NodeLimits(1000, 0.3, 10.0, 0.5, 120.0, 30.0, 60.0, 4095)
-    record = JournalRecord(7, Happening.BOOT, Step.NONE, Key(0, 0), 1, 0, 0, 0, 0, 0, BookFlags(0), 0.0)
+    record = JournalRecord(7, Happening.BOOT, Step.NONE, Key(0, 0), 1, 0, 0, 0, 0, 0, LayerFlags(0), 0.0)
     shape = (20, 20) if node is Node.PROFILER else None
     clock = (ClockLook(5.0, 100.0, 100.01), ClockLook(6.0, 101.0, 101.01))
-    return Told(node, "inkloop 0.1.0", state, limits, (record, replace(record, number=6)), shape, clock)
+    return NodeReport(node, "inkloop 0.1.0", state, limits, (record, replace(record, number=6)), shape, clock)
 
 
 def expected(nx: int = 20, ny: int = 20, cure_ms: int = 100) -> Expected:
@@ -166,7 +166,7 @@ def expected(nx: int = 20, ny: int = 20, cure_ms: int = 100) -> Expected:
 
 
 def test_node_that_is_well_has_no_fault() -> None:
-    assert faults(list(judged([told(node) for node in Node], expected()))) == {}
+    assert errors(list(assess([told(node) for node in Node], expected()))) == {}
 
 
 @pytest.mark.parametrize(
@@ -184,13 +184,13 @@ def test_node_that_is_well_has_no_fault() -> None:
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_what_a_node_says_is_held_against_what_it_has_to_bear(one: Told, check: str, words: str) -> None:
-    assert words in faults(list(judged([one], expected())))[check]
+def test_what_a_node_says_is_held_against_what_it_has_to_bear(one: NodeReport, check: str, words: str) -> None:
+    assert words in errors(list(assess([one], expected())))[check]
 
 
 def test_record_that_cannot_be_read_is_noted() -> None:
     gap = replace(told(), journal=(told().journal[0], replace(told().journal[1], number=4)))
-    assert any(f.grade is Grade.NOTE and "between 4 and 7" in f.found for f in judged([gap], expected()))
+    assert any(f.grade is Grade.WARNING and "between 4 and 7" in f.found for f in assess([gap], expected()))
 
 
 def test_slow_answers_do_not_make_a_clock_wrong() -> None:
@@ -218,7 +218,7 @@ def test_adapter_that_is_not_there_is_told_before_it_is_opened(
     monkeypatch.setenv("HOME", str(tmp_path))
     (tmp_path / "can0").mkdir()
     (tmp_path / "can0" / "operstate").write_text("down\n")
-    assert words in faults(list(before_opening(configured(settings), tmp_path)))[check]
+    assert words in errors(list(before_opening(configured(settings), tmp_path)))[check]
 
 
 @pytest.mark.parametrize(
@@ -264,35 +264,38 @@ def test_page_names_every_check() -> None:
     page = (ROOT / "docs/how-to/when-the-bench-does-not-answer.md").read_text()
     names = ("adapter_check", "inquiry", "doctor", "listening", "self_test")
     sources = [(ROOT / f"hardware/inkloop_hardware/doctor/{name}.py").read_text() for name in names]
-    checks = set(re.findall(r"\b(?:fault|good|note|left_out)\(\s*\"([a-z ]+)\"", "".join(sources)))
+    checks = set(re.findall(r"\bFinding\.(?:error|ok|warning|skipped)\(\s*\"([a-z ]+)\"", "".join(sources)))
     assert {"interface", "clock", "self test"} <= checks
     assert not sorted(check for check in checks if f"\n    {check} " not in page)
 
 
+@pytest.mark.compiled
 def test_self_test_tries_gate_then_lamp_with_the_enables_of_each() -> None:
     with NodeBench() as bench:
         rig = NodeRig(bench)
         said = list(try_gate_and_lamp(rig))  # type: ignore[arg-type]
-        assert [finding.grade for finding in said] == [Grade.GOOD, Grade.GOOD]
+        assert [finding.grade for finding in said] == [Grade.OK, Grade.OK]
         assert rig.enables == [2, 1]
         assert [bench.counted(what) for what in range(3)] == [1, 1, 0]
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize(("broken", "tests"), [(GATE_STAYS_CLOSED, 1), (LAMP_STAYS_ON, 1)])
 def test_gate_that_is_not_confirmed_gets_no_light(broken: int, tests: int) -> None:
     with NodeBench() as bench:
         bench.broken(broken)
         said = list(try_gate_and_lamp(NodeRig(bench)))  # type: ignore[arg-type]
         assert len(said) == tests
-        assert said[-1].grade is Grade.FAULT
+        assert said[-1].grade is Grade.ERROR
         assert "everything is off" in said[-1].advice
         assert bench.counted(1) == 0
 
 
+@pytest.mark.compiled
 def test_nodes_that_need_a_person_are_not_energised() -> None:
     with NodeBench() as bench:
         bench.stop(True)
         bench.stop(False)
         said = list(try_gate_and_lamp(NodeRig(bench)))  # type: ignore[arg-type]
-        assert [finding.grade for finding in said] == [Grade.LEFT_OUT]
+        assert [finding.grade for finding in said] == [Grade.SKIPPED]
         assert [bench.counted(what) for what in range(3)] == [0, 0, 0]

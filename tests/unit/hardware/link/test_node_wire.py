@@ -22,7 +22,7 @@ STATUS = NodeStatus(
 
 
 class Bench:
-    """What a wire needs of a rig: one lamp that is on, by an injected clock."""
+    """What a wire needs of the supervision: one lamp that is on, by an injected clock."""
 
     codec = CODEC
 
@@ -32,7 +32,7 @@ class Bench:
         self.seen.take_status(0.0, STATUS, 0)
         self.words = 0
 
-    def alive(self) -> None:
+    def keep_alive(self) -> None:
         self.words += 1
 
     def check(self, nodes: tuple[Node, ...]) -> None:

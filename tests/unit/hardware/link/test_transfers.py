@@ -17,6 +17,8 @@ from inkloop_hardware.protocol.vocabulary import State
 from support.benches.faulty_wire import FaultyWire
 from support.benches.node_bench import CURE, HEAD, PROFILER, RASTER, NodeBench, pattern_blob, run_length
 
+pytestmark = pytest.mark.compiled
+
 JOB = 7
 BLOCK, ANSWER, EXIT = 0x36, 0x76, 0x37
 
@@ -66,7 +68,7 @@ def test_pattern_arrives_as_it_was_sent(cells: int, coded: bool) -> None:
         link = FaultyWire(bench.ready()).link()
         link.download(1, sent, coded=coded, progress=lambda done, total: moved.append((done, total)))
         assert link.state().pattern_crc == zlib.crc32(sent)
-        assert (link.counts.again, link.counts.stray, link.counts.broken, link.counts.anew) == (0, 0, 0, 0)
+        assert (link.counts.repeated, link.counts.stray, link.counts.broken, link.counts.restarted) == (0, 0, 0, 0)
     assert moved[-1] == (len(sent), len(sent))
 
 
@@ -131,7 +133,7 @@ def test_block_whose_answer_is_lost_is_not_sent_again(which: int) -> None:
         link = wire.link()
         link.download(1, blob)
         assert bench.state().pattern_crc == zlib.crc32(blob)
-        assert (wire.lost, link.counts.anew) == (1, 0)
+        assert (wire.lost, link.counts.restarted) == (1, 0)
 
 
 def test_block_of_a_map_that_is_cut_off_is_asked_for_in_smaller_pieces() -> None:
@@ -147,7 +149,7 @@ def test_block_of_a_map_that_is_cut_off_is_asked_for_in_smaller_pieces() -> None
         assert bench.ready().scan(0) == 0
         link = FaultyWire(bench, PROFILER, alter=take_note).link()
         assert link.upload(0) == bench.upload(0)
-        assert link.counts.anew == 0
+        assert link.counts.restarted == 0
     assert asked[:3] == [b"\x36\x01", b"\x36\x01\x07\xfe", b"\x36\x02\x07\xfe"], "2046 bytes instead of 4093"
 
 
@@ -172,7 +174,7 @@ def test_altered_byte_is_found_and_the_pattern_sent_once_more(often: int) -> Non
         else:
             with pytest.raises(TransferError, match=r"checksum differs.*cables"):
                 link.download(1, blob)
-        assert link.counts.anew == 1
+        assert link.counts.restarted == 1
         assert (bench.state().pattern_crc == zlib.crc32(blob)) == bench.state().pattern_loaded == (often == 1)
 
 
@@ -195,7 +197,7 @@ def test_altered_block_counter_is_refused_and_the_pattern_sent_once_more(often: 
         with pytest.raises(TransferError, match="block 1 of the pattern of layer 1"):
             link.download(1, blob)
     assert answers == [0x73] * often
-    assert link.counts.anew == 1
+    assert link.counts.restarted == 1
     assert bench.state().pattern_loaded == (often == 1)
 
 
@@ -203,7 +205,7 @@ def test_altered_byte_of_a_map_is_found_and_the_map_fetched_once_more(bench: Nod
     assert bench.scan(0) == 0
     link = FaultyWire(bench, PROFILER, alter=nth(0, fifth, change)).link()
     assert link.upload(0) == bench.upload(0)
-    assert link.counts.anew == 1
+    assert link.counts.restarted == 1
 
 
 class LateWire(FaultyWire):
@@ -246,7 +248,7 @@ def test_late_answers_of_a_head_belong_to_nothing_any_more(service: int, count: 
         link.download(1, blob)
         assert link.state().state is State.VERIFIED
         assert bench.state().pattern_crc == zlib.crc32(blob)
-        assert (wire.left < count, link.counts.anew) == (True, 0)
+        assert (wire.left < count, link.counts.restarted) == (True, 0)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])

@@ -101,6 +101,7 @@ def packed_in_c(message: Message, raw: dict[str, int]) -> bytes:
     return data.raw[:length]
 
 
+@pytest.mark.compiled
 @EVERY_MESSAGE
 @settings(deadline=None)
 @given(data=st.data())

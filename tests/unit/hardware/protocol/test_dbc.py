@@ -42,7 +42,7 @@ def test_ids_and_cycles_are_those_of_the_bench() -> None:
             0x111 + place,
             0x181 + place,
         )
-        assert (node.request_id(CODEC), node.answer_id(CODEC)) == (0x640 + 2 * place, 0x641 + 2 * place)
+        assert (CODEC.request_id(node), CODEC.answer_id(node)) == (0x640 + 2 * place, 0x641 + 2 * place)
         assert CODEC.cycle_time(f"{node}Status") == 0.1
         assert CODEC.cycle_time(f"{node}Request") is None
     assert CODEC.cycle_time("MasterAlive") == 0.1

@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from inkloop_hardware.protocol.e2e_monitor import E2eMonitor, Verdict
 from support.benches.wire_library import numbers, wire_library
 
+pytestmark = pytest.mark.compiled
+
 
 class MonitorInC:
     def __init__(self) -> None:

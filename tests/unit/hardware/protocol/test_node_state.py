@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 
 from inkloop_hardware.link.node_watch import NodeWatch
-from inkloop_hardware.protocol.node_state import BookFlags, Flags, Happening, NodeState, Roles, Step
+from inkloop_hardware.protocol.node_state import (
+    Flags,
+    Happening,
+    Identifier,
+    LayerFlags,
+    NodeState,
+    Roles,
+    Step,
+    TransferState,
+)
 from inkloop_hardware.protocol.records import NodeFault, NodeStatus
 from inkloop_hardware.protocol.services import ClearOption, Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
@@ -29,12 +38,13 @@ def bench() -> Iterator[NodeBench]:
         yield made.ready()
 
 
+@pytest.mark.compiled
 def test_state_of_a_printed_layer_is_read(bench: NodeBench) -> None:
     bench.print_layer(np.ones((9, 9)), 1)
     state = FaultyWire(bench, HEAD).link().state()
     expected = NodeState(
         *(State.PRINTED, Fault.NONE, Roles.HEAD, Flags.PATTERN_LOADED),
-        *(7, 1, 4, 0b1111, 0, 0, BookFlags(0), Step.NONE, 1, 1),
+        *(7, 1, 4, 0b1111, 0, 0, LayerFlags(0), Step.NONE, 1, 1),
         pattern_crc=bench.state().pattern_crc,
         clock=bench.clock / 1e3,
         gate_pulses=4,
@@ -43,6 +53,7 @@ def test_state_of_a_printed_layer_is_read(bench: NodeBench) -> None:
     assert state.layer_is_complete
 
 
+@pytest.mark.compiled
 def test_times_and_limits_are_in_seconds(bench: NodeBench) -> None:
     bench.print_layer(np.ones((9, 9)), 1)
     link = FaultyWire(bench, HEAD).link()
@@ -57,16 +68,18 @@ def test_times_and_limits_are_in_seconds(bench: NodeBench) -> None:
     assert (limits.alive, limits.block, limits.pattern_bytes) == (0.3, 4095, 21)
 
 
+@pytest.mark.compiled
 def test_map_size_version_and_transfer_are_read(bench: NodeBench) -> None:
     link = FaultyWire(bench, PROFILER).link()
     assert (link.map_size().size, link.map_size().nx, link.map_size().ny) == (0, 9, 9)
     assert bench.scan(0) == 0
     link.upload(0)
-    transfer = link.transfer()
+    transfer = link.requests.read(Identifier.TRANSFER, TransferState.of)
     assert (transfer.active, transfer.upload, transfer.done, transfer.size) == (False, True, 185, 185)
     assert link.version()
 
 
+@pytest.mark.compiled
 def test_journal_is_read_newest_first(bench: NodeBench) -> None:
     bench.print_layer(np.ones((9, 9)), 1)
     records = FaultyWire(bench, HEAD).link().journal()
@@ -77,6 +90,7 @@ def test_journal_is_read_newest_first(bench: NodeBench) -> None:
     assert newest.pattern_crc == bench.state().pattern_crc
 
 
+@pytest.mark.compiled
 def test_interrupted_pass_is_unknown_to_everybody_who_asks(bench: NodeBench) -> None:
     link = FaultyWire(bench, HEAD).link()
     link.download(1, pattern_blob(np.ones((9, 9))))
@@ -91,7 +105,7 @@ def test_interrupted_pass_is_unknown_to_everybody_who_asks(bench: NodeBench) -> 
     assert link.state().flags & Flags.NEEDS_OPERATOR
     released = ClearOption.OPERATOR | ClearOption.ABANDON
     assert link.routine(Routine.CLEAR, Key(7, 1), bytes([released]), limit_s=5) is Outcome.DONE
-    assert link.state().book == BookFlags.ACKNOWLEDGED | BookFlags.ABANDONED
+    assert link.state().layer_flags == LayerFlags.ACKNOWLEDGED | LayerFlags.ABANDONED
 
 
 def told(

@@ -53,6 +53,7 @@ def test_solid_layer_is_shorter_coded_and_a_dithered_one_is_not() -> None:
     assert not dithered.is_shorter_coded
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("coded", [False, True])
 def test_both_forms_print_the_same_surface(coded: bool) -> None:
     pattern = np.random.default_rng(3).integers(0, 3, (12, 17))
@@ -68,6 +69,7 @@ def test_both_forms_print_the_same_surface(coded: bool) -> None:
         np.testing.assert_array_equal(bench.surface, same.surface)
 
 
+@pytest.mark.compiled
 def test_journal_knows_which_form_it_took() -> None:
     made = PatternBytes.of(np.ones((9, 9)), passes=4, materials=1)
     for coded, blob in ((True, made.coded), (False, made.plain)):
@@ -88,6 +90,7 @@ def test_pattern_that_the_bus_cannot_carry_is_refused_in_words(pattern: np.ndarr
         PatternBytes.of(pattern, passes=1, materials=materials)
 
 
+@pytest.mark.compiled
 def test_map_of_a_node_is_read_to_the_bit() -> None:
     nx, ny = 11, 9
     with node_bench.NodeBench(nx=nx, ny=ny, noise_std=1e-6, dropout_rate=0.1, sensor_seed=3) as bench:
@@ -102,6 +105,7 @@ def test_map_of_a_node_is_read_to_the_bit() -> None:
     np.testing.assert_array_equal(found, expected)
 
 
+@pytest.mark.compiled
 def test_part_that_outgrew_16_bits_is_read_from_its_datum() -> None:
     with node_bench.NodeBench(nx=5, ny=5) as bench:
         bench.ready()

@@ -43,7 +43,7 @@ def seen(*said: tuple[Node, bool, bytes]) -> list[Seen]:
     """The log of messages: node, whether it is a request, bytes."""
     log = []
     for node, asks, message in said:
-        identifier = node.request_id(CODEC) if asks else node.answer_id(CODEC)
+        identifier = CODEC.request_id(node) if asks else CODEC.answer_id(node)
         log += [Seen(len(log) * 1e-3, asks, Frame(identifier, data)) for data in frames_of(message)]
     return log
 

@@ -14,6 +14,8 @@ from inkloop.exchange.ssp.reading import scenario_of
 from inkloop.fmu.archive_member import fmu_file
 from support.fmus import amplifier
 
+pytestmark = pytest.mark.compiled
+
 NAMES = " ".join(f'xmlns:{short}="http://ssp-standard.org/SSP1/SystemStructure{long}"' for short, long in
                  (("ssd", "Description"), ("ssc", "Common"), ("ssv", "ParameterValues")))  # fmt: skip
 JOB = """
@@ -106,7 +108,7 @@ def test_job_is_the_one_that_is_named(tmp_path: Path) -> None:
     job = tmp_path / "jobs" / "other.toml"
     job.parent.mkdir()
     job.write_text(JOB.replace("two FMUs of others", "another job"), encoding="utf-8")
-    scenario = scenario_of(packed(tmp_path, job=""), ["seed=9"], job)
+    scenario = scenario_of(packed(tmp_path, job=""), {"seed": 9}, job)
     assert (scenario.tables.title, scenario.tables.seed) == ("another job", 9)
     assert scenario.foreign_fmus == ["components.first", "components.second"]
 

@@ -1,0 +1,124 @@
+"""Requests to one node over UDS and ISO-TP: each is repeated until its answer comes or its time is over."""
+
+from __future__ import annotations
+
+import logging
+import struct
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import udsoncan
+from udsoncan.client import Client
+from udsoncan.exceptions import NegativeResponseException, TimeoutException
+
+from inkloop_hardware.bus.isotp_connection import ANSWER_LIMIT, IsoTpConnection, Wire
+from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
+from inkloop_hardware.protocol.codec import Codec
+from inkloop_hardware.protocol.node_state import Identifier
+from inkloop_hardware.protocol.services import REFUSALS, UNREADABLE, Bytes, is_answer
+from inkloop_hardware.protocol.vocabulary import Node
+
+TRIES = 6
+P2 = 1.0
+"""Seconds for a node to begin its answer."""
+P2_STAR = 5.0
+"""Seconds between two "still busy"; a node sends it every second."""
+
+Answer = TypeVar("Answer")
+
+
+class Requests:
+    """Sends requests to one node and returns its answers.
+
+    A request without an answer within 1 s is repeated, six tries in all; answers that come late or twice are dropped.
+    name: the node with its arbitration id and its bus, for messages; client: its services; connection: counts answers
+    that came late or twice and broken messages; repeated: requests sent again.
+    """
+
+    def __init__(self, node: Node, codec: Codec, wire: Wire, place: str) -> None:
+        self.name = f"{node.lower()} (0x{codec.answer_id(node):03X} on {place})"
+        self.repeated = 0
+        self._wire = wire
+        self._unsure = False
+        """Answers to earlier requests may still come."""
+        self.connection = IsoTpConnection(wire, codec.request_id(node), codec.answer_id(node), is_answer)
+        config: Any = dict(udsoncan.configs.default_client_config)
+        config |= {"data_identifiers": {"default": Bytes()}, "request_timeout": None}
+        config |= {"p2_timeout": P2, "p2_star_timeout": P2_STAR, "use_server_timing": False}
+        self.client = Client(self.connection, config=config)
+        self.client.logger = logging.getLogger("inkloop_uds")
+        self.client.logger.setLevel(logging.CRITICAL)  # what it logs as an error is repeated, or raised
+
+    def request(
+        self,
+        what: str,
+        service: Callable[..., Any],
+        *arguments: object,
+        tries: int = TRIES,
+        limit_s: float = ANSWER_LIMIT,
+    ) -> Any:
+        """The answer to a service of `client` with these arguments, repeated until one comes.
+
+        what: names the request in errors; limit_s: for all tries together. Raises LinkTimeout, NodeRefused,
+        TransferError for an answer that cannot be read, and what `wire` raises.
+        """
+        self.connection.deadline = self._wire.now() + limit_s
+        try:
+            if self._unsure:
+                self._settle()
+            return self._repeat(what, service, *arguments, tries=tries)
+        finally:
+            self.connection.deadline = None
+
+    def read(self, identifier: Identifier, of: Callable[[bytes], Answer]) -> Answer:
+        """The record of an identifier (service 0x22); `of` makes it of its bytes."""
+        what = f"identifier {identifier:04X}, {identifier.name.lower()}"
+        answer = self.request(what, self.client.read_data_by_identifier, identifier)
+        return self.decoded(what, answer.service_data.values[int(identifier)], of)
+
+    def decoded(self, what: str, data: bytes, of: Callable[[bytes], Answer]) -> Answer:
+        """The bytes of an answer as `of` reads them; TransferError for bytes that it cannot read."""
+        try:
+            return of(data)
+        except (ValueError, ArithmeticError, struct.error) as error:
+            raise TransferError(
+                f"the {self.name} answers {what} with {data.hex(' ')}: {error}; is it newer?"
+            ) from error
+
+    def _repeat(self, what: str, service: Callable[..., Any], *arguments: object, tries: int) -> Any:
+        for _ in range(tries):
+            try:
+                answer = service(*arguments)
+            except TimeoutException:
+                self.repeated += 1
+                self._unsure = True
+                self._check_deadline(what)
+            except NegativeResponseException as error:
+                code = error.response.code or 0
+                raise NodeRefused(f"the {self.name} refuses: {what} (0x{code:02X}): {_reason(code)}", code) from None
+            except UNREADABLE as error:
+                raise TransferError(f"the {self.name} answers what cannot be read: {what}: {error}") from error
+            except BaseException:
+                self._unsure = True
+                raise
+            else:
+                return answer
+        raise LinkTimeout(
+            f"no answer of the {self.name} within {P2:g} s, {tries} tries: {what}; "
+            "its status frames come in, so look at what its firmware does"
+        )
+
+    def _settle(self) -> None:
+        """Asks a question of its own: answers come in the order of their requests, so after its answer none is old."""
+        self._unsure = False
+        self._repeat("are you there (0x3E)", self.client.tester_present, tries=TRIES)
+        self._unsure = False
+
+    def _check_deadline(self, what: str) -> None:
+        deadline = self.connection.deadline
+        if deadline is not None and self._wire.now() > deadline:
+            raise LinkTimeout(f"the {self.name} has not ended in time: {what}; ask it what became of it")
+
+
+def _reason(code: int) -> str:
+    return REFUSALS.get(code, "a code that this protocol does not have; does it run other firmware?")

@@ -1,0 +1,160 @@
+"""Both directions of supervision: the nodes hear that the master lives, the master hears whether the nodes do."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Container, Iterable
+
+from inkloop_hardware.bus.connection import BusConnection
+from inkloop_hardware.bus.heartbeat import Enables
+from inkloop_hardware.errors import AnotherMaster, BusDisconnected, FrameError, HardwareError, NodeLost, StopRequested
+from inkloop_hardware.link.bus_watch import BusWatch
+from inkloop_hardware.link.node_watch import NodeWatch
+from inkloop_hardware.protocol.codec import Codec, Frame
+from inkloop_hardware.protocol.records import KINDS, MasterAlive, NodeFault, NodeStatus, StopRequest, unpack
+from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.replay.replay_connection import ReplayConnection
+
+LOG = logging.getLogger("inkloop_hardware")
+KEEP_ALIVE_PERIOD_S = 0.02
+"""Seconds between two signs of life of the control loop to the bus process, at least."""
+FIRST_BEATS = 0.15
+"""Seconds of heartbeat before anything is asked: a node that knows this session from before takes the first frame of a
+new counter for a jump."""
+
+Bus = BusConnection | ReplayConnection
+
+
+class Supervision:
+    """Follows the nodes and other masters on an open bus, and keeps the heartbeat of this master going.
+
+    codec: of the frames; session: our own; place: the bus, for messages. To be used by one thread.
+    """
+
+    def __init__(self, codec: Codec, session: int, place: str) -> None:
+        self.codec = codec
+        self._session = session
+        self._place = place
+        self._bus: Bus | None = None
+        self._enables = Enables.NONE
+        self._keep_alive_due = 0.0
+        self._beating_since = 0.0
+        self._watches = {node: NodeWatch(node) for node in Node}
+        self._bus_watch = BusWatch(session)
+        self._senders = {
+            codec.message(name).frame_id: node
+            for name, (kind, node) in KINDS.items()
+            if node is not None or kind in (MasterAlive, StopRequest)
+        }
+
+    @property
+    def supervised_ids(self) -> Container[int]:
+        """Arbitration ids of the frames that are followed here."""
+        return self._senders
+
+    @property
+    def bus(self) -> Bus:
+        """The bus process; HardwareError while the bus is closed."""
+        if self._bus is None:
+            raise HardwareError("the bench is not open: attach to it first")
+        return self._bus
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a bus."""
+        return self._bus is not None
+
+    @property
+    def enables(self) -> Enables:
+        """What the present step may do."""
+        return self._enables
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the nodes have heard the heartbeat long enough to be asked."""
+        return time.monotonic() - self._beating_since > FIRST_BEATS
+
+    def open(self, bus: Bus) -> None:
+        """Supervise on this bus; what was known of the nodes before is forgotten."""
+        self._watches = {node: NodeWatch(node) for node in Node}
+        self._bus_watch = BusWatch(self._session)
+        self._bus = bus
+        self._beating_since = time.monotonic()
+        self.keep_alive()
+
+    def close(self) -> None:
+        """Close the bus: enables drop, the heartbeat ends."""
+        self.bus.close()
+        self._take_frames()
+        self._bus = None
+        self._enables = Enables.NONE
+
+    def keep_alive(self) -> None:
+        """Report that the control loop runs, and take what the nodes sent meanwhile.
+
+        BusError when the bus process ended, with its message.
+        """
+        self.bus.check()
+        now = time.monotonic()
+        if now >= self._keep_alive_due:
+            self._keep_alive_due = now + KEEP_ALIVE_PERIOD_S
+            self.bus.send_keep_alive(self._enables)
+        self._take_frames()
+
+    def enable(self, enables: Enables) -> None:
+        """Enable this and nothing else, from now on."""
+        self._enables = enables
+        self.bus.send_keep_alive(enables)
+
+    def check(self, nodes: Iterable[Node]) -> None:
+        """NodeLost if one of them was never heard, is silent for three cycles (300 ms) or is not to be believed;
+        BusDisconnected while the adapter is gone."""
+        self._take_frames()
+        if self.bus.away:
+            self._beating_since = time.monotonic()  # the nodes must hear the heartbeat again before anything is asked
+            raise BusDisconnected(self.bus.away)
+        now = self.bus.clock
+        troubles = [trouble for node in nodes if (trouble := self._watches[node].trouble(now)) is not None]
+        if troubles:
+            raise NodeLost(f"{self._place}: {'; '.join(troubles)}")
+
+    def check_alone(self) -> None:
+        """AnotherMaster or StopRequested while one of them is on the bus."""
+        self._take_frames()
+        now = self.bus.clock
+        if (message := self._bus_watch.stop_request(now)) is not None:
+            raise StopRequested(f"{self._place}: {message}")
+        if (message := self._bus_watch.other_master(now)) is not None:
+            raise AnotherMaster(f"{self._place}: {message}")
+
+    def watch(self, node: Node) -> NodeWatch:
+        """What a node said of itself."""
+        return self._watches[node]
+
+    def _take_frames(self) -> None:
+        """Status and faults of all nodes, and words of the bus process."""
+        while self.bus.words:
+            LOG.warning("%s", self.bus.words.popleft())
+        while self.bus.others:
+            now, frame = self.bus.others.popleft()
+            try:
+                self._take(now, frame)
+            except FrameError as error:
+                LOG.warning("%s", error)
+
+    def _take(self, now: float, frame: Frame) -> None:
+        if frame.arbitration_id not in self._senders:
+            return
+        node = self._senders[frame.arbitration_id]
+        reading = self.codec.decode(frame)
+        record = unpack(self.codec, reading) if reading.intact else None
+        if isinstance(record, MasterAlive):
+            self._bus_watch.take_master(now, record)
+        elif isinstance(record, StopRequest):
+            self._bus_watch.take_stop(now, record)
+        elif isinstance(record, NodeFault):
+            self._watches[record.node].take_fault(record)
+        elif node is not None and reading.message == f"{node}{NodeStatus.message}":
+            status = record if isinstance(record, NodeStatus) else None
+            self._watches[node].take_status(now, status, reading.counter or 0)

@@ -1,0 +1,39 @@
+"""Marks by folder, and the folder in which a run compiles what its tests need."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from support import compiled
+
+FOLDER = Path(__file__).parent
+MARKS = {"system": ("system",), "unit/firmware": ("compiled",)}
+"""Folder -> marks of all its tests; files elsewhere mark what compiles themselves."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """The process that starts the workers owns the folder of the run."""
+    if compiled.RUN_FOLDER not in os.environ:
+        folder = os.environ[compiled.RUN_FOLDER] = tempfile.mkdtemp(prefix="inkloop-tests-")
+        config.add_cleanup(lambda: shutil.rmtree(folder))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        for folder, marks in MARKS.items():
+            if item.path.is_relative_to(FOLDER / folder):
+                for mark in marks:
+                    item.add_marker(mark)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """A compiler that runs in a test without the mark is an error, so that `make check` stays free of compilers."""
+    compiled.unmarked_test = "" if item.get_closest_marker("compiled") else item.nodeid
+    return (yield)

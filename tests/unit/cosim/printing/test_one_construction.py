@@ -1,0 +1,93 @@
+"""A file that is loaded and printed: every option is checked once, every component constructed once per print."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import pytest
+
+from inkloop.components import fmu_kind, fmu_parameters
+from inkloop.components.fmu_kind import FmuModel
+from inkloop.components.python_class import PythonClass
+from inkloop.fmu import FmuComponent, reading
+from inkloop.printing.run import print_part
+from inkloop.scenario import file, loop
+from inkloop.scenario.file import Scenario
+from inkloop_controller import controllers
+from support.places import ROOT
+
+CONTROLLERS = ("LayerMpc", "OpenLoop", "StochasticGreedy")
+SMALL = ("grid.nx=9", "grid.ny=9", "part.radius_um=800", "run.layers_max=1")
+MODELS = ("LayerDeposition", "ProfileSensor")
+
+
+def once(*names: str) -> dict[str, int]:
+    return dict.fromkeys(names, 1)
+
+
+@pytest.fixture
+def counts(monkeypatch: pytest.MonkeyPatch) -> dict[str, Counter[str]]:
+    """What happens how often, by name."""
+    found: dict[str, Counter[str]] = {}
+
+    def count(place: Any, name: str, what: str, key: Callable[..., str]) -> None:
+        original = getattr(place, name)
+
+        def counted(*args: Any, **options: Any) -> Any:
+            found.setdefault(what, Counter())[key(*args, **options)] += 1
+            return original(*args, **options)
+
+        monkeypatch.setattr(place, name, counted)
+
+    reading._describe.cache_clear()
+    for name in CONTROLLERS:
+        count(controllers, name, "construct", lambda *args, name=name, **options: name)
+    count(FmuComponent, "__init__", "construct", lambda self, path, **options: Path(path).stem)
+    count(PythonClass, "check", "check", lambda self, job, options: self.entry.name)
+    count(FmuModel, "check", "check", lambda self, job, options: self.model)
+    count(fmu_parameters, "parse", "parse", lambda description, *args, **options: description.name)
+    for module in (fmu_parameters, fmu_kind):
+        count(module, "find_fmu", "find", lambda model, form: model)
+    count(fmpy, "read_model_description", "describe", lambda path, **options: Path(path).stem)
+    count(file, "job_of", "job", lambda tables, component: component)
+    count(loop, "read_events", "events", lambda *args: "read")
+    return found
+
+
+def test_each_component_is_checked_once_and_constructed_once_per_print(counts: dict[str, Counter[str]]) -> None:
+    scenario = Scenario.load(ROOT / "scenarios" / "cylinder.toml", SMALL)
+    assert counts["construct"] == once(*CONTROLLERS)
+    runs = [scenario, *map(scenario.variant, scenario.tables.compare)]
+    assert [print_part(each).dataset.sizes["layer"] for each in runs] == [2, 2, 2]
+    prints = len(runs)
+    assert counts["construct"] == {**once(*CONTROLLERS), **dict.fromkeys(MODELS, prints)}
+    assert counts["check"] == once(*CONTROLLERS, *MODELS)
+    assert counts["parse"] == counts["find"] == counts["describe"] == once(*MODELS)
+    assert counts["job"] == once("", "controller", "printer", "profiler")
+    assert counts["events"] == {"read": prints}
+
+
+def test_second_print_of_a_scenario_has_components_of_its_own() -> None:
+    scenario = Scenario.load(ROOT / "scenarios" / "cylinder.toml")
+    first, second = scenario.build(), scenario.build()
+    for name, component in first.items():
+        assert component is not second[name]
+    for component in (*first.values(), *second.values()):
+        component.terminate()
+
+
+def test_component_that_is_never_handed_over_is_terminated(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended: list[str] = []
+    monkeypatch.setattr("inkloop_controller.layer_controller.LayerController.terminate", lambda self: ended.append("x"))
+    scenario = Scenario.load(ROOT / "scenarios" / "cylinder.toml")
+    assert ended == []
+    components = scenario.build()
+    del scenario
+    assert ended == ["x", "x"]  # both of the comparison runs
+    for component in components.values():
+        component.terminate()
+    assert ended == ["x", "x", "x"]
