@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import fmpy
 import numpy as np
@@ -122,9 +123,10 @@ def test_every_fault_of_a_definition_is_reported() -> None:
 
 
 def test_emulator_has_parameters_by_name_limits_and_start(tmp_path) -> None:
-    text = DEFINITION.read_text().replace("nozzle_variation = { causality = \"parameter\", start = 0.0, min = 0.0",
-                                          "nozzle_variation = { causality = \"parameter\", start = 0.25, min = 0.125")  # fmt: skip
-    header = c_tables.emulated_parameters([definition.load(text, DEFINITION)])
+    model = definition.load(DEFINITION.read_text(), DEFINITION)
+    changed = {"nozzle_variation": {"start": 0.25, "min": 0.125}}
+    model = replace(model, variables=tuple(replace(v, **changed.get(v.name, {})) for v in model.variables))
+    header = c_tables.emulated_parameters([model])
     assert '{"nozzle_variation", REAL, WORLD(variation.nozzle_variation), 0.125, 1.0}' in header
     assert ".variation.nozzle_variation = 0.25" in header
     assert "roller_step" not in header
