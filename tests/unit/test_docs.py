@@ -100,6 +100,12 @@ def test_links_lead_to_a_file(page: Path) -> None:
     assert not missing
 
 
+def test_api_page_is_written_from_the_public_names() -> None:
+    written = runpy.run_path(str(ROOT / "tools/pages/api.py"))["page"]()
+    page = (ROOT / "docs/reference/api.md").read_text(encoding="utf-8")
+    assert page == written, "run: python tools/pages/api.py docs/reference/api.md"
+
+
 def test_scenario_page_names_every_key_and_kind() -> None:
     page = (ROOT / "docs/reference/scenario.md").read_text()
     tables = [table for table in vars(schema).values() if isinstance(table, type) and issubclass(table, BaseModel)]

@@ -26,7 +26,7 @@ SENSOR_NOISE = Option(
 DROPLET_STD = 0.1  # of a droplet's volume about its mean [1], as in controller/core/estimator/height_estimator.h
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """What is known after a scan.
 
@@ -204,7 +204,7 @@ class HeightEstimator:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Maps:
     """The maps of an estimate as C reads and writes them."""
 

@@ -35,7 +35,7 @@ CERTIFIED = "with `horizon` = 1 and `alpha` = 1: a bound for every layer, up to 
 CERTIFICATE_S = 60.0  # what a certificate may take if no limit is given (assumed)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Relaxed:
     """Where to round from, and what no plan can be below [m] (NaN: not known)."""
 

@@ -21,7 +21,7 @@ _SAID_OTHERWISE = {"pitch", "passes", "pass_order", "pass_rotation", "layer_dura
 """Told to the nodes by the master, by files, or by the times of the nodes."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Emulation:
     """Options of the emulated bench in SI, the surface to print on (nx, ny) [m], flat if None, and what goes wrong."""
 

@@ -26,6 +26,7 @@ from inkloop.results.checkpoint import remove_layers
 from inkloop.results.recorder import LayerRow
 from inkloop.results.result import RUN_FILE, SCENARIO_FILE, UNFINISHED, Result, is_unchanged, read_record
 from inkloop.scenario.file import Scenario
+from inkloop.units import MS_PER_S, UM_PER_M
 
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
 
@@ -158,9 +159,11 @@ class _LayerBar:
         self._task: TaskID = progress.add_task(label, total=nominal_layers, figures="")
 
     def __call__(self, row: LayerRow) -> None:
-        figures = f"layer {row.layer:3d}  mean error {row.mean_error * 1e6:7.2f} um  std {row.std * 1e6:5.2f} um"
+        figures = (
+            f"layer {row.layer:3d}  mean error {row.mean_error * UM_PER_M:7.2f} um  std {row.std * UM_PER_M:5.2f} um"
+        )
         if "solve_time" in row.scalars:
-            figures += f"  solve {row.scalars['solve_time'] * 1e3:5.1f} ms"
+            figures += f"  solve {row.scalars['solve_time'] * MS_PER_S:5.1f} ms"
         total = max(row.layer, int(self._progress.tasks[self._task].total or 0))
         self._progress.update(self._task, completed=row.layer, total=total, figures=figures)
 

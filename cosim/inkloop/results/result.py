@@ -32,7 +32,7 @@ UNFINISHED = ("running", "interrupted", "failed")
 _LIBRARIES = ("inkloop", "casadi", "fmpy", "numpy", "xarray")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Result:
     """`dataset`: dims layer, x, y; `run`: what stands in run.json."""
 

@@ -13,7 +13,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from inkloop.component import Ink
 from inkloop.tables import bench_faults
 from inkloop.tables.shapes import (
-    UM,
     CuboidTable,
     CylinderTable,
     Grid,
@@ -24,6 +23,7 @@ from inkloop.tables.shapes import (
     Table,
 )
 from inkloop.tables.substrate import Substrate
+from inkloop.units import M_PER_UM
 
 
 class SubstrateTable(Table):
@@ -42,7 +42,7 @@ class SubstrateTable(Table):
     def substrate(self) -> Substrate:
         """The surface in SI."""
         lengths = (self.step_um, self.wave_um, self.wavelength_um, self.roughness_um)
-        return Substrate(self.tilt_x, self.tilt_y, *(length * UM for length in lengths))
+        return Substrate(self.tilt_x, self.tilt_y, *(length * M_PER_UM for length in lengths))
 
 
 class Support(Table):
@@ -61,7 +61,7 @@ class InkTable(Table):
     @property
     def ink(self) -> Ink:
         """The ink in SI."""
-        return Ink(self.h1_um * UM, self.h2_um * UM, self.h3_um * UM)
+        return Ink(self.h1_um * M_PER_UM, self.h2_um * M_PER_UM, self.h3_um * M_PER_UM)
 
 
 class Inks(Table):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from inkloop.component import Job
+from inkloop.units import MS_PER_S
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.devices.readiness import ROLES, blocked
 from inkloop_hardware.doctor.findings import Finding, Grade
@@ -232,9 +233,9 @@ def _limits(report: NodeReport, expected: Expected) -> Iterator[Finding]:
             f"its maps have {found} cells, the scenario {job.nx} x {job.ny}",
             "set the profiler to the scenario's grid, or grid.nx and grid.ny to what it measures",
         ))  # fmt: skip
-    if report.node is Node.CURE and expected.cure_ms / 1e3 >= limits.lamp:
+    if report.node is Node.CURE and expected.cure_ms / MS_PER_S >= limits.lamp:
         faults.append((
-            f"bench.cure_ms is {expected.cure_ms}, this lamp goes out after {limits.lamp * 1e3:.0f} ms by itself",
+            f"bench.cure_ms is {expected.cure_ms}, this lamp goes out after {limits.lamp * MS_PER_S:.0f} ms by itself",
             "take less light after each pass",
         ))  # fmt: skip
     if limits.block < BLOCK_LEAST:
@@ -242,7 +243,7 @@ def _limits(report: NodeReport, expected: Expected) -> Iterator[Finding]:
     cycle = Codec().cycle_time(MasterAlive.message) or 0.1
     if limits.alive < 2 * cycle:
         faults.append((
-            f"it waits {limits.alive * 1e3:.0f} ms for MasterAlive, which comes every {cycle * 1e3:.0f} ms",
+            f"it waits {limits.alive * MS_PER_S:.0f} ms for MasterAlive, which comes every {cycle * MS_PER_S:.0f} ms",
             "300 ms let two frames be lost",
         ))  # fmt: skip
     for found, advice in faults:

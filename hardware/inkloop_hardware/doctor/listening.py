@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from statistics import median
 
+from inkloop.units import MS_PER_S
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.doctor.findings import Finding
 from inkloop_hardware.errors import FrameError
@@ -169,19 +170,22 @@ def _heartbeats(heard: Heard, codec: Codec) -> Iterator[Finding]:
             yield Finding.error("heartbeat", f"{node.lower()}: a single status in {heard.lasted:.1f} s", CHECK_NODE)
         elif max(gaps) > LOST_AFTER:
             yield Finding.error(
-                "heartbeat", f"{node.lower()}: {max(gaps) * 1e3:.0f} ms between two statuses, the cycle is "
-                f"{cycle * 1e3:.0f} ms", "a run takes the node for lost after 300 ms: look at cables and at its load",
+                "heartbeat", f"{node.lower()}: {max(gaps) * MS_PER_S:.0f} ms between two statuses, the cycle is "
+                f"{cycle * MS_PER_S:.0f} ms",
+                "a run takes the node for lost after 300 ms: look at cables and at its load",
             )  # fmt: skip
         elif abs(median(gaps) - cycle) > CYCLE_SLACK * cycle:
             yield Finding.warning(
-                "heartbeat", f"{node.lower()}: a status every {median(gaps) * 1e3:.0f} ms, the cycle is "
-                f"{cycle * 1e3:.0f} ms", "does its firmware have another protocol, or is this machine busy?",
+                "heartbeat", f"{node.lower()}: a status every {median(gaps) * MS_PER_S:.0f} ms, the cycle is "
+                f"{cycle * MS_PER_S:.0f} ms", "does its firmware have another protocol, or is this machine busy?",
             )  # fmt: skip
         else:
             well.append(median(gaps))
     if well:
         number = f"{len(well)} nodes" if len(well) > 1 else "one node"
-        yield Finding.ok("heartbeat", f"{number}, a status every {min(well) * 1e3:.0f} to {max(well) * 1e3:.0f} ms")
+        yield Finding.ok(
+            "heartbeat", f"{number}, a status every {min(well) * MS_PER_S:.0f} to {max(well) * MS_PER_S:.0f} ms"
+        )
 
 
 def _supervision(heard: Heard) -> Iterator[Finding]:

@@ -173,6 +173,7 @@ class Rig:
         for link in self._links.values():
             if (counts := link.counts) != LinkCounts():
                 LOG.info(
-                    "%s: %d requests sent again, %d answers late or doubled, %d frames out of order, %d transfers restarted",
+                    "%s: %d requests sent again, %d answers late or doubled, %d frames out of order, "
+                    "%d transfers restarted",
                     *(link.node.lower(), counts.repeated, counts.stray, counts.broken, counts.restarted),
                 )

@@ -23,6 +23,7 @@ from inkloop.fmu_writer.description import Baked
 from inkloop.fmu_writer.documentation import with_section
 from inkloop.fmu_writer.export import LAYER_JOB, find_fmu
 from inkloop.fmu_writer.windows import with_windows_binary
+from inkloop.units import UM_PER_M
 
 FORMS: Mapping[str, str] = {"2": "fmi2", "3": "fmi3-fixed"}
 """Version of FMI -> form of our FMUs that the block comes in; without arrays there is nothing to resize."""
@@ -70,8 +71,8 @@ def _section(bake: Bake) -> str:
     job = bake.job
     lines = [
         "<h2>What this block prints</h2>",
-        f"<p>{escape(bake.title)}: {job.nx} x {job.ny} cells of {job.pitch * 1e6:g} um, {int(job.mask.sum())} of them "
-        f"printed, up to {job.target_height.max() * 1e6:g} um high. The scenario as it was exported: "
+        f"<p>{escape(bake.title)}: {job.nx} x {job.ny} cells of {job.pitch * UM_PER_M:g} um, {int(job.mask.sum())} "
+        f"of them printed, up to {job.target_height.max() * UM_PER_M:g} um high. The scenario as it was exported: "
         f'<a href="{Path(SCENARIO).name}">{Path(SCENARIO).name}</a>.</p>',
         f'<p><img src="{Path(PICTURE).name}" alt="target" width="700"></p>',
         "<table><tr><th>part</th><th>model</th><th>parameter</th><th>value, SI</th></tr>",

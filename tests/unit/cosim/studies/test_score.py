@@ -22,8 +22,7 @@ from inkloop.studies.score.board import (
     relative,
 )
 from inkloop.studies.score.told_inks import identified, single_droplet
-
-UM = 1e6
+from inkloop.units import UM_PER_M
 
 
 def test_plants_of_version_1_are_what_they_were() -> None:
@@ -34,12 +33,16 @@ def test_plants_of_version_1_are_what_they_were() -> None:
 def test_ink_of_the_layer_to_layer_plant_is_found_with_a_tenth_of_it_missing() -> None:
     """Droplets lack up to 20 % at random: a mean of 10 % of Table I."""
     found = identified(load("lu"))
-    assert [found.h1 * UM, found.h2 * UM, found.h3 * UM] == pytest.approx([3.96, 0.54, 0.18], rel=0.03)
+    assert [found.h1 * UM_PER_M, found.h2 * UM_PER_M, found.h3 * UM_PER_M] == pytest.approx(
+        [3.96, 0.54, 0.18], rel=0.03
+    )
 
 
 def test_single_droplet_tells_what_it_leaves_and_no_more() -> None:
     found = single_droplet(load("caps", {"components.printer.variation": 0.0}))
-    assert [found.h1 * UM, found.h2 * UM, found.h3 * UM] == pytest.approx([3.208, 0.260, 0.002], abs=1e-3)
+    assert [found.h1 * UM_PER_M, found.h2 * UM_PER_M, found.h3 * UM_PER_M] == pytest.approx(
+        [3.208, 0.260, 0.002], abs=1e-3
+    )
 
 
 @pytest.mark.parametrize("plant", ["lu", "volume-area", "caps"])
