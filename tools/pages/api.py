@@ -59,7 +59,7 @@ def _entries(package: ModuleType, names: tuple[str, ...] | list[str]) -> Iterato
             yield from (inspect.cleandoc(entry.__doc__ or ""), "")
             yield from (", ".join(f"{one.value} `{one.name}`" for one in entry) + ".", "")
         else:
-            yield from ("```python", _signature(name, entry), "```", "", inspect.cleandoc(entry.__doc__ or ""), "")
+            yield from ("```text", _signature(name, entry), "```", "", inspect.cleandoc(entry.__doc__ or ""), "")
         if inspect.isclass(entry) and not issubclass(entry, Exception | enum.Enum):
             members = list(_members(name, entry))
             yield from (*members, "") if members else ()
