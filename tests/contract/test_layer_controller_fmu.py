@@ -17,6 +17,7 @@ from inkloop.geometry import Cuboid, PipeJunction, cell_centers
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import SECOND, block, cylinder, inputs_of, print_part
 from support.fmus.fmu_driver import DISCARD, ERROR, FORMS, OK, Driver
+from support.long_proofs import rest_is_long
 from support.small_block import assert_same_layers, printed
 from support.small_block import job as block_job
 
@@ -106,7 +107,7 @@ CASES: dict[str, tuple[Job, dict[str, Any], dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize("scan", [exact, noisy])
+@pytest.mark.parametrize("scan", rest_is_long([noisy, exact], 1))
 @pytest.mark.parametrize("case", CASES)
 def test_print_is_the_one_of_the_python_controller(case: str, scan: Scan) -> None:
     job, python, fmu = CASES[case]

@@ -12,11 +12,12 @@ from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop.units import UM_PER_M
+from support.long_proofs import rest_is_long
 from support.places import SCENARIOS
 
 FOLDER = SCENARIOS
 SEEDS = (1, 2, 3)
-EVERY_SEED = pytest.mark.parametrize("seed", SEEDS)
+EVERY_SEED = pytest.mark.parametrize("seed", rest_is_long(SEEDS, 1))
 
 
 @cache

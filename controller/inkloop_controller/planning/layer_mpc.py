@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib import import_module
 from math import nan
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from inkloop_controller.estimation.height_estimator import Estimate, is_probe
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.starts import even_droplets
+from inkloop_controller.options import Option
 from inkloop_controller.planning.horizon_planner import RelaxedStart, best_plan
 from inkloop_controller.planning.layer_plan import PROVEN, LayerPlan, PlanStatus
 from inkloop_controller.problem.criterion import CEILING_COST, PLAIN, Criterion
@@ -26,6 +27,11 @@ if TYPE_CHECKING:
 
 Relaxation: TypeAlias = Literal["gradient", "ipopt", "highs", "none"]
 
+RELAXATION = (
+    'start of the search: projected gradients, `"ipopt"` (small grids), `"highs"` (`horizon` = 1, `alpha` = 1) '
+    'or `"none"`'
+)
+CERTIFIED = "with `horizon` = 1 and `alpha` = 1: a bound for every layer, up to a minute each"
 CERTIFICATE_S = 60.0  # what a certificate may take if no limit is given (assumed)
 
 
@@ -56,11 +62,11 @@ class LayerMpc:
         job: Job,
         *,
         criterion: Criterion = PLAIN,
-        horizon: int = 3,
+        horizon: Annotated[int, Option()] = 3,
         choices: DropletChoices | None = None,
-        relaxation: Relaxation = "gradient",
+        relaxation: Annotated[Relaxation, Option(meaning=RELAXATION)] = "gradient",
         work: Work = DEFAULT_WORK,
-        certified: bool = False,
+        certified: Annotated[bool, Option(meaning=CERTIFIED)] = False,
         after_sweep: Callable[[SearchProgress], bool] | None = None,
     ) -> None:
         if not 1 <= horizon <= HORIZON_MAX:

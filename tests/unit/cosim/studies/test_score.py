@@ -23,6 +23,7 @@ from inkloop.studies.score.board import (
 )
 from inkloop.studies.score.told_inks import identified, single_droplet
 from inkloop.units import UM_PER_M
+from support.long_proofs import rest_is_long
 
 
 def test_plants_of_version_1_are_what_they_were() -> None:
@@ -45,7 +46,7 @@ def test_single_droplet_tells_what_it_leaves_and_no_more() -> None:
     )
 
 
-@pytest.mark.parametrize("plant", ["lu", "volume-area", "caps"])
+@pytest.mark.parametrize("plant", rest_is_long(["lu", "volume-area", "caps"], 1))
 def test_closed_loop_is_never_worse_than_open_loop(plant) -> None:
     open_loop, *closed = (prints(entry, plant, [1]).mean("rms") for entry in (OPEN_LOOP, OURS, LEARNING))
     assert max(closed) < open_loop
