@@ -33,7 +33,7 @@ class CohenLipson:
         self,
         job: Job,
         *,
-        threshold: Annotated[Length | None, Option("um")] = None,
+        threshold: Annotated[float | None, Option("um", form=Length | None)] = None,
         region_test: Annotated[RegionTest, Option()] = "middle",
     ) -> None:
         if threshold is not None and not threshold >= 0.0:

@@ -58,8 +58,8 @@ class StochasticGreedy:
         job: Job,
         *,
         alpha: Annotated[float, Option()] = 0.8,
-        batch: Annotated[Count, Option()] = 20,
-        iterations_max: Annotated[Count, Option()] = 100_000,
+        batch: Annotated[int, Option(form=Count)] = 20,
+        iterations_max: Annotated[int, Option(form=Count)] = 100_000,
     ) -> None:
         if batch < 1 or iterations_max < 1:
             raise ValueError(f"batch is {batch} and iterations_max {iterations_max}; needs whole numbers >= 1")

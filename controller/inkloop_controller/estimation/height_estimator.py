@@ -22,6 +22,7 @@ SENSOR_NOISE = Option(
     unit="um",
     meaning="standard deviation of a reading; 0: readings are exact",
     absent="estimated from the cells that are not printed",
+    form=Length | None,
 )
 DROPLET_STD = 0.1  # of a droplet's volume about its mean [1], as in controller/core/estimator/height_estimator.h
 
@@ -90,8 +91,8 @@ class HeightEstimator:
         job: Job,
         *,
         adapt_ink: Annotated[InkModel, Option()] = "scale",
-        sensor_noise_std: Annotated[Length | None, SENSOR_NOISE] = None,
-        sensor_resolution: Annotated[Length, Option("um")] = 0.0,
+        sensor_noise_std: Annotated[float | None, SENSOR_NOISE] = None,
+        sensor_resolution: Annotated[float, Option("um", form=Length)] = 0.0,
         untrusted_layers: Annotated[int, Option()] = 5,
         take_as_read: bool = False,
     ) -> None:
