@@ -14,11 +14,11 @@ from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.regions import materials, nominal_layer_height
 from inkloop_controller.model.starts import full_layers, no_droplets
-from inkloop_controller.options import Count, Option
 from inkloop_controller.planning.layer_mpc import random_key
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus, surface_objective
 from inkloop_controller.problem.criterion import Criterion
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan, SearchStatus
+from inkloop_controller.problem.options import Count, Option
 
 
 class OpenLoop:

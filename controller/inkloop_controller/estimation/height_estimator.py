@@ -15,8 +15,8 @@ from inkloop_controller.core.structs import EstimateStruct, EstimatorOptionsStru
 from inkloop_controller.estimation.ink_identification import INK_MODELS, InkEvidence, InkModel, ink_table
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.regions import nominal_layer_height
-from inkloop_controller.options import Length, Option
 from inkloop_controller.problem.horizon_problem import IntMap
+from inkloop_controller.problem.options import Length, Option
 
 SENSOR_NOISE = Option(
     unit="um",

@@ -9,8 +9,8 @@ import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Ink, Job
 from inkloop_controller.model.regions import RegionTest, ink_choices
-from inkloop_controller.options import Option
 from inkloop_controller.problem.horizon_problem import KINDS_MAX, ChoiceMaps, IntMap
+from inkloop_controller.problem.options import Option
 
 DEAD_NOZZLES = Option(
     meaning="nozzles that jet nothing and are excluded from the plans; neighbours still spill there. Cells that stay "

@@ -15,11 +15,11 @@ from inkloop_controller.estimation.height_estimator import Estimate, is_probe
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.starts import even_droplets
-from inkloop_controller.options import Option
 from inkloop_controller.planning.horizon_planner import RelaxedStart, best_plan
 from inkloop_controller.planning.layer_plan import PROVEN, LayerPlan, PlanStatus
 from inkloop_controller.problem.criterion import CEILING_COST, PLAIN, Criterion
 from inkloop_controller.problem.horizon_problem import HORIZON_MAX, HorizonProblem, IntPlan, SearchProgress
+from inkloop_controller.problem.options import Option
 from inkloop_controller.problem.work import DEFAULT_WORK, Stopwatch, Work
 
 if TYPE_CHECKING:

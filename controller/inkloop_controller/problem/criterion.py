@@ -10,7 +10,7 @@ from typing import Annotated, TypeAlias
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap
-from inkloop_controller.options import NotNegative, Option
+from inkloop_controller.problem.options import NotNegative, Option
 
 AlphaSchedule: TypeAlias = float | Sequence[tuple[int, float]]
 """One weight for the whole print, or (layer, weight) pairs: from the layer of that number (counted from 1) on."""

@@ -9,7 +9,7 @@ from math import inf
 from time import perf_counter
 from typing import Annotated
 
-from inkloop_controller.options import Option, Positive
+from inkloop_controller.problem.options import Option, Positive
 
 ANNEALING_SWEEPS = Option(
     meaning="of simulated annealing before one more repair: 50 for a single layer, up to 200 for a small plan of "
