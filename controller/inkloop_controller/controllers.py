@@ -11,10 +11,10 @@ from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.model.droplet_choices import DropletChoices
-from inkloop_controller.options import arguments, made_of
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.planning.layer_plan import Planner
 from inkloop_controller.problem.criterion import Criterion
+from inkloop_controller.problem.options import arguments, made_of
 from inkloop_controller.problem.work import Work
 
 T = TypeVar("T")

@@ -13,7 +13,7 @@ from pathlib import Path
 from inkloop.components.fmu_parameters import options_of_controller_fmu
 from inkloop.fmu_writer import definition
 from inkloop_controller import Criterion, DropletChoices, HeightEstimator, LayerMpc, Work
-from inkloop_controller.options import Keyword, keywords
+from inkloop_controller.problem.options import Keyword, keywords
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "reference" / "scenario.md"

@@ -13,9 +13,9 @@ from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import ink_maps
 from inkloop_controller.model.regions import RegionTest, materials
-from inkloop_controller.options import Length, Option
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan
+from inkloop_controller.problem.options import Length, Option
 
 REACH = 2  # cells: footprints of droplets that far apart still overlap
 
@@ -33,7 +33,7 @@ class CohenLipson:
         self,
         job: Job,
         *,
-        threshold: Annotated[Length | None, Option("um")] = None,
+        threshold: Annotated[float | None, Option("um", form=Length | None)] = None,
         region_test: Annotated[RegionTest, Option()] = "middle",
     ) -> None:
         if threshold is not None and not threshold >= 0.0:

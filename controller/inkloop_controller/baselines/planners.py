@@ -14,11 +14,11 @@ from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.regions import materials, nominal_layer_height
 from inkloop_controller.model.starts import full_layers, no_droplets
-from inkloop_controller.options import Count, Option
 from inkloop_controller.planning.layer_mpc import random_key
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus, surface_objective
 from inkloop_controller.problem.criterion import Criterion
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan, SearchStatus
+from inkloop_controller.problem.options import Count, Option
 
 
 class OpenLoop:
@@ -58,8 +58,8 @@ class StochasticGreedy:
         job: Job,
         *,
         alpha: Annotated[float, Option()] = 0.8,
-        batch: Annotated[Count, Option()] = 20,
-        iterations_max: Annotated[Count, Option()] = 100_000,
+        batch: Annotated[int, Option(form=Count)] = 20,
+        iterations_max: Annotated[int, Option(form=Count)] = 100_000,
     ) -> None:
         if batch < 1 or iterations_max < 1:
             raise ValueError(f"batch is {batch} and iterations_max {iterations_max}; needs whole numbers >= 1")

@@ -15,13 +15,14 @@ from inkloop_controller.core.structs import EstimateStruct, EstimatorOptionsStru
 from inkloop_controller.estimation.ink_identification import INK_MODELS, InkEvidence, InkModel, ink_table
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.regions import nominal_layer_height
-from inkloop_controller.options import Length, Option
 from inkloop_controller.problem.horizon_problem import IntMap
+from inkloop_controller.problem.options import Length, Option
 
 SENSOR_NOISE = Option(
     unit="um",
     meaning="standard deviation of a reading; 0: readings are exact",
     absent="estimated from the cells that are not printed",
+    form=Length | None,
 )
 DROPLET_STD = 0.1  # of a droplet's volume about its mean [1], as in controller/core/estimator/height_estimator.h
 
@@ -90,8 +91,8 @@ class HeightEstimator:
         job: Job,
         *,
         adapt_ink: Annotated[InkModel, Option()] = "scale",
-        sensor_noise_std: Annotated[Length | None, SENSOR_NOISE] = None,
-        sensor_resolution: Annotated[Length, Option("um")] = 0.0,
+        sensor_noise_std: Annotated[float | None, SENSOR_NOISE] = None,
+        sensor_resolution: Annotated[float, Option("um", form=Length)] = 0.0,
         untrusted_layers: Annotated[int, Option()] = 5,
         take_as_read: bool = False,
     ) -> None:

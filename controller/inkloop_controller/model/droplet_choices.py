@@ -9,16 +9,16 @@ import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Ink, Job
 from inkloop_controller.model.regions import RegionTest, ink_choices
-from inkloop_controller.options import Option
 from inkloop_controller.problem.horizon_problem import KINDS_MAX, ChoiceMaps, IntMap
+from inkloop_controller.problem.options import Option
 
-DEAD_NOZZLES = (
-    "nozzles that jet nothing and are excluded from the plans; neighbours still spill there. Cells that stay empty are "
-    "also found during the print"
+DEAD_NOZZLES = Option(
+    meaning="nozzles that jet nothing and are excluded from the plans; neighbours still spill there. Cells that stay "
+    "empty are also found during the print"
 )
-NOZZLE_PITCH = (
-    "nozzles of the head: cell (i, j) belongs to nozzle j modulo this number; 0: one for each column. Give the printer "
-    "the same value"
+NOZZLE_PITCH = Option(
+    meaning="nozzles of the head: cell (i, j) belongs to nozzle j modulo this number; 0: one for each column. Give "
+    "the printer the same value"
 )
 
 
@@ -37,8 +37,8 @@ class DropletChoices:
         *,
         region_test: Annotated[RegionTest, Option()] = "middle",
         drop_levels: Annotated[int, Option()] = 1,
-        dead_nozzles: Annotated[Sequence[int], Option(meaning=DEAD_NOZZLES)] = (),
-        nozzle_pitch: Annotated[int, Option(meaning=NOZZLE_PITCH)] = 0,
+        dead_nozzles: Annotated[Sequence[int], DEAD_NOZZLES] = (),
+        nozzle_pitch: Annotated[int, NOZZLE_PITCH] = 0,
     ) -> None:
         nozzles = nozzle_pitch or job.ny
         faults = []

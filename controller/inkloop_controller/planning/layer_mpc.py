@@ -15,11 +15,11 @@ from inkloop_controller.estimation.height_estimator import Estimate, is_probe
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.starts import even_droplets
-from inkloop_controller.options import Option
 from inkloop_controller.planning.horizon_planner import RelaxedStart, best_plan
 from inkloop_controller.planning.layer_plan import PROVEN, LayerPlan, PlanStatus
 from inkloop_controller.problem.criterion import CEILING_COST, PLAIN, Criterion
 from inkloop_controller.problem.horizon_problem import HORIZON_MAX, HorizonProblem, IntPlan, SearchProgress
+from inkloop_controller.problem.options import Option
 from inkloop_controller.problem.work import DEFAULT_WORK, Stopwatch, Work
 
 if TYPE_CHECKING:
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
 Relaxation: TypeAlias = Literal["gradient", "ipopt", "highs", "none"]
 
-RELAXATION = (
-    'start of the search: projected gradients, `"ipopt"` (small grids), `"highs"` (`horizon` = 1, `alpha` = 1) '
+RELAXATION = Option(
+    meaning='start of the search: projected gradients, `"ipopt"` (small grids), `"highs"` (`horizon` = 1, `alpha` = 1) '
     'or `"none"`'
 )
-CERTIFIED = "with `horizon` = 1 and `alpha` = 1: a bound for every layer, up to a minute each"
+CERTIFIED = Option(meaning="with `horizon` = 1 and `alpha` = 1: a bound for every layer, up to a minute each")
 CERTIFICATE_S = 60.0  # what a certificate may take if no limit is given (assumed)
 
 
@@ -64,9 +64,9 @@ class LayerMpc:
         criterion: Criterion = PLAIN,
         horizon: Annotated[int, Option()] = 3,
         choices: DropletChoices | None = None,
-        relaxation: Annotated[Relaxation, Option(meaning=RELAXATION)] = "gradient",
+        relaxation: Annotated[Relaxation, RELAXATION] = "gradient",
         work: Work = DEFAULT_WORK,
-        certified: Annotated[bool, Option(meaning=CERTIFIED)] = False,
+        certified: Annotated[bool, CERTIFIED] = False,
         after_sweep: Callable[[SearchProgress], bool] | None = None,
     ) -> None:
         if not 1 <= horizon <= HORIZON_MAX:

@@ -10,7 +10,7 @@ from typing import Annotated, TypeAlias
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap
-from inkloop_controller.options import NotNegative, Option
+from inkloop_controller.problem.options import NotNegative, Option
 
 AlphaSchedule: TypeAlias = float | Sequence[tuple[int, float]]
 """One weight for the whole print, or (layer, weight) pairs: from the layer of that number (counted from 1) on."""
@@ -20,6 +20,7 @@ ALPHA = Option(
     "is 0.5 from layer 1 and 1.0 from layer 40 on. Below about 0.1 a print may never begin or never end",
     form=float | list[tuple[int, float]],
 )
+OVERSHOOT_LIMIT = Option("um", "height above the target that the part must not exceed", form=NotNegative)
 CEILING_COST = 100.0  # a metre above the ceiling for 100 below the target: no gain elsewhere is worth it (assumed)
 NO_CEILING_M = 0.4  # higher than anything printed from droplets, and within what the search core takes
 
@@ -38,7 +39,7 @@ class Criterion:
 
     alpha: Annotated[AlphaSchedule, ALPHA] = 0.8
     overshoot: Annotated[float, Option()] = 1.0
-    overshoot_limit: Annotated[NotNegative, Option("um", "height above the target that the part must not exceed")] = inf
+    overshoot_limit: Annotated[float, OVERSHOOT_LIMIT] = inf
     chance_margin: Annotated[float, Option()] = 0.0
     fringe_weight: Annotated[float, Option()] = 0.0
     layer_worth: Annotated[float, Option()] = 0.0

@@ -9,15 +9,19 @@ from math import inf
 from time import perf_counter
 from typing import Annotated
 
-from inkloop_controller.options import Option, Positive
+from inkloop_controller.problem.options import Option, Positive
 
-ANNEALING = (
-    "of simulated annealing before one more repair: 50 for a single layer, up to 200 for a small plan of several, none "
-    "for large ones"
+ANNEALING_SWEEPS = Option(
+    meaning="of simulated annealing before one more repair: 50 for a single layer, up to 200 for a small plan of "
+    "several, none for large ones",
+    absent="by size",
 )
-TIME_LIMIT = (
-    "limit on the clock; the best plan so far is printed. If it takes effect, a run is no longer the same on every "
-    "machine"
+THREADS = Option(meaning="the plan is the same for any number")
+TIME_LIMIT = Option(
+    unit="s",
+    meaning="limit on the clock; the best plan so far is printed. If it takes effect, a run is no longer the same on "
+    "every machine",
+    form=Positive,
 )
 
 
@@ -32,10 +36,10 @@ class Work:
     """
 
     sweeps: Annotated[int, Option()] = 30
-    annealing_sweeps: Annotated[int | None, Option(meaning=ANNEALING, absent="by size")] = None
+    annealing_sweeps: Annotated[int | None, ANNEALING_SWEEPS] = None
     iterations: Annotated[int, Option()] = 10
-    threads: Annotated[int, Option(meaning="the plan is the same for any number")] = 1
-    time_limit: Annotated[Positive, Option("s", TIME_LIMIT)] = inf
+    threads: Annotated[int, THREADS] = 1
+    time_limit: Annotated[float, TIME_LIMIT] = inf
 
     def __post_init__(self) -> None:
         least = {"sweeps": 1, "annealing_sweeps": 0, "iterations": 1, "threads": 1}

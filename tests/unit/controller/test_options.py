@@ -15,7 +15,7 @@ from inkloop.fmu_writer.definition import VariableDefinition
 from inkloop.testing import job
 from inkloop_controller import Criterion, DropletChoices, HeightEstimator, LayerMpc, Work
 from inkloop_controller.controllers import LayerMpcController, OpenLoopController
-from inkloop_controller.options import Keyword, arguments, keywords
+from inkloop_controller.problem.options import Keyword, arguments, keywords
 from support.places import ROOT
 
 CLASSES = (LayerMpc, Criterion, DropletChoices, Work, HeightEstimator)

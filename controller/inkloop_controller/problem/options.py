@@ -33,7 +33,7 @@ class Option:
 
     unit: of the number in a scenario, suffix of its key; "" for a pure number. meaning: for the page of the scenario
     file; "": that of the parameter of LayerController.fmu. absent: what the page gives as default if that is no value;
-    form: type in a scenario, None: as annotated.
+    form: type and limits in a scenario; None: as annotated.
     """
 
     unit: str = ""
