@@ -60,7 +60,7 @@ class MappedBus:
         self._bus.send(frames)
 
     def take(self) -> None:
-        """Keep the heartbeat alive, if the mapping has one, and read the received frames. BusError if the bus failed."""
+        """Keep the heartbeat alive, if the mapping has one, and read the received frames. BusError if it failed."""
         self._bus.check()
         now = time.monotonic()
         if self._heartbeat and now >= self._keep_alive_due:

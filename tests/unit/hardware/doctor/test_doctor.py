@@ -179,7 +179,7 @@ def test_node_that_is_well_has_no_fault() -> None:
         (replace(told(), state=replace(told().state, roles=Roles.STAGE)), "states", "roles"),
         (replace(told(), limits=replace(told().limits, pattern_bytes=49)), "limits", "50 bytes, it has room for 49"),
         (replace(told(Node.PROFILER), map_shape=(30, 20)), "limits", "30 x 20 cells, the scenario 20 x 20"),
-        (replace(told(Node.CURE), limits=replace(told().limits, lamp=0.1)), "limits", "switches itself off after 100 ms"),
+        (replace(told(Node.CURE), limits=replace(told().limits, lamp=0.1)), "limits", "itself off after 100 ms"),
         (replace(told(), limits=replace(told().limits, alive=0.1)), "limits", "waits 100 ms for MasterAlive"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
