@@ -1,6 +1,6 @@
-"""The emulated bench as a process: four nodes with the firmware, and behind them a printer made of the FMUs' kernels.
+"""The emulator as a process: four nodes with the firmware, and behind them a printer made of the FMUs' kernels.
 
-Nothing of it is known to the components: they see a bus like any other.
+To the components it is a bus like any other.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ _SURFACE_MAGIC = b"INKSURF1"
 
 
 class EmulatedBench:
-    """Runs from its start to `close`, at the latest to the end of this process; `channel` is what a bus connects to.
+    """A running emulator, from its start to `close`, at the latest to the end of this process.
 
-    parameters: options of the bench in SI, as on the page of the node's services; port: 0 takes a free one; terminal: a
-    pseudo-terminal in place of a port; folder: keeps journals and surface there, a next start goes on with them;
-    surface: (nx, ny) [m] to print on, flat if None, without meaning where the folder holds one; faults: on request, as
-    docs/reference/bench-faults.md has them. Raises BusError.
+    channel: for the bus settings; parameters: options in SI, see docs/reference/node-services.md; port: 0 takes a free
+    one; terminal: a pseudo-terminal in place of a port; folder: keeps journals and surface for the next start;
+    surface: (nx, ny) [m] to print on, flat if None, ignored if the folder holds one; faults: on request, see
+    docs/reference/bench-faults.md. Raises BusError.
     """
 
     def __init__(
@@ -50,13 +50,13 @@ class EmulatedBench:
             place.mkdir(parents=True, exist_ok=True)
             if surface is not None and not (place / SURFACE_FILE).exists():
                 _write_surface(place / SURFACE_FILE, surface)
-        words = ["--pty"] if terminal else ["--port", str(port)]
-        words += ["--folder", str(place)] if place else []
-        words += [word for fault in faults for word in ("--fault", fault)]
-        words += [f"{name}={value:.17g}" for name, value in parameters.items()]
-        # its standard input is ours: when this process ends, however it does, the bench ends too
+        arguments = ["--pty"] if terminal else ["--port", str(port)]
+        arguments += ["--folder", str(place)] if place else []
+        arguments += [argument for fault in faults for argument in ("--fault", fault)]
+        arguments += [f"{name}={value:.17g}" for name, value in parameters.items()]
+        # its standard input is a pipe of this process: the emulator ends with this process, however that ends
         self._process = subprocess.Popen(
-            [program(), "--until-stdin-closes", *words],
+            [program(), "--until-stdin-closes", *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -66,7 +66,7 @@ class EmulatedBench:
         assert self._process.stdout is not None
         self.channel = self._process.stdout.readline().strip()
         if not self.channel:
-            raise BusError(f"the emulated bench did not start: {self._last_words()}")
+            raise BusError(f"the emulator did not start: {self._last_message()}")
 
     def wait(self) -> int:
         """Wait until it ends by itself; its exit code."""
@@ -92,24 +92,24 @@ class EmulatedBench:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
 
-    def _last_words(self) -> str:
+    def _last_message(self) -> str:
         assert self._process.stderr is not None
-        said = self._process.stderr.read().strip().removeprefix(f"{PROGRAM}: ")
+        message = self._process.stderr.read().strip().removeprefix(f"{PROGRAM}: ")
         self.close()
-        if "in use" in said:
-            said += "; a bench runs there already, end it or take another port"
-        return said or f"it ended with exit code {self._process.returncode}"
+        if "in use" in message:
+            message += "; a bench runs there already, end it or take another port"
+        return message or f"it ended with exit code {self._process.returncode}"
 
 
 def program() -> Path:
-    """The program of the nodes, beside this package. Raises BusError where it was not built."""
+    """The program of the nodes in the folder of this package. Raises BusError if it was not built."""
     for folder in map(Path, inkloop_hardware.__path__):
         for name in (PROGRAM, f"{PROGRAM}.exe"):
             if (folder / name).is_file():
                 return folder / name
     raise BusError(
-        f"{PROGRAM} is not installed: the emulated bench is built on Linux and macOS only; install inkloop anew there, "
-        "or run the bench on such a machine and name its channel"
+        f"{PROGRAM} is not installed: the emulator is built on Linux and macOS only; install inkloop there again, "
+        "or run the emulator on such a machine and set its channel"
     )
 
 

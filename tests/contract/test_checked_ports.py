@@ -49,6 +49,7 @@ def test_ports_as_checked_are_those_of_the_component(kind: str, options: dict[st
     ],
     ids=["alone", "with mapped ports", "without the handshake", "in a shadow"],
 )
+@pytest.mark.compiled
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_ports_of_a_foreign_fmu_are_those_of_the_component(fmi: int, options: dict[str, Any], tmp_path: Path) -> None:
     three = replace(JOB, nx=3, ny=1, target_height=np.zeros((3, 1)), mask=np.ones((3, 1), np.bool_))

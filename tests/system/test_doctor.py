@@ -132,7 +132,7 @@ def test_bench_without_power_and_a_node_without_power_are_told(path: Path, docto
     with bench(path, "death:node=cure") as channel:
         code, said = doctor(channel)
         assert code == 1
-        assert said["nodes"].startswith("cure said nothing")
+        assert said["nodes"].startswith("cure sent nothing")
         assert set(said) == {"nodes"}, "the other three are well, and are asked"
 
 
@@ -145,7 +145,7 @@ def test_frames_that_are_not_to_be_believed_are_told(fault: str, words: str, pat
         code, said = doctor(channel)
         assert code == 1
         assert said["supervision"].startswith(words)
-        assert said["supervision"].endswith("not to be believed")
+        assert said["supervision"].endswith("cannot be trusted")
 
 
 @pytest.mark.parametrize("fault", ["unplugged:nth=5", "bus-off:nth=5"])
@@ -162,7 +162,7 @@ def test_node_of_another_protocol_is_told(path: Path, doctor: Said) -> None:
         with talking(channel, lambda counter: pack(CODEC, newer, counter)):
             code, said = doctor(channel)
         assert code == 1
-        assert "profiler speaks version 2" in said["protocol"]
+        assert "profiler has version 2" in said["protocol"]
 
 
 def test_another_master_is_told_and_nothing_is_sent_while_it_prints(path: Path, doctor: Said) -> None:

@@ -173,7 +173,7 @@ def test_silence_of_a_rig_is_said_with_its_ids(bus: str, tmp_path: Path) -> None
     inputs = {port.name: port.start_value() for port in part.inputs}
     part.initialize(0, inputs)
     try:
-        with pytest.raises(LinkTimeout, match=r"no answer of scanner \(0x7B0, 0x7B8\): routine 0x0310 .* is not known"):
+        with pytest.raises(LinkTimeout, match=r"no answer of scanner \(0x7B0, 0x7B8\): routine 0x0310 .* is unknown"):
             part.do_step(0, 1, inputs)
     finally:
         part.terminate()
@@ -185,7 +185,7 @@ def test_rig_that_says_it_cannot_ends_the_wait_at_once(bus: str, tmp_path: Path)
     with stranger(bus):
         part.initialize(0, inputs)
         try:
-            with pytest.raises(HardwareError, match=r"PlcState\.State is FAULT, expected BUSY; look at the rig"):
+            with pytest.raises(HardwareError, match=r"PlcState\.State is FAULT, expected BUSY; check the rig"):
                 part.do_step(0, 1, {**inputs, "layer_command": np.asarray(1)})
         finally:
             part.terminate()
@@ -194,5 +194,5 @@ def test_rig_that_says_it_cannot_ends_the_wait_at_once(bus: str, tmp_path: Path)
 def test_state_goes_on_and_anything_else_is_refused(bus: str, tmp_path: Path) -> None:
     part = component(scenario(tmp_path, bus, foreign_rig.MAPPING))
     part.restore(part.save())
-    with pytest.raises(ComponentError, match="no state of this rig"):
+    with pytest.raises(ComponentError, match="not one of this rig"):
         part.restore(b"short")

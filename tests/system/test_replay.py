@@ -174,7 +174,7 @@ def test_log_that_ends_too_early_is_told_with_the_step(
     [
         ("no.blf", None, "there is no traffic log"),
         ("noise.blf", b"LOGG" + bytes(200), "noise.blf"),
-        ("empty.asc", b"", "no node was asked to do anything"),
+        ("empty.asc", b"", "contains no request to a node"),
         ("traffic.csv", b"1,2,3\n", "expected .blf or .asc"),
     ],
 )

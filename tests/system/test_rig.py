@@ -277,7 +277,7 @@ def test_killed_bus_process_leaves_nothing_on_and_is_said_in_words(rig: Rig, cha
         times = lamp_after_the_master_is_gone(channel)
     assert times.lamp_off - times.master_alive <= OFF_WITHIN
     for call in (rig.keep_alive, rig.link(Node.HEAD).state, rig.stop_request):
-        with pytest.raises(BusError, match=r"bus process of slcan on socket.*ended without a word"):
+        with pytest.raises(BusError, match=r"bus process of slcan on socket.*ended without a message"):
             call()
     observer.adapter.close()
 
@@ -286,7 +286,7 @@ def test_ended_bus_process_closes_its_log(program: Path, tmp_path: Path) -> None
     with bench(program) as (_, channel), Rig(settings(channel, traffic_log=tmp_path / "t.blf")) as rig:
         cleared(rig)
         os.kill(rig.supervision.bus.process_id, signal.SIGTERM)
-        with pytest.raises(BusError, match="ended without a word"):
+        with pytest.raises(BusError, match="ended without a message"):
             wait_until(lambda: rig.keep_alive() is not None)
         with can.LogReader(tmp_path / "t.blf") as reader:
             assert {0x20, 0x640, 0x641} <= {message.arbitration_id for message in reader}
@@ -333,9 +333,9 @@ def test_bench_that_goes_away_is_said_in_words(program: Path) -> None:
 def test_node_that_is_not_there_is_named(program: Path) -> None:
     with bench(program, "one_node=1") as (_, channel), Rig(settings(channel)) as rig:
         rig.wait_for([Node.HEAD], LIMIT)
-        with pytest.raises(NodeLost, match=r"the stage was never heard; the profiler was never heard"):
+        with pytest.raises(NodeLost, match=r"the stage has sent no status; the profiler has sent no status"):
             rig.wait_for([Node.HEAD, Node.STAGE, Node.PROFILER], 0.5)
-        with pytest.raises(NodeLost, match="stage was never heard"):
+        with pytest.raises(NodeLost, match="stage has sent no status"):
             rig.link(Node.STAGE).state()
 
 

@@ -124,6 +124,14 @@ def test_every_option_of_the_controllers_is_on_the_scenario_page() -> None:
         assert not [option for option in options if f"`{option}`" not in page], name
 
 
+def test_rows_of_options_on_the_scenario_page_are_current() -> None:
+    tool = runpy.run_path(str(ROOT / "tools/pages/options.py"))
+    page = tool["PAGE"].read_text()
+    assert set(re.findall(r"<!-- options of (\w+) -->", page)) == set(tool["CLASSES"])
+    assert tool["written"](page) == page, "run: python tools/pages/options.py"
+    assert tool["written"](page.replace("| `layer_worth` | 0 |", "| `layer_worth` | 1 |")) == page
+
+
 def test_plan_page_names_every_field_status_and_output() -> None:
     page = (ROOT / "docs/reference/layer-plan.md").read_text()
     part = job()

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import inspect
+import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -59,7 +60,7 @@ def _entries(package: ModuleType, names: tuple[str, ...] | list[str]) -> Iterato
             yield from (inspect.cleandoc(entry.__doc__ or ""), "")
             yield from (", ".join(f"{one.value} `{one.name}`" for one in entry) + ".", "")
         else:
-            yield from ("```python", _signature(name, entry), "```", "", inspect.cleandoc(entry.__doc__ or ""), "")
+            yield from ("```text", _signature(name, entry), "```", "", inspect.cleandoc(entry.__doc__ or ""), "")
         if inspect.isclass(entry) and not issubclass(entry, Exception | enum.Enum):
             members = list(_members(name, entry))
             yield from (*members, "") if members else ()
@@ -118,7 +119,9 @@ def _parameter(parameter: inspect.Parameter, entry: Callable[..., Any]) -> str:
 
 
 def _annotation(annotation: object) -> str:
-    return annotation if isinstance(annotation, str) else getattr(annotation, "__name__", str(annotation))
+    """As written, without the mark of an option of scenarios."""
+    text = annotation if isinstance(annotation, str) else getattr(annotation, "__name__", str(annotation))
+    return re.sub(r"^Annotated\[(.+), (?:[A-Z_]+|Option\(.*\))\]$", r"\1", text)
 
 
 def _first_paragraph(entry: object) -> str:

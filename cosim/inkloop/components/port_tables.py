@@ -28,7 +28,7 @@ _Finite = Annotated[float, Field(allow_inf_nan=False)]
 class PortTable(BaseModel):
     """One port: the FMU's own number is gain * (value in `unit`) + offset."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
     variable: str = Field(description="its name in the FMU, or a template with {i}, {j} or {n}")
     unit: str | None = Field(default=None, description="of the FMU's numbers, where the FMU does not say it")
     gain: _Finite = Field(default=1.0, description="of the FMU's own number per `unit`")

@@ -149,16 +149,16 @@ def _open_inputs(components: Mapping[str, HasPorts], fed: Mapping[str, str]) -> 
 
 def _mismatches(connection: Connection, source: Port, target: Port) -> Iterator[str]:
     strange = {f"[{port.unit}]" for port in (source, target) if not is_known(port.unit) and port.unit != "1"}
-    is_told = bool(strange) and connection.gain != 1.0  # the gain says how one unit becomes the other
-    is_one_quantity = is_told or conversion(source.unit, target.unit) is not None
+    has_gain = bool(strange) and connection.gain != 1.0  # the gain says how one unit becomes the other
+    is_one_quantity = has_gain or conversion(source.unit, target.unit) is not None
     for what, found, expected, fits in (
         ("quantity", f"[{source.unit}]", f"[{target.unit}]", is_one_quantity),
         ("shape", _shape(source.shape), _shape(target.shape), source.shape == target.shape),
         ("type", source.dtype, target.dtype, source.dtype == target.dtype),
     ):
         if not fits:
-            told = f", or a gain that says how {found} becomes {expected}" if strange & {found, expected} else ""
-            yield f"{connection.source} gives {found}, {connection.target} takes {expected}: same {what} needed{told}"
+            advice = f", or a gain that says how {found} becomes {expected}" if strange & {found, expected} else ""
+            yield f"{connection.source} gives {found}, {connection.target} takes {expected}: same {what} needed{advice}"
     if is_one_quantity and not Transfer.of(connection, source, target).is_plain and not _is_float(source):
         yield (
             f"{connection.source} is {source.dtype}; a gain, an offset or another unit needs floating-point values; "

@@ -19,11 +19,10 @@ from inkloop.errors import ResultError
 from inkloop.files import write_text
 from inkloop.report import plot
 from inkloop.report.model_difference import hardware_against_model, model_difference
-from inkloop.results.result import Result
+from inkloop.results.result import COMPARE_FOLDER, Result
 from inkloop.tables.schema import Literature
 from inkloop.units import UM_PER_M
 
-COMPARE_FOLDER = "compare"
 MODEL_TABLE = "hardware-against-model.txt"
 REMARKS = {
     "untrusted_cells": "untrusted cells: {}, unseen for too long, their heights are predictions",

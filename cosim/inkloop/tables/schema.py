@@ -117,7 +117,7 @@ class RunTable(Table):
 class ComponentTable(BaseModel):
     """`[components.NAME]`: `kind`, and the options of that kind."""
 
-    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True, defer_build=True)
     kind: str = Field(description="a kind of the catalog")
 
     @property
@@ -132,7 +132,7 @@ class ConnectionTable(BaseModel):
     Beside these keys: `offset`, with the unit in the key where the input has one.
     """
 
-    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True, defer_build=True)
     source: str
     target: str
     gain: Annotated[float, Field(allow_inf_nan=False)] = Field(default=1.0, description="factor on the way")
@@ -149,7 +149,7 @@ class EventTable(BaseModel):
     Beside these keys: `value`, and for a bias `per_layer`, with the unit in the key where the port has one.
     """
 
-    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True, defer_build=True)
     at_layer: int | None = Field(default=None, ge=1, description="from the layer commanded with this number on")
     at_time_s: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = Field(
         default=None, description="from the step that begins then on"

@@ -16,7 +16,8 @@ Position = Annotated[float, Field(allow_inf_nan=False)]
 class Table(BaseModel):
     """A TOML table: unknown keys are faults, values are not converted between types, nothing changes later."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    # built when a table is first read: the whole scenario holds the others, which need no validator of their own
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
 
 
 class Grid(Table):

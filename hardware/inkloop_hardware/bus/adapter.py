@@ -1,4 +1,4 @@
-"""The CAN adapter of a bench: opened, read in bulk, written with patience, with errors in words."""
+"""The CAN adapter of a bench: opens it, reads frames in bulk, and retries what its full buffer refuses."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ BUS_OFF = 0x40
 class Adapter:
     """A bus of python-can.
 
-    bus: one that is open already; None: that of the settings, BusError in words if it cannot be opened.
-    repeated: how often a frame had to be sent again; errors: error frames seen. BusOff where it takes no part any more.
+    bus: one that is open already; None: that of the settings, BusError if it cannot be opened.
+    repeated: how often a frame had to be sent again; errors: error frames seen. BusOff when it has left the bus.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Adapter:
             raise BusError(f"{settings} cannot be opened: {error}. {_advice(settings)}") from error
 
     def receive(self, wait_s: float) -> list[can.Message]:
-        """Frames that came in, at least one unless `wait_s` passed; BusError when the adapter is gone."""
+        """Frames received, at least one unless `wait_s` passed; BusError when the adapter is disconnected."""
         found: list[can.Message] = []
         try:
             message = self.bus.recv(wait_s)
@@ -61,8 +61,8 @@ class Adapter:
             raise BusError(f"{self.settings} cannot be read any more: {error}. Was it unplugged or ended?") from error
         if isinstance(self.bus, BulkSlcanBus) and (since := self.bus.bus_off_since) is not None:
             raise BusOff(
-                f"{self.settings} refuses every frame and hears none: bus-off, or nobody acknowledges. Look at cables, "
-                "termination, bit rate and the power of the nodes.",
+                f"{self.settings} refuses every frame and receives none: bus-off, or no node acknowledges. Check "
+                "cables, termination, bit rate and the power of the nodes.",
                 since,
             )
         for message in found:
@@ -71,7 +71,7 @@ class Adapter:
         return found
 
     def send(self, frame: Frame) -> can.Message:
-        """The frame as it was sent; BusError if the adapter does not take it within PATIENCE."""
+        """Send a frame and return it as it was sent; BusError if the adapter does not take it within PATIENCE."""
         message = can.Message(time.time(), frame.arbitration_id, False, data=frame.data, is_rx=False)
         until, pause = self._monotonic() + PATIENCE, FIRST_PAUSE
         while True:
@@ -81,7 +81,7 @@ class Adapter:
             except (can.CanError, OSError) as error:
                 if self.is_gone or self._monotonic() + pause > until:
                     raise BusError(
-                        f"{self.settings} takes no frame for {PATIENCE:g} s ({error}). Is it plugged in, is the bus "
+                        f"{self.settings} accepts no frame for {PATIENCE:g} s ({error}). Is it plugged in, is the bus "
                         "terminated, and does any other node on it acknowledge frames?"
                     ) from error
             self.repeated += 1
@@ -89,7 +89,7 @@ class Adapter:
             pause *= 2
 
     def complaints(self) -> dict[str, int]:
-        """What went wrong and was borne, by its name in words."""
+        """Counts of problems that were tolerated, by description."""
         counts = {"frames sent again": self.repeated, "error frames on the bus": self.errors}
         if isinstance(self.bus, BulkSlcanBus):
             counts |= {
@@ -99,7 +99,7 @@ class Adapter:
         return counts
 
     def close(self) -> None:
-        """Gives the adapter back; one that is gone is closed already."""
+        """Release the adapter; one that is disconnected is closed already."""
         try:
             self.bus.shutdown()
         except (can.CanError, OSError):
@@ -109,7 +109,7 @@ class Adapter:
         self.errors += 1
         if message.arbitration_id & BUS_OFF and ".socketcan" in type(self.bus).__module__:
             raise BusOff(
-                f"{self.settings} is bus-off: too many errors. Look at cables, termination and bit rate. SocketCAN: "
+                f"{self.settings} is bus-off: too many errors. Check cables, termination and bit rate. SocketCAN: "
                 "`ip link set ... type can restart`, or down and up.",
                 time.monotonic(),
             )
@@ -128,7 +128,7 @@ def _open(settings: BusSettings) -> can.BusABC:
 
 def _advice(settings: BusSettings) -> str:
     if str(settings.channel).startswith("socket://"):
-        return "Does something listen there? `inkloop bench` starts the emulated bench"
+        return "Is a program listening there? `inkloop bench` starts the emulated bench"
     if settings.interface is None:
-        return "Say interface and channel, or configure python-can (CAN_INTERFACE and CAN_CHANNEL, or ~/.canrc)"
-    return "Is the adapter plugged in, its driver there, its interface up, and may this user open it?"
+        return "Set interface and channel, or configure python-can (CAN_INTERFACE and CAN_CHANNEL, or ~/.canrc)"
+    return "Is the adapter plugged in, its driver installed, its interface up, and may this user open it?"

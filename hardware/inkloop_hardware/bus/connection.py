@@ -1,4 +1,4 @@
-"""The master's end of the bus process: starts it, moves frames, and says in words when it is gone."""
+"""Start the bus process and exchange frames and commands with it."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ START_LIMIT = 30.0
 END_LIMIT = 5.0
 """Seconds for it to end."""
 SILENCE_LIMIT = 5.0
-"""Seconds without a sign of life of the bus process; it gives one every 50 ms."""
+"""Seconds without a message of the bus process; it sends one every 50 ms."""
 OTHERS_MAX = 100_000
-"""Frames that wait at most, the newest ones: while a plan is made nobody takes them."""
+"""Frames that wait at most, the newest ones: while a plan is computed none is taken."""
 
 
 class BusConnection:
     """A running bus process.
 
     settings, session, job: see `BusSettings`, `Rig`; answer_ids: arbitration ids whose frames wait in a queue each
-    (`receive`); all others, or those in kept_ids, wait in `others`. BusError in every call once the process, the
-    adapter or the reading thread is gone, with what it said.
+    (`receive`); all others, or those in kept_ids, wait in `others`. messages: log messages of the process. Every call
+    raises BusError once the process, the adapter or the reading thread has failed, with its message.
     """
 
     def __init__(
@@ -48,21 +48,21 @@ class BusConnection:
     ) -> None:
         self.settings = settings
         self.clock = 0.0
-        """Up to this second of the bus process's clock all frames are here."""
+        """Second of the bus process's clock up to which all frames have been received."""
         self.others: deque[tuple[float, Frame]] = deque(maxlen=OTHERS_MAX)
         self._kept_ids = kept_ids
-        self.words: deque[str] = deque()
-        self.away = ""
-        """Why the adapter is gone, while it is being opened again."""
+        self.messages: deque[str] = deque()
+        self.disconnected = ""
+        """Why the adapter is disconnected, while it is being opened again; else empty."""
         self._queues: dict[int, SimpleQueue[bytes | None]] = {identifier: SimpleQueue() for identifier in answer_ids}
         self._failure: str | None = None
         self._heard = time.monotonic()
         self._opened = threading.Event()
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "inkloop_hardware.bus.process"],  # -P: a can.py in this folder is not meant
+            [sys.executable, "-P", "-m", "inkloop_hardware.bus.process"],  # -P: ignore a can.py in this folder
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            bufsize=0,  # a message leaves at once, and whole, even if Ctrl-C falls upon it
+            bufsize=0,  # a message leaves at once, and whole, even if Ctrl-C interrupts
             start_new_session=True,
         )
         assert isinstance(self._process.stdin, io.RawIOBase)
@@ -71,9 +71,9 @@ class BusConnection:
         self._answers: io.BufferedIOBase = io.BufferedReader(self._process.stdout, 1 << 16)
         self._reader: threading.Thread = threading.Thread(target=self._read, name="inkloop bus reader", daemon=True)
         self._reader.start()
-        told = {"settings": settings.to_json(), "session": session, "job": job}
+        arguments = {"settings": settings.to_json(), "session": session, "job": job}
         try:
-            self._tell(Kind.SETTINGS, json.dumps(told).encode())
+            self._send(Kind.SETTINGS, json.dumps(arguments).encode())
             if not self._opened.wait(START_LIMIT):
                 raise BusError(f"{settings} was not opened within {START_LIMIT:g} s")
             self.check()
@@ -87,17 +87,17 @@ class BusConnection:
         return self._process.pid
 
     def check(self) -> None:
-        """BusError if frames do not move any more."""
+        """BusError if frames are not exchanged any more."""
         if self._failure is not None:
             raise BusError(self._failure)
         silent = time.monotonic() - self._heard
         if self._opened.is_set() and silent > SILENCE_LIMIT:
-            raise BusError(f"the bus process of {self.settings} gives no sign of life for {silent:.0f} s")
+            raise BusError(f"the bus process of {self.settings} has sent nothing for {silent:.0f} s")
 
     def send(self, frames: Sequence[Frame]) -> None:
-        """Sends frames in this order."""
+        """Send frames in this order."""
         for at in range(0, len(frames), FRAMES_AT_ONCE):
-            self._tell(Kind.FRAMES, pack_frames(frames[at : at + FRAMES_AT_ONCE]))
+            self._send(Kind.FRAMES, pack_frames(frames[at : at + FRAMES_AT_ONCE]))
 
     def receive(self, identifier: int, wait_s: float) -> bytes | None:
         """Data of the next frame with this id, None if none comes within `wait_s`."""
@@ -106,26 +106,26 @@ class BusConnection:
             found = queue.get(timeout=wait_s) if wait_s > 0 else queue.get_nowait()
         except Empty:
             return None
-        if found is None:  # nothing comes any more
+        if found is None:  # the reader has ended
             queue.put(None)
             self.check()
         return found
 
     def send_keep_alive(self, enables: Enables) -> None:
-        """The control loop lives."""
-        self._tell(Kind.ALIVE, bytes([enables]))
+        """Report that the control loop runs, and what it enables."""
+        self._send(Kind.ALIVE, bytes([enables]))
 
-    def say_stop(self, active: bool) -> None:
-        """Begins or ends the stop request."""
-        self._tell(Kind.STOP, bytes([active]))
+    def send_stop(self, active: bool) -> None:
+        """Begin or end the stop request."""
+        self._send(Kind.STOP, bytes([active]))
 
-    def say_job(self, job: int) -> None:
-        """Another job."""
-        self._tell(Kind.JOB, str(job).encode())
+    def send_job(self, job: int) -> None:
+        """Change the job."""
+        self._send(Kind.JOB, str(job).encode())
 
     def close(self) -> None:
-        """Ends the process: enables drop, the log and the adapter are closed."""
-        with suppress(OSError):  # it may be gone already
+        """End the process: enables drop, the log and the adapter are closed."""
+        with suppress(OSError):  # it may have ended already
             write_message(self._commands, Kind.CLOSE)
         with suppress(OSError):
             self._commands.close()
@@ -137,18 +137,18 @@ class BusConnection:
         self._reader.join(END_LIMIT)
         self._answers.close()
 
-    def _tell(self, kind: Kind, content: bytes) -> None:
+    def _send(self, kind: Kind, content: bytes) -> None:
         self.check()
         try:
             write_message(self._commands, kind, content)
         except OSError as error:
-            self._reader.join(END_LIMIT)  # what it said last
+            self._reader.join(END_LIMIT)  # reads its last message
             self.check()
-            raise BusError(f"the bus process of {self.settings} does not listen: {error}") from error
+            raise BusError(f"the bus process of {self.settings} takes no commands: {error}") from error
 
     def _read(self) -> None:
-        """The only thread of this process that looks at the bus; it moves frames and nothing else."""
-        failure = f"the bus process of {self.settings} ended without a word"
+        """The only thread of this process that reads the bus; it sorts frames and nothing else."""
+        failure = f"the bus process of {self.settings} ended without a message"
         try:
             failure = self._move() or failure
         except Exception as error:
@@ -160,8 +160,8 @@ class BusConnection:
             self._opened.set()
 
     def _move(self) -> str | None:
-        """What the process said when it failed."""
-        said = None
+        """Sort what the process sends, until its end; its last message if it failed."""
+        failure = None
         while (message := read_message(self._answers)) is not None:
             kind, content = message
             self._heard = time.monotonic()
@@ -169,15 +169,15 @@ class BusConnection:
                 self._sort(content)
             elif kind is Kind.CLOCK:
                 self.clock = unpack("<d", content)[0]
-            elif kind is Kind.WORDS:
-                self.words.append(content.decode())
-            elif kind is Kind.AWAY:
-                self.away = content.decode()
+            elif kind is Kind.MESSAGE:
+                self.messages.append(content.decode())
+            elif kind is Kind.DISCONNECTED:
+                self.disconnected = content.decode()
             elif kind is Kind.OPENED:
                 self._opened.set()
             elif kind is Kind.FAILED:
-                said = content.decode()
-        return said
+                failure = content.decode()
+        return failure
 
     def _sort(self, content: bytes) -> None:
         for now, frame in unpack_frames(content):

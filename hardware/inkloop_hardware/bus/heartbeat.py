@@ -1,7 +1,7 @@
-"""When the master says that it lives, and what it enables.
+"""Schedule of the frames that the master repeats: MasterAlive with its enables, and StopRequest.
 
-The bus process sends MasterAlive only while the control loop says that it is alive: a loop that hangs must not look
-alive. Nothing here knows a bus or a clock; seconds come in, frames go out.
+The bus process sends MasterAlive only while the control loop reports that it runs: a loop that hangs must not look
+alive. No bus and no clock here: seconds come in, frames go out.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from inkloop_hardware.protocol.records import MasterAlive, StopRequest, pack
 from inkloop_hardware.protocol.vocabulary import Source
 
 AGAIN = 0.02
-"""Seconds after a change of enables it is said a second time, so that one lost frame changes nothing."""
+"""Seconds after which a change of enables is sent a second time, so that one lost frame changes nothing."""
 LAST_STOPS = 3
-"""So often it is said that a stop request is over."""
+"""How often the end of a stop request is sent."""
 
 
 class Enables(IntFlag):
-    """What the present step may do."""
+    """What the present step may energise."""
 
     NONE = 0
     LAMP = 1
@@ -30,10 +30,11 @@ class Enables(IntFlag):
 
 @dataclass
 class Heartbeat:
-    """MasterAlive, gated by the words of the control loop.
+    """MasterAlive, sent as long as the control loop keeps it alive.
 
-    session, job: as in MasterAlive; grace, loop_timeout: seconds without a word, with and without anything enabled.
-    After a silence with something enabled, nothing can be enabled before the loop has said that it enables nothing.
+    session, job: as in MasterAlive; grace, loop_timeout: seconds that the loop may be silent, with and without anything
+    enabled. After too long a silence with something enabled, the loop must first enable nothing, then it may enable
+    again.
     """
 
     codec: Codec
@@ -44,17 +45,17 @@ class Heartbeat:
     beating: bool = False
     enables: Enables = Enables.NONE
     lapsed: bool = False
-    _said: Enables | None = None
-    _word: float = 0.0
+    _sent: Enables | None = None
+    _kept_alive: float = 0.0
     _due: float = 0.0
 
     def __post_init__(self) -> None:
         self._sender = Supervised(self.codec)
         self._cycle = self.codec.cycle_time(MasterAlive.message) or 0.1
 
-    def word(self, now: float, enables: Enables) -> None:
-        """The control loop is alive and wants these enables; what changes is due at once."""
-        self._word = now
+    def keep_alive(self, now: float, enables: Enables) -> None:
+        """Take a report of the control loop, with the enables it wants; a change is due at once."""
+        self._kept_alive = now
         self.lapsed = self.lapsed and bool(enables)
         wanted = Enables.NONE if self.lapsed else enables
         if wanted != self.enables or not self.beating:
@@ -63,28 +64,28 @@ class Heartbeat:
         self.enables = wanted
 
     def change_job(self, now: float, job: int) -> None:
-        """Another job; said at once and twice, so that no request for it comes before the nodes know it."""
+        """Change the job; sent at once and twice, so that no request for it comes before the nodes know it."""
         self.job = job
-        self._said = None
+        self._sent = None
         if self.beating:
             self._due = now
 
     def frames(self, now: float) -> list[Frame]:
-        """What is to be sent now."""
+        """Frames that are due now."""
         if not self.beating or now < self._due:
             return []
-        self._due = after(self._due, self._cycle if self._said == self.enables else AGAIN, now)
+        self._due = after(self._due, self._cycle if self._sent == self.enables else AGAIN, now)
         return [self._frame()]
 
     def silence(self, now: float) -> float | None:
-        """Seconds without a word if that is too long, and `end` is to be called; else None."""
-        silent = now - self._word
+        """Seconds that the loop has been silent, if that is too long and `end` is to be called; else None."""
+        silent = now - self._kept_alive
         if not self.beating or silent <= (self.grace if self.enables else self.loop_timeout):
             return None
         return silent
 
     def end(self) -> list[Frame]:
-        """The last frame, which drops what was enabled; then silence, until the next word."""
+        """The last frame, which drops the enables; then silence, until the loop reports again."""
         if not self.beating:
             return []
         self.lapsed = bool(self.enables)
@@ -92,14 +93,14 @@ class Heartbeat:
         return [self._frame()]
 
     def _frame(self) -> Frame:
-        self._said = self.enables
+        self._sent = self.enables
         lamp, gate, motion = (one in self.enables for one in (Enables.LAMP, Enables.GATE, Enables.MOTION))
         return self._sender.frame(MasterAlive(lamp, gate, motion, self.session, self.job))
 
 
 @dataclass
 class StopCall:
-    """StopRequest: repeated while it is active, and a few times after it is not any more."""
+    """StopRequest: repeated while it is active, and a few times after its end."""
 
     codec: Codec
     active: bool = False
@@ -111,13 +112,13 @@ class StopCall:
         self._cycle = self.codec.cycle_time(StopRequest.message) or 0.05
 
     def set(self, now: float, active: bool) -> None:
-        """Begins or ends the request; due at once."""
+        """Begin or end the request; due at once."""
         if self.active and not active:
             self._left = LAST_STOPS
         self.active, self._due = active, now
 
     def frames(self, now: float) -> list[Frame]:
-        """What is to be sent now."""
+        """Frames that are due now."""
         if now < self._due or not (self.active or self._left):
             return []
         self._left = max(0, self._left - 1)

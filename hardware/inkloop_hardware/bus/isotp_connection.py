@@ -1,7 +1,7 @@
 """ISO-TP to one node, as the connection of a udsoncan client.
 
-can-isotp keeps the protocol; it is turned by whoever sends or waits here, without threads, so nothing fails unseen. Its
-own timeouts are out of the way: no progress for the time of the caller ends a wait, by the clock of the wire.
+can-isotp implements the protocol; every send and wait here drives it, without threads, so no error is lost. Its own
+timeouts are disabled: a wait ends after the caller's time without progress, by the clock of the wire.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from udsoncan.exceptions import TimeoutException
 from inkloop_hardware.protocol.codec import Frame
 
 SLICE = 0.05
-"""Seconds between two signs of life while something is waited for."""
+"""Seconds between two checks of the wire during a wait."""
 FLOW_TIMEOUT = 1.0
-"""Seconds for the node to let go on with a long message (N_Bs of ISO 15765-2)."""
+"""Seconds for the flow control of the node in a long message (N_Bs of ISO 15765-2)."""
 ANSWER_LIMIT = 30.0
-"""Seconds for an answer, whatever the node says meanwhile ("still busy" ...), where there is no deadline."""
+"""Seconds for an answer without a deadline, however often the node answers "still busy"."""
 TORN_QUIET, MESSAGE_QUIET = 0.05, 0.25
-"""Seconds without a frame after which a message that lost one, or that stopped midway, is given up: both are asked for
+"""Seconds without a frame after which a message that lost one, or that stopped midway, is given up: both are requested
 again sooner than after N_Cr of ISO 15765-2 (1 s)."""
 PADDING = 0xCC
 GIVE_UP = bytes((0x32, 0, 0, *5 * (PADDING,)))
@@ -42,13 +42,13 @@ PARAMETERS = {
 
 
 class Wire(Protocol):
-    """One node at the other end of a bus."""
+    """The way to one node over a bus."""
 
     def begin(self) -> None:
-        """A request begins."""
+        """Begin a request."""
 
     def send(self, frames: Sequence[Frame]) -> None:
-        """Sends frames in this order."""
+        """Send frames in this order."""
 
     def receive(self, wait_s: float) -> bytes | None:
         """Data of the next ISO-TP frame of the node, None if none comes within `wait_s`."""
@@ -57,14 +57,14 @@ class Wire(Protocol):
         """Seconds of a clock that only goes forward."""
 
     def check(self) -> None:
-        """Says that the control loop lives; raises what makes waiting useless."""
+        """Report that the control loop runs; raises what makes waiting useless."""
 
 
 class IsoTpConnection(BaseConnection):
     """Messages to and from one node.
 
-    wire: see there; request_id, answer_id: arbitration ids; is_answer: whether a message answers what was sent last;
-    any other is dropped and counted (`stray`). `broken` counts ISO-TP faults: lost, doubled and swapped frames.
+    wire: the way to it; request_id, answer_id: arbitration ids; is_answer: whether a message answers the last request;
+    any other is dropped and counted (`stray`). `broken` counts errors of ISO-TP: lost, doubled and swapped frames.
     `deadline`: no wait lasts beyond this second of the wire's clock.
     """
 
@@ -87,7 +87,7 @@ class IsoTpConnection(BaseConnection):
         self._stack.logger.setLevel(logging.CRITICAL)  # its warnings, thousands where one frame is lost, are counted
 
     def open(self) -> IsoTpConnection:
-        """Nothing to open: the wire is."""
+        """Nothing to open: the wire is open."""
         return self
 
     def close(self) -> None:
@@ -101,18 +101,18 @@ class IsoTpConnection(BaseConnection):
         return True
 
     def empty_rxqueue(self) -> None:
-        """A request begins: what came late, and what is under way, is forgotten."""
+        """Begin a request: discard late and unfinished messages."""
         self._wire.begin()
         while self._wire.receive(0.0) is not None:
             self.stray += 1
-        while self._stack.recv() is not None:  # came whole, at the heels of the last answer
+        while self._stack.recv() is not None:  # arrived directly after the last answer
             self.stray += 1
         self._stack.reset()
         self._torn = False
         self._unsent.clear()
 
     def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
-        """The whole message; TimeoutException if the node does not let it go on."""
+        """Send a whole message; TimeoutException if the flow control of the node does not come."""
         self._request = bytes(payload)
         self._moved = self._asked = self._wire.now()
         self._stack.send(payload)
@@ -120,7 +120,7 @@ class IsoTpConnection(BaseConnection):
             self._turn(FLOW_TIMEOUT if timeout is None else timeout)
 
     def specific_wait_frame(self, timeout: float | None = None) -> bytes:
-        """The answer to what was sent last; TimeoutException when nothing came for `timeout` s."""
+        """The answer to the last request; TimeoutException when nothing came for `timeout` s."""
         self._moved = self._wire.now()
         while True:
             while (message := self._stack.recv()) is not None:
@@ -131,14 +131,14 @@ class IsoTpConnection(BaseConnection):
             self._turn(FLOW_TIMEOUT if timeout is None else timeout)
 
     def pause(self, seconds: float) -> None:
-        """Lets time pass; the control loop lives meanwhile."""
+        """Wait without a request, with the checks of the wire."""
         until = self._wire.now() + seconds
         while (left := until - self._wire.now()) > 0:
             self.stray += self._wire.receive(min(left, SLICE)) is not None
             self._wire.check()
 
     def _turn(self, timeout: float) -> None:
-        """Lets the protocol go on until it waits in vain for a slice."""
+        """Drive the protocol until it has waited for one slice."""
         self._stack.process(SLICE)
         self._flush()
         now = self._wire.now()
@@ -157,7 +157,7 @@ class IsoTpConnection(BaseConnection):
         raise TimeoutException("a message lost a frame")  # type: ignore[no-untyped-call]
 
     def _take(self, wait_s: float) -> isotp.CanMessage | None:
-        """The next frame for the protocol; waits only if it has nothing else to do."""
+        """The next frame for the protocol; waits only if nothing else is to be done."""
         self._flush()
         data = self._wire.receive(0.0 if self._stack.available() else wait_s)
         now = self._wire.now()

@@ -1,6 +1,6 @@
-"""What the master and the bus process say to each other: length, kind, bytes, over a pair of pipes.
+"""Messages between the master and the bus process: kind, length, bytes, over a pair of pipes.
 
-Frames travel as fixed records of 24 bytes, many in one message; only standard data frames do.
+Frames are fixed records of 24 bytes, many in one message; standard data frames only.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from inkloop_hardware.protocol.codec import Frame
 HEAD = Struct("<BI")
 FRAME = Struct("<dIB8s3x")
 FRAMES_AT_ONCE = 128
-"""So that a message to the bus process is below 4096 bytes, which a pipe takes whole or not at all."""
+"""Keeps a message to the bus process below 4096 bytes, which a pipe takes whole or not at all."""
 
 
 class Kind(IntEnum):
@@ -37,16 +37,16 @@ class Kind(IntEnum):
     """name of the adapter"""
     CLOCK = 8
     """eight bytes: seconds of the bus process's clock; every frame before it was read"""
-    WORDS = 9
+    MESSAGE = 9
     """a sentence for the log"""
-    AWAY = 11
-    """a sentence: the adapter is gone and is being opened again; empty: it is there"""
+    DISCONNECTED = 11
+    """a sentence: the adapter is disconnected and is being opened again; empty: it is connected"""
     FAILED = 10
-    """a sentence; the bus process ends"""
+    """a sentence: why the bus process ends"""
 
 
 def write_message(stream: RawIOBase, kind: Kind, content: bytes = b"") -> None:
-    """One message, whole; OSError if nobody reads any more."""
+    """Write one message, whole; OSError if the reader has ended."""
     rest = memoryview(HEAD.pack(kind, len(content)) + content)
     while rest:
         rest = rest[stream.write(rest) or 0 :]
@@ -80,7 +80,10 @@ LAST_WAIT = 2.0
 
 
 class Outbox:
-    """Keeps what was put and writes it in order; over ROOM, what may be dropped is. `dropped` counts its frames."""
+    """Writes messages in order without blocking the caller; beyond ROOM drops what may be dropped.
+
+    dropped: frames of dropped messages.
+    """
 
     def __init__(self, stream: RawIOBase) -> None:
         self.dropped = 0
@@ -94,11 +97,11 @@ class Outbox:
 
     @property
     def is_writing(self) -> bool:
-        """Whether what is put still goes anywhere."""
+        """Whether messages are still written."""
         return self._thread.is_alive()
 
     def put(self, kind: Kind, content: bytes, *, may_drop: bool = False) -> None:
-        """Takes a message; returns at once."""
+        """Queue a message; returns at once."""
         with self._changed:
             if may_drop and self._bytes + len(content) > ROOM:
                 self.dropped += len(content) // FRAME.size
@@ -108,7 +111,7 @@ class Outbox:
             self._changed.notify()
 
     def close(self) -> None:
-        """Gives the rest LAST_WAIT seconds to leave."""
+        """Wait up to LAST_WAIT seconds until all messages are written."""
         with self._changed:
             self._closed = True
             self._changed.notify()
@@ -124,5 +127,5 @@ class Outbox:
             try:
                 for kind, content in messages:
                     write_message(self._stream, kind, content)
-            except OSError:  # nobody reads any more; the end of stdin tells the process
+            except OSError:  # the reader has ended; the end of stdin then ends the process
                 return

@@ -1,10 +1,10 @@
-"""The process that owns the adapter: reads, writes, logs, and keeps the heartbeat while the control loop lives.
+"""The process that owns the adapter: reads, writes, logs, and keeps the heartbeat while the control loop runs.
 
     python -m inkloop_hardware.bus.process
 
-Started by `bus_connection`; messages (`bus_messages`) come in at stdin and go out at stdout. It never waits for its
-parent: what the parent does not read is dropped and counted. It ends when told to, when its parent is gone, and when
-the adapter is; Ctrl-C in the terminal is the parent's.
+Started by `bus.connection`; its messages (`bus.messages`) arrive at stdin and leave at stdout. It never waits for its
+parent: frames that the parent does not read are dropped and counted. It ends by a command, with its parent, and when
+the adapter cannot be opened again; Ctrl-C in the terminal is left to the parent.
 """
 
 from __future__ import annotations
@@ -31,14 +31,13 @@ from inkloop_hardware.bus.traffic_log import TrafficLog
 from inkloop_hardware.errors import BusError, BusOff
 from inkloop_hardware.protocol.codec import Codec, Frame
 
-READ_WAIT = 0.02
-CLOCK_CYCLE = 0.05
+READ_WAIT, CLOCK_CYCLE = 0.02, 0.05
 BEAT_WAIT = 0.01
-"""Longest sleep of the heartbeat [s]: a silent loop is noticed so late."""
+"""Longest sleep of the heartbeat [s]: the delay until a silent loop is noticed."""
 
 
 class BusProcess:
-    """Three threads on one adapter: this one reads the bus, one takes commands, one keeps the heartbeat."""
+    """Serves one adapter with three threads: this one reads the bus, one takes commands, one keeps the heartbeat."""
 
     def __init__(self, settings: BusSettings, session: int, job: int, answers: Outbox) -> None:
         codec = Codec()
@@ -62,7 +61,7 @@ class BusProcess:
         self._complaints: dict[str, int] = {}
 
     def run(self, commands: BufferedIOBase) -> None:
-        """Until told to end, or the parent or the adapter is gone."""
+        """Run until the command to end, the end of the parent, or a failure of the adapter."""
         for work in (lambda: self._take_commands(commands), self._beat):
             threading.Thread(target=self._guarded, args=(work,), daemon=True).start()
         self._guarded(self._read)
@@ -78,7 +77,7 @@ class BusProcess:
             self.answers.put(Kind.FAILED, self.failure.encode())
 
     def _guarded(self, work: Callable[[], None]) -> None:
-        """The first failure of any thread ends all of them, in words."""
+        """Run the work of a thread; the first failure of any ends all of them and becomes the message."""
         try:
             work()
         except BusError as error:
@@ -115,26 +114,26 @@ class BusProcess:
             self.answers.put(Kind.FRAMES, pack_frames(frames, now), may_drop=True)
 
     def _reopen(self, error: BusError) -> None:
-        """Opens an adapter again that is gone. Enables have dropped, and the nodes de-energise themselves by then."""
+        """Open a disconnected adapter again. Enables have dropped, and the nodes de-energise themselves by then."""
         with self._sending:
             lit = isinstance(error, BusOff) and self._lit_until >= error.since
             self.heartbeat.end()
             self._open, self._trouble = False, None
             self.adapter.close()
         began = time.monotonic()
-        self.answers.put(Kind.AWAY, f"{error} It is being opened again".encode())
+        self.answers.put(Kind.DISCONNECTED, f"{error} It is being opened again".encode())
         for pause in self.reopening.pauses(error, lit, began):
             if self._waited(pause):
                 return
             if self._opened_again():
                 break
         self.reopening.opened(time.monotonic())
-        words = f"{self.adapter.settings}: there again after {time.monotonic() - began:.1f} s, nothing is enabled"
-        self.answers.put(Kind.WORDS, words.encode())
-        self.answers.put(Kind.AWAY, b"")
+        message = f"{self.adapter.settings}: connected again after {time.monotonic() - began:.1f} s, nothing is enabled"
+        self.answers.put(Kind.MESSAGE, message.encode())
+        self.answers.put(Kind.DISCONNECTED, b"")
 
     def _waited(self, pause: float) -> bool:
-        """Whether the process is to end meanwhile. It gives signs of life."""
+        """Wait; True if the process is to end meanwhile. The clock is still sent."""
         until = time.monotonic() + pause
         while not self.over.wait(min(CLOCK_CYCLE, max(0.0, until - time.monotonic()))):
             now = time.monotonic()
@@ -169,7 +168,7 @@ class BusProcess:
                 if kind is Kind.FRAMES:
                     self._send([frame for _, frame in unpack_frames(content)])
                 elif kind is Kind.ALIVE and self._open:
-                    self.heartbeat.word(now, Enables(content[0]))
+                    self.heartbeat.keep_alive(now, Enables(content[0]))
                     self._note_lamp(now)
                 elif kind is Kind.STOP:
                     self.stop_call.set(now, bool(content[0]))
@@ -190,8 +189,8 @@ class BusProcess:
                 silent = self.heartbeat.silence(now)
                 if silent is not None:
                     self._send(self.heartbeat.end())
-                    words = f"the control loop said nothing for {silent:.1f} s: the heartbeat ends, nothing is enabled"
-                    self.answers.put(Kind.WORDS, words.encode())
+                    message = f"the control loop was silent for {silent:.1f} s: the heartbeat ends, nothing is enabled"
+                    self.answers.put(Kind.MESSAGE, message.encode())
                 self._send_due(now)
 
     def _send_due(self, now: float) -> None:
@@ -202,7 +201,7 @@ class BusProcess:
             if self._open and self._trouble is None:
                 self._log([self.adapter.send(frame) for frame in frames])
         except BusError as error:
-            self._trouble = error  # the reading thread opens it again
+            self._trouble = error  # the reading thread opens the adapter again
 
     def _log(self, messages: list[can.Message]) -> None:
         if self.log:
@@ -211,12 +210,12 @@ class BusProcess:
                     self.log.take(message)
 
     def _complain(self) -> None:
-        """Says what goes wrong: the first time, and whenever it is twice as much."""
+        """Report each kind of problem: the first time, and whenever its count has doubled."""
         counts = self.adapter.complaints() | {"frames that the master did not read": self.answers.dropped}
-        for words, count in counts.items():
-            if count >= max(1, 2 * self._complaints.get(words, 0)):
-                self.answers.put(Kind.WORDS, f"{self.adapter.settings}: {count} {words} so far".encode())
-                self._complaints[words] = count
+        for what, count in counts.items():
+            if count >= max(1, 2 * self._complaints.get(what, 0)):
+                self.answers.put(Kind.MESSAGE, f"{self.adapter.settings}: {count} {what} so far".encode())
+                self._complaints[what] = count
 
 
 def _is_plain(message: can.Message) -> bool:
@@ -224,17 +223,17 @@ def _is_plain(message: can.Message) -> bool:
 
 
 def main() -> int:
-    """Serves one parent."""
+    """Serve the parent process; the exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     answers = Outbox(FileIO(os.dup(sys.stdout.fileno()), "w"))
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a driver prints must not come between the messages
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # the output of a driver must not mix with the messages
     commands = BufferedReader(FileIO(sys.stdin.fileno(), closefd=False))
     first = read_message(commands)
     if first is None or first[0] is not Kind.SETTINGS:
         return 2
-    told = json.loads(first[1])
+    arguments = json.loads(first[1])
     try:
-        process = BusProcess(BusSettings.from_json(told["settings"]), told["session"], told["job"], answers)
+        process = BusProcess(BusSettings.from_json(arguments.pop("settings")), **arguments, answers=answers)
     except BusError as error:
         answers.put(Kind.FAILED, str(error).encode())
         answers.close()

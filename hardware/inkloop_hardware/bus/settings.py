@@ -1,4 +1,4 @@
-"""Which bus, and how it is used."""
+"""Settings of a bus: its adapter, its traffic log, its time limits."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class BusSettings:
     interface, channel, bitrate (bit/s): those of `can.Bus`; what is None is looked up by python-can in its own
     configuration (environment, ~/.canrc, can.ini). options: further arguments of that interface.
     traffic_log: file of all frames, BLF or ASC by its suffix; a relative one lies in the folder of the rig; None: none.
-    loop_timeout_s: so long the control loop may be busy (a plan) while nothing is enabled, then the heartbeat ends;
-    grace_s: the same while something is enabled. reopen_s: so long an adapter that is gone is tried to be opened again.
+    loop_timeout_s: seconds that the control loop may be busy (a plan) while nothing is enabled, then the heartbeat
+    ends; grace_s: the same while something is enabled. reopen_s: seconds of tries to open a disconnected adapter.
     """
 
     interface: str | None = None
@@ -32,11 +32,11 @@ class BusSettings:
     reopen_s: float = 10.0
 
     def __str__(self) -> str:
-        """How it is called in sentences: "slcan on /dev/ttyACM0 at 500 kbit/s"."""
-        words = self.interface or "the interface of python-can's configuration"
+        """Name in messages: "slcan on /dev/ttyACM0 at 500 kbit/s"."""
+        name = self.interface or "the interface of python-can's configuration"
         if self.channel is not None:
-            words += f" on {self.channel}"
-        return words + (f" at {self.bitrate / KILO:g} kbit/s" if self.bitrate else "")
+            name += f" on {self.channel}"
+        return name + (f" at {self.bitrate / KILO:g} kbit/s" if self.bitrate else "")
 
     def arguments(self) -> dict[str, Any]:
         """Those of `can.Bus`."""

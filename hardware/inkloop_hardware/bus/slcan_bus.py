@@ -1,7 +1,7 @@
 """Serial CAN adapters (slcan, LAWICEL lines) read in bulk.
 
 python-can's own class takes one byte per read, 16 to 20 kB/s, and a malformed line ends its reading with an IndexError.
-Here a read takes all there is, and a line that is not understood is counted. Classic frames only.
+Here a read takes all available bytes, and a malformed line is counted. Classic frames only.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ TIME_STAMP = 4
 """Hexadecimal digits that some adapters put behind a frame."""
 BEL = 7
 BUS_OFF_AFTER_S, BUS_OFF_REFUSALS = 0.15, 2
-"""An adapter that for so many seconds refuses what it is told to send, confirms nothing and hears nothing is bus-off; a
-full buffer refuses too, but frames come in meanwhile."""
+"""An adapter that refuses this many frames over this time, and confirms and receives none, is bus-off; a full buffer
+refuses too, but frames come in meanwhile."""
 
 
 class BulkSlcanBus(slcanBus):
     """An slcan adapter on a serial port, a terminal or `socket://host:port`.
 
-    malformed: lines that were no frame and no answer; refused: commands or frames that the adapter answered with BEL,
-    counted from the first frame on (many adapters refuse the commands that open them).
+    malformed: lines that are neither a frame nor an answer; refused: commands or frames that the adapter answered with
+    BEL, counted from the first frame on (many adapters refuse the commands that open them).
     """
 
     def __init__(self, channel: str, **options: Any) -> None:
@@ -44,7 +44,7 @@ class BulkSlcanBus(slcanBus):
         self._selectable = os.name == "posix"
 
     def begin_reading(self) -> None:
-        """Nothing was read yet."""
+        """Reset the state of reading."""
         self.malformed = 0
         self.refused = 0
         self._refused_since: float | None = None
@@ -55,14 +55,14 @@ class BulkSlcanBus(slcanBus):
         self._heard = False
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Writes one line; CanOperationError if it cannot leave within WRITE_TIMEOUT."""
+        """Write one line; CanOperationError if it cannot be written within WRITE_TIMEOUT."""
         head = f"T{msg.arbitration_id:08X}" if msg.is_extended_id else f"t{msg.arbitration_id:03X}"
         with can.exceptions.error_check("Could not write to serial device"):
             self.serialPortOrig.write(f"{head}{msg.dlc:d}{msg.data.hex().upper()}\r".encode())
 
     @property
     def bus_off_since(self) -> float | None:
-        """Second of the monotonic clock since which it takes no part in the bus, None if it does."""
+        """Second of the monotonic clock since which it is off the bus, None if it is on it."""
         since = self._refused_since
         if since is None or self._refusals_in_a_row < BUS_OFF_REFUSALS or time.monotonic() - since <= BUS_OFF_AFTER_S:
             return None
@@ -89,7 +89,7 @@ class BulkSlcanBus(slcanBus):
             return found
 
     def take(self, found: bytes) -> None:
-        """Frames of all lines that are whole go to `waiting`; the rest is kept."""
+        """Move the frames of all complete lines to `waiting`; keep the rest."""
         if refusals := found.count(BEL):  # they stand alone, no line end follows
             found = found.replace(b"\a", b"")
             self._take_refusals(refusals)
@@ -134,11 +134,11 @@ def frame_of(line: bytes, now: float) -> can.Message:
     length = int(line[at : at + 1])
     digits = 0 if remote else 2 * length
     if not line.isalnum():
-        raise ValueError(f"line {line!r} has other characters than digits")
+        raise ValueError(f"line {line!r} contains other characters than digits")
     if length > 8 or len(line) - at - 1 - digits not in (0, TIME_STAMP):
-        raise ValueError(f"line {line!r} has another length than it says")
+        raise ValueError(f"line {line!r} has another length than its digit")
     identifier = int(line[1:at], 16)
     if identifier >= 1 << (29 if extended else 11):
-        raise ValueError(f"line {line!r} has an id that no frame can have")
+        raise ValueError(f"line {line!r} has an id beyond the range of its frame")
     data = None if remote else bytes.fromhex(line[at + 1 : at + 1 + digits].decode("ascii"))
     return can.Message(now, identifier, extended, remote, dlc=length, data=data)

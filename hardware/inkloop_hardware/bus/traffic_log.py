@@ -1,4 +1,4 @@
-"""All frames of a bus in a file: BLF or ASC, by its suffix."""
+"""Traffic log: all frames of a bus in a BLF or ASC file."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ FLUSH_CYCLE = 1.0
 
 
 class TrafficLog:
-    """A log that can be read even if nobody closed it, up to FLUSH_CYCLE before its end.
+    """A log that stays readable without a close, up to FLUSH_CYCLE before its end.
 
-    BusError for a suffix that is not known or a file that cannot be written. An existing file is kept: a resumed run
-    goes on in traffic-2.blf.
+    BusError for an unknown suffix or a file that cannot be written. An existing file is kept: a resumed run continues
+    in traffic-2.blf.
     """
 
     def __init__(self, path: Path) -> None:
@@ -33,15 +33,15 @@ class TrafficLog:
         self._first: float | None = None
 
     def take(self, message: can.Message) -> None:
-        """Writes one frame. Sent and received ones come from two threads: a frame from before the first one would get
-        a time of its own kind in an ASC file, so it gets that of the first."""
+        """Write one frame. Sent and received ones come from two threads: in an ASC file a frame from before the first
+        one would get another kind of time, so it gets that of the first."""
         if self._first is None:
             self._first = message.timestamp
         message.timestamp = max(message.timestamp, self._first)
         self._writer.on_message_received(message)
 
     def flush(self, now: float) -> None:
-        """Brings what was taken to the disk, once per FLUSH_CYCLE."""
+        """Write the frames to the disk, once per FLUSH_CYCLE."""
         if now - self._flushed < FLUSH_CYCLE:
             return
         self._flushed = now
@@ -50,18 +50,18 @@ class TrafficLog:
         self._writer.file.flush()
 
     def close(self) -> None:
-        """Ends the file."""
+        """End the file."""
         self._writer.stop()
 
 
 def unused(path: Path) -> Path:
-    """The path, or the first of name-2, name-3 ... that is not there yet."""
+    """The path, or the first of name-2, name-3 ... that does not exist yet."""
     names = (path, *(path.with_stem(f"{path.stem}-{number}") for number in range(2, 1000)))
     return next((name for name in names if not name.exists()), path)
 
 
 def _end_container(writer: BLFWriter) -> None:
-    """What `BLFWriter.stop` does without closing: the header holds the time that all frames count from."""
+    """Do what `BLFWriter.stop` does, without closing: the header holds the time origin of all frames."""
     writer._flush()
     end = writer.file.tell()
     writer.file.seek(0)

@@ -1,4 +1,4 @@
-"""What a person asks of a bench without printing: how it is, clear, home, purge, a dry run. Each answers in lines."""
+"""Commands of a person to a bench without a print: status, clear, home, purge, a dry run. Each yields lines."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ NODES = tuple(Node)
 
 
 def status(rig: Rig) -> Iterator[str]:
-    """A line for each node: state, what it remembers, what it needs."""
+    """A line for each node: state, newest layer, what it needs."""
     rig.wait_for(NODES)
     for node in NODES:
         link = rig.link(node)
-        yield f"{node.lower():8s} {_words(link.state())}; {link.version()}"
+        yield f"{node.lower():8s} {_sentence(link.state())}; {link.version()}"
 
 
 def clear_all(rig: Rig, *, give_up: bool = False) -> Iterator[str]:
-    """Release all nodes, as a person who has looked at the bench; give_up: the open layer is not to be finished."""
+    """Release all nodes, as a person who has checked the bench; give_up: the open layer is not to be finished."""
     rig.wait_for(NODES)
     option = ClearOption.OPERATOR | (ClearOption.ABANDON if give_up else ClearOption(0))
     for node in NODES:
@@ -70,18 +70,18 @@ def dry_run(rig: Rig, job: Job, *, cure_ms: int) -> Iterator[str]:
         yield f"its scan: {job.nx} x {job.ny} cells, {valid.mean():.0%} of them valid"
 
 
-def _words(state: NodeState) -> str:
-    words = state.state.name
+def _sentence(state: NodeState) -> str:
+    found = state.state.name
     if state.state in (State.SAFE, State.FAULT) and state.cause != Fault.NONE:
-        words += f" because of {state.cause.name}"
+        found += f" because of {state.cause.name}"
     if state.passes:
-        words += f", layer {state.layer} of job {state.job}: {state.done.bit_count()} of {state.passes} passes done"
+        found += f", layer {state.layer} of job {state.job}: {state.done.bit_count()} of {state.passes} passes done"
     if state.unknown:
-        words += f", {state.unknown.bit_count()} unknown"
-    told = {
+        found += f", {state.unknown.bit_count()} unknown"
+    conditions = {
         Flags.NEEDS_OPERATOR: "needs a person to clear it",
         Flags.STOPPED: "a stop request is active",
         Flags.DRY_RUN: "in a dry run",
         Flags.JOURNAL_DAMAGED: "its journal is damaged",
     }
-    return ", ".join([words, *(said for flag, said in told.items() if state.flags & flag)])
+    return ", ".join([found, *(condition for flag, condition in conditions.items() if state.flags & flag)])

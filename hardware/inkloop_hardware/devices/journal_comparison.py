@@ -1,7 +1,7 @@
-"""Whether the journal of the master and that of the head can both be true, before anything is asked of the head.
+"""Comparison of the journals of the master and the head, before the first request to the head.
 
-The head's word counts for what was jetted: a pass that it calls done is done, one that it calls unknown is unknown, one
-that it was asked for and does not know was never begun. What cannot be: it does not know what it has said was done.
+The head's journal counts for what was jetted: a pass that is done or unknown there is so, one that it was asked for and
+does not know was never begun. Only a step that the head reported as done and does not know any more is impossible.
 """
 
 from __future__ import annotations
@@ -12,19 +12,18 @@ from inkloop_hardware.protocol.node_state import NodeState
 
 ADVICE = (
     "another head is mounted, its journal was erased, or something else was printed since; nothing is jetted on a part "
-    "of which nobody knows the layers: put the head of this job back, or begin a new part with `inkloop run`"
+    "whose layers are not known: put the head of this job back, or begin a new part with `inkloop run`"
 )
 
 
 class JournalsDiffer(HardwareError):
-    """The master's journal and the head's cannot both be true: a person has to find out."""
+    """The journals of master and head cannot both be true: a person must find the cause."""
 
 
 def compare(mine: LayerAsked | None, job: int, head: NodeState) -> None:
-    """Raises JournalsDiffer where the head says otherwise than the master, of the same job, remembers.
+    """Raise JournalsDiffer if the journal of the head contradicts that of the master.
 
-    mine: the newest layer the master asked for, None for none; job: of the run; head: its state, with what its journal
-    holds of its newest layer.
+    mine: the newest layer the master asked for, None for none; job: of the run; head: its state, with its newest layer.
     """
     if mine is None:
         return
@@ -40,11 +39,11 @@ def compare(mine: LayerAsked | None, job: int, head: NodeState) -> None:
         if begun and head.pattern_crc != mine.pattern_crc:
             raise JournalsDiffer(
                 f"head: layer {head.layer} was begun with another pattern (CRC-32 {head.pattern_crc:08x}) than this "
-                f"run's journal says ({mine.pattern_crc:08x}): {ADVICE}"
+                f"run's journal has ({mine.pattern_crc:08x}): {ADVICE}"
             )
     elif mine.asked or (
         mine.layer > 1 and not (is_same_job and head.layer == mine.layer - 1)
-    ):  # the head has told that it knows the layer's pattern, or it would not have been asked for a pass
+    ):  # the head had confirmed the pattern of the layer before it was asked for a pass
         raise differ
 
 

@@ -1,7 +1,7 @@
-"""One layer on the bench, step by step: pattern, then for each pass stage, head, stage, lamp; then a scan.
+"""Steps of one layer on the bench: pattern, then for each pass stage, head, stage, lamp; then a scan.
 
-Every step has a key, so that a step asked for again is answered "done before" and nothing happens twice; before it is
-asked for, the master's journal says so. What a step needs is enabled for that step only. Nothing is timed here: the
+Every step has a key, so that a repeated request is answered "done before" and nothing happens twice; the master's
+journal records it before the request. What a step needs is enabled for that step only. Nothing is timed here: the
 stage's encoder fires the droplets, nodes end steps.
 """
 
@@ -31,16 +31,16 @@ from inkloop_hardware.protocol.vocabulary import Node
 ALL_COLOURS = 255
 JOURNALLED = {Routine.PASS: Asked.PASS, Routine.CURE: Asked.CURE, Routine.SCAN: Asked.SCAN}
 OUT_OF_RANGE = 0x31
-SAID_FROM_BYTES = 50_000  # smaller transfers take less than two seconds on any bus, nobody wants to read of them
+LOGGED_FROM_BYTES = 50_000  # smaller transfers take less than two seconds on any bus
 
 _log = logging.getLogger("inkloop_hardware")
 
 
 @dataclass(frozen=True)
 class PrintedLayer:
-    """What became of a layer. passes: colours of those that were jetted whole, in their order.
+    """Result of a layer. passes: colours of the passes that were jetted whole, in their order.
 
-    is_unknown: it was given up midway; of the others nobody knows how far they came, or they were never begun.
+    is_unknown: it was given up midway; the other passes were never begun or their progress is unknown.
     """
 
     passes: tuple[int, ...]
@@ -48,10 +48,10 @@ class PrintedLayer:
 
 
 class LayerSteps:
-    """The steps of a job's layers. limits: of the nodes, see `readiness.make_ready`; dry: no jet and no lamp.
+    """Prints and scans the layers of a job. limits: of the nodes, see `readiness.make_ready`; dry: no jet and no lamp.
 
-    journal: the master's, in memory only if None. Every call raises HardwareError: which node, what was asked, what it
-    said, what to do.
+    journal: the master's, in memory only if None. Every call raises HardwareError with the node, the request, the
+    answer, and what to do.
     """
 
     def __init__(
@@ -71,15 +71,15 @@ class LayerSteps:
         self._takes_coded = True
         if Node.CURE in limits and cure_ms / MS_PER_S >= limits[Node.CURE].lamp:
             raise NotReady(
-                f"cure: bench.cure_ms is {cure_ms}; this lamp goes out after {limits[Node.CURE].lamp * MS_PER_S:.0f} "
-                "ms by itself: take less"
+                f"cure: bench.cure_ms is {cure_ms}; this lamp switches itself off after "
+                f"{limits[Node.CURE].lamp * MS_PER_S:.0f} ms: set a smaller one"
             )
 
     def print_layer(self, layer: int, pattern: NDArray[Any]) -> PrintedLayer:
-        """Print and cure one layer; what its journals call done is not repeated.
+        """Print and cure one layer; steps that are done by the journals are not repeated.
 
         pattern: (nx, ny), 0 none, 1 material A, 2 material B. A layer that was given up midway is only cured: the next
-        scan says what became of it. ValueError for a pattern that the bus cannot carry.
+        scan shows its result. ValueError for a pattern that the bus cannot carry.
         """
         job = self._job
         colours = pass_colours(job.passes, job.pass_order, job.pass_rotation, layer) or (ALL_COLOURS,)
@@ -93,7 +93,7 @@ class LayerSteps:
             done = state.done
             if state.unknown or (state.layer_flags & LayerFlags.ABANDONED and not state.layer_is_complete):
                 return self._cure_given_up(layer, state, colours)
-            self._bring_again(layer, made, state)
+            self._restore_pattern(layer, made, state)
         for number, colour in enumerate(colours):
             if not done >> number & 1:
                 self._jet(layer, number, colour)
@@ -101,7 +101,7 @@ class LayerSteps:
         return PrintedLayer(colours)
 
     def scan(self, layer: int) -> bytes:
-        """Scan the surface and fetch the map; a map that does not get across whole is scanned once more."""
+        """Scan the surface and fetch the map; a map whose transfer fails is scanned once more."""
         self._go(Station.SCAN, layer, 0)
         try:
             return self._scanned(layer, 1)
@@ -113,29 +113,29 @@ class LayerSteps:
         _log.info("profiler: scan of layer %d", layer)
         with self._rig.enabled(motion=True):
             self._do(Node.PROFILER, Routine.SCAN, Key(self._rig.job, layer, 0, attempt))
-        return self._rig.link(Node.PROFILER).upload(layer, progress=_said(f"profiler: map of layer {layer}"))
+        return self._rig.link(Node.PROFILER).upload(layer, progress=_log_quarters(f"profiler: map of layer {layer}"))
 
     def _cure_given_up(self, layer: int, state: NodeState, colours: tuple[int, ...]) -> PrintedLayer:
-        """Cure what lies there of a layer that is not to be jetted any more."""
-        _log.warning("head: layer %d was given up midway and stays so; the scan says what became of it", layer)
+        """Cure the droplets of a layer that is not to be jetted any more."""
+        _log.warning("head: layer %d was given up midway and stays so; the scan shows its result", layer)
         for number in range(len(colours)):
             if (state.done | state.unknown) >> number & 1:
                 self._cure(layer, number)
         whole = tuple(colour for number, colour in enumerate(colours) if state.done >> number & 1)
         return PrintedLayer(whole, is_unknown=True)
 
-    def _bring_again(self, layer: int, made: PatternBytes, state: NodeState) -> None:
-        """Have the head know the pattern of a layer that it has heard of before."""
+    def _restore_pattern(self, layer: int, made: PatternBytes, state: NodeState) -> None:
+        """Send the pattern of a layer that the head has begun, if the head has lost it."""
         if not state.done:
             self._download(layer, made)
             return
         form = _form_begun(state, made)
-        _log.info("head: layer %d was begun before, it is gone on with", layer)
+        _log.info("head: layer %d was begun before and is continued", layer)
         if not state.layer_is_complete and not state.flags & Flags.PATTERN_LOADED:
             self._send(layer, made.coded if form else made.plain, coded=form)
 
     def _download(self, layer: int, made: PatternBytes) -> None:
-        """The shorter form; the plain one to a head that does not take the other, an option of the protocol."""
+        """Send the shorter form; the plain one to a head without the coded form, an option of the protocol."""
         if made.is_shorter_coded and self._takes_coded:
             try:
                 self._send(layer, made.coded, coded=True)
@@ -149,8 +149,8 @@ class LayerSteps:
     def _send(self, layer: int, blob: bytes, *, coded: bool) -> None:
         self._pattern_crc, key = crc32(blob), Key(self._rig.job, layer)
         self._journal.intend(Asked.PATTERN, key, self._pattern_crc)
-        said = _said(f"head: pattern of layer {layer}")
-        self._rig.link(Node.HEAD).download(layer, blob, coded=coded, progress=said)
+        progress = _log_quarters(f"head: pattern of layer {layer}")
+        self._rig.link(Node.HEAD).download(layer, blob, coded=coded, progress=progress)
         self._journal.done(Asked.PATTERN, key, self._pattern_crc)
 
     def _jet(self, layer: int, number: int, colour: int) -> None:
@@ -169,7 +169,7 @@ class LayerSteps:
         return f"pass {number + 1} of {self._job.passes}, layer {layer}" + ", dry" * self._dry
 
     def _go(self, station: Station, layer: int, number: int) -> None:
-        """Move the stage. The station stands in place of the attempt: two moves of one pass never share a key."""
+        """Move the stage. The station takes the place of the attempt: two moves of one pass never share a key."""
         with self._rig.enabled(motion=True):
             self._do(Node.STAGE, Routine.MOVE, Key(self._rig.job, layer, number, int(station)), bytes([station]))
 
@@ -189,24 +189,24 @@ class LayerSteps:
 
 
 def _form_begun(state: NodeState, made: PatternBytes) -> bool:
-    """Whether the pattern of a begun layer came coded. HardwareError where it was another one."""
+    """Whether the pattern of a begun layer was sent coded. HardwareError if it was another one."""
     form = made.form_of(state.pattern_crc)
     if form is None:
         raise HardwareError(
-            f"head: layer {state.layer} was begun with another pattern (CRC-32 {state.pattern_crc:08x}) than it is now "
-            "to have; was the scenario changed? `inkloop device SCENARIO clear --give-up` gives that layer up"
+            f"head: layer {state.layer} was begun with another pattern (CRC-32 {state.pattern_crc:08x}) than the "
+            "present one; was the scenario changed? `inkloop device SCENARIO clear --give-up` gives that layer up"
         )
     return form
 
 
-def _said(what: str) -> Callable[[int, int], None]:
-    """Says each quarter of a long transfer."""
+def _log_quarters(what: str) -> Callable[[int, int], None]:
+    """Progress of a transfer that logs each quarter of a long one."""
     quarters = 0
 
-    def say(through: int, total: int) -> None:
+    def log(through: int, total: int) -> None:
         nonlocal quarters
-        if total >= SAID_FROM_BYTES and through * 4 // total > quarters:
+        if total >= LOGGED_FROM_BYTES and through * 4 // total > quarters:
             quarters = through * 4 // total
             _log.info("%s: %d of %d kB", what, through // KILO, total // KILO)
 
-    return say
+    return log

@@ -1,8 +1,8 @@
-"""What the master must not forget: an append-only file in the run folder, a line per record.
+"""Journal of the master: an append-only file in the run folder, a line per record.
 
-An INTENT is on the disk (fsync) before a node is asked for a step, a DONE once the node has said that it is done. So an
-INTENT without DONE is a step that may have happened: the journal of the node tells. Each line is a JSON object and its
-CRC-32; a last line that is cut short or damaged was never finished, so nothing had been asked, and it is cut off.
+An INTENT is on the disk (fsync) before a node is asked for a step, a DONE after the node has confirmed it. So an INTENT
+without DONE is a step that may have happened; the journal of the node decides. Each line is a JSON object and its
+CRC-32; a last line that is incomplete or damaged precedes its request, so it is cut off.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ JOURNAL_FILE = "master.journal"
 
 
 class JournalError(HardwareError):
-    """The journal of a run cannot be read or written, or does not tell what a node tells."""
+    """The journal of a run cannot be read or written, or belongs to another job."""
 
 
 class Event(StrEnum):
-    """What a record says."""
+    """Event of a record."""
 
     OPENED = "opened"
-    """a master with a new session number took up the job"""
+    """a master with a new session number began or resumed the job"""
     INTENT = "intent"
     DONE = "done"
 
 
 class Asked(StrEnum):
-    """What a node was asked for."""
+    """Request that a record is about."""
 
     NOTHING = "nothing"
     PATTERN = "pattern"
@@ -48,7 +48,7 @@ class Asked(StrEnum):
 
 @dataclass(frozen=True)
 class MasterRecord:
-    """One line. number: counts up from 1; pattern_crc: CRC-32 of the layer's pattern as transferred, 0 if of none."""
+    """One line. number: counts up from 1; pattern_crc: CRC-32 of the layer's pattern as transferred, 0 without one."""
 
     number: int
     event: Event
@@ -58,24 +58,24 @@ class MasterRecord:
     session: int
 
     def line(self) -> bytes:
-        """As it stands in the file; the time is for people."""
-        told = {"number": self.number, "event": self.event, "asked": self.asked, **vars(self.key)}
-        told |= {"pattern_crc": f"{self.pattern_crc:08x}", "session": self.session}
-        told |= {"time": datetime.now(UTC).isoformat(timespec="milliseconds")}
-        text = json.dumps(told).encode()
+        """The line of the file; its time is for people."""
+        content = {"number": self.number, "event": self.event, "asked": self.asked, **vars(self.key)}
+        content |= {"pattern_crc": f"{self.pattern_crc:08x}", "session": self.session}
+        content |= {"time": datetime.now(UTC).isoformat(timespec="milliseconds")}
+        text = json.dumps(content).encode()
         return b"%s %08x\n" % (text, zlib.crc32(text))
 
     @classmethod
     def of(cls, line: bytes) -> MasterRecord | None:
-        """From a line without its end; None for one that was not written to its end, or altered."""
+        """From a line without its line end; None for one that is incomplete or altered."""
         text, _, crc = line.rpartition(b" ")
         try:
             if int(crc, 16) != zlib.crc32(text):
                 return None
-            told = json.loads(text)
-            key = Key(*(int(told[name]) for name in ("job", "layer", "pass_", "attempt")))
-            event, asked = Event(told["event"]), Asked(told["asked"])
-            return cls(int(told["number"]), event, asked, key, int(told["pattern_crc"], 16), int(told["session"]))
+            found = json.loads(text)
+            key = Key(*(int(found[name]) for name in ("job", "layer", "pass_", "attempt")))
+            event, asked = Event(found["event"]), Asked(found["asked"])
+            return cls(int(found["number"]), event, asked, key, int(found["pattern_crc"], 16), int(found["session"]))
         except (ValueError, KeyError, TypeError):
             return None
 
@@ -91,7 +91,7 @@ class LayerAsked:
 
 
 class MasterJournal:
-    """The journal of a run folder; without a folder it is kept in memory only, for loops that nobody resumes.
+    """The journal of a run folder; without a folder it is kept in memory only, for loops that are not resumed.
 
     Nothing is read or written before the first call. Every call raises JournalError: a file that cannot be read or
     written, or that was altered in the middle.
@@ -120,7 +120,7 @@ class MasterJournal:
 
     @property
     def layer(self) -> LayerAsked | None:
-        """The newest layer that a head was asked for in this job; None: not one yet."""
+        """The newest layer that a head was asked for in this job; None before the first."""
         found: LayerAsked | None = None
         for record in self._known():
             if record.asked not in (Asked.PATTERN, Asked.PASS) or record.key.job != self.job:
@@ -132,29 +132,29 @@ class MasterJournal:
             found = LayerAsked(found.layer, found.asked | bit, found.done | done, record.pattern_crc)
         return found
 
-    def take_up(self, rig: Rig) -> None:
-        """Before the first device opens a rig: it gets the job of this run; its session number is a new one."""
+    def begin(self, rig: Rig) -> None:
+        """Give a closed rig the job of this run and record its session; does nothing for an open one."""
         if rig.is_open:
             return
         if self.job is not None:
             rig.job = self.job
         self._append(Event.OPENED, Asked.NOTHING, Key(rig.job, 0), 0, rig.session)
 
-    def go_on_with(self, rig: Rig, job: int) -> None:
-        """A saved state is of this job. JournalError if the run folder's journal is of another one."""
+    def resume(self, rig: Rig, job: int) -> None:
+        """Give the rig the job of a saved state. JournalError if the run folder's journal is of another one."""
         if self._path is not None and job != self.job:
             raise JournalError(
-                f"{self._path}: is the journal of job {self.job}, and the run was at job {job}: was it removed, or "
-                "another one put there? Put it back, or begin a new part"
+                f"{self._path}: is the journal of job {self.job}, expected job {job} of the run: was it removed or "
+                "replaced? Restore it, or begin a new part"
             )
         rig.job = job
 
     def intend(self, asked: Asked, key: Key, pattern_crc: int = 0) -> None:
-        """A node is going to be asked for this step: on the disk when this returns."""
+        """Record a step before its request: on the disk when this returns."""
         self._append(Event.INTENT, asked, key, pattern_crc)
 
     def done(self, asked: Asked, key: Key, pattern_crc: int = 0) -> None:
-        """The node has said that the step is done: on the disk when this returns."""
+        """Record that the node has confirmed the step: on the disk when this returns."""
         self._append(Event.DONE, asked, key, pattern_crc)
 
     def _append(self, event: Event, asked: Asked, key: Key, crc: int, session: int | None = None) -> None:
@@ -165,7 +165,7 @@ class MasterJournal:
         records.append(record)
 
     def _write(self, path: Path, line: bytes) -> None:
-        """Append and sync; what was written of a line that did not fit is taken off again."""
+        """Append and sync; the part of a line that did not fit is removed again."""
         try:
             is_new = not path.exists()
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -182,8 +182,8 @@ class MasterJournal:
                 sync_folder(path.parent)
         except OSError as error:
             raise JournalError(
-                f"{path}: cannot be written: {error.strerror or error}; the step it is about was not asked "
-                "for; make room, then `inkloop resume` goes on"
+                f"{path}: cannot be written: {error.strerror or error}; its step was not requested; make room, "
+                "then continue with `inkloop resume`"
             ) from error
 
     def _known(self) -> list[MasterRecord]:
@@ -193,7 +193,7 @@ class MasterJournal:
 
 
 def _read(path: Path) -> list[MasterRecord]:
-    """The records of a file; a last line that was never finished is cut off."""
+    """The records of a file; an incomplete last line is cut off."""
     try:
         lines = path.read_bytes().split(b"\n") if path.exists() else [b""]
         found = [MasterRecord.of(line) for line in lines[:-1]]
@@ -205,7 +205,7 @@ def _read(path: Path) -> list[MasterRecord]:
         if [record.number for record in records] != list(range(1, len(found) + 1)):
             raise JournalError(
                 f"{path}: was altered, or its disk is damaged: its lines do not count from 1 to {len(found)}, each "
-                "with its checksum; what was printed, only the journal of the head still tells: begin a new part"
+                "with its checksum; only the journal of the head still holds what was printed: begin a new part"
             )
         if torn:
             with path.open("r+b") as file:

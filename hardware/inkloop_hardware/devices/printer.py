@@ -1,4 +1,4 @@
-"""The kind `hardware.printer`: print head, stage and cure lamp on a CAN bus as a component of the loop."""
+"""Component kind `hardware.printer`: print head, stage and cure lamp on a CAN bus."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ _STATE = Struct(">IIQQ?")  # job, layers printed, droplets of material A and of 
 class Printer:
     """Prints by the layer contract; a step that commands a layer lasts until it is printed and cured.
 
-    It knows no `height`: a real printer does not see its part. `layer_unknown`: the last layer was given up midway, and
-    nobody knows what was jetted in it; droplets are those of passes that are known to be whole. rig, journal: shared
-    with the other devices; cure_ms: light after each pass. The errors of its steps are `HardwareError`s.
+    It has no output `height`: a real printer does not measure its part. `layer_unknown`: the last layer was given up
+    midway, and what was jetted in it is unknown; droplets are those of complete passes. rig, journal: shared with the
+    other devices; cure_ms: light after each pass. The errors of its steps are `HardwareError`s.
     """
 
     is_device = True
@@ -63,7 +63,7 @@ class Printer:
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         """Open the bus, compare journals, clear nodes and home the stage; commands count from the present one."""
-        self._journal.take_up(self._rig)
+        self._journal.begin(self._rig)
         self._rig.attach()
         self._attached = True
         limits = retry_after_recovery(self._rig, NODES, self._ready, is_start=True)
@@ -72,7 +72,7 @@ class Printer:
         return self._outputs()
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
-        """Print the layer that is commanded, if one is. ComponentError for a command or a pattern out of order."""
+        """Print the commanded layer, if there is one. ComponentError for a wrong command or pattern."""
         self._rig.keep_alive()
         if self._steps is None:
             raise ComponentError("the bus is not open: initialize comes first")
@@ -80,13 +80,13 @@ class Printer:
         if command == self._printed + 1:
             if np.any(inputs[DROP_LEVEL][pattern != 0] != 1):
                 raise ComponentError(
-                    "drop_level is not 1 everywhere: this head jets one drop a cell; take drop_levels = 1"
+                    "drop_level is not 1 everywhere: this head jets one drop per cell; set drop_levels = 1"
                 )
             self._print(self._steps, command, pattern)
         return self._outputs()
 
     def _ready(self) -> dict[Node, NodeLimits]:
-        """The journals first: before they agree, nothing is asked of a node."""
+        """Compare the journals, then make the nodes ready: no step is requested before the journals agree."""
         self._rig.wait_for(NODES)
         compare(self._journal.layer, self._rig.job, self._rig.link(Node.HEAD).state())
         return make_ready(self._rig, NODES)
@@ -96,14 +96,14 @@ class Printer:
         if known and known.layer > layer:
             raise ComponentError(
                 f"layer {layer} is commanded, but this run has begun layer {known.layer} already; its checkpoint is "
-                "older than its journal: was the run folder put back from a copy? Begin a new part"
+                "older than its journal: was the run folder restored from a copy? Begin a new part"
             )
         try:
-            became = retry_after_recovery(self._rig, NODES, lambda: steps.print_layer(layer, pattern))
+            printed = retry_after_recovery(self._rig, NODES, lambda: steps.print_layer(layer, pattern))
         except ValueError as error:
             raise ComponentError(str(error)) from error
-        self._printed, self._is_unknown = layer, became.is_unknown
-        jetted = _jetted(pattern, became)
+        self._printed, self._is_unknown = layer, printed.is_unknown
+        jetted = _jetted(pattern, printed)
         for material in range(2):
             self._droplets[material] += int(np.count_nonzero(jetted == material + 1))
 
@@ -118,18 +118,18 @@ class Printer:
         return _STATE.pack(self._rig.job, self._printed, *self._droplets, self._is_unknown)
 
     def restore(self, saved: bytes) -> None:
-        """Go on with a job. ComponentError where journal or head are of another one, or of another layer."""
+        """Resume a job. ComponentError if journal or head are of another one, or of another layer."""
         try:
             job, printed, *droplets, is_unknown = _STATE.unpack(saved)
         except StructError as error:
-            raise ComponentError(f"what is to be restored is no state of this printer ({error})") from error
-        self._journal.go_on_with(self._rig, job)
+            raise ComponentError(f"the saved state is not one of this printer ({error})") from error
+        self._journal.resume(self._rig, job)
         head = self._rig.link(Node.HEAD).state()
         follows = head.job == job and head.layer in (printed, printed + 1)
         if not follows and printed > 0:
             raise ComponentError(
                 f"the head last had layer {head.layer} of job {head.job}, this run was at layer {printed} of job "
-                f"{job}: something else was printed since, or another head is mounted; run the scenario anew"
+                f"{job}: something else was printed since, or another head is mounted; start again with `inkloop run`"
             )
         self._printed, self._droplets, self._is_unknown = printed, droplets, is_unknown
 
@@ -138,9 +138,9 @@ class Printer:
         return {port.name: np.asarray(value, port.dtype) for port, value in zip(self.outputs, values, strict=True)}
 
 
-def _jetted(pattern: NDArray[Any], became: PrintedLayer) -> NDArray[Any]:
-    """What of a pattern (nx, ny) is known to have been jetted."""
-    if ALL_COLOURS in became.passes:
+def _jetted(pattern: NDArray[Any], printed: PrintedLayer) -> NDArray[Any]:
+    """The droplets of a pattern (nx, ny) that are known to be jetted."""
+    if ALL_COLOURS in printed.passes:
         return pattern
     i, j = np.indices(pattern.shape)
-    return np.where(np.isin(pass_colour(i, j), became.passes), pattern, 0)
+    return np.where(np.isin(pass_colour(i, j), printed.passes), pattern, 0)

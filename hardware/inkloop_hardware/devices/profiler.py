@@ -1,4 +1,4 @@
-"""The kind `hardware.profiler`: a profile sensor over the stage, on a CAN bus, as a component of the loop."""
+"""Component kind `hardware.profiler`: a profile sensor over the stage on a CAN bus."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _STATE = Struct(">Ii")  # job, layers scanned
 
 
 class Profiler:
-    """Scans each newest layer, the start surface first; a step in which a layer is new lasts until its map is here.
+    """Scans each new layer, the start surface first; a step with a new layer lasts until its map is transferred.
 
-    It takes no `height`: it looks for itself. A cell that a scan did not see repeats its last height that was seen, at
-    first 0. rig, journal: shared with the other devices.
+    It has no input `height`: it measures the real part. A cell that a scan did not see keeps its last measured height,
+    at first 0. rig, journal: shared with the other devices.
     """
 
     is_device = True
@@ -44,8 +44,8 @@ class Profiler:
         self._valid = np.zeros(shape, np.bool_)
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
-        """Open the bus, look at the nodes, clear them and home the stage. The first scan is that of the first step."""
-        self._journal.take_up(self._rig)
+        """Open the bus, check the nodes, clear them and home the stage. The first step makes the first scan."""
+        self._journal.begin(self._rig)
         self._rig.attach()
         self._attached = True
         limits = retry_after_recovery(self._rig, NODES, lambda: make_ready(self._rig, NODES), is_start=True)
@@ -54,7 +54,7 @@ class Profiler:
         return self._outputs()
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
-        """Scan the layer that is new, if one is."""
+        """Scan the new layer, if there is one."""
         self._rig.keep_alive()
         newest, steps = int(inputs[LAYERS_PRINTED]), self._steps
         if newest != self._scanned and steps is not None:
@@ -71,19 +71,19 @@ class Profiler:
             self._rig.detach()
 
     def save(self) -> bytes:
-        """Job, layer, heights and marks."""
+        """Job, layer, heights and valid cells."""
         return _STATE.pack(self._rig.job, self._scanned) + self._height.tobytes() + self._valid.tobytes()
 
     def restore(self, saved: bytes) -> None:
-        """Go on with a job. ComponentError for what is no state of a profiler of this grid."""
+        """Resume a job. ComponentError for a state that is not one of a profiler of this grid."""
         cells = self._height.size
         try:
             job, scanned = _STATE.unpack_from(saved)
             height = np.frombuffer(saved, np.float64, cells, _STATE.size)
             valid = np.frombuffer(saved, np.bool_, cells, _STATE.size + height.nbytes)
         except (StructError, ValueError) as error:
-            raise ComponentError(f"what is to be restored is no state of this profiler ({error})") from error
-        self._journal.go_on_with(self._rig, job)
+            raise ComponentError(f"the saved state is not one of this profiler ({error})") from error
+        self._journal.resume(self._rig, job)
         self._scanned = scanned
         self._height, self._valid = height.reshape(self._height.shape).copy(), valid.reshape(self._valid.shape).copy()
 

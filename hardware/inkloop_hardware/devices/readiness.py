@@ -1,4 +1,4 @@
-"""Before anything is printed or scanned: are the nodes there, do they speak our protocol, may they begin?"""
+"""Checks and preparation of the nodes before a print or a scan: presence, protocol, clear, home."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node
 
 ROLES = {Node.HEAD: Roles.HEAD, Node.STAGE: Roles.STAGE, Node.CURE: Roles.CURE, Node.PROFILER: Roles.PROFILER}
-AT_ONCE_S = 5.0  # for what a node does without moving anything (assumed)
-MARGIN_S = 2.0  # beyond the limit that a node keeps by itself: its own word comes first (assumed)
+AT_ONCE_S = 5.0  # for a routine that moves nothing (assumed)
+MARGIN_S = 2.0  # beyond the limit that a node keeps by itself: its own answer comes first (assumed)
 
 _log = logging.getLogger("inkloop_hardware")
 
 
 class NotReady(HardwareError):
-    """Nodes that may not begin: all of them at once, each with what to do."""
+    """Nodes are not ready; the message names all of them, each with what to do."""
 
 
 def make_ready(rig: Rig, nodes: Sequence[Node]) -> dict[Node, NodeLimits]:
-    """Wait for the nodes, clear them, home the stage if it is one of them; what each of them bears.
+    """Wait for the nodes, clear them, home the stage if it is one of them; the limits of each.
 
     Homing has a key: for the second device of a rig the stage answers "done before", as long as it was not moved.
-    Raises NodeLost for missing nodes, NotReady where a person is needed or the protocol is another, HardwareError.
+    Raises NodeLost for missing nodes, NotReady if a person is needed or the protocol differs, HardwareError.
     """
     rig.wait_for(nodes)
     rig.check_alone()
     states = {node: rig.link(node).state() for node in nodes}
-    faults = _foreign(rig, states) or [fault for node, state in states.items() if (fault := blocked(node, state))]
-    if faults:
-        raise NotReady("\n".join(faults) if len(faults) > 1 else faults[0])
+    reasons = _foreign(rig, states) or [reason for node, state in states.items() if (reason := blocked(node, state))]
+    if reasons:
+        raise NotReady("\n".join(reasons))
     for node, state in states.items():
         clear(rig, node)
         if state.flags & Flags.DRY_RUN:  # left over: a real layer would be printed without ink
@@ -45,24 +45,22 @@ def make_ready(rig: Rig, nodes: Sequence[Node]) -> dict[Node, NodeLimits]:
 
 
 def blocked(node: Node, state: NodeState) -> str | None:
-    """Why a node may not begin without a person, and what to do; None if it may."""
+    """Message about why a node needs a person, and what to do; None if it needs none."""
     name = node.lower()
     if state.flags & Flags.STOPPED:
-        return f"{name}: a stop request is active; release it, look at the bench, then `inkloop device SCENARIO clear`"
+        return f"{name}: a stop request is active; release it, check the bench, then `inkloop device SCENARIO clear`"
     if state.flags & Flags.JOURNAL_DAMAGED:
-        return f"{name}: its journal cannot be written any more; replace its storage, nothing is energised until then"
+        return f"{name}: its journal cannot be written; replace its storage, nothing is energised until then"
     if not state.flags & Flags.NEEDS_OPERATOR:
         return None
     if state.unknown:
         passes = ", ".join(str(number + 1) for number in range(4) if state.unknown >> number & 1)
-        why = f"pass {passes} of layer {state.layer}, which was begun, and nobody knows how far it came"
+        why = f"pass {passes} of layer {state.layer}, which was begun and whose progress is unknown"
     elif state.layer_flags & LayerFlags.CURE_UNKNOWN:
-        why = (
-            f"a cure of layer {state.layer}, which was begun, and nobody knows how long it lasted; it will be repeated"
-        )
+        why = f"a cure of layer {state.layer}, which was begun and whose duration is unknown; it will be repeated"
     else:
         why = state.cause.name if state.cause != Fault.NONE else "a step that it gave up"
-    return f"{name}: needs a person because of {why}; look at the bench, then `inkloop device SCENARIO clear`"
+    return f"{name}: needs a person because of {why}; check the bench, then `inkloop device SCENARIO clear`"
 
 
 def clear(rig: Rig, node: Node, option: int = 0) -> None:
@@ -71,12 +69,12 @@ def clear(rig: Rig, node: Node, option: int = 0) -> None:
 
 
 def set_dry_run(rig: Rig, node: Node, *, on: bool) -> None:
-    """Have a node go through the motions only: nothing is jetted, lit or remembered."""
+    """Switch the dry run of a node: nothing is jetted, lit or recorded."""
     rig.link(node).routine(Routine.DRY_RUN, Key(rig.job, 0), bytes([on]), limit_s=AT_ONCE_S)
 
 
 def home(rig: Rig) -> None:
-    """Have the stage find its zero."""
+    """Home the stage."""
     stage = rig.link(Node.STAGE)
     limit_s = stage.limits().motion + MARGIN_S
     with rig.enabled(motion=True):
@@ -86,17 +84,17 @@ def home(rig: Rig) -> None:
 
 
 def _foreign(rig: Rig, states: dict[Node, NodeState]) -> list[str]:
-    """What speaks another protocol, or is not what its ids say."""
+    """Messages about nodes with another version of the protocol, or with roles that do not fit their ids."""
     expected = Codec().protocol_version
-    faults = []
+    reasons = []
     for node, state in states.items():
         status = rig.status(node)
         if status and status.protocol_version != expected:
             version = rig.link(node).version()
-            faults.append(
-                f"{node.lower()}: speaks version {status.protocol_version} of the protocol ({version}), this inkloop "
+            reasons.append(
+                f"{node.lower()}: has version {status.protocol_version} of the protocol ({version}), this inkloop "
                 f"{expected}; update the older of the two"
             )
         elif not state.roles & ROLES[node]:
-            faults.append(f"{node.lower()}: the node at its ids has the roles {state.roles!s}; give it its own ids")
-    return faults
+            reasons.append(f"{node.lower()}: the node at its ids has the roles {state.roles!s}; give it its own ids")
+    return reasons

@@ -1,1 +1,1 @@
-"""Examine a bench and report each finding with advice."""
+"""Examination of a bench: each finding with advice."""

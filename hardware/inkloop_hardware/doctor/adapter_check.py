@@ -1,7 +1,7 @@
-"""The adapter before anything is sent: is its interface known, its driver and port there, and may it be used?
+"""Check of the adapter before anything is sent: its interface, driver, port and permissions.
 
-python-can's back-ends fail in ways of their own: NotImplementedError without a module, NameError or OSError without a
-driver, an error of the port where it is missing. Each is told apart here.
+The back-ends of python-can fail in different ways: NotImplementedError without a module, NameError or OSError without a
+driver, an error of the port if that is missing. Here each gets its own advice.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def configured(settings: BusSettings) -> BusSettings:
 
 
 def before_opening(settings: BusSettings, network: Path = NETWORK) -> Iterator[Finding]:
-    """What can be told of an adapter without opening it. settings: see `configured`; network: of socketcan."""
+    """Check an adapter without opening it. settings: see `configured`; network: folder of the network interfaces."""
     name, channel = settings.interface, settings.channel
     if name is None:
         yield Finding.error(
@@ -63,13 +63,11 @@ def before_opening(settings: BusSettings, network: Path = NETWORK) -> Iterator[F
     elif name in ON_SERIAL_PORTS and channel.startswith("/"):
         yield from _serial_port(Path(channel))
     if name == "slcan" and settings.bitrate is None:
-        yield Finding.warning(
-            "adapter", "no bit rate is said, the adapter keeps the one it has", "set bench.bitrate, 500000"
-        )
+        yield Finding.warning("adapter", "no bit rate is set, the adapter keeps its own", "set bench.bitrate, 500000")
 
 
 def opened(settings: BusSettings) -> tuple[Adapter | None, Finding]:
-    """The open adapter; None with the reason in words if it cannot be opened."""
+    """Open the adapter; None with an error if it cannot be opened."""
     try:
         adapter = Adapter(settings)
     except BusError as error:
@@ -81,27 +79,27 @@ def opened(settings: BusSettings) -> tuple[Adapter | None, Finding]:
 
 def _network_interface(channel: str, network: Path) -> Iterator[Finding]:
     if not (network / channel).exists():
-        there = sorted(path.name for path in network.glob("*can*")) if network.exists() else []
-        found = f"it has {', '.join(there)}" if there else "load its driver (`modprobe gs_usb` ...), look at `ip link`"
+        present = sorted(path.name for path in network.glob("*can*")) if network.exists() else []
+        found = f"it has {', '.join(present)}" if present else "load its driver (`modprobe gs_usb` ...), see `ip link`"
         yield Finding.error(
             "adapter", f"this machine has no network interface {channel!r}", f"plug the adapter in; {found}"
         )
     elif (network / channel / "operstate").read_text(encoding="ascii").strip() == "down":
-        words = f"sudo ip link set {channel} up type can bitrate 500000 restart-ms 0"
-        yield Finding.error("adapter", f"the network interface {channel} is down", f"`{words}`")
+        command = f"sudo ip link set {channel} up type can bitrate 500000 restart-ms 0"
+        yield Finding.error("adapter", f"the network interface {channel} is down", f"`{command}`")
 
 
 def _serial_port(port: Path) -> Iterator[Finding]:
     if not port.exists():
-        there = serial_ports()
-        found = f"the serial ports of this machine: {', '.join(there)}" if there else "this machine has no serial port"
+        ports = serial_ports()
+        found = f"the serial ports of this machine: {', '.join(ports)}" if ports else "this machine has no serial port"
         yield Finding.error("adapter", f"there is no {port}", f"plug the adapter in; {found}")
     elif not os.access(port, os.R_OK | os.W_OK):
         yield Finding.error("adapter", f"{port} may not be read and written by this user", f"`{_group_command(port)}`")
 
 
 def serial_ports() -> Sequence[str]:
-    """Serial ports with what is plugged in there, as far as pyserial sees them."""
+    """Serial ports with their devices, as far as pyserial knows them."""
     try:
         found = importlib.import_module("serial.tools.list_ports").comports()
     except ImportError:  # pyserial is an extra of python-can
@@ -120,14 +118,14 @@ def _advice(settings: BusSettings, error: BusError) -> str:
     if isinstance(cause, DRIVER_MISSING) or "library" in text or number == errno.EAFNOSUPPORT:
         return (
             "install the driver of the adapter's maker, and the package that python-can names for it "
-            f"(`pip install 'python-can[{settings.interface}]'`); it may not be there for this system"
+            f"(`pip install 'python-can[{settings.interface}]'`); it may not exist for this system"
         )
     if local:
-        return "nobody listens there: is it the right port, and does `inkloop bench` run?"
+        return "nothing listens there: is it the right port, and does `inkloop bench` run?"
     if number in (errno.EBUSY, errno.EAGAIN) or "busy" in text or "lock" in text:
         return "another program has it open: end that one"
     if number in (errno.EACCES, errno.EPERM) or "ermission" in text:
-        return "give this user the right to it (group dialout for serial ports)"
+        return "give this user access to it (group dialout for serial ports)"
     return "is the adapter plugged in, is this its channel, is it up, and does no other program have it open?"
 
 
@@ -136,5 +134,5 @@ def _example(name: str) -> str:
 
 
 def hinders(findings: Sequence[Finding]) -> bool:
-    """Whether one of them has to be mended first."""
+    """Whether one of them is an error."""
     return any(finding.grade is Grade.ERROR for finding in findings)

@@ -1,6 +1,6 @@
-"""Looks a bench over, one check after the other: adapter, bus, nodes, what they say, and on request gate and lamp.
+"""Examine a bench, one check after the other: adapter, bus, nodes, their answers, and on request gate and lamp.
 
-Nothing is changed unless the self test is asked for. Nothing at all is sent while somebody else is master.
+Only the self test changes anything. Nothing is sent while another master is active.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.vocabulary import Node
 
-NO_ADAPTER = "there is no adapter to look through"
+NO_ADAPTER = "the adapter is not open"
 
 
 def examine(
     settings: BusSettings, expected: Expected | None = None, *, self_test: bool = False, mapped: bool = False
 ) -> Iterator[Finding]:
-    """All findings, in the order of the checks; what cannot be looked at any more is left out, in words.
+    """All findings, in the order of the checks; a check that cannot be made is reported as skipped.
 
     settings: of the bus, without a traffic log; expected: of the scenario, None without one; self_test: gate and lamp
-    are tried; mapped: the rig speaks frames of its own, so only adapter and bus are looked at.
+    are tried; mapped: the rig has a DBC of its own, so only adapter and bus are checked.
     """
     bus = configured(settings)
     before = list(before_opening(bus))
@@ -48,25 +48,25 @@ def examine(
             heard = listen(adapter, codec)
             if mapped:
                 yield from judge_bus(heard, foreign=True)
-                yield Finding.skipped("nodes", "this rig has frames of its own", "its mapping says what is waited for")
+                yield Finding.skipped("nodes", "this rig has a DBC of its own", "see its mapping file")
                 return
             yield from judge(heard, codec)
             if heard.sessions:
-                yield Finding.skipped("services", "somebody is master: a node that two ask at once answers neither")
+                yield Finding.skipped("services", "another master is active: a node with two masters answers neither")
                 return
             if not heard.nodes:
-                yield Finding.skipped("services", "there is nobody to ask")
+                yield Finding.skipped("services", "no node is present")
                 return
             for finding in ask(links(adapter, codec, _understood(heard, codec)), expected):
                 well = well and not hinders([finding])
                 yield finding
         yield from _tried(bus, self_test, well)
     except HardwareError as error:
-        yield Finding.error("bus", str(error), "look at the adapter and its cables, then ask again")
+        yield Finding.error("bus", str(error), "check the adapter and its cables, then try again")
 
 
 def _understood(heard: Heard, codec: Codec) -> list[Node]:
-    """Nodes of our protocol: what another one makes of our questions, nobody knows."""
+    """Nodes with our version of the protocol: only these can be asked."""
     return [node for node in heard.nodes if heard.status[node].protocol_version == codec.protocol_version]
 
 
@@ -74,7 +74,7 @@ def _tried(settings: BusSettings, wanted: bool, well: bool) -> Iterator[Finding]
     if not wanted:
         yield Finding.skipped("self test", f"gate and lamp were not tried ({WHAT})", "--self-test does it")
     elif not well:
-        yield Finding.skipped("self test", "there are faults: nothing is energised", "mend them first")
+        yield Finding.skipped("self test", "there are errors: nothing is energised", "correct them first")
     else:
         with Rig(settings) as rig:
             yield from try_gate_and_lamp(rig)

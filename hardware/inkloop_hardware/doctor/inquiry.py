@@ -1,4 +1,4 @@
-"""What the nodes of a bench answer when they are asked, without anybody being master: nothing is changed by it."""
+"""Checks by requests to the nodes of a bench, without a master on the bus: nothing is changed."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 CLOCK_TOLERANCE = 0.02
 """Share by which a node's clock may be off (assumed): its 300 ms without a master are then 294 to 306 ms."""
 CLOCK_SPAN = 0.25
-"""Seconds between two looks at a clock, at least."""
+"""Seconds between two readings of a clock, at least."""
 CLOCK_STEP = 1e-3
 BLOCK_LEAST = 16
 """Bytes of a transfer block below which a pattern takes minutes (assumed)."""
 
 
 class OwnWire:
-    """The wire of a link on an adapter of this process; nobody says that a master lives."""
+    """The wire of a link on an adapter of this process, without a heartbeat."""
 
     def __init__(self, adapter: Adapter, answer_id: int) -> None:
         self._adapter, self._answer_id = adapter, answer_id
@@ -47,7 +47,7 @@ class OwnWire:
         return time.monotonic()
 
     def send(self, frames: Sequence[Frame]) -> None:
-        """Sends frames in this order."""
+        """Send frames in this order."""
         for frame in frames:
             self._adapter.send(frame)
 
@@ -64,15 +64,15 @@ class OwnWire:
 
 @dataclass(frozen=True)
 class Expected:
-    """What a scenario wants of the nodes: its job, and light after each pass [ms]."""
+    """Requirements of a scenario on the nodes: its job, and the light after each pass [ms]."""
 
     job: Job
     cure_ms: int
 
 
 @dataclass(frozen=True)
-class ClockLook:
-    """A node's clock [s] as it was between two seconds of ours."""
+class ClockReading:
+    """A reading of a node's clock [s], requested and answered at two seconds of ours."""
 
     node: float
     asked: float
@@ -81,7 +81,7 @@ class ClockLook:
 
 @dataclass(frozen=True)
 class NodeReport:
-    """What one node says of itself; map_shape: of a profiler, else None."""
+    """The answers of one node; map_shape: of a profiler, else None."""
 
     node: Node
     version: str
@@ -89,28 +89,28 @@ class NodeReport:
     limits: NodeLimits
     journal: tuple[JournalRecord, ...]
     map_shape: tuple[int, int] | None
-    clock: tuple[ClockLook, ClockLook]
+    clock: tuple[ClockReading, ClockReading]
 
 
 def links(adapter: Adapter, codec: Codec, nodes: Sequence[Node]) -> list[Link]:
-    """What talks to these nodes."""
+    """Links to these nodes."""
     return [Link(node, codec, OwnWire(adapter, codec.answer_id(node)), str(adapter.settings)) for node in nodes]
 
 
 def read_node(link: Link) -> NodeReport:
-    """Everything that is asked of a node. Raises HardwareError."""
-    first = _look(link)
+    """Read everything that the checks need of a node. Raises HardwareError."""
+    first = _read_clock(link)
     shape = None
     if link.node is Node.PROFILER:
         size = link.map_size()
         shape = (size.nx, size.ny)
     version, state, limits, journal = link.version(), link.state(), link.limits(), link.journal()
     time.sleep(max(0.0, first.answered + CLOCK_SPAN - time.monotonic()))
-    return NodeReport(link.node, version, state, limits, journal, shape, (first, _look(link)))
+    return NodeReport(link.node, version, state, limits, journal, shape, (first, _read_clock(link)))
 
 
 def ask(asked: Sequence[Link], expected: Expected | None) -> Iterator[Finding]:
-    """States, services, clocks, journals and limits. BusError when the adapter is gone."""
+    """Check services, states, clocks, journals and limits. BusError when the adapter is disconnected."""
     reports = []
     for link in asked:
         try:
@@ -125,14 +125,14 @@ def ask(asked: Sequence[Link], expected: Expected | None) -> Iterator[Finding]:
 
 
 def assess(reports: Sequence[NodeReport], expected: Expected | None) -> Iterator[Finding]:
-    """What is to be said of nodes that have answered."""
+    """Findings about nodes that have answered."""
     if not reports:
         return
     yield from merge([Finding.ok("services", f"{report.node.lower()}: {report.version}") for report in reports])
     for check in (_states, _clocks, _journals):
         yield from merge([finding for report in reports for finding in check(report)])
     if expected is None:
-        yield Finding.skipped("limits", "no scenario was named, so there is nothing to compare them with")
+        yield Finding.skipped("limits", "no scenario was given to compare them with")
     else:
         yield from merge([finding for report in reports for finding in _limits(report, expected)])
 
@@ -142,17 +142,17 @@ def merge(findings: Sequence[Finding]) -> Iterator[Finding]:
     names: dict[str, list[str]] = {}
     for finding in findings:
         if finding.grade is Grade.OK:
-            name, _, words = finding.found.partition(": ")
-            names.setdefault(words, []).append(name)
+            name, _, found = finding.found.partition(": ")
+            names.setdefault(found, []).append(name)
         else:
             yield finding
-    for words, who in names.items():
-        yield Finding.ok(findings[0].check, f"{', '.join(who)}: {words}")
+    for found, nodes in names.items():
+        yield Finding.ok(findings[0].check, f"{', '.join(nodes)}: {found}")
 
 
-def _look(link: Link) -> ClockLook:
+def _read_clock(link: Link) -> ClockReading:
     asked = time.monotonic()
-    return ClockLook(link.times().now, asked, time.monotonic())
+    return ClockReading(link.times().now, asked, time.monotonic())
 
 
 def _states(report: NodeReport) -> Iterator[Finding]:
@@ -162,12 +162,12 @@ def _states(report: NodeReport) -> Iterator[Finding]:
         yield Finding.error(
             "states", f"{name}: the node at its ids has the roles {state.roles!s}", "give it its own ids"
         )
-    if (words := blocked(report.node, state)) is not None:
-        found, _, advice = words.partition("; ")
+    if (reason := blocked(report.node, state)) is not None:
+        found, _, advice = reason.partition("; ")
         yield Finding.error("states", found, advice)
     elif state.state is State.FAULT:
         yield Finding.error(
-            "states", f"{name}: FAULT{because}", "look at the device, then `inkloop device SCENARIO clear`"
+            "states", f"{name}: FAULT{because}", "check the device, then `inkloop device SCENARIO clear`"
         )
     elif state.flags & Flags.DRY_RUN:
         yield Finding.warning("states", f"{name}: in a dry run", "the next run ends it")
@@ -179,21 +179,19 @@ def _clocks(report: NodeReport) -> Iterator[Finding]:
     name = report.node.lower()
     slowest, fastest = clock_rates(*report.clock)
     if report.clock[1].node < report.clock[0].node:
-        yield Finding.error(
-            "clock", f"{name}: its clock went back while it was asked: it restarted", "look at its supply"
-        )
+        yield Finding.error("clock", f"{name}: its clock went back during the check: it restarted", "check its supply")
     elif fastest < 1 - CLOCK_TOLERANCE or slowest > 1 + CLOCK_TOLERANCE:
         rate = (slowest + fastest) / 2
         yield Finding.error(
             "clock", f"{name}: its clock runs {abs(rate - 1):.0%} too {'fast' if rate > 1 else 'slow'}",
-            "its limits of time are that far off: correct the clock of its board",
+            "its time limits are off by as much: correct the clock of its board",
         )  # fmt: skip
     else:
-        yield Finding.ok("clock", f"{name}: goes as ours does")
+        yield Finding.ok("clock", f"{name}: runs as fast as ours")
 
 
-def clock_rates(first: ClockLook, last: ClockLook) -> tuple[float, float]:
-    """Seconds of the node's clock per second of ours: the least and the most that two looks allow."""
+def clock_rates(first: ClockReading, last: ClockReading) -> tuple[float, float]:
+    """Seconds of the node's clock per second of ours: the least and the most that two readings allow."""
     passed = last.node - first.node
     most = max(last.asked - first.answered, CLOCK_STEP)
     return (passed - CLOCK_STEP) / (last.answered - first.asked), (passed + CLOCK_STEP) / most
@@ -202,16 +200,16 @@ def clock_rates(first: ClockLook, last: ClockLook) -> tuple[float, float]:
 def _journals(report: NodeReport) -> Iterator[Finding]:
     name, records = report.node.lower(), report.journal
     if report.state.flags & Flags.JOURNAL_DAMAGED:
-        return  # said with its state
+        return  # reported with its state
     if not records:
         yield Finding.warning(
-            "journals", f"{name}: it remembers nothing", "a node notes its power-up at least: is its storage new?"
+            "journals", f"{name}: its journal is empty", "a node records at least its power-up: is its storage new?"
         )
         return
     if any(newer.number != older.number + 1 for newer, older in pairwise(records)):
         yield Finding.warning(
             "journals", f"{name}: a record between {records[-1].number} and {records[0].number} cannot be read",
-            "one that a power failure has torn counts as never written; if it comes again, replace the storage",
+            "a record that a power failure interrupted is not valid; if it happens again, replace the storage",
         )  # fmt: skip
     else:
         yield Finding.ok("journals", f"{name}: its newest {len(records)} of {records[0].number} records can be read")
@@ -219,34 +217,34 @@ def _journals(report: NodeReport) -> Iterator[Finding]:
 
 def _limits(report: NodeReport, expected: Expected) -> Iterator[Finding]:
     name, limits, job = report.node.lower(), report.limits, expected.job
-    faults = []
+    errors = []
     if report.node is Node.HEAD:
         needed = PatternBytes.cells_of(job.nx, job.ny, materials=len(job.inks))
         if needed > limits.pattern_bytes:
-            faults.append((
+            errors.append((
                 f"a pattern of {job.nx} x {job.ny} cells takes {needed} bytes, it has room for {limits.pattern_bytes}",
-                "take a smaller grid, or a head with more memory",
+                "set a smaller grid, or use a head with more memory",
             ))  # fmt: skip
     if report.map_shape not in (None, (0, 0), (job.nx, job.ny)):
         found = " x ".join(map(str, report.map_shape or ()))
-        faults.append((
+        errors.append((
             f"its maps have {found} cells, the scenario {job.nx} x {job.ny}",
             "set the profiler to the scenario's grid, or grid.nx and grid.ny to what it measures",
         ))  # fmt: skip
     if report.node is Node.CURE and expected.cure_ms / MS_PER_S >= limits.lamp:
-        faults.append((
-            f"bench.cure_ms is {expected.cure_ms}, this lamp goes out after {limits.lamp * MS_PER_S:.0f} ms by itself",
-            "take less light after each pass",
+        errors.append((
+            f"bench.cure_ms is {expected.cure_ms}, this lamp switches itself off after {limits.lamp * MS_PER_S:.0f} ms",
+            "set a smaller bench.cure_ms",
         ))  # fmt: skip
     if limits.block < BLOCK_LEAST:
-        faults.append((f"it takes blocks of {limits.block} bytes", "give its ISO-TP more room"))
+        errors.append((f"it takes blocks of {limits.block} bytes", "give its ISO-TP more room"))
     cycle = Codec().cycle_time(MasterAlive.message) or 0.1
     if limits.alive < 2 * cycle:
-        faults.append((
+        errors.append((
             f"it waits {limits.alive * MS_PER_S:.0f} ms for MasterAlive, which comes every {cycle * MS_PER_S:.0f} ms",
             "300 ms let two frames be lost",
         ))  # fmt: skip
-    for found, advice in faults:
+    for found, advice in errors:
         yield Finding.error("limits", f"{name}: {found}", advice)
-    if not faults:
-        yield Finding.ok("limits", f"{name}: bears the scenario")
+    if not errors:
+        yield Finding.ok("limits", f"{name}: can print the scenario")

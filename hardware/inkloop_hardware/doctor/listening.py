@@ -1,4 +1,4 @@
-"""What a bus tells who only listens: who is there, how regularly, whether to be believed, and who else is master."""
+"""Checks by listening alone: the nodes on the bus, their cycles and supervision, and other masters."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from inkloop_hardware.protocol.records import KINDS, MasterAlive, NodeStatus, St
 from inkloop_hardware.protocol.vocabulary import Node
 
 LISTEN_S = 1.2
-"""Twelve statuses of a node that is well, and one MasterAlive at least of any master."""
+"""Twelve statuses of a healthy node, and at least one MasterAlive of any master."""
 CYCLE_SLACK = 0.25
 """Share of its cycle by which the median of a status may be off (assumed)."""
 LOST_SHARE = 0.1
-"""Lost frames per frame that came in, from which on transfers fail (assumed)."""
+"""Lost frames per received frame from which on transfers fail (assumed)."""
 CHECK_NODE = "is it powered, on this bus, at this bit rate, and with the ids of its role?"
 
 
 @dataclass
 class Heard:
-    """Everything that was heard in `lasted` seconds; `times`: seconds of the intact statuses of each node."""
+    """Everything that was received in `lasted` seconds; `times`: seconds of the intact statuses of each node."""
 
     lasted: float = 0.0
     frames: int = 0
     errors: int = 0
     others: Counter[int] = field(default_factory=Counter)
-    """frames with ids that the protocol does not have"""
+    """frames with ids outside the protocol"""
     times: dict[Node, list[float]] = field(default_factory=lambda: {node: [] for node in Node})
     status: dict[Node, NodeStatus] = field(default_factory=dict)
     monitors: dict[Node, E2eMonitor] = field(default_factory=lambda: {node: E2eMonitor() for node in Node})
@@ -47,7 +47,7 @@ class Heard:
     complaints: Mapping[str, int] = field(default_factory=dict)
 
     def take(self, now: float, frame: Frame, codec: Codec) -> None:
-        """One frame that came in at second `now`."""
+        """Take one frame that was received at second `now`."""
         self.frames += 1
         try:
             reading = codec.decode(frame)
@@ -74,19 +74,19 @@ class Heard:
 
     @property
     def nodes(self) -> list[Node]:
-        """Those whose statuses came in."""
+        """Nodes with intact statuses."""
         return [node for node in Node if self.times[node]]
 
     @property
     def speaking(self) -> list[Node]:
-        """Those with a status of any kind, damaged ones included."""
+        """Nodes with a status of any kind, damaged ones included."""
         return [node for node in Node if self.times[node] or self.monitors[node].damaged]
 
 
 def listen(
     adapter: Adapter, codec: Codec, seconds: float = LISTEN_S, monotonic: Callable[[], float] = time.monotonic
 ) -> Heard:
-    """Reads the bus for so long and sends nothing. BusError when the adapter is gone."""
+    """Read the bus for this time and send nothing. BusError when the adapter is disconnected."""
     heard, begin = Heard(), monotonic()
     while (now := monotonic()) < begin + seconds:
         for message in adapter.receive(min(0.05, begin + seconds - now)):
@@ -95,7 +95,7 @@ def listen(
             elif not (message.is_extended_id or message.is_remote_frame or message.is_fd):
                 heard.take(monotonic(), Frame(message.arbitration_id, bytes(message.data)), codec)
     heard.lasted = monotonic() - begin
-    heard.complaints = {words: count for words, count in adapter.complaints().items() if count}
+    heard.complaints = {what: count for what, count in adapter.complaints().items() if count}
     return heard
 
 
@@ -105,50 +105,50 @@ def judge(heard: Heard, codec: Codec) -> Iterator[Finding]:
     yield from _masters(heard)
     if not heard.speaking:
         advice = "is the bench powered, and the cable plugged in?" if heard.frames == 0 else CHECK_NODE
-        yield Finding.error("nodes", f"no node said anything in {heard.lasted:.1f} s", advice)
+        yield Finding.error("nodes", f"no node sent anything in {heard.lasted:.1f} s", advice)
         return
     missing = [node.lower() for node in Node if node not in heard.speaking]
     if missing:
-        yield Finding.error("nodes", f"{' and '.join(missing)} said nothing in {heard.lasted:.1f} s", CHECK_NODE)
+        yield Finding.error("nodes", f"{' and '.join(missing)} sent nothing in {heard.lasted:.1f} s", CHECK_NODE)
     else:
-        yield Finding.ok("nodes", f"{', '.join(node.lower() for node in Node)} are there")
+        yield Finding.ok("nodes", f"{', '.join(node.lower() for node in Node)} are present")
     yield from _heartbeats(heard, codec)
     yield from _supervision(heard)
     yield from _protocol(heard, codec)
 
 
 def judge_bus(heard: Heard, *, foreign: bool = False) -> Iterator[Finding]:
-    """Frames and errors. foreign: the rig has frames of its own, none of them has to be of the protocol."""
-    wires = "look at cables, at 120 ohm at both ends, and at the bit rate of every node (the bench has 500 kbit/s)"
+    """Frames and errors. foreign: the rig has a DBC of its own, none of its frames must be of the protocol."""
+    wires = "check cables, 120 ohm at both ends, and the bit rate of every node (the bench has 500 kbit/s)"
     if heard.frames == 0:
-        yield Finding.error("bus", f"no frame came in within {heard.lasted:.1f} s", wires)
+        yield Finding.error("bus", f"no frame was received within {heard.lasted:.1f} s", wires)
     elif not heard.speaking and heard.others and not foreign:
         ids = ", ".join(f"0x{number:03X}" for number, _ in heard.others.most_common(4))
         yield Finding.error(
-            "bus", f"{heard.frames} frames came in, none of the protocol ({ids})", "is this the right bus?"
+            "bus", f"{heard.frames} frames were received, none of the protocol ({ids})", "is this the right bus?"
         )
     else:
         yield Finding.ok("bus", f"{heard.frames} frames in {heard.lasted:.1f} s")
         if heard.others and not foreign:
             ids = ", ".join(f"0x{number:03X}" for number, _ in heard.others.most_common(4))
             yield Finding.warning(
-                "bus", f"{heard.others.total()} frames of somebody else ({ids})", "they take room on the bus"
+                "bus", f"{heard.others.total()} frames outside the protocol ({ids})", "they load the bus"
             )
     if heard.errors:
         yield Finding.error("bus", f"{heard.errors} error frames", wires)
-    for words, count in heard.complaints.items():
-        if "error frames" not in words:
-            yield Finding.error("bus", f"{count} {words}", "look at the adapter, its USB cable and its bit rate")
+    for what, count in heard.complaints.items():
+        if "error frames" not in what:
+            yield Finding.error("bus", f"{count} {what}", "check the adapter, its USB cable and its bit rate")
 
 
 def _masters(heard: Heard) -> Iterator[Finding]:
     if not heard.sessions:
-        yield Finding.ok("masters", "nobody else is master")
+        yield Finding.ok("masters", "no other master is active")
     elif len(heard.sessions) == 1:
         session, job = next(iter(heard.sessions.items()))
         yield Finding.error(
-            "masters", f"somebody is master already: session {session}, job {job}",
-            "a run is going on; end it, or let it end. Two masters at once stop every node",
+            "masters", f"another master is active: session {session}, job {job}",
+            "a run is in progress; end it or wait for its end. Two masters at once stop every node",
         )  # fmt: skip
     else:
         sessions = ", ".join(str(session) for session in heard.sessions)
@@ -162,7 +162,7 @@ def _masters(heard: Heard) -> Iterator[Finding]:
 
 
 def _heartbeats(heard: Heard, codec: Codec) -> Iterator[Finding]:
-    well = []
+    regular = []
     for node in heard.nodes:
         cycle = codec.cycle_time(f"{node}{NodeStatus.message}") or 0.1
         gaps = [later - earlier for earlier, later in pairwise(heard.times[node])]
@@ -171,8 +171,7 @@ def _heartbeats(heard: Heard, codec: Codec) -> Iterator[Finding]:
         elif max(gaps) > LOST_AFTER:
             yield Finding.error(
                 "heartbeat", f"{node.lower()}: {max(gaps) * MS_PER_S:.0f} ms between two statuses, the cycle is "
-                f"{cycle * MS_PER_S:.0f} ms",
-                "a run takes the node for lost after 300 ms: look at cables and at its load",
+                f"{cycle * MS_PER_S:.0f} ms", "a run takes the node for lost after 300 ms: check cables and its load",
             )  # fmt: skip
         elif abs(median(gaps) - cycle) > CYCLE_SLACK * cycle:
             yield Finding.warning(
@@ -180,34 +179,33 @@ def _heartbeats(heard: Heard, codec: Codec) -> Iterator[Finding]:
                 f"{cycle * MS_PER_S:.0f} ms", "does its firmware have another protocol, or is this machine busy?",
             )  # fmt: skip
         else:
-            well.append(median(gaps))
-    if well:
-        number = f"{len(well)} nodes" if len(well) > 1 else "one node"
-        yield Finding.ok(
-            "heartbeat", f"{number}, a status every {min(well) * MS_PER_S:.0f} to {max(well) * MS_PER_S:.0f} ms"
-        )
+            regular.append(median(gaps))
+    if regular:
+        number = f"{len(regular)} nodes" if len(regular) > 1 else "one node"
+        cycles = f"{min(regular) * MS_PER_S:.0f} to {max(regular) * MS_PER_S:.0f} ms"
+        yield Finding.ok("heartbeat", f"{number}, a status every {cycles}")
 
 
 def _supervision(heard: Heard) -> Iterator[Finding]:
-    well = True
+    passed = True
     for node, monitor in heard.monitors.items():
         bad = {"damaged": monitor.damaged, "repeated": monitor.repeated, "jumped": monitor.jumped}
         if any(bad.values()):
-            well = False
-            words = ", ".join(f"{count} {word}" for word, count in bad.items() if count)
-            verdict = "" if monitor.trusted else "; it is not to be believed"
+            passed = False
+            counts = ", ".join(f"{count} {kind}" for kind, count in bad.items() if count)
+            verdict = "" if monitor.trusted else "; it cannot be trusted"
             yield Finding.error(
-                "supervision", f"{node.lower()}: of its statuses {words}{verdict}",
+                "supervision", f"{node.lower()}: of its statuses {counts}{verdict}",
                 "damaged: cables, adapter, or another data id; repeated or jumped: do two nodes use its ids?",
             )  # fmt: skip
         elif monitor.lost:
-            well = well and monitor.lost <= LOST_SHARE * len(heard.times[node])
+            passed = passed and monitor.lost <= LOST_SHARE * len(heard.times[node])
             grade = Finding.warning if monitor.lost <= LOST_SHARE * len(heard.times[node]) else Finding.error
             yield grade(
-                "supervision", f"{node.lower()}: {monitor.lost} statuses were lost, {len(heard.times[node])} came in",
-                "look at cables and termination, and at the load of bus and adapter",
+                "supervision", f"{node.lower()}: {monitor.lost} statuses were lost, {len(heard.times[node])} received",
+                "check cables, termination, and the load of bus and adapter",
             )  # fmt: skip
-    if well:
+    if passed:
         counted = sum(len(times) for times in heard.times.values())
         yield Finding.ok("supervision", f"check bytes and counters of {counted} statuses are right")
 
@@ -217,10 +215,10 @@ def _protocol(heard: Heard, codec: Codec) -> Iterator[Finding]:
     other = {node: status.protocol_version for node, status in heard.status.items() if status.protocol_version != ours}
     for node, version in other.items():
         yield Finding.error(
-            "protocol", f"{node.lower()} speaks version {version} of the protocol, this inkloop {ours}",
+            "protocol", f"{node.lower()} has version {version} of the protocol, this inkloop {ours}",
             "update the older of the two",
         )  # fmt: skip
-    for words in sorted(heard.misread):
-        yield Finding.error("protocol", words, "update the older of the two, or give the node the DBC of this inkloop")
+    for message in sorted(heard.misread):
+        yield Finding.error("protocol", message, "update the older of the two, or use this inkloop's DBC in the node")
     if not other and not heard.misread and heard.status:
-        yield Finding.ok("protocol", f"version {ours} of the protocol, as in this inkloop's DBC")
+        yield Finding.ok("protocol", f"version {ours} of the protocol, as in the DBC of this inkloop")

@@ -1,6 +1,6 @@
-"""Gate and lamp, tried: the gate opens and closes, the lamp lights for a moment behind the closed gate.
+"""Self test of gate and lamp: the gate opens and closes, the lamp lights for a moment behind the closed gate.
 
-Nothing is jetted and no layer knows of it. It has to be asked for: light leaves the lamp.
+Nothing is jetted and no layer records it. It runs on request only: light leaves the lamp.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ WHAT = f"the gate opens and closes, then the lamp lights for {LAMP_MS} ms with t
 
 
 def try_gate_and_lamp(rig: Rig) -> Iterator[Finding]:
-    """Both tests, one after the other, on a rig that is attached to; then nothing is enabled any more.
+    """Run both tests, one after the other, on an attached rig; nothing is enabled after them.
 
-    Raises HardwareError if the bus is gone, or a node.
+    Raises HardwareError if the bus or a node is lost.
     """
     rig.wait_for(NODES)
     for node in NODES:
         state = rig.link(node).state()
-        if (words := blocked(node, state)) is not None:
-            found, _, advice = words.partition("; ")
+        if (reason := blocked(node, state)) is not None:
+            found, _, advice = reason.partition("; ")
             yield Finding.skipped("self test", found, advice)
             return
         clear(rig, node)
     for test in (_gate, _lamp):
         finding = test(rig)
         yield finding
-        if finding.grade is not Grade.OK:  # no light behind a gate that is not to be trusted
+        if finding.grade is not Grade.OK:  # no light behind a gate that cannot be trusted
             return
 
 
@@ -75,8 +75,6 @@ def _test(rig: Rig, link: Link, lamp_ms: int) -> None:
 
 def _failed(link: Link, error: HardwareError) -> Finding:
     if isinstance(error, NodeRefused) and error.code == OUT_OF_RANGE:
-        words = f"the firmware of the {link.node.lower()} has no self test"
-        return Finding.skipped("self test", words, "update it, or look at gate and lamp in the first layer")
-    return Finding.error(
-        "self test", str(error), "everything is off; look at gate, end switches and lamp before anything is printed"
-    )
+        reason = f"the firmware of the {link.node.lower()} has no self test"
+        return Finding.skipped("self test", reason, "update it, or watch gate and lamp in the first layer")
+    return Finding.error("self test", str(error), "everything is off; check gate, end switches and lamp before a print")

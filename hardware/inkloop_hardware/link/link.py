@@ -1,4 +1,4 @@
-"""What is asked of one node, over ISO-TP and UDS services, with retries."""
+"""The link to one node: its routines, transfers and identifiers over UDS services."""
 
 from __future__ import annotations
 
@@ -27,17 +27,16 @@ from inkloop_hardware.protocol.vocabulary import Node
 
 CONDITIONS = 0x22
 FOR_A_REASON = (CONDITIONS, 0x26)
-"""Refusals of a routine that its state and its cause explain."""
+"""Refusals of a routine that the state of the node and its cause explain."""
 ENABLED_AGAIN = 0.15
-"""Seconds after which a node that might have been willing is asked again: the frame of the heartbeat that enabled the
-step may have been lost, and the next ones came since."""
+"""Seconds before a routine is tried a second time: the frame of the heartbeat that enabled it may have been lost."""
 
 Answer = TypeVar("Answer")
 
 
 @dataclass
 class LinkCounts:
-    """What went wrong and was mended: requests sent again, answers that came late or twice, broken ISO-TP messages,
+    """Problems that were corrected: requests sent again, answers that came late or twice, broken ISO-TP messages,
     transfers that began again."""
 
     repeated: int = 0
@@ -47,12 +46,12 @@ class LinkCounts:
 
 
 class Link:
-    """Talks to one node; made by `Rig.link`.
+    """Sends requests to one node and waits for their answers; made by `Rig.link`.
 
     A request without an answer within 1 s is repeated, six tries in all; answers that come late or twice are dropped
-    and counted. While a link waits it says that the control loop lives, so a step that is waited for keeps its enables.
-    Every call may raise BusError, NodeLost (silent), NodeStopped (fell to SAFE or FAULT meanwhile), NodeRefused (a
-    refusal, in words) and LinkTimeout (all tries in vain).
+    and counted. A waiting link keeps the heartbeat alive, so its step keeps its enables. Every call may raise BusError,
+    NodeLost (silent), NodeStopped (went to SAFE or FAULT meanwhile), NodeRefused and LinkTimeout (no answer in all
+    tries).
     """
 
     def __init__(self, node: Node, codec: Codec, wire: Wire, place: str) -> None:
@@ -63,26 +62,27 @@ class Link:
 
     @property
     def counts(self) -> LinkCounts:
-        """Since it was made."""
+        """Counts since the link was made."""
         connection = self.requests.connection
         return LinkCounts(self.requests.repeated, connection.stray, connection.broken, self._restarted)
 
     def download(self, layer: int, blob: bytes, *, coded: bool = False, progress: Progress | None = None) -> None:
-        """Brings a pattern to the head, checked by CRC-32 end to end.
+        """Transfer a pattern to the head, checked by CRC-32 end to end.
 
-        blob: as docs/reference/node-services.md has it; coded: its cells are run-length coded. The job is that of the
-        rig. TransferError if it does not arrive whole in two attempts; a refused layer is a NodeRefused of code 0x24.
+        blob: as described in docs/reference/node-services.md; coded: its cells are run-length coded. The job is that of
+        the rig. TransferError if it does not arrive whole in two attempts; a refused layer is a NodeRefused of code
+        0x24.
         """
         self._twice(partial(send_pattern, self.requests, layer, blob, coded, progress))
 
     def upload(self, layer: int, *, progress: Progress | None = None) -> bytes:
-        """Fetches the map of the last scan, which must be of this layer, checked by CRC-32 end to end."""
+        """Transfer the map of the last scan, which must be of this layer, checked by CRC-32 end to end."""
         return self._twice(partial(receive_map, self.requests, layer, progress))
 
     def routine(self, routine: Routine, key: Key, option: bytes = b"", *, limit_s: float) -> Outcome:
-        """Has a node do something and waits until it is done: DONE, or DONE_BEFORE if nothing was changed.
+        """Run a routine and wait for its end: DONE, or DONE_BEFORE if nothing was changed.
 
-        limit_s: how long it may last in all; then LinkTimeout, and what became of it is to be asked (`ask`).
+        limit_s: how long it may last in all; then LinkTimeout, and `ask` tells its outcome.
         """
         what = f"{routine.name.lower().replace('_', ' ')} of {key}"
         try:
@@ -99,8 +99,8 @@ class Link:
         return self._outcome(what, answer)
 
     def ask(self, routine: Routine, key: Key) -> Outcome:
-        """What is known of a routine; changes nothing."""
-        what = f"what became of {routine.name.lower()} of {key}"
+        """The outcome of a routine as the node knows it; changes nothing."""
+        what = f"outcome of {routine.name.lower()} of {key}"
         answer = self.requests.request(what, self.requests.client.get_routine_result, routine, bytes(key))
         return self._outcome(what, answer)
 
@@ -109,11 +109,11 @@ class Link:
         return self.requests.read(Identifier.STATE, NodeState.of)
 
     def times(self) -> NodeTimes:
-        """When its interlocks acted last (0101)."""
+        """Times at which its interlocks acted last (0101)."""
         return self.requests.read(Identifier.TIMES, NodeTimes.of)
 
     def limits(self) -> NodeLimits:
-        """What it bears (0102)."""
+        """Its limits (0102)."""
         return self.requests.read(Identifier.LIMITS, NodeLimits.of)
 
     def map_size(self) -> MapSize:
@@ -121,7 +121,7 @@ class Link:
         return self.requests.read(Identifier.MAP, MapSize.of)
 
     def journal(self) -> tuple[JournalRecord, ...]:
-        """What it remembers, newest first (0110)."""
+        """The records of its journal, newest first (0110)."""
         return self.requests.read(Identifier.JOURNAL, JournalRecord.of)
 
     def version(self) -> str:
@@ -136,7 +136,7 @@ class Link:
         return self.requests.decoded(what, record, lambda data: Outcome(data[0]))
 
     def _twice(self, transfer: Callable[[], Answer]) -> Answer:
-        """Once more from the beginning, if bytes were lost or altered on the way."""
+        """Transfer, and once more from the beginning if bytes were lost or altered."""
         try:
             return transfer()
         except TransferError:
@@ -145,7 +145,7 @@ class Link:
 
 
 def _may_follow(routine: Routine, state: NodeState) -> bool:
-    """Whether a node that refused a routine takes it once it has heard the heartbeat."""
+    """Whether a node that refused a routine may take it after the next heartbeat."""
     if routine is Routine.CLEAR:
         return not state.flags & (Flags.NEEDS_OPERATOR | Flags.STOPPED)
     return state.state not in OFF

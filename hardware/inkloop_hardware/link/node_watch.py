@@ -1,4 +1,4 @@
-"""What a node says of itself all the time: its status, its faults, whether it is there and to be believed."""
+"""Watch of one node by its frames: its status, its faults, whether it is alive and can be trusted."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ OFF = (State.SAFE, State.FAULT)
 
 @dataclass
 class NodeWatch:
-    """Follows the status and fault frames of one node and says what changes, once each.
+    """Follows the status and fault frames of one node and logs each change once.
 
     status, at: the last intact one and its second; falls: how often the node took its de-energised state; fault: why.
     """
@@ -29,10 +29,10 @@ class NodeWatch:
     fault: Fault = Fault.NONE
     monitor: E2eMonitor = field(default_factory=E2eMonitor)
     _off: bool = True
-    _said: str = ""
+    _logged: str = ""
 
     def take_status(self, now: float, status: NodeStatus | None, counter: int) -> None:
-        """A status frame; None: a damaged one."""
+        """Take a status frame; None: a damaged one."""
         verdict = self.monitor.take(status is not None, counter)
         if status is None or verdict.bad:
             return
@@ -40,48 +40,48 @@ class NodeWatch:
             LOG.warning("%s: restarted", self.node.lower())
         self.status, self.at = status, now
         self._turn(status.state in OFF, status.fault)
-        self._say(sentence(self.node, status), level_of(status.state))
+        self._log(sentence(self.node, status), level_of(status.state))
 
     def take_fault(self, fault: NodeFault) -> None:
-        """A fault frame; it comes before the status that says the same."""
+        """Take a fault frame; it precedes the status with the same fault."""
         if fault.fault is not Fault.NONE:
             self._turn(True, fault.fault)
 
     def trouble(self, now: float) -> str | None:
-        """Why the node cannot be counted on at this second, None if it can."""
+        """Message about why the node cannot be used at this second, None if it can."""
         name = self.node.lower()
         if self.at is None:
-            return f"the {name} was never heard"
+            return f"the {name} has sent no status"
         if not self.monitor.trusted:
             return (
-                f"the {name} is not to be believed: of its last frames {self.monitor.damaged} were damaged, "
+                f"the {name} cannot be trusted: of its frames {self.monitor.damaged} were damaged, "
                 f"{self.monitor.repeated} repeated, {self.monitor.jumped} jumped; do two nodes use its ids?"
             )
         if now - self.at > LOST_AFTER:
-            return f"the {name} is silent for {now - self.at:.1f} s; is it powered, and the cable plugged in?"
+            return f"the {name} has been silent for {now - self.at:.1f} s; is it powered, and the cable plugged in?"
         return None
 
     def _turn(self, off: bool, fault: Fault) -> None:
         self.falls += off and not self._off
         self._off, self.fault = off, fault
 
-    def _say(self, words: str, level: int) -> None:
-        if words != self._said:
-            LOG.log(level, "%s", words)
-        self._said = words
+    def _log(self, message: str, level: int) -> None:
+        if message != self._logged:
+            LOG.log(level, "%s", message)
+        self._logged = message
 
 
 def level_of(state: State) -> int:
-    """What nobody asked for is said aloud; of a step that was, its frames see only part, and who asks says it."""
+    """Level of the log line of a state: the states of a step are logged by the step itself, a fault is a warning."""
     if state is State.FAULT:
         return logging.WARNING
     return logging.INFO if state in (State.SAFE, State.IDLE) else logging.DEBUG
 
 
 def sentence(node: Node, status: NodeStatus) -> str:
-    """A node in words: "head: pass 2 of layer 7"."""
+    """A status as a sentence: "head: pass 2 of layer 7"."""
     jetted = status.pass_mask.bit_count()
-    words = {
+    state = {
         State.SAFE: "off" + because(status.fault),
         State.IDLE: "idle",
         State.RECEIVING: "receiving a pattern",
@@ -94,7 +94,7 @@ def sentence(node: Node, status: NodeStatus) -> str:
         State.MAP_READY: "map ready",
         State.FAULT: "fault" + because(status.fault),
     }[status.state]
-    return f"{node.lower()}: {words}"
+    return f"{node.lower()}: {state}"
 
 
 def because(fault: Fault) -> str:

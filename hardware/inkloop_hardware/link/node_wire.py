@@ -1,4 +1,4 @@
-"""The way of a link through the bus process, with an eye on the node while something is waited for."""
+"""The wire of a link: frames through the bus process, and supervision of the node during a wait."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from inkloop_hardware.link.supervision import Supervision
 from inkloop_hardware.protocol.codec import Frame
 from inkloop_hardware.protocol.vocabulary import Node
 
-LAST_WORD = 0.25
-"""Seconds that a node that fell to SAFE or FAULT is given to answer what it was asked."""
+ANSWER_GRACE_S = 0.25
+"""Seconds for a node that went to SAFE or FAULT to answer the present request itself."""
 
 
 class NodeWire:
-    """The wire of a link: frames through the bus process, signs of life and the node's state while it waits."""
+    """Exchanges frames with one node; a wait keeps the heartbeat alive and ends when the node is lost or stops."""
 
     def __init__(self, supervision: Supervision, node: Node) -> None:
         self._supervision = supervision
@@ -26,7 +26,7 @@ class NodeWire:
         self._fell_at: float | None = None
 
     def send(self, frames: Sequence[Frame]) -> None:
-        """Sends frames in this order."""
+        """Send frames in this order."""
         self._supervision.bus.send(frames)
 
     def receive(self, wait_s: float) -> bytes | None:
@@ -38,12 +38,12 @@ class NodeWire:
         return time.monotonic()
 
     def begin(self) -> None:
-        """A request begins: from now on a fall of the node matters."""
+        """Begin a request: from now on a stop of the node ends it."""
         self._supervision.keep_alive()
         self._falls, self._fell_at = self._supervision.watch(self._node).falls, None
 
     def check(self) -> None:
-        """Says that the control loop lives; NodeLost, or NodeStopped if the node fell and does not say so itself."""
+        """Keep the heartbeat alive; NodeLost, or NodeStopped if the node stopped and does not answer so itself."""
         self._supervision.keep_alive()
         self._supervision.check((self._node,))
         watch = self._supervision.watch(self._node)
@@ -52,13 +52,13 @@ class NodeWire:
         now = time.monotonic()
         if self._fell_at is None:
             self._fell_at = now
-        if now - self._fell_at > LAST_WORD:
-            words = f"the {self._node.lower()} took its de-energised state{because(watch.fault)} while it was asked; "
-            raise NodeStopped(words + self._advice(), watch.fault)
+        if now - self._fell_at > ANSWER_GRACE_S:
+            message = f"the {self._node.lower()} took its de-energised state{because(watch.fault)} during a request; "
+            raise NodeStopped(message + self._advice(), watch.fault)
 
     def _advice(self) -> str:
         try:
             self._supervision.check_alone()
         except (AnotherMaster, StopRequested) as others:
             return str(others)
-        return "mend the cause and clear it"
+        return "remove the cause and clear it"

@@ -97,7 +97,7 @@ class Requests:
                 code = error.response.code or 0
                 raise NodeRefused(f"the {self.name} refuses: {what} (0x{code:02X}): {_reason(code)}", code) from None
             except UNREADABLE as error:
-                raise TransferError(f"the {self.name} answers what cannot be read: {what}: {error}") from error
+                raise TransferError(f"the {self.name} sends an invalid answer: {what}: {error}") from error
             except BaseException:
                 self._unsure = True
                 raise
@@ -105,7 +105,7 @@ class Requests:
                 return answer
         raise LinkTimeout(
             f"no answer of the {self.name} within {P2:g} s, {tries} tries: {what}; "
-            "its status frames come in, so look at what its firmware does"
+            "its status frames arrive, so check its firmware"
         )
 
     def _settle(self) -> None:
@@ -117,7 +117,7 @@ class Requests:
     def _check_deadline(self, what: str) -> None:
         deadline = self.connection.deadline
         if deadline is not None and self._wire.now() > deadline:
-            raise LinkTimeout(f"the {self.name} has not ended in time: {what}; ask it what became of it")
+            raise LinkTimeout(f"the {self.name} has not ended in time: {what}; ask for its outcome")
 
 
 def _reason(code: int) -> str:

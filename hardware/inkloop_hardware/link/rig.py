@@ -1,4 +1,4 @@
-"""The bench as the master holds it: one bus, four nodes, one heartbeat, shared by printer and profiler."""
+"""The bench of the master: one bus, four nodes, one heartbeat, shared by printer and profiler."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from inkloop_hardware.replay.replay_connection import INTERFACE, ReplayConnectio
 
 LOG = logging.getLogger("inkloop_hardware")
 PAUSE = 0.02
-"""Seconds between two looks at the nodes while they are waited for."""
+"""Seconds between two checks of the nodes in `wait_for`."""
 SESSION_MAX, JOB_MAX = 0xFFFF, 0xFFFFFFFF
 
 
 class Rig:
-    """A bus with its nodes.
+    """A bus with its nodes, shared by several users.
 
-    Nothing is opened before the first `attach`, everything is closed at the last `detach`. A process of its own owns
-    the adapter and says every 100 ms that the master lives, as long as this one says so: by `alive`, and by waiting in
-    a link. Changes of nodes go to the logger "inkloop_hardware" as sentences.
+    The first `attach` opens it, the last `detach` closes it. A separate process owns the adapter and sends MasterAlive
+    every 100 ms, as long as this one keeps it alive: by `keep_alive`, and by waiting in a link. Changes of nodes are
+    logged as sentences by the logger "inkloop_hardware".
 
     settings: the bus; folder: of a relative traffic log. To be used by one thread.
     """
@@ -52,7 +52,7 @@ class Rig:
 
     @property
     def session(self) -> int:
-        """Number that this master took when it started, 1 to 65535."""
+        """Random number of this master, 1 to 65535."""
         return self._session
 
     @property
@@ -62,8 +62,8 @@ class Rig:
 
     @property
     def job(self) -> int:
-        """The print job, 1 to 2^32 - 1; random unless set. To be kept with the state of a run, so that a resumed one
-        goes on with it. May be set at any time while nothing is enabled; ValueError for a number out of range."""
+        """The print job, 1 to 2^32 - 1; random unless set. It belongs to the state of a run: a resumed run continues
+        its job. May be set at any time while nothing is enabled; ValueError for a number out of range."""
         return self._job
 
     @job.setter
@@ -74,17 +74,17 @@ class Rig:
             raise HardwareError("the job cannot change while a step is enabled")
         self._job = number
         if self.is_open:
-            self.supervision.bus.say_job(number)
+            self.supervision.bus.send_job(number)
 
     def attach(self) -> None:
-        """One more user; the first one opens the bus. BusError if it cannot be opened, which does not count."""
+        """Add a user; the first one opens the bus. BusError if it cannot be opened; the user is not added then."""
         if self._users == 0:
             self._open()
         self._users += 1
 
     def detach(self) -> None:
-        """One user less; with the last one enables drop, the heartbeat ends, the traffic log and the bus are closed.
-        Does nothing without an `attach`, so it may stand in every clean-up."""
+        """Remove a user; with the last one enables drop, the heartbeat ends, the traffic log and the bus are closed.
+        Does nothing without an `attach`, so every clean-up may call it."""
         if self._users == 1 and self.is_open:
             self.supervision.close()
             self._log_counts()
@@ -98,7 +98,7 @@ class Rig:
         self.detach()
 
     def link(self, node: Node) -> Link:
-        """What talks to one node; always the same object. To be used while attached."""
+        """The link to one node; always the same object. To be used while attached."""
         if node not in self._links:
             self._links[node] = Link(node, self.codec, NodeWire(self.supervision, node), str(self.settings))
         return self._links[node]
@@ -113,7 +113,7 @@ class Rig:
 
     @contextmanager
     def enabled(self, *, lamp: bool = False, gate: bool = False, motion: bool = False) -> Iterator[None]:
-        """Enables for one step; on leaving, whatever happened, nothing is enabled any more. Not to be nested.
+        """Enable lamp, gate or motion for one step; nothing is enabled after it, even after an error. Not to be nested.
 
         AnotherMaster or StopRequested while one of them is on the bus.
         """
@@ -129,7 +129,7 @@ class Rig:
                 self.supervision.enable(Enables.NONE)
 
     def wait_for(self, nodes: Iterable[Node], limit_s: float = 3.0) -> None:
-        """Waits until every one of `nodes` is heard and believed; NodeLost that names those that are not."""
+        """Wait until the frames of all `nodes` arrive and can be trusted; NodeLost names those that do not."""
         wanted, until = tuple(nodes), time.monotonic() + limit_s
         while True:
             self.keep_alive()
@@ -146,13 +146,13 @@ class Rig:
         self.supervision.check_alone()
 
     def status(self, node: Node) -> NodeStatus | None:
-        """The last intact status of a node; None: none yet."""
+        """The last intact status of a node, None before the first."""
         return self.supervision.watch(node).status
 
     def stop_request(self, active: bool = True) -> None:
-        """Asks all nodes to take their de-energised state and to stay in it, every 50 ms until called with False.
+        """Ask all nodes to take their de-energised state and stay in it, every 50 ms until called with False.
         Afterwards a person must clear them. No emergency stop."""
-        self.supervision.bus.say_stop(active)
+        self.supervision.bus.send_stop(active)
 
     def _open(self) -> None:
         log = self.settings.traffic_log

@@ -1,4 +1,4 @@
-"""Both directions of supervision: the nodes hear that the master lives, the master hears whether the nodes do."""
+"""Supervision in both directions: the master keeps its heartbeat alive and watches the nodes and other masters."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from inkloop_hardware.replay.replay_connection import ReplayConnection
 
 LOG = logging.getLogger("inkloop_hardware")
 KEEP_ALIVE_PERIOD_S = 0.02
-"""Seconds between two signs of life of the control loop to the bus process, at least."""
+"""Seconds between two messages of the control loop that keep the heartbeat alive, at least."""
 FIRST_BEATS = 0.15
-"""Seconds of heartbeat before anything is asked: a node that knows this session from before takes the first frame of a
+"""Seconds of heartbeat before the first request: a node that knows this session from before takes the first frame of a
 new counter for a jump."""
 
 Bus = BusConnection | ReplayConnection
 
 
 class Supervision:
-    """Follows the nodes and other masters on an open bus, and keeps the heartbeat of this master going.
+    """Watches the nodes and other masters on an open bus, and keeps the heartbeat of this master alive.
 
     codec: of the frames; session: our own; place: the bus, for messages. To be used by one thread.
     """
@@ -50,7 +50,7 @@ class Supervision:
 
     @property
     def supervised_ids(self) -> Container[int]:
-        """Arbitration ids of the frames that are followed here."""
+        """Arbitration ids of the frames that are watched."""
         return self._senders
 
     @property
@@ -67,16 +67,16 @@ class Supervision:
 
     @property
     def enables(self) -> Enables:
-        """What the present step may do."""
+        """What the present step may energise."""
         return self._enables
 
     @property
     def is_settled(self) -> bool:
-        """Whether the nodes have heard the heartbeat long enough to be asked."""
+        """Whether the nodes have received the heartbeat long enough to take requests."""
         return time.monotonic() - self._beating_since > FIRST_BEATS
 
     def open(self, bus: Bus) -> None:
-        """Supervise on this bus; what was known of the nodes before is forgotten."""
+        """Supervise this bus; earlier statuses of the nodes are discarded."""
         self._watches = {node: NodeWatch(node) for node in Node}
         self._bus_watch = BusWatch(self._session)
         self._bus = bus
@@ -108,12 +108,12 @@ class Supervision:
         self.bus.send_keep_alive(enables)
 
     def check(self, nodes: Iterable[Node]) -> None:
-        """NodeLost if one of them was never heard, is silent for three cycles (300 ms) or is not to be believed;
-        BusDisconnected while the adapter is gone."""
+        """Check that nodes are alive: NodeLost for one that has sent no status, is silent for three cycles (300 ms) or
+        cannot be trusted; BusDisconnected while the adapter is missing."""
         self._take_frames()
-        if self.bus.away:
-            self._beating_since = time.monotonic()  # the nodes must hear the heartbeat again before anything is asked
-            raise BusDisconnected(self.bus.away)
+        if self.bus.disconnected:
+            self._beating_since = time.monotonic()  # the nodes must receive the heartbeat again before any request
+            raise BusDisconnected(self.bus.disconnected)
         now = self.bus.clock
         troubles = [trouble for node in nodes if (trouble := self._watches[node].trouble(now)) is not None]
         if troubles:
@@ -129,13 +129,13 @@ class Supervision:
             raise AnotherMaster(f"{self._place}: {message}")
 
     def watch(self, node: Node) -> NodeWatch:
-        """What a node said of itself."""
+        """Status, falls and fault of a node."""
         return self._watches[node]
 
     def _take_frames(self) -> None:
-        """Status and faults of all nodes, and words of the bus process."""
-        while self.bus.words:
-            LOG.warning("%s", self.bus.words.popleft())
+        """Take statuses and faults of all nodes, and messages of the bus process."""
+        while self.bus.messages:
+            LOG.warning("%s", self.bus.messages.popleft())
         while self.bus.others:
             now, frame = self.bus.others.popleft()
             try:

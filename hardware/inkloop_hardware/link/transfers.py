@@ -1,4 +1,4 @@
-"""Patterns to a node and maps from it, in blocks that shrink where frames are lost."""
+"""Transfer of patterns to a node and of maps from it, in blocks that shrink after lost frames."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from inkloop_hardware.protocol.node_state import Identifier, MapSize, TransferSt
 from inkloop_hardware.protocol.pattern_bytes import CELLS_MAX
 
 Progress = Callable[[int, int], None]
-"""Called with bytes that went through and bytes in all."""
+"""Called with the bytes transferred so far and the bytes in all."""
 
 BLOCK_FLOOR = 256
-"""Bytes of a block, with its two first ones."""
+"""Bytes of the smallest block, its head included."""
 BLOCK_HEAD = 2
 BLOCK_MOST = 4095
 """Bytes that ISO-TP carries in one message."""
 GROW_AFTER = 8
-"""So many blocks in a row without a retry, and blocks are twice as long again."""
+"""Blocks in a row without a retry after which blocks double again."""
 BROKEN = (0x24, 0x31, 0x71, 0x72, 0x73)
-"""Refusals in the middle of a transfer after which it may be begun anew; 0x31: a byte was altered to one that no
-pattern has."""
+"""Refusals in the middle of a transfer after which it may begin again; 0x31: a byte was altered to a value that no
+pattern contains."""
 
 
 class BlockSize:
-    """How many bytes a block may carry: halved by a retry, doubled when the way is good again."""
+    """Bytes that a block may carry: halved by a retry, doubled after several blocks without one."""
 
     def __init__(self, most: int) -> None:
         self._most = min(most, BLOCK_MOST) - BLOCK_HEAD
@@ -41,23 +41,23 @@ class BlockSize:
 
     @property
     def is_whole(self) -> bool:
-        """Whether nothing is held back."""
+        """Whether blocks have their full size."""
         return self.bytes == self._most
 
     def went_through(self) -> None:
-        """One block, at the first try."""
+        """Note a block that was transferred at the first try."""
         self._good += 1
         if self._good % GROW_AFTER == 0:
             self.bytes = min(self._most, 2 * self.bytes)
 
     def was_lost(self) -> None:
-        """One block, or its answer."""
+        """Note a block that was lost, or its answer."""
         self._good = 0
         self.bytes = max(self._floor, self.bytes // 2)
 
 
 def send_pattern(requests: Requests, layer: int, blob: bytes, coded: bool, progress: Progress | None) -> None:
-    """Download of a pattern (0x34, 0x36, 0x37); TransferError if the node has other bytes in the end."""
+    """Download a pattern (0x34, 0x36, 0x37); TransferError if the node has other bytes at the end."""
     what = f"pattern of layer {layer} (0x34)"
     form = DataFormatIdentifier(compression=1 if coded else 0)
     answer = requests.request(what, requests.client.request_download, _place(layer, len(blob)), form)
@@ -76,14 +76,14 @@ def send_pattern(requests: Requests, layer: int, blob: bytes, coded: bool, progr
 
 
 def receive_map(requests: Requests, layer: int, progress: Progress | None) -> bytes:
-    """Upload of a map (0x35, 0x36, 0x37); TransferError if it is short or altered."""
-    said = requests.read(Identifier.MAP, MapSize.of)
-    total = said.size
-    if total not in (0, map_size(said.nx, said.ny)) or said.nx * said.ny > CELLS_MAX:
-        raise TransferError(f"the {requests.name} says that its map of {said.nx} x {said.ny} cells has {total} bytes")
+    """Upload a map (0x35, 0x36, 0x37); TransferError if it is short or altered."""
+    size_of_map = requests.read(Identifier.MAP, MapSize.of)
+    nx, ny, total = size_of_map.nx, size_of_map.ny, size_of_map.size
+    if total not in (0, map_size(nx, ny)) or nx * ny > CELLS_MAX:
+        raise TransferError(f"the {requests.name} reports {total} bytes for its map of {nx} x {ny} cells")
     if total == 0:
-        words = f"the {requests.name} has no map of layer {layer}: nothing was scanned since its power-up"
-        raise NodeRefused(words, 0x24)
+        message = f"the {requests.name} has no map of layer {layer}: nothing was scanned since its power-up"
+        raise NodeRefused(message, 0x24)
     what = f"map of layer {layer} (0x35)"
     answer = requests.request(what, requests.client.request_upload, _place(layer, total))
     size = _block_size(requests, what, answer)
@@ -96,12 +96,12 @@ def receive_map(requests: Requests, layer: int, progress: Progress | None) -> by
     what = f"end of the map of layer {layer} (0x37)"
     end = _within(requests, what, requests.client.request_transfer_exit)
     if len(found) != total or end.service_data.parameter_records != pack(">I", zlib.crc32(found)):
-        raise TransferError(f"the map of layer {layer} from the {requests.name} was altered on the way; scan once more")
+        raise TransferError(f"the map of layer {layer} from the {requests.name} was altered; scan once more")
     return bytes(found)
 
 
 def _send_block(requests: Requests, layer: int, number: int, blob: bytes, at: int, size: BlockSize) -> int:
-    """Bytes of the block that the node has in the end. Before a repeat it is asked what it took."""
+    """Send a block; the bytes of it that the node took. Before a repeat the node is asked how many it has."""
     what = f"block {number} of the pattern of layer {layer} (0x36)"
     for attempt in range(TRIES):
         piece = blob[at : at + size.bytes]
@@ -118,11 +118,11 @@ def _send_block(requests: Requests, layer: int, number: int, blob: bytes, at: in
             return len(piece)
         if not taken.active or taken.done != at:
             raise TransferError(f"the {requests.name} has {taken.done} bytes, expected {at}: {what}")
-    raise LinkTimeout(f"the {requests.name} does not take it in {TRIES} tries: {what}; look at cables and termination")
+    raise LinkTimeout(f"the {requests.name} took nothing in {TRIES} tries: {what}; check cables and termination")
 
 
 def _fetch_block(requests: Requests, layer: int, number: int, size: BlockSize) -> bytes:
-    """The next block; a repeat asks for less of the same."""
+    """Fetch the next block; a repeat asks for fewer bytes of it."""
     what = f"block {number} of the map of layer {layer} (0x36)"
     for attempt in range(TRIES):
         most = None if attempt == 0 and size.is_whole else pack(">H", size.bytes)
@@ -133,22 +133,24 @@ def _fetch_block(requests: Requests, layer: int, number: int, size: BlockSize) -
             continue
         piece: bytes = answer.service_data.parameter_records or b""
         if not piece:
-            raise TransferError(f"the {requests.name} brings an empty one: {what}")
+            raise TransferError(f"the {requests.name} sent an empty block: {what}")
         if attempt == 0:
             size.went_through()
         return piece
-    raise LinkTimeout(f"the {requests.name} does not bring it in {TRIES} tries: {what}; look at cables and termination")
+    raise LinkTimeout(f"the {requests.name} sent nothing in {TRIES} tries: {what}; check cables and termination")
 
 
 def _block_size(requests: Requests, what: str, answer: Any) -> BlockSize:
     most = answer.service_data.max_length
     if most <= BLOCK_HEAD:
-        raise TransferError(f"the {requests.name} takes blocks of {most} bytes, {BLOCK_HEAD} are their head: {what}")
+        raise TransferError(
+            f"the {requests.name} takes blocks of {most} bytes, expected more than {BLOCK_HEAD}, their head: {what}"
+        )
     return BlockSize(most)
 
 
 def _within(requests: Requests, what: str, service: Callable[..., Any], *arguments: object, tries: int = TRIES) -> Any:
-    """A request in the middle of a transfer: a refusal that says that the two ends differ is a TransferError."""
+    """Request in the middle of a transfer: a refusal because the two ends differ becomes a TransferError."""
     try:
         return requests.request(what, service, *arguments, tries=tries)
     except NodeRefused as error:

@@ -1,4 +1,4 @@
-"""The kind `hardware.mapped`: a rig with frames and services of its own, bound to the contract by a mapping file."""
+"""Component kind `hardware.mapped`: a rig with its own frames and services, bound to the contract by a mapping file."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ _STATE = Struct(">Iii")  # job, layers printed, layers scanned
 
 
 class Mapped:
-    """Printer, profiler or both, as the mapping has steps for them; a step of the loop lasts until they are done.
+    """Printer, profiler or both, by the steps of the mapping; a step of the loop lasts until they are done.
 
-    rig: its bus settings and folder; mapping: path of the mapping file. Raises ScenarioError with every fault of the
+    rig: its bus settings and folder; mapping: path of the mapping file. Raises ScenarioError with every error of the
     file; the errors of its steps are `HardwareError`s.
     """
 
@@ -66,14 +66,14 @@ class Mapped:
         self._pattern = np.zeros(shape, np.int32)
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
-        """Open the bus and do the steps of the start; commands count from the present one."""
+        """Open the bus and make the steps of the start; commands count from the present one."""
         self._bus = MappedBus(self._rig.settings, self._rig.folder, self._mapping, self._rig.session, self._rig.job)
         self._printed, self._scanned = int(inputs.get(LAYER_COMMAND, np.asarray(0))), -1
         self._do("start", self._mapping.tables.start, self._printed)
         return self._outputs()
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
-        """Print the layer that is commanded, then scan the one that is new. ComponentError for a wrong command."""
+        """Print the commanded layer, then scan the new one. ComponentError for a wrong command."""
         self._open.take()
         tables = self._mapping.tables
         if tables.profiler and self._scanned < 0:
@@ -85,7 +85,7 @@ class Mapped:
         return self._outputs()
 
     def terminate(self) -> None:
-        """Give the adapter back."""
+        """Release the adapter."""
         bus, self._bus = self._bus, None
         if bus is not None:
             bus.close()
@@ -95,21 +95,21 @@ class Mapped:
         return _STATE.pack(self._rig.job, self._printed, self._scanned) + self._height.tobytes() + self._valid.tobytes()
 
     def restore(self, saved: bytes) -> None:
-        """Go on after a layer; that the rig still holds it is for its owner to see to. ComponentError for no state."""
+        """Resume after a layer; the rig must still hold it. ComponentError for an invalid state."""
         cells = self._height.size
         try:
             job, self._printed, self._scanned = _STATE.unpack_from(saved)
             height = np.frombuffer(saved, np.float64, cells, _STATE.size)
             valid = np.frombuffer(saved, np.bool_, cells, _STATE.size + height.nbytes)
         except (StructError, ValueError) as error:
-            raise ComponentError(f"what is to be restored is no state of this rig ({error})") from error
+            raise ComponentError(f"the saved state is not one of this rig ({error})") from error
         self._rig.job = job
         self._height, self._valid = height.reshape(self._height.shape).copy(), valid.reshape(self._valid.shape).copy()
 
     @property
     def _open(self) -> MappedBus:
         if self._bus is None:
-            raise ComponentError("the bus is not open: initialize comes first")
+            raise ComponentError("the bus is not open: call initialize first")
         return self._bus
 
     def _unit(self, name: str) -> str:
@@ -129,7 +129,7 @@ class Mapped:
             self._scanned = newest
 
     def _do(self, what: str, steps: Sequence[Step], layer: int) -> None:
-        """All steps of something, in order."""
+        """Make steps in order; `what` names them in log and errors."""
         fields = {"job": self._rig.job, "layer": layer, "nx": self._job.nx, "ny": self._job.ny}
         for place, step in enumerate(steps, 1):
             LOG.info("%s: step %d of %d (%s)", what, place, len(steps), step.do)
@@ -158,7 +158,7 @@ class Mapped:
             if not found.startswith(expected):
                 raise TransferError(
                     f"{bus.peer(step.peer).name} answers routine 0x{step.routine:04X} with "
-                    f"{found.hex(' ') or 'nothing'}, expected {expected.hex(' ')}; look at the rig before going on"
+                    f"{found.hex(' ') or 'nothing'}, expected {expected.hex(' ')}; check the rig before you continue"
                 )
         elif isinstance(step, Read):
             self._read(step, number(step.expected, fields))
@@ -190,7 +190,7 @@ class Mapped:
             if time.monotonic() > until:
                 raise LinkTimeout(
                     f"identifier 0x{step.identifier:04X} of {peer.name} was not {expected} within "
-                    f"{step.limit_s:g} s; it says {data.hex(' ')}"
+                    f"{step.limit_s:g} s; it is {data.hex(' ')}"
                 )
             time.sleep(POLL)
 

@@ -1,4 +1,4 @@
-"""The bus of a rig of one's own: frames by its DBC, services of its peers, and nothing that it does not know."""
+"""The bus of a mapped rig: frames by its DBC and services of its peers; other frames are ignored."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from inkloop_hardware.protocol.codec import COUNTERS, Frame, Reading
 KEEP_ALIVE_PERIOD_S = 0.02
 PAUSE = 0.005
 KEPT = 4096
-"""Frames of one message that wait to be looked at."""
+"""Frames of one message that wait at most."""
 
 
 class MappedBus:
@@ -36,7 +36,7 @@ class MappedBus:
         self._known = {message.frame_id for message in self._codec.database.messages if not message.is_extended_frame}
         self._counters: dict[str, int] = {}
         self._enables = Enables.NONE
-        self._word_due = 0.0
+        self._keep_alive_due = 0.0
         answers = [answer for _, answer in mapping.ids.values()]
         self._bus = BusConnection(replace(settings, traffic_log=log), session, job, answers)
         self._peers = {
@@ -45,26 +45,26 @@ class MappedBus:
         }
 
     def peer(self, name: str) -> Peer:
-        """Who answers services under this name."""
+        """The peer with this name."""
         return self._peers[name]
 
     def send(self, message: str, values: Mapping[str, float | str]) -> None:
-        """One frame, with the next counter where the message is supervised."""
+        """Send one frame, with the next counter if the message is supervised."""
         counter = None
         if self._codec.data_id(message) is not None:
             counter = self._counters[message] = (self._counters.get(message, -1) + 1) % COUNTERS
         self.send_frames([self._codec.encode(message, values, counter)])
 
     def send_frames(self, frames: Sequence[Frame]) -> None:
-        """Frames in this order."""
+        """Send frames in this order."""
         self._bus.send(frames)
 
     def take(self) -> None:
-        """Says that the loop lives, where somebody listens, and reads what came in. BusError when the bus is gone."""
+        """Keep the heartbeat alive, if the mapping has one, and read the received frames. BusError if it failed."""
         self._bus.check()
         now = time.monotonic()
-        if self._heartbeat and now >= self._word_due:
-            self._word_due = now + KEEP_ALIVE_PERIOD_S
+        if self._heartbeat and now >= self._keep_alive_due:
+            self._keep_alive_due = now + KEEP_ALIVE_PERIOD_S
             self._bus.send_keep_alive(self._enables)
         while self._bus.others:
             _, frame = self._bus.others.popleft()
@@ -72,16 +72,16 @@ class MappedBus:
                 self._read(frame)
 
     def forget(self) -> None:
-        """What came in until now is old."""
+        """Discard the frames received so far."""
         self.take()
         self.inbox.clear()
 
     def wait(
         self, message: str, signal: str, expected: float | str, limit_s: float, unless: float | str | None = None
     ) -> None:
-        """Until a frame of the inbox says so; those of its message before it are old then.
+        """Wait until a frame of the inbox has the expected value; earlier frames of its message are discarded.
 
-        LinkTimeout with what was said last, HardwareError at once when a frame says `unless`.
+        LinkTimeout with the last value, HardwareError at once when a frame has the value `unless`.
         """
         until = time.monotonic() + limit_s
         while True:
@@ -89,19 +89,19 @@ class MappedBus:
             waiting = self.inbox.get(message, deque())
             while waiting:
                 reading = waiting.popleft()
-                if self._says(reading, signal, expected):
+                if self._has(reading, signal, expected):
                     return
-                if unless is not None and self._says(reading, signal, unless):
-                    raise HardwareError(f"{message}.{signal} is {unless}, expected {expected}; look at the rig")
+                if unless is not None and self._has(reading, signal, unless):
+                    raise HardwareError(f"{message}.{signal} is {unless}, expected {expected}; check the rig")
             if time.monotonic() > until:
                 last = self.readings.get(message)
-                said = f"it says {self._told(last, signal)}" if last else "no frame of it came in"
-                raise LinkTimeout(f"{message}.{signal} was not {expected} within {limit_s:g} s; {said}")
+                found = f"it is {self._value(last, signal)}" if last else "no frame of it was received"
+                raise LinkTimeout(f"{message}.{signal} was not {expected} within {limit_s:g} s; {found}")
             time.sleep(PAUSE)
 
     @contextmanager
     def enabled(self, names: Sequence[str]) -> Iterator[None]:
-        """Enables of the heartbeat for one step; on leaving, whatever happened, nothing is enabled."""
+        """Enable outputs for one step; nothing is enabled after it, even after an error."""
         if not names:
             yield
             return
@@ -114,7 +114,7 @@ class MappedBus:
             self._bus.send_keep_alive(self._enables)
 
     def close(self) -> None:
-        """Gives the adapter back."""
+        """Release the adapter."""
         self._bus.close()
 
     def receive(self, identifier: int, wait_s: float) -> bytes | None:
@@ -124,26 +124,26 @@ class MappedBus:
     def _read(self, frame: Frame) -> None:
         try:
             reading = self._codec.decode(frame)
-        except FrameError:  # of another length or out of its limits: says nothing that could be believed
+        except FrameError:  # of another length or out of its limits: no usable value
             return
         if reading.intact:
             self.readings[reading.message] = reading
             self.inbox.setdefault(reading.message, deque(maxlen=KEPT)).append(reading)
 
-    def _says(self, reading: Reading, signal: str, expected: float | str) -> bool:
+    def _has(self, reading: Reading, signal: str, expected: float | str) -> bool:
         if signal not in reading.values:
             return False
         if isinstance(expected, str):
-            return self._codec.word(reading.message, signal, reading.values[signal]) == expected
+            return self._codec.choice(reading.message, signal, reading.values[signal]) == expected
         return abs(reading.values[signal] - expected) <= 1e-9 * max(1.0, abs(expected))
 
-    def _told(self, reading: Reading, signal: str) -> str:
+    def _value(self, reading: Reading, signal: str) -> str:
         value = reading.values.get(signal, float("nan"))
-        return self._codec.word(reading.message, signal, value) or f"{value:g}"
+        return self._codec.choice(reading.message, signal, value) or f"{value:g}"
 
 
 class _Wire:
-    """One peer at the other end of the bus."""
+    """The way to one peer over the bus."""
 
     def __init__(self, bus: MappedBus, answer: int) -> None:
         self._bus, self._answer = bus, answer

@@ -1,4 +1,4 @@
-"""Templates, patterns and height maps as the bytes of a rig of one's own, as its mapping file says."""
+"""Bytes of templates, patterns and height maps for a mapped rig, by its mapping file."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from inkloop_hardware.errors import TransferError
 from inkloop_hardware.mapped.mapping_tables import CELLS, METRES, MapTable, PatternTable
 
 FIELDS = ("job", "layer", "nx", "ny")
-"""What templates may name."""
+"""Fields of templates."""
 UNFIT = (LookupError, ValueError, AttributeError, TypeError)
-"""What `str.format` raises for a template that names or asks for something else."""
+"""Errors of `str.format` for a template with another field or format."""
 
 
 def number(template: int | str, fields: Mapping[str, int]) -> int:
-    """A number, or what a template such as "{layer}" comes to. Raises ValueError for what is neither."""
+    """A number, or the value of a template such as "{layer}". Raises ValueError for anything else."""
     try:
         return template if isinstance(template, int) else int(template.format(**fields), 0)
     except UNFIT as error:
@@ -27,7 +27,7 @@ def number(template: int | str, fields: Mapping[str, int]) -> int:
 
 
 def hexadecimal(template: str, fields: Mapping[str, int]) -> bytes:
-    """The bytes of a template such as "01 {layer:04x}". Raises ValueError for what gives none."""
+    """The bytes of a template such as "01 {layer:04x}". Raises ValueError for an invalid one."""
     try:
         return bytes.fromhex(template.format(**fields))
     except UNFIT as error:
@@ -40,7 +40,7 @@ def pattern_bytes(pattern: NDArray[Any], table: PatternTable, fields: Mapping[st
     """Header and cells of a pattern (nx, ny). Raises ValueError for a material that the bits do not hold."""
     highest = int(pattern.max(initial=0))
     if highest >= 1 << table.bits or int(pattern.min(initial=0)) < 0:
-        raise ValueError(f"the pattern has material {highest}, too much for {table.bits} bit a cell; take bits = 2")
+        raise ValueError(f"the pattern has material {highest}, too much for {table.bits} bit per cell; set bits = 2")
     lines = np.ascontiguousarray(pattern if table.fastest == "y" else pattern.T).astype(np.uint8)
     places = np.arange(table.bits) if table.bit_order == "lsb" else np.arange(table.bits)[::-1]
     bits = (lines[..., np.newaxis] >> places.astype(np.uint8)) & 1

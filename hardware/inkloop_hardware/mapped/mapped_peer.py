@@ -1,4 +1,4 @@
-"""Services of somebody on the bus of a rig of one's own: UDS over ISO-TP, as the standard has them."""
+"""Services of a peer on the bus of a mapped rig: standard UDS over ISO-TP."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ P2_STAR = 6.0
 """Seconds between two "still busy" (0x78)."""
 NEGATIVE, POSITIVE = 0x7F, 0x40
 ECHOED = {0x22: slice(1, 3), 0x31: slice(1, 4), 0x36: slice(1, 2)}
-"""Bytes of a request that its positive answer begins with again."""
+"""Bytes of a request that its positive answer repeats."""
 
 
 class Peer:
-    """Services of one peer. What can be done twice is repeated where no answer comes; a routine never is."""
+    """Services of one peer. A request without an answer is repeated, except a routine."""
 
     def __init__(self, name: str, wire: Wire, request: int, answer: int, answer_s: float) -> None:
         self.name = f"{name} (0x{request:03X}, 0x{answer:03X})"
@@ -46,24 +46,24 @@ class Peer:
         return data
 
     def routine(self, routine: int, option: bytes, limit_s: float) -> bytes:
-        """0x31 01: the record of its answer. LinkTimeout means that nobody knows whether it was done."""
+        """0x31 01: the record of its answer. After LinkTimeout it is unknown whether the routine was done."""
         what = f"routine 0x{routine:04X} (0x31)"
         self._connection.deadline = self._wire.now() + limit_s
         try:
             answer = self._asked(what, lambda: self._client.start_routine(routine, option))
         except LinkTimeout as error:
-            raise LinkTimeout(f"{error}. Whether it was done is not known: look at the rig before going on") from error
+            raise LinkTimeout(f"{error}. Whether it was done is unknown: check the rig before you continue") from error
         finally:
             self._connection.deadline = None
         record: bytes = answer.service_data.routine_status_record
         return record
 
     def download(self, place: MemoryLocation, blob: bytes, crc: bool) -> None:
-        """0x34, 0x36, 0x37; from the beginning again where it breaks off."""
+        """0x34, 0x36, 0x37; after an error again from the beginning."""
         self._again("download (0x34, 0x36, 0x37)", lambda: self._download(place, blob, crc))
 
     def upload(self, place: MemoryLocation, size: int, crc: bool) -> bytes:
-        """0x35, 0x36, 0x37; from the beginning again where it breaks off."""
+        """0x35, 0x36, 0x37; after an error again from the beginning."""
         data: bytes = self._again("upload (0x35, 0x36, 0x37)", lambda: self._upload(place, size, crc))
         return data
 
@@ -89,9 +89,7 @@ class Peer:
         end: Any = self._client.request_transfer_exit()
         record = end.service_data.parameter_records
         if crc and record != zlib.crc32(data).to_bytes(4, "big"):
-            raise TransferError(
-                f"{self.name}: the checksum of what was uploaded differs; bytes were altered on the way"
-            )
+            raise TransferError(f"{self.name}: the checksum of the upload differs; bytes were altered on the way")
         return data
 
     def _again(self, what: str, ask: Callable[[], Any]) -> Any:
@@ -106,7 +104,7 @@ class Peer:
         try:
             return ask()
         except TimeoutException as error:
-            raise LinkTimeout(f"no answer of {self.name}: {what}; is it on, and are its ids those?") from error
+            raise LinkTimeout(f"no answer of {self.name}: {what}; is it powered, and are these its ids?") from error
         except NegativeResponseException as error:
             code, name = error.response.code or 0, error.response.code_name
             raise NodeRefused(f"{self.name} refuses: {what}: {name} (0x{code:02X})", code) from error

@@ -1,4 +1,4 @@
-"""Reads a mapping file and holds it against its DBC: every fault at once, each with its place."""
+"""Read a mapping file and check it against its DBC: all errors at once, each with its place."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ STANDARD_IDS = 0x800
 
 @dataclass(frozen=True)
 class RigMapping:
-    """A mapping without faults; ids: by peer those of its requests and of its answers."""
+    """A valid mapping; ids: of the requests to each peer and of its answers."""
 
     tables: MappingFile
     codec: Codec
@@ -48,7 +48,7 @@ class RigMapping:
 
 
 def load(path: Path, job: Job) -> RigMapping:
-    """The mapping for a job. Raises ScenarioError with every fault of the file."""
+    """The mapping for a job. Raises ScenarioError with every error of the file."""
     try:
         tables = MappingFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
@@ -68,7 +68,7 @@ def load(path: Path, job: Job) -> RigMapping:
 
 
 def factor(source: str, target: str) -> float | None:
-    """From one unit to another, None where they are not known to be of one quantity."""
+    """Factor from one unit to another, None if they are not known as units of one quantity."""
     if source == target:
         return 1.0
     for units in (METRES, SECONDS):
@@ -78,12 +78,12 @@ def factor(source: str, target: str) -> float | None:
 
 
 def resolved(value: Value, fields: Mapping[str, int]) -> float | str:
-    """A number or a word; a template is filled in. Raises ValueError for a template of something else."""
+    """A number or a name; a template is filled in. Raises ValueError for an invalid template."""
     return number(value, fields) if isinstance(value, str) and "{" in value else value
 
 
 class _Check:
-    """Collects the faults of tables that are each right by themselves."""
+    """Collects the errors of tables whose keys are valid one by one."""
 
     def __init__(self, tables: MappingFile, codec: Codec, fields: Mapping[str, int]) -> None:
         self.faults: list[str] = []
@@ -105,7 +105,7 @@ class _Check:
         self._needs()
 
     def _needs(self) -> None:
-        """What the contract's ports need."""
+        """Check that the ports of the contract have their steps and tables."""
         tables = self._tables
         downloads = _count(tables.printer, Download)
         uploads = _count(tables.profiler, Upload)
@@ -150,7 +150,7 @@ class _Check:
             self.faults.append(f"{place}: {error}")
 
     def _signal(self, place: str, message: str, signal: str, **values: Value | None) -> str | None:
-        """Unit of a signal in the DBC, None where there is none; values: by key what the file says that it may be."""
+        """Unit of a signal in the DBC, None for an unknown signal; values: expected ones by key of the file."""
         found = self._message(place, message)
         if found is None:
             return None
@@ -158,12 +158,12 @@ class _Check:
             self.faults.append(f"{place}: signal is {signal!r}; {_nearest(signal, self._signals(found))}")
             return None
         described = found.get_signal_by_name(signal)
-        words = [str(word) for word in (described.choices or {}).values()]
+        names = [str(choice) for choice in (described.choices or {}).values()]
         for key, value in values.items():
             if isinstance(value, str) and "{" in value:
                 self._try(f"{place}: {key}", number, value)
-            elif isinstance(value, str) and value not in words:
-                self.faults.append(f"{place}: {key} is {value!r}; {_nearest(value, words)}")
+            elif isinstance(value, str) and value not in names:
+                self.faults.append(f"{place}: {key} is {value!r}; {_nearest(value, names)}")
         return described.unit or "1"
 
     def _message(self, place: str, name: str) -> Message | None:
@@ -211,7 +211,7 @@ class _Check:
 def _address(end: int, template: int | str, fields: Mapping[str, int]) -> int:
     found = number(template, fields)
     if not 0 <= found < end:
-        raise ValueError(f"0x{found:X}; expected 0 to 0x{end - 1:X}, as address_bytes has it")
+        raise ValueError(f"0x{found:X}; expected 0 to 0x{end - 1:X} by address_bytes")
     return found
 
 
@@ -220,15 +220,15 @@ def _count(steps: Iterable[Step], kind: type) -> int:
 
 
 def _nearest(found: str, known: Iterable[str]) -> str:
-    words = sorted(known)
-    close = difflib.get_close_matches(found, words, 2)
+    names = sorted(known)
+    close = difflib.get_close_matches(found, names, 2)
     if close:
         return f"did you mean {' or '.join(close)}?"
-    return f"known: {', '.join(words)}" if words else "there is none"
+    return f"known: {', '.join(names)}" if names else "there is none"
 
 
 def _sentence(detail: ErrorDetails) -> str:
-    """One fault of the tables by themselves."""
+    """Message of one error of pydantic."""
     place = ".".join(str(part + 1) if isinstance(part, int) else part for part in detail["loc"])
     if detail["type"] == "missing":
         return f"{place} is missing; add it"

@@ -1,4 +1,4 @@
-"""The tables of a mapping file: how the layer contract is brought to a rig with frames and services of its own."""
+"""Tables of a mapping file, which binds the layer contract to a rig with its own frames and services."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Bytes = Annotated[int, Field(ge=1, le=8)]
 Limit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Value = int | Finite | str
-"""A number, a word of the signal's value table, or a template of a number such as "{layer}"."""
+"""A number, a name of the signal's value table, or a template of a number such as "{layer}"."""
 
 CELLS = {"int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
 METRES = {name: SUFFIXES["m"][name.replace("µ", "u")] for name in ("nm", "um", "µm", "mm", "m")}
@@ -22,13 +22,13 @@ SECONDS = SUFFIXES["s"]
 
 
 class Table(BaseModel):
-    """No key but those that are named."""
+    """Base of all tables: other keys than the declared ones are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
 class Peer(Table):
-    """`[peers.NAME]`: somebody who answers services over ISO-TP, normal addressing, 11-bit ids."""
+    """`[peers.NAME]`: a device that answers services over ISO-TP, normal addressing, 11-bit ids."""
 
     request: int | str = Field(description="id of requests to it, or the name of that message in the DBC")
     answer: int | str = Field(description="id of its answers, or the name of that message in the DBC")
@@ -46,7 +46,7 @@ class PatternTable(Table):
 
 
 class MapTable(Table):
-    """`[map]`: a height map as bytes: header, a number for each cell, then perhaps a bit for each: valid."""
+    """`[map]`: a height map as bytes: header, a number for each cell, then optionally a bit for each valid cell."""
 
     header: str = Field(default="", description="hexadecimal template; the map must begin with it")
     cell: Literal["int16", "uint16", "int32", "uint32", "float32", "float64"] = "int16"
@@ -101,7 +101,7 @@ class RoutineStep(StepBase):
 
 
 class Read(StepBase):
-    """0x22 again and again, until a number in the answer is what it is to be."""
+    """0x22, repeated until a number in the answer has its expected value."""
 
     do: Literal["read"]
     peer: str
@@ -120,7 +120,7 @@ class Send(StepBase):
 
 
 class Wait(StepBase):
-    """Until a frame that came in since something was last done says what it is to say."""
+    """Wait until a frame received since the last action has the expected value."""
 
     do: Literal["wait"]
     message: str

@@ -1,7 +1,7 @@
-"""Physical values to CAN frames and back, as a DBC says it.
+"""Conversion of physical values to CAN frames and back, by a DBC.
 
-The DBC is the only place of ids, scales, units and limits. A message with the attribute `E2EDataId` is supervised: its
-signals `Crc8` and `Counter` are the codec's own, by AUTOSAR E2E profile 1. They find damage; they make nothing safe.
+The DBC is the only place of ids, scales, units and limits. A message with the attribute `E2EDataId` is supervised: the
+codec fills its signals `Crc8` and `Counter` by AUTOSAR E2E profile 1. They detect damage; they make nothing safe.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True)
 class Reading:
-    """What a frame says: physical values by signal, in the units of the DBC.
+    """Content of a frame: physical values by signal, in the units of the DBC.
 
     `counter` is None for a message that is not supervised. `intact` is False, and `values` empty, when the check byte
     is wrong.
@@ -51,7 +51,7 @@ class Reading:
 
 
 class Codec:
-    """Encodes and decodes by one DBC."""
+    """Encodes and decodes frames by one DBC."""
 
     def __init__(self, path: Path = BENCH_DBC) -> None:
         try:
@@ -66,12 +66,12 @@ class Codec:
 
     @property
     def protocol_version(self) -> int | None:
-        """Version of the DBC, None if it says none."""
+        """Version of the protocol in the DBC, None if it has none."""
         attribute = self.database.dbc.attributes.get("ProtocolVersion") if self.database.dbc else None
         return None if attribute is None else int(attribute.value)
 
     def message(self, name: str) -> Message:
-        """Its description; FrameError for a name that the DBC does not have."""
+        """Description of a message; FrameError for a name that the DBC does not have."""
         if name not in self._by_name:
             raise FrameError(f"no message {name!r} in the DBC; it has {', '.join(sorted(self._by_name))}")
         return self._by_name[name]
@@ -98,20 +98,20 @@ class Codec:
     def encode(self, name: str, values: Mapping[str, float | str], counter: int | None = None) -> Frame:
         """The frame of a message.
 
-        values: every signal but those of supervision, in the units of the DBC, or a word of its value table.
+        values: every signal but those of supervision, in the units of the DBC, or a name of its value table.
         counter: 0 to 14 for a supervised message, None for any other.
         Raises FrameError for a value that is missing, unknown, not finite or out of its limits.
         """
         message, data_id = self.message(name), self.data_id(name)
         expected = {signal.name for signal in message.signals} - (SUPERVISION_SIGNALS if data_id else set())
-        faults = [f"has no signal {extra!r}" for extra in sorted(set(values) - expected)]
+        errors = [f"has no signal {extra!r}" for extra in sorted(set(values) - expected)]
         if not message.is_multiplexed():
-            faults += [f"lacks a value for {missing!r}" for missing in sorted(expected - set(values))]
+            errors += [f"lacks a value for {missing!r}" for missing in sorted(expected - set(values))]
         if (counter is not None) != (data_id is not None) or (counter is not None and not 0 <= counter < COUNTERS):
             needed = f"needs a counter of 0 to {COUNTERS - 1}" if data_id else "takes no counter"
-            faults.append(f"{needed}, found {counter}")
-        if faults:
-            raise FrameError(f"message {name} " + ", ".join(faults))
+            errors.append(f"{needed}, found {counter}")
+        if errors:
+            raise FrameError(f"message {name} " + ", ".join(errors))
         raw = {signal: _raw(message, signal, value) for signal, value in values.items()}
         if data_id is None or counter is None:
             return Frame(message.frame_id, self._encode_raw(message, raw))
@@ -120,10 +120,10 @@ class Codec:
         return Frame(message.frame_id, bytes(data))
 
     def decode(self, frame: Frame) -> Reading:
-        """What a frame says.
+        """The content of a frame.
 
         Raises FrameError for an unknown id, a wrong length, or an undamaged value out of its limits. A wrong check byte
-        raises nothing: who supervises must count it (`e2e_monitor`).
+        raises nothing: the supervision counts it (`e2e_monitor`).
         """
         message = self._by_id.get(frame.arbitration_id)
         if message is None:
@@ -144,8 +144,8 @@ class Codec:
         }
         return Reading(message.name, values, counter)
 
-    def word(self, name: str, signal: str, value: float) -> str | None:
-        """The word of a value in the signal's value table, None if there is none."""
+    def choice(self, name: str, signal: str, value: float) -> str | None:
+        """The name of a value in the signal's value table, None if it has none."""
         choices = self.message(name).get_signal_by_name(signal).choices
         return str(choices[int(value)]) if choices and int(value) in choices else None
 
@@ -184,11 +184,11 @@ def _raw(message: Message, name: str, value: float | str) -> float:
     """The number on the wire: rounded, halves away from zero as C's round() does."""
     signal = message.get_signal_by_name(name)
     if isinstance(value, str):
-        words = {str(word): number for number, word in (signal.choices or {}).items()}
-        if value not in words:
-            expected = f"one of {', '.join(words)}" if words else "a number"
+        numbers = {str(choice): number for number, choice in (signal.choices or {}).items()}
+        if value not in numbers:
+            expected = f"one of {', '.join(numbers)}" if numbers else "a number"
             raise FrameError(f"message {message.name}: {name} is {value!r}, expected {expected}")
-        return words[value]
+        return numbers[value]
     half_step = 0.0 if signal.is_float or (signal.scale == 1 and signal.offset == 0) else abs(signal.scale) / 2
     _checked(message, signal, value, slack=half_step * (1 - 1e-9))
     if signal.is_float:

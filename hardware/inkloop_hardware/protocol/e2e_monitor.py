@@ -1,7 +1,7 @@
-"""What a receiver makes of the check bytes and counters of one supervised message.
+"""Monitor of the check bytes and counters of one supervised message.
 
-Two bad frames among the last five, and the sender counts as missing, until fewer than two of the last five are bad.
-Silence is not seen here: who waits for the frame has a clock. `firmware/can/e2e_monitor.c` keeps the same laws.
+With two bad frames among the last five the sender counts as missing, until fewer than two of the last five are bad.
+Silence is not detected here: that needs a clock. `firmware/can/e2e_monitor.c` follows the same rules.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ from enum import IntEnum
 from inkloop_hardware.protocol.codec import COUNTERS
 
 WINDOW = 5
-"""Frames that are looked back at."""
+"""Frames that count for the verdict."""
 BAD_LIMIT = 2
-"""So many bad ones among them, and the sender counts as missing."""
+"""Bad frames among them from which on the sender counts as missing."""
 LOST_MAX = 2
-"""So many frames may be lost in a row: at the third cycle the sender is missing anyway."""
+"""Frames that may be lost in a row: at the third cycle the sender is missing anyway."""
 STUCK_AFTER = 3
-"""So many repeats in a row make a stuck counter."""
+"""Repeats in a row that make a stuck counter."""
 
 
 class Verdict(IntEnum):
-    """On one frame; from REPEATED on it is a bad one."""
+    """Verdict on one frame; from REPEATED on the frame is bad."""
 
     FIRST = 0
-    """nothing to compare with"""
+    """no earlier frame to compare with"""
     GOOD = 1
     """the next counter"""
     LOST = 2
@@ -36,7 +36,7 @@ class Verdict(IntEnum):
     JUMPED = 4
     """any other counter; the next frame is compared with it"""
     DAMAGED = 5
-    """wrong check byte or a counter of 15; the next frame is compared with the one before it"""
+    """wrong check byte or a counter of 15; the next frame is compared with the last undamaged one"""
 
     @property
     def bad(self) -> bool:
@@ -58,7 +58,7 @@ class E2eMonitor:
     _bad: deque[bool] = field(default_factory=lambda: deque(maxlen=WINDOW))
 
     def take(self, intact: bool, counter: int) -> Verdict:
-        """Takes note of one received frame."""
+        """Take one received frame; the verdict on it."""
         verdict = self._judge(intact, counter)
         if verdict is not Verdict.DAMAGED:
             self._last = counter
@@ -69,7 +69,7 @@ class E2eMonitor:
 
     @property
     def trusted(self) -> bool:
-        """Whether the sender can be believed: an undamaged frame came, and few of the last ones were bad."""
+        """Whether the sender can be trusted: an undamaged frame came, and few of the last ones were bad."""
         return self._last is not None and sum(self._bad) < BAD_LIMIT
 
     def _judge(self, intact: bool, counter: int) -> Verdict:

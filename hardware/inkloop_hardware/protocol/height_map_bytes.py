@@ -1,4 +1,4 @@
-"""A height map as it crosses the bus: signed 16-bit steps about a datum, and a bit per cell for valid ones.
+"""Bytes of a height map on the bus: signed 16-bit steps relative to a datum, and one bit per valid cell.
 
 The bytes are described on the page of the node's services; the C side is `height_map.c`.
 """

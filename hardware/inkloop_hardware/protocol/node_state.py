@@ -1,4 +1,4 @@
-"""What the identifiers of a node (service 0x22) say, as records.
+"""Records of the identifiers of a node (service 0x22).
 
 Big-endian layouts of `firmware/node/services.h` and `journal.h`. Times are in s of the node's own clock since its
 power-up; 0 for an event that has not happened.
@@ -35,7 +35,7 @@ class Identifier(IntEnum):
 
 
 class Roles(IntFlag):
-    """What a node is."""
+    """Devices of a node."""
 
     HEAD = 1
     STAGE = 2
@@ -44,10 +44,10 @@ class Roles(IntFlag):
 
 
 class Flags(IntFlag):
-    """What else is to be known of a node."""
+    """Conditions of a node."""
 
     NEEDS_OPERATOR = 1
-    """clear is refused unless a person is behind it"""
+    """clear is refused unless a person asks for it"""
     STOPPED = 2
     """a stop request is active"""
     PATTERN_LOADED = 4
@@ -57,18 +57,18 @@ class Flags(IntFlag):
 
 
 class LayerFlags(IntFlag):
-    """What is remembered of the open layer besides its passes."""
+    """State of the open layer besides its passes."""
 
     ABANDONED = 1
     """it is not to be finished"""
     CURE_UNKNOWN = 2
     """a cure was given up midway and not repeated yet"""
     ACKNOWLEDGED = 4
-    """a person knows of the unknown step"""
+    """a person has acknowledged the unknown step"""
 
 
 class Step(IntEnum):
-    """What a node is doing, or a record of its journal is about."""
+    """Step that a node makes, or that a record of its journal is about."""
 
     NONE = 0
     HOME = 1
@@ -81,7 +81,7 @@ class Step(IntEnum):
 
 
 class Happening(IntEnum):
-    """What a record of the journal says."""
+    """Event of a record of the journal."""
 
     BOOT = 1
     PATTERN = 2
@@ -93,7 +93,7 @@ class Happening(IntEnum):
 
 @dataclass(frozen=True)
 class NodeState:
-    """A node, what it remembers of its layer, and what it is doing.
+    """State of a node, its newest layer and its present step.
 
     passes: of the layer, 0 if it has no pattern; done, unknown, cured: a bit per pass; pattern_crc: CRC-32 of the
     layer's pattern as transferred; gate_pulses: since power-up.
@@ -137,7 +137,7 @@ class NodeState:
 
 @dataclass(frozen=True)
 class NodeTimes:
-    """When the node saw or did what its interlocks are about [s of its clock]."""
+    """Times of the events that its interlocks watch [s of its clock]."""
 
     now: float
     master_alive: float
@@ -155,7 +155,7 @@ class NodeTimes:
 
 @dataclass(frozen=True)
 class NodeLimits:
-    """What a node bears: `pattern_bytes` of packed cells, `block` bytes of a transfer block, longest times [s]."""
+    """Limits of a node: `pattern_bytes` of packed cells, `block` bytes of a transfer block, longest times [s]."""
 
     pattern_bytes: int
     alive: float
@@ -190,7 +190,7 @@ class MapSize:
 
 @dataclass(frozen=True)
 class TransferState:
-    """How far a transfer has come: the block that is expected, bytes that went through, of how many."""
+    """Progress of a transfer: the expected block, the bytes transferred, of how many."""
 
     active: bool
     upload: bool
@@ -209,7 +209,7 @@ class TransferState:
 
 @dataclass(frozen=True)
 class JournalRecord:
-    """One record; `number` counts up over the node's whole life, the rest is the book as it was then."""
+    """One record; `number` counts up over the node's whole life, the rest is the state of the layer at that time."""
 
     number: int
     kind: Happening

@@ -1,4 +1,4 @@
-"""A pattern as it crosses the bus: a head, then packed cells, run-length coded where that is shorter.
+"""Bytes of a pattern on the bus: a head, then packed cells, run-length coded if that is shorter.
 
 The bytes are described on the page of the node's services; the C side is `pattern.c`.
 """
@@ -59,7 +59,7 @@ class PatternBytes:
 def run_length(cells: NDArray[np.uint8]) -> bytes:
     """Packed cells with runs of three and more coded as runs.
 
-    A byte c < 128 stands before c + 1 bytes as they are, any other before one byte that stands c - 126 times.
+    A byte c < 128 precedes c + 1 literal bytes, any other one byte that is repeated c - 126 times.
     """
     if cells.size == 0:
         return b""

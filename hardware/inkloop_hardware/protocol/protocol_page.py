@@ -1,4 +1,4 @@
-"""The tables of docs/reference/can-protocol.md, written from the DBC.
+"""Write the tables of docs/reference/can-protocol.md from the DBC.
 
 python -m inkloop_hardware.protocol.protocol_page docs/reference/can-protocol.md
 """
@@ -36,7 +36,7 @@ def tables(codec: Codec) -> str:
     return "\n".join(lines) + "\n"
 
 
-def renewed(page: str, codec: Codec) -> str:
+def with_tables(page: str, codec: Codec) -> str:
     """The page with its tables rewritten; ValueError without the two marks around them."""
     if page.count(BEGIN) != 1 or page.count(END) != 1:
         raise ValueError(
@@ -80,4 +80,4 @@ def _signal_row(signal: Signal, alike: list[Message]) -> str:
 
 if __name__ == "__main__":
     place = Path(sys.argv[1])
-    place.write_text(renewed(place.read_text("utf-8"), Codec()), encoding="utf-8")
+    place.write_text(with_tables(place.read_text("utf-8"), Codec()), encoding="utf-8")

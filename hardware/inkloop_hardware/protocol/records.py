@@ -1,4 +1,4 @@
-"""The frames of the bench as typed records, in SI units.
+"""Typed records of the frames of the bench, in SI units.
 
 One class per layout of `inkloop.dbc`; a field is the signal of the same name (`pass_mask` is `PassMask`). Lengths are
 in m, times in s, shares 0 to 1; temperatures stay in degC, pressures in Pa, irradiance in W/m2.
@@ -61,7 +61,7 @@ class NodeStatus:
 
 @dataclass(frozen=True)
 class NodeFault:
-    """A fault came, changed or went; `node_time` s by the node's own clock."""
+    """Begin, change or end of a fault; `node_time` s by the node's own clock."""
 
     message: ClassVar[str] = "Fault"
     node: Node
@@ -162,7 +162,7 @@ def pack(codec: Codec, record: Record, counter: int | None = None) -> Frame:
 def unpack(codec: Codec, reading: Reading) -> Record:
     """Record of an intact reading; FrameError for a damaged one, or where no record belongs to its message."""
     if not reading.intact:
-        raise FrameError(f"message {reading.message} is damaged: its check byte is wrong, so it says nothing")
+        raise FrameError(f"message {reading.message} is damaged: its check byte is wrong, so it has no content")
     if reading.message not in KINDS:
         raise FrameError(f"message {reading.message} has no record; those with one are {', '.join(sorted(KINDS))}")
     kind, node = KINDS[reading.message]
@@ -176,7 +176,7 @@ def unpack(codec: Codec, reading: Reading) -> Record:
         except ValueError as error:
             raise FrameError(
                 f"message {reading.message}: {signal} is {value:g}, which version {codec.protocol_version} of the "
-                f"protocol does not know; does the node speak a newer one?"
+                f"protocol does not know; does the node use a newer one?"
             ) from error
     record: Record = kind(**found)
     return record

@@ -1,4 +1,4 @@
-"""What can be asked of a node: routines, their keys and outcomes, and the words of its refusals.
+"""Services of a node: routines, their keys and outcomes, and the messages of its refusals.
 
 The numbers are those of `firmware/node/uds.h`; docs/reference/node-services.md explains them.
 """
@@ -31,7 +31,7 @@ class ClearOption(IntFlag):
     """Option of the routine `clear`: 0 is the plain one."""
 
     OPERATOR = 1
-    """a person is there and releases the node"""
+    """a person is present and releases the node"""
     ABANDON = 2
     """the open layer is given up; needs OPERATOR"""
 
@@ -46,20 +46,20 @@ class Station(IntEnum):
 
 
 class Outcome(IntEnum):
-    """What a node says of a routine with a key."""
+    """Outcome of a routine with a key."""
 
     DONE = 0
     DONE_BEFORE = 1
     """nothing was changed"""
     UNDER_WAY = 2
     UNKNOWN = 3
-    """begun, and nobody knows how far it came: scan before anything more is jetted"""
+    """begun, and its progress is unknown: scan before anything more is jetted"""
     NEVER = 4
 
 
 @dataclass(frozen=True)
 class Key:
-    """What a routine is to happen to, and the how manieth try it is; the same key is never done twice.
+    """Identifies a step and its attempt; the same key is never done twice.
 
     job: 32 bits; layer: counted from 1, 16 bits; pass_: counted from 0; attempt: 1 for the first try.
     """
@@ -87,30 +87,30 @@ REFUSALS = {
     0x12: "it does not know the subfunction; does it run other firmware?",
     0x13: "the request has a length that it does not expect; does it run other firmware?",
     0x21: "it is busy with another step; wait for that step to end",
-    0x22: "it is off, not enabled, not ready, not homed, its gate is not confirmed, or a person is needed: look at its "
+    0x22: "it is off, not enabled, not ready, not homed, its gate is not confirmed, or a person is needed: check its "
     "state and clear it, home the stage, wait for ink temperature and back pressure",
-    0x24: "this is not what comes next: its journal says what was done; compare job, layer and pass",
-    0x26: "it began and gave up: its state and cause say why",
+    0x24: "it expects another step or layer: its journal holds what was done; compare job, layer and pass",
+    0x26: "it began and gave up: see its state and cause",
     0x31: "it has no such routine, layer, option or pattern: compare its limits, roles and the size of the grid",
     0x70: "nothing can be transferred with this node",
-    0x71: "it was sent more bytes than announced; begin the transfer anew",
-    0x72: "the checksum differs: bytes were altered on the way; look at cables and termination",
-    0x73: "another block comes next; begin the transfer anew",
+    0x71: "it was sent more bytes than announced; begin the transfer again",
+    0x72: "the checksum differs: bytes were altered on the way; check cables and termination",
+    0x73: "it expects another block; begin the transfer again",
     0x78: "it is still busy",
 }
 """Negative response codes of docs/reference/node-services.md: what is wrong and what to do."""
 
 
 UNREADABLE = (InvalidResponseException, UnexpectedResponseException, NotImplementedError)
-"""What udsoncan raises for an answer that is none; the last one for numbers of more than 64 bits."""
+"""Errors of udsoncan for an invalid answer; the last one for numbers of more than 64 bits."""
 NEGATIVE, POSITIVE = 0x7F, 0x40
 ECHOED = {0x22: slice(1, 3), 0x36: slice(1, 2)}
-"""Bytes of a request that its positive answer begins with again."""
+"""Bytes of a request that its positive answer repeats."""
 ROUTINE_CONTROL, KEY_AT, KEY_ECHO = 0x31, slice(4, 12), slice(5, 13)
 
 
 class Bytes(udsoncan.DidCodec):
-    """An identifier as its bytes."""
+    """Reads an identifier as its bytes."""
 
     def encode(self, value: bytes) -> bytes:
         """The same."""
@@ -125,7 +125,7 @@ class Bytes(udsoncan.DidCodec):
 
 
 def is_answer(request: bytes, message: bytes) -> bool:
-    """Whether a message answers this request, as far as its first bytes tell."""
+    """Whether a message answers this request, by its first bytes."""
     if message[:1] == bytes([NEGATIVE]):
         return message[1:2] == request[:1]
     if not message or message[0] != request[0] + POSITIVE:

@@ -1,4 +1,4 @@
-"""The words of the bus: who is on it, states, faults. The value tables of `inkloop.dbc` are the same."""
+"""Names of the protocol: nodes, states, faults. The value tables of `inkloop.dbc` are the same."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum, StrEnum
 
 
 class Node(StrEnum):
-    """Who is on the bus besides the master; the first word of its messages."""
+    """A node of the bench; its messages begin with its name."""
 
     HEAD = "Head"
     STAGE = "Stage"
@@ -31,7 +31,7 @@ class State(IntEnum):
 
 
 class Fault(IntEnum):
-    """Why a node is in SAFE or FAULT."""
+    """Cause of SAFE or FAULT."""
 
     NONE = 0
     MASTER_LOST = 1
@@ -50,7 +50,7 @@ class Fault(IntEnum):
 
 
 class Source(IntEnum):
-    """Who asks for a stop."""
+    """Sender of a stop request."""
 
     NONE = 0
     OPERATOR = 1

@@ -1,1 +1,1 @@
-"""Recorded traffic as a bench."""
+"""Replay of recorded traffic as a bench."""

@@ -1,6 +1,6 @@
-"""What the nodes answered in a recorded run: requests with their answers, patterns and maps as wholes.
+"""Exchanges of a recorded run: requests with their answers, patterns and maps as wholes.
 
-Retries, late answers and "still busy" are gone: what is left is what both sides went by.
+Retries, late answers and "still busy" are removed: the rest is what both sides acted on.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ OF_A_LAYER = frozenset({Routine.PASS, Routine.CURE, Routine.SCAN, Routine.MOVE})
 
 @dataclass
 class Asked:
-    """A request of the master as it went out; answer: what it took, None for nothing; at: index of the last frame."""
+    """A request of the master; answer: the one it accepted, None without one; at: index of the last frame."""
 
     node: Node
     request: bytes
@@ -37,7 +37,7 @@ class Asked:
 class Exchange:
     """A request and its answer; of a pattern or a map also all its bytes and the answer to its end.
 
-    answer: nothing for a step that was not asked for again: the node was lost, or the master.
+    answer: empty for a step that was not requested again: the node was lost, or the master.
     """
 
     node: Node
@@ -49,12 +49,12 @@ class Exchange:
 
     @property
     def is_of_a_layer(self) -> bool:
-        """Whether the part depends on it: what is left out or comes otherwise makes another print."""
+        """Whether the part depends on it: a missing or a different one makes another print."""
         return self.request[0] in (DOWNLOAD, UPLOAD) or is_step(self.request)
 
 
 def exchanges(seen: Sequence[Seen], codec: Codec) -> list[Exchange]:
-    """All that were answered, in the order of their ends. A transfer that was begun anew at once is left out."""
+    """All answered exchanges, in the order of their ends, without transfers that were restarted at once."""
     asked = list(_asked(seen, codec))
     by_node = ([one for one in asked if one.node is node and one.request[0] != TESTER_PRESENT] for node in Node)
     found = [exchange for of_one in by_node for exchange in _folded(of_one)]
@@ -86,7 +86,7 @@ def _asked(seen: Iterable[Seen], codec: Codec) -> Iterator[Asked]:
 
 @dataclass
 class _Transfer:
-    """A pattern or a map that is under way."""
+    """An unfinished transfer of a pattern or a map."""
 
     begin: Asked
     found: bytearray = field(default_factory=bytearray)
@@ -94,7 +94,7 @@ class _Transfer:
     """a block of a pattern without an answer, which may have arrived"""
 
     def take(self, one: Asked) -> None:
-        """A block, or what the node says about how far it has come."""
+        """Take a block, or the answer of the node about the progress of the transfer."""
         if one.request[0] == BLOCK and self.begin.request[0] == DOWNLOAD:
             self.unsure = b"" if one.answer else one.request[2:]
             self.found += one.request[2:] if _is_good(one) else b""
@@ -106,16 +106,16 @@ class _Transfer:
             self.unsure = b""
 
     def ended(self, one: Asked) -> Exchange | None:
-        """The whole, if its end was good."""
-        said = (one.answer or b"")[1:5]
-        if not _is_good(one) or len(said) < 4 or unpack_from(">I", said)[0] != zlib.crc32(self.found):
+        """The whole transfer, if its end was confirmed."""
+        checksum = (one.answer or b"")[1:5]
+        if not _is_good(one) or len(checksum) < 4 or unpack_from(">I", checksum)[0] != zlib.crc32(self.found):
             return None
         answer, end = self.begin.answer or b"", one.answer or b""
         return Exchange(one.node, self.begin.request, answer, one.at, bytes(self.found), end)
 
 
 def _folded(asked: Sequence[Asked]) -> Iterator[Exchange]:
-    """Those of one node, the blocks of a transfer put together; what was lost and not asked for again at once, too."""
+    """Exchanges of one node, with the blocks of a transfer joined; lost ones too, if not requested again at once."""
     transfer: _Transfer | None = None
     for one, later in zip_longest(asked, asked[1:]):
         service = one.request[0]

@@ -1,7 +1,7 @@
-"""Nodes that answer as they did in a recorded run, and notice when they are asked for something else.
+"""Nodes that answer as in a recorded run, and detect requests that differ from it.
 
-What the part depends on must come in the order of the log: patterns, moves, passes, cures, scans and maps. Everything
-else may be asked for once more, or left out.
+Requests that the part depends on must come in the order of the log: patterns, moves, passes, cures, scans and maps. All
+others may be repeated or omitted.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from inkloop_hardware.replay.recorded_exchanges import (
 )
 
 CODED = 0x10
-SAID_BYTES = 16
+SHOWN_BYTES = 16
 
 
 @dataclass
 class _Transfer:
-    """A pattern or a map on its way, in whatever blocks; `done`: the bytes so far."""
+    """A transfer of a pattern or a map, in blocks of any size; `done`: the bytes so far."""
 
     whole: Exchange
     request: bytes
@@ -47,14 +47,14 @@ class _Transfer:
 class RecordedNodes:
     """The four nodes of a log. found: `exchanges` of it; log: named in errors. Raises BusError for a log of no run.
 
-    begins: indices of the frames with which a resumed run went on.
+    begins: indices of the first frames of resumed runs.
     """
 
     def __init__(self, found: Sequence[Exchange], log: Path, begins: Sequence[int] = ()) -> None:
         keys = (one.request[4:12] for one in found if one.request[0] == ROUTINE and len(one.request) >= 12)
         first = next(keys, None)
         if first is None:
-            raise BusError(f"{log}: no node was asked to do anything in it; is it the traffic of a run on a bench?")
+            raise BusError(f"{log}: contains no request to a node; is it the traffic of a run on a bench?")
         self.job = Key.of(first).job
         self.first = found[0].at
         self._found, self._log, self._begins = found, log, begins
@@ -63,7 +63,7 @@ class RecordedNodes:
         self._transfers: dict[Node, _Transfer] = {}
 
     def answer(self, node: Node, request: bytes) -> tuple[bytes, int]:
-        """The answer to a request, and the index of the frame of the log up to which time went on with it.
+        """The answer to a request, and the index of the frame of the log up to which it advances time.
 
         Raises ReplayDiffers, ReplayEnded, and NodeLost where the recorded run lost the node, or was resumed.
         """
@@ -89,7 +89,7 @@ class RecordedNodes:
         return found.answer, -1
 
     def _matching(self, node: Node, request: bytes) -> Exchange | None:
-        """The next of the log that answers it, without leaving out anything that the part depends on."""
+        """The next exchange of the log that answers it, without omitting one that the part depends on."""
         for one in self._found[self._next :]:
             if one.node is node and (one.request == request or _is_same_pattern(one, request)):
                 return one
@@ -99,7 +99,7 @@ class RecordedNodes:
 
     def _block(self, transfer: _Transfer, request: bytes) -> bytes:
         head = bytes([BLOCK + POSITIVE, request[1]])
-        if request[1:2] == transfer.last[1:2]:  # asked once more
+        if request[1:2] == transfer.last[1:2]:  # a repeat
             return transfer.last
         if transfer.request[0] == DOWNLOAD:
             transfer.done += request[2:]
@@ -122,7 +122,7 @@ class RecordedNodes:
         return transfer.whole.end
 
     def _difference(self, node: Node, request: bytes) -> HardwareError:
-        """What to say of a request that the log does not have next; a resumed run is gone on with where it was."""
+        """The error for a request that the log does not have next; at a resumed run the replay continues with that."""
         asked = f"the master asks the {described(node, request)}"
         expected = next((one for one in self._found[self._next :] if one.is_of_a_layer), None)
         before = self._found[self._next - 1].at if self._next else 0
@@ -131,34 +131,34 @@ class RecordedNodes:
             self._next = next(k for k, one in enumerate(self._found) if one.at >= resumed[0])
             return NodeLost(f"{self._log}: as in the recorded run, the master is interrupted here and resumed")
         if expected is None:
-            return ReplayEnded(f"{self._log} ends here: {asked}, and the recorded run has come no further")
+            return ReplayEnded(f"{self._log} ends here: {asked}, and the recorded run has no further request")
         pairs = enumerate(zip(request, expected.request, strict=False))
         at = next((at for at, (one, other) in pairs if one != other), min(len(request), len(expected.request)))
         return ReplayDiffers(
             f"{self._log}: {asked}, in the log comes the {described(expected.node, expected.request)}; their first "
-            f"differing byte is {at}: {request[:SAID_BYTES].hex(' ')}, in the log "
-            f"{expected.request[:SAID_BYTES].hex(' ')}"
+            f"differing byte is {at}: {request[:SHOWN_BYTES].hex(' ')}, in the log "
+            f"{expected.request[:SHOWN_BYTES].hex(' ')}"
         )
 
 
 def described(node: Node, request: bytes) -> str:
-    """A request in words: "head for pass of layer 7, pass 1"."""
+    """A request as part of a sentence: "head for pass of layer 7, pass 1"."""
     service, name = request[0], node.lower()
     if service == ROUTINE and len(request) >= 12:
         number = int.from_bytes(request[2:4], "big")
-        words = Routine(number).name.lower().replace("_", " ") if number in set(Routine) else f"routine {number:04X}"
-        return f"{name} for {words} of {Key.of(request[4:12])}"
+        routine = Routine(number).name.lower().replace("_", " ") if number in set(Routine) else f"routine {number:04X}"
+        return f"{name} for {routine} of {Key.of(request[4:12])}"
     if service in (DOWNLOAD, UPLOAD):
         return f"{name} to {'take the pattern' if service == DOWNLOAD else 'give the map'} of layer {_layer(request)}"
     if service == READ:
         number = int.from_bytes(request[1:3], "big")
         known = Identifier(number).name.lower() if number in set(Identifier) else "unknown"
         return f"{name} for identifier {number:04X} ({known})"
-    return f"{name} with {request[:SAID_BYTES].hex(' ')}"
+    return f"{name} with {request[:SHOWN_BYTES].hex(' ')}"
 
 
 def _is_same_pattern(one: Exchange, request: bytes) -> bool:
-    """A pattern of that layer, whatever its form and size: which bytes differ is told when they are here."""
+    """A pattern of that layer in any form and size: the bytes are compared at the end of the transfer."""
     is_download = one.request[0] == request[0] == DOWNLOAD and one.blob is not None
     return is_download and _layer(one.request) == _layer(request)
 

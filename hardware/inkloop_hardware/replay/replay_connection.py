@@ -1,7 +1,7 @@
-"""A bus that is not there: the nodes answer as they did in a recorded run.
+"""A bus connection without a bus: the nodes answer as they did in a recorded run.
 
-In place of `BusConnection` for `interface = "replay"`, with a traffic log as channel. Everything above it, devices,
-links, services and ISO-TP, is what runs on a bench. Time is that of the log, and nothing waits.
+It replaces `BusConnection` for `interface = "replay"`, with a traffic log as channel. Everything above it, devices,
+links, services and ISO-TP, is the same as on a bench. Time is that of the log, and nothing waits.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ INTERFACE = "replay"
 
 
 class ReplayConnection:
-    """Offers what `BusConnection` does. Raises BusError: no log, none of a run, ReplayDiffers, ReplayEnded.
+    """The interface of `BusConnection` on a traffic log. Raises BusError: no log, no log of a run, ReplayDiffers,
+    ReplayEnded.
 
-    job: that of the recorded run. What the master says besides its requests has no meaning here.
+    job: that of the recorded run. Frames of the master other than its requests have no meaning here.
     """
 
     def __init__(self, settings: BusSettings) -> None:
@@ -37,27 +38,27 @@ class ReplayConnection:
             raise BusError("a replay needs a traffic log: set bench.channel to a .blf or .asc file")
         self.settings = settings
         self.others: deque[tuple[float, Frame]] = deque()
-        self.words: deque[str] = deque()
-        self.away = ""
+        self.messages: deque[str] = deque()
+        self.disconnected = ""
         self.clock = 0.0
         codec = Codec()
         path = Path(settings.channel)
         parts = [read_traffic(part) for part in parts_of(path)]
         self._seen = [one for part in parts for one in part]
-        self._told = 0
+        self._passed = 0
         begins = list(accumulate(map(len, parts)))[:-1]
         self._nodes = RecordedNodes(exchanges(self._seen, codec), path, begins)
         self.job = self._nodes.job
         self._said_by = {codec.message(f"{node}{kind}").frame_id for node in Node for kind in ("Status", "Fault")}
         self._ends = {codec.request_id(node): _End(node, codec, self._answer) for node in Node}
         self._queues = {codec.answer_id(node): self._ends[codec.request_id(node)].sent for node in Node}
-        self._tell(self._nodes.first)
+        self._pass_on(self._nodes.first)
 
     def check(self) -> None:
-        """Nothing can be wrong with it."""
+        """A replay cannot fail here."""
 
     def send(self, frames: Sequence[Frame]) -> None:
-        """What the nodes make of these frames."""
+        """Pass frames to the nodes, which answer at once."""
         for frame in frames:
             self._ends[frame.arbitration_id].take(frame.data)
 
@@ -67,12 +68,12 @@ class ReplayConnection:
         return queue.popleft() if queue else None
 
     def send_keep_alive(self, enables: Enables) -> None:
-        """Nobody needs to hear it."""
+        """Nothing to keep alive."""
 
-    def say_stop(self, active: bool) -> None:
-        """Nobody needs to hear it."""
+    def send_stop(self, active: bool) -> None:
+        """Nothing to stop."""
 
-    def say_job(self, job: int) -> None:
+    def send_job(self, job: int) -> None:
         """The job of a replay is that of the log."""
 
     def close(self) -> None:
@@ -80,21 +81,21 @@ class ReplayConnection:
 
     def _answer(self, node: Node, request: bytes) -> bytes:
         answer, at = self._nodes.answer(node, request)
-        self._tell(at)
+        self._pass_on(at)
         return answer
 
-    def _tell(self, at: int) -> None:
-        """What the nodes said of themselves up to this frame of the log."""
-        while self._told <= at:
-            seen = self._seen[self._told]
+    def _pass_on(self, at: int) -> None:
+        """Move statuses and faults up to this frame of the log to `others`."""
+        while self._passed <= at:
+            seen = self._seen[self._passed]
             if seen.frame.arbitration_id in self._said_by:
                 self.others.append((seen.at, seen.frame))
             self.clock = seen.at
-            self._told += 1
+            self._passed += 1
 
 
 class _End:
-    """A node's end of ISO-TP; `sent`: data of its frames."""
+    """The ISO-TP of one node; `sent`: data of its frames."""
 
     def __init__(self, node: Node, codec: Codec, answer: Callable[[Node, bytes], bytes]) -> None:
         self.sent: deque[bytes] = deque()
@@ -105,7 +106,7 @@ class _End:
         self._stack = isotp.TransportLayerLogic(self._receive, self._send, address, params=PARAMETERS)
 
     def take(self, data: bytes) -> None:
-        """A frame of the master; what follows from it is sent at once."""
+        """Take a frame of the master; what follows from it is sent at once."""
         self._came.append(data)
         self._stack.process(0.0)
         while (request := self._stack.recv()) is not None:

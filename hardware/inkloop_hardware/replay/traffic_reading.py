@@ -1,4 +1,4 @@
-"""Frames of a traffic log, and the messages that ISO-TP made of them."""
+"""Frames of a traffic log, and the ISO-TP messages in them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Seen(NamedTuple):
 
 
 def parts_of(path: Path) -> list[Path]:
-    """A log and what resumed runs have put beside it: traffic.blf, traffic-2.blf, ..., as far as they are there."""
+    """A log and those of resumed runs in the same folder: traffic.blf, traffic-2.blf, ..., as far as they exist."""
     found = [path]
     while (later := path.with_stem(f"{path.stem}-{len(found) + 1}")).exists():
         found.append(later)
@@ -31,7 +31,7 @@ def parts_of(path: Path) -> list[Path]:
 
 
 def read_traffic(path: Path) -> list[Seen]:
-    """Standard data frames of a log, by time. BusError for a file that is no log, in words.
+    """Standard data frames of a log, by time. BusError for a file that is not a log.
 
     A sent frame is logged once it has left, so the answer to it may stand before it; its time is that before it left.
     """

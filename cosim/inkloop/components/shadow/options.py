@@ -24,7 +24,7 @@ _Limit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 class ShadowTable(BaseModel):
     """`[components.NAME]` with `kind = "Shadow"`; every other key is an option of the plant."""
 
-    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True, defer_build=True)
     plant: str = Field(default="LayerDeposition", description="kind of the deposition model")
     start: Literal["scan", "job"] = Field(
         default="scan",

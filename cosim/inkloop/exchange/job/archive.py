@@ -17,7 +17,7 @@ from inkloop.exchange.job.baking import Bake
 from inkloop.exchange.job.job_file import Section
 from inkloop.exchange.job.target_picture import target_picture
 from inkloop.fmu_writer import definition
-from inkloop.fmu_writer.archive import DEFINITION, described, pack, unpack
+from inkloop.fmu_writer.archive import DEFINITION, described, pack, read_definition, unpack
 from inkloop.fmu_writer.definition import ModelDefinition
 from inkloop.fmu_writer.description import Baked
 from inkloop.fmu_writer.documentation import with_section
@@ -63,11 +63,7 @@ def write(bake: Bake, fmi: Literal["2", "3"], out: Path, *, windows: bool = Fals
 
 def _sections(model: ModelDefinition, bake: Bake) -> list[Section]:
     own = Section(model, {name: np.asarray(value) for name, value in bake.own.items()})
-    return [own, *(Section(_definition(name), values) for name, values in bake.parts.values())]
-
-
-def _definition(model: str) -> ModelDefinition:
-    return definition.load(unpack(find_fmu(model))[DEFINITION].decode(), DEFINITION)
+    return [own, *(Section(read_definition(find_fmu(name)), values) for name, values in bake.parts.values())]
 
 
 def _section(bake: Bake) -> str:

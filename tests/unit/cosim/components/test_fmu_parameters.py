@@ -133,6 +133,7 @@ def test_any_fmu_file_is_a_component(tmp_path: Path) -> None:
     part.terminate()
 
 
+@pytest.mark.compiled
 def test_damaged_file_is_an_error_before_anything_runs(tmp_path: Path) -> None:
     path = build(tmp_path, 3)
     content = bytearray(path.read_bytes())

@@ -33,7 +33,7 @@ class Loop:
         while self.now < until - STEP / 2:
             self.now = round(self.now + STEP, 6)
             if word is not None:
-                self.heartbeat.word(self.now, word)
+                self.heartbeat.keep_alive(self.now, word)
             silent = self.heartbeat.silence(self.now)
             if silent is not None:
                 self.silences.append(silent)

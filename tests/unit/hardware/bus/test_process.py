@@ -51,7 +51,7 @@ def test_frames_cross_the_pipe_as_they_are(frames: list[Frame], now: float) -> N
 
 def test_message_that_is_cut_off_is_the_end() -> None:
     stream = Trickle()
-    write_message(stream, Kind.WORDS, b"some words")
+    write_message(stream, Kind.MESSAGE, b"some words")
     for length in range(len(stream.taken)):
         assert read_message(io.BytesIO(stream.taken[:length])) is None
 
@@ -81,7 +81,7 @@ def test_reader_that_is_gone_ends_the_outbox_without_an_error() -> None:
     os.close(reading)
     outbox = Outbox(io.FileIO(writing, "w"))
     for _ in range(10):
-        outbox.put(Kind.WORDS, b"to nobody")
+        outbox.put(Kind.MESSAGE, b"to nobody")
     outbox.close()
     assert not outbox.is_writing
 

@@ -194,7 +194,7 @@ def test_full_queue_is_waited_for_and_the_same_frame_sent() -> None:
 def test_queue_that_stays_full_is_said_in_words_after_a_second() -> None:
     clock = Clock()
     adapter = Adapter(BusSettings("socketcan", "can0"), Full(1 << 30), monotonic=clock, sleep=clock.sleep)
-    with pytest.raises(BusError, match=r"socketcan on can0 takes no frame for 1 s.*terminated"):
+    with pytest.raises(BusError, match=r"socketcan on can0 accepts no frame for 1 s.*terminated"):
         adapter.send(Frame(0x20, b"\x05"))
     assert clock.now <= 1.0
 

@@ -224,7 +224,7 @@ def test_unknown_pass_asks_for_a_person_then_the_layer_is_cured_as_it_is() -> No
         nodes.raw(nodes.routine(node_bench.PASS, layer=1, which=2, option=b"\2", job=rig.job))
         nodes.tick(5)
         nodes.power_up(node_bench.HEAD)
-        with pytest.raises(NotReady, match=r"pass 3 of layer 1.*nobody knows.*inkloop device SCENARIO clear"):
+        with pytest.raises(NotReady, match=r"pass 3 of layer 1.*progress is unknown.*inkloop device SCENARIO clear"):
             started(Printer(FOUR, rig))
         rig.link(Node.HEAD).routine(Routine.CLEAR, Key(rig.job, 0), b"\1", limit_s=1)
         openings, pulses = nodes.counted(node_bench.GATE_OPENINGS), nodes.counted(node_bench.LAMP_PULSES)
@@ -244,13 +244,13 @@ def test_head_that_printed_something_else_since_is_refused_in_words() -> None:
         other = started(Printer(FOUR, NodeRig(nodes, job=8), cure_ms=5))
         print_layer(other, 1, full())
         again = started(Printer(FOUR, NodeRig(nodes, job=9), cure_ms=5))
-        with pytest.raises(ComponentError, match=r"layer 1 of job 8.* layer 1 of job 7.* anew"):
+        with pytest.raises(ComponentError, match=r"layer 1 of job 8.* layer 1 of job 7.*inkloop run"):
             again.restore(saved)
 
 
 @pytest.mark.parametrize("make", [Printer, Profiler])
 def test_bytes_that_are_no_state_are_refused_in_words(make: Callable[[Job, NodeRig], Component]) -> None:
-    with bench() as nodes, pytest.raises(ComponentError, match="is no state of this"):
+    with bench() as nodes, pytest.raises(ComponentError, match="the saved state is not one of this"):
         started(make(FOUR, NodeRig(nodes))).restore(b"abc")
 
 

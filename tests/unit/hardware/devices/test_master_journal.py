@@ -97,7 +97,7 @@ def test_full_disk_is_said_and_leaves_the_journal_whole(tmp_path: Path, monkeypa
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", full)
-        with pytest.raises(JournalError, match=r"No space left on device.*was not asked for"):
+        with pytest.raises(JournalError, match=r"No space left on device.*its step was not requested"):
             written.intend(Asked.PASS, Key(JOB, 2, 2))
     assert (tmp_path / JOURNAL_FILE).read_bytes() == before
     written.intend(Asked.PASS, Key(JOB, 2, 2))
@@ -231,7 +231,7 @@ def test_checkpoint_that_is_older_than_the_journal_is_refused_in_words(tmp_path:
         for layer in (1, 2):
             print_layer(first, layer)
         surface = nodes.surface.copy()
-        with pytest.raises(ComponentError, match=r"has begun layer 2 already.*put back from a copy"):
+        with pytest.raises(ComponentError, match=r"has begun layer 2 already.*restored from a copy"):
             print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)
         np.testing.assert_array_equal(nodes.surface, surface)
 
@@ -241,7 +241,7 @@ def test_checkpoint_of_another_job_is_refused_in_words(tmp_path: Path) -> None:
     with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
         saved = printer_of(tmp_path / "one", NodeRig(nodes, job=7)).save()
         other = printer_of(tmp_path / "other", NodeRig(nodes, job=8))
-        with pytest.raises(JournalError, match=r"journal of job 8, and the run was at job 7"):
+        with pytest.raises(JournalError, match=r"journal of job 8, expected job 7 of the run"):
             other.restore(saved)
 
 

@@ -13,7 +13,7 @@ from inkloop.component import Job
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.doctor.adapter_check import before_opening, configured, opened
 from inkloop_hardware.doctor.findings import Finding, Grade
-from inkloop_hardware.doctor.inquiry import ClockLook, Expected, NodeReport, assess, clock_rates
+from inkloop_hardware.doctor.inquiry import ClockReading, Expected, NodeReport, assess, clock_rates
 from inkloop_hardware.doctor.listening import Heard, judge, judge_bus
 from inkloop_hardware.doctor.self_test import try_gate_and_lamp
 from inkloop_hardware.protocol.codec import Codec, Frame
@@ -81,7 +81,7 @@ def test_rig_with_frames_of_its_own_has_no_fault_for_them() -> None:
 
 
 def test_missing_nodes_are_named() -> None:
-    assert heard_errors(heard(without=(Node.CURE, Node.STAGE)))["nodes"].startswith("stage and cure said nothing")
+    assert heard_errors(heard(without=(Node.CURE, Node.STAGE)))["nodes"].startswith("stage and cure sent nothing")
 
 
 def test_error_frames_and_malformed_lines_point_at_the_wires() -> None:
@@ -101,8 +101,8 @@ def test_lost_frames_are_a_fault_where_they_are_many() -> None:
         found.take(0.1 * number, pack(CODEC, status(Node.CURE), (number + number // 15) % 15), CODEC)
     said = [finding for finding in judge(found, CODEC) if finding.check == "supervision"]
     assert [(finding.grade, finding.found) for finding in said] == [
-        (Grade.ERROR, "head: 2 statuses were lost, 7 came in"),
-        (Grade.WARNING, "cure: 1 statuses were lost, 29 came in"),
+        (Grade.ERROR, "head: 2 statuses were lost, 7 received"),
+        (Grade.WARNING, "cure: 1 statuses were lost, 29 received"),
     ]
 
 
@@ -120,12 +120,12 @@ def test_wrong_check_byte_repeated_counter_and_jump_are_counted() -> None:
         found.take(0.1 * number, Frame(frame.arbitration_id, bytes([frame.data[0] ^ 1]) + frame.data[1:]), CODEC)
     said = [finding.found for finding in judge(found, CODEC) if finding.check == "supervision"]
     assert said[0].startswith("head: of its statuses 2 repeated, 1 jumped")
-    assert said[1] == "stage: of its statuses 5 damaged; it is not to be believed"
-    assert "cure said nothing" in heard_errors(found)["nodes"], "a damaged status is not silence"
+    assert said[1] == "stage: of its statuses 5 damaged; it cannot be trusted"
+    assert "cure sent nothing" in heard_errors(found)["nodes"], "a damaged status is not silence"
 
 
 def test_other_version_of_the_protocol_is_named_for_each_node() -> None:
-    assert heard_errors(heard(version=2))["protocol"].endswith("speaks version 2 of the protocol, this inkloop 1")
+    assert heard_errors(heard(version=2))["protocol"].endswith("has version 2 of the protocol, this inkloop 1")
 
 
 def test_state_that_our_protocol_does_not_have_is_said_in_words() -> None:
@@ -157,7 +157,7 @@ def told(node: Node = Node.HEAD) -> NodeReport:
     limits = NodeLimits(1000, 0.3, 10.0, 0.5, 120.0, 30.0, 60.0, 4095)
     record = JournalRecord(7, Happening.BOOT, Step.NONE, Key(0, 0), 1, 0, 0, 0, 0, 0, LayerFlags(0), 0.0)
     shape = (20, 20) if node is Node.PROFILER else None
-    clock = (ClockLook(5.0, 100.0, 100.01), ClockLook(6.0, 101.0, 101.01))
+    clock = (ClockReading(5.0, 100.0, 100.01), ClockReading(6.0, 101.0, 101.01))
     return NodeReport(node, "inkloop 0.1.0", state, limits, (record, replace(record, number=6)), shape, clock)
 
 
@@ -172,14 +172,14 @@ def test_node_that_is_well_has_no_fault() -> None:
 @pytest.mark.parametrize(
     ("one", "check", "words"),
     [
-        (replace(told(), clock=(told().clock[0], ClockLook(6.1, 101.0, 101.01))), "clock", "10% too fast"),
-        (replace(told(), clock=(told().clock[0], ClockLook(0.2, 101.0, 101.01))), "clock", "restarted"),
+        (replace(told(), clock=(told().clock[0], ClockReading(6.1, 101.0, 101.01))), "clock", "10% too fast"),
+        (replace(told(), clock=(told().clock[0], ClockReading(0.2, 101.0, 101.01))), "clock", "restarted"),
         (replace(told(), state=replace(told().state, flags=Flags.JOURNAL_DAMAGED)), "states", "journal"),
         (replace(told(), state=replace(told().state, flags=Flags.STOPPED)), "states", "stop request"),
         (replace(told(), state=replace(told().state, roles=Roles.STAGE)), "states", "roles"),
         (replace(told(), limits=replace(told().limits, pattern_bytes=49)), "limits", "50 bytes, it has room for 49"),
         (replace(told(Node.PROFILER), map_shape=(30, 20)), "limits", "30 x 20 cells, the scenario 20 x 20"),
-        (replace(told(Node.CURE), limits=replace(told().limits, lamp=0.1)), "limits", "goes out after 100 ms"),
+        (replace(told(Node.CURE), limits=replace(told().limits, lamp=0.1)), "limits", "itself off after 100 ms"),
         (replace(told(), limits=replace(told().limits, alive=0.1)), "limits", "waits 100 ms for MasterAlive"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
@@ -194,7 +194,7 @@ def test_record_that_cannot_be_read_is_noted() -> None:
 
 
 def test_slow_answers_do_not_make_a_clock_wrong() -> None:
-    slowest, fastest = clock_rates(ClockLook(5.0, 100.0, 100.4), ClockLook(6.0, 101.0, 101.4))
+    slowest, fastest = clock_rates(ClockReading(5.0, 100.0, 100.4), ClockReading(6.0, 101.0, 101.4))
     assert slowest < 1 < fastest
 
 
@@ -245,7 +245,7 @@ def test_missing_driver_is_told_whatever_a_back_end_raises(error: Exception, mon
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (PermissionError(13, "Permission denied"), "right to it"),
+        (PermissionError(13, "Permission denied"), "access to it"),
         (OSError(16, "Device or resource busy"), "another program"),
         (OSError(19, "No such device"), "plugged in"),
     ],

@@ -9,7 +9,7 @@ import pytest
 from inkloop_hardware.errors import NodeLost, NodeStopped
 from inkloop_hardware.link import node_wire
 from inkloop_hardware.link.node_watch import NodeWatch
-from inkloop_hardware.link.node_wire import LAST_WORD, NodeWire
+from inkloop_hardware.link.node_wire import ANSWER_GRACE_S, NodeWire
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.records import NodeFault, NodeStatus
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
@@ -70,7 +70,7 @@ def test_node_that_falls_silent_ends_the_wait(bench: Bench) -> None:
     wire = wire_of(bench)
     wire.check()
     bench.now = 0.31
-    with pytest.raises(NodeLost, match=r"cure is silent for 0\.3 s"):
+    with pytest.raises(NodeLost, match=r"cure has been silent for 0\.3 s"):
         wire.check()
 
 
@@ -79,9 +79,9 @@ def test_node_that_falls_is_given_a_moment_to_say_so_itself(bench: Bench) -> Non
     bench.seen.take_fault(NodeFault(Node.CURE, Fault.GATE_NOT_CONFIRMED, 1, 3, 0.1))
     wire.check()
     bench.seen.take_status(0.1, replace(STATUS, state=State.FAULT, fault=Fault.GATE_NOT_CONFIRMED), 1)
-    bench.now = LAST_WORD
+    bench.now = ANSWER_GRACE_S
     wire.check()
-    bench.now = LAST_WORD + 0.01
+    bench.now = ANSWER_GRACE_S + 0.01
     with pytest.raises(NodeStopped, match=r"de-energised state \(gate not confirmed\).*clear") as caught:
         wire.check()
     assert caught.value.fault is Fault.GATE_NOT_CONFIRMED

@@ -290,7 +290,7 @@ def test_map_of_another_layer_is_refused_in_words(bench: NodeBench) -> None:
     with pytest.raises(NodeRefused, match="no map of layer 0"):
         link.upload(0)
     assert bench.scan(0) == 0
-    with pytest.raises(NodeRefused, match=r"0x24.*not what comes next") as caught:
+    with pytest.raises(NodeRefused, match=r"0x24.*expects another step or layer") as caught:
         link.upload(3)
     assert caught.value.code == 0x24
 

@@ -181,7 +181,7 @@ def test_cells_lie_as_the_table_says() -> None:
 
 
 def test_material_that_the_bits_do_not_hold_is_refused() -> None:
-    with pytest.raises(ValueError, match="the pattern has material 2, too much for 1 bit a cell; take bits = 2"):
+    with pytest.raises(ValueError, match="the pattern has material 2, too much for 1 bit per cell; set bits = 2"):
         pattern_bytes(np.full((6, 5), 2), PatternTable(), FIELDS)
 
 

@@ -156,9 +156,9 @@ def test_halves_are_rounded_away_from_zero_as_c_does() -> None:
 def test_words_of_the_value_table_are_taken_and_given() -> None:
     frame = CODEC.encode("StopRequest", {"Active": "ACTIVE", "Source": "MASTER"}, 0)
     assert CODEC.decode(frame).values == {"Active": 1, "Source": 2}
-    assert CODEC.word("StopRequest", "Source", 2) == "MASTER"
-    assert CODEC.word("StopRequest", "Source", 99) is None
-    assert CODEC.word("MasterAlive", "Job", 1) is None
+    assert CODEC.choice("StopRequest", "Source", 2) == "MASTER"
+    assert CODEC.choice("StopRequest", "Source", 99) is None
+    assert CODEC.choice("MasterAlive", "Job", 1) is None
 
 
 @pytest.mark.parametrize(

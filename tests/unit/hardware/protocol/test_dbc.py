@@ -15,7 +15,7 @@ from cantools.database.can import Message
 from inkloop_hardware.errors import FrameError
 from inkloop_hardware.protocol.c_codec import write_codec
 from inkloop_hardware.protocol.codec import BENCH_DBC, Codec
-from inkloop_hardware.protocol.protocol_page import renewed
+from inkloop_hardware.protocol.protocol_page import with_tables
 from inkloop_hardware.protocol.records import KINDS, SI, signal_name
 from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
 from support.places import ROOT
@@ -129,11 +129,11 @@ def test_generated_c_is_the_same_each_time_and_has_no_date(tmp_path: Path) -> No
 
 def test_page_is_what_the_dbc_says() -> None:
     page = (ROOT / "docs" / "reference" / "can-protocol.md").read_text("utf-8")
-    assert page == renewed(page, CODEC), (
+    assert page == with_tables(page, CODEC), (
         "run: python -m inkloop_hardware.protocol.protocol_page docs/reference/can-protocol.md"
     )
     with pytest.raises(ValueError, match="no single pair of lines"):
-        renewed("no marks", CODEC)
+        with_tables("no marks", CODEC)
 
 
 def test_stock_cantools_reads_a_log_of_the_bus() -> None:

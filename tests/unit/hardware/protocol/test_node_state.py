@@ -161,11 +161,11 @@ def test_fall_is_counted_once_whether_seen_in_status_or_fault_frame() -> None:
 @pytest.mark.parametrize(
     ("counters", "now", "words"),
     [
-        ([], 1.0, "never heard"),
+        ([], 1.0, "has sent no status"),
         ([0, 1, 2], 0.5, None),
         ([0, 1, 2], 0.501, "silent for 0.3 s"),
-        ([0, 0, 0, 0, 0, 0], 0.5, "not to be believed"),
-        ([0, 1, None, 3, None], 0.5, "not to be believed"),
+        ([0, 0, 0, 0, 0, 0], 0.5, "cannot be trusted"),
+        ([0, 1, None, 3, None], 0.5, "cannot be trusted"),
     ],
 )
 def test_node_counts_as_lost_when_silent_stuck_or_damaged(
