@@ -13,6 +13,7 @@ NAMES = (
     "deposition_models",
     "young_laplace",
     "remeshing",
+    "startup",
     "master",
     "scaling",
     "time_limit",

@@ -16,6 +16,7 @@ import numpy as np
 from rich.console import Group
 from rich.table import Table
 
+from inkloop.units import MS_PER_S
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.emulated_bench import EmulatedBench
@@ -87,7 +88,7 @@ def _reactions() -> Table:
     ):
         with EmulatedBench(TIMES_MS) as bench:
             settings = BusSettings("slcan", bench.channel, 500_000)
-            found = [1e3 * _reaction(settings, happen) for _ in range(REPEATS)]
+            found = [MS_PER_S * _reaction(settings, happen) for _ in range(REPEATS)]
         table.add_row(what, since, f"{median(found):.0f}", f"{max(found):.0f}", limit)
     return table
 

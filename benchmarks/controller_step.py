@@ -11,10 +11,10 @@ from rich.table import Table
 from benchmarks.timing import scaled
 from inkloop.component import FloatMap, Job
 from inkloop.components import catalog
+from inkloop.units import NS_PER_S
 from inkloop_controller.model.layer_model import LayerModel
 
 SIDES = (35, 100, 500)
-SECOND_NS = 1_000_000_000
 TARGET_M = 100e-6
 SURFACES = {"40 um to go": 52e-6, "nearly done": 92e-6}
 SHARES = (1.0, 0.5, 0.25)  # of the time that the plan takes by itself
@@ -49,10 +49,10 @@ def _step(job: Job, surface: FloatMap, limit: float) -> tuple[float, float]:
     controller = catalog.make("LayerController", job, {"time_limit_s": limit})
     try:
         controller.initialize(0, _scan(surface, 0))
-        first = controller.do_step(0, SECOND_NS, _scan(surface, 0))
+        first = controller.do_step(0, NS_PER_S, _scan(surface, 0))
         scan = _scan(LayerModel.of(job).layer(surface, first["pattern"]), 1)
         begin = perf_counter()
-        outputs = controller.do_step(SECOND_NS, SECOND_NS, scan)
+        outputs = controller.do_step(NS_PER_S, NS_PER_S, scan)
         return perf_counter() - begin, float(outputs["objective"])
     finally:
         controller.terminate()

@@ -10,8 +10,8 @@ from rich.table import Table
 from benchmarks.timing import scaled, seconds
 from inkloop.fmu import FmuComponent
 from inkloop.fmu_writer.export import find_fmu
+from inkloop.units import NS_PER_S
 
-SECOND_NS = 1_000_000_000
 CASES: dict[str, tuple[str, dict[str, object]]] = {
     "LayerDeposition": ("LayerDeposition", {}),
     "the same, reach 2": ("LayerDeposition", {"reach": 2, "h4_a": 1e-7, "h5_a": 5e-8, "h6_a": 2e-8}),
@@ -44,7 +44,7 @@ def _per_drop(model: str, parameters: dict[str, object], side: int) -> float:
         points = itertools.count()
 
         def step() -> None:
-            printer.do_step(next(points) * SECOND_NS, SECOND_NS, inputs)
+            printer.do_step(next(points) * NS_PER_S, NS_PER_S, inputs)
 
         def layer() -> None:
             command[...] += 1

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from benchmarks.bus_time import BusTime, bus_time
 from inkloop.component import Ink, Job
+from inkloop.units import KILO
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.devices.layer_steps import LayerSteps
 from inkloop_hardware.devices.readiness import make_ready
@@ -90,4 +91,4 @@ def _of_each(log: Path) -> tuple[BusTime, BusTime]:
 def _figures(size: int, took: float, limit: str, bus: BusTime) -> tuple[str, ...]:
     at_500, at_1000 = (bus.seconds(bitrate) for bitrate in (500e3, 1e6))
     times = (f"{mean:.2f} s ({worst:.2f})" for mean, worst in (at_500, at_1000))
-    return f"{size:,}", f"{took:.2f} s", limit, f"{size / took / 1e3:.0f}", f"{bus.frames:,}", *times
+    return f"{size:,}", f"{took:.2f} s", limit, f"{size / took / KILO:.0f}", f"{bus.frames:,}", *times

@@ -10,10 +10,10 @@ from rich.table import Table
 from benchmarks.timing import scaled, seconds
 from inkloop.fmu import FmuComponent
 from inkloop.fmu_writer.export import find_fmu
+from inkloop.units import NS_PER_S
 from support.numpy.lu_numpy import one_pass
 
 SIDES = (20, 50, 100, 200, 500, 1000, 2000)
-SECOND_NS = 1_000_000_000
 
 
 def measure() -> Table:
@@ -44,7 +44,7 @@ def _times(side: int) -> tuple[float, float, float]:
         points = itertools.count()
 
         def step() -> None:
-            printer.do_step(next(points) * SECOND_NS, SECOND_NS, inputs)
+            printer.do_step(next(points) * NS_PER_S, NS_PER_S, inputs)
 
         def layer() -> None:
             command[...] += 1

@@ -22,11 +22,11 @@ from inkloop.fmu_writer.export import export_fmu
 from inkloop.master.master import Master
 from inkloop.master.wiring import contract_connections
 from inkloop.results.recorder import Recorder
+from inkloop.units import NS_PER_S
 
 STEPS = 2000
 SIDE = 20
 SIDES = (20, 200, 1000)
-SECOND_NS = 1_000_000_000
 
 
 def measure() -> Group:
@@ -70,9 +70,9 @@ def _inkloop(path: Path) -> tuple[float, float]:
     """Seconds per step of our master with the FMU alone, and the master's own share."""
     printer = FmuComponent(path, parameters={"layer_period": 10.0}, structural={"nx": SIDE, "ny": SIDE})
     components = {"printer": printer, "held": _Ready(printer.inputs)}
-    master = Master(components, contract_connections(components), step_ns=SECOND_NS)
+    master = Master(components, contract_connections(components), step_ns=NS_PER_S)
     begin = perf_counter()
-    master.run(time_max_ns=STEPS * SECOND_NS)
+    master.run(time_max_ns=STEPS * NS_PER_S)
     return (perf_counter() - begin) / STEPS, master.wall_s["master"] / STEPS
 
 
@@ -95,7 +95,7 @@ def _fmpy(path: Path) -> float:
 
 
 def _libcosim(path: Path) -> float:
-    execution = CosimExecution.from_step_size(SECOND_NS)
+    execution = CosimExecution.from_step_size(NS_PER_S)
     slave = execution.add_local_slave(CosimLocalSlave(fmu_path=str(path), instance_name="printer"))
     references = {variable.name.decode(): variable.reference for variable in execution.slave_variables(slave)}
     execution.real_initial_value(slave, references["layer_period"], 10.0)
@@ -124,8 +124,8 @@ def _ready_maps(side: int) -> tuple[float, float]:
     }
     job = Job(side, side, 1e-4, np.zeros(grid), np.ones(grid, dtype=np.bool_))
     recorder = Recorder(job, components)
-    master = Master(components, contract_connections(components), step_ns=SECOND_NS, observers=[recorder])
-    master.run(time_max_ns=steps * SECOND_NS)
+    master = Master(components, contract_connections(components), step_ns=NS_PER_S, observers=[recorder])
+    master.run(time_max_ns=steps * NS_PER_S)
     return master.wall_s["master"] / steps, master.wall_s["observers"] / steps
 
 

@@ -18,12 +18,12 @@ from benchmarks.instances import nearly_flat, rough
 from benchmarks.naive_search import naive_search
 from benchmarks.planner import planned
 from benchmarks.timing import scaled
+from inkloop.units import M_PER_UM, UM_PER_M
 from inkloop_controller.core import bindings
 from inkloop_controller.model.starts import full_layers
 from inkloop_controller.model.symbolic_layer import symbolic_layer
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
 from inkloop_controller.program.program import HorizonProgram
-from inkloop_controller.program.statement import MICROMETRE
 from support.numpy.lu_numpy import one_pass
 
 LIMIT_S = 20.0  # for each problem
@@ -37,7 +37,6 @@ CASES = (
 )
 PAPERS_BATCH = 20  # flips tried together (assumed, as in StochasticGreedy)
 BONMIN_CELLS = 36  # it needs more than a minute for a grid as large (by trial)
-UM = 1e6
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,7 @@ def measure() -> Table:
         best = min(values.values())
         above = {each: f"+{value / best - 1.0:.2%}" if value < inf else "none" for each, value in values.items()}
         cells = [f"{above[each]}\n{times[each]}" if each in above else "-" for each in solvers]
-        table.add_row(name, f"{best * UM:.4f}", "-" if isnan(bound) else f"{1.0 - bound / best:.2%}", *cells)
+        table.add_row(name, f"{best * UM_PER_M:.4f}", "-" if isnan(bound) else f"{1.0 - bound / best:.2%}", *cells)
     return table
 
 
@@ -139,13 +138,13 @@ def _bonmin_plan(problem: HorizonProblem) -> IntPlan:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     opti, ink, shape = ca.Opti(), problem.kinds[0], problem.part.shape
     U, above, below = (opti.variable(*shape) for _ in range(3))
-    shares = [np.full(shape, height / MICROMETRE) for height in (ink.h1, ink.h2, ink.h3)]
-    H = symbolic_layer(ca.MX(problem.height / MICROMETRE), U, *shares)
+    shares = [np.full(shape, height / M_PER_UM) for height in (ink.h1, ink.h2, ink.h3)]
+    H = symbolic_layer(ca.MX(problem.height / M_PER_UM), U, *shares)
     opti.set_domain(U, "integer")
     opti.subject_to(opti.bounded(0, ca.vec(U), 1))
     for excess in (above, below):
         opti.subject_to(ca.vec(excess) >= 0)
-    opti.subject_to(ca.vec(H - problem.target / MICROMETRE - above + below) == 0)
+    opti.subject_to(ca.vec(H - problem.target / M_PER_UM - above + below) == 0)
     opti.minimize(ca.sum1(ca.vec(above + below)) / problem.part.size)
     opti.solver("bonmin", {"print_time": False})
     return np.round(np.reshape(opti.solve().value(U), (1, *shape))).astype(np.int32)

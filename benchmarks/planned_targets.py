@@ -14,12 +14,12 @@ from benchmarks.exhaustive import best_plan
 from benchmarks.instances import nearly_flat, recoverable, rough
 from benchmarks.planner import planned
 from benchmarks.target_table import Figure, table
+from inkloop.units import MEGA, UM_PER_M
 from inkloop_controller.core import bindings
 from inkloop_controller.model.starts import full_layers
 from inkloop_controller.problem.horizon_problem import HorizonProblem
 from inkloop_controller.program.program import HorizonProgram
 
-UM = 1e6
 FOUND_UM = 1e-9
 HIGHS_S = 20.0  # limit for each problem
 PAPERS_BATCH = 20  # flips tried together (assumed, as in StochasticGreedy)
@@ -69,7 +69,9 @@ def _recovery(side: int, layers: int, seeds: range, rise: float, must_s: float, 
 def _exhaustive(alpha: float) -> list[Figure]:
     """Objective above that of the best of all plans."""
     problems = [rough((3, 4), 2, seed, alpha) for seed in range(3)]
-    above = [_timed(problem)[0] - bindings.objective(problem, best_plan(problem)).value * UM for problem in problems]
+    above = [
+        _timed(problem)[0] - bindings.objective(problem, best_plan(problem)).value * UM_PER_M for problem in problems
+    ]
     return [Figure("above the best of all plans, um", above, FOUND_UM, FOUND_UM)]
 
 
@@ -79,8 +81,8 @@ def _highs(problems: Sequence[HorizonProblem]) -> list[Figure]:
     plans, bounds = [], []
     for problem in problems:
         found = HorizonProgram(problem, "highs", whole=True, seconds_max=HIGHS_S).solve(problem)
-        plans.append(bindings.objective(problem, np.round(found.droplets).astype(np.int32)).value * UM)
-        bounds.append(found.bound * UM)
+        plans.append(bindings.objective(problem, np.round(found.droplets).astype(np.int32)).value * UM_PER_M)
+        bounds.append(found.bound * UM_PER_M)
     return [
         Figure(
             f"above HiGHS's plan of {HIGHS_S:.0f} s, %", _above(ours, plans), 0.5, 0.2, papers=_above(papers, plans)
@@ -106,9 +108,9 @@ def _large(surface: Callable[[int], HorizonProblem]) -> list[Figure]:
     problem, piece = surface(2048), surface(PIECE)
     ours, searched = _timed(problem), _searched(problem)
     annealed = (
-        bindings.search(piece, full_layers(piece), sweeps_max=50, annealing_sweeps=ANNEALING).objective.value * UM
+        bindings.search(piece, full_layers(piece), sweeps_max=50, annealing_sweeps=ANNEALING).objective.value * UM_PER_M
     )
-    cells = problem.height.size / 1e6
+    cells = problem.height.size / MEGA
     return [
         Figure("objective, um", [ours[0]]),
         Figure("time per cell, us", [ours[1] / cells], 2.0, 1.0),
@@ -123,21 +125,21 @@ def _timed(problem: HorizonProblem) -> tuple[float, float]:
     """Objective [um] of our controller's plan, and the processor time it took [s]."""
     begin = process_time()
     plan = planned(problem)
-    return plan.objective.value * UM, process_time() - begin
+    return plan.objective.value * UM_PER_M, process_time() - begin
 
 
 def _searched(problem: HorizonProblem) -> tuple[float, float]:
     """The same of the search core alone, from full layers."""
     begin = process_time()
     found = bindings.search(problem, full_layers(problem), sweeps_max=50)
-    return found.objective.value * UM, process_time() - begin
+    return found.objective.value * UM_PER_M, process_time() - begin
 
 
 def _papers(problem: HorizonProblem) -> tuple[float, float]:
     """The same of the paper's search, from full layers."""
     begin = process_time()
     found = bindings.paper_search(problem, full_layers(problem), PAPERS_BATCH, 100_000, 0)
-    return found.objective.value * UM, process_time() - begin
+    return found.objective.value * UM_PER_M, process_time() - begin
 
 
 def _times(runs: Sequence[tuple[float, float]]) -> list[float]:

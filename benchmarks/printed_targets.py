@@ -17,15 +17,16 @@ from rich.table import Table
 from benchmarks.target_table import Figure, table
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
+from inkloop.units import UM_PER_M
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 OPEN_LOOP = "open loop"  # the comparison run of that name in the scenario
 FULL_LAYER_UM = 7.6  # a print that ends further off its height has run away (assumed)
 SHOWN = {
-    "mean_error": ("mean error, um", 1e6),
-    "mean_height": ("average height, um", 1e6),
-    "mae": ("mean absolute error, um", 1e6),
-    "std": ("standard deviation, um", 1e6),
+    "mean_error": ("mean error, um", UM_PER_M),
+    "mean_height": ("average height, um", UM_PER_M),
+    "mae": ("mean absolute error, um", UM_PER_M),
+    "std": ("standard deviation, um", UM_PER_M),
     "mismatch": ("geometry mismatch, %", 100.0),
 }
 """Name and scale of each metric in the table."""

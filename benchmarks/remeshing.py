@@ -12,6 +12,7 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial import ConvexHull
 
 from inkloop.studies.reproduce import finite_elements, square
+from inkloop.units import MS_PER_S, UM_PER_M
 
 PITCH_UM, RADIUS_UM, VOLUME_UM3, ELEMENT_UM, PER_PITCH = 42.3, 35.1999, 30e3, 5.0, 8
 RAYS, STEP = 64, 0.25
@@ -29,8 +30,8 @@ def measure() -> Table:
     for form in ("linear", "nonlinear"):
         by_elements, elements_s = _by_elements(form)
         surface, ours_s = square.printed(form, PER_PITCH, LAYERS)
-        apart = float(np.sqrt(np.mean((surface.over_grid * 1e6 - by_elements) ** 2)))
-        times = f"{PAPER_LAYER_S:g} s", f"{elements_s / LAYERS:.2f} s", f"{ours_s / LAYERS * 1e3:.0f} ms"
+        apart = float(np.sqrt(np.mean((surface.over_grid * UM_PER_M - by_elements) ** 2)))
+        times = f"{PAPER_LAYER_S:g} s", f"{elements_s / LAYERS:.2f} s", f"{ours_s / LAYERS * MS_PER_S:.0f} ms"
         ratios = f"{elements_s / ours_s:.0f} x", f"{PAPER_LAYER_S * LAYERS / ours_s:.0f} x"
         table.add_row(form, *times, *ratios, f"{apart:.2f} um")
     return table

@@ -18,6 +18,7 @@ from rich.table import Table
 from benchmarks.instances import nearly_flat
 from benchmarks.planner import planned
 from benchmarks.timing import scaled
+from inkloop.units import UM_PER_M
 
 SIDE_MAX = {1: 2048, 2: 1000, 3: 500}
 """By layers of the horizon: the next larger grid takes more than half a minute (by trial) and is left out."""
@@ -49,7 +50,7 @@ def measure() -> Table:
         table.add_row(
             f"{side} x {side}",
             str(layers),
-            f"{one['objective_m'] * 1e6:.4f}",
+            f"{one['objective_m'] * UM_PER_M:.4f}",
             scaled(one["time_s"]),
             scaled(one["time_s"] / side**2),
             f"{one['memory'] / side**2:.0f}" if side >= SIDE_OF_MEMORY else "-",

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from statistics import median
 from time import perf_counter
 
+from inkloop.units import MS_PER_S, NS_PER_S, US_PER_S
+
 
 def seconds(call: Callable[[], object], *, at_least_s: float = 0.2, rounds: int = 5) -> float:
     """Median time of one call [s] over rounds that each last long enough to be measured."""
@@ -25,7 +27,7 @@ def _round(call: Callable[[], object], repeats: int) -> float:
 
 def scaled(time_s: float) -> str:
     """A time in the unit that reads best."""
-    for unit, factor in (("s", 1.0), ("ms", 1e3), ("us", 1e6)):
+    for unit, factor in (("s", 1.0), ("ms", MS_PER_S), ("us", US_PER_S)):
         if time_s * factor >= 1.0:
             return f"{time_s * factor:.3g} {unit}"
-    return f"{time_s * 1e9:.3g} ns"
+    return f"{time_s * NS_PER_S:.3g} ns"

@@ -11,9 +11,9 @@ from rich.table import Table
 from benchmarks.timing import scaled
 from inkloop.fmu import FmuComponent
 from inkloop.fmu_writer.export import find_fmu
+from inkloop.units import NS_PER_S
 
 MODEL = "YoungLaplaceDeposition"
-SECOND_NS = 1_000_000_000
 PAPER_S = 900.0
 PAPER_DROPLET_S = {"linear": 1.19, "nonlinear": 8.33}
 """Their Table 2: elements of first order up to 5 um."""
@@ -45,7 +45,7 @@ def _printed(form: str, per_pitch: int, cells: int, side: int, layers: int) -> t
         printer.initialize(0, {**inputs, "layer_command": np.int32(0)})
         begin, fallbacks = process_time(), 0
         for layer in range(layers):
-            outputs = printer.do_step(layer * SECOND_NS, SECOND_NS, {**inputs, "layer_command": np.int32(layer + 1)})
+            outputs = printer.do_step(layer * NS_PER_S, NS_PER_S, {**inputs, "layer_command": np.int32(layer + 1)})
             fallbacks = int(outputs["fallbacks"])
         return process_time() - begin, fallbacks
     finally:

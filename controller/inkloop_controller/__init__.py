@@ -1,15 +1,15 @@
 """The layer controller of inkloop: prediction model, layer problem, estimator, baselines.
 
 `LayerMpc` plans the coming layers by model predictive control and answers with a `LayerPlan`, whose `PlanStatus` says
-how far it can be trusted; `Criterion`, `Work` and `DropletChoices` configure it. `HeightEstimator` makes an estimate of
-scans, `LayerModel` predicts a layer. `LayerController` puts a planner and an estimator into a loop, as a component.
+how far it can be trusted; `Criterion`, `Work` and `DropletChoices` configure it. `HeightEstimator` makes an `Estimate`
+of scans, `LayerModel` predicts a layer. `LayerController` puts a planner and an estimator into a loop, as a component.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from inkloop_controller.estimation.height_estimator import HeightEstimator
+    from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
     from inkloop_controller.layer_controller import LayerController
     from inkloop_controller.model.droplet_choices import DropletChoices
     from inkloop_controller.model.layer_model import LayerModel
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from inkloop_controller.problem.work import Work
 
 _MODULES = {
-    "inkloop_controller.estimation.height_estimator": ("HeightEstimator",),
+    "inkloop_controller.estimation.height_estimator": ("Estimate", "HeightEstimator"),
     "inkloop_controller.layer_controller": ("LayerController",),
     "inkloop_controller.model.droplet_choices": ("DropletChoices",),
     "inkloop_controller.model.layer_model": ("LayerModel",),
@@ -33,6 +33,7 @@ _MODULES = {
 __all__ = [
     "Criterion",
     "DropletChoices",
+    "Estimate",
     "HeightEstimator",
     "LayerController",
     "LayerModel",

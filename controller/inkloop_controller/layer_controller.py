@@ -10,13 +10,25 @@ from time import perf_counter
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Job, Port, Status, Values
+from inkloop.contract import (
+    DROP_LEVEL,
+    LAYER_COMMAND,
+    LAYER_UNKNOWN,
+    LAYERS_PRINTED,
+    LAYERS_SCANNED,
+    MEASURED_HEIGHT,
+    PATTERN,
+    STATUS,
+    VALID,
+    contract_ports,
+)
 from inkloop.errors import ComponentError
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.planning.layer_plan import Planner, PlanStatus
 from inkloop_controller.problem.horizon_problem import IntMap, IntPlan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _State:
     """All that a step leaves for the next one, and for the outputs."""
 
@@ -49,18 +61,9 @@ class LayerController:
     def __init__(self, job: Job, planner: Planner, estimator: HeightEstimator) -> None:
         shape = (job.nx, job.ny)
         self._job, self._planner, self._estimator = job, planner, estimator
-        self.inputs = (
-            Port("measured_height", "m", shape),
-            Port("valid", shape=shape, dtype="bool"),
-            Port("layers_scanned", dtype="int32", start=-1),
-            Port("layers_printed", dtype="int32"),
-            Port("layer_unknown", dtype="bool"),
-        )
+        self.inputs = contract_ports(shape, MEASURED_HEIGHT, VALID, LAYERS_SCANNED, LAYERS_PRINTED, LAYER_UNKNOWN)
         self.outputs = (
-            Port("pattern", shape=shape, dtype="int32"),
-            Port("drop_level", shape=shape, dtype="int32", start=1),
-            Port("layer_command", dtype="int32"),
-            Port("status", dtype="int32"),
+            *contract_ports(shape, PATTERN, DROP_LEVEL, LAYER_COMMAND, STATUS),
             Port("objective", "m"),
             Port("objective_error", "m"),
             Port("objective_deviation", "m"),
@@ -80,16 +83,16 @@ class LayerController:
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         """Start anew; the layers printed by now are the number that commands count from."""
-        self._state = _start(self._job, int(inputs["layers_printed"]))
+        self._state = _start(self._job, int(inputs[LAYERS_PRINTED]))
         return self._outputs()
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Answer a new scan of the layer commanded last. Raises ComponentError for heights that are not finite."""
         state = self._state
-        scanned, printed = int(inputs["layers_scanned"]), int(inputs["layers_printed"])
+        scanned, printed = int(inputs[LAYERS_SCANNED]), int(inputs[LAYERS_PRINTED])
         if state.status != Status.DONE and scanned == printed == state.layer_command and scanned > state.answered:
-            is_unknown = bool(inputs.get("layer_unknown", False))
-            self._answer(scanned, inputs["measured_height"], inputs["valid"], is_unknown)
+            is_unknown = bool(inputs.get(LAYER_UNKNOWN, False))
+            self._answer(scanned, inputs[MEASURED_HEIGHT], inputs[VALID], is_unknown)
         return self._outputs()
 
     def terminate(self) -> None:

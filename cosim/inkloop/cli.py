@@ -57,11 +57,8 @@ COMMANDS = (
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; 0 when it did what was asked, 1 when it could not, 130 when it was interrupted."""
     options = _parsed(list(sys.argv[1:] if arguments is None else arguments))
-    from rich.console import Console
-
-    console = Console(width=None if sys.stdout.isatty() else 120)
     try:
-        return int(options.command(options, console))
+        return int(options.command(options))
     except InkloopError as error:
         show_error(error, options)
         return 1

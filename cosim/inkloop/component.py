@@ -137,19 +137,6 @@ class Geometry(Protocol):
         """True where the point (x, y, z) lies in the part; the three broadcast against each other."""
 
 
-PASS_ORDERS: Mapping[int, tuple[int, ...]] = {1: (0, 1, 2, 3), 2: (0, 3, 1, 2)}
-"""pass_order -> colours 2 (i % 2) + j % 2 in the order they are jetted: raster, diagonal."""
-
-
-def pass_colours(passes: int, order: int, rotation: int, layer: int) -> tuple[int, ...]:
-    """Colours in the order in which layer `layer` (counted from 1) jets them; none in one pass."""
-    if passes == 1:
-        return ()
-    colours = PASS_ORDERS[order]
-    first = rotation * layer % len(colours)
-    return colours[first:] + colours[:first]
-
-
 @dataclass(frozen=True)
 class Ink:
     """Height that a droplet adds to its own cell, each side and each corner neighbour [m] (Lu et al. 2015, Table I)."""
@@ -164,7 +151,7 @@ class Ink:
         return self.h1 + 4.0 * self.h2 + 4.0 * self.h3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Job:
     """What is to be printed, as every component is told it.
 

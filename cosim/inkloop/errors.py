@@ -11,7 +11,11 @@ InkloopError
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from pathlib import Path
+
+_PACKAGES = ("inkloop", "inkloop_controller", "inkloop_hardware")
 
 
 class InkloopError(Exception):
@@ -46,3 +50,25 @@ class IdentificationError(InkloopError):
 
 class ResultError(InkloopError):
     """A run folder cannot be read or written."""
+
+
+def message_of(error: Exception) -> str:
+    """The message of an InkloopError; of any other exception its type, message and line in the user's own code."""
+    return str(error) if isinstance(error, InkloopError) else f"{type(error).__name__}: {error}{own_line(error)}"
+
+
+def own_line(error: Exception) -> str:
+    """The innermost line of the user's own code that an exception passed through, " (mine.py, line 12)"; "" if none.
+
+    The user's own is what belongs neither to inkloop nor to an installed library.
+    """
+    import sysconfig
+    import traceback
+
+    libraries = {f"{Path(folder)}{os.sep}" for folder in sysconfig.get_paths().values()}
+    place = ""
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        file, module = frame.f_code.co_filename, str(frame.f_globals.get("__name__"))
+        if not file.startswith((*libraries, "<")) and module.partition(".")[0] not in _PACKAGES:
+            place = f" ({Path(file).name}, line {line})"
+    return place

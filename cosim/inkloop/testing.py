@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import MEMBERS, Component, Job, Port, Values
+from inkloop.contract import COUNTERS, PATTERN, VALID
+from inkloop.units import M_PER_UM, NS_PER_S
 
-SECOND = 1_000_000_000
-COUNTERS = ("layers_printed", "layers_scanned", "layer_command")
 WALL_CLOCK = frozenset({"solve_time"})
 """Outputs that may differ between two runs of the same bits."""
 
@@ -71,7 +71,7 @@ def outputs_of_a_step_stay_as_they_were(make: Maker) -> None:
     """A later step does not write into arrays that an earlier one returned."""
     with _made(make, 1) as (part,):
         part.initialize(0, _starts(part))
-        given = [part.do_step(k * SECOND, SECOND, _inputs(part, k)) for k in range(2)]
+        given = [part.do_step(k * NS_PER_S, NS_PER_S, _inputs(part, k)) for k in range(2)]
         copies = [_copied(values) for values in given]
         _steps(part, 2, 2)
         _check_same(copies, given, "the same arrays two steps later")
@@ -84,7 +84,7 @@ def inputs_are_left_alone(make: Maker) -> None:
         inputs = _inputs(part, 0)
         for value in inputs.values():
             value.setflags(write=False)
-        part.do_step(0, SECOND, inputs)
+        part.do_step(0, NS_PER_S, inputs)
 
 
 def restored_component_goes_on_with_the_same_bits(make: Maker) -> None:
@@ -138,15 +138,15 @@ def _inputs(part: Component, k: int) -> dict[str, NDArray[Any]]:
 def _value(port: Port, k: int) -> NDArray[Any]:
     if port.name in COUNTERS:
         return np.asarray(k, port.dtype)
-    if port.name in ("valid", "pattern"):
+    if port.name in (VALID, PATTERN):
         return np.ones(port.shape, port.dtype)
     if port.dtype.startswith("float") and port.shape:
-        return np.linspace(0, 1e-6 * k, port.start_value().size, dtype=port.dtype).reshape(port.shape)
+        return np.linspace(0, M_PER_UM * k, port.start_value().size, dtype=port.dtype).reshape(port.shape)
     return port.start_value()
 
 
 def _steps(part: Component, first: int, count: int) -> list[Values]:
-    return [_copied(part.do_step(k * SECOND, SECOND, _inputs(part, k))) for k in range(first, first + count)]
+    return [_copied(part.do_step(k * NS_PER_S, NS_PER_S, _inputs(part, k))) for k in range(first, first + count)]
 
 
 def _copied(values: Values) -> Values:

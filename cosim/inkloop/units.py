@@ -1,15 +1,21 @@
-"""Keys that carry their unit: `pitch_um = 250` says the same as a pitch of 250e-6 m.
+"""Units of measurement: the only place with a factor between two of them.
 
-SI inside, units in names where a number crosses a file. Units are spelled as in FMI.
+SI inside. Where a number crosses a file, its key carries the unit: `pitch_um = 250` is a pitch of 250e-6 m. Units are
+spelled as in FMI.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
+from math import isclose
 
-import numpy as np
-
-from inkloop.suggest import nearest
+UM_PER_M, M_PER_UM = 1e6, 1e-6
+MM_PER_M, NM_PER_M, M_PER_PM = 1e3, 1e9, 1e-12
+PL_PER_M3 = 1e15
+NS_PER_S, S_PER_NS = 1_000_000_000, 1e-9
+US_PER_S, MS_PER_S, S_PER_MS = 1e6, 1e3, 1e-3
+KILO, MEGA = 1000, 1e6
+"""A value in the second unit times the factor is in the first; of counts, bits and bytes thousands and millions."""
 
 SUFFIXES: Mapping[str, Mapping[str, float]] = {
     "1/m": {"per_um": 1e6, "per_mm": 1e3, "per_m": 1.0},
@@ -29,6 +35,18 @@ UNITS: Mapping[str, tuple[str, float]] = {
 }
 """Unit in FMI spelling -> its SI unit and the factor to it."""
 
+BASE_UNITS: Mapping[str, Mapping[str, int]] = {
+    "1": {},
+    "1/m": {"m": -1},
+    "m": {"m": 1},
+    "m2": {"m": 2},
+    "m3": {"m": 3},
+    "s": {"s": 1},
+    "m/s": {"m": 1, "s": -1},
+    "rad": {"rad": 1},
+}
+"""SI unit -> exponents of the base units."""
+
 QUANTITIES = {
     "1/m": "an inverse length",
     "m": "a length",
@@ -40,12 +58,50 @@ QUANTITIES = {
 }
 
 
+class DefinedUnit(str):
+    """The name of a unit that an FMU defines itself: a value in it times `factor` is in the SI unit `si`."""
+
+    si: str
+    factor: float
+
+    def __new__(cls, name: str, si: str, factor: float) -> DefinedUnit:
+        """The name, with its definition."""
+        unit = super().__new__(cls, name)
+        unit.si, unit.factor = si, factor
+        return unit
+
+
+def defined_unit(name: str, exponents: Mapping[str, int], factor: float, offset: float) -> str:
+    """A unit as an FMU defines it (FMI 3.0, 2.4.3): base value = factor * value + offset.
+
+    exponents: of the base units kg, m, s, A, K, mol, cd, rad. The plain name where it means the same here. A unit with
+    an offset is a quantity of its own: a factor alone does not convert it.
+    """
+    powers = {base: power for base, power in exponents.items() if power}
+    product = ".".join(base + (f"{power}" if power != 1 else "") for base, power in powers.items())
+    si = next((si for si, own in BASE_UNITS.items() if own == powers), product)
+    if offset != 0.0:
+        si, factor = f"{name}, {factor:g} {si} and an offset", 1.0
+    known_si, known_factor = si_unit(name)
+    return name if si == known_si and isclose(factor, known_factor) else DefinedUnit(name, si, factor)
+
+
+def si_unit(unit: str) -> tuple[str, float]:
+    """The SI unit of the quantity and the factor to it; of an unknown unit itself."""
+    return (unit.si, unit.factor) if isinstance(unit, DefinedUnit) else UNITS.get(unit, (unit, 1.0))
+
+
+def is_known(unit: str) -> bool:
+    """Whether the unit is of one of the quantities above."""
+    return si_unit(unit)[0] in SUFFIXES
+
+
 def spellings(name: str, unit: str) -> dict[str, float]:
     """Keys under which a quantity may be written, each with its factor to `unit`.
 
     A number without a unit ("1"), or with one that has no suffix here, is written under its plain name in that unit.
     """
-    si, to_si = UNITS.get(unit, (unit, 1.0))
+    si, to_si = si_unit(unit)
     return {f"{name}_{suffix}": factor / to_si for suffix, factor in SUFFIXES.get(si, {}).items()} or {name: 1.0}
 
 
@@ -55,52 +111,18 @@ def unit_of(key: str, name: str, unit: str) -> tuple[str, float]:
     return suffix.replace("_per_", "/").replace("per_", "1/") or unit, spellings(name, unit)[key]
 
 
-def read_quantities(
-    found: Mapping[str, object], units: Mapping[str, str], other_keys: Iterable[str] = ()
-) -> tuple[dict[str, tuple[str, object]], list[str]]:
-    """By quantity of a table the key as written and the value in `units` (quantity -> unit); what is wrong with keys.
-
-    A value is a number, a boolean or a nested list of them; `other_keys` are known to the table besides.
-    """
-    keys = {key: (name, to_unit) for name, unit in units.items() for key, to_unit in spellings(name, unit).items()}
-    values: dict[str, tuple[str, object]] = {}
-    faults: list[str] = []
-    for key, value in found.items():
-        if key not in keys:
-            plain = missing_suffix(key, units[key]) if key in units else None
-            faults.append(plain or f"{key} is not a key of this table; {nearest(key, (*keys, *other_keys))}")
-            continue
-        name, factor = keys[key]
-        if name in values:
-            faults.append(f"{key} says again what {values[name][0]} says; keep one")
-        values[name] = key, scaled(value, factor)
-    return values, faults
-
-
-def scaled(value: object, factor: float) -> object:
-    """A number or nested list of numbers times `factor`; anything else as it is, to be refused by who reads it."""
-    if factor == 1.0:
-        return value
-    try:
-        array = np.asarray(value)
-    except ValueError:
-        return value
-    if array.dtype.kind not in "iuf":
-        return value
-    return (array * factor).item() if array.ndim == 0 else array * factor
-
-
 def conversion(source: str, target: str) -> float | None:
     """Factor from one unit to another, None if they are not known to be of the same quantity."""
-    if source == target:
-        return 1.0
-    (source_si, from_source), (target_si, from_target) = (UNITS.get(unit, (unit, 1.0)) for unit in (source, target))
-    return from_source / from_target if source_si == target_si else None
+    (source_si, from_source), (target_si, from_target) = si_unit(source), si_unit(target)
+    if source_si == target_si:
+        return from_source / from_target
+    is_undefined = any(not isinstance(unit, DefinedUnit) and unit not in UNITS for unit in (source, target))
+    return 1.0 if source == target and is_undefined else None
 
 
 def missing_suffix(name: str, unit: str) -> str | None:
     """What is wrong with the plain `name` as a key for a quantity in `unit`, None if nothing is."""
-    if unit not in UNITS:
+    if not is_known(unit):
         return None
     *firsts, last = spellings(name, unit)
-    return f"{name} is {QUANTITIES[UNITS[unit][0]]}; write {', '.join(firsts)} or {last}"
+    return f"{name} is {QUANTITIES[si_unit(unit)[0]]}; write {', '.join(firsts)} or {last}"

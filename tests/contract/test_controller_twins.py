@@ -21,7 +21,7 @@ from support.places import SCENARIOS
 
 FOLDER = SCENARIOS
 OF_PYTHON_ALONE = ["bound", "bound_confidence", "bound_valid", "gap", "solve_time"]
-QUICK = ("cuboid", "grey-head", "tilted-substrate", "two-materials", "uneven-start", "wu-chiu-plant")
+QUICK = ("cuboid", "tilted-substrate", "two-materials")
 TALLEST = ("pipe-junction", "surface-tension")  # minutes; their first layers say as much
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 

@@ -9,32 +9,20 @@ own below.
 from __future__ import annotations
 
 import ctypes
-import os
-import random
 import re
 import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from contract.test_fmu_state import PARAMETERS, act, started
-from support.benches.node_bench import FIRMWARE
-from support.fmus import fmu_library, fuzzing
-from support.fmus.fmu_driver import DEPOSITION_MODELS, DISCARD, ERROR, FORMS, MODELS, OK, Driver
+from support.fmus import fmu_library, fuzzed_calls, fuzzing
+from support.fmus.fmu_driver import DEPOSITION_MODELS, DISCARD, ERROR, OK, Driver
 from support.fmus.fmu_library import NAMES
+from support.fmus.fmu_life import EVERY_FORM, EVERY_MODEL, PARAMETERS, act, started
+from support.fmus.fuzzed_calls import drawn, feed
 
-EVERY_FORM = pytest.mark.parametrize("form", FORMS)
-EVERY_MODEL = pytest.mark.parametrize("model", MODELS)
 needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
-INPUTS = 300
-
-
-def drawn(name: str) -> list[bytes]:
-    """The inputs of one FMU."""
-    generator = random.Random(name)
-    return [generator.randbytes(400) for _ in range(INPUTS)]
 
 
 @pytest.fixture(scope="module")
@@ -44,21 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def calls(folder: Path) -> Path:
-    """The fuzz target as a program that is fed inputs."""
-    return fmu_library.program(folder, "calls", "gcc", (), others=[FIRMWARE / "fuzz" / "replay.c"])
-
-
-def feed(program: Path, table: Path, inputs: list[bytes]) -> str:
-    """What the program says of all inputs; it ends at the first that breaks a law."""
-    given = b"".join(len(one).to_bytes(2, "little") + one for one in inputs)
-    told = {"INKLOOP_FMU_TABLE": str(table), "INKLOOP_FUZZ_SHOWS": "1"}
-    done = subprocess.run([program], input=given, env=os.environ | told, capture_output=True, check=False)
-    said = done.stderr.decode(errors="replace")
-    through = len(done.stdout)
-    if done.returncode:
-        hexadecimal = inputs[through].hex() if through < len(inputs) else ""
-        raise AssertionError(f"input {through} ends with {done.returncode}: {said[-2000:]}\n{hexadecimal}")
-    return said
+    return fuzzed_calls.calls(folder)
 
 
 @pytest.mark.compiled

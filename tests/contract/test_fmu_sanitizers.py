@@ -15,20 +15,21 @@ from pathlib import Path
 
 import pytest
 
-from contract.test_fmu_fuzz import drawn, feed
-from property.test_firmware_sanitized import preloaded
-from support.benches.node_bench import FIRMWARE, ROOT
-from support.fmus import fmu_library
+from support.compiled import sanitizer_libraries
+from support.fmus import fmu_library, fuzzed_calls
 from support.fmus.fmu_driver import MODELS
 from support.fmus.fmu_library import FORMS, JOB, NAMES, Library
+from support.fmus.fuzzed_calls import drawn, feed
+from support.places import ROOT
 
 pytestmark = [
     pytest.mark.long,
     pytest.mark.compiled,
     pytest.mark.skipif(sys.platform != "linux" or not shutil.which("gcc"), reason="gcc for Linux is not installed"),
 ]
-TESTS = [f"contract/test_{name}.py" for name in ("fmu_state", "fmu_handshake", "fmu_flags", "fmu_fuzz", "fmu_archive",
-         "layer_controller_fmu", "component_contract", "closed_loop", "own_loop", "layer_job_fmu")]  # fmt: skip
+TESTS = ["system/test_own_loop.py", *(f"contract/test_{name}.py" for name in ("fmu_state", "fmu_handshake", "fmu_flags",
+         "fmu_fuzz", "fmu_archive", "layer_controller_fmu", "component_contract", "closed_loop",
+         "layer_job_fmu"))]  # fmt: skip
 ABOUT_THE_SHIPPED_BINARY = ("only_the_standards_functions", "binary_needs_the_c_library", "sources_compile",
                             "laws_bite", "calls_do_what", "fixed_grid_has_the_sources")  # fmt: skip
 ADDRESS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -44,7 +45,7 @@ def checked(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Library]:
 
 def test_contract_suite_is_clean_under_the_address_sanitizer(checked: dict[str, Library], tmp_path: Path) -> None:
     """Leaks are looked for below: Python itself leaves much behind."""
-    libraries = preloaded()
+    libraries = sanitizer_libraries()
     if libraries is None:
         pytest.skip("gcc with its address sanitizer for Linux is not installed")
     fmu_library.packed(list(checked.values()), tmp_path)
@@ -88,8 +89,11 @@ def test_four_instances_in_four_threads_share_nothing(name, lives, tmp_path) -> 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_fuzzed_calls_leave_no_memory_behind(name, checked, tmp_path) -> None:
-    program = fmu_library.program(tmp_path, "calls", "gcc", ADDRESS, others=[FIRMWARE / "fuzz" / "replay.c"])
-    feed(program, fmu_library.write_table(checked[name], tmp_path / "table.txt"), drawn(name))
+    feed(
+        fuzzed_calls.calls(tmp_path, ADDRESS),
+        fmu_library.write_table(checked[name], tmp_path / "table.txt"),
+        drawn(name),
+    )
 
 
 def edited(folder: Path, file: str, old: str, new: str) -> None:

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contract.test_closed_loop import assert_same_layers, printed
-from contract.test_closed_loop import job as block_job
 from inkloop.component import Component, Ink, Job, Status
 from inkloop.components import catalog
 from inkloop.components.job_parameters import region_intervals
@@ -19,6 +17,9 @@ from inkloop.geometry import Cuboid, PipeJunction, cell_centers
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import SECOND, block, cylinder, inputs_of, print_part
 from support.fmus.fmu_driver import DISCARD, ERROR, FORMS, OK, Driver
+from support.long_proofs import rest_is_long
+from support.small_block import assert_same_layers, printed
+from support.small_block import job as block_job
 
 OF_PYTHON_ALONE = {"bound", "bound_confidence", "gap", "solve_time"}
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
@@ -106,7 +107,7 @@ CASES: dict[str, tuple[Job, dict[str, Any], dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize("scan", [exact, noisy])
+@pytest.mark.parametrize("scan", rest_is_long([noisy, exact], 1))
 @pytest.mark.parametrize("case", CASES)
 def test_print_is_the_one_of_the_python_controller(case: str, scan: Scan) -> None:
     job, python, fmu = CASES[case]

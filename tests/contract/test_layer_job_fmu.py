@@ -13,9 +13,12 @@ from inkloop.components.catalog import FMU_MODELS
 from inkloop.errors import ScenarioError
 from support.fmus.fmu_driver import DISCARD, ERROR, OK, Driver
 from support.fmus.layer_jobs import DONE, SCENARIOS, block, finish, printed, scenario
+from support.long_proofs import rest_is_long
 
 FORMS = ("fmi2", "fmi3-fixed")
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
+SECOND_FORM_IS_LONG = pytest.mark.parametrize("form", rest_is_long(FORMS, 1))
+"""Both share all but their adapter, which the other tests see."""
 IDLE, PRINTING = 0, 1
 OF_THE_PRINTER = ("droplets_a", "droplets_b", "volume_lost", "height_mean")
 OF_THE_CONTROLLER = ("objective", "volume_scale", "dead_cells", "untrusted_cells")
@@ -74,7 +77,7 @@ def test_every_scenario_prints_its_layers_or_is_refused_in_words(name) -> None:
 
 
 @pytest.mark.parametrize("periods", [0.3, 1.0, 7.0])
-@EVERY_FORM
+@SECOND_FORM_IS_LONG
 def test_steps_change_neither_layers_nor_times(form, periods) -> None:
     case = CASES["noisy sensor with delays"]
     run = printed(*case)
@@ -108,7 +111,7 @@ def test_print_goes_on_in_another_instance(form) -> None:
         assert_like_run(first, printed(*case), 20)
 
 
-@EVERY_FORM
+@SECOND_FORM_IS_LONG
 def test_reset_and_a_second_instance_print_the_same(form) -> None:
     with block(form, "cuboid") as first, block(form, "cuboid") as second:
         new = first.save()
@@ -121,7 +124,7 @@ def test_reset_and_a_second_instance_print_the_same(form) -> None:
         assert first.save() == second.save() == end
 
 
-@EVERY_FORM
+@SECOND_FORM_IS_LONG
 def test_instances_side_by_side_do_not_disturb_each_other(form) -> None:
     """FMPy lets go of Python's lock while a step is under way."""
     with ExitStack() as stack, ThreadPoolExecutor(4) as threads:
@@ -158,7 +161,7 @@ def test_period_too_short_for_a_layer_prints_in_every_second_one(form) -> None:
         assert [found.index(layer) + 1 for layer in (1, 2, 3)] == [6, 14, 22]
 
 
-@EVERY_FORM
+@SECOND_FORM_IS_LONG
 def test_nothing_begins_before_start_nor_in_a_pause(form) -> None:
     with block(form, "cuboid") as fmu:
         fmu.start({"start": False, "scan_duration": 0.25, "layer_duration": 0.25})
@@ -179,7 +182,7 @@ def test_nothing_begins_before_start_nor_in_a_pause(form) -> None:
         assert_like_run(fmu, printed("cuboid"), printed("cuboid").sizes["layer"] - 1)
 
 
-@EVERY_FORM
+@SECOND_FORM_IS_LONG
 def test_disturbance_of_the_volume_is_learnt_and_made_up_for(form) -> None:
     with block(form, "cylinder") as fmu, block(form, "cylinder") as disturbed:
         finish(fmu.start(), 7.0)

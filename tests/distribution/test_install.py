@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -31,6 +33,34 @@ def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
     code = "import sys; from scikit_build_core.build import build_sdist; print(build_sdist(sys.argv[1]))"
     name = call(sys.executable, "-c", code, folder, cwd=ROOT).splitlines()[-1]
     return folder / name
+
+
+@pytest.fixture(scope="module")
+def archive(sdist: Path) -> Path:
+    """The files of the source distribution, in a folder that git does not know."""
+    with tarfile.open(sdist) as packed:
+        packed.extractall(sdist.parent, filter="data")
+    return sdist.parent / sdist.name.removesuffix(".tar.gz")
+
+
+def make_without_git(target: str, archive: Path, bin_folder: Path) -> subprocess.CompletedProcess[str]:
+    """`make TARGET` in the archive, with the tools of this environment, no git, and nothing on standard input."""
+    path = archive.parent / "path"
+    path.mkdir(exist_ok=True)
+    for name in ("make", "sh", "find", "python3"):
+        program = shutil.which(name)
+        assert program is not None, name
+        (path / name).unlink(missing_ok=True)
+        (path / name).symlink_to(program)
+    return subprocess.run(
+        ["make", target, f"BIN={bin_folder}", "--old-file=.venv/developer"],
+        cwd=archive,
+        env={**os.environ, "PATH": str(path)},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 def target(way: str, sdist: Path, folder: Path) -> list[str | Path]:
@@ -64,3 +94,29 @@ def test_clean_environment_prints_from_another_folder(way: str, sdist: Path, tmp
     assert call(bin_folder / "python", "-c", code, cwd=elsewhere).strip() == "1"
     call(bin_folder / "inkloop", "run", "mine.toml", "--out", "run", cwd=elsewhere)
     assert Result.load(elsewhere / "run").metrics()["layers"] >= 3
+
+
+def test_source_archive_is_linted_without_git(archive: Path) -> None:
+    bin_folder = Path(sys.executable).parent
+    run = make_without_git("lint", archive, bin_folder)
+    assert run.returncode == 0, run.stdout + run.stderr
+    source = archive / "fmus/layer_deposition/layer_map.c"
+    source.write_text(source.read_text("utf-8") + "int  badly_formatted ;\n", encoding="utf-8")
+    run = make_without_git("lint", archive, bin_folder)
+    assert run.returncode != 0
+    assert "layer_map.c" in run.stderr
+
+
+def test_source_archive_has_all_that_make_and_the_tests_read(archive: Path) -> None:
+    listed = {path.relative_to(archive).parts[0] for path in archive.rglob("*") if path.is_file()}
+    assert listed >= {
+        "Makefile",
+        "constraints.txt",
+        "tests",
+        "tools",
+        "scenarios",
+        "docs",
+        ".ci",
+        ".github",
+        ".clang-format",
+    }

@@ -6,13 +6,16 @@ import re
 import tomllib
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from inkloop import __version__
 from inkloop.fmu import describe
 from inkloop.fmu_writer.export import find_fmu
 from support.places import ROOT
 
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+FILE = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+PROJECT = FILE["project"]
 CITATION = (ROOT / "CITATION.cff").read_text("utf-8")
 
 
@@ -58,3 +61,46 @@ def test_citation_names_the_papers_with_authors_and_year() -> None:
 def test_changelog_has_a_place_for_what_comes() -> None:
     headings = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
     assert headings[0] == "Unreleased" or headings[0].startswith(PROJECT["version"])
+
+
+def constraints() -> dict[str, str]:
+    """Version of each package in constraints.txt, by its normalised name."""
+    lines = [line for line in (ROOT / "constraints.txt").read_text("utf-8").splitlines() if not line.startswith("#")]
+    return {canonicalize_name(name): version for name, _, version in (line.partition("==") for line in lines)}
+
+
+def requirements() -> list[Requirement]:
+    """What a build, a print and the tests require, without the extras that the project has itself."""
+    extras = [text for extra in PROJECT["optional-dependencies"].values() for text in extra]
+    found = [Requirement(text) for text in (*FILE["build-system"]["requires"], *PROJECT["dependencies"], *extras)]
+    return [requirement for requirement in found if requirement.name != PROJECT["name"]]
+
+
+def test_constraints_have_a_version_that_every_requirement_allows() -> None:
+    versions = constraints()
+    assert len(requirements()) > 30
+    for requirement in requirements():
+        version = versions.get(canonicalize_name(requirement.name), "")
+        assert version, requirement
+        assert requirement.specifier.contains(version), requirement
+
+
+def test_constraints_have_exact_versions_only() -> None:
+    assert all(re.fullmatch(r"\d[\w.]*", version) for version in constraints().values())
+
+
+def test_workflows_run_every_python_that_the_project_names() -> None:
+    named = re.findall(r"Python :: (3\.\d+)", "\n".join(PROJECT["classifiers"]))
+    assert PROJECT["requires-python"] == f">={named[0]}"
+    workflows = sorted((ROOT / ".github/workflows").glob("*.yml"))
+    assert [path.stem for path in workflows] == ["check", "test", "wheels"]
+    for path in workflows:
+        (matrix,) = re.findall(r"python: \[(.+)\]", path.read_text("utf-8"))
+        assert re.findall(r"[\d.]+", matrix) == named, path.name
+
+
+def test_changelog_dates_every_closed_version() -> None:
+    headings = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
+    assert all(
+        re.fullmatch(r"\d+\.\d+\.\d+ - \d{4}-\d{2}-\d{2}", heading) for heading in headings if heading != "Unreleased"
+    )

@@ -169,7 +169,6 @@ CALLS: dict[str, Callable[[Link], object]] = {
     "times": Link.times,
     "limits": Link.limits,
     "map size": Link.map_size,
-    "transfer": Link.transfer,
     "journal": Link.journal,
     "version": Link.version,
     "routine": lambda link: link.routine(Routine.PASS, KEY, b"\0", limit_s=20.0),

@@ -10,7 +10,9 @@ import fcntl
 import functools
 import hashlib
 import os
+import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -80,3 +82,14 @@ def library(name: str, sources: Sequence[Path], flags: Sequence[Word]) -> ctypes
     """A shared library of these sources, loaded."""
     flags = (*flags, "-fPIC")
     return ctypes.CDLL(str(linked(name, [object_of(source, flags) for source in sources], (*flags, "-shared"))))
+
+
+def sanitizer_libraries() -> str | None:
+    """What Python has to load first: gcc's address sanitizer, and libstdc++, whose exceptions it looks after."""
+    if sys.platform != "linux" or not shutil.which("gcc"):
+        return None
+    paths = []
+    for name in ("libasan.so", "libstdc++.so.6"):
+        said = subprocess.run(["gcc", f"-print-file-name={name}"], capture_output=True, text=True, check=True).stdout
+        paths.append(Path(said.strip()))
+    return " ".join(map(str, paths)) if all(path.is_absolute() and path.exists() for path in paths) else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from inkloop.identify.print_record import PrintRecord
 from inkloop.models import DropletVolumes
 
 PITCH = 263.256e-6
+CELL = "pitch_um = 263.256\nunit = 'um'\npixel_um = 263.256\n"
 
 
 def made_up(
@@ -41,3 +43,15 @@ def random_layers(nx: int, ny: int, count: int, seed: int, margin: int = 0) -> l
             pattern[:margin] = pattern[-margin:] = 0
             pattern[:, :margin] = pattern[:, -margin:] = 0
     return found
+
+
+def log(folder: Path, record: PrintRecord, description: str = CELL, pixels: int = 1) -> Path:
+    """A folder as a user would log it: tables whose rows go along x, heights in um."""
+    folder.mkdir(exist_ok=True)
+    (folder / "print.toml").write_text(description)
+    for layer, pattern in enumerate(record.pattern, start=1):
+        np.savetxt(folder / f"pattern_{layer:04d}.csv", pattern.T, fmt="%d", delimiter=",")
+    for layer, scan in enumerate(record.measured):
+        fine = np.kron(scan, np.ones((pixels, pixels)))
+        np.savetxt(folder / f"layer_{layer:04d}.csv", fine.T * 1e6, fmt="%.9f", delimiter=",")
+    return folder

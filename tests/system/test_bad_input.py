@@ -168,6 +168,74 @@ def test_print_goes_on_once_the_crashing_fmu_is_mended(
     np.testing.assert_array_equal(one.dataset["height"], other.dataset["height"])
 
 
+OWN = """
+import numpy as np
+
+from inkloop import Job
+
+
+class Late:
+    def __init__(self, job: Job) -> None: ...
+
+    def pattern(self, height, layer):
+        return undefined_name
+
+
+class InLibrary(Late):
+    def pattern(self, height, layer):
+        return np.zeros(3).reshape(7)
+
+
+class Early(Late):
+    def __init__(self, job: Job) -> None:
+        self.options = {}["key"]
+
+
+class Named(Late):
+    def __init__(self, job: Job) -> None:
+        self.share = undefined_name
+
+
+class Typed(Late):
+    def __init__(self, job: Job) -> None:
+        self.share = 1 + "a"
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        (
+            "Late",
+            "controller failed at t = 1 s, after layer 0: NameError: name 'undefined_name' is not defined "
+            "(own_controllers.py, line 11)",
+        ),
+        ("InLibrary", "cannot reshape array of size 3 into shape (7,) (own_controllers.py, line 16)"),
+        ("Early", "which cannot be constructed: KeyError: 'key' (own_controllers.py, line 21)"),
+        ("Named", "NameError: name 'undefined_name' is not defined (own_controllers.py, line 26)"),
+        ("Typed", "unsupported operand type(s) for +: 'int' and 'str' (own_controllers.py, line 31)"),
+    ],
+)
+def test_error_in_a_class_of_the_user_names_file_and_line(
+    name: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "own_controllers.py").write_text(OWN, encoding="utf-8")
+    begin = CUBOID.index("[components.controller]")
+    table = f'[components.controller]\nkind = "own_controllers:{name}"\n\n'
+    text = CUBOID[:begin] + table + CUBOID[CUBOID.index("[", begin + 1) :]
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    assert main(["run", str(tmp_path / "case.toml"), "--out", str(tmp_path / "run")]) == 1
+    assert told in capsys.readouterr().err
+
+
+def test_error_within_inkloop_names_no_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    parts = {"a": FunctionComponent(outputs=[Port("y")])}
+    master = Master(parts, [], step_ns=1)
+    monkeypatch.setattr("inkloop.master.master.checked_output", None)
+    with pytest.raises(ComponentError, match=r"'NoneType' object is not callable$"):
+        master.run(time_max_ns=1)
+
+
 LEAVER = """
 import os
 

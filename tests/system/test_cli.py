@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import signal
+import subprocess
 from pathlib import Path
 
 import pytest
 
-from inkloop.cli import main
+from inkloop.cli import COMMANDS, main
 from inkloop.results.recorder import LayerRow
 from inkloop.results.result import Result
 from support.places import SCENARIOS
@@ -96,6 +98,69 @@ def test_what_is_wrong_is_said_without_a_traceback(
 ) -> None:
     assert main(arguments) == 1
     assert said in capsys.readouterr().err
+
+
+def usage_of(*words: str, capsys: pytest.CaptureFixture[str]) -> str:
+    """What is printed where a command line is refused; its exit code is 2."""
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 2
+    return capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("word", "nearest"), [("runn", "run"), ("exprot-ssp", "export-ssp"), ("valid", "validate")])
+def test_mistyped_command_is_told_the_nearest(word: str, nearest: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert f"there is no command {word!r}; did you mean {nearest}?" in usage_of(word, capsys=capsys)
+
+
+@pytest.mark.parametrize("command", [module.__name__.rpartition(".")[2].replace("_", "-") for module in COMMANDS])
+def test_wrong_option_shows_the_usage_of_its_command(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert usage_of(command, "--no-such-option", capsys=capsys).startswith(f"usage: inkloop {command} ")
+
+
+def test_unknown_option_beside_valid_ones_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    told = usage_of("validate", CUBOID, "--no-such-option", capsys=capsys)
+    assert told.startswith("usage: inkloop validate ")
+    assert "unknown arguments: --no-such-option" in told
+
+
+@pytest.mark.parametrize("command", [module.__name__.rpartition(".")[2].replace("_", "-") for module in COMMANDS])
+def test_help_explains_every_argument(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    lines = capsys.readouterr().out.splitlines()
+    assert any("--traceback" in line for line in lines)
+    entries = [line for line in lines if re.match(r"  \S", line) and not line.startswith("  -h")]
+    below = {line: lines[lines.index(line) + 1] if line != lines[-1] else "" for line in entries}
+    bare = [line for line in entries if "  " not in line.strip() and not below[line].startswith("    ")]
+    assert not bare
+
+
+def test_traceback_shows_error_and_cause(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["validate", "absent.toml", "--traceback"]) == 1
+    told = capsys.readouterr().err
+    assert told.count("Traceback (most recent call last)") == 2
+    assert told.index("FileNotFoundError") < told.index("inkloop.errors.ScenarioError: absent.toml: ")
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"), [(["ru"], "run"), (["export-ssp", "--ss"], "--ssp"), (["new", "--shape", "cy"], "cylinder")]
+)
+def test_completion_script_completes_in_bash(
+    typed: list[str], offered: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--print-completion", "bash"])
+    assert ended.value.code == 0
+    words = " ".join(["inkloop", *typed])
+    ask = f"COMP_WORDS=({words}); COMP_CWORD={len(typed)}; _shtab_inkloop; echo ${{COMPREPLY[@]}}"
+    script = f"{capsys.readouterr().out}\n{ask}\n"
+    shell = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True)
+    assert offered in shell.stdout.split()
+
+
+def test_completion_for_an_unknown_shell_names_the_known(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "expected one of bash, zsh" in usage_of("--print-completion", "nosh", capsys=capsys)
 
 
 @pytest.mark.parametrize("at_layer", [2, 4])

@@ -11,12 +11,13 @@ import pytest
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
+from inkloop.units import UM_PER_M
+from support.long_proofs import rest_is_long
 from support.places import SCENARIOS
 
 FOLDER = SCENARIOS
 SEEDS = (1, 2, 3)
-UM = 1e6
-EVERY_SEED = pytest.mark.parametrize("seed", SEEDS)
+EVERY_SEED = pytest.mark.parametrize("seed", rest_is_long(SEEDS, 1))
 
 
 @cache
@@ -30,14 +31,14 @@ def groove(result: Result, layer: int) -> float:
     surface = result.dataset["height"].values[layer, 10:25]
     lines = np.arange(surface.shape[1])
     inner, dead = (lines >= 5) & (lines < 30), np.isin(lines % 16, [5, 12])
-    return float(surface[:, inner & ~dead].mean() - surface[:, inner & dead].mean()) * UM
+    return float(surface[:, inner & ~dead].mean() - surface[:, inner & dead].mean()) * UM_PER_M
 
 
 def slope_x(surface: np.ndarray, mask: np.ndarray) -> float:
     """Slope of the plane through the cells of the part, along x, in um per cell."""
     i, j = np.nonzero(mask)
     plane = np.column_stack([i, j, np.ones_like(i)])
-    return float(np.linalg.lstsq(plane, surface[mask], rcond=None)[0][0]) * UM
+    return float(np.linalg.lstsq(plane, surface[mask], rcond=None)[0][0]) * UM_PER_M
 
 
 @EVERY_SEED
@@ -47,7 +48,7 @@ def test_dead_nozzles_leave_grooves_that_only_the_closed_loop_fills(seed: int) -
     assert groove(closed, 29) > 50.0
     assert groove(closed, -1) == pytest.approx(0.0, abs=1.0)
     assert groove(blind, -1) > 20.0
-    assert closed.metrics()["std"] * UM <= 1.5
+    assert closed.metrics()["std"] * UM_PER_M <= 1.5
     assert np.flatnonzero(closed.dataset["modified"]).tolist() == list(range(10, 30))
 
 
@@ -56,7 +57,7 @@ def test_part_beside_a_nozzle_that_stays_dead_ends_flat_and_the_print_ends(seed:
     result = printed("nozzle-stays-dead", seed)
     mask = result.dataset["mask"].values.astype(bool)
     alive = mask & (np.arange(mask.shape[1]) % 16 != 5)
-    lacking = (result.dataset["target_height"].values - result.final_height.values) * UM
+    lacking = (result.dataset["target_height"].values - result.final_height.values) * UM_PER_M
     assert result.stop_reason == "done"
     assert result.dataset["dead_cells"].values[-1] == (mask & ~alive).sum()
     assert lacking[mask & ~alive].mean() > 100.0
@@ -66,9 +67,9 @@ def test_part_beside_a_nozzle_that_stays_dead_ends_flat_and_the_print_ends(seed:
 
 @EVERY_SEED
 def test_print_with_fading_ink_ends_on_target_where_the_loop_is_closed(seed: int) -> None:
-    assert abs(printed("drifting-ink", seed).metrics()["mean_error"]) * UM <= 0.4
-    assert printed("drifting-ink", seed).metrics()["std"] * UM <= 1.2
-    assert printed("drifting-ink", seed, "open loop").metrics()["mean_error"] * UM > 70.0
+    assert abs(printed("drifting-ink", seed).metrics()["mean_error"]) * UM_PER_M <= 0.4
+    assert printed("drifting-ink", seed).metrics()["std"] * UM_PER_M <= 1.2
+    assert printed("drifting-ink", seed, "open loop").metrics()["mean_error"] * UM_PER_M > 70.0
 
 
 @EVERY_SEED
@@ -90,7 +91,7 @@ def test_tilted_substrate_shows_in_the_top_of_the_open_loop_only(seed: int) -> N
     assert slope_x(closed.dataset["height"].values[0], mask) == pytest.approx(tilt, rel=1e-6)
     assert 0.8 * tilt < slope_x(blind.final_height.values, mask) < tilt
     assert slope_x(closed.final_height.values, mask) == pytest.approx(0.0, abs=0.03)
-    assert closed.metrics()["std"] * UM <= 1.5
+    assert closed.metrics()["std"] * UM_PER_M <= 1.5
 
 
 @EVERY_SEED
@@ -108,4 +109,4 @@ def test_print_goes_on_over_cells_that_the_sensor_loses(seed: int, tmp_path: Pat
     valid = result.dataset["valid"].values
     assert [int((~valid[layer]).sum()) for layer in (9, 10, 29, 30)] == [0, 25, 25, 0]
     assert result.stop_reason == "done"
-    assert result.metrics()["std"] * UM <= 1.6
+    assert result.metrics()["std"] * UM_PER_M <= 1.6

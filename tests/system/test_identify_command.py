@@ -20,9 +20,8 @@ from inkloop.identify.volume_area_coefficients import identify_volume_area
 from inkloop.models import LayerDeposition, VolumeAreaDeposition, YoungLaplaceDeposition
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
-from support.logged_print import made_up, random_layers
+from support.logged_print import log, made_up, random_layers
 from support.places import ROOT
-from unit.cosim.identify.test_log_folder import log
 
 RIVALS = ("Lu, regression", "spherical caps", "Wu, Chiu, fitted", "Young-Laplace")
 SMALL = ["--samples", "6", "--layers", "3", "--side", "16"]

@@ -14,10 +14,10 @@ import pytest
 
 from inkloop.printing.print import Print
 from inkloop.scenario.file import Scenario
+from inkloop.units import UM_PER_M
 from support.file_profiler import METHODS, PITCH, PIXEL, SHAPE, TRUTH
 from support.places import ROOT
 
-UM = 1e6
 FIDUCIALS = ((0.4e-3, 0.3e-3), (3.1e-3, 0.5e-3), (1.5e-3, 3.4e-3))
 """Places on the map, counted from its first pixel with rows going up."""
 
@@ -25,18 +25,19 @@ FIDUCIALS = ((0.4e-3, 0.3e-3), (3.1e-3, 0.5e-3), (1.5e-3, 3.4e-3))
 def registration_keys(method: str) -> str:
     """The options of each method: what its user would know."""
     if method == "given":
-        return f"offset_x_um = {TRUTH.offset_x * UM}\noffset_y_um = {TRUTH.offset_y * UM}\nrotation_deg = 4.0\n"
+        x, y = TRUTH.offset_x * UM_PER_M, TRUTH.offset_y * UM_PER_M
+        return f"offset_x_um = {x}\noffset_y_um = {y}\nrotation_deg = 4.0\n"
     if method == "fit":  # set up by eye
         return (
-            f"offset_x_um = {TRUTH.offset_x * UM + 180}\noffset_y_um = {TRUTH.offset_y * UM - 110}\n"
+            f"offset_x_um = {TRUTH.offset_x * UM_PER_M + 180}\noffset_y_um = {TRUTH.offset_y * UM_PER_M - 110}\n"
             'rotation_deg = 3.2\ndatum = "plane"\ncomplete = "renamed"\nregistration = "fit"\n'
         )
     top = (SHAPE[1] - 1) * PIXEL
-    on_map = [[x * UM, (top - y) * UM] for x, y in FIDUCIALS]
-    on_grid = [[float(value) * UM for value in TRUTH.to_grid(np.array(x), np.array(y))] for x, y in FIDUCIALS]
+    on_map = [[x * UM_PER_M, (top - y) * UM_PER_M] for x, y in FIDUCIALS]
+    on_grid = [[float(value) * UM_PER_M for value in TRUTH.to_grid(np.array(x), np.array(y))] for x, y in FIDUCIALS]
     return (
         f'registration = "fiducials"\nmirror = "y"\nfiducials_map_um = {on_map}\nfiducials_grid_um = {on_grid}\n'
-        f'unit = "mm"\npixel_um = {PIXEL * UM}\ncomplete = "done"\n'
+        f'unit = "mm"\npixel_um = {PIXEL * UM_PER_M}\ncomplete = "done"\n'
     )
 
 
@@ -49,8 +50,8 @@ nx = 12
 ny = 12
 [part]
 shape = "cuboid"
-size_x_um = {6 * PITCH * UM}
-size_y_um = {8 * PITCH * UM}
+size_x_um = {6 * PITCH * UM_PER_M}
+size_y_um = {8 * PITCH * UM_PER_M}
 height_um = 30.0
 [run]
 layers_max = 12

@@ -12,13 +12,13 @@ from inkloop.components.devices import KINDS
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
+from inkloop.units import UM_PER_M
 from support.benches.bench_run import FMUS, assert_same_print, emulated
 from support.places import SCENARIOS
 
 FOLDER = SCENARIOS
 SCENARIOS = sorted(FOLDER.glob("*.toml"))
 SEEDS = range(1, 11)
-UM = 1e6
 
 
 @cache
@@ -34,7 +34,9 @@ def printed(name: str, seed: int, variant: str = "") -> Result:
 def mean_over_seeds(name: str, variant: str = "") -> dict[str, float]:
     """Mean over the seeds of each figure [um]."""
     metrics = [printed(name, seed, variant).metrics() for seed in SEEDS]
-    return {key: float(np.mean([figures[key] for figures in metrics])) * UM for key in ("mean_error", "mae", "std")}
+    return {
+        key: float(np.mean([figures[key] for figures in metrics])) * UM_PER_M for key in ("mean_error", "mae", "std")
+    }
 
 
 @pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
@@ -89,7 +91,7 @@ def test_two_inks_stay_where_the_part_says() -> None:
     closed, blind = printed("two-materials", 1).metrics(), printed("two-materials", 1, "open loop").metrics()
     assert closed["mismatch"] < 0.11
     assert blind["mismatch"] > 0.5
-    assert abs(closed["mean_error"]) * UM < 0.3
+    assert abs(closed["mean_error"]) * UM_PER_M < 0.3
 
 
 def test_noise_of_the_sensor_is_filtered_out() -> None:
@@ -151,15 +153,15 @@ def test_controller_prints_on_plants_that_it_does_not_plan_with(
     name: str, mean: float, std: float, ratio: float
 ) -> None:
     closed, blind = printed(name, 1).metrics(), printed(name, 1, "open loop").metrics()
-    assert abs(closed["mean_error"]) * UM <= mean
-    assert closed["std"] * UM <= std
+    assert abs(closed["mean_error"]) * UM_PER_M <= mean
+    assert closed["std"] * UM_PER_M <= std
     assert blind["std"] > ratio * closed["std"]
     assert blind["mae"] > 4 * closed["mae"]
 
 
 def test_scans_tell_how_much_of_a_wide_droplet_arrives() -> None:
     learnt, told = printed("wide-droplets", 1), printed("wide-droplets", 1, "ink as told")
-    assert told.metrics()["mean_error"] * UM > 0.7 > 5 * abs(learnt.metrics()["mean_error"]) * UM
+    assert told.metrics()["mean_error"] * UM_PER_M > 0.7 > 5 * abs(learnt.metrics()["mean_error"]) * UM_PER_M
 
 
 def test_every_step_of_the_staircase_ends_at_its_height() -> None:

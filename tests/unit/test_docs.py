@@ -6,6 +6,7 @@ import dataclasses
 import inspect
 import os
 import re
+import runpy
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -99,6 +100,12 @@ def test_links_lead_to_a_file(page: Path) -> None:
     assert not missing
 
 
+def test_api_page_is_written_from_the_public_names() -> None:
+    written = runpy.run_path(str(ROOT / "tools/pages/api.py"))["page"]()
+    page = (ROOT / "docs/reference/api.md").read_text(encoding="utf-8")
+    assert page == written, "run: python tools/pages/api.py docs/reference/api.md"
+
+
 def test_scenario_page_names_every_key_and_kind() -> None:
     page = (ROOT / "docs/reference/scenario.md").read_text()
     tables = [table for table in vars(schema).values() if isinstance(table, type) and issubclass(table, BaseModel)]
@@ -115,6 +122,14 @@ def test_every_option_of_the_controllers_is_on_the_scenario_page() -> None:
         options = [parameter.name for parameter in parameters if parameter.kind is parameter.KEYWORD_ONLY]
         assert options
         assert not [option for option in options if f"`{option}`" not in page], name
+
+
+def test_rows_of_options_on_the_scenario_page_are_current() -> None:
+    tool = runpy.run_path(str(ROOT / "tools/pages/options.py"))
+    page = tool["PAGE"].read_text()
+    assert set(re.findall(r"<!-- options of (\w+) -->", page)) == set(tool["CLASSES"])
+    assert tool["written"](page) == page, "run: python tools/pages/options.py"
+    assert tool["written"](page.replace("| `layer_worth` | 0 |", "| `layer_worth` | 1 |")) == page
 
 
 def test_plan_page_names_every_field_status_and_output() -> None:

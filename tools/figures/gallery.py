@@ -13,6 +13,7 @@ from inkloop.cli import main
 from inkloop.components.devices import KINDS
 from inkloop.files import write_text
 from inkloop.report import run_report
+from inkloop.results.result import COMPARE_FOLDER
 from inkloop.scenario.file import Scenario
 from inkloop_hardware.emulated_bench import EmulatedBench
 
@@ -57,7 +58,7 @@ def show(path: Path) -> str:
     picture = HERE / f"{path.stem}.png"
     name = PICTURES.get(path.stem, DEFAULT_PICTURE)
     if name == COMPARISON:
-        run_report.compare([folder, *sorted((folder / run_report.COMPARE_FOLDER).iterdir())], picture)
+        run_report.compare([folder, *sorted((folder / COMPARE_FOLDER).iterdir())], picture)
     else:
         shutil.copyfile(folder / f"{name}.png", picture)
     return entry(path)

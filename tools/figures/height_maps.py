@@ -17,7 +17,8 @@ from inkloop.metrology.cell_means import CellMeans, cell_means
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_fit import fit_to_surface
 from inkloop.metrology.registration import Registration
-from inkloop.report.plot import STYLE, UM, WIDTH_IN, save
+from inkloop.report.plot import STYLE, WIDTH_IN, save
+from inkloop.units import MM_PER_M, UM_PER_M
 
 HERE = Path(__file__).parents[2] / "docs" / "how-to"
 PITCH, SIDE, LAYER = 263.256e-6, 16, 8e-6
@@ -60,14 +61,16 @@ def height_maps() -> Figure:
     cells = cell_means(map_, fit.registration, SIDE, SIDE, PITCH)
     figure = Figure(figsize=(WIDTH_IN, 2.75), layout="constrained")
     fine, means, shares = figure.subplots(1, 3, width_ratios=[1.0, 1.0, 1.0])
-    limits = {"vmin": -1.0, "vmax": 3 * LAYER * UM + 3.0, "cmap": "viridis"}
-    extent = (0.0, SHAPE[0] * PIXEL * 1e3, 0.0, SHAPE[1] * PIXEL * 1e3)
-    fine.imshow(map_.z.T * UM, origin="lower", extent=extent, interpolation="nearest", **limits)
+    limits = {"vmin": -1.0, "vmax": 3 * LAYER * UM_PER_M + 3.0, "cmap": "viridis"}
+    extent = (0.0, SHAPE[0] * PIXEL * MM_PER_M, 0.0, SHAPE[1] * PIXEL * MM_PER_M)
+    fine.imshow(map_.z.T * UM_PER_M, origin="lower", extent=extent, interpolation="nearest", **limits)
     draw_grid(fine, fit.registration)
     fine.set(title="as measured, and the grid found on it", xlabel="x of the profiler [mm]", ylabel="y [mm]")
     fine.set(xlim=extent[:2], ylim=extent[2:])
     valid = cells.valid(SHARE_MIN)
-    top = means.imshow(np.where(valid, cells.mean, np.nan).T * UM, origin="lower", interpolation="nearest", **limits)
+    top = means.imshow(
+        np.where(valid, cells.mean, np.nan).T * UM_PER_M, origin="lower", interpolation="nearest", **limits
+    )
     means.set(title="mean of each valid cell", xlabel="cell i")
     figure.colorbar(top, ax=means, label="height [µm]", location="bottom", shrink=0.9, pad=0.02)
     draw_shares(figure, shares, cells, valid)
@@ -86,7 +89,7 @@ def draw_grid(axes: Axes, registration: Registration) -> None:
     lines = []
     for first, last in (((borders, ends[0]), (borders, ends[1])), ((ends[0], borders), (ends[1], borders))):
         points = [np.stack(registration.to_map(*point), axis=-1) for point in (first, last)]
-        lines.extend(np.stack(points, axis=1) * 1e3 + PIXEL * 0.5e3)
+        lines.extend(np.stack(points, axis=1) * MM_PER_M + PIXEL * 0.5 * MM_PER_M)
     axes.add_collection(LineCollection(lines, colors="white", linewidths=0.35))
 
 

@@ -16,6 +16,7 @@ from inkloop.identify.ink_regression import identify_ink
 from inkloop.identify.picture import save
 from inkloop.identify.print_record import PrintRecord
 from inkloop.models import DropletVolumes, LayerDeposition
+from inkloop.units import UM_PER_M
 
 HERE = Path(__file__).parents[2] / "docs" / "how-to"
 PITCH = 263.256e-6
@@ -47,7 +48,7 @@ def bias(console: Console) -> None:
             figures = ", ".join(
                 f"h{k} {m:+.1f} (worst {w:.1f})" for k, (m, w) in enumerate(zip(means, worst, strict=True), 1)
             )
-            console.print(f"{label}, {noise * 1e6:g} um, {method}: {figures} %", highlight=False)
+            console.print(f"{label}, {noise * UM_PER_M:g} um, {method}: {figures} %", highlight=False)
 
 
 def coverage(console: Console) -> None:

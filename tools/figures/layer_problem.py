@@ -19,8 +19,9 @@ from matplotlib.figure import Figure
 
 from inkloop.component import FloatMap
 from inkloop.printing.run import print_part
-from inkloop.report.plot import COLOURS, STYLE, UM, WIDTH_IN, save
+from inkloop.report.plot import COLOURS, STYLE, WIDTH_IN, save
 from inkloop.scenario.file import Scenario
+from inkloop.units import UM_PER_M
 from inkloop_controller.core import bindings
 from inkloop_controller.core.droplet_relaxation import diffuse, relax
 from inkloop_controller.model.starts import even_droplets
@@ -61,7 +62,7 @@ def rounding() -> Figure:
     figure = Figure(figsize=(WIDTH_IN, 7.2), layout="constrained")
     axes = figure.subplots(LAYERS + 1, len(plans), height_ratios=[1] * LAYERS + [1.05])
     for column, (name, plan) in enumerate(plans.items()):
-        error = (problem.target - surface_after(problem, plan)) * UM
+        error = (problem.target - surface_after(problem, plan)) * UM_PER_M
         for layer in range(LAYERS):
             droplets = axes[layer, column].imshow(plan[layer], cmap="gray_r", vmin=0, vmax=1, interpolation="nearest")
             axes[layer, column].set_title(f"{plan[layer].mean():.2f} droplets per cell")
@@ -91,7 +92,7 @@ def alpha_sweep(prints: Mapping[Setting, Sequence[Figures]]) -> Figure:
     panels = {"mean_error": "mean error [µm]", "mae": "mean absolute error [µm]", "std": "standard deviation [µm]"}
     for axes, (key, label) in zip(figure.subplots(1, len(panels)), panels.items(), strict=True):
         for horizon, colour in zip((1, 3), COLOURS, strict=False):
-            each = np.array([[run[key] * UM for run in prints[setting(horizon, alpha)]] for alpha in ALPHAS])
+            each = np.array([[run[key] * UM_PER_M for run in prints[setting(horizon, alpha)]] for alpha in ALPHAS])
             axes.plot(ALPHAS, each, ".", color=colour, ms=3)
             axes.plot(ALPHAS, each.mean(axis=1), color=colour, label=f"horizon {horizon}")
         axes.set(xlabel=r"$\alpha$", title=label, xscale="log", ylim=None if key == "mean_error" else (0, None))
@@ -109,7 +110,7 @@ def horizon_figure(prints: Mapping[Setting, Sequence[Figures]]) -> Figure:
     """What each layer of the horizon brings, and what it costs."""
     figure = Figure(figsize=(WIDTH_IN, 2.3), layout="constrained")
     panels = {
-        "std": ("standard deviation [µm]", 1 / UM),
+        "std": ("standard deviation [µm]", 1 / UM_PER_M),
         "layers": ("layers printed", 1.0),
         "solve_time": ("time per plan, of horizon 1", unit_time(prints)),
     }
@@ -133,7 +134,7 @@ def setting(horizon: int, alpha: float) -> Setting:
 
 def grey(levels: int) -> Setting:
     """Overrides for a head whose largest droplet is that of the cylinder, in so many steps."""
-    drop = ((f"ink.a.{name}_um", float(f"{value / levels * UM:.6g}")) for name, value in vars(INK).items())
+    drop = ((f"ink.a.{name}_um", float(f"{value / levels * UM_PER_M:.6g}")) for name, value in vars(INK).items())
     return (("components.controller.drop_levels", levels), *drop)
 
 
@@ -165,8 +166,8 @@ def print_rows(name: str, prints: Mapping[str, Sequence[Figures]], unit_s: float
     for label, runs in prints.items():
         mean = {key: float(np.mean([run[key] for run in runs])) for key in runs[0]}
         say(
-            f"| {label} | {mean['mean_error'] * UM:.2f} | {mean['mae'] * UM:.2f} | {mean['std'] * UM:.2f} "
-            f"| {mean['layers']:.0f} | {mean['solve_time'] / unit_s:.1f} "
+            f"| {label} | {mean['mean_error'] * UM_PER_M:.2f} | {mean['mae'] * UM_PER_M:.2f} "
+            f"| {mean['std'] * UM_PER_M:.2f} | {mean['layers']:.0f} | {mean['solve_time'] / unit_s:.1f} "
             f"| {sum(run['finished'] for run in runs):.0f} of {len(runs)} |"
         )
 
@@ -185,7 +186,7 @@ def print_certificates() -> None:
         plan = bindings.search(problem, start, sweeps_max=50, annealing_sweeps=200).plan
         found = certify(problem, plan, seconds_max=CERTIFICATE_S)
         say(
-            f"| {name} | {found.objective * UM:.3f} µm | {found.bound * UM:.3f} µm | {found.gap:.1%} "
+            f"| {name} | {found.objective * UM_PER_M:.3f} µm | {found.bound * UM_PER_M:.3f} µm | {found.gap:.1%} "
             f"| {found.confidence:.0%} | {found.tiles_proven} of {found.tiles_solved} | {found.seconds:.1f} |"
         )
 
@@ -236,7 +237,7 @@ if __name__ == "__main__":
     print_rows("horizon", {name: prints[key] for name, key in horizons.items()}, unit_s)
     print_rows("head", {name: prints[key] for name, key in heads.items()}, unit_s)
     for alpha in ALPHAS:
-        say(f"\nalpha {alpha}, never compared with printing nothing: {runaway(alpha) * UM:+.1f} um in ten layers")
+        say(f"\nalpha {alpha}, never compared with printing nothing: {runaway(alpha) * UM_PER_M:+.1f} um in ten layers")
     print_certificates()
     say(f"\nlargest gain of the difference of two surfaces: {largest_gain():.3f}")
     say(f"\nall of it took {time.monotonic() - began:.0f} s")

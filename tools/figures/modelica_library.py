@@ -10,7 +10,8 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from inkloop.report.plot import COLOURS, STYLE, UM, WIDTH_IN, save
+from inkloop.report.plot import COLOURS, STYLE, WIDTH_IN, save
+from inkloop.units import UM_PER_M
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "docs" / "how-to"
@@ -32,8 +33,8 @@ def draw(axes: Axes, sections: list[np.ndarray], title: str) -> None:
     """One line per layer, the last one strong, and the target."""
     cells = np.arange(1, CELLS + 1)
     for section in sections:
-        axes.step(cells, section * UM, where="mid", color="0.7", linewidth=0.8)
-    axes.step(cells, sections[-1] * UM, where="mid", color=COLOURS[0], linewidth=1.8, label="last layer")
+        axes.step(cells, section * UM_PER_M, where="mid", color="0.7", linewidth=0.8)
+    axes.step(cells, sections[-1] * UM_PER_M, where="mid", color=COLOURS[0], linewidth=1.8, label="last layer")
     axes.hlines(45.6, 1.5, 10.5, color=COLOURS[1], linestyle="--", linewidth=1.0, label="six nominal layers")
     axes.set(title=f"{title}, {len(sections)} layers", xlabel="cell along y", xticks=cells[::2])
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Job
@@ -13,6 +15,7 @@ from inkloop_controller.model.layer_model import ink_maps
 from inkloop_controller.model.regions import RegionTest, materials
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan
+from inkloop_controller.problem.options import Length, Option
 
 REACH = 2  # cells: footprints of droplets that far apart still overlap
 
@@ -26,7 +29,13 @@ class CohenLipson:
     map. Raises ValueError for a threshold below 0.
     """
 
-    def __init__(self, job: Job, *, threshold: float | None = None, region_test: RegionTest = "middle") -> None:
+    def __init__(
+        self,
+        job: Job,
+        *,
+        threshold: Annotated[float | None, Option("um", form=Length | None)] = None,
+        region_test: Annotated[RegionTest, Option()] = "middle",
+    ) -> None:
         if threshold is not None and not threshold >= 0.0:
             raise ValueError(f"threshold is {threshold}; needs a height of at least 0")
         self._job, self._threshold, self._region_test = job, threshold, region_test
@@ -64,7 +73,7 @@ class CohenLipson:
 class ErrorDiffusion:
     """Error diffusion of what is lacking, in layers: each cell's rounding is made good by its neighbours."""
 
-    def __init__(self, job: Job, *, region_test: RegionTest = "middle") -> None:
+    def __init__(self, job: Job, *, region_test: Annotated[RegionTest, Option()] = "middle") -> None:
         self._job, self._choices = job, DropletChoices(job, region_test=region_test)
         self._region_test = region_test
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from inkloop_controller.planning.layer_mpc import random_key
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus, surface_objective
 from inkloop_controller.problem.criterion import Criterion
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan, SearchStatus
+from inkloop_controller.problem.options import Count, Option
 
 
 class OpenLoop:
@@ -26,7 +28,7 @@ class OpenLoop:
     at the middle of the layer's nominal position. Its objective is the mean error. Raises ValueError for layers < 0.
     """
 
-    def __init__(self, job: Job, *, layers: int | None = None) -> None:
+    def __init__(self, job: Job, *, layers: Annotated[int | None, Option()] = None) -> None:
         if layers is not None and layers < 0:
             raise ValueError(f"layers is {layers}; needs a whole number >= 0")
         nominal = np.round(job.target_height / nominal_layer_height(job))
@@ -51,7 +53,14 @@ class StochasticGreedy:
     iterations_max: batches per layer. Raises ValueError for options that cannot be meant.
     """
 
-    def __init__(self, job: Job, *, alpha: float = 0.8, batch: int = 20, iterations_max: int = 100_000) -> None:
+    def __init__(
+        self,
+        job: Job,
+        *,
+        alpha: Annotated[float, Option()] = 0.8,
+        batch: Annotated[int, Option(form=Count)] = 20,
+        iterations_max: Annotated[int, Option(form=Count)] = 100_000,
+    ) -> None:
         if batch < 1 or iterations_max < 1:
             raise ValueError(f"batch is {batch} and iterations_max {iterations_max}; needs whole numbers >= 1")
         check_single_pass(job)

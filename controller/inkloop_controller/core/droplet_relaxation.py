@@ -17,7 +17,7 @@ from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
 ITERATIONS = 30  # by trial: within 0.01 um of the optimum on rough and on nearly flat surfaces up to 100x100
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RelaxedDroplets:
     """Droplets (layers, nx, ny) counted in droplets of the first kind allowed on a cell, and their smoothed value [m].
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -16,11 +16,18 @@ from inkloop_controller.estimation.ink_identification import INK_MODELS, InkEvid
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.regions import nominal_layer_height
 from inkloop_controller.problem.horizon_problem import IntMap
+from inkloop_controller.problem.options import Length, Option
 
+SENSOR_NOISE = Option(
+    unit="um",
+    meaning="standard deviation of a reading; 0: readings are exact",
+    absent="estimated from the cells that are not printed",
+    form=Length | None,
+)
 DROPLET_STD = 0.1  # of a droplet's volume about its mean [1], as in controller/core/estimator/height_estimator.h
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """What is known after a scan.
 
@@ -83,10 +90,10 @@ class HeightEstimator:
         self,
         job: Job,
         *,
-        adapt_ink: InkModel = "scale",
-        sensor_noise_std: float | None = None,
-        sensor_resolution: float = 0.0,
-        untrusted_layers: int = 5,
+        adapt_ink: Annotated[InkModel, Option()] = "scale",
+        sensor_noise_std: Annotated[float | None, SENSOR_NOISE] = None,
+        sensor_resolution: Annotated[float, Option("um", form=Length)] = 0.0,
+        untrusted_layers: Annotated[int, Option()] = 5,
         take_as_read: bool = False,
     ) -> None:
         faults = []
@@ -198,7 +205,7 @@ class HeightEstimator:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Maps:
     """The maps of an estimate as C reads and writes them."""
 

@@ -19,7 +19,7 @@ INK_MODELS: Mapping[InkModel, int] = {"scale": 1, "full": 2, "off": 3}
 """Their numbers in ink_identification.h."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class InkEvidence:
     """Sums over the layers, recent ones more, per learnt share: instrument times what a share adds (n, n) [m^2],
     instrument times growth beyond the nominal (n,) [m^2], covariance of the latter (n, n) [m^4].

@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Annotated
 
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Ink, Job
 from inkloop_controller.model.regions import RegionTest, ink_choices
 from inkloop_controller.problem.horizon_problem import KINDS_MAX, ChoiceMaps, IntMap
+from inkloop_controller.problem.options import Option
+
+DEAD_NOZZLES = Option(
+    meaning="nozzles that jet nothing and are excluded from the plans; neighbours still spill there. Cells that stay "
+    "empty are also found during the print"
+)
+NOZZLE_PITCH = Option(
+    meaning="nozzles of the head: cell (i, j) belongs to nozzle j modulo this number; 0: one for each column. Give "
+    "the printer the same value"
+)
 
 
 class DropletChoices:
@@ -24,10 +35,10 @@ class DropletChoices:
         self,
         job: Job,
         *,
-        region_test: RegionTest = "middle",
-        drop_levels: int = 1,
-        dead_nozzles: Sequence[int] = (),
-        nozzle_pitch: int = 0,
+        region_test: Annotated[RegionTest, Option()] = "middle",
+        drop_levels: Annotated[int, Option()] = 1,
+        dead_nozzles: Annotated[Sequence[int], DEAD_NOZZLES] = (),
+        nozzle_pitch: Annotated[int, NOZZLE_PITCH] = 0,
     ) -> None:
         nozzles = nozzle_pitch or job.ny
         faults = []

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from inkloop.component import PASS_ORDERS, FloatMap, Ink, Job, pass_colours
+from inkloop.component import FloatMap, Ink, Job
+from inkloop.contract import PassOrder, pass_colours
 from inkloop_controller.core import bindings
 from inkloop_controller.core.bindings import IntMap
 
@@ -29,7 +30,7 @@ class LayerModel:
     pass_rotation: int = 0
 
     def __post_init__(self) -> None:
-        if self.passes not in (1, 4) or self.pass_order not in PASS_ORDERS:
+        if self.passes not in (1, 4) or self.pass_order not in tuple(PassOrder):
             raise ValueError(
                 f"passes is {self.passes} and pass_order {self.pass_order}; "
                 "needs 1 or 4 passes in order 1 (raster) or 2 (diagonal)"

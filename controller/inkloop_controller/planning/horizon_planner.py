@@ -24,7 +24,7 @@ _PHASES = ("relaxation", "rounding", "repair")
 _RELAX_HERE, _RELAX_GIVEN, _RELAX_NOTHING = range(3)  # of horizon_planner.h
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FoundPlan:
     """A plan (layers, nx, ny), empty if nothing is better; start: what it was made from; seconds: time by phase."""
 

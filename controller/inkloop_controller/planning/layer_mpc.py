@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib import import_module
 from math import nan
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from inkloop_controller.planning.horizon_planner import RelaxedStart, best_plan
 from inkloop_controller.planning.layer_plan import PROVEN, LayerPlan, PlanStatus
 from inkloop_controller.problem.criterion import CEILING_COST, PLAIN, Criterion
 from inkloop_controller.problem.horizon_problem import HORIZON_MAX, HorizonProblem, IntPlan, SearchProgress
+from inkloop_controller.problem.options import Option
 from inkloop_controller.problem.work import DEFAULT_WORK, Stopwatch, Work
 
 if TYPE_CHECKING:
@@ -26,10 +27,15 @@ if TYPE_CHECKING:
 
 Relaxation: TypeAlias = Literal["gradient", "ipopt", "highs", "none"]
 
+RELAXATION = Option(
+    meaning='start of the search: projected gradients, `"ipopt"` (small grids), `"highs"` (`horizon` = 1, `alpha` = 1) '
+    'or `"none"`'
+)
+CERTIFIED = Option(meaning="with `horizon` = 1 and `alpha` = 1: a bound for every layer, up to a minute each")
 CERTIFICATE_S = 60.0  # what a certificate may take if no limit is given (assumed)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Relaxed:
     """Where to round from, and what no plan can be below [m] (NaN: not known)."""
 
@@ -56,11 +62,11 @@ class LayerMpc:
         job: Job,
         *,
         criterion: Criterion = PLAIN,
-        horizon: int = 3,
+        horizon: Annotated[int, Option()] = 3,
         choices: DropletChoices | None = None,
-        relaxation: Relaxation = "gradient",
+        relaxation: Annotated[Relaxation, RELAXATION] = "gradient",
         work: Work = DEFAULT_WORK,
-        certified: bool = False,
+        certified: Annotated[bool, CERTIFIED] = False,
         after_sweep: Callable[[SearchProgress], bool] | None = None,
     ) -> None:
         if not 1 <= horizon <= HORIZON_MAX:

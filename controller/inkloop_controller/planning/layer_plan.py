@@ -31,7 +31,7 @@ class PlanStatus(StrEnum):
 PROVEN = 1e-6  # of a layer's height: an objective this near its bound differs by the rounding of the solvers
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LayerPlan:
     """The plan for the coming layers, and how good it is.
 

@@ -5,15 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap
+from inkloop_controller.problem.options import NotNegative, Option
 
 AlphaSchedule: TypeAlias = float | Sequence[tuple[int, float]]
 """One weight for the whole print, or (layer, weight) pairs: from the layer of that number (counted from 1) on."""
 
+ALPHA = Option(
+    meaning="weight of the mean error against the standard deviation, 0 to 1, or a schedule: `[[1, 0.5], [40, 1.0]]` "
+    "is 0.5 from layer 1 and 1.0 from layer 40 on. Below about 0.1 a print may never begin or never end",
+    form=float | list[tuple[int, float]],
+)
+OVERSHOOT_LIMIT = Option("um", "height above the target that the part must not exceed", form=NotNegative)
 CEILING_COST = 100.0  # a metre above the ceiling for 100 below the target: no gain elsewhere is worth it (assumed)
 NO_CEILING_M = 0.4  # higher than anything printed from droplets, and within what the search core takes
 
@@ -30,12 +37,12 @@ class Criterion:
     Raises ValueError, all faults in one sentence, for values that cannot be meant.
     """
 
-    alpha: AlphaSchedule = 0.8
-    overshoot: float = 1.0
-    overshoot_limit: float = inf
-    chance_margin: float = 0.0
-    fringe_weight: float = 0.0
-    layer_worth: float = 0.0
+    alpha: Annotated[AlphaSchedule, ALPHA] = 0.8
+    overshoot: Annotated[float, Option()] = 1.0
+    overshoot_limit: Annotated[float, OVERSHOOT_LIMIT] = inf
+    chance_margin: Annotated[float, Option()] = 0.0
+    fringe_weight: Annotated[float, Option()] = 0.0
+    layer_worth: Annotated[float, Option()] = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "alpha", self.alpha if _is_number(self.alpha) else _sorted(self.alpha))

@@ -25,7 +25,7 @@ KINDS_MAX = 16
 HEIGHT_MAX = 0.5  # [m] above that heights leave the lattice of controller/core/model/lattice.h
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HorizonProblem:
     """Which droplets to jet in the coming layers, so that the surface after the last of them comes close to the target.
 
@@ -185,7 +185,7 @@ class SearchProgress:
     shifts: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SearchResult:
     """A plan (layers, nx, ny) with its objective, evaluated from scratch; `incremental`: its value by running sums [m].
 

@@ -7,6 +7,22 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from math import inf
 from time import perf_counter
+from typing import Annotated
+
+from inkloop_controller.problem.options import Option, Positive
+
+ANNEALING_SWEEPS = Option(
+    meaning="of simulated annealing before one more repair: 50 for a single layer, up to 200 for a small plan of "
+    "several, none for large ones",
+    absent="by size",
+)
+THREADS = Option(meaning="the plan is the same for any number")
+TIME_LIMIT = Option(
+    unit="s",
+    meaning="limit on the clock; the best plan so far is printed. If it takes effect, a run is no longer the same on "
+    "every machine",
+    form=Positive,
+)
 
 
 @dataclass(frozen=True)
@@ -19,11 +35,11 @@ class Work:
     Raises ValueError, all faults in one sentence, for budgets that cannot be meant.
     """
 
-    sweeps: int = 30
-    annealing_sweeps: int | None = None
-    iterations: int = 10
-    threads: int = 1
-    time_limit: float = inf
+    sweeps: Annotated[int, Option()] = 30
+    annealing_sweeps: Annotated[int | None, ANNEALING_SWEEPS] = None
+    iterations: Annotated[int, Option()] = 10
+    threads: Annotated[int, THREADS] = 1
+    time_limit: Annotated[float, TIME_LIMIT] = inf
 
     def __post_init__(self) -> None:
         least = {"sweeps": 1, "annealing_sweeps": 0, "iterations": 1, "threads": 1}

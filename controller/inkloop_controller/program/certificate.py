@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import FloatMap
+from inkloop.units import M_PER_UM
 from inkloop_controller.core.bindings import objective
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntPlan
 from inkloop_controller.program.program import HorizonProgram
-from inkloop_controller.program.statement import MICROMETRE, last_surface, numbers_of
+from inkloop_controller.program.statement import last_surface, numbers_of
 
 WHOLE_MAX = 400  # cells up to which HiGHS gets the grid in one piece; it proves a rough 20x20 in some 10 s (by trial)
 TILE = 10  # cells a side (by trial: larger ones are not proven in seconds, smaller ones lose more to their free rims)
@@ -119,7 +120,7 @@ def _costs(problem: HorizonProblem, plan: IntPlan) -> FloatMap:
     numbers = numbers_of(problem)
     H = last_surface(numbers, [(layer > 0).astype(float) for layer in plan])
     error = np.asarray(numbers.error(H, lambda x: ca.fmax(x, 0)))
-    return np.asarray(problem.weights * error * MICROMETRE, np.float64)
+    return np.asarray(problem.weights * error * M_PER_UM, np.float64)
 
 
 def _tiles(problem: HorizonProblem, side: int) -> Iterator[tuple[tuple[slice, slice], HorizonProblem]]:

@@ -10,10 +10,10 @@ import casadi as ca
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap
+from inkloop.units import M_PER_UM
 from inkloop_controller.model.symbolic_layer import Symbolic
 from inkloop_controller.problem.horizon_problem import HorizonProblem
 from inkloop_controller.program.statement import (
-    MICROMETRE,
     HorizonStatement,
     LayerSymbols,
     exact_cost,
@@ -27,7 +27,7 @@ SMOOTHING = 1e-4  # [um2] taken off the variance, so that the flat surface has a
 TOLERANCE = 2e-6  # [um] by which HiGHS may overrate a bound: its feasibility tolerances, 1e-6 for each of two rows
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RelaxedPlan:
     """Droplets of any size (layers, nx, ny), counted in droplets of the first kind allowed on a cell.
 
@@ -101,13 +101,13 @@ class HorizonProgram:
         try:
             solution = self._opti.solve_limited()
         except RuntimeError as error:  # CasADi's word for a solver that gave up without a point to show
-            value = exact_cost(numbers, begin) * MICROMETRE
+            value = exact_cost(numbers, begin) * M_PER_UM
             return RelaxedPlan(np.stack(begin), value, nan, False, str(error))
         stats = solution.stats()
         limits = np.stack([layer.limit for layer in numbers.layers])
         found = np.stack([np.reshape(solution.value(U), problem.part.shape) for U in self._droplets])
         droplets = np.asarray(np.clip(found, 0.0, limits), np.float64)
-        value = exact_cost(numbers, list(droplets)) * MICROMETRE
+        value = exact_cost(numbers, list(droplets)) * M_PER_UM
         bound = self._bound(problem, float(solution.value(self._cost)), stats)
         return RelaxedPlan(droplets, value, bound, bool(stats["success"]), str(stats["return_status"]))
 
@@ -126,8 +126,8 @@ class HorizonProgram:
         if problem.layers != 1 or problem.passes != 1 or not one_kind:
             return nan
         if self._whole:
-            return max(0.0, float(stats["mip_dual_bound"]) - TOLERANCE) * MICROMETRE
-        return max(0.0, cost - TOLERANCE) * MICROMETRE if stats["success"] else nan
+            return max(0.0, float(stats["mip_dual_bound"]) - TOLERANCE) * M_PER_UM
+        return max(0.0, cost - TOLERANCE) * M_PER_UM if stats["success"] else nan
 
 
 def _positive_part(opti: Any, x: Symbolic) -> Symbolic:

@@ -10,10 +10,10 @@ import casadi as ca
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap
+from inkloop.contract import pass_colour
+from inkloop.units import M_PER_UM
 from inkloop_controller.model.symbolic_layer import Symbolic, symbolic_layer
 from inkloop_controller.problem.horizon_problem import HorizonProblem
-
-MICROMETRE = 1e-6  # heights are in um here: numbers near 1 suit solvers
 
 PositivePart: TypeAlias = Callable[[Symbolic], Symbolic]
 """max(x, 0) of every entry, in the form that a solver wants."""
@@ -36,7 +36,7 @@ class LayerSymbols:
     jetted: tuple[Symbolic, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HorizonStatement:
     """The values of a HorizonProblem, as symbols or numbers, heights in um from the part's mean before the first layer.
 
@@ -94,11 +94,11 @@ def jet(H: Symbolic, layer: LayerSymbols, U: Symbolic) -> Symbolic:
 def numbers_of(problem: HorizonProblem) -> HorizonStatement:
     """The statement with the numbers of a problem."""
     reference = float(problem.height[problem.part].mean())  # only differences of heights count
-    ceiling = None if problem.ceiling is None else (problem.ceiling - reference) / MICROMETRE
+    ceiling = None if problem.ceiling is None else (problem.ceiling - reference) / M_PER_UM
     return HorizonStatement(
         problem.part,
-        (problem.height - reference) / MICROMETRE,
-        (problem.target - reference) / MICROMETRE,
+        (problem.height - reference) / M_PER_UM,
+        (problem.target - reference) / M_PER_UM,
         ceiling,
         problem.weights,
         problem.alpha,
@@ -113,7 +113,7 @@ def smoothed_cost(problem: HorizonProblem, droplets: FloatMap, smoothing: float)
 
     smoothing s [m]: max(x, 0) becomes (x + sqrt(x^2 + s^2)) / 2, the standard deviation sqrt(variance + s^2).
     """
-    statement, s2 = numbers_of(problem), (smoothing / MICROMETRE) ** 2
+    statement, s2 = numbers_of(problem), (smoothing / M_PER_UM) ** 2
     U = [ca.MX.sym("U", *problem.part.shape) for _ in range(problem.layers)]
     cost = statement.cost(
         last_surface(statement, U),
@@ -122,7 +122,7 @@ def smoothed_cost(problem: HorizonProblem, droplets: FloatMap, smoothing: float)
     )
     evaluate = ca.Function("smoothed_cost", U, [cost, *(ca.gradient(cost, layer) for layer in U)])
     value, *gradient = evaluate(*droplets)
-    return float(value) * MICROMETRE, np.stack([np.asarray(layer) for layer in gradient]) * MICROMETRE
+    return float(value) * M_PER_UM, np.stack([np.asarray(layer) for layer in gradient]) * M_PER_UM
 
 
 def exact_cost(statement: HorizonStatement, droplets: list[Any]) -> float:
@@ -157,9 +157,9 @@ def drop_limits(problem: HorizonProblem) -> FloatMap:
 
 
 def _layer_numbers(problem: HorizonProblem, layer: int) -> LayerSymbols:
-    table = np.array([[kind.h1, kind.h2, kind.h3] for kind in problem.kinds]) / MICROMETRE
+    table = np.array([[kind.h1, kind.h2, kind.h3] for kind in problem.kinds]) / M_PER_UM
     h1, h2, h3 = np.moveaxis(table[first_kinds(problem)[layer]], -1, 0)
     i, j = np.indices(problem.part.shape)
     order = problem.colours[layer] if problem.colours else ()
-    jetted = tuple((2 * (i % 2) + j % 2 == colour).astype(float) for colour in order)
+    jetted = tuple((pass_colour(i, j) == colour).astype(float) for colour in order)
     return LayerSymbols(h1, h2, h3, drop_limits(problem)[layer], jetted or (np.ones(problem.part.shape),))

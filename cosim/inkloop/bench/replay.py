@@ -19,13 +19,14 @@ import numpy as np
 from rich.console import Console
 
 from inkloop.components import devices
+from inkloop.contract import MEASURED_HEIGHT, PATTERN, VALID
 from inkloop.errors import ComponentError, InkloopError, ResultError
 from inkloop.printing.device_log import live_words
 from inkloop.printing.run import new_run_folder, print_part, scenario_of_run
 from inkloop.results.result import RESULT_FILE, UNFINISHED, Result
 from inkloop.scenario.file import Scenario
 
-COMPARED = {"pattern": "patterns", "measured_height": "scans", "valid": "valid cells", "estimated_height": "estimates"}
+COMPARED = {PATTERN: "patterns", MEASURED_HEIGHT: "scans", VALID: "valid cells", "estimated_height": "estimates"}
 SAME, DIFFERS = 0, 1
 """Exit codes."""
 

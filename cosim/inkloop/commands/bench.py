@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from inkloop.commands.options import add_overrides, scenario_of
-
-if TYPE_CHECKING:
-    from rich.console import Console
+from inkloop.commands.options import add_overrides, scenario_of, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -41,11 +38,11 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Emulate the bench until Ctrl-C; the exit code."""
     from inkloop.bench.commands import emulate
 
     if options.scenario is None:
-        return emulate(None, options, console)
+        return emulate(None, options, screen())
     with scenario_of(options) as scenario:
-        return emulate(scenario, options, console)
+        return emulate(scenario, options, screen())

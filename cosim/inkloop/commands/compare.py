@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from rich.console import Console
+from inkloop.commands.options import screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -22,10 +21,10 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Show the table and write the picture; the exit code."""
     from inkloop.report import run_report
 
-    console.print(run_report.compare(options.runs, options.out))
-    console.print(f"wrote {options.out}", highlight=False)
+    screen().print(run_report.compare(options.runs, options.out))
+    print(f"wrote {options.out}")
     return 0

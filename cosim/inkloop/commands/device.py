@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from inkloop.commands.options import add_overrides, overrides_of, scenario_of
-
-if TYPE_CHECKING:
-    from rich.console import Console
+from inkloop.commands.options import add_overrides, overrides_of, scenario_of, screen
 
 ACTIONS = {
     "status": "show what every node does and remembers; changes nothing",
@@ -38,16 +35,16 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Do the action; the exit code."""
     from inkloop.bench.commands import act
 
     folder: Path = options.scenario
     if not folder.is_dir():
         with scenario_of(options) as scenario:
-            return act(scenario, options, console)
+            return act(scenario, options, screen())
     from inkloop.printing.run import scenario_file, scenario_of_run
     from inkloop.scenario.class_path import classes_from
 
     with classes_from(scenario_file(folder).parent):
-        return act(scenario_of_run(folder, overrides_of(options.overrides, str(folder))), options, console)
+        return act(scenario_of_run(folder, overrides_of(options.overrides, str(folder))), options, screen())

@@ -5,13 +5,10 @@ from __future__ import annotations
 import argparse
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from inkloop.commands.options import add_overrides, scenario_of, show_error
+from inkloop.commands.options import add_overrides, scenario_of, screen, show_error
 from inkloop.errors import ScenarioError
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 CANNOT_RUN = 2
 """Exit code where the scenario cannot be read."""
@@ -38,7 +35,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Check the bench and show the findings; the exit code."""
     from inkloop.bench.doctor import examine
 
@@ -48,4 +45,4 @@ def run(options: argparse.Namespace, console: Console) -> int:
         except ScenarioError as error:
             show_error(error, options)
             return CANNOT_RUN
-        return examine(scenario, options, console)
+        return examine(scenario, options, screen())

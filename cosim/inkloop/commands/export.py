@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from inkloop.commands.options import add_windows
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -29,7 +26,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Write the FMU; the exit code."""
     from inkloop.fmu_writer.export import export_fmu
 
@@ -42,5 +39,5 @@ def run(options: argparse.Namespace, console: Console) -> int:
         out=options.out or Path(f"{options.model}.fmu"),
         windows=options.windows,
     )
-    console.print(f"wrote {path}", highlight=False)
+    print(f"wrote {path}")
     return 0

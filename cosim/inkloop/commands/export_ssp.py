@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from inkloop.commands.options import add_overrides, add_windows, scenario_of
+from inkloop.commands.options import add_overrides, add_windows, scenario_of, screen
 from inkloop.exchange.ssp import FORMATS, VERSIONS
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -39,9 +36,9 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Write the system; the exit code."""
     from inkloop.exchange.ssp import command
 
     with scenario_of(options) as scenario:
-        return command.export(scenario, options, console)
+        return command.export(scenario, options, screen())

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from inkloop.commands.options import add_overrides, overrides_of
-
-if TYPE_CHECKING:
-    from rich.console import Console
+from inkloop.commands.options import add_overrides, overrides_of, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -53,11 +50,11 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Identify, show and write; the exit code."""
     from inkloop.identify import command
     from inkloop.scenario.class_path import classes_from
 
     source = options.sources[0]
     with classes_from(Path(source).parent):
-        return command.run(options, overrides_of(options.overrides, source), console)
+        return command.run(options, overrides_of(options.overrides, source), screen())

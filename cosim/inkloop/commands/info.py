@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from rich.console import Console
+from typing import Any
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -17,7 +14,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Show the lines of the description; the exit code."""
     if options.path.is_dir():
         from inkloop.report.run_report import lines
@@ -28,5 +25,5 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
         shown = list(describe(options.path).lines())
     for line in shown:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+        print(line)
     return 0

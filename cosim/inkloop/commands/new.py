@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from inkloop.scenario import new as templates
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -22,8 +19,8 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Write the scenario; the exit code."""
     path = templates.write(options.name, options.shape)
-    console.print(f"wrote {path}; inkloop run {path} prints it", highlight=False)
+    print(f"wrote {path}; inkloop run {path} prints it")
     return 0

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 from inkloop.errors import InkloopError, ScenarioError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from inkloop.scenario.file import Scenario
 
 
@@ -100,6 +102,13 @@ def overrides_of(pairs: Iterable[str], source: str) -> dict[str, Any]:
     if faults:
         raise ScenarioError(source, faults)
     return overrides
+
+
+def screen() -> Console:
+    """The terminal, or 120 columns where the output goes elsewhere."""
+    from rich.console import Console
+
+    return Console(width=None if sys.stdout.isatty() else 120)
 
 
 def show_error(error: InkloopError, options: argparse.Namespace) -> None:

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from inkloop.commands.options import add_overrides, overrides_of
-
-if TYPE_CHECKING:
-    from rich.console import Console
+from inkloop.commands.options import add_overrides, overrides_of, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -27,11 +24,11 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Replay and compare; the exit code."""
     from inkloop.bench.replay import replay
     from inkloop.printing.run import scenario_file
     from inkloop.scenario.class_path import classes_from
 
     with classes_from(scenario_file(options.run).parent):
-        return replay(options, overrides_of(options.overrides, str(options.run)), console)
+        return replay(options, overrides_of(options.overrides, str(options.run)), screen())

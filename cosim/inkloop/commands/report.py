@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from rich.console import Console
+from inkloop.commands.options import screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -19,11 +18,11 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Write tables and pictures, and show the tables; the exit code."""
     from inkloop.report import run_report
 
-    console.print(run_report.write(options.run))
+    screen().print(run_report.write(options.run))
     if (options.run / run_report.MODEL_TABLE).is_file():
-        console.print((options.run / run_report.MODEL_TABLE).read_text(encoding="utf-8"), highlight=False, markup=False)
+        print((options.run / run_report.MODEL_TABLE).read_text(encoding="utf-8"))
     return 0

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from inkloop.commands.options import screen
 from inkloop.studies.reproduce import PAPERS
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -25,8 +23,8 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Compute and compare; the exit code."""
     from inkloop.studies.reproduce import command
 
-    return command.reproduce(options, console)
+    return command.reproduce(options, screen())

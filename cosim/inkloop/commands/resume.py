@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from inkloop.commands.options import add_isolate, is_isolated
-
-if TYPE_CHECKING:
-    from rich.console import Console
+from inkloop.commands.options import add_isolate, is_isolated, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -20,7 +17,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Print the remaining layers, in a subprocess where asked; the exit code."""
     from inkloop.printing import run as printing
     from inkloop.scenario.class_path import classes_from
@@ -28,7 +25,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     with classes_from(printing.scenario_file(options.run).parent):
         scenario = printing.scenario_of_run(options.run)
         if not is_isolated(options, scenario):
-            return printing.resume(options.run, console)
+            return printing.resume(options.run, screen())
         from inkloop.printing.isolation import run_isolated
 
         return run_isolated([*options.words, "--no-isolate"], options.run, scenario.foreign_fmus)

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from inkloop.commands.options import add_isolate, add_scenario, is_isolated, scenario_of
-
-if TYPE_CHECKING:
-    from rich.console import Console
+from inkloop.commands.options import add_isolate, add_scenario, is_isolated, scenario_of, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -29,13 +26,13 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Print, in a subprocess where asked; the exit code."""
     from inkloop.printing import run as printing
 
     with scenario_of(options) as scenario:
         if not is_isolated(options, scenario):
-            return printing.run(scenario, options.out, console, compare=not options.no_compare)
+            return printing.run(scenario, options.out, screen(), compare=not options.no_compare)
         from inkloop.printing.isolation import run_isolated
 
         folder = printing.new_run_folder(options.out, options.scenario.stem)

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from rich.console import Console
+from typing import Any
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -19,7 +16,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Print or write the schema; the exit code."""
     import json
 
@@ -31,5 +28,5 @@ def run(options: argparse.Namespace, console: Console) -> int:
         print(text)
     else:
         write_text(options.out, text + "\n")
-        console.print(f"wrote {options.out}", highlight=False)
+        print(f"wrote {options.out}")
     return 0

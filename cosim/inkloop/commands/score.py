@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from inkloop.commands.options import overrides_of
+from inkloop.commands.options import overrides_of, screen
 from inkloop.studies.score import PLANTS
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -47,10 +44,10 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Print on all plants, and show the scores; the exit code."""
     from inkloop.scenario.class_path import classes_from
     from inkloop.studies.score import command
 
     with classes_from(Path.cwd()):
-        return command.score(options, overrides_of(options.overrides, "score"), console)
+        return command.score(options, overrides_of(options.overrides, "score"), screen())

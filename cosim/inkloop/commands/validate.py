@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from inkloop.commands.options import add_scenario, scenario_of
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -18,14 +15,13 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def run(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace) -> int:
     """Say what a valid scenario prints; the exit code."""
     with scenario_of(options) as scenario:
         grid = scenario.tables.grid
         printed = int(scenario.job().mask.sum())
-        console.print(
+        print(
             f"{options.scenario}: no fault; {grid.nx} x {grid.ny} cells, {printed} printed, "
-            f"components {', '.join(scenario.tables.components)}",
-            highlight=False,
+            f"components {', '.join(scenario.tables.components)}"
         )
     return 0

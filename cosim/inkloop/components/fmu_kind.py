@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from inkloop.component import Component, Job, Ports
+from inkloop.component import Component, Job, Port, Ports
 from inkloop.components.bench import Bench
 from inkloop.components.fmu_parameters import FORMS, JOB_PARAMETERS, Parsed, parse_file, parse_model
 from inkloop.components.kind import Checked
 from inkloop.components.port_mapping import MappedPort, MappedPorts, ports_of
 from inkloop.components.port_tables import OPTION, mapped_ports
-from inkloop.fmu import FmuComponent, archive_fault, describe, platform_fault
+from inkloop.fmu import FmuComponent, FmuDescription, archive_fault, describe, platform_fault
 from inkloop.fmu.archive_member import fmu_file
 from inkloop.fmu_writer.export import export_fmu, find_fmu
 
@@ -39,7 +39,7 @@ class FmuModel:
 
         if errors := _binary_errors(file, f"kind is {self.model!r}, whose FMU"):
             return Checked(self.model, errors)
-        return Checked(self.model, (), _ports(parsed), construct)
+        return Checked(self.model, (), _ports(parsed, describe(file)), construct)
 
 
 class FmuFile:
@@ -59,7 +59,7 @@ class FmuFile:
             errors.append(f"{JOB_PARAMETERS} is {asked!r}; expected true or false")
         inputs: list[MappedPort] = []
         outputs: list[MappedPort] = []
-        ports = Ports((), ()) if parsed.errors else _ports(parsed)
+        ports = Ports((), ()) if parsed.errors else _ports(parsed, parsed.description)
         if OPTION in options and not parsed.errors:
             inputs, outputs, wrong = mapped_ports(ports.inputs, ports.outputs, job, options[OPTION])
             errors += wrong
@@ -86,10 +86,14 @@ def _make_model(model: str, form: str, file: Path, parsed: Parsed) -> FmuCompone
         return FmuComponent(made, parameters=parsed.parameters, structural=sizes)
 
 
-def _ports(parsed: Parsed) -> Ports:
-    """The ports of an FMU for its sizes."""
-    description, sizes = parsed.description, parsed.sizes
-    return Ports(description.ports("input", sizes), description.ports("output", sizes))
+def _ports(parsed: Parsed, file: FmuDescription) -> Ports:
+    """The ports of an FMU for its sizes, in the order of its own file: each form of our FMUs has another."""
+
+    def ordered(causality: str) -> tuple[Port, ...]:
+        ports = {port.name: port for port in parsed.description.ports(causality, parsed.sizes)}
+        return tuple(ports[name] for name in file.variables if name in ports)
+
+    return Ports(ordered("input"), ordered("output"))
 
 
 def _binary_errors(path: Path, what: str) -> list[str]:

@@ -16,7 +16,8 @@ from inkloop.errors import FmuError
 from inkloop.fmu import FmuDescription, Variable, describe
 from inkloop.fmu_writer.export import find_fmu
 from inkloop.suggest import nearest
-from inkloop.units import missing_suffix, scaled, spellings, unit_of
+from inkloop.tables.quantities import scaled
+from inkloop.units import missing_suffix, spellings, unit_of
 
 JOB_PARAMETERS = "job_parameters"
 """Whether the job's own values (pitch, inks, passes, seed, ...) go to parameters of an FMU that bear their names."""
@@ -27,7 +28,7 @@ CONTROLLER = "LayerController"
 """The model that plans the layers."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Parsed:
     """What the options and the job come to, and the errors of the options, one sentence each.
 

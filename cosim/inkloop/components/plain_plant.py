@@ -10,6 +10,7 @@ import numpy as np
 from inkloop.component import Component, HasPorts, Job, Port, Ports, Status, Values
 from inkloop.components.bench import Bench
 from inkloop.components.kind import Check, Checked
+from inkloop.contract import HEIGHT, LAYER_COMMAND, LAYERS_PRINTED, PATTERN, STATUS, checked_command, contract_ports
 from inkloop.errors import ComponentError
 from inkloop.suggest import nearest
 from inkloop.units import conversion
@@ -29,7 +30,7 @@ class PlainPlant:
     """
 
     def __init__(
-        self, job: Job, plant: Component, *, pattern_input: str = "pattern", height_output: str = "height"
+        self, job: Job, plant: Component, *, pattern_input: str = PATTERN, height_output: str = HEIGHT
     ) -> None:
         self._plant, self._shape = plant, (job.nx, job.ny)
         ports = wrapped_ports(job, plant, pattern_input=pattern_input, height_output=height_output)
@@ -42,18 +43,14 @@ class PlainPlant:
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         """Get the plant ready with an empty pattern; commands count from the present one."""
-        self._printed, self._plant_time_ns = int(inputs["layer_command"]), time_ns
+        self._printed, self._plant_time_ns = int(inputs[LAYER_COMMAND]), time_ns
         empty = np.zeros(self._shape, np.int32)
-        self._values = self._plant.initialize(time_ns, self._plant_inputs({**inputs, "pattern": empty}))
+        self._values = self._plant.initialize(time_ns, self._plant_inputs({**inputs, PATTERN: empty}))
         return self._outputs()
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """One step of the plant for a new command, none otherwise. Raises ComponentError for a command out of order."""
-        command = int(inputs["layer_command"])
-        if command not in (self._printed, self._printed + 1):
-            raise ComponentError(
-                f"layer_command is {command} after layer {self._printed}; needs {self._printed} or {self._printed + 1}"
-            )
+        command = checked_command(inputs, self._printed)
         if command == self._printed + 1:
             self._values = self._plant.do_step(self._plant_time_ns, step_ns, self._plant_inputs(inputs))
             self._plant_time_ns += step_ns
@@ -90,8 +87,8 @@ class PlainPlant:
         self._printed, self._plant_time_ns, self._values = int(printed), int(plant_time_ns), values
 
     def _plant_inputs(self, inputs: Values) -> Values:
-        handed = {name: value for name, value in inputs.items() if name not in ("pattern", "layer_command")}
-        pattern = np.asarray(inputs["pattern"]).reshape(self._pattern.shape).astype(self._pattern.dtype)
+        handed = {name: value for name, value in inputs.items() if name not in (PATTERN, LAYER_COMMAND)}
+        pattern = np.asarray(inputs[PATTERN]).reshape(self._pattern.shape).astype(self._pattern.dtype)
         return {**handed, self._pattern.name: pattern}
 
     def _outputs(self) -> Values:
@@ -99,13 +96,13 @@ class PlainPlant:
         surface = np.asarray(self._values[self._height.name], np.float64).reshape(self._shape)
         return {
             **handed,
-            "height": surface * self._factor,
-            "layers_printed": np.asarray(self._printed, np.int32),
-            "status": np.asarray(int(Status.IDLE), np.int32),
+            HEIGHT: surface * self._factor,
+            LAYERS_PRINTED: np.asarray(self._printed, np.int32),
+            STATUS: np.asarray(int(Status.IDLE), np.int32),
         }
 
 
-def wrapped_ports(job: Job, plant: HasPorts, *, pattern_input: str = "pattern", height_output: str = "height") -> Ports:
+def wrapped_ports(job: Job, plant: HasPorts, *, pattern_input: str = PATTERN, height_output: str = HEIGHT) -> Ports:
     """The ports of a `PlainPlant` around a plant. Raises ValueError with what does not fit."""
     shape = (job.nx, job.ny)
     errors = [
@@ -117,8 +114,8 @@ def wrapped_ports(job: Job, plant: HasPorts, *, pattern_input: str = "pattern", 
     height = next(port for port in plant.outputs if port.name == height_output)
     if conversion(height.unit, "m") is None:
         raise ValueError(f"height_output is {height_output!r}, which is in [{height.unit}]; needs a length")
-    own_inputs = (Port("pattern", shape=shape, dtype="int32"), Port("layer_command", dtype="int32"))
-    own_outputs = (Port("height", "m", shape), Port("layers_printed", dtype="int32"), Port("status", dtype="int32"))
+    own_inputs = contract_ports(shape, PATTERN, LAYER_COMMAND)
+    own_outputs = contract_ports(shape, HEIGHT, LAYERS_PRINTED, STATUS)
     inputs = own_inputs + tuple(port for port in plant.inputs if port.name != pattern_input)
     outputs = own_outputs + tuple(port for port in plant.outputs if port.name != height_output)
     for ports in (inputs, outputs):

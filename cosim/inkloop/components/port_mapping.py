@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,19 +12,6 @@ from numpy.typing import NDArray
 from inkloop.component import Port, Values
 from inkloop.errors import ComponentError
 from inkloop.fmu import FmuComponent
-
-CONTRACT_PORTS: Mapping[str, tuple[str, bool, str, float]] = {
-    "pattern": ("1", True, "int32", 0.0),
-    "drop_level": ("1", True, "int32", 1.0),
-    "layer_command": ("1", False, "int32", 0.0),
-    "layers_printed": ("1", False, "int32", 0.0),
-    "layers_scanned": ("1", False, "int32", -1.0),
-    "status": ("1", False, "int32", 0.0),
-    "height": ("m", True, "float64", 0.0),
-    "measured_height": ("m", True, "float64", 0.0),
-    "valid": ("1", True, "bool", 1.0),
-}
-"""Signal of the layer contract -> unit, whether it is a map of the grid, dtype, start value."""
 
 
 @dataclass(frozen=True)

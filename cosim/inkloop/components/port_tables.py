@@ -14,10 +14,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from inkloop.component import Job, Port
-from inkloop.components.port_mapping import CONTRACT_PORTS, MappedPort
+from inkloop.components.port_mapping import MappedPort
+from inkloop.contract import SIGNALS
 from inkloop.suggest import nearest
 from inkloop.tables.messages import sentence
-from inkloop.units import UNITS, conversion
+from inkloop.units import UNITS, conversion, is_known, si_unit
 
 OPTION = "ports"
 _PLACES = ("{i}", "{j}", "{n}")
@@ -27,7 +28,7 @@ _Finite = Annotated[float, Field(allow_inf_nan=False)]
 class PortTable(BaseModel):
     """One port: the FMU's own number is gain * (value in `unit`) + offset."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
     variable: str = Field(description="its name in the FMU, or a template with {i}, {j} or {n}")
     unit: str | None = Field(default=None, description="of the FMU's numbers, where the FMU does not say it")
     gain: _Finite = Field(default=1.0, description="of the FMU's own number per `unit`")
@@ -108,10 +109,9 @@ def _mapped(
 def _port(name: str, table: PortTable, job: Job, variables: Sequence[Port]) -> Port:
     """A signal of the layer contract as that says; of another, what the variables are, in SI."""
     first, grid = variables[0], (job.nx, job.ny)
-    if name in CONTRACT_PORTS:
-        unit, is_map, dtype, start = CONTRACT_PORTS[name]
-        return Port(name, unit, grid if is_map else (), dtype, start)
-    unit = UNITS.get(table.unit or first.unit, (table.unit or first.unit, 1.0))[0]
+    if name in SIGNALS:
+        return SIGNALS[name].port(grid)
+    unit, _ = si_unit(table.unit or first.unit)
     return Port(name, unit, grid if len(variables) > 1 else first.shape, first.dtype, first.start)
 
 
@@ -126,7 +126,7 @@ def _unit_errors(table: PortTable, variable: Port, unit: str) -> list[str]:
         return [f".variable is {table.variable!r} in [{variable.unit}]; {_units_of(unit)}, and a gain if it takes one"]
     if table.unit is not None and conversion(unit, table.unit) is None:
         return [f".unit is {table.unit!r}; {_units_of(unit)}"]
-    if table.unit is not None and variable.unit in UNITS and variable.unit != table.unit and table.gain == 1.0:
+    if table.unit is not None and is_known(variable.unit) and variable.unit != table.unit and table.gain == 1.0:
         return [f".unit is {table.unit!r}, but the FMU says that {variable.name} is in [{variable.unit}]; leave it out"]
     return []
 

@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from inkloop.component import MEMBERS, Component, Job, Ports
 from inkloop.components.bench import Bench, load
 from inkloop.components.kind import Checked
-from inkloop.errors import ScenarioError
+from inkloop.errors import ScenarioError, message_of, own_line
 from inkloop.suggest import near
 from inkloop.tables.messages import sentence
 
@@ -60,11 +60,11 @@ class PythonClass:
         except ValueError as error:
             return Checked(kind, [str(error)])
         except (ImportError, AttributeError) as error:
-            return Checked(kind, [f"kind is {kind!r}, which cannot be loaded: {error}"])
-        except LookupError as error:
-            return Checked(kind, [f"kind is {kind!r}, which cannot be constructed: {error!r}"])
-        except TypeError as error:
-            return Checked(kind, [f"kind is {kind!r}: its options are not what a scenario file can hold: {error}"])
+            return Checked(kind, [f"kind is {kind!r}, which cannot be loaded: {error}{own_line(error)}"])
+        except Exception as error:  # anything may go wrong in a class of others
+            if isinstance(error, TypeError) and not own_line(error):
+                return Checked(kind, [f"kind is {kind!r}: its options are not what a scenario file can hold: {error}"])
+            return Checked(kind, [f"kind is {kind!r}, which cannot be constructed: {message_of(error)}"])
 
     def _constructed(self, job: Job, options: Mapping[str, object]) -> Checked:
         """Valid options with the component that they make. Raises what loading and the constructor raise."""

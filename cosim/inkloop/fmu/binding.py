@@ -205,7 +205,7 @@ class Binding:
         return f": {'; '.join(texts)}" if texts else " without a message"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Group:
     """Variables of one FMI type and what it takes to hand them over in one call, their values end to end."""
 

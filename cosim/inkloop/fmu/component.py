@@ -22,6 +22,7 @@ from inkloop.fmu.archive_member import UNREADABLE
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.reading import describe
 from inkloop.suggest import nearest
+from inkloop.units import S_PER_NS
 
 if TYPE_CHECKING:
     from inkloop.fmu.binding import Binding
@@ -92,7 +93,7 @@ class FmuComponent:
         if structural:
             binding.configure([self.description.variables[name].port({}) for name in structural], structural)
         binding.set([self.description.variables[name].port(self._sizes) for name in self._parameters], self._parameters)
-        binding.enter_initialization(time_ns * 1e-9)
+        binding.enter_initialization(time_ns * S_PER_NS)
         self._set(binding, inputs)
         binding.exit_initialization()
         self._cleanup.callback(binding.terminate)
@@ -102,7 +103,7 @@ class FmuComponent:
         """Advance by one communication step."""
         binding = self._running()
         self._set(binding, inputs)
-        binding.do_step(time_ns * 1e-9, step_ns * 1e-9)
+        binding.do_step(time_ns * S_PER_NS, step_ns * S_PER_NS)
         return binding.get(self._outputs)
 
     def terminate(self) -> None:

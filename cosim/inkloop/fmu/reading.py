@@ -18,6 +18,7 @@ import numpy as np
 from inkloop.errors import FmuError
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.variable import DTYPES, Variable
+from inkloop.units import defined_unit
 
 _ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>\d+(?:,\d+)*)\]")
 
@@ -56,7 +57,8 @@ def _translated(path: Path, model: Any, platforms: tuple[str, ...]) -> FmuDescri
     """Translate the parsed modelDescription.xml of a co-simulation FMU. Raises FmuError."""
     fmi = int(model.fmiVersion[0])
     by_reference = {v.valueReference: v.name for v in model.modelVariables}
-    plain = (_variable(v, by_reference) for v in model.modelVariables if v.type in DTYPES)
+    units = {unit.name: _unit(unit) for unit in model.unitDefinitions}
+    plain = (_variable(v, by_reference, units) for v in model.modelVariables if v.type in DTYPES)
     return FmuDescription(
         path=path,
         name=model.modelName,
@@ -74,9 +76,19 @@ def _translated(path: Path, model: Any, platforms: tuple[str, ...]) -> FmuDescri
     )
 
 
-def _variable(found: Any, by_reference: Mapping[int, str]) -> Variable:
+def _unit(found: Any) -> str:
+    """A unit of the FMU's own UnitDefinitions, which decide what a name means."""
+    if found.baseUnit is None:
+        return str(found.name)
+    base = found.baseUnit
+    exponents = {name: getattr(base, name) for name in ("kg", "m", "s", "A", "K", "mol", "cd", "rad")}
+    return defined_unit(found.name, exponents, base.factor, base.offset)
+
+
+def _variable(found: Any, by_reference: Mapping[int, str], units: Mapping[str, str]) -> Variable:
     declared = found.declaredType
     items = declared.items if declared is not None and found.type == "Enumeration" else ()
+    unit = found.unit or (declared.unit if declared is not None else None) or "1"
     return Variable(
         name=found.name,
         type=found.type,
@@ -84,7 +96,7 @@ def _variable(found: Any, by_reference: Mapping[int, str]) -> Variable:
         variability=found.variability,
         references=(found.valueReference,),
         dimensions=tuple(by_reference[d.valueReference] if d.start is None else int(d.start) for d in found.dimensions),
-        unit=found.unit or (declared.unit if declared is not None else None) or "1",
+        unit=units.get(unit, unit),
         start=tuple((found.start or "").split()),
         minimum=found.min if found.min is not None or declared is None else declared.min,
         maximum=found.max if found.max is not None or declared is None else declared.max,

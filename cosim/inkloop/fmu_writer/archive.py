@@ -1,6 +1,7 @@
 """Packing FMUs; at build time also the command that CMake calls.
 
 python -m inkloop.fmu_writer.archive variables --definition variables.toml --out FOLDER
+python -m inkloop.fmu_writer.archive emulated --definition variables.toml ... --out emulated_parameters.h
 python -m inkloop.fmu_writer.archive pack --form fmi3 --definition variables.toml ... --out MODEL.fmu
 """
 
@@ -43,6 +44,11 @@ def unpack(path: Path) -> dict[str, bytes]:
             return {name: archive.read(name) for name in archive.namelist() if not name.endswith("/")}
     except (OSError, zipfile.BadZipFile) as error:
         raise FmuError(f"{path}: is not a readable FMU: {error}") from error
+
+
+def read_definition(path: Path) -> ModelDefinition:
+    """The definition that an FMU of ours holds. Raises FmuError."""
+    return definition.load(unpack(path)[DEFINITION].decode(), DEFINITION)
 
 
 def described(
@@ -97,6 +103,11 @@ def _write_variables(options: argparse.Namespace) -> None:
     write_text(options.out / "fmu_model.c", c_tables.fmu_model(model))
 
 
+def _write_emulated(options: argparse.Namespace) -> None:
+    models = [definition.load(path.read_text("utf-8"), path) for path in options.definition]
+    write_text(options.out, c_tables.emulated_parameters(models))
+
+
 def _pack(options: argparse.Namespace) -> None:
     model = definition.load(options.definition.read_text("utf-8"), options.definition)
     sizes = {v.name: int(v.start) for v in model.exposed}
@@ -110,6 +121,9 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True)
     variables = commands.add_parser("variables", help="write header and table of the variables, fmu_model.c")
     variables.set_defaults(command=_write_variables)
+    emulated = commands.add_parser("emulated", help="write the rows of the emulator's options that are parameters")
+    emulated.set_defaults(command=_write_emulated)
+    emulated.add_argument("--definition", type=Path, nargs="+", required=True)
     packing = commands.add_parser("pack", help="pack one FMU of the default set")
     packing.set_defaults(command=_pack)
     packing.add_argument("--form", choices=FORMS, required=True)
@@ -120,6 +134,7 @@ def _parser() -> argparse.ArgumentParser:
         packing.add_argument(f"--{name}", type=Path, required=True)
     for command in (variables, packing):
         command.add_argument("--definition", type=Path, required=True, help="variables.toml of the model")
+    for command in (variables, emulated, packing):
         command.add_argument("--out", type=Path, required=True)
     return parser
 

@@ -1,12 +1,13 @@
-"""The C of a variables.toml: the table that the adapters walk, and the struct that the kernel reads."""
+"""The C of a variables.toml: the table that the adapters walk, the struct that the kernel reads, and the emulator's."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition, c_causality
 
 _C_TYPES = {"real": "double", "integer": "int32_t", "boolean": "bool", "enumeration": "int64_t", "count": "uint64_t"}
+_EMULATOR_TYPES = {"real": "REAL", "integer": "SIGNED32", "enumeration": "KIND"}
 _WRITTEN_BY_KERNEL = ("output", "state", "scratch")
 _ORIGIN = "/* Written from variables.toml; change that. */"
 
@@ -90,11 +91,27 @@ def fmu_model(model: ModelDefinition) -> str:
     )
 
 
+def emulated_parameters(models: Sequence[ModelDefinition]) -> str:
+    """emulated_parameters.h: rows of the emulator's table of options, and start values, of what it has in common.
+
+    A row is name, type, member of WorldOptions, smallest and largest value.
+    """
+    both = [(model, v) for model in models for v in model.emulated]
+    rows = [f'{{"{v.name}", {_EMULATOR_TYPES[v.type]}, WORLD({v.emulated}), {_limits(m, v)}}}' for m, v in both]
+    starts = [f".{v.emulated} = {v.start!r}" for _, v in both]
+    return "\n".join([_ORIGIN, *_macro("EMULATED_PARAMETERS", rows), "", *_macro("EMULATED_STARTS", starts), ""])
+
+
+def _macro(name: str, lines: Sequence[str]) -> Iterator[str]:
+    yield f"#define {name} \\"
+    yield from (f"    {line}, \\" for line in lines[:-1])
+    yield f"    {lines[-1]}"
+
+
 def _rows(model: ModelDefinition) -> Iterator[str]:
     for v in model.variables:
-        low, high = model.limits(v)
-        limits = f"{_limit(low, '-INFINITY')}, {_limit(high, 'INFINITY')}"
         grid = "true" if v.is_grid else "false"
+        limits = _limits(model, v)
         yield f'    {{"{v.name}", TYPE_{v.type.upper()}, {c_causality(v).upper()}, {grid}, {v.start!r}, {limits}}},'
 
 
@@ -107,8 +124,9 @@ def _number(model: ModelDefinition, variable: VariableDefinition) -> str:
     return f"{_snake(model.name)}_{variable.name}".upper()
 
 
-def _limit(value: float | None, otherwise: str) -> str:
-    return otherwise if value is None else repr(value)
+def _limits(model: ModelDefinition, variable: VariableDefinition) -> str:
+    low, high = model.limits(variable)
+    return f"{'-INFINITY' if low is None else repr(low)}, {'INFINITY' if high is None else repr(high)}"
 
 
 def _snake(name: str) -> str:

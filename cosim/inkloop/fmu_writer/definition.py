@@ -13,6 +13,7 @@ from inkloop.errors import FmuError
 
 EXPOSED = ("independent", "structural", "input", "output", "parameter")
 HIDDEN = ("state", "scratch")
+EMULATED_TYPES = ("real", "integer", "enumeration")
 TYPES = ("real", "integer", "boolean", "enumeration", "count")
 
 
@@ -21,7 +22,8 @@ class VariableDefinition:
     """One variable: a scalar or a map over the grid.
 
     `initial_from` names what the value at the start is computed from; `declared` the enumeration; a parameter that
-    `is_tunable` may be set between steps.
+    `is_tunable` may be set between steps. `emulated`: the member of the emulator's WorldOptions (world.h) that holds
+    this parameter; None: the emulator does not have it.
     """
 
     name: str
@@ -37,6 +39,7 @@ class VariableDefinition:
     terminal: str | None = None
     initial_from: str | None = None
     is_tunable: bool = False
+    emulated: str | None = None
 
     @property
     def is_grid(self) -> bool:
@@ -73,6 +76,11 @@ class ModelDefinition:
     def exposed(self) -> tuple[VariableDefinition, ...]:
         """The variables that importers see; they come first in the table."""
         return tuple(v for v in self.variables if v.is_exposed)
+
+    @property
+    def emulated(self) -> tuple[VariableDefinition, ...]:
+        """The parameters that the emulator has too, under the same names."""
+        return tuple(v for v in self.variables if v.emulated is not None)
 
     @property
     def fingerprint(self) -> str:
@@ -144,6 +152,8 @@ def _faults(variables: tuple[VariableDefinition, ...], table: Mapping[str, Any])
     for v in variables:
         if v.is_tunable and v.causality != "parameter":
             yield f"{v.name}: is_tunable is true; only a parameter can be"
+        if v.emulated is not None and (v.causality != "parameter" or v.is_grid or v.type not in EMULATED_TYPES):
+            yield f"{v.name}: is emulated; only a scalar parameter of type {', '.join(EMULATED_TYPES)} can be"
         if v.type not in TYPES:
             yield f"{v.name}: type is {v.type!r}; expected one of {', '.join(TYPES)}"
         if v.is_exposed and not v.description:

@@ -7,15 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition
+from inkloop.units import BASE_UNITS, si_unit
 
-_BASE_UNITS = {"1/m": {"m": "-1"}, "m": {"m": "1"}, "m3": {"m": "3"}, "rad": {"rad": "1"}, "s": {"s": "1"}}
-_DISPLAY_UNITS = {
-    "1/m": ("1/um", "1e-6"),
-    "m": ("um", "1e6"),
-    "m3": ("um3", "1e18"),
-    "rad": ("deg", "57.29577951308232"),
-    "s": ("ms", "1e3"),
-}
+_DISPLAY_UNITS = {"1/m": "1/um", "m": "um", "m3": "um3", "rad": "deg", "s": "ms"}
 _FMI2_TYPES = {"real": "Real", "integer": "Integer", "boolean": "Boolean", "enumeration": "Enumeration",
                "count": "Integer"}  # fmt: skip
 _FMI3_TYPES = {"real": "Float64", "integer": "Int32", "boolean": "Boolean", "enumeration": "Enumeration",
@@ -192,9 +186,9 @@ def _add_units(root: ET.Element, model: ModelDefinition) -> None:
     definitions = add(root, "UnitDefinitions")
     for unit in sorted({v.unit for v in model.exposed} - {"1"}):
         element = add(definitions, "Unit", name=unit)
-        add(element, "BaseUnit", **_BASE_UNITS[unit])
-        name, factor = _DISPLAY_UNITS[unit]
-        add(element, "DisplayUnit", name=name, factor=factor)
+        add(element, "BaseUnit", **BASE_UNITS[unit])
+        _, to_si = si_unit(_DISPLAY_UNITS[unit])
+        add(element, "DisplayUnit", name=_DISPLAY_UNITS[unit], factor=1.0 / to_si)
 
 
 def _add_experiment(root: ET.Element, model: ModelDefinition) -> None:
@@ -227,7 +221,7 @@ def _type_attributes(variable: VariableDefinition) -> dict[str, object]:
     has_unit = variable.unit != "1"
     return {
         "unit": variable.unit if has_unit else None,
-        "displayUnit": _DISPLAY_UNITS[variable.unit][0] if has_unit else None,
+        "displayUnit": _DISPLAY_UNITS[variable.unit] if has_unit else None,
         "min": None if variable.min is None else _number(variable, variable.min),
         "max": None if variable.max is None else _number(variable, variable.max),
     }

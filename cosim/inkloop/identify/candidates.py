@@ -22,11 +22,11 @@ from inkloop.models import (
     VolumeAreaDeposition,
     YoungLaplaceDeposition,
 )
+from inkloop.units import PL_PER_M3, UM_PER_M
 
 Records: TypeAlias = Sequence[PrintRecord]
 Cells: TypeAlias = Sequence[Marks]
 Fit: TypeAlias = Callable[[Records, Cells], Model]
-UM = 1e6
 ANGLES = (np.radians(15.0), np.radians(80.0))
 EVALUATIONS = 40  # of the prints by a fit; more change the errors by less than their noise (by trial)
 
@@ -77,14 +77,16 @@ def candidates(
 def words(model: Model) -> str:
     """The coefficients of a model for people."""
     if isinstance(model, LayerDeposition):
-        return " | ".join(" ".join(f"{h * UM:.3g}" for h in ink) for ink in model.heights) + " um"
+        return " | ".join(" ".join(f"{h * UM_PER_M:.3g}" for h in ink) for ink in model.heights) + " um"
     if isinstance(model, SuperpositionDeposition):
         radius, height = model.caps[0]
-        return f"r {radius * UM:.4g}, a {height * UM:.3g} um"
+        return f"r {radius * UM_PER_M:.4g}, a {height * UM_PER_M:.3g} um"
     if isinstance(model, VolumeAreaDeposition):
-        gains = " ".join(f"{gain / UM:.3g}" for gain in (model.mv_plus, model.mv_minus, model.ma_plus, model.ma_minus))
-        return f"c {model.height_scale * UM:.3g} um, {gains} /um"
-    return f"{model.droplet_volume * 1e15:.4g} pl, {np.degrees(model.contact_angle):.0f} degrees"
+        gains = " ".join(
+            f"{gain / UM_PER_M:.3g}" for gain in (model.mv_plus, model.mv_minus, model.ma_plus, model.ma_minus)
+        )
+        return f"c {model.height_scale * UM_PER_M:.3g} um, {gains} /um"
+    return f"{model.droplet_volume * PL_PER_M3:.4g} pl, {np.degrees(model.contact_angle):.0f} degrees"
 
 
 def _layers(records: Records, heights: Sequence[tuple[float, ...]]) -> LayerDeposition:

@@ -29,8 +29,7 @@ from inkloop.results.result import RESULT_FILE, Result
 from inkloop.scenario.file import Scenario
 from inkloop.suggest import nearest
 from inkloop.tables.schema import Inks
-
-UM = 1e6
+from inkloop.units import UM_PER_M
 
 
 def run(options: argparse.Namespace, overrides: Mapping[str, Any], console: Console) -> int:
@@ -41,7 +40,7 @@ def run(options: argparse.Namespace, overrides: Mapping[str, Any], console: Cons
     _check(options)
     with _progress(console) as show:
         records, nominal = _records(options, overrides, show)
-        noise = None if options.noise_um is None else options.noise_um / UM
+        noise = None if options.noise_um is None else options.noise_um / UM_PER_M
         found = identify(records, nominal, noise, options.seed, show)
     for table in tables(found):
         console.print(table)
@@ -122,8 +121,8 @@ def _nominal(folder: Path) -> Sequence[Ink]:
 
 def _heights(found: Identification) -> Table:
     table = Table(title=r"height that a droplet adds \[um], with 95 % intervals",
-                  caption=f"noise of a reading {found.noise_std * UM:.3g} um; {found.ink.used} growths; droplets vary "
-                  f"by {found.ink.droplet_std:.1%}, with all that the model does not explain")  # fmt: skip
+                  caption=f"noise of a reading {found.noise_std * UM_PER_M:.3g} um; {found.ink.used} growths; droplets "
+                  f"vary by {found.ink.droplet_std:.1%}, with all that the model does not explain")  # fmt: skip
     for heading in ("method", "h1", "h2", "h3"):
         table.add_column(heading, justify="left" if heading == "method" else "right")
     if found.protocol is not None:
@@ -136,7 +135,7 @@ def _heights(found: Identification) -> Table:
 
 
 def _intervals(values: Sequence[float], widths: Sequence[float]) -> list[str]:
-    return [f"{value * UM:.3f} +- {width * UM:.3f}" for value, width in zip(values, widths, strict=True)]
+    return [f"{value * UM_PER_M:.3f} +- {width * UM_PER_M:.3f}" for value, width in zip(values, widths, strict=True)]
 
 
 def _volume_area(found: Identification) -> Table:
@@ -144,11 +143,13 @@ def _volume_area(found: Identification) -> Table:
     estimate = found.volume_area
     known = NAMES if estimate.area_known else NAMES[:2]
     gains = ", ".join(
-        f"{name} {estimate.coefficients[name] / UM:.4f} +- {estimate.half_widths[name] / UM:.4f}" for name in known
+        f"{name} {estimate.coefficients[name] / UM_PER_M:.4f} +- {estimate.half_widths[name] / UM_PER_M:.4f}"
+        for name in known
     )
     areas = "" if estimate.area_known else "; no area was measured: ma_plus and ma_minus are the paper's"
     table = Table(title="Wu and Chiu's coefficients by (17), and their error (21) by prior drops",
-                  caption=f"c {estimate.coefficients['height_scale'] * UM:.3f} um; {gains} per um{areas}")  # fmt: skip
+                  caption=f"c {estimate.coefficients['height_scale'] * UM_PER_M:.3f} um; {gains} per um"
+                  f"{areas}")  # fmt: skip
     table.add_column("prior drops")
     for prior in estimate.rms:
         table.add_column(prior, justify="right")
@@ -159,7 +160,7 @@ def _volume_area(found: Identification) -> Table:
 
 
 def _comparison(found: Identification) -> Table:
-    floor = 2.0**0.5 * found.noise_std * UM
+    floor = 2.0**0.5 * found.noise_std * UM_PER_M
     table = Table(title="one step ahead, cells that the fit had not seen",
                   caption=f"rms of scan less prediction; the noise of two scans alone is {floor:.3g} um; (21) is "
                   "relative to the measured height")  # fmt: skip
@@ -169,7 +170,7 @@ def _comparison(found: Identification) -> Table:
     table.add_column("fitted to everything")
     for one in found.comparisons:
         if one.score is not None and one.model is not None:
-            table.add_row(one.name, f"{one.score.rms * UM:.3f}", f"{one.score.relative:.1%}", words(one.model))
+            table.add_row(one.name, f"{one.score.rms * UM_PER_M:.3f}", f"{one.score.relative:.1%}", words(one.model))
         else:
             table.add_row(one.name, "-", "-", "")
     return table

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from inkloop.component import FloatMap
+from inkloop.contract import pass_colour
 
 _INV_SQRT_TWO_PI = 1.0 / np.sqrt(2.0 * np.pi)
 NO_WIDTH = 1e-30  # of an ink that adds nothing [m]: only keeps the quotient defined
@@ -53,7 +54,7 @@ def expected_rates(
     if not colours:
         return _rates_of_pass(height, variance, pattern, heights)
     nx, ny = height.shape
-    own = 2 * (np.arange(nx)[:, None] % 2) + np.arange(ny) % 2
+    own = pass_colour(*np.indices((nx, ny)))
     rates, squares = np.zeros((*heights.shape, nx, ny)), np.zeros((nx, ny))
     for colour in colours:
         found, spread = _rates_of_pass(height, variance, np.where(own == colour, pattern, 0), heights)

@@ -15,8 +15,9 @@ import numpy as np
 import tomlkit
 from pydantic import Field
 
-from inkloop.component import Job, Port, Status, Values
+from inkloop.component import Job, Status, Values
 from inkloop.components import catalog
+from inkloop.contract import LAYER_COMMAND, LAYERS_PRINTED, LAYERS_SCANNED, PATTERN, STATUS, contract_ports, has_port
 from inkloop.errors import ScenarioError
 from inkloop.fmu import describe
 from inkloop.identify import designs
@@ -33,8 +34,6 @@ _DROPPED = ("support", "events", "compare", "literature", "connections")
 class Experiment:
     """Takes the controller's place and prints a design, layer by layer, whatever the scans say. See `designs`."""
 
-    inputs = (Port("layers_printed", dtype="int32"), Port("layers_scanned", dtype="int32", start=-1))
-
     def __init__(
         self,
         job: Job,
@@ -49,11 +48,9 @@ class Experiment:
             else designs.layers(job.nx, job.ny, layers, design_seed, MARGIN)
         )
         self._command = 0
-        self.outputs = (
-            Port("pattern", shape=(job.nx, job.ny), dtype="int32"),
-            Port("layer_command", dtype="int32"),
-            Port("status", dtype="int32"),
-        )
+        shape = (job.nx, job.ny)
+        self.inputs = contract_ports(shape, LAYERS_PRINTED, LAYERS_SCANNED)
+        self.outputs = contract_ports(shape, PATTERN, LAYER_COMMAND, STATUS)
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         """Nothing is commanded yet."""
@@ -61,7 +58,7 @@ class Experiment:
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """The next layer once the last one is printed and scanned."""
-        printed, scanned = int(inputs["layers_printed"]), int(inputs["layers_scanned"])
+        printed, scanned = int(inputs[LAYERS_PRINTED]), int(inputs[LAYERS_SCANNED])
         is_due = printed == scanned == self._command
         if is_due and self._command == len(self._patterns):
             return self._outputs(Status.DONE)
@@ -73,9 +70,9 @@ class Experiment:
 
     def _outputs(self, status: Status) -> Values:
         return {
-            "pattern": self._patterns[max(0, self._command - 1)].copy(),
-            "layer_command": np.asarray(self._command, np.int32),
-            "status": np.asarray(int(status), np.int32),
+            PATTERN: self._patterns[max(0, self._command - 1)].copy(),
+            LAYER_COMMAND: np.asarray(self._command, np.int32),
+            STATUS: np.asarray(int(status), np.int32),
         }
 
 
@@ -151,15 +148,13 @@ def _printer(plant: str) -> dict[str, Any]:
     """The table of a plant; an FMU without the handshake of the layer contract is given one."""
     if not plant.endswith(".fmu"):
         return {"kind": plant}
-    is_whole = "layer_command" in describe(plant).variables
+    is_whole = LAYER_COMMAND in describe(plant).variables
     return {"kind": "Fmu" if is_whole else catalog.PLAIN_PLANT, "file": str(Path(plant).resolve())}
 
 
 def _controllers(scenario: Scenario) -> list[str]:
     """Names of the components that command layers. Raises ScenarioError if there are none."""
-    found = [
-        name for name, part in scenario.ports.items() if any(port.name == "layer_command" for port in part.outputs)
-    ]
+    found = [name for name, part in scenario.ports.items() if has_port(part.outputs, LAYER_COMMAND)]
     if not found:
         raise ScenarioError(scenario.source, ["no component commands layers; experiments take the controller's place"])
     return found

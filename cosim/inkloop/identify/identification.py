@@ -15,6 +15,7 @@ from inkloop.identify.droplet_protocol import ProtocolEstimate, identify_by_prot
 from inkloop.identify.ink_regression import InkEstimate, identify_ink
 from inkloop.identify.print_record import PrintRecord, noise_of
 from inkloop.identify.volume_area_coefficients import VolumeAreaEstimate, identify_volume_area
+from inkloop.units import UM_PER_M
 
 DENSE = 0.15  # of the touched cells are hit by a layer on average, else it is a print of motifs (assumed)
 
@@ -93,7 +94,7 @@ def _check(records: Sequence[PrintRecord]) -> None:
         f"{record.name}: {what} {value}, {first.name}: {expected}; identify prints of one pitch and process together"
         for record in records[1:]
         for what, value, expected in (
-            ("pitch_um", f"{record.pitch * 1e6:g}", f"{first.pitch * 1e6:g}"),
+            ("pitch_um", f"{record.pitch * UM_PER_M:g}", f"{first.pitch * UM_PER_M:g}"),
             ("passes", record.passes, first.passes),
             ("pass_order", record.pass_order, first.pass_order),
             ("pass_rotation", record.pass_rotation, first.pass_rotation),

@@ -25,6 +25,7 @@ from inkloop.errors import IdentificationError
 from inkloop.identify.expected_increments import expected_rates
 from inkloop.identify.print_record import PrintRecord
 from inkloop.models.layer_deposition import HEIGHTS_BY_REACH
+from inkloop.units import UM_PER_M
 
 BLOCK = 4  # cells along each side of a block whose errors may depend on each other (assumed)
 ROUNDS, AGREE = 40, 1e-4  # until a round changes no height by more than that share of a layer
@@ -143,8 +144,8 @@ def first_guess(records: Sequence[PrintRecord]) -> float:
         raise IdentificationError("no layer has a droplet; log the patterns as they were jetted")
     if growth <= 0.0:
         raise IdentificationError(
-            f"the surface sank by {-growth / droplets * 1e6:.3g} um per droplet; expected it to grow; check the sign "
-            "of the heights, the level of the scans (datum), and that each scan belongs to its pattern"
+            f"the surface sank by {-growth / droplets * UM_PER_M:.3g} um per droplet; expected it to grow; check the "
+            "sign of the heights, the level of the scans (datum), and that each scan belongs to its pattern"
         )
     return growth / droplets
 

@@ -16,8 +16,9 @@ from inkloop.identify.identification import Identification
 from inkloop.identify.volume_area_coefficients import NAMES
 from inkloop.models import SuperpositionDeposition, VolumeAreaDeposition, YoungLaplaceDeposition
 from inkloop.tables.ink_file import InkFile
+from inkloop.units import PL_PER_M3, UM_PER_M
 
-UM, DIGITS = 1e6, 5
+DIGITS = 5
 
 
 def write_ink(found: Identification, path: Path, today: date) -> None:
@@ -35,8 +36,8 @@ def write_ink(found: Identification, path: Path, today: date) -> None:
     for material, values, half in zip("ab", heights, widths, strict=False):
         table = tomlkit.table()
         for k, (value, width) in enumerate(zip(values, half, strict=True), start=1):
-            item = tomlkit.item(_rounded(max(0.0, value) * UM))
-            item.comment(f"+- {width * UM:.2g} (95 %)")
+            item = tomlkit.item(_rounded(max(0.0, value) * UM_PER_M))
+            item.comment(f"+- {width * UM_PER_M:.2g} (95 %)")
             table.add(f"h{k}_um", item)
         document[material] = table
     models = tomlkit.table(is_super_table=True)
@@ -61,16 +62,16 @@ def _models(found: Identification) -> dict[str, dict[str, Any]]:
         if isinstance(model, SuperpositionDeposition):
             radius, height = model.caps[0]
             named = {f"cap_radius_{m}_um": radius for m in "ab"} | {f"cap_height_{m}_um": height for m in "ab"}
-            tables["SuperpositionDeposition"] = {key: value * UM for key, value in named.items()}
+            tables["SuperpositionDeposition"] = {key: value * UM_PER_M for key, value in named.items()}
         elif isinstance(model, YoungLaplaceDeposition):
-            liquid = {"droplet_volume_pl": model.droplet_volume * 1e15}
+            liquid = {"droplet_volume_pl": model.droplet_volume * PL_PER_M3}
             tables["YoungLaplaceDeposition"] = liquid | {"contact_angle_deg": math.degrees(model.contact_angle)}
         elif (
             isinstance(model, VolumeAreaDeposition) and "VolumeAreaDeposition" not in tables
         ):  # the better one of the two
-            gains = {f"{name}_per_um": getattr(model, name) / UM for name in NAMES}
-            tables["VolumeAreaDeposition"] = {"height_scale_um": model.height_scale * UM, **gains} | (
-                {"cap_radius_um": model.cap_radius * UM} if model.cap_radius else {}
+            gains = {f"{name}_per_um": getattr(model, name) / UM_PER_M for name in NAMES}
+            tables["VolumeAreaDeposition"] = {"height_scale_um": model.height_scale * UM_PER_M, **gains} | (
+                {"cap_radius_um": model.cap_radius * UM_PER_M} if model.cap_radius else {}
             )
     rounded = {kind: {key: _rounded(value) for key, value in table.items()} for kind, table in tables.items()}
     if "VolumeAreaDeposition" in rounded:
@@ -80,12 +81,12 @@ def _models(found: Identification) -> dict[str, dict[str, Any]]:
 
 def _identified(found: Identification) -> dict[str, Any]:
     """Where the numbers are from and how good they are."""
-    scores = {c.name: _rounded(c.score.rms * UM) for c in found.comparisons if c.score}
+    scores = {c.name: _rounded(c.score.rms * UM_PER_M) for c in found.comparisons if c.score}
     return {
         "method": "regression over layers, corrected for the noise of the scans",
         "prints": [record.name for record in found.records],
-        "pitch_um": found.records[0].pitch * UM,
-        "noise_um": _rounded(found.noise_std * UM),
+        "pitch_um": found.records[0].pitch * UM_PER_M,
+        "noise_um": _rounded(found.noise_std * UM_PER_M),
         "droplet_std": _rounded(found.ink.droplet_std),
         "growths": found.ink.used,
         "one_step_rms_um": scores,

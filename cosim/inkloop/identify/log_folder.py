@@ -19,6 +19,7 @@ from pydantic import Field, ValidationError
 from tomlkit.exceptions import TOMLKitError
 
 from inkloop.component import FloatMap
+from inkloop.contract import PassOrder
 from inkloop.errors import HeightMapError, IdentificationError
 from inkloop.identify.print_record import PrintRecord
 from inkloop.metrology.cell_means import cell_means
@@ -26,9 +27,9 @@ from inkloop.metrology.datum import Datum
 from inkloop.metrology.height_map import HeightMap, Mirror
 from inkloop.metrology.map_file import read
 from inkloop.metrology.registration import Registration
-from inkloop.tables.job import PASS_ORDERS
 from inkloop.tables.messages import sentence
-from inkloop.tables.shapes import UM, Length, Position, Table
+from inkloop.tables.shapes import Length, Position, Table
+from inkloop.units import M_PER_UM
 
 DESCRIPTION = "print.toml"
 LAYERS_MOST = 100_000
@@ -88,12 +89,12 @@ def read_log(folder: Path) -> PrintRecord:
         raise IdentificationError(_list(folder, faults))
     record = PrintRecord(
         str(folder),
-        table.pitch_um * UM,
+        table.pitch_um * M_PER_UM,
         np.stack(patterns),
         np.stack(found),
         np.stack(areas) if table.inked_um is not None else None,
         table.passes,
-        PASS_ORDERS[table.pass_order],
+        PassOrder[table.pass_order.upper()].value,
         table.pass_rotation,
     )
     try:
@@ -185,7 +186,7 @@ class _Maps:
         """The map after a layer. Raises HeightMapError."""
         table = self.table
         reading: dict[str, Any] = {"unit": table.unit, "scale": table.count_scale, "invalid_value": table.invalid_value}
-        pixel = None if table.pixel_um is None else table.pixel_um * UM
+        pixel = None if table.pixel_um is None else table.pixel_um * M_PER_UM
         path = self.folder / table.maps.format(layer=layer)
         map_ = read(path, pixel=pixel, rows_along=table.rows_along, **reading)
         if not map_.valid.any():
@@ -204,15 +205,18 @@ class _Maps:
 
     def covered(self, map_: HeightMap, ground: float) -> FloatMap:
         """(nx, ny): share of each cell's pixels that are ink (Wu, Chiu 2024, eq. 14)."""
-        threshold = math.inf if self.table.inked_um is None else ground + self.table.inked_um * UM
+        threshold = math.inf if self.table.inked_um is None else ground + self.table.inked_um * M_PER_UM
         inked = np.where(map_.valid, (map_.z > threshold).astype(np.float64), np.nan)
         return np.nan_to_num(self._means(HeightMap(inked, map_.dx, map_.dy, map_.x0, map_.y0, map_.source), 1.0))
 
     def _means(self, map_: HeightMap, share: float | None = None) -> FloatMap:
-        table, pitch = self.table, self.table.pitch_um * UM
+        table, pitch = self.table, self.table.pitch_um * M_PER_UM
         middle = table.middle_share if share is None else share
         placed = Registration(
-            table.offset_x_um * UM, table.offset_y_um * UM, math.radians(table.rotation_deg), mirror=table.mirror
+            table.offset_x_um * M_PER_UM,
+            table.offset_y_um * M_PER_UM,
+            math.radians(table.rotation_deg),
+            mirror=table.mirror,
         )
         parts = max(1, 2 * round((1.0 / middle - 1.0) / 2.0) + 1)  # the middle one of so many along each side
         fine = cell_means(map_, _finer(placed, parts, pitch), self.nx * parts, self.ny * parts, pitch / parts)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from inkloop.identify.cross_validation import Comparison
 from inkloop.identify.identification import Identification
 from inkloop.report import plot
-from inkloop.report.plot import COLOURS, UM, WIDTH_IN
+from inkloop.report.plot import COLOURS, WIDTH_IN
+from inkloop.units import UM_PER_M
 
 SHOWN = 4  # models, the best ones
 BINS = 60
@@ -46,21 +47,21 @@ def residuals(found: Identification) -> Figure:
 def _map(figure: Figure, axes: Axes, best: Comparison) -> None:
     errors = max(best.errors, key=np.size)
     seen = np.isfinite(errors).any(axis=0)
-    rms = np.sqrt(np.nanmean(np.where(seen, errors, 0.0) ** 2, axis=0)) * UM
+    rms = np.sqrt(np.nanmean(np.where(seen, errors, 0.0) ** 2, axis=0)) * UM_PER_M
     image = axes.imshow(np.where(seen, rms, np.nan).T, origin="lower", cmap="viridis", vmin=0.0)
     figure.colorbar(image, ax=axes, label="rms over the layers [µm]", shrink=0.9)
     axes.set(title=best.name, xlabel="cell along x", ylabel="cell along y")
 
 
 def _densities(axes: Axes, shown: Sequence[Comparison], noise_std: float) -> None:
-    errors = [_flat(comparison) * UM for comparison in shown]
+    errors = [_flat(comparison) * UM_PER_M for comparison in shown]
     limit = float(max(np.quantile(np.abs(error), 0.99) for error in errors))
     for error, comparison, colour in zip(errors, shown, COLOURS, strict=False):
         axes.hist(
             error, bins=BINS, range=(-limit, limit), density=True, histtype="step", color=colour, label=comparison.name
         )
     if noise_std > 0.0:
-        x, spread = np.linspace(-limit, limit, 300), np.sqrt(2.0) * noise_std * UM
+        x, spread = np.linspace(-limit, limit, 300), np.sqrt(2.0) * noise_std * UM_PER_M
         normal = np.exp(-0.5 * (x / spread) ** 2) / (spread * np.sqrt(2.0 * np.pi))
         axes.plot(x, normal, color="0.4", linewidth=0.8, linestyle="--", label="noise of two scans")
     axes.set(title="scan - prediction", xlabel="[µm]", yticks=[])
@@ -69,12 +70,12 @@ def _densities(axes: Axes, shown: Sequence[Comparison], noise_std: float) -> Non
 def _by_rise(axes: Axes, shown: Sequence[Comparison], found: Identification) -> None:
     """By steps that were predicted, whose errors are not those of the scan that the next prediction began from."""
     parts = zip(found.compared, shown[0].errors, strict=True)
-    rise = np.concatenate([_rises(record.measured[1:] - error)[:-1].ravel() for record, error in parts]) * UM
+    rise = np.concatenate([_rises(record.measured[1:] - error)[:-1].ravel() for record, error in parts]) * UM_PER_M
     if rise.size == 0:
         axes.set_axis_off()
         return
     for comparison, colour in zip(shown, COLOURS, strict=False):
-        error = np.concatenate([part[1:].ravel() for part in comparison.errors]) * UM
+        error = np.concatenate([part[1:].ravel() for part in comparison.errors]) * UM_PER_M
         known = np.isfinite(error) & np.isfinite(rise)
         edges = np.unique(np.quantile(rise[known], np.linspace(0.0, 1.0, QUANTILES + 1)))
         place = np.clip(np.searchsorted(edges, rise[known], "right") - 1, 0, len(edges) - 2)

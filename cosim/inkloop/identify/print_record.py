@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import BoolMap, FloatMap, pass_colours
+from inkloop.component import BoolMap, FloatMap
+from inkloop.contract import pass_colours
 from inkloop.metrology.datum import Datum, level, reference_cells
 
 CELLS_MIN = 20  # differences for a standard deviation to 16 % (assumed enough)

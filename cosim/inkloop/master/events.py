@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, HasPorts, Port, Values
+from inkloop.units import S_PER_NS
 
 Action = Literal["override", "bias", "reset"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Event:
     """A change to the port at `place` ("component.port"), in the port's unit and type.
 
@@ -56,7 +57,9 @@ class Event:
         return np.asarray(changed, dtype=original.dtype)
 
     def __str__(self) -> str:
-        when = f"layer {self.at_layer}" if self.at_layer is not None else f"t = {(self.at_time_ns or 0) * 1e-9:.9g} s"
+        when = (
+            f"layer {self.at_layer}" if self.at_layer is not None else f"t = {(self.at_time_ns or 0) * S_PER_NS:.9g} s"
+        )
         what = "" if self.value is None else f" {_range(self.value)}"
         growth = "" if self.per_layer is None else f", {_range(self.per_layer)} more with each further layer"
         where = "" if self.cells is None else f" in {int(self.cells.sum())} cells"

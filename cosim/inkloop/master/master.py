@@ -15,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Component, Port, Status, Values
-from inkloop.errors import ComponentError, InkloopError, ScenarioError
+from inkloop.contract import LAYER_COMMAND, LAYERS_PRINTED, LAYERS_SCANNED, STATUS, has_port
+from inkloop.errors import ComponentError, ScenarioError, message_of
 from inkloop.master.events import Event, Manipulator
 from inkloop.master.interrupt import deferred
 from inkloop.master.pacing import Pacing
 from inkloop.master.wiring import Connection, check, feeds, without_start
 from inkloop.results.checkpoint import Checkpoint
+from inkloop.units import S_PER_NS
 
 Algorithm = Literal["gauss-seidel", "jacobi"]
 StopReason = Literal["done", "layers_max", "time_max", "fault", "interrupted"]
@@ -87,7 +89,7 @@ class Master:
             name: {port.name: port.start_value() for port in component.outputs}
             for name, component in components.items()
         }
-        commander = (name for name, part in components.items() if any(p.name == "layer_command" for p in part.outputs))
+        commander = (name for name, part in components.items() if has_port(part.outputs, LAYER_COMMAND))
         self._commander = next(commander, None)
         parts = (*components, "observers", *(["waiting"] if pacing else []), "total")
         self._wall_ns = dict.fromkeys(parts, 0)
@@ -103,7 +105,7 @@ class Master:
         where somebody scans. "fault": a component's status is fault. "interrupted": Ctrl-C; all observers saw the last
         communication point.
         """
-        if time_max_ns is None and not (layers_max is not None and self._find("layers_printed")):
+        if time_max_ns is None and not (layers_max is not None and self._find(LAYERS_PRINTED)):
             raise ScenarioError("run", ["nothing ends this run: no component counts layers; set time_max_s"])
         begin = perf_counter_ns()
         try:
@@ -134,7 +136,7 @@ class Master:
         Where the run is paced, also what it waited for the clock ("waiting").
         """
         *parts, total = self._wall_ns.values()
-        return {name: ns * 1e-9 for name, ns in self._wall_ns.items()} | {"master": (total - sum(parts)) * 1e-9}
+        return {name: ns * S_PER_NS for name, ns in self._wall_ns.items()} | {"master": (total - sum(parts)) * S_PER_NS}
 
     def _initialize(self) -> None:
         order = self._initial_order()
@@ -146,7 +148,7 @@ class Master:
                 outputs = self._components[name].initialize(0, self._gather(name, self._outputs, 0))
                 self._publish(name, outputs, 0)
             except Exception as error:
-                raise ComponentError(f"{name} could not be initialized: {_text(error)}") from error
+                raise ComponentError(f"{name} could not be initialized: {message_of(error)}") from error
             self._wall_ns[name] += perf_counter_ns() - begin
 
     def _restore(self, checkpoint: Checkpoint) -> int:
@@ -155,7 +157,7 @@ class Master:
             try:
                 component.restore(checkpoint.states[name])  # type: ignore[attr-defined]
             except Exception as error:
-                raise ComponentError(f"{name} could not be restored: {_text(error)}") from error
+                raise ComponentError(f"{name} could not be restored: {message_of(error)}") from error
         self._outputs = {name: dict(checkpoint.outputs[name]) for name in self._components}
         return checkpoint.time_ns
 
@@ -172,8 +174,8 @@ class Master:
                 outputs = component.do_step(begin_ns, own_step_ns, self._gather(name, before, begin_ns))
                 self._publish(name, outputs, begin_ns)
             except Exception as error:
-                place = f"at t = {begin_ns * 1e-9:.9g} s{self._layer()}"
-                raise ComponentError(f"{name} failed {place}: {_text(error)}") from error
+                place = f"at t = {begin_ns * S_PER_NS:.9g} s{self._layer()}"
+                raise ComponentError(f"{name} failed {place}: {message_of(error)}") from error
             self._wall_ns[name] += perf_counter_ns() - begin
         self._observe("stepped", time_ns)
 
@@ -203,7 +205,7 @@ class Master:
 
     def _commanded(self, outputs: Mapping[str, Values]) -> int:
         """Number of the last layer commanded, 0 if nobody commands layers."""
-        return int(outputs[self._commander]["layer_command"]) if self._commander else 0
+        return int(outputs[self._commander][LAYER_COMMAND]) if self._commander else 0
 
     def _checked(self, name: str, outputs: Values) -> Values:
         """The outputs as arrays of the declared shape and type; finite where another component reads them."""
@@ -223,12 +225,12 @@ class Master:
         return order
 
     def _end(self, time_ns: int, layers_max: int | None, time_max_ns: int | None) -> StopReason | None:
-        if any(outputs["status"] == Status.FAULT for outputs in self._outputs.values() if "status" in outputs):
+        if any(outputs[STATUS] == Status.FAULT for outputs in self._outputs.values() if STATUS in outputs):
             return "fault"
-        controller = self._find("layer_command")
-        if controller and controller.get("status") == Status.DONE:
+        controller = self._find(LAYER_COMMAND)
+        if controller and controller.get(STATUS) == Status.DONE:
             return "done"
-        counters = [part[count] for count in ("layers_printed", "layers_scanned") if (part := self._find(count))]
+        counters = [part[count] for count in (LAYERS_PRINTED, LAYERS_SCANNED) if (part := self._find(count))]
         if layers_max is not None and counters and min(counters) >= layers_max:
             return "layers_max"
         return "time_max" if time_max_ns is not None and time_ns >= time_max_ns else None
@@ -238,12 +240,8 @@ class Master:
         return next((outputs for outputs in self._outputs.values() if output in outputs), None)
 
     def _layer(self) -> str:
-        printer = self._find("layers_printed")
-        return f", after layer {int(printer['layers_printed'])}" if printer else ""
-
-
-def _text(error: Exception) -> str:
-    return str(error) if isinstance(error, InkloopError) else f"{type(error).__name__}: {error}"
+        printer = self._find(LAYERS_PRINTED)
+        return f", after layer {int(printer[LAYERS_PRINTED])}" if printer else ""
 
 
 def checked_output(port: Port, outputs: Values, must_be_finite: bool) -> NDArray[Any]:

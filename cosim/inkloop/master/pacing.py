@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from inkloop.units import MS_PER_S, S_PER_NS
+
 LONGEST_SLEEP_NS = 100_000_000  # so that Ctrl-C is heard while a long step is waited for
 
 
@@ -40,7 +42,7 @@ class Pacing:
         due_ns = self._begin_ns + round(time_ns / self._factor)
         self._lateness_ns.append(max(0, self._clock() - due_ns))
         while (left_ns := due_ns - self._clock()) > 0 and not is_cancelled():
-            self._sleep(min(left_ns, LONGEST_SLEEP_NS) * 1e-9)
+            self._sleep(min(left_ns, LONGEST_SLEEP_NS) * S_PER_NS)
 
     @property
     def statistics(self) -> dict[str, float]:
@@ -48,12 +50,12 @@ class Pacing:
         lateness = np.array(self._lateness_ns, dtype=np.int64)
         figures = {"real_time_factor": self._factor, "steps": lateness.size, "missed": int(np.count_nonzero(lateness))}
         worst, p99 = (lateness.max(), np.percentile(lateness, 99)) if lateness.size else (0, 0.0)
-        return figures | {"worst_s": float(worst) * 1e-9, "p99_s": float(p99) * 1e-9}
+        return figures | {"worst_s": float(worst) * S_PER_NS, "p99_s": float(p99) * S_PER_NS}
 
 
 def sentence(statistics: Mapping[str, float]) -> str:
     """The statistics of a run in a line."""
     return (
         f"real time x {statistics['real_time_factor']:g}: {statistics['missed']} of {statistics['steps']} steps late, "
-        f"worst {statistics['worst_s'] * 1e3:.3g} ms, 99 % within {statistics['p99_s'] * 1e3:.3g} ms"
+        f"worst {statistics['worst_s'] * MS_PER_S:.3g} ms, 99 % within {statistics['p99_s'] * MS_PER_S:.3g} ms"
     )

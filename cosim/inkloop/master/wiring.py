@@ -10,13 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import HasPorts, Port, Values, is_shadow
+from inkloop.contract import HEIGHT, LAYERS_FOLLOWED, LAYERS_PRINTED, REQUIRED_INPUTS
 from inkloop.suggest import nearest
-from inkloop.units import UNITS, conversion
-
-CONTRACT_INPUTS = frozenset(
-    {"pattern", "layer_command", "layers_printed", "height", "measured_height", "valid", "layers_scanned"}
-)
-"""Inputs without which the handshake cannot run; any other may stay unconnected at its start value."""
+from inkloop.units import conversion, is_known
 
 
 @dataclass(frozen=True)
@@ -144,7 +140,7 @@ def _open_inputs(components: Mapping[str, HasPorts], fed: Mapping[str, str]) -> 
             sources = _sources(components, name, port.name)
             if len(sources) > 1:
                 yield f"{place} may come from {' or '.join(sources)}; say which under [[connections]]"
-            elif port.name in CONTRACT_INPUTS.difference(getattr(component, "optional_inputs", ())):
+            elif port.name in REQUIRED_INPUTS.difference(getattr(component, "optional_inputs", ())):
                 yield (
                     f"{place} is not connected: no other component has an output {port.name}; "
                     "add one that has, or name a source under [[connections]]"
@@ -152,17 +148,17 @@ def _open_inputs(components: Mapping[str, HasPorts], fed: Mapping[str, str]) -> 
 
 
 def _mismatches(connection: Connection, source: Port, target: Port) -> Iterator[str]:
-    strange = {f"[{port.unit}]" for port in (source, target) if port.unit not in UNITS and port.unit != "1"}
-    is_told = bool(strange) and connection.gain != 1.0  # the gain says how one unit becomes the other
-    is_one_quantity = is_told or conversion(source.unit, target.unit) is not None
+    strange = {f"[{port.unit}]" for port in (source, target) if not is_known(port.unit) and port.unit != "1"}
+    has_gain = bool(strange) and connection.gain != 1.0  # the gain says how one unit becomes the other
+    is_one_quantity = has_gain or conversion(source.unit, target.unit) is not None
     for what, found, expected, fits in (
         ("quantity", f"[{source.unit}]", f"[{target.unit}]", is_one_quantity),
         ("shape", _shape(source.shape), _shape(target.shape), source.shape == target.shape),
         ("type", source.dtype, target.dtype, source.dtype == target.dtype),
     ):
         if not fits:
-            told = f", or a gain that says how {found} becomes {expected}" if strange & {found, expected} else ""
-            yield f"{connection.source} gives {found}, {connection.target} takes {expected}: same {what} needed{told}"
+            advice = f", or a gain that says how {found} becomes {expected}" if strange & {found, expected} else ""
+            yield f"{connection.source} gives {found}, {connection.target} takes {expected}: same {what} needed{advice}"
     if is_one_quantity and not Transfer.of(connection, source, target).is_plain and not _is_float(source):
         yield (
             f"{connection.source} is {source.dtype}; a gain, an offset or another unit needs floating-point values; "
@@ -192,11 +188,11 @@ def _use_shadow_counter(
     wire: Connection, wires: Sequence[Connection], components: Mapping[str, HasPorts]
 ) -> Connection:
     component, port = wire.target_parts
-    if port != "layers_printed":
+    if port != LAYERS_PRINTED:
         return wire
-    surfaces = [other.source_parts[0] for other in wires if other.target_parts == (component, "height")]
+    surfaces = [other.source_parts[0] for other in wires if other.target_parts == (component, HEIGHT)]
     shadow = next((name for name in surfaces if is_shadow(components[name])), None)
-    return wire if shadow is None else Connection(f"{shadow}.layers_followed", wire.target)
+    return wire if shadow is None else Connection(f"{shadow}.{LAYERS_FOLLOWED}", wire.target)
 
 
 def _sources(components: Mapping[str, HasPorts], target: str, port: str) -> list[str]:

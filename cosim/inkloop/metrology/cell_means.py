@@ -13,6 +13,7 @@ from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import HeightMapError
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.registration import Registration
+from inkloop.units import UM_PER_M
 
 PIXELS_PER_CELL = 8  # coarser pixels are divided first: a turned pixel counts as an upright one of the same area
 _BLOCK = 1 << 18  # pixels at a time, so that they stay in the processor's cache
@@ -20,7 +21,7 @@ _UPRIGHT = 1e-12  # rad: a rotation by quarter turns
 _ROUNDING = 1e-6  # share of a cell that a pixel beside it gets by rounding
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CellMeans:
     """mean: (nx, ny) mean measured height [m], NaN where nothing was; share: (nx, ny), measured part of each cell."""
 
@@ -42,8 +43,8 @@ def cell_means(map_: HeightMap, registration: Registration, nx: int, ny: int, pi
     width, depth = _box(map_, registration)
     if max(width, depth) > pitch * (1.0 + _ROUNDING):
         raise HeightMapError(
-            f"{map_.source}: a pixel is {max(width, depth) * 1e6:.4g} um on the grid, a cell {pitch * 1e6:.4g} um; "
-            "expected finer pixels than cells; check the size of the pixels"
+            f"{map_.source}: a pixel is {max(width, depth) * UM_PER_M:.4g} um on the grid, a cell "
+            f"{pitch * UM_PER_M:.4g} um; expected finer pixels than cells; check the size of the pixels"
         )
     is_upright = abs(math.remainder(registration.rotation, math.pi / 2)) < _UPRIGHT
     parts = 1 if is_upright else math.ceil(max(width, depth) * PIXELS_PER_CELL / pitch)
@@ -53,7 +54,7 @@ def cell_means(map_: HeightMap, registration: Registration, nx: int, ny: int, pi
     return bins.means()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Bins:
     """Sums over the cells of a grid with a ring of cells around it, which takes what lies outside.
 

@@ -8,13 +8,13 @@ from typing import Any, Literal
 from numpy.typing import NDArray
 
 from inkloop.errors import HeightMapError
-from inkloop.units import SUFFIXES
+from inkloop.units import M_PER_PM, SUFFIXES
 
-_METRES = {**SUFFIXES["m"], "pm": 1e-12}
+_METRES = {**SUFFIXES["m"], "pm": M_PER_PM}
 _SPELLINGS = {"\u00b5m": "um", "\u03bcm": "um", "micron": "um", "microns": "um"}  # micro sign, Greek mu
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FileContents:
     """Values as stored, with what the file tells about them; None where it is silent.
 

@@ -15,6 +15,7 @@ import numpy as np
 from inkloop.errors import HeightMapError
 from inkloop.metrology.file_contents import FileContents, length_factor, required_factor
 from inkloop.metrology.height_map import HeightMap
+from inkloop.units import UM_PER_M
 
 PIXEL_TOLERANCE = 0.01  # files round what they say of their pixels (assumed)
 
@@ -109,6 +110,6 @@ def _pixel(contents: FileContents, pixel: float | tuple[float, float] | None, fa
         faults.append(f"pixel is {asked} m; expected lengths above 0")
         return 1.0, 1.0
     if asked and contents.pixel and not np.allclose(asked, contents.pixel, rtol=PIXEL_TOLERANCE, atol=0.0):
-        said, given = (" x ".join(f"{size * 1e6:g}" for size in sizes) for sizes in (contents.pixel, asked))
+        said, given = (" x ".join(f"{size * UM_PER_M:g}" for size in sizes) for sizes in (contents.pixel, asked))
         faults.append(f"says that its pixels are {said} um, pixel is {given} um; leave pixel out or correct it")
     return contents.pixel or asked or (1.0, 1.0)

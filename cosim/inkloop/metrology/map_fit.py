@@ -11,13 +11,12 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
-from scipy.ndimage import gaussian_filter, map_coordinates
-from scipy.optimize import least_squares
 
 from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import HeightMapError
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.registration import Registration
+from inkloop.units import UM_PER_M
 
 EXPLAINED_MIN = 0.5
 """Share of the relief that the known surface has to explain (assumed)."""
@@ -77,12 +76,13 @@ def fit_to_surface(
     rms = float(np.sqrt(np.mean(residuals**2)))
     if explained < EXPLAINED_MIN or fine.gain(move) <= 0.0:
         raise HeightMapError(
-            f"{map_.source}: the part explains {max(explained, 0.0):.0%} of its relief and leaves {rms * 1e6:.3g} um "
-            f"rms; needs {EXPLAINED_MIN:.0%}: check offset, rotation, mirror and pixel size, or give fiducials"
+            f"{map_.source}: the part explains {max(explained, 0.0):.0%} of its relief and leaves "
+            f"{rms * UM_PER_M:.3g} um rms; needs {EXPLAINED_MIN:.0%}: check offset, rotation, mirror and pixel size, "
+            "or give fiducials"
         )
     if max(abs(move[0]), abs(move[1])) > reach or abs(move[2]) > rotation_reach * 1.2 + 1e-12:
         raise HeightMapError(
-            f"{map_.source}: the part seems to lie {move[0] * 1e6:.0f}, {move[1] * 1e6:.0f} um and "
+            f"{map_.source}: the part seems to lie {move[0] * UM_PER_M:.0f}, {move[1] * UM_PER_M:.0f} um and "
             f"{math.degrees(move[2]):.2f} deg from where it was said to; beyond what is searched: correct "
             "offset and rotation, or search wider"
         )
@@ -92,7 +92,7 @@ def fit_to_surface(
     return SurfaceFit(fine.registration(move), rms, explained, float(deviations[:2].max()) * pitch, turn_std)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Relief:
     """The map in points on the grid, less its plane, and the known surface to compare it with.
 
@@ -141,6 +141,8 @@ class _Relief:
 
     def softened(self, width: float) -> _Relief:
         """The same with soft flanks on the known surface, `width` [cells]."""
+        from scipy.ndimage import gaussian_filter
+
         return replace(self, surface=gaussian_filter(self.surface, width * self.per_cell)) if width else self
 
     def residuals(self, move: Move) -> FloatMap:
@@ -158,6 +160,8 @@ class _Relief:
         """(k,) known surface at the moved points, less its plane."""
         x, y = _moved(self.x, self.y, move, self.middle)
         i, j = (position / self.pitch * self.per_cell + (self.per_cell - 1) / 2 for position in (x, y))
+        from scipy.ndimage import map_coordinates
+
         known = map_coordinates(self.surface, [i, j], order=1, mode="nearest")
         return np.asarray(known - self.plane @ (self.plane.T @ known), np.float64)
 
@@ -207,6 +211,8 @@ def _least_squares(relief: _Relief, first: Move, pitch: float, may_turn: bool) -
         return relief.residuals(_move(cells, pitch, relief.radius)) / scale
 
     start = np.array([first[0] / pitch, first[1] / pitch, first[2] * relief.radius / pitch][: 3 if may_turn else 2])
+    from scipy.optimize import least_squares
+
     return _move(least_squares(residuals, start, diff_step=[1e-3] * start.size).x, pitch, relief.radius)
 
 

@@ -14,8 +14,9 @@ from zipfile import BadZipFile
 import numpy as np
 from pydantic import Field
 
-from inkloop.component import Job, Port, Status, Values
+from inkloop.component import Job, Status, Values
 from inkloop.components.devices import LOGGER
+from inkloop.contract import LAYERS_PRINTED, LAYERS_SCANNED, MEASURED_HEIGHT, STATUS, VALID, contract_ports
 from inkloop.errors import ComponentError, HeightMapError
 from inkloop.metrology.datum import Datum
 from inkloop.metrology.folder_watch import Complete, FolderWatch, Wait, name_faults
@@ -23,8 +24,8 @@ from inkloop.metrology.height_map import HeightMap, Mirror
 from inkloop.metrology.map_file import read
 from inkloop.metrology.placement import Method, Placement
 from inkloop.metrology.registration import Registration, from_fiducials
+from inkloop.units import M_PER_UM
 
-UM = 1e-6
 PATIENCE_S = 0.2
 """How long a step waits for a file that is not there: Ctrl-C ends a run between two steps."""
 NEXT_WORD_S = 30.0
@@ -77,40 +78,35 @@ class MapFolder:
         replay: bool = False,
     ) -> None:
         faults = name_faults(file_name)
-        placed = Registration(offset_x_um * UM, offset_y_um * UM, math.radians(rotation_deg), mirror=mirror)
+        placed = Registration(offset_x_um * M_PER_UM, offset_y_um * M_PER_UM, math.radians(rotation_deg), mirror=mirror)
         if [fiducials_map_um is None, fiducials_grid_um is None] != [registration != "fiducials"] * 2:
             faults.append(
                 "fiducials_map_um and fiducials_grid_um: give both with registration = 'fiducials', else none"
             )
         elif fiducials_map_um is not None and fiducials_grid_um is not None:
-            limit = FIDUCIAL_SHARE * job.pitch if residual_max_um is None else residual_max_um * UM
-            on_map, on_grid = (np.array(points) * UM for points in (fiducials_map_um, fiducials_grid_um))
+            limit = FIDUCIAL_SHARE * job.pitch if residual_max_um is None else residual_max_um * M_PER_UM
+            on_map, on_grid = (np.array(points) * M_PER_UM for points in (fiducials_map_um, fiducials_grid_um))
             try:
                 placed = from_fiducials(on_map, on_grid, mirror=mirror, residual_max=limit).registration
             except HeightMapError as error:
                 faults.append(str(error))
         if faults:
             raise ValueError("; ".join(faults))
-        reach = FIT_REACH_CELLS * job.pitch if fit_reach_um is None else fit_reach_um * UM
+        reach = FIT_REACH_CELLS * job.pitch if fit_reach_um is None else fit_reach_um * M_PER_UM
         fit_reach = (reach, math.radians(fit_reach_deg)) if registration == "fit" else None
         self._placement = Placement(job, placed, valid_share_min, fit_reach, datum, datum_margin_cells)
         self._watch = FolderWatch(Path(folder), file_name, complete, settle_s)
         self._reading: Mapping[str, Any] = {
             "unit": unit,
-            "pixel": None if pixel_um is None else pixel_um * UM,
+            "pixel": None if pixel_um is None else pixel_um * M_PER_UM,
             "scale": count_scale,
             "invalid_value": invalid_value,
             "rows_along": rows_along,
         }
         self._timeout_s, self._replay = timeout_s, replay
         shape = (job.nx, job.ny)
-        self.inputs = (Port("layers_printed", dtype="int32"),)
-        self.outputs = (
-            Port("measured_height", "m", shape),
-            Port("valid", shape=shape, dtype="bool"),
-            Port("layers_scanned", dtype="int32", start=-1),
-            Port("status", dtype="int32"),
-        )
+        self.inputs = contract_ports(shape, LAYERS_PRINTED)
+        self.outputs = contract_ports(shape, MEASURED_HEIGHT, VALID, LAYERS_SCANNED, STATUS)
         self._height, self._valid = np.zeros(shape), np.zeros(shape, np.bool_)
         self._scanned, self._status = -1, Status.IDLE
         self._map_shape: tuple[int, ...] = ()
@@ -128,7 +124,7 @@ class MapFolder:
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Look for the file of the newest layer if it is not scanned yet. Raises ComponentError."""
-        layer = int(inputs["layers_printed"])
+        layer = int(inputs[LAYERS_PRINTED])
         if not self._looked:
             self._refuse_leftovers(layer)
             self._looked = True
@@ -241,8 +237,8 @@ class MapFolder:
 
     def _outputs(self) -> Values:
         return {
-            "measured_height": self._height.copy(),
-            "valid": self._valid.copy(),
-            "layers_scanned": np.asarray(self._scanned, np.int32),
-            "status": np.asarray(int(self._status), np.int32),
+            MEASURED_HEIGHT: self._height.copy(),
+            VALID: self._valid.copy(),
+            LAYERS_SCANNED: np.asarray(self._scanned, np.int32),
+            STATUS: np.asarray(int(self._status), np.int32),
         }

@@ -14,6 +14,7 @@ from inkloop.metrology.datum import Datum, level, reference_cells
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_fit import fit_to_surface
 from inkloop.metrology.registration import Registration
+from inkloop.units import MM_PER_M, UM_PER_M
 
 Method: TypeAlias = Literal["given", "fiducials", "fit"]
 
@@ -21,7 +22,7 @@ PART_SEEN_MIN = 0.5
 """A scan that shows less of the part than this share of its cells is taken for a mistake (assumed)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Placed:
     """height: (nx, ny) [m], NaN where nothing was measured; valid: (nx, ny); words: what there is to say about it."""
 
@@ -58,7 +59,9 @@ class Placement:
             printed = np.minimum(job.target_height, layer * job.inks[0].layer_height)
             fit = fit_to_surface(map_, printed, job.pitch, registration, reach=reach, rotation_reach=rotation_reach)
             registration = fit.registration
-            words.append(f"fitted to {fit.offset_std * 1e6:.2g} um, {fit.explained:.0%} of its relief is the part's")
+            words.append(
+                f"fitted to {fit.offset_std * UM_PER_M:.2g} um, {fit.explained:.0%} of its relief is the part's"
+            )
         cells = cell_means(map_, registration, job.nx, job.ny, job.pitch)
         valid = cells.valid(self.share_min)
         seen = np.count_nonzero(valid & job.mask) / np.count_nonzero(job.mask)
@@ -78,8 +81,9 @@ class Placement:
         job = self.job
         corners = np.array([[0, 0], [0, 1], [1, 0], [1, 1]]) * [map_.shape[0] * map_.dx, map_.shape[1] * map_.dy]
         x, y = self.registration.to_grid(corners[:, 0] + map_.x0, corners[:, 1] + map_.y0)
-        field = f"x {x.min() * 1e3:.2f} to {x.max() * 1e3:.2f}, y {y.min() * 1e3:.2f} to {y.max() * 1e3:.2f} mm"
-        grid = f"0 to {job.nx * job.pitch * 1e3:.2f} and 0 to {job.ny * job.pitch * 1e3:.2f} mm"
+        along_x, along_y = (f"{c.min() * MM_PER_M:.2f} to {c.max() * MM_PER_M:.2f}" for c in (x, y))
+        field = f"x {along_x}, y {along_y} mm"
+        grid = f"0 to {job.nx * job.pitch * MM_PER_M:.2f} and 0 to {job.ny * job.pitch * MM_PER_M:.2f} mm"
         return (
             f"needs {PART_SEEN_MIN:.0%}. Its field lies at {field}, the grid at {grid}, and {map_.valid.mean():.0%} of "
             "its pixels hold a height: correct offset, rotation, mirror or pixel size, or scan again"

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from inkloop.component import FloatMap
 from inkloop.errors import HeightMapError
 from inkloop.metrology.height_map import Mirror
+from inkloop.units import UM_PER_M
 
 Points: TypeAlias = Sequence[Sequence[float]] | NDArray[np.float64]
 FIDUCIALS_MIN = 2
@@ -86,10 +87,10 @@ def from_fiducials(
     mirrored = _rigid(source, target, other, with_scale)
     hint = "check that they are given in the same order and in the same unit"
     if mirrored.residual < MIRROR_SUSPECTED * fit.residual:
-        hint = f"with mirror = {other!r} it is {mirrored.residual * 1e6:.3g} um: the map is mirrored"
+        hint = f"with mirror = {other!r} it is {mirrored.residual * UM_PER_M:.3g} um: the map is mirrored"
     raise HeightMapError(
-        f"fiducials: the best fit leaves {fit.residual * 1e6:.3g} um rms, {residual_max * 1e6:.3g} um are allowed; "
-        f"{hint}"
+        f"fiducials: the best fit leaves {fit.residual * UM_PER_M:.3g} um rms, {residual_max * UM_PER_M:.3g} um are "
+        f"allowed; {hint}"
     )
 
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inkloop.component import FloatMap, Ink, pass_colours
+from inkloop.component import FloatMap, Ink
+from inkloop.contract import pass_colours
 from inkloop.models.grid_arrays import heights, integers, passes_of, pattern_of, reals, volumes
 from inkloop.models.library import HEIGHT_COUNT, FarInkStruct, library
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from inkloop.component import FloatMap, pass_colours
+from inkloop.component import FloatMap
+from inkloop.contract import pass_colour, pass_colours
 from inkloop.models.grid_arrays import heights, passes_of, pattern_of, positive, reals, volumes
 from inkloop.models.library import SIZES, CapSharesStruct, DropModelStruct, InkMapStruct, library
 
@@ -122,5 +123,5 @@ class VolumeAreaDeposition:
         colours = pass_colours(self.passes, self.pass_order, self.pass_rotation, number)
         if not colours:
             return np.ascontiguousarray(hit)
-        own = 2 * (hit // pattern.shape[1] % 2) + hit % pattern.shape[1] % 2
+        own = pass_colour(hit // pattern.shape[1], hit % pattern.shape[1])
         return np.concatenate([hit[own == colour] for colour in colours])

@@ -9,10 +9,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inkloop.component import FloatMap, pass_colours
+from inkloop.component import FloatMap
+from inkloop.contract import pass_colours
 from inkloop.errors import InkloopError
 from inkloop.models.grid_arrays import heights, passes_of, pattern_of, positive, reals, volumes
 from inkloop.models.library import FineSurfaceStruct, LiquidStruct, library
+from inkloop.units import UM_PER_M
 
 FORMS = {"linear": 1, "nonlinear": 2}
 WIDEST_SPREAD = 2  # pitches (fine_surface.h)
@@ -117,6 +119,6 @@ class YoungLaplaceDeposition:
         radius = library().inkloop_base_radius(drops * self.droplet_volume, self.contact_angle) if drops > 0.0 else 0.0
         if radius > WIDEST_SPREAD * self.pitch:
             raise ValueError(
-                f"a droplet of {drops:g} x {self.droplet_volume:g} m3 spreads to a radius of {radius * 1e6:.1f} um; "
-                f"needs at most {WIDEST_SPREAD} pitches, {WIDEST_SPREAD * self.pitch * 1e6:.1f} um"
+                f"a droplet of {drops:g} x {self.droplet_volume:g} m3 spreads to a radius of {radius * UM_PER_M:.1f} "
+                f"um; needs at most {WIDEST_SPREAD} pitches, {WIDEST_SPREAD * self.pitch * UM_PER_M:.1f} um"
             )

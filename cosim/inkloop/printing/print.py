@@ -17,6 +17,7 @@ from inkloop.results.recorder import LayerRow, Recorder
 from inkloop.results.result import RESULT_FILE, UNFINISHED, Result
 from inkloop.results.solid import with_solid
 from inkloop.scenario.file import Scenario
+from inkloop.units import NS_PER_S
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -43,7 +44,7 @@ class Print:
         self._recorder = Recorder(scenario.job(), self._components, on_layer)
         self._checkpoints = Checkpoints(folder, self._components, self._recorder) if folder else None
         self._pacing = Pacing(limits.real_time_factor) if limits.real_time_factor else None
-        self._step_ns = round(limits.step_s * 1e9)
+        self._step_ns = round(limits.step_s * NS_PER_S)
         self._master = Master(
             self._components,
             scenario.connections,
@@ -60,7 +61,7 @@ class Print:
         Raises ComponentError, and ResultError if nothing can go on from the folder or it cannot be written.
         """
         limits = self._scenario.tables.run
-        time_max_ns = None if limits.time_max_s is None else round(limits.time_max_s * 1e9)
+        time_max_ns = None if limits.time_max_s is None else round(limits.time_max_s * NS_PER_S)
         checkpoint = self._load()
         try:
             reason = self._master.run(layers_max=limits.layers_max, time_max_ns=time_max_ns, resume=checkpoint)
@@ -131,7 +132,7 @@ def _marked(dataset: xr.Dataset, events: Sequence[Event], manipulator: Manipulat
     """A dataset with `modified` by layer: an event was in effect in the step that completed it. Events in words."""
     if not events:
         return dataset
-    ends_ns = np.nan_to_num(dataset["time"].values * 1e9).round().astype(np.int64)
+    ends_ns = np.nan_to_num(dataset["time"].values * NS_PER_S).round().astype(np.int64)
     modified = [manipulator.in_effect(max(0, int(end_ns) - step_ns), layer) for layer, end_ns in enumerate(ends_ns)]
     attributes = {"units": "1", "long_name": "layers in which an event was in effect"}
     marked = dataset.assign(modified=(("layer",), np.array(modified), attributes))

@@ -21,11 +21,19 @@ from inkloop.printing.device_log import live_words
 from inkloop.printing.listening import check_listening
 from inkloop.printing.lock import LOCK_FILE, sole_writer
 from inkloop.printing.print import Print
-from inkloop.report import run_report
 from inkloop.results.checkpoint import remove_layers
 from inkloop.results.recorder import LayerRow
-from inkloop.results.result import RUN_FILE, SCENARIO_FILE, UNFINISHED, Result, is_unchanged, read_record
+from inkloop.results.result import (
+    COMPARE_FOLDER,
+    RUN_FILE,
+    SCENARIO_FILE,
+    UNFINISHED,
+    Result,
+    is_unchanged,
+    read_record,
+)
 from inkloop.scenario.file import Scenario
+from inkloop.units import MS_PER_S, UM_PER_M
 
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
 
@@ -83,6 +91,8 @@ def print_part(
 
 def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool) -> int:
     """Print whatever of a scenario and its comparison runs is not finished in `folder`, and show all of it."""
+    from inkloop.report import run_report  # with Matplotlib, which a print itself does not need
+
     notes = {"scenario_file": str(Path(scenario.source).resolve()), "compare": compare}
     stopped = False
     with sole_writer(folder), deferred() as interrupted, _progress(console) as progress:
@@ -158,9 +168,11 @@ class _LayerBar:
         self._task: TaskID = progress.add_task(label, total=nominal_layers, figures="")
 
     def __call__(self, row: LayerRow) -> None:
-        figures = f"layer {row.layer:3d}  mean error {row.mean_error * 1e6:7.2f} um  std {row.std * 1e6:5.2f} um"
+        figures = (
+            f"layer {row.layer:3d}  mean error {row.mean_error * UM_PER_M:7.2f} um  std {row.std * UM_PER_M:5.2f} um"
+        )
         if "solve_time" in row.scalars:
-            figures += f"  solve {row.scalars['solve_time'] * 1e3:5.1f} ms"
+            figures += f"  solve {row.scalars['solve_time'] * MS_PER_S:5.1f} ms"
         total = max(row.layer, int(self._progress.tasks[self._task].total or 0))
         self._progress.update(self._task, completed=row.layer, total=total, figures=figures)
 
@@ -174,7 +186,7 @@ def _progress(console: Console) -> Progress:
 def _runs(scenario: Scenario, folder: Path, compare: bool) -> Iterator[tuple[Path, Scenario]]:
     yield folder, scenario
     for name in scenario.tables.compare if compare else ():
-        yield folder / run_report.COMPARE_FOLDER / _slug(name), scenario.variant(name)
+        yield folder / COMPARE_FOLDER / _slug(name), scenario.variant(name)
 
 
 def _slug(name: str) -> str:

@@ -20,15 +20,16 @@ from inkloop.component import Component, FloatMap, Job
 from inkloop.components import catalog, devices
 from inkloop.components.shadow.comparison import ScannedLayer, start_surface
 from inkloop.components.shadow.replica import FollowedPlant
-from inkloop.report.plot import COLOURS, MM, UM, WIDTH_IN
+from inkloop.contract import LAYER_COMMAND, MEASURED_HEIGHT, PATTERN, VALID
+from inkloop.report.plot import COLOURS, WIDTH_IN
 from inkloop.results.result import Result
 from inkloop.tables.job import job_of
 from inkloop.tables.schema import ScenarioFile
+from inkloop.units import MM_PER_M, NS_PER_S, UM_PER_M
 
 MODEL = "LayerDeposition"
 DEVICE = "hardware."
-_STEP_NS = 1_000_000_000  # a step of the plant is a layer, whatever its length
-_UM = 1e6
+_STEP_NS = NS_PER_S  # a step of the plant is a layer, whatever its length
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class LayerDifference:
     cell: tuple[int, int]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ModelDifference:
     """model: its name; maps: (layer, x, y) measured less model [m], NaN where nothing was seen; a row for each scan."""
 
@@ -63,8 +64,8 @@ class ModelDifference:
         """The farthest layer in words."""
         row = self.farthest
         return (
-            f"hardware against {self.model}: farthest in layer {row.layer}, mean {row.mean * _UM:+.2f}, rms "
-            f"{row.rms * _UM:.2f} um, worst cell {row.cell} {row.worst * _UM:+.2f} um"
+            f"hardware against {self.model}: farthest in layer {row.layer}, mean {row.mean * UM_PER_M:+.2f}, rms "
+            f"{row.rms * UM_PER_M:.2f} um, worst cell {row.cell} {row.worst * UM_PER_M:+.2f} um"
         )
 
     def table(self) -> Table:
@@ -74,8 +75,13 @@ class ModelDifference:
         for heading in ("layer", "mean", "rms", "growth", "worst", "at cell"):
             table.add_column(heading, justify="right")
         for row in self.rows:
-            growth = "-" if np.isnan(row.growth) else f"{row.growth * _UM:.2f}"
-            values = (f"{row.mean * _UM:+.2f}", f"{row.rms * _UM:.2f}", growth, f"{row.worst * _UM:+.2f}")
+            growth = "-" if np.isnan(row.growth) else f"{row.growth * UM_PER_M:.2f}"
+            values = (
+                f"{row.mean * UM_PER_M:+.2f}",
+                f"{row.rms * UM_PER_M:.2f}",
+                growth,
+                f"{row.worst * UM_PER_M:+.2f}",
+            )
             table.add_row(str(row.layer), *values, f"{row.cell[0]}, {row.cell[1]}")
         return table
 
@@ -86,7 +92,7 @@ def model_difference(result: Result) -> ModelDifference | None:
     raw = tomlkit.parse(result.scenario_text).unwrap()
     kinds = {name: str(table.get("kind")) for name, table in raw.get("components", {}).items()}
     printers = [name for name, kind in kinds.items() if kind.startswith(DEVICE) and kind != "hardware.profiler"]
-    if not printers or not {"measured_height", "valid", "pattern"} <= set(run):
+    if not printers or not {MEASURED_HEIGHT, VALID, PATTERN} <= set(run):
         return None
     if "shadow_height" in run:
         name, surfaces = "the shadow", run.shadow_height.values
@@ -114,7 +120,7 @@ def followed(run: xr.Dataset, job: Job) -> FloatMap:
         plant.begin_on(start_surface(plant.start_surface, run.measured_height.values[0], run.valid.values[0]))
         surfaces = [plant.surfaces[0]]
         for layer in range(1, run.sizes["layer"]):
-            command = {"layer_command": np.asarray(layer, np.int32), "pattern": run.pattern.values[layer]}
+            command = {LAYER_COMMAND: np.asarray(layer, np.int32), PATTERN: run.pattern.values[layer]}
             plant.take_command(command)
             plant.follow(layer, _STEP_NS)
             surfaces.append(plant.surfaces[layer])
@@ -149,15 +155,15 @@ def hardware_against_model(run: xr.Dataset, found: ModelDifference, name: str) -
     printed = [layer for layer in layers if layer > 0] or layers
     places = np.linspace(0, len(printed) - 1, min(MAPS, len(printed))).round().astype(int)
     shown = [printed[place] for place in places]
-    limit = max(1e-3, float(np.nanquantile(np.abs(found.maps[shown]) * UM, 0.99)))
+    limit = max(1e-3, float(np.nanquantile(np.abs(found.maps[shown]) * UM_PER_M, 0.99)))
     figure = Figure(figsize=(WIDTH_IN, 4.4), layout="constrained")
     above, below = np.ravel(np.asarray(figure.subfigures(2, 1, height_ratios=(5, 6)), dtype=object))
     maps = above.subplots(1, len(shown), squeeze=False)[0]
-    half = float(run.attrs["pitch"]) / 2 * MM
-    x, y = run.x.values * MM, run.y.values * MM
+    half = float(run.attrs["pitch"]) / 2 * MM_PER_M
+    x, y = run.x.values * MM_PER_M, run.y.values * MM_PER_M
     extent = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
     for axes, layer in zip(maps, shown, strict=True):
-        image = axes.imshow(found.maps[layer].T * UM, origin="lower", extent=extent, interpolation="nearest",
+        image = axes.imshow(found.maps[layer].T * UM_PER_M, origin="lower", extent=extent, interpolation="nearest",
                             cmap="RdBu_r", vmin=-limit, vmax=limit)  # fmt: skip
         axes.set(title=f"layer {layer}", xlabel="x [mm]")
     maps[0].set_ylabel("y [mm]")
@@ -172,7 +178,7 @@ def hardware_against_model(run: xr.Dataset, found: ModelDifference, name: str) -
     }
     for (label, values), colour in zip(lines.items(), COLOURS, strict=False):
         style = {"marker": ".", "linestyle": "none"} if label == "worst cell" else {"linewidth": 1.4}
-        axes.plot(layers, np.array(values) * UM, label=label, color=colour, **style)
+        axes.plot(layers, np.array(values) * UM_PER_M, label=label, color=colour, **style)
     axes.axhline(0, color="black", linestyle="--", linewidth=0.8)
     axes.set(xlabel="layer", ylabel="measured - model [µm]")
     axes.legend(ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.14), frameon=False)

@@ -22,8 +22,8 @@ from inkloop.component import FloatMap
 from inkloop.files import replaced
 from inkloop.report.solid_view import view
 from inkloop.results.solid import STEP_M, voxels
+from inkloop.units import MM_PER_M, UM_PER_M
 
-UM, MM = 1e6, 1e3
 WIDTH_IN = 7.0
 COLOURS = ("#0b5fa5", "#c8541b", "#3a7d44", "#7b4b94", "#8a6d1f")
 MATERIAL_COLOURS = ListedColormap(["#ffffff00", "#0b5fa5", "#e3c9a0"])
@@ -55,7 +55,7 @@ def surfaces(runs: Runs) -> Figure:
     errors = {name: _error(run) for name, run in shown.items()}
     limit = max(1e-3, *(float(np.nanquantile(np.abs(error), 0.99)) for error in errors.values()))
     colours = ScalarMappable(Normalize(-limit, limit), "RdBu")
-    top = max(float(run.height[-1].max()) for run in shown.values()) * UM
+    top = max(float(run.height[-1].max()) for run in shown.values()) * UM_PER_M
     count = len(shown)
     figure = Figure(figsize=(WIDTH_IN, 2.5) if count > 1 else (4.6, 3.2))
     width = (0.87 if count > 1 else 0.82) / count
@@ -71,9 +71,9 @@ def surfaces(runs: Runs) -> Figure:
 
 
 def _plates(axes: Axes3D, run: xr.Dataset, error: FloatMap, colours: ScalarMappable) -> None:
-    height = np.repeat(np.repeat(run.height[-1].values * UM, 2, axis=0), 2, axis=1)
+    height = np.repeat(np.repeat(run.height[-1].values * UM_PER_M, 2, axis=0), 2, axis=1)
     half = float(run.attrs["pitch"]) / 2
-    edges = [np.column_stack([axis - half, axis + half]).ravel() * MM for axis in (run.x.values, run.y.values)]
+    edges = [np.column_stack([axis - half, axis + half]).ravel() * MM_PER_M for axis in (run.x.values, run.y.values)]
     x, y = np.meshgrid(*edges, indexing="ij")
     faces = np.empty((height.shape[0] - 1, height.shape[1] - 1, 4))
     faces[:] = to_rgba(WALL_COLOURS[0])
@@ -97,22 +97,22 @@ def cross_section(runs: Runs) -> Figure:
     whole, top = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     first = next(iter(runs.values()))
     row = _middle_row(first)
-    x = first.x.values * MM
+    x = first.x.values * MM_PER_M
     for layer in range(0, first.sizes["layer"] - 1, max(1, first.sizes["layer"] // 10)):
-        whole.plot(x, first.height[layer, :, row] * UM, color="0.8", linewidth=0.7)
-    target = first.target_height[:, row] * UM
+        whole.plot(x, first.height[layer, :, row] * UM_PER_M, color="0.8", linewidth=0.7)
+    target = first.target_height[:, row] * UM_PER_M
     whole.plot(x, target, color="black", linestyle="--", linewidth=1, drawstyle="steps-mid", label="target")
     errors = {name: _error(run)[:, row] for name, run in runs.items()}
     near = [error for error in errors.values() if abs(np.nanmean(error)) < FAR_UM] or list(errors.values())
     limit = max(0.1, *(1.2 * float(np.nanmax(np.abs(error))) for error in near))
     for line, (name, run) in zip(LINES, runs.items(), strict=False):
-        whole.plot(x, run.height[-1, :, row] * UM, label=name, **line)
+        whole.plot(x, run.height[-1, :, row] * UM_PER_M, label=name, **line)
         top.plot(x, errors[name], marker=".", ms=4, **line)
         mean = float(np.nanmean(errors[name]))
         if abs(mean) > limit:
             top.text(0.01, 0.05 if mean < 0 else 0.9, f"{name}: {mean:+.0f} µm, out of the frame", color=line["color"],
                      transform=top.transAxes)  # fmt: skip
-    whole.set(ylabel="height [µm]", ylim=(0, None), title=f"cut at y = {float(first.y[row]) * MM:.2f} mm")
+    whole.set(ylabel="height [µm]", ylim=(0, None), title=f"cut at y = {float(first.y[row]) * MM_PER_M:.2f} mm")
     whole.legend(loc="lower center", ncols=2)
     top.axhline(0, color="black", linestyle="--", linewidth=1)
     top.set(xlabel="x [mm]", ylabel="target - height [µm]", ylim=(-limit, limit))
@@ -141,8 +141,8 @@ def layers(runs: Runs) -> Figure:
     mean, spread, droplets = figure.subplots(3, 1, sharex=True)
     for line, (name, run) in zip(LINES, runs.items(), strict=False):
         layer = run.layer.values
-        mean.plot(layer, np.abs(run.mean_error) * UM, label=name, **line)
-        spread.plot(layer[1:], run["std"][1:] * UM, **line)
+        mean.plot(layer, np.abs(run.mean_error) * UM_PER_M, label=name, **line)
+        spread.plot(layer[1:], run["std"][1:] * UM_PER_M, **line)
         if "pattern" in run:  # a print that nobody controls has none
             jetted = (run.pattern[1:] != 0).sum(("x", "y"))
             droplets.plot(layer[1:], jetted, drawstyle="steps-mid", **line)
@@ -172,9 +172,9 @@ def divergence(runs: Runs) -> Figure:
     for line, (name, run) in zip(LINES, runs.items(), strict=False):
         if "growth_divergence" not in run:
             continue
-        layer, of_layer = run.layer.values, run.growth_divergence.values * UM
+        layer, of_layer = run.layer.values, run.growth_divergence.values * UM_PER_M
         growth.plot(layer, of_layer, label=name, **line)
-        surface.plot(layer, run.surface_divergence * UM, **line)
+        surface.plot(layer, run.surface_divergence * UM_PER_M, **line)
         alarmed = run.shadow_status.values > 0
         growth.plot(layer[alarmed], of_layer[alarmed], "o", ms=7, mfc="none", mec=line["color"], clip_on=False)
     growth.set(ylabel="of the layer [µm]", ylim=(0, None), title="scan against the shadow's model, rms over the part")
@@ -191,10 +191,10 @@ def materials(run: xr.Dataset, name: str) -> Figure:
     cut = voxels(run.isel(y=[row]))[:, 0]
     figure = _figure(2.6)
     axes = figure.subplots()
-    extent = (float(run.x[0]) * MM, float(run.x[-1]) * MM, 0.0, cut.shape[1] * STEP_M * UM)
+    extent = (float(run.x[0]) * MM_PER_M, float(run.x[-1]) * MM_PER_M, 0.0, cut.shape[1] * STEP_M * UM_PER_M)
     axes.imshow(cut.T, origin="lower", extent=extent, aspect="auto", cmap=MATERIAL_COLOURS, vmin=0, vmax=2,
                 interpolation="nearest")  # fmt: skip
-    axes.set(xlabel="x [mm]", ylabel="height [µm]", title=f"{name}: cut at y = {float(run.y[row]) * MM:.2f} mm")
+    axes.set(xlabel="x [mm]", ylabel="height [µm]", title=f"{name}: cut at y = {float(run.y[row]) * MM_PER_M:.2f} mm")
     inks = [Patch(color=MATERIAL_COLOURS(1), label="ink A"), Patch(color=MATERIAL_COLOURS(2), label="ink B")]
     axes.legend(handles=inks, loc="center left", bbox_to_anchor=(1, 0.5))
     return figure
@@ -231,8 +231,8 @@ def comparison(runs: Runs, wall_s: Mapping[str, float]) -> Figure:
     for number, (name, run) in enumerate(runs.items()):
         line = LINES[number % len(LINES)]
         layer = run.layer.values
-        mean.plot(layer, np.abs(run.mean_error) * UM, **line)
-        spread.plot(layer[1:], run["std"][1:] * UM, **line)
+        mean.plot(layer, np.abs(run.mean_error) * UM_PER_M, **line)
+        spread.plot(layer[1:], run["std"][1:] * UM_PER_M, **line)
         if "pattern" in run:
             droplets.plot(layer[1:], (run.pattern[1:] != 0).sum(("x", "y")), drawstyle="steps-mid", **line)
         times.barh(name, wall_s[name], color=line["color"])
@@ -255,14 +255,14 @@ def _figure(height_in: float) -> Figure:
 
 def _error(run: xr.Dataset) -> FloatMap:
     """Target minus final height [um] as in inkloop.results.metrics, NaN outside the part; red is too high."""
-    error: FloatMap = ((run.target_height - run.height[-1]) * UM).where(run.mask.astype(bool)).values
+    error: FloatMap = ((run.target_height - run.height[-1]) * UM_PER_M).where(run.mask.astype(bool)).values
     return error
 
 
 def _extent(run: xr.Dataset) -> tuple[float, float, float, float]:
     """Edges of the grid [mm]: left, right, bottom, top."""
-    half = float(run.attrs["pitch"]) / 2 * MM
-    x, y = run.x.values * MM, run.y.values * MM
+    half = float(run.attrs["pitch"]) / 2 * MM_PER_M
+    x, y = run.x.values * MM_PER_M, run.y.values * MM_PER_M
     return float(x[0] - half), float(x[-1] + half), float(y[0] - half), float(y[-1] + half)
 
 
@@ -272,4 +272,4 @@ def _middle_row(run: xr.Dataset) -> int:
 
 
 def _figures(run: xr.Dataset) -> str:
-    return f"mean error {float(run.mean_error[-1]) * UM:.2f}, std {float(run['std'][-1]) * UM:.2f} µm"
+    return f"mean error {float(run.mean_error[-1]) * UM_PER_M:.2f}, std {float(run['std'][-1]) * UM_PER_M:.2f} µm"

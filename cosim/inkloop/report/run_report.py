@@ -14,14 +14,15 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
+from inkloop.contract import LAYER_UNKNOWN
 from inkloop.errors import ResultError
 from inkloop.files import write_text
 from inkloop.report import plot
 from inkloop.report.model_difference import hardware_against_model, model_difference
-from inkloop.results.result import Result
+from inkloop.results.result import COMPARE_FOLDER, Result
 from inkloop.tables.schema import Literature
+from inkloop.units import UM_PER_M
 
-COMPARE_FOLDER = "compare"
 MODEL_TABLE = "hardware-against-model.txt"
 REMARKS = {
     "untrusted_cells": "untrusted cells: {}, unseen for too long, their heights are predictions",
@@ -97,7 +98,7 @@ def _as_text(table: Table) -> str:
 
 def _grid(result: Result) -> str:
     sizes = result.dataset.sizes
-    return f"{sizes['x']} x {sizes['y']} cells of {float(result.dataset.attrs['pitch']) * 1e6:g} um"
+    return f"{sizes['x']} x {sizes['y']} cells of {float(result.dataset.attrs['pitch']) * UM_PER_M:g} um"
 
 
 def pictures(runs: Mapping[str, Result]) -> dict[str, Figure]:
@@ -132,7 +133,7 @@ def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping
         metrics = result.metrics()
         table.add_row(
             name,
-            *(f"{metrics[key] * 1e6:.2f}" for key in ("mean_error", "mae", "std")),
+            *(f"{metrics[key] * UM_PER_M:.2f}" for key in ("mean_error", "mae", "std")),
             *(f"{metrics[key]:.1%}" if key in metrics else "-" for key in mismatch),
             f"{metrics['layers']:.0f}",
             f"{metrics['droplets']:.0f}",
@@ -165,7 +166,7 @@ def _nothing_printed(result: Result) -> list[str]:
 
 def _unknown_layers(run: xr.Dataset) -> list[str]:
     """One sentence on the layers that were given up midway."""
-    if "layer_unknown" not in run or not run.layer_unknown.any():
+    if LAYER_UNKNOWN not in run or not run.layer_unknown.any():
         return []
     layers = [str(layer) for layer in np.flatnonzero(run.layer_unknown.values)]
     which = f"layer {layers[0]} was" if len(layers) == 1 else f"layers {', '.join(layers)} were"
@@ -184,15 +185,15 @@ def _alarms(run: xr.Dataset) -> list[str]:
         return unseen[:1]
     worst = max(strayed, key=lambda layer: float(growth[layer]))
     others = f"; {len(strayed)} layers in all, the first is layer {strayed[0]}" if len(strayed) > 1 else ""
-    return [f"layer {worst} grew otherwise than the shadow's model says, by {growth[worst] * 1e6:.2f} um rms{others}",
-            *unseen[:1]]  # fmt: skip
+    said = f"layer {worst} grew otherwise than the shadow's model says, by {growth[worst] * UM_PER_M:.2f} um rms"
+    return [f"{said}{others}", *unseen[:1]]
 
 
 def lines(folder: Path) -> list[str]:
     """What a run folder holds, in words: origin, end, errors, versions, times. Raises ResultError."""
     result = Result.load(folder)
     run, metrics = result.run, result.metrics()
-    errors = ", ".join(f"{name} {metrics[key] * 1e6:.2f} um" for name, key in ERRORS.items())
+    errors = ", ".join(f"{name} {metrics[key] * UM_PER_M:.2f} um" for name, key in ERRORS.items())
     return [
         f"{folder}: {run['title']} ({run['label']})",
         f"grid: {_grid(result)}",

@@ -27,7 +27,7 @@ LAYERS_FOLDER, STATE_FILE = "layers", "state.npz"
 _UNREADABLE = (OSError, ValueError, KeyError, BadZipFile)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Checkpoint:
     """A communication point: `outputs` of all components as the others see them, `states` as they saved them.
 

@@ -16,34 +16,52 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Component, FloatMap, Job, Port, Status, Values, is_device
+from inkloop.contract import (
+    CONTROLLER,
+    COUNTERS,
+    HEIGHT,
+    LAYER_UNKNOWN,
+    LAYERS_COMPARED,
+    LAYERS_FOLLOWED,
+    LAYERS_PRINTED,
+    LAYERS_SCANNED,
+    MEASURED_HEIGHT,
+    PATTERN,
+    PRINTER,
+    PROFILER,
+    SHADOW,
+    SIGNALS,
+    STATUS,
+    VALID,
+)
 from inkloop.results.metrics import surface_error
+from inkloop.units import S_PER_NS
 
 if TYPE_CHECKING:
     import xarray as xr
 
-COUNTERS = {
-    "layer_command": "controller",
-    "layers_printed": "printer",
-    "layers_scanned": "profiler",
-    "layers_followed": "shadow",
-    "layers_compared": "shadow",
+COUNTER_ROLES = {
+    **{name: str(SIGNALS[name].giver) for name in COUNTERS},
+    LAYERS_FOLLOWED: SHADOW,
+    LAYERS_COMPARED: SHADOW,
 }
-LABELS = {("shadow", "height"): "shadow_height", ("shadow", "status"): "shadow_status"}
+"""Sequence number -> role of the component that puts it out."""
+LABELS = {(SHADOW, HEIGHT): "shadow_height", (SHADOW, STATUS): "shadow_status"}
 """What is recorded under another name than that of its port, for it never is what a printer says."""
 NOT_REPRODUCIBLE = frozenset({"solve_time"})
 LONG_NAMES = {
-    "height": "surface after the layer",
+    HEIGHT: "surface after the layer",
     "area": "share of each cell that ink covers after the layer",
-    "measured_height": "scan of the layer",
-    "valid": "cells of the scan that were measured",
+    MEASURED_HEIGHT: "scan of the layer",
+    VALID: "cells of the scan that were measured",
     "estimated_height": "the controller's estimate from the scan of the layer",
-    "pattern": "what was jetted in the layer: 0 none, 1 material A, 2 material B",
+    PATTERN: "what was jetted in the layer: 0 none, 1 material A, 2 material B",
     "time": "time at which the layer was complete",
     "shadow_height": "surface of the model that follows the commanded patterns",
     "shadow_status": "4: grown otherwise than the model says, or not to be compared; 3: so much that the run ended",
     "growth_divergence": "rms over the part of what was scanned to be added less what the model adds",
     "surface_divergence": "rms over the part of scan less model",
-    "layer_unknown": "the layer was given up midway: nobody knows what of its pattern was jetted",
+    LAYER_UNKNOWN: "the layer was given up midway: nobody knows what of its pattern was jetted",
     "mean_error": "target minus mean height over the part",
     "mae": "mean absolute error over the part",
     "rms": "root mean square error over the part",
@@ -81,7 +99,7 @@ class Recorder:
         self._layer_times: dict[int, float] = {}
         self._seen: dict[str, int] = {}
         self._new_rows: dict[str, NDArray[Any]] = {}
-        for counter, role in COUNTERS.items():
+        for counter, role in COUNTER_ROLES.items():
             for name, component in components.items():
                 if role not in self._roles and any(port.name == counter for port in component.outputs):
                     self._roles[role] = name
@@ -98,38 +116,38 @@ class Recorder:
     @property
     def scanned(self) -> int:
         """Layer of the last scan, -1 before the first."""
-        return self._seen.get("layers_scanned", -1)
+        return self._seen.get(LAYERS_SCANNED, -1)
 
     def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         """Row 0: the start surface; nothing where it goes on from the rows of an earlier part of the run."""
-        self._seen = {counter: int(outputs[self._roles[role]][counter]) for counter, role in COUNTERS.items()
+        self._seen = {counter: int(outputs[self._roles[role]][counter]) for counter, role in COUNTER_ROLES.items()
                       if role in self._roles}  # fmt: skip
         if self._layer_times:
             return
-        if "printer" in self._roles:
-            self._printed(self._seen["layers_printed"], time_ns, outputs[self._roles["printer"]])
-        if "shadow" in self._roles:
-            self._followed("layers_followed", self._seen["layers_followed"], time_ns, outputs[self._roles["shadow"]])
-        if self._seen.get("layers_scanned", -1) >= 0:
-            self._scanned(self._seen["layers_scanned"], time_ns, outputs[self._roles["profiler"]])
+        if PRINTER in self._roles:
+            self._printed(self._seen[LAYERS_PRINTED], time_ns, outputs[self._roles[PRINTER]])
+        if SHADOW in self._roles:
+            self._followed(LAYERS_FOLLOWED, self._seen[LAYERS_FOLLOWED], time_ns, outputs[self._roles[SHADOW]])
+        if self._seen.get(LAYERS_SCANNED, -1) >= 0:
+            self._scanned(self._seen[LAYERS_SCANNED], time_ns, outputs[self._roles[PROFILER]])
 
     def stepped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         """Record whatever a sequence number says is new."""
-        for counter, role in COUNTERS.items():
+        for counter, role in COUNTER_ROLES.items():
             if role not in self._roles:
                 continue
             values = outputs[self._roles[role]]
             number = int(values[counter])
             if number == self._seen[counter]:
-                if role == "controller" and values.get("status") == Status.DONE:
+                if role == CONTROLLER and values.get(STATUS) == Status.DONE:
                     self._keep(role, "estimated_height", number, values)
                 continue
             self._seen[counter] = number
-            if role == "controller":
+            if role == CONTROLLER:
                 self._commanded(number, values)
-            elif role == "printer":
+            elif role == PRINTER:
                 self._printed(number, time_ns, values)
-            elif role == "shadow":
+            elif role == SHADOW:
                 self._followed(counter, number, time_ns, values)
             else:
                 self._scanned(number, time_ns, values)
@@ -171,11 +189,11 @@ class Recorder:
                 variables[name].attrs["reproducible"] = "no: wall-clock"
         times = np.array([self._layer_times.get(layer, np.nan) for layer in range(count)])
         variables["time"] = _variable(("layer",), times, "s", LONG_NAMES["time"])
-        if "height" not in variables and (surface := self._surface_label()) in variables:
+        if HEIGHT not in variables and (surface := self._surface_label()) in variables:
             told = _carried(variables[surface].values, self._rows[surface])
-            variables["height"] = _variable(("layer", "x", "y"), told, "m", f"{LONG_NAMES['height']}: {surface}")
-        if "height" in variables:
-            errors = [surface_error(surface, job) for surface in variables["height"].values]
+            variables[HEIGHT] = _variable(("layer", "x", "y"), told, "m", f"{LONG_NAMES[HEIGHT]}: {surface}")
+        if HEIGHT in variables:
+            errors = [surface_error(surface, job) for surface in variables[HEIGHT].values]
             for name in ("mean_error", "mae", "rms", "std"):
                 values = np.array([getattr(error, name) for error in errors])
                 variables[name] = _variable(("layer",), values, "m", LONG_NAMES[name])
@@ -187,33 +205,33 @@ class Recorder:
         return xr.Dataset(variables, coordinates, {"pitch": job.pitch})
 
     def _commanded(self, number: int, values: Values) -> None:
-        self._keep("controller", "pattern", number, values)
-        self._keep("controller", "estimated_height", number - 1, values)
-        self._keep_scalars("controller", number, values)
+        self._keep(CONTROLLER, PATTERN, number, values)
+        self._keep(CONTROLLER, "estimated_height", number - 1, values)
+        self._keep_scalars(CONTROLLER, number, values)
 
     def _printed(self, number: int, time_ns: int, values: Values) -> None:
-        self._layer_times[number] = time_ns * 1e-9
-        self._new_rows[f"run/time/{number}"] = np.asarray(time_ns * 1e-9)
-        for name in ("height", "area"):
-            self._keep("printer", name, number, values)
-        self._keep_scalars("printer", number, values)
-        self._tell("printer", number, time_ns, values)
+        self._layer_times[number] = time_ns * S_PER_NS
+        self._new_rows[f"run/time/{number}"] = np.asarray(time_ns * S_PER_NS)
+        for name in (HEIGHT, "area"):
+            self._keep(PRINTER, name, number, values)
+        self._keep_scalars(PRINTER, number, values)
+        self._tell(PRINTER, number, time_ns, values)
 
     def _scanned(self, number: int, time_ns: int, values: Values) -> None:
-        for name in ("measured_height", "valid"):
-            self._keep("profiler", name, number, values)
-        self._keep_scalars("profiler", number, values)
-        self._tell("profiler", number, time_ns, values)
+        for name in (MEASURED_HEIGHT, VALID):
+            self._keep(PROFILER, name, number, values)
+        self._keep_scalars(PROFILER, number, values)
+        self._tell(PROFILER, number, time_ns, values)
 
     def _followed(self, counter: str, number: int, time_ns: int, values: Values) -> None:
         """The shadow has deposited a layer, or was held against a scan; the scan of layer 0 may move its surface."""
-        if counter == "layers_compared":
-            self._keep_scalars("shadow", number, values)
-            self._keep("shadow", "status", number, values)
-        if number == int(values["layers_followed"]):
-            self._keep("shadow", "height", number, values)
-        if counter == "layers_followed":
-            self._tell("shadow", number, time_ns, values)
+        if counter == LAYERS_COMPARED:
+            self._keep_scalars(SHADOW, number, values)
+            self._keep(SHADOW, STATUS, number, values)
+        if number == int(values[LAYERS_FOLLOWED]):
+            self._keep(SHADOW, HEIGHT, number, values)
+        if counter == LAYERS_FOLLOWED:
+            self._tell(SHADOW, number, time_ns, values)
 
     def _tell(self, role: str, number: int, time_ns: int, values: Values) -> None:
         """Tell of a layer when its surface is known."""
@@ -222,12 +240,12 @@ class Recorder:
         error = surface_error(values[self._surface_port], self._job)
         scalars = {name: float(rows[number]) for name, rows in self._rows.items()
                    if number in rows and rows[number].ndim == 0}  # fmt: skip
-        self._on_layer(LayerRow(number, time_ns * 1e-9, error.mean_error, error.mae, error.std, scalars))
+        self._on_layer(LayerRow(number, time_ns * S_PER_NS, error.mean_error, error.mae, error.std, scalars))
 
     def _who_tells_the_surface(self, components: Mapping[str, Component]) -> tuple[str, str]:
         """Role and output: the printer, else a profiler that scans something real, else the shadow; "" if nobody."""
-        candidates = [("printer", "height"), ("shadow", "height"), ("profiler", "measured_height")]
-        if "profiler" in self._roles and is_device(components[self._roles["profiler"]]):
+        candidates = [(PRINTER, HEIGHT), (SHADOW, HEIGHT), (PROFILER, MEASURED_HEIGHT)]
+        if PROFILER in self._roles and is_device(components[self._roles[PROFILER]]):
             candidates.insert(1, candidates.pop())
         telling = (told for told in candidates if told[1] in self._own_ports.get(told[0], {}))
         return next(telling, ("", ""))
@@ -237,7 +255,7 @@ class Recorder:
 
     def _keep_scalars(self, role: str, layer: int, values: Values) -> None:
         for name, port in self._own_ports[role].items():
-            if port.shape == () and name not in COUNTERS and name != "status":
+            if port.shape == () and name not in COUNTER_ROLES and name != STATUS:
                 self._keep(role, name, layer, values)
 
     def _keep(self, role: str, name: str, layer: int, values: Values) -> None:
@@ -263,4 +281,4 @@ def _carried(maps: NDArray[Any], known: Mapping[int, object]) -> NDArray[Any]:
 def _variable(dims: tuple[str, ...], values: NDArray[Any] | FloatMap, unit: str, long_name: str) -> xr.Variable:
     import xarray as xr
 
-    return xr.Variable(dims, values, {"units": unit, "long_name": long_name})
+    return xr.Variable(dims, values, {"units": str(unit), "long_name": long_name})

@@ -27,12 +27,14 @@ if TYPE_CHECKING:
 
 SCHEMA_VERSION = 1
 RESULT_FILE, RUN_FILE, SCENARIO_FILE = "result.nc", "run.json", "scenario.toml"
+COMPARE_FOLDER = "compare"
+"""Folder of a run folder that holds its comparison runs."""
 UNFINISHED = ("running", "interrupted", "failed")
 """Stop reasons of a run that `inkloop resume` can go on with."""
 _LIBRARIES = ("inkloop", "casadi", "fmpy", "numpy", "xarray")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Result:
     """`dataset`: dims layer, x, y; `run`: what stands in run.json."""
 

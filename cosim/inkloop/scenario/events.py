@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, HasPorts, Port
+from inkloop.contract import LAYER_COMMAND
 from inkloop.master.events import Event, find_port
 from inkloop.suggest import nearest
+from inkloop.tables.quantities import read_quantities
 from inkloop.tables.schema import EventTable
-from inkloop.units import conversion, read_quantities, spellings
+from inkloop.units import NS_PER_S, conversion, spellings
 
 
 def read_events(
@@ -30,7 +32,7 @@ def read_events(
     events: list[Event] = []
     errors: list[str] = []
     outputs = [port.name for part in components.values() for port in part.outputs]
-    commands = bool(unknown) or "layer_command" in outputs
+    commands = bool(unknown) or LAYER_COMMAND in outputs
     for number, table in enumerate(tables):
         place = f"events.[{number}]"
         own = _moment_errors(table, commands)
@@ -76,7 +78,7 @@ class _Reader:
         if value is None and table.action != "reset" and not errors and "value" not in values:
             expected = next(iter(spellings("value", port.unit)))
             self.errors.append(f"{expected} is missing; add what to {table.action} {table.port} with")
-        moment = None if table.at_time_s is None else round(table.at_time_s * 1e9)
+        moment = None if table.at_time_s is None else round(table.at_time_s * NS_PER_S)
         return Event(table.port, table.action, table.at_layer, moment, value, per_layer, self._cells())
 
     def _array(self, key: str, value: object) -> NDArray[Any] | None:

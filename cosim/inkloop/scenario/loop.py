@@ -14,8 +14,8 @@ from inkloop.master.events import Event
 from inkloop.master.wiring import Connection, check, contract_connections
 from inkloop.scenario.events import read_events
 from inkloop.scenario.validation import end_errors, known_ports, mix_errors, shadow_errors
+from inkloop.tables.quantities import read_quantities
 from inkloop.tables.schema import BenchTable, ComponentTable, ConnectionTable, ScenarioFile
-from inkloop.units import read_quantities
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import numpy as np
 from inkloop.component import HasPorts, Job, Ports, is_device, is_shadow
 from inkloop.components import catalog
 from inkloop.components.kind import Checked
+from inkloop.contract import HEIGHT, LAYERS_PRINTED, LAYERS_SCANNED, has_port
 from inkloop.geometry import cell_centers
 from inkloop.master.wiring import Connection, find
 from inkloop.scenario.events import find_event_port
@@ -74,8 +75,8 @@ def mix_errors(components: Mapping[str, HasPorts]) -> list[str]:
         return []
     advice = 'add a component with kind = "Shadow", a model that follows the commanded patterns'
     errors = []
-    for printer in _giving("layers_printed", components):
-        for profiler in _giving("layers_scanned", components):
+    for printer in _giving(LAYERS_PRINTED, components):
+        for profiler in _giving(LAYERS_SCANNED, components):
             if is_device(components[printer]) and not is_device(components[profiler]):
                 errors.append(
                     f"{printer} is a device and {profiler} simulates a sensor, which has no surface to scan; {advice} "
@@ -94,8 +95,8 @@ def shadow_errors(components: Mapping[str, HasPorts], connections: Sequence[Conn
     errors = []
     fed = {connection.target_parts: connection.source_parts for connection in connections}
     for name, component in components.items():
-        sensor, _ = fed.get((name, "layers_scanned"), ("", ""))
-        scans_shadow = fed.get((sensor, "height")) == (name, "height")
+        sensor, _ = fed.get((name, LAYERS_SCANNED), ("", ""))
+        scans_shadow = fed.get((sensor, HEIGHT)) == (name, HEIGHT)
         if is_shadow(component) and scans_shadow and getattr(component, "starts_on_scan", False):
             errors.append(
                 f'{name} begins on the first scan of {sensor}, which scans {name} itself; write start = "job" in '
@@ -153,4 +154,4 @@ def _rows(raw: Mapping[str, Any], key: str) -> Iterator[tuple[int, Mapping[str, 
 
 
 def _giving(output: str, components: Mapping[str, HasPorts]) -> Iterable[str]:
-    return [name for name, part in components.items() if any(port.name == output for port in part.outputs)]
+    return [name for name, part in components.items() if has_port(part.outputs, output)]

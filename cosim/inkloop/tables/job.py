@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import FloatMap, Ink, Job
+from inkloop.contract import PassOrder
 from inkloop.geometry import cell_centers
 from inkloop.tables.schema import InkTable, ScenarioFile
 
 T = TypeVar("T", bound=np.generic)
-PASS_ORDERS = {"raster": 1, "diagonal": 2}
 
 
 def job_of(tables: ScenarioFile, component: str) -> Job:
@@ -38,7 +38,7 @@ def job_of(tables: ScenarioFile, component: str) -> Job:
         inks=_inks(tables),
         region=None if tables.support is None else geometry,
         passes=process.passes,
-        pass_order=PASS_ORDERS[process.pass_order],
+        pass_order=PassOrder[process.pass_order.upper()].value,
         pass_rotation=process.pass_rotation,
         seed=component_seed(tables.seed, component),
         height_start=None if (start := _height_start(tables)) is None else _frozen(start),

@@ -13,7 +13,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from inkloop.component import Ink
 from inkloop.tables import bench_faults
 from inkloop.tables.shapes import (
-    UM,
     CuboidTable,
     CylinderTable,
     Grid,
@@ -24,6 +23,7 @@ from inkloop.tables.shapes import (
     Table,
 )
 from inkloop.tables.substrate import Substrate
+from inkloop.units import M_PER_UM
 
 
 class SubstrateTable(Table):
@@ -42,7 +42,7 @@ class SubstrateTable(Table):
     def substrate(self) -> Substrate:
         """The surface in SI."""
         lengths = (self.step_um, self.wave_um, self.wavelength_um, self.roughness_um)
-        return Substrate(self.tilt_x, self.tilt_y, *(length * UM for length in lengths))
+        return Substrate(self.tilt_x, self.tilt_y, *(length * M_PER_UM for length in lengths))
 
 
 class Support(Table):
@@ -61,7 +61,7 @@ class InkTable(Table):
     @property
     def ink(self) -> Ink:
         """The ink in SI."""
-        return Ink(self.h1_um * UM, self.h2_um * UM, self.h3_um * UM)
+        return Ink(self.h1_um * M_PER_UM, self.h2_um * M_PER_UM, self.h3_um * M_PER_UM)
 
 
 class Inks(Table):
@@ -117,7 +117,7 @@ class RunTable(Table):
 class ComponentTable(BaseModel):
     """`[components.NAME]`: `kind`, and the options of that kind."""
 
-    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True, defer_build=True)
     kind: str = Field(description="a kind of the catalog")
 
     @property
@@ -132,7 +132,7 @@ class ConnectionTable(BaseModel):
     Beside these keys: `offset`, with the unit in the key where the input has one.
     """
 
-    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True, defer_build=True)
     source: str
     target: str
     gain: Annotated[float, Field(allow_inf_nan=False)] = Field(default=1.0, description="factor on the way")
@@ -149,7 +149,7 @@ class EventTable(BaseModel):
     Beside these keys: `value`, and for a bias `per_layer`, with the unit in the key where the port has one.
     """
 
-    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True, defer_build=True)
     at_layer: int | None = Field(default=None, ge=1, description="from the layer commanded with this number on")
     at_time_s: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = Field(
         default=None, description="from the step that begins then on"

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from inkloop.geometry import Cuboid, Cylinder, PipeJunction, Shape, Staircase
+from inkloop.units import M_PER_UM
 
-UM = 1e-6
 Length = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Position = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -16,7 +16,8 @@ Position = Annotated[float, Field(allow_inf_nan=False)]
 class Table(BaseModel):
     """A TOML table: unknown keys are faults, values are not converted between types, nothing changes later."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    # built when a table is first read: the whole scenario holds the others, which need no validator of their own
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
 
 
 class Grid(Table):
@@ -29,7 +30,7 @@ class Grid(Table):
     @property
     def pitch(self) -> float:
         """Droplet spacing [m]."""
-        return self.pitch_um * UM
+        return self.pitch_um * M_PER_UM
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -47,8 +48,8 @@ class PartTable(Table):
     def _center(self, grid: Grid) -> tuple[float, float]:
         x, y = grid.middle
         return (
-            x if self.center_x_um is None else self.center_x_um * UM,
-            y if self.center_y_um is None else self.center_y_um * UM,
+            x if self.center_x_um is None else self.center_x_um * M_PER_UM,
+            y if self.center_y_um is None else self.center_y_um * M_PER_UM,
         )
 
 
@@ -60,7 +61,7 @@ class CylinderTable(PartTable):
 
     def geometry(self, grid: Grid) -> Shape:
         """The part in space."""
-        return Cylinder(*self._center(grid), self.radius_um * UM, self.height_um * UM)
+        return Cylinder(*self._center(grid), self.radius_um * M_PER_UM, self.height_um * M_PER_UM)
 
 
 class CuboidTable(PartTable):
@@ -72,7 +73,9 @@ class CuboidTable(PartTable):
 
     def geometry(self, grid: Grid) -> Shape:
         """The part in space."""
-        return Cuboid(*self._center(grid), self.size_x_um * UM, self.size_y_um * UM, self.height_um * UM)
+        return Cuboid(
+            *self._center(grid), self.size_x_um * M_PER_UM, self.size_y_um * M_PER_UM, self.height_um * M_PER_UM
+        )
 
 
 class StaircaseTable(PartTable):
@@ -85,8 +88,8 @@ class StaircaseTable(PartTable):
 
     def geometry(self, grid: Grid) -> Shape:
         """The part in space."""
-        edges = self.size_x_um * UM, self.size_y_um * UM
-        return Staircase(*self._center(grid), *edges, self.steps, self.height_um * UM)
+        edges = self.size_x_um * M_PER_UM, self.size_y_um * M_PER_UM
+        return Staircase(*self._center(grid), *edges, self.steps, self.height_um * M_PER_UM)
 
 
 class PipeJunctionTable(PartTable):
@@ -102,9 +105,9 @@ class PipeJunctionTable(PartTable):
         """The part in space."""
         return PipeJunction(
             *self._center(grid),
-            outer_across=self.outer_across_um * UM,
-            outer_upright=self.outer_upright_um * UM,
-            inner_across=self.inner_across_um * UM,
-            inner_upright=self.inner_upright_um * UM,
-            height=self.height_um * UM,
+            outer_across=self.outer_across_um * M_PER_UM,
+            outer_upright=self.outer_upright_um * M_PER_UM,
+            inner_across=self.inner_across_um * M_PER_UM,
+            inner_upright=self.inner_upright_um * M_PER_UM,
+            height=self.height_um * M_PER_UM,
         )

@@ -1,5 +1,7 @@
 #include "bench.h"
 
+#include "emulated_parameters.h"
+
 #include <math.h>
 #include <stddef.h>
 #include <stdlib.h>
@@ -11,44 +13,24 @@ typedef struct {
     const char *name;
     Type type;
     size_t at;
+    double min, max;
 } Option;
 
 #define WORLD(member) offsetof(BenchOptions, world.member)
 static const Option OPTIONS[] = {
-    {"nx", COUNT16, WORLD(nx)},
-    {"ny", COUNT16, WORLD(ny)},
-    {"h1_a", REAL, WORLD(ink[0].h1)},
-    {"h2_a", REAL, WORLD(ink[0].h2)},
-    {"h3_a", REAL, WORLD(ink[0].h3)},
-    {"h1_b", REAL, WORLD(ink[1].h1)},
-    {"h2_b", REAL, WORLD(ink[1].h2)},
-    {"h3_b", REAL, WORLD(ink[1].h3)},
-    {"variation", REAL, WORLD(variation.variation)},
-    {"variation_kind", KIND, WORLD(variation.kind)},
-    {"nozzle_variation", REAL, WORLD(variation.nozzle_variation)},
-    {"nozzle_pitch", SIGNED32, WORLD(variation.nozzle_pitch)},
-    {"printer_seed", SIGNED32, WORLD(variation.seed)},
-    {"pitch", REAL, WORLD(instrument.pitch)},
-    {"noise_std", REAL, WORLD(instrument.noise_std)},
-    {"noise_correlation", REAL, WORLD(instrument.noise_correlation)},
-    {"resolution", REAL, WORLD(instrument.resolution)},
-    {"bias", REAL, WORLD(instrument.bias)},
-    {"drift_rate", REAL, WORLD(instrument.drift_rate)},
-    {"tilt_x", REAL, WORLD(instrument.tilt_x)},
-    {"tilt_y", REAL, WORLD(instrument.tilt_y)},
-    {"spot_radius", REAL, WORLD(instrument.spot_radius)},
-    {"slope_bias", REAL, WORLD(instrument.slope_bias)},
-    {"dropout_slope", REAL, WORLD(instrument.dropout_slope)},
-    {"dropout_rate", REAL, WORLD(instrument.dropout_rate)},
-    {"sensor_seed", SIGNED32, WORLD(instrument.seed)},
-    {"pass_ms", COUNT32, WORLD(pass_ms)},
-    {"scan_ms", COUNT32, WORLD(scan_ms)},
-    {"home_ms", COUNT32, WORLD(home_ms)},
-    {"move_ms", COUNT32, WORLD(move_ms)},
-    {"purge_ms", COUNT32, WORLD(purge_ms)},
-    {"gate_ms", COUNT32, WORLD(gate_ms)},
-    {"lamp_limit_ms", COUNT32, offsetof(BenchOptions, limits.lamp)},
-    {"one_node", FLAG, offsetof(BenchOptions, one_node)},
+    EMULATED_PARAMETERS, /* written from variables.toml of the FMUs */
+    {"nx", COUNT16, WORLD(nx), 1, UINT16_MAX},
+    {"ny", COUNT16, WORLD(ny), 1, UINT16_MAX},
+    {"printer_seed", SIGNED32, WORLD(variation.seed), INT32_MIN, INT32_MAX},
+    {"sensor_seed", SIGNED32, WORLD(instrument.seed), INT32_MIN, INT32_MAX},
+    {"pass_ms", COUNT32, WORLD(pass_ms), 0, INT32_MAX},
+    {"scan_ms", COUNT32, WORLD(scan_ms), 0, INT32_MAX},
+    {"home_ms", COUNT32, WORLD(home_ms), 0, INT32_MAX},
+    {"move_ms", COUNT32, WORLD(move_ms), 0, INT32_MAX},
+    {"purge_ms", COUNT32, WORLD(purge_ms), 0, INT32_MAX},
+    {"gate_ms", COUNT32, WORLD(gate_ms), 0, INT32_MAX},
+    {"lamp_limit_ms", COUNT32, offsetof(BenchOptions, limits.lamp), 0, INT32_MAX},
+    {"one_node", FLAG, offsetof(BenchOptions, one_node), 0, 1},
 };
 
 static const char *const NAMES[BENCH_NODES] = {"head", "stage", "cure", "profiler"};
@@ -59,36 +41,42 @@ BenchOptions bench_defaults(void) {
     return (BenchOptions){.world = world_defaults(), .limits = NODE_LIMITS};
 }
 
-static bool store(void *to, Type type, double value) {
-    if (type == REAL) {
-        *(double *)to = value;
-        return isfinite(value);
-    }
-    if (value != rint(value) || fabs(value) > INT32_MAX || (value < 0.0 && type != SIGNED32))
-        return false;
+static bool is_value(const Option *option, double value) {
+    const bool whole = value == rint(value) && fabs(value) <= INT32_MAX;
+    return isfinite(value) && (option->type == REAL || whole) && value >= option->min && value <= option->max;
+}
+
+static void store(void *to, Type type, double value) {
     switch (type) {
+    case REAL:
+        *(double *)to = value;
+        break;
     case COUNT16:
         *(uint16_t *)to = (uint16_t)value;
-        return value >= 1.0 && value <= UINT16_MAX;
+        break;
     case COUNT32:
         *(uint32_t *)to = (uint32_t)value;
-        return true;
+        break;
     case SIGNED32:
         *(int32_t *)to = (int32_t)value;
-        return true;
+        break;
     case KIND:
         *(VariationKind *)to = (VariationKind)value;
-        return value >= PER_DROPLET && value <= PER_CELL_AND_LAYER;
-    default:
+        break;
+    case FLAG:
         *(bool *)to = value != 0.0;
-        return value <= 1.0;
     }
 }
 
 bool bench_set(BenchOptions *options, const char *name, double value) {
-    for (size_t k = 0; k < sizeof OPTIONS / sizeof *OPTIONS; k++)
-        if (strcmp(OPTIONS[k].name, name) == 0)
-            return store((char *)options + OPTIONS[k].at, OPTIONS[k].type, value);
+    for (size_t k = 0; k < sizeof OPTIONS / sizeof *OPTIONS; k++) {
+        const Option *option = &OPTIONS[k];
+        if (strcmp(option->name, name) != 0)
+            continue;
+        if (is_value(option, value))
+            store((char *)options + option->at, option->type, value);
+        return is_value(option, value);
+    }
     return false;
 }
 
@@ -99,8 +87,6 @@ static const char *fault_of(const BenchOptions *options) {
         return "nx * ny is above 1000000 cells, the largest pattern of the protocol";
     if (nanometres < 0.5 || nanometres > UINT16_MAX || fabs(nanometres - rint(nanometres)) > 1e-6)
         return "resolution is not a whole number of nanometres from 1 to 65535: a map on the bus has such steps";
-    if (world->variation.nozzle_pitch < 1)
-        return "nozzle_pitch is below 1";
     return NULL;
 }
 

@@ -1,5 +1,7 @@
 #include "world.h"
 
+#include "emulated_parameters.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,18 +10,10 @@ enum { ALL_COLOURS = 255 };
 static const double NANOMETRE = 1e-9;
 
 WorldOptions world_defaults(void) {
-    const Ink ink = {4.4e-6, 0.6e-6, 0.2e-6}; /* Lu et al. 2015, Table I */
-    return (WorldOptions){.nx = 9,
-                          .ny = 9,
-                          .ink = {ink, ink},
-                          .variation = {.kind = PER_DROPLET, .nozzle_pitch = 1},
-                          .instrument = {.pitch = 263.256e-6, .resolution = 0.1e-6},
-                          .pass_ms = 50,
-                          .scan_ms = 50,
-                          .home_ms = 20,
-                          .move_ms = 20,
-                          .purge_ms = 20,
-                          .gate_ms = 5};
+    WorldOptions options = {EMULATED_STARTS, .nx = 9,       .ny = 9,        .pass_ms = 50, .scan_ms = 50,
+                            .home_ms = 20,   .move_ms = 20, .purge_ms = 20, .gate_ms = 5};
+    options.instrument.resolution = 0.1e-6; /* the FMU's 0 has no step for a map */
+    return options;
 }
 
 static size_t cells_of(const World *world) {

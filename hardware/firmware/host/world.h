@@ -48,7 +48,7 @@ typedef struct {
     uint32_t lamp_with_gate; /* ticks in which the lamp was on and the gate not closed: must stay 0 */
 } World;
 
-/* The inks of Lu et al. 2015, an exact sensor of 0.1 um, 9 x 9 cells, short mechanical times. */
+/* The start values of the FMUs, but a sensor with steps of 0.1 um; 9 x 9 cells, short mechanical times. */
 WorldOptions world_defaults(void);
 
 /* False: no memory. */

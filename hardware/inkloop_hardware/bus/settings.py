@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from inkloop.units import KILO
+
 
 @dataclass(frozen=True)
 class BusSettings:
@@ -34,7 +36,7 @@ class BusSettings:
         name = self.interface or "the interface of python-can's configuration"
         if self.channel is not None:
             name += f" on {self.channel}"
-        return name + (f" at {self.bitrate / 1e3:g} kbit/s" if self.bitrate else "")
+        return name + (f" at {self.bitrate / KILO:g} kbit/s" if self.bitrate else "")
 
     def arguments(self) -> dict[str, Any]:
         """Those of `can.Bus`."""

@@ -16,7 +16,9 @@ from zlib import crc32
 
 from numpy.typing import NDArray
 
-from inkloop.component import Job, pass_colours
+from inkloop.component import Job
+from inkloop.contract import pass_colours
+from inkloop.units import KILO, MS_PER_S
 from inkloop_hardware.devices.master_journal import Asked, MasterJournal
 from inkloop_hardware.devices.readiness import MARGIN_S, NotReady
 from inkloop_hardware.errors import HardwareError, NodeRefused, TransferError
@@ -67,10 +69,10 @@ class LayerSteps:
         self._journal = journal or MasterJournal()
         self._pattern_crc = 0
         self._takes_coded = True
-        if Node.CURE in limits and cure_ms / 1e3 >= limits[Node.CURE].lamp:
+        if Node.CURE in limits and cure_ms / MS_PER_S >= limits[Node.CURE].lamp:
             raise NotReady(
                 f"cure: bench.cure_ms is {cure_ms}; this lamp switches itself off after "
-                f"{limits[Node.CURE].lamp * 1e3:.0f} ms: set a smaller one"
+                f"{limits[Node.CURE].lamp * MS_PER_S:.0f} ms: set a smaller one"
             )
 
     def print_layer(self, layer: int, pattern: NDArray[Any]) -> PrintedLayer:
@@ -205,6 +207,6 @@ def _log_quarters(what: str) -> Callable[[int, int], None]:
         nonlocal quarters
         if total >= LOGGED_FROM_BYTES and through * 4 // total > quarters:
             quarters = through * 4 // total
-            _log.info("%s: %d of %d kB", what, through // 1000, total // 1000)
+            _log.info("%s: %d of %d kB", what, through // KILO, total // KILO)
 
     return log

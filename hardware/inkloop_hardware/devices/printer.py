@@ -10,6 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Job, Port, Status, Values
+from inkloop.contract import (
+    DROP_LEVEL,
+    LAYER_COMMAND,
+    LAYER_UNKNOWN,
+    LAYERS_PRINTED,
+    PATTERN,
+    STATUS,
+    checked_command,
+    contract_ports,
+    pass_colour,
+)
 from inkloop.errors import ComponentError
 from inkloop_hardware.devices.journal_comparison import compare
 from inkloop_hardware.devices.layer_steps import ALL_COLOURS, LayerSteps, PrintedLayer
@@ -38,13 +49,13 @@ class Printer:
         self._job, self._rig, self._cure_ms = job, rig, cure_ms
         self._journal = journal or MasterJournal()
         shape = (job.nx, job.ny)
-        self.inputs = (
-            Port("pattern", shape=shape, dtype="int32"),
-            Port("drop_level", shape=shape, dtype="int32", start=1),
-            Port("layer_command", dtype="int32"),
+        self.inputs = contract_ports(shape, PATTERN, DROP_LEVEL, LAYER_COMMAND)
+        droplets = (Port(name, dtype="int32") for name in ("droplets_a", "droplets_b"))
+        self.outputs = (
+            *contract_ports(shape, LAYERS_PRINTED, STATUS),
+            *droplets,
+            *contract_ports(shape, LAYER_UNKNOWN),
         )
-        counters = ("layers_printed", "status", "droplets_a", "droplets_b")
-        self.outputs = (*(Port(name, dtype="int32") for name in counters), Port("layer_unknown", dtype="bool"))
         self._attached = False
         self._steps: LayerSteps | None = None
         self._printed, self._is_unknown = 0, False
@@ -57,19 +68,17 @@ class Printer:
         self._attached = True
         limits = retry_after_recovery(self._rig, NODES, self._ready, is_start=True)
         self._steps = LayerSteps(self._rig, self._job, limits, cure_ms=self._cure_ms, journal=self._journal)
-        self._printed, self._droplets, self._is_unknown = int(inputs["layer_command"]), [0, 0], False
+        self._printed, self._droplets, self._is_unknown = int(inputs[LAYER_COMMAND]), [0, 0], False
         return self._outputs()
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Print the commanded layer, if there is one. ComponentError for a wrong command or pattern."""
         self._rig.keep_alive()
-        command, pattern = int(inputs["layer_command"]), inputs["pattern"]
-        if command not in (self._printed, self._printed + 1) or self._steps is None:
-            raise ComponentError(
-                f"layer_command is {command} after layer {self._printed}; needs {self._printed} or {self._printed + 1}"
-            )
+        if self._steps is None:
+            raise ComponentError("the bus is not open: initialize comes first")
+        command, pattern = checked_command(inputs, self._printed), inputs[PATTERN]
         if command == self._printed + 1:
-            if np.any(inputs["drop_level"][pattern != 0] != 1):
+            if np.any(inputs[DROP_LEVEL][pattern != 0] != 1):
                 raise ComponentError(
                     "drop_level is not 1 everywhere: this head jets one drop per cell; set drop_levels = 1"
                 )
@@ -134,4 +143,4 @@ def _jetted(pattern: NDArray[Any], printed: PrintedLayer) -> NDArray[Any]:
     if ALL_COLOURS in printed.passes:
         return pattern
     i, j = np.indices(pattern.shape)
-    return np.where(np.isin(2 * (i % 2) + j % 2, printed.passes), pattern, 0)
+    return np.where(np.isin(pass_colour(i, j), printed.passes), pattern, 0)

@@ -7,7 +7,8 @@ from struct import error as StructError
 
 import numpy as np
 
-from inkloop.component import Job, Port, Status, Values
+from inkloop.component import Job, Status, Values
+from inkloop.contract import LAYERS_PRINTED, LAYERS_SCANNED, MEASURED_HEIGHT, STATUS, VALID, contract_ports
 from inkloop.errors import ComponentError
 from inkloop_hardware.devices.layer_steps import LayerSteps
 from inkloop_hardware.devices.master_journal import MasterJournal
@@ -34,13 +35,8 @@ class Profiler:
         self._job, self._rig = job, rig
         self._journal = journal or MasterJournal()
         shape = (job.nx, job.ny)
-        self.inputs = (Port("layers_printed", dtype="int32"),)
-        self.outputs = (
-            Port("measured_height", "m", shape),
-            Port("valid", shape=shape, dtype="bool"),
-            Port("layers_scanned", dtype="int32", start=-1),
-            Port("status", dtype="int32"),
-        )
+        self.inputs = contract_ports(shape, LAYERS_PRINTED)
+        self.outputs = contract_ports(shape, MEASURED_HEIGHT, VALID, LAYERS_SCANNED, STATUS)
         self._attached = False
         self._steps: LayerSteps | None = None
         self._scanned = -1
@@ -60,7 +56,7 @@ class Profiler:
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Scan the new layer, if there is one."""
         self._rig.keep_alive()
-        newest, steps = int(inputs["layers_printed"]), self._steps
+        newest, steps = int(inputs[LAYERS_PRINTED]), self._steps
         if newest != self._scanned and steps is not None:
             found = retry_after_recovery(self._rig, NODES, lambda: steps.scan(newest))
             height, valid = read_map(found, self._job.nx, self._job.ny)
@@ -93,8 +89,8 @@ class Profiler:
 
     def _outputs(self) -> Values:
         return {
-            "measured_height": self._height,
-            "valid": self._valid,
-            "layers_scanned": np.asarray(self._scanned, np.int32),
-            "status": np.asarray(int(Status.IDLE), np.int32),
+            MEASURED_HEIGHT: self._height,
+            VALID: self._valid,
+            LAYERS_SCANNED: np.asarray(self._scanned, np.int32),
+            STATUS: np.asarray(int(Status.IDLE), np.int32),
         }

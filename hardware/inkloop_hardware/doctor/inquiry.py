@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from inkloop.component import Job
+from inkloop.units import MS_PER_S
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.devices.readiness import ROLES, blocked
 from inkloop_hardware.doctor.findings import Finding, Grade
@@ -230,9 +231,9 @@ def _limits(report: NodeReport, expected: Expected) -> Iterator[Finding]:
             f"its maps have {found} cells, the scenario {job.nx} x {job.ny}",
             "set the profiler to the scenario's grid, or grid.nx and grid.ny to what it measures",
         ))  # fmt: skip
-    if report.node is Node.CURE and expected.cure_ms / 1e3 >= limits.lamp:
+    if report.node is Node.CURE and expected.cure_ms / MS_PER_S >= limits.lamp:
         errors.append((
-            f"bench.cure_ms is {expected.cure_ms}, this lamp switches itself off after {limits.lamp * 1e3:.0f} ms",
+            f"bench.cure_ms is {expected.cure_ms}, this lamp switches itself off after {limits.lamp * MS_PER_S:.0f} ms",
             "set a smaller bench.cure_ms",
         ))  # fmt: skip
     if limits.block < BLOCK_LEAST:
@@ -240,7 +241,7 @@ def _limits(report: NodeReport, expected: Expected) -> Iterator[Finding]:
     cycle = Codec().cycle_time(MasterAlive.message) or 0.1
     if limits.alive < 2 * cycle:
         errors.append((
-            f"it waits {limits.alive * 1e3:.0f} ms for MasterAlive, which comes every {cycle * 1e3:.0f} ms",
+            f"it waits {limits.alive * MS_PER_S:.0f} ms for MasterAlive, which comes every {cycle * MS_PER_S:.0f} ms",
             "300 ms let two frames be lost",
         ))  # fmt: skip
     for found, advice in errors:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from statistics import median
 
+from inkloop.units import MS_PER_S
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.doctor.findings import Finding
 from inkloop_hardware.errors import FrameError
@@ -169,19 +170,19 @@ def _heartbeats(heard: Heard, codec: Codec) -> Iterator[Finding]:
             yield Finding.error("heartbeat", f"{node.lower()}: a single status in {heard.lasted:.1f} s", CHECK_NODE)
         elif max(gaps) > LOST_AFTER:
             yield Finding.error(
-                "heartbeat", f"{node.lower()}: {max(gaps) * 1e3:.0f} ms between two statuses, the cycle is "
-                f"{cycle * 1e3:.0f} ms", "a run takes the node for lost after 300 ms: check cables and its load",
+                "heartbeat", f"{node.lower()}: {max(gaps) * MS_PER_S:.0f} ms between two statuses, the cycle is "
+                f"{cycle * MS_PER_S:.0f} ms", "a run takes the node for lost after 300 ms: check cables and its load",
             )  # fmt: skip
         elif abs(median(gaps) - cycle) > CYCLE_SLACK * cycle:
             yield Finding.warning(
-                "heartbeat", f"{node.lower()}: a status every {median(gaps) * 1e3:.0f} ms, the cycle is "
-                f"{cycle * 1e3:.0f} ms", "does its firmware have another protocol, or is this machine busy?",
+                "heartbeat", f"{node.lower()}: a status every {median(gaps) * MS_PER_S:.0f} ms, the cycle is "
+                f"{cycle * MS_PER_S:.0f} ms", "does its firmware have another protocol, or is this machine busy?",
             )  # fmt: skip
         else:
             regular.append(median(gaps))
     if regular:
         number = f"{len(regular)} nodes" if len(regular) > 1 else "one node"
-        cycles = f"{min(regular) * 1e3:.0f} to {max(regular) * 1e3:.0f} ms"
+        cycles = f"{min(regular) * MS_PER_S:.0f} to {max(regular) * MS_PER_S:.0f} ms"
         yield Finding.ok("heartbeat", f"{number}, a status every {cycles}")
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from struct import pack
 
+from inkloop.units import MS_PER_S
 from inkloop_hardware.devices.readiness import MARGIN_S, blocked, clear
 from inkloop_hardware.doctor.findings import Finding, Grade
 from inkloop_hardware.errors import HardwareError, NodeRefused
@@ -50,7 +51,7 @@ def _gate(rig: Rig) -> Finding:
         times = head.times()
     except HardwareError as error:
         return _failed(head, error)
-    open_ms = (times.gate_closed - times.gate_opened) * 1e3
+    open_ms = (times.gate_closed - times.gate_opened) * MS_PER_S
     return Finding.ok("self test", f"gate: seen open and closed again, driven for {open_ms:.0f} ms")
 
 
@@ -62,13 +63,13 @@ def _lamp(rig: Rig) -> Finding:
         times = lamp.times()
     except HardwareError as error:
         return _failed(lamp, error)
-    lit_ms = (times.lamp_off - times.lamp_on) * 1e3
+    lit_ms = (times.lamp_off - times.lamp_on) * MS_PER_S
     return Finding.ok("self test", f"lamp: seen lit for {lit_ms:.0f} ms and dark again, the gate closed")
 
 
 def _test(rig: Rig, link: Link, lamp_ms: int) -> None:
     limits = link.limits()
-    limit_s = lamp_ms / 1e3 + 2 * limits.gate + MARGIN_S
+    limit_s = lamp_ms / MS_PER_S + 2 * limits.gate + MARGIN_S
     link.routine(Routine.SELF_TEST, Key(rig.job, 0, 0), pack(">H", lamp_ms), limit_s=limit_s)
 
 

@@ -14,6 +14,17 @@ import numpy as np
 from udsoncan import MemoryLocation
 
 from inkloop.component import Job, Port, Status, Values
+from inkloop.contract import (
+    LAYER_COMMAND,
+    LAYERS_PRINTED,
+    LAYERS_SCANNED,
+    MEASURED_HEIGHT,
+    PATTERN,
+    STATUS,
+    VALID,
+    checked_command,
+    contract_ports,
+)
 from inkloop.errors import ComponentError
 from inkloop_hardware.errors import LinkTimeout, TransferError
 from inkloop_hardware.link.rig import Rig
@@ -41,17 +52,13 @@ class Mapped:
         self._job, self._rig, self._mapping = job, rig, load(Path(mapping), job)
         tables, shape = self._mapping.tables, (job.nx, job.ny)
         self.inputs: tuple[Port, ...] = ()
-        self.outputs: tuple[Port, ...] = (Port("status", dtype="int32"),)
+        self.outputs: tuple[Port, ...] = contract_ports(shape, STATUS)
         if tables.printer:
-            self.inputs += (Port("pattern", shape=shape, dtype="int32"), Port("layer_command", dtype="int32"))
-            self.outputs += (Port("layers_printed", dtype="int32"),)
+            self.inputs += contract_ports(shape, PATTERN, LAYER_COMMAND)
+            self.outputs += contract_ports(shape, LAYERS_PRINTED)
         if tables.profiler:
-            self.inputs += () if tables.printer else (Port("layers_printed", dtype="int32"),)
-            self.outputs += (
-                Port("measured_height", "m", shape),
-                Port("valid", shape=shape, dtype="bool"),
-                Port("layers_scanned", dtype="int32", start=-1),
-            )
+            self.inputs += () if tables.printer else contract_ports(shape, LAYERS_PRINTED)
+            self.outputs += contract_ports(shape, MEASURED_HEIGHT, VALID, LAYERS_SCANNED)
         self.outputs += tuple(Port(name, self._unit(name), start=math.nan) for name in tables.outputs)
         self._bus: MappedBus | None = None
         self._printed, self._scanned = 0, -1
@@ -61,7 +68,7 @@ class Mapped:
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         """Open the bus and make the steps of the start; commands count from the present one."""
         self._bus = MappedBus(self._rig.settings, self._rig.folder, self._mapping, self._rig.session, self._rig.job)
-        self._printed, self._scanned = int(inputs.get("layer_command", np.asarray(0))), -1
+        self._printed, self._scanned = int(inputs.get(LAYER_COMMAND, np.asarray(0))), -1
         self._do("start", self._mapping.tables.start, self._printed)
         return self._outputs()
 
@@ -70,11 +77,11 @@ class Mapped:
         self._open.take()
         tables = self._mapping.tables
         if tables.profiler and self._scanned < 0:
-            self._scan(int(inputs.get("layers_printed", np.asarray(self._printed))))
+            self._scan(int(inputs.get(LAYERS_PRINTED, np.asarray(self._printed))))
         if tables.printer:
-            self._print(int(inputs["layer_command"]), inputs["pattern"])
+            self._print(checked_command(inputs, self._printed), inputs[PATTERN])
         if tables.profiler:
-            self._scan(int(inputs.get("layers_printed", np.asarray(self._printed))))
+            self._scan(int(inputs.get(LAYERS_PRINTED, np.asarray(self._printed))))
         return self._outputs()
 
     def terminate(self) -> None:
@@ -111,10 +118,6 @@ class Mapped:
         return output.unit or signal.unit or "1"
 
     def _print(self, command: int, pattern: np.ndarray) -> None:
-        if command not in (self._printed, self._printed + 1):
-            raise ComponentError(
-                f"layer_command is {command} after layer {self._printed}; needs {self._printed} or {self._printed + 1}"
-            )
         if command == self._printed + 1:
             self._pattern = np.asarray(pattern)
             self._do(f"layer {command}", self._mapping.tables.printer, command)
@@ -193,11 +196,11 @@ class Mapped:
 
     def _outputs(self) -> Values:
         values: dict[str, np.ndarray | float] = {
-            "status": Status.IDLE,
-            "layers_printed": self._printed,
-            "measured_height": self._height.copy(),
-            "valid": self._valid.copy(),
-            "layers_scanned": self._scanned,
+            STATUS: Status.IDLE,
+            LAYERS_PRINTED: self._printed,
+            MEASURED_HEIGHT: self._height.copy(),
+            VALID: self._valid.copy(),
+            LAYERS_SCANNED: self._scanned,
         }
         for name, output in self._mapping.tables.outputs.items():
             reading = self._bus.readings.get(output.message) if self._bus else None

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from inkloop.units import SUFFIXES
+
 Identifier = Annotated[int, Field(ge=0, le=0xFFFF)]
 Bytes = Annotated[int, Field(ge=1, le=8)]
 Limit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -14,9 +16,9 @@ Value = int | Finite | str
 """A number, a name of the signal's value table, or a template of a number such as "{layer}"."""
 
 CELLS = {"int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
-METRES = {"nm": 1e-9, "um": 1e-6, "µm": 1e-6, "mm": 1e-3, "m": 1.0}
+METRES = {name: SUFFIXES["m"][name.replace("µ", "u")] for name in ("nm", "um", "µm", "mm", "m")}
 
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
+SECONDS = SUFFIXES["s"]
 
 
 class Table(BaseModel):

@@ -17,6 +17,7 @@ from cantools.database import errors as cantools_errors
 from cantools.database.can import Database, Message, Signal
 from e2e import p01
 
+from inkloop.units import MS_PER_S
 from inkloop_hardware.errors import FrameError
 
 BENCH_DBC = Path(__file__).with_name("inkloop.dbc")
@@ -78,7 +79,7 @@ class Codec:
     def cycle_time(self, name: str) -> float | None:
         """Seconds between two frames, None for a message without a cycle."""
         cycle_ms = self.message(name).cycle_time
-        return None if not cycle_ms else cycle_ms / 1e3
+        return None if not cycle_ms else cycle_ms / MS_PER_S
 
     def data_id(self, name: str) -> int | None:
         """Data id of E2E profile 1, None for a message that is not supervised."""

@@ -10,11 +10,11 @@ import struct
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap
+from inkloop.units import NM_PER_M
 from inkloop_hardware.errors import FrameError
 
 VERSION = 1
 _HEAD = struct.Struct(">BBHHHi")  # version, 0, nx, ny, nanometres per step, datum in steps
-_NANOMETRES_PER_METRE = 1e9
 
 
 def map_size(nx: int, ny: int) -> int:
@@ -47,5 +47,5 @@ def read_map(blob: bytes, nx: int, ny: int) -> tuple[FloatMap, BoolMap]:
     readings = np.frombuffer(blob, ">i2", cells, _HEAD.size).astype(np.int64) + datum
     bits = np.frombuffer(blob, np.uint8, offset=_HEAD.size + 2 * cells)
     valid = np.unpackbits(bits, count=cells).astype(np.bool_).reshape(nx, ny)
-    step = nanometres / _NANOMETRES_PER_METRE  # a quotient: the double nearest to the step, as a sensor's parameter is
+    step = nanometres / NM_PER_M  # a quotient: the double nearest to the step, as a sensor's parameter is
     return np.where(valid, readings.reshape(nx, ny) * step, 0.0), valid

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from struct import Struct
 
+from inkloop.units import MS_PER_S
 from inkloop_hardware.protocol.services import Key
 from inkloop_hardware.protocol.vocabulary import Fault, State
 
@@ -125,7 +126,7 @@ class NodeState:
         boots, session, pattern_crc, clock_ms, gate_pulses = rest
         return cls(
             *(State(state), Fault(cause), Roles(roles), Flags(flags), job, layer, passes, done, unknown, cured),
-            *(LayerFlags(remembered), Step(step), boots, session, pattern_crc, clock_ms / 1e3, gate_pulses),
+            *(LayerFlags(remembered), Step(step), boots, session, pattern_crc, clock_ms / MS_PER_S, gate_pulses),
         )
 
     @property
@@ -149,7 +150,7 @@ class NodeTimes:
     @classmethod
     def of(cls, data: bytes) -> NodeTimes:
         """From identifier 0101."""
-        return cls(*(number / 1e3 for number in TIMES.unpack(data)))
+        return cls(*(number / MS_PER_S for number in TIMES.unpack(data)))
 
 
 @dataclass(frozen=True)
@@ -168,8 +169,9 @@ class NodeLimits:
     @classmethod
     def of(cls, data: bytes) -> NodeLimits:
         """From identifier 0102."""
-        pattern_bytes, alive, lamp, gate, pass_, motion, scan, block = LIMITS.unpack(data)
-        return cls(pattern_bytes, alive / 1e3, lamp / 1e3, gate / 1e3, pass_ / 1e3, motion / 1e3, scan / 1e3, block)
+        pattern_bytes, *limits_ms, block = LIMITS.unpack(data)
+        alive, lamp, gate, pass_, motion, scan = (limit / MS_PER_S for limit in limits_ms)
+        return cls(pattern_bytes, alive, lamp, gate, pass_, motion, scan, block)
 
 
 @dataclass(frozen=True)
@@ -234,5 +236,5 @@ class JournalRecord:
         key = Key(job, layer, pass_, attempt)
         return cls(
             *(number, Happening(kind), Step(step), key, boots, crc, passes, done, unknown, cured),
-            *(LayerFlags(flags), clock_ms / 1e3),
+            *(LayerFlags(flags), clock_ms / MS_PER_S),
         )

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from cantools.database.can import Message, Signal
 
+from inkloop.units import MS_PER_S
 from inkloop_hardware.protocol.codec import Codec
 
 BEGIN, END = "<!-- from inkloop.dbc -->\n", "<!-- end -->\n"
@@ -52,7 +53,7 @@ def _layout(signal: Signal) -> str:
 def _cycle(message: Message) -> str:
     if not message.cycle_time:
         return "on request"
-    cycle = f"{message.cycle_time} ms" if message.cycle_time < 1000 else f"{message.cycle_time / 1000:g} s"
+    cycle = f"{message.cycle_time} ms" if message.cycle_time < MS_PER_S else f"{message.cycle_time / MS_PER_S:g} s"
     return cycle if message.send_type == "Cyclic" else f"on event, then {cycle} while active"
 
 

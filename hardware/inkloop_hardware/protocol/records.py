@@ -10,11 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, get_type_hints
 
+from inkloop.units import M_PER_UM, S_PER_MS
 from inkloop_hardware.errors import FrameError
 from inkloop_hardware.protocol.codec import Codec, Frame, Reading
 from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
 
-SI = {"": 1.0, "um": 1e-6, "ms": 1e-3, "%": 1e-2, "degC": 1.0, "Pa": 1.0, "W/m2": 1.0}
+SI = {"": 1.0, "um": M_PER_UM, "ms": S_PER_MS, "%": 1e-2, "degC": 1.0, "Pa": 1.0, "W/m2": 1.0}
 """One unit of the DBC in the unit of the records."""
 
 

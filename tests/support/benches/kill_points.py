@@ -22,7 +22,7 @@ import numpy as np
 
 from inkloop.bench.emulation import emulation_of
 from inkloop.cli import main
-from inkloop.component import pass_colours
+from inkloop.contract import pass_colours
 from inkloop.errors import InkloopError
 from inkloop.printing.run import print_part, scenario_of_run
 from inkloop.results.result import Result

@@ -14,6 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from inkloop.fmu_writer import archive
 from inkloop_hardware.protocol.c_codec import write_codec
 from inkloop_hardware.protocol.codec import BENCH_DBC
 from support import compiled
@@ -31,6 +32,7 @@ KERNELS = [
     *(FMUS / "profile_sensor" / f"{name}.c" for name in ("scan", "reading")),
     FMUS / "common" / "random.c",
 ]
+EMULATED = [FMUS / name / "variables.toml" for name in ("layer_deposition", "profile_sensor")]
 SANITIZERS = os.environ.get("INKLOOP_SANITIZERS", "").split()
 """More flags for everything that is compiled here; test_firmware_sanitized.py sets them."""
 STRICT = ("-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror", *SANITIZERS)
@@ -69,9 +71,16 @@ def _write_codec(folder: Path, dbc: Path) -> None:
     write_codec(dbc, folder)
 
 
+def _write_parameters(folder: Path, *definitions: Path) -> None:
+    """emulated_parameters.h, which the emulator includes."""
+    texts = map(str, definitions)
+    assert archive.main(["emulated", "--definition", *texts, "--out", str(folder / "emulated_parameters.h")]) == 0
+
+
 def firmware_objects(sources: Sequence[Path]) -> list[Path]:
     """Object files; the firmware itself with every conversion written out."""
-    flags = (*STRICT, "-fPIC", *PLACES, f"-I{codec()}")
+    parameters = compiled.once(_write_parameters, *EMULATED)
+    flags = (*STRICT, "-fPIC", *PLACES, f"-I{codec()}", f"-I{parameters}")
     return [compiled.object_of(source, (*flags, "-Wconversion") if source.is_relative_to(FIRMWARE) else flags)
             for source in sources]  # fmt: skip
 

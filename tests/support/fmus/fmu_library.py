@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree
 
 import fmpy
 
@@ -59,6 +60,12 @@ class Library:
 def archive_of(model: str, form: str) -> Path:
     """The FMU with a library; a print in one block has a fixed grid only."""
     return find_fmu(model, "fmi3-fixed" if (model, form) == (JOB, "fmi3") else form)
+
+
+def described(path: Path) -> ElementTree.Element:
+    """The description in an FMU."""
+    with zipfile.ZipFile(path) as fmu:
+        return ElementTree.fromstring(fmu.read("modelDescription.xml"))
 
 
 def unpacked(model: str, form: str, folder: Path) -> Path:

@@ -1,6 +1,15 @@
+"""Units and their factors: by the keys of a file, and in one module alone."""
+
 from __future__ import annotations
 
+import ast
+from collections.abc import Iterator
+
+import pytest
+
+from inkloop import units
 from inkloop.units import QUANTITIES, SUFFIXES, missing_suffix, spellings, unit_of
+from support.places import ROOT
 
 
 def test_key_carries_its_unit() -> None:
@@ -15,7 +24,7 @@ def test_length_without_a_unit_is_a_fault() -> None:
     assert missing_suffix("pitch", "m") == "pitch is a length; write pitch_um, pitch_mm, pitch_nm or pitch_m"
     assert missing_suffix("variation", "1") is None
     assert spellings("variation", "1") == {"variation": 1.0}
-    assert set(QUANTITIES) == set(SUFFIXES)
+    assert set(QUANTITIES) == set(SUFFIXES) == set(units.BASE_UNITS) - {"1"}
 
 
 def test_key_says_in_which_unit_its_number_is() -> None:
@@ -23,3 +32,84 @@ def test_key_says_in_which_unit_its_number_is() -> None:
     assert unit_of("speed_mm_per_s", "speed", "m/s") == ("mm/s", 1e-3)
     assert unit_of("gain_per_um", "gain", "1/m") == ("1/um", 1e6)
     assert unit_of("variation", "variation", "1") == ("1", 1.0)
+
+
+FACTORS = {10.0**exponent for exponent in (-18, -15, -12, -9, -6, -3, 3, 6, 9, 12, 15, 18)}
+UNIT_NAMES = {suffix for suffixes in SUFFIXES.values() for suffix in suffixes}
+OPERATORS = (ast.Mult, ast.Div, ast.FloorDiv)
+NO_FACTORS = {
+    "cosim/inkloop/identify/expected_increments.py": "the share of a width below which a variance is rounding",
+    "cosim/inkloop/identify/ink_regression.py": "PERTURBATION is a share of a layer",
+    "cosim/inkloop/results/solid.py": "STEP_M is the height of a voxel",
+    "cosim/inkloop/studies/reproduce/finite_elements.py": "tolerances of a solver and of an area",
+    "hardware/inkloop_hardware/mapped/mapped_bus.py": "the share by which a reading may differ",
+    "hardware/inkloop_hardware/protocol/codec.py": "the share of a step that is rounding",
+}
+"""Modules with such numbers that convert nothing, and what the numbers are."""
+
+
+def is_factor(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and type(node.value) in (int, float) and node.value in FACTORS
+
+
+def own_factors(tree: ast.Module) -> Iterator[int]:
+    """Lines on which a module multiplies or divides by a power of 1000, written there or bound to a name of its own.
+
+    A row with the name of a unit and such a number, in a table, counts too.
+    """
+    bound: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign):
+            values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
+            names = node.targets[0].elts if isinstance(node.targets[0], ast.Tuple) else node.targets[:1]
+            bound |= {ast.unparse(name) for name, value in zip(names, values, strict=False) if is_factor(value)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.BinOp) and isinstance(node.op, OPERATORS):
+            if any(is_factor(side) or ast.unparse(side) in bound for side in (node.left, node.right)):
+                yield node.lineno
+        elif isinstance(node, ast.Dict):
+            rows = zip(node.keys, node.values, strict=True)
+            yield from (value.lineno for key, value in rows if key and is_row(key, value))
+        elif isinstance(node, ast.Tuple) and len(node.elts) == 2 and is_row(*node.elts):
+            yield node.lineno
+
+
+def is_row(key: ast.expr, value: ast.expr) -> bool:
+    """A text whose last word is a unit, with a factor."""
+    text = key.value if isinstance(key, ast.Constant) and isinstance(key.value, str) else ""
+    return text.split(" ")[-1] in UNIT_NAMES and is_factor(value)
+
+
+def test_factors_between_units_stand_in_one_module() -> None:
+    folders = ("cosim", "controller", "hardware", "tools", "benchmarks")
+    paths = [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
+    found = {
+        path.relative_to(ROOT).as_posix(): sorted(set(own_factors(ast.parse(path.read_text(encoding="utf-8")))))
+        for path in paths
+    }
+    assert found.pop("cosim/inkloop/units.py")
+    assert {name: lines for name, lines in found.items() if lines and name not in NO_FACTORS} == {}
+    assert [name for name in NO_FACTORS if not found[name]] == []
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["x = 1e6 * y", "x = f'{y * 1e3:g} ms'", "UM = 1e-6\nx = y / UM", "MS, S = 1000, 1\nx = y // MS",
+     "x = {'um': 1e-6}", "x = ('time, ms', 1e3)"],
+)  # fmt: skip
+def test_factors_are_found(line: str) -> None:
+    assert list(own_factors(ast.parse(line)))
+
+
+@pytest.mark.parametrize("line", ["LIMIT_M = 1e-9\nx = y < LIMIT_M", "x = y + 1e-12", "x = {'side': 1000}"])
+def test_tolerances_and_sizes_are_no_factors(line: str) -> None:
+    assert not list(own_factors(ast.parse(line)))
+
+
+def test_factors_of_both_directions_agree() -> None:
+    """Both are written out: a product with one and a quotient by the other differ in the last bit."""
+    for one, other in ((units.UM_PER_M, units.M_PER_UM), (units.NS_PER_S, units.S_PER_NS)):
+        assert one * other == pytest.approx(1.0, rel=1e-15)
+    assert {units.M_PER_UM, 1.0 / units.MM_PER_M, 1.0 / units.NM_PER_M} < set(SUFFIXES["m"].values())
+    assert {1.0 / units.MS_PER_S, 1.0 / units.US_PER_S} < set(SUFFIXES["s"].values())
+    assert SUFFIXES["m3"]["pl"] == 1.0 / units.PL_PER_M3

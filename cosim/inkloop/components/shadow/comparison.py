@@ -22,7 +22,7 @@ class Divergence:
     surface: float = math.nan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ScannedLayer:
     """One layer as measured and as the model has it: (nx, ny) heights [m], `valid` the cells that were measured."""
 

@@ -13,17 +13,18 @@ from inkloop.components.kind import Check, Checked
 from inkloop.components.plain_plant import PlainPlant, wrapped_ports
 from inkloop.components.shadow.replica import checked_inputs
 from inkloop.components.shadow.shadow import Shadow, shadow_ports
+from inkloop.contract import HEIGHT, LAYER_COMMAND, PATTERN, has_port
 from inkloop.tables.messages import sentence
+from inkloop.units import M_PER_UM
 
 KIND = "Shadow"
-_UM = 1e-6
 _Limit = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 
 
 class ShadowTable(BaseModel):
     """`[components.NAME]` with `kind = "Shadow"`; every other key is an option of the plant."""
 
-    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True, defer_build=True)
     plant: str = Field(default="LayerDeposition", description="kind of the deposition model")
     start: Literal["scan", "job"] = Field(
         default="scan",
@@ -31,8 +32,8 @@ class ShadowTable(BaseModel):
     )
     alarm_um: _Limit = Field(default=3.0, description="rms growth divergence above which the status is untrusted")
     stop_um: _Limit | None = Field(default=None, description="rms growth divergence that ends the run")
-    pattern_input: str = Field(default="pattern", description="of a plant without the handshake: where patterns go")
-    height_output: str = Field(default="height", description="of a plant without the handshake: its surface")
+    pattern_input: str = Field(default=PATTERN, description="of a plant without the handshake: where patterns go")
+    height_output: str = Field(default=HEIGHT, description="of a plant without the handshake: its surface")
 
 
 class ShadowKind:
@@ -56,7 +57,7 @@ class ShadowKind:
         if plant.ports is None:
             return Checked(KIND, plant.errors)
         names = {"pattern_input": table.pattern_input, "height_output": table.height_output}
-        has_handshake = any(port.name == "layer_command" for port in plant.ports.inputs)
+        has_handshake = has_port(plant.ports.inputs, LAYER_COMMAND)
         shape = (job.nx, job.ny)
         try:
             followed = plant.ports if has_handshake else wrapped_ports(job, plant.ports, **names)
@@ -73,7 +74,7 @@ class ShadowKind:
                 made = checked.make(bench)
                 return made if has_handshake else PlainPlant(wanted, made, **names)
 
-            stop = None if table.stop_um is None else table.stop_um * _UM
-            return Shadow(job, make_plant, start=table.start, alarm=table.alarm_um * _UM, stop=stop)
+            stop = None if table.stop_um is None else table.stop_um * M_PER_UM
+            return Shadow(job, make_plant, start=table.start, alarm=table.alarm_um * M_PER_UM, stop=stop)
 
         return Checked(KIND, (), ports, construct)

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Component, FloatMap, HasPorts, Job, Port, Values
+from inkloop.contract import HEIGHT, LAYER_COMMAND, LAYERS_PRINTED, PATTERN
 from inkloop.errors import ComponentError
+from inkloop.units import S_PER_NS
 
 
 class FollowedPlant:
@@ -49,7 +51,7 @@ class FollowedPlant:
 
     def take_command(self, inputs: Values) -> None:
         """Keep the pattern of a new command, and whatever else the plant takes. ComponentError for one missed."""
-        command = int(inputs["layer_command"])
+        command = int(inputs[LAYER_COMMAND])
         if command == self.commanded:
             return
         if command != self.commanded + 1:
@@ -70,13 +72,13 @@ class FollowedPlant:
                 raise ComponentError(f"layers_printed is {printed}, but layer {layer} was never commanded")
             values = self._plant.do_step(self._time_ns, step_ns, self._patterns.pop(layer))
             self._time_ns += step_ns
-            if int(values["layers_printed"]) != layer:
+            if int(values[LAYERS_PRINTED]) != layer:
                 raise ComponentError(
-                    f"the plant has not completed layer {layer} in one step of {step_ns * 1e-9:g} s; leave its "
+                    f"the plant has not completed layer {layer} in one step of {step_ns * S_PER_NS:g} s; leave its "
                     "duration out (the printer says when a layer is done)"
                 )
             self.layer = layer
-            self.surfaces[layer] = np.array(values["height"], np.float64)
+            self.surfaces[layer] = np.array(values[HEIGHT], np.float64)
 
     def forget_before(self, layer: int) -> None:
         """Surfaces of layers before this one are not wanted any more."""
@@ -119,19 +121,19 @@ class FollowedPlant:
 
     def _initialize(self) -> None:
         starts = {port.name: port.start_value() for port in self.inputs}
-        values = self._plant.initialize(self._time_ns, {**starts, "layer_command": np.asarray(self.layer, np.int32)})
-        self.surfaces = {self.layer: np.array(values["height"], np.float64)}
+        values = self._plant.initialize(self._time_ns, {**starts, LAYER_COMMAND: np.asarray(self.layer, np.int32)})
+        self.surfaces = {self.layer: np.array(values[HEIGHT], np.float64)}
 
 
 def checked_inputs(plant: HasPorts, shape: tuple[int, int]) -> tuple[Port, ...]:
     """The inputs of a plant that follows the layer contract. Raises ValueError for any other."""
     inputs = {port.name for port in plant.inputs}
     outputs = {port.name: port for port in plant.outputs}
-    missing = [name for name in ("pattern", "layer_command") if name not in inputs]
-    missing += [name for name in ("height", "layers_printed") if name not in outputs]
+    missing = [name for name in (PATTERN, LAYER_COMMAND) if name not in inputs]
+    missing += [name for name in (HEIGHT, LAYERS_PRINTED) if name not in outputs]
     if missing:
         raise ValueError(f"plant has no {', '.join(missing)}; needs those of the layer contract")
-    height = outputs["height"]
+    height = outputs[HEIGHT]
     if height.shape != shape or height.unit != "m":
         raise ValueError(f"plant has height of shape {height.shape} in [{height.unit}]; needs {shape} in [m]")
     return plant.inputs

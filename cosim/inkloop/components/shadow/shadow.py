@@ -15,13 +15,26 @@ from numpy.typing import NDArray
 from inkloop.component import BoolMap, Component, FloatMap, Job, Port, Status, Values
 from inkloop.components.shadow.comparison import Divergence, ScannedLayer, start_surface
 from inkloop.components.shadow.replica import FollowedPlant
+from inkloop.contract import (
+    HEIGHT,
+    LAYER_COMMAND,
+    LAYER_UNKNOWN,
+    LAYERS_COMPARED,
+    LAYERS_FOLLOWED,
+    LAYERS_PRINTED,
+    LAYERS_SCANNED,
+    MEASURED_HEIGHT,
+    STATUS,
+    VALID,
+    contract_ports,
+)
 from inkloop.errors import ComponentError
+from inkloop.units import UM_PER_M
 
 _LOG = logging.getLogger("inkloop.components.shadow.shadow")
-_UM = 1e6
 _SAME_M = 1e-9  # a plant on another start surface than it was given differs by more (assumed)
 
-SCAN_INPUTS = ("measured_height", "valid", "layers_scanned")
+SCAN_INPUTS = (MEASURED_HEIGHT, VALID, LAYERS_SCANNED)
 
 
 class Shadow:
@@ -60,17 +73,17 @@ class Shadow:
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         """Begin on the surface of the job; commands count from the present one."""
-        self._reference = int(inputs["layer_command"])
+        self._reference = int(inputs[LAYER_COMMAND])
         self._plant.begin(self._reference)
         return self._outputs()
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Take a new command, deposit what has been printed, compare what has been scanned. Raises ComponentError."""
-        if bool(inputs.get("layer_unknown", False)):
-            self._unknown = int(inputs["layers_printed"])
+        if bool(inputs.get(LAYER_UNKNOWN, False)):
+            self._unknown = int(inputs[LAYERS_PRINTED])
         self._look(inputs)  # a scan of layer 0 is the surface to begin on: before the layer that it was waited for with
         self._plant.take_command(inputs)
-        self._plant.follow(int(inputs["layers_printed"]), step_ns)
+        self._plant.follow(int(inputs[LAYERS_PRINTED]), step_ns)
         self._look(inputs)
         return self._outputs()
 
@@ -107,12 +120,12 @@ class Shadow:
 
     def _look(self, inputs: Values) -> None:
         """Compare a scan that is new and of a layer that has been followed."""
-        if "layers_scanned" not in inputs:
+        if LAYERS_SCANNED not in inputs:
             self._plant.forget_before(self._plant.layer)
             return
-        scanned = int(inputs["layers_scanned"])
+        scanned = int(inputs[LAYERS_SCANNED])
         if scanned > self._compared and scanned in self._plant.surfaces:
-            self._compare(scanned, np.array(inputs["measured_height"], np.float64), np.array(inputs["valid"], np.bool_))
+            self._compare(scanned, np.array(inputs[MEASURED_HEIGHT], np.float64), np.array(inputs[VALID], np.bool_))
 
     def _compare(self, layer: int, measured: FloatMap, valid: BoolMap) -> None:
         plant = self._plant
@@ -141,24 +154,26 @@ class Shadow:
             _LOG.warning("layer %d: no cell of the part was seen in its scan and in the one before; nothing can be "
                          "compared with the model", layer)  # fmt: skip
             return Status.UNTRUSTED
-        said = f"layer {layer} grew otherwise than the model says, by {growth * _UM:.2f} um rms over the part"
+        said = f"layer {layer} grew otherwise than the model says, by {growth * UM_PER_M:.2f} um rms over the part"
         if growth > self._stop:
             _LOG.error("%s; more than stop_um = %g: the run ends. Look at the part and at the print head", said,
-                       self._stop * _UM)  # fmt: skip
+                       self._stop * UM_PER_M)  # fmt: skip
             return Status.FAULT
         if growth > self._alarm:
-            _LOG.warning("%s; more than alarm_um = %g. Look at the print head and at the scan", said, self._alarm * _UM)
+            _LOG.warning(
+                "%s; more than alarm_um = %g. Look at the print head and at the scan", said, self._alarm * UM_PER_M
+            )
             return Status.UNTRUSTED
         return Status.IDLE
 
     def _outputs(self) -> Values:
         return {
-            "height": self._plant.surfaces[self._plant.layer].copy(),
+            HEIGHT: self._plant.surfaces[self._plant.layer].copy(),
             "growth_divergence": np.asarray(self._divergence.growth),
             "surface_divergence": np.asarray(self._divergence.surface),
-            "layers_followed": np.asarray(self._plant.layer, np.int32),
-            "layers_compared": np.asarray(self._compared, np.int32),
-            "status": np.asarray(int(self._status), np.int32),
+            LAYERS_FOLLOWED: np.asarray(self._plant.layer, np.int32),
+            LAYERS_COMPARED: np.asarray(self._compared, np.int32),
+            STATUS: np.asarray(int(self._status), np.int32),
         }
 
 
@@ -166,18 +181,14 @@ def shadow_ports(plant_inputs: tuple[Port, ...], shape: tuple[int, int]) -> tupl
     """Inputs and outputs of a shadow, whose inputs begin with those of its plant."""
     inputs = (
         *plant_inputs,
-        Port("layers_printed", dtype="int32"),
-        Port("measured_height", "m", shape),
-        Port("valid", "1", shape, "bool"),
-        Port("layers_scanned", dtype="int32", start=-1.0),
-        Port("layer_unknown", dtype="bool"),
+        *contract_ports(shape, LAYERS_PRINTED, *SCAN_INPUTS, LAYER_UNKNOWN),
     )
     outputs = (
-        Port("height", "m", shape),
+        *contract_ports(shape, HEIGHT),
         Port("growth_divergence", "m", start=math.nan),
         Port("surface_divergence", "m", start=math.nan),
-        Port("layers_followed", dtype="int32"),
-        Port("layers_compared", dtype="int32", start=-1.0),
-        Port("status", dtype="int32"),
+        Port(LAYERS_FOLLOWED, dtype="int32"),
+        Port(LAYERS_COMPARED, dtype="int32", start=-1.0),
+        *contract_ports(shape, STATUS),
     )
     return inputs, outputs

@@ -17,12 +17,13 @@ from inkloop.exchange.job.baking import Bake
 from inkloop.exchange.job.job_file import Section
 from inkloop.exchange.job.target_picture import target_picture
 from inkloop.fmu_writer import definition
-from inkloop.fmu_writer.archive import DEFINITION, described, pack, unpack
+from inkloop.fmu_writer.archive import DEFINITION, described, pack, read_definition, unpack
 from inkloop.fmu_writer.definition import ModelDefinition
 from inkloop.fmu_writer.description import Baked
 from inkloop.fmu_writer.documentation import with_section
 from inkloop.fmu_writer.export import LAYER_JOB, find_fmu
 from inkloop.fmu_writer.windows import with_windows_binary
+from inkloop.units import UM_PER_M
 
 FORMS: Mapping[str, str] = {"2": "fmi2", "3": "fmi3-fixed"}
 """Version of FMI -> form of our FMUs that the block comes in; without arrays there is nothing to resize."""
@@ -62,11 +63,7 @@ def write(bake: Bake, fmi: Literal["2", "3"], out: Path, *, windows: bool = Fals
 
 def _sections(model: ModelDefinition, bake: Bake) -> list[Section]:
     own = Section(model, {name: np.asarray(value) for name, value in bake.own.items()})
-    return [own, *(Section(_definition(name), values) for name, values in bake.parts.values())]
-
-
-def _definition(model: str) -> ModelDefinition:
-    return definition.load(unpack(find_fmu(model))[DEFINITION].decode(), DEFINITION)
+    return [own, *(Section(read_definition(find_fmu(name)), values) for name, values in bake.parts.values())]
 
 
 def _section(bake: Bake) -> str:
@@ -74,8 +71,8 @@ def _section(bake: Bake) -> str:
     job = bake.job
     lines = [
         "<h2>What this block prints</h2>",
-        f"<p>{escape(bake.title)}: {job.nx} x {job.ny} cells of {job.pitch * 1e6:g} um, {int(job.mask.sum())} of them "
-        f"printed, up to {job.target_height.max() * 1e6:g} um high. The scenario as it was exported: "
+        f"<p>{escape(bake.title)}: {job.nx} x {job.ny} cells of {job.pitch * UM_PER_M:g} um, {int(job.mask.sum())} "
+        f"of them printed, up to {job.target_height.max() * UM_PER_M:g} um high. The scenario as it was exported: "
         f'<a href="{Path(SCENARIO).name}">{Path(SCENARIO).name}</a>.</p>',
         f'<p><img src="{Path(PICTURE).name}" alt="target" width="700"></p>',
         "<table><tr><th>part</th><th>model</th><th>parameter</th><th>value, SI</th></tr>",

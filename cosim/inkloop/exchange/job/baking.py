@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from inkloop import contract
 from inkloop.component import Job
 from inkloop.components import catalog
 from inkloop.errors import ScenarioError
@@ -18,21 +19,18 @@ from inkloop.exchange.ssp.system import CONTROLLER, PYTHON_CONTROLLER, Part, Sys
 from inkloop.scenario.file import Scenario
 
 ROLES: Mapping[str, tuple[str, ...]] = {
-    "printer": catalog.DEPOSITION_MODELS,
-    "profiler": ("ProfileSensor",),
-    "controller": (CONTROLLER,),
+    contract.PRINTER: catalog.DEPOSITION_MODELS,
+    contract.PROFILER: ("ProfileSensor",),
+    contract.CONTROLLER: (CONTROLLER,),
 }
 """The parts of a job, in the order of its file, and the models that can be each of them."""
 CONTRACT = frozenset(
-    {("printer", "profiler", port) for port in ("height", "layers_printed")}
-    | {("printer", "controller", "layers_printed")}
-    | {("profiler", "controller", port) for port in ("measured_height", "valid", "layers_scanned")}
-    | {("controller", "printer", port) for port in ("pattern", "drop_level", "layer_command")}
+    (signal.giver, taker, signal.name) for signal in contract.SIGNALS.values() for taker in signal.takers
 )
 """(source, target, signal) as the block wires its parts."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Bake:
     """What a block prints. parts: by role its model and parameters; own: start values of the block's parameters."""
 
@@ -53,14 +51,14 @@ def bake(scenario: Scenario) -> Bake:
         raise ScenarioError(scenario.source, obstacles)
     parts = {role: system.part(name) for name, role in roles.items()}
     values = {role: (parts[role].description.name, dict(parts[role].values)) for role in ROLES}
-    values["controller"][1]["is_timed"] = np.asarray(False)  # so that a state repeats bit by bit
-    durations = {"layer_duration": _value(parts["printer"], "layer_duration"),
-                 "scan_duration": _value(parts["profiler"], "scan_duration")}  # fmt: skip
+    values[contract.CONTROLLER][1]["is_timed"] = np.asarray(False)  # so that a state repeats bit by bit
+    durations = {"layer_duration": _value(parts[contract.PRINTER], "layer_duration"),
+                 "scan_duration": _value(parts[contract.PROFILER], "scan_duration")}  # fmt: skip
     own = {
         "layer_period": max(scenario.tables.run.step_s, sum(durations.values())),
         **durations,
         "layers_max": scenario.tables.run.layers_max,
-        **{name: _value(parts["controller"], name) for name in ("alpha", "time_limit")},
+        **{name: _value(parts[contract.CONTROLLER], name) for name in ("alpha", "time_limit")},
     }
     return Bake(scenario.tables.title, scenario.text, scenario.job(), values, own, system.stop_s)
 

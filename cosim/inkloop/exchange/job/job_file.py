@@ -17,7 +17,7 @@ MAGIC = b"InkJob\r\n"
 LAYOUT = 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Section:
     """The parameters of one model that are not its start values: in SI, maps (nx, ny), enumerations as numbers."""
 

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from inkloop.component import BoolMap, FloatMap, Job
 from inkloop.geometry import cell_centers
+from inkloop.units import MM_PER_M, UM_PER_M
 
-_UM, _MM = 1e6, 1e3
 _INKS = ListedColormap(["#0b5fa5", "#e3c9a0"])
 _FLAT: dict[str, Any] = {"cmap": _INKS, "interpolation": "nearest", "vmin": 0.0, "vmax": 1.0}
 _LEVELS = 200  # of the cut, from the substrate to the top
@@ -33,19 +33,19 @@ def target_picture(job: Job, title: str) -> bytes:
 
 def _above(axes: Axes, job: Job) -> None:
     """Target heights; where there are two inks, those at half the height."""
-    half = 0.5 * job.pitch * _MM
+    half = 0.5 * job.pitch * MM_PER_M
     right, back = ((2 * count - 1) * half for count in (job.nx, job.ny))
     extent = (-half, right, -half, back)
     x, y = cell_centers(job.nx, job.ny, job.pitch)
     if job.region is None:
-        height = np.where(job.mask, job.target_height * _UM, np.nan)
+        height = np.where(job.mask, job.target_height * UM_PER_M, np.nan)
         image = axes.imshow(height.T, origin="lower", extent=extent, interpolation="nearest", vmin=0.0)
         axes.figure.colorbar(image, ax=axes, label="target height [µm]")
     else:
         middle = np.full_like(x, 0.5 * job.target_height.max())
         axes.imshow(_inks(job, x, y, middle, job.mask).T, origin="lower", extent=extent, **_FLAT)
         axes.set_title("at half the height; blue: ink A, sand: ink B", fontsize=8)
-    axes.axhline(_row(job) * job.pitch * _MM, color="black", linewidth=0.6, linestyle="--")
+    axes.axhline(_row(job) * job.pitch * MM_PER_M, color="black", linewidth=0.6, linestyle="--")
     axes.set(xlabel="x [mm]", ylabel="y [mm]")
 
 
@@ -56,8 +56,8 @@ def _cut(axes: Axes, job: Job) -> None:
     top = float(job.target_height.max())
     z = (np.arange(_LEVELS) + 0.5) / _LEVELS * top
     is_printed = job.mask[:, row] & (z[:, None] <= job.target_height[:, row])
-    half = 0.5 * job.pitch * _MM
-    extent = (-half, x[-1] * _MM + half, 0.0, top * _UM)
+    half = 0.5 * job.pitch * MM_PER_M
+    extent = (-half, x[-1] * MM_PER_M + half, 0.0, top * UM_PER_M)
     axes.imshow(_inks(job, x, y, z[:, None], is_printed), origin="lower", extent=extent, aspect="auto", **_FLAT)
     axes.set(xlabel="x [mm]", ylabel="z [µm]")
     axes.set_title("cut along the dashed line", fontsize=8)

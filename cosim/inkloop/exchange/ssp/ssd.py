@@ -14,12 +14,10 @@ from inkloop import __version__
 from inkloop.exchange.ssp.system import Part, System
 from inkloop.fmu import Variable
 from inkloop.fmu_writer.description import add, to_bytes
-from inkloop.units import UNITS
+from inkloop.units import BASE_UNITS, is_known, si_unit
 
 PARAMETERS = "resources/parameters.ssv"
 NAMESPACE = "http://ssp-standard.org/SSP1/SystemStructure"
-_BASE_UNITS = {"1/m": {"m": -1}, "m": {"m": 1}, "m2": {"m": 2}, "m3": {"m": 3}, "s": {"s": 1}, "rad": {"rad": 1},
-               "m/s": {"m": 1, "s": -1}}  # fmt: skip
 
 
 def description(system: System, version: str) -> bytes:
@@ -123,7 +121,7 @@ def _connections(system: System) -> Iterator[ET.Element]:
 def _add_connector(parent: ET.Element, name: str, kind: str, part: Part, variable: Variable, port: str) -> None:
     connector = add(parent, "ssd:Connector", name=name, kind=kind)
     if variable.type != "Enumeration":  # whose items are those of the FMU
-        unit = variable.unit if variable.type.startswith(("Real", "Float")) and variable.unit in UNITS else None
+        unit = variable.unit if variable.type.startswith(("Real", "Float")) and is_known(variable.unit) else None
         add(connector, f"ssc:{variable.type}", unit=unit)
     for size in part.shape(port):
         add(connector, "ssc:Dimension", size=size)
@@ -131,7 +129,7 @@ def _add_connector(parent: ET.Element, name: str, kind: str, part: Part, variabl
 
 def _add_parameter(parent: ET.Element, name: str, variable: Variable, text: str) -> ET.Element:
     entry = add(parent, "ssv:Parameter", name=name)
-    unit = variable.unit if variable.type.startswith(("Real", "Float")) and variable.unit in UNITS else None
+    unit = variable.unit if variable.type.startswith(("Real", "Float")) and is_known(variable.unit) else None
     add(entry, f"ssv:{variable.type}", value=text, unit=unit)
     return entry
 
@@ -145,10 +143,10 @@ def _text(variable: Variable, value: float | bool) -> str:
 
 
 def _add_units(root: ET.Element, prefix: str, used: Iterable[str]) -> None:
-    known = sorted({unit for unit in used if unit in UNITS})
+    known = sorted({unit for unit in used if is_known(unit)})
     if not known:
         return
     units = add(root, f"{prefix}:Units")
     for unit in known:
-        si, factor = UNITS[unit]
-        add(add(units, "ssc:Unit", name=unit), "ssc:BaseUnit", **_BASE_UNITS[si], factor=factor)
+        si, factor = si_unit(unit)
+        add(add(units, "ssc:Unit", name=unit), "ssc:BaseUnit", **BASE_UNITS[si], factor=factor)

@@ -27,7 +27,7 @@ PYTHON_CONTROLLER = "LayerMpc"
 """The FMU stands in for the controller of this kind in Python, where it has all of its options."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Part:
     """An FMU of the system. values: its parameters that differ from its own start values, in its units."""
 

@@ -9,8 +9,8 @@ from inkloop.report import plot
 from inkloop.results.result import Result
 from inkloop.studies.reproduce import prints
 from inkloop.studies.reproduce.comparison import Part, Row
+from inkloop.units import UM_PER_M
 
-UM = 1e6
 PITCH_UM = 263.256
 PRINTED = {"open loop": (18.5, 8.7), "paper's search": (22.3, 4.4)}
 MACHINE = "the printed figures were measured on the authors' machine; no model here is fitted to it"
@@ -42,7 +42,7 @@ def find(quick: bool) -> Part:
 
 def _rows(where: str, label: str, results: list[Result], side: int, *, of_paper: bool) -> list[Row]:
     printed = PRINTED.get(label, (None, None)) if of_paper else (None, None)
-    heights = [result.final_height.values * UM for result in results]
+    heights = [result.final_height.values * UM_PER_M for result in results]
     part = results[0].dataset.mask.values.astype(bool)
     average, scatter = prints.mean_and_scatter([float(height[part].mean()) for height in heights])
     std, std_scatter = prints.mean_and_scatter([float(height[part].std()) for height in heights])

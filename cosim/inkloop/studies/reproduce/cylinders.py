@@ -7,8 +7,8 @@ from functools import partial
 from inkloop.report import plot
 from inkloop.studies.reproduce import prints
 from inkloop.studies.reproduce.comparison import Part, Row, Step
+from inkloop.units import UM_PER_M
 
-UM = 1e6
 FIGURES = {0.2: ("Fig. 11: cylinder, 20 %", (44.1, 15.0), (0.7, 4.1)),
            0.4: ("Fig. 12: cylinder, 40 %", (84.7, 16.6), (1.9, 4.5))}  # fmt: skip
 """Variation -> place, mean error and standard deviation as printed [um], open and closed loop."""
@@ -27,8 +27,8 @@ def find(quick: bool, *, variation: float) -> Part:
     rows = []
     for label, results in runs.items():
         metrics = [result.metrics() for result in results]
-        bias, scatter = prints.mean_and_scatter([abs(one["mean_error"]) * UM for one in metrics])
-        std, std_scatter = prints.mean_and_scatter([one["std"] * UM for one in metrics])
+        bias, scatter = prints.mean_and_scatter([abs(one["mean_error"]) * UM_PER_M for one in metrics])
+        std, std_scatter = prints.mean_and_scatter([one["std"] * UM_PER_M for one in metrics])
         printed = {"open loop": open_loop, "paper's search": closed_loop}.get(label, (None, None))
         is_open = label == "open loop"
         near, remark = (1.0, NO_SPREAD) if is_open else (None, "" if printed[0] is None else OTHER_PLANT)

@@ -10,8 +10,8 @@ from inkloop.component import FloatMap
 from inkloop.models import YoungLaplaceDeposition
 from inkloop.studies.reproduce import pictures
 from inkloop.studies.reproduce.comparison import Part, Row
+from inkloop.units import UM_PER_M
 
-UM = 1e6
 DIAMETER, HEIGHT = 413e-6, 4.4e-6
 """The measured cap of Fig. 18."""
 CHOSEN, SIDE, MARGIN = 0.6268, 9, 3
@@ -51,4 +51,4 @@ def _inner(gamma: float) -> FloatMap:
     surface = model.layer(model.start(np.zeros(full.shape)), full)
     n = model.cells_per_pitch
     inner = slice((MARGIN + 2) * n, (MARGIN + SIDE - 2) * n)
-    return np.asarray(surface.over_grid[inner, inner]) * UM
+    return np.asarray(surface.over_grid[inner, inner]) * UM_PER_M

@@ -5,6 +5,7 @@ from __future__ import annotations
 from inkloop.studies.reproduce import line_on_a_step, single_droplet, square
 from inkloop.studies.reproduce.comparison import Paper, Part, Row, Step
 from inkloop.studies.reproduce.liquid import Liquid
+from inkloop.units import US_PER_S
 
 
 def time_scales(quick: bool) -> Part:
@@ -12,11 +13,11 @@ def time_scales(quick: bool) -> Part:
     ink = Liquid()
     where, text = "Table 1", "the paper calls it small and gives no number"
     return Part([
-        Row(where, "t_spread", "us", 10.0, ink.spreading * 1e6, 0.5),
-        Row(where, "t_osc", "us", 50.0, ink.oscillation * 1e6, 1.0),
-        Row(where, "t_visc", "us", 160.0, ink.damping * 1e6, 0.5),
-        Row(where, "t_relax", "us", 80.0, ink.relaxation * 1e6, 0.5),
-        Row(where, "t_dep, at 8 kHz", "us", 125.0, ink.interval * 1e6, 0.5),
+        Row(where, "t_spread", "us", 10.0, ink.spreading * US_PER_S, 0.5),
+        Row(where, "t_osc", "us", 50.0, ink.oscillation * US_PER_S, 1.0),
+        Row(where, "t_visc", "us", 160.0, ink.damping * US_PER_S, 0.5),
+        Row(where, "t_relax", "us", 80.0, ink.relaxation * US_PER_S, 0.5),
+        Row(where, "t_dep, at 8 kHz", "us", 125.0, ink.interval * US_PER_S, 0.5),
         Row("Theory", "Bond number", "1", None, ink.bond, remark=text),
         Row("Theory", "Ohnesorge number", "1", None, ink.ohnesorge, remark=text),
         Row("Theory", "objections to the quasi-static model", "1", 0.0, float(len(ink.objections())), 0.0),

@@ -8,8 +8,8 @@ from inkloop.component import FloatMap
 from inkloop.models import LayerDeposition, SuperpositionDeposition
 from inkloop.studies.reproduce import pictures
 from inkloop.studies.reproduce.comparison import Part, Row
+from inkloop.units import UM_PER_M
 
-UM = 1e6
 H1, H2 = 4.4, 0.6
 R = H1 * H2 / (H1 + H2)
 LINE, LAYERS = 21, 6
@@ -23,7 +23,9 @@ ADDITIVE = "the traditional model: sum of caps 413 um wide and 4.4 um high; the 
 
 def find(quick: bool) -> Part:
     """All of it takes a moment; quick or not."""
-    line = _layers(LayerDeposition(heights=((H1 / UM, H2 / UM, 0.0),)), np.ones((LINE, 1), dtype=np.int32), LAYERS)
+    line = _layers(
+        LayerDeposition(heights=((H1 / UM_PER_M, H2 / UM_PER_M, 0.0),)), np.ones((LINE, 1), dtype=np.int32), LAYERS
+    )
     rows = _line_rows([surface[:, 0] for surface in line])
     cuboid = np.pad(np.ones((9, 9), dtype=np.int32), 2)
     model, caps = LayerDeposition(), SuperpositionDeposition()
@@ -87,5 +89,5 @@ def _layers(
     surface, found = model.start(np.zeros(pattern.shape)), []
     for layer in range(count):
         surface = model.layer(surface, pattern, layer + 1)
-        found.append(surface.height * UM)
+        found.append(surface.height * UM_PER_M)
     return found

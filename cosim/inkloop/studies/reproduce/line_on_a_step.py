@@ -8,8 +8,8 @@ from inkloop.models import YoungLaplaceDeposition
 from inkloop.models.young_laplace_deposition import FineSurface
 from inkloop.studies.reproduce import pictures
 from inkloop.studies.reproduce.comparison import Part, Row
+from inkloop.units import UM_PER_M
 
-UM = 1e6
 CELLS, EDGE = 11, 6
 """The layer below covers the cells with j < EDGE."""
 
@@ -23,15 +23,15 @@ def find(quick: bool) -> Part:
         for form in ("nonlinear", "linear"):
             model = YoungLaplaceDeposition(form=form, cells_per_pitch=per_pitch)
             below, after = _printed(model, sites)
-            added = (after.over_grid - below.over_grid) * UM
+            added = (after.over_grid - below.over_grid) * UM_PER_M
             beyond = added[:, EDGE * per_pitch :].sum() / added.sum()
             where = f"Fig. 3 to 5, {name}, {form}"
             rows += [
-                Row(where, "highest point over the plate", "um", None, float(after.over_grid.max()) * UM),
+                Row(where, "highest point over the plate", "um", None, float(after.over_grid.max()) * UM_PER_M),
                 Row(where, "thickest place of the line", "um", None, float(added.max())),
                 Row(where, "volume beyond the edge", "%", None, 100.0 * float(beyond)),
                 Row(where, "volume kept, of five droplets", "%", None,
-                    100.0 * float(added.sum()) * (after.spacing * UM) ** 2 / (5 * 30e3)),
+                    100.0 * float(added.sum()) * (after.spacing * UM_PER_M) ** 2 / (5 * 30e3)),
             ]  # fmt: skip
             shown[f"{name}, {form}"] = (below, after)
     return Part(rows, {"line-on-a-step": pictures.lines_on_a_step(shown)})

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from inkloop.units import US_PER_S
+
 GRAVITY = 9.81
 
 
@@ -65,8 +67,9 @@ class Liquid:
         """
         found = []
         if self.relaxation > self.interval:
-            found.append(f"a droplet needs {self.relaxation * 1e6:.0f} us to come to rest, the next one comes after "
-                         f"{self.interval * 1e6:.0f} us; jet more slowly or use a more viscous ink")  # fmt: skip
+            found.append(f"a droplet needs {self.relaxation * US_PER_S:.0f} us to come to rest, the next one comes "
+                         f"after {self.interval * US_PER_S:.0f} us; jet more slowly or use a more viscous "
+                         "ink")  # fmt: skip
         if self.bond > 0.1:
             found.append(f"Bond number {self.bond:.2g}; the model leaves out weight and needs at most 0.1")
         if self.ohnesorge > 1.0:

@@ -12,8 +12,8 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from inkloop.component import FloatMap
 from inkloop.models.young_laplace_deposition import FineSurface
 from inkloop.report.plot import COLOURS, WIDTH_IN
+from inkloop.units import UM_PER_M
 
-UM = 1e6
 MARKS = ("o", "s", "^", "D", "v")
 
 
@@ -50,15 +50,15 @@ def lines_on_a_step(shown: Mapping[str, tuple[FineSurface, FineSurface]]) -> Fig
     figure = Figure(figsize=(WIDTH_IN, 4.2), layout="constrained")
     above, cuts = figure.subplots(2, len(shown), height_ratios=(3, 2))
     for axes, cut, (name, (below, after)) in zip(above, cuts, shown.items(), strict=True):
-        fine, added = after.over_grid * UM, (after.over_grid - below.over_grid) * UM
-        size = fine.shape[0] * after.spacing * UM
-        at = (np.arange(fine.shape[0]) + 0.5) * after.spacing * UM
+        fine, added = after.over_grid * UM_PER_M, (after.over_grid - below.over_grid) * UM_PER_M
+        size = fine.shape[0] * after.spacing * UM_PER_M
+        at = (np.arange(fine.shape[0]) + 0.5) * after.spacing * UM_PER_M
         image = axes.imshow(fine.T, origin="lower", extent=(0, size, 0, size), cmap="viridis")
         axes.contour(at, at, added.T, levels=[0.05], colors="white", linewidths=1.0)
         axes.set_title(name.replace(", ", "\n"))
         axes.set(xlabel="x [µm]")
         middle = fine.shape[0] // 2
-        cut.fill_between(at, below.over_grid[middle] * UM, color="0.8", linewidth=0)
+        cut.fill_between(at, below.over_grid[middle] * UM_PER_M, color="0.8", linewidth=0)
         cut.plot(at, fine[middle], color=COLOURS[0])
         cut.set(xlabel="y [µm]", ylim=(0, 45))
     above[0].set_ylabel("y [µm]")
@@ -69,8 +69,8 @@ def lines_on_a_step(shown: Mapping[str, tuple[FineSurface, FineSurface]]) -> Fig
 
 def square(surface: FineSurface) -> Figure:
     """The finished square in space."""
-    fine = surface.over_grid * UM
-    x = (np.arange(fine.shape[0]) + 0.5) * surface.spacing * UM
+    fine = surface.over_grid * UM_PER_M
+    x = (np.arange(fine.shape[0]) + 0.5) * surface.spacing * UM_PER_M
     figure = Figure(figsize=(WIDTH_IN, 3.6))
     axes = figure.add_subplot(projection="3d")
     assert isinstance(axes, Axes3D)
@@ -89,7 +89,7 @@ def square_walls(profiles: Mapping[str, tuple[FloatMap, FloatMap, float]]) -> Fi
     figure = Figure(figsize=(WIDTH_IN, 2.9), layout="constrained")
     for number, axes in enumerate(figure.subplots(2, 1, sharex=True)):
         for colour, (name, shown) in zip(COLOURS, profiles.items(), strict=False):
-            profile, spacing = shown[:2][number], shown[2] * UM
+            profile, spacing = shown[:2][number], shown[2] * UM_PER_M
             axes.plot((np.arange(len(profile)) + 0.5) * spacing, profile, color=colour, label=name)
         axes.plot([84.6, 84.6, 1142.1, 1142.1], [0, 167.7, 167.7, 0], color="black", linestyle=":", label="nominal")
         axes.set(aspect="equal", ylim=(0, 240), ylabel=("along lines [µm]", "across [µm]")[number])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from inkloop.report import plot
 from inkloop.studies.reproduce import prints
 from inkloop.studies.reproduce.comparison import Part, Row
+from inkloop.units import UM_PER_M
 
 WHERE = "Fig. 13, 14: pipe junction"
 BY_EYE = 'the paper shows pictures: "visible deformation near the edge" open loop, "no visible deformation" closed loop'
@@ -18,6 +19,6 @@ def find(quick: bool) -> Part:
         metrics = result.metrics()
         rows += [
             Row(WHERE, f"{label}: geometry mismatch", "%", None, 100.0 * metrics["mismatch"], remark=BY_EYE),
-            Row(WHERE, f"{label}: mean absolute error of the top", "um", None, metrics["mae"] * 1e6),
+            Row(WHERE, f"{label}: mean absolute error of the top", "um", None, metrics["mae"] * UM_PER_M),
         ]
     return Part(rows, {"pipe-junction": plot.solids({label: result.dataset for label, (result,) in runs.items()})})

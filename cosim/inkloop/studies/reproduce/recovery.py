@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from inkloop.component import FloatMap, Job
 from inkloop.components import catalog
+from inkloop.contract import LAYER_COMMAND, LAYERS_PRINTED, LAYERS_SCANNED, MEASURED_HEIGHT, PATTERN, VALID
 from inkloop.models import LayerDeposition
 from inkloop.studies.reproduce.comparison import Part, Row
+from inkloop.units import NS_PER_S
 
 SIDE, COUNT, ROUGHNESS = 20, 50, 8e-6
 FOUND = 1e-15
@@ -45,15 +47,15 @@ def first_pattern(kind: str, job: Job, options: dict[str, object], height: Float
     """What a controller commands on a surface; no droplet if it takes the print for done."""
     controller = catalog.make(kind, job, options)
     scan = {
-        "measured_height": height,
-        "valid": np.ones(height.shape, dtype=np.bool_),
-        "layers_scanned": np.asarray(0, dtype=np.int32),
-        "layers_printed": np.asarray(0, dtype=np.int32),
+        MEASURED_HEIGHT: height,
+        VALID: np.ones(height.shape, dtype=np.bool_),
+        LAYERS_SCANNED: np.asarray(0, dtype=np.int32),
+        LAYERS_PRINTED: np.asarray(0, dtype=np.int32),
     }
     try:
         controller.initialize(0, scan)
-        outputs = controller.do_step(0, 1_000_000_000, scan)
+        outputs = controller.do_step(0, NS_PER_S, scan)
     finally:
         controller.terminate()
-    pattern = np.asarray(outputs["pattern"], dtype=np.int32)
-    return pattern if int(outputs["layer_command"]) == 1 else np.zeros_like(pattern)
+    pattern = np.asarray(outputs[PATTERN], dtype=np.int32)
+    return pattern if int(outputs[LAYER_COMMAND]) == 1 else np.zeros_like(pattern)

@@ -12,8 +12,8 @@ from inkloop.component import FloatMap
 from inkloop.models import YoungLaplaceDeposition
 from inkloop.studies.reproduce import finite_elements, pictures
 from inkloop.studies.reproduce.comparison import Part, Row
+from inkloop.units import MS_PER_S, UM_PER_M
 
-UM = 1e6
 VOLUME, ANGLE, RADIUS_UM, CENTRE_UM, LINEAR_CENTRE_UM = 30e-15, np.pi / 4, 35.1999, 14.5803, 15.4141
 """30 pl at 45 degrees: base radius and height of the cap; height of the paraboloid of that base and volume."""
 
@@ -71,7 +71,7 @@ def find(quick: bool) -> Part:
         rows += [
             Row(where, "mean error", "um", None, mean),
             Row(where, "error of the centre", "um", None, centre, remark=PARABOLOID if form == "linear" else ""),
-            Row(where, "processor time", "ms", None, seconds * 1e3),
+            Row(where, "processor time", "ms", None, seconds * MS_PER_S),
         ]
     figure = pictures.droplet_errors(SIZES_UM, PRINTED, by_triangles, ours)
     return Part(rows, {"droplet-errors": figure})
@@ -102,7 +102,7 @@ def _by_triangles(form: Form, order: Literal[1, 2], size_um: float, points: int 
     radius = RADIUS_UM * (np.sqrt((2 * np.pi / 64) / np.sin(2 * np.pi / 64)) if points == 64 else 1.0)
     outline = radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
     begin = process_time()
-    found = finite_elements.solve(outline, VOLUME * UM**3, size_um, form=form, order=order)
+    found = finite_elements.solve(outline, VOLUME * UM_PER_M**3, size_um, form=form, order=order)
     seconds = process_time() - begin
     error = found.height - exact(np.hypot(*found.places.T))
     centre = float(found.at(np.zeros((1, 2)))[0]) - CENTRE_UM
@@ -118,14 +118,14 @@ def _printed(form: Form, per_pitch: int) -> tuple[FloatMap, float]:
 
 def _centre(per_pitch: int, form: Form) -> float:
     """An odd number of points has one in the middle [um]."""
-    return float(_printed(form, per_pitch)[0].max()) * UM
+    return float(_printed(form, per_pitch)[0].max()) * UM_PER_M
 
 
 def _by_kernel(form: Form, per_pitch: int) -> tuple[float, float, float]:
     begin = process_time()
     fine, spacing = _printed(form, per_pitch)
     seconds = process_time() - begin
-    x = (np.arange(len(fine)) - 0.5 * (len(fine) - 1)) * spacing * UM
+    x = (np.arange(len(fine)) - 0.5 * (len(fine) - 1)) * spacing * UM_PER_M
     radius = np.hypot(x[:, None], x)
-    error = np.abs(fine * UM - exact(radius))[radius < RADIUS_UM]
-    return float(error.mean()), abs(float(fine.max()) * UM - CENTRE_UM), seconds
+    error = np.abs(fine * UM_PER_M - exact(radius))[radius < RADIUS_UM]
+    return float(error.mean()), abs(float(fine.max()) * UM_PER_M - CENTRE_UM), seconds

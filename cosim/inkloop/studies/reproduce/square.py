@@ -12,8 +12,8 @@ from inkloop.models import YoungLaplaceDeposition
 from inkloop.models.young_laplace_deposition import FineSurface
 from inkloop.studies.reproduce import pictures
 from inkloop.studies.reproduce.comparison import Part, Row
+from inkloop.units import UM_PER_M
 
-UM = 1e6
 SIDE, MARGIN, LAYERS, PAPER_S = 25, 2, 10, 900.0
 SHORT_OF_IT = (
     "200 um is the thickness that the paper specifies; 30 pl every 42.3 um are 16.8 um per layer, 168 um in ten; "
@@ -29,7 +29,7 @@ def find(quick: bool) -> Part:
     for form in ("nonlinear", "linear"):
         for per_pitch in (6,) if quick else (8, 16):
             surface, seconds = printed(form, per_pitch)
-            rows += _rows(f"Fig. 7 and 8, {form}, dx {surface.spacing * UM:.2g} um", surface, seconds)
+            rows += _rows(f"Fig. 7 and 8, {form}, dx {surface.spacing * UM_PER_M:.2g} um", surface, seconds)
             shown[form] = surface
     walls = {name: (end_wall(surface), side_wall(surface), surface.spacing) for name, surface in shown.items()}
     return Part(rows, {"square": pictures.square(shown["nonlinear"]), "square-walls": pictures.square_walls(walls)})
@@ -49,13 +49,13 @@ def printed(form: Literal["linear", "nonlinear"], per_pitch: int, layers: int = 
 def end_wall(surface: FineSurface) -> FloatMap:
     """Profile along the lines [um], mean over the inner 15 of them."""
     fine, n = surface.over_grid, _per_pitch(surface)
-    return np.asarray(fine[:, 7 * n : 22 * n].mean(axis=1)) * UM
+    return np.asarray(fine[:, 7 * n : 22 * n].mean(axis=1)) * UM_PER_M
 
 
 def side_wall(surface: FineSurface) -> FloatMap:
     """Profile across the lines [um], mean over the inner 15 droplets of each."""
     fine, n = surface.over_grid, _per_pitch(surface)
-    return np.asarray(fine[7 * n : 22 * n].mean(axis=0)) * UM
+    return np.asarray(fine[7 * n : 22 * n].mean(axis=0)) * UM_PER_M
 
 
 def wall(profile: FloatMap, spacing_um: float) -> tuple[float, float]:
@@ -71,7 +71,7 @@ def corner(surface: FineSurface) -> float:
     fine, n = surface.over_grid, _per_pitch(surface)
     sites = [MARGIN * n + n // 2, (MARGIN + SIDE - 1) * n + n // 2]
     low = (n + 1) % 2  # an even number of points has its site between two
-    return float(np.mean([fine[i - low : i + 1, j - low : j + 1].mean() for i in sites for j in sites])) * UM
+    return float(np.mean([fine[i - low : i + 1, j - low : j + 1].mean() for i in sites for j in sites])) * UM_PER_M
 
 
 def outside(surface: FineSurface) -> float:
@@ -85,15 +85,15 @@ def ridge(surface: FineSurface) -> float:
     """Highest of the inner droplets' sites, mean along the lines [um]."""
     fine, n = surface.over_grid, _per_pitch(surface)
     sites = fine[n // 2 :: n, n // 2 :: n]
-    return float(sites[7:22].mean(axis=0).max()) * UM
+    return float(sites[7:22].mean(axis=0).max()) * UM_PER_M
 
 
 def _rows(where: str, surface: FineSurface, seconds: float) -> list[Row]:
-    spacing = surface.spacing * UM
+    spacing = surface.spacing * UM_PER_M
     (end_width, end_angle), (side_width, side_angle) = (
         wall(profile, spacing) for profile in (end_wall(surface), side_wall(surface))
     )
-    inner = float(surface.height[7:22, 7:22].mean()) * UM
+    inner = float(surface.height[7:22, 7:22].mean()) * UM_PER_M
     return [
         Row(where, "inner 15 x 15 droplets, mean", "um", 200.0, inner, remark=SHORT_OF_IT),
         Row(where, "end walls, 10 to 90 %", "um", None, end_width, remark=NO_NUMBERS),

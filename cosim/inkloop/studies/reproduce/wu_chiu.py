@@ -15,8 +15,8 @@ from inkloop.models import VolumeAreaDeposition
 from inkloop.studies.reproduce import pictures
 from inkloop.studies.reproduce.comparison import Paper, Part, Row, Step
 from inkloop.studies.reproduce.synthetic_profiles import NOISE, PITCH, PIXELS, experiments, liquid
+from inkloop.units import UM_PER_M
 
-UM = 1e6
 GAINED_VOLUME = np.array([[1.65, 8.96, 3.93], [5.02, 63.46, 5.00], [2.34, 7.94, 1.71]])
 GAINED_AREA = np.array([[10.05, 21.07, 9.94], [0.0, np.nan, 0.0], [10.09, 18.59, 9.57]])
 DIFFERENCES = np.array([[-1.50, -3.41, -1.55], [6.24, -1.03, 6.12], [-1.42, -3.77, -1.40]])
@@ -83,8 +83,8 @@ def _coefficient_rows(where: str, found: VolumeAreaEstimate, *, known: bool) -> 
     for name in NAMES:
         printed = COEFFICIENTS[name] if known else None
         within = 0.05 * abs(COEFFICIENTS[name]) + 1e-6 if known else None
-        rows.append(Row(where, name, "1/um", printed, found.coefficients[name] / UM, within,
-                        NO_PROFILES if known else OTHER_INK, found.half_widths[name] / UM))  # fmt: skip
+        rows.append(Row(where, name, "1/um", printed, found.coefficients[name] / UM_PER_M, within,
+                        NO_PROFILES if known else OTHER_INK, found.half_widths[name] / UM_PER_M))  # fmt: skip
     return rows
 
 
@@ -100,7 +100,7 @@ def _differences(pitches: float) -> FloatMap:
     drop = np.zeros((9, 9), dtype=np.int32)
     drop[4, 4] = 1
     one = model.layer(model.start(np.zeros((9, 9))), drop)
-    volume, area = (np.roll(grid, 1, 1) + np.roll(grid, -1, 1) for grid in (one.height * UM, one.area))
+    volume, area = (np.roll(grid, 1, 1) + np.roll(grid, -1, 1) for grid in (one.height * UM_PER_M, one.area))
     area = np.minimum(area, 1.0)
     height = np.divide(volume, area, out=np.zeros_like(volume), where=area > 0.0)
     return height_differences(height[3:6, 3:6])

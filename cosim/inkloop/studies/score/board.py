@@ -18,10 +18,10 @@ from inkloop.scenario.file import Scenario
 from inkloop.studies.score import PLANTS, VERSION
 from inkloop.studies.score.told_inks import identified, single_droplet
 from inkloop.suggest import nearest
+from inkloop.units import UM_PER_M
 
 SEEDS = (1, 2, 3)
 FOLDER = Path(__file__).parent / VERSION
-UM = 1e6
 METRICS = ("mean_error", "mae", "rms", "std", "layers", "droplets")
 
 
@@ -75,7 +75,7 @@ class Score:
 
     def mean(self, metric: str) -> float:
         """Over the seeds; in micrometres if it is a length."""
-        scale = 1.0 if metric in ("layers", "droplets") else UM
+        scale = 1.0 if metric in ("layers", "droplets") else UM_PER_M
         return float(np.mean(self.figures[metric])) * scale
 
 
@@ -128,4 +128,4 @@ def _printed(scenario: Scenario) -> Result:
 
 
 def _overrides(ink: Ink) -> dict[str, float]:
-    return {f"ink.a.{name}_um": getattr(ink, name) * UM for name in ("h1", "h2", "h3")}
+    return {f"ink.a.{name}_um": getattr(ink, name) * UM_PER_M for name in ("h1", "h2", "h3")}

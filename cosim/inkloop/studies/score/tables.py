@@ -16,6 +16,7 @@ from inkloop.component import Ink
 from inkloop.report.plot import WIDTH_IN
 from inkloop.studies.score import VERSION
 from inkloop.studies.score.board import METRICS, OPEN_LOOP, Score, fingerprint, relative
+from inkloop.units import UM_PER_M
 
 CAPTION = "rms error over the part in um, mean over the seeds; score: geometric mean of rms over that of the open loop"
 
@@ -54,7 +55,7 @@ def markdown(scores: Sequence[Score], seeds: Sequence[int]) -> str:
 
 
 def _ink(ink: Ink) -> str:
-    return ", ".join(f"{h * 1e6:.2f}" for h in (ink.h1, ink.h2, ink.h3))
+    return ", ".join(f"{h * UM_PER_M:.2f}" for h in (ink.h1, ink.h2, ink.h3))
 
 
 def latex(scores: Sequence[Score], seeds: Sequence[int]) -> str:

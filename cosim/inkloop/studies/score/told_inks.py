@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import FloatMap, Ink
+from inkloop.contract import HEIGHT, LAYER_COMMAND, PATTERN
 from inkloop.identify.ink_regression import identify_ink
 from inkloop.identify.print_record import PrintRecord
 from inkloop.scenario.file import Scenario
+from inkloop.units import NS_PER_S
 
-STEP_NS = 1_000_000_000
+STEP_NS = NS_PER_S
 LAYERS, COVERAGE = 8, 0.7
 """Layers printed to identify an ink, and the share of the part's cells that get a droplet in each (assumed)."""
 Pattern = NDArray[np.int32]
@@ -27,10 +29,10 @@ def surfaces(scenario: Scenario, patterns: Sequence[Pattern]) -> Iterator[FloatM
     printer = components["printer"]
     inputs = {port.name: port.start_value() for port in printer.inputs}
     try:
-        yield np.array(printer.initialize(0, inputs)["height"])
+        yield np.array(printer.initialize(0, inputs)[HEIGHT])
         for number, pattern in enumerate(patterns):
-            inputs |= {"pattern": pattern, "layer_command": np.asarray(number + 1, dtype=np.int32)}
-            yield np.array(printer.do_step(number * STEP_NS, STEP_NS, inputs)["height"])
+            inputs |= {PATTERN: pattern, LAYER_COMMAND: np.asarray(number + 1, dtype=np.int32)}
+            yield np.array(printer.do_step(number * STEP_NS, STEP_NS, inputs)[HEIGHT])
     finally:
         for component in components.values():
             component.terminate()

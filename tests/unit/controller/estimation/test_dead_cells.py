@@ -14,6 +14,7 @@ from inkloop_controller.estimation.height_estimator import DEAD_EVIDENCE, Estima
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from support.closed_loop import SECOND, block, cylinder, inputs_of
+from support.long_proofs import rest_is_long
 
 LINE = 16
 NOTHING = 1e-12  # volume of the droplets of a dead nozzle [1]
@@ -85,7 +86,7 @@ def test_nozzle_that_is_cleaned_is_noticed_and_its_line_filled(noise: float) -> 
     assert np.abs((job.target_height - found.height)[job.mask]).mean() < 0.8e-6
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", rest_is_long(range(10), 2))
 def test_droplets_that_vary_and_scans_that_are_noisy_are_no_dead_nozzles(seed: int) -> None:
     assert printed(cylinder(), seed, 0.4, 1e-6, range(0)).false_alarms == 0
 

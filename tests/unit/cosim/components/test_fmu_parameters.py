@@ -69,6 +69,15 @@ def test_job_speaks_in_the_unit_of_the_fmu_and_only_of_what_is_its_own() -> None
     assert fmu_parameters.parse(foreign, job, {}, (), use_job_parameters=False).parameters == {}
 
 
+def test_value_of_the_job_that_the_fmu_cannot_take_is_an_error() -> None:
+    variables = {
+        "passes": parameter("passes", type="Int32", maximum="1"),
+        "pitch": parameter("pitch", "m", maximum="1e-6"),
+    }
+    parsed = fmu_parameters.parse(replace(PRINTER, variables=variables), toy_job(), {}, ())
+    assert parsed.errors == ["kind: pitch is 0.0001; expected a number <= 1e-6 [m]; the job gives it, not this table"]
+
+
 def test_option_overrules_the_job_and_comes_in_its_unit() -> None:
     parsed = parse({"pitch_um": 250, "nx": 5, "layer_duration_ms": 1500, "variation": 0.2})
     assert parsed.errors == []
@@ -122,6 +131,16 @@ def test_any_fmu_file_is_a_component(tmp_path: Path) -> None:
     outputs = part.do_step(0, 1, {"x": np.array([1.0, 2.0])})
     np.testing.assert_array_equal(outputs["y"], [3.0, 6.0])
     part.terminate()
+
+
+@pytest.mark.compiled
+def test_damaged_file_is_an_error_before_anything_runs(tmp_path: Path) -> None:
+    path = build(tmp_path, 3)
+    content = bytearray(path.read_bytes())
+    content[content.index(b"\x7fELF") + 40] ^= 0xFF
+    path.write_bytes(bytes(content))
+    (error,) = catalog.check("Fmu", toy_job(), {"file": str(path)}).errors
+    assert error.startswith(f"file is {str(path)!r}, which cannot be unpacked, it is damaged: bad CRC-32 of binaries/")
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import fmpy
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from inkloop.errors import ComponentError, FmuError
 from inkloop.fmu import FmuComponent
-from inkloop.fmu_writer import definition
+from inkloop.fmu_writer import c_tables, definition
 from inkloop.fmu_writer.archive import pack, unpack
 from inkloop.fmu_writer.export import export_fmu, find_fmu
 from support.places import ROOT
@@ -119,3 +120,19 @@ def test_every_fault_of_a_definition_is_reported() -> None:
     assert message.startswith("it.toml: 5 faults")
     for part in ("pattern: terminal is 'nowhere'", "pass_order: declared is None", "layers_printed: initial_from is"):
         assert part in message
+
+
+def test_emulator_has_parameters_by_name_limits_and_start(tmp_path) -> None:
+    model = definition.load(DEFINITION.read_text(), DEFINITION)
+    changed = {"nozzle_variation": {"start": 0.25, "min": 0.125}}
+    model = replace(model, variables=tuple(replace(v, **changed.get(v.name, {})) for v in model.variables))
+    header = c_tables.emulated_parameters([model])
+    assert '{"nozzle_variation", REAL, WORLD(variation.nozzle_variation), 0.125, 1.0}' in header
+    assert ".variation.nozzle_variation = 0.25" in header
+    assert "roller_step" not in header
+
+
+def test_only_a_scalar_parameter_is_emulated() -> None:
+    text = DEFINITION.read_text().replace('initial_from = "height_start", description', 'emulated = "h", description')
+    with pytest.raises(FmuError, match=r"height: is emulated; only a scalar parameter of type real"):
+        definition.load(text, "it.toml")

@@ -15,7 +15,6 @@ from inkloop.identify.volume_area_coefficients import (
     identify_volume_area,
 )
 from inkloop.models import LayerDeposition, VolumeAreaDeposition
-from reference.test_wu_chiu_figures import DIFFERENCES
 from support.logged_print import made_up
 from support.numpy import wu_chiu_numpy
 
@@ -60,7 +59,6 @@ def test_protocol_without_its_motifs_is_refused_in_words() -> None:
 def test_height_differences_are_those_of_the_reference_model() -> None:
     heights = np.random.default_rng(1).uniform(0.0, 9.0, (3, 3))
     assert height_differences(heights) == pytest.approx(wu_chiu_numpy.differences(heights))
-    assert DIFFERENCES.shape == (3, 3)
 
 
 def test_drops_give_the_coefficients_of_the_model_they_were_made_with() -> None:

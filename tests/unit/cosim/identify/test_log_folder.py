@@ -10,23 +10,10 @@ import pytest
 from inkloop.errors import IdentificationError
 from inkloop.identify.log_folder import read_log
 from inkloop.models import LayerDeposition, VolumeAreaDeposition
-from support.logged_print import PITCH, made_up, random_layers
+from support.logged_print import CELL, PITCH, log, made_up, random_layers
 
 FINE = "pixel_um = 65.814\noffset_x_um = -98.721\noffset_y_um = -98.721"
 PEAKS = "pixel_um = 20.0\noffset_x_um = -40.0\noffset_y_um = -40.0\nmiddle_share = 0.2\n"
-CELL = "pitch_um = 263.256\nunit = 'um'\npixel_um = 263.256\n"
-
-
-def log(folder: Path, record, description: str = CELL, pixels: int = 1) -> Path:
-    """A folder as a user would log it: tables whose rows go along x, heights in um."""
-    folder.mkdir(exist_ok=True)
-    (folder / "print.toml").write_text(description)
-    for layer, pattern in enumerate(record.pattern, start=1):
-        np.savetxt(folder / f"pattern_{layer:04d}.csv", pattern.T, fmt="%d", delimiter=",")
-    for layer, scan in enumerate(record.measured):
-        fine = np.kron(scan, np.ones((pixels, pixels)))
-        np.savetxt(folder / f"layer_{layer:04d}.csv", fine.T * 1e6, fmt="%.9f", delimiter=",")
-    return folder
 
 
 def test_logged_print_is_the_print(tmp_path: Path) -> None:

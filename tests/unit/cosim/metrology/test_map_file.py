@@ -15,8 +15,8 @@ import tifffile
 from inkloop.errors import HeightMapError
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_file import read
+from inkloop.units import M_PER_UM
 
-UM = 1e-6
 NAN = np.nan
 Z_UM = np.array([[0.5, 1.5, -2.25], [3.0, NAN, 4.125], [5.0, 6.5, 7.0], [8.0, 9.0, NAN]])
 """(4, 3): four pixels along x, three along y."""
@@ -55,8 +55,8 @@ TABLES: dict[str, str | bytes] = {
 
 
 def assert_is_the_map(found: HeightMap) -> None:
-    np.testing.assert_allclose(found.z, Z_UM * UM, rtol=1e-6, atol=1e-15)
-    assert (found.dx, found.dy) == (pytest.approx(DX * UM), pytest.approx(DY * UM))
+    np.testing.assert_allclose(found.z, Z_UM * M_PER_UM, rtol=1e-6, atol=1e-15)
+    assert (found.dx, found.dy) == (pytest.approx(DX * M_PER_UM), pytest.approx(DY * M_PER_UM))
 
 
 @pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
@@ -68,7 +68,7 @@ def test_table_is_read_with_its_units(table: str | bytes, tmp_path: Path) -> Non
 
 def write_npy(path: Path) -> dict[str, Any]:
     np.save(path, Z_UM)
-    return {"unit": "um", "pixel": (DX * UM, DY * UM)}
+    return {"unit": "um", "pixel": (DX * M_PER_UM, DY * M_PER_UM)}
 
 
 def write_npz(path: Path) -> dict[str, Any]:
@@ -84,7 +84,7 @@ def write_float_tiff(path: Path) -> dict[str, Any]:
 def write_count_tiff(path: Path) -> dict[str, Any]:
     counts = np.where(np.isnan(Z_UM.T), -(2**15), Z_UM.T * 8).astype(np.int16)
     tifffile.imwrite(path, counts)
-    return {"unit": "um", "pixel": (DX * UM, DY * UM), "scale": 0.125, "invalid_value": -(2**15)}
+    return {"unit": "um", "pixel": (DX * M_PER_UM, DY * M_PER_UM), "scale": 0.125, "invalid_value": -(2**15)}
 
 
 def write_imagej_tiff(path: Path) -> dict[str, Any]:
@@ -101,13 +101,13 @@ def write_ome_tiff(path: Path) -> dict[str, Any]:
 
 
 def write_sdf(path: Path) -> dict[str, Any]:
-    sdfio.write(path, Z_UM.T * UM, x_scale=DX * UM, y_scale=DY * UM, z_scale=1e-12)
+    sdfio.write(path, Z_UM.T * M_PER_UM, x_scale=DX * M_PER_UM, y_scale=DY * M_PER_UM, z_scale=1e-12)
     return {}
 
 
 def write_sdf_text(path: Path) -> dict[str, Any]:
-    scales = {"x_scale": DX * UM, "y_scale": DY * UM, "z_scale": 1e-12}
-    sdfio.write(path, Z_UM.T * UM, **scales, format=sdfio.FileFormat.ASCII)
+    scales = {"x_scale": DX * M_PER_UM, "y_scale": DY * M_PER_UM, "z_scale": 1e-12}
+    sdfio.write(path, Z_UM.T * M_PER_UM, **scales, format=sdfio.FileFormat.ASCII)
     return {}
 
 
@@ -162,7 +162,7 @@ def test_number_of_what_was_not_measured_is_never_a_height(tmp_path: Path) -> No
 
 def test_rows_lie_along_the_axis_that_is_said(tmp_path: Path) -> None:
     np.save(tmp_path / "map.npy", Z_UM.T)
-    assert_is_the_map(read(tmp_path / "map.npy", unit="um", pixel=(DX * UM, DY * UM), rows_along="x"))
+    assert_is_the_map(read(tmp_path / "map.npy", unit="um", pixel=(DX * M_PER_UM, DY * M_PER_UM), rows_along="x"))
 
 
 SAID = "dx = 5 um\ndy = 4 um\nunit = um\n"

@@ -16,9 +16,10 @@ from inkloop.metrology.datum import level, reference_cells
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_fit import fit_to_surface
 from inkloop.metrology.registration import Registration, from_fiducials
+from inkloop.units import M_PER_UM
 from support.fine_maps import covering, fine_map
 
-PITCH, UM = 263.256e-6, 1e-6
+PITCH = 263.256e-6
 
 
 @pytest.mark.parametrize("turns", [0, 1, 2, 3])
@@ -57,19 +58,19 @@ def test_mean_height_is_kept_wherever_the_map_lies(rotation: float, u: float, v:
     registration = Registration(registration.offset_x + u, registration.offset_y + v, rotation)
     x, y = registration.to_grid(np.arange(shape[0])[:, None] * pixel, np.arange(shape[1]) * pixel)
     wave = 2e-3
-    waves = HeightMap(10 * UM * np.sin(x / wave * 6) * np.cos(y / wave * 5), pixel, pixel)
+    waves = HeightMap(10 * M_PER_UM * np.sin(x / wave * 6) * np.cos(y / wave * 5), pixel, pixel)
     cells = cell_means(waves, registration, nx, ny, PITCH)
     i, j = np.arange(nx)[:, None] * PITCH, np.arange(ny) * PITCH
     damped = math.prod(math.sin(half) / half for half in (6 / wave * PITCH / 2, 5 / wave * PITCH / 2))
-    exact = 10 * UM * np.sin(i / wave * 6) * np.cos(j / wave * 5) * damped
-    np.testing.assert_allclose(cells.mean, exact, rtol=0, atol=0.3 * UM * (pixel / 70e-6) ** 2 + 0.002 * UM)
+    exact = 10 * M_PER_UM * np.sin(i / wave * 6) * np.cos(j / wave * 5) * damped
+    np.testing.assert_allclose(cells.mean, exact, rtol=0, atol=0.3 * M_PER_UM * (pixel / 70e-6) ** 2 + 0.002 * M_PER_UM)
     assert cells.share.min() > 0.98
 
 
 @pytest.mark.parametrize("rotation", [0.0, 0.3, 1.4])
 def test_volume_under_a_map_is_kept(rotation: float) -> None:
     """A map that lies inside the grid: what its pixels hold is what the cells hold."""
-    z = np.random.default_rng(5).random((120, 90)) * UM
+    z = np.random.default_rng(5).random((120, 90)) * M_PER_UM
     grid = cell_means(HeightMap(z, 11e-6, 13e-6), Registration(1.6e-3, 0.5e-3, rotation), 14, 14, PITCH)
     volume = np.nansum(grid.mean * grid.share) * PITCH**2
     tolerance = 1e-9 if rotation == 0.0 else 2e-3  # turned pixels overlap by a little, and a share is at most 1
@@ -133,7 +134,7 @@ def test_residual_of_fiducials_is_their_distance() -> None:
     on_map = [[0.0, 0.0], [1e-3, 0.0], [2e-3, 0.0]]
     on_grid = [[0.0, 0.0], [1e-3, 3e-6], [2e-3, 0.0]]
     fit = from_fiducials(on_map, on_grid, residual_max=1e-5)
-    assert fit.residual == pytest.approx(math.sqrt((4 + 1 + 1) / 3) * UM, rel=1e-3)
+    assert fit.residual == pytest.approx(math.sqrt((4 + 1 + 1) / 3) * M_PER_UM, rel=1e-3)
     with pytest.raises(HeightMapError, match=r"leaves 1.41 um rms, 1 um are allowed; check that they are given"):
         from_fiducials(on_map, on_grid, residual_max=1e-6)
 
@@ -163,17 +164,17 @@ def test_fiducials_that_say_nothing_are_refused(
 def block() -> np.ndarray:
     """A part on a grid of 20 x 18 cells, without symmetry."""
     surface = np.zeros((20, 18))
-    surface[4:14, 3:15] = 8 * UM
+    surface[4:14, 3:15] = 8 * M_PER_UM
     surface[12:14, 10:15] = 0.0
     return surface
 
 
-def measured(truth: Registration, rng: np.random.Generator, noise: float = 0.3 * UM) -> HeightMap:
+def measured(truth: Registration, rng: np.random.Generator, noise: float = 0.3 * M_PER_UM) -> HeightMap:
     """The block under a tilted profiler with noise, spikes, a hole and missing pixels."""
     fine = fine_map(block(), PITCH, truth, (640, 600), 9e-6)
     x, y = np.indices(fine.shape) * 9e-6
-    z = fine.z + noise * rng.standard_normal(fine.shape) + 2e-3 * x - 1e-3 * y + 40 * UM
-    z[rng.random(fine.shape) < 0.002] = 300 * UM
+    z = fine.z + noise * rng.standard_normal(fine.shape) + 2e-3 * x - 1e-3 * y + 40 * M_PER_UM
+    z[rng.random(fine.shape) < 0.002] = 300 * M_PER_UM
     z[rng.random(fine.shape) < 0.1] = np.nan
     z[200:260, 100:200] = np.nan
     return HeightMap(z, 9e-6, 9e-6, source="scan.tif")
@@ -224,7 +225,7 @@ def test_fit_that_may_not_turn_keeps_the_rotation_that_it_was_given() -> None:
 
 
 def test_fit_to_a_map_without_the_part_is_refused() -> None:
-    noise = HeightMap(UM * np.random.default_rng(1).standard_normal((300, 300)), 18e-6, 18e-6, source="scan.tif")
+    noise = HeightMap(M_PER_UM * np.random.default_rng(1).standard_normal((300, 300)), 18e-6, 18e-6, source="scan.tif")
     with pytest.raises(HeightMapError, match=r"scan.tif: the part explains \d+% of its relief"):
         fit_to_surface(noise, block(), PITCH, Registration(), reach=2 * PITCH)
 
@@ -243,16 +244,16 @@ def test_fit_to_a_flat_surface_is_refused() -> None:
 def test_plane_of_the_reference_cells_is_taken_off_whatever_lies_on_them() -> None:
     surface, mask = block(), block() > 0
     i, j = np.indices(surface.shape)
-    tilted = surface + 3 * UM * i - 2 * UM * j + 70 * UM
-    tilted[0, 5], tilted[17, 2] = 500 * UM, np.nan
+    tilted = surface + 3 * M_PER_UM * i - 2 * M_PER_UM * j + 70 * M_PER_UM
+    tilted[0, 5], tilted[17, 2] = 500 * M_PER_UM, np.nan
     reference = reference_cells(mask, 2)
     assert not reference[2:14, 1:17].any()
     assert reference[:2].all()
     levelled = level(tilted, reference, "plane")
-    untouched = np.isfinite(tilted) & (tilted < 400 * UM)
-    np.testing.assert_allclose(levelled[untouched], surface[untouched], rtol=0, atol=1e-3 * UM)
+    untouched = np.isfinite(tilted) & (tilted < 400 * M_PER_UM)
+    np.testing.assert_allclose(levelled[untouched], surface[untouched], rtol=0, atol=1e-3 * M_PER_UM)
     assert np.isnan(levelled[17, 2])
-    np.testing.assert_allclose(level(surface + UM, reference, "offset"), surface, atol=1e-12)
+    np.testing.assert_allclose(level(surface + M_PER_UM, reference, "offset"), surface, atol=1e-12)
     assert level(tilted, reference, "none") is tilted
 
 

@@ -21,7 +21,7 @@ from inkloop_controller import controllers
 from support.places import ROOT
 
 CONTROLLERS = ("LayerMpc", "OpenLoop", "StochasticGreedy")
-SMALL = ("grid.nx=9", "grid.ny=9", "part.radius_um=800", "run.layers_max=1")
+SMALL = {"grid.nx": 9, "grid.ny": 9, "part.radius_um": 800, "run.layers_max": 1}
 MODELS = ("LayerDeposition", "ProfileSensor")
 
 

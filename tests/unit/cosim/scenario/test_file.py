@@ -251,6 +251,12 @@ def test_value_that_a_controller_refuses_is_a_fault_with_its_place_in_every_run(
     ]
 
 
+def test_loop_of_a_comparison_run_is_checked_with_the_file(tmp_path: Path) -> None:
+    errors = faults_of(tmp_path, GOOD + '[compare."no sensor".components.profiler]\nkind = "LayerDeposition"\n')
+    assert all(error.startswith("compare.no sensor: controller.") for error in errors)
+    assert errors[0].startswith("compare.no sensor: controller.measured_height is not connected")
+
+
 WIRE = '\n[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\n'
 
 

@@ -22,8 +22,8 @@ from inkloop.studies.score.board import (
     relative,
 )
 from inkloop.studies.score.told_inks import identified, single_droplet
-
-UM = 1e6
+from inkloop.units import UM_PER_M
+from support.long_proofs import rest_is_long
 
 
 def test_plants_of_version_1_are_what_they_were() -> None:
@@ -34,15 +34,19 @@ def test_plants_of_version_1_are_what_they_were() -> None:
 def test_ink_of_the_layer_to_layer_plant_is_found_with_a_tenth_of_it_missing() -> None:
     """Droplets lack up to 20 % at random: a mean of 10 % of Table I."""
     found = identified(load("lu"))
-    assert [found.h1 * UM, found.h2 * UM, found.h3 * UM] == pytest.approx([3.96, 0.54, 0.18], rel=0.03)
+    assert [found.h1 * UM_PER_M, found.h2 * UM_PER_M, found.h3 * UM_PER_M] == pytest.approx(
+        [3.96, 0.54, 0.18], rel=0.03
+    )
 
 
 def test_single_droplet_tells_what_it_leaves_and_no_more() -> None:
     found = single_droplet(load("caps", {"components.printer.variation": 0.0}))
-    assert [found.h1 * UM, found.h2 * UM, found.h3 * UM] == pytest.approx([3.208, 0.260, 0.002], abs=1e-3)
+    assert [found.h1 * UM_PER_M, found.h2 * UM_PER_M, found.h3 * UM_PER_M] == pytest.approx(
+        [3.208, 0.260, 0.002], abs=1e-3
+    )
 
 
-@pytest.mark.parametrize("plant", ["lu", "volume-area", "caps"])
+@pytest.mark.parametrize("plant", rest_is_long(["lu", "volume-area", "caps"], 1))
 def test_closed_loop_is_never_worse_than_open_loop(plant) -> None:
     open_loop, *closed = (prints(entry, plant, [1]).mean("rms") for entry in (OPEN_LOOP, OURS, LEARNING))
     assert max(closed) < open_loop

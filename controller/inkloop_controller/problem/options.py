@@ -1,0 +1,104 @@
+"""Options of a controller in a scenario: keyword arguments of the classes that it is made of, marked where they stand.
+
+A scenario writes an argument with a unit in the unit of its key: `overshoot_limit` [m] as `overshoot_limit_um`, and
+leaves out what is infinite or None.
+"""
+
+from __future__ import annotations
+
+import inspect
+import typing
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import wraps
+from math import isinf
+from typing import Annotated, Any, TypeVar
+
+from pydantic import Field
+
+from inkloop.component import Job
+from inkloop.units import UNITS
+
+T = TypeVar("T")
+NotNegative = Annotated[float, Field(ge=0.0)]
+Length = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0)]
+Count = Annotated[int, Field(ge=1)]
+"""Limits that are reported with the key and the number of the scenario, not with those in SI further inside."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """Marks a keyword argument as an option: `Annotated[float, Option("um")]`; the class gives its default in SI.
+
+    unit: of the number in a scenario, suffix of its key; "" for a pure number. meaning: for the page of the scenario
+    file; "": that of the parameter of LayerController.fmu. absent: what the page gives as default if that is no value;
+    form: type and limits in a scenario; None: as annotated.
+    """
+
+    unit: str = ""
+    meaning: str = ""
+    absent: str = "none"
+    form: Any = None
+
+
+@dataclass(frozen=True)
+class Keyword:
+    """An option as a scenario writes it: an argument under its key, with the default in the unit of the key."""
+
+    argument: str
+    key: str
+    annotation: Any
+    default: Any
+    option: Option
+
+    def value(self, written: Any) -> Any:
+        """The argument in SI."""
+        return written * UNITS[self.option.unit][1] if self.option.unit else written
+
+
+def keywords(part: Callable[..., object]) -> Iterator[Keyword]:
+    """The options of a class, in the order of its arguments."""
+    hints = typing.get_type_hints(part.__init__ if inspect.isclass(part) else part, include_extras=True)
+    for name, parameter in inspect.signature(part).parameters.items():
+        annotation: Any = hints.get(name)
+        option = next((mark for mark in getattr(annotation, "__metadata__", ()) if isinstance(mark, Option)), None)
+        if option is None:
+            continue
+        annotation, default = option.form or annotation, parameter.default
+        if isinstance(default, float) and isinf(default):
+            annotation, default = annotation | None, None
+        elif option.unit and default is not None:
+            default /= UNITS[option.unit][1]
+        yield Keyword(name, f"{name}_{option.unit}" if option.unit else name, annotation, default, option)
+
+
+def arguments(part: Callable[..., object], options: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments of a class in SI that are among the options of a scenario."""
+    given = {keyword: options.get(keyword.key) for keyword in keywords(part)}
+    return {keyword.argument: keyword.value(value) for keyword, value in given.items() if value is not None}
+
+
+def made_of(*parts: Callable[..., object]) -> Callable[[Callable[..., T]], Callable[..., T]]:
+    """Gives `make(job, **options)` the options of these classes as its signature; other options are a TypeError."""
+
+    def decorate(make: Callable[..., T]) -> Callable[..., T]:
+        job = inspect.Parameter("job", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=Job)
+        found = [keyword for part in parts for keyword in keywords(part)]
+        keys = [
+            inspect.Parameter(each.key, job.KEYWORD_ONLY, default=each.default, annotation=each.annotation)
+            for each in found
+        ]
+        signature = inspect.Signature([job, *keys])
+
+        @wraps(make)
+        def checked(*given: object, **options: object) -> T:
+            signature.bind(*given, **options)
+            return make(*given, **options)
+
+        annotations = {"job": Job, **{each.key: each.annotation for each in found}}
+        vars(checked).update(__signature__=signature)
+        checked.__annotations__ = annotations
+        return checked
+
+    return decorate

@@ -1,0 +1,38 @@
+"""FMI calls made from bytes: inputs drawn once and for all, and the program that makes the calls of them."""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+from support.benches.node_bench import FIRMWARE
+from support.fmus import fmu_library
+
+INPUTS = 300
+
+
+def drawn(name: str) -> list[bytes]:
+    """The inputs of one FMU."""
+    generator = random.Random(name)
+    return [generator.randbytes(400) for _ in range(INPUTS)]
+
+
+def calls(folder: Path, flags: Sequence[str] = ()) -> Path:
+    """The fuzz target as a program that is fed inputs."""
+    return fmu_library.program(folder, "calls", "gcc", flags, others=[FIRMWARE / "fuzz" / "replay.c"])
+
+
+def feed(program: Path, table: Path, inputs: list[bytes]) -> str:
+    """What the program says of all inputs; it ends at the first that breaks a law."""
+    given = b"".join(len(one).to_bytes(2, "little") + one for one in inputs)
+    told = {"INKLOOP_FMU_TABLE": str(table), "INKLOOP_FUZZ_SHOWS": "1"}
+    done = subprocess.run([program], input=given, env=os.environ | told, capture_output=True, check=False)
+    said = done.stderr.decode(errors="replace")
+    through = len(done.stdout)
+    if done.returncode:
+        hexadecimal = inputs[through].hex() if through < len(inputs) else ""
+        raise AssertionError(f"input {through} ends with {done.returncode}: {said[-2000:]}\n{hexadecimal}")
+    return said

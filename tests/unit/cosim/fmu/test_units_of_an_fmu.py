@@ -1,0 +1,109 @@
+"""What an FMU's own UnitDefinitions say decides how its values are converted."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inkloop.component import Port
+from inkloop.components.port_tables import mapped_ports
+from inkloop.fmu import FmuComponent, FmuDescription, describe
+from inkloop.master.wiring import Connection, Transfer, check
+from inkloop.testing import job
+from inkloop.units import conversion, spellings
+from support.fmus.amplifier import build
+from support.toys import FunctionComponent
+
+pytestmark = pytest.mark.compiled
+BOTH = pytest.mark.parametrize("fmi", [2, 3])
+UNITS = """<UnitDefinitions>
+<Unit name="inch"><BaseUnit m="1" factor="0.0254"/></Unit>
+<Unit name="micrometer"><BaseUnit m="1" factor="1e-6"/></Unit>
+<Unit name="um"><BaseUnit m="1" factor="1e-3"/></Unit>
+<Unit name="mm"><BaseUnit m="1" factor="1e-3"/></Unit>
+<Unit name="Pa"><BaseUnit kg="1" m="-1" s="-2"/></Unit>
+<Unit name="hPa"><BaseUnit kg="1" m="-1" s="-2" factor="100"/></Unit>
+<Unit name="degC"><BaseUnit K="1" offset="273.15"/></Unit>
+<Unit name="K"><BaseUnit K="1"/></Unit>
+<Unit name="step"/>
+</UnitDefinitions><TypeDefinitions>"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("amplifier")
+
+
+def with_units(folder: Path, fmi: int, unit: str) -> Path:
+    """The amplifier with `x` and `y` in a unit that it defines."""
+    path = folder / f"{unit}{fmi}.fmu"
+    with zipfile.ZipFile(build(folder, fmi)) as ours, zipfile.ZipFile(path, "w") as theirs:
+        for name in ours.namelist():
+            content = ours.read(name)
+            if name == "modelDescription.xml":
+                text = content.decode().replace("<TypeDefinitions>", UNITS).replace('unit="m"', f'unit="{unit}"')
+                content = text.encode()
+            theirs.writestr(name, content)
+    return path
+
+
+def unit_of_x(folder: Path, fmi: int, unit: str) -> str:
+    description: FmuDescription = describe(with_units(folder, fmi, unit))
+    return description.variables["x"].unit
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("unit", "metres"), [("inch", 0.0254), ("micrometer", 1e-6), ("um", 1e-3), ("mm", 1e-3)]
+)  # its um is a mm
+def test_definition_of_the_fmu_decides(folder: Path, fmi: int, unit: str, metres: float) -> None:
+    found = unit_of_x(folder, fmi, unit)
+    assert found == unit
+    assert conversion(found, "m") == metres
+    assert conversion("m", found) == 1.0 / metres
+    assert conversion(found, "s") is None
+    assert spellings("x", found)["x_m"] == 1.0 / metres
+
+
+def test_quantities_that_inkloop_does_not_know_are_converted_too(folder: Path) -> None:
+    pascal, hectopascal = (unit_of_x(folder, 3, unit) for unit in ("Pa", "hPa"))
+    assert conversion(hectopascal, pascal) == 100.0
+    assert conversion(pascal, "Pa") == 1.0
+    assert conversion(hectopascal, "m") is None
+
+
+def test_unit_with_an_offset_is_not_converted_by_a_factor(folder: Path) -> None:
+    celsius, kelvin = (unit_of_x(folder, 3, unit) for unit in ("degC", "K"))
+    assert conversion(celsius, kelvin) is None
+    assert conversion(celsius, celsius) == 1.0
+
+
+def test_unit_without_definition_goes_by_its_name(folder: Path) -> None:
+    assert conversion(unit_of_x(folder, 3, "step"), "step") == 1.0
+    assert conversion(unit_of_x(folder, 3, "m"), "mm") == 1.0 / 1e-3
+
+
+@BOTH
+def test_wiring_converts_by_the_definition(folder: Path, fmi: int) -> None:
+    part = FmuComponent(with_units(folder, fmi, "inch"))
+    source = Port("x", "m", (3,))
+    target = next(port for port in part.inputs if port.name == "x")
+    components = {"source": FunctionComponent(outputs=(source,)), "part": part}
+    assert check(components, [Connection("source.x", "part.x")]) == []
+    arrived = Transfer.of(Connection("source.x", "part.x"), source, target)(np.array([0.0254, 0.0508, 0.0]))
+    np.testing.assert_allclose(arrived, [1.0, 2.0, 0.0], rtol=1e-15)
+    part.terminate()
+
+
+def test_mapped_port_takes_the_definition_and_no_other_unit(folder: Path) -> None:
+    part = FmuComponent(with_units(folder, 3, "inch"), structural={"n": 35})
+    (mapped,), _, faults = mapped_ports(part.inputs[1:], [], job(), {"thickness": {"variable": "x"}})
+    assert not faults
+    assert mapped.port.unit == "m"
+    assert mapped.factor == 1.0 / 0.0254
+    *_, (fault,) = mapped_ports(part.inputs[1:], [], job(), {"thickness": {"variable": "x", "unit": "um"}})
+    assert fault == "ports.thickness.unit is 'um', but the FMU says that x is in [inch]; leave it out"
+    part.terminate()

@@ -1,0 +1,132 @@
+"""The layer contract stands in one place: its signals, its page, the colours and orders of the passes."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inkloop.component import Port
+from inkloop.contract import (
+    LAYER_COMMAND,
+    SIGNALS,
+    PassOrder,
+    Signal,
+    checked_command,
+    contract_ports,
+    pass_colour,
+    pass_colours,
+)
+from inkloop.errors import ComponentError
+from inkloop.master.wiring import contract_connections
+from inkloop.tables import schema
+from inkloop.testing import job
+from inkloop_controller.baselines.planners import OpenLoop
+from inkloop_controller.estimation.height_estimator import HeightEstimator
+from inkloop_controller.layer_controller import LayerController
+from support.places import ROOT
+
+OWN = Path("cosim/inkloop/contract.py")
+DISTINCT = sorted(SIGNALS.keys() - {"pattern", "height", "valid", "status"})  # these are words of other things too
+TYPES = {"int32": "integer", "float64": "real", "bool": "boolean"}
+ROW = re.compile(r"^\| `(\w+)` \| ([^|]+) \| ([^|]+) \| (.+) \|$", re.MULTILINE)
+
+
+@cache
+def trees() -> dict[Path, ast.Module]:
+    """The modules of the product."""
+    folders = ("cosim", "controller", "hardware")
+    paths = [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
+    return {path.relative_to(ROOT): ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+
+
+def modules_with(fits: Callable[[ast.AST], bool]) -> set[Path]:
+    return {path for path, tree in trees().items() if any(fits(node) for node in ast.walk(tree))}
+
+
+def is_twice_a_remainder(node: ast.AST) -> bool:
+    """2 * (i % 2), the beginning of the formula of the colours."""
+    match node:
+        case ast.BinOp(ast.Constant(2), ast.Mult(), ast.BinOp(_, ast.Mod(), ast.Constant(2))):
+            return True
+    return False
+
+
+def is_tuple(node: ast.AST, numbers: tuple[int, ...]) -> bool:
+    return isinstance(node, ast.Tuple) and ast.unparse(node) == str(numbers)
+
+
+@pytest.mark.parametrize("name", DISTINCT)
+def test_names_of_signals_stand_in_one_module(name: str) -> None:
+    found = modules_with(lambda node: isinstance(node, ast.Constant) and node.value == name)
+    assert found == {OWN}
+
+
+def test_colours_of_cells_and_orders_of_passes_stand_in_one_module() -> None:
+    assert modules_with(is_twice_a_remainder) == {OWN}
+    assert modules_with(lambda node: is_tuple(node, PassOrder.DIAGONAL.colours)) == {OWN}
+
+
+def described(signal: Signal) -> tuple[str, str]:
+    """Type and direction as the page spells them."""
+    kind = TYPES[signal.dtype] + (" (nx, ny)" if signal.is_map else "") + (f", {signal.unit}" * (signal.unit != "1"))
+    return kind, f"{signal.giver} → {', '.join(signal.takers)}" if signal.giver else "each"
+
+
+def test_page_of_the_contract_says_what_the_table_says() -> None:
+    rows = ROW.findall((ROOT / "docs/reference/layer-contract.md").read_text(encoding="utf-8"))
+    assert {name: (kind, way) for name, kind, way, _ in rows} == {
+        name: described(signal) for name, signal in SIGNALS.items()
+    }
+    assert [name for name, *_ in rows] == list(SIGNALS)
+    assert {name for name, _, _, text in rows if "optional, default" in text} == {
+        name for name, signal in SIGNALS.items() if signal.is_optional
+    }
+
+
+@pytest.mark.parametrize("signal", SIGNALS.values(), ids=list(SIGNALS))
+def test_a_map_has_the_shape_of_the_grid_and_a_number_has_none(signal: Signal) -> None:
+    port = Port(signal.name, signal.unit, (3, 4) if signal.is_map else (), signal.dtype, signal.start)
+    assert signal.port((3, 4)) == port
+    assert contract_ports((3, 4), signal.name, LAYER_COMMAND) == (port, SIGNALS[LAYER_COMMAND].port((3, 4)))
+
+
+def test_controller_has_the_ports_that_the_table_gives_its_role() -> None:
+    part = job()
+    controller = LayerController(part, OpenLoop(part), HeightEstimator(part))
+    shape = (part.nx, part.ny)
+    inputs = {signal.port(shape) for signal in SIGNALS.values() if "controller" in signal.takers}
+    outputs = {signal.port(shape) for signal in SIGNALS.values() if signal.giver in ("controller", None)}
+    assert set(controller.inputs) == inputs
+    assert outputs <= set(controller.outputs)
+    assert not contract_connections({"controller": controller})
+
+
+@pytest.mark.parametrize("command", [4, 5])
+def test_command_repeats_the_last_layer_or_is_the_next(command: int) -> None:
+    assert checked_command({LAYER_COMMAND: np.asarray(command)}, 4) == command
+
+
+@pytest.mark.parametrize("command", [-1, 3, 6])
+def test_other_commands_are_refused(command: int) -> None:
+    with pytest.raises(ComponentError, match=f"layer_command is {command} after layer 4; needs 4 or 5"):
+        checked_command({LAYER_COMMAND: np.asarray(command)}, 4)
+
+
+def test_orders_of_the_scenario_are_those_of_the_passes() -> None:
+    names = schema.Process.model_json_schema()["properties"]["pass_order"]["enum"]
+    assert [name.upper() for name in names] == [order.name for order in PassOrder]
+
+
+def test_every_colour_is_jetted_once_in_a_layer() -> None:
+    assert sorted(pass_colour(*np.indices((2, 2))).ravel()) == [0, 1, 2, 3]
+    for order in PassOrder:
+        for layer in range(1, 6):
+            assert sorted(pass_colours(4, order, 1, layer)) == [0, 1, 2, 3]
+    assert pass_colours(1, 1, 0, 1) == ()
+    assert pass_colours(4, PassOrder.DIAGONAL, 1, 1) == (3, 1, 2, 0)

@@ -1,0 +1,132 @@
+"""docs/reference/api.md, written from the public names and their docstrings.
+
+python tools/pages/api.py docs/reference/api.md
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import inspect
+import re
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import inkloop
+import inkloop_controller
+
+WIDTH = 110  # of a signature on one line
+HEAD = """# The public API
+
+What `import inkloop` and `import inkloop_controller` offer. These names are stable; anything else in the modules may
+change. Written from the docstrings by `python tools/pages/api.py docs/reference/api.md`. Lengths are in metres and
+times in seconds unless a name says otherwise; maps are NumPy arrays (nx, ny) with i along x. The options of components
+are in [the scenario file](scenario.md), the signals between them in [the layer contract](layer-contract.md).
+"""
+GROUPS = {
+    "Print and read": ("run", "load", "Scenario", "Result"),
+    "Components of your own": ("Component", "Port", "Job", "Ink", "Status"),
+    "FMUs": ("FmuComponent", "describe", "find_fmu", "export_fmu"),
+    "Errors": (
+        *("InkloopError", "ScenarioError", "FmuError", "ComponentError"),
+        *("HeightMapError", "IdentificationError", "ResultError"),
+    ),
+}
+
+
+def page() -> str:
+    """The whole page. Raises ValueError for a public name that is in no group."""
+    grouped = {name for names in GROUPS.values() for name in names}
+    if left := set(inkloop.__all__) ^ grouped:
+        raise ValueError(f"GROUPS and inkloop.__all__ differ in {', '.join(sorted(left))}")
+    lines = [HEAD]
+    for group, names in GROUPS.items():
+        lines += [f"## {group}", "", *_entries(inkloop, names)]
+    lines += ["## The layer controller", "", "From `inkloop_controller`.", ""]
+    lines += _entries(inkloop_controller, inkloop_controller.__all__)
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def _entries(package: ModuleType, names: tuple[str, ...] | list[str]) -> Iterator[str]:
+    for name in names:
+        entry = getattr(package, name)
+        yield from (f"### {name}", "")
+        if inspect.isclass(entry) and issubclass(entry, Exception):
+            yield from (_first_paragraph(entry), "")
+        elif inspect.isclass(entry) and issubclass(entry, enum.Enum):
+            yield from (inspect.cleandoc(entry.__doc__ or ""), "")
+            yield from (", ".join(f"{one.value} `{one.name}`" for one in entry) + ".", "")
+        else:
+            yield from ("```text", _signature(name, entry), "```", "", inspect.cleandoc(entry.__doc__ or ""), "")
+        if inspect.isclass(entry) and not issubclass(entry, Exception | enum.Enum):
+            members = list(_members(name, entry))
+            yield from (*members, "") if members else ()
+
+
+def _members(name: str, entry: type) -> Iterator[str]:
+    """A line for each public method and property that the class defines itself."""
+    for member, value in vars(entry).items():
+        if member.startswith("_"):
+            continue
+        function: Any = value.fget if isinstance(value, property) else getattr(value, "__func__", value)
+        if not inspect.isfunction(function):
+            continue
+        shown = f"{name}.{member}" if isinstance(value, staticmethod | classmethod) else member
+        signature = shown if isinstance(value, property) else _signature(shown, function, is_bound=True)
+        yield f"- `{' '.join(signature.split())}`: {_first_paragraph(function)}"
+
+
+def _signature(name: str, entry: Callable[..., Any], *, is_bound: bool = False) -> str:
+    """A call with types and defaults, on several lines where it is long."""
+    if getattr(entry, "_is_protocol", False):
+        return f"class {name}(Protocol)"
+    signature = inspect.signature(entry)
+    parameters = list(signature.parameters.values())
+    if any(parameter.name.startswith("_") for parameter in parameters):  # made by its class methods only
+        return f"class {name}"
+    if is_bound and parameters and parameters[0].name in ("self", "cls"):
+        del parameters[0]
+    shown, keyword_only = [], False
+    for parameter in parameters:
+        if parameter.kind is parameter.KEYWORD_ONLY and not keyword_only:
+            shown.append("*")
+        keyword_only |= parameter.kind is parameter.KEYWORD_ONLY
+        shown.append(_parameter(parameter, entry))
+    returned = signature.return_annotation
+    arrow = "" if inspect.isclass(entry) or returned is signature.empty else f" -> {_annotation(returned)}"
+    line = f"{name}({', '.join(shown)}){arrow}"
+    return (
+        line
+        if len(line) <= WIDTH or is_bound
+        else f"{name}(\n" + "".join(f"    {one},\n" for one in shown) + f"){arrow}"
+    )
+
+
+def _parameter(parameter: inspect.Parameter, entry: Callable[..., Any]) -> str:
+    text = "**" + parameter.name if parameter.kind is parameter.VAR_KEYWORD else parameter.name
+    if parameter.annotation is not parameter.empty:
+        text += f": {_annotation(parameter.annotation)}"
+    if parameter.default is parameter.empty:
+        return text
+    fields = {field.name: field for field in dataclasses.fields(entry)} if dataclasses.is_dataclass(entry) else {}
+    field = fields.get(parameter.name)
+    has_factory = field is not None and field.default_factory is not dataclasses.MISSING
+    default = "..." if has_factory else repr(parameter.default)
+    return f"{text} = {default if len(default) <= WIDTH // 3 else '...'}"
+
+
+def _annotation(annotation: object) -> str:
+    """As written, without the mark of an option of scenarios."""
+    text = annotation if isinstance(annotation, str) else getattr(annotation, "__name__", str(annotation))
+    return re.sub(r"^Annotated\[(.+), (?:[A-Z_]+|Option\(.*\))\]$", r"\1", text)
+
+
+def _first_paragraph(entry: object) -> str:
+    return " ".join(inspect.cleandoc(getattr(entry, "__doc__", None) or "").partition("\n\n")[0].split())
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(page(), encoding="utf-8")
