@@ -126,7 +126,7 @@ class Wait(StepBase):
     message: str
     signal: str
     expected: Value
-    unless: Value | None = Field(default=None, description="value that ends the run at once: the expected one will not come")
+    unless: Value | None = Field(default=None, description="value that ends the run instead of the expected one")
 
 
 Step = Annotated[Download | Upload | RoutineStep | Read | Send | Wait, Field(discriminator="do")]
