@@ -23,6 +23,8 @@ from support.fmus.amplifier import build
 from support.places import SCENARIOS
 from support.toys import FunctionComponent
 
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
 CUBOID = (SCENARIOS / "cuboid.toml").read_text(encoding="utf-8").partition("[compare.")[0]
 COMMAND = "import sys; from inkloop.cli import main; sys.exit(main(sys.argv[1:]))"
 SENSOR = CUBOID[CUBOID.index("[components.profiler]") :]

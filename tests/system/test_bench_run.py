@@ -41,6 +41,8 @@ from support.benches.bench_run import (
 )
 from support.benches.stock_tools import Raw
 
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
 DBC = Path(inkloop_hardware.__file__).parent / "protocol" / "inkloop.dbc"
 
 

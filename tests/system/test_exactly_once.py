@@ -28,7 +28,10 @@ from support.benches.kill_points import (
     session_killed_at,
 )
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kill points are loaded by LD_PRELOAD")
+pytestmark = [
+    pytest.mark.usefixtures("without_pictures"),
+    pytest.mark.skipif(sys.platform != "linux", reason="kill points are loaded by LD_PRELOAD"),
+]
 EXACT = BLOCK.replace("variation = 0.2", "variation = 0.0").replace("noise_std_um = 0.1", "noise_std_um = 0.0")
 EXACT = EXACT.replace("dropout_rate = 0.02", "").replace("cure_ms = 2", "cure_ms = 30")
 GOLDEN = 0.618034

@@ -313,12 +313,8 @@ def test_job_of_another_grid_is_told_with_both_grids(version: str, tmp_path: Pat
     assert scenario_of(path, ["grid.nx=8", "grid.nx=6"]).job().nx == 6
 
 
-def test_command_line_exports_and_runs_an_ssp(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        "inkloop.report.run_report.write", lambda folder: ""
-    )  # the pictures take longest and are not at stake
+@pytest.mark.usefixtures("without_pictures")
+def test_command_line_exports_and_runs_an_ssp(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scenario_in(tmp_path)
     path, run = str(tmp_path / "b.ssp"), str(tmp_path / "run")
     assert main(["export-ssp", str(tmp_path / "block.toml"), "-o", path, "--ssp", "2.0"]) == 0
