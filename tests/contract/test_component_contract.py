@@ -43,21 +43,21 @@ def recorded_maps(folder: Path) -> Component:
 
 MAKERS: dict[str, Callable[[Path], Component]] = {
     **{
-        f"{model} {form}": lambda _, model=model, form=form: catalog.make(model, JOB, {"fmi": form})
+        f"{model} {form}": lambda _, model=model, form=form: catalog.make(model, JOB, {"fmi": form})  # type: ignore[misc]
         for model in catalog.DEPOSITION_MODELS
         for form in FORMS
     },
     **{
-        f"ProfileSensor {form}": lambda _, form=form: catalog.make(
+        f"ProfileSensor {form}": lambda _, form=form: catalog.make(  # type: ignore[misc]
             "ProfileSensor", JOB, {"fmi": form, "noise_std_um": 0.5}
         )
         for form in FORMS
     },
     **{
-        f"LayerController {form}": lambda _, form=form: catalog.make("LayerController", JOB, {"fmi": form})
+        f"LayerController {form}": lambda _, form=form: catalog.make("LayerController", JOB, {"fmi": form})  # type: ignore[misc]
         for form in FORMS
     },
-    **{kind: lambda _, kind=kind: catalog.make(kind, JOB, {}) for kind in CONTROLLERS},
+    **{kind: lambda _, kind=kind: catalog.make(kind, JOB, {}) for kind in CONTROLLERS},  # type: ignore[misc]
     "MapFolder": recorded_maps,
 }
 FOREIGN = [pytest.param(lambda folder, fmi=fmi: FmuComponent(build(folder, fmi)), id=f"foreign FMI {fmi}",

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -123,7 +124,7 @@ def test_nan_that_somebody_reads_ends_the_run_with_its_cell() -> None:
 
 
 def loop_of(start: float) -> Master:
-    ports = {"inputs": [Port("u")], "outputs": [Port("y", start=start)]}
+    ports: dict[str, Any] = {"inputs": [Port("u")], "outputs": [Port("y", start=start)]}
     parts = {name: FunctionComponent(**ports, start=lambda values: {"y": np.asarray(1.0)}) for name in ("a", "b")}
     return Master(parts, [Connection("a.y", "b.u"), Connection("b.y", "a.u")], step_ns=1)
 

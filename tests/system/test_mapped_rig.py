@@ -7,12 +7,12 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import can
 import numpy as np
 import pytest
 
-from inkloop.component import Component
 from inkloop.errors import ComponentError
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
@@ -69,7 +69,7 @@ unit = "nm"
 scale = 100.0
 valid_bits = true
 """
-OUR_STEPS = (
+OUR_STEPS: tuple[tuple[str, int | None, str, list[str]], ...] = (
     ("start", 0x0200, "00", []),
     ("start", 0x0201, "", ["motion"]),
     ("printer", None, "", []),
@@ -154,7 +154,7 @@ def test_emulated_bench_prints_by_a_mapping_of_its_own_dbc(tmp_path: Path) -> No
     assert per_layer == pytest.approx(droplets * 7.6e-6, rel=0.2)  # h1 + 4 h2 + 4 h3, less what leaves the grid
 
 
-def component(made: Scenario) -> Component:
+def component(made: Scenario) -> Any:
     return made.build()["rig"]
 
 

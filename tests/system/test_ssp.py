@@ -235,7 +235,7 @@ def test_gain_offset_and_parameters_of_foreign_fmus_go_and_come_back(amplified: 
     read_ssd(str(tmp_path / "two.ssp"))
     again = scenario_of(tmp_path / "two.ssp")
     assert again.connections == [
-        Connection("first.y", "second.x", 2.5, pytest.approx(4e-6)),
+        Connection("first.y", "second.x", 2.5, pytest.approx(4e-6)),  # type: ignore[arg-type]
         Connection("second.y", "first.x", 1.0, 0.0),
     ]
     assert again.tables.components["first"].options["gain"] == 3.0
@@ -308,9 +308,9 @@ def test_job_of_another_grid_is_told_with_both_grids(version: str, tmp_path: Pat
         scenario_of(path, job=job)
     assert caught.value.faults == (said.format(job, "8 x 7", "take another job"),)
     with pytest.raises(ScenarioError) as caught:
-        scenario_of(path, ["grid.nx=9"])
+        scenario_of(path, {"grid.nx": 9})
     assert caught.value.faults == (said.format("the scenario in it", "9 x 5", "leave its grid as it is"),)
-    assert scenario_of(path, ["grid.nx=8", "grid.nx=6"]).job().nx == 6
+    assert scenario_of(path, {"grid.nx": 6}).job().nx == 6
 
 
 @pytest.mark.usefixtures("without_pictures")

@@ -67,7 +67,7 @@ class NodeLink:
         return self._read(0xF195).decode()
 
 
-class NodeRig:
+class NodeRig(Any):  # for type checkers it is any class, so also a Rig
     """Stands for `inkloop_hardware.link.rig.Rig`. `enables` are those of every step so far, in their order."""
 
     def __init__(self, bench: node_bench.NodeBench, job: int = 7) -> None:

@@ -295,8 +295,9 @@ def test_clock_ends_a_search_with_a_valid_plan() -> None:
 
 def test_search_without_any_time_or_work_returns_its_start() -> None:
     height, target = rough(11)
+    budget: dict[str, Any]
     for budget, status in (({"seconds_max": 0.0}, SearchStatus.TIME), ({"sweeps_max": 0}, SearchStatus.BUDGET)):
-        found = bindings.search(problem(height, target), everything(), **{"sweeps_max": 9, **budget})
+        found = bindings.search(problem(height, target), everything(), **({"sweeps_max": 9} | budget))
         assert found.status is status
         np.testing.assert_array_equal(found.plan, everything())
 

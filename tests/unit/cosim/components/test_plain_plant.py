@@ -139,7 +139,7 @@ def test_plant_that_is_none_is_refused(outputs: list[Port], said: str) -> None:
 def test_scenario_names_the_plant_its_ports_and_its_parameters(tmp_path: Path) -> None:
     options = {"file": str(build(tmp_path, 2)), "pattern_input": "x", "height_output": "y", "gain": 3.0}
     part = catalog.make("PlainPlant", FLAT, options)
-    part.initialize(0, inputs(FLAT, 0) | {"on": np.array(True)})
+    part.initialize(0, {**inputs(FLAT, 0), "on": np.array(True)})
     assert part.do_step(0, SECOND, inputs(FLAT, 1))["height"].tolist() == [[3.0]] * 3
     part.terminate()
 

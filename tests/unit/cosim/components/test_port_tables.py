@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -14,7 +17,7 @@ JOB = Job(2, 3, pitch=1e-4, target_height=np.ones((2, 3)), mask=np.ones((2, 3), 
 MAP = np.arange(6.0).reshape(2, 3)
 
 
-def the_one(inputs: list[Port], outputs: list[Port], option: dict[str, object]) -> MappedPort:
+def the_one(inputs: list[Port], outputs: list[Port], option: Mapping[str, Any]) -> MappedPort:
     """The only port that a faultless option maps."""
     into, out, faults = mapped_ports(inputs, outputs, JOB, option)
     assert not faults

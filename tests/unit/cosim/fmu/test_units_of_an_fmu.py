@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inkloop.component import Port
+from inkloop.component import Component, Port
 from inkloop.components.port_tables import mapped_ports
 from inkloop.fmu import FmuComponent, FmuDescription, describe
 from inkloop.master.wiring import Connection, Transfer, check
@@ -91,7 +91,7 @@ def test_wiring_converts_by_the_definition(folder: Path, fmi: int) -> None:
     part = FmuComponent(with_units(folder, fmi, "inch"))
     source = Port("x", "m", (3,))
     target = next(port for port in part.inputs if port.name == "x")
-    components = {"source": FunctionComponent(outputs=(source,)), "part": part}
+    components: dict[str, Component] = {"source": FunctionComponent(outputs=(source,)), "part": part}
     assert check(components, [Connection("source.x", "part.x")]) == []
     arrived = Transfer.of(Connection("source.x", "part.x"), source, target)(np.array([0.0254, 0.0508, 0.0]))
     np.testing.assert_allclose(arrived, [1.0, 2.0, 0.0], rtol=1e-15)

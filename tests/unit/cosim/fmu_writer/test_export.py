@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from typing import Any
 
 import fmpy
 import numpy as np
@@ -124,7 +125,7 @@ def test_every_fault_of_a_definition_is_reported() -> None:
 
 def test_emulator_has_parameters_by_name_limits_and_start(tmp_path) -> None:
     model = definition.load(DEFINITION.read_text(), DEFINITION)
-    changed = {"nozzle_variation": {"start": 0.25, "min": 0.125}}
+    changed: dict[str, Any] = {"nozzle_variation": {"start": 0.25, "min": 0.125}}
     model = replace(model, variables=tuple(replace(v, **changed.get(v.name, {})) for v in model.variables))
     header = c_tables.emulated_parameters([model])
     assert '{"nozzle_variation", REAL, WORLD(variation.nozzle_variation), 0.125, 1.0}' in header

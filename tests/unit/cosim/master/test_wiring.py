@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -114,7 +116,7 @@ def test_array_on_its_way_keeps_its_type_and_cannot_be_written() -> None:
 
 @pytest.mark.parametrize("dtype", ["int32", "bool"])
 def test_gain_is_of_floating_point_values_only(dtype: str) -> None:
-    port = {"dtype": dtype}
+    port: dict[str, Any] = {"dtype": dtype}
     parts = {"a": FunctionComponent(outputs=[Port("y", **port)]), "b": FunctionComponent(inputs=[Port("x", **port)])}
     assert check(parts, [Connection("a.y", "b.x")]) == []
     (fault,) = check(parts, [Connection("a.y", "b.x", gain=2.0)])

@@ -106,7 +106,7 @@ def write_sdf(path: Path) -> dict[str, Any]:
 
 
 def write_sdf_text(path: Path) -> dict[str, Any]:
-    scales = {"x_scale": DX * M_PER_UM, "y_scale": DY * M_PER_UM, "z_scale": 1e-12}
+    scales: dict[str, Any] = {"x_scale": DX * M_PER_UM, "y_scale": DY * M_PER_UM, "z_scale": 1e-12}
     sdfio.write(path, Z_UM.T * M_PER_UM, **scales, format=sdfio.FileFormat.ASCII)
     return {}
 

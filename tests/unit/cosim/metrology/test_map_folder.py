@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.component import Port, Status
+from inkloop.component import Component, Port, Status
 from inkloop.components import catalog
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Master
@@ -278,7 +278,7 @@ def test_done_mark_completes_a_file(tmp_path: Path) -> None:
 
 def test_first_ctrl_c_ends_the_wait_for_a_file(tmp_path: Path) -> None:
     printer = FunctionComponent(outputs=[Port("layers_printed", dtype="int32")])
-    parts = {"printer": printer, "profiler": profiler(tmp_path)}
+    parts: dict[str, Component] = {"printer": printer, "profiler": profiler(tmp_path)}
     master = Master(parts, contract_connections(parts), step_ns=SECOND)
     threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
     assert master.run(layers_max=1) == "interrupted"

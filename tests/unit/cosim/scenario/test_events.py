@@ -8,7 +8,7 @@ import pytest
 from inkloop.component import Port, Values
 from inkloop.errors import ScenarioError
 from inkloop.master.events import Event, Manipulator
-from inkloop.master.master import Master
+from inkloop.master.master import Algorithm, Master
 from inkloop.master.wiring import contract_connections
 from inkloop.printing.run import print_part
 from inkloop.results.recorder import Recorder
@@ -85,7 +85,7 @@ def test_layers_count_as_modified_until_every_cell_is_reset() -> None:
 
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("durations", [(0, 0), (2 * SECOND, 3 * SECOND)])
-def test_event_begins_with_its_layer_whatever_the_master(algorithm: str, durations: tuple[int, int]) -> None:
+def test_event_begins_with_its_layer_whatever_the_master(algorithm: Algorithm, durations: tuple[int, int]) -> None:
     """The droplets of cell (1, 0) are lost in layers 2 and 3, which the toy controller makes up for at the end."""
     job = toy_job(layers=4)
     parts = toy_loop(job, *durations)

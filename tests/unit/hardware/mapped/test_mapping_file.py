@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -192,7 +193,7 @@ def test_material_that_the_bits_do_not_hold_is_refused() -> None:
     marks=st.booleans(),
     seed=st.integers(0, 1000),
 )
-def test_map_is_read_back_as_it_was_laid_out(cell: str, order: str, fastest: str, marks: bool, seed: int) -> None:
+def test_map_is_read_back_as_it_was_laid_out(cell: Any, order: Any, fastest: Any, marks: bool, seed: int) -> None:
     table = MapTable(cell=cell, byte_order=order, fastest=fastest, valid_bits=marks, unit="um", scale=0.1, datum=2.0,
                      invalid=255, header="01 {nx:02x}")  # fmt: skip
     random = np.random.default_rng(seed)

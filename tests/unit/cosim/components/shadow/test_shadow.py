@@ -47,7 +47,9 @@ class Watch:
         self.status[layer] = int(self.last["status"])
 
 
-def rig(job: Job, durations: tuple[int, int] = (0, 0), plate: np.ndarray | None = None, **limits: Any) -> dict:
+def rig(
+    job: Job, durations: tuple[int, int] = (0, 0), plate: np.ndarray | None = None, **limits: Any
+) -> dict[str, Any]:
     """Controller, device printer, its shadow, and a profiler of what lies on the bed."""
     printer = DevicePrinter(job, durations[0], plate)
     return {
@@ -58,7 +60,7 @@ def rig(job: Job, durations: tuple[int, int] = (0, 0), plate: np.ndarray | None 
     }
 
 
-def run(parts: dict[str, Component], algorithm: Algorithm = "gauss-seidel", layers: int = 9) -> tuple[Watch, str]:
+def run(parts: dict[str, Any], algorithm: Algorithm = "gauss-seidel", layers: int = 9) -> tuple[Watch, str]:
     watch = Watch(parts["printer"])
     wires = contract_connections(parts)
     assert check(parts, wires) == []
