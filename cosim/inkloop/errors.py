@@ -28,7 +28,7 @@ class ScenarioError(InkloopError):
     def __init__(self, source: str, faults: Sequence[str]) -> None:
         self.source = source
         self.faults = tuple(faults)
-        count = "1 fault" if len(self.faults) == 1 else f"{len(self.faults)} faults"
+        count = "1 error" if len(self.faults) == 1 else f"{len(self.faults)} errors"
         super().__init__("\n".join([f"{source}: {count}", *(f"  - {fault}" for fault in self.faults)]))
 
 

@@ -21,7 +21,7 @@ def run(options: argparse.Namespace) -> int:
         grid = scenario.tables.grid
         printed = int(scenario.job().mask.sum())
         print(
-            f"{options.scenario}: no fault; {grid.nx} x {grid.ny} cells, {printed} printed, "
+            f"{options.scenario}: no errors; {grid.nx} x {grid.ny} cells, {printed} printed, "
             f"components {', '.join(scenario.tables.components)}"
         )
     return 0

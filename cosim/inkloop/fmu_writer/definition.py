@@ -128,7 +128,7 @@ def load(text: str, source: str | Path) -> ModelDefinition:
     variables = tuple(VariableDefinition(name, **entry) for name, entry in table["variables"].items())
     faults = list(_faults(variables, table))
     if faults:
-        raise FmuError("\n".join([f"{source}: {len(faults)} faults", *(f"  - {fault}" for fault in faults)]))
+        raise FmuError("\n".join([f"{source}: {len(faults)} errors", *(f"  - {fault}" for fault in faults)]))
     return ModelDefinition(
         name=table["model"],
         description=table["description"],

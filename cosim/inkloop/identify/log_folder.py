@@ -230,5 +230,5 @@ def _finer(placed: Registration, parts: int, pitch: float) -> Registration:
 
 
 def _list(place: Path, faults: list[str]) -> str:
-    count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
+    count = "1 error" if len(faults) == 1 else f"{len(faults)} errors"
     return "\n".join([f"{place}: {count}", *(f"  - {fault}" for fault in faults)])

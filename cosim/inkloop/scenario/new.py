@@ -44,7 +44,7 @@ TEMPLATE = """\
 #
 # What to look at: ...
 #
-# `inkloop validate {file}` names every fault, `inkloop run {file}` prints it. Lengths are in um.
+# `inkloop validate {file}` names every error, `inkloop run {file}` prints it. Lengths are in um.
 title = "{title}"
 label = "closed loop"   # name of the run in the table and in legends
 seed = 1                # the same seed prints the same droplets

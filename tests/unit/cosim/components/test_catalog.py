@@ -67,7 +67,7 @@ def test_third_party_class_takes_part_by_name_or_entry_point(kind: str) -> None:
 )
 def test_wrong_option_is_named_with_what_would_be_right(options: dict[str, object], said: str) -> None:
     assert catalog.check("Fan", toy_job(), options).errors == [said]
-    with pytest.raises(ScenarioError, match="1 fault"):
+    with pytest.raises(ScenarioError, match="1 error"):
         catalog.make("Fan", toy_job(), options)
 
 

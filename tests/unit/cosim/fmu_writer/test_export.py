@@ -117,7 +117,7 @@ def test_every_fault_of_a_definition_is_reported() -> None:
     with pytest.raises(FmuError) as caught:
         definition.load(text, "it.toml")
     message = str(caught.value)
-    assert message.startswith("it.toml: 5 faults")
+    assert message.startswith("it.toml: 5 errors")
     for part in ("pattern: terminal is 'nowhere'", "pass_order: declared is None", "layers_printed: initial_from is"):
         assert part in message
 

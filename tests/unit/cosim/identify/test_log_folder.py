@@ -69,7 +69,7 @@ def test_every_fault_of_a_folder_is_named_at_once(tmp_path: Path) -> None:
     folder = log(tmp_path / "print", made_up(VolumeAreaDeposition(), random_layers(6, 6, 3, 0)))
     (folder / "layer_0001.csv").unlink()
     (folder / "layer_0002.csv").write_text("not a map")
-    with pytest.raises(IdentificationError, match="2 faults") as caught:
+    with pytest.raises(IdentificationError, match="2 errors") as caught:
         read_log(folder)
     assert "layer_0001.csv" in str(caught.value)
     (folder / "pattern_0002.csv").write_text("0,1,5\n")
@@ -82,7 +82,7 @@ def test_every_fault_of_a_folder_is_named_at_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("pitch_um = -1.0\npixels = 3\n", "2 faults"),
+        ("pitch_um = -1.0\npixels = 3\n", "2 errors"),
         ("unit = 'um'\n", "pitch_um is missing"),
         ("pitch_um = 1.0\npatterns = 'p.csv'\n", "a name with the number in it"),
         ("pitch_um = \n", "is not TOML"),
