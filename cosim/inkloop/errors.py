@@ -1,7 +1,7 @@
 """Errors of inkloop, split by who can mend them.
 
 InkloopError
-├── ScenarioError    the author of the file: every fault of the file at once, each with its place
+├── ScenarioError    the author of the file: every error of the file at once, each with its place
 ├── FmuError         the maker of an FMU: cannot be read, or does not offer what is asked of it
 ├── ComponentError   a component failed while it ran: which one, when, in which layer
 ├── HeightMapError   a measured map cannot be read, or does not lie on the grid as it is said to
@@ -23,13 +23,13 @@ class InkloopError(Exception):
 
 
 class ScenarioError(InkloopError):
-    """Faults of one scenario; `faults` holds one sentence each: place, what was found, what is expected."""
+    """Errors of one scenario; `errors` holds one sentence each: place, what was found, what is expected."""
 
-    def __init__(self, source: str, faults: Sequence[str]) -> None:
+    def __init__(self, source: str, errors: Sequence[str]) -> None:
         self.source = source
-        self.faults = tuple(faults)
-        count = "1 error" if len(self.faults) == 1 else f"{len(self.faults)} errors"
-        super().__init__("\n".join([f"{source}: {count}", *(f"  - {fault}" for fault in self.faults)]))
+        self.errors = tuple(errors)
+        count = "1 error" if len(self.errors) == 1 else f"{len(self.errors)} errors"
+        super().__init__("\n".join([f"{source}: {count}", *(f"  - {error}" for error in self.errors)]))
 
 
 class FmuError(InkloopError):

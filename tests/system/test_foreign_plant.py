@@ -68,7 +68,7 @@ def test_wrong_names_and_units_are_all_told_at_once(folder: Path) -> None:
         "ink.shar: ink has no output 'shar'; did you mean share?",
     ):
         assert words in str(caught.value)
-    assert len(caught.value.faults) == 4
+    assert len(caught.value.errors) == 4
 
 
 def test_fixed_grid_of_a_foreign_fmu_is_not_exported_by_inkloop(folder: Path) -> None:

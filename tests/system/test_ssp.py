@@ -174,7 +174,7 @@ def test_grid_beyond_what_is_quick_in_fmi_2_is_written_with_a_warning(
     assert "some importers take minutes to read that" in caplog.text
 
 
-def test_names_that_other_tools_refuse_are_a_fault(tmp_path: Path) -> None:
+def test_names_that_other_tools_refuse_are_an_error(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"components.my printer: other tools take letters"):
         exported(tmp_path, "1.0", TEXT.replace("[components.printer]", '[components."my printer"]'))
 
@@ -306,10 +306,10 @@ def test_job_of_another_grid_is_told_with_both_grids(version: str, tmp_path: Pat
     )
     with pytest.raises(ScenarioError) as caught:
         scenario_of(path, job=job)
-    assert caught.value.faults == (said.format(job, "8 x 7", "take another job"),)
+    assert caught.value.errors == (said.format(job, "8 x 7", "take another job"),)
     with pytest.raises(ScenarioError) as caught:
         scenario_of(path, ["grid.nx=9"])
-    assert caught.value.faults == (said.format("the scenario in it", "9 x 5", "leave its grid as it is"),)
+    assert caught.value.errors == (said.format("the scenario in it", "9 x 5", "leave its grid as it is"),)
     assert scenario_of(path, ["grid.nx=8", "grid.nx=6"]).job().nx == 6
 
 

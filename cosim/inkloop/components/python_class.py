@@ -56,7 +56,7 @@ class PythonClass:
             return Checked(kind, errors if left is None else [*errors, *self.check(job, left).errors])
         except ScenarioError as error:  # errors of a file that an option names
             key = next((key for key, value in options.items() if value == error.source), "kind")
-            return Checked(kind, [f"{key}: {Path(error.source).name}: {fault}" for fault in error.faults])
+            return Checked(kind, [f"{key}: {Path(error.source).name}: {message}" for message in error.errors])
         except ValueError as error:
             return Checked(kind, [str(error)])
         except (ImportError, AttributeError) as error:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from inkloop.fmu.binding import Binding
 
 
-def platform_fault(description: FmuDescription) -> str | None:
+def platform_error(description: FmuDescription) -> str | None:
     """What keeps this machine from running an FMU: it holds no binary for it."""
     import fmpy
 
@@ -41,7 +41,7 @@ def platform_fault(description: FmuDescription) -> str | None:
     return f"holds binaries for {held}, this machine needs {needed}; export or compile it for that"
 
 
-def archive_fault(path: Path) -> str | None:
+def archive_error(path: Path) -> str | None:
     """What keeps an FMU from being unpacked: it is damaged."""
     try:
         with zipfile.ZipFile(path) as archive:
@@ -137,8 +137,8 @@ class FmuComponent:
                 raise FmuError(f"{self.description.path}: {name} {error}") from error
 
     def _extract(self, path: Path) -> Path:
-        if fault := platform_fault(self.description):
-            raise FmuError(f"{path}: {fault}")
+        if reason := platform_error(self.description):
+            raise FmuError(f"{path}: {reason}")
         folder = Path(self._cleanup.enter_context(tempfile.TemporaryDirectory(prefix="inkloop-fmu-")))
         try:
             with zipfile.ZipFile(path) as archive:

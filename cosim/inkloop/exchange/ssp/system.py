@@ -121,8 +121,8 @@ def system_of(scenario: Scenario, fmi: str, folder: Path) -> System:
     wires = _wires(scenario.connections, scenario.ports, parts)
     system = System(scenario.tables.title, list(parts.values()), wires, outside, scenario.tables.run.step_s,
                     _stop_s(scenario, parts), scenario.text, bool(scenario.tables.events))  # fmt: skip
-    if faults := list(_form_faults(system)):
-        raise ScenarioError(scenario.source, faults)
+    if errors := list(_form_errors(system)):
+        raise ScenarioError(scenario.source, errors)
     return system
 
 
@@ -203,7 +203,7 @@ def _wires(
     return wires
 
 
-def _form_faults(system: System) -> Iterator[str]:
+def _form_errors(system: System) -> Iterator[str]:
     for wire in system.wires:
         (source, output), (target, port) = wire.source, wire.target
         if source and target and len(system.part(source).scalars(output)) != len(system.part(target).scalars(port)):

@@ -155,8 +155,8 @@ def test_scenario_names_the_plant_its_ports_and_its_parameters(tmp_path: Path) -
         ({"plant": "Nowhere"}, "kind is 'Nowhere'; known: "),
     ],
 )
-def test_fault_of_the_scenario_is_told(changes: dict[str, object], said: str, tmp_path: Path) -> None:
+def test_error_of_the_scenario_is_told(changes: dict[str, object], said: str, tmp_path: Path) -> None:
     options = {"file": str(build(tmp_path, 2)), "pattern_input": "x", "height_output": "y", **changes}
     assert any(error.startswith(said) for error in catalog.check("PlainPlant", FLAT, options).errors)
-    with pytest.raises(ScenarioError, match=r"(?s)PlainPlant.*fault"):
+    with pytest.raises(ScenarioError, match=r"(?s)PlainPlant.*error"):
         catalog.make("PlainPlant", FLAT, options)

@@ -110,7 +110,7 @@ def test_fingerprint_changes_with_what_the_binary_must_know() -> None:
     assert model.token(4, 5, resizable=False) == f"LayerDeposition-{model.fingerprint}-4x5"
 
 
-def test_every_fault_of_a_definition_is_reported() -> None:
+def test_every_error_of_a_definition_is_reported() -> None:
     text = DEFINITION.read_text()
     text = text.replace('terminal = "command"', 'terminal = "nowhere"').replace('declared = "PassOrder", ', "")
     text = text.replace('initial_from = "layer_command"', 'initial_from = "gone"')

@@ -65,7 +65,7 @@ def test_level_of_every_scan_is_that_of_untouched_cells(tmp_path: Path) -> None:
     assert read.measured == pytest.approx(exact, abs=1e-13)
 
 
-def test_every_fault_of_a_folder_is_named_at_once(tmp_path: Path) -> None:
+def test_every_error_of_a_folder_is_named_at_once(tmp_path: Path) -> None:
     folder = log(tmp_path / "print", made_up(VolumeAreaDeposition(), random_layers(6, 6, 3, 0)))
     (folder / "layer_0001.csv").unlink()
     (folder / "layer_0002.csv").write_text("not a map")

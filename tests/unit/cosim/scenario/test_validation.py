@@ -80,14 +80,14 @@ def test_legal_mix_prints(printer: str, profiler: str, shadow: str, start: str, 
 def test_other_mix_is_refused_and_says_what_is_missing(printer: str, profiler: str, said: str, tmp_path: Path) -> None:
     with pytest.raises(ScenarioError) as refused:
         scenario(tmp_path, printer, profiler, "no shadow")
-    assert refused.value.faults == (said,)
+    assert refused.value.errors == (said,)
 
 
 def test_shadow_does_not_begin_on_a_scan_of_itself(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError) as refused:
         scenario(tmp_path, "device", "FMU", "shadow", "scan")
-    (fault,) = refused.value.faults
-    assert fault.startswith("shadow begins on the first scan of profiler, which scans shadow itself; write start =")
+    (error,) = refused.value.errors
+    assert error.startswith("shadow begins on the first scan of profiler, which scans shadow itself; write start =")
 
 
 def test_sensor_scans_the_printer_where_printer_and_shadow_both_have_a_height(tmp_path: Path) -> None:
