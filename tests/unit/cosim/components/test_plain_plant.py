@@ -12,7 +12,7 @@ from inkloop.components import catalog
 from inkloop.components.plain_plant import PlainPlant
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.fmu import FmuComponent
-from inkloop.testing import LAWS, RESUMABLE_LAWS, Law
+from inkloop.testing import CONTRACT_CHECKS, RESUMABLE_CONTRACT_CHECKS, ContractCheck
 from support.fmus.amplifier import build
 from support.toys import DROPLET, FunctionComponent, toy_job
 
@@ -59,16 +59,16 @@ def test_both_ports_that_are_not_there_are_named() -> None:
         PlainPlant(toy_job(), Heap(toy_job()), pattern_input="dot", height_output="surfaces")
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_plain_plant_of_python_keeps(law: Law) -> None:
-    law(lambda: heap(toy_job())[1])
+@pytest.mark.parametrize("check", CONTRACT_CHECKS)
+def test_plain_plant_of_python_keeps(check: ContractCheck) -> None:
+    check(lambda: heap(toy_job())[1])
 
 
 @pytest.mark.compiled
 @pytest.mark.parametrize("fmi", [2, 3])
-@pytest.mark.parametrize("law", RESUMABLE_LAWS)
-def test_plain_plant_of_a_foreign_fmu_keeps(law: Law, fmi: int, tmp_path: Path) -> None:
-    law(lambda: PlainPlant(FLAT, FmuComponent(build(tmp_path, fmi)), pattern_input="x", height_output="y"))
+@pytest.mark.parametrize("check", RESUMABLE_CONTRACT_CHECKS)
+def test_plain_plant_of_a_foreign_fmu_keeps(check: ContractCheck, fmi: int, tmp_path: Path) -> None:
+    check(lambda: PlainPlant(FLAT, FmuComponent(build(tmp_path, fmi)), pattern_input="x", height_output="y"))
 
 
 def test_each_command_is_one_step_of_the_plant_on_a_clock_of_its_own() -> None:
