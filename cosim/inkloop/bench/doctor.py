@@ -85,7 +85,7 @@ def _is_mapped(scenario: Scenario | None) -> bool:
 def _agreed(what: str) -> bool:
     """Whether a person says yes; without anybody to ask: no."""
     print(f"Self test: {what}. Ultraviolet light harms eyes and skin.", file=sys.stderr)
-    print("Is the enclosure closed, and nobody's hand in it? [y/N] ", end="", file=sys.stderr, flush=True)
+    print("Is the enclosure closed, with no hand in it? [y/N] ", end="", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 

@@ -65,7 +65,7 @@ class Binding:
         except Exception as error:  # FMPy raises a bare exception when the FMU returns no instance
             said = self._said()
             is_mixed = self._description.tool.startswith("inkloop ") and "instantiation token" in said
-            advice = "; its parts are of two builds: run make, or pip install again, then export it anew"
+            advice = "; its parts are of two builds: run make, or pip install again, then export it again"
             raise ComponentError(f"the FMU made no instance{said}{advice if is_mixed else ''}") from error
 
     def configure(self, ports: Sequence[Port], values: Values) -> None:

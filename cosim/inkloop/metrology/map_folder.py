@@ -225,7 +225,7 @@ class MapFolder:
         digest = hashlib.sha256(map_.z.tobytes()).digest()
         if digest == self._digest and not self._replay:
             raise HeightMapError(
-                f"{map_.source}: holds the heights of the scan of layer {self._scanned} again; scan anew and save that"
+                f"{map_.source}: holds the heights of the scan of layer {self._scanned} again; scan again and save that"
             )
         if self._map_shape not in ((), map_.shape):
             m, n = self._map_shape

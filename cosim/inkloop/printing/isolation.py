@@ -54,12 +54,12 @@ def _ending(code: int) -> str:
 def _advice(folder: Path) -> str:
     """What is on disk, and how to go on from there."""
     if not (folder / RUN_FILE).is_file():
-        return "nothing was printed yet; mend it, then run it again"
+        return "nothing was printed yet; fix the cause, then run it again"
     place = next(iter(_running(folder)), folder)
     last = checkpoint.last(place)
     if last is None:
-        return f"no layer was finished; once it is mended, `inkloop resume {folder}` goes on"
+        return f"no layer was finished; fix the cause, then continue with `inkloop resume {folder}`"
     kept = f"layers 0 to {last.layer} are in {place}"
     if last.refusal:
         return f"{kept}; the run cannot be resumed: {last.refusal}"
-    return f"{kept}; once it is mended, `inkloop resume {folder}` goes on"
+    return f"{kept}; fix the cause, then continue with `inkloop resume {folder}`"

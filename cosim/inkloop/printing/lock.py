@@ -58,7 +58,7 @@ def _locked(path: Path) -> int:
             os.close(file)
             raise ResultError(
                 f"{path.parent}: another run writes here{f', {words}' if words else ''}; wait until it ends, or stop "
-                f"it and go on with `inkloop resume {path.parent}`"
+                f"it and continue with `inkloop resume {path.parent}`"
             )
         with suppress(FileNotFoundError):
             if os.path.samestat(path.stat(), os.fstat(file)):

@@ -125,7 +125,7 @@ def _advice(folder: Path, checkpoints: Checkpoints) -> str:
     kept = f"layers 0 to {checkpoints.layer} are in {folder}"
     if checkpoints.refusal:
         return f"{kept}; the run cannot be resumed: {checkpoints.refusal}"
-    return f"{kept}; once the cause is mended, `inkloop resume {folder}` goes on"
+    return f"{kept}; fix the cause, then continue with `inkloop resume {folder}`"
 
 
 def _marked(dataset: xr.Dataset, events: Sequence[Event], manipulator: Manipulator, step_ns: int) -> xr.Dataset:

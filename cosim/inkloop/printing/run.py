@@ -51,7 +51,7 @@ def resume(folder: Path, console: Console) -> int:
     scenario = scenario_of_run(folder)
     record = read_record(folder)
     if not is_unchanged(folder, record):
-        raise ResultError(f"{folder / SCENARIO_FILE}: was changed since the run began; put it back, or run it anew")
+        raise ResultError(f"{folder / SCENARIO_FILE}: was changed since the run began; restore it, or run it again")
     places = [place for place, _ in _runs(scenario, folder, record["compare"])]
     finished = [place for place in places if _is_finished(place)]
     for place in finished:
@@ -67,7 +67,7 @@ def scenario_file(folder: Path) -> Path:
     """The file that the run in `folder` was started from. Raises ResultError."""
     record = read_record(folder)
     if "scenario_file" not in record:
-        raise ResultError(f"{folder}: an earlier inkloop made this run and kept no state to go on from; run it again")
+        raise ResultError(f"{folder}: an earlier inkloop made this run and kept no state to resume from; run it again")
     return Path(record["scenario_file"])
 
 
@@ -114,7 +114,7 @@ def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool
     console.print(f"{reason}: table, pictures and result.nc are in {folder}/", highlight=False, soft_wrap=True)
     if stopped:
         refusal = result.run.get("not_resumable")
-        advice = f"cannot be resumed: {refusal}" if refusal else f"`inkloop resume {folder}` goes on"
+        advice = f"cannot be resumed: {refusal}" if refusal else f"continue with `inkloop resume {folder}`"
         console.print(advice, highlight=False, soft_wrap=True)
     return INTERRUPTED if stopped else 0
 

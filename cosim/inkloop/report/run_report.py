@@ -161,7 +161,7 @@ def _nothing_printed(result: Result) -> list[str]:
     if result.stop_reason != "done" or result.dataset.sizes["layer"] > 1:
         return []
     return ["nothing was printed: no layer would improve what the first scan shows. Where it shows an earlier part, "
-            "clear the machine, or start `inkloop bench` anew"]  # fmt: skip
+            "clear the machine, or restart `inkloop bench`"]  # fmt: skip
 
 
 def _unknown_layers(run: xr.Dataset) -> list[str]:
@@ -170,7 +170,7 @@ def _unknown_layers(run: xr.Dataset) -> list[str]:
         return []
     layers = [str(layer) for layer in np.flatnonzero(run.layer_unknown.values)]
     which = f"layer {layers[0]} was" if len(layers) == 1 else f"layers {', '.join(layers)} were"
-    return [f"{which} given up midway, nobody knows what of it was jetted; the next one was planned from the scan"]
+    return [f"{which} aborted, and what of it was jetted is unknown; the next one was planned from the scan"]
 
 
 def _alarms(run: xr.Dataset) -> list[str]:

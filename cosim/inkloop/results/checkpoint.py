@@ -109,7 +109,7 @@ class Checkpoints:
             kept = "no layer was finished" if self._last is None else f"layers 0 to {self._last} are kept"
             raise ResultError(
                 f"{path}: cannot be written: {error.strerror or error}; {kept}; make room, then "
-                f"`inkloop resume {self._run_folder}` goes on"
+                f"continue with `inkloop resume {self._run_folder}`"
             ) from error
         self._last, self._scanned = layer, self._recorder.scanned
 

@@ -61,7 +61,7 @@ LONG_NAMES = {
     "shadow_status": "4: grown otherwise than the model says, or not to be compared; 3: so much that the run ended",
     "growth_divergence": "rms over the part of what was scanned to be added less what the model adds",
     "surface_divergence": "rms over the part of scan less model",
-    LAYER_UNKNOWN: "the layer was given up midway: nobody knows what of its pattern was jetted",
+    LAYER_UNKNOWN: "the layer was aborted: what of its pattern was jetted is unknown",
     "mean_error": "target minus mean height over the part",
     "mae": "mean absolute error over the part",
     "rms": "root mean square error over the part",

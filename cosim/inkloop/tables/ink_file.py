@@ -66,7 +66,7 @@ def _read(path: Path) -> tuple[InkFile | None, list[str]]:
         raw = tomlkit.parse(path.read_text(encoding="utf-8")).unwrap()
         return InkFile.model_validate(raw), []
     except OSError as error:
-        return None, [f"{path} cannot be read: {error.strerror}; name an ink file beside the scenario"]
+        return None, [f"{path} cannot be read: {error.strerror}; name an ink file, relative to the scenario"]
     except (TOMLKitError, UnicodeDecodeError) as error:
         return None, [f"is not TOML: {error}"]
     except ValidationError as error:

@@ -135,7 +135,7 @@ class Shadow:
                 _LOG.warning("the plant takes no start surface (height_start); it begins on its own, and the surface "
                              "divergence holds what the real one is off by")  # fmt: skip
         if layer == self._unknown:
-            _LOG.warning("layer %d was given up midway: the model goes on from its scan", layer)
+            _LOG.warning("layer %d was aborted: the model continues from its scan", layer)
             if layer == plant.layer:
                 plant.begin_on(start_surface(plant.surfaces[layer], measured, valid))
         scan = ScannedLayer(measured, valid, plant.surfaces[layer])

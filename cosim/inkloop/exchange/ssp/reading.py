@@ -81,7 +81,7 @@ def _text_of_job(archive: zipfile.ZipFile, job: Path | None, errors: list[str]) 
             return ""
     if SCENARIO in archive.namelist():
         return archive.read(SCENARIO).decode("utf-8", "replace")
-    errors.append(f"holds no scenario ({SCENARIO}): what is printed is not said; name a scenario with --job FILE")
+    errors.append(f"holds no scenario ({SCENARIO}), which defines the part; name a scenario with --job FILE")
     return ""
 
 
@@ -146,7 +146,7 @@ def _grid_errors(
     who, advice = (str(job), "take another job") if job else ("the scenario in it", "leave its grid as it is")
     return [
         f"{', '.join(name for name in fixed if fixed[name] == found)}: of a grid of {found[0]} x {found[1]} cells, "
-        f"{who} of {wanted[0]} x {wanted[1]}; export the .ssp anew for that grid, or {advice}"
+        f"{who} of {wanted[0]} x {wanted[1]}; export the .ssp again for that grid, or {advice}"
         for found in dict.fromkeys(fixed.values())
         if found != wanted
     ]

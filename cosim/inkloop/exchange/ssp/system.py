@@ -159,7 +159,7 @@ def _model(name: str, model: str, job: Job, options: Mapping[str, object], fmi: 
 
 def _foreign(name: str, job: Job, options: Mapping[str, object], fmi: str, folder: Path) -> Part | str:
     if PORTS in options:
-        return "inkloop translates its names, units and gains (ports), which no system file says"
+        return "inkloop translates its names, units and gains (ports), which a system file does not hold"
     file = folder / f"{name}.fmu"
     with fmu_file(Path(str(options["file"]))) as found:
         shutil.copyfile(found, file)
@@ -209,7 +209,7 @@ def _form_errors(system: System) -> Iterator[str]:
         if source and target and len(system.part(source).scalars(output)) != len(system.part(target).scalars(port)):
             yield (
                 f"{source}.{output} and {target}.{port}: one is an array, the other one scalars, which no connection "
-                "joins; --fmi 2 makes scalars of ours, or export the other for FMI 3"
+                "joins; --fmi 2 exports inkloop's FMUs with scalars, or export the other one for FMI 3"
             )
 
 

@@ -82,7 +82,7 @@ def test_every_error_is_named_at_once_with_its_key() -> None:
         "ports.layer_command": "'comand', which is no input or output of the FMU; did you mean command",
         "ports.drop_level": "'row' with 3 values; needs 2 x 3 values, as the grid",
         "ports.height.variable": "'z' in [1]; needs a unit of the quantity [m]: write unit, one of um, mm",
-        "ports.measured_height.unit": "'um', but the FMU says that x is in [mm]; leave it out",
+        "ports.measured_height.unit": "'um', but the FMU declares x in [mm]; leave it out",
         "ports.status.gian": "is not a key of this table",
         "ports.valid": "is 3; expected the name of a variable, or a table with it",
     }

@@ -105,5 +105,5 @@ def test_mapped_port_takes_the_definition_and_no_other_unit(folder: Path) -> Non
     assert mapped.port.unit == "m"
     assert mapped.factor == 1.0 / 0.0254
     *_, (error,) = mapped_ports(part.inputs[1:], [], job(), {"thickness": {"variable": "x", "unit": "um"}})
-    assert error == "ports.thickness.unit is 'um', but the FMU says that x is in [inch]; leave it out"
+    assert error == "ports.thickness.unit is 'um', but the FMU declares x in [inch]; leave it out"
     part.terminate()

@@ -97,7 +97,7 @@ def test_an_fmu_of_two_builds_is_refused_and_says_what_to_do(tmp_path) -> None:
     fingerprint = definition.load(DEFINITION.read_text(), DEFINITION).fingerprint
     other = members["modelDescription.xml"].replace(fingerprint.encode(), b"0123456789abcdef")
     pack(tmp_path / "it.fmu", {**members, "modelDescription.xml": other})
-    with pytest.raises(ComponentError, match=r"this binary expects .*run make, .* then export it anew"):
+    with pytest.raises(ComponentError, match=r"this binary expects .*run make, .* then export it again"):
         FmuComponent(tmp_path / "it.fmu").initialize(0, {})
 
 

@@ -143,7 +143,7 @@ def load(tmp_path: Path, events: str) -> Scenario:
         ('at_layer = 1\nport = "printer.pattern"\nvalue = 0\nnozzles = [4]', "nozzles has 4; expected 0 to 3"),
         (
             'at_layer = 1\nport = "profiler.valid"\nvalue = false\nnozzles = [1]',
-            "profiler does not say how many it has",
+            "profiler does not declare their number",
         ),
         ('at_layer = 1\nport = "printer.layer_command"\nvalue = 0\ncells = [[0, 0]]', "has no cells"),
         ('at_layer = 1\nport = "printer.pattern"\nvalue = 0\ntilt_x = 0.1', "tilt_x and tilt_y are of a bias"),

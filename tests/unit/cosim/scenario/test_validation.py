@@ -73,7 +73,7 @@ def test_legal_mix_prints(printer: str, profiler: str, shadow: str, start: str, 
          'component with kind = "Shadow", a model that follows the commanded patterns and gives profiler its height, '
          "or make profiler a device"),
         ("FMU", "device", "profiler is a device and printer simulates a printer, of which profiler sees nothing; add a "
-         'component with kind = "Shadow", a model that follows the commanded patterns, to be held against the scans, '
+         'component with kind = "Shadow", a model that follows the commanded patterns, to be compared with the scans, '
          "or make printer a device"),
     ],
 )  # fmt: skip
