@@ -20,7 +20,7 @@ from inkloop.tables.bench_faults import read_fault
 
 NO_CHANNEL = (
     "bench.interface and bench.channel are not set, and an emulated bench needs to know where to listen; add to the "
-    'scenario\n    [bench]\n    interface = "slcan"\n    channel = "socket://127.0.0.1:28550"\nor give --port N or --pty'
+    'scenario\n    [bench]\n    interface = "slcan"\n    channel = "socket://127.0.0.1:28550"\nor use --port N or --pty'
 )
 
 
