@@ -1,4 +1,4 @@
-"""`inkloop bench` and `inkloop device`: the emulated bench, and what a person asks of a bench without printing."""
+"""`inkloop bench` and `inkloop device`: run the emulated bench, and operate a bench without printing."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Say what a valid scenario prints; the exit code."""
+    """Print a summary of a valid scenario; returns the exit code."""
     with scenario_of(options) as scenario:
         grid = scenario.tables.grid
         printed = int(scenario.job().mask.sum())

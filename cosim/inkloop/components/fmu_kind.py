@@ -97,6 +97,6 @@ def _ports(parsed: Parsed, file: FmuDescription) -> Ports:
 
 
 def _binary_errors(path: Path, what: str) -> list[str]:
-    """What keeps this machine from running an FMU."""
+    """Reasons why this machine cannot run an FMU."""
     errors = (platform_error(describe(path)), archive_error(path))
     return [f"{what} {error}" for error in errors if error]

@@ -1,4 +1,4 @@
-"""`[components.NAME.ports]`: which variables of an FMU stand behind which ports, with their unit, gain and offset.
+"""`[components.NAME.ports]`: map variables of an FMU to ports, with unit, gain and offset.
 
 A variable is named as the FMU names it, `"H"` also for the structured scalars `H[1,1]`, `H[1,2]`, ... of FMI 2. Scalars
 of any other spelling are named by a template: `"z_{i}_{j}"`, or `"z{n}"` where they are counted through.
@@ -116,7 +116,7 @@ def _port(name: str, table: PortTable, job: Job, variables: Sequence[Port]) -> P
 
 
 def _unit_errors(table: PortTable, variable: Port, unit: str) -> list[str]:
-    """What is wrong with the unit of a port in `unit`; a gain leads from there to any unit of the FMU."""
+    """The error in the unit of a port in `unit`; a gain leads from there to any unit of the FMU."""
     if table.gain == 0.0:
         return [".gain is 0; needs another number, or nothing gets through"]
     if unit == "1":

@@ -145,7 +145,7 @@ def without_invalid_keys(
 
 
 def _component(kind: str, job: Job, made: Any) -> Component:
-    """What a class made, as a component. Raises ValueError if it is neither one nor a rule for patterns."""
+    """An instance of a user's class as a component. Raises ValueError if it is neither one nor a rule for patterns."""
     if isinstance(made, Component):
         return made
     if callable(getattr(made, "pattern", None)):

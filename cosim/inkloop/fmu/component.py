@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def platform_error(description: FmuDescription) -> str | None:
-    """What keeps this machine from running an FMU: it holds no binary for it."""
+    """The reason why this machine cannot run an FMU: it has no binary for the platform."""
     import fmpy
 
     needed, held = (
@@ -42,7 +42,7 @@ def platform_error(description: FmuDescription) -> str | None:
 
 
 def archive_error(path: Path) -> str | None:
-    """What keeps an FMU from being unpacked: it is damaged."""
+    """The reason why an FMU cannot be unpacked: it is damaged."""
     try:
         with zipfile.ZipFile(path) as archive:
             bad = archive.testzip()
@@ -56,7 +56,7 @@ class FmuComponent:
 
     `parameters` are in SI by the FMU's names, an array for an array; `structural` resizes FMI 3 arrays and is checked
     against the grid of an FMU whose size is fixed. Both are checked here; the binary is started by `initialize`.
-    Outputs are fresh arrays at every step: whoever keeps one keeps its values. Raises FmuError, later ComponentError.
+    Outputs are new arrays at every step, so a caller may keep them. Raises FmuError, later ComponentError.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class FmuComponent:
         return binding.get(self._outputs)
 
     def terminate(self) -> None:
-        """End the FMU, free the instance and remove its files, each whatever happened before."""
+        """End the FMU, free the instance and remove its files, even after a failure."""
         self._binding = None
         self._cleanup.close()
 

@@ -1,4 +1,4 @@
-"""What variables a model has: variables.toml as objects, and the value references that follow from it."""
+"""Variables of a model: variables.toml as objects, and the resulting value references."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class VariableDefinition:
 
     @property
     def is_exposed(self) -> bool:
-        """True for what importers see."""
+        """True for variables that importers see."""
         return self.causality in EXPOSED
 
 

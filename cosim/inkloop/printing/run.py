@@ -44,9 +44,9 @@ def run(scenario: Scenario, out: Path | None, console: Console, *, compare: bool
 
 
 def resume(folder: Path, console: Console) -> int:
-    """Go on with a run and its comparison runs after the last layer on disk; the exit code as of `run`.
+    """Resume a run and its comparison runs after the last layer on disk; returns the exit code as `run` does.
 
-    Raises ResultError where nothing can go on from the folder, ScenarioError, ComponentError.
+    Raises ResultError if the folder cannot be resumed, ScenarioError, ComponentError.
     """
     scenario = scenario_of_run(folder)
     record = read_record(folder)
@@ -90,7 +90,7 @@ def print_part(
 
 
 def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool) -> int:
-    """Print whatever of a scenario and its comparison runs is not finished in `folder`, and show all of it."""
+    """Print the unfinished runs of a scenario in `folder`, and show all of them."""
     from inkloop.report import run_report  # with Matplotlib, which a print itself does not need
 
     notes = {"scenario_file": str(Path(scenario.source).resolve()), "compare": compare}
@@ -120,12 +120,12 @@ def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool
 
 
 def _alone(place: Path, folder: Path) -> AbstractContextManager[None]:
-    """Keeps others out of a comparison run too; `folder`, which holds it, is ours by now."""
+    """Locks a comparison run too; the lock on `folder`, which holds it, is taken already."""
     return nullcontext() if place == folder else sole_writer(place)
 
 
 def log_devices(scenario: Scenario, console: Console, folder: Path) -> AbstractContextManager[None]:
-    """Shows what devices say, if there are any. Raises ComponentError if nobody listens at their emulated bus."""
+    """Shows messages of devices, if there are any. Raises ComponentError if their emulated bus is not running."""
     kinds = {table.kind for table in scenario.tables.components.values()}
     if not kinds.isdisjoint(devices.KINDS):
         check_listening(scenario)

@@ -1,4 +1,4 @@
-"""The connections of an .ssd, scalars joined to whole arrays, as a scenario says them."""
+"""Read the connections of an .ssd as connections of a scenario, scalars joined to arrays."""
 
 from __future__ import annotations
 

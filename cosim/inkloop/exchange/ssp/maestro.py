@@ -1,6 +1,6 @@
 """The two JSON files of Maestro: the multi-model (FMUs, connections, parameters) and the run's configuration.
 
-Maestro 3.1.1 stops at the first enumeration of a description: the FMUs beside the files declare them as integers.
+Maestro 3.1.1 stops at the first enumeration of a description: the FMUs in the same folder declare them as integers.
 https://into-cps-maestro.readthedocs.io/en/latest/user/file_formats.html
 """
 
@@ -20,7 +20,7 @@ def tables(system: System) -> dict[str, dict[str, Any]]:
 
 
 def multi_model(system: System) -> dict[str, Any]:
-    """FMUs stand beside the file. Raises ScenarioError for names and for wires that Maestro cannot have."""
+    """The configuration; FMUs are in the same folder. Raises ScenarioError for unsupported names and wires."""
     connections: dict[str, list[str]] = {}
     errors = [
         f"components.{part.name}: Maestro takes letters, digits and _ in names; rename it"

@@ -136,7 +136,7 @@ def _grid_errors(
     try:
         document = tomlkit.parse(text)
     except TOMLKitError:
-        return []  # told by who reads it next, as are overrides that cannot be applied
+        return []  # reported by the scenario reader, as are invalid overrides
     apply_overrides(document, overrides)
     grid: Any = document.unwrap().get("grid")
     wanted = (grid.get("nx"), grid.get("ny")) if isinstance(grid, Mapping) else (None, None)
@@ -162,7 +162,7 @@ def _options(description: FmuDescription, values: Mapping[str, object]) -> dict[
 
 
 def _laid_over(text: str, components: Mapping[str, Any], connections: list[dict[str, Any]]) -> str:
-    """The text of a scenario with other components and connections; what is no TOML is left to who reads it next."""
+    """The text of a scenario with other components and connections; invalid TOML is reported by the scenario reader."""
     try:
         tables: dict[str, Any] = tomlkit.parse(text).unwrap()
     except TOMLKitError:
