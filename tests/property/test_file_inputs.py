@@ -62,7 +62,7 @@ def changed(text: str, data: st.DataObject) -> str:
 
 @ONE_FOLDER
 @given(data=st.data())
-def test_mapping_file_is_taken_or_refused_with_its_faults(data: st.DataObject, tmp_path: Path) -> None:
+def test_mapping_file_is_taken_or_refused_with_its_errors(data: st.DataObject, tmp_path: Path) -> None:
     (tmp_path / "rig.dbc").write_text(foreign_rig.DBC)
     path = tmp_path / "rig.toml"
     path.write_text(changed(foreign_rig.MAPPING, data), encoding="utf-8")
@@ -80,7 +80,7 @@ def test_mapping_file_is_taken_or_refused_with_its_faults(data: st.DataObject, t
         VALUES,
     ),
 )
-def test_table_of_the_bench_is_taken_or_refused_with_its_faults(
+def test_table_of_the_bench_is_taken_or_refused_with_its_errors(
     data: st.DataObject, table: dict[str, Any], tmp_path: Path
 ) -> None:
     text = (ROOT / "scenarios" / "cylinder.toml").read_text(encoding="utf-8")

@@ -152,7 +152,7 @@ def test_crash_in_a_step_ends_in_words(crash: tuple[str, Path, subprocess.Comple
     folder = path.parent / "run"
     assert run.returncode == 1
     assert f"the print was ended by {signal_name}: native code crashed, most likely of components.lamp" in run.stderr
-    assert f"layers 0 to 2 are in {folder}; once it is mended, `inkloop resume {folder}` goes on" in run.stderr
+    assert f"layers 0 to 2 are in {folder}; fix the cause, then continue with `inkloop resume {folder}`" in run.stderr
     assert half_written(folder) == []
     assert list((path.parent / "unpacked").iterdir()) == []
 

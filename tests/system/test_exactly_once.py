@@ -93,7 +93,7 @@ def assert_all_is_said(result: Result, nodes: Nodes, person: Person) -> None:
     """Every pass that was cut short was called unknown before the print went on, and the result says it."""
     unknown = {layer: book.unknown for layer, book in books(nodes.folder).items() if book.unknown}
     assert person.told == {(layer, k) for layer, mask in unknown.items() for k in range(4) if mask >> k & 1}
-    remarks = [words for words in run_report.remarks(result) if "given up midway" in words]
+    remarks = [words for words in run_report.remarks(result) if "was aborted" in words or "were aborted" in words]
     assert len(remarks) == bool(unknown)
     assert all(str(layer) in remarks[0] for layer in unknown)
 

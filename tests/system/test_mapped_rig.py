@@ -17,7 +17,7 @@ from inkloop.errors import ComponentError
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
-from inkloop.testing import LAWS, Law, same_inputs_give_the_same_bits
+from inkloop.testing import CONTRACT_CHECKS, ContractCheck, same_inputs_give_the_same_bits
 from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.errors import HardwareError, LinkTimeout
 from inkloop_hardware.protocol.codec import BENCH_DBC
@@ -158,12 +158,12 @@ def component(made: Scenario) -> Any:
     return made.build()["rig"]
 
 
-@pytest.mark.parametrize("law", [law for law in LAWS if law is not same_inputs_give_the_same_bits])
-def test_mapped_rig_keeps(law: Law, bus: str, tmp_path: Path) -> None:
-    """All laws but that of equal bits: what was printed on a real bed stays there."""
+@pytest.mark.parametrize("check", [check for check in CONTRACT_CHECKS if check is not same_inputs_give_the_same_bits])
+def test_mapped_rig_keeps(check: ContractCheck, bus: str, tmp_path: Path) -> None:
+    """All checks but that of equal bits: what was printed on a real bed stays there."""
     made = scenario(tmp_path, bus, foreign_rig.MAPPING)
     with stranger(bus):
-        law(lambda: component(made))
+        check(lambda: component(made))
 
 
 def test_silence_of_a_rig_is_said_with_its_ids(bus: str, tmp_path: Path) -> None:

@@ -96,17 +96,17 @@ class HeightEstimator:
         untrusted_layers: Annotated[int, Option()] = 5,
         take_as_read: bool = False,
     ) -> None:
-        faults = []
+        errors = []
         if adapt_ink not in ("scale", "full", "off"):
-            faults.append(f'adapt_ink is {adapt_ink!r}; needs "scale", "full" or "off"')
+            errors.append(f'adapt_ink is {adapt_ink!r}; needs "scale", "full" or "off"')
         if sensor_noise_std is not None and not 0.0 <= sensor_noise_std < np.inf:
-            faults.append(f"sensor_noise_std is {sensor_noise_std}; needs a standard deviation of at least 0 m")
+            errors.append(f"sensor_noise_std is {sensor_noise_std}; needs a standard deviation of at least 0 m")
         if not 0.0 <= sensor_resolution < np.inf:
-            faults.append(f"sensor_resolution is {sensor_resolution}; needs a step of at least 0 m")
+            errors.append(f"sensor_resolution is {sensor_resolution}; needs a step of at least 0 m")
         if untrusted_layers < 0:
-            faults.append(f"untrusted_layers is {untrusted_layers}; needs a number of layers >= 0")
-        if faults:
-            raise ValueError("; ".join(faults))
+            errors.append(f"untrusted_layers is {untrusted_layers}; needs a number of layers >= 0")
+        if errors:
+            raise ValueError("; ".join(errors))
         self._job, self._model, self._untrusted_layers = job, LayerModel.of(job), untrusted_layers
         self._part = np.ascontiguousarray(job.mask)
         self._shares = len(job.inks) * (3 if adapt_ink == "full" else 1)

@@ -22,7 +22,7 @@ _LOG_CATEGORIES = {
 
 @dataclass(frozen=True)
 class Release:
-    """What a description says about its making; `date` in the form 2026-01-31T12:00:00Z."""
+    """Generation tool and date of a description; `date` in the form 2026-01-31T12:00:00Z."""
 
     version: str
     date: str

@@ -90,7 +90,7 @@ def _check(records: Sequence[PrintRecord]) -> None:
     if not records:
         raise IdentificationError("no print was given")
     first = records[0]
-    faults = [
+    errors = [
         f"{record.name}: {what} {value}, {first.name}: {expected}; identify prints of one pitch and process together"
         for record in records[1:]
         for what, value, expected in (
@@ -101,8 +101,8 @@ def _check(records: Sequence[PrintRecord]) -> None:
         )
         if value != expected
     ]
-    if faults:
-        raise IdentificationError("\n".join(faults))
+    if errors:
+        raise IdentificationError("\n".join(errors))
 
 
 def _layers_compared(records: Sequence[PrintRecord]) -> int:

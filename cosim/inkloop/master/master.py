@@ -39,7 +39,7 @@ class Observer(Protocol):
 
 
 class Master:
-    """Runs connected components. Raises ScenarioError at once if the wiring is faulty (see `wiring.check`).
+    """Runs connected components. Raises ScenarioError at once if the wiring has errors (see `wiring.check`).
 
     step_ns: distance of communication points. algorithm: "gauss-seidel" hands each component the newest outputs of
     those before it in the order of `components`; "jacobi" hands all of them the outputs of the last point.
@@ -60,16 +60,16 @@ class Master:
         events: Sequence[Event] = (),
         pacing: Pacing | None = None,
     ) -> None:
-        faults = check(components, connections)
-        faults += [
+        errors = check(components, connections)
+        errors += [
             f"{name}: every {count} steps; needs a whole number >= 1"
             for name, count in (every or {}).items()
             if count < 1
         ]
         if step_ns < 1:
-            faults.append(f"step is {step_ns} ns; needs at least 1 ns")
-        if faults:
-            raise ScenarioError("connections", faults)
+            errors.append(f"step is {step_ns} ns; needs at least 1 ns")
+        if errors:
+            raise ScenarioError("connections", errors)
         self._components = dict(components)
         self._step_ns = step_ns
         self._jacobi = algorithm == "jacobi"
@@ -141,8 +141,8 @@ class Master:
     def _initialize(self) -> None:
         order = self._initial_order()
         for k, name in enumerate(order):
-            if fault := without_start(name, self._feeds, self._outputs, order[:k]):
-                raise ComponentError(fault)
+            if reason := without_start(name, self._feeds, self._outputs, order[:k]):
+                raise ComponentError(reason)
             begin = perf_counter_ns()
             try:
                 outputs = self._components[name].initialize(0, self._gather(name, self._outputs, 0))

@@ -102,7 +102,7 @@ class FolderWatch:
         return state.st_size > 0 and self.clock() - sight.since >= self._settle_s
 
 
-def name_faults(file_name: str) -> list[str]:
+def name_errors(file_name: str) -> list[str]:
     """What is wrong with the pattern of a file name, a sentence or none."""
     expected = "expected a name of its own for each layer, such as 'layer_{layer:04d}.csv'"
     try:

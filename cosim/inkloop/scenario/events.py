@@ -136,7 +136,7 @@ class _Reader:
         if count is None:
             component = self._table.port.partition(".")[0]
             self.errors.append(
-                f"nozzles: {component} does not say how many it has; give components.{component}.nozzle_pitch, "
+                f"nozzles: {component} does not declare their number; give components.{component}.nozzle_pitch, "
                 "or select by cells"
             )
             return np.zeros(shape, dtype=np.bool_)

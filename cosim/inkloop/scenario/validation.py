@@ -85,7 +85,7 @@ def mix_errors(components: Mapping[str, HasPorts]) -> list[str]:
             elif is_device(components[profiler]) and not is_device(components[printer]):
                 errors.append(
                     f"{profiler} is a device and {printer} simulates a printer, of which {profiler} sees nothing; "
-                    f"{advice}, to be held against the scans, or make {printer} a device"
+                    f"{advice}, to be compared with the scans, or make {printer} a device"
                 )
     return errors
 

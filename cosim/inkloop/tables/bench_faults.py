@@ -65,7 +65,7 @@ class FaultTable(Table):
         if self.probability is not None and self.nth is not None:
             raise ValueError("expected probability, or nth, not both")
         if self.kind in NEEDS_NODE and self.node is None:
-            raise ValueError(f"expected node beside kind = {self.kind!r}: which one")
+            raise ValueError(f"kind = {self.kind!r} needs node as well")
         return self
 
     def __str__(self) -> str:

@@ -327,7 +327,7 @@ def test_interrupt_stops_the_search_and_keeps_its_plan() -> None:
     assert found.objective.value < value(problem(height, target), everything())
 
 
-def test_fault_of_a_caller_is_not_lost_in_the_search() -> None:
+def test_error_of_a_caller_is_not_lost_in_the_search() -> None:
     def fail(_: SearchProgress) -> bool:
         raise RuntimeError("display is gone")
 

@@ -150,7 +150,7 @@ def test_damaged_file_is_an_error_before_anything_runs(tmp_path: Path) -> None:
         ({"file": "nowhere.fmu"}, "kind is 'Fmu': nowhere.fmu: cannot be read: No such file or directory"),
     ],
 )
-def test_missing_file_is_a_fault_of_the_scenario(options: dict[str, object], said: str) -> None:
+def test_missing_file_is_an_error_of_the_scenario(options: dict[str, object], said: str) -> None:
     assert catalog.check("Fmu", toy_job(), options).errors == [said]
 
 

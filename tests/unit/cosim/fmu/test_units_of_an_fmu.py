@@ -100,10 +100,10 @@ def test_wiring_converts_by_the_definition(folder: Path, fmi: int) -> None:
 
 def test_mapped_port_takes_the_definition_and_no_other_unit(folder: Path) -> None:
     part = FmuComponent(with_units(folder, 3, "inch"), structural={"n": 35})
-    (mapped,), _, faults = mapped_ports(part.inputs[1:], [], job(), {"thickness": {"variable": "x"}})
-    assert not faults
+    (mapped,), _, errors = mapped_ports(part.inputs[1:], [], job(), {"thickness": {"variable": "x"}})
+    assert not errors
     assert mapped.port.unit == "m"
     assert mapped.factor == 1.0 / 0.0254
-    *_, (fault,) = mapped_ports(part.inputs[1:], [], job(), {"thickness": {"variable": "x", "unit": "um"}})
-    assert fault == "ports.thickness.unit is 'um', but the FMU says that x is in [inch]; leave it out"
+    *_, (error,) = mapped_ports(part.inputs[1:], [], job(), {"thickness": {"variable": "x", "unit": "um"}})
+    assert error == "ports.thickness.unit is 'um', but the FMU declares x in [inch]; leave it out"
     part.terminate()

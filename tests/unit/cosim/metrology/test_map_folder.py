@@ -121,7 +121,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], object], dict[str, Any], str]] = {
     "same again": (lambda f: write(f, 1, surface(0)), {}, "heights of the scan of layer 0 again"),
     "another field": (lambda f: write(f, 1, fine=5), {}, "has 50 x 45 pixels, the scans before it 40 x 36"),
     "no map": (lambda f: (f / "1.npz").write_bytes(b"half a"), {}, "is no array of numbers that NumPy saved"),
-    "unit against the file": (lambda f: write(f, 1), {"unit": "mm"}, "heights are in um, unit is 'mm'"),
+    "unit against the file": (lambda f: write(f, 1), {"unit": "mm"}, "heights in um, but unit is 'mm'"),
     "no datum": (
         lambda f: write(f, 1, np.where(JOB.mask, surface(1), np.nan)), {"datum": "plane"}, "datum: 0 cells beside",
     ),

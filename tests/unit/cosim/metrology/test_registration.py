@@ -263,5 +263,5 @@ def test_datum_without_cells_to_stand_on_is_refused() -> None:
     height[0, :] = 1.0
     with pytest.raises(HeightMapError, match="lie on one line"):
         level(height, np.ones((9, 9), np.bool_), "plane")
-    with pytest.raises(HeightMapError, match="0 cells beside the part were measured, the offset needs 1"):
+    with pytest.raises(HeightMapError, match="0 cells outside the part were measured, the offset needs 1"):
         level(np.full((9, 9), np.nan), np.ones((9, 9), np.bool_), "offset")

@@ -14,7 +14,7 @@ import pytest
 
 from inkloop.component import Component, Ink, Job, is_device
 from inkloop.errors import ComponentError
-from inkloop.testing import LAWS, Law, job
+from inkloop.testing import CONTRACT_CHECKS, ContractCheck, job
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
 from inkloop_hardware.devices.readiness import NotReady
@@ -54,10 +54,12 @@ def full(part: Job = FOUR) -> np.ndarray:
     return np.ones((part.nx, part.ny), np.int32)
 
 
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+@pytest.mark.parametrize("check", CONTRACT_CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("make", [Printer, Profiler], ids=["printer", "profiler"])
-def test_devices_keep_the_laws_of_components(make: Callable[[Job, NodeRig], Component], law: Law) -> None:
-    law(lambda: make(FOUR, NodeRig(bench(noise_std=1e-6, sensor_seed=2))))
+def test_devices_keep_the_contract_of_components(
+    make: Callable[[Job, NodeRig], Component], check: ContractCheck
+) -> None:
+    check(lambda: make(FOUR, NodeRig(bench(noise_std=1e-6, sensor_seed=2))))
 
 
 def test_devices_call_themselves_so_and_neither_tells_nor_takes_a_height() -> None:
