@@ -45,7 +45,7 @@ def test_layer_deposition_gives_the_bits_of_its_fmu(heights, passes) -> None:
     start = np.random.default_rng(1).uniform(0.0, 8e-6, (8, 7))
     parameters = {**parameters_of_heights(heights), **passes}
     surface, outputs = check_agreement(LayerDeposition(heights, **passes), "LayerDeposition", parameters, 8, 7, start)
-    assert outputs["volume_lost"] == pytest.approx(surface.lost * 263.256e-6**2, rel=1e-12)
+    assert outputs["volume_lost"] == pytest.approx(surface.lost * 263.256e-6**2, rel=1e-12, abs=0.0)
 
 
 def test_superposition_deposition_gives_the_bits_of_its_fmu() -> None:
@@ -76,7 +76,7 @@ def test_young_laplace_deposition_gives_the_bits_of_its_fmu(form, passes) -> Non
     assert outputs["fallbacks"] == surface.fallbacks
     assert outputs["volume_lost"] == surface.lost
     assert surface.over_grid.shape == (24, 28)
-    assert surface.over_grid.reshape(6, 4, 7, 4).mean((1, 3)) == pytest.approx(surface.height, rel=1e-12)
+    assert surface.over_grid.reshape(6, 4, 7, 4).mean((1, 3)) == pytest.approx(surface.height, rel=1e-12, abs=0.0)
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,9 @@ def test_young_laplace_deposition_gives_the_bits_of_its_fmu(form, passes) -> Non
 def test_interior_droplet_adds_its_volume(model, expected) -> None:
     pattern = np.zeros((9, 9), np.int32)
     pattern[4, 4] = 1
-    assert model.layer(model.start(np.zeros((9, 9))), pattern).height.sum() == pytest.approx(expected, rel=1e-9)
+    assert model.layer(model.start(np.zeros((9, 9))), pattern).height.sum() == pytest.approx(
+        expected, rel=1e-9, abs=0.0
+    )
 
 
 def test_arguments_stay_as_they_were() -> None:

@@ -105,7 +105,7 @@ def test_stock_tools_watch_a_run_and_read_a_journal_in_it(tmp_path: Path) -> Non
 def test_first_interrupt_ends_after_the_layer_and_resume_goes_on(tmp_path: Path) -> None:
     path, folder = write(tmp_path), tmp_path / "run"
     with emulated(path, pass_ms=50) as (_, channel):
-        running = started("run", str(path), "--out", str(folder), "--set", channel)
+        running = started("run", str(path), "--out", str(folder), "--set", f"bench.channel={channel}")
         wait_for_word(folder / "bench.log", "layer 2", running)
         running.send_signal(signal.SIGINT)
         said, _ = running.communicate(timeout=PATIENCE_S)
@@ -120,7 +120,7 @@ def test_first_interrupt_ends_after_the_layer_and_resume_goes_on(tmp_path: Path)
 def test_second_interrupt_ends_at_once_with_everything_off(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, folder = write(tmp_path), tmp_path / "run"
     with emulated(path, pass_ms=20_000) as (_, channel):
-        running = started("run", str(path), "--out", str(folder), "--set", channel)
+        running = started("run", str(path), "--out", str(folder), "--set", f"bench.channel={channel}")
         wait_for_word(folder / "bench.log", "pass 1 of 4, layer 1", running)
         for _ in range(2):
             running.send_signal(signal.SIGINT)
@@ -145,7 +145,7 @@ def test_killed_run_goes_on_where_it_was_once_a_person_has_looked(tmp_path: Path
         running.communicate()
         assert main(["device", str(path), "clear", *words]) == 0
         assert main(["resume", str(folder)]) == 0
-    assert_same_print(Result.load(folder), printed_with_fmus(path, ["part.height_um=6.0"]))
+    assert_same_print(Result.load(folder), printed_with_fmus(path, {"part.height_um": 6.0}))
 
 
 def test_what_a_person_asks_of_the_nodes_leaves_the_part_alone(

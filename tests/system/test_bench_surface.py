@@ -13,6 +13,8 @@ from support.numpy import lu_numpy
 
 SHAPE = (11, 9)
 RESOLUTION = 1e-7
+pytestmark = pytest.mark.compiled
+
 VARIATIONS: list[dict[str, float]] = [
     {},
     {"variation": 0.2, "variation_kind": 1},

@@ -148,3 +148,10 @@ def test_gallery_shows_every_scenario_with_its_own_words() -> None:
         assert (ROOT / "docs/gallery" / f"{path.stem}.png").exists()
         comment = path.read_text().split("title =")[0]
         assert "\n".join(line.removeprefix("#").strip() for line in comment.splitlines()).strip() in page, path.stem
+
+
+def test_page_of_the_architecture_has_the_figures_of_the_code() -> None:
+    page = (ROOT / "docs/explanation/architecture.md").read_text()
+    assert runpy.run_path(str(ROOT / "tools/figures/house.py"))["with_counts"](page) == page, (
+        "run: python tools/figures/house.py"
+    )

@@ -62,8 +62,8 @@ def load(path: Path, job: Job) -> RigMapping:
     except FrameError as error:
         raise ScenarioError(str(path), [f"dbc: {error}"]) from error
     check = _Check(tables, codec, {"job": 1, "layer": 1, "nx": job.nx, "ny": job.ny})
-    if check.faults:
-        raise ScenarioError(str(path), check.faults)
+    if check.errors:
+        raise ScenarioError(str(path), check.errors)
     return RigMapping(tables, codec, check.ids)
 
 
@@ -86,7 +86,7 @@ class _Check:
     """Collects the errors of tables whose keys are valid one by one."""
 
     def __init__(self, tables: MappingFile, codec: Codec, fields: Mapping[str, int]) -> None:
-        self.faults: list[str] = []
+        self.errors: list[str] = []
         self._tables, self._codec, self._fields = tables, codec, fields
         self.ids = {
             name: (self._id(f"peers.{name}.request", peer.request), self._id(f"peers.{name}.answer", peer.answer))
@@ -96,7 +96,7 @@ class _Check:
             if table is not None:
                 self._try(f"{name}.header", hexadecimal, table.header)
         if tables.map is not None and tables.map.unit not in METRES:
-            self.faults.append(f"map.unit is {tables.map.unit!r}; expected one of {', '.join(METRES)}")
+            self.errors.append(f"map.unit is {tables.map.unit!r}; expected one of {', '.join(METRES)}")
         for section in ("start", "printer", "profiler"):
             steps: tuple[Step, ...] = getattr(tables, section)
             for place, step in enumerate(steps, 1):
@@ -110,25 +110,25 @@ class _Check:
         downloads = _count(tables.printer, Download)
         uploads = _count(tables.profiler, Upload)
         if not tables.printer and not tables.profiler:
-            self.faults.append("binds no port; add [[printer]] steps of a layer, [[profiler]] steps of a scan, or both")
+            self.errors.append("binds no port; add [[printer]] steps of a layer, [[profiler]] steps of a scan, or both")
         if tables.printer and not downloads:
-            self.faults.append('printer has no step do = "download": the input pattern goes nowhere; add one')
+            self.errors.append('printer has no step do = "download": the input pattern goes nowhere; add one')
         if tables.profiler and uploads != 1:
-            self.faults.append(f'profiler has {uploads} steps do = "upload"; measured_height needs exactly one')
+            self.errors.append(f'profiler has {uploads} steps do = "upload"; measured_height needs exactly one')
         if downloads + _count(tables.start, Download) and tables.pattern is None:
-            self.faults.append("pattern is missing; add the table [pattern], which says how cells become bytes")
+            self.errors.append("pattern is missing; add the table [pattern], which defines the bytes of the cells")
         if uploads and tables.map is None:
-            self.faults.append("map is missing; add the table [map], which says how bytes become heights")
+            self.errors.append("map is missing; add the table [map], which defines the heights of the bytes")
         if _count(tables.start, Download) + _count(tables.start, Upload) + _count(tables.printer, Upload) or _count(
             tables.profiler, Download
         ):
-            self.faults.append("a download is a step of the printer, an upload one of the profiler; move it there")
+            self.errors.append("a download is a step of the printer, an upload one of the profiler; move it there")
 
     def _step(self, place: str, step: Step) -> None:
         if step.enables and not self._tables.heartbeat:
-            self.faults.append(f"{place}: enables are of the heartbeat; write heartbeat = true, or leave them out")
+            self.errors.append(f"{place}: enables are of the heartbeat; write heartbeat = true, or leave them out")
         if isinstance(step, Memory | RoutineStep | Read) and step.peer not in self._tables.peers:
-            self.faults.append(f"{place}: peer is {step.peer!r}; {_nearest(step.peer, self._tables.peers)}")
+            self.errors.append(f"{place}: peer is {step.peer!r}; {_nearest(step.peer, self._tables.peers)}")
         if isinstance(step, Memory):
             self._try(f"{place}: address", partial(_address, 256**step.address_bytes), step.address)
         elif isinstance(step, RoutineStep):
@@ -147,7 +147,7 @@ class _Check:
             supervised = self._codec.data_id(step.message) is not None
             self._codec.encode(step.message, values, COUNTERS - 1 if supervised else None)
         except (FrameError, ValueError) as error:
-            self.faults.append(f"{place}: {error}")
+            self.errors.append(f"{place}: {error}")
 
     def _signal(self, place: str, message: str, signal: str, **values: Value | None) -> str | None:
         """Unit of a signal in the DBC, None for an unknown signal; values: expected ones by key of the file."""
@@ -155,7 +155,7 @@ class _Check:
         if found is None:
             return None
         if signal not in self._signals(found):
-            self.faults.append(f"{place}: signal is {signal!r}; {_nearest(signal, self._signals(found))}")
+            self.errors.append(f"{place}: signal is {signal!r}; {_nearest(signal, self._signals(found))}")
             return None
         described = found.get_signal_by_name(signal)
         names = [str(choice) for choice in (described.choices or {}).values()]
@@ -163,17 +163,17 @@ class _Check:
             if isinstance(value, str) and "{" in value:
                 self._try(f"{place}: {key}", number, value)
             elif isinstance(value, str) and value not in names:
-                self.faults.append(f"{place}: {key} is {value!r}; {_nearest(value, names)}")
+                self.errors.append(f"{place}: {key} is {value!r}; {_nearest(value, names)}")
         return described.unit or "1"
 
     def _message(self, place: str, name: str) -> Message | None:
         known = [message.name for message in self._codec.database.messages]
         if name not in known:
-            self.faults.append(f"{place}: message is {name!r}; {_nearest(name, known)}")
+            self.errors.append(f"{place}: message is {name!r}; {_nearest(name, known)}")
             return None
         found = self._codec.message(name)
         if found.is_extended_frame or found.length > LONGEST:
-            self.faults.append(
+            self.errors.append(
                 f"{place}: {name} has a 29-bit id or more than {LONGEST} bytes; only classic frames with 11-bit ids "
                 "are sent and read"
             )
@@ -185,14 +185,14 @@ class _Check:
             found = self._message(place, given)
             return found.frame_id if found else 0
         if not 0 <= given < STANDARD_IDS:
-            self.faults.append(f"{place} is 0x{given:X}; expected an 11-bit id, 0 to 0x7FF")
+            self.errors.append(f"{place} is 0x{given:X}; expected an 11-bit id, 0 to 0x7FF")
         return given
 
     def _outputs(self) -> None:
         for name, output in self._tables.outputs.items():
             unit = self._signal(f"outputs.{name}", output.message, output.signal)
             if unit is not None and output.unit is not None and factor(unit, output.unit) is None:
-                self.faults.append(
+                self.errors.append(
                     f"outputs.{name}: unit is {output.unit!r}, to which the [{unit}] of {output.signal} does not "
                     "convert; name a unit of the same quantity"
                 )
@@ -201,7 +201,7 @@ class _Check:
         try:
             read(template, self._fields)
         except ValueError as error:
-            self.faults.append(f"{place} is {error}")
+            self.errors.append(f"{place} is {error}")
 
     @staticmethod
     def _signals(message: Message) -> list[str]:

@@ -126,7 +126,7 @@ class Wait(StepBase):
     message: str
     signal: str
     expected: Value
-    unless: Value | None = Field(default=None, description="what it says when it will not come to that: ends the run")
+    unless: Value | None = Field(default=None, description="value that ends the run instead of the expected one")
 
 
 Step = Annotated[Download | Upload | RoutineStep | Read | Send | Wait, Field(discriminator="do")]
@@ -143,7 +143,7 @@ class OutputTable(Table):
 class MappingFile(Table):
     """The whole file. `printer` and `profiler` are the steps of a layer and of a scan, each in order."""
 
-    dbc: str = Field(description="file beside this one")
+    dbc: str = Field(description="file name, in the folder of the mapping file")
     heartbeat: bool = Field(default=False, description="send MasterAlive, as inkloop's own nodes need it")
     peers: dict[str, Peer] = {}
     pattern: PatternTable | None = None

@@ -63,8 +63,8 @@ def test_flat_surface_grows_by_a_fixed_stencil() -> None:
     pattern[2, 2] = 1
     surface = printed(5, 5, [pattern], height_start=17e-6)[-1] - 17e-6
     stencil = np.array([[H3, H2, H3], [H2, H1, H2], [H3, H2, H3]])
-    assert surface[1:4, 1:4] == pytest.approx(stencil, rel=1e-9)
-    assert np.abs(surface).sum() == pytest.approx(stencil.sum(), rel=1e-9)
+    assert surface[1:4, 1:4] == pytest.approx(stencil, rel=1e-9, abs=0.0)
+    assert np.abs(surface).sum() == pytest.approx(stencil.sum(), rel=1e-9, abs=0.0)
 
 
 def test_what_leaves_over_the_open_edge_is_counted() -> None:
@@ -75,7 +75,7 @@ def test_what_leaves_over_the_open_edge_is_counted() -> None:
         droplets = fmu.get("droplets_a") + fmu.get("droplets_b")
         left = fmu.get("volume_lost")
         assert left > 0.0
-        assert fmu.get("height").sum() + left / pitch**2 == pytest.approx(droplets * FULL, rel=1e-12)
+        assert fmu.get("height").sum() + left / pitch**2 == pytest.approx(droplets * FULL, rel=1e-12, abs=0.0)
 
 
 def test_droplets_are_counted_by_material() -> None:
@@ -101,7 +101,7 @@ def test_materials_differ_where_their_inks_do() -> None:
     surface = np.zeros((6, 5))
     for found, pattern in zip(printed(6, 5, patterns, **parameters)[1:], patterns, strict=True):
         surface, _ = lu_numpy.layer(surface, pattern, inks)
-        assert found == pytest.approx(surface, rel=1e-12)
+        assert found == pytest.approx(surface, rel=1e-12, abs=0.0)
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -112,7 +112,7 @@ def test_each_of_four_passes_acts_on_the_surface_of_the_last(order, rotation) ->
     found = printed(7, 6, patterns, passes=4, pass_order=order, pass_rotation=rotation)[1:]
     for number, pattern in enumerate(patterns, start=1):
         surface, _ = lu_numpy.layer(surface, pattern, passes=4, order=order, rotation=rotation, number=number)
-        assert found[number - 1] == pytest.approx(surface, rel=1e-12)
+        assert found[number - 1] == pytest.approx(surface, rel=1e-12, abs=0.0)
     assert np.abs(found[-1] - printed(7, 6, patterns)[-1]).max() > 0.1e-6
 
 
@@ -132,7 +132,7 @@ def test_variation_per_droplet_draws_every_droplet() -> None:
 
 def test_variation_per_cell_stays_for_the_whole_print() -> None:
     factor = drawn(2, variation=0.4)
-    assert factor[0] == pytest.approx(factor[2], rel=1e-9)
+    assert factor[0] == pytest.approx(factor[2], rel=1e-9, abs=0.0)
     assert len(np.unique(factor[0].round(9))) == factor[0].size
 
 
@@ -143,7 +143,9 @@ def test_variation_per_layer_is_common_to_all_cells() -> None:
 
 
 def test_variation_per_cell_and_layer_is_the_product_of_both() -> None:
-    assert drawn(4, variation=0.4) == pytest.approx(drawn(2, variation=0.4) * drawn(3, variation=0.4), rel=1e-9)
+    assert drawn(4, variation=0.4) == pytest.approx(
+        drawn(2, variation=0.4) * drawn(3, variation=0.4), rel=1e-9, abs=0.0
+    )
 
 
 def test_volume_factor_scales_all_heights_of_a_droplet_together() -> None:
@@ -160,7 +162,7 @@ def test_droplet_of_several_drops_is_an_ink_of_so_many_heights() -> None:
     patterns = random_patterns(7, 6, 4)
     scaled = {f"h{k + 1}_{letter}": 3 * height for letter in "ab" for k, height in enumerate(lu_numpy.INK)}
     three = printed(7, 6, patterns, drop_level=3)
-    assert three[-1] == pytest.approx(printed(7, 6, patterns, **scaled)[-1], rel=1e-12)
+    assert three[-1] == pytest.approx(printed(7, 6, patterns, **scaled)[-1], rel=1e-12, abs=0.0)
     np.testing.assert_array_equal(printed(7, 6, patterns, drop_level=0), np.zeros((5, 7, 6)))
 
 
@@ -186,7 +188,7 @@ def test_roller_leaves_no_cell_above_its_height_and_counts_what_it_cuts() -> Non
         factor = sum(lu_numpy.factors((8, 7), number, seed=0, variation=0.1).sum() for number in range(1, 6))
         gone = (fmu.get("volume_lost") + fmu.get("volume_removed")) / pitch**2
         assert fmu.get("volume_removed") > 0.0
-        assert surface.sum() + gone == pytest.approx(factor * FULL, rel=1e-12)
+        assert surface.sum() + gone == pytest.approx(factor * FULL, rel=1e-12, abs=0.0)
 
 
 def test_roller_above_the_surface_changes_nothing() -> None:
@@ -197,7 +199,7 @@ def test_roller_above_the_surface_changes_nothing() -> None:
 def test_roller_counts_layers_from_its_datum_on_also_in_a_print_that_goes_on() -> None:
     """Two layers after layer 4 would reach 15.2 um."""
     goes_on = printed(5, 5, [1, 1], roller_step=2e-6, roller_datum=1e-6, layer_command=4)
-    assert [surface.max() for surface in goes_on[1:]] == pytest.approx([FULL, 13e-6], rel=1e-12)
+    assert [surface.max() for surface in goes_on[1:]] == pytest.approx([FULL, 13e-6], rel=1e-12, abs=0.0)
 
 
 FAR = [4.4e-6, 0.6e-6, 0.2e-6, 0.15e-6, 0.1e-6, 0.05e-6, 0.04e-6, 0.03e-6, 0.02e-6, 0.01e-6]
@@ -221,8 +223,8 @@ def test_every_neighbour_within_reach_takes_its_share_by_the_same_rule(reach, nx
             for colour in lu_numpy.ORDERS[1] if passes == 4 else [None]:
                 surface, fell = lu_numpy.far_pass(surface, pattern, FAR, reach, factor, colour)
                 lost += fell
-            assert fmu.print_layer(pattern) == pytest.approx(surface, rel=1e-12)
-        assert fmu.get("volume_lost") == pytest.approx(lost * 263.256e-6**2, rel=1e-12)
+            assert fmu.print_layer(pattern) == pytest.approx(surface, rel=1e-12, abs=0.0)
+        assert fmu.get("volume_lost") == pytest.approx(lost * 263.256e-6**2, rel=1e-12, abs=0.0)
 
 
 def test_interior_droplet_with_a_long_reach_adds_its_full_height() -> None:
@@ -231,13 +233,13 @@ def test_interior_droplet_with_a_long_reach_adds_its_full_height() -> None:
     pattern[3, 3] = 1
     before, after = printed(7, 7, [pattern], height_start=start, reach=3, **far_heights())
     places = np.array([1, 4, 4, 4, 8, 4, 4, 8, 8, 4])
-    assert (after - before).sum() == pytest.approx((places * FAR).sum(), rel=1e-9)
+    assert (after - before).sum() == pytest.approx((places * FAR).sum(), rel=1e-9, abs=0.0)
 
 
 @pytest.mark.parametrize("reach", [2, 3])
 def test_longer_reach_without_shares_is_the_reach_of_one(reach) -> None:
     patterns = random_patterns(7, 6, 4)
-    assert printed(7, 6, patterns, reach=reach)[-1] == pytest.approx(printed(7, 6, patterns)[-1], rel=1e-13)
+    assert printed(7, 6, patterns, reach=reach)[-1] == pytest.approx(printed(7, 6, patterns)[-1], rel=1e-13, abs=0.0)
 
 
 def test_shares_beyond_the_reach_change_nothing() -> None:
@@ -251,12 +253,12 @@ def test_shares_beyond_the_reach_change_nothing() -> None:
 
 
 def test_volume_factor_multiplies_what_is_drawn() -> None:
-    assert drawn(1, variation=0.4, volume_factor=0.5) == pytest.approx(0.5 * drawn(1, variation=0.4), rel=1e-9)
+    assert drawn(1, variation=0.4, volume_factor=0.5) == pytest.approx(0.5 * drawn(1, variation=0.4), rel=1e-9, abs=0.0)
 
 
 def test_nozzle_jets_every_cell_of_its_lines_alike() -> None:
     factor = drawn(1, nozzle_pitch=3, nozzle_variation=0.4)
-    assert factor[:, :, :3] == pytest.approx(factor[:, :, 3:6], rel=1e-9)
+    assert factor[:, :, :3] == pytest.approx(factor[:, :, 3:6], rel=1e-9, abs=0.0)
     assert np.ptp(factor, axis=(0, 1)) == pytest.approx(0.0, abs=1e-9)
     assert len(np.unique(factor[0, 0].round(9))) == 3
 

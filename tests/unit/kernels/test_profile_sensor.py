@@ -54,8 +54,8 @@ def test_correlated_share_of_the_noise_is_common_to_a_scan() -> None:
     readings = np.array([reading for reading, _ in scans([np.zeros((5, 4))] * 400, noise_std=1e-6,
                                                          noise_correlation=0.25)])  # fmt: skip
     within, between = readings.std(axis=(1, 2), ddof=1), readings.mean(axis=(1, 2))
-    assert (within**2).mean() == pytest.approx(0.75e-12, rel=0.1)
-    assert between.var() == pytest.approx(0.25e-12 + 0.75e-12 / 20, rel=0.3)
+    assert (within**2).mean() == pytest.approx(0.75e-12, rel=0.1, abs=0.0)
+    assert between.var() == pytest.approx(0.25e-12 + 0.75e-12 / 20, rel=0.3, abs=0.0)
     assert np.ptp(measured(np.zeros((5, 4)), noise_std=1e-6, noise_correlation=1.0)) == 0.0
 
 
@@ -63,7 +63,7 @@ def test_spot_keeps_a_plane_inside_and_a_constant_everywhere() -> None:
     plane = np.add.outer(2e-6 * np.arange(15), -1e-6 * np.arange(15))
     averaged = measured(plane, spot_radius=PITCH)
     assert averaged[4:-4, 4:-4] == pytest.approx(plane[4:-4, 4:-4], abs=1e-18)
-    assert measured(np.full((4, 6), 3e-6), spot_radius=2 * PITCH) == pytest.approx(3e-6, rel=1e-14)
+    assert measured(np.full((4, 6), 3e-6), spot_radius=2 * PITCH) == pytest.approx(3e-6, rel=1e-14, abs=0.0)
 
 
 def test_spot_spreads_a_spike_with_its_standard_deviation() -> None:
@@ -78,7 +78,7 @@ def test_spot_spreads_a_spike_with_its_standard_deviation() -> None:
 def test_slope_bias_follows_twice_the_slope_angle() -> None:
     slope = np.tan(np.radians(30.0))
     plane = np.broadcast_to(slope * PITCH * np.arange(6)[:, None], (6, 5))
-    assert measured(plane, slope_bias=1e-6) - plane == pytest.approx(1e-6 * np.sin(np.radians(60.0)), rel=1e-9)
+    assert measured(plane, slope_bias=1e-6) - plane == pytest.approx(1e-6 * np.sin(np.radians(60.0)), rel=1e-9, abs=0.0)
 
 
 def test_steep_walls_drop_out() -> None:

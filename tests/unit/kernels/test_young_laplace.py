@@ -56,14 +56,14 @@ def test_convex_hull_agrees_with_scipy() -> None:
     expected = points[ConvexHull(points).vertices]
     assert sorted(map(tuple, found)) == sorted(map(tuple, expected))
     area = 0.5 * np.sum(found[:, 0] * np.roll(found[:, 1], -1) - np.roll(found[:, 0], -1) * found[:, 1])
-    assert area == pytest.approx(ConvexHull(points).volume, rel=1e-12)
+    assert area == pytest.approx(ConvexHull(points).volume, rel=1e-12, abs=0.0)
 
 
 def test_level_ground_gives_the_base_radius_of_the_cap() -> None:
     """30 pL at 45 degrees: 35.1999 um (Hume, Rosen 2018: 35.2 um)."""
     radius = library().cap_radius(ctypes.c_double(VOLUME), ctypes.c_double(ANGLE))
     assert radius * 1e6 == pytest.approx(35.1999, abs=5e-5)
-    assert radius == pytest.approx(young_laplace_numpy.cap_radius(VOLUME, ANGLE), rel=1e-12)
+    assert radius == pytest.approx(young_laplace_numpy.cap_radius(VOLUME, ANGLE), rel=1e-12, abs=0.0)
 
 
 CENTRE = {NONLINEAR: 14.5803, LINEAR: 15.4141}
@@ -161,8 +161,8 @@ def test_liquid_never_cuts_into_the_solid_and_volume_is_conserved(form) -> None:
         ours.layer(drops)
         printed += drops.sum() * VOLUME
         assert (ours.height - before).min() >= -1e-15
-        assert ours.volume == pytest.approx(printed, rel=1e-12)
-        assert ours.cells.sum() * PITCH**2 + ours.lost == pytest.approx(printed, rel=1e-12)
+        assert ours.volume == pytest.approx(printed, rel=1e-12, abs=0.0)
+        assert ours.cells.sum() * PITCH**2 + ours.lost == pytest.approx(printed, rel=1e-12, abs=0.0)
 
 
 def test_bodies_of_a_pass_know_nothing_of_each_other() -> None:
@@ -204,7 +204,7 @@ def test_body_that_would_have_to_overhang_is_solved_linearly_and_counted() -> No
         linear.layer(square)
     assert 0 < tall.fallbacks < 8 * 6 / 2
     assert linear.fallbacks == 0
-    assert tall.volume == pytest.approx(8 * 36 * VOLUME, rel=1e-12)
+    assert tall.volume == pytest.approx(8 * 36 * VOLUME, rel=1e-12, abs=0.0)
 
 
 def test_cells_become_a_continuous_surface_with_their_means() -> None:
@@ -212,11 +212,11 @@ def test_cells_become_a_continuous_surface_with_their_means() -> None:
     for per_pitch in (2, 5, 8):
         ours = Print(6, 5, per_pitch)
         library().spread_cells(ctypes.byref(ours.surface), numbers(cells))
-        assert ours.cells == pytest.approx(cells, rel=1e-12)
+        assert ours.cells == pytest.approx(cells, rel=1e-12, abs=0.0)
         assert np.abs(np.diff(ours.height, axis=0)).max() <= 5.0 * 5e-6 / per_pitch * 4.0
 
 
 def test_level_cells_become_a_level_surface() -> None:
     ours = Print(3, 4, 4)
     library().spread_cells(ctypes.byref(ours.surface), numbers(np.full((3, 4), 7e-6)))
-    assert ours.height == pytest.approx(np.full(ours.height.shape, 7e-6), rel=1e-14)
+    assert ours.height == pytest.approx(np.full(ours.height.shape, 7e-6), rel=1e-14, abs=0.0)

@@ -74,7 +74,7 @@ def test_volume_under_a_map_is_kept(rotation: float) -> None:
     grid = cell_means(HeightMap(z, 11e-6, 13e-6), Registration(1.6e-3, 0.5e-3, rotation), 14, 14, PITCH)
     volume = np.nansum(grid.mean * grid.share) * PITCH**2
     tolerance = 1e-9 if rotation == 0.0 else 2e-3  # turned pixels overlap by a little, and a share is at most 1
-    assert volume == pytest.approx(z.sum() * 11e-6 * 13e-6, rel=tolerance)
+    assert volume == pytest.approx(z.sum() * 11e-6 * 13e-6, rel=tolerance, abs=0.0)
 
 
 @settings(max_examples=25, deadline=None)
@@ -123,7 +123,7 @@ def test_fiducials_find_the_registration_again(
     on_grid = np.stack(truth.to_grid(on_map[:, 0], on_map[:, 1]), axis=1)
     fit = from_fiducials(on_map, on_grid, mirror=mirror, with_scale=True, residual_max=1e-9)  # type: ignore[arg-type]
     assert fit.residual < 1e-12
-    assert fit.registration.scale == pytest.approx(scale, rel=1e-9)
+    assert fit.registration.scale == pytest.approx(scale, rel=1e-9, abs=0.0)
     np.testing.assert_allclose(fit.registration.to_grid(on_map[:, 0], on_map[:, 1]), on_grid.T, atol=1e-12)
     back = fit.registration.to_map(*fit.registration.to_grid(on_map[:, 0], on_map[:, 1]))
     np.testing.assert_allclose(back, on_map.T, atol=1e-12)
@@ -134,7 +134,7 @@ def test_residual_of_fiducials_is_their_distance() -> None:
     on_map = [[0.0, 0.0], [1e-3, 0.0], [2e-3, 0.0]]
     on_grid = [[0.0, 0.0], [1e-3, 3e-6], [2e-3, 0.0]]
     fit = from_fiducials(on_map, on_grid, residual_max=1e-5)
-    assert fit.residual == pytest.approx(math.sqrt((4 + 1 + 1) / 3) * M_PER_UM, rel=1e-3)
+    assert fit.residual == pytest.approx(math.sqrt((4 + 1 + 1) / 3) * M_PER_UM, rel=1e-3, abs=0.0)
     with pytest.raises(HeightMapError, match=r"leaves 1.41 um rms, 1 um are allowed; check that they are given"):
         from_fiducials(on_map, on_grid, residual_max=1e-6)
 
