@@ -308,9 +308,9 @@ def test_job_of_another_grid_is_told_with_both_grids(version: str, tmp_path: Pat
         scenario_of(path, job=job)
     assert caught.value.errors == (said.format(job, "8 x 7", "take another job"),)
     with pytest.raises(ScenarioError) as caught:
-        scenario_of(path, ["grid.nx=9"])
+        scenario_of(path, {"grid.nx": 9})
     assert caught.value.errors == (said.format("the scenario in it", "9 x 5", "leave its grid as it is"),)
-    assert scenario_of(path, ["grid.nx=8", "grid.nx=6"]).job().nx == 6
+    assert scenario_of(path, {"grid.nx": 6}).job().nx == 6
 
 
 def test_command_line_exports_and_runs_an_ssp(
