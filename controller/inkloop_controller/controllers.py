@@ -1,4 +1,4 @@
-"""The controllers that a scenario can name; their options stand where they are used, marked with `Option`."""
+"""The controllers that a scenario can name; their options are keyword arguments marked with `Option`."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _of_planner(job: Job, planner: Planner) -> LayerController:
 
 
 def _tried(errors: list[str], make: Callable[[], T]) -> T | None:
-    """What `make` makes, or None and its error in the list: the others are looked at all the same."""
+    """The result of `make`, or None with its error appended, so that all errors are reported together."""
     try:
         return make()
     except ValueError as error:

@@ -83,7 +83,7 @@ def search(
     annealing_sweeps: sweeps of simulated annealing before, drawn from `seed`, 0 to 2^64 - 1; seconds_max: guard by the
     clock; threads: the answer is the same for any number; after_sweep: called after every sweep, True stops the search.
     KeyboardInterrupt stops the search after a sweep, the result tells; any other exception is raised again.
-    Raises ValueError for options that cannot be meant.
+    Raises ValueError for invalid options.
     """
     errors = [
         f"{name} is {value}; needs {wanted}"

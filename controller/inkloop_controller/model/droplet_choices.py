@@ -1,4 +1,4 @@
-"""What may be jetted where: the ink of each region, the drop sizes of the head, the nozzles that are dead."""
+"""Permitted droplets of each cell: ink of the region, drop sizes of the head, dead nozzles."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class DropletChoices:
     A kind is an ink in a drop size: kind (level - 1) * inks + ink, where level droplets fall at once (grey heads).
     drop_levels: largest level; dead_nozzles: nozzles that jet nothing, of nozzle_pitch in all: cell (i, j) is jetted by
     nozzle j modulo nozzle_pitch (0: as many nozzles as the grid has columns).
-    Raises ValueError, all errors in one sentence, for values that cannot be meant.
+    Raises ValueError, all errors in one sentence, for invalid values.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class DropletChoices:
         self.jettable: BoolMap = job.mask & alive
 
     def kinds(self, inks: Sequence[Ink]) -> tuple[Ink, ...]:
-        """What a droplet of each kind adds, for these inks."""
+        """Height that a droplet of each kind adds, for these inks."""
         return tuple(
             Ink(level * ink.h1, level * ink.h2, level * ink.h3)
             for level in range(1, self._drop_levels + 1)

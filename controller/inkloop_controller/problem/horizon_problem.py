@@ -1,4 +1,4 @@
-"""The layer problem over a horizon: which droplets to jet in the coming layers, and what plans are judged by."""
+"""The layer problem over a horizon: permitted droplets of the coming layers, and the objective of plans."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class HorizonProblem:
 
     height, target: (nx, ny) [m]; part: cells whose standard deviation counts; choices: (layers, nx, ny), bit k is set
     where a droplet of kinds[k] may fall in that layer; alpha: weight of the mean error against the standard deviation
-    (Lu, Zheng, Mishra 2015, eq. 8); weight: (nx, ny) of each cell's error (None: 1 in the part, 0 beside it);
+    (Lu, Zheng, Mishra 2015, eq. 8); weight: (nx, ny) of each cell's error (None: 1 in the part, 0 outside);
     overshoot: what a metre above the target costs when a metre below costs 1; ceiling: (nx, ny) [m], a metre above it
     costs ceiling_cost besides (None: no ceiling); colours: of each layer, in the order jetted, the four colours
     2 (i % 2) + j % 2 of its passes, each on the surface that the last one left (empty: layers of one pass).
-    Raises ValueError, all errors in one sentence, if a value cannot be meant.
+    Raises ValueError, all errors in one sentence, for invalid values.
     """
 
     height: FloatMap
@@ -143,7 +143,7 @@ class HorizonProblem:
 
 @dataclass(frozen=True)
 class Objective:
-    """What a plan is worth [m]: value = alpha * (error + over_ceiling) + (1 - alpha) * deviation, over the part.
+    """The objective of a plan [m]: value = alpha * (error + over_ceiling) + (1 - alpha) * deviation, over the part.
 
     error: mean of what lies below the target and `overshoot` times what lies above; over_ceiling: mean of what lies
     above the ceiling, times its cost; deviation: population standard deviation of the surface after the last layer.
@@ -156,7 +156,7 @@ class Objective:
 
 
 class Moves(IntFlag):
-    """What a search may change in one step."""
+    """The moves of a search: what one step may change."""
 
     FLIPS = 1  # a cell's droplet: put, taken, or of another kind
     SWAPS = 2  # the place of a droplet: a neighbouring cell of the same layer
@@ -175,7 +175,7 @@ class SearchStatus(Enum):
 
 @dataclass(frozen=True)
 class SearchProgress:
-    """How far a search is: value of the plan [m], and what was done so far."""
+    """Progress of a search: value of the plan [m], and the work done."""
 
     value: float
     sweeps: int
@@ -205,7 +205,7 @@ class SearchResult:
 
 
 def error_of_array(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -> str | None:
-    """What is wrong with an array that should have this shape and dtype, and finite values; None: nothing."""
+    """The error of an array that must have this shape and dtype and finite values, or None."""
     if np.shape(array) != tuple(shape):
         return f"{name} has shape {np.shape(array)}; needs {tuple(shape)}"
     if array.dtype != np.dtype(dtype):

@@ -32,7 +32,7 @@ class Work:
     sweeps: of the repair of one start; annealing_sweeps: of one more start that is annealed first (None: 50 for
     a single layer, up to 200 for a small plan of several, none for a large one), with it every start;
     iterations: of the relaxation; threads: does not change the answer; time_limit: guard by the clock [s].
-    Raises ValueError, all errors in one sentence, for budgets that cannot be meant.
+    Raises ValueError, all errors in one sentence, for invalid budgets.
     """
 
     sweeps: Annotated[int, Option()] = 30
@@ -66,7 +66,7 @@ class Stopwatch:
 
     @property
     def remaining(self) -> float:
-        """What is left of the limit [s], not below 0."""
+        """Remaining time [s], at least 0."""
         return max(0.0, self._end - perf_counter())
 
     @contextmanager

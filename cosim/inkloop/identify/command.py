@@ -33,7 +33,7 @@ from inkloop.units import UM_PER_M
 
 
 def run(options: argparse.Namespace, overrides: Mapping[str, Any], console: Console) -> int:
-    """Identify, show and write; the exit code. Raises IdentificationError and what reading or printing raises."""
+    """Identify, show and write; returns an exit code. Raises IdentificationError and those of reading and printing."""
     out: Path = options.out or Path(f"{Path(options.sources[0]).resolve().stem}-ink.toml")
     if out.exists():
         raise IdentificationError(f"{out}: is there already and is not overwritten; name another --out")
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace, overrides: Mapping[str, Any], console: Cons
 
 
 def tables(found: Identification) -> Iterator[Table]:
-    """What was found, for the screen."""
+    """The results as a table for the screen."""
     yield _heights(found)
     if found.volume_area is not None:
         yield _volume_area(found)

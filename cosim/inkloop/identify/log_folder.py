@@ -1,4 +1,4 @@
-"""A print that somebody else logged: a folder with a pattern and a height map for each layer, described by print.toml.
+"""Read a print logged by other software: a folder with a pattern and a height map per layer and a print.toml.
 
 print.toml            pitch_um = 263.256, unit = "um", pixel_um = 5.0, ...
 pattern_0001.csv      what was jetted in layer 1: 0 none, 1 material A, 2 material B, one number per cell
@@ -36,7 +36,7 @@ LAYERS_MOST = 100_000
 
 
 class PrintTable(Table):
-    """`print.toml`. A file name holds `{layer}`; the suffix says the format."""
+    """`print.toml`. A file name holds `{layer}`; the suffix sets the format."""
 
     pitch_um: Length = Field(description="droplet spacing")
     patterns: str = Field(default="pattern_{layer:04d}.csv", description="names of the patterns, from layer 1 on")
@@ -132,7 +132,7 @@ def _is_numbered(name: str) -> bool:
 
 
 def _patterns(folder: Path, table: PrintTable) -> tuple[list[NDArray[np.int32]], list[str]]:
-    """The patterns of layers 1, 2, ... as far as there are files, and what is wrong with them."""
+    """The patterns of layers 1, 2, ... as far as there are files, and their errors."""
     found: list[NDArray[np.int32]] = []
     errors: list[str] = []
     for layer in range(1, LAYERS_MOST):
@@ -149,7 +149,7 @@ def _patterns(folder: Path, table: PrintTable) -> tuple[list[NDArray[np.int32]],
 
 
 def _pattern(path: Path, rows_along: str | None, errors: list[str]) -> NDArray[np.int32]:
-    """What one file says; `errors` gets what is wrong with it."""
+    """The pattern in one file; its errors are appended to `errors`."""
     try:
         is_array = path.suffix.lower() == ".npy"
         values = (

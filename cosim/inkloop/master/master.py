@@ -1,7 +1,7 @@
-"""The co-simulation master: who runs when, with which inputs, until when.
+"""The co-simulation master: order of execution, inputs and end of a run.
 
 Time is whole nanoseconds. At every communication point each component has stepped as far as its rate says, and the
-observers see the newest outputs of all. Components are terminated whatever happens.
+observers see the newest outputs of all. Components are always terminated.
 """
 
 from __future__ import annotations
@@ -97,9 +97,9 @@ class Master:
     def run(
         self, *, layers_max: int | None = None, time_max_ns: int | None = None, resume: Checkpoint | None = None
     ) -> StopReason:
-        """Initialize, step and terminate; what ended the run. Raises ComponentError.
+        """Initialize, step and terminate; returns the stop reason. Raises ComponentError.
 
-        resume: the point to go on from, the start if None.
+        resume: the point to resume from, the start if None.
 
         "done": the component that commands layers says so. "layers_max": that many layers are printed, and scanned
         where somebody scans. "fault": a component's status is fault. "interrupted": Ctrl-C; all observers saw the last
@@ -204,7 +204,7 @@ class Master:
         )
 
     def _commanded(self, outputs: Mapping[str, Values]) -> int:
-        """Number of the last layer commanded, 0 if nobody commands layers."""
+        """Number of the last layer commanded, 0 if no component commands layers."""
         return int(outputs[self._commander][LAYER_COMMAND]) if self._commander else 0
 
     def _checked(self, name: str, outputs: Values) -> Values:

@@ -1,4 +1,4 @@
-"""The level of a scan: many profilers lose their height and their tilt between scans, cells beside the part keep it."""
+"""The level of a scan: many profilers lose height and tilt between scans, cells outside the part keep it."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ def _contents(path: Path) -> FileContents:
 
 
 def _factor(path: Path, contents: FileContents, unit: str | None, errors: list[str]) -> float:
-    """Metres per unit of the stored heights; where both say it, they agree."""
+    """Metres per unit of the stored heights; file and option must agree."""
     if unit is not None and length_factor(unit) is None:
         errors.append(f"unit is {unit!r}; expected one of nm, um, mm, m")
         return 1.0
@@ -100,7 +100,7 @@ def _factor(path: Path, contents: FileContents, unit: str | None, errors: list[s
 
 
 def _pixel(contents: FileContents, pixel: float | tuple[float, float] | None, errors: list[str]) -> tuple[float, float]:
-    """Size of a pixel along x and y [m]; where both say it, they agree."""
+    """Size of a pixel along x and y [m]; file and option must agree."""
     asked = (float(pixel), float(pixel)) if isinstance(pixel, int | float) else pixel
     if asked is None and contents.pixel is None:
         errors.append("does not declare the size of its pixels; give pixel, the distance of two pixels")

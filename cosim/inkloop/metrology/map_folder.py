@@ -42,7 +42,7 @@ class MapFolder:
     """Scans the newest printed layer by waiting for its file, and lays it over the grid.
 
     Each step waits a moment and leaves the loop running: `status` is busy until the file is there and complete, and the
-    run ends in words after `timeout_s` (wall clock). What the options mean is on the page of the scenario file. Raises
+    run ends with a message after `timeout_s` (wall clock). Options: see the page of the scenario file. Raises
     ValueError with what does not fit together, later ComponentError.
     """
 

@@ -79,7 +79,7 @@ class Print:
         return result
 
     def _load(self) -> Checkpoint | None:
-        """The checkpoint to resume from, if any. Raises ResultError if it cannot be resumed; the result is saved."""
+        """The checkpoint to resume from, if any. Raises ResultError if it cannot resume, after saving the result."""
         if not self._folder or not self._checkpoints:
             return None
         try:

@@ -201,7 +201,7 @@ def materials(run: xr.Dataset, name: str) -> Figure:
 
 
 def solids(runs: Runs) -> Figure:
-    """What is left of prints in two inks when ink B, the support, is washed away; upright stretched."""
+    """Prints in two inks after ink B, the support, is washed away; heights stretched."""
     figure = _figure(2.6)
     views = [view(voxels(run) == 1, SOLID_UPRIGHT) for run in runs.values()]
     seen = np.logical_or.reduce([~np.isnan(image) for image in views])

@@ -49,7 +49,7 @@ def read_events(
 
 
 class _Reader:
-    """Reads one table for the port it names; `errors` collects what is wrong."""
+    """Reads one table for the port it names; `errors` collects its errors."""
 
     def __init__(self, table: EventTable, port: Port, nozzle_pitch: int | None, pitch: float) -> None:
         self._table = table
@@ -160,7 +160,7 @@ def _moment_errors(table: EventTable, commands: bool) -> list[str]:
 def find_event_port(
     place: str, components: Mapping[str, HasPorts], unknown: Collection[str] = ()
 ) -> tuple[Port | None, list[str]]:
-    """The port at "component.port", and what is wrong with the place; neither for a component with unknown ports."""
+    """The port at "component.port", and the error of the place; neither for a component with unknown ports."""
     component, _, name = place.partition(".")
     if component in unknown:
         return None, []

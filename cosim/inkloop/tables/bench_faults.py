@@ -1,4 +1,4 @@
-"""`[[bench.faults]]` and `inkloop bench --fault`: what goes wrong in the emulated bench, on request."""
+"""`[[bench.faults]]` and `inkloop bench --fault`: faults injected into the emulated bench."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class FaultTable(Table):
 
 
 def read_fault(text: str) -> FaultTable:
-    """A fault from KIND[:key=value,...]. Raises InkloopError with everything that is wrong with it."""
+    """A fault from KIND[:key=value,...]. Raises InkloopError with all its errors."""
     kind, _, rest = text.partition(":")
     pairs = [pair.partition("=") for pair in rest.split(",") if pair]
     values: dict[str, object] = {"kind": kind} | {key: _value(word) for key, _, word in pairs}

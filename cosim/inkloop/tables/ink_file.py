@@ -74,7 +74,7 @@ def _read(path: Path) -> tuple[InkFile | None, list[str]]:
 
 
 def _fill(ink: MutableMapping[str, Any], material: str, values: dict[str, float]) -> None:
-    """Puts in what the scenario does not say of a material."""
+    """Fill in the keys of a material that the scenario leaves out."""
     own = ink.get(material)
     if own is None:
         ink[material] = values

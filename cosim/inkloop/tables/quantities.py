@@ -33,7 +33,7 @@ def read_quantities(
 
 
 def scaled(value: object, factor: float) -> object:
-    """A number or nested list of numbers times `factor`; anything else as it is, to be refused by who reads it."""
+    """A number or nested list of numbers times `factor`; anything else as it is, to be rejected by the reader."""
     if factor == 1.0:
         return value
     try:
