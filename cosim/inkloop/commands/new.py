@@ -14,7 +14,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = commands.add_parser("new", help="write a commented scenario to start from")
     parser.add_argument("name", type=Path, metavar="NAME", help="writes NAME.toml")
     parser.add_argument(
-        "--shape", choices=tuple(templates.PARTS), default="cylinder", help="shape of the part (default: cylinder)"
+        "--shape", choices=templates.shapes(), default="cylinder", help="shape of the part (default: cylinder)"
     )
     return parser
 

@@ -37,7 +37,7 @@ def test_shipped_scenario_fits_the_schema(path: Path) -> None:
     assert errors(tomlkit.parse(path.read_text()).unwrap()) == []
 
 
-@pytest.mark.parametrize("shape", new.PARTS)
+@pytest.mark.parametrize("shape", new.shapes())
 def test_template_fits_the_schema(shape: str, tmp_path: Path) -> None:
     path = new.write(tmp_path / "mine", shape)
     assert errors(tomlkit.parse(path.read_text()).unwrap()) == []

@@ -14,7 +14,7 @@ from inkloop.scenario.file import Scenario
 from inkloop.tables.schema import ScenarioFile
 
 
-@pytest.mark.parametrize("shape", new.PARTS)
+@pytest.mark.parametrize("shape", new.shapes())
 def test_template_prints_until_its_controller_is_done(shape: str, tmp_path: Path) -> None:
     assert main(["new", str(tmp_path / "mine"), "--shape", shape]) == 0
     result = print_part(Scenario.load(tmp_path / "mine.toml"))
@@ -24,10 +24,10 @@ def test_template_prints_until_its_controller_is_done(shape: str, tmp_path: Path
 
 def test_every_shape_has_a_template() -> None:
     part = ScenarioFile.model_json_schema()["properties"]["part"]
-    assert set(part["discriminator"]["mapping"]) == set(new.PARTS)
+    assert set(part["discriminator"]["mapping"]) == set(new.shapes())
 
 
-@pytest.mark.parametrize("shape", new.PARTS)
+@pytest.mark.parametrize("shape", new.shapes())
 def test_every_table_is_in_the_template(shape: str, tmp_path: Path) -> None:
     text = new.write(tmp_path / "mine", shape).read_text()
     heads = {head.split(".")[0] for head in re.findall(r"^(?:# )?\[+([\w.]+)", text, re.MULTILINE)}
@@ -35,7 +35,7 @@ def test_every_table_is_in_the_template(shape: str, tmp_path: Path) -> None:
     assert heads == set(ScenarioFile.model_fields) - values
 
 
-@pytest.mark.parametrize("shape", new.PARTS)
+@pytest.mark.parametrize("shape", new.shapes())
 def test_tables_that_are_comments_are_valid_when_they_are_switched_on(shape: str, tmp_path: Path) -> None:
     path = new.write(tmp_path / "mine", shape)
     head, separator, tables = path.read_text().partition("[grid]")
