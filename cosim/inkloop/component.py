@@ -6,6 +6,7 @@ and a class of one's own needs nothing else to take part.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
@@ -50,6 +51,16 @@ class Port:
     def start_value(self) -> NDArray[Any]:
         """The start value as an array of the port's shape and dtype."""
         return np.full(self.shape, self.start, dtype=self.dtype)
+
+    def _key(self) -> tuple[object, ...]:
+        return self.name, self.unit, self.shape, self.dtype, None if math.isnan(self.start) else self.start
+
+    def __eq__(self, other: object) -> bool:
+        """Equal in every field; two ports that start as nan are equal in that, too."""
+        return self._key() == other._key() if isinstance(other, Port) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key())
 
 
 @runtime_checkable

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import math
 from collections.abc import Iterator
 
+from inkloop.component import Port
 from support.places import ROOT
 
 ARRAYS = {"NDArray", "ndarray", "Dataset"}
@@ -56,3 +58,10 @@ def test_dataclass_with_arrays_is_compared_by_identity() -> None:
     found = [(name, decorators) for name, decorators in dataclasses_with_arrays() if decorators]
     assert len(found) > 30
     assert not [name for name, (decorator,) in found if "eq=False" not in decorator]
+
+
+def test_ports_that_start_as_nan_are_equal() -> None:
+    one, other = (Port("growth", "m", start=start) for start in (math.nan, float("nan")))
+    assert one == other
+    assert hash(one) == hash(other)
+    assert one != Port("growth", "m")

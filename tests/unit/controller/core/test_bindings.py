@@ -178,7 +178,7 @@ def test_any_number_of_threads_gives_the_same_bits(
     one, many = (
         bindings.search(wanted, start, sweeps_max=12, annealing_sweeps=2, threads=number) for number in (1, threads)
     )
-    assert one == replace(many, plan=one.plan)
+    assert {**vars(one), "plan": None} == {**vars(many), "plan": None}
     np.testing.assert_array_equal(one.plan, many.plan)
 
 
