@@ -70,7 +70,7 @@ class Person:
     def look(self, words: str) -> None:
         """Whoever has to do something is told what."""
         assert "inkloop resume" in words, words
-        for passes, layer in re.findall(r"pass ([1-4, ]+) of layer (\d+), which was begun and whose progress is unknown", words):
+        for passes, layer in re.findall(r"pass ([1-4, ]+) of layer (\d+), which was begun and whose progress", words):
             self.told |= {(int(layer), int(number) - 1) for number in passes.split(", ")}
         if f"inkloop device {self._run} clear" in words:
             clear(self._run)
