@@ -121,6 +121,7 @@ gallery: .venv/developer
 	$(BIN)/python tools/figures/modelica_library.py
 	$(BIN)/python tools/figures/identified_ink.py
 	$(BIN)/python tools/figures/the_papers.py
+	$(BIN)/python tools/figures/house.py
 
 # Without constraints: the newest packages, to be tested before `make constraints` keeps their versions.
 upgrade: .venv/developer

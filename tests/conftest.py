@@ -37,3 +37,9 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """A compiler that runs in a test without the mark is an error, so that `make check` stays free of compilers."""
     compiled.unmarked_test = "" if item.get_closest_marker("compiled") else item.nodeid
     return (yield)
+
+
+@pytest.fixture
+def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs leave their table only: drawing is half the work of a short run, and tests of its own look at pictures."""
+    monkeypatch.setattr("inkloop.report.run_report.pictures", lambda runs: {})

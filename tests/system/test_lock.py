@@ -18,6 +18,8 @@ from inkloop.printing.run import new_run_folder
 from inkloop.results.result import Result
 from support.places import SCENARIOS
 
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
 CUBOID = SCENARIOS / "cuboid.toml"
 HOLDING = """
 import sys

@@ -20,6 +20,8 @@ from inkloop.scenario.file import Scenario
 from inkloop_hardware.emulated_bench import EmulatedBench
 from support.benches.bench_run import BLOCK, FAST, PATIENCE_S, TWO_INKS, started, wait_for_word, write
 
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
 ARRAYS = ("pattern", "measured_height", "valid", "estimated_height", "droplets_a", "droplets_b")
 
 

@@ -19,7 +19,7 @@ from inkloop.cli import main
 from inkloop.components import catalog
 from inkloop.results.result import Result
 from inkloop.tables import schema
-from inkloop.testing import LAWS, job
+from inkloop.testing import CONTRACT_CHECKS, job
 from inkloop_controller.baselines.planners import OpenLoop
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.layer_controller import LayerController
@@ -90,7 +90,7 @@ def test_laws_of_the_how_to_are_tested_as_it_says(tmp_path: Path) -> None:
         check=False,
     )
     assert run.returncode == 0, run.stdout
-    assert f"{len(LAWS)} passed" in run.stdout
+    assert f"{len(CONTRACT_CHECKS)} passed" in run.stdout
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -148,3 +148,10 @@ def test_gallery_shows_every_scenario_with_its_own_words() -> None:
         assert (ROOT / "docs/gallery" / f"{path.stem}.png").exists()
         comment = path.read_text().split("title =")[0]
         assert "\n".join(line.removeprefix("#").strip() for line in comment.splitlines()).strip() in page, path.stem
+
+
+def test_page_of_the_architecture_has_the_figures_of_the_code() -> None:
+    page = (ROOT / "docs/explanation/architecture.md").read_text()
+    assert runpy.run_path(str(ROOT / "tools/figures/house.py"))["with_counts"](page) == page, (
+        "run: python tools/figures/house.py"
+    )

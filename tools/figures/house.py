@@ -1,4 +1,4 @@
-"""Draw the house, docs/explanation/house.png, from the imports of the code: `python tools/figures/house.py`.
+"""Draw the house from the imports of the code, and count it, for docs/explanation: `python tools/figures/house.py`.
 
 A room is a folder or file at the root of a package; it stands above every room that it imports. On top the flow of a
 layer.
@@ -17,9 +17,10 @@ from matplotlib.patches import FancyBboxPatch
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
-from support.source_tree import PACKAGES, grouped, import_graph, modules, room
+from inkloop.files import write_text
+from support.source_tree import PACKAGES, circles, grouped, import_graph, include_graph, modules, room
 
-OUT = Path(__file__).parents[2] / "docs" / "explanation" / "house.png"
+FOLDER = Path(__file__).parents[2] / "docs" / "explanation"
 FLOOR = ("component", "contract", "errors", "files", "geometry", "suggest", "testing", "units")
 COLUMNS: Mapping[str, tuple[float, float]] = {
     "inkloop_controller": (0.0, 27.0),
@@ -141,10 +142,34 @@ def draw() -> Figure:
     return figure
 
 
+def counts() -> dict[str, int]:
+    """The figures of the house, by what is counted; the page has them beside those of version 0.1.0."""
+    graph = grouped(import_graph(), {name: room(name) for name in modules()})
+    found = {"Python modules": len(modules())}
+    for package in PACKAGES:
+        own = {name: below for name, below in graph.items() if name.startswith(f"{package}.")}
+        found[f"names at the root of `{package}`"] = len(own)
+        found[f"imports between them, `{package}`"] = sum(other in own for below in own.values() for other in below)
+    found["import circles, Python"] = len(circles(import_graph()))
+    return found | {"include circles, C": len(circles(include_graph()))}
+
+
+def with_counts(page: str) -> str:
+    """The page with today's figures in the last column of its table."""
+    lines = page.split("\n")
+    for number, line in enumerate(lines):
+        cells = line.split(" | ")
+        if len(cells) == 3 and (what := cells[0].removeprefix("| ")) in counts():
+            lines[number] = f"| {what} | {cells[1]} | {counts()[what]} |"
+    return "\n".join(lines)
+
+
 def main() -> None:
-    """Draw and save."""
-    draw().savefig(OUT, dpi=160)
-    print(f"wrote {OUT}")
+    """Draw the picture and write the figures into the page."""
+    draw().savefig(FOLDER / "house.png", dpi=160)
+    page = FOLDER / "architecture.md"
+    write_text(page, with_counts(page.read_text(encoding="utf-8")))
+    print(f"wrote {FOLDER / 'house.png'} and {page}")
 
 
 if __name__ == "__main__":

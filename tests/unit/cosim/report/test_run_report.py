@@ -57,6 +57,7 @@ def test_info_says_how_a_run_ended(tmp_path: Path, capsys: pytest.CaptureFixture
         assert said in shown
 
 
+@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize(
     ("port", "value", "said"),
     [("printer.pattern", "0", "dead cells: 2, "), ("profiler.valid", "false", "untrusted cells: 2, ")],
