@@ -81,7 +81,7 @@ class HorizonProgram:
         opti.minimize(cost)
         opti.solver(engine, {"print_time": False, "error_on_fail": False}, _solver_options(engine, seconds_max))
         self._opti, self._given, self._droplets, self._surfaces, self._cost = opti, given, droplets, surfaces, cost
-        self._engine, self._whole, self._shape = engine, whole, _shape(like)
+        self._whole, self._shape = whole, _shape(like)
 
     def solve(self, problem: HorizonProblem, start: FloatMap | None = None) -> RelaxedPlan:
         """Solve for the values of a problem; start: droplets (layers, nx, ny) to begin at (None: half of each limit).

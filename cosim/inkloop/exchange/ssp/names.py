@@ -13,7 +13,6 @@ _NAMESPACE = "http://ssp-standard.org/SSP1/SystemStructure"
 SSC = f"{{{_NAMESPACE}Common}}"
 SSD = f"{{{_NAMESPACE}Description}}"
 SSV = f"{{{_NAMESPACE}ParameterValues}}"
-SSM = f"{{{_NAMESPACE}ParameterMapping}}"
 
 Places: TypeAlias = Mapping[str, tuple[str, int]]
 """Name in the .ssp -> variable in inkloop, and the element of it that is meant."""

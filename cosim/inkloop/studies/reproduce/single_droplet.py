@@ -14,8 +14,8 @@ from inkloop.studies.reproduce import finite_elements, pictures
 from inkloop.studies.reproduce.comparison import Part, Row
 from inkloop.units import MS_PER_S, UM_PER_M
 
-VOLUME, ANGLE, RADIUS_UM, CENTRE_UM, LINEAR_CENTRE_UM = 30e-15, np.pi / 4, 35.1999, 14.5803, 15.4141
-"""30 pl at 45 degrees: base radius and height of the cap; height of the paraboloid of that base and volume."""
+VOLUME, ANGLE, RADIUS_UM, CENTRE_UM = 30e-15, np.pi / 4, 35.1999, 14.5803
+"""30 pl at 45 degrees: base radius and height of the cap."""
 
 Form = Literal["linear", "nonlinear"]
 SIZES_UM = (10.0, 5.0, 2.5)
