@@ -116,7 +116,7 @@ numbers = iter(range(1_000))
             lambda: FunctionComponent(outputs=[Y], start=lambda values: {"y": np.zeros(3)}),
             r"initialize returns y as \(\(3,\), 'float64'\)",
         ),
-        (same_inputs_give_the_same_bits, lambda: counting(next(numbers)), "y differs from that of another one"),
+        (same_inputs_give_the_same_bits, lambda: counting(next(numbers)), "y differs from that of a second component"),
         (outputs_of_a_step_stay_as_they_were, counting, "y differs from that of the same arrays two steps later"),
         (restored_component_continues_with_the_same_bits, counting, "FunctionComponent has no save"),
     ],

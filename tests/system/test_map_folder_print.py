@@ -62,7 +62,7 @@ alpha = 0.8
 kind = "LayerDeposition"
 variation = 0.2
 [components.bed]
-kind = "file_profiler:Bed"
+kind = "support.file_profiler:Bed"
 folder = {str(folder / "bed")!r}
 [components.profiler]
 kind = "MapFolder"

@@ -285,7 +285,7 @@ def test_folder_that_nothing_can_go_on_from_is_refused_in_words(
     assert "kept no state to resume from; run it again" in refusal()
     (folder / "run.json").write_text(json.dumps(record))
     (folder / "scenario.toml").write_text(scenario.replace("seed = 1", "seed = 2"))
-    assert "scenario.toml: was changed since the run began; put it back" in refusal()
+    assert "scenario.toml: was changed since the run began; restore it" in refusal()
     (folder / "scenario.toml").write_text(scenario)
     (folder / "layers" / "state.npz").write_bytes(state[:100])
     assert "remove this folder, and the run begins at its first layer" in refusal()

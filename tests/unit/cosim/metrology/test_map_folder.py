@@ -123,7 +123,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], object], dict[str, Any], str]] = {
     "no map": (lambda f: (f / "1.npz").write_bytes(b"half a"), {}, "is no array of numbers that NumPy saved"),
     "unit against the file": (lambda f: write(f, 1), {"unit": "mm"}, "heights in um, but unit is 'mm'"),
     "no datum": (
-        lambda f: write(f, 1, np.where(JOB.mask, surface(1), np.nan)), {"datum": "plane"}, "datum: 0 cells beside",
+        lambda f: write(f, 1, np.where(JOB.mask, surface(1), np.nan)), {"datum": "plane"}, "datum: 0 cells outside",
     ),
     "no part to fit to": (
         lambda f: write(f, 1, np.random.default_rng(1).random(surface(1).shape)), {"registration": "fit"},
