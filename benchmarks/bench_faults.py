@@ -94,7 +94,7 @@ def _reactions() -> Table:
 
 
 class Onlooker:
-    """An adapter of its own on the bus, which asks the lamp and never says that a master lives."""
+    """A second adapter on the bus, which polls the lamp and never sends a keep-alive."""
 
     def __init__(self, settings: BusSettings) -> None:
         self.adapter = Adapter(settings)
@@ -106,7 +106,7 @@ class Onlooker:
         """Nothing to note."""
 
     def check(self) -> None:
-        """Nothing to say."""
+        """Send nothing."""
 
     def now(self) -> float:
         """Seconds."""

@@ -1,4 +1,4 @@
-"""How long a step of `LayerController.fmu` takes that answers a scan, and what a time limit makes of it."""
+"""Duration of a step of `LayerController.fmu` that answers a scan, with and without a time limit."""
 
 from __future__ import annotations
 

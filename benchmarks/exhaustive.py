@@ -30,6 +30,6 @@ def best_plan(problem: HorizonProblem) -> IntPlan:
 
 
 def _increments(below: FloatMap, problem: HorizonProblem) -> FloatMap:
-    """What a droplet on each cell adds to the surface (cells, cells) [m]."""
+    """Height that a droplet on each cell adds to the surface (cells, cells) [m]."""
     single = np.eye(below.size, dtype=np.int32).reshape(-1, *below.shape)
     return np.stack([(bindings.layer(below, droplet, problem.kinds) - below).ravel() for droplet in single])

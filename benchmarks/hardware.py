@@ -1,4 +1,4 @@
-"""A layer on the emulated bench through the whole chain of processes, beside the time of its frames on a real bus."""
+"""A layer on the emulated bench through the whole chain of processes, and its frame time on a real bus."""
 
 from __future__ import annotations
 

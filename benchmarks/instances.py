@@ -36,7 +36,7 @@ def rough(shape: tuple[int, int], layers: int = 1, seed: int = 0, alpha: float =
 
 
 def recoverable(side: int, layers: int, seed: int, rise: float) -> HorizonProblem:
-    """A random surface of 0 to `rise` [m], and as target what a random plan makes of it."""
+    """A random surface of 0 to `rise` [m], and as target the surface after a random plan."""
     rng = np.random.default_rng(seed)
     height = rng.uniform(0.0, rise, (side, side))
     target = height

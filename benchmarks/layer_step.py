@@ -1,4 +1,4 @@
-"""One layer of `LayerDeposition` through FMI, beside a NumPy evaluation and beside the FMI calls alone."""
+"""One layer of `LayerDeposition` through FMI, compared with NumPy and with the FMI calls alone."""
 
 from __future__ import annotations
 

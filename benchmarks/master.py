@@ -1,4 +1,4 @@
-"""What the master adds to a communication step: beside other masters on the same FMU, and on large grids alone."""
+"""Overhead of the master per communication step: against other masters on one FMU, and on large grids."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SIDES = (20, 200, 1000)
 
 
 def measure() -> Group:
-    """Time per communication step beside other masters, and the master's own share on grids up to 10^6 cells."""
+    """Time per communication step against other masters, and the master's own share on grids up to 10^6 cells."""
     return Group(_beside_others(), _own_share())
 
 

@@ -1,4 +1,4 @@
-"""The same layer problems in one run: our controller, and what others would take."""
+"""The same layer problems in one run: inkloop's controller and other solvers."""
 
 from __future__ import annotations
 

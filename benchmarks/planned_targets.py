@@ -1,4 +1,4 @@
-"""Single layer problems: objective and time of our controller beside exact solutions and what is to be reached."""
+"""Single layer problems: objective and time of the controller against exact solutions and targets."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ SHOWN = {
 
 @dataclass(frozen=True)
 class Wanted:
-    """What one metric is to reach, as in `Figure`."""
+    """Target of one metric, as in `Figure`."""
 
     metric: str
     must: float = nan
@@ -97,7 +97,7 @@ ALPHAS = tuple(
 
 
 def measure() -> Table:
-    """Errors of the last surface over the part, mean and scatter over seeds, beside what is to be reached."""
+    """Errors of the last surface over the part, mean and scatter over seeds, and their targets."""
     prints = [
         (case, planner, seed)
         for case in (*CASES, *ALPHAS)

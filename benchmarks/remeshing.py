@@ -1,4 +1,4 @@
-"""The square of Hume and Rosen (2018) by remeshing finite elements, as the paper does it, beside our kernel."""
+"""The square of Hume and Rosen (2018) by remeshing finite elements, as in the paper, compared with inkloop's kernel."""
 
 from __future__ import annotations
 

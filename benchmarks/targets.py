@@ -1,4 +1,4 @@
-"""What the controller is to reach, case by case, in one run: whole prints, then single layer problems."""
+"""Targets of the controller, case by case, in one run: whole prints, then single layer problems."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ import pytest
 from support import compiled
 
 FOLDER = Path(__file__).parent
-MARKS = {"system": ("system",), "reference": ("system",), "unit/firmware": ("compiled",)}
+MARKS = {"system": ("system", "compiled"), "reference": ("system",), "unit/firmware": ("compiled",)}
 """Folder -> marks of all its tests, whole prints included; files elsewhere mark what compiles themselves."""
 
 

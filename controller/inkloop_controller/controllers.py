@@ -1,4 +1,4 @@
-"""The controllers that a scenario can name; their options stand where they are used, marked with `Option`."""
+"""The controllers that a scenario can name; their options are keyword arguments marked with `Option`."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def LayerMpcController(job: Job, **options: object) -> LayerController:
 
     Raises ValueError with the errors of all of them.
     """
-    faults: list[str] = []
-    criterion = _tried(faults, lambda: Criterion(**arguments(Criterion, options)))
-    choices = _tried(faults, lambda: DropletChoices(job, **arguments(DropletChoices, options)))
-    work = _tried(faults, lambda: Work(**arguments(Work, options)))
+    errors: list[str] = []
+    criterion = _tried(errors, lambda: Criterion(**arguments(Criterion, options)))
+    choices = _tried(errors, lambda: DropletChoices(job, **arguments(DropletChoices, options)))
+    work = _tried(errors, lambda: Work(**arguments(Work, options)))
     planner = _tried(
-        faults,
+        errors,
         lambda: LayerMpc(
             job,
             criterion=criterion or Criterion(alpha=1.0),  # of which no certificate complains
@@ -40,9 +40,9 @@ def LayerMpcController(job: Job, **options: object) -> LayerController:
             **arguments(LayerMpc, options),
         ),
     )
-    estimator = _tried(faults, lambda: HeightEstimator(job, **arguments(HeightEstimator, options)))
-    if faults or planner is None or estimator is None:
-        raise ValueError("; ".join(faults))
+    estimator = _tried(errors, lambda: HeightEstimator(job, **arguments(HeightEstimator, options)))
+    if errors or planner is None or estimator is None:
+        raise ValueError("; ".join(errors))
     return LayerController(job, planner, estimator)
 
 
@@ -75,10 +75,10 @@ def _of_planner(job: Job, planner: Planner) -> LayerController:
     return LayerController(job, planner, HeightEstimator(job, adapt_ink="off", take_as_read=True))
 
 
-def _tried(faults: list[str], make: Callable[[], T]) -> T | None:
-    """What `make` makes, or None and its fault in the list: the others are looked at all the same."""
+def _tried(errors: list[str], make: Callable[[], T]) -> T | None:
+    """The result of `make`, or None with its error appended, so that all errors are reported together."""
     try:
         return make()
     except ValueError as error:
-        faults.append(str(error))
+        errors.append(str(error))
         return None

@@ -82,7 +82,7 @@ class LayerController:
         self._state = _start(job, 0)
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
-        """Start anew; the layers printed by now are the number that commands count from."""
+        """Start again; commands count from the number of layers printed by now."""
         self._state = _start(self._job, int(inputs[LAYERS_PRINTED]))
         return self._outputs()
 
@@ -128,8 +128,8 @@ class LayerController:
             estimate = self._estimator.first(measured, valid)
         else:
             drops = before.drop_level.astype(np.float64)
-            told = (before.estimate, before.pattern, scan, measured, valid, drops)
-            estimate = self._estimator.after_unknown(*told) if is_unknown else self._estimator.next(*told)
+            seen = (before.estimate, before.pattern, scan, measured, valid, drops)
+            estimate = self._estimator.after_unknown(*seen) if is_unknown else self._estimator.next(*seen)
         started = perf_counter()
         plan = self._planner.plan(estimate, scan, before.plan)
         done = plan.status is PlanStatus.DONE

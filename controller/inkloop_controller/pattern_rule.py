@@ -1,4 +1,4 @@
-"""A controller from one function: the surface in, the pattern of the next layer out; the handshake is ours."""
+"""A controller from one function: surface in, pattern of the next layer out; the handshake is built in."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from inkloop_controller.problem.horizon_problem import IntMap, IntPlan
 
 
 class PatternRule(Protocol):
-    """What a class needs to control the print."""
+    """The interface that a class needs to control the print."""
 
     def pattern(self, height: FloatMap, layer: int) -> ArrayLike:
         """The pattern (nx, ny) for the surface `height` (nx, ny) [m] after `layer` layers.
@@ -36,7 +36,7 @@ class RulePlanner:
         self._job, self._rule, self._model = job, rule, LayerModel.of(job)
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
-        """What the rule says, DONE if that is nothing. Raises ComponentError for what is no pattern."""
+        """The pattern of the rule, DONE for None. Raises ComponentError for an invalid pattern."""
         pattern = self._checked(np.asarray(self._rule.pattern(estimate.height.copy(), layer)), layer)
         status = PlanStatus.FIXED if pattern.any() else PlanStatus.DONE
         predicted = replace(self._model, inks=estimate.inks).layer(estimate.height, pattern, layer + 1)

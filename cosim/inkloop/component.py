@@ -1,4 +1,4 @@
-"""The floor that every part stands on: what a component is, and what a component is told about the job.
+"""The component interface, its ports, and the job that every component receives.
 
 An FMU, the layer controller and a CAN device all fulfil `Component`. The master asks nothing more of them,
 and a class of one's own needs nothing else to take part.
@@ -121,12 +121,12 @@ def is_device(component: HasPorts) -> bool:
 
 
 def is_shadow(component: HasPorts) -> bool:
-    """Whether a component is a model beside a device: it stands in where nobody else has its outputs."""
+    """Whether a component is a model that shadows a device; it supplies outputs that no other component has."""
     return bool(getattr(component, "is_shadow", False))
 
 
 MEMBERS = ("inputs", "outputs", "initialize", "do_step", "terminate")
-"""What a component has at least."""
+"""Members that every component must have."""
 
 
 @runtime_checkable
@@ -153,7 +153,7 @@ class Ink:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What is to be printed, as every component is told it.
+    """The print job, as every component receives it.
 
     target_height: (nx, ny) [m]; mask: (nx, ny), the part's cells, over which errors count and droplets may fall;
     inks: one per material; region: where material A belongs (None: one material everywhere);

@@ -1,11 +1,11 @@
-"""Errors of inkloop, split by who can mend them.
+"""Errors of inkloop, grouped by who can fix the cause.
 
 InkloopError
-├── ScenarioError    the author of the file: every fault of the file at once, each with its place
-├── FmuError         the maker of an FMU: cannot be read, or does not offer what is asked of it
+├── ScenarioError    the author of the file: every error of the file at once, each with its place
+├── FmuError         the maker of an FMU: cannot be read, or lacks a required feature
 ├── ComponentError   a component failed while it ran: which one, when, in which layer
-├── HeightMapError   a measured map cannot be read, or does not lie on the grid as it is said to
-├── IdentificationError  what was logged does not determine the ink that is asked for, or is not what it is said to be
+├── HeightMapError   a measured map cannot be read, or does not fit the grid as configured
+├── IdentificationError  the logged data are invalid or do not determine the requested ink
 └── ResultError      a run folder cannot be read or written
 """
 
@@ -19,33 +19,33 @@ _PACKAGES = ("inkloop", "inkloop_controller", "inkloop_hardware")
 
 
 class InkloopError(Exception):
-    """Anything that inkloop reports to its user as a sentence, without a traceback."""
+    """Anything that inkloop reports to the user as a message without a traceback."""
 
 
 class ScenarioError(InkloopError):
-    """Faults of one scenario; `faults` holds one sentence each: place, what was found, what is expected."""
+    """Errors of one scenario; `errors` holds one sentence each: place, what was found, what is expected."""
 
-    def __init__(self, source: str, faults: Sequence[str]) -> None:
+    def __init__(self, source: str, errors: Sequence[str]) -> None:
         self.source = source
-        self.faults = tuple(faults)
-        count = "1 fault" if len(self.faults) == 1 else f"{len(self.faults)} faults"
-        super().__init__("\n".join([f"{source}: {count}", *(f"  - {fault}" for fault in self.faults)]))
+        self.errors = tuple(errors)
+        count = "1 error" if len(self.errors) == 1 else f"{len(self.errors)} errors"
+        super().__init__("\n".join([f"{source}: {count}", *(f"  - {error}" for error in self.errors)]))
 
 
 class FmuError(InkloopError):
-    """An FMU cannot be read, or lacks what is asked of it."""
+    """An FMU cannot be read, or lacks a required feature."""
 
 
 class ComponentError(InkloopError):
-    """A component refused or failed; the message names it and says why."""
+    """A component refused a call or failed; the message names the component and the reason."""
 
 
 class HeightMapError(InkloopError):
-    """A file is no height map that can be read, or a map cannot be laid over the grid; the message names it."""
+    """A height map cannot be read or does not fit the grid; the message names the file."""
 
 
 class IdentificationError(InkloopError):
-    """Patterns and surfaces that were logged cannot be read, or do not determine what is asked of them."""
+    """Logged patterns and surfaces cannot be read, or do not determine the requested ink."""
 
 
 class ResultError(InkloopError):

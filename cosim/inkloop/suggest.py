@@ -9,7 +9,7 @@ SHORT = 3  # letters of a word in which one wrong letter is already a third
 
 
 def nearest(found: str, known: Iterable[str], listed: Iterable[str] | None = None) -> str:
-    """What to write instead of `found`: the nearest known words that are equally near, else all, or `listed`."""
+    """Suggestion instead of `found`: the nearest known words that are equally near, else all, or `listed`."""
     words = sorted(known)
     if close := near(found, words):
         return f"did you mean {' or '.join(close)}?"

@@ -1,10 +1,11 @@
-"""The laws that every component of the loop keeps, for the tests of one's own components too.
+"""Contract checks of every component of the loop, also for tests of your own components.
 
-A law takes a function that makes a new component, and raises AssertionError in words where it is broken. With pytest:
+A check takes a function that makes a new component, and raises AssertionError with a message if the contract is broken.
+With pytest:
 
-    @pytest.mark.parametrize("law", LAWS)
-    def test_my_component_keeps(law):
-        law(lambda: Mine(job()))
+    @pytest.mark.parametrize("check", CONTRACT_CHECKS)
+    def test_my_component_keeps(check):
+        check(lambda: Mine(job()))
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ WALL_CLOCK = frozenset({"solve_time"})
 """Outputs that may differ between two runs of the same bits."""
 
 Maker: TypeAlias = Callable[[], Component]
-Law: TypeAlias = Callable[[Maker], None]
+ContractCheck: TypeAlias = Callable[[Maker], None]
 
 
 def job(nx: int = 7, ny: int = 5, layers: int = 5) -> Job:
@@ -36,7 +37,7 @@ def job(nx: int = 7, ny: int = 5, layers: int = 5) -> Job:
 
 
 def it_is_a_component(make: Maker) -> None:
-    """The five members are there."""
+    """The component has the five required members."""
     with _made(make, 1) as (part,):
         missing = [name for name in MEMBERS if not hasattr(part, name)]
         assert not missing, f"{type(part).__name__} has no {', '.join(missing)}; a component has {', '.join(MEMBERS)}"
@@ -47,7 +48,7 @@ def names_of_ports_are_unique(make: Maker) -> None:
     with _made(make, 1) as (part,):
         for ports in (part.inputs, part.outputs):
             names = [port.name for port in ports]
-            assert len(set(names)) == len(names), f"a name is there twice among {', '.join(names)}"
+            assert len(set(names)) == len(names), f"a name occurs twice among {', '.join(names)}"
 
 
 def outputs_are_as_declared_from_the_start_on(make: Maker) -> None:
@@ -59,12 +60,12 @@ def outputs_are_as_declared_from_the_start_on(make: Maker) -> None:
 
 
 def same_inputs_give_the_same_bits(make: Maker) -> None:
-    """Two components of one make agree to the last bit; randomness comes from the seed of the job."""
+    """Two components of the same kind agree to the last bit; randomness comes from the seed of the job."""
     with _made(make, 2) as parts:
         for part in parts:
             part.initialize(0, _starts(part))
         one, other = (_steps(part, 0, 4) for part in parts)
-        _check_same(one, other, "another one of the same make")
+        _check_same(one, other, "a second component of the same kind")
 
 
 def outputs_of_a_step_stay_as_they_were(make: Maker) -> None:
@@ -87,8 +88,8 @@ def inputs_are_left_alone(make: Maker) -> None:
         part.do_step(0, NS_PER_S, inputs)
 
 
-def restored_component_goes_on_with_the_same_bits(make: Maker) -> None:
-    """What `save` gives makes another one, by `restore`, go on as the first would."""
+def restored_component_continues_with_the_same_bits(make: Maker) -> None:
+    """A second component that restores what the first one saved returns the same values as the first."""
     with _made(make, 2) as (part, other):
         for one in (part, other):
             assert hasattr(one, "save"), f"{type(one).__name__} has no save; a run with it cannot be resumed"
@@ -99,7 +100,7 @@ def restored_component_goes_on_with_the_same_bits(make: Maker) -> None:
         _check_same(_steps(part, 2, 3), _steps(other, 2, 3), "the restored one")
 
 
-LAWS: tuple[Law, ...] = (
+CONTRACT_CHECKS: tuple[ContractCheck, ...] = (
     it_is_a_component,
     names_of_ports_are_unique,
     outputs_are_as_declared_from_the_start_on,
@@ -107,10 +108,10 @@ LAWS: tuple[Law, ...] = (
     outputs_of_a_step_stay_as_they_were,
     inputs_are_left_alone,
 )
-"""For every component."""
+"""Checks for every component."""
 
-RESUMABLE_LAWS: tuple[Law, ...] = (*LAWS, restored_component_goes_on_with_the_same_bits)
-"""For components that offer `save` and `restore`, so that a run with them can be resumed."""
+RESUMABLE_CONTRACT_CHECKS = (*CONTRACT_CHECKS, restored_component_continues_with_the_same_bits)
+"""Checks for components that offer `save` and `restore`, so that a run with them can be resumed."""
 
 
 @contextmanager

@@ -121,7 +121,7 @@ def conversion(source: str, target: str) -> float | None:
 
 
 def missing_suffix(name: str, unit: str) -> str | None:
-    """What is wrong with the plain `name` as a key for a quantity in `unit`, None if nothing is."""
+    """The error in using the plain `name` as a key for a quantity in `unit`, or None."""
     if not is_known(unit):
         return None
     *firsts, last = spellings(name, unit)

@@ -1,4 +1,4 @@
-"""What every component of the loop keeps, whatever it is made of: the laws of `inkloop.testing`, and that they bite."""
+"""Every kind of component passes the contract checks of `inkloop.testing`, and broken components fail them."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from inkloop.component import Component, Port, Values
 from inkloop.components import catalog
 from inkloop.fmu import FmuComponent
 from inkloop.testing import (
-    RESUMABLE_LAWS,
-    Law,
+    RESUMABLE_CONTRACT_CHECKS,
+    ContractCheck,
     inputs_are_left_alone,
     it_is_a_component,
     job,
     names_of_ports_are_unique,
     outputs_are_as_declared_from_the_start_on,
     outputs_of_a_step_stay_as_they_were,
-    restored_component_goes_on_with_the_same_bits,
+    restored_component_continues_with_the_same_bits,
     same_inputs_give_the_same_bits,
 )
 from support.fmus.amplifier import build
@@ -43,31 +43,31 @@ def recorded_maps(folder: Path) -> Component:
 
 MAKERS: dict[str, Callable[[Path], Component]] = {
     **{
-        f"{model} {form}": lambda _, model=model, form=form: catalog.make(model, JOB, {"fmi": form})
+        f"{model} {form}": lambda _, model=model, form=form: catalog.make(model, JOB, {"fmi": form})  # type: ignore[misc]
         for model in catalog.DEPOSITION_MODELS
         for form in FORMS
     },
     **{
-        f"ProfileSensor {form}": lambda _, form=form: catalog.make(
+        f"ProfileSensor {form}": lambda _, form=form: catalog.make(  # type: ignore[misc]
             "ProfileSensor", JOB, {"fmi": form, "noise_std_um": 0.5}
         )
         for form in FORMS
     },
     **{
-        f"LayerController {form}": lambda _, form=form: catalog.make("LayerController", JOB, {"fmi": form})
+        f"LayerController {form}": lambda _, form=form: catalog.make("LayerController", JOB, {"fmi": form})  # type: ignore[misc]
         for form in FORMS
     },
-    **{kind: lambda _, kind=kind: catalog.make(kind, JOB, {}) for kind in CONTROLLERS},
+    **{kind: lambda _, kind=kind: catalog.make(kind, JOB, {}) for kind in CONTROLLERS},  # type: ignore[misc]
     "MapFolder": recorded_maps,
 }
 FOREIGN = [pytest.param(lambda folder, fmi=fmi: FmuComponent(build(folder, fmi)), id=f"foreign FMI {fmi}",
                         marks=pytest.mark.compiled) for fmi in (2, 3)]  # fmt: skip
 
 
-@pytest.mark.parametrize("law", RESUMABLE_LAWS)
+@pytest.mark.parametrize("check", RESUMABLE_CONTRACT_CHECKS)
 @pytest.mark.parametrize("maker", [*(pytest.param(make, id=name) for name, make in MAKERS.items()), *FOREIGN])
-def test_ours_keep(maker: Callable[[Path], Component], law: Law, tmp_path: Path) -> None:
-    law(lambda: maker(tmp_path))
+def test_ours_keep(maker: Callable[[Path], Component], check: ContractCheck, tmp_path: Path) -> None:
+    check(lambda: maker(tmp_path))
 
 
 Y = Port("y", shape=(2,))
@@ -102,7 +102,7 @@ numbers = iter(range(1_000))
 
 
 @pytest.mark.parametrize(
-    ("law", "broken", "said"),
+    ("check", "broken", "said"),
     [
         (it_is_a_component, Lacking, "Lacking has no initialize, do_step, terminate"),
         (names_of_ports_are_unique, lambda: FunctionComponent(outputs=[Y, Y]), "twice among y, y"),
@@ -118,12 +118,12 @@ numbers = iter(range(1_000))
         ),
         (same_inputs_give_the_same_bits, lambda: counting(next(numbers)), "y differs from that of another one"),
         (outputs_of_a_step_stay_as_they_were, counting, "y differs from that of the same arrays two steps later"),
-        (restored_component_goes_on_with_the_same_bits, counting, "FunctionComponent has no save"),
+        (restored_component_continues_with_the_same_bits, counting, "FunctionComponent has no save"),
     ],
 )
-def test_broken_law_is_told_in_words(law: Law, broken: Callable[[], Component], said: str) -> None:
+def test_broken_contract_is_reported(check: ContractCheck, broken: Callable[[], Component], said: str) -> None:
     with pytest.raises(AssertionError, match=said):
-        law(broken)
+        check(broken)
 
 
 def test_writing_into_an_input_is_caught() -> None:

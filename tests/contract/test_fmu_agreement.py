@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from fmpy import simulate_fmu
@@ -20,7 +22,7 @@ PITCH = 263.256e-6
 def test_deposition_is_the_reference_model_over_five_layers(form, nx, ny, passes) -> None:
     inks = (lu_numpy.INK, (3e-6, 0.9e-6, 0.3e-6))
     start = np.random.default_rng(1).uniform(0.0, 10e-6, (nx, ny))
-    varied = {"variation": 0.3, "nozzle_pitch": 3, "nozzle_variation": 0.1, "seed": 77}
+    varied: dict[str, Any] = {"variation": 0.3, "nozzle_pitch": 3, "nozzle_variation": 0.1, "seed": 77}
     own = {"h1_b": 3e-6, "h2_b": 0.9e-6, "h3_b": 0.3e-6, "passes": passes, "pass_order": 2, "pass_rotation": 1}
     surface, lost = start, 0.0
     with Driver("LayerDeposition", form, nx, ny).start({**varied, **own, "height_start": start}) as fmu:
@@ -36,7 +38,8 @@ def test_deposition_is_the_reference_model_over_five_layers(form, nx, ny, passes
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize(("nx", "ny"), GRIDS)
 def test_grey_droplets_under_a_roller_are_the_reference_model(form, nx, ny) -> None:
-    generator, varied = np.random.default_rng(9), {"variation": 0.3, "seed": 5}
+    generator = np.random.default_rng(9)
+    varied: dict[str, Any] = {"variation": 0.3, "seed": 5}
     surface, cut, drops = np.zeros((nx, ny)), 0.0, 0
     with Driver("LayerDeposition", form, nx, ny).start({**varied, "roller_step": 9e-6, "roller_datum": 1e-6}) as fmu:
         for number, pattern in enumerate(random_patterns(nx, ny, 5), start=1):
@@ -66,7 +69,8 @@ def test_every_kind_of_variation_is_the_reference_model(form, kind) -> None:
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize(("nx", "ny"), GRIDS)
 def test_sensor_is_the_reference_model_over_five_scans(form, nx, ny) -> None:
-    parameters = {"noise_std": 1e-6, "noise_correlation": 0.3, "bias": 2e-6, "drift_rate": 0.5e-6, "tilt_x": 1e-3,
+    parameters: dict[str, Any] = {
+                  "noise_std": 1e-6, "noise_correlation": 0.3, "bias": 2e-6, "drift_rate": 0.5e-6, "tilt_x": 1e-3,
                   "tilt_y": 2e-3, "spot_radius": 200e-6, "slope_bias": 3e-6, "dropout_rate": 0.2,
                   "seed": 4}  # fmt: skip
     last = np.zeros((nx, ny))

@@ -267,11 +267,11 @@ def test_co_simulation_is_the_only_interface_and_others_are_refused_in_words(mod
             assert len(messages) == 1
         else:
             log = fmi3.fmi3LogMessageCallback(lambda _, status, category, text: messages.append(text.decode()))
-            names = (b"it", own.guid.encode(), b"", False, False, None, log)
-            assert own.fmi3InstantiateModelExchange(*names) is None
+            first = (b"it", own.guid.encode(), b"", False, False, None, log)
+            assert own.fmi3InstantiateModelExchange(*first) is None
             nothing = (fmi3.fmi3ClockUpdateCallback(), fmi3.fmi3LockPreemptionCallback(),
                        fmi3.fmi3UnlockPreemptionCallback())  # fmt: skip
-            assert own.fmi3InstantiateScheduledExecution(*names, *nothing) is None
+            assert own.fmi3InstantiateScheduledExecution(*first, *nothing) is None
             assert len(messages) == 2
     assert all("for co-simulation only" in message for message in messages)
 

@@ -116,7 +116,7 @@ def test_print_is_the_one_of_the_python_controller(case: str, scan: Scan) -> Non
 
 def test_cells_that_were_not_seen_are_predicted_alike() -> None:
     job, options = block(18, 16, height=60e-6), {"untrusted_layers": 0, "horizon": 2}
-    one, other = (Seen(controller, 0.3) for controller in twins(job, options))
+    one, other = list[Any](Seen(controller, 0.3) for controller in twins(job, options))
     assert assert_same_print(one, other, job, noisy) > 6
 
 

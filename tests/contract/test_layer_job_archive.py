@@ -172,10 +172,10 @@ def test_scenario_that_cannot_be_baked_is_answered_with_every_obstacle() -> None
     text += '\n[[connections]]\nsource = "printer.height"\ntarget = "profiler.height"\ngain = 1.01\n'
     with pytest.raises(ScenarioError) as raised:
         bake(Scenario.of_text(text, str(SCENARIOS / "it.toml")))
-    faults = "\n".join(raised.value.faults)
-    assert "components.controller: kind OpenLoop is no FMU; a block is made of LayerMpc, LayerDeposition" in faults
-    assert "connections: printer.height to profiler.height has a gain or an offset" in faults
-    assert "[[events]]" in faults
+    errors = "\n".join(raised.value.errors)
+    assert "components.controller: kind OpenLoop is no FMU; a block is made of LayerMpc, LayerDeposition" in errors
+    assert "connections: printer.height to profiler.height has a gain or an offset" in errors
+    assert "[[events]]" in errors
 
 
 def test_devices_have_no_place_in_a_block() -> None:

@@ -101,10 +101,10 @@ FAULTS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("fault", FAULTS)
-def test_file_that_is_not_the_blocks_own_is_refused_in_words(fault, binary, tmp_path) -> None:
-    spoil, words = FAULTS[fault]
-    token = None if "export" in fault else binary.unmarked
+@pytest.mark.parametrize("error", FAULTS)
+def test_file_that_is_not_the_blocks_own_is_refused_in_words(error, binary, tmp_path) -> None:
+    spoil, words = FAULTS[error]
+    token = None if "export" in error else binary.unmarked
     message = binary.refusal_of(spoil(binary.content), tmp_path, token=token)
     assert message is not None
     assert words in message

@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from itertools import cycle
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ SECOND_FORM_IS_LONG = pytest.mark.parametrize("form", rest_is_long(FORMS, 1))
 IDLE, PRINTING = 0, 1
 OF_THE_PRINTER = ("droplets_a", "droplets_b", "volume_lost", "height_mean")
 OF_THE_CONTROLLER = ("objective", "volume_scale", "dead_cells", "untrusted_cells")
-CASES = {
+CASES: dict[str, Any] = {
     "cylinder": ("cylinder",),
     "four passes": ("four-passes", ("run.layers_max", 20)),
     "two materials": ("two-materials", ("run.layers_max", 14)),

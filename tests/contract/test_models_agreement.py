@@ -114,7 +114,7 @@ def test_arguments_stay_as_they_were() -> None:
         (lambda: VolumeAreaDeposition(mv_plus=np.nan), "finite"),
         (lambda: VolumeAreaDeposition().start(np.zeros((3, 3)), np.full((3, 3), 2.0)), "areas of 0 to 1"),
         (lambda: YoungLaplaceDeposition(pitch=10e-6), "at most 2 pitches"),
-        (lambda: YoungLaplaceDeposition(form="exact"), "linear"),
+        (lambda: YoungLaplaceDeposition(form="exact"), "linear"),  # type: ignore[arg-type]
         (lambda: LayerDeposition().start(np.full((3, 3), np.nan)), "not finite in 9 cells"),
         (lambda: LayerDeposition().layer(FLAT, np.ones((2, 3), int)), "shape"),
         (lambda: LayerDeposition().layer(FLAT, np.full((3, 3), 2)), "one material"),

@@ -96,7 +96,7 @@ def changed(text: str, data: st.DataObject) -> str:
 
 @ONE_FOLDER
 @given(data=st.data())
-def test_mapping_file_is_taken_or_refused_with_its_faults(
+def test_mapping_file_is_taken_or_refused_with_its_errors(
     data: st.DataObject, tmp_path: Path, verdicts: Verdicts
 ) -> None:
     (tmp_path / "rig.dbc").write_text(foreign_rig.DBC)
@@ -111,7 +111,7 @@ def test_mapping_file_is_taken_or_refused_with_its_faults(
     data=st.data(),
     table=st.fixed_dictionaries({}, optional={key: st.just(right) | VALUES for key, right in BENCH.items()}),
 )
-def test_table_of_the_bench_is_taken_or_refused_with_its_faults(
+def test_table_of_the_bench_is_taken_or_refused_with_its_errors(
     data: st.DataObject, table: dict[str, Any], tmp_path: Path, verdicts: Verdicts
 ) -> None:
     text = (ROOT / "scenarios" / "cylinder.toml").read_text(encoding="utf-8")

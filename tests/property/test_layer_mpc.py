@@ -61,6 +61,9 @@ class Case:
         return self.mpc(threads).plan(self.estimate, self.layer, self.last)
 
 
+ALPHAS: list[Any] = [0.0, 0.1, 0.8, 1.0, [(1, 0.3), (3, 0.9)]]
+
+
 @st.composite
 def cases(draw: st.DrawFn) -> Case:
     """Jobs of one ink or two, of one pass or four, with all that the planner can be told."""
@@ -87,14 +90,14 @@ def cases(draw: st.DrawFn) -> Case:
     )
     pitch = draw(st.sampled_from([0, 3]))
     nozzles = st.lists(st.integers(0, (pitch or ny) - 1), max_size=2)
-    options = {
+    options: dict[str, Any] = {
         "region_test": draw(st.sampled_from(["middle", "surface", "either"])),
         "drop_levels": draw(st.integers(1, 3)),
         "dead_nozzles": tuple(draw(nozzles)),
         "nozzle_pitch": pitch,
     }
     criterion = Criterion(
-        alpha=draw(st.sampled_from([0.0, 0.1, 0.8, 1.0, [(1, 0.3), (3, 0.9)]])),
+        alpha=draw(st.sampled_from(ALPHAS)),
         overshoot=draw(st.sampled_from([0.5, 1.0, 4.0])),
         overshoot_limit=draw(st.sampled_from([np.inf, 0.0, 5e-6])),
         chance_margin=draw(st.sampled_from([0.0, 2.0])),
@@ -104,7 +107,7 @@ def cases(draw: st.DrawFn) -> Case:
     estimate = replace(
         Estimate.exact(height, LayerModel(inks).scaled(scale).inks),
         height_variance=rng.uniform(0.0, 1e-12, (nx, ny)),
-        dead_evidence=DEAD_EVIDENCE * (rng.random((nx, ny)) < draw(st.sampled_from([0.0, 0.3, 1.0]))),
+        dead_evidence=DEAD_EVIDENCE * (rng.random((nx, ny)) < draw(st.sampled_from([0.0, 0.3, 1.0]))),  # type: ignore[arg-type]
     )
     shape = draw(st.sampled_from([(nx, ny), (nx + 1, ny)]))
     last = rng.integers(0, 1 + len(inks) * options["drop_levels"], (draw(st.integers(1, 5)), *shape), dtype=np.int32)

@@ -66,7 +66,7 @@ def print_part(
     scan: the reading of a surface after a number of layers; exact if not given.
     """
     plant, rng = LayerModel.of(job), np.random.default_rng(seed)
-    height, patterns = np.zeros((job.nx, job.ny)), []
+    height, patterns = np.zeros((job.nx, job.ny)), list[Any]()
     controller.initialize(0, inputs_of(job, scan(height, 0), 0))
     for layer in range(layers_max + 1):
         outputs = dict(controller.do_step(layer * SECOND, SECOND, inputs_of(job, scan(height, layer), layer)))

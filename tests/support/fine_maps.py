@@ -15,7 +15,7 @@ def fine_map(
     surface: NDArray[Any], pitch: float, registration: Registration, shape: tuple[int, int], pixel: float, **fields: Any
 ) -> HeightMap:
     """The cells of `surface` (nx, ny) [m] seen at the pixels of a map that lies there; 0 outside the grid."""
-    x, y = np.arange(shape[0]) * pixel, np.arange(shape[1]) * pixel
+    x, y = (np.arange(cells, dtype=np.float64) * pixel for cells in shape)
     on_grid = registration.to_grid(x[:, None], y)
     i, j = (np.floor(position / pitch + 0.5).astype(int) for position in on_grid)
     inside = (i >= 0) & (i < surface.shape[0]) & (j >= 0) & (j < surface.shape[1])

@@ -25,13 +25,13 @@ def made_up(
     surfaces = [surface]
     volumes = DropletVolumes(variation, seed=seed)
     for number, pattern in enumerate(patterns, start=1):
-        surfaces.append(model.layer(surfaces[-1], pattern, number, volumes.of_layer(*shape, number)))
+        surfaces.append(model.layer(surfaces[-1], pattern, number, volumes.of_layer(*shape, number)))  # type: ignore[call-arg]
     measured = np.stack([one.height for one in surfaces]) + generator.normal(0.0, noise, (len(surfaces), *shape))
     area = np.stack([one.area for one in surfaces]) if hasattr(surface, "area") else None
     process = [getattr(model, name, 1) for name in ("passes", "pass_order")]
     pattern = np.stack(patterns).astype(np.int32)
     pitch = getattr(model, "pitch", PITCH)
-    return PrintRecord("made up", pitch, pattern, measured, area, *process, getattr(model, "pass_rotation", 0))
+    return PrintRecord("made up", pitch, pattern, measured, area, *process, getattr(model, "pass_rotation", 0))  # type: ignore[call-arg]
 
 
 def random_layers(nx: int, ny: int, count: int, seed: int, margin: int = 0) -> list[Any]:

@@ -44,7 +44,7 @@ def imported(name: str) -> frozenset[str]:
 
     `from a.b import c` counts as `a.b.c` where that is a module of the project, else as `a.b`.
     """
-    path, found = modules()[name], set()
+    path, found = modules()[name], set[str]()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -123,7 +124,7 @@ def test_nan_that_somebody_reads_ends_the_run_with_its_cell() -> None:
 
 
 def loop_of(start: float) -> Master:
-    ports = {"inputs": [Port("u")], "outputs": [Port("y", start=start)]}
+    ports: dict[str, Any] = {"inputs": [Port("u")], "outputs": [Port("y", start=start)]}
     parts = {name: FunctionComponent(**ports, start=lambda values: {"y": np.asarray(1.0)}) for name in ("a", "b")}
     return Master(parts, [Connection("a.y", "b.u"), Connection("b.y", "a.u")], step_ns=1)
 
@@ -151,7 +152,7 @@ def test_crash_in_a_step_ends_in_words(crash: tuple[str, Path, subprocess.Comple
     folder = path.parent / "run"
     assert run.returncode == 1
     assert f"the print was ended by {signal_name}: native code crashed, most likely of components.lamp" in run.stderr
-    assert f"layers 0 to 2 are in {folder}; once it is mended, `inkloop resume {folder}` goes on" in run.stderr
+    assert f"layers 0 to 2 are in {folder}; fix the cause, then continue with `inkloop resume {folder}`" in run.stderr
     assert half_written(folder) == []
     assert list((path.parent / "unpacked").iterdir()) == []
 

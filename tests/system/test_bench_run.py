@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import can
 import cantools
@@ -68,7 +69,7 @@ def test_uneven_substrate_is_under_the_bench_too(tmp_path: Path) -> None:
 
 def test_stock_tools_watch_a_run_and_read_a_journal_in_it(tmp_path: Path) -> None:
     """can.logger is another adapter on the bus, cantools decodes what it saw, udsoncan asks the head between layers."""
-    path, seen, kinds = write(tmp_path), tmp_path / "seen.log", []
+    path, seen, kinds = write(tmp_path), tmp_path / "seen.log", list[list[int]]()
     with emulated(path) as (bench, channel):
         words = ["-i", "slcan", "-c", bench.channel, "-b", "500000", "-f", str(seen)]
         logger = subprocess.Popen([sys.executable, "-u", "-m", "can.logger", *words], stdout=subprocess.PIPE, text=True)
@@ -78,7 +79,7 @@ def test_stock_tools_watch_a_run_and_read_a_journal_in_it(tmp_path: Path) -> Non
         notifier = can.Notifier(bus, [])
         ids = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=0x640, rxid=0x641)
         stack = isotp.NotifierBasedCanStack(bus, notifier, address=ids, params={"tx_padding": 0xCC})
-        settings = dict(udsoncan.configs.default_client_config) | {"data_identifiers": {"default": Raw()}}
+        settings: Any = dict(udsoncan.configs.default_client_config) | {"data_identifiers": {"default": Raw()}}
 
         def read_journal(row: LayerRow) -> None:
             data = client.read_data_by_identifier(0x0110).service_data.values[0x0110]
@@ -101,7 +102,7 @@ def test_stock_tools_watch_a_run_and_read_a_journal_in_it(tmp_path: Path) -> Non
         decoded = {database.get_message_by_frame_id(frame.arbitration_id).name for frame in frames}
         assert {"MasterAlive", "HeadStatus", "HeadRequest", "ProfilerAnswer"} <= decoded
         for frame in frames:
-            assert database.decode_message(frame.arbitration_id, frame.data)
+            assert database.decode_message(frame.arbitration_id, bytes(frame.data))
 
 
 def test_first_interrupt_ends_after_the_layer_and_resume_goes_on(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def colours(order: int, rotation: int, layer: int) -> tuple[int, ...]:
 
 @pytest.mark.parametrize("variation", VARIATIONS, ids=str)
 @pytest.mark.parametrize(("order", "rotation"), [(1, 0), (2, 1)])
-def test_surface_of_four_passes_is_that_of_the_fmu(variation: dict[str, float], order: int, rotation: int) -> None:
+def test_surface_of_four_passes_is_that_of_the_fmu(variation: dict[str, Any], order: int, rotation: int) -> None:
     nx, ny = SHAPE
     patterns = np.random.default_rng(3).integers(0, 3, (4, nx, ny))
     parameters = {"passes": 4, "pass_order": order, "pass_rotation": rotation, "seed": 5, **variation}
@@ -51,7 +51,7 @@ def test_surface_of_four_passes_is_that_of_the_fmu(variation: dict[str, float], 
 
 
 @pytest.mark.parametrize("sensor", SENSORS, ids=str)
-def test_maps_are_those_of_the_fmu(sensor: dict[str, float]) -> None:
+def test_maps_are_those_of_the_fmu(sensor: dict[str, Any]) -> None:
     """Also the second and third one: noise and drift go by the number of the scan."""
     nx, ny = SHAPE
     parameters: dict[str, Any] = {"seed": 6, "resolution": RESOLUTION, "scan_duration": 0.0, **sensor}

@@ -71,7 +71,7 @@ def test_override_is_recorded_in_the_run(tmp_path: Path) -> None:
 
 def test_validate_answers_with_an_exit_code(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["validate", CUBOID]) == 0
-    assert "no fault" in capsys.readouterr().out
+    assert "no errors" in capsys.readouterr().out
     assert main(["validate", CUBOID, "--set", "grid.nx=0"]) == 1
     assert "grid.nx is 0" in capsys.readouterr().err
 

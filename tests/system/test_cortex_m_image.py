@@ -28,7 +28,7 @@ def channel(tmp_path: Path) -> Iterator[str]:
     )
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    machine = ["qemu-system-arm", "-machine", "mps2-an385", "-kernel", tmp_path / "inkloop_bench.elf"]
+    machine: list[str | Path] = ["qemu-system-arm", "-machine", "mps2-an385", "-kernel", tmp_path / "inkloop_bench.elf"]
     line = ["-display", "none", "-monitor", "none", "-serial", f"tcp:127.0.0.1:{port},server=on,wait=on"]
     running = subprocess.Popen([*machine, *line], stderr=subprocess.PIPE, text=True)
     assert running.stderr

@@ -73,7 +73,9 @@ class Person:
     def look(self, words: str) -> None:
         """Whoever has to do something is told what."""
         assert "inkloop resume" in words, words
-        for passes, layer in re.findall(r"pass ([1-4, ]+) of layer (\d+), which was begun, and nobody knows", words):
+        for passes, layer in re.findall(
+            r"pass ([1-4, ]+) of layer (\d+), which was begun and whose progress is unknown", words
+        ):
             self.told |= {(int(layer), int(number) - 1) for number in passes.split(", ")}
         if f"inkloop device {self._run} clear" in words:
             clear(self._run)
@@ -93,7 +95,7 @@ def assert_all_is_said(result: Result, nodes: Nodes, person: Person) -> None:
     """Every pass that was cut short was called unknown before the print went on, and the result says it."""
     unknown = {layer: book.unknown for layer, book in books(nodes.folder).items() if book.unknown}
     assert person.told == {(layer, k) for layer, mask in unknown.items() for k in range(4) if mask >> k & 1}
-    remarks = [words for words in run_report.remarks(result) if "given up midway" in words]
+    remarks = [words for words in run_report.remarks(result) if "was aborted" in words or "were aborted" in words]
     assert len(remarks) == bool(unknown)
     assert all(str(layer) in remarks[0] for layer in unknown)
 

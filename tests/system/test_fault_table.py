@@ -126,11 +126,11 @@ def test_node_that_never_answers_is_named_and_left_safe() -> None:
         with pytest.raises(LinkTimeout, match=r"head \(0x641 .*has not ended in time: pass of layer 1, pass 0; ask"):
             run.jet(0, limit_s=1.2)
         assert run.rig.status(Node.HEAD) is not None
-        wait_until(lambda: run.rig.keep_alive() is None and run.rig.status(Node.CURE).state is State.IDLE)  # type: ignore[union-attr]
+        wait_until(lambda: run.rig.keep_alive() is None and run.rig.status(Node.CURE).state is State.IDLE)
         run.rig.detach()
         with Rig(settings_of(run.bench)) as other:
             other.wait_for(Node, LIMIT_S)
-            wait_until(lambda: other.keep_alive() is None and other.status(Node.HEAD).fault is Fault.MASTER_LOST)  # type: ignore[union-attr]
+            wait_until(lambda: other.keep_alive() is None and other.status(Node.HEAD).fault is Fault.MASTER_LOST)
         run.rig.attach()
 
 
@@ -164,7 +164,7 @@ def test_node_that_dies_in_a_pass_is_lost_and_its_pass_unknown() -> None:
             run.jet(1)
         with pytest.raises(NodeLost, match="head has been silent"):
             run.rig.supervision.check([Node.HEAD])
-        wait_until(lambda: run.rig.keep_alive() is None and run.rig.status(Node.HEAD).boot_count == 2)  # type: ignore[union-attr]
+        wait_until(lambda: run.rig.keep_alive() is None and run.rig.status(Node.HEAD).boot_count == 2)
         state = run.state()
         assert (state.state, state.cause) == (State.SAFE, Fault.PASS_UNKNOWN)
         assert (state.done, state.unknown) == (0b01, 0b10)
@@ -257,7 +257,7 @@ def test_second_master_makes_the_nodes_safe_and_both_are_told(caplog: pytest.Log
     with faulty(pass_ms=1000) as run, Rig(settings_of(run.bench)) as other:
         other.wait_for(Node, LIMIT_S)
         for rig, session in ((run.rig, other.session), (other, run.rig.session)):
-            wait_until(lambda rig=rig: rig.keep_alive() is None and is_disturbed(rig))
+            wait_until(lambda rig=rig: rig.keep_alive() is None and is_disturbed(rig))  # type: ignore[misc]
             with pytest.raises(AnotherMaster, match=f"another master is active on this bus, session {session}"):
                 rig.check_alone()
             with pytest.raises(AnotherMaster), rig.enabled(gate=True):

@@ -14,7 +14,7 @@ from inkloop.errors import ScenarioError
 from inkloop.printing.print import Print
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
-from inkloop.testing import RESUMABLE_LAWS, Law
+from inkloop.testing import RESUMABLE_CONTRACT_CHECKS, ContractCheck
 from support.fmus import foreign_plant
 
 
@@ -68,7 +68,7 @@ def test_wrong_names_and_units_are_all_told_at_once(folder: Path) -> None:
         "ink.shar: ink has no output 'shar'; did you mean share?",
     ):
         assert words in str(caught.value)
-    assert len(caught.value.faults) == 4
+    assert len(caught.value.errors) == 4
 
 
 def test_fixed_grid_of_a_foreign_fmu_is_not_exported_by_inkloop(folder: Path) -> None:
@@ -78,11 +78,11 @@ def test_fixed_grid_of_a_foreign_fmu_is_not_exported_by_inkloop(folder: Path) ->
         Scenario.load(folder / "grid.toml")
 
 
-@pytest.mark.parametrize("law", RESUMABLE_LAWS)
-def test_mapped_plant_keeps(law: Law, folder: Path) -> None:
+@pytest.mark.parametrize("check", RESUMABLE_CONTRACT_CHECKS)
+def test_mapped_plant_keeps(check: ContractCheck, folder: Path) -> None:
     ports = {"pattern": {"variable": "dose", "gain": 527.0}, "height": {"variable": "z", "unit": "um"}}
     job = Job(10, 10, pitch=263.256e-6, target_height=np.ones((10, 10)), mask=np.ones((10, 10), dtype=np.bool_))
-    law(lambda: catalog.make("PlainPlant", job, {"file": str(folder / "Deposit.fmu"), "ports": ports}))
+    check(lambda: catalog.make("PlainPlant", job, {"file": str(folder / "Deposit.fmu"), "ports": ports}))
 
 
 def test_profile_of_scalars_with_any_names_prints(tmp_path: Path) -> None:

@@ -7,17 +7,17 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import can
 import numpy as np
 import pytest
 
-from inkloop.component import Component
 from inkloop.errors import ComponentError
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
-from inkloop.testing import LAWS, Law, same_inputs_give_the_same_bits
+from inkloop.testing import CONTRACT_CHECKS, ContractCheck, same_inputs_give_the_same_bits
 from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.errors import HardwareError, LinkTimeout
 from inkloop_hardware.protocol.codec import BENCH_DBC
@@ -69,7 +69,7 @@ unit = "nm"
 scale = 100.0
 valid_bits = true
 """
-OUR_STEPS = (
+OUR_STEPS: tuple[tuple[str, int | None, str, list[str]], ...] = (
     ("start", 0x0200, "00", []),
     ("start", 0x0201, "", ["motion"]),
     ("printer", None, "", []),
@@ -154,16 +154,16 @@ def test_emulated_bench_prints_by_a_mapping_of_its_own_dbc(tmp_path: Path) -> No
     assert per_layer == pytest.approx(droplets * 7.6e-6, rel=0.2)  # h1 + 4 h2 + 4 h3, less what leaves the grid
 
 
-def component(made: Scenario) -> Component:
+def component(made: Scenario) -> Any:
     return made.build()["rig"]
 
 
-@pytest.mark.parametrize("law", [law for law in LAWS if law is not same_inputs_give_the_same_bits])
-def test_mapped_rig_keeps(law: Law, bus: str, tmp_path: Path) -> None:
-    """All laws but that of equal bits: what was printed on a real bed stays there."""
+@pytest.mark.parametrize("check", [check for check in CONTRACT_CHECKS if check is not same_inputs_give_the_same_bits])
+def test_mapped_rig_keeps(check: ContractCheck, bus: str, tmp_path: Path) -> None:
+    """All checks but that of equal bits: what was printed on a real bed stays there."""
     made = scenario(tmp_path, bus, foreign_rig.MAPPING)
     with stranger(bus):
-        law(lambda: component(made))
+        check(lambda: component(made))
 
 
 def test_silence_of_a_rig_is_said_with_its_ids(bus: str, tmp_path: Path) -> None:

@@ -101,7 +101,7 @@ def test_vdm_check_finds_nothing_wrong(model: str, tmp_path: Path) -> None:
 def test_vdm_check_finds_what_is_wrong(broken: Path) -> None:
     if absent := VDM_CHECK.reason_it_is_absent():
         pytest.skip(absent)
-    assert any("invalid at modelDescription" in fault for fault in by_vdm_check(broken))
+    assert any("invalid at modelDescription" in error for error in by_vdm_check(broken))
 
 
 def test_fmus_for_maestro_have_integers_in_place_of_enumerations(tmp_path: Path) -> None:
@@ -123,7 +123,7 @@ def test_fmus_for_maestro_have_integers_in_place_of_enumerations(tmp_path: Path)
     assert rows["status"][-1] == 0
 
 
-def test_names_that_maestro_cannot_read_are_a_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_names_that_maestro_cannot_read_are_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "block.toml").write_text(TEXT.replace(".printer]", ".print-head]"), encoding="utf-8")
     assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", "maestro", "-o", str(tmp_path / "it")]) == 1
     assert "components.print-head: Maestro takes letters, digits and _ in names" in capsys.readouterr().err

@@ -151,7 +151,7 @@ def test_interrupted_run_goes_on_to_the_same_end(
 ) -> None:
     folder = tmp_path / "run"
     interrupt(monkeypatch, folder, *SLOW)
-    assert "goes on" in capsys.readouterr().out
+    assert "continue with `inkloop resume" in capsys.readouterr().out
     assert Result.load(folder).dataset.sizes["layer"] == 3
     assert main(["resume", str(folder)]) == 0
     assert_same_print(folder, whole[0])
@@ -238,7 +238,7 @@ def test_failed_component_leaves_its_layers_and_the_run_can_go_on(
         assert main(["run", str(CUBOID), "--out", str(folder), "--no-compare"]) == 1
     said = capsys.readouterr().err
     assert "no power" in said
-    assert f"layers 0 to 2 are in {folder}; once the cause is mended, `inkloop resume {folder}` goes on" in said
+    assert f"layers 0 to 2 are in {folder}; fix the cause, then continue with `inkloop resume {folder}`" in said
     assert Result.load(folder).stop_reason == "failed"
     assert main(["resume", str(folder)]) == 0
     assert main(["run", str(CUBOID), "--out", str(reference), "--no-compare"]) == 0
@@ -282,7 +282,7 @@ def test_folder_that_nothing_can_go_on_from_is_refused_in_words(
     (folder / "run.json").write_text(json.dumps({**record, "schema_version": 0}))
     assert "schema version is 0; this inkloop reads 1; run it again" in refusal()
     (folder / "run.json").write_text(json.dumps({key: record[key] for key in record if key != "scenario_file"}))
-    assert "kept no state to go on from; run it again" in refusal()
+    assert "kept no state to resume from; run it again" in refusal()
     (folder / "run.json").write_text(json.dumps(record))
     (folder / "scenario.toml").write_text(scenario.replace("seed = 1", "seed = 2"))
     assert "scenario.toml: was changed since the run began; put it back" in refusal()

@@ -14,9 +14,8 @@ from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop.units import UM_PER_M
 from support.benches.bench_run import FMUS, assert_same_print, emulated
-from support.places import SCENARIOS
+from support.places import SCENARIOS as FOLDER
 
-FOLDER = SCENARIOS
 SCENARIOS = sorted(FOLDER.glob("*.toml"))
 SEEDS = range(1, 11)
 

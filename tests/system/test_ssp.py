@@ -155,13 +155,13 @@ def test_foreign_fmu_of_scalars_goes_with_scalars_of_ours(tmp_path: Path) -> Non
     export_fmu("LayerDeposition", fmi="2", nx=6, ny=5, fixed=True, out=tmp_path / "theirs.fmu")
     text = TEXT.replace('kind = "LayerDeposition"', 'kind = "Fmu"\nfile = "theirs.fmu"')
     scenario = scenario_in(tmp_path, text)
-    with pytest.raises(ScenarioError, match=r"one is an array, .* --fmi 2 makes scalars of ours"):
+    with pytest.raises(ScenarioError, match=r"one is an array, .* --fmi 2 exports inkloop's FMUs with scalars"):
         system_of(scenario, "3", tmp_path)
     assert [part.name for part in system_of(scenario, "2", tmp_path).parts] == ["controller", "printer", "profiler"]
     mapped = text.replace("[components.profiler]", 'ports = { height = "height" }\n[components.profiler]')
     notes = system_of(scenario_in(tmp_path, mapped), "2", tmp_path).notes()
     assert notes == [
-        "printer is not in it: inkloop translates its names, units and gains (ports), which no system file says"
+        "printer is not in it: inkloop translates its names, units and gains (ports), which a system file does not hold"
     ]
 
 
@@ -174,7 +174,7 @@ def test_grid_beyond_what_is_quick_in_fmi_2_is_written_with_a_warning(
     assert "some importers take minutes to read that" in caplog.text
 
 
-def test_names_that_other_tools_refuse_are_a_fault(tmp_path: Path) -> None:
+def test_names_that_other_tools_refuse_are_an_error(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"components.my printer: other tools take letters"):
         exported(tmp_path, "1.0", TEXT.replace("[components.printer]", '[components."my printer"]'))
 
@@ -235,7 +235,7 @@ def test_gain_offset_and_parameters_of_foreign_fmus_go_and_come_back(amplified: 
     read_ssd(str(tmp_path / "two.ssp"))
     again = scenario_of(tmp_path / "two.ssp")
     assert again.connections == [
-        Connection("first.y", "second.x", 2.5, pytest.approx(4e-6)),
+        Connection("first.y", "second.x", 2.5, pytest.approx(4e-6)),  # type: ignore[arg-type]
         Connection("second.y", "first.x", 1.0, 0.0),
     ]
     assert again.tables.components["first"].options["gain"] == 3.0
@@ -302,15 +302,15 @@ def test_job_of_another_grid_is_told_with_both_grids(version: str, tmp_path: Pat
     job = tmp_path / "wide.toml"
     job.write_text(TEXT.replace("nx = 6, ny = 5", "nx = 8, ny = 7"), encoding="utf-8")
     said = (
-        "controller, printer, profiler: of a grid of 6 x 5 cells, {} of {}; export the .ssp anew for that grid, or {}"
+        "controller, printer, profiler: of a grid of 6 x 5 cells, {} of {}; export the .ssp again for that grid, or {}"
     )
     with pytest.raises(ScenarioError) as caught:
         scenario_of(path, job=job)
-    assert caught.value.faults == (said.format(job, "8 x 7", "take another job"),)
+    assert caught.value.errors == (said.format(job, "8 x 7", "take another job"),)
     with pytest.raises(ScenarioError) as caught:
-        scenario_of(path, ["grid.nx=9"])
-    assert caught.value.faults == (said.format("the scenario in it", "9 x 5", "leave its grid as it is"),)
-    assert scenario_of(path, ["grid.nx=8", "grid.nx=6"]).job().nx == 6
+        scenario_of(path, {"grid.nx": 9})
+    assert caught.value.errors == (said.format("the scenario in it", "9 x 5", "leave its grid as it is"),)
+    assert scenario_of(path, {"grid.nx": 6}).job().nx == 6
 
 
 @pytest.mark.usefixtures("without_pictures")

@@ -19,7 +19,7 @@ from inkloop.cli import main
 from inkloop.components import catalog
 from inkloop.results.result import Result
 from inkloop.tables import schema
-from inkloop.testing import LAWS, job
+from inkloop.testing import CONTRACT_CHECKS, job
 from inkloop_controller.baselines.planners import OpenLoop
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.layer_controller import LayerController
@@ -96,7 +96,7 @@ def test_laws_of_the_how_to_are_tested_as_it_says(tmp_path: Path) -> None:
         check=False,
     )
     assert run.returncode == 0, run.stdout
-    assert f"{len(LAWS)} passed" in run.stdout
+    assert f"{len(CONTRACT_CHECKS)} passed" in run.stdout
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

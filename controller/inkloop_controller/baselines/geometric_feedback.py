@@ -1,4 +1,4 @@
-"""Controllers that go by what the surface lacks now, without an objective and without a look ahead."""
+"""Controllers that use the present height deficit, without an objective and without prediction."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def _gathered(field: FloatMap, ink: tuple[FloatMap, FloatMap, FloatMap]) -> Floa
 
 
 def _spread(dropped: BoolMap, ink: tuple[FloatMap, FloatMap, FloatMap]) -> FloatMap:
-    """What droplets add on flat ground [m]."""
+    """Height that droplets add on flat ground [m]."""
     nx, ny = dropped.shape
     grown = np.zeros((nx + 2, ny + 2))
     for i, j in np.ndindex(3, 3):

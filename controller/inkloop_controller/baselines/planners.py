@@ -1,4 +1,4 @@
-"""What the controller is compared with: printing blindly, and the search of the paper."""
+"""Baseline planners: open loop, and the search of the paper."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class StochasticGreedy:
     It starts from a droplet everywhere and takes a cell's ink from the measured surface itself. Two things that the
     paper leaves open: a batch that raises the objective is undone and batches are halved from then on, and the print
     ends when nothing is the better layer. batch: flips tried together, the paper's M (it gives no number: 20 assumed);
-    iterations_max: batches per layer. Raises ValueError for options that cannot be meant.
+    iterations_max: batches per layer. Raises ValueError for invalid options.
     """
 
     def __init__(

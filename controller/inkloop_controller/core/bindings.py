@@ -33,7 +33,7 @@ from inkloop_controller.problem.horizon_problem import (
     SearchProgress,
     SearchResult,
     SearchStatus,
-    fault_of_array,
+    error_of_array,
     first_cell,
 )
 
@@ -83,9 +83,9 @@ def search(
     annealing_sweeps: sweeps of simulated annealing before, drawn from `seed`, 0 to 2^64 - 1; seconds_max: guard by the
     clock; threads: the answer is the same for any number; after_sweep: called after every sweep, True stops the search.
     KeyboardInterrupt stops the search after a sweep, the result tells; any other exception is raised again.
-    Raises ValueError for options that cannot be meant.
+    Raises ValueError for invalid options.
     """
-    faults = [
+    errors = [
         f"{name} is {value}; needs {wanted}"
         for name, value, wanted, is_meant in (
             ("sweeps_max", sweeps_max, "a whole number >= 0", sweeps_max >= 0),
@@ -96,8 +96,8 @@ def search(
         )
         if not is_meant
     ]
-    if faults:
-        raise ValueError("; ".join(faults))
+    if errors:
+        raise ValueError("; ".join(errors))
     plan = _droplets(problem, start)
     report, asked = ReportStruct(), AfterSweep(after_sweep)
     options = SearchOptionsStruct(
@@ -217,9 +217,9 @@ def answered(code: int) -> int:
 
 def checked(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -> NDArray[Any]:
     """The array in C order; it must have shape and dtype already, and finite values."""
-    fault = fault_of_array(name, array, dtype, shape)
-    if fault:
-        raise ValueError(fault)
+    error = error_of_array(name, array, dtype, shape)
+    if error:
+        raise ValueError(error)
     return np.ascontiguousarray(array)
 
 

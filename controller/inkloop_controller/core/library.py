@@ -1,4 +1,4 @@
-"""Where the C search core is, and what its entry points look like to ctypes (controller/core/inkloop_core.h)."""
+"""Load the C search core and declare its entry points for ctypes (controller/core/inkloop_core.h)."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def _path() -> Path:
 
 
 def _folders() -> Iterator[Path]:
-    """Package folders; an editable install leaves the sources where they are and puts built files beside NumPy."""
+    """Package folders; an editable install leaves the sources in place and puts built files next to NumPy."""
     package = files(_PACKAGE)
     if isinstance(package, Path):
         yield package

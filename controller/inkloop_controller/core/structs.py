@@ -1,4 +1,4 @@
-"""What goes to the C search core and comes back, to ctypes: the structs of the headers in controller/core."""
+"""ctypes structs of the C search core, as in the headers in controller/core."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What scans tell about the surface and the ink."""
+"""Estimate the surface and the ink from scans."""

@@ -1,4 +1,4 @@
-"""From scans to what the planner starts from: the surface, and how much ink a droplet really brings."""
+"""Estimate the surface and the real volume of droplets from scans, as the planner's initial state."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ DROPLET_STD = 0.1  # of a droplet's volume about its mean [1], as in controller/
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What is known after a scan.
+    """The estimate after a scan.
 
     height: (nx, ny) [m]; height_variance: (nx, ny) of its error [m^2]; inks: what their droplets really add; ink_scale:
     their volume as a share of the nominal one, mean over the inks [1]; unseen: (nx, ny) layers that each cell has lived
@@ -72,7 +72,7 @@ class Estimate:
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, Any]) -> Estimate:
-        """What `arrays` gave, bit by bit."""
+        """Restore the result of `arrays`, bit by bit."""
         inks = tuple(Ink(*(float(value) for value in row)) for row in arrays["inks"])
         return cls(**{**arrays, "inks": inks, "evidence": InkEvidence.of_sums(arrays["evidence"])})
 
@@ -83,7 +83,7 @@ class HeightEstimator:
     The method is described in controller/core/estimator/height_estimator.h. A reading has the variance
     sensor_noise_std^2 + sensor_resolution^2 / 12 [m^2]; without sensor_noise_std the noise is what the unprinted cells
     show. untrusted_layers: as many a cell may live on prediction alone; take_as_read: neither drift nor noise are
-    looked for. Raises ValueError for options that cannot be meant.
+    looked for. Raises ValueError for invalid options.
     """
 
     def __init__(
@@ -96,17 +96,17 @@ class HeightEstimator:
         untrusted_layers: Annotated[int, Option()] = 5,
         take_as_read: bool = False,
     ) -> None:
-        faults = []
+        errors = []
         if adapt_ink not in ("scale", "full", "off"):
-            faults.append(f'adapt_ink is {adapt_ink!r}; needs "scale", "full" or "off"')
+            errors.append(f'adapt_ink is {adapt_ink!r}; needs "scale", "full" or "off"')
         if sensor_noise_std is not None and not 0.0 <= sensor_noise_std < np.inf:
-            faults.append(f"sensor_noise_std is {sensor_noise_std}; needs a standard deviation of at least 0 m")
+            errors.append(f"sensor_noise_std is {sensor_noise_std}; needs a standard deviation of at least 0 m")
         if not 0.0 <= sensor_resolution < np.inf:
-            faults.append(f"sensor_resolution is {sensor_resolution}; needs a step of at least 0 m")
+            errors.append(f"sensor_resolution is {sensor_resolution}; needs a step of at least 0 m")
         if untrusted_layers < 0:
-            faults.append(f"untrusted_layers is {untrusted_layers}; needs a number of layers >= 0")
-        if faults:
-            raise ValueError("; ".join(faults))
+            errors.append(f"untrusted_layers is {untrusted_layers}; needs a number of layers >= 0")
+        if errors:
+            raise ValueError("; ".join(errors))
         self._job, self._model, self._untrusted_layers = job, LayerModel.of(job), untrusted_layers
         self._part = np.ascontiguousarray(job.mask)
         self._shares = len(job.inks) * (3 if adapt_ink == "full" else 1)
@@ -154,7 +154,7 @@ class HeightEstimator:
         valid: BoolMap,
         factor: FloatMap | None = None,
     ) -> Estimate:
-        """The same for a layer that was begun and given up, nobody knows where: the scan counts, nothing is learnt."""
+        """The estimate after a layer aborted at an unknown place: the scan counts, nothing is learnt."""
         return self._after(library().inkloop_estimate_unknown, before, pattern, layer, measured, valid, factor)
 
     def _after(

@@ -1,4 +1,4 @@
-"""How much a droplet of each ink really adds: what is learnt of it, and from what (controller/core)."""
+"""Identify the height that a droplet of each ink adds, during the print (controller/core)."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class InkEvidence:
 
     @classmethod
     def of_sums(cls, sums: NDArray[np.float64]) -> InkEvidence:
-        """What `sums` gave, bit by bit."""
+        """Restore the result of `sums`, bit by bit."""
         n = sums.shape[1]
         return cls(response=sums[:n], surplus=sums[-1], covariance=sums[n:-1])
 

@@ -1,1 +1,1 @@
-"""The prediction model of a layer, and what may be jetted where."""
+"""The prediction model of a layer, and the permitted droplets of each cell."""

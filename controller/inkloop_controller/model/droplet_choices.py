@@ -1,4 +1,4 @@
-"""What may be jetted where: the ink of each region, the drop sizes of the head, the nozzles that are dead."""
+"""Permitted droplets of each cell: ink of the region, drop sizes of the head, dead nozzles."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class DropletChoices:
     A kind is an ink in a drop size: kind (level - 1) * inks + ink, where level droplets fall at once (grey heads).
     drop_levels: largest level; dead_nozzles: nozzles that jet nothing, of nozzle_pitch in all: cell (i, j) is jetted by
     nozzle j modulo nozzle_pitch (0: as many nozzles as the grid has columns).
-    Raises ValueError, all faults in one sentence, for values that cannot be meant.
+    Raises ValueError, all errors in one sentence, for invalid values.
     """
 
     def __init__(
@@ -41,28 +41,28 @@ class DropletChoices:
         nozzle_pitch: Annotated[int, NOZZLE_PITCH] = 0,
     ) -> None:
         nozzles = nozzle_pitch or job.ny
-        faults = []
+        errors = []
         if job.mask.shape != (job.nx, job.ny):
-            faults.append(f"mask has shape {job.mask.shape}; needs {(job.nx, job.ny)}")
+            errors.append(f"mask has shape {job.mask.shape}; needs {(job.nx, job.ny)}")
         if not 1 <= drop_levels * len(job.inks) <= KINDS_MAX:
-            faults.append(
+            errors.append(
                 f"drop_levels is {drop_levels} with {len(job.inks)} inks; needs 1 to {KINDS_MAX // len(job.inks)}"
             )
         if nozzle_pitch < 0:
-            faults.append(f"nozzle_pitch is {nozzle_pitch}; needs a number of nozzles, or 0 for one per column")
-        faults += [
+            errors.append(f"nozzle_pitch is {nozzle_pitch}; needs a number of nozzles, or 0 for one per column")
+        errors += [
             f"dead_nozzles has {nozzle}; needs nozzles 0 to {nozzles - 1}"
             for nozzle in dead_nozzles
             if not 0 <= nozzle < nozzles
         ]
-        if faults:
-            raise ValueError("; ".join(faults))
+        if errors:
+            raise ValueError("; ".join(errors))
         self._job, self._region_test, self._drop_levels = job, region_test, drop_levels
         alive = ~np.isin(np.arange(job.ny) % nozzles, list(dead_nozzles))
         self.jettable: BoolMap = job.mask & alive
 
     def kinds(self, inks: Sequence[Ink]) -> tuple[Ink, ...]:
-        """What a droplet of each kind adds, for these inks."""
+        """Height that a droplet of each kind adds, for these inks."""
         return tuple(
             Ink(level * ink.h1, level * ink.h2, level * ink.h3)
             for level in range(1, self._drop_levels + 1)

@@ -1,4 +1,4 @@
-"""The prediction model: what a pattern makes of a surface."""
+"""The prediction model: the surface after a pattern."""
 
 from __future__ import annotations
 

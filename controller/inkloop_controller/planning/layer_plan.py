@@ -1,4 +1,4 @@
-"""What a planner is asked and what it answers."""
+"""Interface of planners: the request and the plan."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Planner(Protocol):
     def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
         """The plan for the surface after `layer` layers, `last`: the plan (layers, nx, ny) made for it.
 
-        Whatever a plan depends on is given here, so that a resumed print goes on bit by bit.
+        All inputs of a plan are arguments, so that a resumed print continues bit by bit.
         """
 
 

@@ -1,1 +1,1 @@
-"""The layer problem: what a plan is judged by, and how much work it may take."""
+"""The layer problem: the objective of a plan, and its work budget."""

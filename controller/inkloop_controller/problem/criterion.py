@@ -1,4 +1,4 @@
-"""What a good surface is: the weights and limits of the layer objective."""
+"""The criterion: weights and limits of the layer objective."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class Criterion:
     overshoot: what a metre above the target costs when a metre below costs 1 (what was jetted stays);
     overshoot_limit: height above the target that is not to be exceeded [m], kept with a probability of `chance_margin`
     standard deviations of the predicted height (0: by the prediction itself);
-    fringe_weight: weight, 0 to 1, of the ring of cells beside the part: what spills there counts against target_height;
+    fringe_weight: weight, 0 to 1, of the ring of cells around the part: what spills there counts against target_height;
     layer_worth: share of the objective that a layer must gain to be printed before the fuller ones planned after it.
-    Raises ValueError, all faults in one sentence, for values that cannot be meant.
+    Raises ValueError, all errors in one sentence, for invalid values.
     """
 
     alpha: Annotated[AlphaSchedule, ALPHA] = 0.8
@@ -46,22 +46,22 @@ class Criterion:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "alpha", self.alpha if _is_number(self.alpha) else _sorted(self.alpha))
-        faults = [
+        errors = [
             f"alpha is {weight}; needs a weight between 0 (evenness only) and 1 (height only)"
             for weight in self._weights()
             if not 0.0 <= weight <= 1.0
         ]
         if not 0.0 < self.overshoot < inf:
-            faults.append(f"overshoot is {self.overshoot}; needs a cost above 0 (1: like what is lacking)")
-        faults += [
+            errors.append(f"overshoot is {self.overshoot}; needs a cost above 0 (1: like what is lacking)")
+        errors += [
             f"{name} is {getattr(self, name)}; needs a value of at least 0"
             for name in ("overshoot_limit", "chance_margin", "layer_worth")
             if not getattr(self, name) >= 0.0
         ]
         if not 0.0 <= self.fringe_weight <= 1.0:
-            faults.append(f"fringe_weight is {self.fringe_weight}; needs a weight between 0 and 1")
-        if faults:
-            raise ValueError("; ".join(faults))
+            errors.append(f"fringe_weight is {self.fringe_weight}; needs a weight between 0 and 1")
+        if errors:
+            raise ValueError("; ".join(errors))
 
     def alpha_of(self, layer: int) -> float:
         """The weight for layer number `layer`, counted from 1."""
@@ -72,7 +72,7 @@ class Criterion:
     def ceiling(self, target: FloatMap, height_std: FloatMap, part: BoolMap) -> FloatMap | None:
         """The height that the surface is not to exceed, (nx, ny) [m], where the prediction is off by `height_std`.
 
-        It holds over the part: what spills beside it would forbid every droplet at the edge.
+        It holds over the part only: spill outside would forbid every droplet at the edge.
         """
         if self.overshoot_limit == inf:
             return None

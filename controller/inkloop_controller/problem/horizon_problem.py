@@ -1,4 +1,4 @@
-"""The layer problem over a horizon: which droplets to jet in the coming layers, and what plans are judged by."""
+"""The layer problem over a horizon: permitted droplets of the coming layers, and the objective of plans."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class HorizonProblem:
 
     height, target: (nx, ny) [m]; part: cells whose standard deviation counts; choices: (layers, nx, ny), bit k is set
     where a droplet of kinds[k] may fall in that layer; alpha: weight of the mean error against the standard deviation
-    (Lu, Zheng, Mishra 2015, eq. 8); weight: (nx, ny) of each cell's error (None: 1 in the part, 0 beside it);
+    (Lu, Zheng, Mishra 2015, eq. 8); weight: (nx, ny) of each cell's error (None: 1 in the part, 0 outside);
     overshoot: what a metre above the target costs when a metre below costs 1; ceiling: (nx, ny) [m], a metre above it
     costs ceiling_cost besides (None: no ceiling); colours: of each layer, in the order jetted, the four colours
     2 (i % 2) + j % 2 of its passes, each on the surface that the last one left (empty: layers of one pass).
-    Raises ValueError, all faults in one sentence, if a value cannot be meant.
+    Raises ValueError, all errors in one sentence, for invalid values.
     """
 
     height: FloatMap
@@ -54,11 +54,11 @@ class HorizonProblem:
         shape = np.shape(self.height)
         if len(shape) != 2 or 0 in shape:
             raise ValueError(f"height has shape {shape}; a layer problem needs (nx, ny) with at least one cell")
-        faults = [*self._faults_of_arrays(shape), *self._faults_of_values()]
-        if not faults:
-            faults = [*self._faults_of_choices(), *self._faults_of_heights()]
-        if faults:
-            raise ValueError("; ".join(faults))
+        errors = [*self._errors_of_arrays(shape), *self._errors_of_values()]
+        if not errors:
+            errors = [*self._errors_of_choices(), *self._errors_of_heights()]
+        if errors:
+            raise ValueError("; ".join(errors))
         object.__setattr__(self, "weight", self.weights)
         for name in ("height", "target", "part", "choices", "weight", "ceiling"):
             array = getattr(self, name)
@@ -79,7 +79,7 @@ class HorizonProblem:
         """(nx, ny) weight of each cell's error."""
         return np.asarray(self.part, np.float64) if self.weight is None else self.weight
 
-    def _faults_of_arrays(self, shape: tuple[int, ...]) -> list[str]:
+    def _errors_of_arrays(self, shape: tuple[int, ...]) -> list[str]:
         layers = len(self.choices) if np.ndim(self.choices) == 3 else 1
         wanted: list[tuple[str, Any, str, tuple[int, ...]]] = [
             ("height", self.height, "f8", shape),
@@ -89,47 +89,47 @@ class HorizonProblem:
             ("weight", self.weight, "f8", shape),
             ("ceiling", self.ceiling, "f8", shape),
         ]
-        return [fault for entry in wanted if entry[1] is not None and (fault := fault_of_array(*entry))]
+        return [error for entry in wanted if entry[1] is not None and (error := error_of_array(*entry))]
 
-    def _faults_of_values(self) -> list[str]:
-        faults = []
+    def _errors_of_values(self) -> list[str]:
+        errors = []
         if not 1 <= len(self.kinds) <= KINDS_MAX:
-            faults.append(f"kinds holds {len(self.kinds)} kinds of droplets; needs 1 to {KINDS_MAX}")
-        faults += [
+            errors.append(f"kinds holds {len(self.kinds)} kinds of droplets; needs 1 to {KINDS_MAX}")
+        errors += [
             f"kind {k} is {kind}; needs h1 > 0 and neither h2 nor h3 below 0 [m]"
             for k, kind in enumerate(self.kinds)
             if not (0.0 < kind.h1 < inf and 0.0 <= kind.h2 < inf and 0.0 <= kind.h3 < inf)
         ]
         if not 0.0 <= self.alpha <= 1.0:
-            faults.append(f"alpha is {self.alpha}; needs a weight between 0 and 1")
+            errors.append(f"alpha is {self.alpha}; needs a weight between 0 and 1")
         if not 0.0 < self.overshoot < inf:
-            faults.append(f"overshoot is {self.overshoot}; needs a cost above 0")
+            errors.append(f"overshoot is {self.overshoot}; needs a cost above 0")
         if not 0.0 <= self.ceiling_cost < inf:
-            faults.append(f"ceiling_cost is {self.ceiling_cost}; needs a cost of at least 0")
+            errors.append(f"ceiling_cost is {self.ceiling_cost}; needs a cost of at least 0")
         if self.colours and [sorted(order) for order in self.colours] != [[0, 1, 2, 3]] * len(self.choices):
-            faults.append(
+            errors.append(
                 f"colours is {self.colours}; needs for each of {len(self.choices)} layers the colours 0 to 3 once"
             )
-        return faults
+        return errors
 
-    def _faults_of_choices(self) -> list[str]:
-        faults = []
+    def _errors_of_choices(self) -> list[str]:
+        errors = []
         if not 1 <= self.layers <= HORIZON_MAX:
-            faults.append(f"choices holds {self.layers} layers; needs a horizon of 1 to {HORIZON_MAX}")
+            errors.append(f"choices holds {self.layers} layers; needs a horizon of 1 to {HORIZON_MAX}")
         elif (self.choices >> len(self.kinds)).any():
             found = first_cell(self.choices >> len(self.kinds) > 0)
-            faults.append(
+            errors.append(
                 f"choices of layer {found[0]} is {self.choices[found]} at cell {found[1:]}; "
                 f"needs bits of the {len(self.kinds)} kinds given"
             )
         if not self.part.any():
-            faults.append("part marks no cell; an objective over no cell means nothing")
+            errors.append("part marks no cell; an objective over no cell means nothing")
         if self.weight is not None and (self.weight < 0.0).any():
             cell = first_cell(self.weight < 0.0)
-            faults.append(f"weight is {self.weight[cell]} at cell {cell}; needs weights of at least 0")
-        return faults
+            errors.append(f"weight is {self.weight[cell]} at cell {cell}; needs weights of at least 0")
+        return errors
 
-    def _faults_of_heights(self) -> list[str]:
+    def _errors_of_heights(self) -> list[str]:
         tallest = max(kind.layer_height for kind in self.kinds)
         room = HEIGHT_MAX - 2.0 * self.layers * tallest  # a cell gets at most its own layers and its neighbours' spill
         maps = {"height": self.height, "target": self.target, "ceiling": self.ceiling}
@@ -143,7 +143,7 @@ class HorizonProblem:
 
 @dataclass(frozen=True)
 class Objective:
-    """What a plan is worth [m]: value = alpha * (error + over_ceiling) + (1 - alpha) * deviation, over the part.
+    """The objective of a plan [m]: value = alpha * (error + over_ceiling) + (1 - alpha) * deviation, over the part.
 
     error: mean of what lies below the target and `overshoot` times what lies above; over_ceiling: mean of what lies
     above the ceiling, times its cost; deviation: population standard deviation of the surface after the last layer.
@@ -156,7 +156,7 @@ class Objective:
 
 
 class Moves(IntFlag):
-    """What a search may change in one step."""
+    """The moves of a search: what one step may change."""
 
     FLIPS = 1  # a cell's droplet: put, taken, or of another kind
     SWAPS = 2  # the place of a droplet: a neighbouring cell of the same layer
@@ -175,7 +175,7 @@ class SearchStatus(Enum):
 
 @dataclass(frozen=True)
 class SearchProgress:
-    """How far a search is: value of the plan [m], and what was done so far."""
+    """Progress of a search: value of the plan [m], and the work done."""
 
     value: float
     sweeps: int
@@ -204,8 +204,8 @@ class SearchResult:
     interrupted: bool = False
 
 
-def fault_of_array(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -> str | None:
-    """What is wrong with an array that should have this shape and dtype, and finite values; None: nothing."""
+def error_of_array(name: str, array: NDArray[Any], dtype: str, shape: Sequence[int]) -> str | None:
+    """The error of an array that must have this shape and dtype and finite values, or None."""
     if np.shape(array) != tuple(shape):
         return f"{name} has shape {np.shape(array)}; needs {tuple(shape)}"
     if array.dtype != np.dtype(dtype):

@@ -32,7 +32,7 @@ class Work:
     sweeps: of the repair of one start; annealing_sweeps: of one more start that is annealed first (None: 50 for
     a single layer, up to 200 for a small plan of several, none for a large one), with it every start;
     iterations: of the relaxation; threads: does not change the answer; time_limit: guard by the clock [s].
-    Raises ValueError, all faults in one sentence, for budgets that cannot be meant.
+    Raises ValueError, all errors in one sentence, for invalid budgets.
     """
 
     sweeps: Annotated[int, Option()] = 30
@@ -43,15 +43,15 @@ class Work:
 
     def __post_init__(self) -> None:
         least = {"sweeps": 1, "annealing_sweeps": 0, "iterations": 1, "threads": 1}
-        faults = [
+        errors = [
             f"{name} is {getattr(self, name)}; needs at least {bound}"
             for name, bound in least.items()
             if (value := getattr(self, name)) is not None and value < bound
         ]
         if not self.time_limit > 0.0:
-            faults.append(f"time_limit is {self.time_limit}; needs a time above 0 s")
-        if faults:
-            raise ValueError("; ".join(faults))
+            errors.append(f"time_limit is {self.time_limit}; needs a time above 0 s")
+        if errors:
+            raise ValueError("; ".join(errors))
 
 
 DEFAULT_WORK = Work()
@@ -66,7 +66,7 @@ class Stopwatch:
 
     @property
     def remaining(self) -> float:
-        """What is left of the limit [s], not below 0."""
+        """Remaining time [s], at least 0."""
         return max(0.0, self._end - perf_counter())
 
     @contextmanager

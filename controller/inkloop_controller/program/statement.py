@@ -23,7 +23,7 @@ Deviation: TypeAlias = Callable[[Symbolic], Symbolic]
 
 @dataclass(frozen=True)
 class LayerSymbols:
-    """What one layer of the horizon is made with: (nx, ny) each, heights in um.
+    """Variables of one layer of the horizon: (nx, ny) each, heights in um.
 
     h1, h2, h3: what the smallest droplet allowed on a cell adds; limit: the largest one allowed, counted in those;
     jetted: for each pass, 1 on the cells that it jets on.

@@ -1,4 +1,4 @@
-"""`inkloop bench` and `inkloop device`: the emulated bench, and what a person asks of a bench without printing."""
+"""`inkloop bench` and `inkloop device`: run the emulated bench, and operate a bench without printing."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from inkloop.tables.bench_faults import read_fault
 
 NO_CHANNEL = (
     "bench.interface and bench.channel are not set, and an emulated bench needs to know where to listen; add to the "
-    'scenario\n    [bench]\n    interface = "slcan"\n    channel = "socket://127.0.0.1:28550"\nor say --port N or --pty'
+    'scenario\n    [bench]\n    interface = "slcan"\n    channel = "socket://127.0.0.1:28550"\nor use --port N or --pty'
 )
 
 
@@ -47,13 +47,13 @@ def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Con
         said(f"emulated bench on {running.channel}: print head, stage, cure lamp and profiler")
         if scenario:
             grid = scenario.tables.grid
-            said(f"{grid.nx} x {grid.ny} cells, ink and sensor as {file} says")
+            said(f"{grid.nx} x {grid.ny} cells, ink and sensor from {file}")
         for fault in faults:
             said(f"on request: {fault}")
-        told = (
+        hint = (
             "" if running.channel == channel else f" --set bench.interface=slcan --set bench.channel={running.channel}"
         )
-        said(f"in another terminal: inkloop run {file}{told}")
+        said(f"in another terminal: inkloop run {file}{hint}")
         kept = (
             f"journals and surface are kept in {options.folder}" if options.folder else "the next start is a new part"
         )
@@ -94,6 +94,6 @@ def act(scenario: Scenario, options: argparse.Namespace, console: Console) -> in
 
 def _other_channel(file: str, channel: str) -> str:
     return (
-        f"{file}: bench.channel is {channel!r}, where devices are; an emulated bench listens on this machine: say "
+        f"{file}: bench.channel is {channel!r}, where devices are; an emulated bench listens on this machine: give "
         f"--port N or --pty, and give the run the channel that it then prints"
     )

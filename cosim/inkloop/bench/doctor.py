@@ -1,4 +1,4 @@
-"""`inkloop doctor`: looks the bench of a scenario over, and says of everything that is found what to do about it."""
+"""`inkloop doctor`: check the bench of a scenario and give advice on every finding."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ STYLES = {"ok": "green", "warning": "yellow", "error": "bold red", "skipped": "d
 
 
 def examine(scenario: Scenario | None, options: argparse.Namespace, console: Console) -> int:
-    """Look the bench over and print what is found; the exit code."""
+    """Check the bench and print the findings; returns the exit code."""
     doctor = importlib.import_module("inkloop_hardware.doctor.doctor")
     bench = Bench(scenario.tables.bench if scenario else BenchTable())
     expected = doctor.Expected(job_of_printer(scenario), bench.table.cure_ms) if scenario else None
@@ -57,7 +57,7 @@ def job_of_printer(scenario: Scenario) -> Job:
 
 
 def _of_scenario(scenario: Scenario | None) -> Iterator[Any]:
-    """What is to be said of the [bench] of a scenario, which is valid."""
+    """Findings about the valid [bench] table of a scenario."""
     if scenario is None:
         return
     finding = importlib.import_module("inkloop_hardware.doctor.findings").Finding
@@ -83,9 +83,9 @@ def _is_mapped(scenario: Scenario | None) -> bool:
 
 
 def _agreed(what: str) -> bool:
-    """Whether a person says yes; without anybody to ask: no."""
+    """Whether the user confirms; no without a terminal."""
     print(f"Self test: {what}. Ultraviolet light harms eyes and skin.", file=sys.stderr)
-    print("Is the enclosure closed, and nobody's hand in it? [y/N] ", end="", file=sys.stderr, flush=True)
+    print("Is the enclosure closed, with no hand in it? [y/N] ", end="", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 

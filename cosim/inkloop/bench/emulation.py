@@ -1,4 +1,4 @@
-"""What an emulated bench is to be like, so that a scenario prints on it what it prints with our FMUs, bit for bit."""
+"""Options of an emulated bench that prints a scenario bit for bit as inkloop's FMUs do."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """`inkloop replay`: a run on devices once more, from its traffic log and without a bus.
 
 Controller, devices, links and services are those of a print; only the nodes' answers come from the log. What the
-master asks for is held against the log byte for byte, patterns and maps against the result of the run.
+master sends is compared with the log byte for byte, patterns and maps against the result of the run.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SAME, DIFFERS = 0, 1
 
 
 def replay(options: argparse.Namespace, overrides: Mapping[str, Any], console: Console) -> int:
-    """Print again from the log and say what differs; the exit code. Raises ResultError, ScenarioError."""
+    """Print again from the log and report differences; returns the exit code. Raises ResultError, ScenarioError."""
     folder: Path = options.run
     scenario = _scenario(folder, overrides, options.log)
     log = scenario.tables.bench.channel
@@ -111,7 +111,7 @@ def _replayed(scenario: Scenario, place: Path, is_whole: bool) -> list[str]:
 
 
 def _first_cause(error: InkloopError) -> InkloopError:
-    """The first sentence of those that a failure was told in."""
+    """The innermost InkloopError that caused an error."""
     while isinstance(error.__cause__, InkloopError):
         error = error.__cause__
     return error

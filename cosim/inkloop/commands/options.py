@@ -89,18 +89,18 @@ def overrides_of(pairs: Iterable[str], source: str) -> dict[str, Any]:
     from tomlkit.exceptions import TOMLKitError
 
     overrides: dict[str, Any] = {}
-    faults = []
+    errors = []
     for pair in pairs:
         key, separator, text = (piece.strip() for piece in pair.partition("="))
         if not separator or not all(name.strip() for name in key.split(".")):
-            faults.append(f"--set {pair}: expected KEY=VALUE, e.g. --set components.controller.alpha=0.5")
+            errors.append(f"--set {pair}: expected KEY=VALUE, e.g. --set components.controller.alpha=0.5")
             continue
         try:
             overrides[key] = tomlkit.value(text)
         except TOMLKitError:
             overrides[key] = text
-    if faults:
-        raise ScenarioError(source, faults)
+    if errors:
+        raise ScenarioError(source, errors)
     return overrides
 
 

@@ -16,12 +16,12 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Say what a valid scenario prints; the exit code."""
+    """Print a summary of a valid scenario; returns the exit code."""
     with scenario_of(options) as scenario:
         grid = scenario.tables.grid
         printed = int(scenario.job().mask.sum())
         print(
-            f"{options.scenario}: no fault; {grid.nx} x {grid.ny} cells, {printed} printed, "
+            f"{options.scenario}: no errors; {grid.nx} x {grid.ny} cells, {printed} printed, "
             f"components {', '.join(scenario.tables.components)}"
         )
     return 0

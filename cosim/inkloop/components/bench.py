@@ -1,4 +1,4 @@
-"""What the devices of one loop share: the bus with its nodes, and the journal of the master."""
+"""The bus and the master's journal, shared by the devices of one loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All kinds that a scenario can name: our FMUs, any FMU file, devices, Python classes of ours and of third parties.
+"""Registry of component kinds: inkloop's FMUs, any FMU file, devices, Python classes.
 
 A third party's class is named by an entry point of the group "inkloop.components", or as "package.module:Class".
 """
@@ -79,7 +79,7 @@ def kinds() -> list[str]:
 
 
 def is_foreign_fmu(kind: str, options: Mapping[str, object]) -> bool:
-    """Whether a component of this kind runs the native code of an FMU that is none of ours."""
+    """Whether a component of this kind runs native code of a third-party FMU."""
     plant = options.get("plant", "Fmu" if kind == PLAIN_PLANT else None)
     return kind == "Fmu" or (kind in (PLAIN_PLANT, SHADOW) and plant == "Fmu")
 

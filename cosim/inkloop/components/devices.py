@@ -19,7 +19,7 @@ from inkloop.components.fmu_parameters import parse_model
 from inkloop.components.kind import Checked
 
 LOGGER = "inkloop_hardware"
-"""Where devices say what they do."""
+"""Logger of the devices."""
 
 
 @dataclass(frozen=True)

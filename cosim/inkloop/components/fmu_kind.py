@@ -14,7 +14,7 @@ from inkloop.components.fmu_parameters import FORMS, JOB_PARAMETERS, Parsed, par
 from inkloop.components.kind import Checked
 from inkloop.components.port_mapping import MappedPort, MappedPorts, ports_of
 from inkloop.components.port_tables import OPTION, mapped_ports
-from inkloop.fmu import FmuComponent, FmuDescription, archive_fault, describe, platform_fault
+from inkloop.fmu import FmuComponent, FmuDescription, archive_error, describe, platform_error
 from inkloop.fmu.archive_member import fmu_file
 from inkloop.fmu_writer.export import export_fmu, find_fmu
 
@@ -97,6 +97,6 @@ def _ports(parsed: Parsed, file: FmuDescription) -> Ports:
 
 
 def _binary_errors(path: Path, what: str) -> list[str]:
-    """What keeps this machine from running an FMU."""
-    faults = (platform_fault(describe(path)), archive_fault(path))
-    return [f"{what} {fault}" for fault in faults if fault]
+    """Reasons why this machine cannot run an FMU."""
+    errors = (platform_error(describe(path)), archive_error(path))
+    return [f"{what} {error}" for error in errors if error]

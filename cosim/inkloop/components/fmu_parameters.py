@@ -1,4 +1,4 @@
-"""The options of an FMU in a scenario: its parameters, with units in the keys, and what the job says by itself."""
+"""The options of an FMU in a scenario: its parameters, with units in the keys, and values taken from the job."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from inkloop.tables.quantities import scaled
 from inkloop.units import missing_suffix, spellings, unit_of
 
 JOB_PARAMETERS = "job_parameters"
-"""Whether the job's own values (pitch, inks, passes, seed, ...) go to parameters of an FMU that bear their names."""
+"""Whether the job's own values (pitch, inks, passes, seed, ...) set the parameters of an FMU that have these names."""
 _FILE_KEYS = ("file", OPTION, JOB_PARAMETERS)
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
 """Values of the option `fmi` of our own FMUs; the first is the default."""
@@ -138,7 +138,7 @@ def parse(
 
 
 def _value_errors(variable: Variable, key: str, value: object, found: object, sizes: Mapping[str, int]) -> list[str]:
-    """What is wrong with a value, which is `found` in the unit of its key, described in that unit."""
+    """The error of a value, given as `found` in the unit of its key."""
     written = variable.in_unit(*unit_of(key, variable.name, variable.unit))
     for checked, number in ((written, found), (variable, value)):
         try:
@@ -168,7 +168,7 @@ def options_of_controller_fmu(options: Mapping[str, object]) -> dict[str, object
 
 
 def _without_python_options(options: Mapping[str, object]) -> tuple[dict[str, object], list[str]]:
-    """The options that are left for the FMU, and what is wrong with the others."""
+    """The remaining options for the FMU, and the errors of the others."""
     errors = [f"{key} is no option of LayerController; {_INSTEAD[key]}" for key in options if key in _INSTEAD]
     left = {key: value for key, value in options.items() if key not in _INSTEAD}
     if isinstance(left.get("alpha"), list):

@@ -1,4 +1,4 @@
-"""What a job says under the names that FMUs use for it, its region as intervals of height on each cell."""
+"""Values of a job under the parameter names of FMUs; regions as height intervals of each cell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every kind of component offers: its options are checked once, which gives its ports and the component itself."""
+"""The interface of a component kind: options are checked once, which yields ports and a factory."""
 
 from __future__ import annotations
 

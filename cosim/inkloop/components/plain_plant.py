@@ -103,7 +103,7 @@ class PlainPlant:
 
 
 def wrapped_ports(job: Job, plant: HasPorts, *, pattern_input: str = PATTERN, height_output: str = HEIGHT) -> Ports:
-    """The ports of a `PlainPlant` around a plant. Raises ValueError with what does not fit."""
+    """The ports of a `PlainPlant` around a plant. Raises ValueError if the plant does not fit."""
     shape = (job.nx, job.ny)
     errors = [
         *_port_errors(plant.inputs, "pattern_input", pattern_input, shape),

@@ -1,4 +1,4 @@
-"""An FMU whose variables bear other names, units and shapes, behind the ports of the layer contract."""
+"""Map an FMU with other names, units and shapes to the ports of the layer contract."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class MappedPort:
 
 
 class MappedPorts:
-    """Runs an FMU and translates what it gets and gives; its other inputs and outputs are handed through."""
+    """Runs an FMU and translates its mapped inputs and outputs; the others pass unchanged."""
 
     def __init__(self, fmu: FmuComponent, inputs: Sequence[MappedPort], outputs: Sequence[MappedPort]) -> None:
         self._fmu, self._mapped_inputs, self._mapped_outputs = fmu, inputs, outputs

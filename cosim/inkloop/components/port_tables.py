@@ -1,4 +1,4 @@
-"""`[components.NAME.ports]`: which variables of an FMU stand behind which ports, with their unit, gain and offset.
+"""`[components.NAME.ports]`: map variables of an FMU to ports, with unit, gain and offset.
 
 A variable is named as the FMU names it, `"H"` also for the structured scalars `H[1,1]`, `H[1,2]`, ... of FMI 2. Scalars
 of any other spelling are named by a template: `"z_{i}_{j}"`, or `"z{n}"` where they are counted through.
@@ -30,7 +30,7 @@ class PortTable(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
     variable: str = Field(description="its name in the FMU, or a template with {i}, {j} or {n}")
-    unit: str | None = Field(default=None, description="of the FMU's numbers, where the FMU does not say it")
+    unit: str | None = Field(default=None, description="of the FMU's numbers, where the FMU declares none")
     gain: _Finite = Field(default=1.0, description="of the FMU's own number per `unit`")
     offset: _Finite = Field(default=0.0, description="the FMU's own number at zero")
     first: int = Field(default=1, ge=0, description="where a template begins to count")
@@ -116,18 +116,18 @@ def _port(name: str, table: PortTable, job: Job, variables: Sequence[Port]) -> P
 
 
 def _unit_errors(table: PortTable, variable: Port, unit: str) -> list[str]:
-    """What is wrong with the unit of a port in `unit`; a gain leads from there to any unit of the FMU."""
+    """The error in the unit of a port in `unit`; a gain leads from there to any unit of the FMU."""
     if table.gain == 0.0:
         return [".gain is 0; needs another number, or nothing gets through"]
     if unit == "1":
-        what = f".unit is {table.unit!r}, but this signal is a number without unit; leave it out, a gain says the rest"
+        what = f".unit is {table.unit!r}, but this signal is a number without unit; leave it out, use gain instead"
         return [what] if table.unit not in (None, "1") else []
     if table.unit is None and conversion(unit, variable.unit) is None:
         return [f".variable is {table.variable!r} in [{variable.unit}]; {_units_of(unit)}, and a gain if it takes one"]
     if table.unit is not None and conversion(unit, table.unit) is None:
         return [f".unit is {table.unit!r}; {_units_of(unit)}"]
     if table.unit is not None and is_known(variable.unit) and variable.unit != table.unit and table.gain == 1.0:
-        return [f".unit is {table.unit!r}, but the FMU says that {variable.name} is in [{variable.unit}]; leave it out"]
+        return [f".unit is {table.unit!r}, but the FMU declares {variable.name} in [{variable.unit}]; leave it out"]
     return []
 
 

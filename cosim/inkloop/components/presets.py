@@ -20,7 +20,7 @@ PRESETS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
 
 
 def preset_of(model: str, name: object) -> tuple[Mapping[str, float], list[str]]:
-    """Values of the preset of a model (none for no name), and what is wrong with the name."""
+    """Values of a model's preset (none without a name), and the error of a wrong name."""
     presets = PRESETS.get(model, {})
     if name is None:
         return {}, []

@@ -56,7 +56,7 @@ class PythonClass:
             return Checked(kind, errors if left is None else [*errors, *self.check(job, left).errors])
         except ScenarioError as error:  # errors of a file that an option names
             key = next((key for key, value in options.items() if value == error.source), "kind")
-            return Checked(kind, [f"{key}: {Path(error.source).name}: {fault}" for fault in error.faults])
+            return Checked(kind, [f"{key}: {Path(error.source).name}: {message}" for message in error.errors])
         except ValueError as error:
             return Checked(kind, [str(error)])
         except (ImportError, AttributeError) as error:
@@ -145,7 +145,7 @@ def without_invalid_keys(
 
 
 def _component(kind: str, job: Job, made: Any) -> Component:
-    """What a class made, as a component. Raises ValueError if it is neither one nor a rule for patterns."""
+    """An instance of a user's class as a component. Raises ValueError if it is neither one nor a rule for patterns."""
     if isinstance(made, Component):
         return made
     if callable(getattr(made, "pattern", None)):

@@ -1,4 +1,4 @@
-"""The functions of an FMU's binary, in the same words for FMI 2 and FMI 3.
+"""The functions of an FMU's binary, with one interface for FMI 2 and FMI 3.
 
 Built on FMPy's low-level classes, which load the binary and declare its functions. Every status worse than a warning
 becomes a ComponentError that repeats what the FMU logged.
@@ -40,7 +40,7 @@ class Binding:
     """A loaded binary; `worst` is the highest status that it ever returned."""
 
     def __init__(self, description: FmuDescription, folder: Path) -> None:
-        """Load the binary below `folder`; raises whatever the loader raises."""
+        """Load the binary below `folder`; raises the errors of the loader."""
         load = fmi2.FMU2Slave if description.fmi == 2 else fmi3.FMU3Slave
         self._fmi = description.fmi
         self._fmu: Any = load(
@@ -65,7 +65,7 @@ class Binding:
         except Exception as error:  # FMPy raises a bare exception when the FMU returns no instance
             said = self._said()
             is_mixed = self._description.tool.startswith("inkloop ") and "instantiation token" in said
-            advice = "; its parts are of two builds: run make, or pip install again, then export it anew"
+            advice = "; its parts are of two builds: run make, or pip install again, then export it again"
             raise ComponentError(f"the FMU made no instance{said}{advice if is_mixed else ''}") from error
 
     def configure(self, ports: Sequence[Port], values: Values) -> None:
@@ -198,7 +198,7 @@ class Binding:
         self._hear(status, message)
 
     def _said(self, function: str = "") -> str:
-        """What the FMU logged of late, complaints only if there are any, without the name of the function again."""
+        """Recent log messages of the FMU, only warnings and errors if there are any, without the function name."""
         complaints = [text for status, text in self._messages if status > WARNING]
         texts = [text.removeprefix(f"{function}: ") for text in complaints or [text for _, text in self._messages]]
         self._messages.clear()

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from inkloop.fmu.binding import Binding
 
 
-def platform_fault(description: FmuDescription) -> str | None:
-    """What keeps this machine from running an FMU: it holds no binary for it."""
+def platform_error(description: FmuDescription) -> str | None:
+    """The reason why this machine cannot run an FMU: it has no binary for the platform."""
     import fmpy
 
     needed, held = (
@@ -41,8 +41,8 @@ def platform_fault(description: FmuDescription) -> str | None:
     return f"holds binaries for {held}, this machine needs {needed}; export or compile it for that"
 
 
-def archive_fault(path: Path) -> str | None:
-    """What keeps an FMU from being unpacked: it is damaged."""
+def archive_error(path: Path) -> str | None:
+    """The reason why an FMU cannot be unpacked: it is damaged."""
     try:
         with zipfile.ZipFile(path) as archive:
             bad = archive.testzip()
@@ -56,7 +56,7 @@ class FmuComponent:
 
     `parameters` are in SI by the FMU's names, an array for an array; `structural` resizes FMI 3 arrays and is checked
     against the grid of an FMU whose size is fixed. Both are checked here; the binary is started by `initialize`.
-    Outputs are fresh arrays at every step: whoever keeps one keeps its values. Raises FmuError, later ComponentError.
+    Outputs are new arrays at every step, so a caller may keep them. Raises FmuError, later ComponentError.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class FmuComponent:
         return binding.get(self._outputs)
 
     def terminate(self) -> None:
-        """End the FMU, free the instance and remove its files, each whatever happened before."""
+        """End the FMU, free the instance and remove its files, even after a failure."""
         self._binding = None
         self._cleanup.close()
 
@@ -137,8 +137,8 @@ class FmuComponent:
                 raise FmuError(f"{self.description.path}: {name} {error}") from error
 
     def _extract(self, path: Path) -> Path:
-        if fault := platform_fault(self.description):
-            raise FmuError(f"{path}: {fault}")
+        if reason := platform_error(self.description):
+            raise FmuError(f"{path}: {reason}")
         folder = Path(self._cleanup.enter_context(tempfile.TemporaryDirectory(prefix="inkloop-fmu-")))
         try:
             with zipfile.ZipFile(path) as archive:

@@ -1,4 +1,4 @@
-"""What an FMU says about itself, in the same words for FMI 2 and FMI 3."""
+"""The description of an FMU, in one form for FMI 2 and FMI 3."""
 
 from __future__ import annotations
 

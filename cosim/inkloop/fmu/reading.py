@@ -1,4 +1,4 @@
-"""Reading modelDescription.xml: from FMPy's parser to our words.
+"""Read modelDescription.xml through FMPy's parser.
 
 The structured scalars of FMI 2 (`height[1,1]`, `height[1,2]`, ...) become one variable `height` of shape (nx, ny), and
 the dimensions of an FMI 3 array keep the names of the structural parameters that set them.
@@ -24,7 +24,7 @@ _ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>\d+(?:,\d+)*)\]")
 
 
 def describe(path: Path | str) -> FmuDescription:
-    """What the FMU says about itself. Raises FmuError where it cannot be read or is not for co-simulation."""
+    """The description of an FMU. Raises FmuError if it cannot be read or is not for co-simulation."""
     path = Path(path)
     try:
         return _describe(path, path.stat().st_mtime_ns)

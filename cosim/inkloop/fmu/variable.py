@@ -57,7 +57,7 @@ class Variable:
         return tuple(size if isinstance(size, int) else sizes[size] for size in self.dimensions)
 
     def port(self, sizes: Mapping[str, int]) -> Port:
-        """The variable as an input or output; a start value that varies over an array is told by its first element."""
+        """The variable as an input or output; an array start value is represented by its first element."""
         start = self._number(self.start[0]) if self.start else 0.0
         return Port(self.name, self.unit, self.shape(sizes), self.dtype, start)
 
@@ -70,7 +70,7 @@ class Variable:
         return replace(self, unit=unit, minimum=low, maximum=high)
 
     def convert(self, value: object, sizes: Mapping[str, int]) -> NDArray[Any]:
-        """`value`, in its unit, as an array of the variable's shape and dtype; ValueError says what was expected."""
+        """`value`, in its unit, as an array of the variable's shape and dtype; ValueError names the expected form."""
         if isinstance(value, str):
             if value not in self.items:
                 raise ValueError(f"is {value!r}; {self._expected(sizes)}")

@@ -47,7 +47,7 @@ def unpack(path: Path) -> dict[str, bytes]:
 
 
 def read_definition(path: Path) -> ModelDefinition:
-    """The definition that an FMU of ours holds. Raises FmuError."""
+    """The definition in one of inkloop's FMUs. Raises FmuError."""
     return definition.load(unpack(path)[DEFINITION].decode(), DEFINITION)
 
 

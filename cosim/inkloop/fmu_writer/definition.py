@@ -1,4 +1,4 @@
-"""What variables a model has: variables.toml as objects, and the value references that follow from it."""
+"""Variables of a model: variables.toml as objects, and the resulting value references."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class VariableDefinition:
 
     @property
     def is_exposed(self) -> bool:
-        """True for what importers see."""
+        """True for variables that importers see."""
         return self.causality in EXPOSED
 
 
@@ -119,16 +119,16 @@ def c_causality(variable: VariableDefinition) -> str:
 
 
 def load(text: str, source: str | Path) -> ModelDefinition:
-    """Read the text of a variables.toml. Raises FmuError with every fault."""
+    """Read the text of a variables.toml. Raises FmuError with every error."""
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise FmuError(f"{source}: is not TOML: {error}") from error
     types = {name: EnumerationDefinition(**entry) for name, entry in table.get("types", {}).items()}
     variables = tuple(VariableDefinition(name, **entry) for name, entry in table["variables"].items())
-    faults = list(_faults(variables, table))
-    if faults:
-        raise FmuError("\n".join([f"{source}: {len(faults)} faults", *(f"  - {fault}" for fault in faults)]))
+    errors = list(_errors(variables, table))
+    if errors:
+        raise FmuError("\n".join([f"{source}: {len(errors)} errors", *(f"  - {error}" for error in errors)]))
     return ModelDefinition(
         name=table["model"],
         description=table["description"],
@@ -140,7 +140,7 @@ def load(text: str, source: str | Path) -> ModelDefinition:
     )
 
 
-def _faults(variables: tuple[VariableDefinition, ...], table: Mapping[str, Any]) -> Iterator[str]:
+def _errors(variables: tuple[VariableDefinition, ...], table: Mapping[str, Any]) -> Iterator[str]:
     names = {v.name for v in variables}
     ranks = [(*EXPOSED, *HIDDEN).index(v.causality) for v in variables if v.causality in (*EXPOSED, *HIDDEN)]
     if len(ranks) < len(variables):

@@ -22,7 +22,7 @@ _LOG_CATEGORIES = {
 
 @dataclass(frozen=True)
 class Release:
-    """What a description says about its making; `date` in the form 2026-01-31T12:00:00Z."""
+    """Generation tool and date of a description; `date` in the form 2026-01-31T12:00:00Z."""
 
     version: str
     date: str
@@ -188,7 +188,7 @@ def _add_units(root: ET.Element, model: ModelDefinition) -> None:
         element = add(definitions, "Unit", name=unit)
         add(element, "BaseUnit", **BASE_UNITS[unit])
         _, to_si = si_unit(_DISPLAY_UNITS[unit])
-        add(element, "DisplayUnit", name=_DISPLAY_UNITS[unit], factor=1.0 / to_si)
+        add(element, "DisplayUnit", name=_DISPLAY_UNITS[unit], factor=f"{1.0 / to_si:.15g}")
 
 
 def _add_experiment(root: ET.Element, model: ModelDefinition) -> None:

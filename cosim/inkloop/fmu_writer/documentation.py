@@ -1,4 +1,4 @@
-"""What an FMU holds for people and tools besides its description: documentation, terminals, build description."""
+"""Further files in an FMU: documentation, terminals, build description."""
 
 from __future__ import annotations
 

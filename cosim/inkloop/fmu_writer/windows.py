@@ -46,7 +46,7 @@ def with_windows_binary(members: Mapping[str, bytes], fmi: str) -> dict[str, byt
 
 
 def _compiled(members: Mapping[str, bytes], names: list[str], identifier: str) -> bytes:
-    """The DLL; what the compiler warns of is logged."""
+    """The DLL; compiler warnings are logged."""
     with tempfile.TemporaryDirectory(prefix="inkloop-windows-") as folder:
         for name, content in members.items():
             if name.startswith("sources/"):

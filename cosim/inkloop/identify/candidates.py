@@ -1,4 +1,4 @@
-"""The deposition models that are fitted to the same prints, each by what its source or its equations ask for."""
+"""Deposition models that are fitted to the same prints, each by the method of its source."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ from inkloop.units import UM_PER_M
 
 
 def run(options: argparse.Namespace, overrides: Mapping[str, Any], console: Console) -> int:
-    """Identify, show and write; the exit code. Raises IdentificationError and what reading or printing raises."""
+    """Identify, show and write; returns an exit code. Raises IdentificationError and those of reading and printing."""
     out: Path = options.out or Path(f"{Path(options.sources[0]).resolve().stem}-ink.toml")
     if out.exists():
         raise IdentificationError(f"{out}: is there already and is not overwritten; name another --out")
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace, overrides: Mapping[str, Any], console: Cons
 
 
 def tables(found: Identification) -> Iterator[Table]:
-    """What was found, for the screen."""
+    """The results as a table for the screen."""
     yield _heights(found)
     if found.volume_area is not None:
         yield _volume_area(found)
@@ -63,17 +63,17 @@ def tables(found: Identification) -> Iterator[Table]:
 
 def _check(options: argparse.Namespace) -> None:
     limits = {"samples": (0, 2000), "layers": (1, 200), "side": (12, 500)}
-    faults = [
+    errors = [
         f"--{name} is {getattr(options, name)}; expected {low} to {high}"
         for name, (low, high) in limits.items()
         if not low <= getattr(options, name) <= high
     ]
     if options.runs is not None and options.runs.exists() and (options.runs.is_file() or any(options.runs.iterdir())):
-        faults.append(f"--runs {options.runs}: is there already and not empty; name another, nothing is overwritten")
+        errors.append(f"--runs {options.runs}: is there already and not empty; name another, nothing is overwritten")
     if options.noise_um is not None and not 0.0 <= options.noise_um < 1e6:
-        faults.append(f"--noise-um is {options.noise_um}; expected at least 0")
-    if faults:
-        raise IdentificationError("\n".join(faults))
+        errors.append(f"--noise-um is {options.noise_um}; expected at least 0")
+    if errors:
+        raise IdentificationError("\n".join(errors))
 
 
 def _records(

@@ -37,7 +37,7 @@ def compare(
     noise_std: float,
     on_fit: Callable[[str, int, int], None] | None = None,
 ) -> list[Comparison]:
-    """All models over the same prints; on_fit: told the model, fits done and all fits. Raises IdentificationError."""
+    """All models over the same prints; on_fit: gets model, fits done, all fits. Raises IdentificationError."""
     stripes = [_stripes(record) for record in records]
     total, found = len(candidates) * (FOLDS + 1), []
     for place, candidate in enumerate(candidates):

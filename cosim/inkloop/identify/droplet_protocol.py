@@ -51,9 +51,9 @@ def identify_by_protocol(records: Sequence[PrintRecord], noise_std: float) -> Pr
     rises = {name: np.concatenate(parts) if parts else np.zeros(0) for name, parts in found.items()}
     counts = {name: int(values.size) for name, values in rises.items()}
     if min(counts.values()) < LEAST:
-        told = ", ".join(f"{count} {name}" for name, count in counts.items())
+        counted = ", ".join(f"{count} {name}" for name, count in counts.items())
         raise IdentificationError(
-            f"first layers hold {told} motifs that stand alone; the protocol needs {LEAST} of each in one material"
+            f"first layers hold {counted} motifs that stand alone; the protocol needs {LEAST} of each in one material"
         )
     mean = {name: float(values.mean()) for name, values in rises.items()}
     variance = {name: float(values.var(ddof=1)) / values.size for name, values in rises.items()}

@@ -32,7 +32,7 @@ _DROPPED = ("support", "events", "compare", "literature", "connections")
 
 
 class Experiment:
-    """Takes the controller's place and prints a design, layer by layer, whatever the scans say. See `designs`."""
+    """Takes the controller's place and prints a design, layer by layer, without regard to the scans. See `designs`."""
 
     def __init__(
         self,
@@ -93,7 +93,7 @@ def perform(
 ) -> list[PrintRecord]:
     """Print the designs of a plan on the plant of a scenario; one record each.
 
-    folder: keeps the runs in it; on_layer: told layers printed and all layers. Raises ScenarioError, ComponentError.
+    folder: keeps the runs in it; on_layer: gets layers printed and all layers. Raises ScenarioError, ComponentError.
     """
     chosen = {"droplets": designs.droplets_side(plan.samples)} if plan.samples else {}
     chosen |= {"layers": plan.side + 2 * MARGIN} if plan.layers else {}
@@ -102,11 +102,11 @@ def perform(
     for design, side in chosen.items():
         loop = experiment_of(scenario, design, side, plan)
 
-        def told(row: Any, before: int = done) -> None:
+        def report(row: Any, before: int = done) -> None:
             if on_layer:
                 on_layer(before + row.layer, total)
 
-        result = Print(loop, on_layer=told).run()
+        result = Print(loop, on_layer=report).run()
         if result.stop_reason == "interrupted":
             raise KeyboardInterrupt
         if folder:

@@ -50,7 +50,7 @@ def identify(
     seed: int = 0,
     on_fit: Callable[[str, int, int], None] | None = None,
 ) -> Identification:
-    """The ink of prints on one grid spacing; on_fit: told what is being fitted, fits done and all fits.
+    """The ink of prints on one grid spacing; on_fit: called with the current fit, fits done and all fits.
 
     noise_std: of a reading [m], left out: what cells show that no droplet reached. Layers of many droplets tell the ink
     that is written down, if there are any: prints of motifs say what single droplets do, which is not the same on a
@@ -90,7 +90,7 @@ def _check(records: Sequence[PrintRecord]) -> None:
     if not records:
         raise IdentificationError("no print was given")
     first = records[0]
-    faults = [
+    errors = [
         f"{record.name}: {what} {value}, {first.name}: {expected}; identify prints of one pitch and process together"
         for record in records[1:]
         for what, value, expected in (
@@ -101,8 +101,8 @@ def _check(records: Sequence[PrintRecord]) -> None:
         )
         if value != expected
     ]
-    if faults:
-        raise IdentificationError("\n".join(faults))
+    if errors:
+        raise IdentificationError("\n".join(errors))
 
 
 def _layers_compared(records: Sequence[PrintRecord]) -> int:

@@ -33,7 +33,7 @@ VARIANCE_AGREES = 0.1  # of droplet volumes, share of itself: it weighs, no more
 PERTURBATION = 1e-3  # of a height, as a share of a layer, for the slope of the predictions
 DROPLET_STD_FIRST = 0.3  # to begin with: large, so that early rounds rest on the scans (by trial)
 FLATNESS = 2.0  # standard deviations of its variance that scan 0 of a plane may show beyond the noise (assumed)
-SINGULAR = 1e-6  # smallest over largest information: what lies below is not told by the patterns (assumed)
+SINGULAR = 1e-6  # smallest over largest information; below, the patterns do not determine it (assumed)
 ERROR_LEAST = (
     3e-3  # that a growth is weighed by, as a share of a layer: else a few of exact scans outweigh all (by trial)
 )

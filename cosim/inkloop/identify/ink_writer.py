@@ -1,4 +1,4 @@
-"""What was identified as an ink file that scenarios name (see `inkloop.tables.ink_file`)."""
+"""Write an identified ink as a file that scenarios name (see `inkloop.tables.ink_file`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A print that somebody else logged: a folder with a pattern and a height map for each layer, described by print.toml.
+"""Read a print logged by other software: a folder with a pattern and a height map per layer and a print.toml.
 
 print.toml            pitch_um = 263.256, unit = "um", pixel_um = 5.0, ...
 pattern_0001.csv      what was jetted in layer 1: 0 none, 1 material A, 2 material B, one number per cell
@@ -36,7 +36,7 @@ LAYERS_MOST = 100_000
 
 
 class PrintTable(Table):
-    """`print.toml`. A file name holds `{layer}`; the suffix says the format."""
+    """`print.toml`. A file name holds `{layer}`; the suffix sets the format."""
 
     pitch_um: Length = Field(description="droplet spacing")
     patterns: str = Field(default="pattern_{layer:04d}.csv", description="names of the patterns, from layer 1 on")
@@ -70,9 +70,9 @@ def is_log(folder: Path) -> bool:
 def read_log(folder: Path) -> PrintRecord:
     """The print of a folder. Raises IdentificationError with everything that is wrong with it."""
     table = _table(folder)
-    patterns, faults = _patterns(folder, table)
-    if faults:
-        raise IdentificationError(_list(folder, faults))
+    patterns, errors = _patterns(folder, table)
+    if errors:
+        raise IdentificationError(_list(folder, errors))
     nx, ny = patterns[0].shape
     maps = _Maps(folder, table, nx, ny)
     found, areas, ground = [], [], 0.0
@@ -84,9 +84,9 @@ def read_log(folder: Path) -> PrintRecord:
                 ground = float(np.nanmedian(map_.z))
             areas.append(maps.covered(map_, ground))
         except HeightMapError as error:
-            faults.append(str(error))
-    if faults:
-        raise IdentificationError(_list(folder, faults))
+            errors.append(str(error))
+    if errors:
+        raise IdentificationError(_list(folder, errors))
     record = PrintRecord(
         str(folder),
         table.pitch_um * M_PER_UM,
@@ -114,13 +114,13 @@ def _table(folder: Path) -> PrintTable:
         raise IdentificationError(f"{path}: is not TOML: {error}") from error
     except ValidationError as error:
         raise IdentificationError(_list(path, [sentence(detail, PrintTable) for detail in error.errors()])) from error
-    faults = [
+    errors = [
         f"{key} is {name!r}; expected a name with the number in it: {PrintTable.model_fields[key].default!r}"
         for key, name in (("patterns", table.patterns), ("maps", table.maps))
         if not _is_numbered(name)
     ]
-    if faults:
-        raise IdentificationError(_list(path, faults))
+    if errors:
+        raise IdentificationError(_list(path, errors))
     return table
 
 
@@ -132,36 +132,36 @@ def _is_numbered(name: str) -> bool:
 
 
 def _patterns(folder: Path, table: PrintTable) -> tuple[list[NDArray[np.int32]], list[str]]:
-    """The patterns of layers 1, 2, ... as far as there are files, and what is wrong with them."""
+    """The patterns of layers 1, 2, ... as far as there are files, and their errors."""
     found: list[NDArray[np.int32]] = []
-    faults: list[str] = []
+    errors: list[str] = []
     for layer in range(1, LAYERS_MOST):
         path = folder / table.patterns.format(layer=layer)
         if not path.is_file():
             break
-        pattern = _pattern(path, table.rows_along, faults)
+        pattern = _pattern(path, table.rows_along, errors)
         if found and pattern.shape != found[0].shape:
-            faults.append(f"{path.name}: has {pattern.shape} cells, the first pattern {found[0].shape}")
+            errors.append(f"{path.name}: has {pattern.shape} cells, the first pattern {found[0].shape}")
         found.append(pattern)
     if not found:
-        faults.append(f"{table.patterns.format(layer=1)} is not there; log what was jetted, or correct patterns")
-    return found, faults
+        errors.append(f"{table.patterns.format(layer=1)} is not there; log what was jetted, or correct patterns")
+    return found, errors
 
 
-def _pattern(path: Path, rows_along: str | None, faults: list[str]) -> NDArray[np.int32]:
-    """What one file says; `faults` gets what is wrong with it."""
+def _pattern(path: Path, rows_along: str | None, errors: list[str]) -> NDArray[np.int32]:
+    """The pattern in one file; its errors are appended to `errors`."""
     try:
         is_array = path.suffix.lower() == ".npy"
         values = (
             np.load(path, allow_pickle=False) if is_array else np.loadtxt(path, delimiter=_delimiter(path), ndmin=2)
         )
     except (OSError, ValueError) as error:
-        faults.append(f"{path.name}: cannot be read as a table of numbers: {str(error).splitlines()[0]}")
+        errors.append(f"{path.name}: cannot be read as a table of numbers: {str(error).splitlines()[0]}")
         return np.zeros((1, 1), np.int32)
     if values.ndim != 2 or not np.isin(values, (0, 1, 2)).all():
         wrong = values[~np.isin(values, (0, 1, 2))]
         said = f"holds {wrong.flat[0]:g}" if wrong.size else f"holds an array of shape {values.shape}"
-        faults.append(f"{path.name}: {said}; expected rows and columns of 0, 1 and 2")
+        errors.append(f"{path.name}: {said}; expected rows and columns of 0, 1 and 2")
         return np.zeros((1, 1), np.int32)
     along_x = (rows_along or ("y" if is_array else "x")) == "x"
     return np.ascontiguousarray(values.T if along_x else values, dtype=np.int32)
@@ -229,6 +229,6 @@ def _finer(placed: Registration, parts: int, pitch: float) -> Registration:
     return Registration(placed.offset_x + shift, placed.offset_y + shift, placed.rotation, placed.scale, placed.mirror)
 
 
-def _list(place: Path, faults: list[str]) -> str:
-    count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
-    return "\n".join([f"{place}: {count}", *(f"  - {fault}" for fault in faults)])
+def _list(place: Path, errors: list[str]) -> str:
+    count = "1 error" if len(errors) == 1 else f"{len(errors)} errors"
+    return "\n".join([f"{place}: {count}", *(f"  - {error}" for error in errors)])

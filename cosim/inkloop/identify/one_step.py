@@ -1,4 +1,4 @@
-"""What a deposition model predicts for each scan from the scan before it, and how far off that is."""
+"""Prediction of each scan from the previous scan by a deposition model, and its error."""
 
 from __future__ import annotations
 

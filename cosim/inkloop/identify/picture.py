@@ -1,4 +1,4 @@
-"""Picture of what the models leave unexplained: where, how much, and on which steps of the surface."""
+"""Picture of the residuals of the models: place, size, and step height of the surface."""
 
 from __future__ import annotations
 

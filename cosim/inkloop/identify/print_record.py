@@ -1,4 +1,4 @@
-"""What is known of one print for identification: what was jetted in each layer, and the surfaces measured between."""
+"""Record of one print for identification: jetted patterns and the surfaces measured between them."""
 
 from __future__ import annotations
 

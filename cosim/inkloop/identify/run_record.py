@@ -20,7 +20,7 @@ def read_run(folder: Path) -> PrintRecord:
 
 
 def record_of(result: Result, name: str) -> PrintRecord:
-    """The print of a result: scans where there are any, else surfaces as they were told. Raises IdentificationError.
+    """The print of a result: scans if there are any, else the reported surfaces. Raises IdentificationError.
 
     Rows of layers that were never scanned hold NaN; what an event did to the pattern on its way is not in the record.
     """

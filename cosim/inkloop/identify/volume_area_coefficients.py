@@ -30,7 +30,7 @@ _OFF_CENTRE = np.array([[True, True, True], [True, False, True], [True, True, Tr
 @dataclass(frozen=True, eq=False)
 class DropSample:
     """The 3 x 3 cells around a drop that fell alone: mean heights over the substrate [m] and covered shares, before and
-    after; prior: what lay around it, in words.
+    after; prior: text, what lay around it.
     """
 
     prior: str

@@ -1,4 +1,4 @@
-"""Events of a scenario: what a component gives or gets is changed from a layer or a time on, and it never knows.
+"""Events of a scenario: change inputs or outputs of a component from a layer or a time on, unseen by it.
 
 The words are those of libcosim: an override replaces a value, a bias adds to it, a reset takes back what stands above
 it in the file. Where events meet on a port, they act in the order of the file. What is in effect follows from the
@@ -44,7 +44,7 @@ class Event:
         return self.at_time_ns is not None and time_ns >= self.at_time_ns
 
     def applied(self, value: NDArray[Any], original: NDArray[Any], layer: int) -> NDArray[Any]:
-        """What becomes of `value`, which was `original` before all events."""
+        """The changed `value`, which was `original` before all events."""
         if self.action == "reset" or self.value is None:
             changed = original
         else:
@@ -83,11 +83,11 @@ class Manipulator:
             side.setdefault(component, {})[name] = _ChangedPort(port, own)
 
     def inputs(self, component: str, values: Values, time_ns: int, layer: int) -> Values:
-        """What a component gets; an input that nobody feeds is at its start value before its events."""
+        """Inputs of a component after events; an unconnected input starts from its start value."""
         return self._changed(self._inputs.get(component, {}), values, time_ns, layer)
 
     def outputs(self, component: str, values: Values, time_ns: int, layer: int) -> Values:
-        """What everybody else sees of a component."""
+        """Outputs of a component after events, as the others see them."""
         return self._changed(self._outputs.get(component, {}), values, time_ns, layer)
 
     def in_effect(self, time_ns: int, layer: int) -> bool:

@@ -1,7 +1,7 @@
-"""The co-simulation master: who runs when, with which inputs, until when.
+"""The co-simulation master: order of execution, inputs and end of a run.
 
 Time is whole nanoseconds. At every communication point each component has stepped as far as its rate says, and the
-observers see the newest outputs of all. Components are terminated whatever happens.
+observers see the newest outputs of all. Components are always terminated.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Observer(Protocol):
 
 
 class Master:
-    """Runs connected components. Raises ScenarioError at once if the wiring is faulty (see `wiring.check`).
+    """Runs connected components. Raises ScenarioError at once if the wiring has errors (see `wiring.check`).
 
     step_ns: distance of communication points. algorithm: "gauss-seidel" hands each component the newest outputs of
     those before it in the order of `components`; "jacobi" hands all of them the outputs of the last point.
@@ -60,16 +60,16 @@ class Master:
         events: Sequence[Event] = (),
         pacing: Pacing | None = None,
     ) -> None:
-        faults = check(components, connections)
-        faults += [
+        errors = check(components, connections)
+        errors += [
             f"{name}: every {count} steps; needs a whole number >= 1"
             for name, count in (every or {}).items()
             if count < 1
         ]
         if step_ns < 1:
-            faults.append(f"step is {step_ns} ns; needs at least 1 ns")
-        if faults:
-            raise ScenarioError("connections", faults)
+            errors.append(f"step is {step_ns} ns; needs at least 1 ns")
+        if errors:
+            raise ScenarioError("connections", errors)
         self._components = dict(components)
         self._step_ns = step_ns
         self._jacobi = algorithm == "jacobi"
@@ -97,9 +97,9 @@ class Master:
     def run(
         self, *, layers_max: int | None = None, time_max_ns: int | None = None, resume: Checkpoint | None = None
     ) -> StopReason:
-        """Initialize, step and terminate; what ended the run. Raises ComponentError.
+        """Initialize, step and terminate; returns the stop reason. Raises ComponentError.
 
-        resume: the point to go on from, the start if None.
+        resume: the point to resume from, the start if None.
 
         "done": the component that commands layers says so. "layers_max": that many layers are printed, and scanned
         where somebody scans. "fault": a component's status is fault. "interrupted": Ctrl-C; all observers saw the last
@@ -141,8 +141,8 @@ class Master:
     def _initialize(self) -> None:
         order = self._initial_order()
         for k, name in enumerate(order):
-            if fault := without_start(name, self._feeds, self._outputs, order[:k]):
-                raise ComponentError(fault)
+            if reason := without_start(name, self._feeds, self._outputs, order[:k]):
+                raise ComponentError(reason)
             begin = perf_counter_ns()
             try:
                 outputs = self._components[name].initialize(0, self._gather(name, self._outputs, 0))
@@ -204,7 +204,7 @@ class Master:
         )
 
     def _commanded(self, outputs: Mapping[str, Values]) -> int:
-        """Number of the last layer commanded, 0 if nobody commands layers."""
+        """Number of the last layer commanded, 0 if no component commands layers."""
         return int(outputs[self._commander][LAYER_COMMAND]) if self._commander else 0
 
     def _checked(self, name: str, outputs: Values) -> Values:

@@ -14,7 +14,7 @@ LONGEST_SLEEP_NS = 100_000_000  # so that Ctrl-C is heard while a long step is w
 
 
 class Pacing:
-    """Holds communication point t until t / factor seconds of the clock after the start; a late one goes on at once.
+    """Holds communication point t until t / factor seconds of the clock after the start; a late one continues at once.
 
     Points are due by the start, not by each other: after a late one the loop catches up. clock: monotonic time [ns];
     sleep: waits that many seconds.

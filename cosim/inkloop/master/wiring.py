@@ -1,4 +1,4 @@
-"""Connections between components: the layer contract's own, and what is wrong with any of them."""
+"""Connections between components: those of the layer contract, and their errors."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def feeds(
 
 
 Feeds: TypeAlias = Mapping[str, Sequence[tuple[str, str, str, Transfer]]]
-"""What `feeds` gives."""
+"""Result of `feeds`."""
 
 
 def without_start(name: str, feeds: Feeds, outputs: Mapping[str, Values], ready: Container[str]) -> str | None:

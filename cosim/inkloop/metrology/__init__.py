@@ -1,1 +1,1 @@
-"""Measured surfaces: height maps from the files of profilers, and where they lie on the grid of cells."""
+"""Measured surfaces: height maps from files of profilers, and their placement on the grid of cells."""

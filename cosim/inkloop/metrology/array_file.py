@@ -33,7 +33,7 @@ def read_array(path: Path) -> FileContents:
 
 
 def _heights(path: Path, arrays: dict[str, np.ndarray]) -> tuple[str, str | None]:
-    """Key of the heights and the unit it says."""
+    """Key of the heights and the unit in its name."""
     named: list[tuple[str, str | None]] = [
         (f"{name}_{suffix}", suffix) for name in _HEIGHTS for suffix in SUFFIXES["m"] if f"{name}_{suffix}" in arrays
     ]

@@ -1,4 +1,4 @@
-"""From fine pixels to cells: the mean of what was measured in each cell, and how much of the cell that was."""
+"""From fine pixels to cells: mean of the measured pixels in each cell, and the measured share of the cell."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from inkloop.units import UM_PER_M
 PIXELS_PER_CELL = 8  # coarser pixels are divided first: a turned pixel counts as an upright one of the same area
 _BLOCK = 1 << 18  # pixels at a time, so that they stay in the processor's cache
 _UPRIGHT = 1e-12  # rad: a rotation by quarter turns
-_ROUNDING = 1e-6  # share of a cell that a pixel beside it gets by rounding
+_ROUNDING = 1e-6  # share of a cell that an adjacent pixel gets by rounding
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""The level of a scan: many profilers lose their height and their tilt between scans, cells beside the part keep it."""
+"""The level of a scan: many profilers lose height and tilt between scans, cells outside the part keep it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def level(height: FloatMap, reference: BoolMap, datum: Datum) -> FloatMap:
     used = reference & np.isfinite(height)
     if np.count_nonzero(used) < CELLS_MIN[datum]:
         raise HeightMapError(
-            f"datum: {np.count_nonzero(used)} cells beside the part were measured, the {datum} needs "
+            f"datum: {np.count_nonzero(used)} cells outside the part were measured, the {datum} needs "
             f"{CELLS_MIN[datum]}; scan a wider field, enlarge the grid around the part, or set datum = 'none'"
         )
     if datum == "offset":
@@ -48,7 +48,7 @@ def level(height: FloatMap, reference: BoolMap, datum: Datum) -> FloatMap:
     for _ in range(_ROUNDS):
         plane, _, rank, _ = np.linalg.lstsq(terms[used], height[used], rcond=1e-6)
         if rank < terms.shape[-1]:
-            raise HeightMapError("datum: the cells beside the part that were measured lie on one line, in no plane")
+            raise HeightMapError("datum: the measured cells outside the part lie on one line and define no plane")
         distance = np.abs(height - terms @ plane)
         limit = CLIP * _NORMAL * float(np.median(distance[used]))
         kept = used & (distance <= max(limit, 1e-12))

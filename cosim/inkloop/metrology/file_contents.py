@@ -1,4 +1,4 @@
-"""What a height map file says itself, before the caller's word fills in what it leaves open."""
+"""Contents of a height map file, before the caller's options complete them."""
 
 from __future__ import annotations
 

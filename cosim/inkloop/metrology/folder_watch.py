@@ -13,7 +13,7 @@ Complete: TypeAlias = Literal["stable", "renamed", "done"]
 """How a file is known to be complete.
 
 "stable": its size and time have not changed for a while; "renamed": it appears under its name only when it is, as
-programs do that write to a temporary name; "done": a file of its name and .done stands beside it.
+programs do that write to a temporary name; "done": a file of its name and .done is next to it.
 """
 
 POLL_S = 0.05
@@ -102,8 +102,8 @@ class FolderWatch:
         return state.st_size > 0 and self.clock() - sight.since >= self._settle_s
 
 
-def name_faults(file_name: str) -> list[str]:
-    """What is wrong with the pattern of a file name, a sentence or none."""
+def name_errors(file_name: str) -> list[str]:
+    """Errors of the pattern of a file name, one sentence each."""
     expected = "expected a name of its own for each layer, such as 'layer_{layer:04d}.csv'"
     try:
         names = {file_name.format(layer=layer) for layer in (1, 2, 30)}

@@ -23,7 +23,7 @@ def read_sdf(path: Path) -> FileContents:
 
 def read_instrument(path: Path) -> FileContents:
     """The first map in a file of an instrument: SUR, X3P, GWY, VK, OPD ... Raises HeightMapError, OSError."""
-    with path.open("rb"):  # a missing file is told before a missing library
+    with path.open("rb"):  # a missing file is reported before a missing library
         pass
     try:
         from SurfaceTopography import read_topography

@@ -48,20 +48,20 @@ def read(
     """
     path = Path(path)
     contents = _contents(path)
-    faults: list[str] = []
-    factor = _factor(path, contents, unit, faults)
-    dx, dy = _pixel(contents, pixel, faults)
+    errors: list[str] = []
+    factor = _factor(path, contents, unit, errors)
+    dx, dy = _pixel(contents, pixel, errors)
     values = np.asarray(contents.values)
     if values.ndim != 2:
-        faults.append(f"holds an array of shape {values.shape}; expected rows and columns")
+        errors.append(f"holds an array of shape {values.shape}; expected rows and columns")
     elif values.dtype.kind not in "iuf":
-        faults.append(f"holds values of type {values.dtype}; expected numbers")
+        errors.append(f"holds values of type {values.dtype}; expected numbers")
     elif values.dtype.kind in "iu" and scale is None:
-        faults.append(f"holds whole-number counts ({values.dtype}); say what height one count is: scale, in the unit")
+        errors.append(f"holds whole-number counts ({values.dtype}); give scale, the height of one count in the unit")
     if scale is not None and not (np.isfinite(scale) and scale > 0):
-        faults.append(f"scale is {scale}; expected a height per count above 0")
-    if faults:
-        raise HeightMapError(f"{path}: " + "; ".join(faults))
+        errors.append(f"scale is {scale}; expected a height per count above 0")
+    if errors:
+        raise HeightMapError(f"{path}: " + "; ".join(errors))
     z = values.astype(np.float64)
     if invalid_value is not None:
         z[values == invalid_value] = np.nan
@@ -82,34 +82,32 @@ def _contents(path: Path) -> FileContents:
         raise HeightMapError(f"{path}: cannot be read: {error.strerror or error}") from error
     except Exception as error:  # each library fails in its own way on bytes that are cut off or altered
         said = (str(error).splitlines() or [""])[0]
-        raise HeightMapError(
-            f"{path}: is damaged, or not what its suffix says ({type(error).__name__}: {said})"
-        ) from error
+        raise HeightMapError(f"{path}: is damaged, or its suffix is wrong ({type(error).__name__}: {said})") from error
 
 
-def _factor(path: Path, contents: FileContents, unit: str | None, faults: list[str]) -> float:
-    """Metres per unit of the stored heights; where both say it, they agree."""
+def _factor(path: Path, contents: FileContents, unit: str | None, errors: list[str]) -> float:
+    """Metres per unit of the stored heights; file and option must agree."""
     if unit is not None and length_factor(unit) is None:
-        faults.append(f"unit is {unit!r}; expected one of nm, um, mm, m")
+        errors.append(f"unit is {unit!r}; expected one of nm, um, mm, m")
         return 1.0
     if unit is None and contents.unit is None:
-        faults.append("does not say the unit of its heights; give unit: nm, um, mm or m")
+        errors.append("does not declare the unit of its heights; give unit: nm, um, mm or m")
         return 1.0
     said = required_factor(str(path), contents.unit if contents.unit is not None else str(unit))
     if unit is not None and length_factor(unit) != said:
-        faults.append(f"says that its heights are in {contents.unit}, unit is {unit!r}; leave unit out or correct it")
+        errors.append(f"declares heights in {contents.unit}, but unit is {unit!r}; leave unit out or correct it")
     return said
 
 
-def _pixel(contents: FileContents, pixel: float | tuple[float, float] | None, faults: list[str]) -> tuple[float, float]:
-    """Size of a pixel along x and y [m]; where both say it, they agree."""
+def _pixel(contents: FileContents, pixel: float | tuple[float, float] | None, errors: list[str]) -> tuple[float, float]:
+    """Size of a pixel along x and y [m]; file and option must agree."""
     asked = (float(pixel), float(pixel)) if isinstance(pixel, int | float) else pixel
     if asked is None and contents.pixel is None:
-        faults.append("does not say how large its pixels are; give pixel, the distance of two pixels")
+        errors.append("does not declare the size of its pixels; give pixel, the distance of two pixels")
     if asked is not None and not all(np.isfinite(size) and size > 0 for size in asked):
-        faults.append(f"pixel is {asked} m; expected lengths above 0")
+        errors.append(f"pixel is {asked} m; expected lengths above 0")
         return 1.0, 1.0
     if asked and contents.pixel and not np.allclose(asked, contents.pixel, rtol=PIXEL_TOLERANCE, atol=0.0):
         said, given = (" x ".join(f"{size * UM_PER_M:g}" for size in sizes) for sizes in (contents.pixel, asked))
-        faults.append(f"says that its pixels are {said} um, pixel is {given} um; leave pixel out or correct it")
+        errors.append(f"declares pixels of {said} um, but pixel is {given} um; leave pixel out or correct it")
     return contents.pixel or asked or (1.0, 1.0)

@@ -19,7 +19,7 @@ from inkloop.components.devices import LOGGER
 from inkloop.contract import LAYERS_PRINTED, LAYERS_SCANNED, MEASURED_HEIGHT, STATUS, VALID, contract_ports
 from inkloop.errors import ComponentError, HeightMapError
 from inkloop.metrology.datum import Datum
-from inkloop.metrology.folder_watch import Complete, FolderWatch, Wait, name_faults
+from inkloop.metrology.folder_watch import Complete, FolderWatch, Wait, name_errors
 from inkloop.metrology.height_map import HeightMap, Mirror
 from inkloop.metrology.map_file import read
 from inkloop.metrology.placement import Method, Placement
@@ -42,7 +42,7 @@ class MapFolder:
     """Scans the newest printed layer by waiting for its file, and lays it over the grid.
 
     Each step waits a moment and leaves the loop running: `status` is busy until the file is there and complete, and the
-    run ends in words after `timeout_s` (wall clock). What the options mean is on the page of the scenario file. Raises
+    run ends with a message after `timeout_s` (wall clock). Options: see the page of the scenario file. Raises
     ValueError with what does not fit together, later ComponentError.
     """
 
@@ -77,10 +77,10 @@ class MapFolder:
         timeout_s: Positive = 600.0,
         replay: bool = False,
     ) -> None:
-        faults = name_faults(file_name)
+        errors = name_errors(file_name)
         placed = Registration(offset_x_um * M_PER_UM, offset_y_um * M_PER_UM, math.radians(rotation_deg), mirror=mirror)
         if [fiducials_map_um is None, fiducials_grid_um is None] != [registration != "fiducials"] * 2:
-            faults.append(
+            errors.append(
                 "fiducials_map_um and fiducials_grid_um: give both with registration = 'fiducials', else none"
             )
         elif fiducials_map_um is not None and fiducials_grid_um is not None:
@@ -89,9 +89,9 @@ class MapFolder:
             try:
                 placed = from_fiducials(on_map, on_grid, mirror=mirror, residual_max=limit).registration
             except HeightMapError as error:
-                faults.append(str(error))
-        if faults:
-            raise ValueError("; ".join(faults))
+                errors.append(str(error))
+        if errors:
+            raise ValueError("; ".join(errors))
         reach = FIT_REACH_CELLS * job.pitch if fit_reach_um is None else fit_reach_um * M_PER_UM
         fit_reach = (reach, math.radians(fit_reach_deg)) if registration == "fit" else None
         self._placement = Placement(job, placed, valid_share_min, fit_reach, datum, datum_margin_cells)
@@ -225,7 +225,7 @@ class MapFolder:
         digest = hashlib.sha256(map_.z.tobytes()).digest()
         if digest == self._digest and not self._replay:
             raise HeightMapError(
-                f"{map_.source}: holds the heights of the scan of layer {self._scanned} again; scan anew and save that"
+                f"{map_.source}: holds the heights of the scan of layer {self._scanned} again; scan again and save that"
             )
         if self._map_shape not in ((), map_.shape):
             m, n = self._map_shape

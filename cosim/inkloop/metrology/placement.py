@@ -24,7 +24,7 @@ PART_SEEN_MIN = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """height: (nx, ny) [m], NaN where nothing was measured; valid: (nx, ny); words: what there is to say about it."""
+    """height: (nx, ny) [m], NaN where nothing was measured; valid: (nx, ny); words: remarks."""
 
     height: FloatMap
     valid: BoolMap
@@ -47,7 +47,7 @@ class Placement:
     datum_margin: int = 1
 
     def place(self, map_: HeightMap, layer: int) -> Placed:
-        """The cells of a map of the surface after a layer. Raises HeightMapError in words that name the map's file."""
+        """The cells of a map of the surface after a layer. Raises HeightMapError that names the map's file."""
         job, words = self.job, []
         if not map_.valid.any():
             raise HeightMapError(
@@ -77,7 +77,7 @@ class Placement:
         return Placed(height, valid, ", ".join(words))
 
     def _advice(self, map_: HeightMap) -> str:
-        """What may be wrong where the part is not seen: the place, or the pixels."""
+        """Likely cause if the part is not visible: the placement, or the pixels."""
         job = self.job
         corners = np.array([[0, 0], [0, 1], [1, 0], [1, 1]]) * [map_.shape[0] * map_.dx, map_.shape[1] * map_.dy]
         x, y = self.registration.to_grid(corners[:, 0] + map_.x0, corners[:, 1] + map_.y0)

@@ -1,4 +1,4 @@
-"""Where a height map lies on the grid of cells: mirror, scale, turn, shift; by given numbers or by fiducials."""
+"""Placement of a height map on the grid of cells: mirror, scale, turn, shift; from numbers or fiducials."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from inkloop.metrology.file_contents import FileContents
 from inkloop.metrology.table_header import read_header
 
 _WORDS = ("NAN", "BAD", "N/A", "NA", "INVALID", "NULL", "NONE", "***", "---", "--")
-"""What programs write where nothing was measured; NAN before NA, which it begins with."""
+"""Entries that programs write for missing measurements; NAN before NA, which it begins with."""
 _NUMBER = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?"
 _FIELD = re.compile(rf"\s*(?:{_NUMBER}|{'|'.join(map(re.escape, _WORDS))}|[+-]?inf)?\s*", re.IGNORECASE)
 _POINT_COLUMNS = 3
@@ -121,7 +121,7 @@ def _parsed(text: str, separator: str) -> FloatMap:
 
 
 def _place(rows: Sequence[str], separator: str, first_line: int) -> str:
-    """The first field that is no number, or the first row of another length, in words."""
+    """The first field that is no number, or the first row of another length, as a message."""
     expected = len(_split(rows[0], separator))
     for number, row in enumerate(rows, start=first_line):
         fields = _split(row, separator)

@@ -1,7 +1,7 @@
-"""What the lines above a table of heights say: the unit of the heights and the size of a pixel.
+"""Read the header above a table of heights: the unit of the heights and the size of a pixel.
 
 Understood are `key = 5 um`, `key [um]; 5`, `key_um, 5` and `"key","5","um"`, with or without a leading #, and
-"Height [um]" alone. Lines that say neither are passed over.
+"Height [um]" alone. Other lines are skipped.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _FIELD_Y = {"height", "field height", "y size", "size y"}
 
 
 def read_header(lines: Sequence[str], columns: int, rows: int) -> tuple[str | None, tuple[float, float] | None]:
-    """Unit of the heights and pixel size (dx, dy) [m] that the lines say; None for what they do not.
+    """Unit of the heights and pixel size (dx, dy) [m] from the lines; None if missing.
 
     columns, rows: size of the table, for files that say how wide and high the field is.
     """

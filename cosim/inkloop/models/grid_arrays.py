@@ -1,4 +1,4 @@
-"""Arrays of a grid on their way into the C kernels: complete, finite, in C order, or refused in words."""
+"""Check arrays of a grid for the C kernels: complete, finite and in C order, or a clear error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the C kernels of the models are, and what they look like to ctypes (fmus/models/inkloop_models.h)."""
+"""Load the C kernels of the models through ctypes (fmus/models/inkloop_models.h)."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def library() -> ctypes.CDLL:
 
 
 def _path() -> Path:
-    """The file: named by the environment, beside this one, or where an editable install puts what it builds."""
+    """The file: named by the environment, next to this one, or where an editable install puts what it builds."""
     named = os.environ.get(VARIABLE)
     if named:
         if not Path(named).is_file():

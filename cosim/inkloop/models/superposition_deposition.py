@@ -49,7 +49,7 @@ class SuperpositionDeposition:
         return Surface(heights(height))
 
     def layer(self, surface: Surface, pattern: ArrayLike, number: int = 1, volume: ArrayLike | None = None) -> Surface:
-        """The surface after one more layer, whatever its number; arguments as of `LayerDeposition.layer`."""
+        """The surface after one more layer, independent of its number; arguments as of `LayerDeposition.layer`."""
         after = heights(surface.height)
         nx, ny = shape = (after.shape[0], after.shape[1])
         jetted, drops = pattern_of(pattern, shape), volumes(volume, shape)

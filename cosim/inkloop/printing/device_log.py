@@ -1,4 +1,4 @@
-"""What devices say while they work: on the screen, and in `bench.log` of the run folder."""
+"""Show messages of devices on the screen and write them to `bench.log` of the run folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A print in a process of its own, so that a crash of native code, an FMU's say, still ends in words."""
+"""Print in a subprocess, so that a crash of native code, such as an FMU's, becomes an error message."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def run_isolated(arguments: Sequence[str], folder: Path, foreign: Sequence[str] 
     """`inkloop ARGUMENTS`, which prints into `folder`, in a child; its exit code. Ctrl-C is the child's.
 
     foreign: the components that are an FMU of others. What the child unpacks is removed however it ends. Raises
-    ComponentError if it crashed: by what, what is kept, and how to go on.
+    ComponentError if it crashed: cause, kept layers and how to resume.
     """
     with tempfile.TemporaryDirectory(prefix="inkloop-run-") as unpacked, deferred():
         environment = {**os.environ, "TMPDIR": unpacked}
@@ -40,26 +40,26 @@ def run_isolated(arguments: Sequence[str], folder: Path, foreign: Sequence[str] 
 
 
 def _running(folder: Path) -> list[Path]:
-    """The prints in a folder that say they go on: where no process is left, native code has ended them."""
+    """Prints in a folder that are recorded as running: without a process, native code has ended them."""
     folders = sorted(path.parent for path in folder.rglob(RUN_FILE))
     return [place for place in folders if read_record(place).get("stop_reason") == "running"]
 
 
 def _ending(code: int) -> str:
-    """The name of a signal, or an exit code that is none of ours."""
+    """The name of a signal, or an exit code that inkloop does not use."""
     known = {-entry.value: entry.name for entry in signal.Signals}
     return known.get(code, f"signal {-code}" if code < 0 else f"exit code {code:#x}")
 
 
 def _advice(folder: Path) -> str:
-    """What is on disk, and how to go on from there."""
+    """The layers on disk and how to resume."""
     if not (folder / RUN_FILE).is_file():
-        return "nothing was printed yet; mend it, then run it again"
+        return "nothing was printed yet; fix the cause, then run it again"
     place = next(iter(_running(folder)), folder)
     last = checkpoint.last(place)
     if last is None:
-        return f"no layer was finished; once it is mended, `inkloop resume {folder}` goes on"
+        return f"no layer was finished; fix the cause, then continue with `inkloop resume {folder}`"
     kept = f"layers 0 to {last.layer} are in {place}"
     if last.refusal:
         return f"{kept}; the run cannot be resumed: {last.refusal}"
-    return f"{kept}; once it is mended, `inkloop resume {folder}` goes on"
+    return f"{kept}; fix the cause, then continue with `inkloop resume {folder}`"

@@ -18,7 +18,7 @@ def local_port(channel: str | None) -> int | None:
 
 
 def check_listening(scenario: Scenario) -> None:
-    """Raises ComponentError where the scenario's channel is a port of this machine at which nobody listens."""
+    """Raises ComponentError where the scenario's channel is a port of this machine without a listener."""
     channel = scenario.tables.bench.channel
     port = local_port(channel)
     if port is None:

@@ -1,4 +1,4 @@
-"""One run at a time writes a run folder; who does is said to whoever else comes.
+"""Exclusive lock on a run folder; a second writer gets the owner's process id.
 
 The system keeps the lock for the process that took it and takes it back when that ends, however it ends: after a kill
 there is nothing to clean up. Processes that it has started do not have it.
@@ -22,7 +22,7 @@ else:
     import fcntl
 
 LOCK_FILE = "run.lock"
-"""Says who writes into a run folder while somebody does; what a kill leaves behind of it means nothing."""
+"""File that names the process writing into a run folder; a file left by a killed process has no effect."""
 _FAR = 1 << 30  # locked is a byte beyond the words: where locks keep readers out too (Windows), the words can be read
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP)  # of a file system that keeps none: no reason not to print
 
@@ -31,7 +31,7 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP)  # of a file system that keeps none: n
 def sole_writer(folder: Path) -> Iterator[None]:
     """Nobody else writes a run into `folder` during the block; the folder is made, and goes if it stays empty.
 
-    Raises ResultError if somebody does, naming the process, or if the folder cannot be written.
+    Raises ResultError if another process does, naming it, or if the folder cannot be written.
     """
     path = folder / LOCK_FILE
     try:
@@ -50,7 +50,7 @@ def sole_writer(folder: Path) -> Iterator[None]:
 
 
 def _locked(path: Path) -> int:
-    """The open lock file, with the lock. Raises ResultError if somebody else has it, OSError."""
+    """The open lock file, with the lock. Raises ResultError if another process has it, OSError."""
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         if not _take(file):
@@ -58,16 +58,16 @@ def _locked(path: Path) -> int:
             os.close(file)
             raise ResultError(
                 f"{path.parent}: another run writes here{f', {words}' if words else ''}; wait until it ends, or stop "
-                f"it and go on with `inkloop resume {path.parent}`"
+                f"it and continue with `inkloop resume {path.parent}`"
             )
         with suppress(FileNotFoundError):
             if os.path.samestat(path.stat(), os.fstat(file)):
                 return file
-        os.close(file)  # whoever had it has just removed the file
+        os.close(file)  # the previous owner has just removed the file
 
 
 def _take(file: int) -> bool:
-    """Take the lock of an open file; False if somebody else has it. Raises OSError."""
+    """Take the lock of an open file; False if another process has it. Raises OSError."""
     try:
         if sys.platform == "win32":
             os.lseek(file, _FAR, os.SEEK_SET)
@@ -84,8 +84,8 @@ def _take(file: int) -> bool:
 
 
 def _release(file: int, path: Path) -> None:
-    """Remove the lock file, then give the lock back: who waits for neither finds a file that is not there any more."""
-    if sys.platform == "win32":  # where nobody can remove what is open
+    """Remove the lock file, then release the lock, so that no other process locks a removed file."""
+    if sys.platform == "win32":  # where open files cannot be removed
         os.close(file)
         with suppress(PermissionError):
             path.unlink(missing_ok=True)

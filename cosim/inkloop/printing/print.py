@@ -1,4 +1,4 @@
-"""One print of a scenario: its loop, its record, and its layers on disk, from which it can go on."""
+"""One print of a scenario: its loop, its record, and its layers on disk, from which it can be resumed."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 
 class Print:
-    """A print in memory, or with its layers in `folder`: then it goes on after those that are there already.
+    """A print in memory, or with its layers in `folder`: then it resumes after the layers that exist.
 
-    on_layer: told every layer printed; notes: what run.json shall say besides. Raises ScenarioError.
+    on_layer: called for every printed layer; notes: further entries of run.json. Raises ScenarioError.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Print:
     def run(self) -> Result:
         """Print to the end of the run, and save the result if there is a folder, also when a component fails.
 
-        Raises ComponentError, and ResultError if nothing can go on from the folder or it cannot be written.
+        Raises ComponentError, and ResultError if the folder cannot be resumed or written.
         """
         limits = self._scenario.tables.run
         time_max_ns = None if limits.time_max_s is None else round(limits.time_max_s * NS_PER_S)
@@ -79,7 +79,7 @@ class Print:
         return result
 
     def _load(self) -> Checkpoint | None:
-        """Where to go on from. Raises ResultError if that cannot be; then the result holds the layers there are."""
+        """The checkpoint to resume from, if any. Raises ResultError if it cannot resume, after saving the result."""
         if not self._folder or not self._checkpoints:
             return None
         try:
@@ -125,11 +125,11 @@ def _advice(folder: Path, checkpoints: Checkpoints) -> str:
     kept = f"layers 0 to {checkpoints.layer} are in {folder}"
     if checkpoints.refusal:
         return f"{kept}; the run cannot be resumed: {checkpoints.refusal}"
-    return f"{kept}; once the cause is mended, `inkloop resume {folder}` goes on"
+    return f"{kept}; fix the cause, then continue with `inkloop resume {folder}`"
 
 
 def _marked(dataset: xr.Dataset, events: Sequence[Event], manipulator: Manipulator, step_ns: int) -> xr.Dataset:
-    """A dataset with `modified` by layer: an event was in effect in the step that completed it. Events in words."""
+    """A dataset with `modified` by layer: an event was in effect in the step that completed it. Events as text."""
     if not events:
         return dataset
     ends_ns = np.nan_to_num(dataset["time"].values * NS_PER_S).round().astype(np.int64)

@@ -44,14 +44,14 @@ def run(scenario: Scenario, out: Path | None, console: Console, *, compare: bool
 
 
 def resume(folder: Path, console: Console) -> int:
-    """Go on with a run and its comparison runs after the last layer on disk; the exit code as of `run`.
+    """Resume a run and its comparison runs after the last layer on disk; returns the exit code as `run` does.
 
-    Raises ResultError where nothing can go on from the folder, ScenarioError, ComponentError.
+    Raises ResultError if the folder cannot be resumed, ScenarioError, ComponentError.
     """
     scenario = scenario_of_run(folder)
     record = read_record(folder)
     if not is_unchanged(folder, record):
-        raise ResultError(f"{folder / SCENARIO_FILE}: was changed since the run began; put it back, or run it anew")
+        raise ResultError(f"{folder / SCENARIO_FILE}: was changed since the run began; restore it, or run it again")
     places = [place for place, _ in _runs(scenario, folder, record["compare"])]
     finished = [place for place in places if _is_finished(place)]
     for place in finished:
@@ -67,7 +67,7 @@ def scenario_file(folder: Path) -> Path:
     """The file that the run in `folder` was started from. Raises ResultError."""
     record = read_record(folder)
     if "scenario_file" not in record:
-        raise ResultError(f"{folder}: an earlier inkloop made this run and kept no state to go on from; run it again")
+        raise ResultError(f"{folder}: an earlier inkloop made this run and kept no state to resume from; run it again")
     return Path(record["scenario_file"])
 
 
@@ -90,7 +90,7 @@ def print_part(
 
 
 def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool) -> int:
-    """Print whatever of a scenario and its comparison runs is not finished in `folder`, and show all of it."""
+    """Print the unfinished runs of a scenario in `folder`, and show all of them."""
     from inkloop.report import run_report  # with Matplotlib, which a print itself does not need
 
     notes = {"scenario_file": str(Path(scenario.source).resolve()), "compare": compare}
@@ -114,18 +114,18 @@ def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool
     console.print(f"{reason}: table, pictures and result.nc are in {folder}/", highlight=False, soft_wrap=True)
     if stopped:
         refusal = result.run.get("not_resumable")
-        advice = f"cannot be resumed: {refusal}" if refusal else f"`inkloop resume {folder}` goes on"
+        advice = f"cannot be resumed: {refusal}" if refusal else f"continue with `inkloop resume {folder}`"
         console.print(advice, highlight=False, soft_wrap=True)
     return INTERRUPTED if stopped else 0
 
 
 def _alone(place: Path, folder: Path) -> AbstractContextManager[None]:
-    """Keeps others out of a comparison run too; `folder`, which holds it, is ours by now."""
+    """Locks a comparison run too; the lock on `folder`, which holds it, is taken already."""
     return nullcontext() if place == folder else sole_writer(place)
 
 
 def log_devices(scenario: Scenario, console: Console, folder: Path) -> AbstractContextManager[None]:
-    """Shows what devices say, if there are any. Raises ComponentError if nobody listens at their emulated bus."""
+    """Shows messages of devices, if there are any. Raises ComponentError if their emulated bus is not running."""
     kinds = {table.kind for table in scenario.tables.components.values()}
     if not kinds.isdisjoint(devices.KINDS):
         check_listening(scenario)

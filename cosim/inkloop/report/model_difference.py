@@ -1,4 +1,4 @@
-"""Hardware against model, layer by layer: what a device was scanned to have printed, less what the model says.
+"""Hardware against model, layer by layer: scanned surface of a device less the model's.
 
 The model is the shadow of the run where it had one, else `LayerDeposition` with the inks and passes of the scenario and
 none of its variations, begun on the scan of layer 0 and fed with the commanded patterns.
@@ -29,7 +29,7 @@ from inkloop.units import MM_PER_M, NS_PER_S, UM_PER_M
 
 MODEL = "LayerDeposition"
 DEVICE = "hardware."
-_STEP_NS = NS_PER_S  # a step of the plant is a layer, whatever its length
+_STEP_NS = NS_PER_S  # a step of the plant is a layer of any length
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class ModelDifference:
         return max(self.rows, key=lambda row: row.rms)
 
     def sentence(self) -> str:
-        """The farthest layer in words."""
+        """A sentence on the layer with the largest difference."""
         row = self.farthest
         return (
             f"hardware against {self.model}: farthest in layer {row.layer}, mean {row.mean * UM_PER_M:+.2f}, rms "

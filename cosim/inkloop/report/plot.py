@@ -33,7 +33,7 @@ LINES: tuple[dict[str, Any], ...] = (
     *({"color": colour, "linewidth": 1.0} for colour in COLOURS[1:]),
 )
 WALL_COLOURS = ("0.75", "0.6")  # walls that face x and y
-FAR_UM = 10.0  # a run that misses by more than this is not drawn beside the others
+FAR_UM = 10.0  # a run that misses by more than this is not drawn with the others
 SOLID_UPRIGHT = 0.45  # height of a solid's picture as a share of its width: parts are far wider than high
 STYLE: dict[Any, float] = {
     **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 8),
@@ -143,7 +143,7 @@ def layers(runs: Runs) -> Figure:
         layer = run.layer.values
         mean.plot(layer, np.abs(run.mean_error) * UM_PER_M, label=name, **line)
         spread.plot(layer[1:], run["std"][1:] * UM_PER_M, **line)
-        if "pattern" in run:  # a print that nobody controls has none
+        if "pattern" in run:  # a print without a controller has none
             jetted = (run.pattern[1:] != 0).sum(("x", "y"))
             droplets.plot(layer[1:], jetted, drawstyle="steps-mid", **line)
     mean.set(ylabel="|target - mean| [µm]")
@@ -201,7 +201,7 @@ def materials(run: xr.Dataset, name: str) -> Figure:
 
 
 def solids(runs: Runs) -> Figure:
-    """What is left of prints in two inks when ink B, the support, is washed away; upright stretched."""
+    """Prints in two inks after ink B, the support, is washed away; heights stretched."""
     figure = _figure(2.6)
     views = [view(voxels(run) == 1, SOLID_UPRIGHT) for run in runs.values()]
     seen = np.logical_or.reduce([~np.isnan(image) for image in views])

@@ -1,4 +1,4 @@
-"""What a person gets to see of a run folder: one table and its pictures."""
+"""Report on a run folder: one table and its pictures."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def pictures(runs: Mapping[str, Result]) -> dict[str, Figure]:
 
 
 def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping[str, Literature]) -> Table:
-    """Errors of every run over the part, and printed figures beside them."""
+    """Errors of every run over the part, next to published figures."""
     table = Table(title=title, caption="errors over the part's cells in um; mean error = target - mean height")
     table.add_column("run", no_wrap=True)
     in_two_inks = any("mismatch" in result.metrics() for result in runs.values())
@@ -161,16 +161,16 @@ def _nothing_printed(result: Result) -> list[str]:
     if result.stop_reason != "done" or result.dataset.sizes["layer"] > 1:
         return []
     return ["nothing was printed: no layer would improve what the first scan shows. Where it shows an earlier part, "
-            "clear the machine, or start `inkloop bench` anew"]  # fmt: skip
+            "clear the machine, or restart `inkloop bench`"]  # fmt: skip
 
 
 def _unknown_layers(run: xr.Dataset) -> list[str]:
-    """One sentence on the layers that were given up midway."""
+    """One sentence on the layers that were aborted."""
     if LAYER_UNKNOWN not in run or not run.layer_unknown.any():
         return []
     layers = [str(layer) for layer in np.flatnonzero(run.layer_unknown.values)]
     which = f"layer {layers[0]} was" if len(layers) == 1 else f"layers {', '.join(layers)} were"
-    return [f"{which} given up midway, nobody knows what of it was jetted; the next one was planned from the scan"]
+    return [f"{which} aborted, and what of it was jetted is unknown; the next one was planned from the scan"]
 
 
 def _alarms(run: xr.Dataset) -> list[str]:
@@ -190,7 +190,7 @@ def _alarms(run: xr.Dataset) -> list[str]:
 
 
 def lines(folder: Path) -> list[str]:
-    """What a run folder holds, in words: origin, end, errors, versions, times. Raises ResultError."""
+    """Summary of a run folder: origin, end, errors, versions, times. Raises ResultError."""
     result = Result.load(folder)
     run, metrics = result.run, result.metrics()
     errors = ", ".join(f"{name} {metrics[key] * UM_PER_M:.2f} um" for name, key in ERRORS.items())

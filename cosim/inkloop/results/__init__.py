@@ -1,1 +1,1 @@
-"""What a run stores, and what is computed from it."""
+"""Results of a run: storage, metrics and checkpoints."""

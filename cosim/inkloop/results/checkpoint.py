@@ -1,8 +1,8 @@
-"""Layers on disk while a run goes on, so that Ctrl-C, a crash or a full disk costs no finished layer.
+"""Layers on disk during a run, so that Ctrl-C, a crash or a full disk costs no finished layer.
 
 `layers/0007.npz` holds what was recorded up to layer 7 since the file before it, `layers/state.npz` the communication
 point after the last of these files: time, outputs and states of all components. Each file is there whole or not at all,
-and the state comes after its layer: a run goes on from the state, whatever moment it was stopped at. A scan is kept as
+and the state comes after its layer: a run resumes from the state, no matter when it was stopped. A scan is kept as
 soon as it is there, for no real sensor would repeat it to the bit: the plan made from it is made again.
 """
 
@@ -31,7 +31,7 @@ _UNREADABLE = (OSError, ValueError, KeyError, BadZipFile)
 class Checkpoint:
     """A communication point: `outputs` of all components as the others see them, `states` as they saved them.
 
-    layer: the last one printed by then; refusal: why no run can go on from here, empty if one can.
+    layer: the last one printed by then; refusal: why no run can be resumed from here, empty if it can.
     """
 
     time_ns: int
@@ -45,7 +45,7 @@ class Checkpoints:
     """Observer of a master that writes a checkpoint per printed layer, and per scan, into the run folder `folder`.
 
     It stands after `recorder`, whose rows it writes. Where a component cannot save its state, the layers are written
-    all the same, and the checkpoint says why nothing can go on from it. With a device, whose layers cannot be printed
+    all the same, and the checkpoint says why it cannot be resumed. With a device, whose layers cannot be printed
     again, a checkpoint outlives a power failure too.
     """
 
@@ -66,7 +66,7 @@ class Checkpoints:
         return self._last
 
     def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
-        """Write layer 0, or nothing where the run goes on from a checkpoint."""
+        """Write layer 0, or nothing if the run resumes from a checkpoint."""
         self._scanned = self._recorder.scanned
         if self._last is None:
             self._write(time_ns, outputs)
@@ -109,7 +109,7 @@ class Checkpoints:
             kept = "no layer was finished" if self._last is None else f"layers 0 to {self._last} are kept"
             raise ResultError(
                 f"{path}: cannot be written: {error.strerror or error}; {kept}; make room, then "
-                f"`inkloop resume {self._run_folder}` goes on"
+                f"continue with `inkloop resume {self._run_folder}`"
             ) from error
         self._last, self._scanned = layer, self._recorder.scanned
 
@@ -145,7 +145,7 @@ def _states(components: Mapping[str, Component]) -> tuple[dict[str, bytes], str]
             return {}, f"{name} has no {' and no '.join(lacking)}"
         try:
             states[name] = component.save()  # type: ignore[attr-defined]
-        except Exception as error:  # a component of anybody's may raise anything; the run goes on without
+        except Exception as error:  # a third-party component may raise anything; the run continues without it
             return {}, f"{name} cannot save its state: {error}"
     return states, ""
 

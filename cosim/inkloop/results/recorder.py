@@ -1,4 +1,4 @@
-"""What a run leaves behind, layer by layer: an observer that knows the layer contract and nothing else.
+"""Record of a run, layer by layer, by an observer that knows only the layer contract.
 
 Row k belongs to layer k, row 0 to the start surface. The roles are found by what a component puts out: who gives
 `layer_command` is the controller, `layers_printed` the printer, `layers_scanned` the profiler, `layers_followed` a
@@ -47,7 +47,7 @@ COUNTER_ROLES = {
 }
 """Sequence number -> role of the component that puts it out."""
 LABELS = {(SHADOW, HEIGHT): "shadow_height", (SHADOW, STATUS): "shadow_status"}
-"""What is recorded under another name than that of its port, for it never is what a printer says."""
+"""Ports recorded under another name, because their values never come from a printer."""
 NOT_REPRODUCIBLE = frozenset({"solve_time"})
 LONG_NAMES = {
     HEIGHT: "surface after the layer",
@@ -61,7 +61,7 @@ LONG_NAMES = {
     "shadow_status": "4: grown otherwise than the model says, or not to be compared; 3: so much that the run ended",
     "growth_divergence": "rms over the part of what was scanned to be added less what the model adds",
     "surface_divergence": "rms over the part of scan less model",
-    LAYER_UNKNOWN: "the layer was given up midway: nobody knows what of its pattern was jetted",
+    LAYER_UNKNOWN: "the layer was aborted: what of its pattern was jetted is unknown",
     "mean_error": "target minus mean height over the part",
     "mae": "mean absolute error over the part",
     "rms": "root mean square error over the part",
@@ -71,7 +71,7 @@ LONG_NAMES = {
 
 @dataclass(frozen=True)
 class LayerRow:
-    """A finished layer in figures: errors over the part [m], `scalars` what the components said about it."""
+    """A finished layer in figures: errors over the part [m], `scalars` reported by the components."""
 
     layer: int
     time: float
@@ -82,7 +82,7 @@ class LayerRow:
 
 
 class Recorder:
-    """Observer of a master; `on_layer` is told every finished layer, the start surface included.
+    """Observer of a master; `on_layer` receives every finished layer, the start surface included.
 
     Maps by layer: `height` when it is printed, `measured_height` and `valid` when it is scanned, `pattern` and the
     scalars of the controller when it is commanded, `estimated_height` when the controller has answered its scan.
@@ -106,7 +106,7 @@ class Recorder:
         self._own_ports = {
             role: {port.name: port for port in components[name].outputs} for role, name in self._roles.items()
         }
-        self._surface_role, self._surface_port = self._who_tells_the_surface(components)
+        self._surface_role, self._surface_port = self._source_of_surface(components)
 
     @property
     def layers(self) -> int:
@@ -119,7 +119,7 @@ class Recorder:
         return self._seen.get(LAYERS_SCANNED, -1)
 
     def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
-        """Row 0: the start surface; nothing where it goes on from the rows of an earlier part of the run."""
+        """Row 0: the start surface; nothing if it resumes from the rows of an earlier part of the run."""
         self._seen = {counter: int(outputs[self._roles[role]][counter]) for counter, role in COUNTER_ROLES.items()
                       if role in self._roles}  # fmt: skip
         if self._layer_times:
@@ -132,7 +132,7 @@ class Recorder:
             self._scanned(self._seen[LAYERS_SCANNED], time_ns, outputs[self._roles[PROFILER]])
 
     def stepped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
-        """Record whatever a sequence number says is new."""
+        """Record all values whose sequence number is new."""
         for counter, role in COUNTER_ROLES.items():
             if role not in self._roles:
                 continue
@@ -224,7 +224,7 @@ class Recorder:
         self._tell(PROFILER, number, time_ns, values)
 
     def _followed(self, counter: str, number: int, time_ns: int, values: Values) -> None:
-        """The shadow has deposited a layer, or was held against a scan; the scan of layer 0 may move its surface."""
+        """The shadow has deposited a layer, or was compared with a scan; the scan of layer 0 may move its surface."""
         if counter == LAYERS_COMPARED:
             self._keep_scalars(SHADOW, number, values)
             self._keep(SHADOW, STATUS, number, values)
@@ -242,8 +242,8 @@ class Recorder:
                    if number in rows and rows[number].ndim == 0}  # fmt: skip
         self._on_layer(LayerRow(number, time_ns * S_PER_NS, error.mean_error, error.mae, error.std, scalars))
 
-    def _who_tells_the_surface(self, components: Mapping[str, Component]) -> tuple[str, str]:
-        """Role and output: the printer, else a profiler that scans something real, else the shadow; "" if nobody."""
+    def _source_of_surface(self, components: Mapping[str, Component]) -> tuple[str, str]:
+        """Role and output: the printer, else a profiler that is a device, else the shadow; "" if none."""
         candidates = [(PRINTER, HEIGHT), (SHADOW, HEIGHT), (PROFILER, MEASURED_HEIGHT)]
         if PROFILER in self._roles and is_device(components[self._roles[PROFILER]]):
             candidates.insert(1, candidates.pop())

@@ -30,7 +30,7 @@ RESULT_FILE, RUN_FILE, SCENARIO_FILE = "result.nc", "run.json", "scenario.toml"
 COMPARE_FOLDER = "compare"
 """Folder of a run folder that holds its comparison runs."""
 UNFINISHED = ("running", "interrupted", "failed")
-"""Stop reasons of a run that `inkloop resume` can go on with."""
+"""Stop reasons of runs that `inkloop resume` can continue."""
 _LIBRARIES = ("inkloop", "casadi", "fmpy", "numpy", "xarray")
 
 
@@ -92,7 +92,7 @@ class Result:
 
     @property
     def stop_reason(self) -> str:
-        """What ended the run, see `Master.run`."""
+        """The stop reason of the run, see `Master.run`."""
         return str(self.dataset.attrs["stop_reason"])
 
     @property
@@ -120,7 +120,7 @@ class Result:
 
     @staticmethod
     def begin(folder: Path, scenario_text: str, notes: Mapping[str, Any]) -> None:
-        """Write what a run folder holds while the run goes on. Raises ResultError."""
+        """Write the files of a run folder that exist during the run. Raises ResultError."""
         run = {"schema_version": SCHEMA_VERSION, "stop_reason": "running", "scenario_sha256": _sha256(scenario_text)}
         try:
             folder.mkdir(parents=True, exist_ok=True)

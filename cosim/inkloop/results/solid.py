@@ -1,4 +1,4 @@
-"""The printed solid in two inks: which ink fills each place, and how much of it lies where the other belongs."""
+"""The printed solid in two inks: the ink at each place, and the share that is in the region of the other ink."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def read_events(
 
 
 class _Reader:
-    """Reads one table for the port it names; `errors` collects what is wrong."""
+    """Reads one table for the port it names; `errors` collects its errors."""
 
     def __init__(self, table: EventTable, port: Port, nozzle_pitch: int | None, pitch: float) -> None:
         self._table = table
@@ -136,7 +136,7 @@ class _Reader:
         if count is None:
             component = self._table.port.partition(".")[0]
             self.errors.append(
-                f"nozzles: {component} does not say how many it has; give components.{component}.nozzle_pitch, "
+                f"nozzles: {component} does not declare their number; give components.{component}.nozzle_pitch, "
                 "or select by cells"
             )
             return np.zeros(shape, dtype=np.bool_)
@@ -160,7 +160,7 @@ def _moment_errors(table: EventTable, commands: bool) -> list[str]:
 def find_event_port(
     place: str, components: Mapping[str, HasPorts], unknown: Collection[str] = ()
 ) -> tuple[Port | None, list[str]]:
-    """The port at "component.port", and what is wrong with the place; neither for a component with unknown ports."""
+    """The port at "component.port", and the error of the place; neither for a component with unknown ports."""
     component, _, name = place.partition(".")
     if component in unknown:
         return None, []

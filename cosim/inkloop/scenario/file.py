@@ -1,4 +1,4 @@
-"""A scenario: one TOML file that says what is printed, by which components, and when the run ends."""
+"""A scenario: one TOML file that defines the part, the components, and the end of the run."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Scenario:
 
     @classmethod
     def of_text(cls, text: str, source: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
-        """The scenario of a text; what it names stands beside `source`. Raises ScenarioError."""
+        """The scenario of a text; files that it names are relative to `source`. Raises ScenarioError."""
         try:
             document = tomlkit.parse(text)
         except TOMLKitError as error:

@@ -73,7 +73,7 @@ def _connected(tables: list[ConnectionTable], ports: Mapping[str, HasPorts]) -> 
 
 
 def _connection(place: str, table: ConnectionTable, ports: Mapping[str, HasPorts], errors: list[str]) -> Connection:
-    """The connection of a table, its offset in the unit of its input; `errors` gets what is wrong with the keys."""
+    """The connection of a table, its offset in the unit of its input; errors of the keys are appended to `errors`."""
     component, _, name = table.target.partition(".")
     inputs = {port.name: port for port in ports[component].inputs} if component in ports else {}
     unit = inputs[name].unit if name in inputs else "1"

@@ -44,7 +44,7 @@ TEMPLATE = """\
 #
 # What to look at: ...
 #
-# `inkloop validate {file}` names every fault, `inkloop run {file}` prints it. Lengths are in um.
+# `inkloop validate {file}` names every error, `inkloop run {file}` prints it. Lengths are in um.
 title = "{title}"
 label = "closed loop"   # name of the run in the table and in legends
 seed = 1                # the same seed prints the same droplets
@@ -60,7 +60,7 @@ shape = "{shape}"
 # center_y_um = 1974.42
 {part}
 {support}
-# [substrate]          # an uneven surface to print on; only the printer is told
+# [substrate]          # an uneven surface to print on; only the printer knows it
 # tilt_x = 0.002
 # tilt_y = 0.0
 # step_um = 10.0
@@ -132,7 +132,7 @@ preset = "exact"          # or "laser", "zeta-20"
 [compare."open loop".components.controller]   # the same job with another component
 kind = "OpenLoop"
 
-# [literature."where from"]   # printed figures to show beside ours
+# [literature."where from"]   # published figures to show next to the results
 # mean_error_um = 0.7
 # std_um = 4.1
 # note = "another plant"

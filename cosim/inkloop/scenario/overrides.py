@@ -17,7 +17,7 @@ def apply_overrides(document: tomlkit.TOMLDocument, overrides: Mapping[str, Any]
     """Set values in the document by dotted or nested keys; a sentence for each that cannot be set."""
     if not isinstance(overrides, Mapping):
         raise TypeError(f"overrides are {overrides!r}; expected a mapping, e.g. {{'components.controller.alpha': 0.5}}")
-    return [fault for path, value in _leaves(overrides) if (fault := _apply(document, path, value))]
+    return [error for path, value in _leaves(overrides) if (error := _apply(document, path, value))]
 
 
 def _leaves(overrides: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:

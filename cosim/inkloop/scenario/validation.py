@@ -26,7 +26,7 @@ SIDE = 9
 
 
 def part_errors(tables: ScenarioFile, job: Job) -> list[str]:
-    """What is wrong with the part on its grid."""
+    """Errors of the part on its grid."""
     grid = tables.grid
     if not job.mask.any():
         return ["part covers no cell of the grid; make it larger, move it, or enlarge grid.nx and grid.ny"]
@@ -52,7 +52,7 @@ def known_ports(checked: Mapping[str, Checked]) -> tuple[dict[str, Ports], list[
 def end_errors(
     ports: Mapping[str, HasPorts], unknown: Collection[str], connections: Sequence[tuple[str, str]]
 ) -> list[str]:
-    """What is wrong with (output, input), each "component.port"; ends at components with unknown ports are left out."""
+    """Errors of (output, input), each "component.port"; ends at components with unknown ports are left out."""
     errors: list[str] = []
     for ends in connections:
         for place, direction in zip(ends, ("output", "input"), strict=True):
@@ -66,7 +66,7 @@ def end_errors(
 
 
 def mix_errors(components: Mapping[str, HasPorts]) -> list[str]:
-    """What is wrong with combining devices and simulated parts; empty if they go together.
+    """Errors in combining devices and simulated parts; empty if they fit.
 
     A device that prints needs a device that scans and the other way round, or a shadow: a model that follows the
     commanded patterns.
@@ -85,7 +85,7 @@ def mix_errors(components: Mapping[str, HasPorts]) -> list[str]:
             elif is_device(components[profiler]) and not is_device(components[printer]):
                 errors.append(
                     f"{profiler} is a device and {printer} simulates a printer, of which {profiler} sees nothing; "
-                    f"{advice}, to be held against the scans, or make {printer} a device"
+                    f"{advice}, to be compared with the scans, or make {printer} a device"
                 )
     return errors
 

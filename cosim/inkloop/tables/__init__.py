@@ -1,1 +1,1 @@
-"""The tables of a scenario file as types, and what follows from them alone."""
+"""The tables of a scenario file as types, and values derived from them alone."""

@@ -1,4 +1,4 @@
-"""`[[bench.faults]]` and `inkloop bench --fault`: what goes wrong in the emulated bench, on request."""
+"""`[[bench.faults]]` and `inkloop bench --fault`: faults injected into the emulated bench."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class FaultTable(Table):
         if self.probability is not None and self.nth is not None:
             raise ValueError("expected probability, or nth, not both")
         if self.kind in NEEDS_NODE and self.node is None:
-            raise ValueError(f"expected node beside kind = {self.kind!r}: which one")
+            raise ValueError(f"kind = {self.kind!r} needs node as well")
         return self
 
     def __str__(self) -> str:
@@ -76,7 +76,7 @@ class FaultTable(Table):
 
 
 def read_fault(text: str) -> FaultTable:
-    """A fault from KIND[:key=value,...]. Raises InkloopError with everything that is wrong with it."""
+    """A fault from KIND[:key=value,...]. Raises InkloopError with all its errors."""
     kind, _, rest = text.partition(":")
     pairs = [pair.partition("=") for pair in rest.split(",") if pair]
     values: dict[str, object] = {"kind": kind} | {key: _value(word) for key, _, word in pairs}

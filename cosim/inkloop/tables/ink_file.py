@@ -45,9 +45,9 @@ def merge_ink_file(document: tomlkit.TOMLDocument, folder: Path) -> list[str]:
     if not isinstance(ink, MutableMapping) or not isinstance(ink.get("file"), str):
         return []
     name = str(ink.pop("file"))
-    found, faults = _read(folder / name)
+    found, errors = _read(folder / name)
     if found is None:
-        return [f"ink.file is {name!r}: {fault}" for fault in faults]
+        return [f"ink.file is {name!r}: {error}" for error in errors]
     for material in ("a", "b"):
         droplet: DropletTable | None = getattr(found, material)
         if droplet is not None:
@@ -66,7 +66,7 @@ def _read(path: Path) -> tuple[InkFile | None, list[str]]:
         raw = tomlkit.parse(path.read_text(encoding="utf-8")).unwrap()
         return InkFile.model_validate(raw), []
     except OSError as error:
-        return None, [f"{path} cannot be read: {error.strerror}; name an ink file beside the scenario"]
+        return None, [f"{path} cannot be read: {error.strerror}; name an ink file, relative to the scenario"]
     except (TOMLKitError, UnicodeDecodeError) as error:
         return None, [f"is not TOML: {error}"]
     except ValidationError as error:
@@ -74,11 +74,11 @@ def _read(path: Path) -> tuple[InkFile | None, list[str]]:
 
 
 def _fill(ink: MutableMapping[str, Any], material: str, values: dict[str, float]) -> None:
-    """Puts in what the scenario does not say of a material."""
+    """Fill in the keys of a material that the scenario leaves out."""
     own = ink.get(material)
     if own is None:
         ink[material] = values
-    elif isinstance(own, MutableMapping):  # anything else is a fault that the schema names
+    elif isinstance(own, MutableMapping):  # anything else is an error that the schema names
         for key, value in values.items():
             own.setdefault(key, value)
 

@@ -1,4 +1,4 @@
-"""From the tables of a scenario to the job that its components are told."""
+"""From the tables of a scenario to the job of its components."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults of a scenario file as sentences: place, what was found, what is expected."""
+"""Errors of a scenario file as sentences: place, what was found, what is expected."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from inkloop.suggest import nearest
 
 
 def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
-    """One fault of the file whose tables `root` describes."""
+    """One error of the file whose tables `root` describes."""
     path, table, field = _locate(detail["loc"], root)
     place = ".".join(path)
     if detail["type"] == "missing":
@@ -33,7 +33,7 @@ def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
 def _locate(
     loc: tuple[int | str, ...], root: type[BaseModel]
 ) -> tuple[list[str], type[BaseModel] | None, FieldInfo | None]:
-    """Path of a fault in the file, the table it stands in, and the field, as far as they are known."""
+    """Path of an error in the file, the table it stands in, and the field, as far as they are known."""
     path: list[str] = []
     table: type[BaseModel] | None = root
     field: FieldInfo | None = None

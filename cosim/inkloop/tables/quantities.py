@@ -19,21 +19,21 @@ def read_quantities(
     """
     keys = {key: (name, to_unit) for name, unit in units.items() for key, to_unit in spellings(name, unit).items()}
     values: dict[str, tuple[str, object]] = {}
-    faults: list[str] = []
+    errors: list[str] = []
     for key, value in found.items():
         if key not in keys:
             plain = missing_suffix(key, units[key]) if key in units else None
-            faults.append(plain or f"{key} is not a key of this table; {nearest(key, (*keys, *other_keys))}")
+            errors.append(plain or f"{key} is not a key of this table; {nearest(key, (*keys, *other_keys))}")
             continue
         name, factor = keys[key]
         if name in values:
-            faults.append(f"{key} says again what {values[name][0]} says; keep one")
+            errors.append(f"{key} says again what {values[name][0]} says; keep one")
         values[name] = key, scaled(value, factor)
-    return values, faults
+    return values, errors
 
 
 def scaled(value: object, factor: float) -> object:
-    """A number or nested list of numbers times `factor`; anything else as it is, to be refused by who reads it."""
+    """A number or nested list of numbers times `factor`; anything else as it is, to be rejected by the reader."""
     if factor == 1.0:
         return value
     try:

@@ -27,7 +27,7 @@ from inkloop.units import M_PER_UM
 
 
 class SubstrateTable(Table):
-    """`[substrate]`: the surface to print on, over its lowest cell; only the printer is told."""
+    """`[substrate]`: the surface to print on, over its lowest cell; only the printer knows it."""
 
     tilt_x: Position = Field(default=0.0, description="slope along x")
     tilt_y: Position = Field(default=0.0, description="slope along y")
@@ -67,7 +67,7 @@ class InkTable(Table):
 class Inks(Table):
     """`[ink]`: materials A and B."""
 
-    file: str | None = Field(default=None, description="an ink file beside the scenario; other keys win over it")
+    file: str | None = Field(default=None, description="ink file, relative to the scenario; keys of this table win")
     a: InkTable = InkTable()
     b: InkTable | None = None
 
@@ -178,7 +178,7 @@ class Comparison(Table):
 
 
 class Literature(Table):
-    """`[literature.NAME]`: printed figures that the table shows beside ours."""
+    """`[literature.NAME]`: Published figures that the table shows next to the results."""
 
     mean_error_um: float | None = None
     std_um: float | None = None

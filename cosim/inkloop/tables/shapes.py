@@ -14,7 +14,7 @@ Position = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Table(BaseModel):
-    """A TOML table: unknown keys are faults, values are not converted between types, nothing changes later."""
+    """A TOML table: unknown keys are errors, values are not converted between types, nothing changes later."""
 
     # built when a table is first read: the whole scenario holds the others, which need no validator of their own
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)

@@ -9,7 +9,7 @@ import numpy as np
 from inkloop.component import FloatMap
 from inkloop.geometry import TOLERANCE_M, cell_centers
 
-_ROUGHNESS_STREAM = 1  # beside the seed, so that no component's stream is drawn from
+_ROUGHNESS_STREAM = 1  # added to the seed, so that no component shares the stream
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from support.benches import node_bench
 SIDE = 9
 PATTERN = np.random.default_rng(2).integers(0, 3, (SIDE, SIDE)).astype(np.uint8)
 BLOB = node_bench.pattern_blob(PATTERN)
-FAST = {"pass_ms": 5, "scan_ms": 5, "move_ms": 2, "home_ms": 2, "gate_ms": 1}
+FAST: dict[str, Any] = {"pass_ms": 5, "scan_ms": 5, "move_ms": 2, "home_ms": 2, "gate_ms": 1}
 LIMIT_S = 30.0
 CURE_MS = 10
 JOB = 7

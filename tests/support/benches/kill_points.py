@@ -178,11 +178,11 @@ def _watch_master(look: _Looks) -> None:
             look(*["s"] * is_step)
         return found
 
-    np.savez = savez_by_halves
-    MasterJournal._write = write_by_halves  # type: ignore[method-assign]
-    NodeWire.receive = receive_and_look  # type: ignore[method-assign]
-    NodeWire.send = look.around(NodeWire.send)  # type: ignore[method-assign]
-    Path.replace = look.around(Path.replace)  # type: ignore[method-assign]
+    np.savez = savez_by_halves  # type: ignore[assignment]
+    MasterJournal._write = write_by_halves  # type: ignore[assignment]
+    NodeWire.receive = receive_and_look  # type: ignore[assignment]
+    NodeWire.send = look.around(NodeWire.send)
+    Path.replace = look.around(Path.replace)
 
 
 def _master(folder: Path, kill_at: str, others: Sequence[int]) -> None:

@@ -184,7 +184,7 @@ class NodeBench:
     def send_keep_alive(self, master: MasterAlive | None = None) -> None:
         said = master or self.master
         for node in range(self.count):
-            self.c.node_master_alive(self.node(node), ctypes.c_uint32(self.clock), ctypes.byref(said))
+            self.c.node_master_alive(self.node(node), ctypes.c_uint32(self.clock), ctypes.byref(said))  # type: ignore[arg-type]
         self.last_alive = self.clock
 
     def stop(self, active: bool) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from struct import pack, unpack
+from typing import Any
 
 import can
 import isotp
@@ -95,7 +96,7 @@ class Adapter:
     def client(self, node: int) -> Client:
         ids = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=0x640 + 2 * node, rxid=0x641 + 2 * node)
         stack = isotp.NotifierBasedCanStack(self.bus, self.notifier, address=ids, params={"tx_padding": 0xCC})
-        settings = dict(udsoncan.configs.default_client_config)
+        settings: Any = dict(udsoncan.configs.default_client_config)
         settings |= {"data_identifiers": {"default": Raw()}, "request_timeout": 10, "p2_timeout": 5}
         return Client(PythonIsoTpConnection(stack), config=settings)
 

@@ -6,6 +6,7 @@ import ctypes
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from inkloop_hardware.protocol.codec import Frame
 from support import compiled
@@ -89,7 +90,8 @@ class IsotpEnd:
         found = numbers(9)
         self.library.probe_isotp_state(self.memory, found)
         sent, received, *counts, is_sending = found
-        return IsotpState(ENDS[sent], ENDS[received], *counts, bool(is_sending))
+        fields: list[Any] = [ENDS[sent], ENDS[received], *counts, bool(is_sending)]
+        return IsotpState(*fields)
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,9 @@ def _unpacked(model: str, form: str, nx: int, ny: int) -> tuple[Path, Any]:
     if form != "fmi3" and (nx, ny) != (9, 9):
         folder = tempfile.TemporaryDirectory()
         _folders.append(folder)
-        path = export_fmu(model, fmi=form[3], nx=nx, ny=ny, fixed=True, out=Path(folder.name) / f"{model}.fmu")
+        path = export_fmu(
+            model, fmi="2" if form == "fmi2" else "3", nx=nx, ny=ny, fixed=True, out=Path(folder.name) / f"{model}.fmu"
+        )
     folder = tempfile.TemporaryDirectory()
     _folders.append(folder)
     fmpy.extract(str(path), folder.name)

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import fmpy
@@ -34,7 +35,7 @@ WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror")
 ROLES = {"input": "i", "parameter": "p", "structural": "s"}
 WORK = {"nx": 4, "ny": 4, "horizon": 2, "annealing_sweeps": 1, "iterations": 1, "sweeps_max": 2, "cells_per_pitch": 6}
 """Parameters that only mean more work: limits for the tests, so that thousands of inputs are tried."""
-BAKED = (
+BAKED: Any = (
     "cuboid",
     *(("run.layers_max", 3), ("grid.nx", 3), ("grid.ny", 2)),
     *(("part.size_x_um", 526.512), ("part.size_y_um", 263.256)),
@@ -96,7 +97,7 @@ def rebuilt(model: str, form: str, folder: Path, compiler: str, flags: Sequence[
 def all_rebuilt(models: Sequence[str], folder: Path, compiler: str, flags: Sequence[str]) -> list[Library]:
     """Every model in both versions of FMI."""
     with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(lambda pair: rebuilt(*pair, folder, compiler, flags),
+        return list(pool.map(lambda pair: rebuilt(*pair, folder, compiler, flags),  # type: ignore[call-arg]
                              [(model, form) for model in models for form in FORMS]))  # fmt: skip
 
 

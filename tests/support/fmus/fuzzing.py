@@ -48,7 +48,7 @@ def clang() -> str | None:
         source.write_text(
             "int LLVMFuzzerTestOneInput(const char *b, unsigned long n) { return n > 9 && *b ? 0 : 0; }\n"
         )
-        link = [found, f"{SANITIZERS},fuzzer", source, "-o", Path(folder) / "nothing"]
+        link: list[str | Path] = [found, f"{SANITIZERS},fuzzer", source, "-o", Path(folder) / "nothing"]
         return found if subprocess.run(link, capture_output=True, check=False).returncode == 0 else None
 
 

@@ -24,7 +24,7 @@ RESULTS = "outputs.csv"
 def by_maestro(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[tuple[int, Any]]:
     """All its rows. Java prints the shortest decimals that read back as the same number: the text loses no bit."""
     files, system = folder / "maestro", system if system.wires else _with_a_wire(system)
-    write_folder(replace(system, stop_s=TIME_MAX_S), "maestro", files, system.name)
+    write_folder(replace(system, stop_s=TIME_MAX_S), "maestro", files)
     words = ("import", "sg1", "--interpret", "-output=out", "--fmu-search-path=.")
     said = MAESTRO.run(
         "org.intocps.maestro.Main", *words, maestro.CONFIGURATION, maestro.MULTI_MODEL, folder=files

@@ -57,7 +57,7 @@ def far_pass(height: Any, pattern: Any, heights: Any, reach: int, factor: Any = 
     """
     nx, ny = height.shape
     i, j = np.indices(height.shape)
-    jetted = (pattern > 0) & ((colour is None) | ((i % 2, j % 2) == np.reshape(colour or (0, 0), (2, 1, 1))).all(0))
+    jetted = (pattern > 0) & ((colour is None) | ((i % 2, j % 2) == np.reshape(colour or (0, 0), (2, 1, 1))).all(0))  # type: ignore[attr-defined]
     volume = jetted * factor
     beyond = np.pad(height, reach, constant_values=-np.inf)
     grown = np.zeros_like(beyond)

@@ -14,7 +14,7 @@ from inkloop.components import catalog
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Master
 from inkloop.master.wiring import contract_connections
-from inkloop.testing import RESUMABLE_LAWS, Law, job
+from inkloop.testing import RESUMABLE_CONTRACT_CHECKS, ContractCheck, job
 from support.toys import DROPLET, ToyPrinter, ToyProfiler, toy_job
 
 SECOND = 1_000_000_000
@@ -39,9 +39,9 @@ def workshop(monkeypatch: pytest.MonkeyPatch) -> types.ModuleType:
     return module
 
 
-@pytest.mark.parametrize("law", RESUMABLE_LAWS)
-def test_controller_of_a_rule_keeps(law: Law) -> None:
-    law(lambda: catalog.make("workshop:Missing", job(), {"least_m": 3e-6}))
+@pytest.mark.parametrize("check", RESUMABLE_CONTRACT_CHECKS)
+def test_controller_of_a_rule_keeps(check: ContractCheck) -> None:
+    check(lambda: catalog.make("workshop:Missing", job(), {"least_m": 3e-6}))
 
 
 def test_rule_prints_until_it_wants_nothing() -> None:

@@ -81,10 +81,10 @@ def test_loaded_scenario_prints_with_further_overrides() -> None:
 def test_errors_name_keys_and_no_options_of_the_command_line() -> None:
     with pytest.raises(inkloop.ScenarioError) as caught:
         inkloop.load(CUBOID, {"components": {"contrller": {"alpha": 1.0}}}, seed="x")
-    assert caught.value.faults[0] == (
+    assert caught.value.errors[0] == (
         "components.contrller.alpha: there is no components.contrller; did you mean components.controller?"
     )
-    assert caught.value.faults[1].startswith("seed is 'x'")
+    assert caught.value.errors[1].startswith("seed is 'x'")
     assert "--set" not in str(caught.value)
 
 

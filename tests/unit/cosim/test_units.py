@@ -20,7 +20,7 @@ def test_key_carries_its_unit() -> None:
     assert spellings("gain", "1/m") == {"gain_per_um": 1e6, "gain_per_mm": 1e3, "gain_per_m": 1.0}
 
 
-def test_length_without_a_unit_is_a_fault() -> None:
+def test_length_without_a_unit_is_an_error() -> None:
     assert missing_suffix("pitch", "m") == "pitch is a length; write pitch_um, pitch_mm, pitch_nm or pitch_m"
     assert missing_suffix("variation", "1") is None
     assert spellings("variation", "1") == {"variation": 1.0}

@@ -255,7 +255,7 @@ def test_dry_run_prints_lights_and_remembers_nothing(bench: NodeBench) -> None:
     assert bench.state().layer == 1
     assert bench.surface.tobytes() == surface.tobytes()
     assert (bench.counted(GATE_OPENINGS), bench.counted(LAMP_PULSES)) == (openings, pulses)
-    cleared = [(6, 0, 0)]
+    cleared: list[tuple[int, ...]] = [(6, 0, 0)]
     assert [bench.journal(node) for node in range(bench.count)] == [journal + cleared for journal in journals]
 
 

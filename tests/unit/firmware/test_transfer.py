@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator
 from struct import Struct, pack
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ def begin(size: int, layer: int = 1, coded: int = 0) -> bytes:
 def jetted(pattern: np.ndarray, blob: bytes, *, coded: int = 0, block: int = 4093) -> np.ndarray:
     """The cells of a pattern that droplets fell on, by an ink that stays where it falls and tells its material."""
     nx, ny = pattern.shape
-    inks = {"h1_a": 1.0, "h2_a": 0.0, "h3_a": 0.0, "h1_b": 2.0, "h2_b": 0.0, "h3_b": 0.0}
+    inks: dict[str, Any] = {"h1_a": 1.0, "h2_a": 0.0, "h3_a": 0.0, "h1_b": 2.0, "h2_b": 0.0, "h3_b": 0.0}
     with NodeBench(nx=nx, ny=ny, **inks) as bench:
         bench.ready()
         assert bench.download(blob, 1, coded=coded, block=block) == 0

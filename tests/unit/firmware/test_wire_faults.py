@@ -169,7 +169,7 @@ def test_malformed_line_to_the_nodes_is_a_lost_frame() -> None:
     assert through("malformed-line:nth=2", count=3) == [0, 2]
 
 
-@pytest.mark.parametrize("kind", FaultTable.model_fields["kind"].annotation.__args__)  # type: ignore[union-attr]
+@pytest.mark.parametrize("kind", FaultTable.model_fields["kind"].annotation.__args__)
 def test_every_kind_and_key_of_a_scenario_is_known_to_the_nodes(kind: str) -> None:
     FaultyWire(str(read_fault(f"{kind}:node=head,nth=2,count=3,frames=4,id=0x20,seed=5,layer=1,pass=2,step=upload")))
     FaultyWire(str(read_fault(f"{kind}:node=cure,probability=1e-3,way=to-nodes,service=0x36,byte=7,step=self-test")))

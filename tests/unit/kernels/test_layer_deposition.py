@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -214,7 +216,7 @@ def far_heights(*, materials: str = "ab") -> dict[str, float]:
 @pytest.mark.parametrize("passes", [1, 4])
 def test_every_neighbour_within_reach_takes_its_share_by_the_same_rule(reach, nx, ny, passes) -> None:
     start = np.random.default_rng(1).uniform(0.0, 10e-6, (nx, ny))
-    varied = {"variation": 0.3, "seed": 77}
+    varied: dict[str, Any] = {"variation": 0.3, "seed": 77}
     surface, lost = start, 0.0
     parameters = {**far_heights(), **varied, "reach": reach, "passes": passes, "height_start": start}
     with Driver("LayerDeposition", nx=nx, ny=ny).start(parameters) as fmu:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -112,7 +114,8 @@ def test_drift_counts_scans_from_the_first() -> None:
 
 
 def test_all_errors_together_in_the_order_of_the_hardware() -> None:
-    parameters = {"noise_std": 1e-6, "noise_correlation": 0.3, "resolution": 0.1e-6, "bias": 2e-6,
+    parameters: dict[str, Any] = {
+                  "noise_std": 1e-6, "noise_correlation": 0.3, "resolution": 0.1e-6, "bias": 2e-6,
                   "drift_rate": 0.5e-6, "tilt_x": 1e-3, "tilt_y": 2e-3, "spot_radius": 200e-6, "slope_bias": 3e-6,
                   "dropout_slope": 0.02, "dropout_rate": 0.1, "seed": 11}  # fmt: skip
     last = np.zeros(ROUGH.shape)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -57,7 +59,7 @@ def test_surface_is_linear_in_the_pattern_and_forgets_what_lay_there() -> None:
 @pytest.mark.parametrize(("nx", "ny"), [(9, 9), (1, 7), (5, 8), (1, 1)])
 def test_layers_are_those_of_the_reference_model(nx, ny) -> None:
     caps = (CAP, (420e-6, 9e-6))
-    varied = {"variation": 0.3, "nozzle_pitch": 3, "nozzle_variation": 0.1, "seed": 77}
+    varied: dict[str, Any] = {"variation": 0.3, "nozzle_pitch": 3, "nozzle_variation": 0.1, "seed": 77}
     own = {"cap_radius_b": 420e-6, "cap_height_b": 9e-6}
     surface, lost = np.zeros((nx, ny)), 0.0
     with Driver("SuperpositionDeposition", nx=nx, ny=ny).start({**varied, **own}) as fmu:

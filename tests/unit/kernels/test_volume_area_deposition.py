@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -39,7 +41,7 @@ def one_drop(nx: int, ny: int, i: int, j: int):
 @pytest.mark.parametrize("passes", [1, 4])
 def test_layers_are_those_of_the_reference_model(options, nx, ny, order, passes) -> None:
     substrate = np.random.default_rng(nx * ny).uniform(0.0, 3.0, (nx, ny))
-    varied = {"variation": 0.3, "seed": 7}
+    varied: dict[str, Any] = {"variation": 0.3, "seed": 7}
     v, a = np.zeros((nx, ny)), np.zeros((nx, ny))
     shares = wu_chiu_numpy.cap_shares(54.0)
     reading = {"guard": options.get("guard", False), "limit": options.get("limit_gains", False)}
@@ -113,7 +115,7 @@ def test_columns_are_the_raster_of_the_transposed_print() -> None:
 
 def test_guard_keeps_200_random_prints_in_bounds_where_the_literal_equations_run_away() -> None:
     """Three layers can be three drops high where nothing flows; the literal area of a higher cell never grows."""
-    highest = {"literal": [], "guard": []}
+    highest: dict[str, list[float]] = {"literal": [], "guard": []}
     for seed in range(200):
         patterns = sparse(8, 8, 3, seed)
         for name, guard in (("literal", False), ("guard", True)):

@@ -50,7 +50,7 @@ def test_convex_hull_agrees_with_scipy() -> None:
     from scipy.spatial import ConvexHull
 
     points = np.random.default_rng(1).normal(size=(500, 2))
-    places, hull = (Place * 500)(*(tuple(p) for p in points)), (Place * 501)()
+    places, hull = (Place * 500)(*(Place(*p) for p in points)), (Place * 501)()
     count = library().convex_hull(places, ctypes.c_size_t(500), hull)
     found = np.array([(p.x, p.y) for p in hull[:count]])
     expected = points[ConvexHull(points).vertices]

@@ -1,4 +1,4 @@
-"""How far a model's surface is from what was scanned: as a whole, and in what the last layers have added."""
+"""Divergence of a model from the scans: of the whole surface and of the growth in the last layers."""
 
 from __future__ import annotations
 

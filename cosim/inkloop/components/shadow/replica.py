@@ -1,4 +1,4 @@
-"""A plant that prints what somebody else has printed: a pattern is kept with its command, deposited when it is done."""
+"""A plant that replicates another printer: it deposits each commanded pattern once the printer reports it done."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class FollowedPlant:
             raise
 
     def begin(self, layer: int) -> None:
-        """Start on the surface of the job, with `layer` as the number of what lies there already."""
+        """Start on the surface of the job, with `layer` layers printed already."""
         self.layer = self.commanded = layer
         self._initialize()
 
@@ -50,7 +50,7 @@ class FollowedPlant:
         self._initialize()
 
     def take_command(self, inputs: Values) -> None:
-        """Keep the pattern of a new command, and whatever else the plant takes. ComponentError for one missed."""
+        """Keep the pattern of a new command and the plant's other inputs. ComponentError for a missed command."""
         command = int(inputs[LAYER_COMMAND])
         if command == self.commanded:
             return
@@ -89,7 +89,7 @@ class FollowedPlant:
         self._plant.terminate()
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Everything to go on from, as arrays. ComponentError where the plant's own state cannot be had."""
+        """The complete state as arrays. ComponentError if the plant's own state is not available."""
         if not hasattr(self._plant, "save"):
             raise ComponentError("the plant cannot save its state (it has no save)")
         state: dict[str, NDArray[Any]] = {
@@ -103,7 +103,7 @@ class FollowedPlant:
         return state
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from what `state` gave. KeyError, ValueError for what it never gives, ComponentError of the plant."""
+        """Continue from a result of `state`. KeyError, ValueError for other data, ComponentError of the plant."""
         if not hasattr(self._plant, "restore"):
             raise ComponentError("the plant cannot restore a state (it has no restore)")
         self.layer, self.commanded, self._time_ns = (int(count) for count in state["counters"])

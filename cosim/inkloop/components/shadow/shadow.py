@@ -1,4 +1,4 @@
-"""A deposition model beside a rig: it follows what is commanded, and notices when the rig does something else."""
+"""A deposition model that follows the commanded patterns and detects when the rig deviates."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Shadow:
     is untrusted, or a fault that ends the run (None: never). Raises ValueError for a plant that does not fit, later
     ComponentError.
 
-    A layer that its printer calls unknown cannot be compared: the model goes on from its scan.
+    A layer that its printer calls unknown cannot be compared: the model continues from its scan.
 
     Outputs besides the surface and both divergences: `layers_followed`, the layer of `height`; `layers_compared`, the
     layer of the scan that the divergences belong to, -1 before the first.
@@ -135,7 +135,7 @@ class Shadow:
                 _LOG.warning("the plant takes no start surface (height_start); it begins on its own, and the surface "
                              "divergence holds what the real one is off by")  # fmt: skip
         if layer == self._unknown:
-            _LOG.warning("layer %d was given up midway: the model goes on from its scan", layer)
+            _LOG.warning("layer %d was aborted: the model continues from its scan", layer)
             if layer == plant.layer:
                 plant.begin_on(start_surface(plant.surfaces[layer], measured, valid))
         scan = ScannedLayer(measured, valid, plant.surfaces[layer])
@@ -148,7 +148,7 @@ class Shadow:
         plant.forget_before(layer)
 
     def _judged(self, layer: int) -> Status:
-        """The status after the scan of a layer; an alarm is said in words."""
+        """The status after the scan of a layer; an alarm is logged."""
         growth = self._divergence.growth
         if math.isnan(growth):
             _LOG.warning("layer %d: no cell of the part was seen in its scan and in the one before; nothing can be "

@@ -1,4 +1,4 @@
-"""LayerJob.fmu of what was baked: its parameters, its description, and pages that say what it prints."""
+"""Write LayerJob.fmu: its parameters, description and documentation."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _sections(model: ModelDefinition, bake: Bake) -> list[Section]:
 
 
 def _section(bake: Bake) -> str:
-    """What is baked in, for a person."""
+    """Readable description of the embedded job."""
     job = bake.job
     lines = [
         "<h2>What this block prints</h2>",

@@ -1,4 +1,4 @@
-"""What of a scenario goes into LayerJob.fmu, and everything of it that cannot."""
+"""Collect the content of LayerJob.fmu from a scenario, and report everything it cannot hold."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from inkloop.scenario.file import Scenario
 
 
 def export(scenario: Scenario, options: argparse.Namespace, console: Console) -> int:
-    """Write, and say what it is; the exit code. Raises ScenarioError, FmuError."""
+    """Write the file and describe it; returns the exit code. Raises ScenarioError, FmuError."""
     baked = bake(scenario)
     out = options.out or Path(f"{Path(scenario.source).stem}.fmu")
     archive.write(baked, options.fmi, out, windows=options.windows)

@@ -32,7 +32,7 @@ def to_bytes(nx: int, ny: int, sections: Sequence[Section]) -> bytes:
 
 
 def check_sum(content: bytes) -> str:
-    """What tells this file from others, 8 hexadecimal digits; the token of its FMU ends with it."""
+    """Identifies this file, 8 hexadecimal digits; the token of its FMU ends with it."""
     return f"{struct.unpack_from('<I', content, 12)[0]:08x}"
 
 

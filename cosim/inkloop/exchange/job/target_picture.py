@@ -1,4 +1,4 @@
-"""A picture of what a block prints: the target from above, and cut open."""
+"""Picture of the target of a block: from above and as a cut."""
 
 from __future__ import annotations
 
@@ -70,6 +70,6 @@ def _inks(job: Job, x: FloatMap, y: FloatMap, z: FloatMap, is_printed: BoolMap) 
 
 
 def _row(job: Job) -> int:
-    """The row of the cut: the middle of the part, beside the middle where inks may cross there."""
+    """The row of the cut: the middle of the part, or next to it where inks may cross."""
     share = 0.5 if job.region is None else 0.25
     return int(np.quantile(np.flatnonzero(job.mask.any(axis=0)), share))

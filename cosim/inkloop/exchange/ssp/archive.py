@@ -11,7 +11,7 @@ from inkloop.files import replaced
 
 STRUCTURE = "SystemStructure.ssd"
 SCENARIO = "extra/org.inkloop/scenario.toml"
-"""Where the scenario is kept: what no .ssd can say (the part, the run, what stays outside) is read from there."""
+"""Path of the embedded scenario, which holds what an .ssd cannot: the part, the run, components outside."""
 
 
 def write(system: System, version: str, out: Path) -> None:

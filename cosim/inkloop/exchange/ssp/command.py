@@ -19,7 +19,7 @@ from inkloop.scenario.file import Scenario
 
 
 def export(scenario: Scenario, options: argparse.Namespace, console: Console) -> int:
-    """Write, and say what is left to do; the exit code. Raises ScenarioError, FmuError."""
+    """Write the system and print the remaining steps; returns the exit code. Raises ScenarioError, FmuError."""
     fmi = _fmi(options)
     stem = Path(scenario.source).stem
     with tempfile.TemporaryDirectory(prefix="inkloop-export-") as folder:
@@ -68,7 +68,7 @@ def _add_windows_binaries(system: System) -> None:
 
 
 def write_folder(system: System, to: str, out: Path) -> None:
-    """The FMUs of a system and, beside them, the files of "osp" or "maestro". Raises ScenarioError."""
+    """Write the FMUs of a system and, in the same folder, the files of "osp" or "maestro". Raises ScenarioError."""
     if to == "osp":
         texts = {osp.FILE: osp.structure(system).decode()}
     else:

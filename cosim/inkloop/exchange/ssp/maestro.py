@@ -1,6 +1,6 @@
 """The two JSON files of Maestro: the multi-model (FMUs, connections, parameters) and the run's configuration.
 
-Maestro 3.1.1 stops at the first enumeration of a description: the FMUs beside the files declare them as integers.
+Maestro 3.1.1 stops at the first enumeration of a description: the FMUs in the same folder declare them as integers.
 https://into-cps-maestro.readthedocs.io/en/latest/user/file_formats.html
 """
 
@@ -20,9 +20,9 @@ def tables(system: System) -> dict[str, dict[str, Any]]:
 
 
 def multi_model(system: System) -> dict[str, Any]:
-    """FMUs stand beside the file. Raises ScenarioError for names and for wires that Maestro cannot have."""
+    """The configuration; FMUs are in the same folder. Raises ScenarioError for unsupported names and wires."""
     connections: dict[str, list[str]] = {}
-    faults = [
+    errors = [
         f"components.{part.name}: Maestro takes letters, digits and _ in names; rename it"
         for part in system.parts
         if "-" in part.name
@@ -31,14 +31,14 @@ def multi_model(system: System) -> dict[str, Any]:
         if not (wire.source[0] and wire.target[0]):
             continue
         if not wire.transfer.is_plain:
-            faults.append(
+            errors.append(
                 f"{'.'.join(wire.source)} to {'.'.join(wire.target)} has a gain, an offset or two units, which "
                 "connections of Maestro do not know; put it into an FMU"
             )
         for source, target in system.pairs(wire):
             connections.setdefault(_place(wire.source[0], source), []).append(_place(wire.target[0], target))
-    if faults:
-        raise ScenarioError(system.name, faults)
+    if errors:
+        raise ScenarioError(system.name, errors)
     return {
         "fmus": {f"{{{part.name}}}": f"{part.name}.fmu" for part in system.parts},
         "connections": connections,

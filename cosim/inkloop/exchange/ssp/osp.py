@@ -1,4 +1,4 @@
-"""OspSystemStructure.xml, the system file of libcosim, and what it takes of FMI 2.
+"""OspSystemStructure.xml, the system file of libcosim, and its limits for FMI 2.
 
 https://open-simulation-platform.github.io/libcosim/configuration
 """
@@ -17,7 +17,7 @@ _NAMESPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
 
 
 def structure(system: System) -> bytes:
-    """The file; the FMUs stand beside it. Wires to the outside are left out: inputs that are overridden from there."""
+    """The file; FMUs are in the same folder. Wires to the outside are omitted: these inputs are overridden there."""
     root = ET.Element("OspSystemStructure", {"xmlns": _NAMESPACE, "version": "0.1"})
     for tag, text in (("StartTime", "0.0"), ("BaseStepSize", repr(system.step_s)), ("Algorithm", "fixedStep")):
         add(root, tag).text = text

@@ -18,7 +18,7 @@ Value = float | int | bool | str
 
 
 def read(
-    system: ET.Element, archive: zipfile.ZipFile, known: Mapping[str, FmuDescription], faults: list[str]
+    system: ET.Element, archive: zipfile.ZipFile, known: Mapping[str, FmuDescription], errors: list[str]
 ) -> dict[str, dict[str, Any]]:
     """Component -> parameter -> value in the unit of the FMU, a nested list for an array."""
     scopes = [(system, "")]
@@ -26,19 +26,19 @@ def read(
     elements: dict[str, dict[str, dict[int, list[Value]]]] = {}
     names = {name: _names(description) for name, description in known.items()}
     for scope, begin in scopes:
-        for name, entry in _entries(scope, archive, faults):
+        for name, entry in _entries(scope, archive, errors):
             component, _, parameter = (begin + name).partition(".")
             if component not in known:
-                faults.append(
+                errors.append(
                     f"parameter {begin + name}: there is no component {component!r}; {nearest(component, known)}"
                 )
                 continue
             if parameter not in names[component]:
                 advice = nearest(parameter, names[component])
-                faults.append(f"parameter {begin + name} is none of {component}; {advice}")
+                errors.append(f"parameter {begin + name} is none of {component}; {advice}")
                 continue
             variable, number = names[component][parameter]
-            found = _values(entry, known[component].variables[variable], begin + name, faults)
+            found = _values(entry, known[component].variables[variable], begin + name, errors)
             elements.setdefault(component, {}).setdefault(variable, {})[number] = found
     return {
         component: {name: _joined(known[component], name, parts) for name, parts in parameters.items()}
@@ -52,17 +52,17 @@ def _names(description: FmuDescription) -> Places:
     return {name: place for name, place in places(description).items() if place[0] in settable}
 
 
-def _entries(scope: ET.Element, archive: zipfile.ZipFile, faults: list[str]) -> Iterator[tuple[str, ET.Element]]:
+def _entries(scope: ET.Element, archive: zipfile.ZipFile, errors: list[str]) -> Iterator[tuple[str, ET.Element]]:
     """Name and typed value of each parameter bound to an element of the system."""
     for binding in scope.findall(f"{SSD}ParameterBindings/{SSD}ParameterBinding"):
         if binding.find(f"{SSD}ParameterMapping") is not None:
-            faults.append(
+            errors.append(
                 "a parameter binding has a mapping (.ssm), which inkloop does not take; name parameters as FMUs do"
             )
             continue
         source, prefix = binding.get("source"), binding.get("prefix", "")
         if source is not None and binding.get("sourceBase") == "component":
-            faults.append(
+            errors.append(
                 f"parameters {source!r} lie in an FMU (sourceBase), which inkloop does not open; move them out"
             )
             continue
@@ -71,10 +71,10 @@ def _entries(scope: ET.Element, archive: zipfile.ZipFile, faults: list[str]) -> 
             try:
                 root = ET.fromstring(archive.read(member_of(source)))
             except (KeyError, ET.ParseError) as error:
-                faults.append(f"parameters {source!r} cannot be read: {error}")
+                errors.append(f"parameters {source!r} cannot be read: {error}")
                 continue
             if root.tag != f"{SSV}ParameterSet":
-                faults.append(f"parameters {source!r} are no parameter set of SSP, but <{root.tag}>")
+                errors.append(f"parameters {source!r} are no parameter set of SSP, but <{root.tag}>")
                 continue
         for parameter in root.findall(f"{SSV}Parameters/{SSV}Parameter") if root is not None else ():
             entry = next((child for child in parameter if child.tag.startswith(SSV)), None)
@@ -82,14 +82,14 @@ def _entries(scope: ET.Element, archive: zipfile.ZipFile, faults: list[str]) -> 
                 yield prefix + parameter.get("name", ""), entry
 
 
-def _values(entry: ET.Element, variable: Variable, place: str, faults: list[str]) -> list[Value]:
+def _values(entry: ET.Element, variable: Variable, place: str, errors: list[str]) -> list[Value]:
     texts = [entry.get("value", "")] if variable.items else entry.get("value", "").split()
     factor = 1.0
     if unit := entry.get("unit"):
         found = conversion(unit, variable.unit)
         factor = 1.0 if found is None else found
         if found is None:
-            faults.append(f"parameter {place} is in [{unit}]; {variable.name} is in [{variable.unit}]")
+            errors.append(f"parameter {place} is in [{unit}]; {variable.name} is in [{variable.unit}]")
     is_array = bool(variable.dimensions) and not variable.elements
     try:
         values = [_value(text, variable, factor) for text in texts]
@@ -97,7 +97,7 @@ def _values(entry: ET.Element, variable: Variable, place: str, faults: list[str]
         values = []
     if len(values) == 1 or (values and is_array):
         return values
-    faults.append(f"parameter {place} is {entry.get('value')!r}; expected {variable.type}")
+    errors.append(f"parameter {place} is {entry.get('value')!r}; expected {variable.type}")
     return [0]
 
 

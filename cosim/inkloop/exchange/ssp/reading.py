@@ -38,26 +38,26 @@ def scenario_of(path: Path, overrides: Mapping[str, Any] | None = None, job: Pat
 
     Raises ScenarioError with all that is wrong with the .ssp, or then with the scenario.
     """
-    faults: list[str] = []
+    errors: list[str] = []
     try:
         with zipfile.ZipFile(path) as archive:
-            text = _text_of_job(archive, job, faults)
-            root = _parsed(archive, STRUCTURE, faults)
-            if root is None or faults:
-                raise ScenarioError(str(path), faults)
+            text = _text_of_job(archive, job, errors)
+            root = _parsed(archive, STRUCTURE, errors)
+            if root is None or errors:
+                raise ScenarioError(str(path), errors)
             system = root.find(f"{SSD}System")
             if system is None:
                 raise ScenarioError(str(path), [f"{STRUCTURE} has no System"])
-            sources = _sources(system, archive, faults)
-            known = _described(path, sources, faults)
-            values = parameter_values.read(system, archive, known, faults)
+            sources = _sources(system, archive, errors)
+            known = _described(path, sources, errors)
+            values = parameter_values.read(system, archive, known, errors)
     except OSError as error:
         raise ScenarioError(str(path), [f"cannot be read: {error.strerror}"]) from error
     except UNREADABLE as error:
         raise ScenarioError(str(path), [f"is no .ssp, or a damaged one: {error}"]) from error
-    connections = joined_connections.read(system, known, faults)
-    if faults := faults or _grid_faults(known, text, overrides or {}, job):
-        raise ScenarioError(str(path), faults)
+    connections = joined_connections.read(system, known, errors)
+    if errors := errors or _grid_errors(known, text, overrides or {}, job):
+        raise ScenarioError(str(path), errors)
     source = job or path
     place = Path(os.path.relpath(path.resolve(), source.resolve().parent))
     components = {
@@ -72,71 +72,71 @@ def scenario_of(path: Path, overrides: Mapping[str, Any] | None = None, job: Pat
     return Scenario.of_text(_laid_over(text, components, connections), str(source), overrides)
 
 
-def _text_of_job(archive: zipfile.ZipFile, job: Path | None, faults: list[str]) -> str:
+def _text_of_job(archive: zipfile.ZipFile, job: Path | None, errors: list[str]) -> str:
     if job is not None:
         try:
             return job.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            faults.append(f"{job} cannot be read: {error}")
+            errors.append(f"{job} cannot be read: {error}")
             return ""
     if SCENARIO in archive.namelist():
         return archive.read(SCENARIO).decode("utf-8", "replace")
-    faults.append(f"holds no scenario ({SCENARIO}): what is printed is not said; name a scenario with --job FILE")
+    errors.append(f"holds no scenario ({SCENARIO}), which defines the part; name a scenario with --job FILE")
     return ""
 
 
-def _parsed(archive: zipfile.ZipFile, member: str, faults: list[str]) -> ET.Element | None:
+def _parsed(archive: zipfile.ZipFile, member: str, errors: list[str]) -> ET.Element | None:
     if member not in archive.namelist():
-        faults.append(f"holds no {member}")
+        errors.append(f"holds no {member}")
         return None
     try:
         return ET.fromstring(archive.read(member))
     except ET.ParseError as error:
-        faults.append(f"{member} is no XML: {error}")
+        errors.append(f"{member} is no XML: {error}")
         return None
 
 
-def _sources(system: ET.Element, archive: zipfile.ZipFile, faults: list[str]) -> dict[str, str]:
+def _sources(system: ET.Element, archive: zipfile.ZipFile, errors: list[str]) -> dict[str, str]:
     """Component -> the member of the archive that is its FMU."""
     sources = {}
     for element in system.findall(f"{SSD}Elements/*"):
         name, source = element.get("name", ""), member_of(element.get("source", ""))
         kind = element.tag.removeprefix(SSD)
         if kind != "Component":
-            faults.append(f"{name} is a {kind}; inkloop takes components in one system only, no further levels")
+            errors.append(f"{name} is a {kind}; inkloop takes components in one system only, no further levels")
         elif element.get("type", _FMU) != _FMU:
-            faults.append(f"{name} is of type {element.get('type')!r}; inkloop takes FMUs ({_FMU})")
+            errors.append(f"{name} is of type {element.get('type')!r}; inkloop takes FMUs ({_FMU})")
         elif "." in name:
-            faults.append(f"{name} has a dot in its name, which separates component and port; rename it")
+            errors.append(f"{name} has a dot in its name, which separates component and port; rename it")
         elif source not in archive.namelist():
             packed = [member for member in archive.namelist() if member.endswith(".fmu")] or ["none"]
-            faults.append(f"{name} is {source!r}, which is not in the .ssp; {nearest(source, packed)}")
+            errors.append(f"{name} is {source!r}, which is not in the .ssp; {nearest(source, packed)}")
         else:
             sources[name] = source
-    if not sources and not faults:
-        faults.append("its system has no component")
+    if not sources and not errors:
+        errors.append("its system has no component")
     return sources
 
 
-def _described(path: Path, sources: Mapping[str, str], faults: list[str]) -> dict[str, FmuDescription]:
+def _described(path: Path, sources: Mapping[str, str], errors: list[str]) -> dict[str, FmuDescription]:
     known = {}
     for name, member in sources.items():
         try:
             with fmu_file(path / member) as file:
                 known[name] = describe(file)
         except FmuError as error:
-            faults.append(f"{name}: {error}")
+            errors.append(f"{name}: {error}")
     return known
 
 
-def _grid_faults(
+def _grid_errors(
     known: Mapping[str, FmuDescription], text: str, overrides: Mapping[str, Any], job: Path | None
 ) -> list[str]:
     """Where FMUs are of another grid than what is printed, a sentence for each grid."""
     try:
         document = tomlkit.parse(text)
     except TOMLKitError:
-        return []  # told by who reads it next, as are overrides that cannot be applied
+        return []  # reported by the scenario reader, as are invalid overrides
     apply_overrides(document, overrides)
     grid: Any = document.unwrap().get("grid")
     wanted = (grid.get("nx"), grid.get("ny")) if isinstance(grid, Mapping) else (None, None)
@@ -146,7 +146,7 @@ def _grid_faults(
     who, advice = (str(job), "take another job") if job else ("the scenario in it", "leave its grid as it is")
     return [
         f"{', '.join(name for name in fixed if fixed[name] == found)}: of a grid of {found[0]} x {found[1]} cells, "
-        f"{who} of {wanted[0]} x {wanted[1]}; export the .ssp anew for that grid, or {advice}"
+        f"{who} of {wanted[0]} x {wanted[1]}; export the .ssp again for that grid, or {advice}"
         for found in dict.fromkeys(fixed.values())
         if found != wanted
     ]
@@ -162,7 +162,7 @@ def _options(description: FmuDescription, values: Mapping[str, object]) -> dict[
 
 
 def _laid_over(text: str, components: Mapping[str, Any], connections: list[dict[str, Any]]) -> str:
-    """The text of a scenario with other components and connections; what is no TOML is left to who reads it next."""
+    """The text of a scenario with other components and connections; invalid TOML is reported by the scenario reader."""
     try:
         tables: dict[str, Any] = tomlkit.parse(text).unwrap()
     except TOMLKitError:

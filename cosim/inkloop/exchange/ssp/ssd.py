@@ -45,7 +45,7 @@ def description(system: System, version: str) -> bytes:
 
 
 def parameters(system: System, version: str) -> bytes:
-    """The parameter set: what differs from what the FMUs begin with, as "part.parameter"."""
+    """The parameter set: values that differ from the FMUs' start values, as "part.parameter"."""
     root = _root("ssv", "ParameterSet", system.name, version)
     entries = add(root, "ssv:Parameters")
     variables = []

@@ -1,4 +1,4 @@
-"""A scenario as a system of FMUs: the parts that are FMUs, the wires between them, and what has to stay outside."""
+"""A scenario as a system of FMUs: its FMUs, the wires between them, and the parts left outside."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Wire:
-    """From an output to an input, each (part, port), "" for the outside, whose port bears the name of the signal.
+    """From an output to an input, each (part, port), "" for the outside, whose port has the name of the signal.
 
     transfer: what happens on the way, units included; gain and offset: the same without the units.
     """
@@ -65,7 +65,7 @@ class Wire:
 
 @dataclass(frozen=True)
 class System:
-    """What a scenario comes to. outside: what is no FMU of the system, and why; times in seconds."""
+    """The system of a scenario. outside: parts that are no FMU, with the reason; times in seconds."""
 
     name: str
     parts: Sequence[Part]
@@ -91,7 +91,7 @@ class System:
         return zip(source, target, strict=True)
 
     def notes(self) -> list[str]:
-        """What is left to whoever runs the system, one sentence for each part outside."""
+        """Remaining tasks of the user, one sentence for each part outside."""
         notes = [f"{name} is not in it: {reason}" for name, reason in self.outside.items()]
         return notes + (
             ["the events of the scenario are not in it: inkloop alone knows them"] if self.has_events else []
@@ -101,7 +101,7 @@ class System:
 def system_of(scenario: Scenario, fmi: str, folder: Path) -> System:
     """The system of a scenario; its FMUs for FMI `fmi` ("2": scalars, "3": arrays) are written to `folder`.
 
-    Raises ScenarioError where nothing of it is an FMU or a wire cannot be told.
+    Raises ScenarioError where nothing of it is an FMU or a wire cannot be expressed.
     """
     parts: dict[str, Part] = {}
     outside: dict[str, str] = {}
@@ -121,8 +121,8 @@ def system_of(scenario: Scenario, fmi: str, folder: Path) -> System:
     wires = _wires(scenario.connections, scenario.ports, parts)
     system = System(scenario.tables.title, list(parts.values()), wires, outside, scenario.tables.run.step_s,
                     _stop_s(scenario, parts), scenario.text, bool(scenario.tables.events))  # fmt: skip
-    if faults := list(_form_faults(system)):
-        raise ScenarioError(scenario.source, faults)
+    if errors := list(_form_errors(system)):
+        raise ScenarioError(scenario.source, errors)
     return system
 
 
@@ -159,7 +159,7 @@ def _model(name: str, model: str, job: Job, options: Mapping[str, object], fmi: 
 
 def _foreign(name: str, job: Job, options: Mapping[str, object], fmi: str, folder: Path) -> Part | str:
     if PORTS in options:
-        return "inkloop translates its names, units and gains (ports), which no system file says"
+        return "inkloop translates its names, units and gains (ports), which a system file does not hold"
     file = folder / f"{name}.fmu"
     with fmu_file(Path(str(options["file"]))) as found:
         shutil.copyfile(found, file)
@@ -170,7 +170,7 @@ def _foreign(name: str, job: Job, options: Mapping[str, object], fmi: str, folde
 
 
 def _with_values(part: Part) -> Part:
-    """Only what differs from what the FMU begins with."""
+    """Values that differ from the FMU's start values."""
     sizes = part.description.default_sizes
     kept = {name: value for name, value in part.values.items() if _is_changed(part.variable(name), value, sizes)}
     return replace(part, values=kept)
@@ -194,7 +194,7 @@ def _wires(
             continue
         transfer = Transfer.of(connection, outputs[source], inputs[target])
         gain, offset = connection.gain, connection.offset
-        if target[0] not in parts:  # outside it is up to whoever takes the output
+        if target[0] not in parts:  # outside, the receiving tool decides
             target, gain, offset, transfer = ("", source[1]), 1.0, 0.0, Transfer()
             if source in given:
                 continue
@@ -203,13 +203,13 @@ def _wires(
     return wires
 
 
-def _form_faults(system: System) -> Iterator[str]:
+def _form_errors(system: System) -> Iterator[str]:
     for wire in system.wires:
         (source, output), (target, port) = wire.source, wire.target
         if source and target and len(system.part(source).scalars(output)) != len(system.part(target).scalars(port)):
             yield (
                 f"{source}.{output} and {target}.{port}: one is an array, the other one scalars, which no connection "
-                "joins; --fmi 2 makes scalars of ours, or export the other for FMI 3"
+                "joins; --fmi 2 exports inkloop's FMUs with scalars, or export the other one for FMI 3"
             )
 
 

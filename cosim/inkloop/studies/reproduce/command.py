@@ -1,4 +1,4 @@
-"""`inkloop reproduce`: the steps of a paper one after the other, and what they found in a run folder."""
+"""`inkloop reproduce`: run the steps of a paper and write the results to a run folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Printed figures beside ours: one row each, in a terminal, in a page and in a spreadsheet."""
+"""Published figures next to computed ones: one row each, in a terminal, a page and a spreadsheet."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Part:
-    """What one step of a reproduction found."""
+    """Result of one step of a reproduction."""
 
     rows: Sequence[Row] = ()
     pictures: Mapping[str, Figure] = field(default_factory=dict)
@@ -66,7 +66,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Step:
-    """A step by its name; `find` is told whether to be quick: fewer prints, coarser grids."""
+    """A step by its name; `find` takes whether to be quick: fewer prints, coarser grids."""
 
     name: str
     find: Callable[[bool], Part]

@@ -1,4 +1,4 @@
-"""Pictures of what was reproduced: printed figures in black, ours in colour."""
+"""Pictures of the reproduction: published figures in black, computed ones in colour."""
 
 from __future__ import annotations
 

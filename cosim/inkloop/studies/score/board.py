@@ -29,8 +29,8 @@ METRICS = ("mean_error", "mae", "rms", "std", "layers", "droplets")
 class Entry:
     """A controller of the board.
 
-    kind: as in a scenario; options: those of its table; ink: what it is told of a plant, None: the droplets'
-    volume in the proportions of Lu et al., Table I; note: what it knows, in words.
+    kind: as in a scenario; options: those of its table; ink: the ink it is configured with, None: the droplets'
+    volume in the proportions of Lu et al., Table I; note: text, what it knows.
     """
 
     name: str
@@ -61,12 +61,12 @@ ENTRIES = (
     Entry("LayerMpc, single droplet", "LayerMpc", {}, single_droplet, "the ink that superposition is told"),
 )
 AGAINST = (OPEN_LOOP, PAPERS, OURS, LEARNING)
-"""Those that a controller of one's own is shown beside."""
+"""Entries that a user's controller is compared with."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """Metrics of an entry on one plant [m], one number for each seed; ink: what it was told."""
+    """Metrics of an entry on one plant [m], one number for each seed; ink: as configured."""
 
     entry: Entry
     plant: str

@@ -1,4 +1,4 @@
-"""`inkloop score`: our controllers, or one of the user's beside ours, on the plants of the score board."""
+"""`inkloop score`: compare inkloop's controllers, or the user's with them, on the plants of the score board."""
 
 from __future__ import annotations
 

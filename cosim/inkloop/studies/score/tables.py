@@ -48,9 +48,9 @@ def markdown(scores: Sequence[Score], seeds: Sequence[int]) -> str:
     lines = [f"| controller | {' | '.join((*plants, 'score'))} |", f"|---|{'---:|' * (len(plants) + 1)}"]
     lines += [f"| {name} | {' | '.join(map(_text, row))} |" for name, row in zip(names, cells, strict=True)]
     lines += ["", f"{CAPTION}. {how_to_cite(seeds)}", "", "Ink assumed by each controller, h1, h2, h3 in um:", ""]
-    told = {(score.plant, score.entry.name): score.ink for score in scores}
+    inks = {(score.plant, score.entry.name): score.ink for score in scores}
     lines += [f"| controller | {' | '.join(plants)} |", f"|---|{'---|' * len(plants)}"]
-    lines += [f"| {name} | {' | '.join(_ink(told[plant, name]) for plant in plants)} |" for name in names]
+    lines += [f"| {name} | {' | '.join(_ink(inks[plant, name]) for plant in plants)} |" for name in names]
     return "\n".join([*lines, ""])
 
 

@@ -295,8 +295,9 @@ def test_clock_ends_a_search_with_a_valid_plan() -> None:
 
 def test_search_without_any_time_or_work_returns_its_start() -> None:
     height, target = rough(11)
+    budget: dict[str, Any]
     for budget, status in (({"seconds_max": 0.0}, SearchStatus.TIME), ({"sweeps_max": 0}, SearchStatus.BUDGET)):
-        found = bindings.search(problem(height, target), everything(), **{"sweeps_max": 9, **budget})
+        found = bindings.search(problem(height, target), everything(), **({"sweeps_max": 9} | budget))
         assert found.status is status
         np.testing.assert_array_equal(found.plan, everything())
 
@@ -326,7 +327,7 @@ def test_interrupt_stops_the_search_and_keeps_its_plan() -> None:
     assert found.objective.value < value(problem(height, target), everything())
 
 
-def test_fault_of_a_caller_is_not_lost_in_the_search() -> None:
+def test_error_of_a_caller_is_not_lost_in_the_search() -> None:
     def fail(_: SearchProgress) -> bool:
         raise RuntimeError("display is gone")
 

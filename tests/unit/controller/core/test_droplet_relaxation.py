@@ -156,7 +156,9 @@ def test_diffusion_counts_grey_levels() -> None:
     plan = diffuse(problem, np.full((1, 20, 20), 2.3))
     assert set(np.unique(plan)) == {2, 3}
     assert plan.mean() == pytest.approx(2.3, abs=0.03)
-    assert set(np.unique(diffuse(replace(problem, choices=choices & 0b101), np.full((1, 20, 20), 2.3)))) == {1, 3}
+    assert set(
+        np.unique(diffuse(replace(problem, choices=(choices & 0b101).astype(np.uint16)), np.full((1, 20, 20), 2.3)))
+    ) == {1, 3}
 
 
 @pytest.mark.parametrize("layers", [2, 3])

@@ -35,8 +35,8 @@ def planned(core: Path, folder: Path) -> subprocess.CompletedProcess[str]:
     sources = [path for path in sorted(core.rglob("*.c")) if path.name not in ELSEWHERE]
     program = folder / "planning"
     groups = sorted({f"-I{path.parent}" for path in sources})
-    command = ["gcc", *FLAGS, *WARNINGS, *groups, f"-I{LAYER_MAP}", DRIVER, *sources, LAYER_MAP / "layer_map.c",
-               "-lm", "-lpthread", "-o", program]  # fmt: skip
+    command: list[str | Path] = ["gcc", *FLAGS, *WARNINGS, *groups, f"-I{LAYER_MAP}", DRIVER, *sources,
+                                 LAYER_MAP / "layer_map.c", "-lm", "-lpthread", "-o", program]  # fmt: skip
     subprocess.run(command, check=True)
     told = {"TSAN_OPTIONS": "halt_on_error=1"}
     return subprocess.run([program], env=os.environ | told, capture_output=True, text=True, check=False)

@@ -155,6 +155,6 @@ def test_estimate_comes_back_from_arrays_bit_by_bit() -> None:
     assert back.inks == estimate.inks
 
 
-def test_all_faults_of_the_options_are_told_at_once() -> None:
+def test_all_errors_of_the_options_are_told_at_once() -> None:
     with pytest.raises(ValueError, match=r"adapt_ink is 'yes'.*sensor_noise_std is -1.*untrusted_layers is -2"):
         HeightEstimator(block(), adapt_ink="yes", sensor_noise_std=-1.0, untrusted_layers=-2)  # type: ignore[arg-type]

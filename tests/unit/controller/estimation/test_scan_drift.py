@@ -54,7 +54,7 @@ def test_cells_that_were_not_seen_do_not_count() -> None:
     valid = SEEN.copy()
     valid[:4] = False
     found = plane(np.where(valid, SUBSTRATE + PLANE, 1.0), valid=valid)
-    np.testing.assert_allclose(found[valid], PLANE[valid], atol=1e-13)
+    np.testing.assert_allclose(found[valid], PLANE[valid], atol=1e-13)  # type: ignore[index]
 
 
 @pytest.mark.parametrize("margin", [0, 1])

@@ -76,6 +76,6 @@ def test_what_cannot_be_meant_is_refused(options: Any, words: str) -> None:
         Criterion(**options)
 
 
-def test_all_faults_are_named_at_once() -> None:
+def test_all_errors_are_named_at_once() -> None:
     with pytest.raises(ValueError, match=r"alpha is 2.*overshoot is -1.*fringe_weight is -1"):
         Criterion(alpha=2.0, overshoot=-1.0, fringe_weight=-1.0)

@@ -84,7 +84,7 @@ def test_two_layers_are_no_worse_than_one() -> None:
 
 def test_program_is_built_once(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = 0
-    build = statement.symbolic_layer
+    build = statement.symbolic_layer  # type: ignore[attr-defined]
 
     def counted(H: Any, *others: Any) -> Any:
         nonlocal calls
@@ -111,7 +111,7 @@ def test_program_gives_the_same_answer_whatever_it_solved_before() -> None:
 def test_dead_cells_get_no_droplet() -> None:
     problem = rough((4, 4), choices=np.eye(4, dtype=np.uint16)[None])
     for engine in ("ipopt", "highs"):
-        droplets = HorizonProgram(problem, engine).solve(problem).droplets  # type: ignore[arg-type]
+        droplets = HorizonProgram(problem, engine).solve(problem).droplets
         assert (droplets[problem.choices == 0] == 0.0).all()
         assert droplets.max() <= 1.0
 

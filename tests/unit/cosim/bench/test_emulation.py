@@ -46,7 +46,7 @@ def test_substrate_of_the_scenario_is_the_surface_of_the_bench(tmp_path: Path) -
 
 def test_options_that_only_the_fmus_have_are_all_named(tmp_path: Path) -> None:
     overrides = {"components.printer": {"roller_step_um": 3.0, "layer_period_s": 2.0}}
-    with pytest.raises(ScenarioError, match="2 faults") as refused:
+    with pytest.raises(ScenarioError, match="2 errors") as refused:
         emulation_of(Scenario.load(write(tmp_path), overrides))
     assert "components.printer.roller_step is not emulated" in str(refused.value)
 

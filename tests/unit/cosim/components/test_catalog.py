@@ -67,15 +67,15 @@ def test_third_party_class_takes_part_by_name_or_entry_point(kind: str) -> None:
 )
 def test_wrong_option_is_named_with_what_would_be_right(options: dict[str, object], said: str) -> None:
     assert catalog.check("Fan", toy_job(), options).errors == [said]
-    with pytest.raises(ScenarioError, match="1 fault"):
+    with pytest.raises(ScenarioError, match="1 error"):
         catalog.make("Fan", toy_job(), options)
 
 
-def test_all_faults_are_told_at_once() -> None:
+def test_all_errors_are_told_at_once() -> None:
     assert len(catalog.check("Fan", toy_job(), {"sped": 1.0, "blades": "x", "mode": 3}).errors) == 3
 
 
-def test_refusal_of_a_constructor_is_a_fault_of_the_scenario() -> None:
+def test_refusal_of_a_constructor_is_an_error_of_the_scenario() -> None:
     with pytest.raises(ScenarioError, match="speed is -1; a fan turns forwards"):
         catalog.make("Fan", toy_job(), {"speed": -1.0})
 
@@ -85,6 +85,6 @@ def test_unknown_kind_is_answered_with_the_nearest() -> None:
 
 
 @pytest.mark.parametrize("kind", ["workshop:Fam", "workshops:Fan"])
-def test_class_that_cannot_be_loaded_is_a_fault(kind: str) -> None:
+def test_class_that_cannot_be_loaded_is_an_error(kind: str) -> None:
     (error,) = catalog.check(kind, toy_job(), {}).errors
     assert error.startswith(f"kind is '{kind}', which cannot be loaded: ")

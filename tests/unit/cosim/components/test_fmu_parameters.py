@@ -91,7 +91,7 @@ def test_nested_list_fills_an_array_of_the_grid() -> None:
     job = toy_job(nx=2, ny=3)
     parsed = parse({"height_start_um": [[0, 1, 2], [3, 4, 5]]}, job)
     assert parsed.errors == []
-    np.testing.assert_allclose(parsed.parameters["height_start"], np.arange(6).reshape(2, 3) * 1e-6)  # type: ignore[arg-type]
+    np.testing.assert_allclose(parsed.parameters["height_start"], np.arange(6).reshape(2, 3) * 1e-6)  # type: ignore[call-overload]
     (error,) = parse({"height_start_um": [[0, 1]]}, job).errors
     assert error.startswith("height_start_um is 1 x 2 values")
     assert error.endswith("expected a number, or 2 x 3 of them [um]")
@@ -150,7 +150,7 @@ def test_damaged_file_is_an_error_before_anything_runs(tmp_path: Path) -> None:
         ({"file": "nowhere.fmu"}, "kind is 'Fmu': nowhere.fmu: cannot be read: No such file or directory"),
     ],
 )
-def test_missing_file_is_a_fault_of_the_scenario(options: dict[str, object], said: str) -> None:
+def test_missing_file_is_an_error_of_the_scenario(options: dict[str, object], said: str) -> None:
     assert catalog.check("Fmu", toy_job(), options).errors == [said]
 
 

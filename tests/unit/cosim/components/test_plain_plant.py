@@ -12,7 +12,7 @@ from inkloop.components import catalog
 from inkloop.components.plain_plant import PlainPlant
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.fmu import FmuComponent
-from inkloop.testing import LAWS, RESUMABLE_LAWS, Law
+from inkloop.testing import CONTRACT_CHECKS, RESUMABLE_CONTRACT_CHECKS, ContractCheck
 from support.fmus.amplifier import build
 from support.toys import DROPLET, FunctionComponent, toy_job
 
@@ -59,16 +59,16 @@ def test_both_ports_that_are_not_there_are_named() -> None:
         PlainPlant(toy_job(), Heap(toy_job()), pattern_input="dot", height_output="surfaces")
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_plain_plant_of_python_keeps(law: Law) -> None:
-    law(lambda: heap(toy_job())[1])
+@pytest.mark.parametrize("check", CONTRACT_CHECKS)
+def test_plain_plant_of_python_keeps(check: ContractCheck) -> None:
+    check(lambda: heap(toy_job())[1])
 
 
 @pytest.mark.compiled
 @pytest.mark.parametrize("fmi", [2, 3])
-@pytest.mark.parametrize("law", RESUMABLE_LAWS)
-def test_plain_plant_of_a_foreign_fmu_keeps(law: Law, fmi: int, tmp_path: Path) -> None:
-    law(lambda: PlainPlant(FLAT, FmuComponent(build(tmp_path, fmi)), pattern_input="x", height_output="y"))
+@pytest.mark.parametrize("check", RESUMABLE_CONTRACT_CHECKS)
+def test_plain_plant_of_a_foreign_fmu_keeps(check: ContractCheck, fmi: int, tmp_path: Path) -> None:
+    check(lambda: PlainPlant(FLAT, FmuComponent(build(tmp_path, fmi)), pattern_input="x", height_output="y"))
 
 
 def test_each_command_is_one_step_of_the_plant_on_a_clock_of_its_own() -> None:
@@ -139,7 +139,7 @@ def test_plant_that_is_none_is_refused(outputs: list[Port], said: str) -> None:
 def test_scenario_names_the_plant_its_ports_and_its_parameters(tmp_path: Path) -> None:
     options = {"file": str(build(tmp_path, 2)), "pattern_input": "x", "height_output": "y", "gain": 3.0}
     part = catalog.make("PlainPlant", FLAT, options)
-    part.initialize(0, inputs(FLAT, 0) | {"on": np.array(True)})
+    part.initialize(0, {**inputs(FLAT, 0), "on": np.array(True)})
     assert part.do_step(0, SECOND, inputs(FLAT, 1))["height"].tolist() == [[3.0]] * 3
     part.terminate()
 
@@ -155,8 +155,8 @@ def test_scenario_names_the_plant_its_ports_and_its_parameters(tmp_path: Path) -
         ({"plant": "Nowhere"}, "kind is 'Nowhere'; known: "),
     ],
 )
-def test_fault_of_the_scenario_is_told(changes: dict[str, object], said: str, tmp_path: Path) -> None:
+def test_error_of_the_scenario_is_told(changes: dict[str, object], said: str, tmp_path: Path) -> None:
     options = {"file": str(build(tmp_path, 2)), "pattern_input": "x", "height_output": "y", **changes}
     assert any(error.startswith(said) for error in catalog.check("PlainPlant", FLAT, options).errors)
-    with pytest.raises(ScenarioError, match=r"(?s)PlainPlant.*fault"):
+    with pytest.raises(ScenarioError, match=r"(?s)PlainPlant.*error"):
         catalog.make("PlainPlant", FLAT, options)

@@ -1,6 +1,9 @@
-"""Which variables of an FMU stand behind which ports: values there and back, and faults in words."""
+"""Which variables of an FMU stand behind which ports: values there and back, and errors in words."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,10 +17,10 @@ JOB = Job(2, 3, pitch=1e-4, target_height=np.ones((2, 3)), mask=np.ones((2, 3), 
 MAP = np.arange(6.0).reshape(2, 3)
 
 
-def the_one(inputs: list[Port], outputs: list[Port], option: dict[str, object]) -> MappedPort:
+def the_one(inputs: list[Port], outputs: list[Port], option: Mapping[str, Any]) -> MappedPort:
     """The only port that a faultless option maps."""
-    into, out, faults = mapped_ports(inputs, outputs, JOB, option)
-    assert not faults
+    into, out, errors = mapped_ports(inputs, outputs, JOB, option)
+    assert not errors
     (found,) = [*into, *out]
     return found
 
@@ -65,7 +68,7 @@ def test_counters_of_real_numbers_must_be_whole() -> None:
         mapped.from_fmu({"n": np.asarray(1.5)})
 
 
-def test_every_fault_is_named_at_once_with_its_key() -> None:
+def test_every_error_is_named_at_once_with_its_key() -> None:
     inputs = [Port("U", shape=(2, 3), dtype="int32"), Port("command", dtype="int32"), Port("row", shape=(3,))]
     outputs = [Port("z", shape=(2, 3)), Port("height", "m", (2, 3)), Port("x", "mm", (2, 3))]
     option = {
@@ -82,14 +85,14 @@ def test_every_fault_is_named_at_once_with_its_key() -> None:
         "ports.layer_command": "'comand', which is no input or output of the FMU; did you mean command",
         "ports.drop_level": "'row' with 3 values; needs 2 x 3 values, as the grid",
         "ports.height.variable": "'z' in [1]; needs a unit of the quantity [m]: write unit, one of um, mm",
-        "ports.measured_height.unit": "'um', but the FMU says that x is in [mm]; leave it out",
+        "ports.measured_height.unit": "'um', but the FMU declares x in [mm]; leave it out",
         "ports.status.gian": "is not a key of this table",
         "ports.valid": "is 3; expected the name of a variable, or a table with it",
     }
-    faults = mapped_ports(inputs, outputs, JOB, option)[2]
+    errors = mapped_ports(inputs, outputs, JOB, option)[2]
     for place, words in expected.items():
-        assert [fault for fault in faults if fault.startswith(place) and words in fault], (place, faults)
-    assert len(faults) == len(expected)
+        assert [error for error in errors if error.startswith(place) and words in error], (place, errors)
+    assert len(errors) == len(expected)
 
 
 def test_gain_leads_to_units_that_inkloop_does_not_know() -> None:
@@ -98,30 +101,30 @@ def test_gain_leads_to_units_that_inkloop_does_not_know() -> None:
     option = {"pattern": {"variable": "dose", "gain": 10.0},
               "measured_height": {"variable": "U", "unit": "um", "gain": 0.02, "offset": 0.5},
               "height": {"variable": "z", "unit": "um"}}  # fmt: skip
-    mapped, _, faults = mapped_ports(inputs, [], JOB, option)
-    assert faults == []
+    mapped, _, errors = mapped_ports(inputs, [], JOB, option)
+    assert errors == []
     given = {each.port.name: each.to_fmu(np.full((2, 3), 1e-5 if each.port.unit == "m" else 1)) for each in mapped}
     assert given["pattern"]["dose"][0, 0] == 10.0
     assert given["measured_height"]["U"][0, 0] == pytest.approx(0.7)
     assert given["height"]["z"][0, 0] == pytest.approx(10.0)
 
 
-def test_unit_of_a_signal_without_unit_is_a_fault() -> None:
-    (fault,) = mapped_ports([Port("dose", shape=(2, 3))], [], JOB, {"pattern": {"variable": "dose", "unit": "m"}})[2]
-    assert fault.startswith("ports.pattern.unit is 'm', but this signal is a number without unit; leave it out")
+def test_unit_of_a_signal_without_unit_is_an_error() -> None:
+    (error,) = mapped_ports([Port("dose", shape=(2, 3))], [], JOB, {"pattern": {"variable": "dose", "unit": "m"}})[2]
+    assert error.startswith("ports.pattern.unit is 'm', but this signal is a number without unit; leave it out")
 
 
 def test_scalars_that_are_joined_are_named_by_what_they_are_joined_to() -> None:
-    (fault,) = mapped_ports([], [Port("z", "m", (2, 3))], JOB, {"height": "z[{i},{j}]"})[2]
-    assert fault.endswith("so 'z[1,1]', which is no input or output of the FMU; its scalars are joined, write 'z'")
+    (error,) = mapped_ports([], [Port("z", "m", (2, 3))], JOB, {"height": "z[{i},{j}]"})[2]
+    assert error.endswith("so 'z[1,1]', which is no input or output of the FMU; its scalars are joined, write 'z'")
 
 
-def test_variable_behind_two_ports_or_beside_its_own_name_is_a_fault() -> None:
+def test_variable_behind_two_ports_or_beside_its_own_name_is_an_error() -> None:
     outputs = [Port("z", "m", (2, 3)), Port("height", "m", (2, 3))]
     assert "two ports" in mapped_ports([], outputs[:1], JOB, {"height": "z", "measured_height": "z"})[2][0]
     assert "of that name besides" in mapped_ports([], outputs, JOB, {"height": "z"})[2][0]
 
 
-def test_template_that_does_not_tell_cells_apart_is_a_fault() -> None:
-    faults = mapped_ports([], [Port("z1"), Port("z2")], JOB, {"height": "z{i}"})[2]
-    assert "one name for several of 2 x 3 cells; write both {i} and {j}, or {n}" in faults[0]
+def test_template_that_does_not_tell_cells_apart_is_an_error() -> None:
+    errors = mapped_ports([], [Port("z1"), Port("z2")], JOB, {"height": "z{i}"})[2]
+    assert "one name for several of 2 x 3 cells; write both {i} and {j}, or {n}" in errors[0]

@@ -33,5 +33,5 @@ def test_preset_gives_its_values_and_the_table_wins_over_them() -> None:
         ("LayerDeposition", "laser", "preset is 'laser'; LayerDeposition has no presets"),
     ],
 )
-def test_preset_that_there_is_not_is_a_fault(kind: str, preset: object, said: str) -> None:
+def test_preset_that_there_is_not_is_an_error(kind: str, preset: object, said: str) -> None:
     assert catalog.check(kind, toy_job(), {"preset": preset}).errors == [said]

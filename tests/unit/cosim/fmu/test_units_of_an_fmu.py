@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inkloop.component import Port
+from inkloop.component import Component, Port
 from inkloop.components.port_tables import mapped_ports
 from inkloop.fmu import FmuComponent, FmuDescription, describe
 from inkloop.master.wiring import Connection, Transfer, check
@@ -91,7 +91,7 @@ def test_wiring_converts_by_the_definition(folder: Path, fmi: int) -> None:
     part = FmuComponent(with_units(folder, fmi, "inch"))
     source = Port("x", "m", (3,))
     target = next(port for port in part.inputs if port.name == "x")
-    components = {"source": FunctionComponent(outputs=(source,)), "part": part}
+    components: dict[str, Component] = {"source": FunctionComponent(outputs=(source,)), "part": part}
     assert check(components, [Connection("source.x", "part.x")]) == []
     arrived = Transfer.of(Connection("source.x", "part.x"), source, target)(np.array([0.0254, 0.0508, 0.0]))
     np.testing.assert_allclose(arrived, [1.0, 2.0, 0.0], rtol=1e-15)
@@ -100,10 +100,10 @@ def test_wiring_converts_by_the_definition(folder: Path, fmi: int) -> None:
 
 def test_mapped_port_takes_the_definition_and_no_other_unit(folder: Path) -> None:
     part = FmuComponent(with_units(folder, 3, "inch"), structural={"n": 35})
-    (mapped,), _, faults = mapped_ports(part.inputs[1:], [], job(), {"thickness": {"variable": "x"}})
-    assert not faults
+    (mapped,), _, errors = mapped_ports(part.inputs[1:], [], job(), {"thickness": {"variable": "x"}})
+    assert not errors
     assert mapped.port.unit == "m"
     assert mapped.factor == 1.0 / 0.0254
-    *_, (fault,) = mapped_ports(part.inputs[1:], [], job(), {"thickness": {"variable": "x", "unit": "um"}})
-    assert fault == "ports.thickness.unit is 'um', but the FMU says that x is in [inch]; leave it out"
+    *_, (error,) = mapped_ports(part.inputs[1:], [], job(), {"thickness": {"variable": "x", "unit": "um"}})
+    assert error == "ports.thickness.unit is 'um', but the FMU declares x in [inch]; leave it out"
     part.terminate()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from typing import Any
 
 import fmpy
 import numpy as np
@@ -97,7 +98,7 @@ def test_an_fmu_of_two_builds_is_refused_and_says_what_to_do(tmp_path) -> None:
     fingerprint = definition.load(DEFINITION.read_text(), DEFINITION).fingerprint
     other = members["modelDescription.xml"].replace(fingerprint.encode(), b"0123456789abcdef")
     pack(tmp_path / "it.fmu", {**members, "modelDescription.xml": other})
-    with pytest.raises(ComponentError, match=r"this binary expects .*run make, .* then export it anew"):
+    with pytest.raises(ComponentError, match=r"this binary expects .*run make, .* then export it again"):
         FmuComponent(tmp_path / "it.fmu").initialize(0, {})
 
 
@@ -110,21 +111,21 @@ def test_fingerprint_changes_with_what_the_binary_must_know() -> None:
     assert model.token(4, 5, resizable=False) == f"LayerDeposition-{model.fingerprint}-4x5"
 
 
-def test_every_fault_of_a_definition_is_reported() -> None:
+def test_every_error_of_a_definition_is_reported() -> None:
     text = DEFINITION.read_text()
     text = text.replace('terminal = "command"', 'terminal = "nowhere"').replace('declared = "PassOrder", ', "")
     text = text.replace('initial_from = "layer_command"', 'initial_from = "gone"')
     with pytest.raises(FmuError) as caught:
         definition.load(text, "it.toml")
     message = str(caught.value)
-    assert message.startswith("it.toml: 5 faults")
+    assert message.startswith("it.toml: 5 errors")
     for part in ("pattern: terminal is 'nowhere'", "pass_order: declared is None", "layers_printed: initial_from is"):
         assert part in message
 
 
 def test_emulator_has_parameters_by_name_limits_and_start(tmp_path) -> None:
     model = definition.load(DEFINITION.read_text(), DEFINITION)
-    changed = {"nozzle_variation": {"start": 0.25, "min": 0.125}}
+    changed: dict[str, Any] = {"nozzle_variation": {"start": 0.25, "min": 0.125}}
     model = replace(model, variables=tuple(replace(v, **changed.get(v.name, {})) for v in model.variables))
     header = c_tables.emulated_parameters([model])
     assert '{"nozzle_variation", REAL, WORLD(variation.nozzle_variation), 0.125, 1.0}' in header

@@ -65,11 +65,11 @@ def test_level_of_every_scan_is_that_of_untouched_cells(tmp_path: Path) -> None:
     assert read.measured == pytest.approx(exact, abs=1e-13)
 
 
-def test_every_fault_of_a_folder_is_named_at_once(tmp_path: Path) -> None:
+def test_every_error_of_a_folder_is_named_at_once(tmp_path: Path) -> None:
     folder = log(tmp_path / "print", made_up(VolumeAreaDeposition(), random_layers(6, 6, 3, 0)))
     (folder / "layer_0001.csv").unlink()
     (folder / "layer_0002.csv").write_text("not a map")
-    with pytest.raises(IdentificationError, match="2 faults") as caught:
+    with pytest.raises(IdentificationError, match="2 errors") as caught:
         read_log(folder)
     assert "layer_0001.csv" in str(caught.value)
     (folder / "pattern_0002.csv").write_text("0,1,5\n")
@@ -82,12 +82,12 @@ def test_every_fault_of_a_folder_is_named_at_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("pitch_um = -1.0\npixels = 3\n", "2 faults"),
+        ("pitch_um = -1.0\npixels = 3\n", "2 errors"),
         ("unit = 'um'\n", "pitch_um is missing"),
         ("pitch_um = 1.0\npatterns = 'p.csv'\n", "a name with the number in it"),
         ("pitch_um = \n", "is not TOML"),
-        ("pitch_um = 263.256\nunit = 'um'\n", "does not say how large its pixels are"),
-        ("pitch_um = 263.256\npixel_um = 263.256\n", "does not say the unit"),
+        ("pitch_um = 263.256\nunit = 'um'\n", "does not declare the size of its pixels"),
+        ("pitch_um = 263.256\npixel_um = 263.256\n", "does not declare the unit"),
         (CELL + "offset_x_um = 90000.0\n", "shows no cell of the grid"),
         (CELL + "datum = 'plane'\n", "the plane needs 8"),
     ],

@@ -2,13 +2,14 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pytest
 
 from inkloop.component import Port, Status, Values
 from inkloop.errors import ComponentError, ScenarioError
-from inkloop.master.master import Master
+from inkloop.master.master import Algorithm, Master
 from inkloop.master.wiring import Connection, contract_connections
 from inkloop.results.recorder import Recorder
 from support.toys import FunctionComponent, toy_job, toy_loop
@@ -51,6 +52,7 @@ def follower(start: float = 0.0) -> FunctionComponent:
 
 
 def test_gauss_seidel_passes_the_newest_outputs_and_jacobi_those_of_the_last_point() -> None:
+    algorithm: Algorithm
     for algorithm, expected in (("gauss-seidel", [0.0, 1.0, 2.0, 3.0]), ("jacobi", [0.0, 0.0, 1.0, 2.0])):
         trace = Trace("b.y")
         parts = {"a": counter(), "b": follower()}
@@ -89,7 +91,9 @@ def test_slow_component_steps_every_so_often_and_holds_in_between() -> None:
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("step_ns", [SECOND // 3, SECOND, 5 * SECOND, 40 * SECOND])
 @pytest.mark.parametrize("durations", [(0, 0), (2 * SECOND, 6 * SECOND)])
-def test_same_layers_whatever_the_master_and_its_step(algorithm: str, step_ns: int, durations: tuple[int, int]) -> None:
+def test_same_layers_whatever_the_master_and_its_step(
+    algorithm: Algorithm, step_ns: int, durations: tuple[int, int]
+) -> None:
     job = toy_job(layers=5)
     parts = toy_loop(job, *durations)
     recorder = Recorder(job, parts)
@@ -104,7 +108,7 @@ def test_same_layers_whatever_the_master_and_its_step(algorithm: str, step_ns: i
 
 
 @pytest.mark.parametrize(("algorithm", "steps_per_layer"), [("gauss-seidel", 1), ("jacobi", 3)])
-def test_steps_per_layer_are_those_of_the_contract(algorithm: str, steps_per_layer: int) -> None:
+def test_steps_per_layer_are_those_of_the_contract(algorithm: Algorithm, steps_per_layer: int) -> None:
     parts = toy_loop(toy_job())
     trace = Trace("printer.layers_printed")
     Master(parts, contract_connections(parts), step_ns=1, algorithm=algorithm, observers=[trace]).run(layers_max=4)
@@ -113,7 +117,7 @@ def test_steps_per_layer_are_those_of_the_contract(algorithm: str, steps_per_lay
 
 
 def test_run_ends_at_the_limit_that_comes_first() -> None:
-    def end(**limits: int) -> tuple[str, int]:
+    def end(**limits: Any) -> tuple[str, int]:
         parts = toy_loop(toy_job())
         recorder = Recorder(toy_job(), parts)
         reason = Master(parts, contract_connections(parts), step_ns=SECOND, observers=[recorder]).run(**limits)
@@ -167,7 +171,7 @@ def test_failure_names_component_time_and_layer() -> None:
             raise RuntimeError("laser is off")
         return profiler_step(time_ns, step_ns, inputs)
 
-    parts["profiler"].do_step = fail_late  # type: ignore[method-assign]
+    parts["profiler"].do_step = fail_late
     with pytest.raises(ComponentError, match=r"profiler failed at t = 2 s, after layer 2: RuntimeError: laser is off"):
         Master(parts, contract_connections(parts), step_ns=SECOND).run(layers_max=5)
 
@@ -217,7 +221,7 @@ def test_interrupt_ends_after_the_step_and_keeps_what_was_recorded() -> None:
             signal.raise_signal(signal.SIGINT)
         return printer_step(time_ns, step_ns, inputs)
 
-    parts["printer"].do_step = interrupt_at_three  # type: ignore[method-assign]
+    parts["printer"].do_step = interrupt_at_three
     recorder = Recorder(job, parts)
     handler = signal.getsignal(signal.SIGINT)
     master = Master(parts, contract_connections(parts), step_ns=SECOND, observers=[recorder])

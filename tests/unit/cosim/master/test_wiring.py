@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -19,17 +21,17 @@ def test_contract_wires_the_loop_completely() -> None:
 def test_input_with_two_possible_sources_is_asked_about() -> None:
     job = toy_job()
     parts = toy_loop(job) | {"shadow": toy_loop(job)["printer"]}
-    faults = check(parts, contract_connections(parts))
-    assert "profiler.height may come from printer.height or shadow.height; say which under [[connections]]" in faults
+    errors = check(parts, contract_connections(parts))
+    assert "profiler.height may come from printer.height or shadow.height; say which under [[connections]]" in errors
 
 
-def test_missing_contract_input_is_a_fault_and_any_other_open_input_is_not() -> None:
+def test_missing_contract_input_is_an_error_and_any_other_open_input_is_not() -> None:
     parts = {
         "printer": FunctionComponent(inputs=[Port("pattern", "1", (2, 2), "int32")]),
         "fan": FunctionComponent(inputs=[Port("speed", "m/s")]),
     }
-    (fault,) = check(parts, [])
-    assert fault.startswith("printer.pattern is not connected: no other component has an output pattern")
+    (error,) = check(parts, [])
+    assert error.startswith("printer.pattern is not connected: no other component has an output pattern")
 
 
 @pytest.mark.parametrize(
@@ -42,15 +44,15 @@ def test_missing_contract_input_is_a_fault_and_any_other_open_input_is_not() -> 
 )
 def test_mismatch_is_named_with_both_sides(port: Port, said: str) -> None:
     parts = {"a": FunctionComponent(outputs=[port]), "b": FunctionComponent(inputs=[Port("x", "m")])}
-    (fault,) = check(parts, [Connection("a.y", "b.x")])
-    assert fault.startswith(said)
+    (error,) = check(parts, [Connection("a.y", "b.x")])
+    assert error.startswith(said)
 
 
 @pytest.mark.parametrize(("source", "target"), [("%", "1"), ("degC", "K"), ("m", "V")])
 def test_gain_leads_to_a_unit_that_is_not_known_here(source: str, target: str) -> None:
     parts = {"a": FunctionComponent(outputs=[Port("y", source)]), "b": FunctionComponent(inputs=[Port("x", target)])}
-    (fault,) = check(parts, [Connection("a.y", "b.x")])
-    assert fault.endswith(f"same quantity needed, or a gain that says how [{source}] becomes [{target}]")
+    (error,) = check(parts, [Connection("a.y", "b.x")])
+    assert error.endswith(f"same quantity needed, or a gain that says how [{source}] becomes [{target}]")
     assert fed(Connection("a.y", "b.x", 0.01, 1.0), source, target, 50.0) == 1.5
 
 
@@ -70,8 +72,8 @@ def test_unknown_end_is_answered_with_the_nearest_known(connection: Connection, 
 
 def test_input_is_fed_once() -> None:
     parts = {"a": FunctionComponent(outputs=[Port("y"), Port("z")]), "b": FunctionComponent(inputs=[Port("x")])}
-    (fault,) = check(parts, [Connection("a.y", "b.x"), Connection("a.z", "b.x")])
-    assert fault.startswith("b.x is fed twice, by a.y and a.z")
+    (error,) = check(parts, [Connection("a.y", "b.x"), Connection("a.z", "b.x")])
+    assert error.startswith("b.x is fed twice, by a.y and a.z")
 
 
 def fed(connection: Connection, source: str, target: str, value: float) -> float:
@@ -114,8 +116,8 @@ def test_array_on_its_way_keeps_its_type_and_cannot_be_written() -> None:
 
 @pytest.mark.parametrize("dtype", ["int32", "bool"])
 def test_gain_is_of_floating_point_values_only(dtype: str) -> None:
-    port = {"dtype": dtype}
+    port: dict[str, Any] = {"dtype": dtype}
     parts = {"a": FunctionComponent(outputs=[Port("y", **port)]), "b": FunctionComponent(inputs=[Port("x", **port)])}
     assert check(parts, [Connection("a.y", "b.x")]) == []
-    (fault,) = check(parts, [Connection("a.y", "b.x", gain=2.0)])
-    assert fault.startswith(f"a.y is {dtype}; a gain, an offset or another unit needs floating-point values")
+    (error,) = check(parts, [Connection("a.y", "b.x", gain=2.0)])
+    assert error.startswith(f"a.y is {dtype}; a gain, an offset or another unit needs floating-point values")

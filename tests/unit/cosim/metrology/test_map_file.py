@@ -106,7 +106,7 @@ def write_sdf(path: Path) -> dict[str, Any]:
 
 
 def write_sdf_text(path: Path) -> dict[str, Any]:
-    scales = {"x_scale": DX * M_PER_UM, "y_scale": DY * M_PER_UM, "z_scale": 1e-12}
+    scales: dict[str, Any] = {"x_scale": DX * M_PER_UM, "y_scale": DY * M_PER_UM, "z_scale": 1e-12}
     sdfio.write(path, Z_UM.T * M_PER_UM, **scales, format=sdfio.FileFormat.ASCII)
     return {}
 
@@ -167,9 +167,9 @@ def test_rows_lie_along_the_axis_that_is_said(tmp_path: Path) -> None:
 
 SAID = "dx = 5 um\ndy = 4 um\nunit = um\n"
 FAULTS: dict[str, tuple[str, str, dict[str, Any]]] = {
-    "nothing said": ("1 2 3\n4 5 6\n", "does not say the unit .* does not say how large its pixels are", {}),
-    "unit against unit": (SAID + "1 2\n3 4\n", "heights are in um, unit is 'mm'", {"unit": "mm"}),
-    "pixel against pixel": (SAID + "1 2\n3 4\n", "pixels are 5 x 4 um, pixel is 5000 x 5000 um", {"pixel": 5e-3}),
+    "nothing said": ("1 2 3\n4 5 6\n", "does not declare the unit .* does not declare the size of its pixels", {}),
+    "unit against unit": (SAID + "1 2\n3 4\n", "heights in um, but unit is 'mm'", {"unit": "mm"}),
+    "pixel against pixel": (SAID + "1 2\n3 4\n", "pixels of 5 x 4 um, but pixel is 5000 x 5000 um", {"pixel": 5e-3}),
     "unknown unit": ("1 2\n3 4\n", "unit is 'inch'; expected one of nm, um", {"unit": "inch", "pixel": 5e-6}),
     "a word": (SAID + "1 2 3\n4 five 6\n", "line 5, column 2 is 'five'; expected a height", {}),
     "cut off": (SAID + "1 2 3\n4 5\n", "line 5 has 2 fields, the rows before it 3; the file may be cut off", {}),
@@ -191,13 +191,13 @@ def test_faulty_table_is_refused_in_words(text: str, said: str, options: dict[st
 
 def test_counts_without_their_height_are_refused(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "map.tif", np.ones((3, 4), np.uint16))
-    with pytest.raises(HeightMapError, match=r"whole-number counts \(uint16\); say what height one count is"):
+    with pytest.raises(HeightMapError, match=r"whole-number counts \(uint16\); give scale, the height of one count"):
         read(tmp_path / "map.tif", unit="um", pixel=5e-6)
 
 
 def test_dots_per_inch_are_not_believed(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "map.tif", np.ones((3, 4), np.float32), resolution=(72, 72), resolutionunit="INCH")
-    with pytest.raises(HeightMapError, match="does not say how large its pixels are"):
+    with pytest.raises(HeightMapError, match="does not declare the size of its pixels"):
         read(tmp_path / "map.tif", unit="um")
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.component import Port, Status
+from inkloop.component import Component, Port, Status
 from inkloop.components import catalog
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Master
@@ -121,7 +121,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], object], dict[str, Any], str]] = {
     "same again": (lambda f: write(f, 1, surface(0)), {}, "heights of the scan of layer 0 again"),
     "another field": (lambda f: write(f, 1, fine=5), {}, "has 50 x 45 pixels, the scans before it 40 x 36"),
     "no map": (lambda f: (f / "1.npz").write_bytes(b"half a"), {}, "is no array of numbers that NumPy saved"),
-    "unit against the file": (lambda f: write(f, 1), {"unit": "mm"}, "heights are in um, unit is 'mm'"),
+    "unit against the file": (lambda f: write(f, 1), {"unit": "mm"}, "heights in um, but unit is 'mm'"),
     "no datum": (
         lambda f: write(f, 1, np.where(JOB.mask, surface(1), np.nan)), {"datum": "plane"}, "datum: 0 cells beside",
     ),
@@ -278,7 +278,7 @@ def test_done_mark_completes_a_file(tmp_path: Path) -> None:
 
 def test_first_ctrl_c_ends_the_wait_for_a_file(tmp_path: Path) -> None:
     printer = FunctionComponent(outputs=[Port("layers_printed", dtype="int32")])
-    parts = {"printer": printer, "profiler": profiler(tmp_path)}
+    parts: dict[str, Component] = {"printer": printer, "profiler": profiler(tmp_path)}
     master = Master(parts, contract_connections(parts), step_ns=SECOND)
     threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
     assert master.run(layers_max=1) == "interrupted"

@@ -39,7 +39,7 @@ def test_aligned_pixels_that_divide_a_cell_give_its_exact_mean(a: int, b: int, m
     pixel = (dx, dy) if turns % 2 == 0 else (dy, dx)
     offset = [float(side / 2 - PITCH / 2 - corner.min()) for side, corner in zip(pixel, corners, strict=True)]
     placed = Registration(offset[0], offset[1], turns * math.pi / 2, mirror=mirror)  # type: ignore[arg-type]
-    cells = cell_means(HeightMap(z, dx, dy), placed, *expected.shape, PITCH)
+    cells = cell_means(HeightMap(z, dx, dy), placed, *expected.shape, PITCH)  # type: ignore[call-arg]
     np.testing.assert_allclose(cells.mean, expected, rtol=0, atol=1e-9)
     np.testing.assert_allclose(cells.share, 1.0, rtol=0, atol=1e-9)
 
@@ -56,7 +56,8 @@ def test_mean_height_is_kept_wherever_the_map_lies(rotation: float, u: float, v:
     nx, ny = 6, 5
     registration, shape = covering(nx, ny, PITCH, pixel, rotation, 1.5 * PITCH)
     registration = Registration(registration.offset_x + u, registration.offset_y + v, rotation)
-    x, y = registration.to_grid(np.arange(shape[0])[:, None] * pixel, np.arange(shape[1]) * pixel)
+    pixels = [np.arange(cells, dtype=np.float64) * pixel for cells in shape]
+    x, y = registration.to_grid(pixels[0][:, None], pixels[1])
     wave = 2e-3
     waves = HeightMap(10 * M_PER_UM * np.sin(x / wave * 6) * np.cos(y / wave * 5), pixel, pixel)
     cells = cell_means(waves, registration, nx, ny, PITCH)
@@ -262,5 +263,5 @@ def test_datum_without_cells_to_stand_on_is_refused() -> None:
     height[0, :] = 1.0
     with pytest.raises(HeightMapError, match="lie on one line"):
         level(height, np.ones((9, 9), np.bool_), "plane")
-    with pytest.raises(HeightMapError, match="0 cells beside the part were measured, the offset needs 1"):
+    with pytest.raises(HeightMapError, match="0 cells outside the part were measured, the offset needs 1"):
         level(np.full((9, 9), np.nan), np.ones((9, 9), np.bool_), "offset")

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -83,7 +85,7 @@ def test_layers_that_were_jumped_over_are_empty() -> None:
 
 def test_printer_alone_is_recorded() -> None:
     job = toy_job()
-    printer = ToyPrinter(job)
+    printer: Any = ToyPrinter(job)
     printer.inputs = ()
     recorder = Recorder(job, {"printer": printer})
     values = {"pattern": job.mask.astype(np.int32), "layer_command": np.asarray(1)}
@@ -98,7 +100,7 @@ def test_printer_alone_is_recorded() -> None:
 def test_same_name_from_two_components_is_kept_apart() -> None:
     job = toy_job()
     temperature = Port("temperature", "K", start=1.0)
-    parts = toy_loop(job)
+    parts: dict[str, Any] = dict(toy_loop(job))
     for start, name in ((300.0, "printer"), (310.0, "profiler")):
         parts[name].outputs += (Port("temperature", "K", start=start),)
         step, first = parts[name].do_step, parts[name].initialize

@@ -8,7 +8,7 @@ import pytest
 from inkloop.component import Port, Values
 from inkloop.errors import ScenarioError
 from inkloop.master.events import Event, Manipulator
-from inkloop.master.master import Master
+from inkloop.master.master import Algorithm, Master
 from inkloop.master.wiring import contract_connections
 from inkloop.printing.run import print_part
 from inkloop.results.recorder import Recorder
@@ -85,7 +85,7 @@ def test_layers_count_as_modified_until_every_cell_is_reset() -> None:
 
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("durations", [(0, 0), (2 * SECOND, 3 * SECOND)])
-def test_event_begins_with_its_layer_whatever_the_master(algorithm: str, durations: tuple[int, int]) -> None:
+def test_event_begins_with_its_layer_whatever_the_master(algorithm: Algorithm, durations: tuple[int, int]) -> None:
     """The droplets of cell (1, 0) are lost in layers 2 and 3, which the toy controller makes up for at the end."""
     job = toy_job(layers=4)
     parts = toy_loop(job, *durations)
@@ -143,7 +143,7 @@ def load(tmp_path: Path, events: str) -> Scenario:
         ('at_layer = 1\nport = "printer.pattern"\nvalue = 0\nnozzles = [4]', "nozzles has 4; expected 0 to 3"),
         (
             'at_layer = 1\nport = "profiler.valid"\nvalue = false\nnozzles = [1]',
-            "profiler does not say how many it has",
+            "profiler does not declare their number",
         ),
         ('at_layer = 1\nport = "printer.layer_command"\nvalue = 0\ncells = [[0, 0]]', "has no cells"),
         ('at_layer = 1\nport = "printer.pattern"\nvalue = 0\ntilt_x = 0.1', "tilt_x and tilt_y are of a bias"),
@@ -153,20 +153,20 @@ def load(tmp_path: Path, events: str) -> Scenario:
         ),
     ],
 )
-def test_fault_of_an_event_is_named_with_its_place(tmp_path: Path, table: str, said: str) -> None:
+def test_error_of_an_event_is_named_with_its_place(tmp_path: Path, table: str, said: str) -> None:
     with pytest.raises(ScenarioError) as caught:
         load(tmp_path, f'\n[[events]]\naction = "override"\n{table}\n')
-    (fault,) = caught.value.faults
-    assert fault.startswith("events.[0].")
-    assert said in fault
+    (error,) = caught.value.errors
+    assert error.startswith("events.[0].")
+    assert said in error
 
 
-def test_faults_of_all_events_come_at_once(tmp_path: Path) -> None:
+def test_errors_of_all_events_come_at_once(tmp_path: Path) -> None:
     wrong = '\n[[events]]\nat_layer = 1\naction = "bias"\nport = "profiler.valid"\nvalue = true\nnozzles = [0]\n'
     late = '\n[[events]]\nat_time_s = 1.0\naction = "bias"\nport = "printer.height"\nper_layer_um = 1.0\n'
     with pytest.raises(ScenarioError) as caught:
         load(tmp_path, wrong + late)
-    assert [fault.split(" ")[0] for fault in caught.value.faults] == [
+    assert [error.split(" ")[0] for error in caught.value.errors] == [
         "events.[0].action",
         "events.[0].nozzles:",
         "events.[1].per_layer",

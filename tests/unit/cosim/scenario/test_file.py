@@ -1,4 +1,4 @@
-"""A scenario file is read whole or refused with every fault named."""
+"""A scenario file is read whole or refused with every error named."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ scan_duration_s = 0.0
 """
 
 
-def faults_of(tmp_path: Path, text: str, overrides: Mapping[str, Any] | None = None) -> tuple[str, ...]:
+def errors_of(tmp_path: Path, text: str, overrides: Mapping[str, Any] | None = None) -> tuple[str, ...]:
     path = tmp_path / "case.toml"
     path.write_text(text)
     with pytest.raises(ScenarioError) as caught:
         Scenario.load(path, overrides)
     assert str(path) in str(caught.value)
-    return caught.value.faults
+    return caught.value.errors
 
 
 def test_good_file_becomes_a_job_in_si(tmp_path: Path) -> None:
@@ -53,7 +53,7 @@ def test_good_file_becomes_a_job_in_si(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "fault"),
+    ("old", "new", "error"),
     [
         ("nx = 9", "nx = 0", "grid.nx is 0"),
         ("nx = 9", "nx = 9.5", "grid.nx is 9.5"),
@@ -75,30 +75,30 @@ def test_good_file_becomes_a_job_in_si(tmp_path: Path) -> None:
         ("[grid]", "[grid", "is not TOML"),
     ],
 )
-def test_each_fault_is_named_with_its_place(tmp_path: Path, old: str, new: str, fault: str) -> None:
+def test_each_error_is_named_with_its_place(tmp_path: Path, old: str, new: str, error: str) -> None:
     assert old in GOOD
-    assert any(fault in sentence for sentence in faults_of(tmp_path, GOOD.replace(old, new)))
+    assert any(error in sentence for sentence in errors_of(tmp_path, GOOD.replace(old, new)))
 
 
-def test_all_faults_of_a_file_are_reported_at_once(tmp_path: Path) -> None:
+def test_all_errors_of_a_file_are_reported_at_once(tmp_path: Path) -> None:
     text = GOOD.replace("nx = 9", "nx = 0").replace("height_um = 22.8", "").replace('"OpenLoop"', '"OpenLop"')
-    found = "\n".join(faults_of(tmp_path, text.replace("scan_duration_s = 0.0", "noise_std_um = -1.0")))
-    for fault in ("grid.nx is 0", "part.height_um is missing", "did you mean OpenLoop?", "noise_std_um"):
-        assert fault in found
+    found = "\n".join(errors_of(tmp_path, text.replace("scan_duration_s = 0.0", "noise_std_um = -1.0")))
+    for error in ("grid.nx is 0", "part.height_um is missing", "did you mean OpenLoop?", "noise_std_um"):
+        assert error in found
 
 
 def test_all_options_that_the_controller_cannot_mean_are_reported_at_once(tmp_path: Path) -> None:
     wrong = "alpha = 1.8\nhorizon = 9\ndrop_levels = 17\nsweeps = -1\nuntrusted_layers = -1"
-    found = "\n".join(faults_of(tmp_path, GOOD.replace('"OpenLoop"', f'"LayerMpc"\n{wrong}')))
-    for fault in ("alpha is 1.8", "horizon is 9", "drop_levels is 17", "sweeps is -1", "untrusted_layers is -1"):
-        assert found.count(fault) == 1
+    found = "\n".join(errors_of(tmp_path, GOOD.replace('"OpenLoop"', f'"LayerMpc"\n{wrong}')))
+    for error in ("alpha is 1.8", "horizon is 9", "drop_levels is 17", "sweeps is -1", "untrusted_layers is -1"):
+        assert found.count(error) == 1
 
 
 EVENT = '\n[[events]]\nat_layer = 1\naction = "bias"\nport = "profilr.measured_height"\nvalue_um = 1.0\n'
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "fault"),
+    ("old", "new", "error"),
     [
         ("nx = 9", "nx = 0", "grid.nx is 0"),
         ('title = "small"', "", "title is missing"),
@@ -107,27 +107,27 @@ EVENT = '\n[[events]]\nat_layer = 1\naction = "bias"\nport = "profilr.measured_h
         ("size_x_um = 1316.28", "size_x_um = 13162.8", "part reaches beyond the grid"),
     ],
 )
-def test_wrong_port_of_an_event_is_named_beside_other_faults(tmp_path: Path, old: str, new: str, fault: str) -> None:
+def test_wrong_port_of_an_event_is_named_beside_other_errors(tmp_path: Path, old: str, new: str, error: str) -> None:
     events = EVENT + EVENT.replace("profilr.measured_height", "printer.hieght")
-    found = "\n".join(faults_of(tmp_path, GOOD.replace(old, new) + events))
-    for expected in (fault, "events.[0].port is 'profilr.measured_height'", "events.[1].port is 'printer.hieght'"):
+    found = "\n".join(errors_of(tmp_path, GOOD.replace(old, new) + events))
+    for expected in (error, "events.[0].port is 'profilr.measured_height'", "events.[1].port is 'printer.hieght'"):
         assert found.count(expected) == 1
 
 
 def test_event_on_a_component_that_is_faulty_itself_is_not_blamed(tmp_path: Path) -> None:
     text = GOOD.replace("scan_duration_s = 0.0", "noise_std_um = -1.0") + EVENT.replace("profilr", "profiler")
-    assert [fault.split()[0] for fault in faults_of(tmp_path, text)] == ["components.profiler.noise_std_um"]
+    assert [error.split()[0] for error in errors_of(tmp_path, text)] == ["components.profiler.noise_std_um"]
 
 
 def test_file_beside_the_scenario_is_found_while_other_tables_are_faulty(tmp_path: Path) -> None:
     (tmp_path / "lamp.fmu").write_text("no archive")
     lamp = '[components.lamp]\nkind = "Fmu"\nfile = "lamp.fmu"\n'
-    found = "\n".join(faults_of(tmp_path, GOOD.replace("nx = 9", "nx = 0") + lamp))
+    found = "\n".join(errors_of(tmp_path, GOOD.replace("nx = 9", "nx = 0") + lamp))
     assert str(tmp_path / "lamp.fmu") in found
 
 
 @pytest.mark.parametrize(
-    ("options", "faults"),
+    ("options", "errors"),
     [
         ("sweps = 3\nhorizon = 9", ("sweps is not a key of this table; did you mean sweeps?", "horizon is 9")),
         ("horizn = 9", ("horizn is not a key of this table; did you mean horizon?", "horizon is 9")),
@@ -135,15 +135,15 @@ def test_file_beside_the_scenario_is_found_while_other_tables_are_faulty(tmp_pat
         ('sweps = 3\niteratons = "few"', ("did you mean sweeps?", "did you mean iterations?", "iterations is 'few'")),
     ],
 )
-def test_misspelt_key_hides_no_wrong_value_of_its_table(tmp_path: Path, options: str, faults: tuple[str, ...]) -> None:
-    found = "\n".join(faults_of(tmp_path, GOOD.replace('"OpenLoop"', f'"LayerMpc"\n{options}')))
-    for fault in faults:
-        assert found.count(fault) == 1
+def test_misspelt_key_hides_no_wrong_value_of_its_table(tmp_path: Path, options: str, errors: tuple[str, ...]) -> None:
+    found = "\n".join(errors_of(tmp_path, GOOD.replace('"OpenLoop"', f'"LayerMpc"\n{options}')))
+    for error in errors:
+        assert found.count(error) == 1
 
 
 def test_misspelt_key_is_judged_as_what_it_means(tmp_path: Path) -> None:
     certified = '"LayerMpc"\ncertified = true\nhorizn = 1\nalpha = 1.0'
-    assert len(faults_of(tmp_path, GOOD.replace('"OpenLoop"', certified))) == 1
+    assert len(errors_of(tmp_path, GOOD.replace('"OpenLoop"', certified))) == 1
 
 
 @pytest.mark.parametrize(
@@ -161,17 +161,17 @@ def test_misspelt_key_is_judged_as_what_it_means(tmp_path: Path) -> None:
         ("LayerController", "sensor_resolution_nm = -2.5", "expected a number in 0 .. 1000000000 [nm]"),
     ],
 )
-def test_fault_names_key_value_and_limits_as_they_are_written(
+def test_error_names_key_value_and_limits_as_they_are_written(
     tmp_path: Path, kind: str, option: str, said: str
 ) -> None:
-    (fault,) = faults_of(tmp_path, GOOD.replace('"OpenLoop"', f'"{kind}"\n{option}'))
-    assert fault.startswith(f"components.controller.{option.replace(' =', ' is')}; {said}")
+    (error,) = errors_of(tmp_path, GOOD.replace('"OpenLoop"', f'"{kind}"\n{option}'))
+    assert error.startswith(f"components.controller.{option.replace(' =', ' is')}; {said}")
 
 
 def test_value_of_an_event_is_told_as_it_is_written(tmp_path: Path) -> None:
     event = EVENT.replace("profilr", "profiler").replace("value_um = 1.0", "value_um = [1.5, nan]")
-    (fault,) = faults_of(tmp_path, GOOD + event)
-    assert fault.startswith("events.[0].value_um is [1.5, nan]; expected a finite number")
+    (error,) = errors_of(tmp_path, GOOD + event)
+    assert error.startswith("events.[0].value_um is [1.5, nan]; expected a finite number")
 
 
 def test_missing_file_is_named(tmp_path: Path) -> None:
@@ -191,12 +191,12 @@ def test_override_changes_the_run_and_its_record(tmp_path: Path) -> None:
 
 
 def test_override_below_a_number_is_an_error(tmp_path: Path) -> None:
-    assert faults_of(tmp_path, GOOD, {"grid": {"nx": {"far": 3}}}) == ("grid.nx.far: nx is not a table",)
+    assert errors_of(tmp_path, GOOD, {"grid": {"nx": {"far": 3}}}) == ("grid.nx.far: nx is not a table",)
 
 
 @pytest.mark.parametrize("value", [None, object(), 1j])
 def test_override_that_toml_cannot_hold_is_an_error(tmp_path: Path, value: object) -> None:
-    (found,) = faults_of(tmp_path, GOOD, {"grid.nx": value})
+    (found,) = errors_of(tmp_path, GOOD, {"grid.nx": value})
     assert found == f"grid.nx is {value!r}; expected a number, a string, true or false, a list or a table"
 
 
@@ -215,7 +215,7 @@ def test_overrides_of_numpy_and_paths_become_plain_values(tmp_path: Path) -> Non
 
 
 def test_override_of_a_component_that_is_not_there_names_the_nearest(tmp_path: Path) -> None:
-    found = faults_of(tmp_path, GOOD, {"components.controler.alpha": 1})
+    found = errors_of(tmp_path, GOOD, {"components.controler.alpha": 1})
     assert found == (
         "components.controler.alpha: there is no components.controler; did you mean components.controller?",
     )
@@ -223,7 +223,7 @@ def test_override_of_a_component_that_is_not_there_names_the_nearest(tmp_path: P
 
 def test_comparison_must_replace_a_component(tmp_path: Path) -> None:
     text = GOOD + '[compare.x.components.controler]\nkind = "OpenLoop"\n'
-    assert any("did you mean controller?" in fault for fault in faults_of(tmp_path, text))
+    assert any("did you mean controller?" in error for error in errors_of(tmp_path, text))
 
 
 def test_components_draw_from_streams_of_their_own() -> None:
@@ -242,17 +242,17 @@ def test_support_fills_the_block_around_the_part(tmp_path: Path) -> None:
     assert inside.all()
 
 
-def test_value_that_a_controller_refuses_is_a_fault_with_its_place_in_every_run(tmp_path: Path) -> None:
+def test_value_that_a_controller_refuses_is_an_error_with_its_place_in_every_run(tmp_path: Path) -> None:
     text = GOOD.replace('kind = "OpenLoop"', 'kind = "LayerMpc"\nalpha = 2.0')
-    found = faults_of(tmp_path, text + '[compare.x.components.controller]\nkind = "OpenLoop"\nlayers = -1\n')
-    assert [fault.split(" is ")[0] for fault in found] == [
+    found = errors_of(tmp_path, text + '[compare.x.components.controller]\nkind = "OpenLoop"\nlayers = -1\n')
+    assert [error.split(" is ")[0] for error in found] == [
         "components.controller.alpha",
         "compare.x.components.controller.layers",
     ]
 
 
 def test_loop_of_a_comparison_run_is_checked_with_the_file(tmp_path: Path) -> None:
-    errors = faults_of(tmp_path, GOOD + '[compare."no sensor".components.profiler]\nkind = "LayerDeposition"\n')
+    errors = errors_of(tmp_path, GOOD + '[compare."no sensor".components.profiler]\nkind = "LayerDeposition"\n')
     assert all(error.startswith("compare.no sensor: controller.") for error in errors)
     assert errors[0].startswith("compare.no sensor: controller.measured_height is not connected")
 
@@ -277,6 +277,6 @@ def test_offset_of_a_connection_comes_in_its_unit(tmp_path: Path) -> None:
         ("gain = nan", "connections.[0].gain is nan; expected a finite number"),
     ],
 )
-def test_fault_of_a_gain_or_an_offset_is_named(tmp_path: Path, key: str, said: str) -> None:
-    (fault,) = faults_of(tmp_path, f"{GOOD}{WIRE}{key}\n")
-    assert fault.startswith(said)
+def test_error_of_a_gain_or_an_offset_is_named(tmp_path: Path, key: str, said: str) -> None:
+    (error,) = errors_of(tmp_path, f"{GOOD}{WIRE}{key}\n")
+    assert error.startswith(said)

@@ -20,7 +20,7 @@ FOLDER = SCENARIOS
 SCHEMA = scenario_schema()
 
 
-def faults(document: Any) -> list[str]:
+def errors(document: Any) -> list[str]:
     return [f"{list(error.absolute_path)}: {error.message}" for error in Draft7Validator(SCHEMA).iter_errors(document)]
 
 
@@ -34,13 +34,13 @@ def test_schema_is_one() -> None:
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem)
 def test_shipped_scenario_fits_the_schema(path: Path) -> None:
-    assert faults(tomlkit.parse(path.read_text()).unwrap()) == []
+    assert errors(tomlkit.parse(path.read_text()).unwrap()) == []
 
 
 @pytest.mark.parametrize("shape", new.PARTS)
 def test_template_fits_the_schema(shape: str, tmp_path: Path) -> None:
     path = new.write(tmp_path / "mine", shape)
-    assert faults(tomlkit.parse(path.read_text()).unwrap()) == []
+    assert errors(tomlkit.parse(path.read_text()).unwrap()) == []
 
 
 @pytest.mark.parametrize(
@@ -62,20 +62,20 @@ def test_wrong_key_or_value_does_not_fit_the_schema(table: str, key: str, value:
     document = cuboid()
     tables = document | document["components"]
     tables[table][key] = value
-    assert len(faults(document)) >= 1
+    assert len(errors(document)) >= 1
 
 
 @pytest.mark.parametrize(("key", "value"), [("layer_duration_ms", 500), ("variation_kind", 3), ("h1_a_um", 4.0)])
 def test_key_in_any_unit_fits_the_schema(key: str, value: object) -> None:
     document = cuboid()
     document["components"]["printer"][key] = value
-    assert faults(document) == []
+    assert errors(document) == []
 
 
 def test_kind_of_ones_own_may_have_any_option() -> None:
     document = cuboid()
     document["components"]["controller"] = {"kind": "mine:Controller", "threshold": [1, 2]}
-    assert faults(document) == []
+    assert errors(document) == []
 
 
 def test_every_option_of_the_python_kinds_is_in_the_schema() -> None:

@@ -73,21 +73,21 @@ def test_legal_mix_prints(printer: str, profiler: str, shadow: str, start: str, 
          'component with kind = "Shadow", a model that follows the commanded patterns and gives profiler its height, '
          "or make profiler a device"),
         ("FMU", "device", "profiler is a device and printer simulates a printer, of which profiler sees nothing; add a "
-         'component with kind = "Shadow", a model that follows the commanded patterns, to be held against the scans, '
+         'component with kind = "Shadow", a model that follows the commanded patterns, to be compared with the scans, '
          "or make printer a device"),
     ],
 )  # fmt: skip
 def test_other_mix_is_refused_and_says_what_is_missing(printer: str, profiler: str, said: str, tmp_path: Path) -> None:
     with pytest.raises(ScenarioError) as refused:
         scenario(tmp_path, printer, profiler, "no shadow")
-    assert refused.value.faults == (said,)
+    assert refused.value.errors == (said,)
 
 
 def test_shadow_does_not_begin_on_a_scan_of_itself(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError) as refused:
         scenario(tmp_path, "device", "FMU", "shadow", "scan")
-    (fault,) = refused.value.faults
-    assert fault.startswith("shadow begins on the first scan of profiler, which scans shadow itself; write start =")
+    (error,) = refused.value.errors
+    assert error.startswith("shadow begins on the first scan of profiler, which scans shadow itself; write start =")
 
 
 def test_sensor_scans_the_printer_where_printer_and_shadow_both_have_a_height(tmp_path: Path) -> None:

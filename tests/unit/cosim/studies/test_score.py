@@ -8,13 +8,12 @@ import pytest
 
 from inkloop.cli import main
 from inkloop.component import Ink
-from inkloop.studies.score import tables
+from inkloop.studies.score import PLANTS, tables
 from inkloop.studies.score.board import (
     ENTRIES,
     LEARNING,
     OPEN_LOOP,
     OURS,
-    PLANTS,
     Score,
     fingerprint,
     load,

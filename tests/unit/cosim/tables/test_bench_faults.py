@@ -31,7 +31,7 @@ def test_fault_is_written_as_it_is_read(text: str) -> None:
         ("loss:psas=1", "did you mean pass"),
         ("loss:probability=2,way=up", r"probability is 2;.*way is 'up'; expected 'to-nodes' or 'from-nodes'"),
         ("loss:probability=0.5,nth=1", "expected probability, or nth, not both"),
-        ("death", "expected node beside"),
+        ("death", "needs node as well"),
     ],
 )
 def test_wrong_fault_is_refused_in_words(text: str, words: str) -> None:

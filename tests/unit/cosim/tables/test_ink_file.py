@@ -103,9 +103,9 @@ def test_ink_that_cannot_be_meant_is_refused_in_words(ink, words, tmp_path: Path
     assert words in str(caught.value)
 
 
-def test_ink_file_that_is_not_there_and_other_faults_are_named_at_once(tmp_path: Path) -> None:
+def test_ink_file_that_is_not_there_and_other_errors_are_named_at_once(tmp_path: Path) -> None:
     path = write(tmp_path, scenario=SCENARIO.replace("mine.toml", "yours.toml").replace("nx = 8", "nx = 0"))
-    with pytest.raises(ScenarioError, match="2 faults") as caught:
+    with pytest.raises(ScenarioError, match="2 errors") as caught:
         Scenario.load(path)
     assert "ink.file is 'inks/yours.toml'" in str(caught.value)
     assert "grid.nx is 0" in str(caught.value)

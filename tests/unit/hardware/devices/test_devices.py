@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from inkloop.component import Component, Ink, Job, is_device
 from inkloop.errors import ComponentError
-from inkloop.testing import LAWS, job
+from inkloop.testing import CONTRACT_CHECKS, ContractCheck, job
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
 from inkloop_hardware.devices.readiness import NotReady
@@ -32,11 +33,11 @@ SECOND = 1_000_000_000
 FOUR = replace(job(), passes=4)
 
 
-def bench(part: Job = FOUR, **options: float) -> NodeBench:
+def bench(part: Job = FOUR, **options: Any) -> NodeBench:
     return NodeBench(nx=part.nx, ny=part.ny, pass_ms=5, scan_ms=5, **options)
 
 
-def started(component: Component, command: int = 0) -> Component:
+def started(component: Any, command: int = 0) -> Any:
     inputs = {port.name: port.start_value() for port in component.inputs}
     component.initialize(0, inputs | {"layer_command": np.int32(command), "layers_printed": np.int32(command)})
     return component
@@ -53,10 +54,12 @@ def full(part: Job = FOUR) -> np.ndarray:
     return np.ones((part.nx, part.ny), np.int32)
 
 
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+@pytest.mark.parametrize("check", CONTRACT_CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("make", [Printer, Profiler], ids=["printer", "profiler"])
-def test_devices_keep_the_laws_of_components(make: Callable[[Job, NodeRig], Component], law: Callable) -> None:
-    law(lambda: make(FOUR, NodeRig(bench(noise_std=1e-6, sensor_seed=2))))
+def test_devices_keep_the_contract_of_components(
+    make: Callable[[Job, NodeRig], Component], check: ContractCheck
+) -> None:
+    check(lambda: make(FOUR, NodeRig(bench(noise_std=1e-6, sensor_seed=2))))
 
 
 def test_devices_call_themselves_so_and_neither_tells_nor_takes_a_height() -> None:
@@ -151,7 +154,7 @@ def test_interrupted_layer_is_gone_on_with_and_no_pass_is_jetted_twice() -> None
         head = rig.link(Node.HEAD)
         ask = head.routine
 
-        def dies(routine: Routine, *rest: object, **more: object) -> object:
+        def dies(routine: Routine, *rest: Any, **more: Any) -> Any:
             if routine == Routine.PASS and len([a for a in head.asked if a[0] == Routine.PASS]) == 2:
                 raise KeyboardInterrupt
             return ask(routine, *rest, **more)
@@ -286,7 +289,7 @@ def test_dry_run_left_over_is_ended_before_a_real_layer() -> None:
         ({"pattern": 2 * full()}, "0 to 1"),
     ],
 )
-def test_what_the_head_cannot_do_is_refused_and_nothing_moves(inputs: dict, word: str) -> None:
+def test_what_the_head_cannot_do_is_refused_and_nothing_moves(inputs: dict[str, Any], word: str) -> None:
     with bench() as nodes:
         rig = NodeRig(nodes)
         printer = started(Printer(FOUR, rig))

@@ -143,10 +143,8 @@ def test_every_step_is_on_the_disk_before_it_is_asked_for(tmp_path: Path, monkey
             link.routine = watch(link.routine, journalled)
             link.download = watch(link.download, lambda layer, _: (Asked.PATTERN, Key(rig.job, layer)))
         printer, profiler = Printer(FOUR, rig, cure_ms=5, journal=kept), Profiler(FOUR, rig, journal=kept)
-        ones, zero = (
-            np.ones((FOUR.nx, FOUR.ny), np.int32),
-            {"layer_command": np.int32(0), "layers_printed": np.int32(0)},
-        )
+        ones = np.ones((FOUR.nx, FOUR.ny), np.int32)
+        zero: dict[str, Any] = {"layer_command": np.int32(0), "layers_printed": np.int32(0)}
         for device in (printer, profiler):
             device.initialize(0, zero)
         printer.do_step(0, 1, {"pattern": ones, "drop_level": ones, "layer_command": np.int32(1)})

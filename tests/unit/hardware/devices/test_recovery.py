@@ -26,7 +26,7 @@ FOUR = replace(job(), passes=4)
 ONES = np.ones((FOUR.nx, FOUR.ny), np.int32)
 
 
-def bench(**options: float) -> NodeBench:
+def bench(**options: Any) -> NodeBench:
     return NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=20, scan_ms=5, variation=0.2, printer_seed=3, **options)
 
 

@@ -273,7 +273,7 @@ def test_page_names_every_check() -> None:
 def test_self_test_tries_gate_then_lamp_with_the_enables_of_each() -> None:
     with NodeBench() as bench:
         rig = NodeRig(bench)
-        said = list(try_gate_and_lamp(rig))  # type: ignore[arg-type]
+        said = list(try_gate_and_lamp(rig))
         assert [finding.grade for finding in said] == [Grade.OK, Grade.OK]
         assert rig.enables == [2, 1]
         assert [bench.counted(what) for what in range(3)] == [1, 1, 0]
@@ -284,7 +284,7 @@ def test_self_test_tries_gate_then_lamp_with_the_enables_of_each() -> None:
 def test_gate_that_is_not_confirmed_gets_no_light(broken: int, tests: int) -> None:
     with NodeBench() as bench:
         bench.broken(broken)
-        said = list(try_gate_and_lamp(NodeRig(bench)))  # type: ignore[arg-type]
+        said = list(try_gate_and_lamp(NodeRig(bench)))
         assert len(said) == tests
         assert said[-1].grade is Grade.ERROR
         assert "everything is off" in said[-1].advice
@@ -296,6 +296,6 @@ def test_nodes_that_need_a_person_are_not_energised() -> None:
     with NodeBench() as bench:
         bench.stop(True)
         bench.stop(False)
-        said = list(try_gate_and_lamp(NodeRig(bench)))  # type: ignore[arg-type]
+        said = list(try_gate_and_lamp(NodeRig(bench)))
         assert [finding.grade for finding in said] == [Grade.SKIPPED]
         assert [bench.counted(what) for what in range(3)] == [0, 0, 0]

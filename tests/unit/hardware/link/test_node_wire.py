@@ -49,7 +49,7 @@ class Bench:
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
     made = Bench()
-    monkeypatch.setattr(node_wire.time, "monotonic", lambda: made.now)
+    monkeypatch.setattr(node_wire.time, "monotonic", lambda: made.now)  # type: ignore[attr-defined]
     return made
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -82,7 +83,7 @@ def test_map_arrives_as_it_is_in_the_node() -> None:
 def test_layer_over_a_lossy_wire_is_right_and_jetted_once(seed: int) -> None:
     """One frame in 500 is lost and one comes twice, both ways: every pass once, and bytes as they were."""
     blob = pattern_blob(random_pattern(40, seed))
-    faults = {"seed": seed, "loss": 2e-3, "repeat": 2e-3}
+    faults: dict[str, Any] = {"seed": seed, "loss": 2e-3, "repeat": 2e-3}
     with NodeBench(nx=40, ny=40, noise_std=1e-6) as bench:
         wires = {node: FaultyWire(bench, node, **faults) for node in (HEAD, CURE, PROFILER)}
         links = {node: wire.link() for node, wire in wires.items()}

@@ -1,8 +1,9 @@
-"""A mapping file is right, or every fault of it is said at once with its place; patterns and maps as its tables say."""
+"""A mapping file is right, or every error of it is said at once with its place; patterns and maps as its tables say."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,10 +34,10 @@ def written(folder: Path, *changes: tuple[str, str], more: str = "") -> Path:
     return folder / "rig.toml"
 
 
-def faults(folder: Path, *changes: tuple[str, str], more: str = "") -> tuple[str, ...]:
+def errors(folder: Path, *changes: tuple[str, str], more: str = "") -> tuple[str, ...]:
     with pytest.raises(ScenarioError) as refused:
         load(written(folder, *changes, more=more), JOB)
-    return refused.value.faults
+    return refused.value.errors
 
 
 def test_names_of_messages_become_the_ids_of_peers(tmp_path: Path) -> None:
@@ -79,14 +80,14 @@ def test_names_of_messages_become_the_ids_of_peers(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_fault_is_said_with_its_place(old: str, new: str, said: str, tmp_path: Path) -> None:
-    found = faults(tmp_path, (old, new))
-    assert any(fault.startswith(said) for fault in found), found
+    found = errors(tmp_path, (old, new))
+    assert any(error.startswith(said) for error in found), found
 
 
-def test_all_faults_are_said_at_once(tmp_path: Path) -> None:
-    found = faults(tmp_path, ('signal = "State"', 'signal = "Stat"'), ('unit = "um"', 'unit = "inch"'),
+def test_all_errors_are_said_at_once(tmp_path: Path) -> None:
+    found = errors(tmp_path, ('signal = "State"', 'signal = "Stat"'), ('unit = "um"', 'unit = "inch"'),
                    ('peer = "scanner"', 'peer = "scaner"'))  # fmt: skip
-    assert [fault.split(":")[0].split(" is")[0] for fault in found] == [
+    assert [error.split(":")[0].split(" is")[0] for error in found] == [
         "map.unit",
         "printer step 3 (wait)",
         "profiler step 1 (routine)",
@@ -105,7 +106,7 @@ def test_port_that_nothing_feeds_is_said(tmp_path: Path) -> None:
         (tmp_path / "rig.toml").write_text(kept)
         with pytest.raises(ScenarioError) as refused:
             load(tmp_path / "rig.toml", JOB)
-        assert refused.value.faults == (said,)
+        assert refused.value.errors == (said,)
     (tmp_path / "rig.toml").write_text('dbc = "rig.dbc"\n')
     with pytest.raises(ScenarioError, match="binds no port; add"):
         load(tmp_path / "rig.toml", JOB)
@@ -118,15 +119,15 @@ def test_tables_that_steps_need_are_asked_for(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(bare)
     with pytest.raises(ScenarioError) as refused:
         load(tmp_path / "rig.toml", JOB)
-    assert [fault.split(";")[0] for fault in refused.value.faults] == ["pattern is missing", "map is missing"]
+    assert [error.split(";")[0] for error in refused.value.errors] == ["pattern is missing", "map is missing"]
 
 
-def test_scenario_names_the_faults_of_its_mapping(tmp_path: Path) -> None:
+def test_scenario_names_the_errors_of_its_mapping(tmp_path: Path) -> None:
     path = written(tmp_path, ('unit = "um"', 'unit = "inch"'))
-    (fault,) = catalog.check("hardware.mapped", JOB, {"mapping": str(path)}).errors
-    assert fault.startswith("mapping: rig.toml: map.unit is 'inch'")
-    (fault,) = catalog.check("hardware.mapped", JOB, {"mapping": str(tmp_path / "none.toml")}).errors
-    assert fault.startswith("mapping: none.toml: cannot be read")
+    (error,) = catalog.check("hardware.mapped", JOB, {"mapping": str(path)}).errors
+    assert error.startswith("mapping: rig.toml: map.unit is 'inch'")
+    (error,) = catalog.check("hardware.mapped", JOB, {"mapping": str(tmp_path / "none.toml")}).errors
+    assert error.startswith("mapping: none.toml: cannot be read")
     assert not catalog.check("hardware.mapped", JOB, {"mapping": str(written(tmp_path))}).errors
 
 
@@ -192,7 +193,7 @@ def test_material_that_the_bits_do_not_hold_is_refused() -> None:
     marks=st.booleans(),
     seed=st.integers(0, 1000),
 )
-def test_map_is_read_back_as_it_was_laid_out(cell: str, order: str, fastest: str, marks: bool, seed: int) -> None:
+def test_map_is_read_back_as_it_was_laid_out(cell: Any, order: Any, fastest: Any, marks: bool, seed: int) -> None:
     table = MapTable(cell=cell, byte_order=order, fastest=fastest, valid_bits=marks, unit="um", scale=0.1, datum=2.0,
                      invalid=255, header="01 {nx:02x}")  # fmt: skip
     random = np.random.default_rng(seed)

@@ -88,7 +88,7 @@ def steps_in_c(message: Message, signal: Signal, value: float) -> int:
     """The generated encode function: physical value to steps."""
     encode = wire_library()[f"inkloop_{snake(message.name).lower()}_{snake(signal.name).lower()}_encode"]
     encode.argtypes = [ctypes.c_double]
-    encode.restype = dict(struct_of(message)._fields_)[signal.name]  # type: ignore[arg-type, misc]
+    encode.restype = dict(struct_of(message)._fields_)[signal.name]  # type: ignore[arg-type]
     return int(encode(value))
 
 

@@ -139,7 +139,7 @@ def test_page_is_what_the_dbc_says() -> None:
 def test_stock_cantools_reads_a_log_of_the_bus() -> None:
     status = CODEC.encode("CureStatus", dict.fromkeys(STATUS_SIGNALS, 0) | {"State": "CURING", "LampOn": "ON"}, 4)
     line = f"  can0  {status.arbitration_id:03X}   [8]  {status.data.hex(' ').upper()}\n"
-    command = [sys.executable, "-m", "cantools", "decode", BENCH_DBC]
+    command = [sys.executable, "-m", "cantools", "decode", str(BENCH_DBC)]
     decoded = subprocess.run(command, input=line, capture_output=True, text=True, check=True).stdout
     assert "CureStatus" in decoded
     assert "State: CURING" in decoded

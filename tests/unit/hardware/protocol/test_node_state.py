@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,7 +45,8 @@ def test_state_of_a_printed_layer_is_read(bench: NodeBench) -> None:
     state = FaultyWire(bench, HEAD).link().state()
     expected = NodeState(
         *(State.PRINTED, Fault.NONE, Roles.HEAD, Flags.PATTERN_LOADED),
-        *(7, 1, 4, 0b1111, 0, 0, LayerFlags(0), Step.NONE, 1, 1),
+        *(7, 1, 4, 0b1111, 0, 0),
+        *(LayerFlags(0), Step.NONE, 1, 1),
         pattern_crc=bench.state().pattern_crc,
         clock=bench.clock / 1e3,
         gate_pulses=4,
@@ -109,11 +111,11 @@ def test_interrupted_pass_is_unknown_to_everybody_who_asks(bench: NodeBench) -> 
 
 
 def told(
-    watch: NodeWatch, caplog: pytest.LogCaptureFixture, *changes: dict[str, object], level: int = logging.DEBUG
+    watch: NodeWatch, caplog: pytest.LogCaptureFixture, *changes: dict[str, Any], level: int = logging.DEBUG
 ) -> list[str]:
     caplog.set_level(level, "inkloop_hardware")
     for number, change in enumerate(changes):
-        watch.take_status(number / 10, replace(STATUS, **change), number % 15)  # type: ignore[arg-type]
+        watch.take_status(number / 10, replace(STATUS, **change), number % 15)
     return caplog.messages
 
 

@@ -41,7 +41,7 @@ def frames_of(message: bytes) -> Iterator[bytes]:
 
 def seen(*said: tuple[Node, bool, bytes]) -> list[Seen]:
     """The log of messages: node, whether it is a request, bytes."""
-    log = []
+    log: list[Seen] = []
     for node, asks, message in said:
         identifier = CODEC.request_id(node) if asks else CODEC.answer_id(node)
         log += [Seen(len(log) * 1e-3, asks, Frame(identifier, data)) for data in frames_of(message)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ def parts(profiler: str, shadow: bool = True) -> dict[str, Component]:
 def printed(components: dict[str, Component], folder: Path | None = None) -> tuple[Recorder, list[LayerRow], Master]:
     rows: list[LayerRow] = []
     recorder = Recorder(JOB, components, rows.append)
-    observers = [recorder, Checkpoints(folder, components, recorder)] if folder else [recorder]
+    observers: list[Any] = [recorder, Checkpoints(folder, components, recorder)] if folder else [recorder]
     master = Master(components, contract_connections(components), step_ns=SECOND, observers=observers)
     master.run(layers_max=LAYERS)
     return recorder, rows, master

@@ -17,7 +17,7 @@ from inkloop.components.shadow.shadow import Shadow
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Algorithm, Master
 from inkloop.master.wiring import check, contract_connections
-from inkloop.testing import RESUMABLE_LAWS, Law
+from inkloop.testing import RESUMABLE_CONTRACT_CHECKS, ContractCheck
 from inkloop.testing import job as small_job
 from support.benches.device_toys import DevicePrinter, DeviceProfiler, StartingPrinter
 from support.toys import DROPLET, FunctionComponent, ToyController, ToyProfiler, toy_job
@@ -47,7 +47,9 @@ class Watch:
         self.status[layer] = int(self.last["status"])
 
 
-def rig(job: Job, durations: tuple[int, int] = (0, 0), plate: np.ndarray | None = None, **limits: Any) -> dict:
+def rig(
+    job: Job, durations: tuple[int, int] = (0, 0), plate: np.ndarray | None = None, **limits: Any
+) -> dict[str, Any]:
     """Controller, device printer, its shadow, and a profiler of what lies on the bed."""
     printer = DevicePrinter(job, durations[0], plate)
     return {
@@ -58,7 +60,7 @@ def rig(job: Job, durations: tuple[int, int] = (0, 0), plate: np.ndarray | None 
     }
 
 
-def run(parts: dict[str, Component], algorithm: Algorithm = "gauss-seidel", layers: int = 9) -> tuple[Watch, str]:
+def run(parts: dict[str, Any], algorithm: Algorithm = "gauss-seidel", layers: int = 9) -> tuple[Watch, str]:
     watch = Watch(parts["printer"])
     wires = contract_connections(parts)
     assert check(parts, wires) == []
@@ -66,15 +68,15 @@ def run(parts: dict[str, Component], algorithm: Algorithm = "gauss-seidel", laye
     return watch, master.run(layers_max=layers, time_max_ns=1000 * SECOND)
 
 
-@pytest.mark.parametrize("law", RESUMABLE_LAWS)
+@pytest.mark.parametrize("check", RESUMABLE_CONTRACT_CHECKS)
 @pytest.mark.parametrize("start", ["scan", "job"])
-def test_shadow_keeps(law: Law, start: str) -> None:
-    law(lambda: catalog.make("Shadow", small_job(), {"start": start, "variation": 0.2}))
+def test_shadow_keeps(check: ContractCheck, start: str) -> None:
+    check(lambda: catalog.make("Shadow", small_job(), {"start": start, "variation": 0.2}))
 
 
-@pytest.mark.parametrize("law", RESUMABLE_LAWS)
-def test_shadow_of_any_plant_keeps(law: Law) -> None:
-    law(lambda: Shadow(small_job(), StartingPrinter))
+@pytest.mark.parametrize("check", RESUMABLE_CONTRACT_CHECKS)
+def test_shadow_of_any_plant_keeps(check: ContractCheck) -> None:
+    check(lambda: Shadow(small_job(), StartingPrinter))
 
 
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])

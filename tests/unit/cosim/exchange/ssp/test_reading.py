@@ -68,7 +68,7 @@ def parameter(name: str, value: str, kind: str = "Real", more: str = "") -> str:
     return f'<ssv:Parameter name="{name}"><ssv:{kind} value="{value}" {more}/></ssv:Parameter>'
 
 
-def faults_of(path: Path) -> str:
+def errors_of(path: Path) -> str:
     with pytest.raises(ScenarioError) as caught:
         scenario_of(path)
     return str(caught.value)
@@ -114,10 +114,10 @@ def test_job_is_the_one_that_is_named(tmp_path: Path) -> None:
 
 
 def test_ssp_without_a_scenario_asks_for_one(tmp_path: Path) -> None:
-    assert "name a scenario with --job FILE" in faults_of(packed(tmp_path, job=""))
+    assert "name a scenario with --job FILE" in errors_of(packed(tmp_path, job=""))
 
 
-def test_every_fault_of_the_structure_is_named_at_once(tmp_path: Path) -> None:
+def test_every_error_of_the_structure_is_named_at_once(tmp_path: Path) -> None:
     elements = f"""{BOTH}<ssd:System name="inner"/><ssd:Component name="a.b" source="resources/amplifier2.fmu"/>
 <ssd:Component name="lost" source="resources/amplifier.fmu"/>
 <ssd:Component name="packet" source="x.ssp" type="application/x-ssp-package"/>"""
@@ -137,7 +137,7 @@ def test_every_fault_of_the_structure_is_named_at_once(tmp_path: Path) -> None:
     bindings += '<ssd:ParameterBinding source="resources/none.ssv"/>'
     bindings += '<ssd:ParameterBinding source="x.ssv" sourceBase="component"/>'
     bindings += "<ssd:ParameterBinding><ssd:ParameterMapping/></ssd:ParameterBinding>"
-    text = faults_of(packed(tmp_path, elements, connections, bindings))
+    text = errors_of(packed(tmp_path, elements, connections, bindings))
     for words in (
         "inner is a System; inkloop takes components in one system only",
         "a.b has a dot in its name",
@@ -167,7 +167,7 @@ def test_file_that_is_no_ssp_is_told(content: bytes | None, words: str, tmp_path
     path = tmp_path / "x.ssp"
     if content is not None:
         path.write_bytes(content)
-    assert words in faults_of(path)
+    assert words in errors_of(path)
 
 
 @pytest.mark.parametrize("place", range(40, 400, 24))
@@ -180,7 +180,7 @@ def test_damaged_ssp_is_told(place: int, tmp_path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[place] ^= 0xFF
     path.write_bytes(bytes(content))
-    assert re.search(r"is no \.ssp, or a damaged one|is no XML|holds no|cannot be read", faults_of(path))
+    assert re.search(r"is no \.ssp, or a damaged one|is no XML|holds no|cannot be read", errors_of(path))
 
 
 @pytest.mark.parametrize("text", ["", "<a", "<a/>"])
@@ -190,7 +190,7 @@ def test_structure_that_is_none_is_told(text: str, tmp_path: Path) -> None:
         archive.writestr(SCENARIO, JOB)
         if text:
             archive.writestr("SystemStructure.ssd", text)
-    assert "SystemStructure.ssd" in faults_of(path)
+    assert "SystemStructure.ssd" in errors_of(path)
 
 
 def test_fmu_in_an_ssp_is_named_by_its_place_there(tmp_path: Path) -> None:
