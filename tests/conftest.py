@@ -13,8 +13,8 @@ import pytest
 from support import compiled
 
 FOLDER = Path(__file__).parent
-MARKS = {"system": ("system", "compiled"), "unit/firmware": ("compiled",)}
-"""Folder -> marks of all its tests; files elsewhere mark what compiles themselves."""
+MARKS = {"system": ("system", "compiled"), "reference": ("system",), "unit/firmware": ("compiled",)}
+"""Folder -> marks of all its tests, whole prints included; files elsewhere mark what compiles themselves."""
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -35,6 +35,7 @@ def python_blocks() -> Iterator[object]:
             yield pytest.param(block, id=f"{page.stem}-{number}")
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("block", list(python_blocks()))
 def test_python_of_the_pages_runs(block: str) -> None:
     run = subprocess.run([sys.executable, "-c", block], cwd=ROOT, capture_output=True, text=True, check=False)
@@ -56,6 +57,8 @@ def cuboid_with(name: str, table: str, text: str) -> str:
     return text.replace(ours[0], table)
 
 
+@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.system
 @pytest.mark.parametrize("kind", ["threshold:Threshold", "threshold_by_hand:Threshold"])
 def test_controllers_of_the_how_to_print_the_cuboid(kind: str, tmp_path: Path) -> None:
     table, *_ = blocks_of_the_how_to(tmp_path)
@@ -67,6 +70,8 @@ def test_controllers_of_the_how_to_print_the_cuboid(kind: str, tmp_path: Path) -
     assert abs(metrics["mean_error"]) < 3e-6
 
 
+@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.system
 def test_plant_of_the_how_to_prints_the_cuboid_to_the_droplet(tmp_path: Path) -> None:
     controller, printer, *_ = blocks_of_the_how_to(tmp_path)
     cuboid = (ROOT / "scenarios/cuboid.toml").read_text()
@@ -78,6 +83,7 @@ def test_plant_of_the_how_to_prints_the_cuboid_to_the_droplet(tmp_path: Path) ->
     assert metrics["mean_error"] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.system
 def test_laws_of_the_how_to_are_tested_as_it_says(tmp_path: Path) -> None:
     blocks_of_the_how_to(tmp_path)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_columns.py"]

@@ -16,7 +16,8 @@ CUBOID = SCENARIOS / "cuboid.toml"
 
 
 def run_folder(folder: Path, **overrides: Any) -> str:
-    print_part(Scenario.load(CUBOID, overrides)).save(folder)
+    """Two layers of the cuboid."""
+    print_part(Scenario.load(CUBOID, {"run.layers_max": 2, **overrides})).save(folder)
     return str(folder)
 
 
@@ -50,7 +51,7 @@ def test_runs_of_different_grids_are_refused(
 
 
 def test_info_says_how_a_run_ended(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = run_folder(tmp_path / "run", seed=7, run={"layers_max": 2})
+    folder = run_folder(tmp_path / "run", seed=7)
     assert main(["info", folder]) == 0
     shown = capsys.readouterr().out
     for said in ("Cuboid, 8 x 8 droplets", "seed: 7", "after 2 layers", "mean error", "casadi", "wall time: "):
