@@ -70,7 +70,11 @@ int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, i
 }
 
 int32_t inkloop_plan(const HorizonProblem *problem, const PlanWork *work, int32_t *plan, PlanReport *report) {
-    return plan_horizon(problem, work, plan, report);
+    return plan_shortest(problem, work, plan, report);
+}
+
+void inkloop_finish(int32_t finish, Finish *chosen) {
+    *chosen = finish_of(finish);
 }
 
 int32_t inkloop_estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
@@ -84,7 +88,15 @@ int32_t inkloop_estimate_unknown(const EstimatorOptions *options, const SurfaceE
     return estimate_unknown(options, before, layer, measured, valid, after) ? CORE_DONE : CORE_NO_MEMORY;
 }
 
-void inkloop_estimate_first(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
-                            SurfaceEstimate *estimate) {
-    estimate_first(options, measured, valid, estimate);
+void inkloop_no_registration(Registration *registration) {
+    *registration = no_registration();
+}
+
+void inkloop_displacement(const Registration *registration, ScanDisplacement *displacement) {
+    *displacement = reported_displacement(registration);
+}
+
+int32_t inkloop_estimate_first(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
+                               SurfaceEstimate *estimate) {
+    return estimate_first(options, measured, valid, estimate) ? CORE_DONE : CORE_NO_MEMORY;
 }

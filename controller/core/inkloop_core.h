@@ -10,6 +10,7 @@
 #include "height_estimator.h"
 #include "horizon_planner.h"
 #include "horizon_problem.h"
+#include "shortest_plan.h"
 
 #if defined(_WIN32)
 #define INKLOOP_CORE_API __declspec(dllexport)
@@ -17,7 +18,7 @@
 #define INKLOOP_CORE_API __attribute__((visibility("default")))
 #endif
 
-enum { CORE_INTERFACE = 2 }; /* counts up with every change of a signature or struct below */
+enum { CORE_INTERFACE = 4 }; /* counts up with every change of a signature or struct below */
 
 /* CORE_INTERFACE of the library: the caller can refuse one that was built for other sources. */
 INKLOOP_CORE_API int32_t inkloop_core_interface(void);
@@ -56,14 +57,22 @@ INKLOOP_CORE_API int32_t inkloop_relaxed_gradient(const HorizonProblem *problem,
 /* Rounds relaxed droplets to a plan (error_diffusion.h). CORE_DONE or CORE_NO_MEMORY. */
 INKLOOP_CORE_API int32_t inkloop_diffuse(const HorizonProblem *problem, const double *droplets, int32_t *plan);
 
-/* The best plan found for a problem (horizon_planner.h). */
+/* The best plan found for a problem, of no more layers than are worth it (shortest_plan.h). */
 INKLOOP_CORE_API int32_t inkloop_plan(const HorizonProblem *problem, const PlanWork *work, int32_t *plan,
                                       PlanReport *report);
 
+/* The horizon and the worth of a layer for a FINISH_.... */
+INKLOOP_CORE_API void inkloop_finish(int32_t finish, Finish *chosen);
+
+/* What is known of a displacement of the scans before the first one, and what is reported of it (scan_registration.h).
+ */
+INKLOOP_CORE_API void inkloop_no_registration(Registration *registration);
+INKLOOP_CORE_API void inkloop_displacement(const Registration *registration, ScanDisplacement *displacement);
+
 /* The estimate after the first scan, after each one that follows a layer, and after one that follows a layer that was
- * abandoned midway (height_estimator.h). The last two: CORE_DONE or CORE_NO_MEMORY. */
-INKLOOP_CORE_API void inkloop_estimate_first(const EstimatorOptions *options, const double *measured,
-                                             const uint8_t *valid, SurfaceEstimate *estimate);
+ * abandoned midway (height_estimator.h). CORE_DONE or CORE_NO_MEMORY. */
+INKLOOP_CORE_API int32_t inkloop_estimate_first(const EstimatorOptions *options, const double *measured,
+                                                const uint8_t *valid, SurfaceEstimate *estimate);
 INKLOOP_CORE_API int32_t inkloop_estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before,
                                                const JettedLayer *layer, const double *measured, const uint8_t *valid,
                                                SurfaceEstimate *after);

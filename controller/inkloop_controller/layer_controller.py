@@ -24,6 +24,7 @@ from inkloop.contract import (
 )
 from inkloop.errors import ComponentError
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
+from inkloop_controller.estimation.scan_registration import ScanDisplacement
 from inkloop_controller.planning.layer_plan import Planner, PlanStatus
 from inkloop_controller.problem.horizon_problem import IntMap, IntPlan
 
@@ -78,6 +79,8 @@ class LayerController:
             Port("volume_scale"),
             Port("untrusted_cells", dtype="int32"),
             Port("dead_cells", dtype="int32"),
+            Port("scan_corrected", dtype="bool"),
+            *(Port(f"scan_{field.name}", "m") for field in fields(ScanDisplacement)),
         )
         self._state = _start(job, 0)
 
@@ -106,7 +109,7 @@ class LayerController:
         return buffer.getvalue()
 
     def restore(self, saved: bytes) -> None:
-        """Go on from a saved state. Raises ComponentError if it belongs to another grid or is none."""
+        """Continue from a saved state. Raises ComponentError if it belongs to another grid or is none."""
         try:
             with np.load(io.BytesIO(saved), allow_pickle=False) as arrays:
                 found = {name: arrays[name] if arrays[name].ndim else arrays[name].item() for name in arrays.files}
@@ -155,13 +158,18 @@ class LayerController:
         )
 
     def _outputs(self) -> Values:
-        estimate = self._state.estimate
+        estimate, pitch = self._state.estimate, self._job.pitch
+        displacement = vars(estimate.registration.displacement)
+        if estimate.scans == 0:
+            displacement = dict.fromkeys(displacement, 0.0)
         values = {
             **vars(self._state),
             "estimated_height": estimate.height,
             "volume_scale": estimate.ink_scale,
             "untrusted_cells": np.count_nonzero(estimate.untrusted),
             "dead_cells": np.count_nonzero(estimate.dead),
+            "scan_corrected": estimate.registration.is_applied,
+            **{f"scan_{name}": pitch * value for name, value in displacement.items()},
         }
         return {port.name: np.asarray(values[port.name], port.dtype) for port in self.outputs}
 

@@ -14,7 +14,8 @@ typedef enum {
     STREAM_NOZZLE,
     STREAM_WHITE_NOISE,
     STREAM_COMMON_NOISE,
-    STREAM_DROPOUT
+    STREAM_DROPOUT,
+    STREAM_SHIFT
 } Stream;
 
 void philox(const uint32_t key[2], const uint32_t counter[4], uint32_t word[4]);

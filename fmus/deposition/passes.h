@@ -3,9 +3,8 @@
 #ifndef INKLOOP_PASSES_H
 #define INKLOOP_PASSES_H
 
+#include "cell_colour.h"
 #include "kernel.h"
-
-enum { COLOURS = 4 };
 
 typedef struct {
     int32_t passes;   /* 1 or 4 */
@@ -13,7 +12,7 @@ typedef struct {
     int32_t rotation; /* layer n starts rotation * n positions later in the order */
 } Passes;
 
-/* Colour 2 * (i % 2) + (j % 2) of the cells (i, j) of a pass (from 0 on) of layer `layer`; -1 means every cell. */
+/* Colour of the cells that a pass (from 0 on) of layer `layer` jets, or COLOUR_ALL. */
 int pass_colour(const Passes *how, int32_t layer, int pass);
 
 /* The check of a value of the variable `passes`. */

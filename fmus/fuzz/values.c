@@ -9,7 +9,7 @@ typedef struct {
     char kind;
     uint32_t references[REFERENCES_MAX];
     size_t count, total;
-    unsigned char *values; /* as large as `total` says, so that a sanitizer sees an access beyond */
+    unsigned char *values; /* `total` bytes, so that a sanitizer sees an access beyond */
     Verdict verdict;
     const Variable *only; /* where there is one reference */
 } Access;

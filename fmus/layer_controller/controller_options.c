@@ -1,6 +1,7 @@
 #include "controller_options.h"
 
 #include "layer_surface.h"
+#include "shortest_plan.h"
 
 #include <math.h>
 
@@ -8,6 +9,10 @@ static const double NO_LIMIT = 1.0; /* [m], of the overshoot: the largest value 
 
 Passes passes_of(const LayerControllerVariables *v) {
     return (Passes){*v->passes, *v->pass_order, *v->pass_rotation};
+}
+
+int32_t horizon_of(const LayerControllerVariables *v) {
+    return *v->horizon == 0 ? finish_of((int32_t)*v->finish).horizon : *v->horizon;
 }
 
 InkPrior nominal_inks(const LayerControllerVariables *v) {
@@ -41,6 +46,7 @@ EstimatorOptions estimator_options(const LayerControllerVariables *v) {
                               .ny = (size_t)*v->ny,
                               .part = (const uint8_t *)v->mask,
                               .ink = nominal_inks(v),
+                              .register_scans = *v->register_scans,
                               .noise_variance = noise < 0.0 ? -1.0 : noise * noise + steps,
                               .steps_variance = steps,
                               .first_variance = layer * layer};
@@ -49,7 +55,7 @@ EstimatorOptions estimator_options(const LayerControllerVariables *v) {
 PlannerOptions planner_options(const LayerControllerVariables *v) {
     return (PlannerOptions){.nx = (size_t)*v->nx,
                             .ny = (size_t)*v->ny,
-                            .horizon = (size_t)*v->horizon,
+                            .horizon = (size_t)horizon_of(v),
                             .target = v->target_height,
                             .part = (const uint8_t *)v->mask,
                             .jettable = (const uint8_t *)v->jettable,
@@ -65,7 +71,8 @@ PlannerOptions planner_options(const LayerControllerVariables *v) {
                             .overshoot_limit = *v->overshoot_limit < NO_LIMIT ? *v->overshoot_limit : INFINITY,
                             .chance_margin = *v->chance_margin,
                             .fringe_weight = *v->fringe_weight,
-                            .layer_worth = *v->layer_worth,
+                            .layer_worth =
+                                *v->layer_worth < 0.0 ? finish_of((int32_t)*v->finish).layer_worth : *v->layer_worth,
                             .sweeps = *v->sweeps_max,
                             .annealing_sweeps = *v->annealing_sweeps,
                             .iterations = *v->iterations,

@@ -7,6 +7,9 @@
 #include "layer_controller_variables.h"
 
 Passes passes_of(const LayerControllerVariables *v);
+/* Layers that are planned ahead. */
+int32_t horizon_of(const LayerControllerVariables *v);
+
 InkPrior nominal_inks(const LayerControllerVariables *v);
 
 /* Height of all inks' full layers together [m]. */

@@ -13,11 +13,12 @@ enum { NO_SCAN = -1 };
 static const double HIGHEST = 0.5;       /* [m], what the search can count with (lattice.h) */
 static const double LARGEST_SHARE = 4.0; /* of a droplet's nominal height that can be learnt (ink_identification.c) */
 
-/* What is kept in addition to the variables: all doubles, then the last plan. */
+/* What is kept in addition to the variables: numbers without padding, the response of the estimate, the last plan. */
 typedef struct {
     Ink ink[INKS_MAX];
     InkEvidence evidence;
-    int32_t plan[];
+    Registration registration;
+    double response[];
 } Kept;
 
 /* An answer under construction: the instance does not change before it is complete. */
@@ -34,12 +35,18 @@ static size_t cell_count(const LayerControllerVariables *v) {
 }
 
 static Kept *kept_of(Instance *instance, const LayerControllerVariables *v) {
-    return kept_memory(instance, sizeof(Kept) + (size_t)*v->horizon * cell_count(v) * sizeof(int32_t));
+    const size_t numbers = DISPLACEMENTS * sizeof(double) + (size_t)horizon_of(v) * sizeof(int32_t);
+    return kept_memory(instance, sizeof(Kept) + cell_count(v) * numbers);
+}
+
+static int32_t *kept_plan(const LayerControllerVariables *v, Kept *kept) {
+    return (int32_t *)(kept->response + DISPLACEMENTS * cell_count(v));
 }
 
 static bool answer_open(Answer *answer, const LayerControllerVariables *v) {
     const size_t cells = cell_count(v);
-    double *real = malloc(4 * cells * sizeof(double) + (1 + (size_t)*v->horizon) * cells * sizeof(int32_t));
+    double *real =
+        malloc((4 + DISPLACEMENTS) * cells * sizeof(double) + (1 + (size_t)horizon_of(v)) * cells * sizeof(int32_t));
     *answer = (Answer){.memory = real};
     if (!real)
         return false;
@@ -47,21 +54,20 @@ static bool answer_open(Answer *answer, const LayerControllerVariables *v) {
     answer->estimate.variance = real + cells;
     answer->estimate.dead_evidence = real + 2 * cells;
     answer->factor = real + 3 * cells;
-    answer->estimate.unseen = (int32_t *)(real + 4 * cells);
+    answer->estimate.response = real + 4 * cells;
+    answer->estimate.unseen = (int32_t *)(real + (4 + DISPLACEMENTS) * cells);
     answer->plan = answer->estimate.unseen + cells;
     return true;
 }
 
 /* What is known after the scan at the inputs; false if there is no memory. */
-static bool estimate(const LayerControllerVariables *v, const Kept *kept, Answer *answer) {
+static bool estimate(const LayerControllerVariables *v, Kept *kept, Answer *answer) {
     const EstimatorOptions options = estimator_options(v);
     const Passes passes = passes_of(v);
     const uint8_t *valid = (const uint8_t *)v->valid;
     int32_t order[COLOURS];
-    if (*v->answered == NO_SCAN) {
-        estimate_first(&options, v->measured_height, valid, &answer->estimate);
-        return true;
-    }
+    if (*v->answered == NO_SCAN)
+        return estimate_first(&options, v->measured_height, valid, &answer->estimate);
     for (int pass = 0; pass < COLOURS; pass++)
         order[pass] = pass_colour(&passes, *v->layers_scanned, pass);
     for (size_t cell = 0; cell < cell_count(v); cell++)
@@ -71,6 +77,8 @@ static bool estimate(const LayerControllerVariables *v, const Kept *kept, Answer
                               .variance = v->height_variance,
                               .unseen = v->unseen,
                               .dead_evidence = v->dead_evidence,
+                              .response = kept->response,
+                              .registration = kept->registration,
                               .evidence = kept->evidence,
                               .noise_variance = *v->noise_variance,
                               .scans = *v->scans};
@@ -82,7 +90,7 @@ static bool estimate(const LayerControllerVariables *v, const Kept *kept, Answer
 static Outcome check_heights(Instance *instance, const LayerControllerVariables *v, const double *height) {
     const InkPrior prior = nominal_inks(v);
     const double tallest = fmax(full_layer_height(&prior.nominal[0]), full_layer_height(&prior.nominal[1]));
-    const double room = HIGHEST - 2.0 * *v->horizon * *v->drop_levels * LARGEST_SHARE * tallest;
+    const double room = HIGHEST - 2.0 * horizon_of(v) * *v->drop_levels * LARGEST_SHARE * tallest;
     for (size_t cell = 0; cell < cell_count(v); cell++) {
         if (fabs(height[cell]) < room && v->target_height[cell] < room)
             continue;
@@ -90,21 +98,31 @@ static Outcome check_heights(Instance *instance, const LayerControllerVariables 
                       "cell (%lu, %lu) is estimated at %g m, its target is %g m; expected heights within %g m with "
                       "%ld layers to come: count them from a surface near by",
                       (unsigned long)(cell / *v->ny), (unsigned long)(cell % *v->ny), height[cell],
-                      v->target_height[cell], room, (long)*v->horizon);
+                      v->target_height[cell], room, (long)horizon_of(v));
     }
     return ACCEPTED;
 }
 
 /* The plan for the layers after the scan; false if there is no memory. */
-static bool plan(const LayerControllerVariables *v, const Kept *kept, Answer *answer) {
+static bool plan(const LayerControllerVariables *v, Kept *kept, Answer *answer) {
     const PlannerOptions options = planner_options(v);
     const Passes passes = passes_of(v);
     int32_t colours[HORIZON_MAX][4];
     for (int32_t ahead = 0; ahead < HORIZON_MAX; ahead++)
         for (int pass = 0; pass < COLOURS; pass++)
             colours[ahead][pass] = pass_colour(&passes, *v->layers_scanned + 1 + ahead, pass);
-    return plan_layers(&options, colours, &answer->estimate, *v->layers_scanned, kept->plan, answer->plan,
+    return plan_layers(&options, colours, &answer->estimate, *v->layers_scanned, kept_plan(v, kept), answer->plan,
                        &answer->report) == CORE_DONE;
+}
+
+static void publish_displacement(const LayerControllerVariables *v, const Registration *registration) {
+    const ScanDisplacement cells = reported_displacement(registration);
+    *v->scan_corrected = is_displaced(registration);
+    *v->scan_shift_x = *v->pitch * cells.shift_x;
+    *v->scan_shift_y = *v->pitch * cells.shift_y;
+    *v->scan_shift_std = *v->pitch * cells.shift_std;
+    *v->scan_spot_radius = *v->pitch * cells.spot_radius;
+    *v->scan_spot_std = *v->pitch * cells.spot_std;
 }
 
 static void keep_estimate(const LayerControllerVariables *v, Kept *kept, const SurfaceEstimate *estimate) {
@@ -113,9 +131,12 @@ static void keep_estimate(const LayerControllerVariables *v, Kept *kept, const S
     memcpy(v->estimated_height, estimate->height, cells * sizeof(double));
     memcpy(v->height_variance, estimate->variance, cells * sizeof(double));
     memcpy(v->dead_evidence, estimate->dead_evidence, cells * sizeof(double));
+    memcpy(kept->response, estimate->response, DISPLACEMENTS * cells * sizeof(double));
     memcpy(v->unseen, estimate->unseen, cells * sizeof(int32_t));
     memcpy(kept->ink, estimate->ink, sizeof kept->ink);
     kept->evidence = estimate->evidence;
+    kept->registration = estimate->registration;
+    publish_displacement(v, &estimate->registration);
     *v->noise_variance = estimate->noise_variance;
     *v->scans = estimate->scans;
     *v->volume_scale = layers_of_all(estimate->ink, prior.inks) / layers_of_all(prior.nominal, prior.inks);
@@ -129,7 +150,7 @@ static void keep_estimate(const LayerControllerVariables *v, Kept *kept, const S
 static void publish_plan(const LayerControllerVariables *v, Kept *kept, const Answer *answer, double seconds) {
     const size_t cells = cell_count(v);
     const bool is_done = answer->report.status == PLAN_DONE;
-    memcpy(kept->plan, answer->plan, (size_t)*v->horizon * cells * sizeof(int32_t));
+    memcpy(kept_plan(v, kept), answer->plan, (size_t)horizon_of(v) * cells * sizeof(int32_t));
     for (size_t cell = 0; cell < cells; cell++) {
         const int32_t kind = answer->plan[cell] - 1;
         v->pattern[cell] = kind < 0 ? 0 : 1 + kind % *v->inks;
@@ -161,6 +182,8 @@ static void calculate(Instance *instance) {
     *v.status = IDLE;
     *v.objective = *v.objective_error = *v.objective_deviation = *v.bound = *v.solve_time = 0.0;
     *v.bound_valid = false;
+    *v.scan_corrected = false;
+    *v.scan_shift_x = *v.scan_shift_y = *v.scan_shift_std = *v.scan_spot_radius = *v.scan_spot_std = 0.0;
     *v.plan_status = *v.sweeps = *v.untrusted_cells = *v.dead_cells = 0;
     *v.volume_scale = 1.0;
 }
@@ -178,7 +201,7 @@ static Outcome initialize(Instance *instance) {
     Kept *kept = kept_of(instance, &v);
     if (!kept)
         return refuse(instance, "no memory for the plan of %lu cells", (unsigned long)cell_count(&v));
-    memset(kept->plan, 0, (size_t)*v.horizon * cell_count(&v) * sizeof(int32_t));
+    memset(kept_plan(&v, kept), 0, (size_t)horizon_of(&v) * cell_count(&v) * sizeof(int32_t));
     calculate(instance);
     *v.answered = NO_SCAN;
     return ACCEPTED;

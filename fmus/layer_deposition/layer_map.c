@@ -52,7 +52,7 @@ double deposit_pass(const double *before, double *after, size_t nx, size_t ny, c
     for (size_t i = 0; i < nx; i++) {
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
-            if (pattern[cell] == 0 || (colour != COLOUR_ALL && colour != (int)(2 * (i % 2) + j % 2)))
+            if (pattern[cell] == 0 || (colour != COLOUR_ALL && colour != cell_colour(i, j)))
                 continue;
             Ink droplet = ink[pattern[cell] - 1];
             if (factor) {

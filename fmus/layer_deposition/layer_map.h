@@ -8,12 +8,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "cell_colour.h"
+
 typedef struct {
     double h1, h2, h3; /* height added to the cell itself, to each side and to each corner neighbour [m] */
 } Ink;
 
 enum { FOOTPRINT = 9, CENTRE = 4 }; /* share[3 * (di + 1) + (dj + 1)] belongs to cell (i + di, j + dj) */
-enum { COLOUR_ALL = -1 };           /* colour of cell (i, j): 2 * (i % 2) + (j % 2) */
 
 /* Eq. 5: the share of its part that a neighbour takes when the hit cell lies `rise` above it [m]. */
 double taken_share(double rise, double width);

@@ -25,17 +25,28 @@ static double set_up_error(const Instrument *by, size_t nx, size_t ny, size_t i,
     return by->tilt_x * x + by->tilt_y * y + by->bias + by->drift_rate * scan;
 }
 
-/* In the order of the hardware: spot, slope, noise, drop-out, tilt, bias, steps. */
+/* How far from each cell the sensor looks along an axis, 0 or 1 [m]. */
+static double shift_of_scan(const Instrument *by, uint64_t axis, int32_t scan) {
+    const double scatter = by->shift_std > 0.0 ? random_normal(by->seed, STREAM_SHIFT, axis, scan) : 0.0;
+    return (axis == 0 ? by->shift_x : by->shift_y) + by->shift_std * scatter;
+}
+
+/* In the order of the hardware: shift, spot, slope, noise, drop-out, tilt, bias, steps. */
 void read_surface(const Instrument *by, const double *surface, size_t nx, size_t ny, int32_t scan, double *spot,
                   double *lines, double *reading, bool *valid) {
     average_over_spot(surface, spot, lines, nx, ny, by->pitch, by->spot_radius);
+    const double shift_x = shift_of_scan(by, 0, scan), shift_y = shift_of_scan(by, 1, scan), *seen = spot;
+    if (shift_x != 0.0 || shift_y != 0.0) {
+        displace(spot, lines, nx, ny, by->pitch, shift_x, shift_y);
+        seen = lines;
+    }
     const double common = random_normal(by->seed, STREAM_COMMON_NOISE, 0, scan);
     for (size_t i = 0; i < nx; i++) {
         for (size_t j = 0; j < ny; j++) {
             const size_t cell = i * ny + j;
-            const double slope = slope_at(spot, nx, ny, i, j, by->pitch);
+            const double slope = slope_at(seen, nx, ny, i, j, by->pitch);
             const double sine_of_double_angle = 2.0 * slope / (1.0 + slope * slope);
-            double value = spot[cell] + by->slope_bias * sine_of_double_angle + noise_at(by, cell, scan, common);
+            double value = seen[cell] + by->slope_bias * sine_of_double_angle + noise_at(by, cell, scan, common);
             value += set_up_error(by, nx, ny, i, j, scan);
             if (by->resolution > 0.0)
                 value = rint(value / by->resolution) * by->resolution;

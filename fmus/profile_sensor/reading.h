@@ -8,8 +8,8 @@
 
 /* Lengths in m; what each means: variables.toml. */
 typedef struct {
-    double pitch, noise_std, noise_correlation, resolution, bias, drift_rate, tilt_x, tilt_y, spot_radius, slope_bias,
-        dropout_slope, dropout_rate;
+    double pitch, noise_std, noise_correlation, resolution, bias, drift_rate, tilt_x, tilt_y, shift_x, shift_y,
+        shift_std, spot_radius, slope_bias, dropout_slope, dropout_rate;
     int32_t seed;
 } Instrument;
 

@@ -10,6 +10,10 @@
 void average_over_spot(const double *height, double *average, double *lines, size_t nx, size_t ny, double pitch,
                        double radius);
 
+/* The surface at (x, y) from each cell, between cells by straight lines; beyond the border as it is there. All lengths
+ * in m. */
+void displace(const double *height, double *displaced, size_t nx, size_t ny, double pitch, double x, double y);
+
 /* Length of the gradient at cell (i, j): central differences, one-sided at the border, 0 along a single cell. */
 double slope_at(const double *height, size_t nx, size_t ny, size_t i, size_t j, double pitch);
 

@@ -55,7 +55,7 @@ static void print_layer(Instance *instance, int32_t layer) {
         for (size_t place = 0; place < map.nx * map.ny; place++) {
             const size_t cell = cell_at(place, map.nx, map.ny, *v.drop_order);
             const size_t i = cell / map.ny, j = cell % map.ny;
-            if (v.captured[cell] != 0 && (colour < 0 || colour == (int)(2 * (i % 2) + j % 2)))
+            if (v.captured[cell] != 0 && (colour == COLOUR_ALL || colour == cell_colour(i, j)))
                 add_drop(&map, i, j, &drop, v.factor[cell]);
         }
     }

@@ -10,48 +10,66 @@
 
 enum { ROUNDS = 5 }; /* of the ink by the widths of saturation that follow from it, until they agree (assumed) */
 static const double WIDTHS_AGREE = 0.01;
+static const double UNSURE = 0.13;  /* of a layer: error of a growth that shows neither ink nor dead cells (by trial) */
 static const double SURPRISE = 5.0; /* standard deviations off the prediction from which on the model of a cell is
                                        wrong, not the scan (by trial) */
 
 /* Maps of one layer, and room for what others do with them. */
 typedef struct {
     double *scan, *growth, *known, *spread, *total; /* total: spread and noise of a reading */
+    double *predicted, *gain;
     DropletIncrements increments, flat;
+    RegisteredScan registered;
     double *scratch; /* DRIFT_MAPS maps */
     uint8_t *marks;  /* two maps */
     void *memory;
 } Workspace;
 
 static bool workspace_open(Workspace *work, size_t cells, size_t inks) {
-    const size_t rates = inks * ORDERS, maps = 5 + 2 * (rates + 2) + DRIFT_MAPS;
-    double *next = calloc(cells, maps * sizeof(double) + 2);
+    const size_t rates = inks * ORDERS, maps = 15 + 2 * (rates + 2) + DRIFT_MAPS;
+    RegisteredScan *registered = &work->registered;
+    double *next = calloc(cells, maps * sizeof(double) + 4);
     work->memory = next;
     if (!next)
         return false;
-    double **single[] = {&work->scan, &work->growth, &work->known, &work->spread, &work->total};
+    double **single[] = {&work->scan,       &work->growth,        &work->known, &work->spread,
+                         &work->total,      &work->predicted,     &work->gain,  &registered->before,
+                         &registered->scan, &registered->variance};
     for (size_t k = 0; k < sizeof single / sizeof *single; k++, next += cells)
         *single[k] = next;
     DropletIncrements *both[] = {&work->increments, &work->flat};
     for (size_t k = 0; k < 2; k++, next += (rates + 2) * cells)
         *both[k] = (DropletIncrements){next, next + rates * cells, next + (rates + 1) * cells};
-    work->scratch = next;
-    work->marks = (uint8_t *)(next + DRIFT_MAPS * cells);
+    registered->sensitivity = next;
+    registered->slopes = next + DISPLACEMENTS * cells;
+    work->scratch = next + 5 * cells;
+    work->marks = (uint8_t *)(work->scratch + DRIFT_MAPS * cells);
+    registered->seen = work->marks + 2 * cells;
+    registered->clear = work->marks + 3 * cells;
     return true;
 }
 
-void estimate_first(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
+static bool registers(const EstimatorOptions *options) {
+    return !options->take_as_read && options->register_scans;
+}
+
+bool estimate_first(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
                     SurfaceEstimate *estimate) {
     const double noise = fmax(options->noise_variance, 0.0);
-    for (size_t cell = 0; cell < options->nx * options->ny; cell++) {
+    const size_t cells = options->nx * options->ny;
+    for (size_t cell = 0; cell < cells; cell++) {
         estimate->height[cell] = valid[cell] ? measured[cell] : 0.0;
         estimate->variance[cell] = valid[cell] ? noise : options->first_variance;
         estimate->unseen[cell] = valid[cell] ? 0 : 1;
         estimate->dead_evidence[cell] = 0.0;
     }
+    memset(estimate->response, 0, DISPLACEMENTS * cells * sizeof(double));
     memcpy(estimate->ink, options->ink.nominal, sizeof estimate->ink);
     estimate->evidence = (InkEvidence){{0.0}, {0.0}, {0.0}};
+    estimate->registration = no_registration();
     estimate->noise_variance = noise;
     estimate->scans = 1;
+    return !registers(options) || first_response(options->nx, options->ny, estimate->height, valid, estimate->response);
 }
 
 /* Variance of a reading [m^2]: as given, or the mean over the scans of what the unprinted cells show. */
@@ -65,18 +83,58 @@ static double reading_noise(const EstimatorOptions *options, const SurfaceEstima
     return fmax((1.0 - weight) * before->noise_variance + weight * of_reading, options->steps_variance);
 }
 
-/* The scan without the drift in it; returns the variance of its readings. */
-static double take_scan(const EstimatorOptions *options, const SurfaceEstimate *before, const double *measured,
-                        const uint8_t *valid, const Workspace *work) {
+/* Takes the drift out of the scan in `work`; returns the variance of its readings. */
+static double level_scan(const EstimatorOptions *options, const SurfaceEstimate *before, const uint8_t *valid,
+                         const Workspace *work) {
     const size_t nx = options->nx, ny = options->ny;
-    for (size_t cell = 0; cell < nx * ny; cell++)
-        work->scan[cell] = valid[cell] ? measured[cell] : 0.0;
-    if (options->take_as_read)
-        return 0.0;
-    const ScanDrift drift = scan_drift(nx, ny, options->part, work->scan, before->height, valid, work->scratch);
+    const double *known = before->height;
+    if (is_displaced(&before->registration)) { /* walls reach further in such a scan */
+        displaced_scan(nx, ny, work->predicted, expected_displacement(&before->registration), work->scratch,
+                       work->total);
+        known = work->total;
+    }
+    const ScanDrift drift = scan_drift(nx, ny, options->part, work->scan, known, valid, work->scratch);
     for (size_t cell = 0; cell < nx * ny; cell++)
         work->scan[cell] -= drift_at(&drift, nx, ny, cell);
     return reading_noise(options, before, drift.residual_variance);
+}
+
+/* The scan in register; `noise`: variance of its readings. False if there is no memory. */
+static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                      bool is_unknown, const double *measured, const uint8_t *valid, Workspace *work,
+                      SurfaceEstimate *after, double *noise) {
+    const size_t cells = options->nx * options->ny, inks = options->ink.inks;
+    const Ink both[2] = {before->ink[0], before->ink[inks - 1]};
+    for (size_t cell = 0; cell < cells; cell++)
+        work->scan[cell] = valid[cell] ? measured[cell] : 0.0;
+    layer_surface(layer, before->height, both, work->scratch, work->predicted);
+    *noise = options->take_as_read ? 0.0 : level_scan(options, before, valid, work);
+    const bool is_second = before->scans == 1 && options->noise_variance < 0.0;
+    for (size_t cell = 0; cell < cells; cell++) /* only the second scan shows what the first was worth */
+        work->known[cell] = is_second && before->unseen[cell] == 0 ? *noise : before->variance[cell];
+    after->registration = before->registration;
+    const ScanEvidence evidence = {.nx = options->nx,
+                                   .ny = options->ny,
+                                   .before = before->height,
+                                   .predicted = work->predicted,
+                                   .spread = work->spread,
+                                   .response = before->response,
+                                   .scan = work->scan,
+                                   .valid = valid,
+                                   .part = options->part,
+                                   .noise_variance = *noise,
+                                   .unsure = UNSURE * full_layer_height(&options->ink.nominal[0]),
+                                   .is_first_layer = before->scans == 1,
+                                   .is_unknown = is_unknown,
+                                   .has_spot = options->ink.model != INK_FULL};
+    if (!registers(options)) {
+        take_as_read(&evidence, &work->registered);
+        return true;
+    }
+    droplet_increments(layer, before->height, inks, before->ink, work->scratch, &work->increments);
+    for (size_t cell = 0; cell < cells; cell++)
+        work->spread[cell] = work->known[cell] + DROPLET_STD * DROPLET_STD * work->increments.squares[cell];
+    return register_scan(&evidence, &after->registration, &work->registered);
 }
 
 static bool agree(const Ink one[], const Ink other[], size_t inks) {
@@ -91,23 +149,24 @@ static bool agree(const Ink one[], const Ink other[], size_t inks) {
 
 /* The ink and the increments of the layer, by turns until they agree; the widths of saturation that were taken last. */
 static void learn_ink(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
-                      const uint8_t *valid, double noise, const Workspace *work, SurfaceEstimate *after,
-                      Ink widths[INKS_MAX]) {
+                      double noise, const Workspace *work, SurfaceEstimate *after, Ink widths[INKS_MAX]) {
+    const RegisteredScan *scan = &work->registered;
     const size_t cells = options->nx * options->ny, inks = options->ink.inks;
     const JettedLayer at_once = {layer->nx, layer->ny, layer->pattern, layer->factor, 1, NULL};
-    const ObservedLayer observed = {cells,      options->ny,  options->part, valid, layer->pattern, work->increments,
-                                    work->flat, work->growth, work->total};
+    const ObservedLayer observed = {cells,       options->ny,    options->part,
+                                    scan->clear, layer->pattern, work->increments,
+                                    work->flat,  work->growth,   work->total};
     memset(work->growth, 0, cells * sizeof(double));
     droplet_increments(&at_once, work->growth, inks, before->ink, work->scratch, &work->flat);
     for (size_t cell = 0; cell < cells; cell++)
-        work->growth[cell] = work->scan[cell] - before->height[cell];
+        work->growth[cell] = scan->scan[cell] - scan->before[cell];
     memcpy(after->ink, before->ink, sizeof after->ink);
     for (int round = 0; round < ROUNDS; round++) {
         memcpy(widths, after->ink, sizeof after->ink);
-        droplet_increments(layer, before->height, inks, widths, work->scratch, &work->increments);
+        droplet_increments(layer, scan->before, inks, widths, work->scratch, &work->increments);
         for (size_t cell = 0; cell < cells; cell++) {
             work->spread[cell] = work->known[cell] + DROPLET_STD * DROPLET_STD * work->increments.squares[cell];
-            work->total[cell] = work->spread[cell] + noise;
+            work->total[cell] = work->spread[cell] + noise + scan->variance[cell];
         }
         after->evidence = before->evidence;
         add_ink_evidence(&options->ink, &observed, work->scratch, work->marks, &after->evidence);
@@ -126,67 +185,80 @@ static void of_volumes(const InkPrior *prior, const Ink learnt[], Ink ink[INKS_M
     }
 }
 
-/* Kalman correction of a cell that was seen. */
-static void correct(double predicted, double spread, double scan, double noise, double *height, double *variance) {
+/* Kalman correction of a cell that was seen; returns its gain. */
+static double correct(double predicted, double spread, double scan, double noise, double *height, double *variance) {
     const double surprise = (scan - predicted) * (scan - predicted);
     if (noise == 0.0) {
         *height = scan;
         *variance = 0.0;
-        return;
+        return 1.0;
     }
     const double wide = surprise > SURPRISE * SURPRISE * (spread + noise) ? surprise : spread;
     const double gain = wide / (wide + noise);
     *height = predicted + gain * (scan - predicted);
     *variance = (1.0 - gain) * wide;
+    return gain;
 }
 
 /* Which cells' droplets do not come, by the increments in the proportions of `ink`. */
-static void find_dead(const EstimatorOptions *options, const SurfaceEstimate *before, const uint8_t *valid,
-                      const Ink ink[], const Workspace *work, SurfaceEstimate *after) {
+static void find_dead(const EstimatorOptions *options, const SurfaceEstimate *before, const Ink ink[],
+                      const Workspace *work, SurfaceEstimate *after) {
     const size_t cells = options->nx * options->ny;
     double *own = work->scratch, *grown = work->scratch + cells;
     size_t part_cells = 0;
     for (size_t cell = 0; cell < cells; cell++) {
         const double added = added_height(&work->increments, cells, cell, options->ink.inks, ink);
-        own[cell] = valid[cell] ? work->increments.own[cell] : 0.0;
+        own[cell] = work->registered.clear[cell] ? work->increments.own[cell] : 0.0;
         grown[cell] = work->growth[cell] - added + work->increments.own[cell];
         part_cells += options->part[cell] != 0;
     }
     dead_evidence(cells, before->dead_evidence, own, grown, work->total, part_cells, after->dead_evidence);
 }
 
-bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
-                   const double *measured, const uint8_t *valid, SurfaceEstimate *after) {
+/* is_unknown: the displacement of the scan is not learnt from, as the other things are not by the caller. */
+static bool estimate_after(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                           bool is_unknown, const double *measured, const uint8_t *valid, SurfaceEstimate *after) {
     const size_t cells = options->nx * options->ny, inks = options->ink.inks;
     Workspace work;
     Ink widths[INKS_MAX];
+    double noise;
     if (!workspace_open(&work, cells, inks))
         return false;
-    const double noise = take_scan(options, before, measured, valid, &work);
-    const bool is_second = before->scans == 1 && options->noise_variance < 0.0;
-    for (size_t cell = 0; cell < cells; cell++) /* only the second scan shows what the first was worth */
-        work.known[cell] = is_second && before->unseen[cell] == 0 ? noise : before->variance[cell];
-    learn_ink(options, before, layer, valid, noise, &work, after, widths);
+    if (!take_scan(options, before, layer, is_unknown, measured, valid, &work, after, &noise)) {
+        free(work.memory);
+        return false;
+    }
+    const RegisteredScan *scan = &work.registered;
+    learn_ink(options, before, layer, noise, &work, after, widths);
     if (options->ink.model == INK_FULL) { /* what droplets spill is surer by the nominal proportions */
         of_volumes(&options->ink, after->ink, widths);
-        droplet_increments(layer, before->height, inks, widths, work.scratch, &work.increments);
+        droplet_increments(layer, scan->before, inks, widths, work.scratch, &work.increments);
     }
-    find_dead(options, before, valid, widths, &work, after);
-    double *predicted = work.scratch, *scratch = work.scratch + cells;
+    find_dead(options, before, widths, &work, after);
     const Ink both[2] = {after->ink[0], after->ink[inks - 1]};
-    layer_surface(layer, before->height, both, scratch, predicted);
+    layer_surface(layer, scan->before, both, work.scratch, work.predicted);
     for (size_t cell = 0; cell < cells; cell++) {
-        after->height[cell] = predicted[cell];
+        after->height[cell] = work.predicted[cell];
         after->variance[cell] = work.spread[cell];
-        after->unseen[cell] = valid[cell] ? 0 : before->unseen[cell] + 1;
-        if (valid[cell])
-            correct(predicted[cell], work.spread[cell], work.scan[cell], noise, &after->height[cell],
-                    &after->variance[cell]);
+        after->unseen[cell] = scan->seen[cell] ? 0 : before->unseen[cell] + 1;
+        if (scan->seen[cell])
+            work.gain[cell] = correct(work.predicted[cell], work.spread[cell], scan->scan[cell],
+                                      noise + scan->variance[cell], &after->height[cell], &after->variance[cell]);
     }
+    if (registers(options))
+        carry_response(cells, scan, before->response, work.gain, after->response,
+                       is_displaced(&after->registration) ? after->variance : NULL);
+    else
+        memset(after->response, 0, DISPLACEMENTS * cells * sizeof(double));
     after->noise_variance = noise;
     after->scans = before->scans + 1;
     free(work.memory);
     return true;
+}
+
+bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                   const double *measured, const uint8_t *valid, SurfaceEstimate *after) {
+    return estimate_after(options, before, layer, false, measured, valid, after);
 }
 
 /* What is known before the scan of a layer of which any part may have been jetted; the maps of `begun` are its own. */
@@ -216,7 +288,7 @@ bool estimate_unknown(const EstimatorOptions *options, const SurfaceEstimate *be
     begun.unseen = (int32_t *)(memory + 3 * cells);
     expect_anything(options, before, layer, memory + 2 * cells, &begun);
     const JettedLayer nothing = {layer->nx, layer->ny, begun.unseen + cells, NULL, layer->passes, layer->order};
-    const bool is_done = estimate_next(options, &begun, &nothing, measured, valid, after);
+    const bool is_done = estimate_after(options, &begun, &nothing, true, measured, valid, after);
     memcpy(after->ink, before->ink, sizeof after->ink);
     memcpy(after->dead_evidence, before->dead_evidence, cells * sizeof(double));
     after->evidence = before->evidence;

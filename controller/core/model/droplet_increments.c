@@ -56,11 +56,11 @@ void droplet_increments(const JettedLayer *layer, const double *height, size_t i
     memset(increments->own, 0, bytes);
     memcpy(after, height, bytes);
     for (int32_t pass = 0; pass < layer->passes; pass++) {
-        const size_t colour = layer->passes == 1 ? 0 : (size_t)layer->order[pass];
+        const int colour = layer->passes == 1 ? COLOUR_ALL : layer->order[pass];
         memcpy(before, after, bytes);
         for (size_t cell = 0; cell < cells; cell++) {
             const size_t i = cell / layer->ny, j = cell % layer->ny;
-            if (layer->pattern[cell] > 0 && (layer->passes == 1 || 2 * (i % 2) + j % 2 == colour))
+            if (layer->pattern[cell] > 0 && (colour == COLOUR_ALL || colour == cell_colour(i, j)))
                 add_droplet(layer, before, after, i, j, ink, increments);
         }
     }

@@ -188,27 +188,6 @@ static bool is_empty(const int32_t *values, size_t count) {
     return true;
 }
 
-/* Drops first layers that gain too little: what is planned after them comes sooner. */
-static int32_t drop_poor_layers(Planning *planning) {
-    const HorizonProblem *problem = planning->problem;
-    const size_t cells = problem->nx * problem->ny;
-    const double worth_wanted = planning->work->layer_worth;
-    while (worth_wanted > 0.0 && !is_empty(planning->best + cells, planning->places - cells)) {
-        Objective value;
-        memcpy(planning->trial, planning->best, planning->places * sizeof(int32_t));
-        memset(planning->trial, 0, cells * sizeof(int32_t));
-        leave_idle_start(problem, planning->trial, planning->moved);
-        if (plan_objective(problem, planning->trial, &value) == CORE_NO_MEMORY)
-            return CORE_NO_MEMORY;
-        if (value.value - planning->best_value.value > worth_wanted * planning->best_value.value ||
-            value.value >= planning->value[START_NOTHING].value)
-            break;
-        memcpy(planning->best, planning->trial, planning->places * sizeof(int32_t));
-        planning->best_value = value;
-    }
-    return CORE_DONE;
-}
-
 static int32_t find_best(Planning *planning) {
     if (relax(planning) == CORE_NO_MEMORY || make_starts(planning) == CORE_NO_MEMORY)
         return CORE_NO_MEMORY;
@@ -223,7 +202,7 @@ static int32_t find_best(Planning *planning) {
             consider(planning, planning->start[k], planning->value[k], unrepaired) == CORE_NO_MEMORY)
             return CORE_NO_MEMORY;
     }
-    return drop_poor_layers(planning);
+    return CORE_DONE;
 }
 
 static int32_t plan_status(const Planning *planning) {

@@ -1,4 +1,4 @@
-/* The layer problem of the model predictive controller, solved: relaxed, rounded, repaired, and compared.
+/* The layer problem of the model predictive controller for one horizon, solved: relaxed, rounded, repaired, compared.
  *
  * The relaxed problem is solved and rounded by ordered error diffusion; that start, the rest of the last plan, full
  * layers and none are repaired by flips, swaps and shifts: the best of them, or where annealing is worth its time all
@@ -20,12 +20,12 @@ enum { PHASE_RELAXATION, PHASE_ROUNDING, PHASE_REPAIR, PHASES };
 
 /* The work that a plan may take, and what there is to begin from. */
 typedef struct {
-    int32_t relaxation;    /* RELAX_...: by projected gradients, in `relaxed`, or no such start */
-    const double *relaxed; /* droplets of any size, layers * nx * ny */
-    const int32_t *last;   /* the last plan, last_layers * nx * ny; NULL: none */
-    size_t last_layers;    /* 1 or more */
-    double layer_worth;    /* share of the objective that a layer must gain to come before the fuller ones after it */
-    int64_t sweeps;        /* of the repair of one start */
+    int32_t relaxation;       /* RELAX_...: by projected gradients, in `relaxed`, or no such start */
+    const double *relaxed;    /* droplets of any size, layers * nx * ny */
+    const int32_t *last;      /* the last plan, last_layers * nx * ny; NULL: none */
+    size_t last_layers;       /* 1 or more */
+    double layer_worth;       /* see shortest_plan.h; of no meaning for a single horizon */
+    int64_t sweeps;           /* of the repair of one start */
     int64_t annealing_sweeps; /* of one more start that is annealed first; below 0: by the size of the problem */
     int64_t iterations;       /* of the relaxation */
     uint64_t seed;            /* of the annealing */

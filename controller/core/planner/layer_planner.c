@@ -2,6 +2,8 @@
 
 #include <stdlib.h>
 
+#include "shortest_plan.h"
+
 int32_t plan_layers(const PlannerOptions *options, int32_t colours[HORIZON_MAX][4], const SurfaceEstimate *estimate,
                     int32_t layer, const int32_t *last, int32_t *plan, PlanReport *report) {
     const size_t cells = options->nx * options->ny;
@@ -19,7 +21,7 @@ int32_t plan_layers(const PlannerOptions *options, int32_t colours[HORIZON_MAX][
                            .seed = ((uint64_t)options->seed << 32) + (uint64_t)layer,
                            .seconds_max = options->seconds_max,
                            .threads = 1};
-    const int32_t status = plan_horizon(&problem, &work, plan, report);
+    const int32_t status = plan_shortest(&problem, &work, plan, report);
     free(memory);
     return status;
 }

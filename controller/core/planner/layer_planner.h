@@ -1,4 +1,4 @@
-/* The layers after a scan: their decision problem (layer_problem.h) and the best plan found (horizon_planner.h). */
+/* The layers after a scan: their decision problem (layer_problem.h) and the best plan found (shortest_plan.h). */
 #ifndef INKLOOP_LAYER_PLANNER_H
 #define INKLOOP_LAYER_PLANNER_H
 

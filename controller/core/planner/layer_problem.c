@@ -34,8 +34,8 @@ static void weigh_cells(const PlannerOptions *options, const SurfaceEstimate *es
     }
     for (size_t cell = 0; cell < options->nx * options->ny; cell++) {
         const double deviation = sqrt(estimate->variance[cell] + DROPLET_STD * DROPLET_STD * squares);
-        const bool is_beside = is_near_marked(options->part, options->nx, options->ny, cell);
-        maps->weight[cell] = options->part[cell] ? 1.0 : is_beside ? options->fringe_weight : 0.0;
+        const bool is_fringe = is_near_marked(options->part, options->nx, options->ny, cell);
+        maps->weight[cell] = options->part[cell] ? 1.0 : is_fringe ? options->fringe_weight : 0.0;
         maps->ceiling[cell] =
             options->part[cell] ? options->target[cell] + options->overshoot_limit - options->chance_margin * deviation
                                 : NO_CEILING;

@@ -9,20 +9,20 @@
 /* The goal of a print, and the work that a layer may take. */
 typedef struct {
     size_t nx, ny, horizon;
-    const double *target;    /* for the whole print [m] */
-    const uint8_t *part;     /* cells whose heights count; at least one */
-    const uint8_t *jettable; /* cells of the part that droplets may fall on */
-    size_t inks;             /* 1 or 2 */
-    InkRegions regions;      /* of the first ink */
-    int32_t drop_levels;     /* largest number of whole drops of a droplet; inks times as many are at most KINDS_MAX */
-    int32_t passes;          /* 1 or 4 */
-    double alpha;            /* weight of the mean error against the standard deviation, 0 to 1 */
-    double overshoot;        /* what a metre above the target costs when a metre below costs 1 */
-    double overshoot_limit;  /* height above the target that is not to be exceeded [m]; infinite: none */
-    double chance_margin;    /* ... kept with so many standard deviations of the predicted height */
-    double fringe_weight;    /* weight of the ring of cells around the part */
-    double layer_worth;      /* share of the objective that a layer must gain to come before the fuller ones after it */
-    int64_t sweeps;          /* of the repair of one start */
+    const double *target;     /* for the whole print [m] */
+    const uint8_t *part;      /* cells whose heights count; at least one */
+    const uint8_t *jettable;  /* cells of the part that droplets may fall on */
+    size_t inks;              /* 1 or 2 */
+    InkRegions regions;       /* of the first ink */
+    int32_t drop_levels;      /* largest number of whole drops of a droplet; inks times as many are at most KINDS_MAX */
+    int32_t passes;           /* 1 or 4 */
+    double alpha;             /* weight of the mean error against the standard deviation, 0 to 1 */
+    double overshoot;         /* what a metre above the target costs when a metre below costs 1 */
+    double overshoot_limit;   /* height above the target that is not to be exceeded [m]; infinite: none */
+    double chance_margin;     /* ... kept with so many standard deviations of the predicted height */
+    double fringe_weight;     /* weight of the ring of cells around the part */
+    double layer_worth;       /* what a layer must gain (shortest_plan.h) */
+    int64_t sweeps;           /* of the repair of one start */
     int64_t annealing_sweeps; /* of one more start that is annealed first; below 0: by the size of the problem */
     int64_t iterations;       /* of the relaxation */
     uint32_t seed;            /* of the annealing */

@@ -28,7 +28,7 @@ typedef struct {
     double overshoot;        /* what a metre above the target costs when a metre below costs 1; > 0 */
     double ceiling_cost;     /* what a metre above the ceiling costs in addition; >= 0 */
     int32_t passes;          /* 1, or 4 in a 2x2 colouring, each on the surface that the last one left */
-    int32_t colours[HORIZON_MAX][4]; /* for 4 passes: colours 2 (i % 2) + j % 2 of each layer in the order jetted */
+    int32_t colours[HORIZON_MAX][4]; /* for 4 passes: the cell_colour of each pass of each layer */
 } HorizonProblem;
 
 /* Objective of a plan and what it is made of, over the cells of the surface after the last layer [m]:

@@ -5,7 +5,7 @@
 
 #include "drop_levels.h"
 
-/* Cells that a step jets on: `colour` of 2 (i % 2) + j % 2 in four passes, all in one. */
+/* Cells that a step jets on: those of one `cell_colour` in four passes, all in one. */
 typedef struct {
     size_t layer, first_i, first_j, stride;
 } Step;

@@ -94,9 +94,10 @@ static void load_droplets(const Trial *trial, const Box *box, size_t step) {
     for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
         const uint8_t *values = surface_layer(surface, layer) + in_map(trial, row, box->left);
         uint8_t *own = window->value + in_window(trial, row, box->left);
-        const ptrdiff_t columns = box->right - box->left + 1;
-        for (ptrdiff_t k = 0; k < columns; k++) /* the frame moves the parities of a colour */
-            own[k] = colour == COLOUR_ALL || colour == 2 * ((row + 1) % 2) + (box->left + k + 1) % 2 ? values[k] : 0;
+        const size_t columns = (size_t)(box->right - box->left + 1);
+        const size_t i = (size_t)(row - 1), j = (size_t)(box->left - 1); /* without the frame, whose values are 0 */
+        for (size_t k = 0; k < columns; k++)
+            own[k] = colour == COLOUR_ALL || colour == cell_colour(i, j + k) ? values[k] : 0;
     }
     for (size_t k = 0; k < trial->count; k++)
         if (is_in_step(trial, &trial->change[k], step))

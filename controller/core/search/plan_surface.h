@@ -74,7 +74,7 @@ static inline bool surface_allows(const PlanSurface *surface, size_t layer, size
 static inline size_t surface_step(const PlanSurface *surface, size_t layer, size_t i, size_t j) {
     if (surface->problem->passes == 1)
         return layer;
-    const int32_t colour = (int32_t)(2 * (i % 2) + j % 2), *order = surface->problem->colours[layer];
+    const int32_t colour = cell_colour(i, j), *order = surface->problem->colours[layer];
     size_t pass = 0;
     while (order[pass] != colour)
         pass++;

@@ -82,7 +82,7 @@ def search(
 
     annealing_sweeps: sweeps of simulated annealing before, drawn from `seed`, 0 to 2^64 - 1; seconds_max: guard by the
     clock; threads: the answer is the same for any number; after_sweep: called after every sweep, True stops the search.
-    KeyboardInterrupt stops the search after a sweep, the result tells; any other exception is raised again.
+    KeyboardInterrupt stops the search after a sweep, the result shows it; any other exception is raised again.
     Raises ValueError for invalid options.
     """
     errors = [

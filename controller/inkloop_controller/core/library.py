@@ -18,20 +18,23 @@ from inkloop_controller.core.structs import (
     REALS,
     EstimateStruct,
     EstimatorOptionsStruct,
+    FinishStruct,
     InkStruct,
     JettedLayerStruct,
     ObjectiveStruct,
     PlanReportStruct,
     PlanWorkStruct,
     ProblemStruct,
+    RegistrationStruct,
     RelaxationOptionsStruct,
     RelaxationReportStruct,
     ReportStruct,
+    ScanDisplacementStruct,
     SearchOptionsStruct,
 )
 
 VARIABLE = "INKLOOP_CORE_LIB"
-_INTERFACE = 2  # CORE_INTERFACE of inkloop_core.h
+_INTERFACE = 4  # CORE_INTERFACE of inkloop_core.h
 _PACKAGE = "inkloop_controller"
 _GRID = (ctypes.c_size_t, ctypes.c_size_t)
 
@@ -60,13 +63,16 @@ _ENTRY_POINTS = {
         ctypes.c_int32,
         (_PROBLEM, ctypes.POINTER(PlanWorkStruct), INTEGERS, ctypes.POINTER(PlanReportStruct)),
     ),
+    "inkloop_finish": (None, (ctypes.c_int32, ctypes.POINTER(FinishStruct))),
     "inkloop_relax": (
         ctypes.c_int32,
         (_PROBLEM, ctypes.POINTER(RelaxationOptionsStruct), REALS, ctypes.POINTER(RelaxationReportStruct)),
     ),
     "inkloop_relaxed_gradient": (ctypes.c_int32, (_PROBLEM, REALS, ctypes.c_double, REALS, REALS)),
     "inkloop_diffuse": (ctypes.c_int32, (_PROBLEM, REALS, INTEGERS)),
-    "inkloop_estimate_first": (None, (_ESTIMATOR, REALS, MARKS, _ESTIMATE)),
+    "inkloop_no_registration": (None, (ctypes.POINTER(RegistrationStruct),)),
+    "inkloop_displacement": (None, (ctypes.POINTER(RegistrationStruct), ctypes.POINTER(ScanDisplacementStruct))),
+    "inkloop_estimate_first": (ctypes.c_int32, (_ESTIMATOR, REALS, MARKS, _ESTIMATE)),
     **dict.fromkeys(
         ("inkloop_estimate_next", "inkloop_estimate_unknown"),
         (ctypes.c_int32, (_ESTIMATOR, _ESTIMATE, _LAYER, REALS, MARKS, _ESTIMATE)),

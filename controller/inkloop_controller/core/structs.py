@@ -120,6 +120,12 @@ class PlanReportStruct(ctypes.Structure):
     )
 
 
+class FinishStruct(ctypes.Structure):
+    """`Finish` of shortest_plan.h."""
+
+    _fields_ = (("horizon", ctypes.c_int32), ("layer_worth", ctypes.c_double))
+
+
 class RelaxationOptionsStruct(ctypes.Structure):
     """`RelaxationOptions` of horizon_problem.h."""
 
@@ -148,6 +154,29 @@ class InkPriorStruct(ctypes.Structure):
     _fields_ = (("inks", ctypes.c_size_t), ("nominal", InkStruct * 2), ("model", ctypes.c_int32))
 
 
+class RegistrationStruct(ctypes.Structure):
+    """`Registration` of scan_registration.h."""
+
+    _fields_ = (
+        ("estimate", ctypes.c_double * 3),
+        ("covariance", ctypes.c_double * 9),
+        ("applied", ctypes.c_double * 3),
+        ("steps_variance", ctypes.c_double),
+        ("misfit", ctypes.c_double),
+        ("far_product", ctypes.c_double),
+        ("far_information", ctypes.c_double),
+        ("scans", ctypes.c_int64),
+        ("has_shift", ctypes.c_int32),
+        ("has_wide_spot", ctypes.c_int32),
+    )
+
+
+class ScanDisplacementStruct(ctypes.Structure):
+    """`ScanDisplacement` of scan_registration.h."""
+
+    _fields_ = tuple((name, ctypes.c_double) for name in ("shift_x", "shift_y", "shift_std", "spot_radius", "spot_std"))
+
+
 class EstimatorOptionsStruct(ctypes.Structure):
     """`EstimatorOptions` of height_estimator.h."""
 
@@ -157,6 +186,7 @@ class EstimatorOptionsStruct(ctypes.Structure):
         ("part", MARKS),
         ("ink", InkPriorStruct),
         ("take_as_read", ctypes.c_int32),
+        ("register_scans", ctypes.c_int32),
         ("noise_variance", ctypes.c_double),
         ("steps_variance", ctypes.c_double),
         ("first_variance", ctypes.c_double),
@@ -171,8 +201,10 @@ class EstimateStruct(ctypes.Structure):
         ("variance", REALS),
         ("unseen", INTEGERS),
         ("dead_evidence", REALS),
+        ("response", REALS),
         ("ink", InkStruct * 2),
         ("evidence", InkEvidenceStruct),
+        ("registration", RegistrationStruct),
         ("noise_variance", ctypes.c_double),
         ("scans", ctypes.c_int32),
     )

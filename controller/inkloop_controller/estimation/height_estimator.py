@@ -13,6 +13,7 @@ from inkloop_controller.core.bindings import answered, checked, ink_pair, layer_
 from inkloop_controller.core.library import library
 from inkloop_controller.core.structs import EstimateStruct, EstimatorOptionsStruct, InkPriorStruct
 from inkloop_controller.estimation.ink_identification import INK_MODELS, InkEvidence, InkModel, ink_table
+from inkloop_controller.estimation.scan_registration import DISPLACEMENTS, Registration
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.regions import nominal_layer_height
 from inkloop_controller.problem.horizon_problem import IntMap
@@ -24,6 +25,10 @@ SENSOR_NOISE = Option(
     absent="estimated from the cells that are not printed",
     form=Length | None,
 )
+REGISTERED = Option(
+    meaning="find a shift of the scans against the printer and a wide spot of the sensor, and correct scans for them "
+    "once they are beyond doubt"
+)
 DROPLET_STD = 0.1  # of a droplet's volume about its mean [1], as in controller/core/estimator/height_estimator.h
 
 
@@ -33,8 +38,10 @@ class Estimate:
 
     height: (nx, ny) [m]; height_variance: (nx, ny) of its error [m^2]; inks: what their droplets really add; ink_scale:
     their volume as a share of the nominal one, mean over the inks [1]; unseen: (nx, ny) layers that each cell has lived
-    on prediction alone; untrusted: (nx, ny) where these are too many; dead_evidence: (nx, ny), see `dead_cells`; scans:
-    so far; noise_variance: of a reading [m^2]; evidence: what the inks are concluded from.
+    on prediction alone; untrusted: (nx, ny) where these are too many; dead_evidence: (nx, ny), see `dead_cells`;
+    response: (3, nx, ny) how the heights err with the displacement of the scans [m per unit of it], to which
+    height_variance adds what it does not explain; scans: so far; noise_variance: of a reading [m^2]; evidence: what the
+    inks are concluded from; registration: the displacement of the scans.
     """
 
     height: FloatMap
@@ -44,16 +51,19 @@ class Estimate:
     unseen: IntMap
     untrusted: BoolMap
     dead_evidence: FloatMap
+    response: FloatMap
     scans: int
     noise_variance: float
     evidence: InkEvidence
+    registration: Registration
 
     @classmethod
     def exact(cls, height: FloatMap, inks: tuple[Ink, ...]) -> Estimate:
         """A surface (nx, ny) [m] and inks that are known for sure."""
         never = np.zeros(height.shape, np.int32)
-        zero, nothing = np.zeros(height.shape), InkEvidence.none(len(inks))
-        return cls(height, zero, inks, 1.0, never, never > 0, zero, 0, 0.0, nothing)
+        zero, response = np.zeros(height.shape), np.zeros((DISPLACEMENTS, *height.shape))
+        nothing = (InkEvidence.none(len(inks)), Registration.none())
+        return cls(height, zero, inks, 1.0, never, never > 0, zero, response, 0, 0.0, *nothing)
 
     @property
     def dead(self) -> BoolMap:
@@ -64,17 +74,26 @@ class Estimate:
     def predicted_variance(self) -> FloatMap:
         """(nx, ny) of the height after one more layer [m^2], full and on a flat surface; then the next scan comes."""
         squares = max(ink.h1 * ink.h1 + 4.0 * (ink.h2 * ink.h2) + 4.0 * (ink.h3 * ink.h3) for ink in self.inks)
-        return self.height_variance + DROPLET_STD * DROPLET_STD * squares
+        variance = self.height_variance + DROPLET_STD * DROPLET_STD * squares
+        if self.registration.is_applied:
+            variance += np.einsum("kij,kl,lij->ij", self.response, self.registration.covariance, self.response)
+        return variance
 
     def arrays(self) -> dict[str, Any]:
         """All of it by name, for an archive of arrays."""
-        return {**vars(self), "inks": ink_table(self.inks), "evidence": self.evidence.sums()}
+        return {
+            **vars(self),
+            "inks": ink_table(self.inks),
+            "evidence": self.evidence.sums(),
+            "registration": self.registration.sums(),
+        }
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, Any]) -> Estimate:
         """Restore the result of `arrays`, bit by bit."""
         inks = tuple(Ink(*(float(value) for value in row)) for row in arrays["inks"])
-        return cls(**{**arrays, "inks": inks, "evidence": InkEvidence.of_sums(arrays["evidence"])})
+        evidence, registration = InkEvidence.of_sums(arrays["evidence"]), Registration.of_sums(arrays["registration"])
+        return cls(**{**arrays, "inks": inks, "evidence": evidence, "registration": registration})
 
 
 class HeightEstimator:
@@ -82,8 +101,10 @@ class HeightEstimator:
 
     The method is described in controller/core/estimator/height_estimator.h. A reading has the variance
     sensor_noise_std^2 + sensor_resolution^2 / 12 [m^2]; without sensor_noise_std the noise is what the unprinted cells
-    show. untrusted_layers: as many a cell may live on prediction alone; take_as_read: neither drift nor noise are
-    looked for. Raises ValueError for invalid options.
+    show. untrusted_layers: as many a cell may live on prediction alone; register_scans: scans are corrected for a shift
+    against the printer and for a wide spot, the spot only while the shape of droplets is not learnt (adapt_ink =
+    "full"), which looks alike; take_as_read: neither these nor drift nor noise are looked for. Raises ValueError for
+    invalid options.
     """
 
     def __init__(
@@ -94,6 +115,7 @@ class HeightEstimator:
         sensor_noise_std: Annotated[float | None, SENSOR_NOISE] = None,
         sensor_resolution: Annotated[float, Option("um", form=Length)] = 0.0,
         untrusted_layers: Annotated[int, Option()] = 5,
+        register_scans: Annotated[bool, REGISTERED] = True,
         take_as_read: bool = False,
     ) -> None:
         errors = []
@@ -117,6 +139,7 @@ class HeightEstimator:
             pointer(self._part),
             InkPriorStruct(len(job.inks), ink_pair(job.inks), INK_MODELS[adapt_ink]),
             take_as_read,
+            register_scans,
             -1.0 if sensor_noise_std is None else sensor_noise_std * sensor_noise_std + steps,
             steps,
             layer_height * layer_height,
@@ -127,7 +150,7 @@ class HeightEstimator:
         after = _Maps.empty(self._part.shape)
         scan, seen = self._scan(measured, valid)
         struct = after.struct()
-        library().inkloop_estimate_first(self._options, pointer(scan), pointer(seen), struct)
+        answered(library().inkloop_estimate_first(self._options, pointer(scan), pointer(seen), struct))
         return self._estimate(after, struct)
 
     def next(
@@ -199,9 +222,11 @@ class HeightEstimator:
             unseen=maps.unseen,
             untrusted=np.asarray(self._job.mask & (maps.unseen > self._untrusted_layers), np.bool_),
             dead_evidence=maps.dead_evidence,
+            response=maps.response,
             scans=found.scans,
             noise_variance=found.noise_variance,
             evidence=InkEvidence.of_struct(found.evidence, self._shares),
+            registration=Registration.of_struct(found.registration),
         )
 
 
@@ -213,10 +238,13 @@ class _Maps:
     variance: FloatMap
     unseen: IntMap
     dead_evidence: FloatMap
+    response: FloatMap
 
     @classmethod
     def empty(cls, shape: tuple[int, ...]) -> _Maps:
-        return cls(np.empty(shape), np.empty(shape), np.empty(shape, np.int32), np.empty(shape))
+        real, response = (np.empty(shape) for _ in range(3)), np.empty((DISPLACEMENTS, *shape))
+        height, variance, dead_evidence = real
+        return cls(height, variance, np.empty(shape, np.int32), dead_evidence, response)
 
     @classmethod
     def of(cls, estimate: Estimate) -> _Maps:
@@ -226,15 +254,17 @@ class _Maps:
             checked("height_variance", estimate.height_variance, "f8", shape),
             checked("unseen", estimate.unseen, "i4", shape),
             checked("dead_evidence", estimate.dead_evidence, "f8", shape),
+            checked("response", estimate.response, "f8", (DISPLACEMENTS, *shape)),
         )
 
     def struct(self, estimate: Estimate | None = None) -> EstimateStruct:
         """For C; with what else is known, if it is one to be read."""
-        maps = [pointer(self.height), pointer(self.variance), pointer(self.unseen), pointer(self.dead_evidence)]
+        own = (self.height, self.variance, self.unseen, self.dead_evidence, self.response)
+        maps = [pointer(each) for each in own]
         if estimate is None:
             return EstimateStruct(*maps)
-        evidence = estimate.evidence.struct()
-        return EstimateStruct(*maps, ink_pair(estimate.inks), evidence, estimate.noise_variance, estimate.scans)
+        learnt = (estimate.evidence.struct(), estimate.registration.struct())
+        return EstimateStruct(*maps, ink_pair(estimate.inks), *learnt, estimate.noise_variance, estimate.scans)
 
 
 def _volume(inks: tuple[Ink, ...]) -> float:

@@ -13,7 +13,7 @@ from inkloop.component import Ink
 from inkloop_controller.core.structs import SHARES_MAX, InkEvidenceStruct
 
 InkModel: TypeAlias = Literal["scale", "full", "off"]
-"""What is learnt of each ink: its droplet volume; h1, h2 and h3 as far as the patterns tell them apart; nothing."""
+"""What is learnt of each ink: its droplet volume; h1, h2 and h3 as far as the patterns separate them; nothing."""
 
 INK_MODELS: Mapping[InkModel, int] = {"scale": 1, "full": 2, "off": 3}
 """Their numbers in ink_identification.h."""

@@ -11,7 +11,7 @@ import numpy as np
 from inkloop.component import FloatMap
 from inkloop_controller.core.bindings import answered, checked, objective_of, pointer, problem_struct
 from inkloop_controller.core.library import library
-from inkloop_controller.core.structs import AfterSweep, PlanReportStruct, PlanWorkStruct
+from inkloop_controller.core.structs import AfterSweep, FinishStruct, PlanReportStruct, PlanWorkStruct
 from inkloop_controller.planning.layer_plan import PlanStatus
 from inkloop_controller.problem.horizon_problem import KINDS_MAX, HorizonProblem, IntPlan, Objective, SearchProgress
 from inkloop_controller.problem.work import Work
@@ -19,9 +19,30 @@ from inkloop_controller.problem.work import Work
 RelaxedStart: TypeAlias = FloatMap | Literal["gradient"] | None
 """Droplets of any size (layers, nx, ny) to be rounded, those that projected gradients find, or no such start."""
 
+Finish: TypeAlias = Literal["even", "fast"]
+"""How a print ends: as even as it can, or in fewer layers."""
+
+_FINISHES = ("even", "fast")  # from 1 on, as in shortest_plan.h
 _STARTS = ("nothing", "full layers", "last plan", "relaxation")
 _PHASES = ("relaxation", "rounding", "repair")
 _RELAX_HERE, _RELAX_GIVEN, _RELAX_NOTHING = range(3)  # of horizon_planner.h
+
+
+@dataclass(frozen=True)
+class Ending:
+    """What a `Finish` chooses: layers ahead, and what a layer must gain (Criterion)."""
+
+    horizon: int
+    layer_worth: float
+
+
+def ending_of(finish: Finish) -> Ending:
+    """The choice of controller/core/planner/shortest_plan.c. Raises ValueError for another word."""
+    if finish not in _FINISHES:
+        raise ValueError(f"finish is {finish!r}; needs one of {', '.join(_FINISHES)}")
+    chosen = FinishStruct()
+    library().inkloop_finish(1 + _FINISHES.index(finish), chosen)
+    return Ending(chosen.horizon, chosen.layer_worth)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +68,11 @@ def best_plan(
     seconds_max: float,
     after_sweep: Callable[[SearchProgress], bool] | None = None,
 ) -> FoundPlan:
-    """The best plan found (controller/core/planner/horizon_planner.h); its first layer is not empty unless all are.
+    """The best plan found (controller/core/planner/shortest_plan.h); its first layer is not empty unless all are.
 
-    last: (layers, nx, ny) the last plan, of any number of layers; of another grid it is not used; layer_worth: see
-    Criterion; seed: of the annealing, 64 bits; seconds_max: guard by the clock, instead of that of `work`; after_sweep:
-    sees each sweep of a repair, True ends them, as does Ctrl-C.
+    last: (layers, nx, ny) the last plan, of any number of layers; of another grid it is not used; layer_worth: what a
+    layer must gain (Criterion); seed: of the annealing, 64 bits; seconds_max: guard by the clock, instead of that of
+    `work`; after_sweep: sees each sweep of a repair, True ends them, as does Ctrl-C.
     """
     asked, is_given = AfterSweep(after_sweep), isinstance(relaxed, np.ndarray)
     droplets = checked("relaxed", relaxed, "f8", problem.choices.shape) if isinstance(relaxed, np.ndarray) else None

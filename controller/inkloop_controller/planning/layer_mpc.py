@@ -15,7 +15,7 @@ from inkloop_controller.estimation.height_estimator import Estimate, is_probe
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.starts import even_droplets
-from inkloop_controller.planning.horizon_planner import RelaxedStart, best_plan
+from inkloop_controller.planning.horizon_planner import Finish, RelaxedStart, best_plan, ending_of
 from inkloop_controller.planning.layer_plan import PROVEN, LayerPlan, PlanStatus
 from inkloop_controller.problem.criterion import CEILING_COST, PLAIN, Criterion
 from inkloop_controller.problem.horizon_problem import HORIZON_MAX, HorizonProblem, IntPlan, SearchProgress
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 Relaxation: TypeAlias = Literal["gradient", "ipopt", "highs", "none"]
 
+HORIZON = Option(meaning="layers that are planned ahead, 1 to 5, whatever `finish` says", absent="by `finish`")
 RELAXATION = Option(
     meaning='start of the search: projected gradients, `"ipopt"` (small grids), `"highs"` (`horizon` = 1, `alpha` = 1) '
     'or `"none"`'
@@ -51,10 +52,12 @@ class LayerMpc:
     height gains; further ahead a print may end too high. Dead cells are left out, but for a layer now and then in which
     they are tried again.
 
-    horizon: layers ahead, 1 to 5; relaxation: its engine, "gradient" of the core, "ipopt" for small grids, "highs" for
+    finish: how the print ends, "even" (horizon 5) or "fast" (horizon 4, and a layer must gain more to be printed);
+    horizon: layers ahead, 1 to 5, instead of that of `finish`; Criterion.layer_worth stands instead of the other half
+    of it; relaxation: its engine, "gradient" of the core, "ipopt" for small grids, "highs" for
     one layer and alpha = 1; certified: for one layer and alpha = 1, every plan comes with a bound; after_sweep: sees
-    each sweep of a repair, True ends the repairs. Ctrl-C does too, and the plan says so. Raises ValueError for options
-    that cannot be meant.
+    each sweep of a repair, True ends the repairs. Ctrl-C does too, and the plan reports it. Raises ValueError for
+    impossible options.
     """
 
     def __init__(
@@ -62,13 +65,16 @@ class LayerMpc:
         job: Job,
         *,
         criterion: Criterion = PLAIN,
-        horizon: Annotated[int, Option()] = 3,
+        finish: Annotated[Finish, Option()] = "even",
+        horizon: Annotated[int | None, HORIZON] = None,
         choices: DropletChoices | None = None,
         relaxation: Annotated[Relaxation, RELAXATION] = "gradient",
         work: Work = DEFAULT_WORK,
         certified: Annotated[bool, CERTIFIED] = False,
         after_sweep: Callable[[SearchProgress], bool] | None = None,
     ) -> None:
+        ending = ending_of(finish)
+        horizon = ending.horizon if horizon is None else horizon
         if not 1 <= horizon <= HORIZON_MAX:
             raise ValueError(f"horizon is {horizon}; needs 1 to {HORIZON_MAX} layers ahead")
         if certified and (horizon != 1 or criterion.alpha != 1.0):
@@ -76,6 +82,7 @@ class LayerMpc:
                 f"certified with horizon {horizon} and alpha {criterion.alpha}; a bound needs horizon = 1 and alpha = 1"
             )
         self._job, self._criterion, self._horizon = job, criterion, horizon
+        self._layer_worth = ending.layer_worth if criterion.layer_worth is None else criterion.layer_worth
         self._choices = choices or DropletChoices(job)
         self._relaxation, self._work, self._certified = relaxation, work, certified
         self._after_sweep, self._model = after_sweep, LayerModel.of(job)
@@ -116,7 +123,7 @@ class LayerMpc:
             self._work,
             relaxed=relaxed.droplets,
             last=last,
-            layer_worth=self._criterion.layer_worth,
+            layer_worth=self._layer_worth,
             seed=random_key(self._job, layer),
             seconds_max=watch.remaining,
             after_sweep=self._after_sweep,

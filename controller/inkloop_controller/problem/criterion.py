@@ -20,6 +20,11 @@ ALPHA = Option(
     "is 0.5 from layer 1 and 1.0 from layer 40 on. Below about 0.1 a print may never begin or never end",
     form=float | list[tuple[int, float]],
 )
+LAYER_WORTH = Option(
+    meaning="what each layer must gain to be printed, whatever `finish` says, as a share of the height of a full layer "
+    "of the smallest drops; 0: every layer that gains anything",
+    absent="by `finish`",
+)
 OVERSHOOT_LIMIT = Option("um", "height above the target that the part must not exceed", form=NotNegative)
 CEILING_COST = 100.0  # a metre above the ceiling for 100 below the target: no gain elsewhere is worth it (assumed)
 NO_CEILING_M = 0.4  # higher than anything printed from droplets, and within what the search core takes
@@ -33,7 +38,8 @@ class Criterion:
     overshoot_limit: height above the target that is not to be exceeded [m], kept with a probability of `chance_margin`
     standard deviations of the predicted height (0: by the prediction itself);
     fringe_weight: weight, 0 to 1, of the ring of cells around the part: what spills there counts against target_height;
-    layer_worth: share of the objective that a layer must gain to be printed before the fuller ones planned after it.
+    layer_worth: what each layer must gain to be printed, as a share of the height of a full layer of the smallest drops
+    (None: as `finish` of LayerMpc has it; 0: every layer that gains anything).
     Raises ValueError, all errors in one sentence, for invalid values.
     """
 
@@ -42,7 +48,7 @@ class Criterion:
     overshoot_limit: Annotated[float, OVERSHOOT_LIMIT] = inf
     chance_margin: Annotated[float, Option()] = 0.0
     fringe_weight: Annotated[float, Option()] = 0.0
-    layer_worth: Annotated[float, Option()] = 0.0
+    layer_worth: Annotated[float | None, LAYER_WORTH] = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "alpha", self.alpha if _is_number(self.alpha) else _sorted(self.alpha))
@@ -56,7 +62,7 @@ class Criterion:
         errors += [
             f"{name} is {getattr(self, name)}; needs a value of at least 0"
             for name in ("overshoot_limit", "chance_margin", "layer_worth")
-            if not getattr(self, name) >= 0.0
+            if (value := getattr(self, name)) is not None and not value >= 0.0
         ]
         if not 0.0 <= self.fringe_weight <= 1.0:
             errors.append(f"fringe_weight is {self.fringe_weight}; needs a weight between 0 and 1")
@@ -80,7 +86,7 @@ class Criterion:
 
     def weight(self, part: BoolMap) -> FloatMap:
         """(nx, ny) weight of each cell's error."""
-        return np.where(part, 1.0, np.where(beside(part), self.fringe_weight, 0.0))
+        return np.where(part, 1.0, np.where(fringe(part), self.fringe_weight, 0.0))
 
     def _weights(self) -> list[float]:
         if isinstance(self.alpha, int | float):
@@ -88,8 +94,8 @@ class Criterion:
         return [weight for _, weight in self.alpha]
 
 
-def beside(part: BoolMap) -> BoolMap:
-    """(nx, ny) the cells next to the part, by a side or a corner: the fringe."""
+def fringe(part: BoolMap) -> BoolMap:
+    """(nx, ny) the cells next to the part, by a side or a corner."""
     framed = np.pad(part, 1)
     near = [framed[i : i + part.shape[0], j : j + part.shape[1]] for i in range(3) for j in range(3)]
     return np.asarray(np.logical_or.reduce(near) & ~part, np.bool_)

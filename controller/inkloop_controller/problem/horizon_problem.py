@@ -33,7 +33,7 @@ class HorizonProblem:
     where a droplet of kinds[k] may fall in that layer; alpha: weight of the mean error against the standard deviation
     (Lu, Zheng, Mishra 2015, eq. 8); weight: (nx, ny) of each cell's error (None: 1 in the part, 0 outside);
     overshoot: what a metre above the target costs when a metre below costs 1; ceiling: (nx, ny) [m], a metre above it
-    costs ceiling_cost besides (None: no ceiling); colours: of each layer, in the order jetted, the four colours
+    costs ceiling_cost in addition (None: no ceiling); colours: of each layer, in the order jetted, the four colours
     2 (i % 2) + j % 2 of its passes, each on the surface that the last one left (empty: layers of one pass).
     Raises ValueError, all errors in one sentence, for invalid values.
     """

@@ -32,7 +32,7 @@ class RelaxedPlan:
     """Droplets of any size (layers, nx, ny), counted in droplets of the first kind allowed on a cell.
 
     value: objective of these droplets [m]; bound: no plan has a lower one [m], nan if the problem is not convex or was
-    not solved; solved: the solver says that it has found an optimum (of a longer horizon: a local one).
+    not solved; solved: the solver reports that it has found an optimum (of a longer horizon: a local one).
     """
 
     droplets: FloatMap

@@ -6,6 +6,8 @@ pure function readSurface "Readings of a profile sensor on a surface"
   input Types.Height reading_before[size(height, 1), size(height, 2)] "Last valid readings";
   input Integer scan "Number of the scan, from 0";
   input Types.Length pitch "Distance of neighbouring cells";
+  input Types.Length shift[2] "Shift of the scans along x and y";
+  input Types.Length shift_std "Standard deviation of the shift from scan to scan";
   input Types.Length spot_radius "Standard deviation of the spot";
   input Types.Height slope_bias "Error per sine of twice the angle of the slope";
   input Types.Height noise_std "Standard deviation of the noise";
@@ -20,7 +22,8 @@ pure function readSurface "Readings of a profile sensor on a surface"
   output Boolean valid[size(height, 1), size(height, 2)] "= true, if the cell has been measured";
 
 protected
-  Types.Height spot[size(height, 1), size(height, 2)] = averageOverSpot(height, pitch, spot_radius) "Mean over the spot";
+  Types.Length scatter[2] = if shift_std > 0 then shift_std*{Random.normal(seed, Random.Stream.shift, 0, scan), Random.normal(seed, Random.Stream.shift, 1, scan)} else {0, 0} "Shift of this scan";
+  Types.Height spot[size(height, 1), size(height, 2)] = displace(averageOverSpot(height, pitch, spot_radius), (shift + scatter)/pitch) "Mean over the spot";
   Types.Number common = if noise_std > 0 then Random.normal(seed, Random.Stream.common_noise, 0, scan) else 0 "Noise of the scan";
   Types.Number white = 0 "Noise of the cell";
   Integer cell = 0 "Number of the cell, from 0";
@@ -53,7 +56,7 @@ algorithm
   annotation (Documentation(info="<html>
 <p>The errors act in the order of the hardware:</p>
 <ol>
-<li>the spot takes a Gaussian-weighted mean;</li>
+<li>the spot takes a Gaussian-weighted mean, shifted against the printer;</li>
 <li>a slope of angle t adds <code>slope_bias</code> sin(2 t);</li>
 <li>noise, of which a share is common to the scan;</li>
 <li>drop-out, at random and where the surface is steep;</li>

@@ -71,7 +71,7 @@ def test_part_is_printed_to_its_end_and_the_same_bits_again(make: Any) -> None:
     assert len(one.patterns) >= 4
 
 
-def test_restored_controller_goes_on_with_the_same_bits() -> None:
+def test_restored_controller_continues_with_the_same_bits() -> None:
     controller, resumed = started(LayerMpcController(JOB)), started(LayerMpcController(JOB))
     height, plant = FLAT, LayerModel.of(JOB)
     for layer in range(3):
@@ -126,7 +126,7 @@ def test_bound_counts_only_with_a_relaxation() -> None:
     assert bounded["bound"] <= bounded["objective"]
 
 
-def test_cell_that_is_never_seen_makes_the_status_untrusted_while_the_print_goes_on() -> None:
+def test_cell_that_is_never_seen_makes_the_status_untrusted_while_the_print_continues() -> None:
     controller, plant, height = started(LayerMpcController(JOB, untrusted_layers=1)), LayerModel.of(JOB), FLAT
     hidden = np.ones(FLAT.shape, np.bool_)
     hidden[4, 4] = False
@@ -143,7 +143,7 @@ def test_cell_that_is_never_seen_makes_the_status_untrusted_while_the_print_goes
     assert statuses[-1] == Status.DONE
 
 
-def test_restored_controller_goes_on_with_the_same_bits_on_noisy_scans() -> None:
+def test_restored_controller_continues_with_the_same_bits_on_noisy_scans() -> None:
     controller, resumed = started(LayerMpcController(JOB)), started(LayerMpcController(JOB))
     height, plant, rng = FLAT, LayerModel.of(JOB), np.random.default_rng(6)
     for layer in range(6):
@@ -171,7 +171,7 @@ def test_controller_restored_after_every_layer_prints_the_same_bits(fields: Any,
     """Noisy scans, droplets that vary, and a cell that is dead from layer 2 on."""
     job = block(height=45e-6, **fields)
     plant, droplets, sensor = LayerModel.of(job), np.random.default_rng(7), np.random.default_rng(8)
-    steady, resumed = (LayerMpcController(job, adapt_ink="full", **options) for _ in range(2))
+    steady, resumed = (LayerMpcController(job, adapt_ink="full", annealing_sweeps=10, **options) for _ in range(2))
     height = np.zeros((job.nx, job.ny))
     for controller in (steady, resumed):
         controller.initialize(0, inputs_of(job, height, 0))
@@ -182,7 +182,7 @@ def test_controller_restored_after_every_layer_prints_the_same_bits(fields: Any,
         again = answer(resumed, scan, layer, layer)
         for name in outputs.keys() - {"solve_time"}:
             np.testing.assert_array_equal(again[name], outputs[name], err_msg=f"{name} of layer {layer}")
-        saved, resumed = resumed.save(), LayerMpcController(job, adapt_ink="full", **options)
+        saved, resumed = resumed.save(), LayerMpcController(job, adapt_ink="full", annealing_sweeps=10, **options)
         resumed.restore(saved)
         dead_cells.append(int(outputs["dead_cells"]))
         if outputs["status"] == Status.DONE:

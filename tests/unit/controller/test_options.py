@@ -22,8 +22,15 @@ CLASSES = (LayerMpc, Criterion, DropletChoices, Work, HeightEstimator)
 OF_PYTHON = {"relaxation", "certified", "dead_nozzles", "nozzle_pitch", "threads"}
 DEFINITION = ROOT / "fmus" / "layer_controller" / "variables.toml"
 MODEL = definition.load(DEFINITION.read_text(encoding="utf-8"), DEFINITION)
-NO_VALUE = {"overshoot_limit": 1.0, "annealing_sweeps": -1, "time_limit": 0.0, "sensor_noise_std": -1.0}
-"""Numbers by which the FMU says what Python says by None and infinity."""
+NO_VALUE = {
+    "horizon": 0,
+    "layer_worth": -1.0,
+    "overshoot_limit": 1.0,
+    "annealing_sweeps": -1,
+    "time_limit": 0.0,
+    "sensor_noise_std": -1.0,
+}
+"""Numbers of the FMU for None and infinity in Python."""
 
 
 def pairs() -> Iterator[tuple[Keyword, VariableDefinition]]:
@@ -48,6 +55,9 @@ def test_fmu_has_the_default_of_the_class(keyword: Keyword, variable: VariableDe
 def test_class_has_the_lower_limit_or_the_items_of_the_fmu(keyword: Keyword, variable: VariableDefinition) -> None:
     if variable.declared is not None:
         assert list(get_args(get_args(keyword.annotation)[0])) == list(MODEL.types[variable.declared].items)
+        return
+    if variable.type == "boolean":
+        assert get_args(keyword.annotation)[0] is bool
         return
     least = 0 if keyword.argument in NO_VALUE else variable.min
     assert least is not None

@@ -59,7 +59,7 @@ def test_rule_prints_until_it_wants_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("pattern", "said"),
+    ("pattern", "message"),
     [
         (np.ones((3, 3), int), r"the pattern for layer 1 has shape \(3, 3\); needs \(4, 3\)"),
         (np.full((4, 3), 0.5), "the pattern for layer 1 is float64; needs whole numbers or booleans"),
@@ -67,16 +67,16 @@ def test_rule_prints_until_it_wants_nothing() -> None:
     ],
 )
 def test_what_is_no_pattern_is_refused(
-    workshop: types.ModuleType, pattern: ArrayLike, said: str, monkeypatch: pytest.MonkeyPatch
+    workshop: types.ModuleType, pattern: ArrayLike, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Missing, "pattern", lambda self, height, layer: pattern)
     part = catalog.make("workshop:Missing", toy_job(), {})
     inputs = {port.name: port.start_value() for port in part.inputs}
     assert int(part.initialize(0, inputs)["status"]) == Status.IDLE
-    with pytest.raises(ComponentError, match=said):
+    with pytest.raises(ComponentError, match=message):
         part.do_step(0, SECOND, {**inputs, "layers_scanned": np.asarray(0), "valid": np.ones((4, 3), bool)})
 
 
-def test_class_that_is_neither_component_nor_rule_is_told_what_it_lacks() -> None:
+def test_class_that_is_neither_component_nor_rule_is_refused_with_what_it_lacks() -> None:
     with pytest.raises(ScenarioError, match="workshop:Nothing', which has no inputs, outputs, initialize, do_step"):
         catalog.make("workshop:Nothing", toy_job(), {})

@@ -1,4 +1,4 @@
-"""Laws of the layer-to-layer model (Lu, Zheng, Mishra 2015), shown on the FMU."""
+"""Invariants of the layer-to-layer model (Lu, Zheng, Mishra 2015), shown on the FMU."""
 
 from __future__ import annotations
 
@@ -198,10 +198,10 @@ def test_roller_above_the_surface_changes_nothing() -> None:
     np.testing.assert_array_equal(printed(6, 5, patterns, roller_step=2 * FULL), printed(6, 5, patterns))
 
 
-def test_roller_counts_layers_from_its_datum_on_also_in_a_print_that_goes_on() -> None:
+def test_roller_counts_layers_from_its_datum_on_also_in_a_resumed_print() -> None:
     """Two layers after layer 4 would reach 15.2 um."""
-    goes_on = printed(5, 5, [1, 1], roller_step=2e-6, roller_datum=1e-6, layer_command=4)
-    assert [surface.max() for surface in goes_on[1:]] == pytest.approx([FULL, 13e-6], rel=1e-12, abs=0.0)
+    resumed = printed(5, 5, [1, 1], roller_step=2e-6, roller_datum=1e-6, layer_command=4)
+    assert [surface.max() for surface in resumed[1:]] == pytest.approx([FULL, 13e-6], rel=1e-12, abs=0.0)
 
 
 FAR = [4.4e-6, 0.6e-6, 0.2e-6, 0.15e-6, 0.1e-6, 0.05e-6, 0.04e-6, 0.03e-6, 0.02e-6, 0.01e-6]
@@ -282,7 +282,7 @@ def test_open_loop_print_falls_short_by_the_mean_of_the_factors(variation, mean_
     assert abs(mean - mean_um) < 4 * standard_error
 
 
-def test_print_goes_on_where_another_ended() -> None:
+def test_print_continues_where_another_ended() -> None:
     """Layer numbers start at layer_command, so a resumed print draws the same factors."""
     patterns = random_patterns(5, 4, 4)
     parameters = {"variation": 0.3, "passes": 4, "pass_rotation": 1, "seed": 5}

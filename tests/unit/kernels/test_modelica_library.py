@@ -1,4 +1,4 @@
-"""The Modelica library: its files keep the laws of a library, its models compile, run and assert what they say."""
+"""The Modelica library: its files follow the rules of a library, its models compile, run and pass their asserts."""
 
 from __future__ import annotations
 
@@ -21,8 +21,12 @@ KINDS = (
     r"(?:package|partial package|class|partial class|model|partial model|block|partial block|record"
     r"|pure function|partial function|connector|type)"
 )
-RUNNING = [f"{path.parent.name}.{path.stem}" for name in ("Examples", "Validation")
-           for path in sorted((LIBRARY / name).glob("*.mo")) if path.stem != "package"]  # fmt: skip
+RUNNING = [
+    f"{path.parent.name}.{path.stem}"
+    for name in ("Examples", "Validation")
+    for path in sorted((LIBRARY / name).glob("*.mo"))
+    if path.stem != "package"
+]
 STRING = r'"(?:[^"\\]|\\.)*"'
 TYPES = r"(?:Real|Integer|Boolean|(?:\w+\.)*(?:[A-Z]\w*))"
 DECLARATION = re.compile(
@@ -85,14 +89,22 @@ def declarations(text: str) -> list[str]:
 
 def test_every_declaration_has_a_description() -> None:
     described = re.compile(rf"{STRING}\s*(?:annotation.*)?;$", re.DOTALL)
-    assert not [(qualified(path), declaration) for path, text in FILES.items() for declaration in declarations(text)
-                if not described.search(declaration)]  # fmt: skip
+    assert not [
+        (qualified(path), declaration)
+        for path, text in FILES.items()
+        for declaration in declarations(text)
+        if not described.search(declaration)
+    ]
 
 
 def test_every_real_number_has_a_type_with_a_unit() -> None:
     bare = re.compile(r"^  (?:\w+ )*Real\b(?![^\";]*unit=)", re.MULTILINE)
-    assert not [(qualified(path), declaration) for path, text in FILES.items() for declaration in declarations(text)
-                if bare.search(declaration)]  # fmt: skip
+    assert not [
+        (qualified(path), declaration)
+        for path, text in FILES.items()
+        for declaration in declarations(text)
+        if bare.search(declaration)
+    ]
     short = re.compile(r"^(?:type|connector) \w+ = (?:input |output )?Real\b.*", re.MULTILINE)
     assert not [found for text in FILES.values() for found in short.findall(text) if "final unit=" not in found]
 
@@ -105,8 +117,12 @@ def test_descriptions_are_looked_for_where_declarations_are() -> None:
 
 def test_links_of_the_documentation_lead_to_a_class() -> None:
     known = {qualified(path) for path in FILES}
-    assert not [(qualified(path), name) for path, text in FILES.items()
-                for name in re.findall(r"modelica://([\w.]+)", text) if name not in known]  # fmt: skip
+    assert not [
+        (qualified(path), name)
+        for path, text in FILES.items()
+        for name in re.findall(r"modelica://([\w.]+)", text)
+        if name not in known
+    ]
 
 
 def test_every_file_is_modelica() -> None:
@@ -116,9 +132,12 @@ def test_every_file_is_modelica() -> None:
 
 
 def test_every_class_is_reached_by_a_model_that_runs() -> None:
-    """What no example and no validation uses would be compiled by nobody."""
-    classes = {path.stem: re.sub(STRING, "", text.split("\n  annotation")[0]) for path, text in FILES.items()
-               if path.stem != "package" and "UsersGuide" not in path.parts}  # fmt: skip
+    """What no example and no validation uses would never be compiled."""
+    classes = {
+        path.stem: re.sub(STRING, "", text.split("\n  annotation")[0])
+        for path, text in FILES.items()
+        if path.stem != "package" and "UsersGuide" not in path.parts
+    }
     reached = {name.rpartition(".")[2] for name in RUNNING}
     new = reached
     while new:
@@ -129,13 +148,14 @@ def test_every_class_is_reached_by_a_model_that_runs() -> None:
 
 
 def stop_time(model: str) -> float:
-    """The stop time that a model says [s]."""
+    """The stop time of a model [s]."""
     text = (LIBRARY / f"{model.replace('.', '/')}.mo").read_text()
     stop = re.search(r"experiment\(StopTime=([\d.]+), Tolerance=", text)
     assert stop is not None
     return float(stop[1])
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("model", RUNNING)
 def test_every_example_and_validation_has_as_many_equations_as_unknowns_and_no_loop(model: str) -> None:
     structure = compiled(model).structure()
@@ -144,11 +164,13 @@ def test_every_example_and_validation_has_as_many_equations_as_unknowns_and_no_l
     assert structure.n_algebraic_loops == 0
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("model", RUNNING)
 def test_every_example_and_validation_runs_to_its_end(model: str) -> None:
     assert simulate(model, stop_time(model)).end == stop_time(model)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("model", [model for model in RUNNING if model.startswith("Examples.")])
 def test_a_layer_is_commanded_only_when_the_one_before_has_been_scanned(model: str) -> None:
     run = simulate(model, stop_time(model))
@@ -162,8 +184,9 @@ def test_a_layer_is_commanded_only_when_the_one_before_has_been_scanned(model: s
     assert commanded[-1] == printed[-1] == scanned[-1] > 1
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
-    ("file", "right", "wrong", "model", "words"),
+    ("file", "right", "wrong", "model", "message"),
     [
         ("Functions/saturation.mo", "1 + rise/width", "1", "CuboidFourLayers", "the middle row is not"),
         ("Functions/saturation.mo", "1 + rise/width", "1 + 0.9*rise/width", "LineOfCells", "layer 2: the edge is not"),
@@ -180,16 +203,17 @@ def test_a_layer_is_commanded_only_when_the_one_before_has_been_scanned(model: s
         ("Functions/Random/philox.mo", "1:10", "1:9", "RandomNumbers", "zeros: not"),
     ],
 )
-def test_a_validation_stops_when_the_model_is_wrong(file, right, wrong, model, words, tmp_path: Path) -> None:
+def test_a_validation_stops_when_the_model_is_wrong(file, right, wrong, model, message, tmp_path: Path) -> None:
     copy = shutil.copytree(LIBRARY, tmp_path / "InkLoop")
     text = (copy / file).read_text()
     assert text.count(right) == 1
     (copy / file).write_text(text.replace(right, wrong))
     broken = rumoca.Session().load(str(copy / "package.mo"), model=f"InkLoop.Validation.{model}")
-    with pytest.raises(rumoca.SimulationError, match=words):
+    with pytest.raises(rumoca.SimulationError, match=message):
         broken.simulate(t=(0.0, 5.0), dt=0.5)
 
 
+@pytest.mark.system
 def test_threshold_feedback_evens_out_what_open_loop_leaves() -> None:
     """Five nozzles lack up to 40 % of their volume: 17 um too low and stripes in open loop, not so in closed loop."""
     inside = np.hypot(*np.meshgrid(np.arange(-5, 6), np.arange(-5, 6))) <= 4

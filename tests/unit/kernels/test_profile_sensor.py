@@ -1,4 +1,4 @@
-"""Laws of the profile sensor, shown on the FMU."""
+"""Invariants of the profile sensor, shown on the FMU."""
 
 from __future__ import annotations
 
@@ -53,8 +53,9 @@ def test_white_noise_has_its_standard_deviation() -> None:
 
 
 def test_correlated_share_of_the_noise_is_common_to_a_scan() -> None:
-    readings = np.array([reading for reading, _ in scans([np.zeros((5, 4))] * 400, noise_std=1e-6,
-                                                         noise_correlation=0.25)])  # fmt: skip
+    readings = np.array(
+        [reading for reading, _ in scans([np.zeros((5, 4))] * 400, noise_std=1e-6, noise_correlation=0.25)]
+    )
     within, between = readings.std(axis=(1, 2), ddof=1), readings.mean(axis=(1, 2))
     assert (within**2).mean() == pytest.approx(0.75e-12, rel=0.1, abs=0.0)
     assert between.var() == pytest.approx(0.25e-12 + 0.75e-12 / 20, rel=0.3, abs=0.0)
@@ -108,6 +109,22 @@ def test_tilt_turns_about_the_centre_of_the_grid() -> None:
     assert np.diff(error, axis=1) == pytest.approx(-2e-3 * PITCH)
 
 
+def test_shifted_sensor_reads_the_surface_beyond_each_cell() -> None:
+    whole = measured(ROUGH, shift_x=PITCH, shift_y=-2 * PITCH)
+    assert whole[:-1, 2:] == pytest.approx(ROUGH[1:, :-2], rel=1e-12, abs=0.0)
+    assert whole[-1, 2:] == pytest.approx(ROUGH[-1, :-2], rel=1e-12, abs=0.0)
+    quarter = measured(ROUGH, shift_x=0.25 * PITCH)
+    assert quarter[:-1] == pytest.approx(0.75 * ROUGH[:-1] + 0.25 * ROUGH[1:], rel=1e-12, abs=0.0)
+
+
+def test_shift_scatters_from_scan_to_scan_alike_for_all_cells() -> None:
+    plane = np.add.outer(1e-6 * np.arange(30), 1e-5 * np.arange(30))
+    readings = np.array([reading[8:-8, 8:-8] for reading, _ in scans([plane] * 200, shift_std=0.5 * PITCH)])
+    moved = readings - plane[8:-8, 8:-8]
+    assert np.ptp(moved, axis=(1, 2)).max() < 1e-15
+    assert moved[:, 0, 0].std() == pytest.approx(0.5 * np.hypot(1e-6, 1e-5), rel=4 / np.sqrt(2 * 200), abs=0.0)
+
+
 def test_drift_counts_scans_from_the_first() -> None:
     readings = [reading[0, 0] for reading, _ in scans([np.zeros((2, 2))] * 3, bias=5e-6, drift_rate=1e-6)]
     assert readings == pytest.approx([5e-6, 6e-6, 7e-6])
@@ -115,9 +132,22 @@ def test_drift_counts_scans_from_the_first() -> None:
 
 def test_all_errors_together_in_the_order_of_the_hardware() -> None:
     parameters: dict[str, Any] = {
-                  "noise_std": 1e-6, "noise_correlation": 0.3, "resolution": 0.1e-6, "bias": 2e-6,
-                  "drift_rate": 0.5e-6, "tilt_x": 1e-3, "tilt_y": 2e-3, "spot_radius": 200e-6, "slope_bias": 3e-6,
-                  "dropout_slope": 0.02, "dropout_rate": 0.1, "seed": 11}  # fmt: skip
+        "noise_std": 1e-6,
+        "noise_correlation": 0.3,
+        "resolution": 0.1e-6,
+        "bias": 2e-6,
+        "drift_rate": 0.5e-6,
+        "tilt_x": 1e-3,
+        "tilt_y": 2e-3,
+        "shift_x": 60e-6,
+        "shift_y": -400e-6,
+        "shift_std": 20e-6,
+        "spot_radius": 200e-6,
+        "slope_bias": 3e-6,
+        "dropout_slope": 0.02,
+        "dropout_rate": 0.1,
+        "seed": 11,
+    }
     last = np.zeros(ROUGH.shape)
     surfaces = [ROUGH * (layer + 1) / 3 for layer in range(3)]
     for number, (reading, valid) in enumerate(scans(surfaces, **parameters)):

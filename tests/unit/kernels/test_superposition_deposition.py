@@ -1,4 +1,4 @@
-"""Laws of the sum of spherical caps, shown on the FMU."""
+"""Invariants of the sum of spherical caps, shown on the FMU."""
 
 from __future__ import annotations
 
@@ -33,8 +33,10 @@ def test_interior_droplet_adds_the_volume_of_its_cap(radius, height) -> None:
     assert surface.sum() * PITCH**2 == pytest.approx(caps_numpy.volume(radius, height), rel=1e-12, abs=0.0)
 
 
-@pytest.mark.parametrize(("radius", "height"), [(206.5e-6, 4.4e-6), (120e-6, 120e-6), (131.628e-6, 50e-6),
-                                                (186.15e-6, 1e-6), (500e-6, 499e-6), (700e-6, 2e-6)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("radius", "height"),
+    [(206.5e-6, 4.4e-6), (120e-6, 120e-6), (131.628e-6, 50e-6), (186.15e-6, 1e-6), (500e-6, 499e-6), (700e-6, 2e-6)],
+)
 def test_height_of_a_cell_is_the_mean_of_the_cap_over_it(radius, height) -> None:
     (surface,) = printed(9, 9, [one_drop(9, 9)], cap_radius_a=radius, cap_height_a=height)
     whole = caps_numpy.volume(radius, height) / PITCH**2
@@ -82,19 +84,19 @@ def test_what_leaves_over_the_open_edge_is_counted() -> None:
 
 
 @pytest.mark.parametrize(
-    ("parameters", "said"),
+    ("parameters", "message"),
     [
         ({"cap_height_b": 3e-4}, "cap_height_b is 0.0003 m on a cap_radius_b of 0.0002065 m; expected at most"),
         ({"cap_radius_a": 3e-3}, r"cap_radius_a is 0.003 m on a pitch of 0.000263256 m; expected at most 0.00223768 m"),
     ],
 )
-def test_cap_that_no_drop_has_is_refused_in_words(parameters, said) -> None:
+def test_cap_that_no_drop_has_is_refused_with_a_message(parameters, message) -> None:
     with Driver("SuperpositionDeposition") as fmu:
         for name, value in parameters.items():
             assert fmu.set(name, value) == OK
         assert fmu.enter() == OK
         assert fmu.exit() == ERROR
-        assert said in fmu.messages[-1]
+        assert message in fmu.messages[-1]
         for name in parameters:
             assert fmu.set(name, 1e-4) == OK
         assert fmu.exit() == OK

@@ -1,4 +1,4 @@
-"""Laws of the propagation of volume and area (Wu, Chiu 2024), shown on the FMU."""
+"""Invariants of the propagation of volume and area (Wu, Chiu 2024), shown on the FMU."""
 
 from __future__ import annotations
 

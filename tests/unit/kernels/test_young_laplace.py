@@ -1,4 +1,4 @@
-"""Laws of liquid bodies at rest on a solid (Hume, Rosen 2018), shown on the kernels."""
+"""Invariants of liquid bodies at rest on a solid (Hume, Rosen 2018), shown on the kernels."""
 
 from __future__ import annotations
 
@@ -146,8 +146,9 @@ def test_layers_on_top_of_each_other_agree_with_the_twin(form) -> None:
         drops = generator.choice([0.0, 1.0, 1.0, 1.3], (4, 4))
         ours.layer(drops, [(0, 2), (1, 2)])
         for first in (0, 1):
-            twin = young_laplace_numpy.print_pass(twin, drops, range(first, 4, 2), 5, VOLUME, ANGLE, ours.spacing,
-                                                  form == NONLINEAR)  # fmt: skip
+            twin = young_laplace_numpy.print_pass(
+                twin, drops, range(first, 4, 2), 5, VOLUME, ANGLE, ours.spacing, form == NONLINEAR
+            )
     assert ours.fallbacks == 0
     assert np.abs(ours.height - twin).max() <= (1e-14 if form == LINEAR else 2e-8)
 
@@ -195,7 +196,7 @@ def test_droplet_reaches_less_far_where_its_path_climbs() -> None:
 
 
 def test_body_that_would_have_to_overhang_is_solved_linearly_and_counted() -> None:
-    """Beside a wall ten times as high as a droplet no surface of constant mean curvature is a function of the place."""
+    """Next to a wall ten times as high as a droplet, no surface of constant mean curvature is a function of place."""
     square = np.zeros((10, 10))
     square[2:-2, 2:-2] = 1.0
     tall, linear = Print(10, 10, 6), Print(10, 10, 6, LINEAR)

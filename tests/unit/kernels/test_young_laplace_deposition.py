@@ -1,4 +1,4 @@
-"""Laws of YoungLaplaceDeposition, shown on the FMU."""
+"""Invariants of YoungLaplaceDeposition, shown on the FMU."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def test_state_of_other_parameters_brings_its_own_fine_surface() -> None:
 
 def test_square_of_ten_layers_has_the_recorded_shape() -> None:
     """25 x 25 droplets, 42.3 um apart, nonlinear, recorded with another solver at 2.6 um: inner 15 x 15 droplets
-    186 um, end walls 150 um wide (10 to 90 %) at 45 degrees, side walls at 79 degrees, a ridge of 203 um beside them,
+    186 um, end walls 150 um wide (10 to 90 %) at 45 degrees, side walls at 79 degrees, a ridge of 203 um next to them,
     corner droplet 82 um, less than 0.5 % of the volume outside the nominal square."""
     square = Print(29, 29, 6)
     for _ in range(10):

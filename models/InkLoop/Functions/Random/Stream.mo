@@ -9,6 +9,7 @@ package Stream "Streams of random numbers"
   constant Integer white_noise = 5 "Noise of a reading";
   constant Integer common_noise = 6 "Noise of a scan";
   constant Integer dropout = 7 "Loss of a reading";
+  constant Integer shift = 8 "Shift of a scan";
 
   annotation (Documentation(info="<html><p>Streams with different numbers are independent.</p></html>"));
 end Stream;

@@ -1,4 +1,4 @@
-"""Laws of the controllers without an objective: greedy geometric feedback, and error diffusion."""
+"""Invariants of the controllers without an objective: greedy geometric feedback, and error diffusion."""
 
 from __future__ import annotations
 
@@ -82,6 +82,7 @@ def test_nothing_falls_where_nothing_is_lacking(make: Any) -> None:
     assert not plan.pattern.any()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("make", [CohenLipsonController, ErrorDiffusionController])
 def test_cylinder_ends_flatter_and_nearer_to_its_height_than_in_open_loop(make: Any) -> None:
     job = cylinder()

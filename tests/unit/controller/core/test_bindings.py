@@ -1,4 +1,4 @@
-"""Laws of the search core."""
+"""Invariants of the search core."""
 
 from __future__ import annotations
 
@@ -206,10 +206,8 @@ def test_objective_is_that_of_all_layers_and_passes(orders: Any) -> None:
     kinds = (INK, Ink(3.9e-6, 0.55e-6, 0.15e-6), Ink(8.8e-6, 1.2e-6, 0.4e-6))
     weight = np.random.default_rng(9).uniform(0.0, 1.0, height.shape)
     ceiling = target + 10e-6
-    wanted = problem(
-        height, target, 0.6, layers=2, kinds=kinds, colours=orders,
-        weight=weight, overshoot=3.0, ceiling=ceiling, ceiling_cost=50.0,
-    )  # fmt: skip
+    costs: dict[str, Any] = {"weight": weight, "overshoot": 3.0, "ceiling": ceiling, "ceiling_cost": 50.0}
+    wanted = problem(height, target, 0.6, layers=2, kinds=kinds, colours=orders, **costs)
     plan = np.random.default_rng(1).integers(0, 4, (2, 12, 12), dtype=np.int32)
     after = printed(height, plan, kinds, orders)
     found = bindings.objective(wanted, plan)
@@ -266,7 +264,7 @@ def test_droplets_keep_to_the_choices_of_their_cell_and_layer() -> None:
     assert not (found.plan[choices == 2] == 1).any()
 
 
-def test_what_falls_beside_the_part_costs_nothing() -> None:
+def test_what_falls_next_to_the_part_costs_nothing() -> None:
     height, target = rough(7)
     part = np.zeros((20, 20), np.bool_)
     part[5:15, 5:15] = True
@@ -302,7 +300,7 @@ def test_search_without_any_time_or_work_returns_its_start() -> None:
         np.testing.assert_array_equal(found.plan, everything())
 
 
-def test_search_stops_where_it_is_told_to() -> None:
+def test_search_stops_when_the_callback_asks_for_it() -> None:
     height, target = rough(12)
     seen: list[SearchProgress] = []
 
@@ -346,7 +344,7 @@ def test_only_the_moves_asked_for_are_made() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fields", "words"),
+    ("fields", "message"),
     [
         ({"target": np.zeros((3, 4))}, r"target has shape \(3, 4\); needs \(4, 4\)"),
         ({"height": np.full((4, 4), np.nan)}, r"height is nan at cell \(0, 0\)"),
@@ -366,27 +364,27 @@ def test_only_the_moves_asked_for_are_made() -> None:
         ({"colours": ((0, 1, 2, 2),)}, "for each of 1 layers the colours 0 to 3 once"),
     ],
 )
-def test_problem_that_cannot_be_meant_is_refused(fields: dict[str, Any], words: str) -> None:
+def test_invalid_problem_is_refused(fields: dict[str, Any], message: str) -> None:
     whole = {"height": np.zeros((4, 4)), "target": np.zeros((4, 4)), **fields}
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=message):
         problem(**whole)
 
 
 @pytest.mark.parametrize(
-    ("plan", "words"),
+    ("plan", "message"),
     [
         (np.ones((1, 2, 2), np.int32), r"kind 0 at cell \(0, 1\) of layer 0, where the choices do not allow it"),
         (np.full((1, 2, 2), 2, np.int32), "plan holds 2 to 2; needs 0 to 1"),
         (np.zeros((2, 2, 2), np.int32), r"plan has shape \(2, 2, 2\); needs \(1, 2, 2\)"),
     ],
 )
-def test_plan_that_cannot_be_printed_is_refused(plan: Any, words: str) -> None:
+def test_plan_that_cannot_be_printed_is_refused(plan: Any, message: str) -> None:
     choices = np.array([[[1, 0], [1, 1]]], np.uint16)
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=message):
         bindings.search(problem(np.zeros((2, 2)), np.zeros((2, 2)), choices=choices), plan, sweeps_max=10)
 
 
-def test_budgets_that_cannot_be_meant_are_refused_together() -> None:
+def test_impossible_budgets_are_refused_together() -> None:
     with pytest.raises(ValueError, match=r"sweeps_max is -1; .*; seconds_max is nan; .*; threads is 0"):
         bindings.search(problem(*rough(0)), everything(), sweeps_max=-1, seconds_max=np.nan, threads=0)
 

@@ -13,7 +13,7 @@ import pytest
 from support.places import ROOT
 
 CORE = ROOT / "controller" / "core"
-LAYER_MAP = ROOT / "fmus" / "layer_deposition"
+FMUS = ROOT / "fmus"
 DRIVER = ROOT / "tests" / "c" / "planning_in_threads.c"
 ELSEWHERE = ("inkloop_core.c", "parallel_none.c")  # the interface for Python, and no threads
 FLAGS = ("-std=c11", "-O2", "-g", "-ffp-contract=off", "-fsanitize=thread")
@@ -28,18 +28,18 @@ pytestmark = [
 
 def planned(core: Path, folder: Path) -> subprocess.CompletedProcess[str]:
     """The driver on this core, run; skipped where gcc has no thread sanitizer."""
-    empty = subprocess.run(["gcc", "-fsanitize=thread", "-xc", "-", "-o", folder / "empty"], input="int main(void) {}",
-                           capture_output=True, text=True, check=False)  # fmt: skip
+    compiler: list[str | Path] = ["gcc", "-fsanitize=thread", "-xc", "-", "-o", folder / "empty"]
+    empty = subprocess.run(compiler, input="int main(void) {}", capture_output=True, text=True, check=False)
     if empty.returncode or subprocess.run([folder / "empty"], capture_output=True, check=False).returncode:
         pytest.skip("gcc with its thread sanitizer is not installed, or does not run on this kernel")
     sources = [path for path in sorted(core.rglob("*.c")) if path.name not in ELSEWHERE]
     program = folder / "planning"
-    groups = sorted({f"-I{path.parent}" for path in sources})
-    command: list[str | Path] = ["gcc", *FLAGS, *WARNINGS, *groups, f"-I{LAYER_MAP}", DRIVER, *sources,
-                                 LAYER_MAP / "layer_map.c", "-lm", "-lpthread", "-o", program]  # fmt: skip
+    sources.append(FMUS / "layer_deposition" / "layer_map.c")
+    places = sorted({f"-I{path.parent}" for path in (*sources, FMUS / "deposition" / "cell_colour.h")})
+    command: list[str | Path] = ["gcc", *FLAGS, *WARNINGS, *places, DRIVER, *sources, "-lm", "-lpthread", "-o", program]
     subprocess.run(command, check=True)
-    told = {"TSAN_OPTIONS": "halt_on_error=1"}
-    return subprocess.run([program], env=os.environ | told, capture_output=True, text=True, check=False)
+    settings = {"TSAN_OPTIONS": "halt_on_error=1"}
+    return subprocess.run([program], env=os.environ | settings, capture_output=True, text=True, check=False)
 
 
 def test_four_threads_plan_what_one_does_and_share_nothing_unguarded(tmp_path: Path) -> None:
@@ -48,7 +48,7 @@ def test_four_threads_plan_what_one_does_and_share_nothing_unguarded(tmp_path: P
     assert "ThreadSanitizer" not in done.stderr
 
 
-def test_race_between_tiles_would_be_told(tmp_path: Path) -> None:
+def test_race_between_tiles_would_be_detected(tmp_path: Path) -> None:
     """A counter that all threads share, put in on purpose."""
     core = tmp_path / "core"
     shutil.copytree(CORE, core)

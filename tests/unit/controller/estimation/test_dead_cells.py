@@ -64,8 +64,9 @@ def printed(
     raise AssertionError("not done after 200 layers")
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("noise", [0.0, 1e-6])
-def test_print_with_a_nozzle_that_dies_untold_comes_to_its_end(noise: float) -> None:
+def test_print_with_a_nozzle_that_dies_unreported_comes_to_its_end(noise: float) -> None:
     job = cylinder()
     found = printed(job, 1, 0.2, noise, range(10, 999))
     line = int(job.mask[:, LINE].sum())
@@ -77,6 +78,7 @@ def test_print_with_a_nozzle_that_dies_untold_comes_to_its_end(noise: float) -> 
     assert np.abs((job.target_height - found.height)[away]).mean() < 0.8e-6
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("noise", [0.0, 1e-6])
 def test_nozzle_that_is_cleaned_is_noticed_and_its_line_filled(noise: float) -> None:
     job = cylinder()
@@ -86,21 +88,24 @@ def test_nozzle_that_is_cleaned_is_noticed_and_its_line_filled(noise: float) -> 
     assert np.abs((job.target_height - found.height)[job.mask]).mean() < 0.8e-6
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("seed", rest_is_long(range(10), 2))
 def test_droplets_that_vary_and_scans_that_are_noisy_are_no_dead_nozzles(seed: int) -> None:
     assert printed(cylinder(), seed, 0.4, 1e-6, range(0)).false_alarms == 0
 
 
+@pytest.mark.system
 def test_widths_that_noise_makes_unsure_are_no_dead_nozzles() -> None:
     """With the learnt proportions of h1, h2 and h3 cells were taken for dead here."""
     assert printed(cylinder(), 1, 0.4, 1e-6, range(0), adapt_ink="full").false_alarms == 0
 
 
+@pytest.mark.system
 def test_nozzle_that_brings_a_third_of_its_ink_is_weak_and_not_dead() -> None:
     assert not any(printed(cylinder(), 3, 0.2, 0.0, range(10, 200), volume=1.0 / 3.0).dead_cells)
 
 
-def test_one_layer_is_not_enough_and_cells_that_nothing_is_commanded_to_say_nothing() -> None:
+def test_one_layer_is_not_enough_and_cells_without_a_command_give_no_information() -> None:
     job, seen = block(20, 20), np.ones((20, 20), np.bool_)
     plant, estimator = LayerModel.of(job), HeightEstimator(job, sensor_noise_std=0.1e-6)
     pattern, dead = job.mask.astype(np.int32), (10, 10)
@@ -119,7 +124,7 @@ def test_one_layer_is_not_enough_and_cells_that_nothing_is_commanded_to_say_noth
     assert evidence[5] < DEAD_EVIDENCE
 
 
-def test_ink_that_runs_out_is_no_dead_nozzle_and_the_print_goes_on_when_it_is_back() -> None:
+def test_ink_that_runs_out_is_no_dead_nozzle_and_the_print_continues_when_it_is_back() -> None:
     job = cylinder()
     found = printed(job, 4, 0.2, 0.0, range(10, 20), line=slice(None))
     assert not any(found.dead_cells)

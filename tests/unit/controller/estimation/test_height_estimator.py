@@ -44,7 +44,7 @@ def test_estimate_is_nearer_to_the_surface_than_the_scan(common: float) -> None:
     assert np.std(error) < 0.75 * np.std((scan - height)[job.mask])
 
 
-def test_variance_says_how_far_off_the_estimate_is() -> None:
+def test_variance_measures_how_far_off_the_estimate_is() -> None:
     job = cylinder()
     estimate, height, _ = printed(job, HeightEstimator(job), 15, 1e-6)
     claimed = float(np.sqrt(estimate.height_variance[job.mask].mean()))
@@ -155,6 +155,6 @@ def test_estimate_comes_back_from_arrays_bit_by_bit() -> None:
     assert back.inks == estimate.inks
 
 
-def test_all_errors_of_the_options_are_told_at_once() -> None:
+def test_all_errors_of_the_options_are_reported_at_once() -> None:
     with pytest.raises(ValueError, match=r"adapt_ink is 'yes'.*sensor_noise_std is -1.*untrusted_layers is -2"):
         HeightEstimator(block(), adapt_ink="yes", sensor_noise_std=-1.0, untrusted_layers=-2)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""What the layers of a print tell about the ink, and what is not the ink's doing."""
+"""What the layers of a print show about the ink, and what is not caused by the ink."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_volume_is_known_after_a_full_layer(volume: float, passes: int) -> None:
     assert bench.estimate.ink_scale == pytest.approx(volume, rel=1e-3)
 
 
-def test_one_random_layer_tells_the_three_heights_apart() -> None:
+def test_one_random_layer_separates_the_three_heights() -> None:
     bench = Bench(block(44, 44), (OTHER,), "full", noise_std=0.3e-6)
     found = shares(bench.print(bench.random_pattern()).inks[0], OTHER)
     assert found[0] == pytest.approx(1.0, abs=0.02)
@@ -84,7 +84,7 @@ def test_noise_of_a_micrometre_biases_the_three_heights_little() -> None:
 
 
 @pytest.mark.parametrize("model", ["scale", "full"])
-def test_each_of_two_inks_is_learnt_for_itself(model: InkModel) -> None:
+def test_each_of_two_inks_is_learnt_separately(model: InkModel) -> None:
     nominal = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
     true = (scaled(0.85), Ink(1.1 * 3.9e-6, 1.1 * 0.55e-6, 1.1 * 0.15e-6))
     bench = Bench(block(44, 44, inks=nominal), true, model)
@@ -118,7 +118,7 @@ def test_dead_nozzles_lower_no_volume(model: InkModel) -> None:
     assert bench.estimate.ink_scale == pytest.approx(0.9, rel=0.01)
 
 
-def test_layer_of_dead_nozzles_alone_says_nothing() -> None:
+def test_layer_of_dead_nozzles_alone_gives_no_information() -> None:
     bench = Bench(block(34, 34), (scaled(0.9),), "scale")
     bench.print(bench.full_pattern())
     before = bench.estimate.ink_scale

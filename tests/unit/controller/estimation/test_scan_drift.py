@@ -64,7 +64,7 @@ def test_part_without_unprinted_cells_has_no_drift_removed(margin: int) -> None:
     np.testing.assert_array_equal(plane(np.full((12, 12), 5e-6), np.zeros((12, 12)), part | True, part), 0.0)
 
 
-def test_cells_in_one_row_tell_an_offset_but_no_plane() -> None:
+def test_cells_in_one_row_determine_an_offset_but_no_plane() -> None:
     part = np.ones((20, 12), np.bool_)
     part[:2] = False
     i, _ = np.indices(part.shape)

@@ -83,8 +83,8 @@ def test_controller_plans_on_from_the_scan_of_an_unknown_layer() -> None:
         controller.initialize(0, inputs_of(job, np.zeros(job.mask.shape), 0))
         first = controller.do_step(0, 1, inputs_of(job, np.zeros(job.mask.shape), 0))
         surface = LayerModel.of(job).scaled(0.67).layer(np.zeros(job.mask.shape), first["pattern"], 1)
-        told = inputs_of(job, surface, 1) | {"layer_unknown": np.asarray(is_unknown)}
-        return controller.do_step(1, 1, told)
+        inputs = inputs_of(job, surface, 1) | {"layer_unknown": np.asarray(is_unknown)}
+        return controller.do_step(1, 1, inputs)
 
     unknown, known = answered(is_unknown=True), answered(is_unknown=False)
     assert unknown["layer_command"] == known["layer_command"] == 2

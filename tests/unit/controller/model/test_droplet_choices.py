@@ -60,7 +60,7 @@ def test_dead_nozzles_jet_nothing_in_any_layer() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"drop_levels": 0}, "drop_levels is 0 with 1 inks"),
         ({"drop_levels": 17}, "needs 1 to 16"),
@@ -68,6 +68,6 @@ def test_dead_nozzles_jet_nothing_in_any_layer() -> None:
         ({"dead_nozzles": (4,), "nozzle_pitch": 4}, "dead_nozzles has 4; needs nozzles 0 to 3"),
     ],
 )
-def test_what_no_head_has_is_refused(options: Any, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
+def test_what_no_head_has_is_refused(options: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         DropletChoices(block(), **options)

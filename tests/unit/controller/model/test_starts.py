@@ -30,7 +30,7 @@ def test_full_layers_take_the_first_kind_that_may_fall() -> None:
     assert not no_droplets(problem([3, 3])).any()
 
 
-def test_shifted_plan_goes_on_where_the_last_one_is() -> None:
+def test_shifted_plan_continues_where_the_last_one_is() -> None:
     assert shifted(layers(0, 1, 2), problem([3, 3, 3]))[:, 0, 0].tolist() == [1, 2, 2]
     assert shifted(layers(1), problem([3]))[:, 0, 0].tolist() == [1]
 

@@ -1,0 +1,125 @@
+#include "shortest_plan.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "horizon_solver.h"
+#include "layer_surface.h"
+#include "plan_starts.h"
+#include "stopwatch.h"
+
+/* Of what a full layer adds to the mean error far from the target: nothing makes up for leaving that out (by trial). */
+static const double FULL_LAYER = 0.75;
+
+typedef struct {
+    const PlanWork *work;
+    bool is_stopped; /* by after_sweep */
+} Stop;
+
+static int32_t after_sweep(void *caller, const SearchReport *so_far) {
+    Stop *stop = caller;
+    const int32_t answer = stop->work->after_sweep(stop->work->caller, so_far);
+    stop->is_stopped = stop->is_stopped || answer != 0;
+    return answer;
+}
+
+Finish finish_of(int32_t finish) {
+    return finish == FINISH_FAST ? (Finish){4, 0.007} : (Finish){5, 0.0015};
+}
+
+/* Layers of a plan up to its last droplet. */
+static size_t layers_used(const HorizonProblem *problem, const int32_t *plan) {
+    const size_t cells = problem->nx * problem->ny;
+    size_t place = problem->layers * cells;
+    while (place > 0 && plan[place - 1] == 0)
+        place--;
+    return (place + cells - 1) / cells;
+}
+
+static double tallest_layer(const HorizonProblem *problem) {
+    double tallest = 0.0;
+    for (size_t kind = 0; kind < problem->kinds; kind++)
+        tallest = fmax(tallest, full_layer_height(&problem->kind[kind]));
+    return tallest;
+}
+
+static void add_work(PlanReport *report, const PlanReport *earlier) {
+    report->sweeps += earlier->sweeps;
+    for (int phase = 0; phase < PHASES; phase++)
+        report->seconds[phase] += earlier->seconds[phase];
+}
+
+/* The plan for the first layers of the problem (`fewer`) in `shorter`, made from the rest of `plan` among others. False
+ * if there is none that can be worth it. */
+static bool plan_fewer(const HorizonProblem *fewer, const PlanWork *work, const int32_t *plan, double value,
+                       int32_t *shorter, PlanReport *report, int32_t *status) {
+    Objective rest;
+    shift_plan(fewer, plan, fewer->layers + 1, shorter);
+    *status = plan_objective(fewer, shorter, &rest);
+    if (*status != CORE_DONE || rest.value - value > FULL_LAYER * fewer->alpha * tallest_layer(fewer))
+        return false;
+    *status = plan_horizon(fewer, work, shorter, report);
+    return *status == CORE_DONE;
+}
+
+/* Makes the plan shorter as long as that pays. */
+static int32_t shorten(const HorizonProblem *problem, const PlanWork *work, double price, double ends_at, Stop *stop,
+                       int32_t *plan, int32_t *shorter, PlanReport *report) {
+    const size_t cells = problem->nx * problem->ny;
+    HorizonProblem fewer = *problem;
+    PlanWork rest = *work;
+    int32_t status = CORE_DONE;
+    rest.last = plan;
+    rest.relaxation = work->relaxation == RELAX_GIVEN ? RELAX_HERE : work->relaxation;
+    for (fewer.layers = layers_used(problem, plan) - 1; fewer.layers > 0 && !stop->is_stopped; fewer.layers--) {
+        PlanReport found;
+        rest.last_layers = fewer.layers + 1;
+        rest.seconds_max = fmin(work->seconds_max, ends_at - stopwatch_seconds());
+        if (rest.seconds_max <= 0.0 ||
+            !plan_fewer(&fewer, &rest, plan, report->objective.value, shorter, &found, &status))
+            break;
+        if (found.status == PLAN_DONE || found.objective.value > report->objective.value + price) {
+            add_work(report, &found);
+            break;
+        }
+        add_work(&found, report);
+        *report = found;
+        memset(plan, 0, problem->layers * cells * sizeof(int32_t));
+        memcpy(plan, shorter, fewer.layers * cells * sizeof(int32_t));
+        fewer.layers = layers_used(problem, plan);
+    }
+    return status;
+}
+
+int32_t plan_shortest(const HorizonProblem *problem, const PlanWork *work, int32_t *plan, PlanReport *report) {
+    const size_t places = problem->layers * problem->nx * problem->ny;
+    const double price = work->layer_worth * full_layer_height(&problem->kind[0]);
+    const double ends_at = stopwatch_seconds() + work->seconds_max;
+    Stop stop = {work, false};
+    PlanWork watched = *work;
+    if (work->after_sweep) {
+        watched.after_sweep = after_sweep;
+        watched.caller = &stop;
+    }
+    int32_t status = plan_horizon(problem, &watched, plan, report);
+    if (status != CORE_DONE || report->status == PLAN_DONE || price == 0.0)
+        return status;
+    int32_t *other = calloc(places, sizeof(int32_t));
+    Objective nothing;
+    if (!other)
+        return CORE_NO_MEMORY;
+    status = plan_objective(problem, other, &nothing);
+    if (status == CORE_DONE)
+        status = shorten(problem, &watched, price, ends_at, &stop, plan, other, report);
+    const double gain = nothing.value - report->objective.value;
+    if (status == CORE_DONE && gain <= (double)layers_used(problem, plan) * price) {
+        memset(plan, 0, places * sizeof(int32_t));
+        report->status = PLAN_DONE;
+        report->start = START_NOTHING;
+        report->is_annealed = 0;
+        report->objective = nothing;
+    }
+    free(other);
+    return status;
+}

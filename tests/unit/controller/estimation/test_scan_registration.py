@@ -1,0 +1,146 @@
+"""Scans that are shifted against the printer or blurred: found, corrected, and not imagined where there is nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from inkloop.component import Job, Status
+from inkloop_controller.controllers import LayerMpcController
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
+from inkloop_controller.model.layer_model import LayerModel
+from support.closed_loop import SECOND, block, inputs_of
+
+LAYERS_MAX = 60
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A profile sensor written with SciPy, apart from that of the project: linear between cells, Gaussian spot."""
+
+    shift: tuple[float, float] = (0.0, 0.0)  # [cells]
+    scatter: float = 0.0  # from scan to scan [cells]
+    spot: float = 0.0  # [cells]
+    noise: float = 0.0  # [m]
+    dropout: float = 0.0
+
+    def scan(self, height: Any, rng: np.random.Generator) -> tuple[Any, Any]:
+        shift = np.asarray(self.shift) + self.scatter * rng.standard_normal(2)
+        seen = gaussian_filter(height, self.spot, mode="nearest", truncate=4.0) if self.spot else height
+        i, j = np.indices(height.shape)
+        reading = map_coordinates(seen, [i + shift[0], j + shift[1]], order=1, mode="nearest")
+        valid = rng.random(height.shape) >= self.dropout
+        return reading + self.noise * rng.standard_normal(height.shape), valid
+
+
+def small_cylinder(seed: int = 0) -> Job:
+    """Radius 10 cells, 150 um high."""
+    i, j = np.indices((25, 25))
+    mask = (i - 12) ** 2 + (j - 12) ** 2 <= 100
+    return Job(25, 25, 263.256e-6, np.where(mask, 150e-6, 0.0), mask, seed=seed)
+
+
+@dataclass(frozen=True)
+class Print:
+    """A print's last outputs, those by layer, and error of the surface over the part [m]."""
+
+    outputs: list[dict[str, Any]]
+    error: Any
+
+
+def printed(job: Job, sensor: Sensor, seed: int = 0, variation: float = 0.2, **options: Any) -> Print:
+    controller, plant = LayerMpcController(job, **options), LayerModel.of(job)
+    droplets, readings = np.random.default_rng(seed), np.random.default_rng(1000 + seed)
+    height, outputs = np.zeros((job.nx, job.ny)), []
+
+    def inputs(layer: int) -> Any:
+        reading, valid = sensor.scan(height, readings)
+        return inputs_of(job, reading, layer, valid)
+
+    controller.initialize(0, inputs(0))
+    for layer in range(LAYERS_MAX):
+        outputs.append(dict(controller.do_step(layer * SECOND, SECOND, inputs(layer))))
+        if outputs[-1]["status"] == Status.DONE:
+            break
+        factor = 1.0 - variation * droplets.random(height.shape)
+        height = plant.layer(height, outputs[-1]["pattern"], layer + 1, factor)
+    return Print(outputs, (height - job.target_height)[job.mask])
+
+
+@pytest.mark.parametrize("shift", [(0.1, 0.0), (0.25, 0.0), (0.5, 0.5), (-0.6, 1.0)])
+def test_shift_is_known_after_ten_layers_and_leaves_the_part_as_good_as_without(shift: tuple[float, float]) -> None:
+    job = small_cylinder()
+    found = printed(job, Sensor(shift))
+    for axis, value in zip("xy", shift, strict=True):
+        after_ten, std = (float(found.outputs[10][f"scan_shift_{name}"]) / job.pitch for name in (axis, "std"))
+        assert after_ten == pytest.approx(value, abs=0.02)
+        assert abs(after_ten - value) < 4.0 * std < 0.05
+    assert np.abs(found.error).mean() < 0.5e-6
+    assert found.error.max() < 3e-6
+
+
+@pytest.mark.parametrize("spot", [0.5, 1.0])
+def test_wide_spot_is_found_and_leaves_the_part_as_good_as_without(spot: float) -> None:
+    job = small_cylinder()
+    found = printed(job, Sensor(spot=spot))
+    assert float(found.outputs[10]["scan_spot_radius"]) == pytest.approx(spot * job.pitch, rel=0.05, abs=0.0)
+    assert np.abs(found.error).mean() < 0.5e-6
+    assert found.error.max() < 3e-6
+
+
+@pytest.mark.parametrize(
+    "sensor", [Sensor(scatter=0.1), Sensor((0.25, 0.0), spot=0.5, noise=1e-6, dropout=0.1)], ids=["scatter", "all"]
+)
+def test_shift_that_scatters_and_everything_at_once_do_little_harm(sensor: Sensor) -> None:
+    found = printed(small_cylinder(), sensor)
+    assert np.abs(found.error).mean() < 0.6e-6
+    assert found.error.max() < 5e-6
+
+
+def test_shift_that_is_not_looked_for_ruins_the_part() -> None:
+    """What the others would be without registration."""
+    found = printed(small_cylinder(), Sensor((0.25, 0.0)), register_scans=False)
+    assert found.error.max() > 30e-6
+
+
+@pytest.mark.parametrize("sensor", [Sensor(), Sensor(noise=1e-6), Sensor(dropout=0.1)], ids=["exact", "noisy", "lost"])
+def test_sensor_in_register_prints_bit_by_bit_as_if_nothing_was_looked_for(sensor: Sensor) -> None:
+    looked, not_looked = (printed(small_cylinder(), sensor, register_scans=asked) for asked in (True, False))
+    np.testing.assert_array_equal(looked.error, not_looked.error)
+    assert looked.outputs[-1]["scan_spot_radius"] == 0.0
+
+
+def registered(job: Job, scan: Callable[[Any], Any], layers: int, unknown: bool = False) -> Estimate:
+    """The estimate after full layers and their scans; the last layer unknown, if wanted."""
+    estimator, plant, seen = HeightEstimator(job), LayerModel.of(job), np.ones(job.mask.shape, np.bool_)
+    height, pattern = np.zeros(job.mask.shape), job.mask.astype(np.int32)
+    estimate = estimator.first(scan(height), seen)
+    for layer in range(1, layers + 1):
+        height = plant.layer(height, pattern, layer)
+        take = estimator.after_unknown if unknown and layer == layers else estimator.next
+        estimate = take(estimate, pattern, layer, scan(height), seen)
+    return estimate
+
+
+def test_layer_that_was_abandoned_shows_no_displacement() -> None:
+    job, rng = block(20, 20), np.random.default_rng(1)
+
+    def scan(height: Any) -> Any:
+        return Sensor((0.3, 0.0)).scan(height, rng)[0]
+
+    assert not registered(job, scan, 1, unknown=True).registration.has_shift
+    assert registered(job, scan, 1).registration.has_shift
+
+
+def test_saved_estimate_is_restored_bit_by_bit() -> None:
+    job, rng = small_cylinder(), np.random.default_rng(1)
+    estimate = registered(job, lambda height: Sensor((0.3, 0.2)).scan(height, rng)[0], 3)
+    restored = Estimate.of_arrays(estimate.arrays())
+    assert estimate.registration.has_shift
+    for name, value in estimate.arrays().items():
+        np.testing.assert_array_equal(restored.arrays()[name], value)
