@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,10 +19,12 @@ MARKS = {"system": ("system", "compiled"), "reference": ("system",), "unit/firmw
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """The process that starts the workers owns the folder of the run."""
+    """The process that starts the workers owns the folder of the run; Ctrl-C works in all that it starts."""
     if compiled.RUN_FOLDER not in os.environ:
         folder = os.environ[compiled.RUN_FOLDER] = tempfile.mkdtemp(prefix="inkloop-tests-")
         config.add_cleanup(lambda: shutil.rmtree(folder))
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # run by nohup or in the background of a script
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # programs that tests start and interrupt inherit it
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -101,7 +101,7 @@ def _parser() -> tuple[argparse.ArgumentParser, Any]:
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND", dest="command_name")
     for module in COMMANDS:
         one = module.add_parser(commands)
-        one.add_argument("--traceback", action="store_true", help="if the command fails, show where in the program")
+        one.add_argument("--traceback", action="store_true", help="print the Python traceback of an error")
         one.set_defaults(command=module.run)
     return whole, commands
 

@@ -67,8 +67,8 @@ class Port:
 class Component(Protocol):
     """A part of the loop. Times are integer nanoseconds.
 
-    `save() -> bytes` and `restore(bytes)` may be offered besides; without them a run cannot be resumed. The class may
-    say: `is_device = True`, it acts on or measures something real; `is_shadow = True`, it is a model beside a device,
+    `save() -> bytes` and `restore(bytes)` are optional; without them a run cannot be resumed. The class may
+    set: `is_device = True`, it acts on or measures something real; `is_shadow = True`, it is a model next to a device,
     and its outputs give way to those of the same name of others; `optional_inputs`, names of inputs of the layer
     contract that may stay unconnected.
     """
@@ -105,7 +105,7 @@ class HasPorts(Protocol):
 
 @dataclass(frozen=True)
 class Ports:
-    """The ports of a component that need not be built yet, and what its class says about connecting them.
+    """The ports of a component that need not be built yet, and what its class states about connecting them.
 
     starts_on_scan: a shadow whose surface begins with the first scan.
     """
@@ -169,7 +169,7 @@ class Job:
     target_height: (nx, ny) [m]; mask: (nx, ny), the part's cells, over which errors count and droplets may fall;
     inks: one per material; region: where material A belongs (None: one material everywhere);
     passes: 1 or 4, with pass_order and pass_rotation as in LayerDeposition; seed: the component's own stream;
-    height_start: (nx, ny) [m], the surface to print on (None: flat), for who prints; a controller is to measure it.
+    height_start: (nx, ny) [m], the surface to print on (None: flat), for the printer; a controller is to measure it.
     """
 
     nx: int

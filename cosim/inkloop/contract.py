@@ -75,7 +75,7 @@ SIGNALS: Mapping[str, Signal] = {
 """The signals by name."""
 
 COUNTERS = (LAYER_COMMAND, LAYERS_PRINTED, LAYERS_SCANNED)
-"""Sequence numbers of layers; each tells by its giver which component has which role."""
+"""Sequence numbers of layers; the giver of each one has the role that belongs to it."""
 
 REQUIRED_INPUTS = frozenset(name for name, signal in SIGNALS.items() if signal.takers and not signal.is_optional)
 """Inputs without which the handshake cannot run; any other may stay unconnected at its start value."""

@@ -1,4 +1,4 @@
-"""inkloop on a CAN bus: protocol, transport, device components and the emulated bench.
+"""inkloop on a CAN bus: protocol, transport, device components and the emulator.
 
 Public, for programs outside this project:
 

@@ -2,7 +2,7 @@
  *
  * Compiled with -DFMI=2 (three cells) or -DFMI=3 (n cells, structural); with -DCRASHES=signal a step after the third
  * raises it. It shares nothing with the FMUs of this project and writes out the signatures of the standard that it
- * needs, so that it stands for somebody else's work. */
+ * needs, so that it stands for the work of others. */
 #include <signal.h>
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,4 +1,4 @@
-/* What the tests of the firmware look at and break, beside the messages of its nodes. */
+/* What the tests of the firmware look at and break, apart from the messages of its nodes. */
 #include "bench.h"
 
 BenchOptions *probe_options(void);

@@ -1,4 +1,4 @@
-/* The wire of the emulated bench without a bench: frames go in, what comes out is written down. */
+/* The wire of the emulator without a bench: frames go in, what comes out is written down. */
 #include <string.h>
 
 #include "fault_text.h"

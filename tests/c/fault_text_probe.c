@@ -1,4 +1,4 @@
-/* Texts of faults, a line each, by length first since they may hold anything but 0: what the emulated bench says. */
+/* Texts of faults, a line each, by length first since they may hold anything but 0: what the emulator answers. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,4 +1,4 @@
-/* Calls an FMU for co-simulation as lines on standard input say, on Linux and on Windows, and prints what it answers.
+/* Calls an FMU for co-simulation by lines on standard input, on Linux and on Windows, and prints what it answers.
 
    fmu_calls LIBRARY TOKEN RESOURCES, compiled with FMI_VERSION 2 or 3. Lines, of which `run` ends the initialisation:
        real REFERENCE COUNT BITS ...     integer REFERENCE COUNT VALUE ...     run     step TIME SIZE

@@ -40,7 +40,7 @@ __attribute__((constructor)) static void prepare(void) {
     find(&real_write, "write");
 }
 
-__attribute__((destructor)) static void tell(void) {
+__attribute__((destructor)) static void report(void) {
     fprintf(stderr, "looks %lu, at records %lu, in steps %lu\n", looks[ANYWHERE], looks[RECORD], looks[STEP]);
 }
 

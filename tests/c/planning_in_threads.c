@@ -1,5 +1,5 @@
 /* Plans one horizon on a grid of 3 x 3 tiles with one thread and with four: the same bits. Prints what differs and ends
- * with 1. Built with -fsanitize=thread, it tells races between the tiles too. */
+ * with 1. Built with -fsanitize=thread, it reports races between the tiles too. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>

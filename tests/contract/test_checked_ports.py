@@ -1,4 +1,4 @@
-"""What the check of options says of ports is what the component has that is made from them."""
+"""The ports that the check of options reports are those of the component that is made from them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The loop of real parts prints the same layers whoever steps them, in whatever steps."""
+"""The loop of real parts prints the same layers with any master and any step."""
 
 from __future__ import annotations
 

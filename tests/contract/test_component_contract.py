@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from inkloop.component import Component, Port, Values
-from inkloop.components import catalog
+from inkloop.components import catalog, fmu_kind
 from inkloop.fmu import FmuComponent
+from inkloop.fmu_writer.export import export_fmu
 from inkloop.testing import (
     RESUMABLE_CONTRACT_CHECKS,
     ContractCheck,
@@ -60,8 +63,26 @@ MAKERS: dict[str, Callable[[Path], Component]] = {
     **{kind: lambda _, kind=kind: catalog.make(kind, JOB, {}) for kind in CONTROLLERS},  # type: ignore[misc]
     "MapFolder": recorded_maps,
 }
-FOREIGN = [pytest.param(lambda folder, fmi=fmi: FmuComponent(build(folder, fmi)), id=f"foreign FMI {fmi}",
-                        marks=pytest.mark.compiled) for fmi in (2, 3)]  # fmt: skip
+FOREIGN = [
+    pytest.param(
+        lambda folder, fmi=fmi: FmuComponent(build(folder, fmi)), id=f"foreign FMI {fmi}", marks=pytest.mark.compiled
+    )
+    for fmi in (2, 3)
+]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def exported_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """The FMUs for the grid of the job are written once, not for every component."""
+    folder = tmp_path_factory.mktemp("exported")
+
+    @cache
+    def once(model: str, **options: Any) -> Path:
+        return export_fmu(model, out=folder / f"{model}-{options['fmi']}.fmu", **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fmu_kind, "export_fmu", lambda model, out, **options: once(model, **options))
+        yield
 
 
 @pytest.mark.parametrize("check", RESUMABLE_CONTRACT_CHECKS)
@@ -102,7 +123,7 @@ numbers = iter(range(1_000))
 
 
 @pytest.mark.parametrize(
-    ("check", "broken", "said"),
+    ("check", "broken", "message"),
     [
         (it_is_a_component, Lacking, "Lacking has no initialize, do_step, terminate"),
         (names_of_ports_are_unique, lambda: FunctionComponent(outputs=[Y, Y]), "twice among y, y"),
@@ -121,8 +142,8 @@ numbers = iter(range(1_000))
         (restored_component_continues_with_the_same_bits, counting, "FunctionComponent has no save"),
     ],
 )
-def test_broken_contract_is_reported(check: ContractCheck, broken: Callable[[], Component], said: str) -> None:
-    with pytest.raises(AssertionError, match=said):
+def test_broken_contract_is_reported(check: ContractCheck, broken: Callable[[], Component], message: str) -> None:
+    with pytest.raises(AssertionError, match=message):
         check(broken)
 
 

@@ -70,9 +70,17 @@ def test_every_kind_of_variation_is_the_reference_model(form, kind) -> None:
 @pytest.mark.parametrize(("nx", "ny"), GRIDS)
 def test_sensor_is_the_reference_model_over_five_scans(form, nx, ny) -> None:
     parameters: dict[str, Any] = {
-                  "noise_std": 1e-6, "noise_correlation": 0.3, "bias": 2e-6, "drift_rate": 0.5e-6, "tilt_x": 1e-3,
-                  "tilt_y": 2e-3, "spot_radius": 200e-6, "slope_bias": 3e-6, "dropout_rate": 0.2,
-                  "seed": 4}  # fmt: skip
+        "noise_std": 1e-6,
+        "noise_correlation": 0.3,
+        "bias": 2e-6,
+        "drift_rate": 0.5e-6,
+        "tilt_x": 1e-3,
+        "tilt_y": 2e-3,
+        "spot_radius": 200e-6,
+        "slope_bias": 3e-6,
+        "dropout_rate": 0.2,
+        "seed": 4,
+    }
     last = np.zeros((nx, ny))
     with Driver("ProfileSensor", form, nx, ny).start({"scan_duration": 0.0, **parameters}) as fmu:
         for number in range(5):

@@ -34,12 +34,13 @@ def binary_of(path: Path, folder: Path) -> Path:
 
 @EVERY_FORM
 @EVERY_MODEL
-@pytest.mark.parametrize(("nx", "ny"), rest_is_long([(7, 4), (1, 1), (1, 12)], 1))
+@pytest.mark.parametrize(("nx", "ny"), rest_is_long([(3, 2), (7, 4), (1, 1), (1, 12)], 1))
 def test_descriptions_are_valid(model, form, nx, ny, tmp_path) -> None:
     path = export_fmu(model, fmi=form[3], nx=nx, ny=ny, fixed=form != "fmi3", out=tmp_path / "it.fmu")
     assert validate_fmu(str(path)) == []
 
 
+@pytest.mark.system
 @EVERY_FORM
 @EVERY_MODEL
 def test_descriptions_of_the_built_set_are_valid(model, form) -> None:
@@ -80,8 +81,10 @@ def test_flags_are_those_that_other_tests_show(model, form) -> None:
 @EVERY_FORM
 def test_date_follows_the_source_date(form, tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
-    paths = [export_fmu("ProfileSensor", fmi=form[3], nx=3, ny=2, fixed=form != "fmi3", out=tmp_path / f"{k}.fmu")
-             for k in range(2)]  # fmt: skip
+    paths = [
+        export_fmu("ProfileSensor", fmi=form[3], nx=3, ny=2, fixed=form != "fmi3", out=tmp_path / f"{k}.fmu")
+        for k in range(2)
+    ]
     assert described(paths[0]).get("generationDateAndTime") == "1970-01-02T00:00:00Z"
     assert paths[0].read_bytes() == paths[1].read_bytes()
 

@@ -1,7 +1,7 @@
-"""Every flag of our FMUs, declared or left at the standard's default, has a law here or a test elsewhere that shows it.
+"""Every flag of our FMUs, declared or left at the standard's default, has a check here or a test elsewhere.
 
 The flags are taken from the schema of the standard: one that is new, or that changes its value, fails until it has a
-law. What an FMU does not offer is asked for as well: the answer is an error with a message, and nothing changes.
+check. What an FMU does not offer is asked for as well: the answer is an error with a message, and nothing changes.
 """
 
 from __future__ import annotations
@@ -25,10 +25,12 @@ from support.fmus.fmu_library import BAKED, HEADERS, JOB, described
 from support.fmus.fmu_life import EVERY_FORM, EVERY_MODEL, offer, started
 from support.fmus.layer_jobs import block
 
-SCHEMAS = {2: HEADERS.parent / "schema/fmi2/fmi2ModelDescription.xsd",
-           3: HEADERS.parent / "schema/fmi3/fmi3InterfaceType.xsd"}  # fmt: skip
+SCHEMAS = {
+    2: HEADERS.parent / "schema/fmi2/fmi2ModelDescription.xsd",
+    3: HEADERS.parent / "schema/fmi3/fmi3InterfaceType.xsd",
+}
 XSD = "{http://www.w3.org/2001/XMLSchema}"
-Law = Callable[[str, str], None]
+Check = Callable[[str, str], None]
 BLOCKS = [(JOB, form) for form in ("fmi3-fixed", "fmi2")]
 EVERY_FMU = pytest.mark.parametrize(("model", "form"), [*((m, form) for m in MODELS for form in FORMS), *BLOCKS])
 FIXED = {**FIXED_REALS, JOB: "layer_period"}
@@ -45,20 +47,23 @@ def give(fmu: Driver, layer: int) -> None:
         offer(fmu, layer)
 
 
-def refuses(fmu: Driver, method: str, *arguments: Any, said: str = "modelDescription.xml") -> None:
+def refuses(fmu: Driver, method: str, *arguments: Any, message: str = "modelDescription.xml") -> None:
     """The call is an error with a message, and changes nothing."""
     before = fmu.save()
     fmu.messages.clear()
     assert fmu.call(method, *arguments) == ERROR, method
-    assert fmu.messages, f"{method} says nothing"
-    assert said in fmu.messages[0], fmu.messages
+    assert fmu.messages, f"{method} gives no message"
+    assert message in fmu.messages[0], fmu.messages
     assert fmu.save() == before, method
 
 
 def output_of(fmu: Driver) -> list[int]:
     """The value reference of a real output."""
-    return next(fmu.references[name][:1] for name, role in fmu.roles.items()
-                if role == "output" and fmu.types[name] in ("Real", "Float64"))  # fmt: skip
+    return next(
+        fmu.references[name][:1]
+        for name, role in fmu.roles.items()
+        if role == "output" and fmu.types[name] in ("Real", "Float64")
+    )
 
 
 def it_is_the_name_of_the_binary(model: str, form: str) -> None:
@@ -142,9 +147,9 @@ def instantiated(model: str, **options: Any) -> tuple[Any, list[str]]:
 
 def steps_never_return_early_nor_call_back(model: str, form: str) -> None:
     called: list[object] = []
-    made, said = instantiated(model, requiredIntermediateVariables=[3])
+    made, messages = instantiated(model, requiredIntermediateVariables=[3])
     assert made is None
-    assert "no intermediate variables" in said[0]
+    assert "no intermediate variables" in messages[0]
     made, _ = instantiated(
         model, earlyReturnAllowed=True, intermediateUpdate=lambda *arguments: called.append(arguments)
     )
@@ -157,13 +162,13 @@ def steps_never_return_early_nor_call_back(model: str, form: str) -> None:
 
 
 def there_is_no_event_mode(model: str, form: str) -> None:
-    made, said = instantiated(model, eventModeUsed=True)
+    made, messages = instantiated(model, eventModeUsed=True)
     assert made is None
-    assert "hasEventMode" in said[0]
+    assert "hasEventMode" in messages[0]
     with opened(model, form) as fmu:
         refuses(fmu, "enterEventMode")
         refuses(fmu, "updateDiscreteStates")
-        refuses(fmu, "enterStepMode", said="no Event Mode")
+        refuses(fmu, "enterStepMode", message="no Event Mode")
 
 
 def discrete_states_are_not_evaluated(model: str, form: str) -> None:
@@ -175,7 +180,7 @@ MANY_INSTANCES = "test_fmu_state.py::test_instances_in_parallel_threads_are_like
 STATE_IN_MEMORY = "test_fmu_state.py::test_in_memory_state_survives_what_comes_after"
 STATE_AS_BYTES = "test_fmu_state.py::test_run_replays_from_a_saved_state_bit_by_bit"
 NEEDS_NOTHING = "test_fmu_archive.py::test_binary_needs_the_c_library_only"
-LAWS: dict[int, dict[tuple[str, str], Law | str]] = {
+CHECKS: dict[int, dict[tuple[str, str], Check | str]] = {
     2: {
         ("modelIdentifier", "the model"): it_is_the_name_of_the_binary,
         ("needsExecutionTool", "false"): NEEDS_NOTHING,
@@ -208,9 +213,13 @@ LAWS: dict[int, dict[tuple[str, str], Law | str]] = {
         ("hasEventMode", "false"): there_is_no_event_mode,
         ("providesEvaluateDiscreteStates", "false"): discrete_states_are_not_evaluated,
     },
-}  # fmt: skip
-OWN = [(model, form, law) for model, form in EVERY_FMU.args[1] for law in dict.fromkeys(LAWS[int(form[3])].values())
-       if not isinstance(law, str)]  # fmt: skip
+}
+OWN = [
+    (model, form, check)
+    for model, form in EVERY_FMU.args[1]
+    for check in dict.fromkeys(CHECKS[int(form[3])].values())
+    if not isinstance(check, str)
+]
 
 
 @cache
@@ -229,32 +238,34 @@ def defaults(version: int) -> dict[str, str]:
 
 
 @EVERY_FMU
-def test_every_flag_has_a_law(model: str, form: str) -> None:
+def test_every_flag_has_a_check(model: str, form: str) -> None:
     version = int(form[3])
     declared = dict(described(find_fmu(model, form)).find("CoSimulation").attrib)
     assert declared.pop("modelIdentifier") == model
     flags = {**defaults(version), **declared, "modelIdentifier": "the model"}
-    assert set(flags.items()) == set(LAWS[version])
+    assert set(flags.items()) == set(CHECKS[version])
 
 
-@pytest.mark.parametrize(("model", "form", "law"), OWN, ids=[f"{m}-{form}-{law.__name__}" for m, form, law in OWN])
-def test_flag_is_kept(model: str, form: str, law: Law) -> None:
-    law(model, form)
+@pytest.mark.parametrize(
+    ("model", "form", "check"), OWN, ids=[f"{m}-{form}-{check.__name__}" for m, form, check in OWN]
+)
+def test_flag_is_kept(model: str, form: str, check: Check) -> None:
+    check(model, form)
 
 
-ELSEWHERE = sorted({law for laws in LAWS.values() for law in laws.values() if isinstance(law, str)})
+ELSEWHERE = sorted({check for checks in CHECKS.values() for check in checks.values() if isinstance(check, str)})
 
 
-@pytest.mark.parametrize("law", ELSEWHERE)
-def test_flag_that_is_shown_elsewhere_is_shown_for_every_model_and_form(law: str) -> None:
-    file, name = law.split("::")
+@pytest.mark.parametrize("check", ELSEWHERE)
+def test_flag_that_is_shown_elsewhere_is_shown_for_every_model_and_form(check: str) -> None:
+    file, name = check.split("::")
     body = ast.parse((Path(__file__).parent / file).read_text(encoding="utf-8")).body
     (test,) = (node for node in body if isinstance(node, ast.FunctionDef) and node.name == name)
     assert {"EVERY_MODEL", "EVERY_FORM"} <= {mark.id for mark in test.decorator_list if isinstance(mark, ast.Name)}
 
 
 @EVERY_FMU
-def test_co_simulation_is_the_only_interface_and_others_are_refused_in_words(model: str, form: str) -> None:
+def test_co_simulation_is_the_only_interface_and_others_are_refused_with_a_message(model: str, form: str) -> None:
     interfaces = {"CoSimulation", "ModelExchange", "ScheduledExecution"}
     assert [e.tag for e in described(find_fmu(model, form)) if e.tag in interfaces] == ["CoSimulation"]
     messages: list[str] = []
@@ -269,8 +280,11 @@ def test_co_simulation_is_the_only_interface_and_others_are_refused_in_words(mod
             log = fmi3.fmi3LogMessageCallback(lambda _, status, category, text: messages.append(text.decode()))
             first = (b"it", own.guid.encode(), b"", False, False, None, log)
             assert own.fmi3InstantiateModelExchange(*first) is None
-            nothing = (fmi3.fmi3ClockUpdateCallback(), fmi3.fmi3LockPreemptionCallback(),
-                       fmi3.fmi3UnlockPreemptionCallback())  # fmt: skip
+            nothing = (
+                fmi3.fmi3ClockUpdateCallback(),
+                fmi3.fmi3LockPreemptionCallback(),
+                fmi3.fmi3UnlockPreemptionCallback(),
+            )
             assert own.fmi3InstantiateScheduledExecution(*first, *nothing) is None
             assert len(messages) == 2
     assert all("for co-simulation only" in message for message in messages)

@@ -1,9 +1,8 @@
-"""FMI calls in any order with any arguments: each does what the standard says, or is refused with a message and nothing
-has changed, bit by bit; nothing crashes or hangs.
+"""FMI calls in any order with any arguments: each does what the standard requires, or is refused with a message and
+changes nothing, bit by bit; nothing crashes or hangs.
 
-The laws around every call are in fmus/fuzz/subject.c. Here they hold over inputs drawn once and for all, on the FMUs as
-they are shipped, each in a process of its own; with clang, libFuzzer looks for others. What was found has a test of its
-own below.
+The invariants around every call are in fmus/fuzz/subject.c. Here they hold for inputs drawn once, on the FMUs as they
+are shipped, each in a separate process; with clang, libFuzzer looks for others. What was found has its own test below.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ def calls(folder: Path) -> Path:
 @needs_gcc
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("resizable", [True, False])
-def test_calls_do_what_the_standard_says_or_change_nothing(name, resizable, calls, folder) -> None:
+def test_calls_follow_the_standard_or_change_nothing(name, resizable, calls, folder) -> None:
     """And many of them print layers and are refused, so that the inputs mean something."""
     model, form = name.split("-")
     if resizable and (form == "fmi2" or model == fmu_library.JOB):
@@ -47,22 +46,25 @@ def test_calls_do_what_the_standard_says_or_change_nothing(name, resizable, call
     table = folder / f"{name}-{resizable}.txt"
     fmu_library.write_table(fmu_library.shipped(model, form, folder), table, resizable=resizable)
     inputs = drawn(name)
-    said = re.findall(r"^steps (\d+) layers (\d+) refusals (\d+)$", feed(calls, table, inputs), re.MULTILINE)
-    steps, layers, refusals = np.array(said, int).sum(axis=0)
-    assert len(said) == len(inputs)
+    counts = re.findall(r"^steps (\d+) layers (\d+) refusals (\d+)$", feed(calls, table, inputs), re.MULTILINE)
+    steps, layers, refusals = np.array(counts, int).sum(axis=0)
+    assert len(counts) == len(inputs)
     assert min(steps, layers) > 2 * len(inputs)
     assert refusals > 10 * len(inputs)
 
 
 @pytest.mark.compiled
 @needs_gcc
-@pytest.mark.parametrize(("change", "broken"), [
-    (lambda text: text.replace("variation r p", "variation r -"), "does not allow does not succeed"),
-    (lambda text: re.sub(r"(variation r p .*) 1.0 inf", r"\1 0.0001 inf", text), "beyond its limits is not taken"),
-    (lambda text: text.replace("-resizable", ""), "is legal and sensible succeeds"),
-])  # fmt: skip
-def test_laws_bite(change, broken, calls, folder) -> None:
-    """Told something else of the FMU, they say what is not so."""
+@pytest.mark.parametrize(
+    ("change", "broken"),
+    [
+        (lambda text: text.replace("variation r p", "variation r -"), "does not allow does not succeed"),
+        (lambda text: re.sub(r"(variation r p .*) 1.0 inf", r"\1 0.0001 inf", text), "beyond its limits is not taken"),
+        (lambda text: text.replace("-resizable", ""), "is legal and sensible succeeds"),
+    ],
+)
+def test_checks_detect_broken_invariants(change, broken, calls, folder) -> None:
+    """With a wrong table of the FMU, they report what does not hold."""
     table = fmu_library.write_table(fmu_library.shipped("LayerDeposition", "fmi3", folder), folder / "wrong.txt")
     text = table.read_text()
     assert change(text) != text
@@ -83,13 +85,13 @@ def test_fuzzer_finds_nothing_in_minutes(name, folder) -> None:
     assert not fuzzing.fuzz(name, program, 20, folder / "learned" / name, table=tables[name])
 
 
-# What was found by the laws, by sanitizers or by reading.
+# What was found by the invariants, by sanitizers or by reading.
 
 
 @EVERY_FORM
 @EVERY_MODEL
 def test_damaged_state_is_refused_wherever_a_bit_is_changed(model, form) -> None:
-    """Sizes and numbers in a state tell places in memory: it is taken as it was saved, or not at all."""
+    """Sizes and numbers in a state address memory: it is taken as it was saved, or not at all."""
     with started(model, form) as fmu:
         act(fmu, 0, 4)
         saved = fmu.save()
@@ -100,7 +102,7 @@ def test_damaged_state_is_refused_wherever_a_bit_is_changed(model, form) -> None
             fmu.messages.clear()
             assert fmu.restore(bytes(damaged)) == ERROR, place
             assert fmu.messages
-        two = bytearray(saved)  # signs of two numbers, which a plain sum of words would not tell
+        two = bytearray(saved)  # signs of two numbers, which a plain sum of words would miss
         two[-1] ^= 0x80
         two[-9] ^= 0x80
         assert fmu.restore(bytes(two)) == ERROR
@@ -110,7 +112,7 @@ def test_damaged_state_is_refused_wherever_a_bit_is_changed(model, form) -> None
 @EVERY_FORM
 @EVERY_MODEL
 def test_reading_changes_nothing_that_is_saved(model, form) -> None:
-    """Outputs before the first step are calculated when they are first read; a state says the same before and after."""
+    """Outputs before the first step are calculated when they are first read; a state is the same before and after."""
     with Driver(model, form) as fmu:
         before = fmu.save()
         fmu.outputs()
@@ -130,22 +132,30 @@ def test_outputs_in_configuration_mode_are_of_the_grid_that_is_still_there(model
 
 @EVERY_FORM
 @EVERY_MODEL
-def test_missing_arguments_are_errors_in_words(model, form) -> None:
+def test_missing_arguments_are_errors_with_a_message(model, form) -> None:
     with started(model, form) as fmu:
         instance, before = fmu.fmu.component, fmu.save()
         one = (ctypes.c_uint * 1)(fmu.references["seed"][0])
         integer = ctypes.c_int()
         if fmu.is_fmi2:
-            wrong = {"fmi2GetInteger": (instance, None, 1, ctypes.byref(integer)),
-                     "fmi2SetInteger": (instance, one, 1, None), "fmi2GetFMUstate": (instance, None),
-                     "fmi2SetFMUstate": (instance, None), "fmi2SetDebugLogging": (instance, True, 1, None),
-                     "fmi2SerializedFMUstateSize": (instance, None, None)}  # fmt: skip
+            wrong = {
+                "fmi2GetInteger": (instance, None, 1, ctypes.byref(integer)),
+                "fmi2SetInteger": (instance, one, 1, None),
+                "fmi2GetFMUstate": (instance, None),
+                "fmi2SetFMUstate": (instance, None),
+                "fmi2SetDebugLogging": (instance, True, 1, None),
+                "fmi2SerializedFMUstateSize": (instance, None, None),
+            }
         else:
-            wrong = {"fmi3GetInt32": (instance, None, 1, ctypes.byref(integer), 1),
-                     "fmi3SetInt32": (instance, one, 1, None, 1), "fmi3GetFMUState": (instance, None),
-                     "fmi3SetFMUState": (instance, None), "fmi3SetDebugLogging": (instance, True, 1, None),
-                     "fmi3SerializedFMUStateSize": (instance, None, None),
-                     "fmi3DoStep": (instance, 0.0, 1.0, True, None, None, None, None)}  # fmt: skip
+            wrong = {
+                "fmi3GetInt32": (instance, None, 1, ctypes.byref(integer), 1),
+                "fmi3SetInt32": (instance, one, 1, None, 1),
+                "fmi3GetFMUState": (instance, None),
+                "fmi3SetFMUState": (instance, None),
+                "fmi3SetDebugLogging": (instance, True, 1, None),
+                "fmi3SerializedFMUStateSize": (instance, None, None),
+                "fmi3DoStep": (instance, 0.0, 1.0, True, None, None, None, None),
+            }
         for name, arguments in wrong.items():
             fmu.messages.clear()
             assert fmu.call(name, *arguments) == ERROR, name
@@ -189,11 +199,14 @@ def test_layer_numbers_end_where_an_int32_does(model, form) -> None:
 
 
 @EVERY_FORM
-@pytest.mark.parametrize(("model", "parameters"), [
-    ("LayerDeposition", {"h1_a": 1e308}),
-    ("VolumeAreaDeposition", {"mv_plus": 1e300, "mv_minus": -1e300, "pattern": [1, 0, 1, 1, 0, 1]}),
-    ("ProfileSensor", {"bias": 1e308, "drift_rate": 1e308, "scan_duration": 0.0}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("model", "parameters"),
+    [
+        ("LayerDeposition", {"h1_a": 1e308}),
+        ("VolumeAreaDeposition", {"mv_plus": 1e300, "mv_minus": -1e300, "pattern": [1, 0, 1, 1, 0, 1]}),
+        ("ProfileSensor", {"bias": 1e308, "drift_rate": 1e308, "scan_duration": 0.0}),
+    ],
+)
 def test_step_to_what_is_not_finite_is_not_taken(model, form, parameters) -> None:
     with Driver(model, form, 3, 2) as fmu:
         given = {name: np.reshape(value, (3, 2)) if np.ndim(value) else value for name, value in parameters.items()}
@@ -239,8 +252,9 @@ def test_refused_end_of_initialisation_changes_nothing(model, form) -> None:
 @EVERY_FORM
 def test_droplets_are_counted_up_to_what_an_int32_holds(form) -> None:
     """255 drops on each of 7 x 7 cells: the counter is full after 171,863 layers."""
-    with Driver("LayerDeposition", form, 7, 7).start({"drop_level": 255, "layer_period": 1.0, "h1_a": 0.0, "h2_a": 0.0,
-                                                      "h3_a": 0.0}) as fmu:  # fmt: skip
+    with Driver("LayerDeposition", form, 7, 7).start(
+        {"drop_level": 255, "layer_period": 1.0, "h1_a": 0.0, "h2_a": 0.0, "h3_a": 0.0}
+    ) as fmu:
         for time in range(0, 180_000, 10_000):
             assert fmu.step(float(time), 10_000.0) == OK
         assert fmu.get("droplets_a") == 2**31 - 1

@@ -57,7 +57,7 @@ def test_command_while_busy_is_refused_and_the_layer_is_still_printed(model, for
         assert (fmu.get("layers_printed"), fmu.get("status")) == (1, 0)
 
 
-def test_refusal_says_what_was_found_and_expected() -> None:
+def test_refusal_states_what_was_found_and_expected() -> None:
     with Driver("LayerDeposition").start() as fmu:
         fmu.set("layer_command", 5)
         fmu.step(0.0)
@@ -98,8 +98,9 @@ def test_pattern_is_taken_when_the_command_is_accepted(model, form) -> None:
 
 @EVERY_FORM
 def test_volume_factor_is_taken_when_the_command_is_accepted(form) -> None:
-    with Driver("LayerDeposition", form).start({"layer_duration": 2.0, "volume_factor": 0.5, "h2_a": 0.0, "h3_a": 0.0,
-                                                "h1_a": 4e-6}) as fmu:  # fmt: skip
+    with Driver("LayerDeposition", form).start(
+        {"layer_duration": 2.0, "volume_factor": 0.5, "h2_a": 0.0, "h3_a": 0.0, "h1_a": 4e-6}
+    ) as fmu:
         assert max(fmu.set("layer_command", 1), fmu.step(0.0), fmu.set("volume_factor", 3.0), fmu.step(1.0)) == OK
         assert fmu.get("height") == pytest.approx(np.full((9, 9), 2e-6), rel=1e-12)
 
@@ -169,11 +170,23 @@ def test_period_shorter_than_the_duration_is_refused_at_the_end_of_initialisatio
 
 @EVERY_FORM
 @EVERY_DEPOSITION
-@pytest.mark.parametrize(("name", "value"), [("pattern", 3), ("pattern", -1), ("drop_level", -1),
-                                             ("drop_level", 256), ("height_start", np.nan),
-                                             ("variation", np.nan), ("variation", -0.1), ("seed", -1),
-                                             ("layer_duration", np.inf), ("nozzle_pitch", 0),
-                                             ("variation_kind", 0), ("layer_command", -1)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("pattern", 3),
+        ("pattern", -1),
+        ("drop_level", -1),
+        ("drop_level", 256),
+        ("height_start", np.nan),
+        ("variation", np.nan),
+        ("variation", -0.1),
+        ("seed", -1),
+        ("layer_duration", np.inf),
+        ("nozzle_pitch", 0),
+        ("variation_kind", 0),
+        ("layer_command", -1),
+    ],
+)
 def test_value_that_the_model_does_not_take_is_refused_whole(model, form, name, value) -> None:
     with Driver(model, form, 4, 3) as fmu:
         before = fmu.save()
@@ -227,9 +240,13 @@ def test_calls_out_of_order_are_errors_and_change_nothing(model, form) -> None:
 
         def refuses(*names: str) -> bool:
             before = fmu.save()
-            calls = {"step": lambda: fmu.step(0.0), "exit": fmu.exit, "enter": fmu.enter,
-                     "terminate": lambda: fmu.call("terminate"),
-                     "fixed": lambda: fmu.set(FIXED_REALS[model], 1e-4)}  # fmt: skip
+            calls = {
+                "step": lambda: fmu.step(0.0),
+                "exit": fmu.exit,
+                "enter": fmu.enter,
+                "terminate": lambda: fmu.call("terminate"),
+                "fixed": lambda: fmu.set(FIXED_REALS[model], 1e-4),
+            }
             return all(calls[name]() == ERROR for name in names) and fmu.save() == before
 
         assert refuses("step", "exit", "terminate")
@@ -245,8 +262,9 @@ def test_calls_out_of_order_are_errors_and_change_nothing(model, form) -> None:
 
 @EVERY_FORM
 @EVERY_DEPOSITION
-@pytest.mark.parametrize(("time", "size"), [(5.0, 0.0), (5.0, -1.0), (5.0, np.nan), (np.nan, 1.0), (5.0, np.inf),
-                                            (4.0, 1.0)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("time", "size"), [(5.0, 0.0), (5.0, -1.0), (5.0, np.nan), (np.nan, 1.0), (5.0, np.inf), (4.0, 1.0)]
+)
 def test_step_that_leads_nowhere_or_back_is_refused(model, form, time, size) -> None:
     with Driver(model, form).start(start=5.0) as fmu:
         fmu.set("layer_command", 1)

@@ -18,7 +18,7 @@ from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import SECOND, block, cylinder, inputs_of, print_part
 from support.fmus.fmu_driver import DISCARD, ERROR, FORMS, OK, Driver
 from support.long_proofs import rest_is_long
-from support.small_block import assert_same_layers, printed
+from support.small_block import ANNEALING_SWEEPS, assert_same_layers, printed
 from support.small_block import job as block_job
 
 OF_PYTHON_ALONE = {"bound", "bound_confidence", "gap", "solve_time"}
@@ -66,6 +66,7 @@ def assert_same_print(one: Component, other: Component, job: Job, scan: Scan = e
     return len(first.patterns)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("scan", [exact, noisy])
 def test_cylinder_is_the_one_of_the_python_controller(scan: Scan) -> None:
     assert assert_same_print(*twins(cylinder(), {}), cylinder(), scan) > 60
@@ -96,9 +97,10 @@ CASES: dict[str, tuple[Job, dict[str, Any], dict[str, Any]]] = {
     ),
     "limits": (
         block(14, 12),
-        {"overshoot": 3.0, "overshoot_limit_um": 0.5, "chance_margin": 1.0, "fringe_weight": 0.3, "layer_worth": 0.1},
-        {"overshoot": 3.0, "overshoot_limit_um": 0.5, "chance_margin": 1.0, "fringe_weight": 0.3, "layer_worth": 0.1},
+        {"overshoot": 3.0, "overshoot_limit_um": 0.5, "chance_margin": 1.0, "fringe_weight": 0.3, "layer_worth": 0.01},
+        {"overshoot": 3.0, "overshoot_limit_um": 0.5, "chance_margin": 1.0, "fringe_weight": 0.3, "layer_worth": 0.01},
     ),
+    "few layers": (block(14, 12), {"finish": "fast"}, {"finish": "fast"}),
     "known sensor": (
         block(),
         {"sensor_noise_std_um": 1.0, "sensor_resolution_um": 0.1},
@@ -107,6 +109,7 @@ CASES: dict[str, tuple[Job, dict[str, Any], dict[str, Any]]] = {
 }
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("scan", rest_is_long([noisy, exact], 1))
 @pytest.mark.parametrize("case", CASES)
 def test_print_is_the_one_of_the_python_controller(case: str, scan: Scan) -> None:
@@ -115,7 +118,7 @@ def test_print_is_the_one_of_the_python_controller(case: str, scan: Scan) -> Non
 
 
 def test_cells_that_were_not_seen_are_predicted_alike() -> None:
-    job, options = block(18, 16, height=60e-6), {"untrusted_layers": 0, "horizon": 2}
+    job, options = block(18, 16, height=60e-6), {"untrusted_layers": 0, "horizon": 2, "annealing_sweeps": 1}
     one, other = list[Any](Seen(controller, 0.3) for controller in twins(job, options))
     assert assert_same_print(one, other, job, noisy) > 6
 
@@ -144,12 +147,12 @@ def test_dead_cells_are_found_and_left_out_alike() -> None:
 @pytest.mark.parametrize("scan", [exact, noisy])
 def test_layer_that_was_given_up_midway_is_judged_alike(unknown: int, scan: Scan) -> None:
     job, plant = block(14, 12), LayerModel.of(block(14, 12))
-    controllers, height = twins(job, {"horizon": 2}), np.zeros((14, 12))
+    controllers, height = twins(job, {"horizon": 2, "annealing_sweeps": 1}), np.zeros((14, 12))
     for controller in controllers:
         controller.initialize(0, inputs_of(job, height, 0))
     for layer in range(5):
-        told = inputs_of(job, scan(height, layer), layer) | {"layer_unknown": np.asarray(layer == unknown)}
-        one, other = (controller.do_step(layer * SECOND, SECOND, told) for controller in controllers)
+        inputs = inputs_of(job, scan(height, layer), layer) | {"layer_unknown": np.asarray(layer == unknown)}
+        one, other = (controller.do_step(layer * SECOND, SECOND, inputs) for controller in controllers)
         for name in one.keys() - OF_PYTHON_ALONE:
             np.testing.assert_array_equal(one[name], other[name], err_msg=name)
         jetted = np.where(np.arange(14)[:, None] < (7 if layer + 1 == unknown else 14), other["pattern"], 0)
@@ -164,7 +167,8 @@ def test_every_form_prints_the_same_layers_in_our_master(form: str) -> None:
 def test_nozzles_known_to_be_dead_are_spared_alike() -> None:
     job, alive = block(14, 12), np.ones((14, 12), np.bool_)
     alive[:, [3, 7]] = False
-    one, other = twins(job, {"dead_nozzles": [3, 7]}, {"jettable": alive.tolist()})
+    work = {"annealing_sweeps": 1}
+    one, other = twins(job, {"dead_nozzles": [3, 7], **work}, {"jettable": alive.tolist(), **work})
     assert assert_same_print(one, other, job) > 3
 
 
@@ -177,14 +181,21 @@ def layers(forms: tuple[str, str, str], step: float) -> Iterator[Any]:
         "printer": ("controller", ("pattern", "drop_level", "layer_command")),
         "profiler": ("printer", ("height", "layers_printed")),
     }
-    told = {
-        "controller": {"target_height": job.target_height, "mask": job.mask, "seed": job.seed, **ink},
+    values = {
+        "controller": {
+            "target_height": job.target_height,
+            "mask": job.mask,
+            "horizon": 3,
+            "seed": job.seed,
+            "annealing_sweeps": ANNEALING_SWEEPS,
+            **ink,
+        },
         "printer": {"variation": 0.2, "layer_duration": 2.0, "seed": job.seed},
         "profiler": {"noise_std": 0.3e-6, "scan_duration": 6.0, "seed": job.seed},
     }
     models = ("LayerController", "LayerDeposition", "ProfileSensor")
     parts = {
-        name: Driver(model, form, job.nx, job.ny).start(told[name])
+        name: Driver(model, form, job.nx, job.ny).start(values[name])
         for name, model, form in zip(wires, models, forms, strict=True)
     }
     time = 0.0
@@ -201,6 +212,7 @@ def layers(forms: tuple[str, str, str], step: float) -> Iterator[Any]:
         part.fmu.freeInstance()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("forms", "step"),
     [
@@ -216,7 +228,7 @@ def test_three_fmus_in_plain_fmpy_print_the_layers_of_our_master(forms: tuple[st
 
 @EVERY_FORM
 def test_alpha_and_the_time_limit_can_be_tuned_between_steps_and_nothing_else(form: str) -> None:
-    with Driver("LayerController", form, 8, 7).start({"layers_scanned": 0, "is_timed": False}) as fmu:
+    with Driver("LayerController", form, 8, 7).start({"layers_scanned": 0, "is_timed": False, "horizon": 3}) as fmu:
         saved = fmu.save()
         assert fmu.step(0.0) == OK
         assert fmu.set("horizon", 2) == ERROR
@@ -229,7 +241,7 @@ def test_alpha_and_the_time_limit_can_be_tuned_between_steps_and_nothing_else(fo
 
 @EVERY_FORM
 def test_plan_that_ran_out_of_time_is_still_one(form: str) -> None:
-    with Driver("LayerController", form, 30, 30).start({"layers_scanned": 0, "time_limit": 1e-9}) as fmu:
+    with Driver("LayerController", form, 12, 12).start({"layers_scanned": 0, "time_limit": 1e-9}) as fmu:
         assert fmu.step(0.0) == OK
         assert fmu.get("plan_status") == 5
         assert fmu.get("layer_command") == 1
@@ -237,7 +249,7 @@ def test_plan_that_ran_out_of_time_is_still_one(form: str) -> None:
 
 
 @EVERY_FORM
-def test_part_of_no_cell_is_refused_in_words(form: str) -> None:
+def test_part_of_no_cell_is_refused_with_a_message(form: str) -> None:
     with Driver("LayerController", form) as fmu:
         assert max(fmu.set("mask", False), fmu.enter()) == OK
         assert fmu.exit() in (DISCARD, ERROR)
@@ -265,6 +277,7 @@ def pipes(**fields: Any) -> Job:
     return replace(job, pitch=1e-4)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("test", ["middle", "surface", "either"])
 def test_two_inks_in_their_regions_are_those_of_the_python_controller(test: str) -> None:
     job = pipes()
@@ -287,12 +300,12 @@ def test_intervals_of_a_region_are_the_heights_it_contains(job: Job) -> None:
     x, y = cell_centers(job.nx, job.ny, job.pitch)
     for z in [*generator.uniform(-10e-6, 90e-6, (200, job.nx, job.ny)), *maps.values()]:
         for asked in (z, np.nextafter(z, 1.0), np.nextafter(z, -1.0)):
-            told = [(maps[f"region_bottom_{k}"] <= asked) & (asked <= maps[f"region_top_{k}"]) for k in (1, 2)]
+            inside = [(maps[f"region_bottom_{k}"] <= asked) & (asked <= maps[f"region_top_{k}"]) for k in (1, 2)]
             near = np.abs(asked) < 0.5
-            np.testing.assert_array_equal((told[0] | told[1])[near], job.region.contains(x, y, asked)[near])
+            np.testing.assert_array_equal((inside[0] | inside[1])[near], job.region.contains(x, y, asked)[near])
 
 
-def test_region_of_many_intervals_is_refused_in_words() -> None:
+def test_region_of_many_intervals_is_refused_with_a_message() -> None:
     class Stripes:
         def contains(self, x: Any, y: Any, z: Any) -> Any:
             return (z > 0.0) & (np.floor(z / 5e-6) % 2 == 0)

@@ -1,4 +1,4 @@
-"""The FMU of a block: valid to everybody's checkers, complete, at home in masters of others, or refused in words."""
+"""The FMU of a block: valid for all checkers, complete, usable in other masters, or refused with a message."""
 
 from __future__ import annotations
 
@@ -26,22 +26,25 @@ from support.fmus.layer_jobs import DONE, MODEL, SCENARIOS, finish, printed, sce
 from support.masters.other_programs import LIBCOSIM
 
 FORMS = ("fmi2", "fmi3-fixed")
-EVERY_FORM = pytest.mark.parametrize("form", FORMS)
+EVERY_FORM = pytest.mark.parametrize("form", FORMS, scope="module")
 
 
-@pytest.fixture
-def file(form, tmp_path) -> Path:
-    path = tmp_path / "cuboid.fmu"
+@pytest.fixture(scope="module")
+def file(form, tmp_path_factory) -> Path:
+    """The block of the cuboid, exported once per form; tests only read it."""
+    path = tmp_path_factory.mktemp(form) / "cuboid.fmu"
     assert main(["export-job", str(SCENARIOS / "cuboid.toml"), "--fmi", form[3], "--out", str(path)]) == 0
     return path
 
 
+@pytest.mark.system
 @EVERY_FORM
 def test_checkers_of_others_find_nothing_wrong(file) -> None:
     assert by_fmpy(file) == []
     assert by_fmutool(file) == []
 
 
+@pytest.mark.system
 @EVERY_FORM
 def test_three_lines_print_the_part(file) -> None:
     result = fmpy.simulate_fmu(str(file))
@@ -51,6 +54,7 @@ def test_three_lines_print_the_part(file) -> None:
     assert result["std"][-1] == pytest.approx(float(run["std"][-1]), rel=1e-9)
 
 
+@pytest.mark.system
 @EVERY_FORM
 def test_steps_and_inputs_of_an_importer_count(file) -> None:
     signals = np.array([(0.0, False), (4.5, True)], dtype=[("time", float), ("start", bool)])
@@ -62,13 +66,17 @@ def test_steps_and_inputs_of_an_importer_count(file) -> None:
 
 
 @EVERY_FORM
-def test_no_variable_is_an_array_and_none_lacks_words(file) -> None:
+def test_no_variable_is_an_array_and_none_lacks_a_description(file) -> None:
     description = fmpy.read_model_description(str(file))
     assert not [v.name for v in description.modelVariables if v.dimensions or "[" in v.name]
     assert all(v.description for v in description.modelVariables)
     assert {v.name for v in description.modelVariables if v.unit == "m"} == {
-        "mean_error", "mae", "std", "height_mean", "objective"
-    }  # fmt: skip
+        "mean_error",
+        "mae",
+        "std",
+        "height_mean",
+        "objective",
+    }
     assert description.defaultExperiment.stepSize == "1.0"
 
 
@@ -85,7 +93,7 @@ def test_start_values_are_those_of_the_scenario(form, tmp_path) -> None:
 
 
 @EVERY_FORM
-def test_archive_says_what_is_baked(file) -> None:
+def test_archive_states_what_is_baked(file) -> None:
     with zipfile.ZipFile(file) as archive:
         page = archive.read("documentation/index.html").decode()
         text = archive.read("documentation/scenario.toml").decode()
@@ -96,7 +104,7 @@ def test_archive_says_what_is_baked(file) -> None:
     assert "<td>printer</td><td>LayerDeposition</td><td>variation</td><td>0.2</td>" in page
 
 
-@pytest.mark.parametrize("form", ["fmi3-fixed"])
+@pytest.mark.parametrize("form", ["fmi3-fixed"], scope="module")
 def test_terminals_are_valid_and_name_every_input_and_output(file) -> None:
     schema = etree.XMLSchema(file=str(Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3TerminalsAndIcons.xsd"))
     with zipfile.ZipFile(file) as archive:
@@ -145,7 +153,8 @@ def test_sources_compile_to_the_same_bits(form, tmp_path) -> None:
     assert states[0] == states[1]
 
 
-@pytest.mark.parametrize("form", ["fmi2"])
+@pytest.mark.system
+@pytest.mark.parametrize("form", ["fmi2"], scope="module")
 @pytest.mark.skipif(bool(LIBCOSIM.reason_it_is_absent()), reason=LIBCOSIM.reason_it_is_absent())
 def test_libcosim_prints_the_part(file) -> None:
     from libcosimpy.CosimExecution import CosimExecution

@@ -37,16 +37,16 @@ class Binary:
 
     def refusal(self, resources: str | None, token: str | None = None) -> str | None:
         """What is logged when no instance comes of it; None where one does."""
-        said: list[str] = []
+        logged: list[str] = []
         log = fmi3.fmi3LogMessageCallback(
-            lambda _, status, category, text: said.append(text.decode("utf-8", "replace"))
+            lambda _, status, category, text: logged.append(text.decode("utf-8", "replace"))
         )
-        no = ctypes.c_bool(False)
-        instance = self._library.fmi3InstantiateCoSimulation(
-            b"it", (token or self.token).encode(), None if resources is None else resources.encode(), no, no, no, no,
-            None, ctypes.c_size_t(0), None, log, None)  # fmt: skip
+        own_token, place = (token or self.token).encode(), None if resources is None else resources.encode()
+        flags, no_values = [ctypes.c_bool(False)] * 4, (None, ctypes.c_size_t(0))
+        create = self._library.fmi3InstantiateCoSimulation
+        instance = create(b"it", own_token, place, *flags, *no_values, None, log, None)
         if not instance:
-            (message,) = said
+            (message,) = logged
             return message
         self._library.fmi3FreeInstance(ctypes.c_void_p(instance))
         return None
@@ -58,7 +58,7 @@ class Binary:
 
     @property
     def unmarked(self) -> str:
-        """A token that does not say which file belongs to it, so that only the file itself can give it away."""
+        """A token that does not name its file, so that only the content of the file can be wrong."""
         return self.token.rpartition("-")[0]
 
 
@@ -67,7 +67,7 @@ def binary() -> Binary:
     return Binary()
 
 
-def mended(content: bytes | bytearray) -> bytes:
+def summed(content: bytes | bytearray) -> bytes:
     """With the check sum that belongs to it."""
     return bytes(content[:12]) + struct.pack("<I", zlib.crc32(content[16:])) + bytes(content[16:])
 
@@ -79,7 +79,7 @@ def changed(content: bytes, at: int, value: bytes) -> bytes:
 def test_file_as_it_was_written_is_taken(binary, tmp_path) -> None:
     assert binary.refusal_of(binary.content, tmp_path) is None
     assert binary.refusal(f"{tmp_path}/") is None
-    assert binary.refusal_of(mended(binary.content), tmp_path, token=binary.unmarked) is None
+    assert binary.refusal_of(summed(binary.content), tmp_path, token=binary.unmarked) is None
 
 
 FAULTS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
@@ -89,20 +89,24 @@ FAULTS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "cut": (lambda c: c[:-9], "its check sum is another one"),
     "of a later layout": (lambda c: changed(c, 8, b"\x02"), "is of layout 2; this binary reads layout 1"),
     "damaged": (lambda c: changed(c, 700, b"\xff"), "its check sum is another one"),
-    "of another export": (lambda c: mended(changed(c, len(c) - 8, struct.pack("<d", 1e-9))), "belong to different"),
-    "of another grid": (lambda c: mended(changed(c, 16, b"\x0d")), "is for 13 x 12 cells, the FMU for 12 x 12"),
-    "of other variables": (lambda c: mended(changed(c, HEAD + 32, b"0123456789abcdef")), "variables 0123456789abcdef"),
-    "of a plant of others": (lambda c: mended(c.replace(b"LayerDeposition", b"LaserDeposition")),
-                             "has a printer LaserDeposition, which this binary does not know"),
-    "longer": (lambda c: mended(c + bytes(8)), "its sections do not fill it"),
-    "a section short": (lambda c: mended(c[: c.index(b"LayerController")]), "its sections do not fill it"),
-    "a value out of range": (lambda c: mended(changed(c, HEAD + SECTION + 16, struct.pack("<d", -1.0))),
-                             "layer_period is -1; expected a finite number not below 1e-06"),
-}  # fmt: skip
+    "of another export": (lambda c: summed(changed(c, len(c) - 8, struct.pack("<d", 1e-9))), "belong to different"),
+    "of another grid": (lambda c: summed(changed(c, 16, b"\x0d")), "is for 13 x 12 cells, the FMU for 12 x 12"),
+    "of other variables": (lambda c: summed(changed(c, HEAD + 32, b"0123456789abcdef")), "variables 0123456789abcdef"),
+    "of a plant of others": (
+        lambda c: summed(c.replace(b"LayerDeposition", b"LaserDeposition")),
+        "has a printer LaserDeposition, which this binary does not know",
+    ),
+    "longer": (lambda c: summed(c + bytes(8)), "its sections do not fill it"),
+    "a section short": (lambda c: summed(c[: c.index(b"LayerController")]), "its sections do not fill it"),
+    "a value out of range": (
+        lambda c: summed(changed(c, HEAD + SECTION + 16, struct.pack("<d", -1.0))),
+        "layer_period is -1; expected a finite number not below 1e-06",
+    ),
+}
 
 
 @pytest.mark.parametrize("error", FAULTS)
-def test_file_that_is_not_the_blocks_own_is_refused_in_words(error, binary, tmp_path) -> None:
+def test_file_that_is_not_the_blocks_own_is_refused_with_a_message(error, binary, tmp_path) -> None:
     spoil, words = FAULTS[error]
     token = None if "export" in error else binary.unmarked
     message = binary.refusal_of(spoil(binary.content), tmp_path, token=token)
@@ -110,7 +114,7 @@ def test_file_that_is_not_the_blocks_own_is_refused_in_words(error, binary, tmp_
     assert words in message
 
 
-def test_missing_file_and_missing_folder_are_told(binary, tmp_path) -> None:
+def test_missing_file_and_missing_folder_are_reported(binary, tmp_path) -> None:
     assert "job.bin cannot be read: No such file" in binary.refusal(str(tmp_path))
     assert "inkloop export-job" in binary.refusal(str(tmp_path))
     assert "the importer names no folder of resources" in binary.refusal(None)
@@ -122,7 +126,7 @@ def test_no_cut_file_is_taken(binary, tmp_path) -> None:
     for size in range(0, len(binary.content), 7):
         assert binary.refusal_of(binary.content[:size], tmp_path, token=binary.unmarked) is not None
         if size >= HEAD:
-            cut = mended(binary.content[:size])
+            cut = summed(binary.content[:size])
             assert "its sections do not fill it" in binary.refusal_of(cut, tmp_path, token=binary.unmarked)
 
 
@@ -131,20 +135,20 @@ def test_any_word_of_the_file_may_be_anything(binary, tmp_path) -> None:
     refused = 0
     for number, at in enumerate(range(16, len(binary.content) - 7, 8)):
         for extreme in EXTREMES if number < 40 else EXTREMES[number % len(EXTREMES) :][:1]:
-            content = mended(changed(binary.content, at, struct.pack("<Q", extreme)))
+            content = summed(changed(binary.content, at, struct.pack("<Q", extreme)))
             message = binary.refusal_of(content, tmp_path, token=binary.unmarked)
             refused += message is not None
             assert message is None or len(message) > 20
     assert refused > 100
 
 
-def test_random_bytes_end_in_words_or_in_an_instance(binary, tmp_path) -> None:
+def test_random_bytes_end_in_a_message_or_an_instance(binary, tmp_path) -> None:
     random = np.random.default_rng(1)
     for _ in range(500):
         content = bytearray(binary.content)
         for _ in range(random.integers(1, 12)):
             content[random.integers(16, len(content))] = random.integers(256)
-        binary.refusal_of(mended(content), tmp_path, token=binary.unmarked)
+        binary.refusal_of(summed(content), tmp_path, token=binary.unmarked)
 
 
 @pytest.mark.parametrize("form", ["fmi2", "fmi3-fixed"])

@@ -1,4 +1,4 @@
-"""A print in one block prints the layers of inkloop run, bit by bit, whoever steps it and how."""
+"""A print in one block prints the layers of inkloop run, bit by bit, in any master and with any step."""
 
 from __future__ import annotations
 
@@ -45,6 +45,7 @@ def assert_like_run(fmu: Driver, run, layer: int) -> None:
         assert fmu.get(name) == run[name].values[layer], name
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(("case", "form"), list(zip(CASES, cycle(FORMS), strict=False)))
 def test_layers_are_those_of_a_run_bit_by_bit(case, form) -> None:
     run = printed(*CASES[case])
@@ -63,7 +64,7 @@ def test_layers_are_those_of_a_run_bit_by_bit(case, form) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", sorted(path.stem for path in SCENARIOS.glob("*.toml")))
-def test_every_scenario_prints_its_layers_or_is_refused_in_words(name) -> None:
+def test_every_scenario_prints_its_layers_or_is_refused_with_a_message(name) -> None:
     case = (name, ("run.layers_max", 12))
     tables = scenario(*case).tables
     kinds = {table.kind for table in tables.components.values()}
@@ -77,6 +78,7 @@ def test_every_scenario_prints_its_layers_or_is_refused_in_words(name) -> None:
         assert_like_run(fmu, printed(*case), printed(*case).sizes["layer"] - 1)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("periods", [0.3, 1.0, 7.0])
 @SECOND_FORM_IS_LONG
 def test_steps_change_neither_layers_nor_times(form, periods) -> None:
@@ -95,8 +97,9 @@ def test_steps_change_neither_layers_nor_times(form, periods) -> None:
         assert layer == 20
 
 
+@pytest.mark.system
 @EVERY_FORM
-def test_print_goes_on_in_another_instance(form) -> None:
+def test_print_continues_in_another_instance(form) -> None:
     case = CASES["noisy sensor with delays"]
     with block(form, *case) as first, block(form, *case) as second:
         first.start()
@@ -112,6 +115,7 @@ def test_print_goes_on_in_another_instance(form) -> None:
         assert_like_run(first, printed(*case), 20)
 
 
+@pytest.mark.system
 @SECOND_FORM_IS_LONG
 def test_reset_and_a_second_instance_print_the_same(form) -> None:
     with block(form, "cuboid") as first, block(form, "cuboid") as second:
@@ -125,6 +129,7 @@ def test_reset_and_a_second_instance_print_the_same(form) -> None:
         assert first.save() == second.save() == end
 
 
+@pytest.mark.system
 @SECOND_FORM_IS_LONG
 def test_instances_side_by_side_do_not_disturb_each_other(form) -> None:
     """FMPy lets go of Python's lock while a step is under way."""
@@ -183,6 +188,7 @@ def test_nothing_begins_before_start_nor_in_a_pause(form) -> None:
         assert_like_run(fmu, printed("cuboid"), printed("cuboid").sizes["layer"] - 1)
 
 
+@pytest.mark.system
 @SECOND_FORM_IS_LONG
 def test_disturbance_of_the_volume_is_learnt_and_made_up_for(form) -> None:
     with block(form, "cylinder") as fmu, block(form, "cylinder") as disturbed:
@@ -206,6 +212,7 @@ def test_alpha_that_changes_between_steps_counts_for_the_next_layer(form) -> Non
         assert fmu.set("layer_period", 2.0) != OK
 
 
+@pytest.mark.system
 @EVERY_FORM
 def test_refused_step_changes_nothing(form) -> None:
     """The third layer of a step of three asks for a droplet that spreads too far."""
@@ -223,6 +230,7 @@ def test_refused_step_changes_nothing(form) -> None:
         assert_like_run(fmu, printed(*case), 3)
 
 
+@pytest.mark.system
 @EVERY_FORM
 def test_step_that_never_ends_is_refused(form) -> None:
     """Without volume no layer brings the print nearer to its end."""
@@ -237,7 +245,7 @@ def test_step_that_never_ends_is_refused(form) -> None:
 
 
 @EVERY_FORM
-def test_parameters_that_do_not_fit_end_in_words_before_the_first_step(form) -> None:
+def test_parameters_that_do_not_fit_are_an_error_before_the_first_step(form) -> None:
     with block(form, "cuboid") as fmu:
         assert fmu.set("layer_period", 0.0) != OK
         assert fmu.set("alpha", 1.5) != OK

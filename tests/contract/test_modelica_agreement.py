@@ -13,6 +13,7 @@ from support.fmus.fmu_driver import OK, Driver, random_patterns
 from support.fmus.modelica_library import LIBRARY, compiled, literal, simulate_text
 from support.numpy.philox_numpy import normal, philox, uniforms
 
+pytestmark = pytest.mark.system
 SHAPE = NX, NY = 5, 4
 START = np.random.default_rng(1).uniform(0.0, 10e-6, SHAPE)
 INKS = "ink_a(h1=4.4e-6, h2=0.6e-6, h3=0.2e-6), ink_b(h1=3e-6, h2=0.9e-6, h3=0.3e-6)"
@@ -71,8 +72,15 @@ def test_two_materials_give_the_surfaces_of_the_fmu(passes, order, rotation) -> 
         lu(f"{INKS}, passes={passes}, pass_order=InkLoop.Types.PassOrder.{order}, pass_rotation={rotation}")
     )
     run = simulate_text(text, LAYERS + 0.9)
-    parameters = {"h1_b": 3e-6, "h2_b": 0.9e-6, "h3_b": 0.3e-6, "passes": passes, "pass_rotation": rotation,
-                  "pass_order": 1 if order == "raster" else 2, "height_start": START}  # fmt: skip
+    parameters = {
+        "h1_b": 3e-6,
+        "h2_b": 0.9e-6,
+        "h3_b": 0.3e-6,
+        "passes": passes,
+        "pass_rotation": rotation,
+        "pass_order": 1 if order == "raster" else 2,
+        "height_start": START,
+    }
     with Driver("LayerDeposition", "fmi3", NX, NY).start(parameters) as fmu:
         for layer, pattern in enumerate(patterns, start=1):
             surface = fmu.print_layer(pattern)
@@ -85,11 +93,21 @@ def test_two_materials_give_the_surfaces_of_the_fmu(passes, order, rotation) -> 
 @pytest.mark.parametrize("kind", ["per_droplet", "per_cell_and_layer"])
 def test_random_volumes_are_those_of_the_fmu(kind) -> None:
     text, patterns = printed(
-        lu(f"seed=77, variation=0.4, variation_kind=InkLoop.Types.VariationKind.{kind}, "
-           "nozzle_pitch=3, nozzle_variation=0.2"), layers=2)  # fmt: skip
+        lu(
+            f"seed=77, variation=0.4, variation_kind=InkLoop.Types.VariationKind.{kind}, "
+            "nozzle_pitch=3, nozzle_variation=0.2"
+        ),
+        layers=2,
+    )
     run = simulate_text(text, 2.9)
-    parameters = {"seed": 77, "variation": 0.4, "variation_kind": 1 if kind == "per_droplet" else 4,
-                  "nozzle_pitch": 3, "nozzle_variation": 0.2, "height_start": START}  # fmt: skip
+    parameters = {
+        "seed": 77,
+        "variation": 0.4,
+        "variation_kind": 1 if kind == "per_droplet" else 4,
+        "nozzle_pitch": 3,
+        "nozzle_variation": 0.2,
+        "height_start": START,
+    }
     with Driver("LayerDeposition", "fmi3", NX, NY).start(parameters) as fmu:
         for layer, pattern in enumerate(patterns, start=1):
             surface = fmu.print_layer(pattern)
@@ -124,7 +142,14 @@ def test_volume_and_area_are_those_of_the_fmu(own) -> None:
 
 SET_UPS = [
     {"resolution": 0.5e-6, "bias": 2e-6, "drift_rate": 0.7e-6, "tilt_x": 1e-3, "tilt_y": -2e-3},
-    {"spot_radius": 200e-6, "slope_bias": 3e-6, "dropout_slope": 0.006},
+    {
+        "spot_radius": 200e-6,
+        "shift_x": 90e-6,
+        "shift_y": -150e-6,
+        "shift_std": 30e-6,
+        "slope_bias": 3e-6,
+        "dropout_slope": 0.006,
+    },
     {"noise_std": 1e-6, "noise_correlation": 0.3, "dropout_rate": 0.3, "seed": 4},
 ]
 
@@ -133,12 +158,12 @@ SET_UPS = [
 def test_readings_are_those_of_the_fmu(own) -> None:
     modifiers = "".join(f", {name}={value!r}" for name, value in own.items())
     text, patterns = printed(lu(INKS), layers=1)
-    text = text.replace("equation", f"""
+    sensor = f"""
       InkLoop.Sensors.ProfileSensor sensor(nx={NX}, ny={NY}, scan_duration=0.25{modifiers});
     equation
       connect(deposition.height, sensor.height);
-      connect(deposition.layers_printed, sensor.layers_printed);""")  # fmt: skip
-    run = simulate_text(text, len(patterns) + 0.9)
+      connect(deposition.layers_printed, sensor.layers_printed);"""
+    run = simulate_text(text.replace("equation", sensor), len(patterns) + 0.9)
     with Driver("ProfileSensor", "fmi3", NX, NY).start({"scan_duration": 0.0, **own}) as fmu:
         for layer in range(len(patterns) + 1):
             surface = run.at("deposition.height", layer + 0.5, SHAPE)
@@ -155,7 +180,7 @@ def test_readings_are_those_of_the_fmu(own) -> None:
 def test_random_numbers_are_philox_bit_for_bit(count) -> None:
     """The last bit of a word decides nothing smaller than 2^-53, so equal numbers of 53 bits are equal bits."""
     seed, stream, cell = count
-    run = simulate_text(f"""model M
+    text = f"""model M
       discrete Real word[4](each start=-1, each fixed=true);
       discrete Real u(start=-1, fixed=true);
       discrete Real z(start=-1, fixed=true);
@@ -165,19 +190,19 @@ def test_random_numbers_are_philox_bit_for_bit(count) -> None:
         u := InkLoop.Functions.Random.uniform({seed}, {stream}, {cell}, 9);
         z := InkLoop.Functions.Random.normal({seed}, {stream}, {cell}, 9);
       end when;
-    end M;""", 0.9)  # fmt: skip
+    end M;"""
+    run = simulate_text(text, 0.9)
     assert tuple(run.at(f"word[{k}]", 0.5) for k in (1, 2, 3, 4)) == philox((seed, stream), (cell, 0, 9, 0))
     assert run.at("u", 0.5) == uniforms(seed, stream, cell, 9)[0]
     assert run.at("z", 0.5) == pytest.approx(normal(seed, stream, cell, 9), rel=1e-14, abs=0.0)
 
 
 @pytest.mark.parametrize(
-    ("command", "words"), [("2", "layer_command is out of order"), ("1", "pattern has a value that is no material")]
+    ("command", "message"), [("2", "layer_command is out of order"), ("1", "pattern has a value that is no material")]
 )
-def test_what_the_contract_refuses_stops_the_simulation_with_a_message(command, words) -> None:
+def test_what_the_contract_refuses_stops_the_simulation_with_a_message(command, message) -> None:
     bad = "3" if command == "1" else "1"
-    with pytest.raises(rumoca.SimulationError, match=words):
-        simulate_text(f"""model M
+    text = f"""model M
           InkLoop.Deposition.LayerDeposition deposition(nx=2, ny=2);
           Integer layer(start=0, fixed=true);
         equation
@@ -187,4 +212,6 @@ def test_what_the_contract_refuses_stops_the_simulation_with_a_message(command, 
           when sample(1, 5) then
             layer := {command};
           end when;
-        end M;""", 2.0)  # fmt: skip
+        end M;"""
+    with pytest.raises(rumoca.SimulationError, match=message):
+        simulate_text(text, 2.0)

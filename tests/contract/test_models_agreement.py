@@ -81,10 +81,14 @@ def test_young_laplace_deposition_gives_the_bits_of_its_fmu(form, passes) -> Non
 
 @pytest.mark.parametrize(
     ("model", "expected"),
-    [(LayerDeposition.of([Ink()]), 7.6e-6), (SuperpositionDeposition(), SuperpositionDeposition().layer_height),
-     (VolumeAreaDeposition(), 7.0751e-6), (YoungLaplaceDeposition(cells_per_pitch=4), 30e-15 / 42.3e-6**2)],
+    [
+        (LayerDeposition.of([Ink()]), 7.6e-6),
+        (SuperpositionDeposition(), SuperpositionDeposition().layer_height),
+        (VolumeAreaDeposition(), 7.0751e-6),
+        (YoungLaplaceDeposition(cells_per_pitch=4), 30e-15 / 42.3e-6**2),
+    ],
     ids=lambda model: type(model).__name__,
-)  # fmt: skip
+)
 def test_interior_droplet_adds_its_volume(model, expected) -> None:
     pattern = np.zeros((9, 9), np.int32)
     pattern[4, 4] = 1
@@ -104,7 +108,7 @@ def test_arguments_stay_as_they_were() -> None:
 
 
 @pytest.mark.parametrize(
-    ("attempt", "words"),
+    ("attempt", "message"),
     [
         (lambda: LayerDeposition(((1e-6, 2e-6),)), "needs 3, 6 or 10"),
         (lambda: LayerDeposition(passes=2), "needs 1 or 4 passes"),
@@ -121,7 +125,7 @@ def test_arguments_stay_as_they_were() -> None:
         (lambda: LayerDeposition().layer(FLAT, np.full((3, 3), 3)), "0, 1 or 2"),
         (lambda: DropletVolumes(variation=2.0), "0 to 1"),
     ],
-)  # fmt: skip
-def test_what_cannot_be_meant_is_refused_in_words(attempt, words) -> None:
-    with pytest.raises(ValueError, match=words):
+)
+def test_impossible_arguments_are_refused_with_a_message(attempt, message) -> None:
+    with pytest.raises(ValueError, match=message):
         attempt()

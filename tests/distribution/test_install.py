@@ -1,4 +1,4 @@
-"""A user who has only the package can print: from a wheel, from a source distribution, from an editable install."""
+"""A user with only the package can print: from a wheel, from a source distribution, from an editable install."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def make_without_git(target: str, archive: Path, bin_folder: Path) -> subprocess
 
 
 def target(way: str, sdist: Path, folder: Path) -> list[str | Path]:
-    """What pip is told to install; built below `folder`."""
+    """What pip installs; built below `folder`."""
     if way == "editable":
         with tarfile.open(sdist) as archive:
             archive.extractall(folder, filter="data")

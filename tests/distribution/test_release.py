@@ -1,4 +1,4 @@
-"""A release says one version, one licence and its sources, wherever it says them."""
+"""A release states the same version, licence and sources everywhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever an adapter or a node says, the master gets values of the standard or an error in words, in bounded time."""
+"""Whatever an adapter or a node sends, the master gets valid values or an error message, in bounded time."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from inkloop_hardware.protocol.records import KINDS, NodeFault, NodeStatus, unpa
 from inkloop_hardware.protocol.services import Key, Routine
 from inkloop_hardware.protocol.vocabulary import Node
 from support.benches.wire_library import IsotpEnd
+from support.examples import examples
 
 CODEC = Codec()
 REQUEST, ANSWER = 0x640, 0x641
@@ -47,12 +48,14 @@ def taken(pieces: Sequence[bytes]) -> tuple[list[Any], int]:
     bus = bulk_bus()
     for piece in pieces:
         bus.take(piece)
-    frames = [(found.arbitration_id, found.is_extended_id, found.is_remote_frame, found.dlc, bytes(found.data))
-              for found in bus.waiting]  # fmt: skip
+    frames = [
+        (found.arbitration_id, found.is_extended_id, found.is_remote_frame, found.dlc, bytes(found.data))
+        for found in bus.waiting
+    ]
     return frames, bus.malformed
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(st.lists(st.sampled_from(TEXTS) | st.binary(max_size=40), max_size=30).map(b"".join), st.data())
 @example(b"tFFF0\rTFFFFFFFF0\r", None)
 def test_lines_of_an_adapter_give_frames_of_the_standard_however_they_are_cut(text: bytes, data: Any) -> None:
@@ -66,13 +69,15 @@ def test_lines_of_an_adapter_give_frames_of_the_standard_however_they_are_cut(te
     assert taken(pieces) == (frames, malformed)
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(
     st.sampled_from(sorted(CODEC.message(name).frame_id for name in KINDS)) | st.integers(0, 0x7FF),
     st.binary(min_size=8, max_size=8) | st.binary(max_size=8),
     st.none() | st.integers(0, 14),
 )
-def test_frame_of_any_content_is_read_or_refused_in_words(identifier: int, content: bytes, counter: int | None) -> None:
+def test_frame_of_any_content_is_read_or_refused_with_a_message(
+    identifier: int, content: bytes, counter: int | None
+) -> None:
     frame = Frame(identifier, protected(identifier, content, counter))
     try:
         reading = CODEC.decode(frame)
@@ -99,11 +104,11 @@ def protected(identifier: int, content: bytes, counter: int | None) -> bytes:
     return bytes(data)
 
 
-class SayingWire:
+class ReplyingWire:
     """A node that answers with what it is given, each message to one request, the last one for ever."""
 
-    def __init__(self, says: Sequence[bytes | Frame]) -> None:
-        self.says = deque(says)
+    def __init__(self, replies: Sequence[bytes | Frame]) -> None:
+        self.replies = deque(replies)
         self.clock = 0.0
         self.looks = 0
         self.end = IsotpEnd(8, receive=REQUEST, send=ANSWER)
@@ -138,29 +143,31 @@ class SayingWire:
         now = round(1e3 * self.clock)
         if not self.end.state.is_sending:
             request = self.end.receive()
-            said = (self.says.popleft() if len(self.says) > 1 else self.says[0]) if request and self.says else b""
-            if isinstance(said, Frame):
-                self.waiting.append(said.data)
-            elif said:
-                self.end.send(fitting(request, said))
+            reply: bytes | Frame = b""
+            if request and self.replies:
+                reply = self.replies.popleft() if len(self.replies) > 1 else self.replies[0]
+            if isinstance(reply, Frame):
+                self.waiting.append(reply.data)
+            elif reply:
+                self.end.send(fitting(request, reply))
         while (frame := self.end.next(now)) is not None:
             self.waiting.append(frame.data)
 
 
-def fitting(request: bytes, said: bytes) -> bytes:
+def fitting(request: bytes, reply: bytes) -> bytes:
     """The answer with its head: 0 in its first byte stands for a positive answer of this request, 1 for a refusal, 2
-    for "still busy"; anything else is said as it is."""
+    for "still busy"; anything else is sent as it is."""
     service = request[0]
-    if said[0] == 0:
+    if reply[0] == 0:
         echoes = {
             0x22: request[1:3],
-            0x31: request[1:4] + said[1:2].ljust(1, b"\0") + request[4:12],
+            0x31: request[1:4] + reply[1:2].ljust(1, b"\0") + request[4:12],
             0x36: request[1:2],
         }
-        return bytes([service + 0x40]) + echoes.get(service, b"") + said[1:]
-    if said[0] == 1:
-        return bytes([0x7F, service]) + said[1:]
-    return bytes([0x7F, service, 0x78]) if said[0] == 2 else said
+        return bytes([service + 0x40]) + echoes.get(service, b"") + reply[1:]
+    if reply[0] == 1:
+        return bytes([0x7F, service]) + reply[1:]
+    return bytes([0x7F, service, 0x78]) if reply[0] == 2 else reply
 
 
 KEY = Key(7, 1)
@@ -177,7 +184,7 @@ CALLS: dict[str, Callable[[Link], object]] = {
     "upload": lambda link: link.upload(1),
 }
 HEADS = st.sampled_from([b"\0", b"\0", b"\0", b"\1", b"\2", b""])
-SAID = st.builds(bytes.__add__, HEADS, st.binary(min_size=1, max_size=60))
+REPLIES = st.builds(bytes.__add__, HEADS, st.binary(min_size=1, max_size=60))
 LENGTHS = st.sampled_from([pack(">BH", 0x20, most) for most in (0, 1, 2, 3, 64, 4095, 0xFFFF)]).map(b"\0".__add__)
 SIZES = st.sampled_from([pack(">IHH", size, 3, 5) for size in (0, 44, 45, 0xFFFFFFFF)]).map(b"\0".__add__)
 FRAMES = st.binary(max_size=8).map(lambda data: Frame(ANSWER, data))
@@ -185,17 +192,17 @@ FRAMES = st.binary(max_size=8).map(lambda data: Frame(ANSWER, data))
 
 @pytest.mark.compiled
 @pytest.mark.parametrize("name", CALLS)
-@settings(max_examples=40, deadline=None)
-@given(says=st.lists(SAID | LENGTHS | SIZES | FRAMES, min_size=1, max_size=6))
-@example(says=[b"\2"])
-@example(says=[b"\0"])
-@example(says=[b"\0\0\0"])
-@example(says=[pack(">BIHH", 0, 44, 3, 5), b"\0\x20\x0f\xff", b"\0"])
-@example(says=[b"\0\x20\x00\x02", b"\0"])
-@example(says=[b"\x7e\x05"])
-@example(says=[b"\x7f"])
-def test_answers_of_any_bytes_to_a_link_end_in_words(name: str, says: list[bytes | Frame]) -> None:
-    wire = SayingWire(says)
+@settings(max_examples=examples(40), deadline=None)
+@given(replies=st.lists(REPLIES | LENGTHS | SIZES | FRAMES, min_size=1, max_size=6))
+@example(replies=[b"\2"])
+@example(replies=[b"\0"])
+@example(replies=[b"\0\0\0"])
+@example(replies=[pack(">BIHH", 0, 44, 3, 5), b"\0\x20\x0f\xff", b"\0"])
+@example(replies=[b"\0\x20\x00\x02", b"\0"])
+@example(replies=[b"\x7e\x05"])
+@example(replies=[b"\x7f"])
+def test_answers_of_any_bytes_to_a_link_end_with_a_message(name: str, replies: list[bytes | Frame]) -> None:
+    wire = ReplyingWire(replies)
     with suppress(HardwareError):
         CALLS[name](Link(Node.HEAD, CODEC, wire, "a wire"))
 
@@ -210,25 +217,33 @@ PEER_CALLS: dict[str, Callable[[Peer], object]] = {
 
 @pytest.mark.compiled
 @pytest.mark.parametrize("name", PEER_CALLS)
-@settings(max_examples=40, deadline=None)
-@given(says=st.lists(SAID | LENGTHS | FRAMES, min_size=1, max_size=6))
-@example(says=[b"\2"])
-@example(says=[b"\0"])
-def test_answers_of_any_bytes_to_a_peer_end_in_words(name: str, says: list[bytes | Frame]) -> None:
-    wire = SayingWire(says)
+@settings(max_examples=examples(40), deadline=None)
+@given(replies=st.lists(REPLIES | LENGTHS | FRAMES, min_size=1, max_size=6))
+@example(replies=[b"\2"])
+@example(replies=[b"\0"])
+def test_answers_of_any_bytes_to_a_peer_end_with_a_message(name: str, replies: list[bytes | Frame]) -> None:
+    wire = ReplyingWire(replies)
     with suppress(HardwareError):
         PEER_CALLS[name](Peer("head", wire, REQUEST, ANSWER, 1.0))
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(
     st.sampled_from([(1, 1), (3, 5), (8, 1)]),
-    st.builds(pack, st.just(">BBHHHi"), st.sampled_from([0, 1, 1, 1]), st.just(0), st.sampled_from([1, 3, 8]),
-              st.sampled_from([1, 5]), st.integers(0, 0xFFFF), st.integers(-(2**31), 2**31 - 1))
+    st.builds(
+        pack,
+        st.just(">BBHHHi"),
+        st.sampled_from([0, 1, 1, 1]),
+        st.just(0),
+        st.sampled_from([1, 3, 8]),
+        st.sampled_from([1, 5]),
+        st.integers(0, 0xFFFF),
+        st.integers(-(2**31), 2**31 - 1),
+    )
     | st.binary(max_size=20),
     st.binary(max_size=40) | st.just(b"\x80\x00" * 15 + b"\xff\xff"),
-)  # fmt: skip
-def test_bytes_of_a_map_are_finite_heights_or_refused_in_words(
+)
+def test_bytes_of_a_map_are_finite_heights_or_refused_with_a_message(
     shape: tuple[int, int], head: bytes, rest: bytes
 ) -> None:
     try:

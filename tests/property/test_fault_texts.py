@@ -28,7 +28,7 @@ ANY_TEXT = st.text(st.characters(exclude_characters="\0\n", exclude_categories=[
 
 @pytest.fixture(scope="module")
 def nodes() -> Iterator[subprocess.Popen[bytes]]:
-    """The reader of the emulated bench, with sanitizers."""
+    """The reader of the emulator, with sanitizers."""
     if not shutil.which("gcc"):
         pytest.skip("gcc is not installed")
     sources = [FIRMWARE / "host" / "faults" / "fault_text.c", C_SOURCES / "fault_text_probe.c"]
@@ -45,17 +45,17 @@ def nodes() -> Iterator[subprocess.Popen[bytes]]:
 @example(text="loss:" + "x" * 80 + "=1")
 def test_fault_that_is_taken_is_taken_by_the_nodes_too(text: str, nodes: subprocess.Popen[bytes]) -> None:
     try:
-        said = str(read_fault(text))
+        written = str(read_fault(text))
     except InkloopError:
-        said = None
-    for given_ in (text, said or text):
+        written = None
+    for given_ in (text, written or text):
         assert nodes.stdin is not None
         assert nodes.stdout is not None
         nodes.stdin.write(f"{len(given_.encode())}\n".encode() + given_.encode())
         nodes.stdin.flush()
         answer = nodes.stdout.readline().strip()
         assert answer == b"taken" or answer.startswith(REASONS) or b" of " in answer, answer
-    assert said is None or answer == b"taken", said
+    assert written is None or answer == b"taken", written
 
 
 def test_word_that_is_too_long_for_a_kind_is_not_shown(nodes: subprocess.Popen[bytes]) -> None:

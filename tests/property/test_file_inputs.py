@@ -1,4 +1,4 @@
-"""Files that anybody may have written (mapping, scenario, DBC, height map) are read, or refused in words."""
+"""Files of unknown origin (mapping, scenario, DBC, height map) are read, or refused with a message."""
 
 from __future__ import annotations
 
@@ -26,9 +26,12 @@ from inkloop_hardware.errors import FrameError
 from inkloop_hardware.mapped.mapping_file import load
 from inkloop_hardware.protocol.codec import Codec
 from support.benches import foreign_rig
+from support.examples import examples
 from support.places import ROOT
 
-ONE_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
+ONE_FOLDER = settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=examples(60)
+)
 JOB = small_job(6, 5)
 VALUES = st.sampled_from(
     ["", "0", "{layer}", "{layer.real}", "{layer[0]}", "{0}", "{", "{nx:x}", "{job:04x}", "{job!r:>9}", "A5", "head",
@@ -36,8 +39,16 @@ VALUES = st.sampled_from(
 )  # fmt: skip
 
 
-BENCH = {"interface": "slcan", "channel": "/dev/ttyACM0", "bitrate": 500_000, "options": {}, "x": 1,
-         "traffic_log": "traffic.blf", "cure_ms": 2.0, "loop_timeout_s": 1.0}  # fmt: skip
+BENCH = {
+    "interface": "slcan",
+    "channel": "/dev/ttyACM0",
+    "bitrate": 500_000,
+    "options": {},
+    "x": 1,
+    "traffic_log": "traffic.blf",
+    "cure_ms": 2.0,
+    "loop_timeout_s": 1.0,
+}
 """Values that the table of the bench takes; `x` is no key of it."""
 
 
@@ -138,7 +149,7 @@ def edited(data: st.DataObject, whole: bytes) -> bytes:
 
 @ONE_FOLDER
 @given(data=st.data())
-def test_dbc_is_taken_or_refused_in_words(data: st.DataObject, tmp_path: Path, verdicts: Verdicts) -> None:
+def test_dbc_is_taken_or_refused_with_a_message(data: st.DataObject, tmp_path: Path, verdicts: Verdicts) -> None:
     path = tmp_path / "rig.dbc"
     path.write_bytes(edited(data, foreign_rig.DBC.encode()))
     with verdicts.count(FrameError):
@@ -179,11 +190,12 @@ MAPS = {
 @ONE_FOLDER
 @given(data=st.data())
 @pytest.mark.parametrize("name", MAPS)
-def test_height_map_is_read_or_refused_in_words(
+def test_height_map_is_read_or_refused_with_a_message(
     data: st.DataObject, name: str, tmp_path: Path, verdicts: Verdicts
 ) -> None:
     path = tmp_path / name
     path.write_bytes(edited(data, MAPS[name]))
-    unit, pixel = (("um", None), (5e-6, None)) if name == "array.npy" else ((None, "um"), (None, 5e-6))
+    unit = ("um", None) if name in ("array.npy", "imagej.tif") else (None, "um")  # the first makes the file readable
+    pixel = (5e-6, None) if name == "array.npy" else (None, 5e-6)
     with verdicts.count(HeightMapError):
         read(path, unit=data.draw(st.sampled_from(unit)), pixel=data.draw(st.sampled_from(pixel)))

@@ -41,7 +41,7 @@ def fuzzers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.mark.parametrize(("target", "path"), INPUTS, ids=[f"{target}-{path.name}" for target, path in INPUTS])
-def test_laws_hold_over_what_was_found_and_what_reaches_far(target: str, path: Path, programs: dict[str, Path]) -> None:
+def test_invariants_hold_for_found_and_far_reaching_inputs(target: str, path: Path, programs: dict[str, Path]) -> None:
     done = subprocess.run([programs[target], path], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
@@ -62,7 +62,7 @@ def edited(seeds: list[bytes]) -> st.SearchStrategy[bytes]:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_laws_hold_over_any_input(target: str, programs: dict[str, Path]) -> None:
+def test_invariants_hold_for_any_input(target: str, programs: dict[str, Path]) -> None:
     seeds = [path.read_bytes() for path in fuzzing.corpus(target)]
 
     with Replay(programs[target]) as replay:
@@ -77,7 +77,7 @@ def test_laws_hold_over_any_input(target: str, programs: dict[str, Path]) -> Non
 
 
 def test_corpus_reaches_every_state_and_every_cause_of_a_node(programs: dict[str, Path]) -> None:
-    """So that inputs that no longer say what they said are noticed."""
+    """So that inputs whose meaning has changed are noticed."""
     states, causes = set[int](), set[int]()
     for target in ("frames", "services"):
         command = [programs[target], *fuzzing.corpus(target)]

@@ -1,4 +1,4 @@
-"""Laws of the planner on any small job."""
+"""Invariants of the planner on any small job."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
 from inkloop_controller.problem.criterion import Criterion
 from inkloop_controller.problem.horizon_problem import IntPlan
 from inkloop_controller.problem.work import DEFAULT_WORK, Work
+from support.examples import examples
 from support.numpy.plan_starts_numpy import best_of, shifted
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
@@ -50,23 +51,29 @@ class Case:
     estimate: Estimate
     layer: int
     last: IntPlan
+    annealing: int | None
 
     def mpc(self, threads: int = 1) -> LayerMpc:
         choices = DropletChoices(self.job, **self.options)
         return LayerMpc(
-            self.job, criterion=self.criterion, horizon=self.horizon, choices=choices, work=Work(threads=threads)
+            self.job,
+            criterion=self.criterion,
+            horizon=self.horizon,
+            choices=choices,
+            work=Work(threads=threads, annealing_sweeps=self.annealing),
         )
 
     def planned(self, threads: int = 1) -> LayerPlan:
         return self.mpc(threads).plan(self.estimate, self.layer, self.last)
 
 
+WORTHS = [0.0, 0.0015, 0.05]
 ALPHAS: list[Any] = [0.0, 0.1, 0.8, 1.0, [(1, 0.3), (3, 0.9)]]
 
 
 @st.composite
 def cases(draw: st.DrawFn) -> Case:
-    """Jobs of one ink or two, of one pass or four, with all that the planner can be told."""
+    """Jobs of one ink or two, of one pass or four, with all that the planner can be configured with."""
     nx, ny = draw(st.integers(1, 8)), draw(st.integers(1, 8))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     mask = rng.random((nx, ny)) < draw(st.sampled_from([0.4, 0.9, 1.0]))
@@ -102,6 +109,7 @@ def cases(draw: st.DrawFn) -> Case:
         overshoot_limit=draw(st.sampled_from([np.inf, 0.0, 5e-6])),
         chance_margin=draw(st.sampled_from([0.0, 2.0])),
         fringe_weight=draw(st.sampled_from([0.0, 0.3, 1.0])),
+        layer_worth=draw(st.sampled_from(WORTHS)),
     )
     scale = draw(st.sampled_from([0.6, 1.0]))
     estimate = replace(
@@ -111,7 +119,8 @@ def cases(draw: st.DrawFn) -> Case:
     )
     shape = draw(st.sampled_from([(nx, ny), (nx + 1, ny)]))
     last = rng.integers(0, 1 + len(inks) * options["drop_levels"], (draw(st.integers(1, 5)), *shape), dtype=np.int32)
-    return Case(job, criterion, options, draw(st.integers(1, 3)), estimate, draw(st.integers(0, 9)), last)
+    annealing = draw(st.sampled_from([0, 1, 10, None]))  # None: up to 200 sweeps for plans as small as these
+    return Case(job, criterion, options, draw(st.integers(1, 3)), estimate, draw(st.integers(0, 9)), last, annealing)
 
 
 def same(one: LayerPlan, other: LayerPlan) -> bool:
@@ -124,7 +133,7 @@ def same(one: LayerPlan, other: LayerPlan) -> bool:
 
 
 @given(cases())
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 def test_plan_keeps_to_the_choices_and_begins_with_a_layer_unless_the_print_is_done(case: Case) -> None:
     plan, problem = case.planned(), case.mpc().problem(case.estimate, case.layer)
     assert ((2 * problem.choices.astype(np.int64) + 1) >> plan.plan & 1).all()
@@ -135,8 +144,9 @@ def test_plan_keeps_to_the_choices_and_begins_with_a_layer_unless_the_print_is_d
 
 
 @given(cases())
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 def test_plan_is_never_worse_than_nothing_full_layers_or_the_rest_of_the_last_plan(case: Case) -> None:
+    case = replace(case, criterion=replace(case.criterion, layer_worth=0.0))
     plan, problem = case.planned(), case.mpc().problem(case.estimate, case.layer)
     others = [no_droplets(problem)]
     others += [full for full in [full_layers(problem)] if full[0].any()]
@@ -146,9 +156,21 @@ def test_plan_is_never_worse_than_nothing_full_layers_or_the_rest_of_the_last_pl
         assert plan.objective.value <= bindings.objective(problem, other).value + ROUNDING
 
 
-@given(cases(), st.sampled_from([0.0, 0.2]), st.booleans())
-@settings(deadline=None, max_examples=300)
-def test_without_time_for_a_repair_the_plan_is_the_best_start(case: Case, layer_worth: float, is_relaxed: bool) -> None:
+@given(cases())
+@settings(deadline=None, max_examples=examples(300))
+def test_layers_left_out_lose_less_and_layers_printed_gain_more_than_they_are_worth(case: Case) -> None:
+    every = replace(case, criterion=replace(case.criterion, layer_worth=0.0)).planned()
+    plan, problem = case.planned(), case.mpc().problem(case.estimate, case.layer)
+    printed = int(np.count_nonzero(plan.plan.any((1, 2))))
+    price = (case.criterion.layer_worth or 0.0) * problem.kinds[0].layer_height
+    nothing = bindings.objective(problem, no_droplets(problem)).value
+    assert plan.objective.value <= every.objective.value + (problem.layers - printed) * price + ROUNDING
+    assert printed == 0 or nothing - plan.objective.value >= printed * price - ROUNDING
+
+
+@given(cases(), st.booleans())
+@settings(deadline=None, max_examples=examples(300))
+def test_without_time_for_a_repair_the_plan_is_the_best_start(case: Case, is_relaxed: bool) -> None:
     problem = case.mpc().problem(case.estimate, case.layer)
     droplets = np.random.default_rng(case.layer).random(problem.choices.shape) * (problem.choices > 0)
     found = best_plan(
@@ -156,20 +178,20 @@ def test_without_time_for_a_repair_the_plan_is_the_best_start(case: Case, layer_
         DEFAULT_WORK,
         relaxed=droplets if is_relaxed else None,
         last=case.last,
-        layer_worth=layer_worth,
+        layer_worth=0.0,
         seed=0,
         seconds_max=0.0,
     )
     starts = [no_droplets(problem), full_layers(problem)]
     starts += [shifted(case.last, problem)] if case.last.shape[1:] == problem.height.shape else []
     starts += [diffuse(problem, droplets)] if is_relaxed else []
-    np.testing.assert_array_equal(found.plan, best_of(starts, problem, layer_worth))
+    np.testing.assert_array_equal(found.plan, best_of(starts, problem))
     assert found.objective == bindings.objective(problem, found.plan)
     assert found.status is (PlanStatus.FALLBACK if found.plan.any() else PlanStatus.DONE)
 
 
 @given(cases())
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 def test_objective_is_that_of_the_layers_printed_one_after_the_other(case: Case) -> None:
     plan, problem, job = case.planned(), case.mpc().problem(case.estimate, case.layer), case.job
     model, split = replace(LayerModel.of(job), inks=case.estimate.inks), DropletChoices(job, **case.options).split
@@ -188,7 +210,7 @@ def test_objective_is_that_of_the_layers_printed_one_after_the_other(case: Case)
 
 
 @given(cases())
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 def test_same_question_gives_the_same_bits_again_with_any_number_of_threads(case: Case) -> None:
     kept, mpc = case.last.copy(), case.mpc()
     first = mpc.plan(case.estimate, case.layer, case.last)
@@ -222,12 +244,12 @@ def with_value(value: float) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("changes", "height", "words"),
+    ("changes", "height", "message"),
     [
         ({}, with_value(np.nan), r"height is nan at cell \(1, 2\); needs finite values"),
         ({}, with_value(np.inf), r"height is inf at cell \(1, 2\); needs finite values"),
         ({}, np.zeros((4, 5)), r"height has shape \(4, 5\); needs \(4, 4\)"),
-        ({}, with_value(0.6), r"height reaches 0.6 m with 3 layers to come"),
+        ({}, with_value(0.6), r"height reaches 0.6 m with 5 layers to come"),
         ({"target_height": with_value(np.nan)}, np.zeros((4, 4)), r"target is nan at cell \(1, 2\)"),
         ({"target_height": np.zeros((5, 4))}, np.zeros((4, 4)), r"target has shape \(5, 4\)"),
         ({"mask": np.ones((4, 5), np.bool_)}, np.zeros((4, 4)), r"mask has shape \(4, 5\); needs \(4, 4\)"),
@@ -236,13 +258,13 @@ def with_value(value: float) -> Any:
         ({"inks": (Ink(h2=np.nan),)}, np.zeros((4, 4)), r"kind 0 is .*needs h1 > 0"),
     ],
 )
-def test_what_no_surface_or_job_can_be_is_refused_in_words(changes: Any, height: Any, words: str) -> None:
+def test_what_no_surface_or_job_can_be_is_refused_with_a_message(changes: Any, height: Any, message: str) -> None:
     job = job_of(**changes)
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=message):
         LayerMpc(job).plan(Estimate.exact(height, job.inks), 0, np.zeros((3, 4, 4), np.int32))
 
 
 @pytest.mark.parametrize("horizon", [0, 6])
-def test_horizon_that_cannot_be_is_refused_in_words(horizon: int) -> None:
+def test_impossible_horizon_is_refused_with_a_message(horizon: int) -> None:
     with pytest.raises(ValueError, match=f"horizon is {horizon}; needs 1 to 5 layers ahead"):
         LayerMpc(job_of(), horizon=horizon)

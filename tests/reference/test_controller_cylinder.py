@@ -44,6 +44,20 @@ def test_longer_horizons_end_flatter(horizon: int, variation: float, mae: float,
     np.testing.assert_allclose(scales, 1.0 - variation / 2, atol=0.01)
 
 
+@pytest.mark.parametrize(
+    ("finish", "variation", "mae", "std", "layers"),
+    rest_is_long([("even", 0.2, 0.33, 0.42, 75), ("fast", 0.2, 0.35, 0.50, 73), ("even", 0.4, 0.57, 0.71, 85)], 1),
+)
+def test_finish_ends_flat_in_few_layers(finish: str, variation: float, mae: float, std: float, layers: float) -> None:
+    """No print can be done in fewer than 70 layers at 20 %: the outermost cells rise by 5.8 um a layer at most."""
+    job = cylinder()
+    prints = [print_part(LayerMpcController(job, finish=finish), job, variation=variation, seed=seed) for seed in SEEDS]
+    errors = np.mean([one.errors_um(job) for one in prints], axis=0)
+    assert errors[1] <= mae
+    assert errors[2] <= std
+    assert 70 <= np.mean([len(one.patterns) for one in prints]) <= layers
+
+
 def test_ours_is_flatter_than_the_papers_search_on_the_same_plant() -> None:
     job = cylinder()
     ours, papers = (

@@ -1,4 +1,4 @@
-"""The cylinder of Lu, Zheng, Mishra (2015) with a sensor like theirs, and an ink that nobody told the controller."""
+"""The cylinder of Lu, Zheng, Mishra (2015) with a sensor like theirs, and an ink that the controller does not know."""
 
 from __future__ import annotations
 
@@ -44,5 +44,5 @@ def test_drift_of_the_sensor_does_not_reach_the_part() -> None:
 
 
 def test_readings_taken_for_the_truth_end_too_high() -> None:
-    bias, *_ = mean_errors(0.2, sensor_noise_std_um=0.0)
+    bias, *_ = mean_errors(0.2, sensor_noise_std_um=0.0, horizon=3, layer_worth=0.0)
     assert bias > 1.0

@@ -39,9 +39,13 @@ def test_radius_that_the_text_names_misses_equation_19(pitches) -> None:
 
 @pytest.mark.parametrize(
     ("gained", "is_higher", "mean_of_ratios"),
-    [(GAINED_VOLUME, True, 0.0081), (GAINED_VOLUME, False, -0.0187), (GAINED_AREA, True, 0.0),
-     (GAINED_AREA, False, -0.0636)],
-)  # fmt: skip
+    [
+        (GAINED_VOLUME, True, 0.0081),
+        (GAINED_VOLUME, False, -0.0187),
+        (GAINED_AREA, True, 0.0),
+        (GAINED_AREA, False, -0.0636),
+    ],
+)
 def test_equation_17_over_the_printed_figures(gained, is_higher, mean_of_ratios) -> None:
     """The coefficients in (20), 0.0067 -0.0201 0 -0.0634, come from resampled groups of samples."""
     chosen = NEIGHBOURS & ((DIFFERENCES > 0) == is_higher)

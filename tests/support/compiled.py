@@ -1,6 +1,6 @@
 """What the tests compile: every object, library and program once per test run, whatever number of workers asks for it.
 
-tests/conftest.py makes the folder of a run and removes it. A test that comes here bears the mark `compiled`.
+tests/conftest.py makes the folder of a run and removes it. A test that uses it has the mark `compiled`.
 """
 
 from __future__ import annotations
@@ -90,6 +90,6 @@ def sanitizer_libraries() -> str | None:
         return None
     paths = []
     for name in ("libasan.so", "libstdc++.so.6"):
-        said = subprocess.run(["gcc", f"-print-file-name={name}"], capture_output=True, text=True, check=True).stdout
-        paths.append(Path(said.strip()))
+        output = subprocess.run(["gcc", f"-print-file-name={name}"], capture_output=True, text=True, check=True).stdout
+        paths.append(Path(output.strip()))
     return " ".join(map(str, paths)) if all(path.is_absolute() and path.exists() for path in paths) else None

@@ -102,7 +102,7 @@ METHODS: dict[str, tuple[str, Callable[[Path, Any], None], float]] = {
 
 
 def main(bed: Path, folder: Path, method: str) -> None:
-    """Scan until told to stop."""
+    """Scan until stopped."""
     name, write, tilt = METHODS[method]
     layer = 0
     while not (bed / "stop").exists():

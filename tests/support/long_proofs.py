@@ -10,6 +10,9 @@ import pytest
 
 def rest_is_long(cases: Iterable[Any], quick: int) -> list[Any]:
     """The first `quick` cases as they are, the others marked `long`."""
-    return [case if number < quick else pytest.param(*(case if isinstance(case, tuple) else (case,)),
-                                                     marks=pytest.mark.long)
-            for number, case in enumerate(cases)]  # fmt: skip
+    return [
+        case
+        if number < quick
+        else pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.long)
+        for number, case in enumerate(cases)
+    ]

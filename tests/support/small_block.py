@@ -12,6 +12,7 @@ from inkloop.master.wiring import check, contract_connections
 from inkloop.results.recorder import Recorder
 
 SECOND = 1_000_000_000
+ANNEALING_SWEEPS = 5  # of the controller; by default up to 200 for blocks as small as this
 REPRODUCIBLE = ("height", "measured_height", "valid", "estimated_height", "pattern", "objective", "droplets_a", "std")
 
 
@@ -31,9 +32,12 @@ def printed(
     horizon: int = 3,
     controller: tuple[str, dict[str, object]] = ("LayerMpc", {}),
 ) -> xr.Dataset:
-    """The run of a small block with all the plant's and the sensor's imperfections."""
+    """The run of a small block with all the plant's and the sensor's imperfections, planned with little work."""
     tables: dict[str, tuple[str, dict[str, object]]] = {
-        "controller": (controller[0], {"alpha": 0.8, "horizon": horizon, **controller[1]}),
+        "controller": (
+            controller[0],
+            {"alpha": 0.8, "horizon": horizon, "annealing_sweeps": ANNEALING_SWEEPS, **controller[1]},
+        ),
         "printer": ("LayerDeposition", {"fmi": fmi, "variation": 0.2, "layer_duration_s": duration_s}),
         "profiler": ("ProfileSensor", {"fmi": fmi, "noise_std_um": 0.3, "scan_duration_s": scan_s}),
     }

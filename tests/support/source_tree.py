@@ -39,13 +39,19 @@ def modules() -> dict[str, Path]:
 
 
 @cache
+def parsed(path: Path) -> ast.Module:
+    """The syntax tree of a file, which several tests look through."""
+    return ast.parse(path.read_text(encoding="utf-8"), str(path))
+
+
+@cache
 def imported(name: str) -> frozenset[str]:
     """Every module that a module imports, at its top, inside a function or for the type checker alone.
 
     `from a.b import c` counts as `a.b.c` where that is a module of the project, else as `a.b`.
     """
     path, found = modules()[name], set[str]()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -83,8 +89,9 @@ def circles(graph: Graph) -> set[frozenset[str]]:
             new = graph[left.pop()] - reached[start]
             reached[start] |= new
             left += new
-    return {frozenset(end for end in reached[start] if start in reached[end])
-            for start in graph if start in reached[start]}  # fmt: skip
+    return {
+        frozenset(end for end in reached[start] if start in reached[end]) for start in graph if start in reached[start]
+    }
 
 
 @cache

@@ -103,7 +103,7 @@ class ToyController:
 
 
 class ToyPrinter:
-    """Adds a droplet where the pattern says; refuses commands out of order."""
+    """Adds a droplet where the pattern has one; refuses commands out of order."""
 
     def __init__(self, job: Job, duration_ns: int = 0) -> None:
         shape = (job.nx, job.ny)

@@ -51,7 +51,7 @@ def wait_until(true: Callable[[], bool]) -> None:
         ),
     ],
 )
-def test_print_goes_on_by_itself_where_no_step_is_unknown(fault: str, tmp_path: Path) -> None:
+def test_print_continues_automatically_where_no_step_is_unknown(fault: str, tmp_path: Path) -> None:
     """The nodes fall to SAFE meanwhile; the run is that of the FMUs, bit for bit."""
     path = write(tmp_path)
     emulation = emulation_of(Scenario.load(path, EXACT))
@@ -60,7 +60,7 @@ def test_print_goes_on_by_itself_where_no_step_is_unknown(fault: str, tmp_path: 
     assert_same_print(found, printed_with_fmus(path, EXACT))
 
 
-def test_adapter_that_is_unplugged_is_opened_again_and_nothing_is_enabled_by_itself() -> None:
+def test_unplugged_adapter_is_opened_again_and_nothing_is_enabled_automatically() -> None:
     """The lamp is on when it goes: the node puts it out, and a person is asked for."""
     with faulty("unplugged:step=cure,pass=1,nth=3,count=3") as run:
         run.print_layer(1)
@@ -84,7 +84,7 @@ def test_adapter_that_is_unplugged_is_opened_again_and_nothing_is_enabled_by_its
         np.testing.assert_allclose(run.scan(), printed(ALL), atol=1e-12)
 
 
-def test_adapter_that_does_not_come_back_is_given_up_in_words() -> None:
+def test_adapter_that_does_not_come_back_is_given_up_with_a_message() -> None:
     with faulty("unplugged:step=download,count=1000000", reopen_s=1.0) as run:
         with pytest.raises(BusError, match="unplugged"):
             run.rig.link(Node.HEAD).download(1, BLOB)
@@ -93,7 +93,7 @@ def test_adapter_that_does_not_come_back_is_given_up_in_words() -> None:
 
 
 @pytest.mark.long
-def test_terminal_that_is_unplugged_is_given_up_in_words(tmp_path: Path) -> None:
+def test_terminal_that_is_unplugged_is_given_up_with_a_message(tmp_path: Path) -> None:
     """Its device is gone for good, and so is what it was called."""
     path = write(tmp_path)
     emulation = emulation_of(Scenario.load(path, EXACT))
@@ -104,7 +104,7 @@ def test_terminal_that_is_unplugged_is_given_up_in_words(tmp_path: Path) -> None
             print_part(scenario, folder=tmp_path / "run")
 
 
-def test_bench_that_is_gone_is_given_up_in_words() -> None:
+def test_bench_that_is_gone_is_given_up_with_a_message() -> None:
     with faulty(reopen_s=0.5) as run:
         run.bench.kill()
         with pytest.raises(BusError, match="could not be opened again"):
@@ -153,7 +153,7 @@ class FullNowAndThen(BulkSlcanBus):
 
 @pytest.fixture
 def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """The interface "full-queue" of python-can, as a package of somebody else adds it; known to the bus process."""
+    """The interface "full-queue" of python-can, as a third-party package adds it; known to the bus process."""
     (tmp_path / "full_queue.py").write_text(PLUGIN)
     about = tmp_path / "full_queue-1.0.dist-info"
     about.mkdir()
@@ -179,7 +179,7 @@ def test_frame_that_is_not_taken_is_sent_again(plugin: str, timeout: bool, caplo
         wait_until(lambda: run.rig.keep_alive() is None and "frames sent again so far" in caplog.text)
 
 
-def test_adapter_that_never_takes_a_frame_is_said_in_words(plugin: str) -> None:
+def test_adapter_that_never_takes_a_frame_is_reported(plugin: str) -> None:
     with EmulatedBench({}) as bench:
         settings = BusSettings(plugin, bench.channel, 500_000, {"every": 0, "sleep_after_open": 0.0})
         words = "accepts no frame for 1 s .*could not be opened again"

@@ -1,7 +1,8 @@
-"""The emulated bench as a process of its own, driven by stock tools."""
+"""The emulator as a separate process, driven by stock tools."""
 
 from __future__ import annotations
 
+import signal
 import subprocess
 from pathlib import Path
 from struct import pack
@@ -15,6 +16,7 @@ from inkloop_hardware.protocol.records import StopRequest
 from inkloop_hardware.protocol.records import pack as pack_frame
 from inkloop_hardware.protocol.vocabulary import Source
 from support.benches import node_bench
+from support.benches.bench_run import BLOCK, COMMAND, write
 from support.benches.stock_tools import FULL, adapter, print_and_scan, process, read_map, send_pattern, start
 
 
@@ -95,7 +97,7 @@ def test_terminal_is_a_channel_too(program: Path) -> None:
     ("argument", "word"),
     [("nx=0", "nx=0"), ("colour=1", "colour=1"), ("--port", "--port"), ("resolution=1.5e-10", "nanometres")],
 )
-def test_wrong_argument_is_said_and_nothing_runs(program: Path, argument: str, word: str) -> None:
+def test_wrong_argument_is_reported_and_nothing_runs(program: Path, argument: str, word: str) -> None:
     ended = subprocess.run([program, argument], capture_output=True, text=True, check=False)
     assert ended.returncode in (1, 2)
     assert word in ended.stderr
@@ -106,3 +108,17 @@ def test_process_ends_with_its_parent(program: Path) -> None:
     assert running.stdin
     running.stdin.close()
     assert running.wait(timeout=60) == 0
+
+
+def test_command_lists_the_faults_and_refuses_unknown_ones(tmp_path: Path) -> None:
+    path = write(tmp_path, BLOCK + '\n[[bench.faults]]\nkind = "swap"\n')
+    words = [*COMMAND, "bench", str(path), "--port", "0", "--fault"]
+    running = subprocess.Popen([*words, "loss:probability=1e-3"], stdout=subprocess.PIPE, text=True)
+    assert running.stdout
+    lines = [running.stdout.readline() for _ in range(4)]
+    running.send_signal(signal.SIGINT)
+    running.communicate(timeout=60)
+    assert lines[2:] == ["injected fault: swap\n", "injected fault: loss:probability=0.001\n"]
+    wrong = subprocess.run([*words, "lost"], capture_output=True, text=True, check=False)
+    assert wrong.returncode == 1
+    assert "kind is 'lost'; expected 'loss'" in " ".join(wrong.stderr.split())

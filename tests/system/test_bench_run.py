@@ -1,4 +1,4 @@
-"""A scenario on devices, between processes: this one, that of the bus, and the emulated bench.
+"""A scenario on devices, between processes: this one, that of the bus, and the emulator.
 
 What the devices ask of the nodes step by step is in `tests/unit/hardware/devices/test_devices.py`.
 """
@@ -105,15 +105,15 @@ def test_stock_tools_watch_a_run_and_read_a_journal_in_it(tmp_path: Path) -> Non
             assert database.decode_message(frame.arbitration_id, bytes(frame.data))
 
 
-def test_first_interrupt_ends_after_the_layer_and_resume_goes_on(tmp_path: Path) -> None:
+def test_first_interrupt_ends_after_the_layer_and_resume_continues(tmp_path: Path) -> None:
     path, folder = write(tmp_path), tmp_path / "run"
     with emulated(path, pass_ms=50) as (_, channel):
         running = started("run", str(path), "--out", str(folder), "--set", f"bench.channel={channel}")
         wait_for_word(folder / "bench.log", "layer 2", running)
         running.send_signal(signal.SIGINT)
-        said, _ = running.communicate(timeout=PATIENCE_S)
-        assert running.returncode == 130, said
-        assert "resume" in said
+        output, _ = running.communicate(timeout=PATIENCE_S)
+        assert running.returncode == 130, output
+        assert "resume" in output
         layers = Result.load(folder).dataset.sizes["layer"] - 1
         assert main(["resume", str(folder)]) == 0
     assert layers >= 2
@@ -128,17 +128,17 @@ def test_second_interrupt_ends_at_once_with_everything_off(tmp_path: Path, capsy
         for _ in range(2):
             running.send_signal(signal.SIGINT)
             time.sleep(0.3)
-        said, _ = running.communicate(timeout=PATIENCE_S)
-        assert running.returncode == 130, said
+        output, _ = running.communicate(timeout=PATIENCE_S)
+        assert running.returncode == 130, output
         assert main(["device", str(path), "status", "--set", f"bench.channel={channel}"]) == 0
-        said = capsys.readouterr().out
-        assert "1 unknown, needs a person" in said
+        output = capsys.readouterr().out
+        assert "1 unknown, needs a person" in output
         assert main(["resume", str(folder)]) == 1
         assert "pass 1 of layer 1" in capsys.readouterr().err
 
 
-def test_killed_run_goes_on_where_it_was_once_a_person_has_looked(tmp_path: Path) -> None:
-    """It is killed while the lamp is lit, so that nothing is jetted: what became of that cure, nobody knows."""
+def test_killed_run_resumes_where_it_was_once_a_person_has_looked(tmp_path: Path) -> None:
+    """It is killed while the lamp is lit, so that nothing is jetted: the outcome of that cure is unknown."""
     path, folder = write(tmp_path, BLOCK.replace("cure_ms = 2", "cure_ms = 500")), tmp_path / "run"
     with emulated(path, {"part.height_um": 6.0}) as (_, channel):
         words = ["--set", f"bench.channel={channel}", "--set", "part.height_um=6.0"]
@@ -164,14 +164,14 @@ def test_what_a_person_asks_of_the_nodes_leaves_the_part_alone(
     assert_same_print(bench, printed_with_fmus(path, exact))
 
 
-def test_bench_command_runs_until_it_is_interrupted_and_says_what_to_type(
+def test_bench_command_runs_until_it_is_interrupted_and_prints_what_to_type(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = write(tmp_path)
     running = started("bench", str(path), "--port", "0")
     assert running.stdout
     lines = [running.stdout.readline() for _ in range(4)]
-    channel = lines[0].split()[3].rstrip(":")
+    channel = lines[0].partition(" on ")[2].partition(": ")[0]
     second = main(["bench", str(path), "--port", channel.rpartition(":")[2]])
     running.send_signal(signal.SIGINT)
     running.communicate(timeout=PATIENCE_S)
@@ -188,15 +188,15 @@ def test_bench_command_runs_until_it_is_interrupted_and_says_what_to_type(
         (["bench.channel=/dev/no-such-adapter"], "no-such-adapter"),
     ],
 )
-def test_bus_that_is_not_there_is_said_in_words(
+def test_missing_bus_is_reported(
     overrides: list[str], word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = write(tmp_path)
     sets = [piece for override in overrides for piece in ("--set", override)]
     assert main(["run", str(path), "--out", str(tmp_path / "run"), *sets]) == 1
-    said = capsys.readouterr().err
-    assert "Traceback" not in said
-    assert re.search(word, said), said
+    output = capsys.readouterr().err
+    assert "Traceback" not in output
+    assert re.search(word, output), output
 
 
 @pytest.mark.long

@@ -1,4 +1,4 @@
-"""The emulated bench prints and measures what the FMUs do, bit for bit."""
+"""The emulator prints and measures what the FMUs do, bit for bit."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SENSORS: list[dict[str, float]] = [
 
 
 def colours(order: int, rotation: int, layer: int) -> tuple[int, ...]:
-    """Colours of the passes of a layer, as the master tells them to the head."""
+    """Colours of the passes of a layer, as the master sends them to the head."""
     names = [2 * i + j for i, j in lu_numpy.ORDERS[order]]
     return tuple(names[(rotation * layer + number) % 4] for number in range(4))
 

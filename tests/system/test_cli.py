@@ -1,4 +1,4 @@
-"""The command says what it did, or what is wrong, and answers with an exit code."""
+"""The command reports what it did, or the error, and ends with an exit code."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ def test_report_makes_table_and_pictures_again(tmp_path: Path) -> None:
     assert (folder / "layers.png").exists()
 
 
-def test_run_that_prints_nothing_ends_in_words_and_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_run_that_prints_nothing_ends_with_a_message_and_pictures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = tmp_path / "cuboid"
     assert main(["run", CUBOID, "--no-compare", "--out", str(folder), "--set", "part.height_um=0.01"]) == 0
     assert "nothing was printed" in capsys.readouterr().out
@@ -87,7 +89,7 @@ def test_export_and_info_show_the_same_grid(tmp_path: Path, capsys: pytest.Captu
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["report", "absent"], "result.nc"),
         (["info", "absent.fmu"], "absent.fmu"),
@@ -95,11 +97,11 @@ def test_export_and_info_show_the_same_grid(tmp_path: Path, capsys: pytest.Captu
         (["export", "LayerDepositoin"], "LayerDeposition"),
     ],
 )
-def test_what_is_wrong_is_said_without_a_traceback(
-    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+def test_errors_are_reported_without_a_traceback(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(arguments) == 1
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def usage_of(*words: str, capsys: pytest.CaptureFixture[str]) -> str:
@@ -111,7 +113,9 @@ def usage_of(*words: str, capsys: pytest.CaptureFixture[str]) -> str:
 
 
 @pytest.mark.parametrize(("word", "nearest"), [("runn", "run"), ("exprot-ssp", "export-ssp"), ("valid", "validate")])
-def test_mistyped_command_is_told_the_nearest(word: str, nearest: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nearest_name_is_suggested_for_a_mistyped_command(
+    word: str, nearest: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert f"there is no command {word!r}; did you mean {nearest}?" in usage_of(word, capsys=capsys)
 
 
@@ -120,10 +124,10 @@ def test_wrong_option_shows_the_usage_of_its_command(command: str, capsys: pytes
     assert usage_of(command, "--no-such-option", capsys=capsys).startswith(f"usage: inkloop {command} ")
 
 
-def test_unknown_option_beside_valid_ones_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    told = usage_of("validate", CUBOID, "--no-such-option", capsys=capsys)
-    assert told.startswith("usage: inkloop validate ")
-    assert "unknown arguments: --no-such-option" in told
+def test_unknown_option_among_valid_ones_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    output = usage_of("validate", CUBOID, "--no-such-option", capsys=capsys)
+    assert output.startswith("usage: inkloop validate ")
+    assert "unknown arguments: --no-such-option" in output
 
 
 @pytest.mark.parametrize("command", [module.__name__.rpartition(".")[2].replace("_", "-") for module in COMMANDS])
@@ -140,9 +144,9 @@ def test_help_explains_every_argument(command: str, capsys: pytest.CaptureFixtur
 
 def test_traceback_shows_error_and_cause(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["validate", "absent.toml", "--traceback"]) == 1
-    told = capsys.readouterr().err
-    assert told.count("Traceback (most recent call last)") == 2
-    assert told.index("FileNotFoundError") < told.index("inkloop.errors.ScenarioError: absent.toml: ")
+    output = capsys.readouterr().err
+    assert output.count("Traceback (most recent call last)") == 2
+    assert output.index("FileNotFoundError") < output.index("inkloop.errors.ScenarioError: absent.toml: ")
 
 
 @pytest.mark.parametrize(
@@ -198,7 +202,7 @@ def test_run_in_real_time_accounts_for_its_deadlines(tmp_path: Path, capsys: pyt
     assert f"of {account['steps']} steps late" in " ".join(capsys.readouterr().out.split())
 
 
-def test_run_that_was_begun_is_told_from_a_folder_of_something_else(
+def test_run_that_was_begun_is_distinguished_from_a_folder_of_something_else(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "run.json").write_text("{}")

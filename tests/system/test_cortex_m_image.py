@@ -33,8 +33,8 @@ def channel(tmp_path: Path) -> Iterator[str]:
     running = subprocess.Popen([*machine, *line], stderr=subprocess.PIPE, text=True)
     assert running.stderr
     try:
-        said = running.stderr.readline()
-        assert "waiting for connection" in said, said
+        first = running.stderr.readline()
+        assert "waiting for connection" in first, first
         yield f"socket://127.0.0.1:{port}"
     finally:
         running.kill()

@@ -25,12 +25,12 @@ from support.benches.bench_run import BLOCK, FAST, write
 
 CODEC = Codec()
 DEAD = [f"death:node={node.lower()}" for node in Node]
-Said = Callable[..., tuple[int, dict[str, str]]]
+Doctor = Callable[..., tuple[int, dict[str, str]]]
 
 
 @contextmanager
 def bench(path: Path, *faults: str) -> Iterator[str]:
-    """The bench of a scenario with faults on request; its channel."""
+    """The bench of a scenario with injected faults; its channel."""
     emulation = emulation_of(Scenario.load(path))
     with EmulatedBench(emulation.parameters | FAST, surface=emulation.surface, faults=faults) as running:
         yield running.channel
@@ -42,16 +42,16 @@ def path(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def doctor(path: Path, capsys: pytest.CaptureFixture[str]) -> Said:
-    """Looks over the bench at a channel: the exit code, and what is said of each check with an error."""
+def doctor(path: Path, capsys: pytest.CaptureFixture[str]) -> Doctor:
+    """Looks over the bench at a channel: the exit code, and the finding of each check with an error."""
 
     def look(channel: str, *words: str) -> tuple[int, dict[str, str]]:
         code = main(["doctor", str(path), "--json", "--set", f"bench.channel={channel}", *words])
-        said = json.loads(capsys.readouterr().out)
-        assert said["exit_code"] == code
-        for finding in said["findings"]:
+        report = json.loads(capsys.readouterr().out)
+        assert report["exit_code"] == code
+        for finding in report["findings"]:
             assert finding["grade"] != "error" or finding["advice"]
-        return code, {one["check"]: one["found"] for one in said["findings"] if one["grade"] == "error"}
+        return code, {one["check"]: one["found"] for one in report["findings"] if one["grade"] == "error"}
 
     return look
 
@@ -82,7 +82,7 @@ def talking(channel: str, frame: Callable[[int], Frame]) -> Iterator[Adapter]:
 
 
 def test_bench_that_is_well_has_no_fault_and_without_a_yes_is_left_as_it_was(
-    path: Path, doctor: Said, monkeypatch: pytest.MonkeyPatch
+    path: Path, doctor: Doctor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
     with bench(path) as channel:
@@ -95,7 +95,7 @@ def test_bench_that_is_well_has_no_fault_and_without_a_yes_is_left_as_it_was(
                 assert len(rig.link(node).journal()) == 1
 
 
-def test_self_test_opens_the_gate_lights_the_lamp_and_leaves_everything_off(path: Path, doctor: Said) -> None:
+def test_self_test_opens_the_gate_lights_the_lamp_and_leaves_everything_off(path: Path, doctor: Doctor) -> None:
     with bench(path) as channel:
         assert doctor(channel, "--self-test", "--yes") == (0, {})
         with Rig(BusSettings("slcan", channel, 500_000)) as rig:
@@ -109,7 +109,7 @@ def test_self_test_opens_the_gate_lights_the_lamp_and_leaves_everything_off(path
 
 
 @pytest.mark.parametrize(
-    ("overrides", "check", "words"),
+    ("overrides", "check", "message"),
     [
         ([], "adapter", "Connection refused"),
         (["bench.channel=/dev/no-such-adapter"], "adapter", "there is no /dev/no-such-adapter"),
@@ -117,72 +117,72 @@ def test_self_test_opens_the_gate_lights_the_lamp_and_leaves_everything_off(path
         (["bench.interface=pcan", "bench.channel=PCAN_USBBUS1"], "adapter", "cannot be opened"),
         (["bench.interface=socketcan", "bench.channel=can77"], "adapter", "no network interface 'can77'"),
     ],
-    ids=["nobody listens", "no port", "no interface", "no driver", "no network interface"],
+    ids=["no listener", "no port", "no interface", "no driver", "no network interface"],
 )
-def test_missing_adapter_is_told(overrides: list[str], check: str, words: str, doctor: Said) -> None:
-    code, said = doctor("socket://127.0.0.1:9", *(word for override in overrides for word in ("--set", override)))
+def test_missing_adapter_is_reported(overrides: list[str], check: str, message: str, doctor: Doctor) -> None:
+    code, errors = doctor("socket://127.0.0.1:9", *(word for override in overrides for word in ("--set", override)))
     assert code == 1
-    assert list(said) == [check]
-    assert words in said[check]
+    assert list(errors) == [check]
+    assert message in errors[check]
 
 
-def test_bench_without_power_and_a_node_without_power_are_told(path: Path, doctor: Said) -> None:
+def test_bench_without_power_and_a_node_without_power_are_reported(path: Path, doctor: Doctor) -> None:
     with bench(path, *DEAD) as channel:
         assert set(doctor(channel)[1]) == {"bus", "nodes"}
     with bench(path, "death:node=cure") as channel:
-        code, said = doctor(channel)
+        code, errors = doctor(channel)
         assert code == 1
-        assert said["nodes"].startswith("cure sent nothing")
-        assert set(said) == {"nodes"}, "the other three are well, and are asked"
+        assert errors["nodes"].startswith("cure sent nothing")
+        assert set(errors) == {"nodes"}, "the other three are well, and are asked"
 
 
 @pytest.mark.parametrize(
-    ("fault", "words"),
+    ("fault", "message"),
     [("bad-check:id=0x101,count=1000", "head"), ("stuck-counter:id=0x104,count=1000", "profiler")],
 )
-def test_frames_that_are_not_to_be_believed_are_told(fault: str, words: str, path: Path, doctor: Said) -> None:
+def test_frames_that_cannot_be_trusted_are_reported(fault: str, message: str, path: Path, doctor: Doctor) -> None:
     with bench(path, fault) as channel:
-        code, said = doctor(channel)
+        code, errors = doctor(channel)
         assert code == 1
-        assert said["supervision"].startswith(words)
-        assert said["supervision"].endswith("cannot be trusted")
+        assert errors["supervision"].startswith(message)
+        assert errors["supervision"].endswith("cannot be trusted")
 
 
 @pytest.mark.parametrize("fault", ["unplugged:nth=5", "bus-off:nth=5"])
-def test_adapter_that_goes_meanwhile_is_told_once(fault: str, path: Path, doctor: Said) -> None:
+def test_adapter_that_disappears_during_the_checks_is_reported_once(fault: str, path: Path, doctor: Doctor) -> None:
     with bench(path, fault) as channel:
-        code, said = doctor(channel)
+        code, errors = doctor(channel)
         assert code == 1
-        assert set(said) == {"bus"}
+        assert set(errors) == {"bus"}
 
 
-def test_node_of_another_protocol_is_told(path: Path, doctor: Said) -> None:
+def test_node_of_another_protocol_is_reported(path: Path, doctor: Doctor) -> None:
     newer = NodeStatus(Node.PROFILER, False, False, True, True, State.SAFE, 0, Fault.NONE, 0, 1, 0, 2)
     with bench(path, "death:node=profiler") as channel:
         with talking(channel, lambda counter: pack(CODEC, newer, counter)):
-            code, said = doctor(channel)
+            code, errors = doctor(channel)
         assert code == 1
-        assert "profiler has version 2" in said["protocol"]
+        assert "profiler has version 2" in errors["protocol"]
 
 
-def test_another_master_is_told_and_nothing_is_sent_while_it_prints(path: Path, doctor: Said) -> None:
+def test_another_master_is_reported_and_nothing_is_sent_while_it_prints(path: Path, doctor: Doctor) -> None:
     alive = MasterAlive(lamp_enable=False, gate_enable=False, motion_enable=False, session=77, job=5)
     with bench(path) as channel, talking(channel, lambda counter: pack(CODEC, alive, counter)) as other:
-        code, said = doctor(channel)
+        code, errors = doctor(channel)
         ids = {message.arbitration_id for message in other.receive(0.0)}
         assert code == 1
-        assert "session 77, job 5" in said["masters"]
+        assert "session 77, job 5" in errors["masters"]
         assert ids, "it hears the whole bus"
         assert not [number for number in ids if number in (0x010, 0x020) or number in range(0x640, 0x648)]
 
 
-def test_bench_of_another_grid_is_told(path: Path, doctor: Said) -> None:
+def test_bench_of_another_grid_is_reported(path: Path, doctor: Doctor) -> None:
     with bench(path) as channel:
         size = [word for axis in "xy" for word in ("--set", f"grid.n{axis}=40")]
-        code, said = doctor(channel, *size, "--set", "bench.cure_ms=20000")
+        code, errors = doctor(channel, *size, "--set", "bench.cure_ms=20000")
         assert code == 1
-        assert set(said) == {"limits"}
-        assert "12 x 11 cells, the scenario 40 x 40" in said["limits"]
+        assert set(errors) == {"limits"}
+        assert "12 x 11 cells, the scenario 40 x 40" in errors["limits"]
 
 
 def test_scenario_that_cannot_be_read_is_another_exit_code(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -190,9 +190,9 @@ def test_scenario_that_cannot_be_read_is_another_exit_code(tmp_path: Path, capsy
     assert "grid.nx" in capsys.readouterr().err
 
 
-def test_table_says_what_to_do(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_table_gives_a_remedy(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["doctor", str(path), "--set", "bench.channel=/dev/no-such-adapter"]) == 1
-    said = " ".join(capsys.readouterr().out.split())
-    assert "error" in said
-    assert "plug the adapter in" in said
-    assert "1 error: correct it before a print" in said
+    output = " ".join(capsys.readouterr().out.split())
+    assert "error" in output
+    assert "plug the adapter in" in output
+    assert "1 error: correct it before a print" in output

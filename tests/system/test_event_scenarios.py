@@ -53,7 +53,7 @@ def test_dead_nozzles_leave_grooves_that_only_the_closed_loop_fills(seed: int) -
 
 
 @EVERY_SEED
-def test_part_beside_a_nozzle_that_stays_dead_ends_flat_and_the_print_ends(seed: int) -> None:
+def test_part_next_to_a_nozzle_that_stays_dead_ends_flat_and_the_print_ends(seed: int) -> None:
     result = printed("nozzle-stays-dead", seed)
     mask = result.dataset["mask"].values.astype(bool)
     alive = mask & (np.arange(mask.shape[1]) % 16 != 5)
@@ -95,8 +95,8 @@ def test_tilted_substrate_shows_in_the_top_of_the_open_loop_only(seed: int) -> N
 
 
 @EVERY_SEED
-def test_print_goes_on_over_cells_that_the_sensor_loses(seed: int, tmp_path: Path) -> None:
-    """The sensor says that a block of 5 x 5 cells is not valid, and gives rubbish there, in layers 10 to 29."""
+def test_print_continues_over_cells_that_the_sensor_loses(seed: int, tmp_path: Path) -> None:
+    """The sensor marks a block of 5 x 5 cells as not valid, and gives rubbish there, in layers 10 to 29."""
     block = ", ".join(f"[{i}, {j}]" for i in range(15, 20) for j in range(15, 20))
     lost = "".join(
         f'\n[[events]]\nat_layer = 10\naction = "override"\nport = "profiler.{port}"\n{value}\ncells = [{block}]\n'

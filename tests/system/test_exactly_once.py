@@ -1,4 +1,4 @@
-"""Nodes, master or both are killed anywhere in a layer: no pass is jetted twice, none is left out, and all is said.
+"""Nodes, master or both are killed anywhere in a layer: no pass is jetted twice, none is left out, and all is reported.
 
 Every print is killed many times over, at places that are spread over the whole cycle of a layer by the golden ratio;
 each third one falls on a write of a journal, each third one into a pass or a cure that is under way.
@@ -63,20 +63,20 @@ def places(count: int, looks_of_a_layer: dict[str, int]) -> list[str]:
 
 
 class Person:
-    """Clears the nodes where one of them asks for it, and only there, and resumes the run; `told` are the passes that
-    nobody knows of."""
+    """Clears the nodes where one of them asks for it, and only there, and resumes the run; `unknown` are the
+    passes of unknown outcome."""
 
     def __init__(self, run: Path) -> None:
         self._run = run
-        self.told: set[tuple[int, int]] = set()
+        self.unknown: set[tuple[int, int]] = set()
 
     def look(self, words: str) -> None:
-        """Whoever has to do something is told what."""
+        """The message names what the person has to do."""
         assert "inkloop resume" in words, words
         for passes, layer in re.findall(
             r"pass ([1-4, ]+) of layer (\d+), which was begun and whose progress is unknown", words
         ):
-            self.told |= {(int(layer), int(number) - 1) for number in passes.split(", ")}
+            self.unknown |= {(int(layer), int(number) - 1) for number in passes.split(", ")}
         if f"inkloop device {self._run} clear" in words:
             clear(self._run)
 
@@ -91,10 +91,10 @@ class Person:
         raise AssertionError("it never ends")
 
 
-def assert_all_is_said(result: Result, nodes: Nodes, person: Person) -> None:
-    """Every pass that was cut short was called unknown before the print went on, and the result says it."""
+def assert_all_is_reported(result: Result, nodes: Nodes, person: Person) -> None:
+    """Every pass that was cut short was reported as unknown before the print continued, and the result records it."""
     unknown = {layer: book.unknown for layer, book in books(nodes.folder).items() if book.unknown}
-    assert person.told == {(layer, k) for layer, mask in unknown.items() for k in range(4) if mask >> k & 1}
+    assert person.unknown == {(layer, k) for layer, mask in unknown.items() for k in range(4) if mask >> k & 1}
     remarks = [words for words in run_report.remarks(result) if "was aborted" in words or "were aborted" in words]
     assert len(remarks) == bool(unknown)
     assert all(str(layer) in remarks[0] for layer in unknown)
@@ -102,7 +102,7 @@ def assert_all_is_said(result: Result, nodes: Nodes, person: Person) -> None:
 
 @pytest.mark.parametrize("count", SIX_AND_THIRTY)
 def test_killed_nodes_print_every_pass_once(count: int, looks: Path, tmp_path: Path) -> None:
-    """Power fails and comes back at once: the run goes on by itself where nothing is unknown."""
+    """Power fails and comes back at once: the run continues automatically where nothing is unknown."""
     path, run = part(tmp_path, count), tmp_path / "run"
     with powered(path, tmp_path / "nodes", looks, places(count, LOOKS_OF_NODES), pass_ms=20) as nodes:
         begin(path, run, nodes.channel)
@@ -110,7 +110,7 @@ def test_killed_nodes_print_every_pass_once(count: int, looks: Path, tmp_path: P
         result = person.finish()
         assert nodes.killed == count, "the part was finished before"
         assert_printed_once(result, run, nodes.folder)
-        assert_all_is_said(result, nodes, person)
+        assert_all_is_reported(result, nodes, person)
 
 
 def killed_masters(path: Path, folder: Path, looks: Path, count: int, *, with_nodes: bool) -> None:
@@ -125,7 +125,7 @@ def killed_masters(path: Path, folder: Path, looks: Path, count: int, *, with_no
         result = person.finish()
         assert nodes.killed == count * with_nodes
         assert_printed_once(result, run, nodes.folder)
-        assert_all_is_said(result, nodes, person)
+        assert_all_is_reported(result, nodes, person)
 
 
 @pytest.mark.parametrize("count", SIX_AND_THIRTY)

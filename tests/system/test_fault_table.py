@@ -1,6 +1,6 @@
-"""Every failure a bench may have, between real processes: what the nodes do, what the master says, what is printed.
+"""Every failure a bench may have, between real processes: what the nodes do, what the master reports, what is printed.
 
-Beside this file: adapters in test_adapter_faults.py, a master that hangs or dies in test_rig.py, resumed runs in
+Other files: adapters in test_adapter_faults.py, a master that hangs or dies in test_rig.py, resumed runs in
 test_exactly_once.py, what the journal of a head is compared with in tests/unit/hardware/devices/test_devices.py.
 """
 
@@ -56,7 +56,7 @@ def is_disturbed(rig: Rig) -> bool:
     return False
 
 
-MENDED = [
+RECOVERED = [
     "corruption:id=0x640,step=download,byte=6",
     "duplication:id=0x641,probability=0.3",
     "malformed-line:probability=0.02",
@@ -65,7 +65,7 @@ MENDED = [
     "bad-check:id=0x20,count=1",
     "loss:probability=0.005,seed=4",
 ]
-MENDED_TOO = [
+RECOVERED_TOO = [
     "loss:id=0x641,step=pass,pass=2",
     "burst:id=0x640,step=download,count=3",
     "loss:id=0x644,step=pass,pass=1",
@@ -81,7 +81,9 @@ MENDED_TOO = [
 ]
 
 
-@pytest.mark.parametrize("fault", [*MENDED, *(pytest.param(fault, marks=pytest.mark.long) for fault in MENDED_TOO)])
+@pytest.mark.parametrize(
+    "fault", [*RECOVERED, *(pytest.param(fault, marks=pytest.mark.long) for fault in RECOVERED_TOO)]
+)
 def test_what_can_be_mended_changes_nothing_of_the_part(fault: str) -> None:
     """Requests are repeated with their keys: four gate pulses, the whole pattern, the heights of four passes."""
     with faulty(fault) as run:
@@ -154,7 +156,7 @@ def test_pattern_that_is_altered_again_and_again_is_never_printed() -> None:
 
 
 def test_node_that_dies_in_a_pass_is_lost_and_its_pass_unknown() -> None:
-    """Power comes back after a while: at most the pass that was begun is on the part, and nobody jets it again."""
+    """Power comes back after a while: at most the pass that was begun is on the part, and it is not jetted again."""
     fault = "death:node=head,step=pass,pass=1,nth=2,frames=6"
     with faulty(fault, pass_ms=500) as run:
         run.rig.link(Node.HEAD).download(1, BLOB)
@@ -208,7 +210,7 @@ def test_master_that_is_not_to_be_believed_makes_every_node_safe(fault: str) -> 
         assert run.state().unknown == 0b10
 
 
-def test_node_that_restarts_is_told_and_goes_on_by_its_journal(caplog: pytest.LogCaptureFixture) -> None:
+def test_node_that_restarts_is_reported_and_continues_by_its_journal(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, "inkloop_hardware")
     with faulty("reboot:node=head,step=cure,pass=1") as run:
         run.rig.link(Node.HEAD).download(1, BLOB)
@@ -253,7 +255,7 @@ def test_new_master_reads_the_journal_and_repeats_nothing() -> None:
             np.testing.assert_allclose(new.scan(), printed(ALL), atol=1e-12)
 
 
-def test_second_master_makes_the_nodes_safe_and_both_are_told(caplog: pytest.LogCaptureFixture) -> None:
+def test_second_master_makes_the_nodes_safe_and_both_get_an_error(caplog: pytest.LogCaptureFixture) -> None:
     with faulty(pass_ms=1000) as run, Rig(settings_of(run.bench)) as other:
         other.wait_for(Node, LIMIT_S)
         for rig, session in ((run.rig, other.session), (other, run.rig.session)):
@@ -268,7 +270,7 @@ def test_second_master_makes_the_nodes_safe_and_both_are_told(caplog: pytest.Log
     assert caplog.text.count("another master is active on the bus") == 2
 
 
-def test_second_master_in_a_pass_ends_it_in_words() -> None:
+def test_second_master_in_a_pass_ends_it_with_a_message() -> None:
     with faulty("second-master:step=pass,pass=1", pass_ms=1000) as run:
         run.rig.link(Node.HEAD).download(1, BLOB)
         run.jet(0)
@@ -321,7 +323,7 @@ def test_map_that_stays_short_is_scanned_again_and_nothing_is_printed_again() ->
         assert run.state().gate_pulses == 4
 
 
-def test_layer_that_was_begun_with_another_pattern_is_not_gone_on_with() -> None:
+def test_layer_that_was_begun_with_another_pattern_is_not_resumed() -> None:
     job = Job(9, 9, 1e-4, np.zeros((9, 9)), np.ones((9, 9), np.bool_), inks=(Ink(), Ink()), passes=4)
     with faulty() as run:
         run.print_layer(1)
@@ -331,7 +333,7 @@ def test_layer_that_was_begun_with_another_pattern_is_not_gone_on_with() -> None
         assert run.state().gate_pulses == 1
 
 
-def test_malformed_lines_are_counted_and_said(caplog: pytest.LogCaptureFixture) -> None:
+def test_malformed_lines_are_counted_and_reported(caplog: pytest.LogCaptureFixture) -> None:
     with faulty("malformed-line:id=0x101,step=download") as run:
         run.rig.link(Node.HEAD).download(1, BLOB)
         wait_until(lambda: run.rig.keep_alive() is None and "1 malformed lines of the adapter so far" in caplog.text)

@@ -1,4 +1,4 @@
-"""A plant and a disturbance of another exporter under our controller, as the tutorial tells it."""
+"""A plant and a disturbance of another exporter under our controller, as in the tutorial."""
 
 from __future__ import annotations
 
@@ -51,10 +51,14 @@ def test_plant_gets_what_the_disturbance_lets_through(folder: Path) -> None:
     assert (np.diff(shares) < 1e-9).all()
 
 
-def test_wrong_names_and_units_are_all_told_at_once(folder: Path) -> None:
+def test_wrong_names_and_units_are_all_reported_at_once(folder: Path) -> None:
     text = (folder / "plant.toml").read_text(encoding="utf-8")
-    for right, wrong in (('"dose"', '"dosis"'), ('unit = "um"', 'unit = "s"'), ("ink.share", "ink.shar"),
-                         ('"exact"', '"exakt"')):  # fmt: skip
+    for right, wrong in (
+        ('"dose"', '"dosis"'),
+        ('unit = "um"', 'unit = "s"'),
+        ("ink.share", "ink.shar"),
+        ('"exact"', '"exakt"'),
+    ):
         assert right in text
         text = text.replace(right, wrong)
     (folder / "wrong.toml").write_text(text, encoding="utf-8")

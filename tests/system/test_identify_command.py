@@ -32,7 +32,7 @@ def ink_of(path: Path):
 
 
 def test_experiments_on_a_scenario_give_an_ink_that_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """From a scenario whose printer is not what its ink says, to a print with the right one."""
+    """From a scenario whose printer has another ink than it states, to a print with the right one."""
     text = (ROOT / "scenarios" / "cuboid.toml").read_text()
     (tmp_path / "cuboid.toml").write_text(text)
     out = tmp_path / "mine.toml"
@@ -47,8 +47,8 @@ def test_experiments_on_a_scenario_give_an_ink_that_prints(tmp_path: Path, capsy
     assert main(["identify", scenario, *sets, *SMALL, "--out", str(out), "--runs", str(tmp_path / "kept")]) == 0
     assert ink_of(out) == pytest.approx([3.9, 0.5, 0.25], rel=1e-3)
     assert out.with_suffix(".png").stat().st_size > 10_000
-    told = capsys.readouterr().out
-    assert all(name in told for name in ("droplet protocol", "Lu, regression", "Young-Laplace", "spherical caps"))
+    output = capsys.readouterr().out
+    assert all(name in output for name in ("droplet protocol", "Lu, regression", "Young-Laplace", "spherical caps"))
     scenario_text = text + f'\n[ink]\nfile = "{out.name}"\n'
     (tmp_path / "again.toml").write_text(scenario_text)
     assert Scenario.load(tmp_path / "again.toml").job().inks[0].h1 == pytest.approx(3.9e-6, rel=1e-3)
@@ -86,7 +86,7 @@ def test_model_of_the_plant_explains_it_best(kind, pitch_um, model, options) -> 
     assert rms[model] < 0.8 * min(error for kind, error in rms.items() if kind is not model)
 
 
-def test_areas_of_a_plant_that_tells_them_are_recorded() -> None:
+def test_areas_of_a_plant_that_reports_them_are_recorded() -> None:
     records = perform(plant_scenario("VolumeAreaDeposition", 0.0, {"grid.pitch_um": 90.0}), Plan(samples=6, layers=0))
     found = identify_volume_area(records, 0.0)
     assert found.area_known
@@ -104,7 +104,7 @@ def test_experiments_are_the_same_for_the_same_seed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         (["nowhere/"], "is not there"),
         (["LayerDepositon"], "did you mean LayerDeposition"),
@@ -115,10 +115,10 @@ def test_experiments_are_the_same_for_the_same_seed(tmp_path: Path) -> None:
         ([str(ROOT / "docs")], "holds neither print.toml"),
     ],
 )
-def test_sources_that_cannot_be_meant_are_refused_in_words(arguments, words, tmp_path, capsys, monkeypatch) -> None:
+def test_invalid_sources_are_refused_with_a_message(arguments, message, tmp_path, capsys, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["identify", *arguments]) == 1
-    assert words in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 
@@ -130,7 +130,7 @@ def test_ink_file_that_is_there_is_not_overwritten(tmp_path: Path, capsys: pytes
     assert out.read_text() == "mine"
 
 
-def test_prints_of_different_pitch_or_unknown_noise_are_refused_in_words() -> None:
+def test_prints_of_different_pitch_or_unknown_noise_are_refused_with_a_message() -> None:
     record = made_up(LayerDeposition(), random_layers(12, 12, 1, 0))
     other = PrintRecord("other", 90e-6, record.pattern, record.measured)
     with pytest.raises(IdentificationError, match=r"other: pitch_um 90, made up: 263"):

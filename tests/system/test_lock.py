@@ -1,4 +1,4 @@
-"""Two runs never write one folder: the second is told of the first, and a run that is gone holds nothing."""
+"""Two runs never write one folder: the second gets an error, and a run that is gone holds nothing."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ sys.exit(main(sys.argv[1:]))
 
 @contextmanager
 def other_process(program: str, *words: str) -> Iterator[subprocess.Popen[str]]:
-    """Another process that has come to the place where it holds a folder; it goes on when its input ends."""
+    """Another process that has come to the place where it holds a folder; it continues when its input ends."""
     command = [sys.executable, "-c", program, *words]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
@@ -68,11 +68,11 @@ def other_process(program: str, *words: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-def test_second_process_is_told_of_the_first(tmp_path: Path) -> None:
+def test_second_process_gets_the_process_id_of_the_first(tmp_path: Path) -> None:
     with other_process(HOLDING, str(tmp_path / "run")) as process:
-        with pytest.raises(ResultError, match=rf"another run writes here, process {process.pid} since 20") as told:
+        with pytest.raises(ResultError, match=rf"another run writes here, process {process.pid} since 20") as refused:
             sole_writer(tmp_path / "run").__enter__()
-        assert f"`inkloop resume {tmp_path / 'run'}`" in str(told.value)
+        assert f"`inkloop resume {tmp_path / 'run'}`" in str(refused.value)
         assert (tmp_path / "run" / LOCK_FILE).exists()
 
 
@@ -88,7 +88,7 @@ def test_folder_is_free_when_its_process_was_killed(tmp_path: Path) -> None:
 
 
 def test_processes_started_meanwhile_do_not_hold_the_folder(tmp_path: Path) -> None:
-    """The owner of the adapter, say, may live a little longer than a run that was killed."""
+    """The owner of the adapter, for example, may live a little longer than a run that was killed."""
     with other_process(HOLDING_WITH_CHILD, str(tmp_path)) as process:
         process.kill()
         process.wait()
@@ -102,7 +102,7 @@ def test_folder_of_a_run_that_never_began_is_not_left(tmp_path: Path) -> None:
     assert list((tmp_path / "runs").iterdir()) == []
 
 
-def test_folders_that_nobody_named_are_different_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_default_folders_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert [new_run_folder(None, "cuboid").name for _ in range(3)] == ["cuboid", "cuboid-2", "cuboid-3"]
 
@@ -112,7 +112,7 @@ def test_what_a_kill_leaves_of_a_lock_is_no_content(tmp_path: Path) -> None:
     assert new_run_folder(tmp_path, "cuboid") == tmp_path
 
 
-def test_resume_of_a_run_that_goes_on_is_refused_and_changes_nothing(
+def test_resume_of_an_active_run_is_refused_and_changes_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "run"

@@ -1,4 +1,4 @@
-"""Rigs with frames and services of their own print by a mapping file: a stranger's, and the emulated bench as one."""
+"""Rigs with other frames and services print by a mapping file: a foreign one, and the emulator."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ OUR_STEPS: tuple[tuple[str, int | None, str, list[str]], ...] = (
 
 
 def our_mapping() -> str:
-    """The emulated bench in the words of a mapping file: one node with all roles, layers of one pass."""
+    """The emulator described by a mapping file: one node with all roles, layers of one pass."""
     text = OUR_MAPPING
     for section, routine, option, enables in OUR_STEPS:
         text += f'\n[[{section}]]\npeer = "bench"\n'
@@ -120,7 +120,7 @@ def printed(folder: Path, channel: str, mapping: str) -> Result:
 
 @pytest.fixture(scope="module")
 def bus() -> Iterator[str]:
-    """A wire; the nodes of the emulated bench on it mind their own business."""
+    """A wire; the nodes of the emulator on it use other frames."""
     with EmulatedBench({"nx": 6, "ny": 5}) as bench:
         yield bench.channel
 
@@ -143,7 +143,7 @@ def test_rig_with_its_own_dbc_prints_what_is_commanded(bus: str, tmp_path: Path)
     np.testing.assert_allclose(run.bed_position[1:], 0.0125)
 
 
-def test_emulated_bench_prints_by_a_mapping_of_its_own_dbc(tmp_path: Path) -> None:
+def test_emulator_prints_by_a_mapping_of_its_own_dbc(tmp_path: Path) -> None:
     fast = {"pass_ms": 2, "scan_ms": 2, "move_ms": 2, "home_ms": 2, "gate_ms": 1, "one_node": 1}
     with EmulatedBench({"nx": 6, "ny": 5, "resolution": 1e-7, **fast}) as bench:
         run = printed(tmp_path, bench.channel, our_mapping()).dataset
@@ -166,7 +166,7 @@ def test_mapped_rig_keeps(check: ContractCheck, bus: str, tmp_path: Path) -> Non
         check(lambda: component(made))
 
 
-def test_silence_of_a_rig_is_said_with_its_ids(bus: str, tmp_path: Path) -> None:
+def test_silence_of_a_rig_is_reported_with_its_ids(bus: str, tmp_path: Path) -> None:
     part = component(
         scenario(tmp_path, bus, foreign_rig.MAPPING.replace("[peers.scanner]", "[peers.scanner]\nanswer_s = 0.1"))
     )
@@ -179,7 +179,7 @@ def test_silence_of_a_rig_is_said_with_its_ids(bus: str, tmp_path: Path) -> None
         part.terminate()
 
 
-def test_rig_that_says_it_cannot_ends_the_wait_at_once(bus: str, tmp_path: Path) -> None:
+def test_rig_that_reports_failure_ends_the_wait_at_once(bus: str, tmp_path: Path) -> None:
     part = component(scenario(tmp_path, bus, foreign_rig.MAPPING.replace("Lamp = 37.5", "Lamp = 90")))
     inputs = {port.name: port.start_value() for port in part.inputs}
     with stranger(bus):
@@ -191,7 +191,7 @@ def test_rig_that_says_it_cannot_ends_the_wait_at_once(bus: str, tmp_path: Path)
             part.terminate()
 
 
-def test_state_goes_on_and_anything_else_is_refused(bus: str, tmp_path: Path) -> None:
+def test_state_is_restored_and_anything_else_is_refused(bus: str, tmp_path: Path) -> None:
     part = component(scenario(tmp_path, bus, foreign_rig.MAPPING))
     part.restore(part.save())
     with pytest.raises(ComponentError, match="not one of this rig"):

@@ -1,4 +1,4 @@
-"""The loop of three FMUs prints the same part, bit by bit, whoever couples them, by any step and algorithm."""
+"""The loop of three FMUs prints the same part, bit by bit, in any master, with any step and algorithm."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_layers_that_are_compared_are_not_all_alike(loop: Loop, ours: Any) -> No
     assert np.unique(layers).size > LAYERS
 
 
-def test_difference_of_prints_is_said() -> None:
+def test_difference_of_prints_is_reported() -> None:
     print_ = np.zeros((3, 2, 2))
     other = print_.copy()
     other[1, 0, 1] = 2e-6
@@ -74,7 +74,7 @@ def test_fmutool_finds_nothing_wrong(model: str, form: str, tmp_path: Path) -> N
 
 @pytest.fixture
 def broken(tmp_path: Path) -> Path:
-    """An FMU with a parameter that claims to change continuously, which valid XML can say and FMI forbids."""
+    """An FMU with a parameter that claims to change continuously, which is valid XML and forbidden by FMI."""
     path = tmp_path / "broken.fmu"
     with zipfile.ZipFile(find_fmu("ProfileSensor", "fmi2")) as read, zipfile.ZipFile(path, "w") as archive:
         text = read.read("modelDescription.xml").decode()

@@ -1,4 +1,4 @@
-"""A run on a bench, once more from its log: the same requests, patterns and maps, or words that say where not."""
+"""A run on a bench, repeated from its log: the same requests, patterns and maps, or the first difference."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def replayed(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]:
-    """The command: its exit code, and everything it said in one line."""
+    """The command: its exit code, and its whole output in one line."""
 
     def replay(folder: Path, *words: str) -> tuple[int, str]:
         code = main(["replay", str(folder), *words])
@@ -61,9 +61,9 @@ def assert_same(run: Path, again: Path) -> None:
 
 
 def test_master_does_the_same_again_without_a_bus(run: Path, replayed: Callable[..., tuple[int, str]]) -> None:
-    code, said = replayed(run, "--out", str(run.parent / "again"))
+    code, output = replayed(run, "--out", str(run.parent / "again"))
     assert code == 0
-    assert "3 layers replayed: every request of the master is that of" in said
+    assert "3 layers replayed: every request of the master is that of" in output
     assert_same(run, run.parent / "again")
     log = (run.parent / "again" / "bench.log").read_text()
     assert "replay on" in log
@@ -88,27 +88,31 @@ def test_retries_and_repeats_of_the_recorded_run_are_gone(
 ) -> None:
     run = recorded(tmp_path, text, faults, *overrides)
     assert bool(faults) == ("requests sent again" in (run / "bench.log").read_text())
-    code, said = replayed(run, "--out", str(tmp_path / "again"))
-    assert code == 0, said
+    code, output = replayed(run, "--out", str(tmp_path / "again"))
+    assert code == 0, output
     assert_same(run, tmp_path / "again")
 
 
-def test_other_controller_is_told_by_the_first_cell(run: Path, replayed: Callable[..., tuple[int, str]]) -> None:
-    code, said = replayed(run, "--set", "components.controller.alpha=0.5")
+def test_other_controller_is_reported_with_the_first_differing_cell(
+    run: Path, replayed: Callable[..., tuple[int, str]]
+) -> None:
+    code, output = replayed(run, "--set", "components.controller.alpha=0.5")
     assert code == 1
-    assert "the pattern of layer" in said
-    assert "differs at byte" in said
-    assert "(cell " in said
+    assert "the pattern of layer" in output
+    assert "differs at byte" in output
+    assert "(cell " in output
 
 
-def test_other_order_of_passes_is_told_by_layer_and_pass(run: Path, replayed: Callable[..., tuple[int, str]]) -> None:
-    code, said = replayed(run, "--set", "process.pass_rotation=2", "--set", "components.controller.alpha=0.8")
+def test_other_order_of_passes_is_reported_with_layer_and_pass(
+    run: Path, replayed: Callable[..., tuple[int, str]]
+) -> None:
+    code, output = replayed(run, "--set", "process.pass_rotation=2", "--set", "components.controller.alpha=0.8")
     assert code == 1
-    assert "of layer 1" in said
-    assert "their first differing byte" in said or "differs at byte" in said
+    assert "of layer 1" in output
+    assert "their first differing byte" in output or "differs at byte" in output
 
 
-def test_replay_is_chosen_by_a_word_of_the_scenario(run: Path) -> None:
+def test_replay_is_chosen_by_the_interface_of_the_scenario(run: Path) -> None:
     scenario = Scenario.load(
         run.parent / "block.toml", {"bench": {"interface": "replay", "channel": f"{run}/traffic.blf"}}
     )
@@ -127,14 +131,14 @@ def test_run_that_was_interrupted_and_resumed_is_replayed_from_both_logs(
         running = started("run", str(path), "--out", str(folder), "--set", f"bench.channel={bench.channel}")
         wait_for_word(folder / "bench.log", "layer 1", running)
         running.send_signal(signal.SIGINT)
-        said, _ = running.communicate(timeout=PATIENCE_S)
-        assert running.returncode == 130, said
+        output, _ = running.communicate(timeout=PATIENCE_S)
+        assert running.returncode == 130, output
         assert replayed(folder)[0] == 0, "as far as it came"
         assert main(["resume", str(folder)]) == 0
     assert (folder / "traffic-2.blf").exists()
-    code, said = replayed(folder)
-    assert code == 0, said
-    assert "3 layers replayed" in said
+    code, output = replayed(folder)
+    assert code == 0, output
+    assert "3 layers replayed" in output
 
 
 def test_run_that_was_killed_and_resumed_is_replayed_from_both_logs(
@@ -152,12 +156,12 @@ def test_run_that_was_killed_and_resumed_is_replayed_from_both_logs(
         running.communicate()
         assert main(["device", str(path), "clear", *words]) == 0
         assert main(["resume", str(folder)]) == 0
-    code, said = replayed(folder, "--out", str(tmp_path / "again"))
-    assert code == 0, said
+    code, output = replayed(folder, "--out", str(tmp_path / "again"))
+    assert code == 0, output
     assert_same(folder, tmp_path / "again")
 
 
-def test_log_that_ends_too_early_is_told_with_the_step(
+def test_log_that_ends_too_early_is_reported_with_the_step(
     run: Path, tmp_path: Path, replayed: Callable[..., tuple[int, str]]
 ) -> None:
     frames = list(can.LogReader(run / "traffic.blf"))
@@ -165,14 +169,14 @@ def test_log_that_ends_too_early_is_told_with_the_step(
     for frame in frames[: len(frames) // 2]:
         writer.on_message_received(frame)
     writer.stop()
-    code, said = replayed(run, "--log", str(tmp_path / "half.blf"))
+    code, output = replayed(run, "--log", str(tmp_path / "half.blf"))
     assert code == 1
-    assert "half.blf ends here: the master asks the" in said
-    assert "of layer" in said
+    assert "half.blf ends here: the master asks the" in output
+    assert "of layer" in output
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "words"),
+    ("name", "content", "message"),
     [
         ("no.blf", None, "there is no traffic log"),
         ("noise.blf", b"LOGG" + bytes(200), "noise.blf"),
@@ -180,20 +184,20 @@ def test_log_that_ends_too_early_is_told_with_the_step(
         ("traffic.csv", b"1,2,3\n", "expected .blf or .asc"),
     ],
 )
-def test_log_that_is_none_is_told_in_words(
+def test_file_that_is_no_log_is_refused_with_a_message(
     name: str,
     content: bytes | None,
-    words: str,
+    message: str,
     run: Path,
     tmp_path: Path,
     replayed: Callable[..., tuple[int, str]],
 ) -> None:
     if content is not None:
         (tmp_path / name).write_bytes(content)
-    code, said = replayed(run, "--log", str(tmp_path / name))
+    code, output = replayed(run, "--log", str(tmp_path / name))
     assert code == 1
-    assert words in said
-    assert "Traceback" not in said
+    assert message in output
+    assert "Traceback" not in output
 
 
 def test_run_without_devices_cannot_be_replayed(tmp_path: Path, replayed: Callable[..., tuple[int, str]]) -> None:
@@ -203,6 +207,6 @@ def test_run_without_devices_cannot_be_replayed(tmp_path: Path, replayed: Callab
         *("--set", "part.height_um=6.0"),
     ]
     assert main(["run", str(path), "--out", str(folder), *words]) == 0
-    code, said = replayed(folder)
+    code, output = replayed(folder)
     assert code == 1
-    assert "no component of this run is a device" in said
+    assert "no component of this run is a device" in output

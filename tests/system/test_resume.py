@@ -1,4 +1,4 @@
-"""A run that was stopped in any way goes on after its last layer, and ends as if it had not been stopped."""
+"""A run that was stopped in any way resumes after its last layer, and ends as if it had not been stopped."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ pytestmark = pytest.mark.usefixtures("without_pictures")
 
 CUBOID = SCENARIOS / "cuboid.toml"
 SLOW = ["--set", "components.profiler.scan_duration_s=2.5", "--set", "part.height_um=60.0"]
+SLOW += ["--set", "components.controller.annealing_sweeps=5"]
 KILLED = -signal.SIGKILL
 
 # A run that kills itself at its n-th look: before, within and after the writing of each file, and in each step.
@@ -91,7 +92,7 @@ def assert_same_print(one: Path, other: Path) -> None:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
-    """A run that nobody kills, and how often it looked."""
+    """A run that is not killed, and how often it looked."""
     folder = tmp_path_factory.mktemp("whole") / "run"
     done = run_killed_at(0, "run", str(CUBOID), "--out", str(folder), *SLOW)
     assert done.returncode == 0, done.stderr
@@ -103,7 +104,7 @@ def kill_and_resume(whole: tuple[Path, int], share: float, folder: Path) -> None
     at = 1 + round(share * (looks - 1))
     assert run_killed_at(at, "run", str(CUBOID), "--out", str(folder), *SLOW).returncode == KILLED
     if not (folder / "run.json").exists():
-        assert at <= 4  # there was nothing yet to go on from
+        assert at <= 4  # there was nothing yet to resume from
         return
     assert main(["resume", str(folder)]) == 0
     for place in (".", "compare/open-loop"):
@@ -112,19 +113,19 @@ def kill_and_resume(whole: tuple[Path, int], share: float, folder: Path) -> None
 
 
 @pytest.mark.parametrize("share", rest_is_long([0.1, 0.45, 1.0, 0.0, 0.3, 0.8], 3))
-def test_killed_run_goes_on_to_the_same_end(whole: tuple[Path, int], share: float, tmp_path: Path) -> None:
+def test_killed_run_resumes_to_the_same_end(whole: tuple[Path, int], share: float, tmp_path: Path) -> None:
     kill_and_resume(whole, share, tmp_path / "run")
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("place", range(30))
-def test_run_killed_at_thirty_places_goes_on_to_the_same_end(
+def test_run_killed_at_thirty_places_resumes_to_the_same_end(
     whole: tuple[Path, int], place: int, tmp_path: Path
 ) -> None:
     kill_and_resume(whole, (place + 0.5) / 30, tmp_path / "run")
 
 
-def test_run_killed_twice_goes_on_to_the_same_end(whole: tuple[Path, int], tmp_path: Path) -> None:
+def test_run_killed_twice_resumes_to_the_same_end(whole: tuple[Path, int], tmp_path: Path) -> None:
     folder = tmp_path / "run"
     assert run_killed_at(whole[1] // 5, "run", str(CUBOID), "--out", str(folder), *SLOW).returncode == KILLED
     assert run_killed_at(whole[1] // 5, "resume", str(folder)).returncode == KILLED
@@ -146,7 +147,7 @@ def interrupt(
         assert main(["run", str(scenario), "--no-isolate", "--out", str(folder), *words]) == 130
 
 
-def test_interrupted_run_goes_on_to_the_same_end(
+def test_interrupted_run_resumes_to_the_same_end(
     whole: tuple[Path, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "run"
@@ -157,7 +158,7 @@ def test_interrupted_run_goes_on_to_the_same_end(
     assert_same_print(folder, whole[0])
 
 
-def test_events_go_on_with_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_events_continue_with_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scenario, short = CUBOID.with_name("drifting-ink.toml"), ["--no-compare", "--set", "part.height_um=150.0"]
     interrupt(monkeypatch, tmp_path / "run", *short, scenario=scenario, at_layer=13)
     assert main(["resume", str(tmp_path / "run")]) == 0
@@ -167,10 +168,25 @@ def test_events_go_on_with_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize("fmi", ["2", "3"])
-def test_fmu_of_a_file_goes_on_from_its_state(fmi: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The FMUs stand beside the scenario, not in the run folder."""
-    assert main(["export", "LayerDeposition", "--fmi", fmi, "--nx", "12", "--ny", "12",
-                 "--out", str(tmp_path / "printer.fmu")]) == 0  # fmt: skip
+def test_fmu_of_a_file_resumes_from_its_state(fmi: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The FMUs stand next to the scenario, not in the run folder."""
+    assert (
+        main(
+            [
+                "export",
+                "LayerDeposition",
+                "--fmi",
+                fmi,
+                "--nx",
+                "12",
+                "--ny",
+                "12",
+                "--out",
+                str(tmp_path / "printer.fmu"),
+            ]
+        )
+        == 0
+    )
     scenario = tmp_path / "mine.toml"
     ours = 'kind = "LayerDeposition"\nvariation = 0.2\nvariation_kind = "per_droplet"\n'
     text = CUBOID.read_text()
@@ -182,7 +198,7 @@ def test_fmu_of_a_file_goes_on_from_its_state(fmi: str, tmp_path: Path, monkeypa
     assert_same_print(tmp_path / "run", tmp_path / "reference")
 
 
-def test_resume_goes_on_at_the_next_layer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_resume_continues_at_the_next_layer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder, layers = tmp_path / "run", list[int]()
     interrupt(monkeypatch, folder, "--no-compare")
     monkeypatch.setattr("inkloop.printing.run._LayerBar.__call__", lambda bar, row: layers.append(row.layer))
@@ -213,16 +229,20 @@ def test_full_disk_keeps_the_layers_before(
     with monkeypatch.context() as patch:
         patch.setattr(np, "savez", fill_up)
         assert main(["run", str(CUBOID), "--out", str(folder), "--no-compare"]) == 1
-    said = capsys.readouterr().err
-    assert "0003.npz: cannot be written: No space left on device; layers 0 to 2 are kept" in said
+    message = capsys.readouterr().err
+    assert "0003.npz: cannot be written: No space left on device; layers 0 to 2 are kept" in message
     assert sorted(path.name for path in (folder / "layers").iterdir()) == [
-        "0000.npz", "0001.npz", "0002.npz", "state.npz"]  # fmt: skip
+        "0000.npz",
+        "0001.npz",
+        "0002.npz",
+        "state.npz",
+    ]
     assert main(["resume", str(folder)]) == 0
     assert main(["run", str(CUBOID), "--out", str(reference), "--no-compare"]) == 0
     assert_same_print(folder, reference)
 
 
-def test_failed_component_leaves_its_layers_and_the_run_can_go_on(
+def test_failed_component_leaves_its_layers_and_the_run_can_be_resumed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder, reference = tmp_path / "run", tmp_path / "reference"
@@ -236,16 +256,16 @@ def test_failed_component_leaves_its_layers_and_the_run_can_go_on(
     with monkeypatch.context() as patch:
         patch.setattr(LayerController, "do_step", fail)
         assert main(["run", str(CUBOID), "--out", str(folder), "--no-compare"]) == 1
-    said = capsys.readouterr().err
-    assert "no power" in said
-    assert f"layers 0 to 2 are in {folder}; fix the cause, then continue with `inkloop resume {folder}`" in said
+    message = capsys.readouterr().err
+    assert "no power" in message
+    assert f"layers 0 to 2 are in {folder}; fix the cause, then continue with `inkloop resume {folder}`" in message
     assert Result.load(folder).stop_reason == "failed"
     assert main(["resume", str(folder)]) == 0
     assert main(["run", str(CUBOID), "--out", str(reference), "--no-compare"]) == 0
     assert_same_print(folder, reference)
 
 
-def test_component_without_state_is_refused_in_words(
+def test_component_without_state_is_refused_with_a_message(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "run"
@@ -264,7 +284,7 @@ def test_component_without_state_prints_to_the_end(tmp_path: Path, monkeypatch: 
     assert Result.load(tmp_path / "run").stop_reason == "done"
 
 
-def test_folder_that_nothing_can_go_on_from_is_refused_in_words(
+def test_folder_that_cannot_be_resumed_is_refused_with_a_message(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "run"
@@ -293,7 +313,9 @@ def test_folder_that_nothing_can_go_on_from_is_refused_in_words(
     assert main(["resume", str(folder)]) == 0
 
 
-def test_folder_that_cannot_be_written_is_refused_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_folder_that_cannot_be_written_is_refused_with_a_message(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "file").write_text("no folder")
     folder = tmp_path / "file" / "run"
     assert main(["run", str(CUBOID), "--out", str(folder)]) == 1
@@ -310,7 +332,7 @@ class Saved(FunctionComponent):
         self.log.append("restore")
 
 
-def test_component_without_outputs_goes_on_too(tmp_path: Path) -> None:
+def test_component_without_outputs_resumes_too(tmp_path: Path) -> None:
     parts = {"printer": Saved(outputs=[Port("layers_printed", dtype="int32")]), "log": Saved()}
     points = Checkpoints(tmp_path, parts, Recorder(job(), parts))
     assert Master(parts, [], step_ns=1, observers=[points]).run(time_max_ns=1) == "time_max"

@@ -1,4 +1,4 @@
-"""Rig and links between real processes: the emulated bench, the process that owns the adapter, and this one."""
+"""Rig and links between real processes: the emulator, the process that owns the adapter, and this one."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def scan(rig: Rig, layer: int) -> bytes:
 
 
 class Observer:
-    """An adapter of its own on the bench's bus, which asks and never says that a master lives."""
+    """A separate adapter on the bench's bus, which sends requests and never MasterAlive."""
 
     def __init__(self, channel: str) -> None:
         self.adapter = Adapter(settings(channel))
@@ -126,7 +126,7 @@ class Observer:
         return self.found.popleft() if self.found else None
 
     def wait_for_lamp(self) -> None:
-        """Until the lamp's node says that it is on. Nothing is asked: two clients of one node disturb each other."""
+        """Until the lamp's node reports that it is on. Nothing is asked: two clients of one node disturb each other."""
         status, until = self.codec.message("CureStatus").frame_id, self.now() + LIMIT
         while True:
             assert self.now() < until
@@ -179,7 +179,7 @@ def test_layer_is_printed_scanned_and_fetched_as_by_the_nodes_themselves(
 
 
 @pytest.mark.parametrize("suffix", ["blf", "asc"])
-def test_traffic_log_is_read_by_stock_tools_and_tells_what_was_enabled(
+def test_traffic_log_is_read_by_stock_tools_and_shows_what_was_enabled(
     program: Path, tmp_path: Path, suffix: str
 ) -> None:
     began = time.time()
@@ -257,7 +257,7 @@ def wait_until(true: Callable[[], bool]) -> None:
 
 
 def test_killed_master_leaves_nothing_on(channel: str) -> None:
-    """SIGKILL: nobody could clean up, and the process that owns the adapter ends by itself."""
+    """SIGKILL: nothing can clean up, and the process that owns the adapter ends on its own."""
     observer = Observer(channel)
     with subprocess.Popen([sys.executable, "-c", MASTER, channel]) as master:
         observer.wait_for_lamp()
@@ -268,7 +268,7 @@ def test_killed_master_leaves_nothing_on(channel: str) -> None:
     observer.adapter.close()
 
 
-def test_killed_bus_process_leaves_nothing_on_and_is_said_in_words(rig: Rig, channel: str) -> None:
+def test_killed_bus_process_leaves_nothing_enabled_and_is_reported(rig: Rig, channel: str) -> None:
     observer = Observer(channel)
     with rig.enabled(lamp=True):
         rig.link(Node.CURE).requests.client.conn.send(b"\x31\x01\x02\x04" + bytes(Key(rig.job, 0)) + b"\x1f\x40")
@@ -321,7 +321,7 @@ def test_second_master_makes_the_bench_safe(rig: Rig, channel: str) -> None:
     wait_until(lambda: rig.link(Node.HEAD).state().session == rig.session)
 
 
-def test_bench_that_goes_away_is_said_in_words(program: Path) -> None:
+def test_bench_that_disappears_is_reported(program: Path) -> None:
     with bench(program) as (running, channel), Rig(settings(channel)) as rig:
         cleared(rig)
         running.kill()

@@ -1,4 +1,4 @@
-"""A shadow beside the emulated bench: silent where the bench prints as the model, heard where it does not."""
+"""A shadow next to the emulator: silent where it prints as the model, an alarm where it does not."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STEP = 0.1e-6
 
 
 def test_shadow_of_a_bench_without_variation_differs_by_the_sensor_steps_only(tmp_path: Path) -> None:
-    """Four passes with another order in each layer, over CAN, beside the FMU."""
+    """Four passes with another order in each layer, over CAN, next to the FMU."""
     path = write(tmp_path, EXACT + SHADOW)
     with emulated(path) as (_, channel):
         run = print_part(Scenario.load(path, {"bench.channel": channel})).dataset
@@ -29,7 +29,7 @@ def test_shadow_of_a_bench_without_variation_differs_by_the_sensor_steps_only(tm
     np.testing.assert_array_equal(run.height, run.measured_height)
 
 
-def test_bench_that_jets_less_than_the_model_is_told_from_the_first_layer_on(tmp_path: Path) -> None:
+def test_bench_that_jets_less_than_the_model_is_reported_from_the_first_layer_on(tmp_path: Path) -> None:
     path = write(tmp_path, EXACT + SHADOW + "alarm_um = 1.0\n")
     with emulated(path, {"components.printer.h1_a_um": 2.2}) as (_, channel):
         run = print_part(Scenario.load(path, {"bench.channel": channel})).dataset

@@ -1,4 +1,4 @@
-"""What stock can-isotp calls a success is none on the bench; a link finds it out, mends it or says so."""
+"""What stock can-isotp calls a success is none on the bench; a link detects it, and recovers or reports it."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from support.benches.fault_run import BLOB, JOB, faulty, looked_at
 from support.benches.stock_tools import adapter
 
 BLOCK = b"\x36\x01" + BLOB
-"""TransferData, less than one block of flow control: the node says nothing between its first and its last frame."""
+"""TransferData, less than one block of flow control: the node sends nothing between its first and its last frame."""
 SEND_TIMEOUT = 3.0
 
 
 @contextmanager
 def stock_stack(bench: EmulatedBench) -> Iterator[tuple[isotp.NotifierBasedCanStack, list[Exception]]]:
-    """A stock stack to the head behind a stock adapter, the pattern announced, and the errors that it tells of."""
-    told: list[Exception] = []
+    """A stock stack to the head behind a stock adapter, the pattern announced, and the errors that it reports."""
+    reported: list[Exception] = []
     with adapter(bench.channel) as bus:
         ids = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=0x640, rxid=0x641)
         parameters = {"tx_padding": 0xCC, "blocking_send": True}
         stack = isotp.NotifierBasedCanStack(
-            bus.bus, bus.notifier, address=ids, error_handler=told.append, params=parameters
+            bus.bus, bus.notifier, address=ids, error_handler=reported.append, params=parameters
         )
         stack.start()
         for request in (b"\x31\x01\x02\x00" + JOB.to_bytes(4, "big") + b"\0\0\0\1\0", head_of(1)):
             stack.send(request, send_timeout=SEND_TIMEOUT)
             assert stack.recv(block=True, timeout=SEND_TIMEOUT)[0] != 0x7F  # type: ignore[index]
-        yield stack, told
+        yield stack, reported
         stack.stop()
 
 
@@ -47,19 +47,19 @@ def head_of(layer: int) -> bytes:
 @pytest.mark.parametrize(
     "fault", ["loss:id=0x640,step=download,nth=4", "corruption:id=0x640,step=download,nth=3,byte=4"]
 )
-def test_stock_stack_says_success_for_a_block_that_was_lost_or_altered(fault: str) -> None:
-    """Sent "blocking", without an exception and without an error told; what the node has is another thing."""
+def test_stock_stack_reports_success_for_a_block_that_was_lost_or_altered(fault: str) -> None:
+    """Sent "blocking", without an exception and without a reported error; the node has other bytes."""
     assert len(BLOCK) < 6 + 16 * 7
-    with EmulatedBench({}, faults=[fault]) as bench, stock_stack(bench) as (stack, told):
+    with EmulatedBench({}, faults=[fault]) as bench, stock_stack(bench) as (stack, reported):
         stack.send(BLOCK, send_timeout=SEND_TIMEOUT)
-        assert told == []
+        assert reported == []
         answer = stack.recv(block=True, timeout=0.5)
         if fault.startswith("loss"):
             assert answer is None, "the node never had it"
         else:
             assert answer == b"\x76\x01", "the node took it as good"
             stack.send(b"\x37" + zlib.crc32(BLOB).to_bytes(4, "big"), send_timeout=SEND_TIMEOUT)
-            assert stack.recv(block=True, timeout=SEND_TIMEOUT) == b"\x7f\x37\x72", "only the checksum tells"
+            assert stack.recv(block=True, timeout=SEND_TIMEOUT) == b"\x7f\x37\x72", "only the checksum shows it"
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_link_finds_it_and_sends_the_pattern_again(fault: str) -> None:
         pytest.param("loss:id=0x640,step=download,nth=4,count=10", marks=pytest.mark.long),
     ],
 )
-def test_link_never_says_success_for_what_cannot_be_mended(fault: str) -> None:
+def test_link_never_reports_success_for_what_cannot_be_recovered(fault: str) -> None:
     with faulty(fault) as run:
         with pytest.raises((LinkTimeout, TransferError, NodeRefused), match=r"head \(0x641.*(pattern|are you there)"):
             run.rig.link(Node.HEAD).download(1, BLOB)
@@ -125,7 +125,7 @@ def test_stock_stack_loses_its_thread_in_silence_where_the_bus_fails(monkeypatch
     bus.shutdown()
 
 
-def test_link_says_that_the_bus_fails() -> None:
+def test_link_reports_that_the_bus_fails() -> None:
     with faulty("unplugged:step=download,count=1000000", reopen_s=0.2) as run:
         with pytest.raises(HardwareError, match="unplugged"):
             run.rig.link(Node.HEAD).download(1, BLOB)

@@ -51,7 +51,7 @@ scan_duration_s = 0.0
 """
 OPEN_LOOP = TEXT.replace('kind = "LayerMpc"\nhorizon = 2\nsweeps = 2', 'kind = "OpenLoop"\nlayers = 3')
 PLANT_OF_ONE_PASS = TEXT.replace("variation = 0.2", "variation = 0.2\npasses = 1")
-"""The plant begins so by itself; the job says four."""
+"""Start value of the plant; that of the job is four."""
 MAPS = ("pattern", "height", "measured_height")
 
 
@@ -90,8 +90,9 @@ def test_pyssp_reads_all_of_it(version: str, tmp_path: Path) -> None:
         with parameters as values:
             assert values.version == version
             names = {entry["name"] for entry in values.parameters}
-        expected = {f"{part.name}.{scalar}" for part in system.parts for name in part.values
-                    for scalar in part.scalars(name)}  # fmt: skip
+        expected = {
+            f"{part.name}.{scalar}" for part in system.parts for name in part.values for scalar in part.scalars(name)
+        }
         assert names == expected
 
 
@@ -126,7 +127,7 @@ def test_print_from_an_ssp_is_that_of_its_scenario(version: str, text: str, tmp_
         np.testing.assert_array_equal(found.dataset[name].values, expected.dataset[name].values)
 
 
-def test_controller_in_python_stays_outside_in_words(tmp_path: Path) -> None:
+def test_controller_in_python_stays_outside_with_a_message(tmp_path: Path) -> None:
     path, system = exported(tmp_path, "1.0", OPEN_LOOP)
     assert system.notes() == ["controller is not in it: kind OpenLoop is no FMU"]
     structure = read_ssd(str(path))
@@ -136,7 +137,7 @@ def test_controller_in_python_stays_outside_in_words(tmp_path: Path) -> None:
     assert "controller is not in it" in structure.system.description
 
 
-def test_what_an_fmu_cannot_say_is_told(tmp_path: Path) -> None:
+def test_what_an_fmu_cannot_express_is_reported(tmp_path: Path) -> None:
     certified = TEXT.replace("horizon = 2", "horizon = 1\nalpha = 1.0\ncertified = true")
     event = '[[events]]\nat_layer = 1\naction = "override"\nport = "printer.pattern"\nvalue = 0\ncells = [[0, 0]]\n'
     _, system = exported(tmp_path, "1.0", certified + event)
@@ -221,8 +222,10 @@ def test_libcosim_prints_the_same_part(tmp_path: Path) -> None:
 def amplified(tmp_path: Path) -> Scenario:
     """Two FMUs of others, the second fed with a gain and an offset."""
     amplifier.build(tmp_path, 2)
-    both = "".join(f'[components.{name}]\nkind = "Fmu"\nfile = "amplifier2.fmu"\ngain = {g}\n' for name, g in
-                   (("first", 3.0), ("second", 2.0)))  # fmt: skip
+    both = "".join(
+        f'[components.{name}]\nkind = "Fmu"\nfile = "amplifier2.fmu"\ngain = {g}\n'
+        for name, g in (("first", 3.0), ("second", 2.0))
+    )
     job = TEXT.split("[components")[0]
     wires = '[[connections]]\nsource = "first.y"\ntarget = "second.x"\ngain = 2.5\noffset_um = 4.0\n'
     wires += '[[connections]]\nsource = "second.y"\ntarget = "first.x"\n'
@@ -242,7 +245,7 @@ def test_gain_offset_and_parameters_of_foreign_fmus_go_and_come_back(amplified: 
     assert "gain" not in again.tables.components["second"].options  # 2 is what the FMU begins with
 
 
-def test_files_of_libcosim_say_gain_and_offset_of_each_element(amplified: Scenario, tmp_path: Path) -> None:
+def test_files_of_libcosim_state_gain_and_offset_of_each_element(amplified: Scenario, tmp_path: Path) -> None:
     root = ET.fromstring(osp.structure(system_of(amplified, "2", tmp_path)))
     begin = "{http://opensimulationplatform.com/MSMI/OSPSystemStructure}"
     lines = root.findall(f"{begin}Functions/{begin}LinearTransformation")
@@ -255,9 +258,12 @@ def test_file_of_maestro_names_scalars_of_the_fmus(tmp_path: Path) -> None:
     system = system_of(scenario_in(tmp_path), "2", tmp_path)
     tables = maestro.tables(system)
     model = tables[maestro.MULTI_MODEL]
-    known = {f"{{{part.name}}}.{part.name}.{scalar}": variable.causality for part in system.parts
-             for variable in part.description.variables.values()
-             for scalar in (variable.elements or (variable.name,))}  # fmt: skip
+    known = {
+        f"{{{part.name}}}.{part.name}.{scalar}": variable.causality
+        for part in system.parts
+        for variable in part.description.variables.values()
+        for scalar in (variable.elements or (variable.name,))
+    }
     assert {known[source] for source in model["connections"]} == {"output"}
     assert {known[end] for ends in model["connections"].values() for end in ends} == {"input"}
     assert sum(len(ends) for ends in model["connections"].values()) == 5 * 30 + 4
@@ -281,10 +287,13 @@ def test_fmus_of_a_folder_begin_with_the_parameters(tmp_path: Path) -> None:
     [
         ("ssp", "inkloop run {out} prints it; in another tool import it, communication step 1 s"),
         ("osp", "libcosimpy: CosimExecution.from_osp_config_file(osp_path='{out}'), then simulate_until"),
-        ("maestro", "cd {out} && java -jar maestro.jar import sg1 --interpret -output=out --fmu-search-path=. "
-                    "simulation.json multimodel.json"),
+        (
+            "maestro",
+            "cd {out} && java -jar maestro.jar import sg1 --interpret -output=out --fmu-search-path=. "
+            "simulation.json multimodel.json",
+        ),
     ],
-)  # fmt: skip
+)
 def test_export_ends_with_what_comes_next(
     to: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -297,19 +306,19 @@ def test_export_ends_with_what_comes_next(
 
 
 @EVERY_VERSION
-def test_job_of_another_grid_is_told_with_both_grids(version: str, tmp_path: Path) -> None:
+def test_job_of_another_grid_is_reported_with_both_grids(version: str, tmp_path: Path) -> None:
     path, _ = exported(tmp_path, version)
     job = tmp_path / "wide.toml"
     job.write_text(TEXT.replace("nx = 6, ny = 5", "nx = 8, ny = 7"), encoding="utf-8")
-    said = (
+    message = (
         "controller, printer, profiler: of a grid of 6 x 5 cells, {} of {}; export the .ssp again for that grid, or {}"
     )
     with pytest.raises(ScenarioError) as caught:
         scenario_of(path, job=job)
-    assert caught.value.errors == (said.format(job, "8 x 7", "take another job"),)
+    assert caught.value.errors == (message.format(job, "8 x 7", "take another job"),)
     with pytest.raises(ScenarioError) as caught:
         scenario_of(path, {"grid.nx": 9})
-    assert caught.value.errors == (said.format("the scenario in it", "9 x 5", "leave its grid as it is"),)
+    assert caught.value.errors == (message.format("the scenario in it", "9 x 5", "leave its grid as it is"),)
     assert scenario_of(path, {"grid.nx": 6}).job().nx == 6
 
 

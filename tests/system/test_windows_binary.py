@@ -126,7 +126,7 @@ def wine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
 
 
 @HAS_COMPILER
-def test_command_adds_the_binary_beside_the_native_one(tmp_path: Path) -> None:
+def test_command_adds_the_binary_next_to_the_native_one(tmp_path: Path) -> None:
     path = tmp_path / "it.fmu"
     assert main(["export", "ProfileSensor", "--fmi", "2", "--windows", "--out", str(path)]) == 0
     assert set(describe(path).platforms) == {fmpy.platform, "win64"}
@@ -148,14 +148,14 @@ def test_system_for_a_tool_on_windows_has_the_binary_in_our_fmus(tmp_path: Path)
 
 
 def test_missing_compiler_is_named_with_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(windows, "COMPILER", "x86_64-w64-mingw32-gcc-of-nobody")
-    with pytest.raises(FmuError, match=r"needs the cross compiler .*-of-nobody.* gcc-mingw-w64-x86-64"):
+    monkeypatch.setattr(windows, "COMPILER", "x86_64-w64-mingw32-gcc-missing")
+    with pytest.raises(FmuError, match=r"needs the cross compiler .*-missing.* gcc-mingw-w64-x86-64"):
         exported("ProfileSensor", "3", tmp_path)
     assert not list(tmp_path.iterdir())
 
 
 @HAS_COMPILER
-def test_refused_sources_are_told_by_what_the_compiler_says(tmp_path: Path) -> None:
+def test_refused_sources_are_reported_with_the_compilers_message(tmp_path: Path) -> None:
     path = export_fmu("ProfileSensor", fmi="3", nx=3, ny=2, fixed=False, out=tmp_path / "it.fmu")
     members = {**unpack(path), "sources/values.c": b"#error no such thing here\n"}
     with pytest.raises(FmuError, match=r"(?s)refuses the sources of ProfileSensor:\n.*no such thing here"):

@@ -5,16 +5,17 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Iterator
+from functools import cache
 
 from inkloop.component import Port
-from support.places import ROOT
+from support.source_tree import modules, parsed
 
 ARRAYS = {"NDArray", "ndarray", "Dataset"}
-TREES = [
-    ast.parse(path.read_text("utf-8"), str(path.relative_to(ROOT)))
-    for folder in ("cosim", "controller", "hardware")
-    for path in sorted((ROOT / folder).rglob("*.py"))
-]
+
+
+def trees() -> list[ast.Module]:
+    """The modules of the product."""
+    return [parsed(path) for path in modules().values()]
 
 
 def names_in(tree: ast.AST) -> set[str]:
@@ -23,11 +24,12 @@ def names_in(tree: ast.AST) -> set[str]:
     return names | {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
 
 
+@cache
 def array_types() -> set[str]:
     """Names of array types: NumPy's and xarray's, and the aliases that the packages define from them."""
     aliases = {
         node.target.id: names_in(node.value)
-        for tree in TREES
+        for tree in trees()
         for node in tree.body
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.value is not None
         if names_in(node.annotation) == {"TypeAlias"} and "Callable" not in names_in(node.value)
@@ -41,7 +43,7 @@ def array_types() -> set[str]:
 def dataclasses_with_arrays() -> Iterator[tuple[str, list[str]]]:
     """Class name and decorators of each dataclass with an array in a field."""
     types = array_types()
-    for tree in TREES:
+    for tree in trees():
         for node in ast.walk(tree):
             if isinstance(node, ast.ClassDef):
                 fields = [statement.annotation for statement in node.body if isinstance(statement, ast.AnnAssign)]

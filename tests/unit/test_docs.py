@@ -1,4 +1,4 @@
-"""What the pages say is so: their Python runs, their links lead somewhere, the scenario page names every key."""
+"""The pages are correct: their Python runs, their links lead somewhere, the scenario page names every key."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import runpy
 import subprocess
 import sys
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from pydantic import BaseModel
@@ -23,6 +25,7 @@ from inkloop.testing import CONTRACT_CHECKS, job
 from inkloop_controller.baselines.planners import OpenLoop
 from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.layer_controller import LayerController
+from inkloop_controller.planning.horizon_planner import Finish, ending_of
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
 from support.places import ROOT
 
@@ -84,7 +87,7 @@ def test_plant_of_the_how_to_prints_the_cuboid_to_the_droplet(tmp_path: Path) ->
 
 
 @pytest.mark.system
-def test_laws_of_the_how_to_are_tested_as_it_says(tmp_path: Path) -> None:
+def test_checks_of_the_how_to_run_as_described(tmp_path: Path) -> None:
     blocks_of_the_how_to(tmp_path)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_columns.py"]
     run = subprocess.run(
@@ -133,9 +136,24 @@ def test_every_option_of_the_controllers_is_on_the_scenario_page() -> None:
 def test_rows_of_options_on_the_scenario_page_are_current() -> None:
     tool = runpy.run_path(str(ROOT / "tools/pages/options.py"))
     page = tool["PAGE"].read_text()
-    assert set(re.findall(r"<!-- options of (\w+) -->", page)) == set(tool["CLASSES"])
+    assert set(re.findall(r"<!-- options of (\w+) -->", page)) == tool["CLASSES"]
     assert tool["written"](page) == page, "run: python tools/pages/options.py"
-    assert tool["written"](page.replace("| `layer_worth` | 0 |", "| `layer_worth` | 1 |")) == page
+    assert tool["written"](page.replace("| `overshoot` | 1 |", "| `overshoot` | 2 |")) == page
+
+
+def test_endings_on_the_page_of_the_layer_problem_are_those_of_the_runs() -> None:
+    tool = runpy.run_path(str(ROOT / "tools/figures/finish.py"))
+    page, runs = tool["PAGE"].read_text(), tool["kept"](tool["RUNS"])
+    assert {(run.ending, run.variation, run.seed) for run in runs} == set(
+        product(tool["ENDINGS"], tool["SCENARIOS"], tool["SEEDS"])
+    )
+    assert tool["written"](page, runs) == page, "run: python tools/figures/finish.py --drawn"
+    definition = (ROOT / "fmus/layer_controller/variables.toml").read_text()
+    for finish in get_args(Finish):
+        ending = ending_of(finish)
+        row = rf"\| `\"{finish}\"`(?: \(default\))? \| {ending.horizon} \| {ending.layer_worth:g} \|"
+        assert re.search(row, page)
+        assert re.search(rf'"{finish}" plans {ending.horizon} .*?gain {ending.layer_worth:g}\b', definition)
 
 
 def test_plan_page_names_every_field_status_and_output() -> None:
@@ -147,7 +165,7 @@ def test_plan_page_names_every_field_status_and_output() -> None:
     assert not [word for number, word in enumerate(PlanStatus) if f"| `{word}` | {number} |" not in page]
 
 
-def test_gallery_shows_every_scenario_with_its_own_words() -> None:
+def test_gallery_shows_every_scenario_with_its_own_text() -> None:
     page = (ROOT / "docs/gallery/README.md").read_text()
     for path in (ROOT / "scenarios").glob("*.toml"):
         assert f"]({path.stem}.png)" in page

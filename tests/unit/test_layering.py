@@ -1,4 +1,4 @@
-"""Who may import whom, through which door each library comes in, and how many names stand at each root."""
+"""Which package may import which, where each library is imported, and how many names stand at each root."""
 
 from __future__ import annotations
 
@@ -54,8 +54,12 @@ COMMON_FILES = ("red_zones", "storage", "values", "snapshot", "lifecycle", "fmi2
 def offenders(importers: Iterable[str], forbidden: Iterable[str]) -> list[str]:
     """`module imports module` of all importers that import something below a forbidden name."""
     names = tuple(forbidden)
-    return [f"{name} imports {found}" for name in importers for found in sorted(imported(name))
-            if any(is_below(found, below) for below in names)]  # fmt: skip
+    return [
+        f"{name} imports {found}"
+        for name in importers
+        for found in sorted(imported(name))
+        if any(is_below(found, below) for below in names)
+    ]
 
 
 def outside(*doors: str) -> list[str]:
@@ -71,15 +75,23 @@ def test_the_floor_imports_numpy_and_itself_only() -> None:
     floor = FLOOR & set(modules())
     allowed = {*sys.stdlib_module_names, "numpy"}
     assert floor == FLOOR
-    assert not [f"{name} imports {found}" for name in sorted(floor) for found in imported(name)
-                if found.partition(".")[0] not in allowed and found not in floor]  # fmt: skip
+    assert not [
+        f"{name} imports {found}"
+        for name in sorted(floor)
+        for found in imported(name)
+        if found.partition(".")[0] not in allowed and found not in floor
+    ]
 
 
 def test_modules_of_the_build_import_the_standard_library_only() -> None:
     allowed = {*sys.stdlib_module_names}
     own = {name for name in modules() if is_below(name, BUILD_TIME)} | {*BUILD_TIME_FLOOR}
-    assert not [f"{name} imports {found}" for name in sorted(own) for found in imported(name)
-                if found.partition(".")[0] not in allowed and found not in own | {"inkloop"}]  # fmt: skip
+    assert not [
+        f"{name} imports {found}"
+        for name in sorted(own)
+        for found in imported(name)
+        if found.partition(".")[0] not in allowed and found not in own | {"inkloop"}
+    ]
     root = ast.parse(modules()["inkloop"].read_text(encoding="utf-8")).body  # which loads the public API on use
     assert {node.module for node in root if isinstance(node, ast.ImportFrom)} <= allowed
     assert {alias.name for node in root if isinstance(node, ast.Import) for alias in node.names} <= allowed
@@ -103,9 +115,12 @@ def test_nothing_imports_the_command_line() -> None:
 def test_modules_take_only_the_version_from_the_root_of_their_package() -> None:
     """`inkloop/__init__.py` stands on top of all modules; `import_graph` relies on that."""
     taken = re.compile(rf"^\s*from ({'|'.join(PACKAGES)}) import (\w.*)$", re.MULTILINE)
-    found = [(name, f"{root}.{entry}") for name, path in modules().items()
-             for root, names in taken.findall(path.read_text(encoding="utf-8"))
-             for entry in names.split(", ")]  # fmt: skip
+    found = [
+        (name, f"{root}.{entry}")
+        for name, path in modules().items()
+        for root, names in taken.findall(path.read_text(encoding="utf-8"))
+        for entry in names.split(", ")
+    ]
     assert not [pair for pair in found if pair[1] not in modules() and pair[1] != "inkloop.__version__"]
 
 
@@ -143,8 +158,11 @@ def test_functions_are_declared_by_their_own_header_or_by_an_interface() -> None
     """So the includes show every call; an interface is a header without a source, like kernel.h and parallel.h."""
     definition = re.compile(r"^(?!static|\s|#|//|/\*)[A-Za-z_][\w *]*?\b(\w+)\([^;{}]*\)\s*\{", re.MULTILINE)
     prototype = re.compile(r"^(?!static|\s|#|//|/\*|typedef)[A-Za-z_][\w *]*?\b(\w+)\([^;{}]*\);", re.MULTILINE)
-    interfaces = "".join(path.read_text(encoding="utf-8") for path in c_files()
-                         if path.suffix == ".h" and not path.with_suffix(".c").exists())  # fmt: skip
+    interfaces = "".join(
+        path.read_text(encoding="utf-8")
+        for path in c_files()
+        if path.suffix == ".h" and not path.with_suffix(".c").exists()
+    )
     undeclared = []
     for path in c_files():
         if path.suffix == ".h":
@@ -162,12 +180,16 @@ def test_functions_are_declared_by_their_own_header_or_by_an_interface() -> None
 
 def test_no_arrow_goes_upwards_between_the_groups_of_the_controller_core() -> None:
     core = ROOT / "controller" / "core"
-    units = {c_unit(path): (path.parent.name if path.parent != core else "")
-             for path in c_files() if path.is_relative_to(core)}  # fmt: skip
+    units = {
+        c_unit(path): (path.parent.name if path.parent != core else "")
+        for path in c_files()
+        if path.is_relative_to(core)
+    }
     assert set(units.values()) == set(CORE_LEVELS)
     arrows = {(units[unit], units[other]) for unit in units for other in include_graph()[unit] if other in units}
-    assert not {(group, other) for group, other in arrows if group != other
-                and CORE_LEVELS[group] <= CORE_LEVELS[other]}  # fmt: skip
+    assert not {
+        (group, other) for group, other in arrows if group != other and CORE_LEVELS[group] <= CORE_LEVELS[other]
+    }
 
 
 def test_common_files_of_the_fmus_use_only_files_before_them() -> None:
@@ -181,8 +203,9 @@ def in_sources(folders: Iterable[Path], pattern: str) -> list[str]:
     """Every match of the pattern in the C files of the folders, with its file."""
     paths = [path for path in c_files() if path.parent in set(folders)]
     assert paths
-    return [f"{path.name}: {match[0]}" for path in paths
-            for match in re.finditer(pattern, path.read_text(encoding="utf-8"))]  # fmt: skip
+    return [
+        f"{path.name}: {match[0]}" for path in paths for match in re.finditer(pattern, path.read_text(encoding="utf-8"))
+    ]
 
 
 def test_kernels_know_no_fmi_type() -> None:

@@ -1,4 +1,4 @@
-"""`inkloop bench` and `inkloop device`: run the emulated bench, and operate a bench without printing."""
+"""`inkloop bench` and `inkloop device`: run the emulator, and operate a bench without printing."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from inkloop.scenario.file import Scenario
 from inkloop.tables.bench_faults import read_fault
 
 NO_CHANNEL = (
-    "bench.interface and bench.channel are not set, and an emulated bench needs to know where to listen; add to the "
+    "bench.interface and bench.channel are not set, and the emulator needs to know where to listen; add to the "
     'scenario\n    [bench]\n    interface = "slcan"\n    channel = "socket://127.0.0.1:28550"\nor use --port N or --pty'
 )
 
 
 def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Console) -> int:
-    """Run the emulated bench until Ctrl-C. Raises BusError where it cannot run, ScenarioError."""
+    """Run the emulator until Ctrl-C. Raises BusError where it cannot run, ScenarioError."""
     file = scenario.source if scenario else "SCENARIO"
     emulation = emulation_of(scenario) if scenario else Emulation()
     channel = scenario.tables.bench.channel if scenario else None
@@ -43,26 +43,26 @@ def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Con
         faults=[str(fault) for fault in faults],
     )
     with running:
-        said = partial(console.print, highlight=False, soft_wrap=True)
-        said(f"emulated bench on {running.channel}: print head, stage, cure lamp and profiler")
+        show = partial(console.print, highlight=False, soft_wrap=True)
+        show(f"emulator on {running.channel}: print head, stage, cure lamp and profiler")
         if scenario:
             grid = scenario.tables.grid
-            said(f"{grid.nx} x {grid.ny} cells, ink and sensor from {file}")
+            show(f"{grid.nx} x {grid.ny} cells, ink and sensor from {file}")
         for fault in faults:
-            said(f"on request: {fault}")
+            show(f"injected fault: {fault}")
         hint = (
             "" if running.channel == channel else f" --set bench.interface=slcan --set bench.channel={running.channel}"
         )
-        said(f"in another terminal: inkloop run {file}{hint}")
+        show(f"in another terminal: inkloop run {file}{hint}")
         kept = (
             f"journals and surface are kept in {options.folder}" if options.folder else "the next start is a new part"
         )
-        said(f"Ctrl-C ends it; {kept}")
+        show(f"Ctrl-C ends it; {kept}")
         try:
             code = int(running.wait())
         except KeyboardInterrupt:
             return 0
-    raise InkloopError(f"the emulated bench on {running.channel} ended by itself with exit code {code}")
+    raise InkloopError(f"the emulator on {running.channel} ended unexpectedly with exit code {code}")
 
 
 def act(scenario: Scenario, options: argparse.Namespace, console: Console) -> int:
@@ -94,6 +94,6 @@ def act(scenario: Scenario, options: argparse.Namespace, console: Console) -> in
 
 def _other_channel(file: str, channel: str) -> str:
     return (
-        f"{file}: bench.channel is {channel!r}, where devices are; an emulated bench listens on this machine: give "
+        f"{file}: bench.channel is {channel!r}, where devices are; the emulator listens on this machine: give "
         f"--port N or --pty, and give the run the channel that it then prints"
     )

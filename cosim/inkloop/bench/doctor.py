@@ -46,7 +46,7 @@ def examine(scenario: Scenario | None, options: argparse.Namespace, console: Con
 
 
 def job_of_printer(scenario: Scenario) -> Job:
-    """The job as the printer of a scenario is told it."""
+    """The job as the printer of a scenario gets it."""
     tables = scenario.tables.components.items()
     printers = (
         devices.job_with_overrides(scenario.job(name), table.options)
@@ -96,8 +96,8 @@ def _table(found: Sequence[Any]) -> Table:
     for number, finding in enumerate(found):
         again = number > 0 and found[number - 1].check == finding.check
         style = STYLES[str(finding.grade)]
-        said = (str(finding.grade), finding.found, finding.advice)
-        table.add_row("" if again else finding.check, *(f"[{style}]{_plain(words)}[/]" for words in said))
+        columns = (str(finding.grade), finding.found, finding.advice)
+        table.add_row("" if again else finding.check, *(f"[{style}]{_plain(words)}[/]" for words in columns))
     return table
 
 

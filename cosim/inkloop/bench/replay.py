@@ -42,28 +42,28 @@ def replay(options: argparse.Namespace, overrides: Mapping[str, Any], console: C
         else:
             place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="inkloop-replay-")))
         recorded = Result.load(folder) if (folder / RESULT_FILE).is_file() else None
-        said = _replayed(scenario, place, is_whole=recorded is None or recorded.stop_reason not in UNFINISHED)
+        found = _replayed(scenario, place, is_whole=recorded is None or recorded.stop_reason not in UNFINISHED)
         again = Result.load(place) if (place / RESULT_FILE).is_file() else None
-    if recorded and again and not said:
-        said = differences(recorded, again)
-    for words in said:
+    if recorded and again and not found:
+        found = differences(recorded, again)
+    for words in found:
         console.print(words, highlight=False, markup=False, soft_wrap=True)
-    if said:
+    if found:
         return DIFFERS
     layers = again.dataset.sizes["layer"] - 1 if again else 0
-    told = f"{layers} layers replayed: every request of the master is that of {log}"
+    summary = f"{layers} layers replayed: every request of the master is that of {log}"
     if recorded:
-        told += f"; {', '.join(COMPARED.values())} are those of {folder / RESULT_FILE}"
-    console.print(told, highlight=False, markup=False, soft_wrap=True)
+        summary += f"; {', '.join(COMPARED.values())} are those of {folder / RESULT_FILE}"
+    console.print(summary, highlight=False, markup=False, soft_wrap=True)
     return SAME
 
 
 def differences(recorded: Result, again: Result) -> list[str]:
     """A sentence for each array in which two runs differ: the first layer, how many cells, the first of them."""
-    said = []
+    found = []
     left, right = recorded.dataset, again.dataset
     if left.sizes["layer"] > right.sizes["layer"]:
-        said.append(f"the replay has {right.sizes['layer'] - 1} layers, the run {left.sizes['layer'] - 1}")
+        found.append(f"the replay has {right.sizes['layer'] - 1} layers, the run {left.sizes['layer'] - 1}")
     layers = min(left.sizes["layer"], right.sizes["layer"])
     for name, words in COMPARED.items():
         if name not in left or name not in right:
@@ -73,12 +73,12 @@ def differences(recorded: Result, again: Result) -> list[str]:
             differing = np.argwhere(~((one == other) | ((one != one) & (other != other))))  # NaN is as NaN
             if len(differing):
                 i, j = differing[0]
-                said.append(
+                found.append(
                     f"{words} differ from layer {layer} on: {len(differing)} cells, the first is ({i}, {j}), "
                     f"{one[i, j]:g} in the run and {other[i, j]:g} in the replay"
                 )
                 break
-    return said
+    return found
 
 
 def _scenario(folder: Path, overrides: Mapping[str, Any], other_log: Path | None) -> Scenario:
@@ -95,7 +95,7 @@ def _scenario(folder: Path, overrides: Mapping[str, Any], other_log: Path | None
 
 
 def _replayed(scenario: Scenario, place: Path, is_whole: bool) -> list[str]:
-    """Print into a folder; what to say if it ends otherwise than a run that came to its end (or not: is_whole)."""
+    """Print into a folder; the differences if it ends otherwise than a run that came to its end (or not: is_whole)."""
     place.mkdir(parents=True, exist_ok=True)
     errors = importlib.import_module("inkloop_hardware.errors")
     try:

@@ -12,7 +12,7 @@ from inkloop.commands.options import add_overrides, scenario_of, screen
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
     parser: argparse.ArgumentParser = commands.add_parser(
-        "bench", help="run an emulated bench: four nodes on a CAN bus of this machine"
+        "bench", help="run the bench emulator: four nodes on a CAN bus of this machine"
     )
     parser.add_argument(
         "scenario",
@@ -39,7 +39,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Emulate the bench until Ctrl-C; the exit code."""
+    """Run the emulator until Ctrl-C; the exit code."""
     from inkloop.bench.commands import emulate
 
     if options.scenario is None:

@@ -18,7 +18,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
     parser: argparse.ArgumentParser = commands.add_parser(
         "doctor",
-        help="check a bench: adapter, bus, nodes and their messages; advises on every finding",
+        help="check a bench: adapter, bus, nodes and their messages; gives advice on every finding",
         description="Check a bench. Exit code 0: ready to print; 1: errors found; 2: the scenario cannot be read.",
     )
     parser.add_argument(
@@ -28,7 +28,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
         metavar="SCENARIO",
         help="scenario file (.toml) with a [bench] (default: the bus of python-can's configuration)",
     )
-    parser.add_argument("--self-test", action="store_true", help="also test gate and lamp, after a question")
+    parser.add_argument("--self-test", action="store_true", help="also test gate and lamp, after confirmation")
     parser.add_argument("--yes", action="store_true", help="with --self-test: do not ask")
     parser.add_argument("--json", action="store_true", help="print the findings as JSON")
     add_overrides(parser)

@@ -65,7 +65,7 @@ def is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:
 
 @contextmanager
 def scenario_of(options: argparse.Namespace) -> Iterator[Scenario]:
-    """The scenario of the command line. Classes beside it may be its components. Raises ScenarioError."""
+    """The scenario of the command line. Classes next to it may be its components. Raises ScenarioError."""
     from inkloop.scenario.class_path import classes_from
     from inkloop.scenario.file import Scenario
 

@@ -18,7 +18,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
         "same requests again; 1: it does not, or the log cannot be used.",
     )
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder with its traffic log")
-    parser.add_argument("--log", type=Path, metavar="FILE", help="other log, .blf or .asc (default: the log of RUN)")
+    parser.add_argument("--log", type=Path, metavar="FILE", help="another log, .blf or .asc (default: the log of RUN)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="keep the replayed run in this new folder")
     add_overrides(parser)
     return parser

@@ -12,7 +12,7 @@ from inkloop.commands.options import screen
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
     parser: argparse.ArgumentParser = commands.add_parser(
-        "report", help="write the tables and pictures of a run folder again"
+        "report", help="rewrite the tables and pictures of a run folder"
     )
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder, as written by `inkloop run`")
     return parser

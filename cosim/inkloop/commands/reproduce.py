@@ -13,7 +13,7 @@ from inkloop.studies.reproduce import PAPERS
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
     parser: argparse.ArgumentParser = commands.add_parser(
-        "reproduce", help="compute the figures of a paper again and compare them with the printed ones"
+        "reproduce", help="recompute the figures of a paper and compare them with the published ones"
     )
     parser.add_argument("paper", choices=tuple(PAPERS), metavar="PAPER", help=f"one of {', '.join(PAPERS)}")
     parser.add_argument("--quick", action="store_true", help="fewer prints and coarser grids: half a minute at most")

@@ -13,13 +13,13 @@ from inkloop.studies.score import PLANTS
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
     parser: argparse.ArgumentParser = commands.add_parser(
-        "score", help="compare controllers, yours too, on the plants of the score board"
+        "score", help="compare controllers, including yours, on the plants of the score board"
     )
     parser.add_argument(
         "controller",
         nargs="?",
         metavar="MODULE:CLASS",
-        help="your controller, as kind in a scenario (default: all of inkloop's)",
+        help="your controller, as `kind` in a scenario (default: all of inkloop's)",
     )
     parser.add_argument(
         "--set",

@@ -2,7 +2,7 @@
 
 The options of a device are those of the model in its place, so that a scenario goes from one to the other by its kinds
 alone. A real device does not read them; they say how it is emulated. The package of the devices is loaded when one is
-checked, and opens nothing before it is initialized.
+checked; a device is constructed with the bus of its loop, and opens nothing before it is initialized.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, ClassVar, cast
 
 from numpy.typing import NDArray
 
-from inkloop.component import Component, Job, Ports
+from inkloop.component import Component, Job
 from inkloop.components.bench import Bench, load
 from inkloop.components.fmu_parameters import parse_model
 from inkloop.components.kind import Checked
@@ -24,7 +24,7 @@ LOGGER = "inkloop_hardware"
 
 @dataclass(frozen=True)
 class Device:
-    """A kind of device: the model in its place, and the class that drives it."""
+    """A kind of device: the model in its place, and the class that drives it, whose `ports(job)` need no bus."""
 
     kind: str
     model: str
@@ -33,10 +33,7 @@ class Device:
     path_option: ClassVar[str | None] = None
 
     def check(self, job: Job, options: Mapping[str, object]) -> Checked:
-        """Check the options of its model. Raises FmuError where that is not there.
-
-        The class is constructed for its ports, and again with the bench of its loop.
-        """
+        """Check the options of its model. Raises FmuError where that is not there."""
         parsed = parse_model(self.model, job, options)
         if parsed.errors:
             return Checked(self.kind, parsed.errors)
@@ -47,9 +44,7 @@ class Device:
             cure = {"cure_ms": bench.table.cure_ms} if self.model == "LayerDeposition" else {}
             return cast(Component, factory(own_job, bench.rig, journal=bench.journal, **cure))
 
-        component = construct(Bench())
-        component.terminate()
-        return Checked(self.kind, (), Ports.of(component), construct)
+        return Checked(self.kind, (), factory.ports(own_job), construct)
 
 
 KINDS: Mapping[str, Device] = {

@@ -81,8 +81,14 @@ def _make_model(model: str, form: str, file: Path, parsed: Parsed) -> FmuCompone
     if form == FORMS[0] or describe(file).grid == (sizes["nx"], sizes["ny"]):
         return FmuComponent(file, parameters=parsed.parameters, structural=sizes)
     with tempfile.TemporaryDirectory(prefix="inkloop-export-") as folder:  # a component keeps what it needs of the file
-        made = export_fmu(model, fmi="2" if form == "fmi2" else "3", nx=sizes["nx"], ny=sizes["ny"], fixed=True,
-                      out=Path(folder) / f"{model}.fmu")  # fmt: skip
+        made = export_fmu(
+            model,
+            fmi="2" if form == "fmi2" else "3",
+            nx=sizes["nx"],
+            ny=sizes["ny"],
+            fixed=True,
+            out=Path(folder) / f"{model}.fmu",
+        )
         return FmuComponent(made, parameters=parsed.parameters, structural=sizes)
 
 

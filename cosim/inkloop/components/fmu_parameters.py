@@ -45,7 +45,7 @@ class Parsed:
 
 
 def parse_model(model: str, job: Job, options: Mapping[str, object]) -> Parsed:
-    """The options of one of our FMUs; a preset stands where the table says nothing. Raises FmuError without the FMU."""
+    """The options of one of our FMUs; a preset gives what the table leaves out. Raises FmuError without the FMU."""
     form = options.get("fmi", FORMS[0])
     errors = [] if form in FORMS else [f"fmi is {form!r}; expected one of {', '.join(FORMS)}"]
     preset, wrong = preset_of(model, options.get("preset"))
@@ -98,11 +98,19 @@ def parse(
     has_grid = description.grid is not None or "nx" in description.default_sizes
     structural: dict[str, int] = {"nx": job.nx, "ny": job.ny} if has_grid else {}
     parameters = dict(defaults or {})
-    parameters |= {name: scaled(from_job[name], factor) for name, variable in known.items()
-                   if name in from_job and name not in structural and variable.causality == "parameter"
-                   and (factor := factor_from_job(name, variable))}  # fmt: skip
-    keys = {key: (variable, factor) for variable in known.values()
-            for key, factor in spellings(variable.name, variable.unit).items()}  # fmt: skip
+    parameters |= {
+        name: scaled(from_job[name], factor)
+        for name, variable in known.items()
+        if name in from_job
+        and name not in structural
+        and variable.causality == "parameter"
+        and (factor := factor_from_job(name, variable))
+    }
+    keys = {
+        key: (variable, factor)
+        for variable in known.values()
+        for key, factor in spellings(variable.name, variable.unit).items()
+    }
     written: dict[str, str] = {}
     given: dict[str, object] = {}
     for key, value in options.items():
@@ -114,7 +122,7 @@ def parse(
             continue
         variable, factor = keys[key]
         if variable.name in written:
-            errors.append(f"{key} says again what {written[variable.name]} says; keep one")
+            errors.append(f"{key} and {written[variable.name]} give the same value; keep one")
         written[variable.name] = key
         given[variable.name] = scaled(value, factor)
         if variable.causality != "structuralParameter":

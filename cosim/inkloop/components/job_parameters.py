@@ -20,8 +20,11 @@ _LENGTHS = frozenset({"pitch", "target_height", "height_start"})
 
 def parameters_from_job(job: Job) -> dict[str, Any]:
     """Values of the job in SI by the names of parameters."""
-    inks = {f"h{order}_{letter}": getattr(ink, f"h{order}")
-            for letter, ink in zip("ab", job.inks, strict=False) for order in (1, 2, 3)}  # fmt: skip
+    inks = {
+        f"h{order}_{letter}": getattr(ink, f"h{order}")
+        for letter, ink in zip("ab", job.inks, strict=False)
+        for order in (1, 2, 3)
+    }
     names = ("nx", "ny", "pitch", "target_height", "mask", "passes", "pass_order", "pass_rotation", "seed")
     surface = {} if job.height_start is None else {"height_start": job.height_start}
     return {name: getattr(job, name) for name in names} | inks | surface

@@ -24,7 +24,7 @@ class PlainPlant:
     """Steps its plant once for each layer commanded, and keeps the handshake for it.
 
     pattern_input: what to jet, any number type; height_output: the surface, in a unit of length. Both hold nx * ny
-    values, as a map or flat with the last index fastest. The plant's own clock goes on in its own steps only, each as
+    values, as a map or flat with the last index fastest. The plant's own clock advances in its own steps only, each as
     long as the communication step of its layer. Its other ports are handed through. Raises ValueError with what does
     not fit, later ComponentError.
     """
@@ -71,7 +71,7 @@ class PlainPlant:
         return b"".join([*parts, state])
 
     def restore(self, saved: bytes) -> None:
-        """Go on from a saved state. Raises ComponentError if it is too short to be one, or the plant refuses it."""
+        """Continue from a saved state. Raises ComponentError if it is too short to be one, or the plant refuses it."""
         if not hasattr(self._plant, "restore"):
             raise ComponentError("the plant cannot restore a state (it has no restore)")
         offset, values = 2 * _COUNTER_BYTES, {}

@@ -29,11 +29,13 @@ class PortTable(BaseModel):
     """One port: the FMU's own number is gain * (value in `unit`) + offset."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
-    variable: str = Field(description="its name in the FMU, or a template with {i}, {j} or {n}")
-    unit: str | None = Field(default=None, description="of the FMU's numbers, where the FMU declares none")
-    gain: _Finite = Field(default=1.0, description="of the FMU's own number per `unit`")
-    offset: _Finite = Field(default=0.0, description="the FMU's own number at zero")
-    first: int = Field(default=1, ge=0, description="where a template begins to count")
+    variable: str = Field(description="its name in the FMU, or a template with `{i}`, `{j}` or `{n}`")
+    unit: str | None = Field(
+        default=None, description="of the numbers in the FMU; none: the unit that the FMU declares"
+    )
+    gain: _Finite = Field(default=1.0, description="number in the FMU per `unit`")
+    offset: _Finite = Field(default=0.0, description="number in the FMU at zero")
+    first: int = Field(default=1, ge=0, description="first index of a template")
 
 
 def mapped_ports(
@@ -107,7 +109,7 @@ def _mapped(
 
 
 def _port(name: str, table: PortTable, job: Job, variables: Sequence[Port]) -> Port:
-    """A signal of the layer contract as that says; of another, what the variables are, in SI."""
+    """A signal of the layer contract as defined there; of another, what the variables are, in SI."""
     first, grid = variables[0], (job.nx, job.ny)
     if name in SIGNALS:
         return SIGNALS[name].port(grid)
@@ -145,5 +147,5 @@ def _taken_twice(
         twice = sorted({name for name in taken if taken.count(name) > 1})
         errors += [f"{OPTION}: {name} stands behind two ports; keep one" for name in twice]
         clash = sorted({each.port.name for each in mapped} & (ports.keys() - set(taken)))
-        errors += [f"{OPTION}.{name}: the FMU has a variable of that name besides; map it to another" for name in clash]
+        errors += [f"{OPTION}.{name}: the FMU also has a variable of that name; map it to another" for name in clash]
     return errors

@@ -1,6 +1,6 @@
 """Instruments by name: values of a model's parameters that belong together, in SI.
 
-A preset is chosen with `preset = "laser"` in a component's table; what else the table says wins over it.
+A preset is chosen with `preset = "laser"` in a component's table; other values of the table override it.
 """
 
 from __future__ import annotations

@@ -63,10 +63,10 @@ class Binding:
             else:
                 self._fmu.instantiate(loggingOn=True, logMessage=self._hear_fmi3)
         except Exception as error:  # FMPy raises a bare exception when the FMU returns no instance
-            said = self._said()
-            is_mixed = self._description.tool.startswith("inkloop ") and "instantiation token" in said
+            message = self._recent_messages()
+            is_mixed = self._description.tool.startswith("inkloop ") and "instantiation token" in message
             advice = "; its parts are of two builds: run make, or pip install again, then export it again"
-            raise ComponentError(f"the FMU made no instance{said}{advice if is_mixed else ''}") from error
+            raise ComponentError(f"the FMU made no instance{message}{advice if is_mixed else ''}") from error
 
     def configure(self, ports: Sequence[Port], values: Values) -> None:
         """Set structural parameters in Configuration Mode (FMI 3)."""
@@ -114,7 +114,7 @@ class Binding:
         self._messages.clear()
         answer = self._call(None, self._fmu.doStep, time, step)
         if self._fmi == 3 and answer[1]:
-            raise ComponentError(f"the FMU asks to end the simulation{self._said()}")
+            raise ComponentError(f"the FMU asks to end the simulation{self._recent_messages()}")
 
     def save(self) -> bytes:
         """The serialized state."""
@@ -155,7 +155,9 @@ class Binding:
             self.worst = max(self.worst, error.status)
             status = _STATUS[error.status] if error.status < len(_STATUS) else f"status {error.status}"
             place = f"{variables}: " if variables else ""
-            raise ComponentError(f"{place}{error.function} returned {status}{self._said(error.function)}") from error
+            raise ComponentError(
+                f"{place}{error.function} returned {status}{self._recent_messages(error.function)}"
+            ) from error
 
     def _groups(self, ports: Sequence[Port]) -> list[_Group]:
         key = tuple(port.name for port in ports)
@@ -197,7 +199,7 @@ class Binding:
     def _hear_fmi3(self, environment: object, status: int, category: bytes | None, message: bytes | None) -> None:
         self._hear(status, message)
 
-    def _said(self, function: str = "") -> str:
+    def _recent_messages(self, function: str = "") -> str:
         """Recent log messages of the FMU, only warnings and errors if there are any, without the function name."""
         complaints = [text for status, text in self._messages if status > WARNING]
         texts = [text.removeprefix(f"{function}: ") for text in complaints or [text for _, text in self._messages]]
@@ -227,7 +229,7 @@ def _fmi2_callbacks(environment: int, listener: Callable[[int, bytes | None], No
     """Callbacks of one instance.
 
     FMPy's proxy, which turns the logger's variable arguments into text, keeps one logger for the whole process;
-    therefore all instances share one, which tells them apart by their environment.
+    therefore all instances share one, which distinguishes them by their environment.
     """
     _listeners[environment] = listener
     callbacks = fmi2.fmi2CallbackFunctions()
@@ -242,7 +244,7 @@ def _fmi2_callbacks(environment: int, listener: Callable[[int, bytes | None], No
 @fmi2.fmi2CallbackLoggerTYPE  # type: ignore[untyped-decorator]  # ctypes function types are untyped
 def _shared_logger(environment: int | None, name: bytes, status: int, category: bytes, message: bytes) -> None:
     listener = _listeners.get(environment or 0)
-    if listener is None:  # an instance that someone else made in this process
+    if listener is None:  # an instance that other code made in this process
         printLogMessage(environment, name, status, category, message)
     else:
         listener(status, message)

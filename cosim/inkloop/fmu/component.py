@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from inkloop.fmu.binding import Binding
 
 
+_UNUSED = ("documentation", "sources", "terminalsAndIcons")
+"""Folders of an archive that an FMU cannot need while it runs."""
+
+
 def platform_error(description: FmuDescription) -> str | None:
     """The reason why this machine cannot run an FMU: it has no binary for the platform."""
     import fmpy
@@ -142,7 +146,8 @@ class FmuComponent:
         folder = Path(self._cleanup.enter_context(tempfile.TemporaryDirectory(prefix="inkloop-fmu-")))
         try:
             with zipfile.ZipFile(path) as archive:
-                archive.extractall(folder)
+                needed = [name for name in archive.namelist() if name.partition("/")[0] not in _UNUSED]
+                archive.extractall(folder, needed)
         except UNREADABLE as error:
             self._cleanup.close()
             raise FmuError(f"{path}: cannot be unpacked, it is damaged or the disk is full: {error}") from error

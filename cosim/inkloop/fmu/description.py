@@ -14,7 +14,7 @@ from inkloop.suggest import nearest
 
 @dataclass(frozen=True)
 class FmuDescription:
-    """An FMU as its modelDescription.xml tells it; `platforms` are the folders with binaries in the archive."""
+    """An FMU as described by its modelDescription.xml; `platforms` are the folders with binaries in the archive."""
 
     path: Path
     name: str

@@ -65,8 +65,9 @@ class Variable:
         """The same variable with its limits in another unit; factor: from there to its own."""
         if factor == 1.0:
             return self
-        low, high = (None if limit is None else f"{float(limit) / factor:.12g}"
-                     for limit in (self.minimum, self.maximum))  # fmt: skip
+        low, high = (
+            None if limit is None else f"{float(limit) / factor:.12g}" for limit in (self.minimum, self.maximum)
+        )
         return replace(self, unit=unit, minimum=low, maximum=high)
 
     def convert(self, value: object, sizes: Mapping[str, int]) -> NDArray[Any]:

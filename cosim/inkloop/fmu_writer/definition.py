@@ -62,7 +62,7 @@ class EnumerationDefinition:
 
 @dataclass(frozen=True)
 class ModelDefinition:
-    """A model: its variables in the order of the C table, and what a description says besides."""
+    """A model: its variables in the order of the C table, and what else a description contains."""
 
     name: str
     description: str
@@ -91,7 +91,7 @@ class ModelDefinition:
     def token(self, nx: int, ny: int, *, resizable: bool, mark: str = "") -> str:
         """GUID or instantiation token: the binary reads the grid from it, so one binary serves every grid.
 
-        mark: tells FMUs of one grid apart whose resources differ, up to 14 characters.
+        mark: distinguishes FMUs of one grid whose resources differ, up to 14 characters.
         """
         end = "-resizable" if resizable else f"-{mark}" if mark else ""
         return f"{self.name}-{self.fingerprint}-{nx}x{ny}{end}"
@@ -114,7 +114,7 @@ class ModelDefinition:
 
 
 def c_causality(variable: VariableDefinition) -> str:
-    """The causality as the binary tells it apart: what is tunable is one of its own."""
+    """The causality as the binary distinguishes it: tunable parameters are a separate one."""
     return "tunable" if variable.is_tunable else variable.causality
 
 

@@ -10,10 +10,20 @@ from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition
 from inkloop.units import BASE_UNITS, si_unit
 
 _DISPLAY_UNITS = {"1/m": "1/um", "m": "um", "m3": "um3", "rad": "deg", "s": "ms"}
-_FMI2_TYPES = {"real": "Real", "integer": "Integer", "boolean": "Boolean", "enumeration": "Enumeration",
-               "count": "Integer"}  # fmt: skip
-_FMI3_TYPES = {"real": "Float64", "integer": "Int32", "boolean": "Boolean", "enumeration": "Enumeration",
-               "count": "UInt64"}  # fmt: skip
+_FMI2_TYPES = {
+    "real": "Real",
+    "integer": "Integer",
+    "boolean": "Boolean",
+    "enumeration": "Enumeration",
+    "count": "Integer",
+}
+_FMI3_TYPES = {
+    "real": "Float64",
+    "integer": "Int32",
+    "boolean": "Boolean",
+    "enumeration": "Enumeration",
+    "count": "UInt64",
+}
 _LOG_CATEGORIES = {
     "logStatusDiscard": "Values and commands that were refused",
     "logStatusError": "Calls that were not allowed",
@@ -30,7 +40,7 @@ class Release:
 
 @dataclass(frozen=True)
 class Baked:
-    """What an FMU's resources change in its description: start values by name, and what is said of it as a whole.
+    """What an FMU's resources change in its description: start values by name, and its description as a whole.
 
     mark: see `ModelDefinition.token`; what is None stays as the model has it.
     """
@@ -56,8 +66,8 @@ def write(
     baked: Baked = PLAIN,
 ) -> bytes:
     """modelDescription.xml of one of the `FORMS` of this package; `sources` are the C files that make the binary."""
-    said = {name: getattr(baked, name) for name in ("description", "step_size", "stop_time")}
-    model = replace(model, **{name: value for name, value in said.items() if value is not None})
+    given = {name: getattr(baked, name) for name in ("description", "step_size", "stop_time")}
+    model = replace(model, **{name: value for name, value in given.items() if value is not None})
     starts = {**baked.starts, "nx": nx, "ny": ny}
     if form == "fmi2":
         return to_bytes(_fmi2(model, starts, model.token(nx, ny, resizable=False, mark=baked.mark), sources, release))
@@ -83,8 +93,15 @@ def _fmi3(
 ) -> ET.Element:
     nx, ny = int(starts["nx"]), int(starts["ny"])
     root = _root(model, release, fmiVersion="3.0", instantiationToken=token)
-    add(root, "CoSimulation", modelIdentifier=model.name, canHandleVariableCommunicationStepSize=True,
-        canGetAndSetFMUState=True, canSerializeFMUState=True, hasEventMode=False)  # fmt: skip
+    add(
+        root,
+        "CoSimulation",
+        modelIdentifier=model.name,
+        canHandleVariableCommunicationStepSize=True,
+        canGetAndSetFMUState=True,
+        canSerializeFMUState=True,
+        hasEventMode=False,
+    )
     _add_units(root, model)
     if model.types:
         types = add(root, "TypeDefinitions")
@@ -97,9 +114,10 @@ def _fmi3(
     references = {variable.name: number for number, variable in enumerate(model.exposed)}
     for v in model.exposed:
         sized = starts.get(v.name, v.start)
-        element = add(variables, _FMI3_TYPES[v.type], name=v.name, valueReference=references[v.name],
-                      description=v.description, **_roles(v, is_fixed), **_type_attributes(v),
-                      start=_start(v, sized, nx * ny if v.is_grid else 1))  # fmt: skip
+        start = _start(v, sized, nx * ny if v.is_grid else 1)
+        rest = {**_roles(v, is_fixed), **_type_attributes(v), "start": start}
+        named = {"name": v.name, "valueReference": references[v.name], "description": v.description}
+        element = add(variables, _FMI3_TYPES[v.type], **named, **rest)
         for axis, size in (("nx", nx), ("ny", ny)) if v.is_grid else ():
             add(element, "Dimension", **({"start": size} if is_fixed else {"valueReference": references[axis]}))
     structure = add(root, "ModelStructure")
@@ -116,9 +134,15 @@ def _fmi2(
 ) -> ET.Element:
     nx, ny = int(starts["nx"]), int(starts["ny"])
     root = _root(model, release, fmiVersion="2.0", guid=guid)
-    interface = add(root, "CoSimulation", modelIdentifier=model.name, canHandleVariableCommunicationStepSize=True,
-                    canNotUseMemoryManagementFunctions=True, canGetAndSetFMUstate=True,
-                    canSerializeFMUstate=True)  # fmt: skip
+    interface = add(
+        root,
+        "CoSimulation",
+        modelIdentifier=model.name,
+        canHandleVariableCommunicationStepSize=True,
+        canNotUseMemoryManagementFunctions=True,
+        canGetAndSetFMUstate=True,
+        canSerializeFMUstate=True,
+    )
     files = add(interface, "SourceFiles")
     for source in sources:
         add(files, "File", name=source)
@@ -137,8 +161,8 @@ def _fmi2(
             continue  # optional in FMI 2, and FMI Library takes it for a fault
         sized = starts.get(v.name, v.start)
         for offset, name in enumerate(_scalar_names(v, nx, ny)):
-            scalar = add(variables, "ScalarVariable", name=name, valueReference=first + offset,
-                         description=v.description, **_roles(v, True))  # fmt: skip
+            named = {"name": name, "valueReference": first + offset, "description": v.description}
+            scalar = add(variables, "ScalarVariable", **named, **_roles(v, True))
             add(scalar, _FMI2_TYPES[v.type], **_type_attributes(v), start=_start(v, sized, 1))
     structure = add(root, "ModelStructure")
     outputs, unknowns = add(structure, "Outputs"), add(structure, "InitialUnknowns")

@@ -15,7 +15,7 @@ FMI2_CELLS = 32 * 32
 """Cells up to which every importer that was tried reads an FMI 2 description in seconds."""
 
 LAYER_JOB = "LayerJob"
-"""The model that prints what its resources say, so that there is none without a scenario."""
+"""The model that prints what is in its resources, so that there is none without a scenario."""
 
 _log = logging.getLogger(__name__)
 
@@ -63,7 +63,12 @@ def export_fmu(
     if form == "fmi2" and nx * ny > FMI2_CELLS:
         _log.warning(
             "%s as FMI 2 with %d x %d cells has %d scalars per map: some importers take minutes to read that; "
-            "FMI 3 has no such cost", model, nx, ny, nx * ny)  # fmt: skip
+            "FMI 3 has no such cost",
+            model,
+            nx,
+            ny,
+            nx * ny,
+        )
     members = described(unpack(find_fmu(model, form)), form, nx, ny, __version__)
     if windows:
         from inkloop.fmu_writer.windows import with_windows_binary

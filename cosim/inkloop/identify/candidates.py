@@ -123,7 +123,7 @@ def _fit_caps(records: Records, cells: Cells) -> Model:
 
     found = least_squares(
         relative, [0.8, 1.0], bounds=([0.2, 0.05], [4.0, 20.0]), diff_step=[1e-3] * 2, max_nfev=EVALUATIONS
-    )  # fmt: skip
+    )
     return model(found.x)
 
 
@@ -136,24 +136,28 @@ def _fit_volume_area(records: Records, cells: Cells) -> Model:
 
     def model(x: NDArray[np.float64]) -> VolumeAreaDeposition:
         mv_plus, mv_minus, ma_minus = (float(g) for g in gains * x[1:4])
+        scale, radius = float(x[0]) * layer, float(x[4]) * first.pitch
+        passes = first.passes, first.pass_order, first.pass_rotation
         return VolumeAreaDeposition(
-            first.pitch, float(x[0]) * layer, mv_plus, mv_minus, 0.0, ma_minus, float(x[4]) * first.pitch, True, True,
-            1, first.passes, first.pass_order, first.pass_rotation,
-        )  # fmt: skip
+            first.pitch, scale, mv_plus, mv_minus, 0.0, ma_minus, radius, True, True, 1, *passes
+        )
 
     def relative(x: NDArray[np.float64]) -> NDArray[np.float64]:
         return _errors(model(x), records, cells) / layer
 
     found = least_squares(
-        relative, [1.0, 1.0, 1.0, 1.0, 0.6], bounds=([0.3, -5.0, 0.0, 0.0, 0.3], [3.0, 5.0, 10.0, 10.0, 1.4]),
-        diff_step=[1e-2] * 5, max_nfev=EVALUATIONS // 4,
-    )  # fmt: skip
+        relative,
+        [1.0, 1.0, 1.0, 1.0, 0.6],
+        bounds=([0.3, -5.0, 0.0, 0.0, 0.3], [3.0, 5.0, 10.0, 10.0, 1.4]),
+        diff_step=[1e-2] * 5,
+        max_nfev=EVALUATIONS // 4,
+    )
     return model(found.x)
 
 
 def _fit_young_laplace(records: Records, cells: Cells) -> Model:
     """The volume that the prints hold, and the contact angle with the least one-step error; small slopes. Four passes
-    of lines, as the paper prints, whatever the prints say of their passes.
+    of lines, as the paper prints, whatever passes the prints state.
     """
     pitch = records[0].pitch
     volume = first_guess(records) * pitch**2

@@ -120,9 +120,11 @@ def _nominal(folder: Path) -> Sequence[Ink]:
 
 
 def _heights(found: Identification) -> Table:
-    table = Table(title=r"height that a droplet adds \[um], with 95 % intervals",
-                  caption=f"noise of a reading {found.noise_std * UM_PER_M:.3g} um; {found.ink.used} growths; droplets "
-                  f"vary by {found.ink.droplet_std:.1%}, with all that the model does not explain")  # fmt: skip
+    table = Table(
+        title=r"height that a droplet adds \[um], with 95 % intervals",
+        caption=f"noise of a reading {found.noise_std * UM_PER_M:.3g} um; {found.ink.used} growths; droplets "
+        f"vary by {found.ink.droplet_std:.1%}, with all that the model does not explain",
+    )
     for heading in ("method", "h1", "h2", "h3"):
         table.add_column(heading, justify="left" if heading == "method" else "right")
     if found.protocol is not None:
@@ -147,9 +149,10 @@ def _volume_area(found: Identification) -> Table:
         for name in known
     )
     areas = "" if estimate.area_known else "; no area was measured: ma_plus and ma_minus are the paper's"
-    table = Table(title="Wu and Chiu's coefficients by (17), and their error (21) by prior drops",
-                  caption=f"c {estimate.coefficients['height_scale'] * UM_PER_M:.3f} um; {gains} per um"
-                  f"{areas}")  # fmt: skip
+    table = Table(
+        title="Wu and Chiu's coefficients by (17), and their error (21) by prior drops",
+        caption=f"c {estimate.coefficients['height_scale'] * UM_PER_M:.3f} um; {gains} per um{areas}",
+    )
     table.add_column("prior drops")
     for prior in estimate.rms:
         table.add_column(prior, justify="right")
@@ -161,9 +164,11 @@ def _volume_area(found: Identification) -> Table:
 
 def _comparison(found: Identification) -> Table:
     floor = 2.0**0.5 * found.noise_std * UM_PER_M
-    table = Table(title="one step ahead, cells that the fit had not seen",
-                  caption=f"rms of scan less prediction; the noise of two scans alone is {floor:.3g} um; (21) is "
-                  "relative to the measured height")  # fmt: skip
+    table = Table(
+        title="one step ahead, cells that the fit had not seen",
+        caption=f"rms of scan less prediction; the noise of two scans alone is {floor:.3g} um; (21) is "
+        "relative to the measured height",
+    )
     table.add_column("model")
     table.add_column("rms [um]".replace("[", r"\["), justify="right")
     table.add_column("(21)", justify="right")

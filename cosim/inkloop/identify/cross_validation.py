@@ -21,7 +21,7 @@ CELLS_MIN = 3  # cells along x of a stripe, so that it holds more than borders
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """One model. model: fitted to everything; score: of cells that its fit had not seen; errors: by print (layers, nx,
-    ny) scan less prediction of those [m]. Where it could not be fitted, `refusal` says why and the others are None.
+    ny) scan less prediction of those [m]. Where it could not be fitted, `refusal` is the reason, the others are None.
     """
 
     name: str

@@ -58,7 +58,7 @@ def droplets(nx: int, ny: int, seed: int = 0) -> list[Pattern]:
 
 
 def layers(nx: int, ny: int, count: int, seed: int = 0, margin: int = 2) -> list[Pattern]:
-    """`count` layers: half a checkerboard and half stripes, which tell h1, h2 and h3 apart best on flat ground, then
+    """`count` layers: half a checkerboard and half stripes, which separate h1, h2 and h3 best on flat ground, then
     random ones of half, three quarters and a quarter of the cells, which make steps.
     """
     i, j = np.indices((nx, ny))

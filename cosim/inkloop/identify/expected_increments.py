@@ -23,12 +23,19 @@ NO_WIDTH = 1e-30  # of an ink that adds nothing [m]: only keeps the quotient def
 
 def expected_share(rise: FloatMap, variance: FloatMap, width: FloatMap) -> FloatMap:
     """(n,): mean of clip(1 + r / width, 0, 1) over r ~ N(rise, variance); all (n,) [m], [m^2], [m]."""
-    share = np.clip(1.0 + rise / width, 0.0, 1.0)
     unsure = variance > (1e-12 * width) ** 2
+    if unsure.all():
+        return _normal_share(rise, variance, width)
+    share = np.clip(1.0 + rise / width, 0.0, 1.0)
     if unsure.any():
-        r, w, spread = rise[unsure], width[unsure], np.sqrt(variance[unsure])
-        share[unsure] = np.clip((_above_zero(r + w, spread) - _above_zero(r, spread)) / w, 0.0, 1.0)
+        share[unsure] = _normal_share(rise[unsure], variance[unsure], width[unsure])
     return share
+
+
+def _normal_share(rise: FloatMap, variance: FloatMap, width: FloatMap) -> FloatMap:
+    """`expected_share` where the variance is more than rounding."""
+    spread = np.sqrt(variance)
+    return np.clip((_above_zero(rise + width, spread) - _above_zero(rise, spread)) / width, 0.0, 1.0)
 
 
 def _above_zero(mean: FloatMap, spread: FloatMap) -> FloatMap:
@@ -72,27 +79,31 @@ def _rates_of_pass(
     i, j = np.nonzero(pattern)
     material = pattern[i, j] - 1
     own = heights[material].T  # (heights, droplets) [m]
+    widths = np.maximum(own[0] + own, NO_WIDTH)
+    here, here_variance = height[i, j], variance[i, j]
     padded, padded_variance = np.pad(height, reach), np.pad(variance, reach)
-    rates = np.zeros((materials, count, nx + 2 * reach, ny + 2 * reach))
-    squares, kept = np.zeros(padded.shape), np.zeros((count, i.size))
+    is_outside = np.pad(np.zeros((nx, ny), np.bool_), reach, constant_values=True).ravel()
+    rates = np.zeros((materials, count, *padded.shape))
+    squares, kept = np.zeros(padded.size), np.zeros((count, i.size))
     kept[0] = 1.0
+    # flat views: an index of one number costs a quarter of one of four
+    row = padded.shape[1]
+    middle, first = (i + reach) * row + j + reach, material * (count * padded.size)
+    flat_height, flat_variance, flat_rates = padded.ravel(), padded_variance.ravel(), rates.ravel()
     for di in range(-reach, reach + 1):
         for dj in range(-reach, reach + 1):
             if di == dj == 0:
                 continue
             far, near = max(abs(di), abs(dj)), min(abs(di), abs(dj))
             kind = far * (far + 1) // 2 + near
-            there = (i + di + reach, j + dj + reach)
-            width = np.maximum(own[0] + own[kind], NO_WIDTH)
-            share = expected_share(height[i, j] - padded[there], variance[i, j] + padded_variance[there], width)
-            is_edge = (i + di < 0) | (i + di >= nx) | (j + dj < 0) | (j + dj >= ny)
-            share[is_edge] = 1.0
+            there = middle + (di * row + dj)
+            share = expected_share(here - flat_height[there], here_variance + flat_variance[there], widths[kind])
+            share[is_outside[there]] = 1.0
             kept[kind] += 1.0 - share
             squares[there] += (share * own[kind]) ** 2  # a neighbour has one droplet at this place of its own
-            rates[(material, kind, *there)] += share
-    middle = (i + reach, j + reach)
+            flat_rates[first + kind * padded.size + there] += share
     for kind in range(count):
-        rates[(material, kind, *middle)] += kept[kind]
+        flat_rates[first + kind * padded.size + middle] += kept[kind]
     squares[middle] += np.sum(own * kept, axis=0) ** 2
-    here = np.s_[reach : reach + nx, reach : reach + ny]
-    return rates[(np.s_[:], np.s_[:], *here)], squares[here]
+    inner = np.s_[reach : reach + nx, reach : reach + ny]
+    return rates[(np.s_[:], np.s_[:], *inner)], squares.reshape(padded.shape)[inner]

@@ -1,4 +1,4 @@
-"""Experiments on a plant: patterns that tell an ink are printed in a loop of the plant and its profiler, and recorded.
+"""Experiments on a plant: patterns that identify an ink, printed in a loop of the plant and its profiler, and recorded.
 
 The plant is the printer of a scenario, with that scenario's pitch, inks, process and profiler; or any kind of the
 catalog or FMU file in a loop made for it.

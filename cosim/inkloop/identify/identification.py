@@ -1,4 +1,4 @@
-"""Everything that the prints of one ink tell: its heights by each method, and all models side by side."""
+"""Everything that the prints of one ink show: its heights by each method, and a comparison of all models."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from inkloop.units import UM_PER_M
 
 DENSE = 0.15  # of the touched cells are hit by a layer on average, else it is a print of motifs (assumed)
 
-GROWTHS_COMPARED = 12_000  # of cells: more tell models no better apart, but take longer (assumed)
+GROWTHS_COMPARED = 12_000  # of cells: more separate models no better, but take longer (assumed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +52,8 @@ def identify(
 ) -> Identification:
     """The ink of prints on one grid spacing; on_fit: called with the current fit, fits done and all fits.
 
-    noise_std: of a reading [m], left out: what cells show that no droplet reached. Layers of many droplets tell the ink
-    that is written down, if there are any: prints of motifs say what single droplets do, which is not the same on a
+    noise_std: of a reading [m], left out: what cells show that no droplet reached. Layers of many droplets give the ink
+    that is written down, if there are any: prints of motifs show what single droplets do, which is not the same on a
     real plant. Raises IdentificationError.
     """
     _check(records)

@@ -89,7 +89,7 @@ def identify_ink(
     """The heights whose predictions of the next scan err least (Gauss-Newton on the weighted prediction errors).
 
     noise_std: of a reading [m]; correct: False predicts from the measured surface as it is, for comparison; cells: by
-    print (nx, ny), which growths count. Raises IdentificationError where the patterns do not tell the heights apart.
+    print (nx, ny), which growths count. Raises IdentificationError where the patterns do not separate the heights.
     """
     materials, count = max(record.materials for record in records), HEIGHTS_BY_REACH[reach]
     counted = cells or [np.ones(record.shape, np.bool_) for record in records]
@@ -159,7 +159,7 @@ def _errors(
     cells: BoolMap,
     number: int,
 ) -> Iterator[_Errors]:
-    """The layers of print `number`, each predicted from what the scans before it say of its surface."""
+    """The layers of print `number`, each predicted from what the scans before it show of its surface."""
     noise = noise_std**2
     mean, variance = start_surface(record.measured[0], noise_std)
     reach = {count: reach for reach, count in HEIGHTS_BY_REACH.items()}[heights.shape[1]]
@@ -231,11 +231,11 @@ def _improved(
     information = (sensitivity * weight) @ sensitivity.T / total
     values, vectors = np.linalg.eigh(information)
     if values[0] < SINGULAR * values[-1]:
-        untold = vectors[:, values < SINGULAR * values[-1]]
-        mixed = np.flatnonzero((np.abs(untold) > 0.1).any(axis=1))
+        undetermined = vectors[:, values < SINGULAR * values[-1]]
+        mixed = np.flatnonzero((np.abs(undetermined) > 0.1).any(axis=1))
         named = ", ".join(f"h{k % heights.shape[1] + 1} of material {'AB'[k // heights.shape[1]]}" for k in mixed)
         raise IdentificationError(
-            f"the patterns do not tell {named} apart from the others; print single droplets, stripes and "
+            f"the patterns do not separate {named} from the others; print single droplets, stripes and "
             "checkerboards, or random patterns too"
         )
     free = heights.ravel() + np.linalg.solve(information, (sensitivity * weight) @ error / total)

@@ -29,7 +29,7 @@ def write_ink(found: Identification, path: Path, today: date) -> None:
     sources = ", ".join(record.name for record in found.records)
     for line in (
         f"Ink identified by inkloop {__version__} on {today.isoformat()} from {sources}.",
-        f'In a scenario beside this file:  [ink]  file = "{path.name}"',
+        f'In a scenario next to this file:  [ink]  file = "{path.name}"',
     ):
         document.add(tomlkit.comment(line))
     heights, widths = found.ink.heights, found.ink.half_widths

@@ -160,8 +160,8 @@ def _pattern(path: Path, rows_along: str | None, errors: list[str]) -> NDArray[n
         return np.zeros((1, 1), np.int32)
     if values.ndim != 2 or not np.isin(values, (0, 1, 2)).all():
         wrong = values[~np.isin(values, (0, 1, 2))]
-        said = f"holds {wrong.flat[0]:g}" if wrong.size else f"holds an array of shape {values.shape}"
-        errors.append(f"{path.name}: {said}; expected rows and columns of 0, 1 and 2")
+        problem = f"holds {wrong.flat[0]:g}" if wrong.size else f"holds an array of shape {values.shape}"
+        errors.append(f"{path.name}: {problem}; expected rows and columns of 0, 1 and 2")
         return np.zeros((1, 1), np.int32)
     along_x = (rows_along or ("y" if is_array else "x")) == "x"
     return np.ascontiguousarray(values.T if along_x else values, dtype=np.int32)

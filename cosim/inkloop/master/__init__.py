@@ -1,1 +1,1 @@
-"""The co-simulation master: who steps when, and what travels between components."""
+"""The co-simulation master: which component steps when, and what travels between them."""

@@ -69,7 +69,7 @@ class Event:
 class Manipulator:
     """Applies events to the values of a running loop. `components` must have the ports that `events` name.
 
-    A change of an output is seen by everybody, the record included; one of an input by its component alone.
+    A change of an output is seen by all components and the record; one of an input by its component alone.
     """
 
     def __init__(self, events: Sequence[Event], components: Mapping[str, HasPorts]) -> None:

@@ -1,6 +1,6 @@
 """The co-simulation master: order of execution, inputs and end of a run.
 
-Time is whole nanoseconds. At every communication point each component has stepped as far as its rate says, and the
+Time is whole nanoseconds. At every communication point each component has stepped as far as its rate requires, and the
 observers see the newest outputs of all. Components are always terminated.
 """
 
@@ -101,8 +101,8 @@ class Master:
 
         resume: the point to resume from, the start if None.
 
-        "done": the component that commands layers says so. "layers_max": that many layers are printed, and scanned
-        where somebody scans. "fault": a component's status is fault. "interrupted": Ctrl-C; all observers saw the last
+        "done": the component that commands layers reports it. "layers_max": that many layers are printed, and scanned
+        if a component scans. "fault": a component's status is fault. "interrupted": Ctrl-C; all observers saw the last
         communication point.
         """
         if time_max_ns is None and not (layers_max is not None and self._find(LAYERS_PRINTED)):
@@ -162,7 +162,7 @@ class Master:
         return checkpoint.time_ns
 
     def _step(self, time_ns: int, step: int) -> None:
-        """Bring every component whose turn it is to `time_ns`, then tell the observers."""
+        """Bring every component whose turn it is to `time_ns`, then inform the observers."""
         before = dict(self._outputs) if self._jacobi else self._outputs
         for name, component in self._components.items():
             if step % self._every[name]:
@@ -197,7 +197,7 @@ class Master:
         return self._manipulator.inputs(name, inputs, time_ns, self._commanded(outputs))
 
     def _publish(self, name: str, outputs: Values, time_ns: int) -> None:
-        """Let everybody see the outputs of a step that began at `time_ns`."""
+        """Let all components see the outputs of a step that began at `time_ns`."""
         self._outputs[name] = self._checked(name, outputs)
         self._outputs[name] = self._manipulator.outputs(
             name, self._outputs[name], time_ns, self._commanded(self._outputs)

@@ -38,7 +38,7 @@ class Pacing:
         self._begin_ns = self._clock() - round(time_ns / self._factor)
 
     def wait(self, time_ns: int, is_cancelled: Callable[[], bool] = lambda: False) -> None:
-        """Return when `time_ns` is due, or soon after `is_cancelled` says so; note how late the loop came here."""
+        """Return when `time_ns` is due, or soon after `is_cancelled` is true; note how late the loop came here."""
         due_ns = self._begin_ns + round(time_ns / self._factor)
         self._lateness_ns.append(max(0, self._clock() - due_ns))
         while (left_ns := due_ns - self._clock()) > 0 and not is_cancelled():

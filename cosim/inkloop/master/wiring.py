@@ -67,8 +67,8 @@ class Transfer:
 def contract_connections(components: Mapping[str, HasPorts]) -> list[Connection]:
     """Every input from the one other component that has an output of the same name, a shadow only if no other has it.
 
-    An input with several such components is left open; `check` asks which one is meant. Who scans the height of a
-    shadow goes by the layers of the shadow, which may be a step behind the printer's.
+    An input with several such components is left open; `check` asks which one is meant. A component that scans a shadow
+    follows the layers of the shadow, which may be a step behind the printer's.
     """
     wires = []
     for name, component in components.items():
@@ -139,7 +139,7 @@ def _open_inputs(components: Mapping[str, HasPorts], fed: Mapping[str, str]) -> 
                 continue
             sources = _sources(components, name, port.name)
             if len(sources) > 1:
-                yield f"{place} may come from {' or '.join(sources)}; say which under [[connections]]"
+                yield f"{place} may come from {' or '.join(sources)}; choose one under [[connections]]"
             elif port.name in REQUIRED_INPUTS.difference(getattr(component, "optional_inputs", ())):
                 yield (
                     f"{place} is not connected: no other component has an output {port.name}; "
@@ -149,7 +149,7 @@ def _open_inputs(components: Mapping[str, HasPorts], fed: Mapping[str, str]) -> 
 
 def _mismatches(connection: Connection, source: Port, target: Port) -> Iterator[str]:
     strange = {f"[{port.unit}]" for port in (source, target) if not is_known(port.unit) and port.unit != "1"}
-    has_gain = bool(strange) and connection.gain != 1.0  # the gain says how one unit becomes the other
+    has_gain = bool(strange) and connection.gain != 1.0  # the gain converts one unit into the other
     is_one_quantity = has_gain or conversion(source.unit, target.unit) is not None
     for what, found, expected, fits in (
         ("quantity", f"[{source.unit}]", f"[{target.unit}]", is_one_quantity),
@@ -157,7 +157,7 @@ def _mismatches(connection: Connection, source: Port, target: Port) -> Iterator[
         ("type", source.dtype, target.dtype, source.dtype == target.dtype),
     ):
         if not fits:
-            advice = f", or a gain that says how {found} becomes {expected}" if strange & {found, expected} else ""
+            advice = f", or a gain that converts {found} into {expected}" if strange & {found, expected} else ""
             yield f"{connection.source} gives {found}, {connection.target} takes {expected}: same {what} needed{advice}"
     if is_one_quantity and not Transfer.of(connection, source, target).is_plain and not _is_float(source):
         yield (

@@ -22,8 +22,9 @@ def reference_cells(mask: BoolMap, margin: int) -> BoolMap:
     near = mask.copy()
     for _ in range(margin):
         padded = np.pad(near, 1)
-        near = np.logical_or.reduce([padded[i : i + near.shape[0], j : j + near.shape[1]]
-                                     for i in range(3) for j in range(3)])  # fmt: skip
+        near = np.logical_or.reduce(
+            [padded[i : i + near.shape[0], j : j + near.shape[1]] for i in range(3) for j in range(3)]
+        )
     return ~near
 
 

@@ -28,7 +28,7 @@ class _Sight:
 
 @dataclass
 class Wait:
-    """A layer that is awaited since a time of the clock [s], and after how long to say so next [s]."""
+    """A layer that is awaited since a time of the clock [s], and after how long to report it next [s]."""
 
     layer: int
     since: float

@@ -36,7 +36,7 @@ def read_instrument(path: Path) -> FileContents:
         topography = read_topography(str(path))
         heights = np.ma.filled(topography.heights().astype(np.float64), np.nan)
         unit, sizes = topography.unit, topography.physical_sizes
-    except Exception as error:  # each of its readers fails in its own way, on bytes that anybody may have written
+    except Exception as error:  # each of its readers fails in its own way, on bytes of unknown origin
         raise HeightMapError(f"{path}: SurfaceTopography cannot read it ({_first_line(error)})") from error
     if heights.ndim != 2:
         raise HeightMapError(f"{path}: holds a line of {heights.size} heights; expected a map")

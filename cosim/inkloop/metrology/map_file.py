@@ -17,7 +17,7 @@ from inkloop.metrology.file_contents import FileContents, length_factor, require
 from inkloop.metrology.height_map import HeightMap
 from inkloop.units import UM_PER_M
 
-PIXEL_TOLERANCE = 0.01  # files round what they say of their pixels (assumed)
+PIXEL_TOLERANCE = 0.01  # files round the size of their pixels (assumed)
 
 READERS: Mapping[str, tuple[str, str]] = {
     **dict.fromkeys((".csv", ".txt", ".tsv", ".asc"), ("inkloop.metrology.table_file", "read_table")),
@@ -40,7 +40,7 @@ def read(
 ) -> HeightMap:
     """The map in a file: CSV, NPY, NPZ, TIFF, SDF, and with `inkloop[metrology]` SUR, X3P and some 40 formats more.
 
-    unit: of the heights, "nm", "um", "mm" or "m"; pixel: size, or (dx, dy) [m]; both may be left to a file that says
+    unit: of the heights, "nm", "um", "mm" or "m"; pixel: size, or (dx, dy) [m]; both may be left to a file that states
     them, and may not contradict it. scale: height of one count in `unit`, for files of whole-number counts.
     invalid_value: the number that marks a pixel without a height, as stored. rows_along: "x" where a stored row lies
     along x (default of tables and pictures), "y" where the first index goes along x (default of NPY and NPZ).
@@ -81,8 +81,10 @@ def _contents(path: Path) -> FileContents:
     except OSError as error:
         raise HeightMapError(f"{path}: cannot be read: {error.strerror or error}") from error
     except Exception as error:  # each library fails in its own way on bytes that are cut off or altered
-        said = (str(error).splitlines() or [""])[0]
-        raise HeightMapError(f"{path}: is damaged, or its suffix is wrong ({type(error).__name__}: {said})") from error
+        reason = (str(error).splitlines() or [""])[0]
+        raise HeightMapError(
+            f"{path}: is damaged, or its suffix is wrong ({type(error).__name__}: {reason})"
+        ) from error
 
 
 def _factor(path: Path, contents: FileContents, unit: str | None, errors: list[str]) -> float:
@@ -93,10 +95,10 @@ def _factor(path: Path, contents: FileContents, unit: str | None, errors: list[s
     if unit is None and contents.unit is None:
         errors.append("does not declare the unit of its heights; give unit: nm, um, mm or m")
         return 1.0
-    said = required_factor(str(path), contents.unit if contents.unit is not None else str(unit))
-    if unit is not None and length_factor(unit) != said:
+    declared = required_factor(str(path), contents.unit if contents.unit is not None else str(unit))
+    if unit is not None and length_factor(unit) != declared:
         errors.append(f"declares heights in {contents.unit}, but unit is {unit!r}; leave unit out or correct it")
-    return said
+    return declared
 
 
 def _pixel(contents: FileContents, pixel: float | tuple[float, float] | None, errors: list[str]) -> tuple[float, float]:
@@ -108,6 +110,6 @@ def _pixel(contents: FileContents, pixel: float | tuple[float, float] | None, er
         errors.append(f"pixel is {asked} m; expected lengths above 0")
         return 1.0, 1.0
     if asked and contents.pixel and not np.allclose(asked, contents.pixel, rtol=PIXEL_TOLERANCE, atol=0.0):
-        said, given = (" x ".join(f"{size * UM_PER_M:g}" for size in sizes) for sizes in (contents.pixel, asked))
-        errors.append(f"declares pixels of {said} um, but pixel is {given} um; leave pixel out or correct it")
+        declared, given = (" x ".join(f"{size * UM_PER_M:g}" for size in sizes) for sizes in (contents.pixel, asked))
+        errors.append(f"declares pixels of {declared} um, but pixel is {given} um; leave pixel out or correct it")
     return contents.pixel or asked or (1.0, 1.0)

@@ -29,7 +29,7 @@ _NORMAL = 1.4826  # standard deviation of a normal distribution over its median 
 _ROUNDS = 3
 
 Move: TypeAlias = tuple[float, float, float]
-"""Shift along x and y [m] and turn [rad] about the middle of the map, besides the registration to start from."""
+"""Shift along x and y [m] and turn [rad] about the middle of the map, added to the registration to start from."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def fit_to_surface(
     HeightMapError where less than `EXPLAINED_MIN` is explained, or the best place is at the edge of what was searched.
     """
     if np.ptp(surface) == 0.0:
-        raise HeightMapError(f"{map_.source}: the known surface is flat, so nothing tells where the map lies")
+        raise HeightMapError(f"{map_.source}: the known surface is flat, so the position of the map is undetermined")
     coarse = _Relief.of(map_, surface, pitch, start, 1, SEARCH_POINTS_MAX)
     shifts = np.arange(-math.ceil(2 * reach / pitch), math.ceil(2 * reach / pitch) + 1) * pitch / 2
     turns = np.linspace(-rotation_reach, rotation_reach, ROTATION_STEPS if rotation_reach > 0.0 else 1)
@@ -83,7 +83,7 @@ def fit_to_surface(
     if max(abs(move[0]), abs(move[1])) > reach or abs(move[2]) > rotation_reach * 1.2 + 1e-12:
         raise HeightMapError(
             f"{map_.source}: the part seems to lie {move[0] * UM_PER_M:.0f}, {move[1] * UM_PER_M:.0f} um and "
-            f"{math.degrees(move[2]):.2f} deg from where it was said to; beyond what is searched: correct "
+            f"{math.degrees(move[2]):.2f} deg from the given registration; beyond what is searched: correct "
             "offset and rotation, or search wider"
         )
     count = 3 if rotation_reach > 0.0 else 2
@@ -118,7 +118,9 @@ class _Relief:
         every = max(1, -(-z.size // points_max))
         x, y, z = x[::every], y[::every], z[::every]
         if z.size < 4 * 3:
-            raise HeightMapError(f"{map_.source}: {z.size} places were measured; too few to tell where the map lies")
+            raise HeightMapError(
+                f"{map_.source}: {z.size} places were measured; too few to find the position of the map"
+            )
         x, y = start.to_grid(x, y)
         reach = max(np.ptp(x), np.ptp(y), pitch)
         plane, _ = np.linalg.qr(np.stack([np.ones_like(x), (x - x.mean()) / reach, (y - y.mean()) / reach], axis=1))
@@ -197,7 +199,7 @@ def _refined(relief: _Relief, first: Move, pitch: float, may_turn: bool) -> Move
         residuals = relief.residuals(move)
         noise = _NORMAL * float(np.median(np.abs(residuals)))
         step = relief.gain(move) * float(np.ptp(relief.surface))
-        outliers = np.abs(residuals) > max(CLIP * noise, 0.5 * step)  # no less: flanks differ most and say most
+        outliers = np.abs(residuals) > max(CLIP * noise, 0.5 * step)  # no less: flanks differ most and determine most
         if not outliers.any() or outliers.mean() > 0.5:
             break
         relief, first = relief.without(outliers), move

@@ -8,21 +8,20 @@ import logging
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar
 from zipfile import BadZipFile
 
 import numpy as np
-from pydantic import Field
 
 from inkloop.component import Job, Status, Values
 from inkloop.components.devices import LOGGER
 from inkloop.contract import LAYERS_PRINTED, LAYERS_SCANNED, MEASURED_HEIGHT, STATUS, VALID, contract_ports
 from inkloop.errors import ComponentError, HeightMapError
-from inkloop.metrology.datum import Datum
-from inkloop.metrology.folder_watch import Complete, FolderWatch, Wait, name_errors
-from inkloop.metrology.height_map import HeightMap, Mirror
+from inkloop.metrology import map_folder_options as options
+from inkloop.metrology.folder_watch import FolderWatch, Wait, name_errors
+from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_file import read
-from inkloop.metrology.placement import Method, Placement
+from inkloop.metrology.placement import Placement
 from inkloop.metrology.registration import Registration, from_fiducials
 from inkloop.units import M_PER_UM
 
@@ -32,9 +31,6 @@ NEXT_WORD_S = 30.0
 FIT_REACH_CELLS = 3
 FIDUCIAL_SHARE = 0.1  # of the pitch that fiducials may be off by (assumed)
 
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Point = Annotated[list[Finite], Field(min_length=2, max_length=2)]
 _LOG = logging.getLogger(f"{LOGGER}.map_folder")
 
 
@@ -42,8 +38,8 @@ class MapFolder:
     """Scans the newest printed layer by waiting for its file, and lays it over the grid.
 
     Each step waits a moment and leaves the loop running: `status` is busy until the file is there and complete, and the
-    run ends with a message after `timeout_s` (wall clock). Options: see the page of the scenario file. Raises
-    ValueError with what does not fit together, later ComponentError.
+    run ends with a message after `timeout_s` (wall clock). Options: see map_folder_options. Raises ValueError with what
+    does not fit together, later ComponentError.
     """
 
     is_device: ClassVar[bool] = True
@@ -52,30 +48,30 @@ class MapFolder:
         self,
         job: Job,
         *,
-        folder: str,
-        file_name: str = "layer_{layer:04d}.csv",
-        unit: Literal["nm", "um", "mm", "m"] | None = None,
-        pixel_um: Positive | None = None,
-        count_scale: Positive | None = None,
-        invalid_value: Finite | None = None,
-        rows_along: Literal["x", "y"] | None = None,
-        registration: Method = "given",
-        offset_x_um: Finite = 0.0,
-        offset_y_um: Finite = 0.0,
-        rotation_deg: Finite = 0.0,
-        mirror: Mirror = "none",
-        fiducials_map_um: list[Point] | None = None,
-        fiducials_grid_um: list[Point] | None = None,
-        residual_max_um: Positive | None = None,
-        fit_reach_um: Positive | None = None,
-        fit_reach_deg: Annotated[float, Field(ge=0.0, le=45.0)] = 2.0,
-        valid_share_min: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5,
-        datum: Datum = "none",
-        datum_margin_cells: Annotated[int, Field(ge=1)] = 1,
-        complete: Complete = "stable",
-        settle_s: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.5,
-        timeout_s: Positive = 600.0,
-        replay: bool = False,
+        folder: options.Folder,
+        file_name: options.FileName = "layer_{layer:04d}.csv",
+        unit: options.Unit = None,
+        pixel_um: options.Pixel = None,
+        count_scale: options.CountScale = None,
+        invalid_value: options.InvalidValue = None,
+        rows_along: options.RowsAlong = None,
+        registration: options.Registered = "given",
+        offset_x_um: options.OffsetX = 0.0,
+        offset_y_um: options.OffsetY = 0.0,
+        rotation_deg: options.Rotation = 0.0,
+        mirror: options.Mirrored = "none",
+        fiducials_map_um: options.FiducialsOnMap = None,
+        fiducials_grid_um: options.FiducialsOnGrid = None,
+        residual_max_um: options.ResidualMax = None,
+        fit_reach_um: options.FitReach = None,
+        fit_reach_deg: options.FitReachAngle = 2.0,
+        valid_share_min: options.ValidShareMin = 0.5,
+        datum: options.Levelled = "none",
+        datum_margin_cells: options.DatumMargin = 1,
+        complete: options.Completion = "stable",
+        settle_s: options.Settling = 0.5,
+        timeout_s: options.Timeout = 600.0,
+        replay: options.Replay = False,
     ) -> None:
         errors = name_errors(file_name)
         placed = Registration(offset_x_um * M_PER_UM, offset_y_um * M_PER_UM, math.radians(rotation_deg), mirror=mirror)
@@ -152,7 +148,7 @@ class MapFolder:
         return buffer.getvalue()
 
     def restore(self, saved: bytes) -> None:
-        """Go on after the scan of a saved state. Raises ComponentError if it is none of this grid."""
+        """Continue after the scan of a saved state. Raises ComponentError if it is none of this grid."""
         try:
             with np.load(io.BytesIO(saved), allow_pickle=False) as stored:
                 height, valid = stored["height"], stored["valid"]
@@ -191,8 +187,9 @@ class MapFolder:
             raise ComponentError(self._too_late(layer))
         if waited >= self._wait.next_word_s:
             self._wait.next_word_s += NEXT_WORD_S
-            _LOG.info("layer %d is printed: waiting for %s since %.0f s (up to %.0f s)", layer, self._watch.path(layer),
-                      waited, self._timeout_s)  # fmt: skip
+            expected = self._watch.path(layer)
+            text = "layer %d is printed: waiting for %s since %.0f s (up to %.0f s)"
+            _LOG.info(text, layer, expected, waited, self._timeout_s)
         return None
 
     def _too_late(self, layer: int) -> str:

@@ -27,7 +27,7 @@ def read_table(path: Path) -> FileContents:
     """A table separated by semicolons, tabs, commas or spaces; row 0 is the first row along y.
 
     Decimal point or comma, as the table has it. An empty field, BAD, NaN, --- ... is a pixel without a height. The
-    header may say the unit of the heights and the size of a pixel, see `table_header`. Raises HeightMapError, OSError.
+    header may state the unit of the heights and the pixel size, see `table_header`. Raises HeightMapError, OSError.
     """
     lines = _decoded(path.read_bytes()).splitlines()
     first, separator = _first_row(path, lines)

@@ -37,7 +37,7 @@ _FIELD_Y = {"height", "field height", "y size", "size y"}
 def read_header(lines: Sequence[str], columns: int, rows: int) -> tuple[str | None, tuple[float, float] | None]:
     """Unit of the heights and pixel size (dx, dy) [m] from the lines; None if missing.
 
-    columns, rows: size of the table, for files that say how wide and high the field is.
+    columns, rows: size of the table, for files that state how wide and high the field is.
     """
     unit: str | None = None
     sizes: dict[str, float] = {}

@@ -14,6 +14,7 @@ from inkloop.metrology.file_contents import FileContents, length_factor
 
 _CENTIMETRE = 3  # TIFF 6.0, tag 296; 2 is the inch, in which picture programs write 72 or 300 without meaning it
 _CENTIMETRE_M = 0.01
+_PACKED_AT_MOST = 10_000  # bytes from one byte; deflate makes 1032, other methods some more of an even surface
 
 
 def read_tiff(path: Path) -> FileContents:
@@ -24,6 +25,8 @@ def read_tiff(path: Path) -> FileContents:
     """
     try:
         with tifffile.TiffFile(path) as file:
+            if error := _size_error(file):
+                raise HeightMapError(f"{path}: {error}")
             values = file.series[0].asarray()
             if file.is_ome and file.ome_metadata:
                 return FileContents(values, pixel=_ome_pixel(file.ome_metadata))
@@ -37,6 +40,15 @@ def read_tiff(path: Path) -> FileContents:
             *_calibrated(values, imagej), pixel=_size(resolution, length_factor(str(imagej.get("unit"))))
         )
     return FileContents(values, pixel=_size(resolution, _CENTIMETRE_M if in_centimetres else None))
+
+
+def _size_error(file: tifffile.TiffFile) -> str | None:
+    """The reason why the picture cannot be in the file: a damaged header may declare more than memory holds."""
+    picture, length = file.series[0], file.filehandle.size
+    is_packed = file.pages.first.compression != tifffile.COMPRESSION.NONE
+    if picture.nbytes <= length * (_PACKED_AT_MOST if is_packed else 1):
+        return None
+    return f"is damaged: declares {' x '.join(map(str, picture.shape))} pixels of {picture.dtype} in {length} bytes"
 
 
 def _calibrated(values: Any, imagej: dict[str, Any]) -> tuple[Any, str | None]:

@@ -98,9 +98,15 @@ class VolumeAreaDeposition:
         jetted, drops = pattern_of(pattern, shape), volumes(volume, shape)
         map_ = InkMapStruct(reals(substrate), reals(height), reals(area), nx, ny)
         model = DropModelStruct(
-            self.height_scale, self.mv_plus, self.mv_minus, self.ma_plus, self.ma_minus, self._cap_shares(), self.guard,
+            self.height_scale,
+            self.mv_plus,
+            self.mv_minus,
+            self.ma_plus,
+            self.ma_minus,
+            self._cap_shares(),
+            self.guard,
             self.limit_gains,
-        )  # fmt: skip
+        )
         cells = self._sequence(jetted, number)
         library().inkloop_add_drops(
             ctypes.byref(map_), ctypes.byref(model), cells.ctypes.data_as(SIZES), cells.size, reals(drops)

@@ -28,7 +28,7 @@ class _OnScreen(logging.Handler):
 def live_words(console: Console, folder: Path | None) -> Iterator[None]:
     """Within the block every sentence of a device is shown, and added with its time to the log of the folder.
 
-    The folder has to be there when the first word is said.
+    The folder has to exist when the first message comes.
     """
     handlers: list[logging.Handler] = [_OnScreen(console)]
     if folder is not None:

@@ -1,4 +1,4 @@
-"""Check that an emulated bench listens at the scenario's channel before a print begins."""
+"""Check that the emulator listens at the scenario's channel before a print begins."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _LOCAL = re.compile(r"socket://127\.0\.0\.1:(\d+)")
 
 
 def local_port(channel: str | None) -> int | None:
-    """Port of a channel on this machine that an emulated bench may listen at; None for any other channel."""
+    """Port of a channel on this machine that the emulator may listen at; None for any other channel."""
     found = _LOCAL.fullmatch(channel or "")
     return int(found[1]) if found else None
 
@@ -28,5 +28,5 @@ def check_listening(scenario: Scenario) -> None:
     except OSError as error:
         raise ComponentError(
             f"nothing listens at {channel}, the channel of [bench] ({error.strerror or error}); "
-            f"`inkloop bench {scenario.source}` in another terminal starts an emulated bench there"
+            f"`inkloop bench {scenario.source}` in another terminal starts the emulator there"
         ) from error

@@ -29,7 +29,7 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP)  # of a file system that keeps none: n
 
 @contextmanager
 def sole_writer(folder: Path) -> Iterator[None]:
-    """Nobody else writes a run into `folder` during the block; the folder is made, and goes if it stays empty.
+    """No other process writes a run into `folder` during the block; the folder is made, and goes if it stays empty.
 
     Raises ResultError if another process does, naming it, or if the folder cannot be written.
     """

@@ -68,8 +68,8 @@ class Print:
         except ComponentError as error:
             if self._folder and self._checkpoints and self._checkpoints.layer is not None:
                 self._result("failed").save(self._folder)
-                said = str(error).replace("inkloop device SCENARIO", f"inkloop device {self._folder}")
-                raise ComponentError(f"{said}\n{_advice(self._folder, self._checkpoints)}") from error
+                message = str(error).replace("inkloop device SCENARIO", f"inkloop device {self._folder}")
+                raise ComponentError(f"{message}\n{_advice(self._folder, self._checkpoints)}") from error
             raise
         result = self._result(reason)
         if self._folder:

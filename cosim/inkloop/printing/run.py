@@ -57,8 +57,11 @@ def resume(folder: Path, console: Console) -> int:
     for place in finished:
         remove_layers(place)  # there still if it was stopped between saving and this
     if finished == places:
-        console.print(f"{folder}: the run is finished ({record['stop_reason']}), nothing is changed; "
-                      f"`inkloop report {folder}` shows it", highlight=False)  # fmt: skip
+        console.print(
+            f"{folder}: the run is finished ({record['stop_reason']}), nothing is changed; "
+            f"`inkloop report {folder}` shows it",
+            highlight=False,
+        )
         return 0
     return _print_all(scenario, folder, console, record["compare"])
 

@@ -163,8 +163,15 @@ def hardware_against_model(run: xr.Dataset, found: ModelDifference, name: str) -
     x, y = run.x.values * MM_PER_M, run.y.values * MM_PER_M
     extent = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
     for axes, layer in zip(maps, shown, strict=True):
-        image = axes.imshow(found.maps[layer].T * UM_PER_M, origin="lower", extent=extent, interpolation="nearest",
-                            cmap="RdBu_r", vmin=-limit, vmax=limit)  # fmt: skip
+        image = axes.imshow(
+            found.maps[layer].T * UM_PER_M,
+            origin="lower",
+            extent=extent,
+            interpolation="nearest",
+            cmap="RdBu_r",
+            vmin=-limit,
+            vmax=limit,
+        )
         axes.set(title=f"layer {layer}", xlabel="x [mm]")
     maps[0].set_ylabel("y [mm]")
     above.suptitle(f"{name}: measured less {found.model}", fontsize=8)

@@ -27,7 +27,7 @@ from inkloop.units import MM_PER_M, UM_PER_M
 WIDTH_IN = 7.0
 COLOURS = ("#0b5fa5", "#c8541b", "#3a7d44", "#7b4b94", "#8a6d1f")
 MATERIAL_COLOURS = ListedColormap(["#ffffff00", "#0b5fa5", "#e3c9a0"])
-# The first run lies broad below, the others thin above it, so that lines that coincide can be told apart.
+# The first run lies broad below, the others thin above it, so that both of two coinciding lines are visible.
 LINES: tuple[dict[str, Any], ...] = (
     {"color": COLOURS[0], "linewidth": 2.4},
     *({"color": colour, "linewidth": 1.0} for colour in COLOURS[1:]),
@@ -110,8 +110,8 @@ def cross_section(runs: Runs) -> Figure:
         top.plot(x, errors[name], marker=".", ms=4, **line)
         mean = float(np.nanmean(errors[name]))
         if abs(mean) > limit:
-            top.text(0.01, 0.05 if mean < 0 else 0.9, f"{name}: {mean:+.0f} µm, out of the frame", color=line["color"],
-                     transform=top.transAxes)  # fmt: skip
+            text, place = f"{name}: {mean:+.0f} µm, out of the frame", (0.01, 0.05 if mean < 0 else 0.9)
+            top.text(*place, text, color=line["color"], transform=top.transAxes)
     whole.set(ylabel="height [µm]", ylim=(0, None), title=f"cut at y = {float(first.y[row]) * MM_PER_M:.2f} mm")
     whole.legend(loc="lower center", ncols=2)
     top.axhline(0, color="black", linestyle="--", linewidth=1)
@@ -125,8 +125,9 @@ def error_map(run: xr.Dataset, name: str) -> Figure:
     limit = max(float(np.nanquantile(np.abs(error), 0.99)), 1e-3)
     figure = _figure(3.2)
     plane, counts = figure.subplots(1, 2, width_ratios=(3, 2))
-    image = plane.imshow(error.T, origin="lower", extent=_extent(run), interpolation="nearest", cmap="RdBu",
-                         vmin=-limit, vmax=limit)  # fmt: skip
+    image = plane.imshow(
+        error.T, origin="lower", extent=_extent(run), interpolation="nearest", cmap="RdBu", vmin=-limit, vmax=limit
+    )
     figure.colorbar(image, ax=plane, label="target - height [µm]", extend="both")
     plane.set(xlabel="x [mm]", ylabel="y [mm]", title=f"{name}: {_figures(run)}")
     counts.hist(error[~np.isnan(error)], bins=30, color=COLOURS[0])
@@ -192,8 +193,8 @@ def materials(run: xr.Dataset, name: str) -> Figure:
     figure = _figure(2.6)
     axes = figure.subplots()
     extent = (float(run.x[0]) * MM_PER_M, float(run.x[-1]) * MM_PER_M, 0.0, cut.shape[1] * STEP_M * UM_PER_M)
-    axes.imshow(cut.T, origin="lower", extent=extent, aspect="auto", cmap=MATERIAL_COLOURS, vmin=0, vmax=2,
-                interpolation="nearest")  # fmt: skip
+    axes.imshow(cut.T, origin="lower", extent=extent, interpolation="nearest", cmap=MATERIAL_COLOURS, vmin=0, vmax=2)
+    axes.set_aspect("auto")
     axes.set(xlabel="x [mm]", ylabel="height [µm]", title=f"{name}: cut at y = {float(run.y[row]) * MM_PER_M:.2f} mm")
     inks = [Patch(color=MATERIAL_COLOURS(1), label="ink A"), Patch(color=MATERIAL_COLOURS(2), label="ink B")]
     axes.legend(handles=inks, loc="center left", bbox_to_anchor=(1, 0.5))
@@ -222,8 +223,15 @@ def comparison(runs: Runs, wall_s: Mapping[str, float]) -> Figure:
     above, below = np.ravel(np.asarray(figure.subfigures(2, 1, height_ratios=(6, 5)), dtype=object))
     maps = above.subplots(1, len(runs), squeeze=False)[0]
     for axes, (name, run) in zip(maps, runs.items(), strict=True):
-        image = axes.imshow(errors[name].T, origin="lower", extent=_extent(run), interpolation="nearest",
-                            cmap="RdBu", vmin=-limit, vmax=limit)  # fmt: skip
+        image = axes.imshow(
+            errors[name].T,
+            origin="lower",
+            extent=_extent(run),
+            interpolation="nearest",
+            cmap="RdBu",
+            vmin=-limit,
+            vmax=limit,
+        )
         axes.set(xlabel="x [mm]", title="\n".join((name, *_figures(run).split(", "))))
     maps[0].set_ylabel("y [mm]")
     above.colorbar(image, ax=list(maps), label="target - height [µm]", extend="both")

@@ -28,6 +28,7 @@ REMARKS = {
     "untrusted_cells": "untrusted cells: {}, unseen for too long, their heights are predictions",
     "dead_cells": "dead cells: {}, droplets commanded there bring nothing",
 }
+SCAN = ("shift_x", "shift_y", "shift_std", "spot_radius")
 ERRORS = {"mean error": "mean_error", "mean absolute error": "mae", "standard deviation": "std"}
 
 
@@ -76,8 +77,10 @@ def compare(folders: Sequence[Path], picture: Path) -> Table:
     loaded = {folder: Result.load(folder) for folder in folders}
     labels = [str(result.dataset.attrs["label"]) for result in loaded.values()]
     distinct = len(set(labels)) == len(labels)
-    runs = {label if distinct else str(folder): result
-            for label, (folder, result) in zip(labels, loaded.items(), strict=True)}  # fmt: skip
+    runs = {
+        label if distinct else str(folder): result
+        for label, (folder, result) in zip(labels, loaded.items(), strict=True)
+    }
     grids = [(folder, _grid(result)) for folder, result in loaded.items()]
     for folder, grid in grids[1:]:
         if grid != grids[0][1]:
@@ -151,17 +154,32 @@ def remarks(result: Result) -> list[str]:
 
     A sentence each; none where all is well.
     """
-    told = [(said, result.dataset[name]) for name, said in REMARKS.items() if name in result.dataset]
-    found = [said.format(cells[-1].item()) for said, cells in told if cells.dims == ("layer",) and cells[-1] > 0]
-    return found + _nothing_printed(result) + _unknown_layers(result.dataset) + _alarms(result.dataset)
+    counts = [(text, result.dataset[name]) for name, text in REMARKS.items() if name in result.dataset]
+    found = [text.format(cells[-1].item()) for text, cells in counts if cells.dims == ("layer",) and cells[-1] > 0]
+    run = result.dataset
+    return found + _corrected_scans(run) + _nothing_printed(result) + _unknown_layers(run) + _alarms(run)
+
+
+def _corrected_scans(run: xr.Dataset) -> list[str]:
+    """One sentence where the controller found that the sensor does not look where it should."""
+    if "scan_corrected" not in run or not run.scan_corrected[-1]:
+        return []
+    x, y, std, spot = (float(run[f"scan_{name}"][-1]) * UM_PER_M for name in SCAN)
+    wide = f", and the spot is {spot:.0f} um wide (standard deviation)" if spot > 0.0 else ""
+    return [
+        f"scans were corrected: the last one was shifted by {x:.1f} um along x and {y:.1f} um along y "
+        f"(+- {std:.1f} um){wide}; register the profiler with the printer"
+    ]
 
 
 def _nothing_printed(result: Result) -> list[str]:
     """One sentence where the controller was done before the first layer."""
     if result.stop_reason != "done" or result.dataset.sizes["layer"] > 1:
         return []
-    return ["nothing was printed: no layer would improve what the first scan shows. Where it shows an earlier part, "
-            "clear the machine, or restart `inkloop bench`"]  # fmt: skip
+    return [
+        "nothing was printed: no layer would improve what the first scan shows. Where it shows an earlier part, "
+        "clear the machine, or restart `inkloop bench`"
+    ]
 
 
 def _unknown_layers(run: xr.Dataset) -> list[str]:
@@ -185,8 +203,8 @@ def _alarms(run: xr.Dataset) -> list[str]:
         return unseen[:1]
     worst = max(strayed, key=lambda layer: float(growth[layer]))
     others = f"; {len(strayed)} layers in all, the first is layer {strayed[0]}" if len(strayed) > 1 else ""
-    said = f"layer {worst} grew otherwise than the shadow's model says, by {growth[worst] * UM_PER_M:.2f} um rms"
-    return [f"{said}{others}", *unseen[:1]]
+    remark = f"layer {worst} grew differently from the shadow's model, by {growth[worst] * UM_PER_M:.2f} um rms"
+    return [f"{remark}{others}", *unseen[:1]]
 
 
 def lines(folder: Path) -> list[str]:

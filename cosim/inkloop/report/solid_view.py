@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, map_coordinates
 
 Image = NDArray[np.float32]
 """(rows, columns) brightness 0 to 1, NaN where nothing is seen; row 0 at the bottom."""
@@ -20,6 +19,8 @@ def view(solid: NDArray[np.bool_], upright: float, *, azimuth_deg: float = -60.0
 
     upright: height of the box as a share of its longer side; azimuth and elevation as in Matplotlib.
     """
+    from scipy.ndimage import gaussian_filter, map_coordinates  # a quarter of a second that other reports need not wait
+
     density = gaussian_filter(np.pad(solid, 3).astype(np.float32), SMOOTHING_VOXELS)
     size = np.array([*(np.array(solid.shape[:2]) / max(solid.shape[:2])), upright])
     scale = (np.array(density.shape) - 1) / size
@@ -47,6 +48,8 @@ def _axes(azimuth: float, elevation: float) -> tuple[NDArray[np.float64], ...]:
 
 def _brightness(density: NDArray[np.float32], points: NDArray[np.float64], scale: NDArray[np.float64]) -> Image:
     """Lambert's law at points of the surface."""
+    from scipy.ndimage import map_coordinates
+
     slope = np.empty(points.shape)
     for axis in range(3):
         ahead = np.zeros(3)

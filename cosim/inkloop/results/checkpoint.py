@@ -45,7 +45,7 @@ class Checkpoints:
     """Observer of a master that writes a checkpoint per printed layer, and per scan, into the run folder `folder`.
 
     It stands after `recorder`, whose rows it writes. Where a component cannot save its state, the layers are written
-    all the same, and the checkpoint says why it cannot be resumed. With a device, whose layers cannot be printed
+    all the same, and the checkpoint states why it cannot be resumed. With a device, whose layers cannot be printed
     again, a checkpoint outlives a power failure too.
     """
 

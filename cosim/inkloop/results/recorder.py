@@ -1,9 +1,9 @@
 """Record of a run, layer by layer, by an observer that knows only the layer contract.
 
-Row k belongs to layer k, row 0 to the start surface. The roles are found by what a component puts out: who gives
-`layer_command` is the controller, `layers_printed` the printer, `layers_scanned` the profiler, `layers_followed` a
-shadow of the printer; any may be missing. A printer that cannot tell its surface, as no real one can, is judged by the
-scans of a real profiler, else by its shadow.
+Row k belongs to layer k, row 0 to the start surface. A component's outputs give its role: `layer_command` that of the
+controller, `layers_printed` of the printer, `layers_scanned` of the profiler, `layers_followed` of a shadow of the
+printer; any may be missing. A printer that does not report its surface, as no real one can, is judged by the scans of a
+real profiler, else by its shadow.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ LONG_NAMES = {
     PATTERN: "what was jetted in the layer: 0 none, 1 material A, 2 material B",
     "time": "time at which the layer was complete",
     "shadow_height": "surface of the model that follows the commanded patterns",
-    "shadow_status": "4: grown otherwise than the model says, or not to be compared; 3: so much that the run ended",
+    "shadow_status": "4: grew differently from the model, or could not be compared; 3: so much that the run ended",
     "growth_divergence": "rms over the part of what was scanned to be added less what the model adds",
     "surface_divergence": "rms over the part of scan less model",
     LAYER_UNKNOWN: "the layer was aborted: what of its pattern was jetted is unknown",
@@ -120,8 +120,11 @@ class Recorder:
 
     def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         """Row 0: the start surface; nothing if it resumes from the rows of an earlier part of the run."""
-        self._seen = {counter: int(outputs[self._roles[role]][counter]) for counter, role in COUNTER_ROLES.items()
-                      if role in self._roles}  # fmt: skip
+        self._seen = {
+            counter: int(outputs[self._roles[role]][counter])
+            for counter, role in COUNTER_ROLES.items()
+            if role in self._roles
+        }
         if self._layer_times:
             return
         if PRINTER in self._roles:
@@ -190,8 +193,8 @@ class Recorder:
         times = np.array([self._layer_times.get(layer, np.nan) for layer in range(count)])
         variables["time"] = _variable(("layer",), times, "s", LONG_NAMES["time"])
         if HEIGHT not in variables and (surface := self._surface_label()) in variables:
-            told = _carried(variables[surface].values, self._rows[surface])
-            variables[HEIGHT] = _variable(("layer", "x", "y"), told, "m", f"{LONG_NAMES[HEIGHT]}: {surface}")
+            heights = _carried(variables[surface].values, self._rows[surface])
+            variables[HEIGHT] = _variable(("layer", "x", "y"), heights, "m", f"{LONG_NAMES[HEIGHT]}: {surface}")
         if HEIGHT in variables:
             errors = [surface_error(surface, job) for surface in variables[HEIGHT].values]
             for name in ("mean_error", "mae", "rms", "std"):
@@ -215,13 +218,13 @@ class Recorder:
         for name in (HEIGHT, "area"):
             self._keep(PRINTER, name, number, values)
         self._keep_scalars(PRINTER, number, values)
-        self._tell(PRINTER, number, time_ns, values)
+        self._report(PRINTER, number, time_ns, values)
 
     def _scanned(self, number: int, time_ns: int, values: Values) -> None:
         for name in (MEASURED_HEIGHT, VALID):
             self._keep(PROFILER, name, number, values)
         self._keep_scalars(PROFILER, number, values)
-        self._tell(PROFILER, number, time_ns, values)
+        self._report(PROFILER, number, time_ns, values)
 
     def _followed(self, counter: str, number: int, time_ns: int, values: Values) -> None:
         """The shadow has deposited a layer, or was compared with a scan; the scan of layer 0 may move its surface."""
@@ -231,15 +234,16 @@ class Recorder:
         if number == int(values[LAYERS_FOLLOWED]):
             self._keep(SHADOW, HEIGHT, number, values)
         if counter == LAYERS_FOLLOWED:
-            self._tell(SHADOW, number, time_ns, values)
+            self._report(SHADOW, number, time_ns, values)
 
-    def _tell(self, role: str, number: int, time_ns: int, values: Values) -> None:
-        """Tell of a layer when its surface is known."""
+    def _report(self, role: str, number: int, time_ns: int, values: Values) -> None:
+        """Report a layer when its surface is known."""
         if self._on_layer is None or role != self._surface_role:
             return
         error = surface_error(values[self._surface_port], self._job)
-        scalars = {name: float(rows[number]) for name, rows in self._rows.items()
-                   if number in rows and rows[number].ndim == 0}  # fmt: skip
+        scalars = {
+            name: float(rows[number]) for name, rows in self._rows.items() if number in rows and rows[number].ndim == 0
+        }
         self._on_layer(LayerRow(number, time_ns * S_PER_NS, error.mean_error, error.mae, error.std, scalars))
 
     def _source_of_surface(self, components: Mapping[str, Component]) -> tuple[str, str]:
@@ -247,8 +251,8 @@ class Recorder:
         candidates = [(PRINTER, HEIGHT), (SHADOW, HEIGHT), (PROFILER, MEASURED_HEIGHT)]
         if PROFILER in self._roles and is_device(components[self._roles[PROFILER]]):
             candidates.insert(1, candidates.pop())
-        telling = (told for told in candidates if told[1] in self._own_ports.get(told[0], {}))
-        return next(telling, ("", ""))
+        known = ((role, port) for role, port in candidates if port in self._own_ports.get(role, {}))
+        return next(known, ("", ""))
 
     def _surface_label(self) -> str:
         return LABELS.get((self._surface_role, self._surface_port), self._surface_port)
@@ -259,7 +263,7 @@ class Recorder:
                 self._keep(role, name, layer, values)
 
     def _keep(self, role: str, name: str, layer: int, values: Values) -> None:
-        """Store one value under its name; where two components share a name, the later one is told by its role."""
+        """Store one value under its name; if two components share a name, the second one is prefixed by its role."""
         port = self._own_ports[role].get(name)
         if port is None or layer < 0:
             return

@@ -57,7 +57,7 @@ class Result:
     ) -> Result:
         """A result from what a recorder holds; `label` names the run where several stand side by side.
 
-        notes: what run.json shall say besides.
+        notes: further entries of run.json.
         """
         attributes = {
             "Conventions": "CF-1.11",

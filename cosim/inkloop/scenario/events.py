@@ -26,7 +26,7 @@ def read_events(
 ) -> tuple[list[Event], list[str]]:
     """Events in the order of the file, and every error, each with its place; with errors the list is not whole.
 
-    nozzle_pitch: component -> its number of nozzles, of those that say it; pitch: distance of cells [m]; unknown:
+    nozzle_pitch: component -> its number of nozzles, of those that have it; pitch: distance of cells [m]; unknown:
     further components, whose ports are not known.
     """
     events: list[Event] = []
@@ -150,8 +150,8 @@ class _Reader:
 
 def _moment_errors(table: EventTable, commands: bool) -> list[str]:
     if (table.at_layer is None) == (table.at_time_s is None):
-        said = "both are given" if table.at_layer is not None else "neither is given"
-        return [f"at_layer, at_time_s: {said}; give one of them"]
+        problem = "both are given" if table.at_layer is not None else "neither is given"
+        return [f"at_layer, at_time_s: {problem}; give one of them"]
     if table.at_layer is not None and not commands:
         return ["at_layer: no component commands layers; give at_time_s"]
     return []

@@ -85,12 +85,15 @@ class Scenario:
             return made
 
         own = checked("components", tables.components)
-        compared = {name: checked(f"compare.{name}.components", other.components)
-                    for name, other in tables.compare.items()}  # fmt: skip
+        compared = {
+            name: checked(f"compare.{name}.components", other.components) for name, other in tables.compare.items()
+        }
         for name, other in tables.compare.items():
             unknown = [key for key in other.components if key not in tables.components]
-            errors += [f"compare.{name}.components.{key} replaces nothing: {nearest(key, tables.components)}"
-                       for key in unknown]  # fmt: skip
+            errors += [
+                f"compare.{name}.components.{key} replaces nothing: {nearest(key, tables.components)}"
+                for key in unknown
+            ]
         are_checked = not errors
         loop = Loop.of(tables, tables.components, own)
         errors += loop.errors

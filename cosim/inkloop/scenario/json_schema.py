@@ -1,7 +1,7 @@
 """The scenario file as a JSON Schema (draft 7), for editors that complete and check TOML while it is written.
 
 It is made from the tables of `inkloop.tables.schema` and the options of the kinds of component that are installed. What
-only a whole file can say (a part beyond its grid, a port that is not there) is left to `inkloop validate`.
+only a whole file can show (a part beyond its grid, a port that is not there) is left to `inkloop validate`.
 """
 
 from __future__ import annotations
@@ -38,8 +38,10 @@ def scenario_schema() -> Schema:
 
 def _by_kind(table: Schema, options: dict[str, Schema]) -> Schema:
     """The table of a component: which keys there are depends on its kind; of a foreign kind nothing is known."""
-    kind = {"anyOf": [{"enum": catalog.kinds()}, {"type": "string", "pattern": ":"}],
-            "description": "one of the catalog, or package.module:Class"}  # fmt: skip
+    kind = {
+        "anyOf": [{"enum": catalog.kinds()}, {"type": "string", "pattern": ":"}],
+        "description": "one of the catalog, or package.module:Class",
+    }
     rules = [
         {
             "if": {"properties": {"kind": {"const": name}}},

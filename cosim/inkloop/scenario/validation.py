@@ -114,9 +114,11 @@ def errors_of_invalid_file(raw: Mapping[str, Any], folder: Path) -> list[str]:
     ports, _ = known_ports(checked)
     unknown = [name for name in map(str, _table(raw, "components")) if name not in ports]
     errors = [f"components.{name}.{error}" for name, part in checked.items() for error in part.errors]
-    connections = [(source, target) for _, table in _rows(raw, "connections")
-                   if isinstance(source := table.get("source"), str)
-                   and isinstance(target := table.get("target"), str)]  # fmt: skip
+    connections = [
+        (source, target)
+        for _, table in _rows(raw, "connections")
+        if isinstance(source := table.get("source"), str) and isinstance(target := table.get("target"), str)
+    ]
     errors += end_errors(ports, unknown, connections)
     for number, table in _rows(raw, "events"):
         if isinstance(place := table.get("port"), str):

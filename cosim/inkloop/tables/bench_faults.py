@@ -1,4 +1,4 @@
-"""`[[bench.faults]]` and `inkloop bench --fault`: faults injected into the emulated bench."""
+"""`[[bench.faults]]` and `inkloop bench --fault`: faults injected into the emulator."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ NEEDS_NODE = ("reboot", "death")
 
 
 class FaultTable(Table):
-    """One fault of the emulated bench. Frames and steps are counted, never time: the same ones are hit again."""
+    """One fault of the emulator. Frames and steps are counted, never time: the same ones are hit again."""
 
     kind: KINDS = Field(description="what goes wrong")
     probability: float | None = Field(default=None, gt=0.0, le=1.0, description="of each frame or answer that fits")

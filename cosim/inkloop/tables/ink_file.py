@@ -1,7 +1,7 @@
 """An ink in a file of its own, which scenarios name: `[ink] file = "my-ink.toml"`. `inkloop identify` writes one.
 
 Its values are put into the scenario when that is read, so that a run folder holds the ink as printed; what the scenario
-says itself wins.
+gives itself wins.
 """
 
 from __future__ import annotations

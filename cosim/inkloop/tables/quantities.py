@@ -15,7 +15,7 @@ def read_quantities(
 ) -> tuple[dict[str, tuple[str, object]], list[str]]:
     """By quantity of a table the key as written and the value in `units` (quantity -> unit); what is wrong with keys.
 
-    A value is a number, a boolean or a nested list of them; `other_keys` are known to the table besides.
+    A value is a number, a boolean or a nested list of them; `other_keys` are further keys of the table.
     """
     keys = {key: (name, to_unit) for name, unit in units.items() for key, to_unit in spellings(name, unit).items()}
     values: dict[str, tuple[str, object]] = {}
@@ -27,7 +27,7 @@ def read_quantities(
             continue
         name, factor = keys[key]
         if name in values:
-            errors.append(f"{key} says again what {values[name][0]} says; keep one")
+            errors.append(f"{key} and {values[name][0]} give the same value; keep one")
         values[name] = key, scaled(value, factor)
     return values, errors
 

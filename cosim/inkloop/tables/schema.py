@@ -81,9 +81,9 @@ class Process(Table):
 
 
 class BenchTable(Table):
-    """`[bench]`: the CAN bus that devices share, and what a layer on them is besides its pattern.
+    """`[bench]`: the CAN bus that devices share, and what a layer on them needs besides its pattern.
 
-    Without `interface` and `channel`, python-can's own configuration says which bus it is.
+    Without `interface` and `channel`, python-can's own configuration selects the bus.
     """
 
     interface: str | None = Field(default=None, description='of python-can: "socketcan", "slcan", "pcan", ...')
@@ -99,7 +99,7 @@ class BenchTable(Table):
     loop_timeout_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = Field(
         default=120.0, description="silence of the control loop, with nothing enabled, after which its heartbeat stops"
     )
-    faults: list[bench_faults.FaultTable] = Field(default=[], description="of the emulated bench, on request")
+    faults: list[bench_faults.FaultTable] = Field(default=[], description="faults that the emulator injects")
 
 
 class RunTable(Table):
@@ -129,7 +129,7 @@ class ComponentTable(BaseModel):
 class ConnectionTable(BaseModel):
     """`[[connections]]`: "component.port" to "component.port"; overrides the contract's wiring of that input.
 
-    Beside these keys: `offset`, with the unit in the key where the input has one.
+    Besides these keys: `offset`, with the unit in the key where the input has one.
     """
 
     model_config = ConfigDict(extra="allow", frozen=True, strict=True, defer_build=True)
@@ -146,7 +146,7 @@ class ConnectionTable(BaseModel):
 class EventTable(BaseModel):
     """`[[events]]`: a change to what a component gives or gets, from a layer or a time on.
 
-    Beside these keys: `value`, and for a bias `per_layer`, with the unit in the key where the port has one.
+    Besides these keys: `value`, and for a bias `per_layer`, with the unit in the key where the port has one.
     """
 
     model_config = ConfigDict(extra="allow", frozen=True, strict=True, defer_build=True)

@@ -1,4 +1,4 @@
-/* The emulated bench on a Cortex-M3: the same four nodes and the same world as on the host, behind one serial adapter.
+/* The emulator on a Cortex-M3: the same four nodes and the same world as on the host, behind one serial adapter.
  *
  * Journals and surface live in memory: a reset clears them. An image for another board brings its own storage,
  * CAN controller and actuators in place of host/board.c, uart.c and host/world.c. */

@@ -1,4 +1,4 @@
-/* The emulated bench as a process: four nodes on an slcan bus, with journals and surface in a folder.
+/* The emulator as a process: four nodes on an slcan bus, with journals and surface in a folder.
  *
  *     inkloop_bench_nodes [--port N | --pty] [--folder DIR] [--until-stdin-closes] [--fault KIND[:key=value,...]]
  *                         [option=value ...]

@@ -99,9 +99,8 @@ void world_jet(World *world, const Work *work, double share) {
     const int colour = work->colour == ALL_COLOURS ? COLOUR_ALL : work->colour;
     for (size_t cell = 0; cell < cells_of(world); cell++) {
         const bool reached = cell / ny < lines;
-        const int here = (int)(2 * (cell / ny % 2) + cell % ny % 2);
         world->jetted[cell] = reached ? pattern_cell(work->pattern, (uint32_t)cell) : 0;
-        if (world->jetted[cell] == 0 || (colour != COLOUR_ALL && colour != here))
+        if (world->jetted[cell] == 0 || (colour != COLOUR_ALL && colour != cell_colour(cell / ny, cell % ny)))
             continue;
         world->factor[cell] = droplet_volume(&options->variation, 1.0, ny, cell, work->layer);
         world->droplets++;

@@ -24,7 +24,7 @@ typedef enum { WORK_RUNNING, WORK_FINISHED, WORK_FAILED } WorkProgress;
 typedef struct {
     WorkKind kind;
     bool dry;               /* move, but jet nothing */
-    uint8_t colour;         /* WORK_JET: jet cells (i, j) with 2 * (i % 2) + j % 2 equal to this, 255: all */
+    uint8_t colour;         /* WORK_JET: jet the cells of this colour (fmus/deposition/cell_colour.h), 255: all */
     uint8_t station;        /* WORK_MOVE: 0 home, 1 print, 2 cure, 3 scan */
     uint16_t layer;         /* counted from 1 */
     const Pattern *pattern; /* WORK_JET */

@@ -1,7 +1,7 @@
 /* The journal of a node, which outlives a power failure: a ring of records in non-volatile memory.
  *
- * Every record carries the whole progress (which layer, which passes) besides the event, so that the newest
- * readable record alone says where the node is. An INTENT is written before anything is energised, a DONE after it
+ * Every record carries the whole progress (which layer, which passes) as well as the event, so that the newest
+ * readable record alone shows where the node is. An INTENT is written before anything is energised, a DONE after it
  * ended; an INTENT that is the newest record at power-up is a step whose outcome is unknown. A torn record fails its
  * CRC and counts as never written: nothing had been energised then (INTENT), or the outcome is unknown (DONE). */
 #ifndef INKLOOP_JOURNAL_H

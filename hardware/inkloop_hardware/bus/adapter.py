@@ -128,7 +128,7 @@ def _open(settings: BusSettings) -> can.BusABC:
 
 def _advice(settings: BusSettings) -> str:
     if str(settings.channel).startswith("socket://"):
-        return "Is a program listening there? `inkloop bench` starts the emulated bench"
+        return "Is a program listening there? `inkloop bench` starts the emulator"
     if settings.interface is None:
         return "Set interface and channel, or configure python-can (CAN_INTERFACE and CAN_CHANNEL, or ~/.canrc)"
     return "Is the adapter plugged in, its driver installed, its interface up, and may this user open it?"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import Job, Port, Status, Values
+from inkloop.component import Job, Port, Ports, Status, Values
 from inkloop.contract import (
     DROP_LEVEL,
     LAYER_COMMAND,
@@ -48,18 +48,24 @@ class Printer:
     def __init__(self, job: Job, rig: Rig, *, cure_ms: int = 100, journal: MasterJournal | None = None) -> None:
         self._job, self._rig, self._cure_ms = job, rig, cure_ms
         self._journal = journal or MasterJournal()
-        shape = (job.nx, job.ny)
-        self.inputs = contract_ports(shape, PATTERN, DROP_LEVEL, LAYER_COMMAND)
-        droplets = (Port(name, dtype="int32") for name in ("droplets_a", "droplets_b"))
-        self.outputs = (
-            *contract_ports(shape, LAYERS_PRINTED, STATUS),
-            *droplets,
-            *contract_ports(shape, LAYER_UNKNOWN),
-        )
+        ports = self.ports(job)
+        self.inputs, self.outputs = ports.inputs, ports.outputs
         self._attached = False
         self._steps: LayerSteps | None = None
         self._printed, self._is_unknown = 0, False
         self._droplets = [0, 0]
+
+    @classmethod
+    def ports(cls, job: Job) -> Ports:
+        """The ports of a printer, which need no bus."""
+        shape = (job.nx, job.ny)
+        droplets = (Port(name, dtype="int32") for name in ("droplets_a", "droplets_b"))
+        outputs = (
+            *contract_ports(shape, LAYERS_PRINTED, STATUS),
+            *droplets,
+            *contract_ports(shape, LAYER_UNKNOWN),
+        )
+        return Ports(contract_ports(shape, PATTERN, DROP_LEVEL, LAYER_COMMAND), outputs, is_device=cls.is_device)
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         """Open the bus, compare journals, clear nodes and home the stage; commands count from the present one."""

@@ -7,7 +7,7 @@ from struct import error as StructError
 
 import numpy as np
 
-from inkloop.component import Job, Status, Values
+from inkloop.component import Job, Ports, Status, Values
 from inkloop.contract import LAYERS_PRINTED, LAYERS_SCANNED, MEASURED_HEIGHT, STATUS, VALID, contract_ports
 from inkloop.errors import ComponentError
 from inkloop_hardware.devices.layer_steps import LayerSteps
@@ -34,14 +34,20 @@ class Profiler:
     def __init__(self, job: Job, rig: Rig, *, journal: MasterJournal | None = None) -> None:
         self._job, self._rig = job, rig
         self._journal = journal or MasterJournal()
-        shape = (job.nx, job.ny)
-        self.inputs = contract_ports(shape, LAYERS_PRINTED)
-        self.outputs = contract_ports(shape, MEASURED_HEIGHT, VALID, LAYERS_SCANNED, STATUS)
+        shape, ports = (job.nx, job.ny), self.ports(job)
+        self.inputs, self.outputs = ports.inputs, ports.outputs
         self._attached = False
         self._steps: LayerSteps | None = None
         self._scanned = -1
         self._height = np.zeros(shape)
         self._valid = np.zeros(shape, np.bool_)
+
+    @classmethod
+    def ports(cls, job: Job) -> Ports:
+        """The ports of a profiler, which need no bus."""
+        shape = (job.nx, job.ny)
+        outputs = contract_ports(shape, MEASURED_HEIGHT, VALID, LAYERS_SCANNED, STATUS)
+        return Ports(contract_ports(shape, LAYERS_PRINTED), outputs, is_device=cls.is_device)
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         """Open the bus, check the nodes, clear them and home the stage. The first step makes the first scan."""

@@ -46,9 +46,10 @@ def before_opening(settings: BusSettings, network: Path = NETWORK) -> Iterator[F
     name, channel = settings.interface, settings.channel
     if name is None:
         yield Finding.error(
-            "interface", "no interface is named, and python-can's own configuration names none",
+            "interface",
+            "no interface is named, and python-can's own configuration names none",
             "set bench.interface and bench.channel, or CAN_INTERFACE and CAN_CHANNEL, or write ~/.canrc",
-        )  # fmt: skip
+        )
         return
     if name not in VALID_INTERFACES:
         near = get_close_matches(name, VALID_INTERFACES, 1)

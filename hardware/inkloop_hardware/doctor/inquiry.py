@@ -183,9 +183,10 @@ def _clocks(report: NodeReport) -> Iterator[Finding]:
     elif fastest < 1 - CLOCK_TOLERANCE or slowest > 1 + CLOCK_TOLERANCE:
         rate = (slowest + fastest) / 2
         yield Finding.error(
-            "clock", f"{name}: its clock runs {abs(rate - 1):.0%} too {'fast' if rate > 1 else 'slow'}",
+            "clock",
+            f"{name}: its clock runs {abs(rate - 1):.0%} too {'fast' if rate > 1 else 'slow'}",
             "its time limits are off by as much: correct the clock of its board",
-        )  # fmt: skip
+        )
     else:
         yield Finding.ok("clock", f"{name}: runs as fast as ours")
 
@@ -208,9 +209,10 @@ def _journals(report: NodeReport) -> Iterator[Finding]:
         return
     if any(newer.number != older.number + 1 for newer, older in pairwise(records)):
         yield Finding.warning(
-            "journals", f"{name}: a record between {records[-1].number} and {records[0].number} cannot be read",
+            "journals",
+            f"{name}: a record between {records[-1].number} and {records[0].number} cannot be read",
             "a record that a power failure interrupted is not valid; if it happens again, replace the storage",
-        )  # fmt: skip
+        )
     else:
         yield Finding.ok("journals", f"{name}: its newest {len(records)} of {records[0].number} records can be read")
 
@@ -221,29 +223,26 @@ def _limits(report: NodeReport, expected: Expected) -> Iterator[Finding]:
     if report.node is Node.HEAD:
         needed = PatternBytes.cells_of(job.nx, job.ny, materials=len(job.inks))
         if needed > limits.pattern_bytes:
-            errors.append((
-                f"a pattern of {job.nx} x {job.ny} cells takes {needed} bytes, it has room for {limits.pattern_bytes}",
-                "set a smaller grid, or use a head with more memory",
-            ))  # fmt: skip
+            found = (
+                f"a pattern of {job.nx} x {job.ny} cells takes {needed} bytes, it has room for {limits.pattern_bytes}"
+            )
+            errors.append((found, "set a smaller grid, or use a head with more memory"))
     if report.map_shape not in (None, (0, 0), (job.nx, job.ny)):
-        found = " x ".join(map(str, report.map_shape or ()))
-        errors.append((
-            f"its maps have {found} cells, the scenario {job.nx} x {job.ny}",
-            "set the profiler to the scenario's grid, or grid.nx and grid.ny to what it measures",
-        ))  # fmt: skip
+        shape = " x ".join(map(str, report.map_shape or ()))
+        found = f"its maps have {shape} cells, the scenario {job.nx} x {job.ny}"
+        advice = "set the profiler to the scenario's grid, or grid.nx and grid.ny to what it measures"
+        errors.append((found, advice))
     if report.node is Node.CURE and expected.cure_ms / MS_PER_S >= limits.lamp:
-        errors.append((
-            f"bench.cure_ms is {expected.cure_ms}, this lamp switches itself off after {limits.lamp * MS_PER_S:.0f} ms",
-            "set a smaller bench.cure_ms",
-        ))  # fmt: skip
+        lamp_ms = limits.lamp * MS_PER_S
+        found = f"bench.cure_ms is {expected.cure_ms}, this lamp switches itself off after {lamp_ms:.0f} ms"
+        errors.append((found, "set a smaller bench.cure_ms"))
     if limits.block < BLOCK_LEAST:
         errors.append((f"it takes blocks of {limits.block} bytes", "give its ISO-TP more room"))
     cycle = Codec().cycle_time(MasterAlive.message) or 0.1
     if limits.alive < 2 * cycle:
-        errors.append((
-            f"it waits {limits.alive * MS_PER_S:.0f} ms for MasterAlive, which comes every {cycle * MS_PER_S:.0f} ms",
-            "300 ms let two frames be lost",
-        ))  # fmt: skip
+        waited_ms, cycle_ms = limits.alive * MS_PER_S, cycle * MS_PER_S
+        found = f"it waits {waited_ms:.0f} ms for MasterAlive, which comes every {cycle_ms:.0f} ms"
+        errors.append((found, "300 ms let two frames be lost"))
     for found, advice in errors:
         yield Finding.error("limits", f"{name}: {found}", advice)
     if not errors:

@@ -147,9 +147,10 @@ def _masters(heard: Heard) -> Iterator[Finding]:
     elif len(heard.sessions) == 1:
         session, job = next(iter(heard.sessions.items()))
         yield Finding.error(
-            "masters", f"another master is active: session {session}, job {job}",
+            "masters",
+            f"another master is active: session {session}, job {job}",
             "a run is in progress; end it or wait for its end. Two masters at once stop every node",
-        )  # fmt: skip
+        )
     else:
         sessions = ", ".join(str(session) for session in heard.sessions)
         yield Finding.error(
@@ -170,14 +171,18 @@ def _heartbeats(heard: Heard, codec: Codec) -> Iterator[Finding]:
             yield Finding.error("heartbeat", f"{node.lower()}: a single status in {heard.lasted:.1f} s", CHECK_NODE)
         elif max(gaps) > LOST_AFTER:
             yield Finding.error(
-                "heartbeat", f"{node.lower()}: {max(gaps) * MS_PER_S:.0f} ms between two statuses, the cycle is "
-                f"{cycle * MS_PER_S:.0f} ms", "a run takes the node for lost after 300 ms: check cables and its load",
-            )  # fmt: skip
+                "heartbeat",
+                f"{node.lower()}: {max(gaps) * MS_PER_S:.0f} ms between two statuses, the cycle is "
+                f"{cycle * MS_PER_S:.0f} ms",
+                "a run takes the node for lost after 300 ms: check cables and its load",
+            )
         elif abs(median(gaps) - cycle) > CYCLE_SLACK * cycle:
             yield Finding.warning(
-                "heartbeat", f"{node.lower()}: a status every {median(gaps) * MS_PER_S:.0f} ms, the cycle is "
-                f"{cycle * MS_PER_S:.0f} ms", "does its firmware have another protocol, or is this machine busy?",
-            )  # fmt: skip
+                "heartbeat",
+                f"{node.lower()}: a status every {median(gaps) * MS_PER_S:.0f} ms, the cycle is "
+                f"{cycle * MS_PER_S:.0f} ms",
+                "does its firmware have another protocol, or is this machine busy?",
+            )
         else:
             regular.append(median(gaps))
     if regular:
@@ -195,16 +200,18 @@ def _supervision(heard: Heard) -> Iterator[Finding]:
             counts = ", ".join(f"{count} {kind}" for kind, count in bad.items() if count)
             verdict = "" if monitor.trusted else "; it cannot be trusted"
             yield Finding.error(
-                "supervision", f"{node.lower()}: of its statuses {counts}{verdict}",
+                "supervision",
+                f"{node.lower()}: of its statuses {counts}{verdict}",
                 "damaged: cables, adapter, or another data id; repeated or jumped: do two nodes use its ids?",
-            )  # fmt: skip
+            )
         elif monitor.lost:
             passed = passed and monitor.lost <= LOST_SHARE * len(heard.times[node])
             grade = Finding.warning if monitor.lost <= LOST_SHARE * len(heard.times[node]) else Finding.error
             yield grade(
-                "supervision", f"{node.lower()}: {monitor.lost} statuses were lost, {len(heard.times[node])} received",
+                "supervision",
+                f"{node.lower()}: {monitor.lost} statuses were lost, {len(heard.times[node])} received",
                 "check cables, termination, and the load of bus and adapter",
-            )  # fmt: skip
+            )
     if passed:
         counted = sum(len(times) for times in heard.times.values())
         yield Finding.ok("supervision", f"check bytes and counters of {counted} statuses are right")
@@ -215,9 +222,10 @@ def _protocol(heard: Heard, codec: Codec) -> Iterator[Finding]:
     other = {node: status.protocol_version for node, status in heard.status.items() if status.protocol_version != ours}
     for node, version in other.items():
         yield Finding.error(
-            "protocol", f"{node.lower()} has version {version} of the protocol, this inkloop {ours}",
+            "protocol",
+            f"{node.lower()} has version {version} of the protocol, this inkloop {ours}",
             "update the older of the two",
-        )  # fmt: skip
+        )
     for message in sorted(heard.misread):
         yield Finding.error("protocol", message, "update the older of the two, or use this inkloop's DBC in the node")
     if not other and not heard.misread and heard.status:

@@ -82,7 +82,7 @@ class Link:
     def routine(self, routine: Routine, key: Key, option: bytes = b"", *, limit_s: float) -> Outcome:
         """Run a routine and wait for its end: DONE, or DONE_BEFORE if nothing was changed.
 
-        limit_s: how long it may last in all; then LinkTimeout, and `ask` tells its outcome.
+        limit_s: how long it may last in all; then LinkTimeout, and `ask` returns its outcome.
         """
         what = f"{routine.name.lower().replace('_', ' ')} of {key}"
         try:

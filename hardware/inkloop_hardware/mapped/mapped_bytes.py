@@ -75,8 +75,10 @@ def read_map(data: bytes, table: MapTable, fields: Mapping[str, int]) -> tuple[F
     with np.errstate(invalid="ignore"):
         heights = (readings.astype(np.float64) * table.scale + table.datum) * METRES[table.unit]
     shape = (nx, ny) if table.fastest == "y" else (ny, nx)
-    laid = [np.ascontiguousarray(flat.reshape(shape) if table.fastest == "y" else flat.reshape(shape).T)
-            for flat in (np.where(valid, heights, 0.0), valid)]  # fmt: skip
+    laid = [
+        np.ascontiguousarray(flat.reshape(shape) if table.fastest == "y" else flat.reshape(shape).T)
+        for flat in (np.where(valid, heights, 0.0), valid)
+    ]
     return laid[0], laid[1]
 
 

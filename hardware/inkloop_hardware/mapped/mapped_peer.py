@@ -40,8 +40,9 @@ class Peer:
 
     def read(self, identifier: int) -> bytes:
         """0x22: the bytes of an identifier."""
-        answer = self._again(f"identifier 0x{identifier:04X} (0x22)",
-                             lambda: self._client.read_data_by_identifier(identifier))  # fmt: skip
+        answer = self._again(
+            f"identifier 0x{identifier:04X} (0x22)", lambda: self._client.read_data_by_identifier(identifier)
+        )
         data: bytes = answer.service_data.values[identifier]
         return data
 
@@ -113,7 +114,7 @@ class Peer:
 
 
 def is_answer(request: bytes, message: bytes) -> bool:
-    """Whether a message answers this request, as far as its first bytes tell."""
+    """Whether a message answers this request, as far as its first bytes show."""
     if message[:1] == bytes([NEGATIVE]):
         return message[1:2] == request[:1]
     if not message or message[0] != request[0] + POSITIVE:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -50,17 +51,27 @@ class Reading:
     intact: bool = True
 
 
+def _loaded(path: Path) -> Database:
+    try:
+        database = cantools.database.load_file(path, strict=True)
+    except (OSError, cantools_errors.Error) as error:
+        raise FrameError(f"{path} cannot be read as a DBC: {error}") from error
+    if not isinstance(database, Database):
+        raise FrameError(f"{path} is no CAN database; expected a DBC")
+    return database
+
+
+@cache
+def _bench_database() -> Database:
+    """The DBC of the package, which does not change while a process runs."""
+    return _loaded(BENCH_DBC)
+
+
 class Codec:
     """Encodes and decodes frames by one DBC."""
 
     def __init__(self, path: Path = BENCH_DBC) -> None:
-        try:
-            database = cantools.database.load_file(path, strict=True)
-        except (OSError, cantools_errors.Error) as error:
-            raise FrameError(f"{path} cannot be read as a DBC: {error}") from error
-        if not isinstance(database, Database):
-            raise FrameError(f"{path} is no CAN database; expected a DBC")
-        self.database = database
+        self.database = database = _bench_database() if path == BENCH_DBC else _loaded(path)
         self._by_name = {message.name: message for message in database.messages}
         self._by_id = {message.frame_id: message for message in database.messages}
 

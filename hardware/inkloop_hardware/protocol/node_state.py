@@ -57,7 +57,7 @@ class Flags(IntFlag):
 
 
 class LayerFlags(IntFlag):
-    """State of the open layer besides its passes."""
+    """State of the open layer, without its passes."""
 
     ABANDONED = 1
     """it is not to be finished"""

@@ -1,4 +1,4 @@
-"""Prints on an emulated bench in a process of its own, and the same prints with the FMUs."""
+"""Prints on the emulator in a separate process, and the same prints with the FMUs."""
 
 from __future__ import annotations
 
@@ -102,5 +102,5 @@ def wait_for_word(log: Path, word: str, running: subprocess.Popen[str]) -> None:
     end = time.monotonic() + PATIENCE_S
     while not (log.exists() and word in log.read_text()):
         assert running.poll() is None, running.communicate()[0]
-        assert time.monotonic() < end, f"{word!r} was never said"
+        assert time.monotonic() < end, f"{word!r} was never printed"
         time.sleep(0.01)

@@ -1,4 +1,4 @@
-"""Devices for tests: a printer that cannot tell its surface, and a profiler that is handed none and sees it still."""
+"""Devices for tests: a printer that does not report its surface, and a profiler that sees it without an input."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ class DevicePrinter:
         self.surface = self._plate
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
-        return self._told(self._printer.initialize(time_ns, inputs))
+        return self._reported(self._printer.initialize(time_ns, inputs))
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         jetted = self.disturb(int(inputs["layer_command"]), np.array(inputs["pattern"]))
-        return self._told(self._printer.do_step(time_ns, step_ns, {**inputs, "pattern": jetted}))
+        return self._reported(self._printer.do_step(time_ns, step_ns, {**inputs, "pattern": jetted}))
 
     def terminate(self) -> None: ...
 
-    def _told(self, values: Values) -> Values:
+    def _reported(self, values: Values) -> Values:
         self.surface = self._plate + values["height"]
         return {port.name: np.asarray(values[port.name], port.dtype) for port in self.outputs}
 
@@ -62,7 +62,7 @@ class DeviceProfiler:
 
 
 class StartingPrinter(ToyPrinter):
-    """A toy plant for a shadow: it begins on the surface that its job says, and can be saved."""
+    """A toy plant for a shadow: it begins on the surface of its job, and can be saved."""
 
     def __init__(self, job: Job) -> None:
         super().__init__(job)

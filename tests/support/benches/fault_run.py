@@ -1,4 +1,4 @@
-"""A rig on an emulated bench on which something goes wrong, and what must be left of the part."""
+"""A rig on the emulator with injected faults, and what must be left of the part."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def settings_of(bench: EmulatedBench) -> BusSettings:
 
 @contextmanager
 def looked_at(run: FaultRun) -> Iterator[FaultRun]:
-    """The same bench with a new master, as somebody has it who looks at it after the other one is gone."""
+    """The same bench with a new master, to inspect it after the first one is gone."""
     run.rig.detach()
     rig = Rig(settings_of(run.bench))
     rig.job = JOB

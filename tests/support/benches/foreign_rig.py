@@ -23,11 +23,11 @@ NX, NY = 6, 5
 DROPLET_UM = 10.0
 _PAGE = (Path(__file__).parents[3] / "docs/how-to/bind-your-own-dbc.md").read_text(encoding="utf-8")
 DBC, MAPPING = (re.findall(rf"```{kind}\n(.*?)```", _PAGE, re.DOTALL)[0] for kind in ("dbc", "toml"))
-"""Those of the page, so that what it says is so."""
+"""Those of the page, so that the page is tested."""
 
 
 class Server:
-    """The UDS services of one address; subclasses say what they do."""
+    """The UDS services of one address; subclasses define what they do."""
 
     def __init__(self, bus: can.BusABC, notifier: can.Notifier, request: int, answer: int) -> None:
         address = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=answer, rxid=request)
@@ -103,7 +103,7 @@ class Scanner(Server):
 
 
 class Plc(can.Listener):
-    """Jets what the head holds when it is told to, and says its state every 20 ms."""
+    """Jets what the head holds on request, and sends its state every 20 ms."""
 
     def __init__(self, bus: can.BusABC, head: Head, scanner: Scanner) -> None:
         self.bus, self.head, self.scanner = bus, head, scanner

@@ -1,6 +1,6 @@
-"""Ends that nobody announced: kill -9 of nodes, master or both at places that are counted, not timed, and what is left.
+"""Unannounced ends: kill -9 of nodes, master or both at places that are counted, not timed, and what is left.
 
-A session prints until it is done, fails in words or is killed. The nodes are the installed program, which looks, by
+A session prints until it is done, ends with an error or is killed. The nodes are the installed program, which looks, by
 `tests/c/kill_points.c`, before and after each frame of a request or an answer and in the middle of each write; the
 master looks in the same way at its messages, journal and checkpoints. At a given look a process kills itself.
 """
@@ -66,7 +66,7 @@ class Nodes:
         return self._running.pid
 
     def end(self) -> str:
-        """What it says of its last life: looks, and those at records of a journal."""
+        """What its last process printed at its end: looks, and those at records of a journal."""
         self._over = True
         self._running.terminate()
         self._watch.join()
@@ -95,7 +95,7 @@ class Nodes:
 
 @contextmanager
 def powered(path: Path, folder: Path, looks: Path, kill_at: Sequence[str] = (), **times: float) -> Iterator[Nodes]:
-    """The nodes of a scenario. They begin to count when they have told their channel."""
+    """The nodes of a scenario. They begin to count when they have printed their channel."""
     emulation = emulation_of(Scenario.load(path))
     nodes = Nodes(folder, looks, emulation.parameters | FAST | times, kill_at)
     try:
@@ -206,7 +206,7 @@ FORKING.set_forkserver_preload(
 
 
 def session_killed_at(folder: Path, kill_at: str, others: Sequence[int] = ()) -> str | None:
-    """A session in a process of its own, and `others` killed with it: None if it was, else what it says of its end."""
+    """A session in a separate process, and `others` killed with it: None if it was, else its last message."""
     process = FORKING.Process(target=_master, args=(folder, kill_at, others))
     process.start()
     process.join(120)
@@ -240,8 +240,8 @@ def books(folder: Path) -> dict[int, JournalRecord]:
 
 def assert_printed_once(result: Result, run: Path, nodes: Path) -> None:
     """The part is finished; no pass was begun twice, none is missing that is not called unknown, by head and result;
-    the master had said of each that it would ask for it; no wet ink was scanned; and what lies on the bed is what was
-    jetted, to the bit."""
+    the master had recorded each one before it requested it; no wet ink was scanned; and the surface on the bed is that
+    of the droplets jetted, to the bit."""
     assert result.stop_reason == "done"
     layers, known = result.dataset.sizes["layer"], books(nodes)
     assert sorted(known) == list(range(1, layers))
@@ -284,5 +284,5 @@ def _possible(result: Result, known: dict[int, JournalRecord]) -> list[Any]:
             possible = [model.layer(height, one, layer) for height in possible for one in jetted or [0 * pattern]]
         fitting = (height for height in possible if np.abs(height - measured).max() < 0.51 * RESOLUTION)
         possible = list({height.tobytes(): height for height in fitting}.values())
-        assert possible, f"the scan of layer {layer} is of other passes than the head's journal says"
+        assert possible, f"the scan of layer {layer} is of other passes than those in the head's journal"
     return possible

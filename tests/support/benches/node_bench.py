@@ -81,8 +81,10 @@ def firmware_objects(sources: Sequence[Path]) -> list[Path]:
     """Object files; the firmware itself with every conversion written out."""
     parameters = compiled.once(_write_parameters, *EMULATED)
     flags = (*STRICT, "-fPIC", *PLACES, f"-I{codec()}", f"-I{parameters}")
-    return [compiled.object_of(source, (*flags, "-Wconversion") if source.is_relative_to(FIRMWARE) else flags)
-            for source in sources]  # fmt: skip
+    return [
+        compiled.object_of(source, (*flags, "-Wconversion") if source.is_relative_to(FIRMWARE) else flags)
+        for source in sources
+    ]
 
 
 def firmware_library(name: str, sources: Sequence[Path]) -> ctypes.CDLL:
@@ -107,7 +109,7 @@ def library() -> ctypes.CDLL:
 
 @dataclass(frozen=True)
 class State:
-    """What identifier 0100 says."""
+    """The answer to identifier 0100."""
 
     state: str
     cause: int
@@ -129,7 +131,7 @@ class State:
 
 @dataclass(frozen=True)
 class Times:
-    """What identifier 0101 says [ms of the node's clock]."""
+    """The answer to identifier 0101 [ms of the node's clock]."""
 
     now: int
     master_alive: int
@@ -174,7 +176,7 @@ class NodeBench:
         return ctypes.c_void_p(self.c.bench_node(self.bench, node))
 
     def tick(self, milliseconds: int = 5, step: int = 5) -> None:
-        """Lets time pass; the master says every 100 ms that it lives."""
+        """Lets time pass; the master sends MasterAlive every 100 ms."""
         for _ in range(0, milliseconds, step):
             self.clock += step
             if self.master and self.clock - self.last_alive >= 100:
@@ -182,9 +184,9 @@ class NodeBench:
             self.c.bench_tick(self.bench, ctypes.c_uint32(self.clock))
 
     def send_keep_alive(self, master: MasterAlive | None = None) -> None:
-        said = master or self.master
+        alive = master or self.master
         for node in range(self.count):
-            self.c.node_master_alive(self.node(node), ctypes.c_uint32(self.clock), ctypes.byref(said))  # type: ignore[arg-type]
+            self.c.node_master_alive(self.node(node), ctypes.c_uint32(self.clock), ctypes.byref(alive))  # type: ignore[arg-type]
         self.last_alive = self.clock
 
     def stop(self, active: bool) -> None:
@@ -194,8 +196,14 @@ class NodeBench:
     def raw(self, request: bytes, node: int = HEAD, room: int = 4095) -> bytes:
         """The answer that comes at once."""
         answer = ctypes.create_string_buffer(room)
-        length = self.c.node_request(self.node(node), ctypes.c_uint32(self.clock), request,
-                                     ctypes.c_size_t(len(request)), answer, ctypes.c_size_t(room))  # fmt: skip
+        length = self.c.node_request(
+            self.node(node),
+            ctypes.c_uint32(self.clock),
+            request,
+            ctypes.c_size_t(len(request)),
+            answer,
+            ctypes.c_size_t(room),
+        )
         return answer.raw[:length]
 
     def late(self, node: int = HEAD) -> bytes:
@@ -214,8 +222,17 @@ class NodeBench:
             answer = self.late(node) or answer
         raise AssertionError("the node stays busy")
 
-    def routine(self, routine: int, layer: int = 0, which: int = 0, attempt: int = 1, option: bytes = b"", *,
-                job: int = 7, kind: int = 1) -> bytes:  # fmt: skip
+    def routine(
+        self,
+        routine: int,
+        layer: int = 0,
+        which: int = 0,
+        attempt: int = 1,
+        option: bytes = b"",
+        *,
+        job: int = 7,
+        kind: int = 1,
+    ) -> bytes:
         return pack(">BBHIHBB", 0x31, kind, routine, job, layer, which, attempt) + option
 
     def run(self, routine: int, node: int = HEAD, **key: Any) -> int:
@@ -228,10 +245,11 @@ class NodeBench:
 
     def state(self, node: int = HEAD) -> State:
         found = self.raw(b"\x22\x01\x00", node)[3:]
-        (state, cause, _roles, flags, job, layer, passes, done, unknown, cured, _book, step, boots, session, crc, _now,
-         pulses) = unpack(">4BIH6BHHIII", found)  # fmt: skip
-        return State(STATES[state], cause, bool(flags & 1), bool(flags & 2), bool(flags & 4), job, layer, passes, done,
-                     unknown, cured, step, boots, session, crc, pulses)  # fmt: skip
+        state, cause, _roles, flags, job, layer, *counts = unpack(">4BIH6BHHIII", found)
+        passes, done, unknown, cured, _book, step, boots, session, crc, _now, pulses = counts
+        needs_operator, stopped, loaded = (bool(flags & bit) for bit in (1, 2, 4))
+        first = (STATES[state], cause, needs_operator, stopped, loaded, job, layer)
+        return State(*first, passes, done, unknown, cured, step, boots, session, crc, pulses)
 
     def times(self, node: int = HEAD) -> Times:
         return Times(*unpack(">7I", self.raw(b"\x22\x01\x01", node)[3:]))
@@ -353,7 +371,7 @@ def heights(blob: bytes, resolution: float) -> tuple[Any, Any]:
 
 
 def process() -> Path:
-    """The emulated bench as a program, with the codec generated from the DBC."""
+    """The emulator as a program, with the codec generated from the DBC."""
     main = (FIRMWARE / "host" / f"{name}.c" for name in ("hub", "main", "measurements"))
     sources = (*CORE, *WIRE, *HOST, *FAULTS, *main, *KERNELS, codec() / "inkloop.c")
     return compiled.linked("bench_nodes", firmware_objects(sources), SANITIZERS)

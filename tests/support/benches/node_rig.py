@@ -133,10 +133,8 @@ class NodeRig(Base):
 
     def status(self, node: Node) -> NodeStatus:
         state = self.link(node).state()
-        return NodeStatus(
-            node, False, False, True, True, State(state.state), state.done, Fault(state.cause), state.layer,
-            state.boots % 256, state.unknown, 1,
-        )  # fmt: skip
+        flags, fault, boots = (False, False, True, True), Fault(state.cause), state.boots % 256
+        return NodeStatus(node, *flags, State(state.state), state.done, fault, state.layer, boots, state.unknown, 1)
 
     def records(self, node: Node) -> list[tuple[int, ...]]:
         """(kind, step, pass) of a node's journal, oldest first."""

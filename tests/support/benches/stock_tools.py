@@ -1,4 +1,4 @@
-"""Stock tools on a bench: python-can's slcan, can-isotp and udsoncan, as anybody has them."""
+"""Stock tools on a bench: python-can's slcan, can-isotp and udsoncan, unmodified."""
 
 from __future__ import annotations
 

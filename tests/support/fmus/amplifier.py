@@ -18,7 +18,7 @@ _MODES = '<Item name="plain" value="1"/><Item name="squared" value="2"/>'
 def build(
     folder: Path, fmi: int, *, element_missing: bool = False, platform: str | None = None, crashes: str = ""
 ) -> Path:
-    """Compile and pack; `element_missing` leaves a hole in the FMI 2 arrays, `platform` says where the binary goes.
+    """Compile and pack; `element_missing` leaves a hole in the FMI 2 arrays, `platform` names the folder of the binary.
 
     `crashes` names a signal that the step after the third raises.
     """

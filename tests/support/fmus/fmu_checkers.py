@@ -32,7 +32,7 @@ def by_fmpy(file: Path) -> list[str]:
 
 
 def by_fmutool(file: Path) -> list[str]:
-    """`fmutool -input file -check`: the schema, and rules of the standard that a schema cannot tell."""
+    """`fmutool -input file -check`: the schema, and rules of the standard that a schema cannot express."""
     logger, kept = logging.getLogger("fmu_manipulation_toolbox"), _Kept()
     logger.addHandler(kept)
     try:
@@ -55,7 +55,7 @@ def by_vdm_check(file: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class Checker:
-    """Somebody's checker and the versions of FMI that it takes."""
+    """A checker of others and the versions of FMI that it takes."""
 
     name: str
     program: Program

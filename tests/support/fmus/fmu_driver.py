@@ -22,8 +22,16 @@ DEPOSITION_MODELS = ("LayerDeposition", "SuperpositionDeposition", "VolumeAreaDe
 MODELS = (*DEPOSITION_MODELS, "ProfileSensor", "LayerController")
 FIXED_REALS = {**dict.fromkeys(MODELS, "pitch"), "LayerController": "h1_a"}
 """A real parameter of each that cannot be set any more once it runs."""
-NUMPY_TYPES = {"Float64": np.float64, "Real": np.float64, "Int32": np.int32, "Integer": np.int32, "Int64": np.int64,
-               "Boolean": np.bool_, "Enumeration": np.int64, "UInt64": np.uint64}  # fmt: skip
+NUMPY_TYPES = {
+    "Float64": np.float64,
+    "Real": np.float64,
+    "Int32": np.int32,
+    "Integer": np.int32,
+    "Int64": np.int64,
+    "Boolean": np.bool_,
+    "Enumeration": np.int64,
+    "UInt64": np.uint64,
+}
 
 _folders: list[tempfile.TemporaryDirectory[str]] = []
 
@@ -57,6 +65,31 @@ def callbacks(messages: list[str]) -> fmi2.fmi2CallbackFunctions:
     return made
 
 
+class _Remembered:
+    """FMPy reads the types of some sixty functions off its own methods for every instance; here once for each class."""
+
+    _prototypes: Mapping[str, tuple[Any, Any, Any]] = {}
+    dll: Any
+    _functions: dict[str, Any]
+
+    def _loadFunctions(self) -> None:
+        if not self._prototypes:
+            super()._loadFunctions()  # type: ignore[misc]
+            found = {name: (f.argnames, f.argtypes, f.restype) for name, f in self._functions.items()}
+            type(self)._prototypes = found
+        for name, prototype in self._prototypes.items():
+            function = self._functions[name] = getattr(self.dll, name)
+            function.argnames, function.argtypes, function.restype = prototype
+
+
+class FMU2(_Remembered, fmi2.FMU2Slave):
+    """FMPy tells the versions apart by the beginning of the name of the class."""
+
+
+class FMU3(_Remembered, fmi3.FMU3Slave):
+    """As above."""
+
+
 class Driver:
     """One instance; calls return the FMI status instead of raising, `messages` collects what it logs."""
 
@@ -66,9 +99,10 @@ class Driver:
         unpacked, description = (
             (folder, fmpy.read_model_description(folder)) if folder else _unpacked(model, form, nx, ny)
         )
-        load = fmi2.FMU2Slave if self.is_fmi2 else fmi3.FMU3Slave
-        self.fmu: Any = load(guid=description.guid, unzipDirectory=str(unpacked), modelIdentifier=model,
-                             instanceName="it")  # fmt: skip
+        load = FMU2 if self.is_fmi2 else FMU3
+        self.fmu: Any = load(
+            guid=description.guid, unzipDirectory=str(unpacked), modelIdentifier=model, instanceName="it"
+        )
         self.messages: list[str] = []
         self.now = 0.0  # where the next layer's step begins
         self.references: dict[str, list[int]] = {}
@@ -124,8 +158,9 @@ class Driver:
         """Enter Initialization Mode."""
         if not self.is_fmi2:
             return self._status(lambda: self.fmu.enterInitializationMode(startTime=start))
-        return max(self._status(lambda: self.fmu.setupExperiment(startTime=start)),
-                   self.call("enterInitializationMode"))  # fmt: skip
+        return max(
+            self._status(lambda: self.fmu.setupExperiment(startTime=start)), self.call("enterInitializationMode")
+        )
 
     def exit(self) -> int:
         """Exit Initialization Mode."""

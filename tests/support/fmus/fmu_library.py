@@ -1,4 +1,4 @@
-"""The libraries inside the FMUs: built once more from their own sources, with sanitizers, and told to C programs.
+"""The libraries inside the FMUs: built once more from their own sources, with sanitizers, and described to C programs.
 
 `fmus/fuzz` holds the programs: `calls.c`, which makes calls from the bytes of a fuzzer, and `side_by_side.c`, which
 prints on several instances at once. Each reads a table with the variables of one FMU, from `write_table`.
@@ -89,16 +89,21 @@ def rebuilt(model: str, form: str, folder: Path, compiler: str, flags: Sequence[
     place = unpacked(model, form, folder)
     library = place / f"{model}.so"
     sources = sorted((place / "sources").glob("*.c"))
-    run((compiler, "-std=c11", "-g", "-O1", "-fPIC", "-shared", "-ffp-contract=off", "-fvisibility=hidden", *flags,
-         f"-isystem{HEADERS}", f"-I{place / 'sources'}", *sources, "-lm", "-o", library))  # fmt: skip
+    fixed = ("-std=c11", "-g", "-O1", "-fPIC", "-shared", "-ffp-contract=off", "-fvisibility=hidden")
+    places = (f"-isystem{HEADERS}", f"-I{place / 'sources'}")
+    run((compiler, *fixed, *flags, *places, *sources, "-lm", "-o", library))
     return Library(model, form, library, place / "resources")
 
 
 def all_rebuilt(models: Sequence[str], folder: Path, compiler: str, flags: Sequence[str]) -> list[Library]:
     """Every model in both versions of FMI."""
     with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(lambda pair: rebuilt(*pair, folder, compiler, flags),  # type: ignore[call-arg]
-                             [(model, form) for model in models for form in FORMS]))  # fmt: skip
+        return list(
+            pool.map(
+                lambda pair: rebuilt(*pair, folder, compiler, flags),  # type: ignore[call-arg]
+                [(model, form) for model in models for form in FORMS],
+            )
+        )
 
 
 def packed(libraries: Sequence[Library], folder: Path) -> None:
@@ -143,8 +148,10 @@ def _line(model: ModelDefinition, variable: VariableDefinition, reference: int, 
     role = "-" if role == "s" and not is_resizable else role
     limits = f"{'-inf' if low is None else repr(float(low))} {'inf' if high is None else repr(float(high))}"
     tried = WORK.get(variable.name, "inf")
-    return (f"{variable.name} {variable.type[0]} {role} {int(variable.is_grid)} {reference} "
-            f"{float(variable.start)!r} {limits} {tried}")  # fmt: skip
+    return (
+        f"{variable.name} {variable.type[0]} {role} {int(variable.is_grid)} {reference} "
+        f"{float(variable.start)!r} {limits} {tried}"
+    )
 
 
 def fuzzers(names: Sequence[str], folder: Path, compiler: str) -> tuple[Path, dict[str, Path]]:
@@ -165,7 +172,7 @@ def program(folder: Path, name: str, compiler: str, flags: Sequence[str], *, oth
     """One of the C programs: `calls` (with `others` a driver, unless a fuzzer is linked in) or `side_by_side`."""
     own = [FUZZ / f"{part}.c" for part in (name, *PARTS, *(("values",) if name == "calls" else ()))]
     path = folder / name
-    run((compiler, "-std=c11", "-D_POSIX_C_SOURCE=200809L", "-g", "-O1", *WARNINGS, *flags, f"-I{FUZZ}",
-         f"-I{FIRMWARE / 'fuzz'}", f"-isystem{HEADERS}", *own, *others, "-lm", "-ldl", "-lpthread",
-         "-o", path))  # fmt: skip
+    fixed = ("-std=c11", "-D_POSIX_C_SOURCE=200809L", "-g", "-O1", *WARNINGS)
+    places = (f"-I{FUZZ}", f"-I{FIRMWARE / 'fuzz'}", f"-isystem{HEADERS}")
+    run((compiler, *fixed, *flags, *places, *own, *others, "-lm", "-ldl", "-lpthread", "-o", path))
     return path

@@ -26,13 +26,13 @@ def calls(folder: Path, flags: Sequence[str] = ()) -> Path:
 
 
 def feed(program: Path, table: Path, inputs: list[bytes]) -> str:
-    """What the program says of all inputs; it ends at the first that breaks a law."""
+    """What the program prints for all inputs; it ends at the first that breaks an invariant."""
     given = b"".join(len(one).to_bytes(2, "little") + one for one in inputs)
-    told = {"INKLOOP_FMU_TABLE": str(table), "INKLOOP_FUZZ_SHOWS": "1"}
-    done = subprocess.run([program], input=given, env=os.environ | told, capture_output=True, check=False)
-    said = done.stderr.decode(errors="replace")
+    settings = {"INKLOOP_FMU_TABLE": str(table), "INKLOOP_FUZZ_SHOWS": "1"}
+    done = subprocess.run([program], input=given, env=os.environ | settings, capture_output=True, check=False)
+    output = done.stderr.decode(errors="replace")
     through = len(done.stdout)
     if done.returncode:
         hexadecimal = inputs[through].hex() if through < len(inputs) else ""
-        raise AssertionError(f"input {through} ends with {done.returncode}: {said[-2000:]}\n{hexadecimal}")
-    return said
+        raise AssertionError(f"input {through} ends with {done.returncode}: {output[-2000:]}\n{hexadecimal}")
+    return output

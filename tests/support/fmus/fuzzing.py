@@ -95,12 +95,12 @@ class Replay:
         self.end()
 
     def end(self) -> str:
-        """What the process said before it ended."""
+        """What the process printed before it ended."""
         if self.process is None:
             return ""
         process, self.process = self.process, None
-        said = process.communicate()[1].decode(errors="replace")
-        return said or f"the process ended with {process.returncode}" if process.returncode else said
+        output = process.communicate()[1].decode(errors="replace")
+        return output or f"the process ended with {process.returncode}" if process.returncode else output
 
     def feed(self, given: bytes) -> str:
         """'' if all invariants held, else the message."""
@@ -117,15 +117,17 @@ class Replay:
 def fuzz(target: str, program: Path, seconds: int, learned: Path, *, seed: int = 0, table: Path | None = None) -> str:
     """'' if libFuzzer found nothing, else its report; `learned` keeps the inputs that reached something new.
 
-    `table` tells of the FMU whose calls are the target; without it the target is one of the firmware.
+    `table` describes the FMU whose calls are the target; without it the target is one of the firmware.
     """
     learned.mkdir(parents=True, exist_ok=True)
     found = learned.parent / f"{target}-found-"
     options = (f"-max_total_time={seconds}", f"-max_len={LONGEST_INPUT}", f"-timeout={INPUT_SECONDS}", f"-seed={seed}")
     seeds = [CORPUS / target] if table is None else ["-len_control=0"]
     command = [program, *options, "-print_final_stats=1", f"-artifact_prefix={found}", learned, *seeds]
-    told = {} if table is None else {"INKLOOP_FMU_TABLE": str(table)}
-    done = subprocess.run(command, env=os.environ | told, capture_output=True, text=True, errors="replace", check=False)
+    settings = {} if table is None else {"INKLOOP_FMU_TABLE": str(table)}
+    done = subprocess.run(
+        command, env=os.environ | settings, capture_output=True, text=True, errors="replace", check=False
+    )
     if done.returncode:
         return f"{target}:\n{done.stderr}"
     runs = [line.split()[-1] for line in done.stderr.splitlines() if line.startswith("stat::number_of_executed_units")]

@@ -72,7 +72,7 @@ def compiled(compiler: str, fmi: int, out: Path) -> Path:
 
 
 def answers(command: Sequence[str | Path], script: str, environment: Mapping[str, str]) -> str:
-    """What the program prints; raises RuntimeError with what it says where a call fails."""
+    """What the program prints; raises RuntimeError with its message where a call fails."""
     words = [str(word) for word in command]
     done = subprocess.run(words, input=script, capture_output=True, text=True, env={**environment}, check=False)
     if done.returncode != 0:
@@ -82,7 +82,7 @@ def answers(command: Sequence[str | Path], script: str, environment: Mapping[str
 
 @contextmanager
 def wine_in(folder: Path) -> Iterator[dict[str, str]]:
-    """The environment of a Wine of its own, whose server is told to end afterwards."""
+    """The environment of a separate Wine, whose server is stopped afterwards."""
     environment = {**os.environ, "WINEPREFIX": str(folder), "WINEDEBUG": "-all", "WINEDLLOVERRIDES": "mscoree,mshtml="}
     assert WINE
     try:

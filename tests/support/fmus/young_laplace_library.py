@@ -24,8 +24,13 @@ _Numbers = ctypes.POINTER(ctypes.c_double)
 
 
 class FineSurface(ctypes.Structure):
-    _fields_ = [("nx", ctypes.c_size_t), ("ny", ctypes.c_size_t), ("per_pitch", ctypes.c_size_t),
-                ("spacing", ctypes.c_double), ("height", _Numbers)]  # fmt: skip
+    _fields_ = [
+        ("nx", ctypes.c_size_t),
+        ("ny", ctypes.c_size_t),
+        ("per_pitch", ctypes.c_size_t),
+        ("spacing", ctypes.c_double),
+        ("height", _Numbers),
+    ]
 
 
 class Liquid(ctypes.Structure):
@@ -74,9 +79,15 @@ class Print:
         assert drops.shape == (self.nx, self.ny)
         sizes = ctypes.c_size_t * len(passes)
         reports = (PassReport * len(passes))()
-        assert library().probe_print(ctypes.byref(self.surface), ctypes.byref(self.liquid), numbers(drops),
-                                     ctypes.c_size_t(len(passes)), sizes(*(p[0] for p in passes)),
-                                     sizes(*(p[1] for p in passes)), reports)  # fmt: skip
+        assert library().probe_print(
+            ctypes.byref(self.surface),
+            ctypes.byref(self.liquid),
+            numbers(drops),
+            ctypes.c_size_t(len(passes)),
+            sizes(*(p[0] for p in passes)),
+            sizes(*(p[1] for p in passes)),
+            reports,
+        )
         self.fallbacks += sum(report.fallbacks for report in reports)
         self.lost += sum(report.lost for report in reports)
 

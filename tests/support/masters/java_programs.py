@@ -21,7 +21,7 @@ KEPT = Path(__file__).parents[3] / "build" / "java"
 
 @dataclass(frozen=True)
 class Jar:
-    """A file of Maven Central. kept_as: its name here; unpacked: what is in it has to lie beside it as files."""
+    """A file of Maven Central. kept_as: its name here; unpacked: its contents have to lie next to it as files."""
 
     path: str
     sha256: str
@@ -76,7 +76,7 @@ class JavaProgram:
         partial.rename(self.folder)
 
     def run(self, main_class: str, *arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
-        """Run in a folder, which is where it may leave files; what it says is one text."""
+        """Run in a folder, which is where it may leave files; its output is one text."""
         command = ["java", "-cp", str(self.folder / self.jars[0].kept_as), main_class, *arguments]
         return subprocess.run(
             command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
@@ -133,11 +133,11 @@ VDM_CHECK = JavaProgram(
         ),
     ],
 )
-"""It starts itself once more and looks for the other jars and the models in them beside its own, by these names."""
+"""It starts itself once more and looks next to its own jar for the others and the models in them, by these names."""
 
 
 def main() -> None:
-    """Fetch both, or say why not."""
+    """Fetch both, or give the reason why not."""
     if shutil.which("java") is None:
         print("java is not installed (make tools): Maestro and VDMCheck2 were not fetched", file=sys.stderr)
         return

@@ -46,4 +46,4 @@ def _block(scenario: Scenario, fmi: str, folder: Path) -> System:
 
 THREE_FMUS = Loop("three FMUs", "printer", ("height",), system_of)
 ONE_BLOCK = Loop("LayerJob", JOB, ("height_mean", "volume_scale"), _block)
-"""Both are bit by bit as `inkloop run` records them; droplets vary at random, and so the mean tells prints apart."""
+"""Both are bit by bit as `inkloop run` records them; droplets vary at random, and so the mean distinguishes prints."""

@@ -26,12 +26,12 @@ def by_maestro(loop: Loop, system: System, algorithm: str, folder: Path) -> Iter
     files, system = folder / "maestro", system if system.wires else _with_a_wire(system)
     write_folder(replace(system, stop_s=TIME_MAX_S), "maestro", files)
     words = ("import", "sg1", "--interpret", "-output=out", "--fmu-search-path=.")
-    said = MAESTRO.run(
+    output = MAESTRO.run(
         "org.intocps.maestro.Main", *words, maestro.CONFIGURATION, maestro.MULTI_MODEL, folder=files
     ).stdout
     if not (files / "out" / RESULTS).is_file():
-        causes = re.findall(r"^Caused by: .*|Error in simulation: .*|logStatusError .*", said, re.MULTILINE)
-        raise RuntimeError("; ".join(causes or said.splitlines()[-1:]))
+        causes = re.findall(r"^Caused by: .*|Error in simulation: .*|logStatusError .*", output, re.MULTILINE)
+        raise RuntimeError("; ".join(causes or output.splitlines()[-1:]))
     yield from _rows(files / "out" / RESULTS, f"{{{loop.part}}}.{loop.part}", loop.scalars(system))
 
 

@@ -30,7 +30,7 @@ JACOBI = "Jacobi"
 
 @dataclass(frozen=True)
 class Master:
-    """Somebody's master: the versions of FMI and the algorithms that it runs the loop by."""
+    """A master of others: the versions of FMI and the algorithms that it runs the loop by."""
 
     name: str
     program: Program
@@ -81,7 +81,7 @@ def _libcosim(loop: Loop, system: System, algorithm: str, folder: Path) -> Itera
 
 
 def _ecos(loop: Loop, system: System, algorithm: str, folder: Path) -> Iterator[Step]:
-    """Wired call by call: what an .ssp says of the parameters of a whole system, Ecos leaves out."""
+    """Wired call by call: Ecos ignores the parameters that an .ssp sets for a whole system."""
     from ecospy import EcosLib, EcosSimulation, EcosSimulationStructure
 
     EcosLib.set_log_level("off")

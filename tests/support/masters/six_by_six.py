@@ -50,7 +50,7 @@ def our_run(folder: Path) -> Any:
 
 
 def difference(found: Any, expected: Any) -> str:
-    """What is different between two prints, in words; "" where every bit is the same."""
+    """A message on the difference of two prints; "" where every bit is the same."""
     for layer, (one, other) in enumerate(zip(found, expected, strict=False), start=1):
         if not np.array_equal(one, other):
             return f"layer {layer} differs by up to {np.abs(one - other).max():.2g}"

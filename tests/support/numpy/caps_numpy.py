@@ -50,8 +50,10 @@ def over(radius: float, height: float, x: float, y: float, side: float) -> tuple
     cuts = sorted({low, high, *(s * e for e in edges for s in (-1, 1) if low < s * e < high)})
     pieces = list(itertools.pairwise(cuts))
     scale = height * radius**2
-    return (sum(quad(section, a, b, epsabs=1e-13 * scale, epsrel=1e-13)[0] for a, b in pieces),
-            sum(quad(width, a, b, epsabs=1e-13 * radius**2, epsrel=1e-13)[0] for a, b in pieces))  # fmt: skip
+    return (
+        sum(quad(section, a, b, epsabs=1e-13 * scale, epsrel=1e-13)[0] for a, b in pieces),
+        sum(quad(width, a, b, epsabs=1e-13 * radius**2, epsrel=1e-13)[0] for a, b in pieces),
+    )
 
 
 def layer(surface: Any, pattern: Any, caps: Any, pitch: float, factor: Any) -> tuple[Any, float]:

@@ -34,8 +34,16 @@ def one_pass(height: Any, pattern: Any, inks: Any = (INK, INK), factor: Any = 1.
     return height + inside, float(grown.sum() - inside.sum())
 
 
-def layer(height: Any, pattern: Any, inks: Any = (INK, INK), factor: Any = 1.0, passes: int = 1, order: int = 1,
-          rotation: int = 0, number: int = 1) -> tuple[Any, float]:  # fmt: skip
+def layer(
+    height: Any,
+    pattern: Any,
+    inks: Any = (INK, INK),
+    factor: Any = 1.0,
+    passes: int = 1,
+    order: int = 1,
+    rotation: int = 0,
+    number: int = 1,
+) -> tuple[Any, float]:
     """One layer in 1 or 4 passes; `number` counts layers from 1."""
     if passes == 1:
         return one_pass(height, pattern, inks, factor)
@@ -49,8 +57,9 @@ def layer(height: Any, pattern: Any, inks: Any = (INK, INK), factor: Any = 1.0, 
     return height, lost
 
 
-def far_pass(height: Any, pattern: Any, heights: Any, reach: int, factor: Any = 1.0,
-             colour: Any = None) -> tuple[Any, float]:  # fmt: skip
+def far_pass(
+    height: Any, pattern: Any, heights: Any, reach: int, factor: Any = 1.0, colour: Any = None
+) -> tuple[Any, float]:
     """As `one_pass` for one ink that reaches further, on the cells of one colour (i % 2, j % 2) if there is one.
 
     heights: of the cell itself and of (1, 0), (1, 1), (2, 0), (2, 1), (2, 2), (3, 0) ... cells away.
@@ -83,8 +92,16 @@ def rolled(height: Any, top: float) -> tuple[Any, float]:
     return np.minimum(height, top), float(np.maximum(height - top, 0.0).sum())
 
 
-def factors(shape: tuple[int, int], number: int, *, seed: int, variation: float = 0.0, kind: int = 1,
-            nozzle_pitch: int = 1, nozzle_variation: float = 0.0) -> Any:  # fmt: skip
+def factors(
+    shape: tuple[int, int],
+    number: int,
+    *,
+    seed: int,
+    variation: float = 0.0,
+    kind: int = 1,
+    nozzle_pitch: int = 1,
+    nozzle_variation: float = 0.0,
+) -> Any:
     """Volume factor of a droplet on every cell in a layer."""
     factor = np.ones(shape)
     if kind == 1:

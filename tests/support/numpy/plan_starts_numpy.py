@@ -1,4 +1,4 @@
-"""What is done to plans as the horizon recedes, stated in NumPy beside controller/core/planner/plan_starts.c."""
+"""What is done to plans as the horizon recedes, stated in NumPy to check controller/core/planner/plan_starts.c."""
 
 from __future__ import annotations
 
@@ -29,29 +29,11 @@ def without_idle_start(plan: IntPlan, problem: HorizonProblem) -> IntPlan:
     return np.where(_may_fall(moved, problem), moved, full_layers(problem))
 
 
-def without_first_layer(plan: IntPlan, problem: HorizonProblem) -> IntPlan:
-    """The plan without the droplets of its first layer, and with all others as early as can be."""
-    later = plan.copy()
-    later[0] = 0
-    return without_idle_start(later, problem)
-
-
-def best_of(plans: Sequence[IntPlan], problem: HorizonProblem, layer_worth: float) -> IntPlan:
-    """The plan with the lowest objective that begins with a layer, the first of equal ones; plans[0] does nothing.
-
-    layer_worth: share of the objective that its first layer must gain, or the later ones come earlier without it.
-    """
-
-    def value(plan: IntPlan) -> float:
-        return bindings.objective(problem, plan).value
-
-    best = min((without_idle_start(plan, problem) for plan in plans), key=value)
-    while layer_worth > 0.0 and best[1:].any():
-        sooner = without_first_layer(best, problem)
-        if value(sooner) - value(best) > layer_worth * value(best) or value(sooner) >= value(plans[0]):
-            break
-        best = sooner
-    return best
+def best_of(plans: Sequence[IntPlan], problem: HorizonProblem) -> IntPlan:
+    """The plan with the lowest objective that begins with a layer, the first of equal ones."""
+    return min(
+        (without_idle_start(plan, problem) for plan in plans), key=lambda plan: bindings.objective(problem, plan).value
+    )
 
 
 def _may_fall(plan: IntPlan, problem: HorizonProblem) -> NDArray[np.bool_]:

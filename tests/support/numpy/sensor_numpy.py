@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from support.numpy.philox_numpy import normal, normal_map, uniform_map
 
@@ -24,13 +25,33 @@ def slope(surface: Any, pitch: float) -> Any:
     return np.hypot(*np.broadcast_arrays(*parts)) * np.ones(surface.shape)
 
 
-def scan(height: Any, number: int, *, seed: int = 0, pitch: float = 263.256e-6, noise_std: float = 0.0,
-         noise_correlation: float = 0.0, resolution: float = 0.0, bias: float = 0.0, drift_rate: float = 0.0,
-         tilt_x: float = 0.0, tilt_y: float = 0.0, spot_radius: float = 0.0, slope_bias: float = 0.0,
-         dropout_slope: float = 0.0, dropout_rate: float = 0.0) -> tuple[Any, Any]:  # fmt: skip
+def scan(
+    height: Any,
+    number: int,
+    *,
+    seed: int = 0,
+    pitch: float = 263.256e-6,
+    noise_std: float = 0.0,
+    noise_correlation: float = 0.0,
+    resolution: float = 0.0,
+    bias: float = 0.0,
+    drift_rate: float = 0.0,
+    tilt_x: float = 0.0,
+    tilt_y: float = 0.0,
+    shift_x: float = 0.0,
+    shift_y: float = 0.0,
+    shift_std: float = 0.0,
+    spot_radius: float = 0.0,
+    slope_bias: float = 0.0,
+    dropout_slope: float = 0.0,
+    dropout_rate: float = 0.0,
+) -> tuple[Any, Any]:
     """(reading of every cell, valid) of scan `number`, counted from 0."""
     nx, ny = height.shape
     z = spot_matrix(nx, pitch, spot_radius) @ height @ spot_matrix(ny, pitch, spot_radius).T
+    shift = [x + shift_std * normal(seed, 8, axis, number) for axis, x in enumerate((shift_x, shift_y))]
+    places = np.indices(z.shape) + np.reshape(shift, (2, 1, 1)) / pitch
+    z = map_coordinates(z, places, order=1, mode="nearest")
     steepness = slope(z, pitch)
     z = z + slope_bias * np.sin(2.0 * np.arctan(steepness))
     white, common = normal_map(seed, 5, z.shape, number), normal(seed, 6, 0, number)

@@ -39,21 +39,40 @@ def differences(h: Any) -> Any:
 def cap_shares(radius: float, c: float = C, pitch: float = PITCH) -> tuple[Any, Any]:
     """Volume and area shares (3, 3) of a drop on flat ground; the volumes sum to 1."""
     height = caps_numpy.height_of(c * pitch**2, radius)
-    parts = np.array([[caps_numpy.over(radius, height, abs(p) * pitch, abs(q) * pitch, pitch) for q in (-1, 0, 1)]
-                      for p in (-1, 0, 1)])  # fmt: skip
+    parts = np.array(
+        [
+            [caps_numpy.over(radius, height, abs(p) * pitch, abs(q) * pitch, pitch) for q in (-1, 0, 1)]
+            for p in (-1, 0, 1)
+        ]
+    )
     return parts[..., 0] / parts[..., 0].sum(), np.minimum(parts[..., 1] / pitch**2, 1.0)
 
 
-def drop(v: Any, a: Any, substrate: Any, i: int, j: int, volume: float, shares: tuple[Any, Any], *, c: float = C,
-         guard: bool = False, limit: bool = False, mv_plus: float = 0.0067, mv_minus: float = -0.0201,
-         ma_plus: float = 0.0, ma_minus: float = -0.0634) -> None:  # fmt: skip
+def drop(
+    v: Any,
+    a: Any,
+    substrate: Any,
+    i: int,
+    j: int,
+    volume: float,
+    shares: tuple[Any, Any],
+    *,
+    c: float = C,
+    guard: bool = False,
+    limit: bool = False,
+    mv_plus: float = 0.0067,
+    mv_minus: float = -0.0201,
+    ma_plus: float = 0.0,
+    ma_minus: float = -0.0634,
+) -> None:
     """One drop on cell (i, j), in place (equations 10 to 13)."""
     region = roi(v.shape, i, j)
     hit = (i - region[0].start, j - region[1].start)
     rise = differences(heights(v, a, c)[region] + substrate[region])
     if np.abs(rise).max() <= 1e-9:
-        places = np.ix_(np.arange(region[0].start, region[0].stop) - i + 1,
-                        np.arange(region[1].start, region[1].stop) - j + 1)  # fmt: skip
+        places = np.ix_(
+            np.arange(region[0].start, region[0].stop) - i + 1, np.arange(region[1].start, region[1].stop) - j + 1
+        )
         gain, spread = shares[0][places].copy(), shares[1][places]
         gain[hit] += 1.0 - gain.sum()
         v[region] += volume * gain

@@ -78,8 +78,12 @@ class Body:
         far = np.where(self.next < 0, 0.0, w[self.next])
         slope = self.rise + (far - w[:, None]) / self.arm
         shrink = {(x, y): 1 / np.sqrt(1 + slope[:, x] ** 2 + slope[:, y] ** 2) for x in (0, 1) for y in (2, 3)}
-        sums = [shrink[0, 2] + shrink[0, 3], shrink[1, 2] + shrink[1, 3],
-                shrink[0, 2] + shrink[1, 2], shrink[0, 3] + shrink[1, 3]]  # fmt: skip
+        sums = [
+            shrink[0, 2] + shrink[0, 3],
+            shrink[1, 2] + shrink[1, 3],
+            shrink[0, 2] + shrink[1, 2],
+            shrink[0, 3] + shrink[1, 3],
+        ]
         return weight * np.stack(sums, axis=1)
 
     def _at_rest(self, conductance: Map, volume: float) -> Map:
@@ -117,8 +121,9 @@ class Body:
         return csr_array(matrix), load
 
 
-def print_pass(surface: Map, drops: Map, lines: range, per_pitch: int, volume: float, angle: float, spacing: float,
-               nonlinear: bool) -> Map:  # fmt: skip
+def print_pass(
+    surface: Map, drops: Map, lines: range, per_pitch: int, volume: float, angle: float, spacing: float, nonlinear: bool
+) -> Map:
     """The fine surface [m] after a pass over some lines; drops (nx, ny), volume of one [m3], angle [rad]."""
     solid, after = surface / spacing, surface.copy()
     first = 2 * per_pitch + 2 + per_pitch / 2 - 0.5

@@ -1,4 +1,4 @@
-"""What `import inkloop` offers: print, read, and be told in Python's words what is wrong."""
+"""What `import inkloop` offers: print, read, and errors in terms of Python."""
 
 from __future__ import annotations
 
@@ -35,8 +35,13 @@ def test_names_for_type_checkers_are_those_of_the_running_program(package: str) 
     """So that neither of the two lists in `__init__` lacks a name."""
     module = import_module(package)
     tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
-    declared = {alias.name: node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)
-                for alias in node.names if str(node.module).startswith(f"{package}.")}  # fmt: skip
+    declared = {
+        alias.name: node.module
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if str(node.module).startswith(f"{package}.")
+    }
     assert declared == {name: home for home, names in module._MODULES.items() for name in names}
     assert set(declared) == set(module.__all__)
 
@@ -47,6 +52,7 @@ def test_public_names_are_imported_when_they_are_used() -> None:
     assert ast.literal_eval(loaded) == ["inkloop", "inkloop_controller"]
 
 
+@pytest.mark.system
 def test_run_in_memory_is_the_run_of_the_command_line(tmp_path: Path) -> None:
     words = ["--set", "components.controller.alpha=0.5", "--set", "seed=7", "--set", "run.layers_max=2"]
     assert main(["run", str(CUBOID), "--no-compare", "--out", str(tmp_path / "run"), *words]) == 0
@@ -58,6 +64,7 @@ def test_run_in_memory_is_the_run_of_the_command_line(tmp_path: Path) -> None:
     assert ours.scenario_text == stored.scenario_text
 
 
+@pytest.mark.system
 def test_run_folder_of_the_api_serves_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result = inkloop.run(CUBOID, SHORT, out=tmp_path / "run")
     stored = inkloop.load(tmp_path / "run")
@@ -93,7 +100,7 @@ def test_result_takes_no_overrides(tmp_path: Path) -> None:
         inkloop.load(tmp_path, seed=7)
 
 
-def test_class_beside_the_scenario_takes_part(tmp_path: Path) -> None:
+def test_class_next_to_the_scenario_takes_part(tmp_path: Path) -> None:
     """Python looks for it there while a scenario is read and printed, and no longer."""
     (tmp_path / "class_of_the_api.py").write_text(
         "from inkloop import Job\n\n\nclass Nothing:\n    def __init__(self, job: Job) -> None: ...\n\n"

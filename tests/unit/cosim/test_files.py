@@ -1,4 +1,4 @@
-"""What is said to outlive a power failure is synced before its name is, and its name before anybody goes on."""
+"""What has to outlive a power failure is synced before its name is, and its name before anything continues."""
 
 from __future__ import annotations
 

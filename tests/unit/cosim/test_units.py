@@ -10,6 +10,7 @@ import pytest
 from inkloop import units
 from inkloop.units import QUANTITIES, SUFFIXES, missing_suffix, spellings, unit_of
 from support.places import ROOT
+from support.source_tree import parsed
 
 
 def test_key_carries_its_unit() -> None:
@@ -27,7 +28,7 @@ def test_length_without_a_unit_is_an_error() -> None:
     assert set(QUANTITIES) == set(SUFFIXES) == set(units.BASE_UNITS) - {"1"}
 
 
-def test_key_says_in_which_unit_its_number_is() -> None:
+def test_key_states_the_unit_of_its_number() -> None:
     assert unit_of("pitch_um", "pitch", "m") == ("um", 1e-6)
     assert unit_of("speed_mm_per_s", "speed", "m/s") == ("mm/s", 1e-3)
     assert unit_of("gain_per_um", "gain", "1/m") == ("1/um", 1e6)
@@ -83,10 +84,7 @@ def is_row(key: ast.expr, value: ast.expr) -> bool:
 def test_factors_between_units_stand_in_one_module() -> None:
     folders = ("cosim", "controller", "hardware", "tools", "benchmarks")
     paths = [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
-    found = {
-        path.relative_to(ROOT).as_posix(): sorted(set(own_factors(ast.parse(path.read_text(encoding="utf-8")))))
-        for path in paths
-    }
+    found = {path.relative_to(ROOT).as_posix(): sorted(set(own_factors(parsed(path)))) for path in paths}
     assert found.pop("cosim/inkloop/units.py")
     assert {name: lines for name, lines in found.items() if lines and name not in NO_FACTORS} == {}
     assert [name for name in NO_FACTORS if not found[name]] == []
@@ -94,9 +92,15 @@ def test_factors_between_units_stand_in_one_module() -> None:
 
 @pytest.mark.parametrize(
     "line",
-    ["x = 1e6 * y", "x = f'{y * 1e3:g} ms'", "UM = 1e-6\nx = y / UM", "MS, S = 1000, 1\nx = y // MS",
-     "x = {'um': 1e-6}", "x = ('time, ms', 1e3)"],
-)  # fmt: skip
+    [
+        "x = 1e6 * y",
+        "x = f'{y * 1e3:g} ms'",
+        "UM = 1e-6\nx = y / UM",
+        "MS, S = 1000, 1\nx = y // MS",
+        "x = {'um': 1e-6}",
+        "x = ('time, ms', 1e3)",
+    ],
+)
 def test_factors_are_found(line: str) -> None:
     assert list(own_factors(ast.parse(line)))
 

@@ -69,7 +69,7 @@ def begin_cure(bench: NodeBench, milliseconds: int = LONG) -> None:
 
 
 def off_after(bench: NodeBench, node: int) -> tuple[str, int]:
-    """State after half a second, and the fault; the request under way has been told."""
+    """State after half a second, and the fault; the request under way has got its answer."""
     bench.tick(500)
     assert bench.late(node)[:3] == bytes((0x7F, 0x31, NRC_FAILED))
     return bench.state(node).state, bench.state(node).cause
@@ -114,7 +114,7 @@ def test_lamp_is_off_100_ms_after_its_enable_dropped(bench: NodeBench) -> None:
     bench.master = MasterAlive(GATE | MOTION, 1, 7)
     assert off_after(bench, CURE) == ("SAFE", ENABLE_DROPPED)
     assert 0 < bench.times(CURE).lamp_off - dropped <= 100
-    assert bench.state(HEAD).state == "VERIFIED", "what did not need it goes on"
+    assert bench.state(HEAD).state == "VERIFIED", "what did not need it continues"
 
 
 def test_gate_is_closed_100_ms_after_its_enable_dropped(bench: NodeBench) -> None:
@@ -177,7 +177,7 @@ def test_nothing_is_jetted_while_the_lamp_is_on(bench: NodeBench) -> None:
 
 
 def test_lamp_that_comes_on_under_the_open_gate_ends_the_pass(bench: NodeBench) -> None:
-    """Whoever lit it: a second later the nozzles would be full of cured ink."""
+    """Whatever lit it: a second later the nozzles would be full of cured ink."""
     begin_pass(bench)
     bench.broken(LAMP_STAYS_ON)
     seen = bench.clock + 5

@@ -43,7 +43,7 @@ class Peer:
 
 
 def talk(node: IsotpEnd, peer: Peer, turns: int = 2000) -> None:
-    """Lets both go on until neither has anything to say."""
+    """Lets both continue until neither has anything to send."""
     for now in range(turns):
         peer.layer.process()
         quiet = not peer.outbox
@@ -207,7 +207,7 @@ def test_longer_message_than_the_buffer_is_refused_at_its_first_frame() -> None:
     assert (node.state.received, node.next(1)) == ("overflow", None)
 
 
-def test_message_that_nobody_took_is_kept_and_the_next_one_refused() -> None:
+def test_message_that_was_not_taken_is_kept_and_the_next_one_refused() -> None:
     node = IsotpEnd()
     node.take(Frame(REQUEST_ID, b"\x03one"), 0)
     node.take(Frame(REQUEST_ID, b"\x03two"), 1)
@@ -246,10 +246,10 @@ def test_lengths_that_cannot_be_are_not_sent(message: bytes) -> None:
     assert node.next(0) is None
 
 
-def test_laws_of_the_wire_hold_for_every_length_and_under_noise() -> None:
-    """Also: nothing reads or writes beside its buffers."""
+def test_invariants_of_the_wire_hold_for_every_length_and_under_noise() -> None:
+    """Also: nothing reads or writes outside its buffers."""
     checks = ("-std=c11", "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-    sources = (C_SOURCES / "wire_laws.c", CAN / "isotp.c", CAN / "slcan.c")
-    path = program("wire_laws", sources, (*checks, *WARNINGS, f"-I{CAN}"))
-    laws = subprocess.run([path], capture_output=True, text=True, check=False)
-    assert laws.returncode == 0, laws.stdout + laws.stderr
+    sources = (C_SOURCES / "wire_invariants.c", CAN / "isotp.c", CAN / "slcan.c")
+    path = program("wire_invariants", sources, (*checks, *WARNINGS, f"-I{CAN}"))
+    checked = subprocess.run([path], capture_output=True, text=True, check=False)
+    assert checked.returncode == 0, checked.stdout + checked.stderr

@@ -1,4 +1,4 @@
-"""What a node knows after a power failure: every step is done, not begun, or said to be unknown."""
+"""What a node knows after a power failure: every step is done, not begun, or reported as unknown."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def reboot(bench: NodeBench, node: int = HEAD) -> None:
 
 
 def known(bench: NodeBench, number: int) -> int:
-    """Outcome that the node says of a pass, asked without starting it."""
+    """Outcome that the node reports of a pass, asked without starting it."""
     return bench.raw(bench.routine(PASS, 1, number, kind=3))[4]
 
 
 @pytest.mark.parametrize("after", range(0, 400, 5))
 def test_power_failure_at_any_time_doubles_and_hides_no_pass(after: int) -> None:
-    """A layer of 4 passes of about 60 ms; the master resumes by what the node says."""
+    """A layer of 4 passes of about 60 ms; the master resumes by what the node reports."""
     with NodeBench() as bench:
         bench.ready()
         pattern = pattern_blob(FULL)
@@ -158,7 +158,7 @@ def test_record_of_another_firmware_is_not_believed(bench: NodeBench, where: int
     assert (state.layer, state.passes, state.done, state.boots) == (before.layer, 4, 0, before.boots + 1)
 
 
-def test_unknown_pass_given_up_by_an_interlock_is_said_at_once_and_after_a_reboot(bench: NodeBench) -> None:
+def test_unknown_pass_given_up_by_an_interlock_is_reported_at_once_and_after_a_reboot(bench: NodeBench) -> None:
     bench.raw(bench.routine(PASS, 1, 0, option=b"\x00"))
     bench.tick(30)
     bench.stop(True)
@@ -212,7 +212,7 @@ def test_boots_are_counted_and_the_ring_forgets_only_what_is_old(bench: NodeBenc
 
 
 @pytest.mark.parametrize("written", [0, 3, RECORD - 1])
-def test_ring_goes_on_after_a_record_torn_at_any_place(bench: NodeBench, written: int) -> None:
+def test_ring_continues_after_a_record_torn_at_any_place(bench: NodeBench, written: int) -> None:
     for turn in range(450):
         bench.power_up()
         if turn % 7 == 0:

@@ -1,4 +1,4 @@
-"""Laws of the layer cycle of the bench's nodes: what follows what, and that nothing happens twice."""
+"""Invariants of the layer cycle of the bench's nodes: what follows what, and that nothing happens twice."""
 
 from __future__ import annotations
 

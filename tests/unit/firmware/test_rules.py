@@ -54,7 +54,7 @@ def test_firmware_includes_itself_and_the_freestanding_headers_only() -> None:
 
 
 def test_node_knows_no_frame() -> None:
-    """Requests and answers are byte strings; who carries them is `node_frames.c` alone."""
+    """Requests and answers are byte strings; only `node_frames.c` carries them."""
     wire = {"can_frame.h", "e2e.h", "e2e_monitor.h", "isotp.h", "slcan.h", "node_frames.h", *GENERATED}
     for source in CORE:
         for path in (source, source.with_suffix(".h")):

@@ -32,7 +32,7 @@ def begin(size: int, layer: int = 1, coded: int = 0) -> bytes:
 
 
 def jetted(pattern: np.ndarray, blob: bytes, *, coded: int = 0, block: int = 4093) -> np.ndarray:
-    """The cells of a pattern that droplets fell on, by an ink that stays where it falls and tells its material."""
+    """The cells of a pattern that droplets fell on, by an ink that stays where it falls and shows its material."""
     nx, ny = pattern.shape
     inks: dict[str, Any] = {"h1_a": 1.0, "h2_a": 0.0, "h3_a": 0.0, "h1_b": 2.0, "h2_b": 0.0, "h3_b": 0.0}
     with NodeBench(nx=nx, ny=ny, **inks) as bench:
@@ -89,7 +89,7 @@ def test_pattern_that_this_head_cannot_print_is_refused(bench: NodeBench, head: 
 
 
 @pytest.mark.parametrize("change", [-1, 1])
-def test_pattern_of_another_length_than_its_head_says_is_refused(bench: NodeBench, change: int) -> None:
+def test_pattern_of_another_length_than_its_header_states_is_refused(bench: NodeBench, change: int) -> None:
     blob = pattern_blob(np.ones((9, 9)))
     assert bench.download(blob[:-1] if change < 0 else blob + b"\0", 1) == -RANGE
     assert bench.state().state == "IDLE"
@@ -145,7 +145,7 @@ def test_cut_off_request_is_refused_for_its_length(bench: NodeBench, request_: s
     assert answer[2] in (LENGTH, 0x12 if request_ == "3100" else LENGTH)
 
 
-def test_counter_goes_on_with_0_after_255() -> None:
+def test_counter_continues_with_0_after_255() -> None:
     with NodeBench(nx=100, ny=100) as bench:
         bench.ready()
         assert bench.download(pattern_blob(np.ones((100, 100))), 1, block=3) == 0
@@ -200,21 +200,21 @@ def test_all_blocks_of_a_map_are_of_one_scan(bench: NodeBench) -> None:
     assert bench.upload(0)
 
 
-def test_node_says_how_far_a_transfer_has_come(bench: NodeBench) -> None:
-    said = Struct(">BBHIII")
+def test_node_reports_how_far_a_transfer_has_come(bench: NodeBench) -> None:
+    progress = Struct(">BBHIII")
     blob = pattern_blob(np.ones((9, 9)))
     bench.raw(begin(len(blob), layer=1))
-    assert said.unpack(bench.raw(b"\x22\x01\x04")[3:]) == (1, 1, 1, 7, 0, len(blob))
+    assert progress.unpack(bench.raw(b"\x22\x01\x04")[3:]) == (1, 1, 1, 7, 0, len(blob))
     for _ in range(2):
         bench.raw(b"\x36\x01" + blob[:10])
-        assert said.unpack(bench.raw(b"\x22\x01\x04")[3:]) == (1, 2, 1, 7, 10, len(blob))
+        assert progress.unpack(bench.raw(b"\x22\x01\x04")[3:]) == (1, 2, 1, 7, 10, len(blob))
     assert bench.scan(0) == DONE
     bench.raw(pack(">BBBII", 0x35, 0, 0x44, 0, 185), PROFILER)
     bench.raw(b"\x36\x01", PROFILER, 100)
-    assert said.unpack(bench.raw(b"\x22\x01\x04", PROFILER)[3:]) == (3, 2, 0, 7, 98, 185)
+    assert progress.unpack(bench.raw(b"\x22\x01\x04", PROFILER)[3:]) == (3, 2, 0, 7, 98, 185)
 
 
-def test_map_says_which_cells_are_not_valid_and_stands_on_a_datum_when_the_part_is_tall() -> None:
+def test_map_marks_invalid_cells_and_stands_on_a_datum_when_the_part_is_tall() -> None:
     with NodeBench(dropout_rate=0.3, sensor_seed=4) as bench:
         bench.ready()
         bench.surface[:] = 5e-3 + 1e-6 * np.arange(81).reshape(9, 9)
@@ -243,7 +243,7 @@ def test_large_map_is_whole() -> None:
         assert found.std() == pytest.approx(1e-6, rel=0.02)
 
 
-def test_session_and_tester_present_answer_as_iso_14229_says(bench: NodeBench) -> None:
+def test_session_and_tester_present_answer_as_iso_14229_requires(bench: NodeBench) -> None:
     assert bench.raw(b"\x10\x03", HEAD) == bytes.fromhex("500303E801F4")
     assert bench.raw(b"\x3e\x00") == b"\x7e\x00"
     assert bench.raw(b"\x3e\x80") == bench.raw(b"\x10\x83") == b""

@@ -1,4 +1,4 @@
-"""The wire of the emulated bench: which frames are hit, and what becomes of them."""
+"""The wire of the emulator: which frames are hit, and what becomes of them."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ class Divergence:
     """Root mean squares over the part [m]; NaN where no cell can be compared.
 
     growth: of what was added since the scan before, over cells seen in both; surface: of the heights, over cells seen.
-    Growth tells a device that goes wrong from one that is only a little off in every layer, and knows no datum.
+    Growth distinguishes a device that fails from one that is slightly off in every layer, and needs no datum.
     """
 
     growth: float = math.nan

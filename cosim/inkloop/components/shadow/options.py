@@ -28,7 +28,7 @@ class ShadowTable(BaseModel):
     plant: str = Field(default="LayerDeposition", description="kind of the deposition model")
     start: Literal["scan", "job"] = Field(
         default="scan",
-        description='surface to begin on: "scan": what the scan of layer 0 finds; "job": [substrate], or a flat one',
+        description='surface to begin on: "scan": what the scan of layer 0 finds; "job": `[substrate]`, or a flat one',
     )
     alarm_um: _Limit = Field(default=3.0, description="rms growth divergence above which the status is untrusted")
     stop_um: _Limit | None = Field(default=None, description="rms growth divergence that ends the run")
@@ -65,8 +65,9 @@ class ShadowKind:
         except ValueError as error:
             return Checked(KIND, [str(error)])
         starts_on_scan = table.start == "scan"
-        ports = Ports(inputs, outputs, is_shadow=True, optional_inputs=Shadow.optional_inputs,
-                      starts_on_scan=starts_on_scan)  # fmt: skip
+        ports = Ports(
+            inputs, outputs, is_shadow=True, optional_inputs=Shadow.optional_inputs, starts_on_scan=starts_on_scan
+        )
 
         def construct(bench: Bench) -> Component:
             def make_plant(wanted: Job) -> Component:  # another job: the same on another start surface

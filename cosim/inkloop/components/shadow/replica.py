@@ -75,7 +75,7 @@ class FollowedPlant:
             if int(values[LAYERS_PRINTED]) != layer:
                 raise ComponentError(
                     f"the plant has not completed layer {layer} in one step of {step_ns * S_PER_NS:g} s; leave its "
-                    "duration out (the printer says when a layer is done)"
+                    "duration out (the printer reports when a layer is done)"
                 )
             self.layer = layer
             self.surfaces[layer] = np.array(values[HEIGHT], np.float64)

@@ -38,7 +38,7 @@ SCAN_INPUTS = (MEASURED_HEIGHT, VALID, LAYERS_SCANNED)
 
 
 class Shadow:
-    """Deposits a layer on its plant when the printer says that it is done, with the pattern it was commanded with.
+    """Deposits a layer on its plant when the printer reports that it is done, with the pattern it was commanded with.
 
     make_plant: see `FollowedPlant`. start: "scan": the scan of layer 0 is the surface to begin on; "job": that of the
     job, where no real surface is scanned. alarm, stop: growth divergence [m] (see `Divergence`) above which the status
@@ -105,7 +105,7 @@ class Shadow:
         return buffer.getvalue()
 
     def restore(self, saved: bytes) -> None:
-        """Go on from a saved state. Raises ComponentError if it is none, or the plant refuses it."""
+        """Continue from a saved state. Raises ComponentError if it is none, or the plant refuses it."""
         try:
             with np.load(io.BytesIO(saved), allow_pickle=False) as stored:
                 state = {key: stored[key] for key in stored.files}
@@ -132,8 +132,10 @@ class Shadow:
         if self._last_scan is None and plant.layer == layer == self._reference and self.starts_on_scan:
             plant.begin_on(start_surface(plant.start_surface, measured, valid))
             if not np.allclose(plant.surfaces[layer], plant.start_surface, rtol=0.0, atol=_SAME_M):
-                _LOG.warning("the plant takes no start surface (height_start); it begins on its own, and the surface "
-                             "divergence holds what the real one is off by")  # fmt: skip
+                _LOG.warning(
+                    "the plant takes no start surface (height_start); it begins on its own, and the surface "
+                    "divergence holds what the real one is off by"
+                )
         if layer == self._unknown:
             _LOG.warning("layer %d was aborted: the model continues from its scan", layer)
             if layer == plant.layer:
@@ -151,17 +153,23 @@ class Shadow:
         """The status after the scan of a layer; an alarm is logged."""
         growth = self._divergence.growth
         if math.isnan(growth):
-            _LOG.warning("layer %d: no cell of the part was seen in its scan and in the one before; nothing can be "
-                         "compared with the model", layer)  # fmt: skip
+            _LOG.warning(
+                "layer %d: no cell of the part was seen in its scan and in the one before; nothing can be "
+                "compared with the model",
+                layer,
+            )
             return Status.UNTRUSTED
-        said = f"layer {layer} grew otherwise than the model says, by {growth * UM_PER_M:.2f} um rms over the part"
+        message = f"layer {layer} grew differently from the model, by {growth * UM_PER_M:.2f} um rms over the part"
         if growth > self._stop:
-            _LOG.error("%s; more than stop_um = %g: the run ends. Look at the part and at the print head", said,
-                       self._stop * UM_PER_M)  # fmt: skip
+            _LOG.error(
+                "%s; more than stop_um = %g: the run ends. Look at the part and at the print head",
+                message,
+                self._stop * UM_PER_M,
+            )
             return Status.FAULT
         if growth > self._alarm:
             _LOG.warning(
-                "%s; more than alarm_um = %g. Look at the print head and at the scan", said, self._alarm * UM_PER_M
+                "%s; more than alarm_um = %g. Look at the print head and at the scan", message, self._alarm * UM_PER_M
             )
             return Status.UNTRUSTED
         return Status.IDLE

@@ -52,8 +52,10 @@ def bake(scenario: Scenario) -> Bake:
     parts = {role: system.part(name) for name, role in roles.items()}
     values = {role: (parts[role].description.name, dict(parts[role].values)) for role in ROLES}
     values[contract.CONTROLLER][1]["is_timed"] = np.asarray(False)  # so that a state repeats bit by bit
-    durations = {"layer_duration": _value(parts[contract.PRINTER], "layer_duration"),
-                 "scan_duration": _value(parts[contract.PROFILER], "scan_duration")}  # fmt: skip
+    durations = {
+        "layer_duration": _value(parts[contract.PRINTER], "layer_duration"),
+        "scan_duration": _value(parts[contract.PROFILER], "scan_duration"),
+    }
     own = {
         "layer_period": max(scenario.tables.run.step_s, sum(durations.values())),
         **durations,

@@ -25,7 +25,7 @@ def read(system: ET.Element, known: Mapping[str, FmuDescription], errors: list[s
         source, target = (_end(element, which, names, errors) for which in ("start", "end"))
         if source is None or target is None:
             continue
-        if known[source[0]].variables[source[1]].causality != "output":  # start and end say no direction
+        if known[source[0]].variables[source[1]].causality != "output":  # start and end have no direction
             source, target = target, source
         line = _gain_and_offset(element, source, target, known, errors)
         joined.setdefault((*source[:2], *target[:2]), {})[source[2], target[2]] = line

@@ -38,8 +38,13 @@ def structure(system: System) -> bytes:
                 _connect(connections, "VariableConnection", ("Variable", ends[0]), ("Variable", ends[1]))
                 continue
             function = f"{wire.source[0]}.{wire.source[1]} to {wire.target[0]}.{wire.target[1]} {number}"
-            add(functions, "LinearTransformation", name=function, factor=wire.transfer.factor,
-                offset=wire.transfer.offset)  # fmt: skip
+            add(
+                functions,
+                "LinearTransformation",
+                name=function,
+                factor=wire.transfer.factor,
+                offset=wire.transfer.offset,
+            )
             signals = [{"function": function, "name": name} for name in ("in", "out")]
             _connect(connections, "SignalConnection", ("Variable", ends[0]), ("Signal", signals[0]))
             _connect(connections, "SignalConnection", ("Signal", signals[1]), ("Variable", ends[1]))

@@ -1,8 +1,8 @@
 """Running a system of others in our master: an .ssp laid over a scenario.
 
-The scenario says what no .ssd can: the part, the run, components that are no FMU. It stands in the .ssp where inkloop
-wrote it, or is named beside it. The FMUs, parameters and connections of the .ssp take the place of what the scenario
-says of components of the same names; a parameter that no set of the .ssp names stays as the FMU begins.
+The scenario states what no .ssd can: the part, the run, components that are no FMU. It stands in the .ssp where inkloop
+wrote it, or is named with it. The FMUs, parameters and connections of the .ssp replace those that the scenario
+gives for components of the same names; a parameter that no set of the .ssp names stays as the FMU begins.
 """
 
 from __future__ import annotations
@@ -143,10 +143,10 @@ def _grid_errors(
     fixed = {name: of.grid for name, of in known.items() if of.grid is not None and "nx" not in of.default_sizes}
     if not all(isinstance(cells, int) and cells > 0 for cells in wanted):
         return []
-    who, advice = (str(job), "take another job") if job else ("the scenario in it", "leave its grid as it is")
+    owner, advice = (str(job), "take another job") if job else ("the scenario in it", "leave its grid as it is")
     return [
         f"{', '.join(name for name in fixed if fixed[name] == found)}: of a grid of {found[0]} x {found[1]} cells, "
-        f"{who} of {wanted[0]} x {wanted[1]}; export the .ssp again for that grid, or {advice}"
+        f"{owner} of {wanted[0]} x {wanted[1]}; export the .ssp again for that grid, or {advice}"
         for found in dict.fromkeys(fixed.values())
         if found != wanted
     ]

@@ -74,8 +74,14 @@ def _root(prefix: str, tag: str, name: str, version: str) -> ET.Element:
 
 
 def _add_component(elements: ET.Element, system: System, part: Part) -> None:
-    component = add(elements, "ssd:Component", name=part.name, type="application/x-fmu-sharedlibrary",
-                    source=f"resources/{part.name}.fmu", implementation="CoSimulation")  # fmt: skip
+    component = add(
+        elements,
+        "ssd:Component",
+        name=part.name,
+        type="application/x-fmu-sharedlibrary",
+        source=f"resources/{part.name}.fmu",
+        implementation="CoSimulation",
+    )
     ports = list(_connected(system, part))
     if ports:
         connectors = add(component, "ssd:Connectors")
@@ -110,8 +116,12 @@ def _outside_connectors(system: System) -> Iterator[tuple[str, str, Part, str]]:
 def _connections(system: System) -> Iterator[ET.Element]:
     for wire in system.wires:
         for source, target in system.pairs(wire):
-            ends = {"startElement": wire.source[0], "startConnector": source, "endElement": wire.target[0],
-                    "endConnector": target}  # fmt: skip
+            ends = {
+                "startElement": wire.source[0],
+                "startConnector": source,
+                "endElement": wire.target[0],
+                "endConnector": target,
+            }
             element = ET.Element("ssd:Connection", {key: end for key, end in ends.items() if end})
             if wire.gain != 1.0 or wire.offset != 0.0:
                 add(element, "ssc:LinearTransformation", factor=wire.gain, offset=wire.offset)

@@ -119,8 +119,9 @@ def system_of(scenario: Scenario, fmi: str, folder: Path) -> System:
         reasons = [f"{name}: {reason}" for name, reason in outside.items()]
         raise ScenarioError(scenario.source, ["none of its components is an FMU that could be packed", *reasons])
     wires = _wires(scenario.connections, scenario.ports, parts)
-    system = System(scenario.tables.title, list(parts.values()), wires, outside, scenario.tables.run.step_s,
-                    _stop_s(scenario, parts), scenario.text, bool(scenario.tables.events))  # fmt: skip
+    title, step_s, has_events = scenario.tables.title, scenario.tables.run.step_s, bool(scenario.tables.events)
+    stop_s = _stop_s(scenario, parts)
+    system = System(title, list(parts.values()), wires, outside, step_s, stop_s, scenario.text, has_events)
     if errors := list(_form_errors(system)):
         raise ScenarioError(scenario.source, errors)
     return system

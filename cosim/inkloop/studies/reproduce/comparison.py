@@ -106,10 +106,10 @@ def terminal_table(title: str, rows: Sequence[Row]) -> Table:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """What is to be said of rows, each once: first of those that are not reproduced."""
-    said = sorted((row for row in rows if row.remark), key=lambda row: not row.reproduced.startswith("no"))
+    """Remarks on rows, each once: first of those that are not reproduced."""
+    noted = sorted((row for row in rows if row.remark), key=lambda row: not row.reproduced.startswith("no"))
     places: dict[str, dict[str, None]] = {}
-    for row in said:
+    for row in noted:
         places.setdefault(row.remark, {})[re.split("[:,]", row.where)[0]] = None
     return [f"{', '.join(among)}: {remark}" for remark, among in places.items()]
 

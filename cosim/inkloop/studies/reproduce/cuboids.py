@@ -46,16 +46,20 @@ def _rows(where: str, label: str, results: list[Result], side: int, *, of_paper:
     part = results[0].dataset.mask.values.astype(bool)
     average, scatter = prints.mean_and_scatter([float(height[part].mean()) for height in heights])
     std, std_scatter = prints.mean_and_scatter([float(height[part].std()) for height in heights])
-    grown = [prints.mean_and_scatter([100.0 * (width(height, axis) / side - 1.0) for height in heights])
-             for axis in (0, 1)]  # fmt: skip
+    grown = [
+        prints.mean_and_scatter([100.0 * (width(height, axis) / side - 1.0) for height in heights]) for axis in (0, 1)
+    ]
     remark = MACHINE if printed[0] is not None else ""
     growth = 10.0 if of_paper and label == "paper's search" else None
+    within, note = (3.0, NO_GROWTH) if growth else (None, "")
     return [
         Row(where, f"{label}: average height", "um", printed[0], average, remark=remark, scatter=scatter),
         Row(where, f"{label}: standard deviation", "um", printed[1], std, remark=remark, scatter=std_scatter),
-        *(Row(where, f"{label}: growth in {'xy'[axis]}", "%", growth, mean, 3.0 if growth else None,
-              NO_GROWTH if growth else "", spread) for axis, (mean, spread) in enumerate(grown)),
-    ]  # fmt: skip
+        *(
+            Row(where, f"{label}: growth in {'xy'[axis]}", "%", growth, mean, within, note, spread)
+            for axis, (mean, spread) in enumerate(grown)
+        ),
+    ]
 
 
 def width(height: FloatMap, axis: int, half: float = 11.4) -> float:

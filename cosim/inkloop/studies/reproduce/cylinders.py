@@ -9,8 +9,10 @@ from inkloop.studies.reproduce import prints
 from inkloop.studies.reproduce.comparison import Part, Row, Step
 from inkloop.units import UM_PER_M
 
-FIGURES = {0.2: ("Fig. 11: cylinder, 20 %", (44.1, 15.0), (0.7, 4.1)),
-           0.4: ("Fig. 12: cylinder, 40 %", (84.7, 16.6), (1.9, 4.5))}  # fmt: skip
+FIGURES = {
+    0.2: ("Fig. 11: cylinder, 20 %", (44.1, 15.0), (0.7, 4.1)),
+    0.4: ("Fig. 12: cylinder, 40 %", (84.7, 16.6), (1.9, 4.5)),
+}
 """Variation -> place, mean error and standard deviation as printed [um], open and closed loop."""
 NO_SPREAD = (
     "the printed unevenness of the open loop does not follow from the paper's own model with independent droplets: "

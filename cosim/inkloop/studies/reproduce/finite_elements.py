@@ -45,9 +45,11 @@ def triangles(outline: FloatMap, size: float) -> tuple[FloatMap, FloatMap]:
     border = [
         start + (end - start) * step[:, None]
         for start, end in zip(outline, ahead, strict=True)
-        for step in [np.arange(max(1, round(float(np.hypot(*(end - start))) / size)))
-                     / max(1, round(float(np.hypot(*(end - start))) / size))]
-    ]  # fmt: skip
+        for step in [
+            np.arange(max(1, round(float(np.hypot(*(end - start))) / size)))
+            / max(1, round(float(np.hypot(*(end - start))) / size))
+        ]
+    ]
     low, high = outline.min(axis=0) - size, outline.max(axis=0) + size
     rows = np.arange(low[1], high[1], size * np.sqrt(0.75))
     lattice = np.array(

@@ -12,16 +12,18 @@ def time_scales(quick: bool) -> Part:
     """Table 1, and the numbers that the text argues with."""
     ink = Liquid()
     where, text = "Table 1", "the paper calls it small and gives no number"
-    return Part([
-        Row(where, "t_spread", "us", 10.0, ink.spreading * US_PER_S, 0.5),
-        Row(where, "t_osc", "us", 50.0, ink.oscillation * US_PER_S, 1.0),
-        Row(where, "t_visc", "us", 160.0, ink.damping * US_PER_S, 0.5),
-        Row(where, "t_relax", "us", 80.0, ink.relaxation * US_PER_S, 0.5),
-        Row(where, "t_dep, at 8 kHz", "us", 125.0, ink.interval * US_PER_S, 0.5),
-        Row("Theory", "Bond number", "1", None, ink.bond, remark=text),
-        Row("Theory", "Ohnesorge number", "1", None, ink.ohnesorge, remark=text),
-        Row("Theory", "objections to the quasi-static model", "1", 0.0, float(len(ink.objections())), 0.0),
-    ])  # fmt: skip
+    return Part(
+        [
+            Row(where, "t_spread", "us", 10.0, ink.spreading * US_PER_S, 0.5),
+            Row(where, "t_osc", "us", 50.0, ink.oscillation * US_PER_S, 1.0),
+            Row(where, "t_visc", "us", 160.0, ink.damping * US_PER_S, 0.5),
+            Row(where, "t_relax", "us", 80.0, ink.relaxation * US_PER_S, 0.5),
+            Row(where, "t_dep, at 8 kHz", "us", 125.0, ink.interval * US_PER_S, 0.5),
+            Row("Theory", "Bond number", "1", None, ink.bond, remark=text),
+            Row("Theory", "Ohnesorge number", "1", None, ink.ohnesorge, remark=text),
+            Row("Theory", "objections to the quasi-static model", "1", 0.0, float(len(ink.objections())), 0.0),
+        ]
+    )
 
 
 PAPER = Paper(

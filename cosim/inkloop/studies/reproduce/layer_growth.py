@@ -43,10 +43,9 @@ def find(quick: bool) -> Part:
     disc = ((i - 17) ** 2 + (j - 17) ** 2 <= 225).astype(np.int32)
     tower = _layers(model, disc, 10)
     where = "Fig. 8: cylinder"
-    rows += [
-        Row(where, f"centre less edge, {n} layers", "um", None, float(tower[n - 1][17, 17] - tower[n - 1][2, 17]),
-            remark=LAYER_COUNT) for n in (6, 10)
-    ]  # fmt: skip
+    for n in (6, 10):
+        rise = float(tower[n - 1][17, 17] - tower[n - 1][2, 17])
+        rows.append(Row(where, f"centre less edge, {n} layers", "um", None, rise, remark=LAYER_COUNT))
     figure = pictures.growth([surface[:, 0] for surface in line], dome[2:11, 6], added[2:11, 6], tower[-1][:, 17])
     return Part(rows, {"edges-shrink": figure})
 
@@ -61,9 +60,8 @@ def _line_rows(line: list[FloatMap]) -> list[Row]:
         "layer 2, others: 2 h1 + 4 h2": (2 * H1 + 4 * H2, second[LINE // 2]),
     }
     rows = [
-        Row("III-C, Fig. 7: line", name, "um", printed, float(ours), 1e-9)
-        for name, (printed, ours) in expected.items()
-    ]  # fmt: skip
+        Row("III-C, Fig. 7: line", name, "um", printed, float(ours), 1e-9) for name, (printed, ours) in expected.items()
+    ]
     for layers, surface in enumerate(line, start=1):
         flat = layers * (H1 + 2 * H2)
         shrunk = int(np.count_nonzero(np.abs(surface[: LINE // 2] - flat) > 1e-9))

@@ -18,21 +18,23 @@ def find(quick: bool) -> Part:
     """Along the edge and across it; the paper prints a picture and no number."""
     per_pitch = 8 if quick else 16
     rows, shown = [], {}
-    for name, sites in {"along the edge": [(i, EDGE - 1) for i in range(3, 8)],
-                        "across the edge": [(5, j) for j in range(3, 8)]}.items():  # fmt: skip
+    for name, sites in {
+        "along the edge": [(i, EDGE - 1) for i in range(3, 8)],
+        "across the edge": [(5, j) for j in range(3, 8)],
+    }.items():
         for form in ("nonlinear", "linear"):
             model = YoungLaplaceDeposition(form=form, cells_per_pitch=per_pitch)
             below, after = _printed(model, sites)
             added = (after.over_grid - below.over_grid) * UM_PER_M
+            kept = 100.0 * float(added.sum()) * (after.spacing * UM_PER_M) ** 2 / (5 * 30e3)
             beyond = added[:, EDGE * per_pitch :].sum() / added.sum()
             where = f"Fig. 3 to 5, {name}, {form}"
             rows += [
                 Row(where, "highest point over the plate", "um", None, float(after.over_grid.max()) * UM_PER_M),
                 Row(where, "thickest place of the line", "um", None, float(added.max())),
                 Row(where, "volume beyond the edge", "%", None, 100.0 * float(beyond)),
-                Row(where, "volume kept, of five droplets", "%", None,
-                    100.0 * float(added.sum()) * (after.spacing * UM_PER_M) ** 2 / (5 * 30e3)),
-            ]  # fmt: skip
+                Row(where, "volume kept, of five droplets", "%", None, kept),
+            ]
             shown[f"{name}, {form}"] = (below, after)
     return Part(rows, {"line-on-a-step": pictures.lines_on_a_step(shown)})
 

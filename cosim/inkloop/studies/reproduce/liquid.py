@@ -24,8 +24,11 @@ class Liquid:
     interval: float = 125e-6
 
     def __post_init__(self) -> None:
-        wrong = [f"{name} is {value!r}; needs a number above 0" for name, value in vars(self).items()
-                 if not 0.0 < value < math.inf]  # fmt: skip
+        wrong = [
+            f"{name} is {value!r}; needs a number above 0"
+            for name, value in vars(self).items()
+            if not 0.0 < value < math.inf
+        ]
         if wrong:
             raise ValueError("; ".join(wrong))
 
@@ -67,9 +70,11 @@ class Liquid:
         """
         found = []
         if self.relaxation > self.interval:
-            found.append(f"a droplet needs {self.relaxation * US_PER_S:.0f} us to come to rest, the next one comes "
-                         f"after {self.interval * US_PER_S:.0f} us; jet more slowly or use a more viscous "
-                         "ink")  # fmt: skip
+            found.append(
+                f"a droplet needs {self.relaxation * US_PER_S:.0f} us to come to rest, the next one comes "
+                f"after {self.interval * US_PER_S:.0f} us; jet more slowly or use a more viscous "
+                "ink"
+            )
         if self.bond > 0.1:
             found.append(f"Bond number {self.bond:.2g}; the model leaves out weight and needs at most 0.1")
         if self.ohnesorge > 1.0:

@@ -27,14 +27,14 @@ def droplet_errors(
     figure = Figure(figsize=(WIDTH_IN, 3.2), layout="constrained")
     for number, axes in enumerate(figure.subplots(1, 2)):
         for mark, (name, errors) in zip(MARKS, printed.items(), strict=False):
-            axes.plot(sizes_um, [error[number] for error in errors], color="black", marker=mark, ms=4, mfc="none",
-                      linestyle=":", label=f"printed: {name}")  # fmt: skip
+            shown = [error[number] for error in errors]
+            axes.plot(sizes_um, shown, ":", color="black", marker=mark, ms=4, mfc="none", label=f"printed: {name}")
         for mark, colour, (name, found) in zip(MARKS, COLOURS, by_triangles.items(), strict=False):
-            axes.plot(sizes_um, [error[number] for error in found], color=colour, marker=mark, ms=4,
-                      label=f"scikit-fem: {name}")  # fmt: skip
+            shown = [error[number] for error in found]
+            axes.plot(sizes_um, shown, color=colour, marker=mark, ms=4, label=f"scikit-fem: {name}")
         for mark, (name, ours) in zip(("x", "+"), by_kernel.items(), strict=False):
-            axes.plot([row[0] for row in ours], [row[1 + number] for row in ours], color=COLOURS[3], marker=mark,
-                      linestyle="--", label=name)  # fmt: skip
+            spacings, shown = [row[0] for row in ours], [row[1 + number] for row in ours]
+            axes.plot(spacings, shown, "--", color=COLOURS[3], marker=mark, label=name)
         axes.set(xscale="log", yscale="log", xlabel="largest element or spacing [µm]")
         axes.set_ylabel(("mean error [µm]", "error of the centre [µm]")[number])
         axes.grid(color="0.92")
@@ -74,8 +74,9 @@ def square(surface: FineSurface) -> Figure:
     figure = Figure(figsize=(WIDTH_IN, 3.6))
     axes = figure.add_subplot(projection="3d")
     assert isinstance(axes, Axes3D)
-    axes.plot_surface(x[:, None], x[None, :], fine, cmap="viridis", rcount=230, ccount=230, linewidth=0,
-                      antialiased=False)  # fmt: skip
+    axes.plot_surface(
+        x[:, None], x[None, :], fine, cmap="viridis", rcount=230, ccount=230, linewidth=0, antialiased=False
+    )
     axes.set_box_aspect((1, 1, 0.25), zoom=1.0)
     axes.zaxis.set_major_locator(MaxNLocator(3))
     axes.set_position((0.0, 0.0, 1.0, 1.0))

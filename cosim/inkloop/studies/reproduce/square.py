@@ -100,7 +100,7 @@ def _rows(where: str, surface: FineSurface, seconds: float) -> list[Row]:
         Row(where, "end walls, angle", "deg", None, end_angle),
         Row(where, "side walls, 10 to 90 %", "um", None, side_width),
         Row(where, "side walls, angle", "deg", None, side_angle),
-        Row(where, "ridge beside the side walls", "um", None, ridge(surface)),
+        Row(where, "ridge along the side walls", "um", None, ridge(surface)),
         Row(where, "corner droplet", "um", None, corner(surface)),
         Row(where, "volume outside the square", "%", None, 100.0 * outside(surface)),
         Row(where, "bodies solved linearly", "%", None, 100.0 * surface.fallbacks / (SIDE * LAYERS)),

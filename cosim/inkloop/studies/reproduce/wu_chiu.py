@@ -57,9 +57,8 @@ def printed_sample(quick: bool) -> Part:
         Row("(18)", "(11) with (20): rms error of the neighbours' gains", "%", None, float(np.sqrt(np.mean(off**2)))),
     ]
     for pitches, text in ((0.6, ", default"), (1.5, ", the text"), (2.0, ", the text")):
-        error = _differences(pitches) - DIFFERENCES
-        rows.append(Row("(19)", f"cap of {pitches:g} pitches{text}: rms error", "um", None,
-                        float(np.sqrt(np.mean(error**2))), remark=RADIUS))  # fmt: skip
+        rms = float(np.sqrt(np.mean((_differences(pitches) - DIFFERENCES) ** 2)))
+        rows.append(Row("(19)", f"cap of {pitches:g} pitches{text}: rms error", "um", None, rms, remark=RADIUS))
     return Part(rows)
 
 
@@ -68,8 +67,10 @@ def resampled(quick: bool) -> Part:
     samples = FEW if quick else SAMPLES
     own = identify_volume_area(list(experiments(VolumeAreaDeposition(), samples)), NOISE / PIXELS)
     other = identify_volume_area(list(experiments(liquid(), samples)), NOISE / PIXELS)
-    rows = [*_coefficient_rows("(20), profiles of this model", own, known=True),
-            *_coefficient_rows("(20), drops under surface tension", other, known=False)]  # fmt: skip
+    rows = [
+        *_coefficient_rows("(20), profiles of this model", own, known=True),
+        *_coefficient_rows("(20), drops under surface tension", other, known=False),
+    ]
     for name, found in (("of this model", own), ("surface tension", other)):
         rows += [_error_row(f"Table I, profiles {name}", prior, printed, found) for prior, printed in TABLE_1.items()]
         rows.append(_error_row(f"Table II, profiles {name}", "1", TABLE_2, found))
@@ -83,8 +84,8 @@ def _coefficient_rows(where: str, found: VolumeAreaEstimate, *, known: bool) -> 
     for name in NAMES:
         printed = COEFFICIENTS[name] if known else None
         within = 0.05 * abs(COEFFICIENTS[name]) + 1e-6 if known else None
-        rows.append(Row(where, name, "1/um", printed, found.coefficients[name] / UM_PER_M, within,
-                        NO_PROFILES if known else OTHER_INK, found.half_widths[name] / UM_PER_M))  # fmt: skip
+        ours, scatter = found.coefficients[name] / UM_PER_M, found.half_widths[name] / UM_PER_M
+        rows.append(Row(where, name, "1/um", printed, ours, within, NO_PROFILES if known else OTHER_INK, scatter))
     return rows
 
 

@@ -16,7 +16,7 @@ from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop.studies.score import PLANTS, VERSION
-from inkloop.studies.score.told_inks import identified, single_droplet
+from inkloop.studies.score.known_inks import identified, single_droplet
 from inkloop.suggest import nearest
 from inkloop.units import UM_PER_M
 
@@ -58,7 +58,7 @@ ENTRIES = (
     OURS,
     Entry("LayerMpc, Lu identified", "LayerMpc", {}, identified, "least squares on random layers of the plant"),
     LEARNING,
-    Entry("LayerMpc, single droplet", "LayerMpc", {}, single_droplet, "the ink that superposition is told"),
+    Entry("LayerMpc, single droplet", "LayerMpc", {}, single_droplet, "the ink given to superposition"),
 )
 AGAINST = (OPEN_LOOP, PAPERS, OURS, LEARNING)
 """Entries that a user's controller is compared with."""
@@ -80,7 +80,7 @@ class Score:
 
 
 def load(plant: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
-    """The scenario of a plant, with the controller in it that the overrides say. Raises ScenarioError."""
+    """The scenario of a plant, with the controller that the overrides give. Raises ScenarioError."""
     if plant not in PLANTS:
         raise InkloopError(f"there is no plant {VERSION}/{plant}: {nearest(plant, PLANTS)}")
     return Scenario.load(FOLDER / f"{plant}.toml", overrides)
@@ -113,7 +113,7 @@ def relative(scores: Sequence[Score], name: str) -> float:
 
 
 def fingerprint() -> str:
-    """Begin of the SHA-256 over all plants of the version: the same for everyone who compares."""
+    """Begin of the SHA-256 over all plants of the version: the same in every comparison."""
     digest = hashlib.sha256()
     for plant in PLANTS:
         digest.update((FOLDER / f"{plant}.toml").read_bytes())

@@ -37,7 +37,7 @@ def score(options: argparse.Namespace, overrides: Mapping[str, Any], console: Co
     if options.controller is not None:
         own = Entry(options.controller, options.controller, overrides)
         entries = [*AGAINST, own]
-        load(PLANTS[0], overrides_of(own))  # what is wrong with it is said before anything is printed
+        load(PLANTS[0], overrides_of(own))  # its errors are reported before anything is printed
     elif overrides:
         raise InkloopError("--set is for a controller of your own; name it, as MODULE:CLASS or by its kind")
     unknown = [plant for plant in options.plants if plant.removeprefix(f"{VERSION}/") not in PLANTS]

@@ -23,8 +23,10 @@ CAPTION = "rms error over the part in um, mean over the seeds; score: geometric 
 
 def how_to_cite(seeds: Sequence[int]) -> str:
     """One sentence that makes a table comparable."""
-    return (f"inkloop {__version__}, score board {VERSION} (plants {fingerprint()}), seeds "
-            f"{', '.join(map(str, seeds))}; cite inkloop (CITATION.cff) and the papers of the plants.")  # fmt: skip
+    return (
+        f"inkloop {__version__}, score board {VERSION} (plants {fingerprint()}), seeds "
+        f"{', '.join(map(str, seeds))}; cite inkloop (CITATION.cff) and the papers of the plants."
+    )
 
 
 def terminal_table(scores: Sequence[Score]) -> Table:
@@ -36,8 +38,10 @@ def terminal_table(scores: Sequence[Score]) -> Table:
         table.add_column(plant, justify="right", overflow="fold")
     best = np.nanmin(cells, axis=0)
     for name, row in zip(names, cells, strict=True):
-        shown = [f"[bold]{value:.2f}[/bold]" if value == least else _text(value)
-                 for value, least in zip(row, best, strict=True)]  # fmt: skip
+        shown = [
+            f"[bold]{value:.2f}[/bold]" if value == least else _text(value)
+            for value, least in zip(row, best, strict=True)
+        ]
         table.add_row(name, *shown)
     return table
 
@@ -62,18 +66,20 @@ def latex(scores: Sequence[Score], seeds: Sequence[int]) -> str:
     """The same for a paper, with the package booktabs."""
     plants, names, cells = _cells(scores)
     rows = [f"{name} & {' & '.join(map(_text, row))} \\\\" for name, row in zip(names, cells, strict=True)]
-    return "\n".join([
-        f"% {CAPTION}",
-        f"% {how_to_cite(seeds)}",
-        f"\\begin{{tabular}}{{l{'r' * (len(plants) + 1)}}}",
-        "\\toprule",
-        f"controller & {' & '.join((*plants, 'score'))} \\\\",
-        "\\midrule",
-        *rows,
-        "\\bottomrule",
-        "\\end{tabular}",
-        "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            f"% {CAPTION}",
+            f"% {how_to_cite(seeds)}",
+            f"\\begin{{tabular}}{{l{'r' * (len(plants) + 1)}}}",
+            "\\toprule",
+            f"controller & {' & '.join((*plants, 'score'))} \\\\",
+            "\\midrule",
+            *rows,
+            "\\bottomrule",
+            "\\end{tabular}",
+            "",
+        ]
+    )
 
 
 def spreadsheet(scores: Sequence[Score], seeds: Sequence[int]) -> str:

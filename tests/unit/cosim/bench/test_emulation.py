@@ -1,4 +1,4 @@
-"""From a scenario to the emulated bench that stands for its printer and profiler, and words where that cannot be."""
+"""From a scenario to the emulator in place of its printer and profiler, and messages where that is impossible."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ def test_options_that_only_the_fmus_have_are_all_named(tmp_path: Path) -> None:
     ("channel", "port"),
     [("socket://127.0.0.1:28550", 28550), ("socket://10.0.0.7:28550", None), ("can0", None), (None, None)],
 )
-def test_only_a_port_of_this_machine_is_one_for_an_emulated_bench(channel: str | None, port: int | None) -> None:
+def test_only_a_port_of_this_machine_is_one_for_the_emulator(channel: str | None, port: int | None) -> None:
     assert local_port(channel) == port
 
 
-def test_run_without_a_bench_leaves_no_folder_and_says_what_to_start(tmp_path: Path) -> None:
+def test_run_without_a_bench_leaves_no_folder_and_the_message_names_what_to_start(tmp_path: Path) -> None:
     path = write(tmp_path)
     scenario = Scenario.load(path, {"bench.channel": "socket://127.0.0.1:9"})
     with pytest.raises(ComponentError, match=rf"`inkloop bench {path}` in another terminal"):
@@ -71,7 +71,7 @@ def test_run_without_a_bench_leaves_no_folder_and_says_what_to_start(tmp_path: P
 @pytest.mark.parametrize(
     ("overrides", "word"), [([], "bench.channel are not set"), (["bench.channel=can0"], "bench.channel is 'can0'")]
 )
-def test_bench_that_does_not_know_where_to_listen_says_so(
+def test_bench_without_a_channel_is_an_error(
     overrides: list[str], word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sets = [piece for override in overrides for piece in ("--set", override)]

@@ -21,9 +21,14 @@ class Fan:
     outputs = (Port("speed", "m/s"),)
 
     def __init__(
-        self, job: Job, *, speed: float = 1.0, blades: int = 3, mode: Literal["on", "off"] = "on",
+        self,
+        job: Job,
+        *,
+        speed: float = 1.0,
+        blades: int = 3,
+        mode: Literal["on", "off"] = "on",
         levels: tuple[float, ...] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         if speed < 0:
             raise ValueError(f"speed is {speed:g}; a fan turns forwards")
         self.options = (speed, blades, mode, levels)
@@ -56,7 +61,7 @@ def test_third_party_class_takes_part_by_name_or_entry_point(kind: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"sped": 1.0}, "sped is not a key of this table; did you mean speed?"),
         ({"speed": "fast"}, "speed is 'fast'; expected a valid number"),
@@ -65,13 +70,13 @@ def test_third_party_class_takes_part_by_name_or_entry_point(kind: str) -> None:
         ({"mode": "auto"}, "mode is 'auto'; expected 'on' or 'off'"),
     ],
 )
-def test_wrong_option_is_named_with_what_would_be_right(options: dict[str, object], said: str) -> None:
-    assert catalog.check("Fan", toy_job(), options).errors == [said]
+def test_wrong_option_is_named_with_what_would_be_right(options: dict[str, object], message: str) -> None:
+    assert catalog.check("Fan", toy_job(), options).errors == [message]
     with pytest.raises(ScenarioError, match="1 error"):
         catalog.make("Fan", toy_job(), options)
 
 
-def test_all_errors_are_told_at_once() -> None:
+def test_all_errors_are_reported_at_once() -> None:
     assert len(catalog.check("Fan", toy_job(), {"sped": 1.0, "blades": "x", "mode": 3}).errors) == 3
 
 

@@ -51,7 +51,7 @@ def parse(options: dict[str, object], job: Job | None = None) -> fmu_parameters.
     return fmu_parameters.parse(PRINTER, job or toy_job(), options, ())
 
 
-def test_job_speaks_for_itself() -> None:
+def test_parameters_of_the_job_need_no_options() -> None:
     job = toy_job(nx=6, ny=4)
     parsed = parse({}, job)
     assert parsed.errors == []
@@ -59,9 +59,14 @@ def test_job_speaks_for_itself() -> None:
     assert parsed.parameters == {"pitch": job.pitch, "h1_a": job.inks[0].h1, "seed": job.seed}
 
 
-def test_job_speaks_in_the_unit_of_the_fmu_and_only_of_what_is_its_own() -> None:
-    variables = {"pitch": parameter("pitch", "mm"), "h1_a": parameter("h1_a", "V"), "seed": parameter("seed", "kg"),
-                 "pass_order": parameter("pass_order"), "passes": parameter("passes", type="Int32")}  # fmt: skip
+def test_job_gives_values_in_the_unit_of_the_fmu_and_no_foreign_ones() -> None:
+    variables = {
+        "pitch": parameter("pitch", "mm"),
+        "h1_a": parameter("h1_a", "V"),
+        "seed": parameter("seed", "kg"),
+        "pass_order": parameter("pass_order"),
+        "passes": parameter("passes", type="Int32"),
+    }
     sizes = {name: PRINTER.variables[name] for name in ("nx", "ny", "height")}
     foreign = replace(PRINTER, variables={**variables, **sizes})
     job = toy_job()
@@ -98,7 +103,7 @@ def test_nested_list_fills_an_array_of_the_grid() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"pitch": 1e-4}, "pitch is a length; write pitch_um, pitch_mm, pitch_nm or pitch_m"),
         ({"pich_um": 1.0}, "pich_um is no option of Printer; did you mean pitch_um?"),
@@ -108,13 +113,13 @@ def test_nested_list_fills_an_array_of_the_grid() -> None:
             "variation_kind is 'per_cell'; expected one of 'per droplet' (1), 'per_layer' (3)",
         ),
         ({"seed": 1.5}, "seed is 1.5; expected a whole number"),
-        ({"pitch_um": 250, "pitch_mm": 0.25}, "pitch_mm says again what pitch_um says; keep one"),
+        ({"pitch_um": 250, "pitch_mm": 0.25}, "pitch_mm and pitch_um give the same value; keep one"),
         ({"pitch_um": "wide"}, "pitch_um is 'wide'; expected a number [um]"),
         ({"nx": "many"}, "nx is 'many'; expected a whole number"),
     ],
 )
-def test_wrong_option_is_named_with_what_would_be_right(options: dict[str, object], said: str) -> None:
-    assert parse(options).errors == [said]
+def test_wrong_option_is_named_with_what_would_be_right(options: dict[str, object], message: str) -> None:
+    assert parse(options).errors == [message]
 
 
 def test_enumeration_goes_by_name_or_number() -> None:
@@ -144,18 +149,18 @@ def test_damaged_file_is_an_error_before_anything_runs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({}, "file is missing; name the .fmu file"),
         ({"file": "nowhere.fmu"}, "kind is 'Fmu': nowhere.fmu: cannot be read: No such file or directory"),
     ],
 )
-def test_missing_file_is_an_error_of_the_scenario(options: dict[str, object], said: str) -> None:
-    assert catalog.check("Fmu", toy_job(), options).errors == [said]
+def test_missing_file_is_an_error_of_the_scenario(options: dict[str, object], message: str) -> None:
+    assert catalog.check("Fmu", toy_job(), options).errors == [message]
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"alpha": [[1, 0.8], [4, 0.3]]}, "alpha is a schedule; .* take kind 'LayerMpc' .* sets alpha between steps"),
         ({"sweeps": 3}, "sweeps is no option of LayerController; write sweeps_max"),
@@ -165,7 +170,7 @@ def test_missing_file_is_an_error_of_the_scenario(options: dict[str, object], sa
     ],
 )
 def test_what_only_the_python_controller_takes_is_answered_with_what_to_do(
-    options: dict[str, object], said: str
+    options: dict[str, object], message: str
 ) -> None:
     (error,) = catalog.check("LayerController", toy_job(), options).errors
-    assert re.fullmatch(said, error)
+    assert re.fullmatch(message, error)

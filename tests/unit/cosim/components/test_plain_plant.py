@@ -21,7 +21,7 @@ FLAT = toy_job(nx=3, ny=1)
 
 
 class Heap:
-    """Adds a droplet wherever its input says, in every step; heights in micrometres."""
+    """Adds a droplet wherever its input is 1, in every step; heights in micrometres."""
 
     def __init__(self, job: Job) -> None:
         shape = (job.nx, job.ny)
@@ -103,35 +103,35 @@ def test_command_out_of_order_is_refused_and_prints_nothing(command: int) -> Non
     assert plant.times == []
 
 
-def test_plant_without_save_says_so() -> None:
+def test_plant_without_save_is_reported() -> None:
     _, part = heap(toy_job())
     with pytest.raises(ComponentError, match="the plant cannot save its state"):
         part.save()
 
 
 @pytest.mark.parametrize(
-    ("ports", "said"),
+    ("ports", "message"),
     [
         ({"pattern_input": "dot"}, "pattern_input is 'dot', which the plant does not have; did you mean dots"),
         ({"height_output": "fumes"}, r"height_output is 'fumes' of shape \(\); needs 4 x 3 values"),
     ],
 )
-def test_port_that_does_not_fit_is_named(ports: dict[str, str], said: str) -> None:
+def test_port_that_does_not_fit_is_named(ports: dict[str, str], message: str) -> None:
     job = toy_job()
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=message):
         PlainPlant(job, Heap(job), **{"pattern_input": "dots", "height_output": "surface", **ports})
 
 
 @pytest.mark.parametrize(
-    ("outputs", "said"),
+    ("outputs", "message"),
     [
         ([Port("height", "K", (4, 3))], r"which is in \[K\]; needs a length"),
         ([Port("height", "m", (4, 3)), Port("layers_printed")], "plant has layers_printed of its own"),
     ],
 )
-def test_plant_that_is_none_is_refused(outputs: list[Port], said: str) -> None:
+def test_plant_that_is_none_is_refused(outputs: list[Port], message: str) -> None:
     plant = FunctionComponent(inputs=[Port("pattern", shape=(4, 3))], outputs=outputs)
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=message):
         PlainPlant(toy_job(), plant)
 
 
@@ -146,7 +146,7 @@ def test_scenario_names_the_plant_its_ports_and_its_parameters(tmp_path: Path) -
 
 @pytest.mark.compiled
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"pattern_input": 3}, "pattern_input is 3; expected the name of a port"),
         ({"gian": 3.0}, "gian is no option of Amplifier; did you mean gain?"),
@@ -155,8 +155,8 @@ def test_scenario_names_the_plant_its_ports_and_its_parameters(tmp_path: Path) -
         ({"plant": "Nowhere"}, "kind is 'Nowhere'; known: "),
     ],
 )
-def test_error_of_the_scenario_is_told(changes: dict[str, object], said: str, tmp_path: Path) -> None:
+def test_error_of_the_scenario_is_reported(changes: dict[str, object], message: str, tmp_path: Path) -> None:
     options = {"file": str(build(tmp_path, 2)), "pattern_input": "x", "height_output": "y", **changes}
-    assert any(error.startswith(said) for error in catalog.check("PlainPlant", FLAT, options).errors)
+    assert any(error.startswith(message) for error in catalog.check("PlainPlant", FLAT, options).errors)
     with pytest.raises(ScenarioError, match=r"(?s)PlainPlant.*error"):
         catalog.make("PlainPlant", FLAT, options)

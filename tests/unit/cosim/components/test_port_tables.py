@@ -1,4 +1,4 @@
-"""Which variables of an FMU stand behind which ports: values there and back, and errors in words."""
+"""Which variables of an FMU stand behind which ports: values there and back, and error messages."""
 
 from __future__ import annotations
 
@@ -98,9 +98,11 @@ def test_every_error_is_named_at_once_with_its_key() -> None:
 def test_gain_leads_to_units_that_inkloop_does_not_know() -> None:
     """A dose in picolitres, a sensor in volts, a height in whatever "micrometer" is: none of them a dead end."""
     inputs = [Port("dose", "pl", (2, 3)), Port("U", "V", (2, 3)), Port("z", "micrometer", (2, 3))]
-    option = {"pattern": {"variable": "dose", "gain": 10.0},
-              "measured_height": {"variable": "U", "unit": "um", "gain": 0.02, "offset": 0.5},
-              "height": {"variable": "z", "unit": "um"}}  # fmt: skip
+    option = {
+        "pattern": {"variable": "dose", "gain": 10.0},
+        "measured_height": {"variable": "U", "unit": "um", "gain": 0.02, "offset": 0.5},
+        "height": {"variable": "z", "unit": "um"},
+    }
     mapped, _, errors = mapped_ports(inputs, [], JOB, option)
     assert errors == []
     given = {each.port.name: each.to_fmu(np.full((2, 3), 1e-5 if each.port.unit == "m" else 1)) for each in mapped}
@@ -119,12 +121,12 @@ def test_scalars_that_are_joined_are_named_by_what_they_are_joined_to() -> None:
     assert error.endswith("so 'z[1,1]', which is no input or output of the FMU; its scalars are joined, write 'z'")
 
 
-def test_variable_behind_two_ports_or_beside_its_own_name_is_an_error() -> None:
+def test_variable_behind_two_ports_or_next_to_its_own_name_is_an_error() -> None:
     outputs = [Port("z", "m", (2, 3)), Port("height", "m", (2, 3))]
     assert "two ports" in mapped_ports([], outputs[:1], JOB, {"height": "z", "measured_height": "z"})[2][0]
-    assert "of that name besides" in mapped_ports([], outputs, JOB, {"height": "z"})[2][0]
+    assert "also has a variable of that name" in mapped_ports([], outputs, JOB, {"height": "z"})[2][0]
 
 
-def test_template_that_does_not_tell_cells_apart_is_an_error() -> None:
+def test_template_that_does_not_distinguish_cells_is_an_error() -> None:
     errors = mapped_ports([], [Port("z1"), Port("z2")], JOB, {"height": "z{i}"})[2]
     assert "one name for several of 2 x 3 cells; write both {i} and {j}, or {n}" in errors[0]

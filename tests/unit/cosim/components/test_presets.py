@@ -1,4 +1,4 @@
-"""A preset stands where the table of a component says nothing."""
+"""A preset gives what the table of a component leaves out."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def test_preset_gives_its_values_and_the_table_wins_over_them() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "preset", "said"),
+    ("kind", "preset", "message"),
     [
         ("ProfileSensor", "lasr", "preset is 'lasr'; expected one of laser, zeta-20, exact"),
         ("ProfileSensor", 3, "preset is 3; expected one of laser, zeta-20, exact"),
         ("LayerDeposition", "laser", "preset is 'laser'; LayerDeposition has no presets"),
     ],
 )
-def test_preset_that_there_is_not_is_an_error(kind: str, preset: object, said: str) -> None:
-    assert catalog.check(kind, toy_job(), {"preset": preset}).errors == [said]
+def test_preset_that_there_is_not_is_an_error(kind: str, preset: object, message: str) -> None:
+    assert catalog.check(kind, toy_job(), {"preset": preset}).errors == [message]

@@ -73,7 +73,7 @@ def test_structural_parameter_resizes_every_array_that_it_rules(folder: Path) ->
 
 
 @BOTH
-def test_refused_value_is_told_in_the_words_of_the_fmu_and_the_instance_goes_on(folder: Path, fmi: int) -> None:
+def test_refused_value_gives_the_message_of_the_fmu_and_the_instance_continues(folder: Path, fmi: int) -> None:
     part = FmuComponent(build(folder, fmi))
     part.initialize(0, {})
     with pytest.raises(ComponentError, match=r"^x: fmi\dSet\w+ returned discard: x is negative"):
@@ -93,12 +93,12 @@ def test_message_of_an_fmi_2_logger_is_formatted(folder: Path) -> None:
 
 
 @BOTH
-@pytest.mark.parametrize(("seconds", "said"), [(2_000, "an error"), (2_000_000, "a fatal error")])
-def test_failed_step_is_told_and_everything_is_removed(folder: Path, fmi: int, seconds: int, said: str) -> None:
+@pytest.mark.parametrize(("seconds", "message"), [(2_000, "an error"), (2_000_000, "a fatal error")])
+def test_failed_step_is_reported_and_everything_is_removed(folder: Path, fmi: int, seconds: int, message: str) -> None:
     part = FmuComponent(build(folder, fmi))
     part.initialize(0, {})
     files = part._folder
-    with pytest.raises(ComponentError, match=rf"DoStep returned {said}: step is too long"):
+    with pytest.raises(ComponentError, match=rf"DoStep returned {message}: step is too long"):
         part.do_step(0, seconds * SECOND, {})
     assert files.exists()
     part.terminate()
@@ -138,7 +138,7 @@ def test_use_before_initialization_is_refused(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("parameters", "said"),
+    ("parameters", "message"),
     [
         ({"gian": 1.0}, "gian is no parameter; did you mean gain?"),
         ({"gain": 11.0}, r"gain is 11.0; expected a number in 0 .. 10"),
@@ -152,9 +152,9 @@ def test_use_before_initialization_is_refused(folder: Path) -> None:
 )
 @BOTH
 def test_wrong_parameter_is_refused_before_anything_starts(
-    folder: Path, fmi: int, parameters: dict[str, object], said: str
+    folder: Path, fmi: int, parameters: dict[str, object], message: str
 ) -> None:
-    with pytest.raises(FmuError, match=said):
+    with pytest.raises(FmuError, match=message):
         FmuComponent(build(folder, fmi), parameters=parameters)
 
 
@@ -165,7 +165,7 @@ def test_unknown_structural_parameter_is_refused(folder: Path) -> None:
         FmuComponent(build(folder, 2), structural={"n": 4})
 
 
-def test_damaged_binary_is_told_when_it_is_unpacked(folder: Path, tmp_path: Path) -> None:
+def test_damaged_binary_is_reported_when_it_is_unpacked(folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "damaged.fmu"
     content = bytearray(build(folder, 2).read_bytes())
     content[content.index(b"\x7fELF") + 40] ^= 0xFF
@@ -189,12 +189,12 @@ def test_array_with_a_missing_element_is_refused(folder: Path) -> None:
         describe(build(folder, 2, element_missing=True))
 
 
-def test_fmu_for_another_machine_is_refused_in_words(folder: Path) -> None:
+def test_fmu_for_another_machine_is_refused_with_a_message(folder: Path) -> None:
     with pytest.raises(FmuError, match="holds binaries for riscv64-plan9, this machine needs"):
         FmuComponent(build(folder, 3, platform="riscv64-plan9"))
 
 
-def test_binary_that_cannot_be_loaded_is_told(folder: Path, tmp_path: Path) -> None:
+def test_binary_that_cannot_be_loaded_is_reported(folder: Path, tmp_path: Path) -> None:
     broken = tmp_path / "broken.fmu"
     with zipfile.ZipFile(build(folder, 3)) as good, zipfile.ZipFile(broken, "w") as bad:
         for name in good.namelist():
@@ -207,7 +207,7 @@ def test_binary_that_cannot_be_loaded_is_told(folder: Path, tmp_path: Path) -> N
     part.terminate()
 
 
-def test_file_that_is_no_fmu_is_told(tmp_path: Path) -> None:
+def test_file_that_is_no_fmu_is_reported(tmp_path: Path) -> None:
     with pytest.raises(FmuError, match="cannot be read: No such file"):
         describe(tmp_path / "missing.fmu")
     (tmp_path / "text.fmu").write_text("no archive")
@@ -215,7 +215,7 @@ def test_file_that_is_no_fmu_is_told(tmp_path: Path) -> None:
         describe(tmp_path / "text.fmu")
 
 
-def test_model_exchange_only_is_told(folder: Path, tmp_path: Path) -> None:
+def test_model_exchange_only_is_reported(folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "me.fmu"
     with zipfile.ZipFile(build(folder, 3)) as source, zipfile.ZipFile(path, "w") as target:
         text = source.read("modelDescription.xml").decode()

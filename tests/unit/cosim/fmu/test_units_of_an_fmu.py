@@ -1,4 +1,4 @@
-"""What an FMU's own UnitDefinitions say decides how its values are converted."""
+"""The UnitDefinitions of an FMU determine how its values are converted."""
 
 from __future__ import annotations
 

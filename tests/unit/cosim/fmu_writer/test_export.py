@@ -1,4 +1,4 @@
-"""Exporting FMUs: grids, tokens and what is said where it cannot be done."""
+"""Exporting FMUs: grids, tokens and messages where it is impossible."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_large_fmi_2_grid_is_written_with_a_warning(tmp_path, caplog) -> None:
     assert "1056 scalars per map" in caplog.text
 
 
-def test_missing_set_says_how_to_get_one(tmp_path, monkeypatch) -> None:
+def test_message_of_a_missing_set_gives_a_remedy(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("INKLOOP_FMU_DIR", str(tmp_path))
     with pytest.raises(FmuError, match="models there: none"):
         find_fmu("LayerDeposition")
@@ -81,7 +81,9 @@ def test_archive_that_is_none_is_named(tmp_path, monkeypatch) -> None:
         export_fmu("LayerDeposition", fmi="3", nx=3, ny=3, fixed=False, out=tmp_path / "it.fmu")
 
 
-def test_a_set_that_was_built_by_another_version_is_not_exported_and_says_what_to_do(tmp_path, monkeypatch) -> None:
+def test_set_that_was_built_by_another_version_is_not_exported_and_the_message_gives_a_remedy(
+    tmp_path, monkeypatch
+) -> None:
     members = unpack(find_fmu("LayerDeposition", "fmi2"))
     fingerprint = definition.load(DEFINITION.read_text(), DEFINITION).fingerprint
     older = members["modelDescription.xml"].replace(fingerprint.encode(), b"0123456789abcdef")
@@ -93,7 +95,7 @@ def test_a_set_that_was_built_by_another_version_is_not_exported_and_says_what_t
     assert not (tmp_path / "it.fmu").exists()
 
 
-def test_an_fmu_of_two_builds_is_refused_and_says_what_to_do(tmp_path) -> None:
+def test_fmu_of_two_builds_is_refused_with_a_remedy(tmp_path) -> None:
     members = unpack(find_fmu("LayerDeposition", "fmi2"))
     fingerprint = definition.load(DEFINITION.read_text(), DEFINITION).fingerprint
     other = members["modelDescription.xml"].replace(fingerprint.encode(), b"0123456789abcdef")

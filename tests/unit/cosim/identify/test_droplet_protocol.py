@@ -1,4 +1,4 @@
-"""Laws of what single droplets tell: the protocol of Lu et al. and the coefficients of Wu and Chiu."""
+"""Invariants of what single droplets show: the protocol of Lu et al. and the coefficients of Wu and Chiu."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_intervals_of_the_protocol_hold_the_ink() -> None:
     assert np.mean([one.heights for one in found], axis=0) == pytest.approx(TRUE, abs=0.15e-6)
 
 
-def test_protocol_without_its_motifs_is_refused_in_words() -> None:
+def test_protocol_without_its_motifs_is_refused_with_a_message() -> None:
     with pytest.raises(IdentificationError, match=r"0 side.*needs 3 of each"):
         identify_by_protocol([made_up(LayerDeposition(), [np.ones((9, 9), np.int32)])], 0.0)
 
@@ -84,7 +84,7 @@ def test_without_areas_cells_with_ink_count_as_covered() -> None:
     assert found.coefficients["height_scale"] == pytest.approx(7.6e-6, rel=1e-9)
 
 
-def test_drops_that_never_fell_alone_are_refused_in_words() -> None:
+def test_drops_that_never_fell_alone_are_refused_with_a_message() -> None:
     full = np.ones((9, 9), np.int32)
     with pytest.raises(IdentificationError, match="0 drops fell alone between two prior drops"):
         identify_volume_area([made_up(VolumeAreaDeposition(), [full, full])], 0.0)

@@ -1,4 +1,4 @@
-"""Laws of the regression that finds h1, h2, h3 from noisy layers."""
+"""Invariants of the regression that finds h1, h2, h3 from noisy layers."""
 
 from __future__ import annotations
 
@@ -52,14 +52,18 @@ def test_exact_scans_give_the_ink_exactly() -> None:
     assert found.heights[0] * 1e6 == pytest.approx(TRUE, rel=1e-6)
 
 
-@pytest.mark.parametrize("model", [LayerDeposition(passes=4, pass_order=2, pass_rotation=1), LayerDeposition((FAR,))],
-                         ids=["four passes", "reach 2"])  # fmt: skip
+@pytest.mark.parametrize(
+    "model",
+    [LayerDeposition(passes=4, pass_order=2, pass_rotation=1), LayerDeposition((FAR,))],
+    ids=["four passes", "reach 2"],
+)
 def test_exact_scans_give_the_ink_of_other_forms(model) -> None:
     found = identify_ink([made_up(model, random_layers(16, 14, 4, 1))], 0.0, reach=model.reach)
     assert found.heights[0] == pytest.approx(model.heights[0], rel=1e-5)
 
 
-def test_a_closed_loop_with_exact_scans_tells_its_ink() -> None:
+@pytest.mark.system
+def test_closed_loop_with_exact_scans_identifies_its_ink() -> None:
     """Droplets lack 10 % on average; a few nearly exact growths must not outweigh all others."""
     size = {"grid": {"nx": 18, "ny": 18}, "part": {"radius_um": 1600.0, "height_um": 150.0}}
     result = print_part(Scenario.load(SCENARIOS / "cylinder.toml", size))
@@ -67,7 +71,7 @@ def test_a_closed_loop_with_exact_scans_tells_its_ink() -> None:
     assert found == pytest.approx(0.9 * TRUE, rel=0.03)
 
 
-def test_two_inks_are_told_apart() -> None:
+def test_two_inks_are_distinguished() -> None:
     patterns = [np.random.default_rng(k).integers(0, 3, (20, 20)).astype(np.int32) for k in range(4)]
     found = identify_ink([made_up(LayerDeposition(TWO), patterns, 0.1e-6)], 0.1e-6)
     assert found.heights * 1e6 == pytest.approx(np.array(TWO) * 1e6, abs=0.02)
@@ -127,14 +131,14 @@ def test_noise_is_read_from_untouched_cells() -> None:
     assert noise_of([made_up(LU, random_layers(10, 10, 1, 2))]) is None
 
 
-def test_patterns_that_tell_nothing_apart_are_refused_in_words() -> None:
+def test_patterns_that_separate_nothing_are_refused_with_a_message() -> None:
     """In the middle of a full layer on flat ground every cell grows by h1 + 4 h2 + 4 h3."""
     record, middle = made_up(LU, [np.ones((12, 12), np.int32)]), np.pad(np.ones((8, 8), bool), 2)
-    with pytest.raises(IdentificationError, match=r"do not tell .*h3 of material A.*stripes"):
+    with pytest.raises(IdentificationError, match=r"do not separate .*h3 of material A.*stripes"):
         identify_ink([record], 0.0, cells=[middle])
 
 
-def test_surface_that_sinks_and_patterns_without_droplets_are_refused_in_words() -> None:
+def test_surface_that_sinks_and_patterns_without_droplets_are_refused_with_a_message() -> None:
     record = made_up(LU, random_layers(8, 8, 2, 0))
     record.measured[:] = -record.measured
     with pytest.raises(IdentificationError, match="sank"):

@@ -1,4 +1,4 @@
-"""Prints logged by somebody else: what is read, and what is refused in words."""
+"""Prints logged by other programs: what is read, and what is refused with a message."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_every_error_of_a_folder_is_named_at_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("pitch_um = -1.0\npixels = 3\n", "2 errors"),
         ("unit = 'um'\n", "pitch_um is missing"),
@@ -92,13 +92,13 @@ def test_every_error_of_a_folder_is_named_at_once(tmp_path: Path) -> None:
         (CELL + "datum = 'plane'\n", "the plane needs 8"),
     ],
 )
-def test_description_that_cannot_be_meant_is_refused_in_words(text, words, tmp_path: Path) -> None:
+def test_invalid_description_is_refused_with_a_message(text, message, tmp_path: Path) -> None:
     folder = log(tmp_path / "print", made_up(LayerDeposition(), random_layers(6, 6, 1, 0)), text)
-    with pytest.raises(IdentificationError, match=words):
+    with pytest.raises(IdentificationError, match=message):
         read_log(folder)
 
 
-def test_folder_without_patterns_is_refused_in_words(tmp_path: Path) -> None:
+def test_folder_without_patterns_is_refused_with_a_message(tmp_path: Path) -> None:
     (tmp_path / "print.toml").write_text(CELL)
     with pytest.raises(IdentificationError, match=r"pattern_0001.csv is not there"):
         read_log(tmp_path)

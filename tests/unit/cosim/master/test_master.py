@@ -188,16 +188,16 @@ def test_value_that_is_not_a_number_is_stopped_at_its_source() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "said"),
+    ("value", "message"),
     [
         ({}, "declared but not returned"),
         ({"y": np.zeros(2)}, r"has shape \(2,\), declared \(\)"),
         ({"y": np.asarray("five")}, "is <U4, declared float64"),
     ],
 )
-def test_output_must_be_what_was_declared(value: Values, said: str) -> None:
+def test_output_must_be_what_was_declared(value: Values, message: str) -> None:
     part = FunctionComponent(outputs=[Port("y")], step=lambda *_: value)
-    with pytest.raises(ComponentError, match=said):
+    with pytest.raises(ComponentError, match=message):
         Master({"a": part}, [], step_ns=1).run(time_max_ns=1)
 
 

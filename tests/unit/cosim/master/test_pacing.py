@@ -11,7 +11,7 @@ MS = 1_000_000
 
 
 class FakeClock:
-    """A clock that only runs while somebody sleeps or works."""
+    """A clock that only runs while a component sleeps or works."""
 
     def __init__(self) -> None:
         self.now_ns = 12_345
@@ -76,12 +76,12 @@ def test_nothing_is_counted_before_the_first_point() -> None:
     assert Pacing().statistics == {"real_time_factor": 1.0, "steps": 0, "missed": 0, "worst_s": 0.0, "p99_s": 0.0}
 
 
-def test_sentence_says_factor_missed_worst_and_p99() -> None:
+def test_sentence_gives_factor_missed_worst_and_p99() -> None:
     figures = {"real_time_factor": 2.0, "steps": 40, "missed": 3, "worst_s": 0.0125, "p99_s": 0.01}
     assert sentence(figures) == "real time x 2: 3 of 40 steps late, worst 12.5 ms, 99 % within 10 ms"
 
 
-def test_master_steps_by_the_clock_and_says_what_it_waited() -> None:
+def test_master_steps_by_the_clock_and_reports_how_long_it_waited() -> None:
     clock = FakeClock()
     begin = clock.now_ns
     pacing = Pacing(clock=clock, sleep=clock.sleep)

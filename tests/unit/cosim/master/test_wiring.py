@@ -22,7 +22,7 @@ def test_input_with_two_possible_sources_is_asked_about() -> None:
     job = toy_job()
     parts = toy_loop(job) | {"shadow": toy_loop(job)["printer"]}
     errors = check(parts, contract_connections(parts))
-    assert "profiler.height may come from printer.height or shadow.height; say which under [[connections]]" in errors
+    assert "profiler.height may come from printer.height or shadow.height; choose one under [[connections]]" in errors
 
 
 def test_missing_contract_input_is_an_error_and_any_other_open_input_is_not() -> None:
@@ -35,29 +35,29 @@ def test_missing_contract_input_is_an_error_and_any_other_open_input_is_not() ->
 
 
 @pytest.mark.parametrize(
-    ("port", "said"),
+    ("port", "message"),
     [
         (Port("y", "s"), "a.y gives [s], b.x takes [m]: same quantity needed"),
         (Port("y", "m", (3,)), "a.y gives 3, b.x takes a scalar"),
         (Port("y", "m", dtype="int32"), "a.y gives int32, b.x takes float64"),
     ],
 )
-def test_mismatch_is_named_with_both_sides(port: Port, said: str) -> None:
+def test_mismatch_is_named_with_both_sides(port: Port, message: str) -> None:
     parts = {"a": FunctionComponent(outputs=[port]), "b": FunctionComponent(inputs=[Port("x", "m")])}
     (error,) = check(parts, [Connection("a.y", "b.x")])
-    assert error.startswith(said)
+    assert error.startswith(message)
 
 
 @pytest.mark.parametrize(("source", "target"), [("%", "1"), ("degC", "K"), ("m", "V")])
 def test_gain_leads_to_a_unit_that_is_not_known_here(source: str, target: str) -> None:
     parts = {"a": FunctionComponent(outputs=[Port("y", source)]), "b": FunctionComponent(inputs=[Port("x", target)])}
     (error,) = check(parts, [Connection("a.y", "b.x")])
-    assert error.endswith(f"same quantity needed, or a gain that says how [{source}] becomes [{target}]")
+    assert error.endswith(f"same quantity needed, or a gain that converts [{source}] into [{target}]")
     assert fed(Connection("a.y", "b.x", 0.01, 1.0), source, target, 50.0) == 1.5
 
 
 @pytest.mark.parametrize(
-    ("connection", "said"),
+    ("connection", "message"),
     [
         (Connection("aa.y", "b.x"), "aa.y: there is no component 'aa'; did you mean a?"),
         (Connection("a.yy", "b.x"), "a.yy: a has no output 'yy'; did you mean y?"),
@@ -65,9 +65,9 @@ def test_gain_leads_to_a_unit_that_is_not_known_here(source: str, target: str) -
         (Connection("b.y", "b.x"), "b.y: b has no output 'y'; it has no outputs"),
     ],
 )
-def test_unknown_end_is_answered_with_the_nearest_known(connection: Connection, said: str) -> None:
+def test_unknown_end_is_answered_with_the_nearest_known(connection: Connection, message: str) -> None:
     parts = {"a": FunctionComponent(outputs=[Port("y")]), "b": FunctionComponent(inputs=[Port("x")])}
-    assert check(parts, [connection]) == [said]
+    assert check(parts, [connection]) == [message]
 
 
 def test_input_is_fed_once() -> None:

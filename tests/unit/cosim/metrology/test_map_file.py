@@ -89,14 +89,14 @@ def write_count_tiff(path: Path) -> dict[str, Any]:
 
 def write_imagej_tiff(path: Path) -> dict[str, Any]:
     counts = np.where(np.isnan(Z_UM.T), 0, (Z_UM.T + 10) * 8).astype(np.uint16)
-    told = {"unit": "um", "vunit": "um", "cf": 0, "c0": -10.0, "c1": 0.125}
-    tifffile.imwrite(path, counts, imagej=True, resolution=(1 / DX, 1 / DY), metadata=told)
+    metadata = {"unit": "um", "vunit": "um", "cf": 0, "c0": -10.0, "c1": 0.125}
+    tifffile.imwrite(path, counts, imagej=True, resolution=(1 / DX, 1 / DY), metadata=metadata)
     return {"invalid_value": -10.0}
 
 
 def write_ome_tiff(path: Path) -> dict[str, Any]:
-    told = {"axes": "YX", "PhysicalSizeX": DX, "PhysicalSizeXUnit": "\u00b5m", "PhysicalSizeY": 4000.0}
-    tifffile.imwrite(path, Z_UM.T.astype(np.float32), ome=True, metadata={**told, "PhysicalSizeYUnit": "nm"})
+    metadata = {"axes": "YX", "PhysicalSizeX": DX, "PhysicalSizeXUnit": "\u00b5m", "PhysicalSizeY": 4000.0}
+    tifffile.imwrite(path, Z_UM.T.astype(np.float32), ome=True, metadata={**metadata, "PhysicalSizeYUnit": "nm"})
     return {"unit": "um"}
 
 
@@ -160,31 +160,33 @@ def test_number_of_what_was_not_measured_is_never_a_height(tmp_path: Path) -> No
     assert_is_the_map(read(path, invalid_value=-9999.0))
 
 
-def test_rows_lie_along_the_axis_that_is_said(tmp_path: Path) -> None:
+def test_rows_lie_along_the_given_axis(tmp_path: Path) -> None:
     np.save(tmp_path / "map.npy", Z_UM.T)
     assert_is_the_map(read(tmp_path / "map.npy", unit="um", pixel=(DX * M_PER_UM, DY * M_PER_UM), rows_along="x"))
 
 
-SAID = "dx = 5 um\ndy = 4 um\nunit = um\n"
+HEADER = "dx = 5 um\ndy = 4 um\nunit = um\n"
 FAULTS: dict[str, tuple[str, str, dict[str, Any]]] = {
-    "nothing said": ("1 2 3\n4 5 6\n", "does not declare the unit .* does not declare the size of its pixels", {}),
-    "unit against unit": (SAID + "1 2\n3 4\n", "heights in um, but unit is 'mm'", {"unit": "mm"}),
-    "pixel against pixel": (SAID + "1 2\n3 4\n", "pixels of 5 x 4 um, but pixel is 5000 x 5000 um", {"pixel": 5e-3}),
+    "nothing declared": ("1 2 3\n4 5 6\n", "does not declare the unit .* does not declare the size of its pixels", {}),
+    "unit against unit": (HEADER + "1 2\n3 4\n", "heights in um, but unit is 'mm'", {"unit": "mm"}),
+    "pixel against pixel": (HEADER + "1 2\n3 4\n", "pixels of 5 x 4 um, but pixel is 5000 x 5000 um", {"pixel": 5e-3}),
     "unknown unit": ("1 2\n3 4\n", "unit is 'inch'; expected one of nm, um", {"unit": "inch", "pixel": 5e-6}),
-    "a word": (SAID + "1 2 3\n4 five 6\n", "line 5, column 2 is 'five'; expected a height", {}),
-    "cut off": (SAID + "1 2 3\n4 5\n", "line 5 has 2 fields, the rows before it 3; the file may be cut off", {}),
-    "two decimal signs": (SAID + "1.5;2\n1,5;2\n", "numbers with , and numbers with .", {}),
-    "points": (SAID + "0 0 1\n5 0 1\n0 4 1\n5 4 1\n", "4 rows of 3 columns, .* a list of points", {}),
+    "a word": (HEADER + "1 2 3\n4 five 6\n", "line 5, column 2 is 'five'; expected a height", {}),
+    "cut off": (HEADER + "1 2 3\n4 5\n", "line 5 has 2 fields, the rows before it 3; the file may be cut off", {}),
+    "two decimal signs": (HEADER + "1.5;2\n1,5;2\n", "numbers with , and numbers with .", {}),
+    "points": (HEADER + "0 0 1\n5 0 1\n0 4 1\n5 4 1\n", "4 rows of 3 columns, .* a list of points", {}),
     "empty": ("", "no row of numbers in its 0 lines", {}),
-    "scale of nothing": (SAID + "1 2\n3 4\n", "scale is 0.0; expected a height per count", {"scale": 0.0}),
+    "scale of nothing": (HEADER + "1 2\n3 4\n", "scale is 0.0; expected a height per count", {"scale": 0.0}),
 }
 
 
-@pytest.mark.parametrize(("text", "said", "options"), FAULTS.values(), ids=FAULTS)
-def test_faulty_table_is_refused_in_words(text: str, said: str, options: dict[str, Any], tmp_path: Path) -> None:
+@pytest.mark.parametrize(("text", "message", "options"), FAULTS.values(), ids=FAULTS)
+def test_faulty_table_is_refused_with_a_message(
+    text: str, message: str, options: dict[str, Any], tmp_path: Path
+) -> None:
     path = tmp_path / "map.csv"
     path.write_text(text)
-    with pytest.raises(HeightMapError, match=said) as refusal:
+    with pytest.raises(HeightMapError, match=message) as refusal:
         read(path, **options)
     assert str(path) in str(refusal.value)
 
@@ -201,8 +203,26 @@ def test_dots_per_inch_are_not_believed(tmp_path: Path) -> None:
         read(tmp_path / "map.tif", unit="um")
 
 
+def test_tiff_that_declares_more_pixels_than_it_can_hold_is_refused_before_memory_is_taken(tmp_path: Path) -> None:
+    path = tmp_path / "map.tif"
+    tifffile.imwrite(path, np.ones((3, 4), np.float32))
+    damaged = bytearray(path.read_bytes())
+    with tifffile.TiffFile(path) as file:
+        for name in ("ImageLength", "ImageWidth"):
+            at = file.pages.first.tags[name].valueoffset
+            damaged[at : at + 2] = b"\xff\xff"
+    path.write_bytes(damaged)
+    with pytest.raises(HeightMapError, match=rf"declares 65535 x 65535 pixels of float32 in {len(damaged)} bytes"):
+        read(path, unit="um", pixel=5e-6)
+
+
+def test_compressed_tiff_is_read(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "map.tif", np.ones((500, 400), np.float32), compression="zlib")
+    assert read(tmp_path / "map.tif", unit="um", pixel=5e-6).z.shape == (400, 500)
+
+
 @pytest.mark.parametrize("suffix", ["csv", "npy", "npz", "tif", "sdf", "sur", "x3p", "xyz123"])
-def test_rubbish_and_absence_are_told_with_the_path(suffix: str, tmp_path: Path) -> None:
+def test_rubbish_and_absence_are_reported_with_the_path(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"map.{suffix}"
     with pytest.raises(HeightMapError, match=r"map\.\w+: cannot be read: No such file"):
         read(path, unit="um", pixel=5e-6)
@@ -211,7 +231,7 @@ def test_rubbish_and_absence_are_told_with_the_path(suffix: str, tmp_path: Path)
         read(path, unit="um", pixel=5e-6)
 
 
-def test_missing_library_is_said_with_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_library_is_reported_with_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "SurfaceTopography", None)
     (tmp_path / "map.sur").write_bytes(b"DIGITAL SURF")
     with pytest.raises(HeightMapError, match=r"pip install 'inkloop\[metrology\]'"):

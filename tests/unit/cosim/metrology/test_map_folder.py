@@ -123,18 +123,21 @@ REFUSALS: dict[str, tuple[Callable[[Path], object], dict[str, Any], str]] = {
     "no map": (lambda f: (f / "1.npz").write_bytes(b"half a"), {}, "is no array of numbers that NumPy saved"),
     "unit against the file": (lambda f: write(f, 1), {"unit": "mm"}, "heights in um, but unit is 'mm'"),
     "no datum": (
-        lambda f: write(f, 1, np.where(JOB.mask, surface(1), np.nan)), {"datum": "plane"}, "datum: 0 cells outside",
+        lambda f: write(f, 1, np.where(JOB.mask, surface(1), np.nan)),
+        {"datum": "plane"},
+        "datum: 0 cells outside",
     ),
     "no part to fit to": (
-        lambda f: write(f, 1, np.random.default_rng(1).random(surface(1).shape)), {"registration": "fit"},
+        lambda f: write(f, 1, np.random.default_rng(1).random(surface(1).shape)),
+        {"registration": "fit"},
         r"the part explains \d+% of its relief",
     ),
-}  # fmt: skip
+}
 
 
-@pytest.mark.parametrize(("write_second", "options", "said"), REFUSALS.values(), ids=REFUSALS)
-def test_map_that_cannot_be_meant_is_refused_in_words(
-    write_second: Callable[[Path], object], options: dict[str, Any], said: str, tmp_path: Path
+@pytest.mark.parametrize(("write_second", "options", "message"), REFUSALS.values(), ids=REFUSALS)
+def test_impossible_map_is_refused_with_a_message(
+    write_second: Callable[[Path], object], options: dict[str, Any], message: str, tmp_path: Path
 ) -> None:
     part = profiler(tmp_path, **({} if "unit" in options else options))
     write(tmp_path, 0)
@@ -142,11 +145,11 @@ def test_map_that_cannot_be_meant_is_refused_in_words(
     if "unit" in options:
         part = profiler(tmp_path, **options)
     write_second(tmp_path)
-    with pytest.raises(ComponentError, match=rf"layer 1: .*1\.npz: .*{said}"):
+    with pytest.raises(ComponentError, match=rf"layer 1: .*1\.npz: .*{message}"):
         scan(part, 1)
 
 
-def test_map_beside_the_grid_is_refused_with_both_places(tmp_path: Path) -> None:
+def test_map_off_the_grid_is_refused_with_both_places(tmp_path: Path) -> None:
     write(tmp_path, 0)
     with pytest.raises(
         ComponentError, match=r"field lies at x 5\.00 to 7\.63.*the grid at 0 to 2\.63 and 0 to 2\.37 mm"
@@ -182,7 +185,7 @@ def test_folder_has_to_be_there(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"file_name": "scan.csv"}, r"file_name is 'scan.csv'; expected a name of its own for each layer"),
         ({"file_name": "{number}.csv"}, r"file_name is '\{number\}.csv' \(KeyError: 'number'\)"),
@@ -200,8 +203,10 @@ def test_folder_has_to_be_there(tmp_path: Path) -> None:
         ({"valid_share_min": 0.0}, "valid_share_min is 0.0"),
     ],
 )
-def test_faulty_options_are_told_before_anything_runs(options: dict[str, Any], said: str, tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match=said):
+def test_invalid_options_are_reported_before_anything_runs(
+    options: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ScenarioError, match=message):
         catalog.make("MapFolder", JOB, {"folder": str(tmp_path / "later"), **options})
 
 
@@ -209,8 +214,14 @@ def test_fiducials_place_the_map_as_the_numbers_they_stand_for(tmp_path: Path) -
     write(tmp_path, 0)
     corners = [[0.0, 0.0], [1000.0, 0.0], [0.0, 2000.0]]
     on_grid = [[x + CORNER_UM, y + CORNER_UM] for x, y in corners]
-    found = profiler(tmp_path, registration="fiducials", fiducials_map_um=corners, fiducials_grid_um=on_grid,
-                     offset_x_um=0.0, offset_y_um=0.0)  # fmt: skip
+    found = profiler(
+        tmp_path,
+        registration="fiducials",
+        fiducials_map_um=corners,
+        fiducials_grid_um=on_grid,
+        offset_x_um=0.0,
+        offset_y_um=0.0,
+    )
     given = scan(profiler(tmp_path), 0)
     np.testing.assert_allclose(scan(found, 0)["measured_height"], given["measured_height"], atol=1e-12)
 

@@ -17,6 +17,7 @@ from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_fit import fit_to_surface
 from inkloop.metrology.registration import Registration, from_fiducials
 from inkloop.units import M_PER_UM
+from support.examples import examples
 from support.fine_maps import covering, fine_map
 
 PITCH = 263.256e-6
@@ -44,7 +45,7 @@ def test_aligned_pixels_that_divide_a_cell_give_its_exact_mean(a: int, b: int, m
     np.testing.assert_allclose(cells.share, 1.0, rtol=0, atol=1e-9)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(
     rotation=st.floats(-math.pi, math.pi),
     u=st.floats(-PITCH, PITCH),
@@ -78,10 +79,10 @@ def test_volume_under_a_map_is_kept(rotation: float) -> None:
     assert volume == pytest.approx(z.sum() * 11e-6 * 13e-6, rel=tolerance, abs=0.0)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(seed=st.integers(0, 1000), rotation=st.floats(-0.1, 0.1), holes=st.floats(0.05, 0.9))
 def test_invalid_pixels_never_leak_into_cells(seed: int, rotation: float, holes: float) -> None:
-    """Where the surface is 1, every cell that is seen at all is 1; shares tell what was measured."""
+    """Where the surface is 1, every cell that is seen at all is 1; shares show what was measured."""
     rng = np.random.default_rng(seed)
     registration, shape = covering(6, 5, PITCH, 25e-6, rotation, PITCH)
     z = np.where(rng.random(shape) < holes, np.nan, 1.0)
@@ -108,7 +109,7 @@ def test_pixels_larger_than_cells_are_refused() -> None:
         cell_means(HeightMap(np.ones((9, 9)), 300e-6, 300e-6), Registration(), 5, 5, PITCH)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 @given(
     rotation=st.floats(-3.1, 3.1),
     offset=st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)),
@@ -147,7 +148,7 @@ def test_mirrored_fiducials_are_recognised() -> None:
 
 
 @pytest.mark.parametrize(
-    ("on_map", "on_grid", "said"),
+    ("on_map", "on_grid", "message"),
     [
         ([[0.0, 0.0]], [[0.0, 0.0]], "two or more points"),
         ([[0.0, 0.0], [1.0, 0.0]], [[0.0, 0.0]], "two or more points"),
@@ -155,10 +156,8 @@ def test_mirrored_fiducials_are_recognised() -> None:
         ([[1.0, 1.0], [math.nan, 1.0]], [[0.0, 0.0], [1.0, 0.0]], "not finite"),
     ],
 )
-def test_fiducials_that_say_nothing_are_refused(
-    on_map: list[list[float]], on_grid: list[list[float]], said: str
-) -> None:
-    with pytest.raises(HeightMapError, match=said):
+def test_degenerate_fiducials_are_refused(on_map: list[list[float]], on_grid: list[list[float]], message: str) -> None:
+    with pytest.raises(HeightMapError, match=message):
         from_fiducials(on_map, on_grid, residual_max=1.0)
 
 
@@ -238,7 +237,7 @@ def test_fit_beyond_its_reach_is_refused() -> None:
 
 
 def test_fit_to_a_flat_surface_is_refused() -> None:
-    with pytest.raises(HeightMapError, match="flat, so nothing tells where the map lies"):
+    with pytest.raises(HeightMapError, match="flat, so the position of the map is undetermined"):
         fit_to_surface(HeightMap(np.zeros((9, 9)), 1e-5, 1e-5), np.ones((4, 4)), PITCH, Registration(), reach=PITCH)
 
 

@@ -18,6 +18,9 @@ from inkloop.printing.run import print_part
 from inkloop.scenario import file, loop
 from inkloop.scenario.file import Scenario
 from inkloop_controller import controllers
+from inkloop_hardware.devices.printer import Printer
+from inkloop_hardware.devices.profiler import Profiler
+from inkloop_hardware.link.rig import Rig
 from support.places import ROOT
 
 CONTROLLERS = ("LayerMpc", "OpenLoop", "StochasticGreedy")
@@ -46,6 +49,8 @@ def counts(monkeypatch: pytest.MonkeyPatch) -> dict[str, Counter[str]]:
     reading._describe.cache_clear()
     for name in CONTROLLERS:
         count(controllers, name, "construct", lambda *args, name=name, **options: name)
+    for each in (Printer, Profiler, Rig):
+        count(each, "__init__", "construct", lambda self, *args, **options: type(self).__name__)
     count(FmuComponent, "__init__", "construct", lambda self, path, **options: Path(path).stem)
     count(PythonClass, "check", "check", lambda self, job, options: self.entry.name)
     count(FmuModel, "check", "check", lambda self, job, options: self.model)
@@ -69,6 +74,14 @@ def test_each_component_is_checked_once_and_constructed_once_per_print(counts: d
     assert counts["parse"] == counts["find"] == counts["describe"] == once(*MODELS)
     assert counts["job"] == once("", "controller", "printer", "profiler")
     assert counts["events"] == {"read": prints}
+
+
+def test_devices_are_constructed_once_with_the_bus_of_their_loop(counts: dict[str, Counter[str]]) -> None:
+    scenario = Scenario.load(ROOT / "scenarios" / "bench.toml")
+    assert counts["construct"] == once("LayerMpc")
+    for component in scenario.build().values():
+        component.terminate()
+    assert counts["construct"] == once("LayerMpc", "Printer", "Profiler", "Rig")
 
 
 def test_second_print_of_a_scenario_has_components_of_its_own() -> None:

@@ -1,4 +1,4 @@
-"""Hardware against model: none where the device prints as the model says, and the right cell where it does not."""
+"""Hardware against model: none where the device prints as the model, and the right cell where it does not."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CELL = (5, 4)
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    """A print by devices that are as the model says, on a tilted substrate."""
+    """A print by devices that behave as the model, on a tilted substrate."""
     made = printed_with_fmus(write(tmp_path_factory.mktemp("exact")), EXACT)
     dataset = made.dataset.drop_vars("height").assign_attrs(scenario=BLOCK)
     return replace(made, dataset=dataset)
@@ -38,7 +38,7 @@ def with_error(run: Result, layer: int, error: float) -> Result:
     return replace(run, dataset=run.dataset.assign(measured_height=(("layer", "x", "y"), maps)))
 
 
-def test_device_that_prints_as_the_model_says_differs_by_the_resolution(run: Result) -> None:
+def test_device_that_prints_as_the_model_predicts_differs_by_the_resolution(run: Result) -> None:
     found = model_difference(run)
     assert found is not None
     assert len(found.rows) == run.dataset.sizes["layer"] > 2
@@ -78,6 +78,7 @@ def test_shadow_of_the_run_is_its_model(run: Result) -> None:
     assert all(row.mean == pytest.approx(2e-6) for row in found.rows)
 
 
+@pytest.mark.system
 def test_report_of_a_run_on_devices_has_a_row_for_each_layer(
     run: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,4 +1,4 @@
-"""Pictures tell an error as tables do: target minus height, red where the part is too high."""
+"""Pictures show an error as tables do: target minus height, red where the part is too high."""
 
 from __future__ import annotations
 
@@ -60,8 +60,12 @@ def test_too_high_is_red_on_every_map() -> None:
         (image,) = [image for axes in figure.axes for image in axes.get_images()]
         red, _, blue, _ = image.to_rgba(np.ma.asarray(image.get_array()))[3, 2]
         assert red > blue
-    (solid,) = [each for axes in plot.surfaces({"a": run}).axes for each in axes.collections
-                if isinstance(each, PolyCollection) and len(each.get_facecolor()) > 25]  # fmt: skip
+    (solid,) = [
+        each
+        for axes in plot.surfaces({"a": run}).axes
+        for each in axes.collections
+        if isinstance(each, PolyCollection) and len(each.get_facecolor()) > 25
+    ]
     colours: Any = solid.get_facecolor()
     redder = colours[:, 0] - colours[:, 2]
     assert (redder > 0.2).sum() == 1

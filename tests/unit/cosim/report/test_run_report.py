@@ -1,4 +1,4 @@
-"""Runs side by side, and one run in words."""
+"""Tables of several runs, and the summary of one run."""
 
 from __future__ import annotations
 
@@ -16,11 +16,13 @@ CUBOID = SCENARIOS / "cuboid.toml"
 
 
 def run_folder(folder: Path, **overrides: Any) -> str:
-    """Two layers of the cuboid."""
-    print_part(Scenario.load(CUBOID, {"run.layers_max": 2, **overrides})).save(folder)
+    """Two layers of the cuboid, planned with little work."""
+    little = {"run.layers_max": 2, "components.controller.annealing_sweeps": 0}
+    print_part(Scenario.load(CUBOID, {**little, **overrides})).save(folder)
     return str(folder)
 
 
+@pytest.mark.system
 def test_compare_shows_each_run_and_writes_the_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     runs = [run_folder(tmp_path / str(seed), seed=seed, label=f"seed {seed}") for seed in (1, 2)]
     picture = tmp_path / "both.png"
@@ -31,40 +33,63 @@ def test_compare_shows_each_run_and_writes_the_picture(tmp_path: Path, capsys: p
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_runs_of_one_label_are_told_apart_by_their_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.system
+def test_runs_of_one_label_are_distinguished_by_their_folders(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     runs = [run_folder(tmp_path / str(seed), seed=seed) for seed in (1, 2)]
     assert main(["compare", *runs, "--out", str(tmp_path / "both.png")]) == 0
     shown = capsys.readouterr().out.replace("\n", "")
     assert all(run in shown for run in runs)
 
 
-@pytest.mark.parametrize(("change", "said"), [({"nx": 14}, "14 x 12 cells"), ({"pitch_um": 250.0}, "of 250 um")])
+@pytest.mark.parametrize(("change", "message"), [({"nx": 14}, "14 x 12 cells"), ({"pitch_um": 250.0}, "of 250 um")])
 def test_runs_of_different_grids_are_refused(
-    change: dict[str, float], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    change: dict[str, float], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     runs = [run_folder(tmp_path / "first"), run_folder(tmp_path / "second", grid=change)]
     assert main(["compare", *runs, "--out", str(tmp_path / "both.png")]) == 1
     error = capsys.readouterr().err
-    assert said in error
+    assert message in error
     assert "12 x 12 cells of 263.256 um" in error
     assert not (tmp_path / "both.png").exists()
 
 
-def test_info_says_how_a_run_ended(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_reports_how_a_run_ended(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = run_folder(tmp_path / "run", seed=7)
     assert main(["info", folder]) == 0
     shown = capsys.readouterr().out
-    for said in ("Cuboid, 8 x 8 droplets", "seed: 7", "after 2 layers", "mean error", "casadi", "wall time: "):
-        assert said in shown
+    for message in ("Cuboid, 8 x 8 droplets", "seed: 7", "after 2 layers", "mean error", "casadi", "wall time: "):
+        assert message in shown
 
 
+@pytest.mark.system
+@pytest.mark.usefixtures("without_pictures")
+def test_scans_that_were_corrected_are_reported_with_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = CUBOID.parent / "shifted-scans.toml"
+    for name, expected in (("true", True), ("false", False)):
+        settings = [
+            f"components.controller.register_scans={name}",
+            "components.profiler.shift_std_um=0",
+            "run.layers_max=6",
+        ]
+        arguments = [word for setting in settings for word in ("--set", setting)]
+        assert main(["run", str(scenario), "--out", str(tmp_path / name), "--no-compare", *arguments]) == 0
+        shown = " ".join(capsys.readouterr().out.split())
+        assert ("register the profiler with the printer" in shown) is expected
+        assert ("shifted by 87." in shown and "the spot is 13" in shown) is expected
+
+
+@pytest.mark.system
 @pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize(
-    ("port", "value", "said"),
+    ("port", "value", "message"),
     [("printer.pattern", "0", "dead cells: 2, "), ("profiler.valid", "false", "untrusted cells: 2, ")],
 )
-def test_cells_that_cannot_be_printed_or_seen_are_said_when_the_run_ends_and_by_info(
-    port: str, value: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_cells_that_cannot_be_printed_or_seen_are_reported_when_the_run_ends_and_by_info(
+    port: str, value: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     event = f'at_layer = 1\naction = "override"\nport = "{port}"\nvalue = {value}\ncells = [[6, 6], [7, 6]]\n'
     broken = tmp_path / "broken.toml"
@@ -72,6 +97,6 @@ def test_cells_that_cannot_be_printed_or_seen_are_said_when_the_run_ends_and_by_
     for scenario, expected in ((CUBOID, False), (broken, True)):
         folder = str(tmp_path / scenario.stem)
         assert main(["run", str(scenario), "--out", folder, "--no-compare"]) == 0
-        assert (said in capsys.readouterr().out) is expected
+        assert (message in capsys.readouterr().out) is expected
         assert main(["info", folder]) == 0
-        assert (said in capsys.readouterr().out) is expected
+        assert (message in capsys.readouterr().out) is expected

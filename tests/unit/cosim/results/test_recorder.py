@@ -53,14 +53,14 @@ def test_error_figures_of_a_known_surface() -> None:
     assert (error.min, error.max) == (-1.0, 3.0)
 
 
-def test_every_layer_is_told_once_in_order() -> None:
+def test_every_layer_is_reported_once_in_order() -> None:
     recorder, rows = printed_loop(layers=4)
     assert [row.layer for row in rows] == [0, 1, 2, 3, 4]
     assert [row.mean_error for row in rows] == pytest.approx(recorder.dataset().mean_error.values)
     assert rows[-1].scalars["objective"] == toy_job().mask.sum()
 
 
-def test_every_array_says_its_unit_and_meaning() -> None:
+def test_every_array_has_a_unit_and_a_meaning() -> None:
     run = printed_loop()[0].dataset()
     assert {name for name, array in run.variables.items() if not {"units", "long_name"} <= set(array.attrs)} == set()
     assert (run.height.attrs["units"], run.time.attrs["units"], run.x.attrs["units"]) == ("m", "s", "m")

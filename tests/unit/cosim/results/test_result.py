@@ -46,7 +46,7 @@ def test_saved_run_reads_back_the_same(result: Result, tmp_path: Path) -> None:
     assert loaded.dataset.pattern.dtype == np.int32
 
 
-def test_run_record_says_how_the_run_came_about(result: Result, tmp_path: Path) -> None:
+def test_run_record_states_how_the_run_came_about(result: Result, tmp_path: Path) -> None:
     result.save(tmp_path)
     record = json.loads((tmp_path / "run.json").read_text())
     assert record["seed"] == 7
@@ -70,19 +70,19 @@ def test_saving_leaves_no_partial_file(result: Result, tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result.nc", "run.json", "scenario.toml"]
 
 
-def test_folder_without_a_run_is_refused_in_words(tmp_path: Path) -> None:
+def test_folder_without_a_run_is_refused_with_a_message(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match=r"holds no result\.nc; name a folder that `inkloop run` has made"):
         Result.load(tmp_path)
 
 
-def test_broken_file_is_refused_in_words(result: Result, tmp_path: Path) -> None:
+def test_broken_file_is_refused_with_a_message(result: Result, tmp_path: Path) -> None:
     result.save(tmp_path)
     (tmp_path / "result.nc").write_bytes(b"no netCDF")
     with pytest.raises(ResultError, match="cannot be read"):
         Result.load(tmp_path)
 
 
-def test_other_schema_is_refused_in_words(result: Result, tmp_path: Path) -> None:
+def test_other_schema_is_refused_with_a_message(result: Result, tmp_path: Path) -> None:
     Result(result.dataset.assign_attrs(schema_version=99), result.run).save(tmp_path)
     with pytest.raises(ResultError, match="schema version is 99; this inkloop reads 1"):
         Result.load(tmp_path)

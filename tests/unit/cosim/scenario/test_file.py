@@ -107,19 +107,19 @@ EVENT = '\n[[events]]\nat_layer = 1\naction = "bias"\nport = "profilr.measured_h
         ("size_x_um = 1316.28", "size_x_um = 13162.8", "part reaches beyond the grid"),
     ],
 )
-def test_wrong_port_of_an_event_is_named_beside_other_errors(tmp_path: Path, old: str, new: str, error: str) -> None:
+def test_wrong_port_of_an_event_is_named_with_other_errors(tmp_path: Path, old: str, new: str, error: str) -> None:
     events = EVENT + EVENT.replace("profilr.measured_height", "printer.hieght")
     found = "\n".join(errors_of(tmp_path, GOOD.replace(old, new) + events))
     for expected in (error, "events.[0].port is 'profilr.measured_height'", "events.[1].port is 'printer.hieght'"):
         assert found.count(expected) == 1
 
 
-def test_event_on_a_component_that_is_faulty_itself_is_not_blamed(tmp_path: Path) -> None:
+def test_event_on_an_invalid_component_is_not_blamed(tmp_path: Path) -> None:
     text = GOOD.replace("scan_duration_s = 0.0", "noise_std_um = -1.0") + EVENT.replace("profilr", "profiler")
     assert [error.split()[0] for error in errors_of(tmp_path, text)] == ["components.profiler.noise_std_um"]
 
 
-def test_file_beside_the_scenario_is_found_while_other_tables_are_faulty(tmp_path: Path) -> None:
+def test_file_next_to_the_scenario_is_found_while_other_tables_are_invalid(tmp_path: Path) -> None:
     (tmp_path / "lamp.fmu").write_text("no archive")
     lamp = '[components.lamp]\nkind = "Fmu"\nfile = "lamp.fmu"\n'
     found = "\n".join(errors_of(tmp_path, GOOD.replace("nx = 9", "nx = 0") + lamp))
@@ -147,7 +147,7 @@ def test_misspelt_key_is_judged_as_what_it_means(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "option", "said"),
+    ("kind", "option", "message"),
     [
         ("LayerMpc", "overshoot_limit_um = -2.5", "expected greater than or equal to 0"),
         ("LayerMpc", "overshoot_limit_um = nan", "expected greater than or equal to 0"),
@@ -162,13 +162,13 @@ def test_misspelt_key_is_judged_as_what_it_means(tmp_path: Path) -> None:
     ],
 )
 def test_error_names_key_value_and_limits_as_they_are_written(
-    tmp_path: Path, kind: str, option: str, said: str
+    tmp_path: Path, kind: str, option: str, message: str
 ) -> None:
     (error,) = errors_of(tmp_path, GOOD.replace('"OpenLoop"', f'"{kind}"\n{option}'))
-    assert error.startswith(f"components.controller.{option.replace(' =', ' is')}; {said}")
+    assert error.startswith(f"components.controller.{option.replace(' =', ' is')}; {message}")
 
 
-def test_value_of_an_event_is_told_as_it_is_written(tmp_path: Path) -> None:
+def test_value_of_an_event_is_reported_as_it_is_written(tmp_path: Path) -> None:
     event = EVENT.replace("profilr", "profiler").replace("value_um = 1.0", "value_um = [1.5, nan]")
     (error,) = errors_of(tmp_path, GOOD + event)
     assert error.startswith("events.[0].value_um is [1.5, nan]; expected a finite number")
@@ -269,7 +269,7 @@ def test_offset_of_a_connection_comes_in_its_unit(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "said"),
+    ("key", "message"),
     [
         ("offset = 1.0", "connections.[0].offset is a length; write offset_um"),
         ("offset_um = true", "connections.[0].offset_um is True; expected a finite number"),
@@ -277,6 +277,6 @@ def test_offset_of_a_connection_comes_in_its_unit(tmp_path: Path) -> None:
         ("gain = nan", "connections.[0].gain is nan; expected a finite number"),
     ],
 )
-def test_error_of_a_gain_or_an_offset_is_named(tmp_path: Path, key: str, said: str) -> None:
+def test_error_of_a_gain_or_an_offset_is_named(tmp_path: Path, key: str, message: str) -> None:
     (error,) = errors_of(tmp_path, f"{GOOD}{WIRE}{key}\n")
-    assert error.startswith(said)
+    assert error.startswith(message)

@@ -1,4 +1,4 @@
-"""The schema for editors takes what `inkloop` takes, and refuses what it can tell is wrong."""
+"""The schema for editors takes what `inkloop` takes, and refuses what it can recognise as wrong."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_key_in_any_unit_fits_the_schema(key: str, value: object) -> None:
     assert errors(document) == []
 
 
-def test_kind_of_ones_own_may_have_any_option() -> None:
+def test_users_kind_may_have_any_option() -> None:
     document = cuboid()
     document["components"]["controller"] = {"kind": "mine:Controller", "threshold": [1, 2]}
     assert errors(document) == []

@@ -14,6 +14,7 @@ from inkloop.scenario.file import Scenario
 from inkloop.tables.schema import ScenarioFile
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("shape", new.shapes())
 def test_template_prints_until_its_controller_is_done(shape: str, tmp_path: Path) -> None:
     assert main(["new", str(tmp_path / "mine"), "--shape", shape]) == 0

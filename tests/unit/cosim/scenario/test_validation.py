@@ -1,4 +1,4 @@
-"""Devices and simulated parts go together only where something tells both sides what the other does."""
+"""Devices and simulated parts go together only where a component connects the two."""
 
 from __future__ import annotations
 
@@ -67,20 +67,30 @@ def test_legal_mix_prints(printer: str, profiler: str, shadow: str, start: str, 
 
 
 @pytest.mark.parametrize(
-    ("printer", "profiler", "said"),
+    ("printer", "profiler", "message"),
     [
-        ("device", "FMU", "printer is a device and profiler simulates a sensor, which has no surface to scan; add a "
-         'component with kind = "Shadow", a model that follows the commanded patterns and gives profiler its height, '
-         "or make profiler a device"),
-        ("FMU", "device", "profiler is a device and printer simulates a printer, of which profiler sees nothing; add a "
-         'component with kind = "Shadow", a model that follows the commanded patterns, to be compared with the scans, '
-         "or make printer a device"),
+        (
+            "device",
+            "FMU",
+            "printer is a device and profiler simulates a sensor, which has no surface to scan; add a component "
+            'with kind = "Shadow", a model that follows the commanded patterns and gives profiler its height, '
+            "or make profiler a device",
+        ),
+        (
+            "FMU",
+            "device",
+            "profiler is a device and printer simulates a printer, of which profiler sees nothing; add a component "
+            'with kind = "Shadow", a model that follows the commanded patterns, to be compared with the scans, '
+            "or make printer a device",
+        ),
     ],
-)  # fmt: skip
-def test_other_mix_is_refused_and_says_what_is_missing(printer: str, profiler: str, said: str, tmp_path: Path) -> None:
+)
+def test_other_mix_is_refused_and_the_message_names_what_is_missing(
+    printer: str, profiler: str, message: str, tmp_path: Path
+) -> None:
     with pytest.raises(ScenarioError) as refused:
         scenario(tmp_path, printer, profiler, "no shadow")
-    assert refused.value.errors == (said,)
+    assert refused.value.errors == (message,)
 
 
 def test_shadow_does_not_begin_on_a_scan_of_itself(tmp_path: Path) -> None:

@@ -33,14 +33,19 @@ def ours(part: Part) -> dict[str, float]:
 
 @pytest.mark.parametrize(
     ("printed", "found", "within", "word"),
-    [(5.0, 5.1, 0.2, "yes"), (5.0, 4.0, 0.2, "no, smaller"), (-5.0, -6.0, 0.2, "no, larger"), (None, 5.0, 0.2, "-"),
-     (5.0, 9.0, None, "-")],
-)  # fmt: skip
+    [
+        (5.0, 5.1, 0.2, "yes"),
+        (5.0, 4.0, 0.2, "no, smaller"),
+        (-5.0, -6.0, 0.2, "no, larger"),
+        (None, 5.0, 0.2, "-"),
+        (5.0, 9.0, None, "-"),
+    ],
+)
 def test_a_figure_is_reproduced_within_what_is_asked(printed, found, within, word) -> None:
     assert Row("Table I", "height", "um", printed, found, within).reproduced == word
 
 
-def test_every_row_is_in_the_page_and_in_the_spreadsheet_and_every_remark_is_said_once() -> None:
+def test_every_row_is_in_the_page_and_in_the_spreadsheet_and_every_remark_appears_once() -> None:
     rows = [
         Row("Table I", "height", "um", 5.0, 5.1, 0.2, "a remark"),
         Row("Table I", "width", "um", None, 2.0, None, "a remark", 0.31),
@@ -57,7 +62,7 @@ def test_time_scales_of_the_papers_ink_are_the_printed_ones() -> None:
     assert Liquid().ohnesorge == pytest.approx(0.3162, rel=1e-3)
 
 
-def test_liquids_that_the_quasi_static_model_does_not_hold_for_are_told_why() -> None:
+def test_liquids_outside_the_quasi_static_model_are_refused_with_the_reason() -> None:
     assert Liquid().objections() == []
     (slow,) = Liquid(interval=50e-6).objections()
     assert "80 us to come to rest, the next one comes after 50 us" in slow
@@ -67,7 +72,7 @@ def test_liquids_that_the_quasi_static_model_does_not_hold_for_are_told_why() ->
         Liquid(density=0, speed=np.nan)
 
 
-def test_edges_shrink_as_section_3c_says() -> None:
+def test_edges_shrink_as_section_3c_states() -> None:
     assert {row.reproduced for row in layer_growth.find(True).rows if row.printed is not None} == {"yes"}
 
 
@@ -159,7 +164,7 @@ def test_elements_converge_to_the_cap(order) -> None:
     assert errors[2] < {1: 0.03, 2: 0.003}[order]
 
 
-def test_without_scikit_fem_the_rest_is_reproduced_and_the_gap_is_said(monkeypatch) -> None:
+def test_without_scikit_fem_the_rest_is_reproduced_and_the_gap_is_reported(monkeypatch) -> None:
     monkeypatch.setattr("inkloop.studies.reproduce.finite_elements.is_installed", lambda: False)
     rows = single_droplet.find(True).rows
     (gap,) = [row for row in rows if row.where == "Table 2"]
@@ -181,6 +186,7 @@ def test_resampling_gives_back_the_coefficients_that_made_the_profiles() -> None
     assert [row.reproduced for row in rows] == ["yes"] * 4
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("paper", ["hume-rosen", "wu-chiu"])
 def test_command_leaves_tables_and_pictures(paper, tmp_path, capsys) -> None:
     assert main(["reproduce", paper, "--quick", "--out", str(tmp_path / "run")]) == 0
@@ -207,8 +213,10 @@ def test_command_keeps_what_is_finished_when_it_is_interrupted(tmp_path, monkeyp
 @pytest.mark.parametrize("paper", PAPERS)
 def test_whole_reproduction_ends_well(paper, tmp_path) -> None:
     assert main(["reproduce", paper, "--out", str(tmp_path / "run")]) == 0
-    table = {f"{line['where']}: {line['figure']}": line for line in
-             csv.DictReader(io.StringIO((tmp_path / "run/table.csv").read_text()))}  # fmt: skip
+    table = {
+        f"{line['where']}: {line['figure']}": line
+        for line in csv.DictReader(io.StringIO((tmp_path / "run/table.csv").read_text()))
+    }
     if paper == "lu":
         assert table["Fig. 11: cylinder, 20 %: open loop: mean error"]["reproduced"] == "yes"
         assert table["Fig. 12: cylinder, 40 %: open loop: mean error"]["reproduced"] == "yes"
@@ -223,8 +231,8 @@ def test_square_has_the_recorded_shape_and_keeps_it_on_a_finer_grid(per_pitch) -
     (end_width, end_angle), (side_width, side_angle) = (
         square.wall(profile, surface.spacing * 1e6) for profile in (square.end_wall(surface), square.side_wall(surface))
     )
-    found = [float(surface.height[7:22, 7:22].mean()) * 1e6, end_width, end_angle, side_width, side_angle,
-             square.ridge(surface), square.corner(surface)]  # fmt: skip
+    middle = float(surface.height[7:22, 7:22].mean()) * 1e6
+    found = [middle, end_width, end_angle, side_width, side_angle, square.ridge(surface), square.corner(surface)]
     assert found == pytest.approx([186.0, 150.0, 45.0, 30.0, 79.0, 203.0, 82.0], rel=0.05)
     assert square.outside(surface) < 0.005
 

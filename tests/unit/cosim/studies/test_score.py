@@ -20,7 +20,7 @@ from inkloop.studies.score.board import (
     prints,
     relative,
 )
-from inkloop.studies.score.told_inks import identified, single_droplet
+from inkloop.studies.score.known_inks import identified, single_droplet
 from inkloop.units import UM_PER_M
 from support.long_proofs import rest_is_long
 
@@ -38,19 +38,21 @@ def test_ink_of_the_layer_to_layer_plant_is_found_with_a_tenth_of_it_missing() -
     )
 
 
-def test_single_droplet_tells_what_it_leaves_and_no_more() -> None:
+def test_single_droplet_gives_what_it_leaves_and_no_more() -> None:
     found = single_droplet(load("caps", {"components.printer.variation": 0.0}))
     assert [found.h1 * UM_PER_M, found.h2 * UM_PER_M, found.h3 * UM_PER_M] == pytest.approx(
         [3.208, 0.260, 0.002], abs=1e-3
     )
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("plant", rest_is_long(["lu", "volume-area", "caps"], 1))
 def test_closed_loop_is_never_worse_than_open_loop(plant) -> None:
     open_loop, *closed = (prints(entry, plant, [1]).mean("rms") for entry in (OPEN_LOOP, OURS, LEARNING))
     assert max(closed) < open_loop
 
 
+@pytest.mark.system
 def test_lines_under_surface_tension_are_held_by_a_controller_that_does_not_know_of_them() -> None:
     """25 x 25 droplets, 150.9 um."""
     assert prints(OPEN_LOOP, "young-laplace", [1]).mean("rms") == pytest.approx(28.0, abs=1.0)
@@ -78,7 +80,7 @@ def test_score_is_the_geometric_mean_over_the_plants() -> None:
     assert relative(scores(), OURS.name) == pytest.approx(0.5)
 
 
-def test_tables_for_page_paper_and_spreadsheet_say_the_same() -> None:
+def test_tables_for_page_paper_and_spreadsheet_agree() -> None:
     assert "| LayerMpc, Lu nominal | 2.00 | 2.00 | 0.50 |" in tables.markdown(scores(), (1, 2))
     assert r"LayerMpc, Lu nominal & 2.00 & 2.00 & 0.50 \\" in tables.latex(scores(), (1, 2))
     lines = list(csv.DictReader(tables.spreadsheet(scores(), (1, 2)).splitlines()))
@@ -97,7 +99,8 @@ class Threshold:
 """
 
 
-def test_controller_of_ones_own_stands_in_a_row_beside_ours(tmp_path, monkeypatch, capsys) -> None:
+@pytest.mark.system
+def test_users_controller_stands_in_a_row_next_to_ours(tmp_path, monkeypatch, capsys) -> None:
     (tmp_path / "mine.py").write_text(RULE)
     monkeypatch.chdir(tmp_path)
     arguments = ["score", "mine:Threshold", "--set", "share=0.4", "--plant", "caps", "--quick", "--out", "scores"]
@@ -112,11 +115,14 @@ def test_controller_of_ones_own_stands_in_a_row_beside_ours(tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
-    [(["--plant", "lou"], "there is no plant 'lou'"), (["--set", "alpha=0.5"], "a controller of your own"),
-     (["nowhere:Nothing", "--plant", "lu"], "nowhere:Nothing")],
-)  # fmt: skip
-def test_what_cannot_be_scored_is_refused_in_words(arguments, words, tmp_path, monkeypatch, capsys) -> None:
+    ("arguments", "message"),
+    [
+        (["--plant", "lou"], "there is no plant 'lou'"),
+        (["--set", "alpha=0.5"], "a controller of your own"),
+        (["nowhere:Nothing", "--plant", "lu"], "nowhere:Nothing"),
+    ],
+)
+def test_what_cannot_be_scored_is_refused_with_a_message(arguments, message, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["score", *arguments, "--quick"]) == 1
-    assert words in capsys.readouterr().err
+    assert message in capsys.readouterr().err

@@ -1,9 +1,7 @@
-"""Faults of the emulated bench, as text, as tables and on a wire of their own."""
+"""Faults of the emulator, as text and as tables."""
 
 from __future__ import annotations
 
-import signal
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -12,7 +10,7 @@ from inkloop.bench.emulation import emulation_of
 from inkloop.errors import InkloopError, ScenarioError
 from inkloop.scenario.file import Scenario
 from inkloop.tables.bench_faults import read_fault
-from support.benches.bench_run import BLOCK, COMMAND, write
+from support.benches.bench_run import BLOCK, write
 
 
 @pytest.mark.parametrize(
@@ -24,7 +22,7 @@ def test_fault_is_written_as_it_is_read(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("lost", "kind is 'lost'; expected 'loss'"),
         ("loss:p=1", "p is not a key of this table"),
@@ -34,12 +32,12 @@ def test_fault_is_written_as_it_is_read(text: str) -> None:
         ("death", "needs node as well"),
     ],
 )
-def test_wrong_fault_is_refused_in_words(text: str, words: str) -> None:
-    with pytest.raises(InkloopError, match=words):
+def test_wrong_fault_is_refused_with_a_message(text: str, message: str) -> None:
+    with pytest.raises(InkloopError, match=message):
         read_fault(text)
 
 
-def test_scenario_says_what_goes_wrong_and_all_its_faults_at_once(tmp_path: Path) -> None:
+def test_scenario_lists_the_faults_and_all_its_errors_are_reported_at_once(tmp_path: Path) -> None:
     tables = '\n[[bench.faults]]\nkind = "death"\nnode = "cure"\nstep = "cure"\n[[bench.faults]]\nkind = "swap"\n'
     found = emulation_of(Scenario.load(write(tmp_path, BLOCK + tables))).faults
     assert [str(fault) for fault in found] == ["death:node=cure,step=cure", "swap"]
@@ -48,17 +46,3 @@ def test_scenario_says_what_goes_wrong_and_all_its_faults_at_once(tmp_path: Path
         Scenario.load(write(tmp_path, BLOCK + wrong))
     for word in ("bench.faults.[0].node", "bench.faults.[0].step", "bench.faults.[1].kind is 'swop'"):
         assert word in str(raised.value)
-
-
-def test_command_says_what_goes_wrong_on_request_and_refuses_what_it_does_not_know(tmp_path: Path) -> None:
-    path = write(tmp_path, BLOCK + '\n[[bench.faults]]\nkind = "swap"\n')
-    words = [*COMMAND, "bench", str(path), "--port", "0", "--fault"]
-    running = subprocess.Popen([*words, "loss:probability=1e-3"], stdout=subprocess.PIPE, text=True)
-    assert running.stdout
-    lines = [running.stdout.readline() for _ in range(4)]
-    running.send_signal(signal.SIGINT)
-    running.communicate(timeout=60)
-    assert lines[2:] == ["on request: swap\n", "on request: loss:probability=0.001\n"]
-    wrong = subprocess.run([*words, "lost"], capture_output=True, text=True, check=False)
-    assert wrong.returncode == 1
-    assert "kind is 'lost'; expected 'loss'" in " ".join(wrong.stderr.split())

@@ -1,4 +1,4 @@
-"""Inks in files of their own: what a scenario takes from one, and what is refused in words."""
+"""Inks in separate files: what a scenario takes from one, and what is refused with a message."""
 
 from __future__ import annotations
 
@@ -51,13 +51,15 @@ def write(folder: Path, ink: str = INK, scenario: str = SCENARIO) -> Path:
     return folder / "print.toml"
 
 
-def test_scenario_takes_the_ink_of_a_file_beside_it(tmp_path: Path) -> None:
+def test_scenario_takes_the_ink_of_a_file_next_to_it(tmp_path: Path) -> None:
     scenario = Scenario.load(write(tmp_path))
     (ink,) = scenario.job().inks
     assert (ink.h1, ink.h2, ink.h3) == pytest.approx((5.0e-6, 0.5e-6, 0.1e-6))
     assert scenario.tables.components["printer"].options == {
-        "height_scale_um": 7.5, "mv_plus_per_um": 0.005, "guard": True,
-    }  # fmt: skip
+        "height_scale_um": 7.5,
+        "mv_plus_per_um": 0.005,
+        "guard": True,
+    }
 
 
 def test_text_as_run_holds_the_ink_itself(tmp_path: Path) -> None:
@@ -70,15 +72,17 @@ def test_text_as_run_holds_the_ink_itself(tmp_path: Path) -> None:
     assert Scenario.of_text(text, str(tmp_path / "print.toml")).job().inks[0].h1 == pytest.approx(5.0e-6)
 
 
-def test_what_the_scenario_says_itself_wins(tmp_path: Path) -> None:
+def test_values_of_the_scenario_override_the_ink_file(tmp_path: Path) -> None:
     own = SCENARIO.replace("[components.controller]", "[ink.a]\nh2_um = 0.7\n[components.controller]")
     own = own.replace('"VolumeAreaDeposition"', '"VolumeAreaDeposition"\nmv_plus_per_mm = 4.0\nguard = false')
     scenario = Scenario.load(write(tmp_path, scenario=own))
     assert scenario.job().inks[0].h2 == pytest.approx(0.7e-6)
     assert scenario.job().inks[0].h1 == pytest.approx(5.0e-6)
     assert scenario.tables.components["printer"].options == {
-        "mv_plus_per_mm": 4.0, "guard": False, "height_scale_um": 7.5,
-    }  # fmt: skip
+        "mv_plus_per_mm": 4.0,
+        "guard": False,
+        "height_scale_um": 7.5,
+    }
 
 
 def test_ink_of_a_file_can_be_named_on_the_command_line(tmp_path: Path) -> None:
@@ -88,7 +92,7 @@ def test_ink_of_a_file_can_be_named_on_the_command_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("ink", "words"),
+    ("ink", "message"),
     [
         (INK.replace("h3_um = 0.1\n", ""), "a.h3_um is missing"),
         (INK.replace("h1_um = 5.0", "h1_um = -5.0"), "a.h1_um is -5.0"),
@@ -97,10 +101,10 @@ def test_ink_of_a_file_can_be_named_on_the_command_line(tmp_path: Path) -> None:
         (INK.replace("height_scale_um = 7.5", "height = 7.5"), "components.printer.height"),
     ],
 )
-def test_ink_that_cannot_be_meant_is_refused_in_words(ink, words, tmp_path: Path) -> None:
+def test_impossible_ink_is_refused_with_a_message(ink, message, tmp_path: Path) -> None:
     with pytest.raises(ScenarioError) as caught:
         Scenario.load(write(tmp_path, ink))
-    assert words in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_ink_file_that_is_not_there_and_other_errors_are_named_at_once(tmp_path: Path) -> None:

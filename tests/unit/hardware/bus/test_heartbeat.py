@@ -55,7 +55,7 @@ def enables(alive: MasterAlive) -> Enables:
     return Enables(found)
 
 
-def test_nothing_is_sent_before_the_first_word() -> None:
+def test_nothing_is_sent_before_the_first_keep_alive() -> None:
     assert Loop().run(5.0, None) == []
 
 
@@ -68,7 +68,7 @@ def test_master_alive_comes_every_100_ms_while_the_loop_lives() -> None:
     assert {(alive.session, alive.job, enables(alive)) for _, alive in loop.sent} == {(3, 9, Enables.NONE)}
 
 
-def test_another_job_is_said_at_once_and_twice() -> None:
+def test_another_job_is_sent_at_once_and_twice() -> None:
     """A pattern for it may be the next thing on the bus."""
     loop = Loop()
     loop.run(1.0, Enables.NONE)
@@ -77,7 +77,7 @@ def test_another_job_is_said_at_once_and_twice() -> None:
 
 
 @pytest.mark.parametrize("step", [Enables.LAMP, Enables.GATE | Enables.MOTION, ALL])
-def test_change_of_enables_is_said_at_once_and_twice(step: Enables) -> None:
+def test_change_of_enables_is_sent_at_once_and_twice(step: Enables) -> None:
     """A single lost frame must neither delay a step nor keep it enabled."""
     loop = Loop()
     loop.run(1.0, Enables.NONE)
@@ -116,7 +116,7 @@ def test_loop_that_comes_back_enables_nothing_before_it_has_let_go() -> None:
     assert {enables(alive) for alive in loop.run(1.0, Enables.LAMP)} == {Enables.LAMP}
 
 
-def test_end_says_that_nothing_is_enabled_and_then_nothing() -> None:
+def test_end_sends_that_nothing_is_enabled_and_then_nothing() -> None:
     loop = Loop()
     loop.run(1.0, ALL)
     last = [unpack(CODEC, CODEC.decode(frame)) for frame in loop.heartbeat.end()]
@@ -125,7 +125,7 @@ def test_end_says_that_nothing_is_enabled_and_then_nothing() -> None:
     assert loop.run(1.0, None) == []
 
 
-def test_stop_request_is_repeated_while_it_is_active_and_its_end_is_said() -> None:
+def test_stop_request_is_repeated_while_it_is_active_and_its_end_is_sent() -> None:
     call, monitor, sent = StopCall(CODEC), E2eMonitor(), []
     for tick in range(200):
         now = tick * STEP

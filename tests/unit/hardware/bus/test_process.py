@@ -1,4 +1,4 @@
-"""The parts of the bus process: what crosses the pipes, what waits for nobody, what a killed run leaves on disk."""
+"""The parts of the bus process: what crosses the pipes, what does not wait, what a killed run leaves on disk."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_message_that_is_cut_off_is_the_end() -> None:
         assert read_message(io.BytesIO(stream.taken[:length])) is None
 
 
-def test_who_does_not_read_is_not_waited_for_and_what_is_dropped_is_counted() -> None:
+def test_slow_reader_is_not_waited_for_and_dropped_messages_are_counted() -> None:
     reading, writing = os.pipe()
     outbox = Outbox(io.FileIO(writing, "w"))
     content = pack_frames([Frame(1, b"12345678")] * 10_000)
@@ -66,13 +66,13 @@ def test_who_does_not_read_is_not_waited_for_and_what_is_dropped_is_counted() ->
         outbox.put(Kind.FRAMES, content, may_drop=True)
     assert 0 < outbox.dropped < 10_000 * count
     outbox.put(Kind.FAILED, b"words are never dropped")
-    arrived, said = 0, b""
+    arrived, failure = 0, b""
     with io.BufferedReader(io.FileIO(reading, "r")) as stream:
-        while not said:
+        while not failure:
             message = read_message(stream)
             assert message is not None
             arrived += sum(1 for _ in unpack_frames(message[1])) if message[0] is Kind.FRAMES else 0
-            said = message[1] if message[0] is Kind.FAILED else b""
+            failure = message[1] if message[0] is Kind.FAILED else b""
     outbox.close()
     assert arrived + outbox.dropped == 10_000 * count
 
@@ -82,7 +82,7 @@ def test_reader_that_is_gone_ends_the_outbox_without_an_error() -> None:
     os.close(reading)
     outbox = Outbox(io.FileIO(writing, "w"))
     for _ in range(10):
-        outbox.put(Kind.MESSAGE, b"to nobody")
+        outbox.put(Kind.MESSAGE, b"without a reader")
     outbox.close()
     assert not outbox.is_writing
 
@@ -138,7 +138,7 @@ def test_log_of_before_is_kept(tmp_path: Path) -> None:
     assert counts == {"traffic.asc": 1, "traffic-2.asc": 2, "traffic-3.asc": 3}
 
 
-def test_log_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+def test_log_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(BusError, match=r"traffic log .*file.a\.blf cannot be written"):
         TrafficLog(tmp_path / "file" / "a.blf")

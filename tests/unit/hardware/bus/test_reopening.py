@@ -1,4 +1,4 @@
-"""When an adapter may be opened again, and who else on the bus keeps everything disabled: laws without a bus."""
+"""When an adapter may be opened again, and what else on the bus keeps everything disabled; without a bus."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ GONE, OFF = BusError("gone."), BusOff("off.", 1.0)
 OTHER = MasterAlive(False, False, False, session=5, job=1)
 
 
-def test_pauses_grow_to_a_limit_and_end_in_words() -> None:
+def test_pauses_grow_to_a_limit_and_end_with_a_message() -> None:
     again: list[float] = []
     tried = Reopening(limit_s=10.0).pauses(GONE, True, 0.0)
     with pytest.raises(BusError, match=r"gone\. It could not be opened again within 1\d s"):

@@ -1,4 +1,4 @@
-"""An adapter that speaks slcan is read in bulk, and nothing that it says ends the reading."""
+"""An adapter that speaks slcan is read in bulk, and nothing that it sends ends the reading."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PATIENCE = 20.0
 
 
 class Line:
-    """The adapter's end of a connection: what the bus writes can be read, and text can be said to it."""
+    """The adapter's end of a connection: what the bus writes can be read, and text can be sent to it."""
 
     def __init__(self) -> None:
         listener = socket.create_server(("127.0.0.1", 0))
@@ -67,7 +67,7 @@ def line() -> Iterator[Line]:
 @pytest.mark.compiled
 @settings(deadline=None)
 @given(FRAMES, st.sampled_from([b"", b"12FE"]))
-def test_line_of_the_firmware_is_read_as_it_was_meant(frame: SlcanFrame, time_stamp: bytes) -> None:
+def test_frame_of_the_firmware_is_read_back_unchanged(frame: SlcanFrame, time_stamp: bytes) -> None:
     found = frame_of(SlcanEnd().write(frame).rstrip(b"\r") + time_stamp, 5.0)
     assert (found.arbitration_id, found.is_extended_id, found.is_remote_frame) == (
         frame.arbitration_id,
@@ -118,17 +118,17 @@ def test_refusals_of_the_adapter_are_counted_and_its_answers_are_not(line: Line)
 
 @pytest.mark.compiled
 def test_adapter_gets_the_lines_that_the_firmware_understands(line: Line) -> None:
-    said = bytearray()
+    written = bytearray()
     end = SlcanEnd(opened=False)
     line.bus.send(can.Message(arbitration_id=0x641, data=b"\x10\xff\x00", is_extended_id=False))
     line.bus.send(can.Message(arbitration_id=0x12345678, data=b"", is_extended_id=True))
-    while said.count(b"T") < 1 or not said.endswith(b"\r"):
-        said += line.socket.recv(1000)
-    frames, _answers = end.take(bytes(said))
+    while written.count(b"T") < 1 or not written.endswith(b"\r"):
+        written += line.socket.recv(1000)
+    frames, _answers = end.take(bytes(written))
     assert [(frame.arbitration_id, frame.data) for frame in frames] == [(0x641, b"\x10\xff\x00"), (0x12345678, b"")]
 
 
-def test_closed_connection_is_said_in_words() -> None:
+def test_closed_connection_is_reported() -> None:
     own = Line()
     adapter = Adapter(BusSettings("slcan", own.channel), own.bus)
     own.socket.close()
@@ -145,10 +145,10 @@ def test_terminal_is_read_and_written() -> None:
     os.write(ours, b"t1232AABB\r")
     assert [bytes(message.data) for message in adapter.receive(PATIENCE)] == [b"\xaa\xbb"]
     adapter.send(Frame(0x20, b"\x01"))
-    said = b""
-    while not said.endswith(b"t020101\r"):
-        said += os.read(ours, 100)
-    assert said.startswith(b"C\rS6\r")
+    written = b""
+    while not written.endswith(b"t020101\r"):
+        written += os.read(ours, 100)
+    assert written.startswith(b"C\rS6\r")
     adapter.close()
     os.close(ours)
     os.close(theirs)
@@ -191,7 +191,7 @@ def test_full_queue_is_waited_for_and_the_same_frame_sent() -> None:
     assert adapter.complaints()["frames sent again"] == 7
 
 
-def test_queue_that_stays_full_is_said_in_words_after_a_second() -> None:
+def test_queue_that_stays_full_is_reported_after_a_second() -> None:
     clock = Clock()
     adapter = Adapter(BusSettings("socketcan", "can0"), Full(1 << 30), monotonic=clock, sleep=clock.sleep)
     with pytest.raises(BusError, match=r"socketcan on can0 accepts no frame for 1 s.*terminated"):
@@ -200,7 +200,7 @@ def test_queue_that_stays_full_is_said_in_words_after_a_second() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("given", "message"),
     [
         (BusSettings("slcan", "socket://127.0.0.1:1", 500_000), r"slcan on socket://127\.0\.0\.1:1 at 500 .*inkloop b"),
         (BusSettings("slcan", "/dev/nothing-here", 500_000), r"/dev/nothing-here.*plugged in"),
@@ -208,8 +208,8 @@ def test_queue_that_stays_full_is_said_in_words_after_a_second() -> None:
         (BusSettings("slcan"), r"needs a channel"),
     ],
 )
-def test_adapter_that_cannot_be_opened_is_named_with_what_to_do(given: BusSettings, words: str) -> None:
-    with pytest.raises(BusError, match=words):
+def test_adapter_that_cannot_be_opened_is_named_with_what_to_do(given: BusSettings, message: str) -> None:
+    with pytest.raises(BusError, match=message):
         Adapter(given)
 
 

@@ -62,7 +62,7 @@ def test_devices_keep_the_contract_of_components(
     check(lambda: make(FOUR, NodeRig(bench(noise_std=1e-6, sensor_seed=2))))
 
 
-def test_devices_call_themselves_so_and_neither_tells_nor_takes_a_height() -> None:
+def test_devices_are_marked_as_such_and_neither_report_nor_take_a_height() -> None:
     for device in (Printer(FOUR, NodeRig(bench())), Profiler(FOUR, NodeRig(bench()))):
         assert is_device(device)
         assert "height" not in {port.name for port in (*device.inputs, *device.outputs)}
@@ -144,7 +144,7 @@ def test_scan_is_asked_for_once_a_layer_and_only_when_there_is_a_new_one() -> No
         assert [routine for routine, *_ in rig.link(Node.PROFILER).asked].count(Routine.SCAN) == 1
 
 
-def test_interrupted_layer_is_gone_on_with_and_no_pass_is_jetted_twice() -> None:
+def test_interrupted_layer_is_resumed_and_no_pass_is_jetted_twice() -> None:
     """The master dies after two passes; another one takes up its job."""
     with bench(variation=0.2, printer_seed=3) as nodes, bench(variation=0.2, printer_seed=3) as same:
         print_layer(started(Printer(FOUR, NodeRig(same), cure_ms=5)), 1, full())
@@ -184,7 +184,7 @@ def test_layer_finished_before_the_run_knew_is_not_printed_again() -> None:
         assert nodes.counted(node_bench.GATE_OPENINGS) == 4
 
 
-def test_rebooted_head_gets_its_pattern_again_and_goes_on_by_its_journal() -> None:
+def test_rebooted_head_gets_its_pattern_again_and_continues_by_its_journal() -> None:
     with bench() as nodes:
         rig = NodeRig(nodes)
         first = started(Printer(FOUR, rig, cure_ms=5))
@@ -208,7 +208,7 @@ def print_two_passes(nodes: NodeBench, rig: NodeRig) -> None:
         assert nodes.run(node_bench.PASS, layer=1, which=number, option=bytes([number]), job=rig.job) == 0
 
 
-def test_layer_begun_with_another_pattern_is_refused_in_words() -> None:
+def test_layer_begun_with_another_pattern_is_refused_with_a_message() -> None:
     with bench() as nodes:
         rig = NodeRig(nodes)
         printer = started(Printer(FOUR, rig, cure_ms=5))
@@ -218,7 +218,7 @@ def test_layer_begun_with_another_pattern_is_refused_in_words() -> None:
 
 
 def test_unknown_pass_asks_for_a_person_then_the_layer_is_cured_as_it_is() -> None:
-    """What it became, the next scan says; nothing more is jetted in it."""
+    """The next scan shows what it became; nothing more is jetted in it."""
     with bench() as nodes:
         rig = NodeRig(nodes)
         first = started(Printer(FOUR, rig, cure_ms=5))
@@ -239,7 +239,7 @@ def test_unknown_pass_asks_for_a_person_then_the_layer_is_cured_as_it_is() -> No
         assert print_layer(second, 2, full()) == 2
 
 
-def test_head_that_printed_something_else_since_is_refused_in_words() -> None:
+def test_head_that_printed_something_else_since_is_refused_with_a_message() -> None:
     with bench() as nodes:
         first = started(Printer(FOUR, NodeRig(nodes, job=7), cure_ms=5))
         print_layer(first, 1, full())
@@ -252,7 +252,7 @@ def test_head_that_printed_something_else_since_is_refused_in_words() -> None:
 
 
 @pytest.mark.parametrize("make", [Printer, Profiler])
-def test_bytes_that_are_no_state_are_refused_in_words(make: Callable[[Job, NodeRig], Component]) -> None:
+def test_bytes_that_are_no_state_are_refused_with_a_message(make: Callable[[Job, NodeRig], Component]) -> None:
     with bench() as nodes, pytest.raises(ComponentError, match="the saved state is not one of this"):
         started(make(FOUR, NodeRig(nodes))).restore(b"abc")
 
@@ -301,7 +301,7 @@ def test_what_the_head_cannot_do_is_refused_and_nothing_moves(inputs: dict[str, 
         assert not nodes.surface.any()
 
 
-def test_light_longer_than_the_lamp_bears_is_said_before_anything_is_printed() -> None:
+def test_light_longer_than_the_lamp_allows_is_reported_before_anything_is_printed() -> None:
     with bench(lamp_limit_ms=50) as nodes, pytest.raises(NotReady, match=r"cure_ms is 80.*50 ms"):
         started(Printer(FOUR, NodeRig(nodes), cure_ms=80))
 

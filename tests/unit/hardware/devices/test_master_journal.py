@@ -78,7 +78,7 @@ def test_last_line_of_garbage_is_cut_off(tmp_path: Path) -> None:
         assert path.read_bytes() == whole
 
 
-def test_journal_that_was_altered_in_the_middle_is_refused_in_words(tmp_path: Path) -> None:
+def test_journal_that_was_altered_in_the_middle_is_refused_with_a_message(tmp_path: Path) -> None:
     journal(tmp_path)
     path = tmp_path / JOURNAL_FILE
     lines = path.read_bytes().splitlines(keepends=True)
@@ -88,7 +88,7 @@ def test_journal_that_was_altered_in_the_middle_is_refused_in_words(tmp_path: Pa
             MasterJournal(tmp_path).records  # noqa: B018
 
 
-def test_full_disk_is_said_and_leaves_the_journal_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_disk_is_reported_and_leaves_the_journal_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     written = journal(tmp_path)
     before = (tmp_path / JOURNAL_FILE).read_bytes()
 
@@ -193,7 +193,7 @@ def test_head_may_know_more_or_less_where_an_answer_or_a_request_was_lost(mine: 
         ),
     ],
 )
-def test_journals_that_cannot_both_be_true_stop_the_run_in_words(mine: Any, theirs: NodeState, word: str) -> None:
+def test_contradictory_journals_stop_the_run_with_a_message(mine: Any, theirs: NodeState, word: str) -> None:
     with pytest.raises(JournalsDiffer, match=word) as caught:
         compare(mine, JOB, theirs)
     assert "inkloop run" in str(caught.value)
@@ -212,7 +212,7 @@ def print_layer(printer: Printer, layer: int) -> Any:
 
 @pytest.mark.compiled
 def test_run_keeps_its_job_even_without_a_checkpoint(tmp_path: Path) -> None:
-    """It was stopped in layer 1: what the head has done of it is gone on with, not printed again on top."""
+    """It was stopped in layer 1: what the head has done of it is continued, not printed again on top."""
     with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
         print_layer(printer_of(tmp_path, NodeRig(nodes, job=7)), 1)
         surface = nodes.surface.copy()
@@ -223,7 +223,7 @@ def test_run_keeps_its_job_even_without_a_checkpoint(tmp_path: Path) -> None:
 
 
 @pytest.mark.compiled
-def test_checkpoint_that_is_older_than_the_journal_is_refused_in_words(tmp_path: Path) -> None:
+def test_checkpoint_that_is_older_than_the_journal_is_refused_with_a_message(tmp_path: Path) -> None:
     with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
         first = printer_of(tmp_path, NodeRig(nodes))
         for layer in (1, 2):
@@ -235,7 +235,7 @@ def test_checkpoint_that_is_older_than_the_journal_is_refused_in_words(tmp_path:
 
 
 @pytest.mark.compiled
-def test_checkpoint_of_another_job_is_refused_in_words(tmp_path: Path) -> None:
+def test_checkpoint_of_another_job_is_refused_with_a_message(tmp_path: Path) -> None:
     with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
         saved = printer_of(tmp_path / "one", NodeRig(nodes, job=7)).save()
         other = printer_of(tmp_path / "other", NodeRig(nodes, job=8))

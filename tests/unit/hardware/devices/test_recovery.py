@@ -1,4 +1,4 @@
-"""A node that restarts in the middle of a print: the print goes on where nothing is unknown, else a person is asked."""
+"""A node that restarts during a print: the print continues where nothing is unknown, else a person is asked."""
 
 from __future__ import annotations
 
@@ -57,7 +57,9 @@ def before(rig: NodeRig, node: Node, routine: Routine, nth: int, happen: Callabl
 
 @pytest.mark.parametrize("node", [Node.HEAD, Node.STAGE, Node.CURE])
 @pytest.mark.parametrize("nth", [1, 3])
-def test_node_that_restarts_between_steps_is_gone_on_with_and_every_pass_is_jetted_once(node: Node, nth: int) -> None:
+def test_print_continues_with_a_node_that_restarts_between_steps_and_every_pass_is_jetted_once(
+    node: Node, nth: int
+) -> None:
     routine = {Node.HEAD: Routine.PASS, Node.STAGE: Routine.MOVE, Node.CURE: Routine.CURE}[node]
     with bench() as nodes, bench() as same:
         print_layer(started(NodeRig(same)), 1)
@@ -78,7 +80,7 @@ def test_profiler_that_restarts_scans_again() -> None:
         assert profiler.do_step(0, 1, {"layers_printed": np.int32(0)})["layers_scanned"] == 0
 
 
-def test_head_that_restarts_within_a_pass_asks_for_a_person_and_says_which_pass() -> None:
+def test_head_that_restarts_within_a_pass_asks_for_a_person_and_names_the_pass() -> None:
     with bench() as nodes:
         rig = NodeRig(nodes)
         printer = started(rig)

@@ -1,4 +1,4 @@
-"""What the doctor makes of frames, clocks, journals, interfaces and ports: one law a test, no bus."""
+"""How the doctor assesses frames, clocks, journals, interfaces and ports: one rule a test, no bus."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def heard(*, cycle: float = 0.1, without: tuple[Node, ...] = (), version: int = 
 
 
 def errors(findings: list[Finding]) -> dict[str, str]:
-    """What is said of each check that found a fault; every one says what to do."""
+    """The finding of each check with an error; each has an advice."""
     found = [finding for finding in findings if finding.grade is Grade.ERROR]
     assert all(finding.advice for finding in found)
     return {finding.check: finding.found for finding in found}
@@ -66,7 +66,7 @@ def test_well_bench_has_no_fault() -> None:
     assert heard_errors(heard()) == {}
 
 
-def test_silent_bus_and_foreign_bus_are_told_apart() -> None:
+def test_silent_bus_and_foreign_bus_are_distinguished() -> None:
     assert set(heard_errors(Heard(lasted=1.0))) == {"bus", "nodes"}
     foreign = Heard(lasted=1.0)
     foreign.take(0.0, Frame(0x7DF, b"\1\2"), CODEC)
@@ -87,10 +87,10 @@ def test_missing_nodes_are_named() -> None:
 def test_error_frames_and_malformed_lines_point_at_the_wires() -> None:
     found = heard()
     found.errors, found.complaints = 3, {"malformed lines of the adapter": 2}
-    said = [finding for finding in judge(found, CODEC) if finding.grade is Grade.ERROR]
-    assert [finding.found for finding in said] == ["3 error frames", "2 malformed lines of the adapter"]
-    assert "120 ohm" in said[0].advice
-    assert "USB" in said[1].advice
+    findings = [finding for finding in judge(found, CODEC) if finding.grade is Grade.ERROR]
+    assert [finding.found for finding in findings] == ["3 error frames", "2 malformed lines of the adapter"]
+    assert "120 ohm" in findings[0].advice
+    assert "USB" in findings[1].advice
 
 
 def test_lost_frames_are_a_fault_where_they_are_many() -> None:
@@ -99,14 +99,14 @@ def test_lost_frames_are_a_fault_where_they_are_many() -> None:
         found.take(0.1 * number, pack(CODEC, status(Node.HEAD), counter), CODEC)
     for number in range(1, 30):
         found.take(0.1 * number, pack(CODEC, status(Node.CURE), (number + number // 15) % 15), CODEC)
-    said = [finding for finding in judge(found, CODEC) if finding.check == "supervision"]
-    assert [(finding.grade, finding.found) for finding in said] == [
+    findings = [finding for finding in judge(found, CODEC) if finding.check == "supervision"]
+    assert [(finding.grade, finding.found) for finding in findings] == [
         (Grade.ERROR, "head: 2 statuses were lost, 7 received"),
         (Grade.WARNING, "cure: 1 statuses were lost, 29 received"),
     ]
 
 
-def test_pause_that_a_run_would_not_bear_is_a_fault() -> None:
+def test_pause_that_would_stop_a_run_is_an_error() -> None:
     assert "400 ms" in heard_errors(heard(cycle=0.4))["heartbeat"]
     assert heard_errors(heard(cycle=0.2)) == {}, "only worth a note"
 
@@ -118,9 +118,9 @@ def test_wrong_check_byte_repeated_counter_and_jump_are_counted() -> None:
     frame = pack(CODEC, status(Node.STAGE), 3)
     for number in range(5):
         found.take(0.1 * number, Frame(frame.arbitration_id, bytes([frame.data[0] ^ 1]) + frame.data[1:]), CODEC)
-    said = [finding.found for finding in judge(found, CODEC) if finding.check == "supervision"]
-    assert said[0].startswith("head: of its statuses 2 repeated, 1 jumped")
-    assert said[1] == "stage: of its statuses 5 damaged; it cannot be trusted"
+    findings = [finding.found for finding in judge(found, CODEC) if finding.check == "supervision"]
+    assert findings[0].startswith("head: of its statuses 2 repeated, 1 jumped")
+    assert findings[1] == "stage: of its statuses 5 damaged; it cannot be trusted"
     assert "cure sent nothing" in heard_errors(found)["nodes"], "a damaged status is not silence"
 
 
@@ -128,27 +128,27 @@ def test_other_version_of_the_protocol_is_named_for_each_node() -> None:
     assert heard_errors(heard(version=2))["protocol"].endswith("has version 2 of the protocol, this inkloop 1")
 
 
-def test_state_that_our_protocol_does_not_have_is_said_in_words() -> None:
+def test_unknown_state_of_a_node_is_reported() -> None:
     found, frame = heard(), bytearray(pack(CODEC, status(Node.HEAD), 10).data)
     found.take(1.0, Frame(0x101, bytes(frame[:7])), CODEC)
     assert "has 7 bytes, expected 8" in heard_errors(found)["protocol"]
 
 
-@pytest.mark.parametrize(("sessions", "words"), [((5,), "session 5, job 9"), ((5, 6), "2 masters, sessions 5, 6")])
-def test_masters_on_the_bus_are_named(sessions: tuple[int, ...], words: str) -> None:
+@pytest.mark.parametrize(("sessions", "message"), [((5,), "session 5, job 9"), ((5, 6), "2 masters, sessions 5, 6")])
+def test_masters_on_the_bus_are_named(sessions: tuple[int, ...], message: str) -> None:
     found = heard()
     for session in sessions:
         found.take(0.5, pack(CODEC, MasterAlive(False, False, False, session, 9), 1), CODEC)
-    assert words in heard_errors(found)["masters"]
+    assert message in heard_errors(found)["masters"]
 
 
-def test_stop_request_is_told() -> None:
+def test_stop_request_is_reported() -> None:
     found = heard()
     found.take(0.5, pack(CODEC, StopRequest(True, Source.OPERATOR), 1), CODEC)
     assert "stop request" in heard_errors(found)["masters"]
 
 
-def told(node: Node = Node.HEAD) -> NodeReport:
+def report(node: Node = Node.HEAD) -> NodeReport:
     """A node that is well."""
     roles = Roles[node.upper()]
     state = NodeState(
@@ -166,30 +166,34 @@ def expected(nx: int = 20, ny: int = 20, cure_ms: int = 100) -> Expected:
 
 
 def test_node_that_is_well_has_no_fault() -> None:
-    assert errors(list(assess([told(node) for node in Node], expected()))) == {}
+    assert errors(list(assess([report(node) for node in Node], expected()))) == {}
 
 
 @pytest.mark.parametrize(
-    ("one", "check", "words"),
+    ("one", "check", "message"),
     [
-        (replace(told(), clock=(told().clock[0], ClockReading(6.1, 101.0, 101.01))), "clock", "10% too fast"),
-        (replace(told(), clock=(told().clock[0], ClockReading(0.2, 101.0, 101.01))), "clock", "restarted"),
-        (replace(told(), state=replace(told().state, flags=Flags.JOURNAL_DAMAGED)), "states", "journal"),
-        (replace(told(), state=replace(told().state, flags=Flags.STOPPED)), "states", "stop request"),
-        (replace(told(), state=replace(told().state, roles=Roles.STAGE)), "states", "roles"),
-        (replace(told(), limits=replace(told().limits, pattern_bytes=49)), "limits", "50 bytes, it has room for 49"),
-        (replace(told(Node.PROFILER), map_shape=(30, 20)), "limits", "30 x 20 cells, the scenario 20 x 20"),
-        (replace(told(Node.CURE), limits=replace(told().limits, lamp=0.1)), "limits", "itself off after 100 ms"),
-        (replace(told(), limits=replace(told().limits, alive=0.1)), "limits", "waits 100 ms for MasterAlive"),
+        (replace(report(), clock=(report().clock[0], ClockReading(6.1, 101.0, 101.01))), "clock", "10% too fast"),
+        (replace(report(), clock=(report().clock[0], ClockReading(0.2, 101.0, 101.01))), "clock", "restarted"),
+        (replace(report(), state=replace(report().state, flags=Flags.JOURNAL_DAMAGED)), "states", "journal"),
+        (replace(report(), state=replace(report().state, flags=Flags.STOPPED)), "states", "stop request"),
+        (replace(report(), state=replace(report().state, roles=Roles.STAGE)), "states", "roles"),
+        (
+            replace(report(), limits=replace(report().limits, pattern_bytes=49)),
+            "limits",
+            "50 bytes, it has room for 49",
+        ),
+        (replace(report(Node.PROFILER), map_shape=(30, 20)), "limits", "30 x 20 cells, the scenario 20 x 20"),
+        (replace(report(Node.CURE), limits=replace(report().limits, lamp=0.1)), "limits", "itself off after 100 ms"),
+        (replace(report(), limits=replace(report().limits, alive=0.1)), "limits", "waits 100 ms for MasterAlive"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_what_a_node_says_is_held_against_what_it_has_to_bear(one: NodeReport, check: str, words: str) -> None:
-    assert words in errors(list(assess([one], expected())))[check]
+def test_report_of_a_node_is_checked_against_the_scenario(one: NodeReport, check: str, message: str) -> None:
+    assert message in errors(list(assess([one], expected())))[check]
 
 
 def test_record_that_cannot_be_read_is_noted() -> None:
-    gap = replace(told(), journal=(told().journal[0], replace(told().journal[1], number=4)))
+    gap = replace(report(), journal=(report().journal[0], replace(report().journal[1], number=4)))
     assert any(f.grade is Grade.WARNING and "between 4 and 7" in f.found for f in assess([gap], expected()))
 
 
@@ -199,7 +203,7 @@ def test_slow_answers_do_not_make_a_clock_wrong() -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "check", "words"),
+    ("settings", "check", "message"),
     [
         (BusSettings("slcam", "x"), "interface", "no interface 'slcam'"),
         (BusSettings(None, None), "interface", "no interface is named"),
@@ -210,15 +214,15 @@ def test_slow_answers_do_not_make_a_clock_wrong() -> None:
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_adapter_that_is_not_there_is_told_before_it_is_opened(
-    settings: BusSettings, check: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_missing_adapter_is_reported_before_it_is_opened(
+    settings: BusSettings, check: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_CONFIG"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("HOME", str(tmp_path))
     (tmp_path / "can0").mkdir()
     (tmp_path / "can0" / "operstate").write_text("down\n")
-    assert words in errors(list(before_opening(configured(settings), tmp_path)))[check]
+    assert message in errors(list(before_opening(configured(settings), tmp_path)))[check]
 
 
 @pytest.mark.parametrize(
@@ -231,7 +235,9 @@ def test_adapter_that_is_not_there_is_told_before_it_is_opened(
     ],
     ids=lambda error: type(error).__name__,
 )
-def test_missing_driver_is_told_whatever_a_back_end_raises(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_driver_is_reported_whatever_a_back_end_raises(
+    error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fail(_: BusSettings) -> None:
         raise error
 
@@ -243,21 +249,21 @@ def test_missing_driver_is_told_whatever_a_back_end_raises(error: Exception, mon
 
 
 @pytest.mark.parametrize(
-    ("error", "words"),
+    ("error", "message"),
     [
         (PermissionError(13, "Permission denied"), "access to it"),
         (OSError(16, "Device or resource busy"), "another program"),
         (OSError(19, "No such device"), "plugged in"),
     ],
 )
-def test_port_that_cannot_be_opened_is_told_by_its_cause(
-    error: OSError, words: str, monkeypatch: pytest.MonkeyPatch
+def test_port_that_cannot_be_opened_is_reported_with_its_cause(
+    error: OSError, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(_: BusSettings) -> None:
         raise error
 
     monkeypatch.setattr("inkloop_hardware.bus.adapter._open", fail)
-    assert words in opened(BusSettings("slcan", "/dev/ttyACM0"))[1].advice
+    assert message in opened(BusSettings("slcan", "/dev/ttyACM0"))[1].advice
 
 
 def test_page_names_every_check() -> None:
@@ -273,8 +279,8 @@ def test_page_names_every_check() -> None:
 def test_self_test_tries_gate_then_lamp_with_the_enables_of_each() -> None:
     with NodeBench() as bench:
         rig = NodeRig(bench)
-        said = list(try_gate_and_lamp(rig))
-        assert [finding.grade for finding in said] == [Grade.OK, Grade.OK]
+        findings = list(try_gate_and_lamp(rig))
+        assert [finding.grade for finding in findings] == [Grade.OK, Grade.OK]
         assert rig.enables == [2, 1]
         assert [bench.counted(what) for what in range(3)] == [1, 1, 0]
 
@@ -284,10 +290,10 @@ def test_self_test_tries_gate_then_lamp_with_the_enables_of_each() -> None:
 def test_gate_that_is_not_confirmed_gets_no_light(broken: int, tests: int) -> None:
     with NodeBench() as bench:
         bench.broken(broken)
-        said = list(try_gate_and_lamp(NodeRig(bench)))
-        assert len(said) == tests
-        assert said[-1].grade is Grade.ERROR
-        assert "everything is off" in said[-1].advice
+        findings = list(try_gate_and_lamp(NodeRig(bench)))
+        assert len(findings) == tests
+        assert findings[-1].grade is Grade.ERROR
+        assert "everything is off" in findings[-1].advice
         assert bench.counted(1) == 0
 
 
@@ -296,6 +302,6 @@ def test_nodes_that_need_a_person_are_not_energised() -> None:
     with NodeBench() as bench:
         bench.stop(True)
         bench.stop(False)
-        said = list(try_gate_and_lamp(NodeRig(bench)))
-        assert [finding.grade for finding in said] == [Grade.SKIPPED]
+        findings = list(try_gate_and_lamp(NodeRig(bench)))
+        assert [finding.grade for finding in findings] == [Grade.SKIPPED]
         assert [bench.counted(what) for what in range(3)] == [0, 0, 0]

@@ -1,4 +1,4 @@
-"""A wait ends in words when its node is gone or has fallen, and the control loop counts as alive while it waits."""
+"""A wait ends with a message when its node is gone or in fault, and the control loop counts as alive while it waits."""
 
 from __future__ import annotations
 
@@ -16,9 +16,14 @@ from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches.faulty_wire import CODEC
 
 STATUS = NodeStatus(
-    *(Node.CURE, True, False, True, True, State.CURING), pass_mask=0, fault=Fault.NONE, layer=3, boot_count=1,
-    unknown_mask=0, protocol_version=1,
-)  # fmt: skip
+    *(Node.CURE, True, False, True, True, State.CURING),
+    pass_mask=0,
+    fault=Fault.NONE,
+    layer=3,
+    boot_count=1,
+    unknown_mask=0,
+    protocol_version=1,
+)
 
 
 class Bench:
@@ -59,7 +64,7 @@ def wire_of(bench: Bench) -> NodeWire:
     return wire
 
 
-def test_each_slice_of_a_wait_says_that_the_loop_lives(bench: Bench) -> None:
+def test_each_slice_of_a_wait_reports_that_the_loop_is_alive(bench: Bench) -> None:
     wire = wire_of(bench)
     for _ in range(5):
         wire.check()
@@ -74,7 +79,7 @@ def test_node_that_falls_silent_ends_the_wait(bench: Bench) -> None:
         wire.check()
 
 
-def test_node_that_falls_is_given_a_moment_to_say_so_itself(bench: Bench) -> None:
+def test_node_that_enters_fault_is_given_a_moment_to_report_it(bench: Bench) -> None:
     wire = wire_of(bench)
     bench.seen.take_fault(NodeFault(Node.CURE, Fault.GATE_NOT_CONFIRMED, 1, 3, 0.1))
     wire.check()

@@ -1,4 +1,4 @@
-"""Patterns and maps over a wire that loses, doubles and alters frames arrive as they were, or it is said."""
+"""Patterns and maps over a wire that loses, doubles and alters frames arrive unchanged, or an error is raised."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_20_kB_and_a_map_with_a_frame_in_1000_lost_take_less_than_15_s() -> None
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_wire_that_loses_a_tenth_ends_right_or_in_words(seed: int) -> None:
+def test_wire_that_loses_a_tenth_ends_correctly_or_with_a_message(seed: int) -> None:
     blob = pattern_blob(random_pattern(60, seed))
     with NodeBench(nx=60, ny=60) as bench:
         link = FaultyWire(bench.ready(), seed=seed, loss=0.1).link()
@@ -161,7 +161,7 @@ def fifth(frame: Frame) -> bool:
 
 @pytest.mark.parametrize("often", [1, 2])
 def test_altered_byte_is_found_and_the_pattern_sent_once_more(often: int) -> None:
-    """Once more; then it is said that the way is no good."""
+    """Once more; then an error reports the bad connection."""
     blob = pattern_blob(np.ones((20, 20)), bits=1)
     count = iter(range(100))
 
@@ -181,7 +181,7 @@ def test_altered_byte_is_found_and_the_pattern_sent_once_more(often: int) -> Non
 
 @pytest.mark.parametrize("often", [1, 2])
 def test_altered_block_counter_is_refused_and_the_pattern_sent_once_more(often: int, bench: NodeBench) -> None:
-    """The node answers 0x73 and keeps nothing of the block; twice, and it is said."""
+    """The node answers 0x73 and keeps nothing of the block; twice, then an error is raised."""
     blob, count, answers = pattern_blob(random_pattern(9)), iter(range(100)), []
 
     def alter(frame: Frame) -> Frame:
@@ -222,8 +222,8 @@ class LateWire(FaultyWire):
     def hold(self, frame: Frame) -> Frame | None:
         if frame.arbitration_id % 2 == 0:
             return frame
-        said = frame.data[1:3][kind(frame)] if kind(frame) in (0, 1) else None
-        if self.left and not self.held and said == self.service:
+        service = frame.data[1:3][kind(frame)] if kind(frame) in (0, 1) else None
+        if self.left and not self.held and service == self.service:
             self.left -= 1
             self.until = self.bench.clock + 1200
         if self.held or self.bench.clock < self.until:
@@ -286,7 +286,7 @@ def test_node_that_does_not_answer_is_named_with_what_was_asked(bench: NodeBench
     assert 6 <= wire.now() - began < 7
 
 
-def test_map_of_another_layer_is_refused_in_words(bench: NodeBench) -> None:
+def test_map_of_another_layer_is_refused_with_a_message(bench: NodeBench) -> None:
     link = FaultyWire(bench, PROFILER).link()
     with pytest.raises(NodeRefused, match="no map of layer 0"):
         link.upload(0)

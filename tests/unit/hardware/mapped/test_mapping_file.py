@@ -1,4 +1,4 @@
-"""A mapping file is right, or every error of it is said at once with its place; patterns and maps as its tables say."""
+"""A mapping file is valid, or all its errors are reported with their places; patterns and maps follow its tables."""
 
 from __future__ import annotations
 
@@ -45,48 +45,70 @@ def test_names_of_messages_become_the_ids_of_peers(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
-        ('message = "PlcCommand"', 'message = "PlcComand"',
-         "printer step 2 (send): message is 'PlcComand'; did you mean PlcCommand?"),
+        (
+            'message = "PlcCommand"',
+            'message = "PlcComand"',
+            "printer step 2 (send): message is 'PlcComand'; did you mean PlcCommand?",
+        ),
         ('message = "PlcCommand"', 'message = "WideState"', "printer step 2 (send): WideState has a 29-bit id"),
         ('signal = "State"', 'signal = "Stat"', "printer step 3 (wait): signal is 'Stat'; did you mean State?"),
         ('expected = "BUSY"', 'expected = "BUZY"', "printer step 3 (wait): expected is 'BUZY'; did you mean BUSY?"),
         ('unless = "FAULT"', 'unless = "FALT"', "printer step 3 (wait): unless is 'FALT'; did you mean FAULT?"),
         ('Go = "GO"', 'Go = "RUN"', "printer step 2 (send): message PlcCommand: Go is 'RUN', expected one of HOLD, GO"),
-        ("Lamp = 37.5", "Lamp = 137.5",
-         "printer step 2 (send): message PlcCommand: Lamp is 137.5 %, expected 0 to 100 %"),
+        (
+            "Lamp = 37.5",
+            "Lamp = 137.5",
+            "printer step 2 (send): message PlcCommand: Lamp is 137.5 %, expected 0 to 100 %",
+        ),
         (", Lamp = 37.5", "", "printer step 2 (send): message PlcCommand lacks a value for 'Lamp'"),
-        ('LayerNo = "{layer}"', 'LayerNo = "{lyer}"',
-         "printer step 2 (send): '{lyer}'; expected a number or a template of one"),
+        (
+            'LayerNo = "{layer}"',
+            'LayerNo = "{lyer}"',
+            "printer step 2 (send): '{lyer}'; expected a number or a template of one",
+        ),
         ('peer = "scanner"', 'peer = "scaner"', "profiler step 1 (routine): peer is 'scaner'; did you mean scanner?"),
         ("request = 0x7B0", "request = 0x17B0", "peers.scanner.request is 0x17B0; expected an 11-bit id"),
         ('request = "HeadRequest"', 'request = "HeadAsk"', "peers.head.request: message is 'HeadAsk'; did you mean"),
         ('unit = "um"', 'unit = "inch"', "map.unit is 'inch'; expected one of nm, um"),
-        ('unit = "m"', 'unit = "s"',
-         "outputs.bed_position: unit is 's', to which the [mm] of BedPosition does not convert"),
+        (
+            'unit = "m"',
+            'unit = "s"',
+            "outputs.bed_position: unit is 's', to which the [mm] of BedPosition does not convert",
+        ),
         ('header = "A5 {layer:04x}"', 'header = "A5 {layer.x}"', "pattern.header is 'A5 {layer.x}'; expected pairs"),
-        ('header = "A5 {layer:04x}"', 'header = "A5 {layer:03x}"',
-         "pattern.header is 'A5 {layer:03x}'; expected pairs of hexadecimal digits"),
+        (
+            'header = "A5 {layer:04x}"',
+            'header = "A5 {layer:03x}"',
+            "pattern.header is 'A5 {layer:03x}'; expected pairs of hexadecimal digits",
+        ),
         ('answer = "01"', 'answer = "0{x}"', "profiler step 1 (routine): answer is '0{x}'; expected pairs"),
-        ('[map]', '[mapp]', "mapp is not a key of this table"),
-        ('bits = 2', 'bits = 3', "pattern.bits is 3; expected 1, 2, 4 or 8"),
+        ("[map]", "[mapp]", "mapp is not a key of this table"),
+        ("bits = 2", "bits = 3", "pattern.bits is 3; expected 1, 2, 4 or 8"),
         ('do = "send"', 'do = "sent"', "printer.2 is "),
-        ("limit_s = 10.0", "limit_s = 10.0\nenables = [\"lamp\"]",
-         "printer step 3 (wait): enables are of the heartbeat; write heartbeat = true"),
+        (
+            "limit_s = 10.0",
+            'limit_s = 10.0\nenables = ["lamp"]',
+            "printer step 3 (wait): enables are of the heartbeat; write heartbeat = true",
+        ),
         ('dbc = "rig.dbc"', 'dbc = "none.dbc"', "dbc: "),
         ("[peers.head]", "[peers.head", "is not TOML"),
         ('address = "{layer}"', "address = -1", "printer step 1 (download): address is 0x-1; expected 0 to 0xFF"),
     ],
-)  # fmt: skip
-def test_fault_is_said_with_its_place(old: str, new: str, said: str, tmp_path: Path) -> None:
+)
+def test_error_is_reported_with_its_place(old: str, new: str, message: str, tmp_path: Path) -> None:
     found = errors(tmp_path, (old, new))
-    assert any(error.startswith(said) for error in found), found
+    assert any(error.startswith(message) for error in found), found
 
 
-def test_all_errors_are_said_at_once(tmp_path: Path) -> None:
-    found = errors(tmp_path, ('signal = "State"', 'signal = "Stat"'), ('unit = "um"', 'unit = "inch"'),
-                   ('peer = "scanner"', 'peer = "scaner"'))  # fmt: skip
+def test_all_errors_are_reported_at_once(tmp_path: Path) -> None:
+    found = errors(
+        tmp_path,
+        ('signal = "State"', 'signal = "Stat"'),
+        ('unit = "um"', 'unit = "inch"'),
+        ('peer = "scanner"', 'peer = "scaner"'),
+    )
     assert [error.split(":")[0].split(" is")[0] for error in found] == [
         "map.unit",
         "printer step 3 (wait)",
@@ -94,19 +116,19 @@ def test_all_errors_are_said_at_once(tmp_path: Path) -> None:
     ]
 
 
-def test_port_that_nothing_feeds_is_said(tmp_path: Path) -> None:
+def test_port_that_nothing_feeds_is_reported(tmp_path: Path) -> None:
     sections = foreign_rig.MAPPING.split("\n[[")
     without = {
         "download": 'printer has no step do = "download": the input pattern goes nowhere; add one',
         "upload": 'profiler has 0 steps do = "upload"; measured_height needs exactly one',
     }
-    for step, said in without.items():
+    for step, message in without.items():
         kept = "\n[[".join(part for part in sections if f'do = "{step}"' not in part.split("[outputs")[0])
         (tmp_path / "rig.dbc").write_text(foreign_rig.DBC)
         (tmp_path / "rig.toml").write_text(kept)
         with pytest.raises(ScenarioError) as refused:
             load(tmp_path / "rig.toml", JOB)
-        assert refused.value.errors == (said,)
+        assert refused.value.errors == (message,)
     (tmp_path / "rig.toml").write_text('dbc = "rig.dbc"\n')
     with pytest.raises(ScenarioError, match="binds no port; add"):
         load(tmp_path / "rig.toml", JOB)
@@ -157,7 +179,7 @@ def test_templates_are_filled_in() -> None:
     assert number(3, FIELDS) == 3
 
 
-def test_cells_lie_as_the_table_says() -> None:
+def test_cells_lie_as_the_table_specifies() -> None:
     pattern = np.zeros((3, 2), np.int32)
     pattern[2, 0], pattern[0, 1] = 1, 2
     fields = {**FIELDS, "nx": 3, "ny": 2}
@@ -194,8 +216,8 @@ def test_material_that_the_bits_do_not_hold_is_refused() -> None:
     seed=st.integers(0, 1000),
 )
 def test_map_is_read_back_as_it_was_laid_out(cell: Any, order: Any, fastest: Any, marks: bool, seed: int) -> None:
-    table = MapTable(cell=cell, byte_order=order, fastest=fastest, valid_bits=marks, unit="um", scale=0.1, datum=2.0,
-                     invalid=255, header="01 {nx:02x}")  # fmt: skip
+    form: dict[str, Any] = {"byte_order": order, "fastest": fastest, "header": "01 {nx:02x}"}
+    table = MapTable(cell=cell, valid_bits=marks, unit="um", scale=0.1, datum=2.0, invalid=255, **form)
     random = np.random.default_rng(seed)
     readings, seen = random.integers(0, 255, (6, 5)), random.random((6, 5)) < 0.8
     laid = np.where(seen, readings, 255) if not marks else readings
@@ -217,9 +239,9 @@ def test_cells_that_are_no_number_are_not_valid() -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "said"),
+    ("data", "message"),
     [(b"\x02" + bytes(60), "the map begins with 02, expected 01"), (b"\x01", "the map has 1 bytes, expected 61")],
 )
-def test_map_of_another_form_is_refused(data: bytes, said: str) -> None:
-    with pytest.raises(TransferError, match=said):
+def test_map_of_another_form_is_refused(data: bytes, message: str) -> None:
+    with pytest.raises(TransferError, match=message):
         read_map(data, MapTable(header="01", unit="um"), FIELDS)

@@ -162,7 +162,7 @@ def test_words_of_the_value_table_are_taken_and_given() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "change", "counter", "words"),
+    ("name", "change", "counter", "message"),
     [
         ("MasterAlife", {}, 0, r"no message 'MasterAlife' in the DBC; it has .*MasterAlive"),
         ("MasterAlive", {"Session": 65536}, 0, r"Session is 65536, expected 0 to 65535"),
@@ -184,12 +184,12 @@ def test_words_of_the_value_table_are_taken_and_given() -> None:
         ("HeadMeasurement", {"Colour": 1}, None, r"has no signal 'Colour'"),
     ],
 )
-def test_values_that_do_not_fit_are_refused_in_words(
-    name: str, change: dict[str, float | str], counter: int | None, words: str
+def test_values_that_do_not_fit_are_refused_with_a_message(
+    name: str, change: dict[str, float | str], counter: int | None, message: str
 ) -> None:
-    known = name in {message.name for message in MESSAGES}
+    known = name in {one.name for one in MESSAGES}
     values: dict[str, float | str] = {signal.name: 0 for signal in own_signals(name)} if known else {}
-    with pytest.raises(FrameError, match=words):
+    with pytest.raises(FrameError, match=message):
         CODEC.encode(name, values | change, counter)
 
 
@@ -199,7 +199,7 @@ def test_missing_values_are_all_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("frame", "words"),
+    ("frame", "message"),
     [
         (Frame(0x7FF, b""), r"frame 0x7FF \[0\] : no message with this id"),
         (Frame(0x111, bytes(7)), r"HeadMeasurement has 7 bytes, expected 8"),
@@ -207,8 +207,8 @@ def test_missing_values_are_all_named() -> None:
         (Frame(0x111, bytes.fromhex("ff7f000000000000")), r"HeadTemperature is 327.67 degC, expected -40 to 200 degC"),
     ],
 )
-def test_frames_that_do_not_fit_are_refused_in_words(frame: Frame, words: str) -> None:
-    with pytest.raises(FrameError, match=words):
+def test_frames_that_do_not_fit_are_refused_with_a_message(frame: Frame, message: str) -> None:
+    with pytest.raises(FrameError, match=message):
         CODEC.decode(frame)
 
 
@@ -231,7 +231,7 @@ def test_frame_of_another_message_is_not_taken_for_this_one() -> None:
     assert not CODEC.decode(Frame(0x102, status.data)).intact
 
 
-def test_word_of_a_newer_protocol_is_said() -> None:
+def test_value_of_a_newer_protocol_is_an_error() -> None:
     values = {signal.name: 0 for signal in own_signals("HeadFault")} | {"Fault": 200}
     with pytest.raises(FrameError, match="Fault is 200, which version 1 of the protocol does not know"):
         unpack(CODEC, CODEC.decode(CODEC.encode("HeadFault", values)))
@@ -239,7 +239,7 @@ def test_word_of_a_newer_protocol_is_said() -> None:
         unpack(CODEC, Reading("HeadRequest", {}))
 
 
-def test_dbc_of_somebody_else_is_spoken(tmp_path: Path) -> None:
+def test_foreign_dbc_is_spoken(tmp_path: Path) -> None:
     """Big-endian, offset, float, no supervision."""
     theirs = tmp_path / "theirs.dbc"
     theirs.write_text(

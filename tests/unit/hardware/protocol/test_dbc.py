@@ -50,7 +50,7 @@ def test_ids_and_cycles_are_those_of_the_bench() -> None:
 
 
 @EVERY_MESSAGE
-def test_everything_is_said_in_words_and_known_units(message: Message) -> None:
+def test_every_signal_has_a_comment_and_a_known_unit(message: Message) -> None:
     assert message.comment
     assert message.senders
     for signal in message.signals:
@@ -119,6 +119,7 @@ def test_cyclic_frames_leave_the_bus_to_the_patterns() -> None:
     assert 0.01 < load < 0.03
 
 
+@pytest.mark.system
 def test_generated_c_is_the_same_each_time_and_has_no_date(tmp_path: Path) -> None:
     first, second = (write_codec(BENCH_DBC, tmp_path / name) for name in ("first", "second"))
     assert [path.name for path in first] == ["inkloop.h", "inkloop.c", "inkloop_protocol.h"]
@@ -127,7 +128,7 @@ def test_generated_c_is_the_same_each_time_and_has_no_date(tmp_path: Path) -> No
         assert not re.search(r"\d\d:\d\d:\d\d|(?<!-)\b202\d\b", one.read_text("utf-8"))
 
 
-def test_page_is_what_the_dbc_says() -> None:
+def test_page_agrees_with_the_dbc() -> None:
     page = (ROOT / "docs" / "reference" / "can-protocol.md").read_text("utf-8")
     assert page == with_tables(page, CODEC), (
         "run: python -m inkloop_hardware.protocol.protocol_page docs/reference/can-protocol.md"
@@ -136,6 +137,7 @@ def test_page_is_what_the_dbc_says() -> None:
         with_tables("no marks", CODEC)
 
 
+@pytest.mark.system
 def test_stock_cantools_reads_a_log_of_the_bus() -> None:
     status = CODEC.encode("CureStatus", dict.fromkeys(STATUS_SIGNALS, 0) | {"State": "CURING", "LampOn": "ON"}, 4)
     line = f"  can0  {status.arbitration_id:03X}   [8]  {status.data.hex(' ').upper()}\n"
@@ -146,7 +148,7 @@ def test_stock_cantools_reads_a_log_of_the_bus() -> None:
     assert "LampOn: ON" in decoded
 
 
-def test_file_that_is_no_dbc_is_refused_in_words(tmp_path: Path) -> None:
+def test_file_that_is_no_dbc_is_refused_with_a_message(tmp_path: Path) -> None:
     broken = tmp_path / "broken.dbc"
     broken.write_text("BO_ what\n")
     with pytest.raises(FrameError, match=r"broken\.dbc cannot be read as a DBC"):

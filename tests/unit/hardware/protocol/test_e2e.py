@@ -1,4 +1,4 @@
-"""Supervision of frames: the firmware's check byte is autosar-e2e's, and both monitors keep the same laws."""
+"""Supervision of frames: the firmware's check byte is autosar-e2e's, and both monitors follow the same rules."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ def test_counter_goes_round_from_14_to_0() -> None:
 
 @settings(deadline=None)
 @given(frames=st.lists(st.tuples(st.integers(0, 9).map(bool), st.one_of(st.none(), st.integers(0, 15)))))
-def test_both_monitors_say_the_same(frames: list[tuple[bool, int | None]]) -> None:
-    """None: the sender goes on as it should."""
+def test_both_monitors_agree(frames: list[tuple[bool, int | None]]) -> None:
+    """None: the sender continues as it should."""
     in_python, in_c, last = E2eMonitor(), MonitorInC(), 0
     assert not in_python.trusted
     assert not in_c.trusted
@@ -138,7 +138,7 @@ def test_counter_that_stands_is_counted_once_until_it_moves() -> None:
     assert (monitor.stuck, monitor.trusted) == (2, False)
 
 
-def test_sender_that_starts_anew_is_trusted_again() -> None:
+def test_sender_that_restarts_is_trusted_again() -> None:
     monitor = E2eMonitor()
     take_all(monitor, [5, 6, 7])
     assert take_all(monitor, [0, 1]) == [Verdict.JUMPED, Verdict.GOOD]

@@ -1,4 +1,4 @@
-"""What a node says of itself is read as the firmware writes it; what changes is said once, in words."""
+"""The report of a node is read as the firmware writes it; each change is logged once, with a message."""
 
 from __future__ import annotations
 
@@ -28,9 +28,14 @@ from support.benches.faulty_wire import FaultyWire
 from support.benches.node_bench import HEAD, PASS, PROFILER, NodeBench, pattern_blob
 
 STATUS = NodeStatus(
-    *(Node.HEAD, False, False, True, True, State.IDLE), pass_mask=0, fault=Fault.NONE, layer=3, boot_count=1,
-    unknown_mask=0, protocol_version=1,
-)  # fmt: skip
+    *(Node.HEAD, False, False, True, True, State.IDLE),
+    pass_mask=0,
+    fault=Fault.NONE,
+    layer=3,
+    boot_count=1,
+    unknown_mask=0,
+    protocol_version=1,
+)
 
 
 @pytest.fixture
@@ -93,7 +98,7 @@ def test_journal_is_read_newest_first(bench: NodeBench) -> None:
 
 
 @pytest.mark.compiled
-def test_interrupted_pass_is_unknown_to_everybody_who_asks(bench: NodeBench) -> None:
+def test_interrupted_pass_is_unknown_to_every_client(bench: NodeBench) -> None:
     link = FaultyWire(bench, HEAD).link()
     link.download(1, pattern_blob(np.ones((9, 9))))
     key = Key(7, 1, 0, 1)
@@ -110,7 +115,7 @@ def test_interrupted_pass_is_unknown_to_everybody_who_asks(bench: NodeBench) -> 
     assert link.state().layer_flags == LayerFlags.ACKNOWLEDGED | LayerFlags.ABANDONED
 
 
-def told(
+def logged(
     watch: NodeWatch, caplog: pytest.LogCaptureFixture, *changes: dict[str, Any], level: int = logging.DEBUG
 ) -> list[str]:
     caplog.set_level(level, "inkloop_hardware")
@@ -119,29 +124,29 @@ def told(
     return caplog.messages
 
 
-def test_each_change_of_a_node_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
+def test_each_change_of_a_node_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     printing = {"state": State.PRINTING, "pass_mask": 1}
     off = {"state": State.SAFE, "fault": Fault.ENABLE_DROPPED}
-    assert told(NodeWatch(Node.HEAD), caplog, {}, {}, printing, printing, off, off) == [
+    assert logged(NodeWatch(Node.HEAD), caplog, {}, {}, printing, printing, off, off) == [
         "head: idle",
         "head: pass 2 of layer 3",
         "head: off (enable dropped)",
     ]
 
 
-def test_what_was_asked_of_a_node_is_not_said_again(caplog: pytest.LogCaptureFixture) -> None:
-    """Its frames come every 100 ms and miss short steps; who asks says each of them."""
+def test_requested_steps_of_a_node_are_not_logged_again(caplog: pytest.LogCaptureFixture) -> None:
+    """Its frames come every 100 ms and miss short steps; the requester logs each of them."""
     printing = {"state": State.PRINTING, "pass_mask": 1}
     off = {"state": State.SAFE, "fault": Fault.ENABLE_DROPPED}
-    assert told(NodeWatch(Node.HEAD), caplog, {}, printing, off, level=logging.INFO) == [
+    assert logged(NodeWatch(Node.HEAD), caplog, {}, printing, off, level=logging.INFO) == [
         "head: idle",
         "head: off (enable dropped)",
     ]
 
 
-def test_restart_is_said(caplog: pytest.LogCaptureFixture) -> None:
+def test_restart_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     off = {"state": State.SAFE, "boot_count": 2}
-    assert told(NodeWatch(Node.HEAD), caplog, {}, off, off) == ["head: idle", "head: restarted", "head: off"]
+    assert logged(NodeWatch(Node.HEAD), caplog, {}, off, off) == ["head: idle", "head: restarted", "head: off"]
 
 
 def test_fall_is_counted_once_whether_seen_in_status_or_fault_frame() -> None:
@@ -161,7 +166,7 @@ def test_fall_is_counted_once_whether_seen_in_status_or_fault_frame() -> None:
 
 
 @pytest.mark.parametrize(
-    ("counters", "now", "words"),
+    ("counters", "now", "message"),
     [
         ([], 1.0, "has sent no status"),
         ([0, 1, 2], 0.5, None),
@@ -171,10 +176,10 @@ def test_fall_is_counted_once_whether_seen_in_status_or_fault_frame() -> None:
     ],
 )
 def test_node_counts_as_lost_when_silent_stuck_or_damaged(
-    counters: list[int | None], now: float, words: str | None
+    counters: list[int | None], now: float, message: str | None
 ) -> None:
     watch = NodeWatch(Node.HEAD)
     for number, counter in enumerate(counters):
         watch.take_status(number / 10, None if counter is None else STATUS, counter or 0)
     trouble = watch.trouble(now)
-    assert trouble is None if words is None else words in (trouble or "")
+    assert trouble is None if message is None else message in (trouble or "")

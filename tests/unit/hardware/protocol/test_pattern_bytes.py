@@ -41,7 +41,7 @@ def test_packed_pattern_has_a_bit_for_one_material_and_two_for_two(materials: in
 
 @given(arrays.arrays(np.uint8, st.integers(0, 700), elements=st.sampled_from([0, 0, 0, 1, 255])))
 @settings(max_examples=200, deadline=None)
-def test_run_length_code_is_undone_by_what_the_page_says(cells: np.ndarray) -> None:
+def test_run_length_code_is_undone_by_the_rules_of_the_page(cells: np.ndarray) -> None:
     assert decoded(run_length(cells)) == cells.tobytes()
 
 
@@ -82,10 +82,17 @@ def test_journal_knows_which_form_it_took() -> None:
 
 @pytest.mark.parametrize(
     ("pattern", "materials", "word"),
-    [(np.full((3, 3), 2), 1, "0 to 1"), (np.full((3, 3), -1), 2, "-1"), (np.ones((1001, 1000)), 1, "1000000"),
-     (np.ones(9), 1, "two dimensions"), (np.ones((3, 3)), 3, "3 materials")],
-)  # fmt: skip
-def test_pattern_that_the_bus_cannot_carry_is_refused_in_words(pattern: np.ndarray, materials: int, word: str) -> None:
+    [
+        (np.full((3, 3), 2), 1, "0 to 1"),
+        (np.full((3, 3), -1), 2, "-1"),
+        (np.ones((1001, 1000)), 1, "1000000"),
+        (np.ones(9), 1, "two dimensions"),
+        (np.ones((3, 3)), 3, "3 materials"),
+    ],
+)
+def test_pattern_that_the_bus_cannot_carry_is_refused_with_a_message(
+    pattern: np.ndarray, materials: int, word: str
+) -> None:
     with pytest.raises(ValueError, match=word):
         PatternBytes.of(pattern, passes=1, materials=materials)
 
@@ -133,6 +140,6 @@ def test_step_of_a_map_is_the_double_of_the_sensors_parameter(nanometres: int) -
         (pack(">BBHHHi", 1, 0, 3, 3, 0, 0) + bytes(20), "steps of 0 nm"),
     ],
 )
-def test_bytes_that_are_no_map_of_the_grid_are_refused_in_words(blob: bytes, word: str) -> None:
+def test_bytes_that_are_no_map_of_the_grid_are_refused_with_a_message(blob: bytes, word: str) -> None:
     with pytest.raises(FrameError, match=word):
         read_map(blob, 3, 3)

@@ -39,10 +39,10 @@ def frames_of(message: bytes) -> Iterator[bytes]:
         yield bytes([0x20 | number % 16]) + message[at : at + 7]
 
 
-def seen(*said: tuple[Node, bool, bytes]) -> list[Seen]:
+def seen(*messages: tuple[Node, bool, bytes]) -> list[Seen]:
     """The log of messages: node, whether it is a request, bytes."""
     log: list[Seen] = []
-    for node, asks, message in said:
+    for node, asks, message in messages:
         identifier = CODEC.request_id(node) if asks else CODEC.answer_id(node)
         log += [Seen(len(log) * 1e-3, asks, Frame(identifier, data)) for data in frames_of(message)]
     return log
@@ -71,24 +71,28 @@ def test_retry_late_answer_and_still_busy_leave_one_exchange() -> None:
     asked, answer = routine(Routine.PASS)
     busy = b"\x7f\x31\x78"
     log = seen(
-        (Node.HEAD, True, asked), (Node.HEAD, False, busy), (Node.HEAD, True, asked),
-        (Node.HEAD, False, busy), (Node.HEAD, False, answer), (Node.HEAD, False, answer),
-    )  # fmt: skip
+        (Node.HEAD, True, asked),
+        (Node.HEAD, False, busy),
+        (Node.HEAD, True, asked),
+        (Node.HEAD, False, busy),
+        (Node.HEAD, False, answer),
+        (Node.HEAD, False, answer),
+    )
     assert [(one.request, one.answer) for one in exchanges(log, CODEC)] == [(asked, answer)]
 
 
 def download(blob: bytes, *lost: int, block: int = 10) -> list[tuple[Node, bool, bytes]]:
     """A pattern in blocks; of those in `lost` the answer is, and the node is asked what it took."""
-    said = [(Node.HEAD, True, pack(">BBBII", 0x34, 0, 0x44, 1, len(blob))), (Node.HEAD, False, b"\x74\x20\x0f\xff")]
+    messages = [(Node.HEAD, True, pack(">BBBII", 0x34, 0, 0x44, 1, len(blob))), (Node.HEAD, False, b"\x74\x20\x0f\xff")]
     for number, at in enumerate(range(0, len(blob), block), 1):
-        said.append((Node.HEAD, True, bytes([0x36, number]) + blob[at : at + block]))
+        messages.append((Node.HEAD, True, bytes([0x36, number]) + blob[at : at + block]))
         if number not in lost:
-            said.append((Node.HEAD, False, bytes([0x76, number])))
+            messages.append((Node.HEAD, False, bytes([0x76, number])))
             continue
         taken = pack(">BBHIII", 1, number + 1, 1, 9, min(at + block, len(blob)), len(blob))
-        said += [(Node.HEAD, True, b"\x22\x01\x04"), (Node.HEAD, False, b"\x62\x01\x04" + taken)]
+        messages += [(Node.HEAD, True, b"\x22\x01\x04"), (Node.HEAD, False, b"\x62\x01\x04" + taken)]
     crc = pack(">I", zlib.crc32(blob))
-    return [*said, (Node.HEAD, True, b"\x37" + crc), (Node.HEAD, False, b"\x77" + crc)]
+    return [*messages, (Node.HEAD, True, b"\x37" + crc), (Node.HEAD, False, b"\x77" + crc)]
 
 
 @pytest.mark.parametrize("lost", [(), (2,), (1, 4)])
@@ -98,7 +102,7 @@ def test_pattern_is_whole_also_where_an_answer_was_lost(lost: tuple[int, ...]) -
     assert found.blob == blob
 
 
-def test_transfer_that_did_not_end_well_counts_only_if_it_was_not_begun_anew() -> None:
+def test_failed_transfer_counts_only_if_it_was_not_begun_again() -> None:
     altered = download(bytes(35))
     altered[2] = (Node.HEAD, True, b"\x36\x01" + b"\xff" * 10)
     (lost,) = exchanges(seen(*altered), CODEC)
@@ -138,7 +142,7 @@ def recorded() -> RecordedNodes:
     return RecordedNodes(found, LOG)
 
 
-def test_what_nobody_prints_by_may_be_asked_again_or_left_out() -> None:
+def test_requests_that_do_not_affect_the_print_may_be_repeated_or_left_out() -> None:
     nodes = recorded()
     assert nodes.answer(Node.STAGE, routine(Routine.MOVE)[0])[1] == 3
     nodes = recorded()
@@ -151,14 +155,14 @@ def test_order_of_a_layer_is_that_of_the_log() -> None:
         recorded().answer(Node.HEAD, routine(Routine.PASS)[0])
 
 
-def test_other_pass_is_told_by_its_first_differing_byte() -> None:
+def test_other_pass_is_reported_with_its_first_differing_byte() -> None:
     nodes = recorded()
     nodes.answer(Node.STAGE, routine(Routine.MOVE)[0])
     with pytest.raises(ReplayDiffers, match=r"pass of layer 1, pass 2.* first differing byte is 10"):
         nodes.answer(Node.HEAD, routine(Routine.PASS, number=2)[0])
 
 
-def test_end_of_the_log_is_told_with_what_was_asked() -> None:
+def test_end_of_the_log_is_reported_with_the_request() -> None:
     nodes = recorded()
     nodes.answer(Node.STAGE, routine(Routine.MOVE)[0])
     nodes.answer(Node.HEAD, routine(Routine.PASS)[0])
@@ -168,8 +172,13 @@ def test_end_of_the_log_is_told_with_what_was_asked() -> None:
 
 def test_step_without_an_answer_is_lost_again() -> None:
     asked, answer = routine(Routine.PASS)
-    log = seen((Node.HEAD, True, asked), (Node.HEAD, True, b"\x22\x01\x00"), (Node.HEAD, False, b"\x62\x01\x00"),
-               (Node.HEAD, True, asked), (Node.HEAD, False, answer))  # fmt: skip
+    log = seen(
+        (Node.HEAD, True, asked),
+        (Node.HEAD, True, b"\x22\x01\x00"),
+        (Node.HEAD, False, b"\x62\x01\x00"),
+        (Node.HEAD, True, asked),
+        (Node.HEAD, False, answer),
+    )
     nodes = RecordedNodes(exchanges(log, CODEC), LOG)
     with pytest.raises(NodeLost, match="as in the recorded run"):
         nodes.answer(Node.HEAD, asked)
@@ -188,8 +197,8 @@ def test_where_a_run_was_resumed_its_layer_is_begun_again() -> None:
     assert nodes.answer(Node.CURE, cure[0])[1] == 15
 
 
-def read_or_told(path: Path) -> tuple[list[Seen], str]:
-    """The frames of a log, and what is said where it is none."""
+def read_or_message(path: Path) -> tuple[list[Seen], str]:
+    """The frames of a log, and the message where it is none."""
     try:
         return read_traffic(path), ""
     except BusError as error:
@@ -200,24 +209,24 @@ BEGINNINGS = (b"", b"LOGG", b"date Sat\nbase hex\n")
 
 
 @given(st.sampled_from([".blf", ".asc"]), st.sampled_from(BEGINNINGS), st.binary(max_size=400))
-def test_any_file_is_a_log_or_told_in_words(suffix: str, begin: bytes, rest: bytes) -> None:
+def test_any_file_is_a_log_or_gives_a_message(suffix: str, begin: bytes, rest: bytes) -> None:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"traffic{suffix}"
         path.write_bytes(begin + rest)
-        found, said = read_or_told(path)
-    assert str(path) in said or not said
+        found, message = read_or_message(path)
+    assert str(path) in message or not message
     assert all(0 <= one.frame.arbitration_id < 2048 for one in found)
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 0.99])
-def test_log_that_was_cut_off_gives_its_first_frames_or_is_told(share: float, tmp_path: Path) -> None:
+def test_log_that_was_cut_off_gives_its_first_frames_or_a_message(share: float, tmp_path: Path) -> None:
     path = tmp_path / "traffic.blf"
     with BLFWriter(path) as writer:
         for number in range(3000):
             writer.on_message_received(can.Message(number / 1e3, 0x101, False, data=[number % 256] * 8))
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
-    found, said = read_or_told(path)
-    assert "damaged" in said or not said
+    found, message = read_or_message(path)
+    assert "damaged" in message or not message
     assert [one.frame.data[0] for one in found] == [number % 256 for number in range(len(found))]
 
 

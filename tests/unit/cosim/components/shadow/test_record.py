@@ -1,4 +1,4 @@
-"""What a run on devices leaves behind: whose surface is judged, and what the shadow says layer by layer."""
+"""What a run on devices leaves behind: whose surface is judged, and what the shadow reports layer by layer."""
 
 from __future__ import annotations
 
@@ -85,8 +85,9 @@ def test_rows_on_disk_give_the_same_record(tmp_path: Path) -> None:
         np.testing.assert_array_equal(recorder.dataset()[name][:LAYERS], run[name][:LAYERS])
 
 
+@pytest.mark.system
 @pytest.mark.filterwarnings("ignore:Data has no positive values")  # toy layers are all even
-def test_report_says_where_the_shadow_and_the_scans_disagree(tmp_path: Path) -> None:
+def test_report_shows_where_the_shadow_and_the_scans_disagree(tmp_path: Path) -> None:
     recorder, _, master = printed(parts("device"))
     result = Result.of(
         recorder.dataset(),
@@ -100,7 +101,7 @@ def test_report_says_where_the_shadow_and_the_scans_disagree(tmp_path: Path) -> 
     )
     result.save(tmp_path)
     run_report.write(tmp_path)
-    said = "layer 2 grew otherwise than the shadow's model says, by 10.00 um rms"
-    assert run_report.remarks(result) == [said]
-    assert f"toy: {said}" in (tmp_path / "summary.txt").read_text()
+    message = "layer 2 grew differently from the shadow's model, by 10.00 um rms"
+    assert run_report.remarks(result) == [message]
+    assert f"toy: {message}" in (tmp_path / "summary.txt").read_text()
     assert (tmp_path / "divergence.png").stat().st_size > 1000

@@ -1,4 +1,4 @@
-"""A shadow deposits what the device says it has printed, and tells when the scans grow otherwise."""
+"""A shadow deposits what the device reports as printed, and reports scans that grow differently."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ORDERS = list(permutations(("controller", "printer", "shadow", "profiler")))
 
 
 class Watch:
-    """Keeps what a shadow says whenever it has compared a layer; its height when it has followed one."""
+    """Keeps what a shadow reports whenever it has compared a layer; its height when it has followed one."""
 
     def __init__(self, printer: DevicePrinter) -> None:
         self.printer = printer
@@ -98,18 +98,18 @@ def test_shadow_of_a_rig_that_does_as_the_model_never_diverges(order: tuple[str,
 
 
 class GivingUpPrinter(DevicePrinter):
-    """Gives layer 2 up after half of its lines, and says so."""
+    """Gives layer 2 up after half of its lines, and reports it."""
 
     def __init__(self, job: Job) -> None:
         super().__init__(job)
         self.outputs = (*self.outputs, Port("layer_unknown", dtype="bool"))
         self.disturb = lambda layer, pattern: pattern * ((np.indices(pattern.shape)[0] < 2) | (layer != 2))
 
-    def _told(self, values: Values) -> Values:
-        return super()._told({**values, "layer_unknown": np.asarray(values["layers_printed"] == 2)})
+    def _reported(self, values: Values) -> Values:
+        return super()._reported({**values, "layer_unknown": np.asarray(values["layers_printed"] == 2)})
 
 
-def test_shadow_goes_on_from_the_scan_of_a_layer_that_was_given_up() -> None:
+def test_shadow_continues_from_the_scan_of_a_layer_that_was_given_up() -> None:
     job = toy_job()
     printer = GivingUpPrinter(job)
     parts = {**rig(job, stop=1e-6), "printer": printer, "profiler": DeviceProfiler(job, printer)}
@@ -136,11 +136,11 @@ def test_simulated_sensor_scans_each_layer_of_the_shadow_of_a_device(
     assert max(value for layer, value in watch.surface.items() if layer >= 0) < 1e-15
 
 
-def test_layer_is_deposited_when_the_printer_says_so_with_the_pattern_of_its_command() -> None:
+def test_layer_is_deposited_when_the_printer_reports_it_with_the_pattern_of_its_command() -> None:
     job = toy_job()
     shadow = Shadow(job, StartingPrinter)
     shadow.initialize(0, inputs(job, 0, 0, 0))
-    given = [(1, 0, 1), (1, 0, 0), (1, 1, 0)]  # command, printed, what the pattern input says meanwhile
+    given = [(1, 0, 1), (1, 0, 0), (1, 1, 0)]  # command, printed, the pattern input meanwhile
     heights = [shadow.do_step(k * SECOND, SECOND, inputs(job, *row))["height"].max() for k, row in enumerate(given)]
     assert heights == [0.0, 0.0, DROPLET]
 
@@ -212,7 +212,7 @@ def test_cells_that_were_not_seen_twice_do_not_count() -> None:
     assert found.surface == pytest.approx(np.sqrt((9 + 25) / 2))
 
 
-def test_layer_that_was_not_jetted_is_said_once_and_its_run_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+def test_layer_that_was_not_jetted_is_logged_once_and_its_run_continues(caplog: pytest.LogCaptureFixture) -> None:
     job = toy_job()
     parts = rig(job, alarm=DROPLET / 2)
     parts["printer"].disturb = lambda layer, pattern: 0 * pattern if layer == 2 else pattern
@@ -222,9 +222,9 @@ def test_layer_that_was_not_jetted_is_said_once_and_its_run_goes_on(caplog: pyte
     assert [layer for layer, status in watch.status.items() if status] == [2]
     assert watch.growth[2] == pytest.approx(DROPLET)
     assert watch.surface[4] == pytest.approx(DROPLET)
-    said = [record.getMessage() for record in caplog.records]
-    assert said == [
-        "layer 2 grew otherwise than the model says, by 10.00 um rms over the part; more than alarm_um = 5. "
+    message = [record.getMessage() for record in caplog.records]
+    assert message == [
+        "layer 2 grew differently from the model, by 10.00 um rms over the part; more than alarm_um = 5. "
         "Look at the print head and at the scan"
     ]
 
@@ -235,7 +235,7 @@ def test_layer_beyond_the_stop_limit_ends_the_run(caplog: pytest.LogCaptureFixtu
     watch, reason = run(parts)
     assert reason == "fault"
     assert watch.status == {-1: 0, 0: 0, 1: 0, 2: 0, 3: Status.FAULT}
-    assert "layer 3 grew otherwise" in caplog.text
+    assert "layer 3 grew differently" in caplog.text
     assert "stop_um = 5: the run ends" in caplog.text
 
 
@@ -249,14 +249,14 @@ def test_layer_of_which_nothing_can_be_compared_is_untrusted(caplog: pytest.LogC
 
 
 @pytest.mark.parametrize(
-    ("command", "printed", "said"),
+    ("command", "printed", "message"),
     [(2, 0, "layer_command is 2 after 0: a pattern was missed"), (0, 1, "layer 1 was never commanded")],
 )
-def test_layer_without_a_pattern_is_refused(command: int, printed: int, said: str) -> None:
+def test_layer_without_a_pattern_is_refused(command: int, printed: int, message: str) -> None:
     job = toy_job()
     shadow = Shadow(job, StartingPrinter)
     shadow.initialize(0, inputs(job, 0, 0, 0))
-    with pytest.raises(ComponentError, match=said):
+    with pytest.raises(ComponentError, match=message):
         shadow.do_step(0, SECOND, inputs(job, command, printed, 1))
 
 
@@ -301,7 +301,7 @@ def test_plant_without_the_handshake_is_stepped_layer_by_layer(caplog: pytest.Lo
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"plant": "Shadow"}, "plant is 'Shadow'; expected a deposition model"),
         ({"plant": "ProfileSensor"}, "pattern_input is 'pattern', which the plant does not have"),
@@ -312,9 +312,9 @@ def test_plant_without_the_handshake_is_stepped_layer_by_layer(caplog: pytest.Lo
         ({"plant": "Fmu", "file": "none.fmu"}, "kind is 'Fmu'"),
     ],
 )
-def test_fault_of_the_options_is_told(options: dict[str, object], said: str) -> None:
+def test_error_of_the_options_is_reported(options: dict[str, object], message: str) -> None:
     errors = catalog.check("Shadow", small_job(), options).errors
-    assert any(error.startswith(said) for error in errors), errors
+    assert any(error.startswith(message) for error in errors), errors
     with pytest.raises(ScenarioError):
         catalog.make("Shadow", small_job(), options)
 

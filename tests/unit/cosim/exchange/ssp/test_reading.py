@@ -1,4 +1,4 @@
-"""What an .ssp of others may hold and what not: everything wrong with it at once, in words."""
+"""What a foreign .ssp may hold and what not: all its errors at once."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ from support.fmus import amplifier
 
 pytestmark = pytest.mark.compiled
 
-NAMES = " ".join(f'xmlns:{short}="http://ssp-standard.org/SSP1/SystemStructure{long}"' for short, long in
-                 (("ssd", "Description"), ("ssc", "Common"), ("ssv", "ParameterValues")))  # fmt: skip
+NAMES = " ".join(
+    f'xmlns:{short}="http://ssp-standard.org/SSP1/SystemStructure{long}"'
+    for short, long in (("ssd", "Description"), ("ssc", "Common"), ("ssv", "ParameterValues"))
+)
 JOB = """
 title = "two FMUs of others"
 grid = { nx = 4, ny = 4 }
@@ -44,7 +46,7 @@ def wires(source: str, target: str, inside: str = "", elements: int = 3) -> str:
 
 
 def packed(folder: Path, elements: str = BOTH, connections: str = "", bindings: str = "", job: str = JOB) -> Path:
-    """An .ssp with the FMU of others, as someone else might write it."""
+    """An .ssp with a foreign FMU, as another tool might write it."""
     path = folder / "theirs.ssp"
     structure = f"""<ssd:SystemStructureDescription {NAMES} version="1.0" name="theirs"><ssd:System name="root">
 <ssd:ParameterBindings>{bindings}</ssd:ParameterBindings><ssd:Elements>{elements}</ssd:Elements>
@@ -138,7 +140,7 @@ def test_every_error_of_the_structure_is_named_at_once(tmp_path: Path) -> None:
     bindings += '<ssd:ParameterBinding source="x.ssv" sourceBase="component"/>'
     bindings += "<ssd:ParameterBinding><ssd:ParameterMapping/></ssd:ParameterBinding>"
     text = errors_of(packed(tmp_path, elements, connections, bindings))
-    for words in (
+    for message in (
         "inner is a System; inkloop takes components in one system only",
         "a.b has a dot in its name",
         "lost is 'resources/amplifier.fmu', which is not in the .ssp; did you mean resources/amplifier2.fmu?",
@@ -156,22 +158,22 @@ def test_every_error_of_the_structure_is_named_at_once(tmp_path: Path) -> None:
         "a parameter binding has a mapping (.ssm)",
         "parameters 'x.ssv' lie in an FMU (sourceBase)",
     ):
-        assert words in text, text
+        assert message in text, text
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "message"),
     [(b"PK", "is no .ssp"), (None, "cannot be read")],
 )
-def test_file_that_is_no_ssp_is_told(content: bytes | None, words: str, tmp_path: Path) -> None:
+def test_file_that_is_no_ssp_is_reported(content: bytes | None, message: str, tmp_path: Path) -> None:
     path = tmp_path / "x.ssp"
     if content is not None:
         path.write_bytes(content)
-    assert words in errors_of(path)
+    assert message in errors_of(path)
 
 
 @pytest.mark.parametrize("place", range(40, 400, 24))
-def test_damaged_ssp_is_told(place: int, tmp_path: Path) -> None:
+def test_damaged_ssp_is_reported(place: int, tmp_path: Path) -> None:
     whole = packed(tmp_path)
     path = tmp_path / "packed.ssp"
     with zipfile.ZipFile(whole) as members, zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -184,7 +186,7 @@ def test_damaged_ssp_is_told(place: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "<a", "<a/>"])
-def test_structure_that_is_none_is_told(text: str, tmp_path: Path) -> None:
+def test_invalid_structure_is_reported(text: str, tmp_path: Path) -> None:
     path = tmp_path / "x.ssp"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr(SCENARIO, JOB)

@@ -1,4 +1,4 @@
-/* Laws of plan_change.h on random problems; prints the first one that does not hold and ends with 1. */
+/* Invariants of plan_change.h on random problems; prints the first one that does not hold and ends with 1. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -79,7 +79,7 @@ static double distance_to_layer_map(const PlanSurface *surface) {
     return furthest;
 }
 
-static const char *broken_law(uint64_t seed) {
+static const char *broken_invariant(uint64_t seed) {
     const HorizonProblem problem = random_problem(seed);
     PlanSurface kept, changed, fresh;
     Window window;
@@ -111,7 +111,7 @@ static const char *broken_law(uint64_t seed) {
         const double expected = objective(&fresh.sums, &fresh.weighting) - objective(&kept.sums, &kept.weighting);
         const double found = objective_change(&kept.sums, &added, &kept.weighting);
         if (fabs(found - expected) > 1e-12 * objective(&kept.sums, &kept.weighting))
-            broken = "a trial tells what the change does to the objective";
+            broken = "a trial gives the change of the objective";
         surface_close(&fresh);
         plan_apply(&changed, undo, count, &window);
         if (!same_surfaces(&kept, &changed))
@@ -129,7 +129,7 @@ static const char *broken_law(uint64_t seed) {
 
 int main(void) {
     for (uint64_t seed = 0; seed < 60; seed++) {
-        const char *broken = broken_law(seed);
+        const char *broken = broken_invariant(seed);
         if (broken) {
             printf("problem %d: does not hold: %s\n", (int)seed, broken);
             return 1;

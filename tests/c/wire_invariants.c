@@ -1,5 +1,5 @@
-/* Laws of the wire library under exhaustive and random input; prints the first one that does not hold and ends with 1.
- */
+/* Invariants of the wire library under exhaustive and random input; prints the first one that does not hold and ends
+ * with 1. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,7 +9,7 @@
 
 enum { ID_A = 0x640, ID_B = 0x641, STEPS_MAX = 20000, DAMAGES = 4000, NOISE = 400000 };
 
-#define LAW(holds)                                                                                                     \
+#define INVARIANT(holds)                                                                                               \
     do {                                                                                                               \
         if (!(holds)) {                                                                                                \
             printf("%s:%d: %s\n", __func__, __LINE__, #holds);                                                         \
@@ -45,7 +45,7 @@ static void connect_ends(uint8_t block_size, uint8_t separation) {
 
 /* A sends to B until both are idle; the frame number `victim` of both ways together suffers `damage`. */
 static uint32_t transfer(size_t length, Damage damage, uint32_t victim, uint32_t now) {
-    LAW(isotp_send(&a, message, length));
+    INVARIANT(isotp_send(&a, message, length));
     uint32_t count = 0;
     CanFrame frame, kept;
     bool keeps = false;
@@ -62,7 +62,7 @@ static uint32_t transfer(size_t length, Damage damage, uint32_t victim, uint32_t
                 keeps = true;
                 continue;
             }
-            LAW(isotp_take(to, &frame, now));
+            INVARIANT(isotp_take(to, &frame, now));
             if (hit && damage == DOUBLE)
                 isotp_take(to, &frame, now);
             if (keeps && (to->options.receive_id == kept.id)) {
@@ -75,7 +75,7 @@ static uint32_t transfer(size_t length, Damage damage, uint32_t victim, uint32_t
         if (!isotp_is_sending(&a) && b.receiving.state != ISOTP_RECEIVE_FRAMES && b.receiving.flow == ISOTP_FLOW_NONE)
             return count;
     }
-    LAW(!"the transfer ends");
+    INVARIANT(!"the transfer ends");
     return 0;
 }
 
@@ -89,9 +89,9 @@ static void every_length_arrives(void) {
                 message[i] = (uint8_t)random_below(256);
             transfer(size, NO_DAMAGE, 0, 0xFFFFFF00u); /* the clock wraps on the way */
             const uint8_t *bytes = isotp_received(&b, &length);
-            LAW(bytes && length == size && memcmp(bytes, message, size) == 0);
-            LAW(a.sending.end == ISOTP_DONE && b.receiving.end == ISOTP_DONE);
-            LAW(a.count.sent == 1 && b.count.received == 1 && a.count.unexpected + b.count.unexpected == 0);
+            INVARIANT(bytes && length == size && memcmp(bytes, message, size) == 0);
+            INVARIANT(a.sending.end == ISOTP_DONE && b.receiving.end == ISOTP_DONE);
+            INVARIANT(a.count.sent == 1 && b.count.received == 1 && a.count.unexpected + b.count.unexpected == 0);
         }
     }
 }
@@ -110,11 +110,11 @@ static void one_damaged_frame_delivers_nothing_wrong(void) {
         connect_ends(block, 0);
         transfer(size, (Damage)(1 + i % 3), random_below(frames), 0);
         const uint8_t *bytes = isotp_received(&b, &length);
-        LAW(!bytes || (length == size && memcmp(bytes, message, size) == 0));
+        INVARIANT(!bytes || (length == size && memcmp(bytes, message, size) == 0));
         isotp_release(&b);
         transfer(size, NO_DAMAGE, 0, 100000);
         bytes = isotp_received(&b, &length);
-        LAW(bytes && length == size && memcmp(bytes, message, size) == 0);
+        INVARIANT(bytes && length == size && memcmp(bytes, message, size) == 0);
     }
 }
 
@@ -125,14 +125,14 @@ static void separation_is_kept(void) {
     } CASES[] = {{0, 0}, {1, 1}, {20, 20}, {127, 127}, {0x80, 127}, {0xF1, 1}, {0xF9, 1}, {0xFA, 127}};
     for (size_t k = 0; k < sizeof CASES / sizeof *CASES; k++) {
         connect_ends(0, CASES[k].on_wire);
-        LAW(isotp_send(&a, message, 30));
+        INVARIANT(isotp_send(&a, message, 30));
         CanFrame frame;
-        LAW(isotp_next(&a, 0, &frame) && isotp_take(&b, &frame, 0));
-        LAW(isotp_next(&b, 0, &frame) && isotp_take(&a, &frame, 0));
-        LAW(isotp_next(&a, 5, &frame));
+        INVARIANT(isotp_next(&a, 0, &frame) && isotp_take(&b, &frame, 0));
+        INVARIANT(isotp_next(&b, 0, &frame) && isotp_take(&a, &frame, 0));
+        INVARIANT(isotp_next(&a, 5, &frame));
         const uint32_t earliest = 5u + CASES[k].ms + (CASES[k].ms > 0); /* the first one may have gone at 5.999 */
-        LAW(CASES[k].ms == 0 || !isotp_next(&a, earliest - 1, &frame));
-        LAW(isotp_next(&a, earliest, &frame));
+        INVARIANT(CASES[k].ms == 0 || !isotp_next(&a, earliest - 1, &frame));
+        INVARIANT(isotp_next(&a, earliest, &frame));
     }
 }
 
@@ -163,14 +163,14 @@ static void noise_on_the_line_breaks_nothing(void) {
             length = random_below((uint32_t)length) + 1;
         for (size_t j = 0; j < length; j++) {
             const bool happened = slcan_take(&slcan, (uint8_t)line[j], &event);
-            LAW(happened == (event.answer_length > 0) && event.answer_length <= SLCAN_ANSWER_MAX);
-            LAW(!event.has_frame || (event.frame.length <= CAN_DATA_MAX && slcan.open && !slcan.listen_only));
-            LAW(slcan.used <= SLCAN_LINE_MAX);
+            INVARIANT(happened == (event.answer_length > 0) && event.answer_length <= SLCAN_ANSWER_MAX);
+            INVARIANT(!event.has_frame || (event.frame.length <= CAN_DATA_MAX && slcan.open && !slcan.listen_only));
+            INVARIANT(slcan.used <= SLCAN_LINE_MAX);
         }
         if (random_below(8) == 0)
             slcan_take(&slcan, 'O', &event);
     }
-    LAW(slcan.malformed > 0 && slcan.refused > 0 && slcan.frames > 0);
+    INVARIANT(slcan.malformed > 0 && slcan.refused > 0 && slcan.frames > 0);
 }
 
 static void noise_on_the_bus_breaks_nothing(void) {
@@ -181,20 +181,20 @@ static void noise_on_the_bus_breaks_nothing(void) {
             frame.data[j] = (uint8_t)random_below(256);
         if (random_below(8) == 0)
             frame.length = (uint8_t)random_below(CAN_DATA_MAX);
-        else if (random_below(4)) /* goes on with what is under way, either way */
+        else if (random_below(4)) /* continues what is under way, in either direction */
             frame.data[0] = b.sending.state == ISOTP_SEND_FLOW ? 0x30 : (uint8_t)(0x20 | b.receiving.sequence);
-        LAW(isotp_take(&b, &frame, i));
+        INVARIANT(isotp_take(&b, &frame, i));
         while (isotp_next(&b, i, &frame))
-            LAW(frame.length == CAN_DATA_MAX && frame.id == ID_B);
+            INVARIANT(frame.length == CAN_DATA_MAX && frame.id == ID_B);
         if (random_below(8) == 0)
             isotp_release(&b);
         if (random_below(64) == 0)
             isotp_send(&b, message, 1 + random_below(ISOTP_LENGTH_MAX));
-        LAW(b.receiving.position <= ISOTP_LENGTH_MAX && b.receiving.length <= ISOTP_LENGTH_MAX);
-        LAW(b.sending.position <= ISOTP_LENGTH_MAX);
+        INVARIANT(b.receiving.position <= ISOTP_LENGTH_MAX && b.receiving.length <= ISOTP_LENGTH_MAX);
+        INVARIANT(b.sending.position <= ISOTP_LENGTH_MAX);
     }
-    LAW(b.count.malformed > 0 && b.count.unexpected > 0 && b.count.received > 0 && b.count.sent > 0);
-    LAW(b.count.dropped > 0 && b.count.replaced > 0);
+    INVARIANT(b.count.malformed > 0 && b.count.unexpected > 0 && b.count.received > 0 && b.count.sent > 0);
+    INVARIANT(b.count.dropped > 0 && b.count.replaced > 0);
 }
 
 static void every_frame_survives_its_line(void) {
@@ -207,16 +207,16 @@ static void every_frame_survives_its_line(void) {
     for (int i = 0; i < 100000; i++) {
         const CanFrame frame = random_frame();
         const size_t length = slcan_write(&frame, line);
-        LAW(length > 0 && length <= SLCAN_LINE_MAX);
+        INVARIANT(length > 0 && length <= SLCAN_LINE_MAX);
         for (size_t j = 0; j + 1 < length; j++)
-            LAW(!slcan_take(&slcan, (uint8_t)line[j], &event));
-        LAW(slcan_take(&slcan, (uint8_t)line[length - 1], &event) && event.has_frame);
-        LAW(event.frame.id == frame.id && event.frame.extended == frame.extended);
-        LAW(event.frame.remote == frame.remote && event.frame.length == frame.length);
-        LAW(memcmp(event.frame.data, frame.data, CAN_DATA_MAX) == 0);
+            INVARIANT(!slcan_take(&slcan, (uint8_t)line[j], &event));
+        INVARIANT(slcan_take(&slcan, (uint8_t)line[length - 1], &event) && event.has_frame);
+        INVARIANT(event.frame.id == frame.id && event.frame.extended == frame.extended);
+        INVARIANT(event.frame.remote == frame.remote && event.frame.length == frame.length);
+        INVARIANT(memcmp(event.frame.data, frame.data, CAN_DATA_MAX) == 0);
     }
     const CanFrame too_long = {.length = CAN_DATA_MAX + 1}, too_high = {.id = CAN_ID_MAX + 1};
-    LAW(slcan_write(&too_long, line) == 0 && slcan_write(&too_high, line) == 0);
+    INVARIANT(slcan_write(&too_long, line) == 0 && slcan_write(&too_high, line) == 0);
 }
 
 int main(void) {

@@ -1,4 +1,4 @@
-"""What a controller may be told of the ink of a plant: its volume only, one droplet, or what fits many layers best."""
+"""Inks of a plant as a controller may know them: its volume only, one droplet, or the best fit to many layers."""
 
 from __future__ import annotations
 

@@ -1,0 +1,13 @@
+"""How many examples a property is tried on."""
+
+from __future__ import annotations
+
+import os
+
+PERCENT = "INKLOOP_EXAMPLES_PERCENT"
+"""Environment variable; `make check` sets it below 100."""
+
+
+def examples(count: int) -> int:
+    """`count`, or the share of it that the run asks for."""
+    return max(1, count * int(os.environ.get(PERCENT, "100")) // 100)
