@@ -1,13 +1,13 @@
 # make            set everything up in .venv and print scenarios/cylinder.toml
-# make check      format, types, and every test that needs no compiler, process or bench: minutes
+# make check      format, types, and every test that needs no compiler, process, bench or whole print: minutes
 # make test       everything that continuous integration runs; names each test that is skipped
 # make test-long  the proofs that take minutes
 # make benchmarks measured comparisons, printed as ratios
-# make benchmarks-hardware  a layer on the emulated bench, relative to the time of its frames on a real bus
+# make benchmarks-hardware  a layer on the emulator, relative to the time of its frames on a real bus
 # make peers      docs/reference/peers.md: the loop in masters of other people
 # make fuzz       twenty minutes of libFuzzer on the inputs of the firmware and the calls of the FMUs
 # make sanitize   all FMUs under sanitizers (about ten minutes)
-# make firmware-cortex-m  the emulated bench as an image for a Cortex-M3, with its size
+# make firmware-cortex-m  the emulator as an image for a Cortex-M3, with its size
 # make tools      compilers, emulators and masters of others that some tests use and skip without (Debian)
 # make gallery    docs/gallery: every scenario with one picture; the pictures of docs/explanation
 # make upgrade    the newest packages that pyproject.toml allows, into .venv; then make check test test-long constraints
@@ -54,18 +54,18 @@ $(BIN)/python:
 
 .venv/installed: .venv/requirements CMakeLists.txt \
                  $(shell find fmus controller/core hardware/firmware -type f -not -path '*/fuzz/*') $(BUILD_MODULES)
-	@echo "inkloop: compiling the FMUs, the controller and the emulated bench (about half a minute the first time) ..."
+	@echo "inkloop: compiling the FMUs, the controller and the emulator (about half a minute the first time) ..."
 	$(PIP) --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
-# what tests and checks need besides
+# what tests and checks need in addition
 .venv/developer: .venv/installed
 	@echo "inkloop: downloading and installing what the tests need into .venv (half a minute after the downloads) ..."
 	$(PIP) --quiet 'inkloop[dev]'   # inkloop itself is there; its extras are missing
 	@touch $@
 
 check: lint
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not long and not system and not compiled'
+	INKLOOP_EXAMPLES_PERCENT=30 $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not long and not system and not compiled'
 
 test: lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile
@@ -117,6 +117,7 @@ tools:
 gallery: .venv/developer
 	$(BIN)/python tools/figures/gallery.py
 	$(BIN)/python tools/figures/layer_problem.py
+	$(BIN)/python tools/figures/finish.py
 	$(BIN)/python tools/figures/height_maps.py
 	$(BIN)/python tools/figures/modelica_library.py
 	$(BIN)/python tools/figures/identified_ink.py

@@ -46,7 +46,7 @@ def _row(side: int, mean: float) -> list[str]:
 
 def _step(job: Job, surface: FloatMap, limit: float) -> tuple[float, float]:
     """Seconds of the step that answers the scan of layer 1, and the objective of its plan [m]."""
-    controller = catalog.make("LayerController", job, {"time_limit_s": limit})
+    controller = catalog.make("LayerController", job, {"time_limit_s": limit, "horizon": 3, "layer_worth": 0.0})
     try:
         controller.initialize(0, _scan(surface, 0))
         first = controller.do_step(0, NS_PER_S, _scan(surface, 0))

@@ -1,4 +1,4 @@
-"""A layer on the emulated bench through the whole chain of processes, and its frame time on a real bus."""
+"""A layer on the emulator through the whole chain of processes, and its frame time on a real bus."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LOG = "traffic.blf"
 def measure() -> Table:
     """Seconds of each part of a layer; mechanical times shortened to about a quarter of a second."""
     table = Table(
-        title="a layer in four passes on the emulated bench (moves, passes, cures and scan last 0.25 s of it)",
+        title="a layer in four passes on the emulator (moves, passes, cures and scan last 0.25 s of it)",
         caption="bus time: its frames alone, with stuff bits by content, in brackets with most; all traffic is logged",
     )
     for heading in ("what", "bytes", "took", "at most", "kB/s", "frames", "bus 500 kbit/s", "bus 1 Mbit/s"):

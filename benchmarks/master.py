@@ -31,10 +31,10 @@ SIDES = (20, 200, 1000)
 
 def measure() -> Group:
     """Time per communication step against other masters, and the master's own share on grids up to 10^6 cells."""
-    return Group(_beside_others(), _own_share())
+    return Group(_against_others(), _own_share())
 
 
-def _beside_others() -> Table:
+def _against_others() -> Table:
     """A LayerDeposition that commands itself, one layer every tenth step, all outputs read in every step."""
     table = Table(title=f"communication step, LayerDeposition {SIDE} x {SIDE}, {STEPS} steps")
     for heading in ("FMU", "inkloop", "of it the master", "FMPy", "FMPy / inkloop", "libcosim", "libcosim / inkloop"):

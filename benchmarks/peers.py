@@ -52,7 +52,7 @@ Solver = Callable[[HorizonProblem], Answer | None]
 
 
 def measure() -> Table:
-    """Distance of each plan from the best one found by anybody, and wall time; "none": no plan within the limit.
+    """Distance of each plan from the best one of all, and wall time; "none": no plan within the limit.
 
     gap: the best one is at most this share of its objective above the optimum, by the bound of HiGHS.
     """

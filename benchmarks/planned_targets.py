@@ -28,7 +28,7 @@ ANNEALING = 400  # sweeps: 100 are 0.03 % worse on rough surfaces, 1 % on nearly
 
 
 def measure() -> Table:
-    """Times are of the processor, on one thread, so that other programs beside count little."""
+    """Times are of the processor, on one thread, so that other programs count little."""
     cases: dict[str, Callable[[], list[Figure]]] = {
         "recover N = 1, 50 rough 20 x 20": lambda: _recovery(20, 1, range(50), 8e-6, 0.010, nan),
         "recover N = 1, a rough 500 x 500": lambda: _recovery(500, 1, range(1), 8e-6, nan, 1.0),
@@ -45,7 +45,7 @@ def measure() -> Table:
         "nearly flat 2048 x 2048, N = 1": lambda: _large(lambda side: nearly_flat(side, 1)),
     }
     rows = {name: figures() for name, figures in track(cases.items(), "layer problems", transient=True)}
-    return table("single layer problems, alpha 1 unless said", rows)
+    return table("single layer problems, alpha 1 unless stated", rows)
 
 
 def _recovery(side: int, layers: int, seeds: range, rise: float, must_s: float, aim_s: float) -> list[Figure]:

@@ -22,6 +22,8 @@ def planned(problem: HorizonProblem, threads: int = 1, **work: float) -> LayerPl
     nx, ny = problem.height.shape
     job = Job(nx, ny, PITCH, problem.target, problem.part, problem.kinds)
     budgets = replace(Work(threads=threads), **work)  # type: ignore[arg-type]
-    controller = LayerMpc(job, criterion=Criterion(alpha=problem.alpha), horizon=problem.layers, work=budgets)
+    controller = LayerMpc(
+        job, criterion=Criterion(alpha=problem.alpha, layer_worth=0.0), horizon=problem.layers, work=budgets
+    )
     estimate, no_last_plan = Estimate.exact(problem.height, problem.kinds), np.zeros((1, 0, 0), np.int32)
     return controller.plan(estimate, 0, no_last_plan)

@@ -22,17 +22,16 @@ from inkloop.units import UM_PER_M
 
 SIDE_MAX = {1: 2048, 2: 1000, 3: 500}
 """By layers of the horizon: the next larger grid takes more than half a minute (by trial) and is left out."""
-CASES = tuple((side, layers) for layers in SIDE_MAX for side in (20, 50, 100, 200, 500, 1000, 2048)
-              if side <= SIDE_MAX[layers])  # fmt: skip
+CASES = tuple(
+    (side, layers) for layers in SIDE_MAX for side in (20, 50, 100, 200, 500, 1000, 2048) if side <= SIDE_MAX[layers]
+)
 SIDE_OF_MEMORY = 200  # below, what the libraries keep for themselves hides what the cells take (by trial)
 KIBIBYTE = 1024  # unit of ru_maxrss on Linux
 
 
 def measure() -> Table:
     """Wall time and peak of memory of `LayerMpc` with its default work, each decision in a process of its own."""
-    table = Table(
-        title="one layer decision on nearly flat printed surfaces, alpha 1; bytes beside those of the problem"
-    )
+    table = Table(title="one layer decision on nearly flat printed surfaces, alpha 1; bytes in addition to the problem")
     for heading in (
         "grid",
         "layers",

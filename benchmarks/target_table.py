@@ -62,19 +62,19 @@ class Figure:
 
 
 def table(title: str, cases: Mapping[str, Sequence[Figure]]) -> Table:
-    """The figures of all cases, without columns that say nothing; "scatter" is the standard deviation over seeds."""
+    """The figures of all cases, without empty columns; "scatter" is the standard deviation over seeds."""
     rows = [
         ("" if number else case, *figure.row())
         for case, figures in cases.items()
         for number, figure in enumerate(figures)
     ]
-    said = [index for index in range(len(HEADINGS)) if any(row[index] not in ("", "-") for row in rows)]
+    used = [index for index in range(len(HEADINGS)) if any(row[index] not in ("", "-") for row in rows)]
     shown = Table(title=title)
-    for index in said:
+    for index in used:
         shown.add_column(HEADINGS[index], justify="left" if index < 2 else "right", no_wrap=index > 1)
     for number, row in enumerate(rows):
         last = number + 1 == len(rows) or rows[number + 1][0] != ""
-        shown.add_row(*(row[index] for index in said), end_section=last)
+        shown.add_row(*(row[index] for index in used), end_section=last)
     return shown
 
 

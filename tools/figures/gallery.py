@@ -1,4 +1,4 @@
-"""Run every scenario and show one telling picture of each: `make gallery`."""
+"""Run every scenario and draw one picture of each: `make gallery`."""
 
 from __future__ import annotations
 

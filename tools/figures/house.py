@@ -112,8 +112,8 @@ def flow(axes: Axes, bottom: float) -> None:
     arrow(axes, (width / 2, bottom - 1.6), (width / 2, bottom))
     for signals, number in SIGNALS:
         axes.text(number * step - (step - width) / 2, bottom + 4.0, signals, fontsize=7, color=BLUE, ha="center")
-    axes.text(50, bottom - 1.6, BACK, fontsize=7, color=BLUE, ha="center", va="center",
-              bbox={"fc": "white", "ec": "none", "pad": 2})  # fmt: skip
+    frame = {"fc": "white", "ec": "none", "pad": 2}
+    axes.text(50, bottom - 1.6, BACK, fontsize=7, color=BLUE, ha="center", va="center", bbox=frame)
 
 
 def arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
@@ -143,7 +143,7 @@ def draw() -> Figure:
 
 
 def counts() -> dict[str, int]:
-    """The figures of the house, by what is counted; the page has them beside those of version 0.1.0."""
+    """The figures of the house, by what is counted; the page compares them with those of version 0.1.0."""
     graph = grouped(import_graph(), {name: room(name) for name in modules()})
     found = {"Python modules": len(modules())}
     for package in PACKAGES:

@@ -23,8 +23,8 @@ HEAD = """# The public API
 
 What `import inkloop` and `import inkloop_controller` offer. These names are stable; anything else in the modules may
 change. Written from the docstrings by `python tools/pages/api.py docs/reference/api.md`. Lengths are in metres and
-times in seconds unless a name says otherwise; maps are NumPy arrays (nx, ny) with i along x. The options of components
-are in [the scenario file](scenario.md), the signals between them in [the layer contract](layer-contract.md).
+times in seconds unless a name states otherwise; maps are NumPy arrays (nx, ny) with i along x. The options of
+components are in [the scenario file](scenario.md), the signals between them in [the layer contract](layer-contract.md).
 """
 GROUPS = {
     "Print and read": ("run", "load", "Scenario", "Result"),
