@@ -97,11 +97,13 @@ def fed(connection: Connection, source: str, target: str, value: float) -> float
     ],
 )
 def test_value_arrives_in_the_unit_of_the_input(source: str, target: str, given: float, expected: float) -> None:
-    assert fed(Connection("a.y", "b.x"), source, target, given) == pytest.approx(expected)
+    assert fed(Connection("a.y", "b.x"), source, target, given) == pytest.approx(expected, rel=1e-9, abs=0.0)
 
 
 def test_gain_acts_before_the_offset_and_both_after_the_unit() -> None:
-    assert fed(Connection("a.y", "b.x", gain=2.0, offset=5.0), "m", "um", 3e-6) == pytest.approx(11.0)
+    assert fed(Connection("a.y", "b.x", gain=2.0, offset=5.0), "m", "um", 3e-6) == pytest.approx(
+        11.0, rel=1e-9, abs=0.0
+    )
 
 
 def test_value_of_a_plain_connection_is_the_very_array_of_its_source() -> None:

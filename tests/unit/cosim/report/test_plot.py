@@ -50,7 +50,9 @@ def test_maps_have_the_mean_error_of_the_table(error_um: float) -> None:
     reported = float(run.mean_error[-1]) * 1e6
     for figure in (plot.error_map(run, "a"), plot.comparison({"a": run}, {"a": 1.0})):
         (image,) = [image for axes in figure.axes for image in axes.get_images()]
-        assert np.nanmean(np.ma.filled(np.ma.asarray(image.get_array()), np.nan)) == pytest.approx(reported)
+        assert np.nanmean(np.ma.filled(np.ma.asarray(image.get_array()), np.nan)) == pytest.approx(
+            reported, rel=1e-9, abs=0.0
+        )
         assert SIGN in labels(figure)
 
 
@@ -76,6 +78,8 @@ def test_cut_has_the_mean_error_of_the_table() -> None:
     run = printed(4.0)
     figure = plot.cross_section({"a": run})
     top = figure.axes[1]
-    assert np.nanmean(np.asarray(top.lines[0].get_ydata())) == pytest.approx(float(run.mean_error[-1]) * 1e6)
+    assert np.nanmean(np.asarray(top.lines[0].get_ydata())) == pytest.approx(
+        float(run.mean_error[-1]) * 1e6, rel=1e-9, abs=0.0
+    )
     assert labels(figure) == [SIGN]
     assert SIGN in labels(plot.surfaces({"a": run}))

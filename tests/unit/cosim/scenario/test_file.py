@@ -47,8 +47,8 @@ def test_good_file_becomes_a_job_in_si(tmp_path: Path) -> None:
     path.write_text(GOOD)
     job = Scenario.load(path).job("printer")
     assert (job.nx, job.ny, int(job.mask.sum())) == (9, 8, 20)
-    assert job.pitch == pytest.approx(263.256e-6)
-    assert job.target_height[job.mask] == pytest.approx(22.8e-6)
+    assert job.pitch == pytest.approx(263.256e-6, rel=1e-9, abs=0.0)
+    assert job.target_height[job.mask] == pytest.approx(22.8e-6, rel=1e-9, abs=0.0)
     assert not job.target_height[~job.mask].any()
 
 
@@ -265,7 +265,7 @@ def test_offset_of_a_connection_comes_in_its_unit(tmp_path: Path) -> None:
     path.write_text(GOOD + WIRE + "gain = 1.5\noffset_um = 20\n")
     wire, *_ = Scenario.load(path).connections
     assert (wire.target, wire.gain) == ("profiler.height", 1.5)
-    assert wire.offset == pytest.approx(20e-6)
+    assert wire.offset == pytest.approx(20e-6, rel=1e-9, abs=0.0)
 
 
 @pytest.mark.parametrize(
