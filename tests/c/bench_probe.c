@@ -1,5 +1,8 @@
 /* What the tests of the firmware look at and break, apart from the messages of its nodes. */
+#include <string.h>
+
 #include "bench.h"
+#include "node_frames.h"
 
 BenchOptions *probe_options(void);
 double *probe_surface(Bench *bench);
@@ -7,6 +10,9 @@ uint8_t *probe_storage(Bench *bench, int node);
 void probe_break(Bench *bench, uint32_t what);
 void probe_tear(Bench *bench, int node, int32_t bytes);
 uint32_t probe_count(Bench *bench, int what);
+void probe_roles(Bench *bench, int node, uint8_t roles);
+NodeFrames *probe_frames(Bench *bench, int node);
+void probe_take_frame(NodeFrames *frames, uint32_t id, const uint8_t *data, uint8_t length, uint32_t now);
 
 BenchOptions *probe_options(void) {
     static BenchOptions options;
@@ -34,4 +40,22 @@ uint32_t probe_count(Bench *bench, int what) {
     const World *world = bench_world(bench);
     const uint32_t counts[] = {world->gate_openings, world->lamp_pulses, world->lamp_with_gate};
     return counts[what];
+}
+
+/* A node of other roles than those of the bench; only right after it was powered up. */
+void probe_roles(Bench *bench, int node, uint8_t roles) {
+    bench_node(bench, node)->options.roles = roles;
+}
+
+/* The frames of a node, as if none had arrived yet. */
+NodeFrames *probe_frames(Bench *bench, int node) {
+    static NodeFrames frames[BENCH_NODES];
+    node_frames_init(&frames[node], bench_node(bench, node), (uint8_t)node);
+    return &frames[node];
+}
+
+void probe_take_frame(NodeFrames *frames, uint32_t id, const uint8_t *data, uint8_t length, uint32_t now) {
+    CanFrame frame = {.id = id, .length = length};
+    memcpy(frame.data, data, length);
+    node_frames_take(frames, &frame, now);
 }

@@ -176,10 +176,14 @@ def test_another_master_is_reported_and_nothing_is_sent_while_it_prints(path: Pa
         assert not [number for number in ids if number in (0x010, 0x020) or number in range(0x640, 0x648)]
 
 
-def test_bench_of_another_grid_is_reported(path: Path, doctor: Doctor) -> None:
+def test_bench_of_another_grid_is_reported_and_its_self_test_is_left_out(path: Path, doctor: Doctor) -> None:
     with bench(path) as channel:
         size = [word for axis in "xy" for word in ("--set", f"grid.n{axis}=40")]
-        code, errors = doctor(channel, *size, "--set", "bench.cure_ms=20000")
+        code, errors = doctor(channel, *size, "--set", "bench.cure_ms=20000", "--self-test", "--yes")
+        with Rig(BusSettings("slcan", channel, 500_000)) as rig:
+            rig.wait_for(Node)
+            assert rig.link(Node.HEAD).state().gate_pulses == 0, "nothing is energised"
+            assert rig.link(Node.CURE).times().lamp_on == 0
         assert code == 1
         assert set(errors) == {"limits"}
         assert "12 x 11 cells, the scenario 40 x 40" in errors["limits"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -16,7 +16,7 @@ import numpy as np
 
 from inkloop.fmu_writer import archive
 from inkloop_hardware.protocol.c_codec import write_codec
-from inkloop_hardware.protocol.codec import BENCH_DBC
+from inkloop_hardware.protocol.codec import BENCH_DBC, Frame
 from support import compiled
 from support.places import C_SOURCES, ROOT
 
@@ -48,6 +48,7 @@ STATES = (
 )
 CLEAR, HOME, PURGE, PASS, CURE_ROUTINE, SCAN, DRY_RUN, MOVE, SELF_TEST = range(0x0200, 0x0209)
 LAMP, GATE, MOTION = 1, 2, 4
+ROLE_HEAD, ROLE_STAGE, ROLE_CURE, ROLE_PROFILER = 1, 2, 4, 8
 DONE, DONE_BEFORE, UNDER_WAY, UNKNOWN, NEVER = range(5)
 NRC_BUSY, NRC_CONDITIONS, NRC_SEQUENCE, NRC_FAILED, NRC_RANGE, NRC_PENDING = 0x21, 0x22, 0x24, 0x26, 0x31, 0x78
 GATE_STAYS_OPEN, GATE_STAYS_CLOSED, LAMP_STAYS_ON, NOT_READY, WORK_FAILS, WORK_HANGS = (1 << bit for bit in range(6))
@@ -94,10 +95,10 @@ def firmware_library(name: str, sources: Sequence[Path]) -> ctypes.CDLL:
 
 @cache
 def library() -> ctypes.CDLL:
-    """Core, host HAL, kernels and probes."""
+    """Core, frames, host HAL, kernels and probes."""
     probe = C_SOURCES / "bench_probe.c"
-    loaded = firmware_library("node_bench.so", (*CORE, *HOST, *KERNELS, probe))
-    for name in ("bench_create", "bench_node", "probe_options", "probe_surface", "probe_storage"):
+    loaded = firmware_library("node_bench.so", (*CORE, *WIRE, *HOST, *KERNELS, codec() / "inkloop.c", probe))
+    for name in ("bench_create", "bench_node", "probe_options", "probe_surface", "probe_storage", "probe_frames"):
         getattr(loaded, name).restype = ctypes.c_void_p
     for name in ("node_request", "node_take_answer"):
         getattr(loaded, name).restype = ctypes.c_size_t
@@ -318,6 +319,20 @@ class NodeBench:
 
     def broken(self, what: int) -> None:
         self.c.probe_break(self.bench, ctypes.c_uint32(what))
+
+    def roles(self, roles: int, node: int = HEAD) -> None:
+        """Gives a node that was just powered up other roles than those of the bench."""
+        self.c.probe_roles(self.bench, node, ctypes.c_uint8(roles))
+
+    def frames(self, node: int = HEAD) -> Callable[[Frame], None]:
+        """What hands a frame of the bus to a node."""
+        frames = ctypes.c_void_p(self.c.probe_frames(self.bench, node))
+
+        def take(frame: Frame) -> None:
+            length = ctypes.c_uint8(len(frame.data))
+            self.c.probe_take_frame(frames, frame.arbitration_id, frame.data, length, ctypes.c_uint32(self.clock))
+
+        return take
 
     def tear(self, written: int, node: int = HEAD) -> None:
         """The next record is torn after so many bytes."""

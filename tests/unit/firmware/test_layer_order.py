@@ -30,6 +30,8 @@ from support.benches.node_bench import (
     PASS,
     PROFILER,
     PURGE,
+    ROLE_CURE,
+    ROLE_HEAD,
     SCAN,
     STAGE,
     UNDER_WAY,
@@ -187,6 +189,17 @@ def test_wet_ink_is_not_scanned_by_a_node_that_knows() -> None:
         assert bench.cure(1) == DONE
         assert bench.download(pattern_blob(FULL), 2) == -NRC_SEQUENCE, "not seen yet"
         assert bench.scan(1) == DONE
+        assert bench.download(pattern_blob(FULL), 2) == 0
+
+
+def test_wet_ink_is_not_printed_over_by_a_head_with_a_lamp() -> None:
+    with NodeBench() as bench:
+        bench.roles(ROLE_HEAD | ROLE_CURE)
+        bench.ready()
+        assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
+        assert bench.run(PASS, layer=1, option=b"\xff") == DONE
+        assert bench.download(pattern_blob(FULL), 2) == -NRC_SEQUENCE
+        assert bench.run(CURE_ROUTINE, layer=1, option=b"\x00\x14") == DONE
         assert bench.download(pattern_blob(FULL), 2) == 0
 
 
