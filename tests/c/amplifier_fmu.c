@@ -1,4 +1,5 @@
-/* A foreign FMU for tests: y = gain * x (mode 2: squared), count = steps so far, high = y > 1; refuses x < 0.
+/* A foreign FMU for tests: y = gain * x (mode 2: squared), count = steps so far, high = y > 1; refuses x < 0, discards
+ * a step with x[1] = 100 and asks to end the simulation with x[1] = 200; after an error it may only be freed.
  *
  * Compiled with -DFMI=2 (three cells) or -DFMI=3 (n cells, structural); with -DCRASHES=signal a step after the third
  * raises it. It shares nothing with the FMUs of this project and writes out the signatures of the standard that it
@@ -29,6 +30,7 @@ typedef struct {
     void *environment;
     Logger2 log2;
     Logger3 log3;
+    bool has_ended, has_failed;
 } Instance;
 
 static int refuse(Instance *instance, int status, const char *message) {
@@ -58,8 +60,17 @@ static int set_x(Instance *instance, size_t cell, double x) {
 
 static int step(Instance *instance, double size) {
     State *state = &instance->state;
-    if (size > 1000.0)
+    if (size > 1000.0) {
+        instance->has_failed = true;
         return refuse(instance, size > 1e6 ? FATAL : ERROR, "step is too long");
+    }
+    if (state->x[0] == 100.0)
+        return refuse(instance, DISCARD, "step is too difficult");
+    if (state->x[0] == 200.0) {
+        instance->has_ended = true;
+        refuse(instance, OK, "the part is complete");
+        return FMI == 2 ? DISCARD : OK;
+    }
 #ifdef CRASHES
     if (state->count == 3)
         raise(CRASHES);
@@ -70,6 +81,10 @@ static int step(Instance *instance, double size) {
     }
     state->count++;
     return OK;
+}
+
+static int terminate(Instance *instance) {
+    return instance->has_failed ? refuse(instance, ERROR, "terminated after an error") : OK;
 }
 
 static int copy_state(Instance *instance, void **copy) {
@@ -175,17 +190,22 @@ int fmi2DeSerializeFMUstate(Instance *instance, const void *bytes, size_t size, 
     memcpy(*state, bytes, size);
     return OK;
 }
+int fmi2GetBooleanStatus(Instance *instance, int kind, int *value) {
+    *value = instance->has_ended;
+    return kind == 3 ? OK : DISCARD; /* fmi2Terminated */
+}
+int fmi2Terminate(Instance *instance) {
+    return terminate(instance);
+}
 DONE_NOTHING(fmi2SetupExperiment)
 DONE_NOTHING(fmi2EnterInitializationMode)
 DONE_NOTHING(fmi2ExitInitializationMode)
-DONE_NOTHING(fmi2Terminate)
 NOT_OFFERED(fmi2SetDebugLogging)
 NOT_OFFERED(fmi2Reset)
 NOT_OFFERED(fmi2CancelStep)
 NOT_OFFERED(fmi2GetStatus)
 NOT_OFFERED(fmi2GetRealStatus)
 NOT_OFFERED(fmi2GetIntegerStatus)
-NOT_OFFERED(fmi2GetBooleanStatus)
 NOT_OFFERED(fmi2GetStringStatus)
 NOT_OFFERED(fmi2GetString)
 NOT_OFFERED(fmi2SetString)
@@ -254,12 +274,17 @@ int fmi3GetBoolean(Instance *instance, const uint32_t *reference, size_t count, 
         value[i] = instance->state.y[i] > 1.0;
     return OK;
 }
-int fmi3DoStep(Instance *instance, double time, double size, bool no_rollback, bool *event, bool *terminate,
+int fmi3DoStep(Instance *instance, double time, double size, bool no_rollback, bool *event, bool *terminate_requested,
                bool *early, double *last) {
     (void)no_rollback;
-    *event = *terminate = *early = false;
+    const int status = step(instance, size);
+    *event = *early = false;
+    *terminate_requested = instance->has_ended;
     *last = time + size;
-    return step(instance, size);
+    return status;
+}
+int fmi3Terminate(Instance *instance) {
+    return terminate(instance);
 }
 int fmi3GetFMUState(Instance *instance, void **state) {
     return copy_state(instance, state);
@@ -293,7 +318,6 @@ DONE_NOTHING(fmi3EnterConfigurationMode)
 DONE_NOTHING(fmi3ExitConfigurationMode)
 DONE_NOTHING(fmi3EnterInitializationMode)
 DONE_NOTHING(fmi3ExitInitializationMode)
-DONE_NOTHING(fmi3Terminate)
 NOT_OFFERED(fmi3InstantiateModelExchange)
 NOT_OFFERED(fmi3InstantiateScheduledExecution)
 NOT_OFFERED(fmi3SetDebugLogging)

@@ -26,7 +26,7 @@ from inkloop.component import Port, Values
 from inkloop.errors import ComponentError
 from inkloop.fmu.description import FmuDescription
 
-WARNING, ERROR, FATAL = 1, 3, 4
+WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
 _STATUS = ("OK", "a warning", "discard", "an error", "a fatal error", "pending")
 _FMI2_WIRE = {"Real": "float64", "Integer": "int32", "Boolean": "int32", "Enumeration": "int32"}
 _FMI2_FUNCTION = {"Enumeration": "Integer"}
@@ -110,11 +110,26 @@ class Binding:
         return values
 
     def do_step(self, time: float, step: float) -> None:
-        """One communication step from `time` [s] on."""
+        """One communication step from `time` [s] on. Raises ComponentError, also where the FMU asks for the end."""
         self._messages.clear()
-        answer = self._call(None, self._fmu.doStep, time, step)
-        if self._fmi == 3 and answer[1]:
+        if self._call(None, self._step, time, step):
             raise ComponentError(f"the FMU asks to end the simulation{self._recent_messages()}")
+
+    def _step(self, time: float, step: float) -> bool:
+        """One step; whether the FMU asks for the end: FMI 2 discards the step and has the status Terminated."""
+        try:
+            answer = self._fmu.doStep(time, step)
+        except FMICallException as error:
+            if self._fmi == 2 and error.status == DISCARD and self._is_terminated():
+                return True
+            raise
+        return self._fmi == 3 and bool(answer[1])
+
+    def _is_terminated(self) -> bool:
+        try:
+            return bool(self._fmu.getBooleanStatus(fmi2.fmi2Terminated))
+        except FMICallException:  # an FMU need not know
+            return False
 
     def save(self) -> bytes:
         """The serialized state."""

@@ -7,10 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inkloop.component import Component, Values
+from inkloop.component import Component, Port, Values
 from inkloop.errors import ComponentError, FmuError
 from inkloop.fmu import FmuComponent, describe
+from inkloop.master.master import Master
+from inkloop.master.wiring import Connection
 from support.fmus.amplifier import build
+from support.toys import FunctionComponent
 
 pytestmark = pytest.mark.compiled
 
@@ -90,6 +93,28 @@ def test_message_of_an_fmi_2_logger_is_formatted(folder: Path) -> None:
         part.do_step(0, SECOND, inputs(-1, 1, 1))
     part.terminate()
     other.terminate()
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("x", "message"),
+    [
+        (100.0, r"DoStep returned discard: step is too difficult"),
+        (200.0, "^the FMU asks to end the simulation: the part is complete"),
+    ],
+    ids=["discarded", "terminated"],
+)
+def test_discarded_step_and_request_to_end_are_distinguished(folder: Path, fmi: int, x: float, message: str) -> None:
+    """By the Master too, which stops with the reason of the FMU."""
+    part = FmuComponent(build(folder, fmi), parameters={"gain": 3})
+    feed = FunctionComponent(outputs=[Port("x", "m", (3,), start=x)])
+    with pytest.raises(ComponentError, match=f"b failed at t = 0 s.*{message.lstrip('^')}"):
+        Master({"a": feed, "b": part}, [Connection("a.x", "b.x")], step_ns=SECOND).run(time_max_ns=3 * SECOND)
+    part = FmuComponent(build(folder, fmi))
+    part.initialize(0, inputs(x, 0.0, 0.0))
+    with pytest.raises(ComponentError, match=message):
+        part.do_step(0, SECOND, {})
+    part.terminate()
 
 
 @BOTH
