@@ -122,13 +122,15 @@ def test_steps_per_layer_are_those_of_the_contract(algorithm: Algorithm, steps_p
 
 
 def test_run_ends_at_the_limit_that_comes_first() -> None:
-    def end(**limits: Any) -> tuple[str, int]:
-        parts = toy_loop(toy_job())
+    def end(scan_ns: int = 0, **limits: Any) -> tuple[str, int]:
+        """The reason, and the last layer printed, which is scanned too."""
+        parts = toy_loop(toy_job(), profiler_ns=scan_ns)
         recorder = Recorder(toy_job(), parts)
         reason = Master(parts, contract_connections(parts), step_ns=SECOND, observers=[recorder]).run(**limits)
+        assert reason == "time_max" or recorder.scanned == recorder.layers
         return reason, recorder.layers
 
-    assert end(layers_max=3) == ("layers_max", 3)
+    assert end(layers_max=3) == end(4 * SECOND, layers_max=3) == ("layers_max", 3)
     assert end(layers_max=3, time_max_ns=2 * SECOND) == ("time_max", 1)
     assert end(layers_max=30) == ("done", 5)
 

@@ -25,6 +25,19 @@ def test_input_with_two_possible_sources_is_asked_about() -> None:
     assert "profiler.height may come from printer.height or shadow.height; choose one under [[connections]]" in errors
 
 
+class Follower(FunctionComponent):
+    is_shadow = True
+
+
+def test_printer_goes_before_its_shadow() -> None:
+    loop = toy_loop(toy_job())
+    follower = Follower(outputs=[*loop["printer"].outputs, Port("layers_followed", dtype="int32")])
+    parts = {"shadow": follower, **loop}
+    assert Connection("printer.height", "profiler.height") in contract_connections(parts)
+    del parts["printer"]
+    assert Connection("shadow.height", "profiler.height") in contract_connections(parts)
+
+
 def test_missing_contract_input_is_an_error_and_any_other_open_input_is_not() -> None:
     parts = {
         "printer": FunctionComponent(inputs=[Port("pattern", "1", (2, 2), "int32")]),

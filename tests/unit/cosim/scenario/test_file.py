@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inkloop.commands.options import overrides_of
 from inkloop.errors import ScenarioError
 from inkloop.scenario.file import Scenario
 from inkloop.tables.job import component_seed
@@ -188,6 +189,14 @@ def test_override_changes_the_run_and_its_record(tmp_path: Path) -> None:
     again = tmp_path / "again.toml"
     again.write_text(scenario.text)
     assert Scenario.load(again).tables == scenario.tables
+
+
+def test_mapping_overrides_its_keys_and_an_inline_table_the_whole_part(tmp_path: Path) -> None:
+    (tmp_path / "case.toml").write_text(GOOD)
+    higher = Scenario.load(tmp_path / "case.toml", {"part": {"height_um": 30.4}})
+    assert higher.tables.part.model_dump()["size_x_um"] == 1316.28
+    inline = overrides_of(["part={shape='cylinder', radius_um=500.0, height_um=7.6}"], "command line")
+    assert Scenario.load(tmp_path / "case.toml", inline).tables.part.shape == "cylinder"
 
 
 def test_override_below_a_number_is_an_error(tmp_path: Path) -> None:
