@@ -5,6 +5,9 @@
 
 #include "node_state.h"
 
+/* Sets the clock; a master that has been silent for its limit is not alive any more, however often the clock wraps. */
+void interlocks_advance(Node *node, uint32_t now);
+
 /* Lamp off, gate closed, jets off, stage held. */
 void interlocks_all_off(Node *node);
 

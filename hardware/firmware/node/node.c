@@ -93,30 +93,30 @@ void node_init(Node *node, const NodeOptions *options, const Hal *hal, uint32_t 
 }
 
 void node_tick(Node *node, uint32_t now) {
-    node->now = now;
+    interlocks_advance(node, now);
     const Cause cause = interlocks_watch(node);
     enforce(node, cause != CAUSE_NONE ? cause : steps_continue(node));
 }
 
 void node_master_alive(Node *node, uint32_t now, const MasterAlive *master) {
-    node->now = now;
+    interlocks_advance(node, now);
     enforce(node, interlocks_take_master(node, master));
 }
 
 void node_supervision(Node *node, uint32_t now, bool trusted) {
-    node->now = now;
+    interlocks_advance(node, now);
     node->supervised = trusted;
     enforce(node, trusted || node_is_off(node) ? CAUSE_NONE : CAUSE_SUPERVISION);
 }
 
 void node_stop_request(Node *node, uint32_t now, bool active) {
-    node->now = now;
+    interlocks_advance(node, now);
     node->stop_active = active;
     enforce(node, active ? CAUSE_STOP_REQUEST : CAUSE_NONE);
 }
 
 size_t node_request(Node *node, uint32_t now, const uint8_t *request, size_t length, uint8_t *answer, size_t room) {
-    node->now = now;
+    interlocks_advance(node, now);
     Cause cause = CAUSE_NONE;
     const size_t answered = services_answer(node, request, length, answer, room, &cause);
     const uint8_t waiting = node->answer_length;

@@ -257,3 +257,32 @@ def test_supervision_that_fails_makes_a_node_safe(bench: NodeBench) -> None:
     assert bench.clear(CURE, 1) == -NRC_CONDITIONS
     bench.c.node_supervision(bench.node(CURE), bench.clock, True)
     assert bench.clear(CURE, 1) == DONE
+
+
+WRAP = 1 << 32
+"""Milliseconds after which the clock of a node shows the same number again: 49.7 days."""
+
+
+def test_master_that_fell_silent_is_not_alive_when_the_clock_shows_the_same_number_again(bench: NodeBench) -> None:
+    bench.master = None
+    silent_since = bench.last_alive
+    bench.tick(400)
+    for passed in range(0, 300, 50):
+        bench.clock = silent_since + WRAP + passed
+        bench.tick()
+        assert bench.clear(STAGE) == -NRC_CONDITIONS
+        assert bench.run(HOME, STAGE, attempt=2) == -NRC_CONDITIONS
+    assert bench.state(STAGE).state == "SAFE"
+
+
+def test_other_master_that_fell_silent_is_not_alive_when_the_clock_shows_the_same_number_again(
+    bench: NodeBench,
+) -> None:
+    bench.send_keep_alive(MasterAlive(LAMP | GATE | MOTION, 2, 7))
+    heard_at = bench.clock
+    bench.tick(400)
+    bench.clock = bench.last_alive = heard_at + WRAP - 50
+    bench.tick(100)
+    assert bench.clear(CURE, 1) == DONE
+    bench.tick(100)
+    assert bench.state(CURE).state == "IDLE"
