@@ -64,7 +64,8 @@ def test_stop_request_on_the_bus_is_latched(program: Path) -> None:
         for option in (b"\0", b"\1"):
             with pytest.raises(udsoncan.exceptions.NegativeResponseException, match="ConditionsNotCorrect"):
                 start(stage, node_bench.CLEAR, option)
-        bus.send(pack_frame(bus.codec, StopRequest(active=False, source=Source.OPERATOR), counter=1))
+        for counter in (1, 2):
+            bus.send(pack_frame(bus.codec, StopRequest(active=False, source=Source.OPERATOR), counter))
         assert start(stage, node_bench.CLEAR, b"\1") == node_bench.DONE
 
 

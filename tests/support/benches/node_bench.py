@@ -16,7 +16,7 @@ import numpy as np
 
 from inkloop.fmu_writer import archive
 from inkloop_hardware.protocol.c_codec import write_codec
-from inkloop_hardware.protocol.codec import BENCH_DBC
+from inkloop_hardware.protocol.codec import BENCH_DBC, Frame
 from support import compiled
 from support.places import C_SOURCES, ROOT
 
@@ -96,7 +96,8 @@ def firmware_library(name: str, sources: Sequence[Path]) -> ctypes.CDLL:
 def library() -> ctypes.CDLL:
     """Core, host HAL, kernels and probes."""
     probe = C_SOURCES / "bench_probe.c"
-    loaded = firmware_library("node_bench.so", (*CORE, *HOST, *KERNELS, probe))
+    wire = (*WIRE, codec() / "inkloop.c")
+    loaded = firmware_library("node_bench.so", (*CORE, *HOST, *KERNELS, *wire, probe))
     for name in ("bench_create", "bench_node", "probe_options", "probe_surface", "probe_storage"):
         getattr(loaded, name).restype = ctypes.c_void_p
     for name in ("node_request", "node_take_answer"):
@@ -188,6 +189,17 @@ class NodeBench:
         for node in range(self.count):
             self.c.node_master_alive(self.node(node), ctypes.c_uint32(self.clock), ctypes.byref(alive))  # type: ignore[arg-type]
         self.last_alive = self.clock
+
+    def join(self) -> None:
+        """Put every node on a bus."""
+        for node in range(self.count):
+            self.c.probe_join(self.bench, node)
+
+    def give(self, frame: Frame) -> None:
+        """A frame of the bus, which every node receives."""
+        data, now = frame.data, ctypes.c_uint32(self.clock)
+        for node in range(self.count):
+            self.c.probe_frame(node, ctypes.c_uint32(frame.arbitration_id), data, len(data), now)
 
     def stop(self, active: bool) -> None:
         for node in range(self.count):
