@@ -10,6 +10,7 @@ uint8_t *probe_storage(Bench *bench, int node);
 void probe_break(Bench *bench, uint32_t what);
 void probe_tear(Bench *bench, int node, int32_t bytes);
 uint32_t probe_count(Bench *bench, int what);
+void probe_roles(Bench *bench, int node, int roles);
 void probe_join(Bench *bench, int node);
 void probe_frame(int node, uint32_t id, const uint8_t *data, int length, uint32_t now);
 
@@ -41,6 +42,11 @@ uint32_t probe_count(Bench *bench, int what) {
     const World *world = bench_world(bench);
     const uint32_t counts[] = {world->gate_openings, world->lamp_pulses, world->lamp_with_gate};
     return counts[what];
+}
+
+/* Gives a node other roles, until its next power-up. */
+void probe_roles(Bench *bench, int node, int roles) {
+    bench_node(bench, node)->options.roles = (uint8_t)roles;
 }
 
 /* Puts a node on a bus of its own. */

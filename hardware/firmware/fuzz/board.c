@@ -55,9 +55,10 @@ static bool storage_erase(void *context, uint32_t sector) {
 
 uint32_t fuzz_board_lines(const FuzzBoard *board) {
     const bool there = board->now - board->gate_at >= FUZZ_GATE_MS;
-    const bool stays_open = is_broken(board, BROKEN_GATE_STAYS_OPEN);
-    const bool open = stays_open || (!is_broken(board, BROKEN_GATE_STAYS_CLOSED) && board->gate && there);
-    const bool closed = !stays_open && (is_broken(board, BROKEN_GATE_STAYS_CLOSED) || (!board->gate && there));
+    const bool stays_open = is_broken(board, BROKEN_GATE_STAYS_OPEN); /* both: the end switches contradict each other */
+    const bool stays_closed = is_broken(board, BROKEN_GATE_STAYS_CLOSED);
+    const bool open = stays_open || (!stays_closed && board->gate && there);
+    const bool closed = stays_closed || (!stays_open && !board->gate && there);
     const bool lamp = board->lamp || is_broken(board, BROKEN_LAMP_STAYS_ON);
     const bool ready = !is_broken(board, BROKEN_NOT_READY);
     return (uint32_t)((open ? LINE_GATE_OPEN : 0) | (closed ? LINE_GATE_CLOSED : 0) | (lamp ? LINE_LAMP_ON : 0) |

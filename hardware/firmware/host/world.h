@@ -15,7 +15,7 @@
 #include "layer_map.h"
 #include "reading.h"
 
-enum { /* defects, one bit each */
+enum { /* defects, one bit each; a gate that stays open and closed has end switches that contradict each other */
        BROKEN_GATE_STAYS_OPEN = 1,
        BROKEN_GATE_STAYS_CLOSED = 2,
        BROKEN_LAMP_STAYS_ON = 4,

@@ -4,6 +4,14 @@ bool interlocks_line(const Node *node, uint32_t line) {
     return (node->hal->lines(node->hal->context) & line) != 0;
 }
 
+bool interlocks_gate_is_closed(const Node *node) {
+    return interlocks_line(node, LINE_GATE_CLOSED) && !interlocks_line(node, LINE_GATE_OPEN);
+}
+
+bool interlocks_gate_is_open(const Node *node) {
+    return interlocks_line(node, LINE_GATE_OPEN) && !interlocks_line(node, LINE_GATE_CLOSED);
+}
+
 void interlocks_advance(Node *node, uint32_t now) {
     const uint32_t limit = node->options.limits.alive;
     node->now = now;
@@ -44,8 +52,7 @@ void interlocks_all_off(Node *node) {
 bool interlocks_lamp_on(Node *node) {
     if (node->dry)
         return true;
-    if (node->gate_driven || !interlocks_line(node, LINE_GATE_CLOSED) || interlocks_line(node, LINE_GATE_OPEN) ||
-        !interlocks_enabled(node, ENABLE_LAMP))
+    if (node->gate_driven || !interlocks_gate_is_closed(node) || !interlocks_enabled(node, ENABLE_LAMP))
         return false;
     node->hal->set_lamp(node->hal->context, true);
     node->lamp_driven = true;
@@ -99,11 +106,11 @@ Cause interlocks_watch(const Node *node) {
         return CAUSE_TWO_MASTERS;
     if (!interlocks_enabled(node, needed(node)))
         return CAUSE_ENABLE_DROPPED;
-    if (node->lamp_driven && (!interlocks_line(node, LINE_GATE_CLOSED) || interlocks_line(node, LINE_GATE_OPEN)))
+    if (node->lamp_driven && !interlocks_gate_is_closed(node))
         return CAUSE_GATE_NOT_CONFIRMED;
     if (node->lamp_driven && node->now - node->times.lamp_on >= node->options.limits.lamp)
         return CAUSE_LAMP_TIME;
-    if (is_jetting(node) && !interlocks_line(node, LINE_GATE_OPEN))
+    if (is_jetting(node) && !interlocks_gate_is_open(node))
         return CAUSE_GATE_NOT_CONFIRMED;
     if (node->gate_driven && interlocks_line(node, LINE_LAMP_ON)) /* it would cure the ink in the nozzles */
         return CAUSE_LAMP_TIME;

@@ -144,6 +144,6 @@ NodeStatus node_status(const Node *node) {
                         .unknown = node->progress.unknown,
                         .lamp_on = node->lamp_driven,
                         .gate_open = node->gate_driven,
-                        .gate_closed = (lines & LINE_GATE_CLOSED) != 0,
+                        .gate_closed = interlocks_gate_is_closed(node),
                         .ready = (lines & LINE_READY) != 0};
 }

@@ -48,6 +48,7 @@ STATES = (
 )
 CLEAR, HOME, PURGE, PASS, CURE_ROUTINE, SCAN, DRY_RUN, MOVE, SELF_TEST = range(0x0200, 0x0209)
 LAMP, GATE, MOTION = 1, 2, 4
+HEAD_ROLE, STAGE_ROLE, CURE_ROLE, PROFILER_ROLE = 1, 2, 4, 8
 DONE, DONE_BEFORE, UNDER_WAY, UNKNOWN, NEVER = range(5)
 NRC_BUSY, NRC_CONDITIONS, NRC_SEQUENCE, NRC_FAILED, NRC_RANGE, NRC_PENDING = 0x21, 0x22, 0x24, 0x26, 0x31, 0x78
 GATE_STAYS_OPEN, GATE_STAYS_CLOSED, LAMP_STAYS_ON, NOT_READY, WORK_FAILS, WORK_HANGS = (1 << bit for bit in range(6))
@@ -189,6 +190,10 @@ class NodeBench:
         for node in range(self.count):
             self.c.node_master_alive(self.node(node), ctypes.c_uint32(self.clock), ctypes.byref(alive))  # type: ignore[arg-type]
         self.last_alive = self.clock
+
+    def roles(self, roles: int) -> None:
+        """Other roles for the first node, until its next power-up."""
+        self.c.probe_roles(self.bench, HEAD, roles)
 
     def join(self) -> None:
         """Put every node on a bus."""

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import pytest
 
 from inkloop_hardware.protocol.codec import COUNTERS, Codec, Frame
-from inkloop_hardware.protocol.records import StopRequest, pack
+from inkloop_hardware.protocol.records import MasterAlive, StopRequest, pack
 from inkloop_hardware.protocol.vocabulary import Source
-from support.benches.node_bench import CURE, DONE, NRC_CONDITIONS, STOP_REQUEST, NodeBench
+from support.benches.node_bench import CURE, DONE, NRC_CONDITIONS, STOP_REQUEST, TWO_MASTERS, NodeBench
 
 CODEC = Codec()
 
@@ -102,3 +102,46 @@ def test_release_of_another_sender_counts_its_own_frames(bench: NodeBench) -> No
         assert is_stopped(bench)
         bench.give(stop_frame(False, counter))
     assert not is_stopped(bench)
+
+
+def alive_frame(session: int, counter: int) -> Frame:
+    return pack(CODEC, MasterAlive(True, True, True, session, 7), counter % COUNTERS)
+
+
+def silence(bench: NodeBench) -> None:
+    bench.master = None
+    bench.tick(400)
+    assert bench.state(CURE).state == "SAFE"
+
+
+def test_supervision_is_restarted_for_a_new_session(bench: NodeBench) -> None:
+    """The counter of a new master begins anywhere, and what its predecessor sent does not count against it."""
+    for counter in (0, 0, 0):
+        bench.give(alive_frame(1, counter))
+    silence(bench)
+    assert bench.clear(CURE) == -NRC_CONDITIONS
+    bench.give(alive_frame(2, 9))
+    assert bench.clear(CURE) == DONE
+    assert bench.state(CURE).session == 2
+
+
+def test_new_session_is_supervised_like_the_old_one(bench: NodeBench) -> None:
+    silence(bench)
+    bench.give(alive_frame(2, 9))
+    assert bench.clear(CURE) == DONE
+    for _ in range(2):
+        bench.give(alive_frame(2, 9))
+    assert bench.clear(CURE) == -NRC_CONDITIONS
+    assert bench.state(CURE).state == "SAFE"
+
+
+def test_sender_that_changes_its_session_does_not_regain_trust(bench: NodeBench) -> None:
+    """A stuck sender under a new number is another master, as long as the old one was heard."""
+    silence(bench)
+    for session in range(2, 40):
+        bench.give(alive_frame(session, 0))
+        bench.give(alive_frame(session, 0))
+        bench.tick(50)
+    assert bench.clear(CURE, 1) == -NRC_CONDITIONS
+    bench.give(alive_frame(2, 1))
+    assert (bench.state(CURE).state, bench.state(CURE).cause) == ("SAFE", TWO_MASTERS)
