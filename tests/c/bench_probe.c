@@ -11,6 +11,7 @@ void probe_break(Bench *bench, uint32_t what);
 void probe_tear(Bench *bench, int node, int32_t bytes);
 uint32_t probe_count(Bench *bench, int what);
 void probe_roles(Bench *bench, int node, int roles);
+void probe_drive_gate(Bench *bench, int node);
 void probe_join(Bench *bench, int node);
 void probe_frame(int node, uint32_t id, const uint8_t *data, int length, uint32_t now);
 
@@ -47,6 +48,11 @@ uint32_t probe_count(Bench *bench, int what) {
 /* Gives a node other roles, until its next power-up. */
 void probe_roles(Bench *bench, int node, int roles) {
     bench_node(bench, node)->options.roles = (uint8_t)roles;
+}
+
+/* What a flipped bit of the memory does: the node takes its gate for driven. */
+void probe_drive_gate(Bench *bench, int node) {
+    bench_node(bench, node)->gate_driven = true;
 }
 
 /* Puts a node on a bus of its own. */

@@ -148,6 +148,12 @@ static WorkProgress progress(void *context) {
     return WORK_FINISHED;
 }
 
+static void kick(void *context) {
+    const FuzzBoard *board = context;
+    invariant(!(board->lamp && board->gate), "no kick while the lamp lights the nozzles");
+    invariant(!node_is_off(board->node) || (!board->lamp && !board->gate), "no kick while SAFE drives anything");
+}
+
 static void halt(void *context) {
     ((FuzzBoard *)context)->working = false;
 }
@@ -176,6 +182,7 @@ void fuzz_board_init(FuzzBoard *board, Node *node, uint8_t sectors) {
                        .set_lamp = set_lamp,
                        .set_gate = set_gate,
                        .lines = lines,
+                       .kick = kick,
                        .begin = begin,
                        .progress = progress,
                        .halt = halt,

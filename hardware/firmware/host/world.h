@@ -30,6 +30,7 @@ typedef struct {
     VolumeVariation variation;
     Instrument instrument; /* resolution > 0: one step of a reading, a whole number of nanometres */
     uint32_t pass_ms, scan_ms, home_ms, move_ms, purge_ms, gate_ms;
+    uint32_t watchdog_ms; /* period of the hardware watchdog of each node; 0: none */
 } WorldOptions;
 
 typedef struct {

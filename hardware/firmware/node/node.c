@@ -89,13 +89,25 @@ void node_init(Node *node, const NodeOptions *options, const Hal *hal, uint32_t 
     node->progress.boots++;
     node->needs_operator = is_open_question(&node->progress);
     node->cause = node->needs_operator ? CAUSE_PASS_UNKNOWN : CAUSE_NONE;
-    enforce(node, node_record(node, RECORD_BOOT, STEP_NONE, NULL));
+    enforce(node, node_record(node, options->by_watchdog ? RECORD_WATCHDOG : RECORD_BOOT, STEP_NONE, NULL));
+}
+
+/* What was switched belongs to a step that is allowed now, and no interlock is broken. */
+static bool is_well(const Node *node) {
+    const bool energised = node->lamp_driven || node->gate_driven;
+    if (node->state > NODE_FAULT || node->step.kind > STEP_SELF_TEST || (node->lamp_driven && node->gate_driven))
+        return false;
+    if (node->step.kind == STEP_NONE || node_is_off(node))
+        return !energised && (node->step.kind == STEP_NONE);
+    return interlocks_watch(node) == CAUSE_NONE;
 }
 
 void node_tick(Node *node, uint32_t now) {
     interlocks_advance(node, now);
     const Cause cause = interlocks_watch(node);
     enforce(node, cause != CAUSE_NONE ? cause : steps_continue(node));
+    if (is_well(node))
+        node->hal->kick(node->hal->context);
 }
 
 void node_master_alive(Node *node, uint32_t now, const MasterAlive *master) {

@@ -64,6 +64,7 @@ typedef struct {
     NodeLimits limits;
     uint8_t *pattern_memory; /* of the head: packed cells of the largest pattern */
     uint32_t pattern_bytes;
+    bool by_watchdog; /* the watchdog caused this power-up */
 } NodeOptions;
 
 typedef struct {

@@ -129,6 +129,7 @@ class State:
     session: int
     pattern_crc: int
     gate_pulses: int
+    by_watchdog: bool
 
 
 @dataclass(frozen=True)
@@ -266,7 +267,7 @@ class NodeBench:
         passes, done, unknown, cured, _book, step, boots, session, crc, _now, pulses = counts
         needs_operator, stopped, loaded = (bool(flags & bit) for bit in (1, 2, 4))
         first = (STATES[state], cause, needs_operator, stopped, loaded, job, layer)
-        return State(*first, passes, done, unknown, cured, step, boots, session, crc, pulses)
+        return State(*first, passes, done, unknown, cured, step, boots, session, crc, pulses, bool(flags & 64))
 
     def times(self, node: int = HEAD) -> Times:
         return Times(*unpack(">7I", self.raw(b"\x22\x01\x01", node)[3:]))
