@@ -1,0 +1,171 @@
+"""What `tests/system/test_socketcan.py` runs in a guest with SocketCAN: prints over the interfaces of its kernel.
+
+The emulator speaks slcan on a terminal; the kernel makes the interface slcan0 of it, and its gateway joins others.
+"""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import can
+import pytest
+
+from inkloop.bench.emulation import emulation_of
+from inkloop.printing.run import print_part
+from inkloop.results.result import Result
+from inkloop.scenario.file import Scenario
+from inkloop_hardware.bus.adapter import BUS_OFF
+from inkloop_hardware.emulated_bench import EmulatedBench
+from inkloop_hardware.protocol.codec import Codec
+from inkloop_hardware.protocol.vocabulary import Node
+from support.benches.bench_run import FAST, assert_same_print, printed_with_fmus, write
+
+EXACT = {"part.height_um": 6.0, "components.profiler": {"noise_std_um": 0.0, "dropout_rate": 0.0}}
+SLCAN, VCAN, LEFT, RIGHT = "slcan0", "vcan0", "vxcan0", "vxcan1"
+LIMIT_S = 60.0
+
+
+def ip(*words: str) -> None:
+    subprocess.run(["ip", "link", *words], check=True)
+
+
+@contextmanager
+def process(*words: str) -> Iterator[None]:
+    with subprocess.Popen(words) as running:
+        try:
+            yield
+        finally:
+            running.terminate()
+
+
+@contextmanager
+def bench(path: Path) -> Iterator[None]:
+    """The emulator of a scenario, as slcan0."""
+    emulation = emulation_of(Scenario.load(path, EXACT))
+    with EmulatedBench(emulation.parameters | FAST, terminal=True, surface=emulation.surface) as running:
+        with process("slcand", "-F", "-o", "-s6", running.channel, SLCAN):
+            until = time.monotonic() + LIMIT_S
+            while not Path(f"/sys/class/net/{SLCAN}").exists():
+                assert time.monotonic() < until, "the kernel made no slcan0"
+                time.sleep(0.02)
+            ip("set", SLCAN, "txqueuelen", "1000", "up")
+            yield
+
+
+@contextmanager
+def joined(*names: str) -> Iterator[None]:
+    """Interfaces of which each passes its frames on to the other."""
+    for source, target in (names, names[::-1]):
+        subprocess.run(["cangw", "-A", "-s", source, "-d", target, "-e"], check=True)
+    try:
+        yield
+    finally:
+        subprocess.run(["cangw", "-F"], check=True)
+
+
+@contextmanager
+def virtual(*words: str) -> Iterator[None]:
+    """A virtual interface, up."""
+    ip("add", *words)
+    try:
+        yield
+    finally:
+        ip("del", words[0])
+
+
+@contextmanager
+def at_download(number: int, channel: str, act: Callable[[], None]) -> Iterator[threading.Event]:
+    """Acts once, when a pattern begins to go to the head for the `number`-th time; the event: it has acted."""
+    request = Codec().request_id(Node.HEAD)
+    acted, over = threading.Event(), threading.Event()
+
+    def watch() -> None:
+        left = number
+        with can.Bus(interface="socketcan", channel=channel) as bus:
+            while left and not over.is_set():
+                message = bus.recv(0.1)
+                if message is not None and message.arbitration_id == request:
+                    left -= message.data[0] >> 4 == 1 and message.data[2] == 0x34
+        if not left:
+            act()
+            acted.set()
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    try:
+        yield acted
+    finally:
+        over.set()
+        watcher.join()
+
+
+def printed(path: Path, channel: str) -> Result:
+    bus = {"bench.interface": "socketcan", "bench.channel": channel}
+    return print_part(Scenario.load(path, {**bus, **EXACT}), folder=path.parent / "run")
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return write(tmp_path)
+
+
+@pytest.fixture
+def log(caplog: pytest.LogCaptureFixture) -> pytest.LogCaptureFixture:
+    caplog.set_level(logging.INFO, "inkloop_hardware")
+    return caplog
+
+
+def test_print_over_the_serial_line_of_the_kernel(path: Path) -> None:
+    with bench(path):
+        found = printed(path, SLCAN)
+    assert_same_print(found, printed_with_fmus(path, EXACT))
+
+
+def test_print_over_a_virtual_interface_behind_a_gateway(path: Path) -> None:
+    with bench(path), virtual(VCAN, "type", "vcan"):
+        ip("set", VCAN, "mtu", "72", "up")
+        with joined(SLCAN, VCAN):
+            found = printed(path, VCAN)
+    assert_same_print(found, printed_with_fmus(path, EXACT))
+
+
+def test_interface_that_is_taken_down_for_a_second(path: Path, log: pytest.LogCaptureFixture) -> None:
+    def act() -> None:
+        ip("set", SLCAN, "down")
+        time.sleep(1.0)
+        ip("set", SLCAN, "up")
+
+    with bench(path), at_download(2, SLCAN, act) as acted:
+        found = printed(path, SLCAN)
+    assert acted.is_set()
+    assert "connected again after" in log.text
+    assert_same_print(found, printed_with_fmus(path, EXACT))
+
+
+def test_bus_off_that_a_controller_reports(path: Path, log: pytest.LogCaptureFixture) -> None:
+    def act() -> None:
+        with can.Bus(interface="socketcan", channel=VCAN) as bus:
+            bus.send(can.Message(arbitration_id=BUS_OFF, is_error_frame=True, data=bytes(8)))
+
+    with bench(path), virtual(VCAN, "type", "vcan"):
+        ip("set", VCAN, "up")
+        with joined(SLCAN, VCAN), at_download(2, VCAN, act) as acted:
+            found = printed(path, VCAN)
+    assert acted.is_set()
+    assert "connected again after" in log.text
+    assert_same_print(found, printed_with_fmus(path, EXACT))
+
+
+def test_queue_of_one_frame_that_others_fill(path: Path, log: pytest.LogCaptureFixture) -> None:
+    with bench(path):
+        ip("set", SLCAN, "txqueuelen", "1")
+        with process("cangen", SLCAN, "-g", "2", "-i", "-I", "7FF", "-L", "8"):
+            found = printed(path, SLCAN)
+    assert "frames sent again so far" in log.text
+    assert_same_print(found, printed_with_fmus(path, EXACT))
