@@ -1,4 +1,4 @@
-"""SocketCAN of a real kernel, user-mode Linux in a process: the checks of `support.benches.socketcan_checks` run there."""
+"""SocketCAN of a real kernel: user-mode Linux runs the checks of `support.benches.socketcan_checks`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from support.benches import socketcan_checks, uml_guest
 pytestmark = pytest.mark.long
 LIMIT_S = 900.0
 NAMES = [name for name in vars(socketcan_checks) if name.startswith("test_")]
-REPOSITORY = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     report = folder / "report.xml"
     command = [sys.executable, "-B", "-m", "pytest", "-p", "no:cacheprovider", f"--basetemp={folder / 'tests'}"]
     command += [f"--junit-xml={report}", str(socketcan_checks.__file__)]
-    code, console = uml_guest.run_in_guest(command, folder, REPOSITORY, sys.executable, LIMIT_S)
+    code, console = uml_guest.run_in_guest(command, folder, ROOT, sys.executable, LIMIT_S)
     assert report.exists(), f"exit code {code}\n{console}"
     cases = ElementTree.parse(report).iter("testcase")
     return {str(case.get("name")): "\n".join(part.text or "" for part in case) for case in cases}

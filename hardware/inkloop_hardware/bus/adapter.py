@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 
 import can
 from can.util import load_config
@@ -20,6 +22,8 @@ AT_ONCE = 512
 """Frames taken in one turn."""
 BUS_OFF = 0x40
 """Class of SocketCAN's error frames."""
+NETWORK = Path("/sys/class/net")
+"""Folder of the network interfaces of a Linux machine."""
 
 
 class Adapter:
@@ -68,6 +72,8 @@ class Adapter:
         for message in found:
             if message.is_error_frame:
                 self._take_error(message)
+        if not found and self._is_socketcan and not has_carrier(self.bus.channel):
+            raise self._bus_off("has no carrier: its controller is bus-off, or the interface at its other end is down")
         return found
 
     def send(self, frame: Frame) -> can.Message:
@@ -107,12 +113,29 @@ class Adapter:
 
     def _take_error(self, message: can.Message) -> None:
         self.errors += 1
-        if message.arbitration_id & BUS_OFF and ".socketcan" in type(self.bus).__module__:
-            raise BusOff(
-                f"{self.settings} is bus-off: too many errors. Check cables, termination and bit rate. SocketCAN: "
-                "`ip link set ... type can restart`, or down and up.",
-                time.monotonic(),
-            )
+        if message.arbitration_id & BUS_OFF and self._is_socketcan:
+            raise self._bus_off("is bus-off: too many errors")
+
+    @property
+    def _is_socketcan(self) -> bool:
+        return ".socketcan" in type(self.bus).__module__
+
+    def _bus_off(self, what: str) -> BusOff:
+        return BusOff(
+            f"{self.settings} {what}. Check cables, termination and bit rate, then "
+            f"`sudo ip link set {self.bus.channel} type can restart`, or down and up.",
+            time.monotonic(),
+        )
+
+
+def has_carrier(interface: str, network: Path = NETWORK) -> bool:
+    """Whether frames of a network interface leave; one that is bus-off takes frames without an error and drops them.
+
+    True for one that is down: it has no state, and reading and writing fail by themselves.
+    """
+    with suppress(OSError):
+        return (network / interface / "carrier").read_text(encoding="ascii").strip() != "0"
+    return True
 
 
 def _open(settings: BusSettings) -> can.BusABC:

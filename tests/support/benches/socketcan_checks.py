@@ -10,25 +10,33 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
+from struct import pack
 
 import can
 import pytest
 
 from inkloop.bench.emulation import emulation_of
+from inkloop.errors import ComponentError
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop_hardware.bus.adapter import BUS_OFF
+from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.doctor.adapter_check import before_opening
+from inkloop_hardware.doctor.findings import Grade
 from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.protocol.codec import Codec
+from inkloop_hardware.protocol.services import Routine
 from inkloop_hardware.protocol.vocabulary import Node
 from support.benches.bench_run import FAST, assert_same_print, printed_with_fmus, write
 
 EXACT = {"part.height_um": 6.0, "components.profiler": {"noise_std_um": 0.0, "dropout_rate": 0.0}}
 SLCAN, VCAN, LEFT, RIGHT = "slcan0", "vcan0", "vxcan0", "vxcan1"
 LIMIT_S = 60.0
+SCAN_MS = 1500
+"""Of prints that are disturbed in a scan: long against the time in which a program starts."""
 
 
 def ip(*words: str) -> None:
@@ -45,17 +53,19 @@ def process(*words: str) -> Iterator[None]:
 
 
 @contextmanager
-def bench(path: Path) -> Iterator[None]:
+def bench(path: Path, **times: float) -> Iterator[None]:
     """The emulator of a scenario, as slcan0."""
     emulation = emulation_of(Scenario.load(path, EXACT))
-    with EmulatedBench(emulation.parameters | FAST, terminal=True, surface=emulation.surface) as running:
-        with process("slcand", "-F", "-o", "-s6", running.channel, SLCAN):
-            until = time.monotonic() + LIMIT_S
-            while not Path(f"/sys/class/net/{SLCAN}").exists():
-                assert time.monotonic() < until, "the kernel made no slcan0"
-                time.sleep(0.02)
-            ip("set", SLCAN, "txqueuelen", "1000", "up")
-            yield
+    with (
+        EmulatedBench(emulation.parameters | FAST | times, terminal=True, surface=emulation.surface) as running,
+        process("slcand", "-F", "-o", "-s6", running.channel, SLCAN),
+    ):
+        until = time.monotonic() + LIMIT_S
+        while not Path(f"/sys/class/net/{SLCAN}").exists():
+            assert time.monotonic() < until, "the kernel made no slcan0"
+            time.sleep(0.02)
+        ip("set", SLCAN, "txqueuelen", "1000", "up")
+        yield
 
 
 @contextmanager
@@ -80,9 +90,18 @@ def virtual(*words: str) -> Iterator[None]:
 
 
 @contextmanager
-def at_download(number: int, channel: str, act: Callable[[], None]) -> Iterator[threading.Event]:
-    """Acts once, when a pattern begins to go to the head for the `number`-th time; the event: it has acted."""
-    request = Codec().request_id(Node.HEAD)
+def pair() -> Iterator[None]:
+    """Two interfaces with a cable between them: when one is down, the other has no carrier."""
+    with virtual(LEFT, "type", "vxcan", "peer", "name", RIGHT):
+        for name in (LEFT, RIGHT):
+            ip("set", name, "up")
+        yield
+
+
+@contextmanager
+def in_scan(number: int, channel: str, act: Callable[[], None]) -> Iterator[threading.Event]:
+    """Acts once, in the `number`-th scan, while nothing else is done; the event: it has acted."""
+    profiler, start = Codec().request_id(Node.PROFILER), pack(">BBH", 0x31, 1, Routine.SCAN)
     acted, over = threading.Event(), threading.Event()
 
     def watch() -> None:
@@ -90,8 +109,7 @@ def at_download(number: int, channel: str, act: Callable[[], None]) -> Iterator[
         with can.Bus(interface="socketcan", channel=channel) as bus:
             while left and not over.is_set():
                 message = bus.recv(0.1)
-                if message is not None and message.arbitration_id == request:
-                    left -= message.data[0] >> 4 == 1 and message.data[2] == 0x34
+                left -= message is not None and message.arbitration_id == profiler and message.data[2:6] == start
         if not left:
             act()
             acted.set()
@@ -141,7 +159,7 @@ def test_interface_that_is_taken_down_for_a_second(path: Path, log: pytest.LogCa
         time.sleep(1.0)
         ip("set", SLCAN, "up")
 
-    with bench(path), at_download(2, SLCAN, act) as acted:
+    with bench(path, scan_ms=SCAN_MS), in_scan(2, SLCAN, act) as acted:
         found = printed(path, SLCAN)
     assert acted.is_set()
     assert "connected again after" in log.text
@@ -153,13 +171,43 @@ def test_bus_off_that_a_controller_reports(path: Path, log: pytest.LogCaptureFix
         with can.Bus(interface="socketcan", channel=VCAN) as bus:
             bus.send(can.Message(arbitration_id=BUS_OFF, is_error_frame=True, data=bytes(8)))
 
-    with bench(path), virtual(VCAN, "type", "vcan"):
+    with bench(path, scan_ms=SCAN_MS), virtual(VCAN, "type", "vcan"):
         ip("set", VCAN, "up")
-        with joined(SLCAN, VCAN), at_download(2, VCAN, act) as acted:
+        with joined(SLCAN, VCAN), in_scan(2, VCAN, act) as acted:
             found = printed(path, VCAN)
     assert acted.is_set()
     assert "connected again after" in log.text
     assert_same_print(found, printed_with_fmus(path, EXACT))
+
+
+def test_controller_that_has_left_the_bus_without_a_frame(path: Path, log: pytest.LogCaptureFixture) -> None:
+    """An interface that is up without a carrier, as the kernel leaves one that is bus-off; its queue drops frames."""
+
+    def act() -> None:
+        ip("set", RIGHT, "down")
+        time.sleep(0.5)
+        ip("set", RIGHT, "up")
+
+    with bench(path, scan_ms=SCAN_MS), pair(), joined(SLCAN, RIGHT), in_scan(2, LEFT, act) as acted:
+        found = printed(path, LEFT)
+    assert acted.is_set()
+    assert "connected again after" in log.text
+    assert_same_print(found, printed_with_fmus(path, EXACT))
+
+
+def test_controller_that_does_not_return_is_reported(path: Path) -> None:
+    with (
+        bench(path, scan_ms=SCAN_MS),
+        pair(),
+        joined(SLCAN, RIGHT),
+        in_scan(2, LEFT, lambda: ip("set", RIGHT, "down")) as acted,
+    ):
+        with pytest.raises(ComponentError, match=r"vxcan0.*has no carrier.*ip link set vxcan0 type can restart"):
+            printed(path, LEFT)
+        assert acted.is_set()
+        found = list(before_opening(BusSettings("socketcan", LEFT)))
+    assert found[-1].grade is Grade.ERROR
+    assert "has no carrier" in found[-1].found
 
 
 def test_queue_of_one_frame_that_others_fill(path: Path, log: pytest.LogCaptureFixture) -> None:
