@@ -10,6 +10,7 @@ from pathlib import Path
 import can
 from can.util import load_config
 
+from inkloop_hardware.bus.frames import message_of
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.bus.slcan_bus import BulkSlcanBus
 from inkloop_hardware.errors import BusError, BusOff
@@ -51,6 +52,7 @@ class Adapter:
             self.bus = bus or _open(settings)
         except Exception as error:  # drivers of many makers: NotImplementedError, NameError, OSError, ...
             raise BusError(f"{settings} cannot be opened: {error}. {_advice(settings)}") from error
+        self._interface: str = getattr(self.bus, "channel", "") if ".socketcan" in type(self.bus).__module__ else ""
 
     def receive(self, wait_s: float) -> list[can.Message]:
         """Frames received, at least one unless `wait_s` passed; BusError when the adapter is disconnected."""
@@ -72,15 +74,16 @@ class Adapter:
         for message in found:
             if message.is_error_frame:
                 self._take_error(message)
-        if not found and self._is_socketcan and not has_carrier(self.bus.channel):
+        if not found and self._interface and not has_carrier(self._interface):
             raise self._bus_off("has no carrier: its controller is bus-off, or the interface at its other end is down")
         return found
 
     def send(self, frame: Frame) -> can.Message:
         """Send a frame and return it as it was sent; BusError if the adapter does not take it within PATIENCE."""
-        message = can.Message(time.time(), frame.arbitration_id, False, data=frame.data, is_rx=False)
+        message = message_of(frame, bit_rate_switch=self.settings.bit_rate_switch)
         until, pause = self._monotonic() + PATIENCE, FIRST_PAUSE
         while True:
+            message.timestamp = time.time()
             try:
                 self.bus.send(message, PATIENCE)
                 return message
@@ -113,17 +116,13 @@ class Adapter:
 
     def _take_error(self, message: can.Message) -> None:
         self.errors += 1
-        if message.arbitration_id & BUS_OFF and self._is_socketcan:
+        if message.arbitration_id & BUS_OFF and self._interface:
             raise self._bus_off("is bus-off: too many errors")
-
-    @property
-    def _is_socketcan(self) -> bool:
-        return ".socketcan" in type(self.bus).__module__
 
     def _bus_off(self, what: str) -> BusOff:
         return BusOff(
             f"{self.settings} {what}. Check cables, termination and bit rate, then "
-            f"`sudo ip link set {self.bus.channel} type can restart`, or down and up.",
+            f"`sudo ip link set {self._interface} type can restart`, or down and up.",
             time.monotonic(),
         )
 

@@ -23,6 +23,7 @@ from inkloop_hardware.mapped.mapping_tables import (
     Download,
     MappingFile,
     Memory,
+    Peer,
     Read,
     RoutineStep,
     Send,
@@ -31,11 +32,10 @@ from inkloop_hardware.mapped.mapping_tables import (
     Value,
     Wait,
 )
-from inkloop_hardware.protocol.codec import COUNTERS, Codec
+from inkloop_hardware.protocol.codec import COUNTERS, EXTENDED, FD_LENGTHS, Codec, id_of, id_text, is_fd
 
-LONGEST = 8
-"""Bytes of a classic frame."""
-STANDARD_IDS = 0x800
+STANDARD_IDS, EXTENDED_IDS = 1 << 11, 1 << 29
+NEEDS_FD = "needs CAN FD; set fd = true in [bench], if adapter and nodes have it"
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ class RigMapping:
     ids: Mapping[str, tuple[int, int]]
 
 
-def load(path: Path, job: Job) -> RigMapping:
-    """The mapping for a job. Raises ScenarioError with every error of the file."""
+def load(path: Path, job: Job, *, fd: bool = False) -> RigMapping:
+    """The mapping for a job; fd: the bus has CAN FD. Raises ScenarioError with every error of the file."""
     try:
         tables = MappingFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
@@ -61,7 +61,7 @@ def load(path: Path, job: Job) -> RigMapping:
         codec = Codec(path.parent / tables.dbc)
     except FrameError as error:
         raise ScenarioError(str(path), [f"dbc: {error}"]) from error
-    check = _Check(tables, codec, {"job": 1, "layer": 1, "nx": job.nx, "ny": job.ny})
+    check = _Check(tables, codec, {"job": 1, "layer": 1, "nx": job.nx, "ny": job.ny}, fd)
     if check.errors:
         raise ScenarioError(str(path), check.errors)
     return RigMapping(tables, codec, check.ids)
@@ -85,13 +85,10 @@ def resolved(value: Value, fields: Mapping[str, int]) -> float | str:
 class _Check:
     """Collects the errors of tables whose keys are valid one by one."""
 
-    def __init__(self, tables: MappingFile, codec: Codec, fields: Mapping[str, int]) -> None:
+    def __init__(self, tables: MappingFile, codec: Codec, fields: Mapping[str, int], fd: bool) -> None:
         self.errors: list[str] = []
-        self._tables, self._codec, self._fields = tables, codec, fields
-        self.ids = {
-            name: (self._id(f"peers.{name}.request", peer.request), self._id(f"peers.{name}.answer", peer.answer))
-            for name, peer in tables.peers.items()
-        }
+        self._tables, self._codec, self._fields, self._fd = tables, codec, fields, fd
+        self.ids = {name: self._ids(f"peers.{name}", peer) for name, peer in tables.peers.items()}
         for name, table in (("pattern", tables.pattern), ("map", tables.map)):
             if table is not None:
                 self._try(f"{name}.header", hexadecimal, table.header)
@@ -172,21 +169,31 @@ class _Check:
             self.errors.append(f"{place}: message is {name!r}; {_nearest(name, known)}")
             return None
         found = self._codec.message(name)
-        if found.is_extended_frame or found.length > LONGEST:
+        if found.length not in FD_LENGTHS:
+            lengths = ", ".join(map(str, FD_LENGTHS[8:-1]))
             self.errors.append(
-                f"{place}: {name} has a 29-bit id or more than {LONGEST} bytes; only classic frames with 11-bit ids "
-                "are sent and read"
+                f"{place}: {name} has {found.length} bytes; a frame has up to {lengths} or {FD_LENGTHS[-1]}"
             )
             return None
+        if is_fd(found) and not self._fd:
+            self.errors.append(f"{place}: {name} {NEEDS_FD}")
         return found
+
+    def _ids(self, place: str, peer: Peer) -> tuple[int, int]:
+        request, answer = self._id(f"{place}.request", peer.request), self._id(f"{place}.answer", peer.answer)
+        if (request ^ answer) & EXTENDED:
+            self.errors.append(f"{place}: {id_text(request)} and {id_text(answer)}; expected two 11-bit or 29-bit ids")
+        if peer.fd and not self._fd:
+            self.errors.append(f"{place}.fd {NEEDS_FD}")
+        return request, answer
 
     def _id(self, place: str, given: int | str) -> int:
         if isinstance(given, str):
             found = self._message(place, given)
-            return found.frame_id if found else 0
-        if not 0 <= given < STANDARD_IDS:
-            self.errors.append(f"{place} is 0x{given:X}; expected an 11-bit id, 0 to 0x7FF")
-        return given
+            return id_of(found) if found else 0
+        if not 0 <= given < EXTENDED_IDS:
+            self.errors.append(f"{place} is 0x{given:X}; expected an id of 11 or 29 bits, 0 to 0x{EXTENDED_IDS - 1:X}")
+        return given | EXTENDED * (given >= STANDARD_IDS)
 
     def _outputs(self) -> None:
         for name, output in self._tables.outputs.items():
