@@ -25,7 +25,6 @@ class Bench:
             interface=table.interface,
             channel=table.channel,
             bitrate=table.bitrate,
-            fd=table.fd,
             data_bitrate=table.data_bitrate,
             bit_rate_switch=table.bit_rate_switch,
             options=table.options,

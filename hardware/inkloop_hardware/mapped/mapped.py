@@ -49,7 +49,7 @@ class Mapped:
     is_device = True
 
     def __init__(self, job: Job, rig: Rig, *, mapping: str) -> None:
-        self._job, self._rig, self._mapping = job, rig, load(Path(mapping), job, fd=rig.settings.fd)
+        self._job, self._rig, self._mapping = job, rig, load(Path(mapping), job)
         tables, shape = self._mapping.tables, (job.nx, job.ny)
         self.inputs: tuple[Port, ...] = ()
         self.outputs: tuple[Port, ...] = contract_ports(shape, STATUS)

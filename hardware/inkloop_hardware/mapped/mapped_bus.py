@@ -38,7 +38,8 @@ class MappedBus:
         self._enables = Enables.NONE
         self._keep_alive_due = 0.0
         answers = [answer for _, answer in mapping.ids.values()]
-        self._bus = BusConnection(replace(settings, traffic_log=log), session, job, answers)
+        own = replace(settings, traffic_log=log, fd=settings.fd or mapping.needs_fd)
+        self._bus = BusConnection(own, session, job, answers)
         self._peers = {
             name: Peer(name, _Wire(self, answer), request, answer, peer.answer_s, fd=peer.fd)
             for name, (request, answer) in mapping.ids.items()

@@ -35,20 +35,20 @@ from inkloop_hardware.mapped.mapping_tables import (
 from inkloop_hardware.protocol.codec import COUNTERS, EXTENDED, FD_LENGTHS, Codec, id_of, id_text, is_fd
 
 STANDARD_IDS, EXTENDED_IDS = 1 << 11, 1 << 29
-NEEDS_FD = "needs CAN FD; set fd = true in [bench], if adapter and nodes have it"
 
 
 @dataclass(frozen=True)
 class RigMapping:
-    """A valid mapping; ids: of the requests to each peer and of its answers."""
+    """A valid mapping; ids: of the requests to each peer and of its answers; needs_fd: it has frames of CAN FD."""
 
     tables: MappingFile
     codec: Codec
     ids: Mapping[str, tuple[int, int]]
+    needs_fd: bool
 
 
-def load(path: Path, job: Job, *, fd: bool = False) -> RigMapping:
-    """The mapping for a job; fd: the bus has CAN FD. Raises ScenarioError with every error of the file."""
+def load(path: Path, job: Job) -> RigMapping:
+    """The mapping for a job. Raises ScenarioError with every error of the file."""
     try:
         tables = MappingFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
@@ -61,10 +61,10 @@ def load(path: Path, job: Job, *, fd: bool = False) -> RigMapping:
         codec = Codec(path.parent / tables.dbc)
     except FrameError as error:
         raise ScenarioError(str(path), [f"dbc: {error}"]) from error
-    check = _Check(tables, codec, {"job": 1, "layer": 1, "nx": job.nx, "ny": job.ny}, fd)
+    check = _Check(tables, codec, {"job": 1, "layer": 1, "nx": job.nx, "ny": job.ny})
     if check.errors:
         raise ScenarioError(str(path), check.errors)
-    return RigMapping(tables, codec, check.ids)
+    return RigMapping(tables, codec, check.ids, check.needs_fd)
 
 
 def factor(source: str, target: str) -> float | None:
@@ -85,9 +85,10 @@ def resolved(value: Value, fields: Mapping[str, int]) -> float | str:
 class _Check:
     """Collects the errors of tables whose keys are valid one by one."""
 
-    def __init__(self, tables: MappingFile, codec: Codec, fields: Mapping[str, int], fd: bool) -> None:
+    def __init__(self, tables: MappingFile, codec: Codec, fields: Mapping[str, int]) -> None:
         self.errors: list[str] = []
-        self._tables, self._codec, self._fields, self._fd = tables, codec, fields, fd
+        self.needs_fd = any(peer.fd for peer in tables.peers.values())
+        self._tables, self._codec, self._fields = tables, codec, fields
         self.ids = {name: self._ids(f"peers.{name}", peer) for name, peer in tables.peers.items()}
         for name, table in (("pattern", tables.pattern), ("map", tables.map)):
             if table is not None:
@@ -175,16 +176,13 @@ class _Check:
                 f"{place}: {name} has {found.length} bytes; a frame has up to {lengths} or {FD_LENGTHS[-1]}"
             )
             return None
-        if is_fd(found) and not self._fd:
-            self.errors.append(f"{place}: {name} {NEEDS_FD}")
+        self.needs_fd = self.needs_fd or is_fd(found)
         return found
 
     def _ids(self, place: str, peer: Peer) -> tuple[int, int]:
         request, answer = self._id(f"{place}.request", peer.request), self._id(f"{place}.answer", peer.answer)
         if (request ^ answer) & EXTENDED:
             self.errors.append(f"{place}: {id_text(request)} and {id_text(answer)}; expected two 11-bit or 29-bit ids")
-        if peer.fd and not self._fd:
-            self.errors.append(f"{place}.fd {NEEDS_FD}")
         return request, answer
 
     def _id(self, place: str, given: int | str) -> int:

@@ -15,6 +15,7 @@ from pathlib import Path
 from struct import pack
 
 import can
+import numpy as np
 import pytest
 
 from inkloop.bench.emulation import emulation_of
@@ -30,6 +31,7 @@ from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.services import Routine
 from inkloop_hardware.protocol.vocabulary import Node
+from support.benches import foreign_rig
 from support.benches.bench_run import FAST, assert_same_print, printed_with_fmus, write
 
 EXACT = {"part.height_um": 6.0, "components.profiler": {"noise_std_um": 0.0, "dropout_rate": 0.0}}
@@ -151,6 +153,21 @@ def test_print_over_a_virtual_interface_behind_a_gateway(path: Path) -> None:
         with joined(SLCAN, VCAN):
             found = printed(path, VCAN)
     assert_same_print(found, printed_with_fmus(path, EXACT))
+
+
+def test_rig_of_can_fd_and_long_ids(path: Path) -> None:
+    bus = f'interface = "socketcan"\nchannel = "{VCAN}"\nbit_rate_switch = true'
+    text = foreign_rig.SCENARIO.replace('interface = "slcan"\nchannel = "CHANNEL"', bus)
+    path.write_text(text, encoding="utf-8")
+    (path.parent / "rig.dbc").write_text(foreign_rig.wide_dbc())
+    (path.parent / "rig.toml").write_text(foreign_rig.wide_mapping())
+    with virtual(VCAN, "type", "vcan"):
+        ip("set", VCAN, "mtu", "72", "up")
+        with foreign_rig.running(VCAN, "wide"):
+            found = print_part(Scenario.load(path)).dataset
+    heights = foreign_rig.DROPLET_UM * 1e-6 * np.cumsum(found.pattern.values != 0, axis=0)
+    assert heights.any()
+    np.testing.assert_allclose(found.measured_height, np.where(found.valid, heights, 0.0), atol=1e-12)
 
 
 def test_interface_that_is_taken_down_for_a_second(path: Path, log: pytest.LogCaptureFixture) -> None:

@@ -55,11 +55,6 @@ def test_names_of_messages_become_the_ids_of_peers(tmp_path: Path) -> None:
             'message = "PlcComand"',
             "printer step 2 (send): message is 'PlcComand'; did you mean PlcCommand?",
         ),
-        (
-            'message = "PlcState"',
-            'message = "WideState"',
-            "printer step 3 (wait): WideState needs CAN FD; set fd = true",
-        ),
         ('signal = "State"', 'signal = "Stat"', "printer step 3 (wait): signal is 'Stat'; did you mean State?"),
         ('expected = "BUSY"', 'expected = "BUZY"', "printer step 3 (wait): expected is 'BUZY'; did you mean BUSY?"),
         ('unless = "FAULT"', 'unless = "FALT"', "printer step 3 (wait): unless is 'FALT'; did you mean FAULT?"),
@@ -86,7 +81,6 @@ def test_names_of_messages_become_the_ids_of_peers(tmp_path: Path) -> None:
             "request = 0x20000000",
             "peers.scanner.request is 0x20000000; expected an id of 11 or 29 bits",
         ),
-        ("answer = 0x7B8", "answer = 0x7B8\nfd = true", "peers.scanner.fd needs CAN FD; set fd = true in [bench]"),
         ('request = "HeadRequest"', 'request = "HeadAsk"', "peers.head.request: message is 'HeadAsk'; did you mean"),
         ('unit = "um"', 'unit = "inch"', "map.unit is 'inch'; expected one of nm, um"),
         (
@@ -119,11 +113,17 @@ def test_error_is_reported_with_its_place(old: str, new: str, message: str, tmp_
     assert any(error.startswith(message) for error in found), found
 
 
+def test_can_fd_is_needed_where_a_message_or_a_peer_has_it(tmp_path: Path) -> None:
+    assert not load(written(tmp_path), JOB).needs_fd
+    assert load(written(tmp_path, ('message = "PlcState"', 'message = "WideState"')), JOB).needs_fd
+    assert load(written(tmp_path, ("answer = 0x7B8", "answer = 0x7B8\nfd = true")), JOB).needs_fd
+
+
 def test_message_of_a_length_that_no_frame_has_is_an_error(tmp_path: Path) -> None:
     path = written(tmp_path)
     (tmp_path / "rig.dbc").write_text(foreign_rig.DBC.replace("PlcState: 8", "PlcState: 10"))
     with pytest.raises(ScenarioError, match="PlcState has 10 bytes; a frame has up to 8, 12, 16, 20, 24, 32, 48 or 64"):
-        load(path, JOB, fd=True)
+        load(path, JOB)
 
 
 def test_all_errors_are_reported_at_once(tmp_path: Path) -> None:
