@@ -10,9 +10,12 @@ uint8_t *probe_storage(Bench *bench, int node);
 void probe_break(Bench *bench, uint32_t what);
 void probe_tear(Bench *bench, int node, int32_t bytes);
 uint32_t probe_count(Bench *bench, int what);
-void probe_roles(Bench *bench, int node, uint8_t roles);
-NodeFrames *probe_frames(Bench *bench, int node);
-void probe_take_frame(NodeFrames *frames, uint32_t id, const uint8_t *data, uint8_t length, uint32_t now);
+void probe_roles(Bench *bench, int node, int roles);
+void probe_drive_gate(Bench *bench, int node);
+void probe_join(Bench *bench, int node);
+void probe_frame(int node, uint32_t id, const uint8_t *data, int length, uint32_t now);
+
+static NodeFrames frames[BENCH_NODES];
 
 BenchOptions *probe_options(void) {
     static BenchOptions options;
@@ -42,20 +45,23 @@ uint32_t probe_count(Bench *bench, int what) {
     return counts[what];
 }
 
-/* A node of other roles than those of the bench; only right after it was powered up. */
-void probe_roles(Bench *bench, int node, uint8_t roles) {
-    bench_node(bench, node)->options.roles = roles;
+/* Gives a node other roles, until its next power-up. */
+void probe_roles(Bench *bench, int node, int roles) {
+    bench_node(bench, node)->options.roles = (uint8_t)roles;
 }
 
-/* The frames of a node, as if none had arrived yet. */
-NodeFrames *probe_frames(Bench *bench, int node) {
-    static NodeFrames frames[BENCH_NODES];
+/* What a flipped bit of the memory does: the node takes its gate for driven. */
+void probe_drive_gate(Bench *bench, int node) {
+    bench_node(bench, node)->gate_driven = true;
+}
+
+/* Puts a node on a bus of its own. */
+void probe_join(Bench *bench, int node) {
     node_frames_init(&frames[node], bench_node(bench, node), (uint8_t)node);
-    return &frames[node];
 }
 
-void probe_take_frame(NodeFrames *frames, uint32_t id, const uint8_t *data, uint8_t length, uint32_t now) {
-    CanFrame frame = {.id = id, .length = length};
-    memcpy(frame.data, data, length);
-    node_frames_take(frames, &frame, now);
+void probe_frame(int node, uint32_t id, const uint8_t *data, int length, uint32_t now) {
+    CanFrame frame = {.id = id, .length = (uint8_t)length};
+    memcpy(frame.data, data, (size_t)length);
+    node_frames_take(&frames[node], &frame, now);
 }

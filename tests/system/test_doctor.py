@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,6 +17,7 @@ from inkloop.cli import main
 from inkloop.scenario.file import Scenario
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.doctor.listening import Heard, listen
 from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec, Frame
@@ -108,6 +110,39 @@ def test_self_test_opens_the_gate_lights_the_lamp_and_leaves_everything_off(path
             assert len(head.journal()) == len(lamp.journal()) == 1
 
 
+def was_energised(channel: str) -> bool:
+    """Whether the gate was opened or the lamp lit since power-up."""
+    with Rig(BusSettings("slcan", channel, 500_000)) as rig:
+        rig.wait_for((Node.HEAD, Node.CURE))
+        return rig.link(Node.HEAD).state().gate_pulses > 0 or rig.link(Node.CURE).times().lamp_on > 0
+
+
+def test_self_test_energises_nothing_while_an_error_stands(path: Path, doctor: Doctor) -> None:
+    """An error that was only heard: the nodes answer as if they were well."""
+    with bench(path, "bad-check:id=0x102,count=1000") as channel:
+        code, errors = doctor(channel, "--self-test", "--yes")
+        assert (code, set(errors)) == (1, {"supervision"})
+        assert not was_energised(channel)
+
+
+def test_self_test_energises_nothing_when_a_master_has_begun_since(
+    path: Path, doctor: Doctor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The checks take seconds: a run may begin in them."""
+    times = list[Heard]()
+
+    def later(*arguments: Any) -> Heard:
+        times.append(listen(*arguments))
+        times[-1].sessions |= {77: 5} if len(times) == 2 else {}
+        return times[-1]
+
+    monkeypatch.setattr("inkloop_hardware.doctor.doctor.listen", later)
+    with bench(path) as channel:
+        code, errors = doctor(channel, "--self-test", "--yes")
+        assert (code, errors) == (1, {"self test": "another master is active: nothing is energised"})
+        assert not was_energised(channel)
+
+
 @pytest.mark.parametrize(
     ("overrides", "check", "message"),
     [
@@ -176,14 +211,10 @@ def test_another_master_is_reported_and_nothing_is_sent_while_it_prints(path: Pa
         assert not [number for number in ids if number in (0x010, 0x020) or number in range(0x640, 0x648)]
 
 
-def test_bench_of_another_grid_is_reported_and_its_self_test_is_left_out(path: Path, doctor: Doctor) -> None:
+def test_bench_of_another_grid_is_reported(path: Path, doctor: Doctor) -> None:
     with bench(path) as channel:
         size = [word for axis in "xy" for word in ("--set", f"grid.n{axis}=40")]
-        code, errors = doctor(channel, *size, "--set", "bench.cure_ms=20000", "--self-test", "--yes")
-        with Rig(BusSettings("slcan", channel, 500_000)) as rig:
-            rig.wait_for(Node)
-            assert rig.link(Node.HEAD).state().gate_pulses == 0, "nothing is energised"
-            assert rig.link(Node.CURE).times().lamp_on == 0
+        code, errors = doctor(channel, *size, "--set", "bench.cure_ms=20000")
         assert code == 1
         assert set(errors) == {"limits"}
         assert "12 x 11 cells, the scenario 40 x 40" in errors["limits"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -48,7 +48,7 @@ STATES = (
 )
 CLEAR, HOME, PURGE, PASS, CURE_ROUTINE, SCAN, DRY_RUN, MOVE, SELF_TEST = range(0x0200, 0x0209)
 LAMP, GATE, MOTION = 1, 2, 4
-ROLE_HEAD, ROLE_STAGE, ROLE_CURE, ROLE_PROFILER = 1, 2, 4, 8
+HEAD_ROLE, STAGE_ROLE, CURE_ROLE, PROFILER_ROLE = 1, 2, 4, 8
 DONE, DONE_BEFORE, UNDER_WAY, UNKNOWN, NEVER = range(5)
 NRC_BUSY, NRC_CONDITIONS, NRC_SEQUENCE, NRC_FAILED, NRC_RANGE, NRC_PENDING = 0x21, 0x22, 0x24, 0x26, 0x31, 0x78
 GATE_STAYS_OPEN, GATE_STAYS_CLOSED, LAMP_STAYS_ON, NOT_READY, WORK_FAILS, WORK_HANGS = (1 << bit for bit in range(6))
@@ -95,10 +95,11 @@ def firmware_library(name: str, sources: Sequence[Path]) -> ctypes.CDLL:
 
 @cache
 def library() -> ctypes.CDLL:
-    """Core, frames, host HAL, kernels and probes."""
+    """Core, host HAL, kernels and probes."""
     probe = C_SOURCES / "bench_probe.c"
-    loaded = firmware_library("node_bench.so", (*CORE, *WIRE, *HOST, *KERNELS, codec() / "inkloop.c", probe))
-    for name in ("bench_create", "bench_node", "probe_options", "probe_surface", "probe_storage", "probe_frames"):
+    wire = (*WIRE, codec() / "inkloop.c")
+    loaded = firmware_library("node_bench.so", (*CORE, *HOST, *KERNELS, *wire, probe))
+    for name in ("bench_create", "bench_node", "probe_options", "probe_surface", "probe_storage"):
         getattr(loaded, name).restype = ctypes.c_void_p
     for name in ("node_request", "node_take_answer"):
         getattr(loaded, name).restype = ctypes.c_size_t
@@ -128,6 +129,7 @@ class State:
     session: int
     pattern_crc: int
     gate_pulses: int
+    by_watchdog: bool
 
 
 @dataclass(frozen=True)
@@ -190,6 +192,21 @@ class NodeBench:
             self.c.node_master_alive(self.node(node), ctypes.c_uint32(self.clock), ctypes.byref(alive))  # type: ignore[arg-type]
         self.last_alive = self.clock
 
+    def roles(self, roles: int) -> None:
+        """Other roles for the first node, until its next power-up."""
+        self.c.probe_roles(self.bench, HEAD, roles)
+
+    def join(self) -> None:
+        """Put every node on a bus."""
+        for node in range(self.count):
+            self.c.probe_join(self.bench, node)
+
+    def give(self, frame: Frame) -> None:
+        """A frame of the bus, which every node receives."""
+        data, now = frame.data, ctypes.c_uint32(self.clock)
+        for node in range(self.count):
+            self.c.probe_frame(node, ctypes.c_uint32(frame.arbitration_id), data, len(data), now)
+
     def stop(self, active: bool) -> None:
         for node in range(self.count):
             self.c.node_stop_request(self.node(node), ctypes.c_uint32(self.clock), ctypes.c_bool(active))
@@ -250,7 +267,7 @@ class NodeBench:
         passes, done, unknown, cured, _book, step, boots, session, crc, _now, pulses = counts
         needs_operator, stopped, loaded = (bool(flags & bit) for bit in (1, 2, 4))
         first = (STATES[state], cause, needs_operator, stopped, loaded, job, layer)
-        return State(*first, passes, done, unknown, cured, step, boots, session, crc, pulses)
+        return State(*first, passes, done, unknown, cured, step, boots, session, crc, pulses, bool(flags & 64))
 
     def times(self, node: int = HEAD) -> Times:
         return Times(*unpack(">7I", self.raw(b"\x22\x01\x01", node)[3:]))
@@ -319,20 +336,6 @@ class NodeBench:
 
     def broken(self, what: int) -> None:
         self.c.probe_break(self.bench, ctypes.c_uint32(what))
-
-    def roles(self, roles: int, node: int = HEAD) -> None:
-        """Gives a node that was just powered up other roles than those of the bench."""
-        self.c.probe_roles(self.bench, node, ctypes.c_uint8(roles))
-
-    def frames(self, node: int = HEAD) -> Callable[[Frame], None]:
-        """What hands a frame of the bus to a node."""
-        frames = ctypes.c_void_p(self.c.probe_frames(self.bench, node))
-
-        def take(frame: Frame) -> None:
-            length = ctypes.c_uint8(len(frame.data))
-            self.c.probe_take_frame(frames, frame.arbitration_id, frame.data, length, ctypes.c_uint32(self.clock))
-
-        return take
 
     def tear(self, written: int, node: int = HEAD) -> None:
         """The next record is torn after so many bytes."""
