@@ -34,6 +34,16 @@ def test_cell_means_and_what_left_the_grid_are_all_that_was_printed(form, passes
         assert held + fmu.get("volume_lost") == pytest.approx(drops * VOLUME, rel=1e-12, abs=0.0)
 
 
+@pytest.mark.parametrize("points", [4, 7])
+def test_droplet_is_even_about_the_middle_of_its_cell(points) -> None:
+    pattern = np.zeros((5, 5), dtype=np.int32)
+    pattern[2, 2] = 1
+    with Driver(MODEL, nx=5, ny=5).start({"cells_per_pitch": points}) as fmu:
+        height = fmu.print_layer(pattern)
+    for turned in (height[::-1], height[:, ::-1]):
+        np.testing.assert_allclose(turned, height, rtol=0.0, atol=1e-3 * height.max())
+
+
 def test_part_with_a_margin_loses_nothing() -> None:
     with Driver(MODEL, nx=8, ny=8).start(COARSE) as fmu:
         for _ in range(3):

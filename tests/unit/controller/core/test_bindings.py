@@ -141,6 +141,7 @@ def test_batch_of_flips_never_raises_the_objective() -> None:
     ]
     assert values == sorted(values, reverse=True)
     assert values[-1] < value(wanted, everything(12))
+    assert bindings.paper_search(wanted, everything(12), 144, 2, 7).evaluations == 144 + 72, "then half of them"
 
 
 def test_work_budget_is_kept() -> None:

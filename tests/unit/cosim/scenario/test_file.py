@@ -197,6 +197,7 @@ def test_mapping_overrides_its_keys_and_an_inline_table_the_whole_part(tmp_path:
     assert higher.tables.part.model_dump()["size_x_um"] == 1316.28
     inline = overrides_of(["part={shape='cylinder', radius_um=500.0, height_um=7.6}"], "command line")
     assert Scenario.load(tmp_path / "case.toml", inline).tables.part.shape == "cylinder"
+    assert overrides_of(["title=two words"], "command line") == {"title": "two words"}, "what is no TOML is text"
 
 
 def test_override_below_a_number_is_an_error(tmp_path: Path) -> None:
