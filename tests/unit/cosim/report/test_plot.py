@@ -84,13 +84,13 @@ def test_cut_has_the_mean_error_of_the_table() -> None:
     assert labels(figure) == [SIGN]
     assert SIGN in labels(plot.surfaces({"a": run}))
     (above,) = [line for line in figure.axes[0].lines if line.get_label() == "a"]
-    np.testing.assert_allclose(above.get_ydata(), run.height[-1, :, 2] * 1e6, rtol=1e-12)
+    np.testing.assert_allclose(np.asarray(above.get_ydata()), run.height[-1, :, 2] * 1e6, rtol=1e-12)
 
 
 def test_layers_show_mean_and_unevenness_of_the_table() -> None:
     run = printed(-4.0, high_cell=(2, 3))
     run["pattern"] = (("layer", "x", "y"), np.ones((2, 5, 5), np.int32))
     mean, spread, droplets = plot.layers({"a": run}).axes
-    np.testing.assert_allclose(mean.lines[0].get_ydata(), np.abs(run.mean_error) * 1e6, rtol=1e-12)
-    np.testing.assert_allclose(spread.lines[0].get_ydata(), run["std"][1:] * 1e6, rtol=1e-12)
-    np.testing.assert_array_equal(droplets.lines[0].get_ydata(), [25])
+    np.testing.assert_allclose(np.asarray(mean.lines[0].get_ydata()), np.abs(run.mean_error) * 1e6, rtol=1e-12)
+    np.testing.assert_allclose(np.asarray(spread.lines[0].get_ydata()), run["std"][1:] * 1e6, rtol=1e-12)
+    np.testing.assert_array_equal(np.asarray(droplets.lines[0].get_ydata()), [25])
