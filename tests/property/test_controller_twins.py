@@ -160,7 +160,7 @@ def assert_twins(job: Job, chosen: dict[str, Any], dead: set[int], world: World,
 
 
 @given(job=jobs(), chosen=options(), world=WORLDS, data=st.data())
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 def test_controller_fmu_answers_every_scan_as_the_python_controller(
     job: Job, chosen: dict[str, Any], world: World, data: st.DataObject
 ) -> None:
@@ -170,7 +170,7 @@ def test_controller_fmu_answers_every_scan_as_the_python_controller(
 
 @pytest.mark.long
 @given(job=jobs(), chosen=options(), world=WORLDS, data=st.data())
-@settings(deadline=None, max_examples=400)
+@settings(max_examples=400)
 def test_controller_fmu_answers_hundreds_of_prints_as_the_python_controller(
     job: Job, chosen: dict[str, Any], world: World, data: st.DataObject
 ) -> None:
