@@ -1,7 +1,7 @@
 # make            set everything up in .venv and print scenarios/cylinder.toml
 # make check      format, types, and every test that needs no compiler, process, bench or whole print: minutes
 # make test       everything that continuous integration runs; names each test that is skipped
-# make test-long  the proofs that take minutes
+# make test-long  the proofs that take minutes, and the properties with random examples
 # make benchmarks measured comparisons, printed as ratios
 # make benchmarks-hardware  a layer on the emulator, relative to the time of its frames on a real bus
 # make peers      docs/reference/peers.md: the loop in masters of other people
@@ -82,7 +82,7 @@ format: .venv/developer
 	$(BIN)/clang-format -i $(C_FILES)
 
 test-long: .venv/developer
-	$(BIN)/python -m pytest -m long -n 2 --dist loadfile
+	$(BIN)/python -m pytest -m 'long or hypothesis' --hypothesis-profile=random -n 2 --dist loadfile
 
 benchmarks: .venv/developer
 	$(BIN)/python -m benchmarks

@@ -69,7 +69,7 @@ def test_smallest_unevenness_is_no_flat_ground() -> None:
     assert area.sum() == pytest.approx(1.0, abs=1e-3)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 2**31), st.sampled_from([{}, {"guard": True}, {"guard": True, "limit_gains": True}]))
 def test_volume_is_conserved(seed, options) -> None:
     patterns = sparse(8, 7, 3, seed)

@@ -32,7 +32,8 @@ FRAMES = st.builds(
     st.booleans(),
     st.binary(max_size=8),
 )
-PATIENCE = 20.0
+PATIENCE = 600.0
+"""Ends a test that hangs; every wait is for an event."""
 
 
 class Line:
@@ -68,7 +69,6 @@ def line() -> Iterator[Line]:
 
 
 @pytest.mark.compiled
-@settings(deadline=None)
 @given(FRAMES, st.sampled_from([b"", b"12FE"]))
 def test_frame_of_the_firmware_is_read_back_unchanged(frame: SlcanFrame, time_stamp: bytes) -> None:
     found = frame_of(SlcanEnd().write(frame).rstrip(b"\r") + time_stamp, 5.0)
@@ -81,7 +81,6 @@ def test_frame_of_the_firmware_is_read_back_unchanged(frame: SlcanFrame, time_st
 
 
 @pytest.mark.compiled
-@settings(deadline=None)
 @given(st.lists(FRAMES, max_size=30), st.integers(1, 100))
 def test_frames_come_whole_and_in_order_however_they_are_cut(frames: list[SlcanFrame], piece: int) -> None:
     bus = BulkSlcanBus.__new__(BulkSlcanBus)
@@ -93,7 +92,7 @@ def test_frames_come_whole_and_in_order_however_they_are_cut(frames: list[SlcanF
     assert (bus.malformed, bus.refused) == (0, 0)
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.binary(max_size=200))
 def test_no_text_ends_the_reading(text: bytes) -> None:
     bus = BulkSlcanBus.__new__(BulkSlcanBus)
