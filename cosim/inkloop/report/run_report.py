@@ -88,8 +88,7 @@ def compare(folders: Sequence[Path], picture: Path) -> Table:
                 f"{folder}: printed on {grid}, but {grids[0][0]} on {grids[0][1]}; compare runs of one grid and pitch"
             )
     with rc_context(plot.STYLE):
-        datasets = {name: result.dataset for name, result in runs.items()}
-        plot.save(plot.comparison(datasets, {name: result.wall_s for name, result in runs.items()}), picture)
+        plot.save(plot.comparison({name: result.dataset for name, result in runs.items()}), picture)
     return comparison_table("Comparison", runs, {})
 
 
