@@ -29,9 +29,7 @@ from support.benches import foreign_rig
 from support.examples import examples
 from support.places import ROOT
 
-ONE_FOLDER = settings(
-    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=examples(60)
-)
+ONE_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=examples(60))
 JOB = small_job(6, 5)
 VALUES = st.sampled_from(
     ["", "0", "{layer}", "{layer.real}", "{layer[0]}", "{0}", "{", "{nx:x}", "{job:04x}", "{job!r:>9}", "A5", "head",

@@ -50,7 +50,7 @@ def test_four_layers_of_the_9_by_9_cuboid() -> None:
     assert surface[[0, 0, -1, -1], [0, -1, 0, -1]] == pytest.approx([24.536] * 4, abs=6e-4)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**31), st.floats(0.0, 50e-6))
 def test_interior_droplet_always_adds_its_full_height(seed, roughness) -> None:
     start = np.random.default_rng(seed).uniform(0.0, roughness, (7, 6))

@@ -58,7 +58,7 @@ def test_layers_are_those_of_the_reference_model(options, nx, ny, order, passes)
             assert fmu.get("area") == pytest.approx(a, abs=1e-9)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 2**31), st.sampled_from([{}, {"guard": True}, {"guard": True, "limit_gains": True}]))
 def test_volume_is_conserved(seed, options) -> None:
     patterns = sparse(8, 7, 3, seed)

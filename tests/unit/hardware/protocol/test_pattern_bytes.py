@@ -40,7 +40,7 @@ def test_packed_pattern_has_a_bit_for_one_material_and_two_for_two(materials: in
 
 
 @given(arrays.arrays(np.uint8, st.integers(0, 700), elements=st.sampled_from([0, 0, 0, 1, 255])))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_run_length_code_is_undone_by_the_rules_of_the_page(cells: np.ndarray) -> None:
     assert decoded(run_length(cells)) == cells.tobytes()
 
