@@ -105,6 +105,19 @@ def found_after(runs: Runs) -> float:
     return float(np.argmax(run.dataset.dead_cells.values > 0) - died)
 
 
+def dead_cells(label: str = "") -> Quote:
+    """Cells that the controller takes for dead, the most in a layer."""
+    return lambda runs: float(run_of(runs, label).dataset.dead_cells.max())
+
+
+def spot_error(layer: int) -> Quote:
+    """Error of the estimated width of the spot after a layer [%]."""
+    width = given("components", "profiler", "spot_radius_um")
+    return lambda runs: (
+        100.0 * abs(float(run_of(runs, "").dataset.scan_spot_radius[layer]) * UM_PER_M / width(runs) - 1.0)
+    )
+
+
 def full_layers(runs: Runs) -> float:
     """Layers at the beginning in which every cell of the part gets a droplet."""
     part, patterns = mask(run_of(runs, "")), run_of(runs, "").dataset.pattern.values[1:]

@@ -15,6 +15,7 @@ from tools.figures.run_figures import (
     Quote,
     Runs,
     beyond,
+    dead_cells,
     droplets,
     droplets_of,
     foot,
@@ -34,6 +35,7 @@ from tools.figures.run_figures import (
     ratio,
     reach_sum,
     rim,
+    spot_error,
     step_low,
     uneven,
     weave,
@@ -45,8 +47,16 @@ WITH_UNIT = re.compile(rf"{NUMBER.pattern}(?= (?:to {NUMBER.pattern} )?(?:{UNITS
 """A number that a comment must have from a run, or from the scenario."""
 
 OPEN, THIN, NO_ROLLER = "open loop", "open loop, roller, 5 um", "closed loop, no roller"
+BELIEVED = "scans taken as they are"
 QUOTES: Mapping[str, Mapping[str, tuple[Quote, ...]]] = {
     "bench": {"in steps of 0.1 um": (given("components", "profiler", "resolution_um"),)},
+    "blurred-scan": {
+        "to 6 %, ten layers show it to 0.3 %": (spot_error(2), spot_error(10)),
+        "0.40 um uneven": (uneven(),),
+        "highest cell 1.1 um": (highest(),),
+        "31 um above the target": (highest(BELIEVED),),
+        "75 cells": (dead_cells(BELIEVED),),
+    },
     "cuboid": {
         "11 partly filled layers with 38 droplets more": (layers(), beyond(droplets(), droplets(OPEN))),
         "height to 0.00 um": (low(),),
@@ -86,6 +96,11 @@ QUOTES: Mapping[str, Mapping[str, tuple[Quote, ...]]] = {
         "flat to 0.2 um in 21 layers": (uneven(), layers()),
         "takes 39 layers": (layers("drops 1 to 2"),),
         "single drops 73 layers": (layers("single drops"),),
+    },
+    "misaligned-scan": {
+        "0.40 um uneven": (uneven(),),
+        "highest cell 1.2 um": (highest(),),
+        "99 um above the target": (highest(BELIEVED),),
     },
     "noisy-sensor": {
         "flat to 0.4 um": (uneven(),),

@@ -14,6 +14,7 @@ WRITERS = (
     "house",
     "gallery",
     "cylinder_prints",
+    "closed_loop",
     "layer_problem",
     "height_maps",
     "modelica_library",

@@ -136,6 +136,14 @@ def test_malformed_line_is_counted_and_the_next_frame_read(line: Line, bad: byte
     assert line.bus.malformed == before + 1
 
 
+def test_rest_of_a_line_that_is_too_long_is_no_frame(line: Line) -> None:
+    before = line.bus.malformed
+    line.bus.take(b"x" * 70)
+    line.bus.take(b"x" * 70)
+    assert [m.arbitration_id for m in line.heard(b"t0010\rt0020\r")] == [2]
+    assert line.bus.malformed == before + 1
+
+
 def test_refusals_of_the_adapter_are_counted_and_its_answers_are_not(line: Line) -> None:
     line.heard(b"")
     malformed, refused = line.bus.malformed, line.bus.refused
