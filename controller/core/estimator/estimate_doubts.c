@@ -65,12 +65,19 @@ void begin_trust(const EstimatorOptions *options, int32_t layer, const double *m
     look_at_cells(options, valid, estimate);
 }
 
-void forgive_dead(const EstimatorOptions *options, const SurfaceEstimate *before, uint8_t *outside,
+static bool revives(const SurfaceEstimate *before, const SurfaceEstimate *after, size_t cell) {
+    return before->dead_evidence[cell] >= DEAD_EVIDENCE && after->dead_evidence[cell] < DEAD_EVIDENCE;
+}
+
+void forgive_dead(const EstimatorOptions *options, const SurfaceEstimate *before, uint8_t *marks,
                   SurfaceEstimate *after) {
-    for (size_t cell = 0; cell < options->nx * options->ny; cell++)
+    const size_t nx = options->nx, ny = options->ny, cells = nx * ny;
+    uint8_t *outside = marks, *inside = marks + cells;
+    for (size_t cell = 0; cell < cells; cell++)
         outside[cell] = !options->part[cell];
-    for (size_t cell = 0; cell < options->nx * options->ny; cell++)
-        if (before->dead_evidence[cell] >= DEAD_EVIDENCE && after->dead_evidence[cell] < DEAD_EVIDENCE &&
-            !is_near_marked(outside, options->nx, options->ny, cell))
+    for (size_t cell = 0; cell < cells; cell++)
+        inside[cell] = revives(before, after, cell) && !is_near_marked(outside, nx, ny, cell);
+    for (size_t cell = 0; cell < cells; cell++)
+        if (revives(before, after, cell) && is_near_marked(inside, nx, ny, cell))
             after->reckoned[cell] = after->height[cell];
 }

@@ -11,9 +11,9 @@ void begin_trust(const EstimatorOptions *options, int32_t layer, const double *m
 /* Cells that were not seen, and those that were given more ink than they show; the latter are capped. */
 void look_at_cells(const EstimatorOptions *options, const uint8_t *valid, SurfaceEstimate *estimate);
 
-/* Takes out of the reckoning what did not come while a cell was dead and is alive now; not at a wall, where a displaced
- * scan shows cells that are neither. `outside` holds a map. */
-void forgive_dead(const EstimatorOptions *options, const SurfaceEstimate *before, uint8_t *outside,
+/* Takes out of the reckoning what did not come while a cell was dead and is alive now; at a wall, where a displaced
+ * scan shows cells that are neither, only next to such a cell inside. `marks` holds two maps. */
+void forgive_dead(const EstimatorOptions *options, const SurfaceEstimate *before, uint8_t *marks,
                   SurfaceEstimate *after);
 
 #endif
