@@ -2,7 +2,7 @@
 #ifndef INKLOOP_ESTIMATE_DOUBTS_H
 #define INKLOOP_ESTIMATE_DOUBTS_H
 
-#include "height_estimator.h"
+#include "surface_estimate.h"
 
 /* The reckoning begins on the ground of layer number `layer`: the one that is called flat, or that the scan shows. */
 void begin_trust(const EstimatorOptions *options, int32_t layer, const double *measured, const uint8_t *valid,

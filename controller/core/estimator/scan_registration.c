@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "displacement_filter.h"
 #include "near_cells.h"
 #include "small_algebra.h"
 
