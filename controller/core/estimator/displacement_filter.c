@@ -6,7 +6,8 @@
 
 #include "small_algebra.h"
 
-/* Of the spread from scan to scan [cells^2]; of the predicted growth [1] before and after the ink is learnt (assumed). */
+/* Of the spread from scan to scan [cells^2]; of the predicted growth [1] before and after the ink is learnt (assumed).
+ */
 static const double SPREAD_STEP_STD = 1e-3, INK_FIRST_STD = 0.3, INK_STD = 0.03;
 static const double LARGEST_SHIFT = 4.0, LARGEST_SPREAD = 16.0; /* [cells, cells^2] (assumed) */
 /* Curvature of a wall in standard deviations: noise that a shift between cells averages is no evidence of one. */
@@ -57,8 +58,7 @@ Displacement split_displacement(const double displacement[DISPLACEMENTS], double
     return (Displacement){displacement[SHIFT_X] - whole[0], displacement[SHIFT_Y] - whole[1], displacement[SPREAD]};
 }
 
-void surface_by(const ScanEvidence *evidence, const double moved[DISPLACEMENTS], double growth,
-                       double *surface) {
+void surface_by(const ScanEvidence *evidence, const double moved[DISPLACEMENTS], double growth, double *surface) {
     const size_t cells = evidence->nx * evidence->ny;
     for (size_t cell = 0; cell < cells; cell++) {
         double height = evidence->predicted[cell] + growth * (evidence->predicted[cell] - evidence->before[cell]);
@@ -167,7 +167,7 @@ static void keep_within(double x[UNKNOWNS]) {
 }
 
 bool likeliest_displacement(const ScanEvidence *evidence, const Registration *registration, bool is_iterated,
-                      const Room *room, double x[UNKNOWNS], double *covariance) {
+                            const Room *room, double x[UNKNOWNS], double *covariance) {
     double precision[UNKNOWNS * UNKNOWNS], matrix[UNKNOWNS * UNKNOWNS], before[UNKNOWNS] = {0.0};
     if (!prior_precision(evidence, registration, precision))
         return false;

@@ -82,7 +82,7 @@ double rest_after(const Room *room, const double move[UNKNOWNS], size_t cell);
 /* The likeliest unknowns and their covariance: by an iterated extended Kalman filter, or by one linear step from what
  * is applied. Between cells a displaced scan averages noise, which makes any displacement likelier than none; the
  * linear step is free of that. False if they cannot be solved for. */
-bool likeliest_displacement(const ScanEvidence *evidence, const Registration *registration, bool is_iterated, const Room *room,
-               double x[UNKNOWNS], double *covariance);
+bool likeliest_displacement(const ScanEvidence *evidence, const Registration *registration, bool is_iterated,
+                            const Room *room, double x[UNKNOWNS], double *covariance);
 
 #endif

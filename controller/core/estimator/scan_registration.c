@@ -119,7 +119,8 @@ static bool shows_far(const Registration *registration, bool is_iterated) {
     const double spread = registration->estimate[SPREAD];
     if (product <= 0.0 || product * product <= BEYOND_DOUBT * information)
         return false;
-    return !is_iterated || fabs(product / information - spread) < SAME_SPOT * spread + SAME_SPOT_STD / sqrt(information);
+    return !is_iterated ||
+           fabs(product / information - spread) < SAME_SPOT * spread + SAME_SPOT_STD / sqrt(information);
 }
 
 /* What the evidence says beyond doubt; once it did, it stays. */
