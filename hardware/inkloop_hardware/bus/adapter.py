@@ -8,6 +8,7 @@ from collections.abc import Callable
 import can
 from can.util import load_config
 
+from inkloop_hardware.bus.controller_state import ControllerState, controller_state
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.bus.slcan_bus import BulkSlcanBus
 from inkloop_hardware.errors import BusError, BusOff
@@ -88,6 +89,12 @@ class Adapter:
             self._sleep(pause)
             pause *= 2
 
+    def check_controller(self) -> None:
+        """BusOff if the kernel says that its controller takes no part in the bus, although it can be read."""
+        state = controller_state(str(self.settings.channel)) if self._is_socketcan else None
+        if state in (ControllerState.BUS_OFF, ControllerState.STOPPED):
+            raise self._bus_off()
+
     def complaints(self) -> dict[str, int]:
         """Counts of problems that were tolerated, by description."""
         counts = {"frames sent again": self.repeated, "error frames on the bus": self.errors}
@@ -107,12 +114,19 @@ class Adapter:
 
     def _take_error(self, message: can.Message) -> None:
         self.errors += 1
-        if message.arbitration_id & BUS_OFF and ".socketcan" in type(self.bus).__module__:
-            raise BusOff(
-                f"{self.settings} is bus-off: too many errors. Check cables, termination and bit rate. SocketCAN: "
-                "`ip link set ... type can restart`, or down and up.",
-                time.monotonic(),
-            )
+        if message.arbitration_id & BUS_OFF and self._is_socketcan:
+            raise self._bus_off()
+
+    @property
+    def _is_socketcan(self) -> bool:
+        return ".socketcan" in type(self.bus).__module__
+
+    def _bus_off(self) -> BusOff:
+        return BusOff(
+            f"{self.settings} is bus-off: too many errors. Check cables, termination and bit rate. SocketCAN: "
+            "`ip link set ... type can restart`, or down and up.",
+            time.monotonic(),
+        )
 
 
 def _open(settings: BusSettings) -> can.BusABC:
