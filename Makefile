@@ -1,7 +1,7 @@
 # make            set everything up in .venv and print scenarios/cylinder.toml
 # make check      format, types, and every test that needs no compiler, process, bench or whole print: minutes
 # make test       everything that continuous integration runs; names each test that is skipped
-# make test-long  the proofs that take minutes
+# make test-long  the proofs that take minutes, and the properties with random examples
 # make benchmarks measured comparisons, printed as ratios
 # make benchmarks-hardware  a layer on the emulator, relative to the time of its frames on a real bus
 # make peers      docs/reference/peers.md: the loop in masters of other people
@@ -82,7 +82,7 @@ format: .venv/developer
 	$(BIN)/clang-format -i $(C_FILES)
 
 test-long: .venv/developer
-	$(BIN)/python -m pytest -m long -n 2 --dist loadfile
+	$(BIN)/python -m pytest -m 'long or hypothesis' --hypothesis-profile=random -n 2 --dist loadfile
 
 benchmarks: .venv/developer
 	$(BIN)/python -m benchmarks
@@ -105,9 +105,10 @@ firmware-cortex-m: .venv/developer
 	@if command -v arm-none-eabi-gcc >/dev/null; then $(MAKE) --no-print-directory -C hardware/firmware/cortex_m; \
 	else echo "arm-none-eabi-gcc is not installed: the firmware was not compiled for a Cortex-M; make tools"; fi
 
-# what some tests use and skip without: the firmware on a Cortex-M, libFuzzer, binaries for Windows, masters of others
+# what some tests use and skip without: the firmware on a Cortex-M, libFuzzer, binaries for Windows, masters of others,
+# a kernel with SocketCAN as a process
 TOOLS := gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm clang \
-         gcc-mingw-w64-x86-64 wine64 libtbb12 default-jre-headless
+         gcc-mingw-w64-x86-64 wine64 libtbb12 default-jre-headless user-mode-linux can-utils iproute2 kmod
 tools:
 	@if command -v apt-get >/dev/null; then apt-get install --yes --no-install-recommends $(TOOLS); \
 	else echo "install with your own package manager what Debian calls: $(TOOLS)"; fi
@@ -116,8 +117,9 @@ tools:
 # every scenario with one picture, docs/gallery; pictures and tables of docs/explanation
 gallery: .venv/developer
 	$(BIN)/python tools/figures/gallery.py
-	$(BIN)/python tools/figures/layer_problem.py
+	PYTHONPATH=. $(BIN)/python tools/figures/layer_problem.py
 	$(BIN)/python tools/figures/finish.py
+	$(BIN)/python -m benchmarks.closed_loop_page
 	$(BIN)/python tools/figures/height_maps.py
 	$(BIN)/python tools/figures/modelica_library.py
 	$(BIN)/python tools/figures/identified_ink.py

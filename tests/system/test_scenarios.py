@@ -174,7 +174,7 @@ def test_scans_show_how_much_of_a_wide_droplet_arrives() -> None:
 def test_every_step_of_the_staircase_ends_at_its_height() -> None:
     run = printed("staircase", 1).dataset
     for top in (40e-6, 80e-6, 120e-6, 160e-6, 200e-6):
-        step = np.isclose(run.target_height.values, top)
+        step = np.isclose(run.target_height.values, top, rtol=1e-6, atol=0.0)
         assert step.any()
         assert float(run.height[-1].values[step].mean()) == pytest.approx(top, abs=2e-6)
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
+from benchmarks import closed_loop, closed_loop_page
 from pydantic import BaseModel
 
 from inkloop.cli import main
@@ -154,6 +155,14 @@ def test_endings_on_the_page_of_the_layer_problem_are_those_of_the_runs() -> Non
         row = rf"\| `\"{finish}\"`(?: \(default\))? \| {ending.horizon} \| {ending.layer_worth:g} \|"
         assert re.search(row, page)
         assert re.search(rf'"{finish}" plans {ending.horizon} .*?gain {ending.layer_worth:g}\b', definition)
+
+
+def test_figures_of_the_closed_loop_are_those_of_the_prints() -> None:
+    page, metrics = closed_loop_page.PAGE.read_text(), closed_loop_page.kept(closed_loop_page.RUNS)
+    prints = {(case.name, planner) for case in closed_loop.CASES for planner in case.planners}
+    assert {name: len(found) for name, found in metrics.items()} == dict.fromkeys(prints, closed_loop_page.SEEDS)
+    written = closed_loop_page.written(page, metrics)
+    assert written == page, "run: python -m benchmarks.closed_loop_page --drawn"
 
 
 def test_plan_page_names_every_field_status_and_output() -> None:

@@ -23,6 +23,7 @@ from struct import pack
 import can
 
 from inkloop_hardware.bus.adapter import Adapter
+from inkloop_hardware.bus.frames import data_frame
 from inkloop_hardware.bus.heartbeat import Enables, Heartbeat
 from inkloop_hardware.bus.messages import Kind, Outbox, pack_frames, read_message, unpack_frames
 from inkloop_hardware.bus.priority import raise_priority
@@ -110,7 +111,7 @@ class BusProcess:
     def _hand_on(self, messages: list[can.Message], now: float) -> None:
         if messages:
             self._log(messages)
-            frames = [Frame(m.arbitration_id, bytes(m.data)) for m in messages if _is_plain(m)]
+            frames = [frame for message in messages if (frame := data_frame(message)) is not None]
             self.answers.put(Kind.FRAMES, pack_frames(frames, now), may_drop=True)
 
     def _reopen(self, error: BusError) -> None:
@@ -149,7 +150,6 @@ class BusProcess:
             return False
         try:
             self._hand_on(adapter.receive(PROOF), time.monotonic())
-            adapter.check_controller()
         except BusError:
             adapter.close()
             return False
@@ -198,7 +198,8 @@ class BusProcess:
     def _send(self, frames: list[Frame]) -> None:
         try:
             if self._open and self._trouble is None:
-                self._log([self.adapter.send(frame) for frame in frames])
+                for frame in frames:
+                    self._log([self.adapter.send(frame)])
         except BusError as error:
             self._trouble = error  # the reading thread opens the adapter again
 
@@ -215,10 +216,6 @@ class BusProcess:
             if count >= max(1, 2 * self._complaints.get(what, 0)):
                 self.answers.put(Kind.MESSAGE, f"{self.adapter.settings}: {count} {what} so far".encode())
                 self._complaints[what] = count
-
-
-def _is_plain(message: can.Message) -> bool:
-    return not (message.is_extended_id or message.is_remote_frame or message.is_error_frame or message.is_fd)
 
 
 def main() -> int:

@@ -20,13 +20,12 @@ import can
 from can.interfaces import VALID_INTERFACES
 from can.util import load_config
 
-from inkloop_hardware.bus.adapter import Adapter
+from inkloop_hardware.bus.adapter import NETWORK, Adapter, has_carrier
 from inkloop_hardware.bus.priority import NONE
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.doctor.findings import Finding
-from inkloop_hardware.errors import BusError, BusOff
+from inkloop_hardware.errors import BusError
 
-NETWORK = Path("/sys/class/net")
 DRIVER_MISSING = (ImportError, NameError, NotImplementedError)
 ON_SERIAL_PORTS = ("slcan", "serial", "robotell", "seeedstudio")
 
@@ -91,11 +90,6 @@ def opened(settings: BusSettings) -> tuple[Adapter | None, Finding]:
         return None, Finding.error(
             "adapter", f"{settings} cannot be opened: {error.__cause__}", _advice(settings, error)
         )
-    try:
-        adapter.check_controller()
-    except BusOff as error:
-        adapter.close()
-        return None, Finding.error("adapter", str(error), f"`sudo ip link set {settings.channel} type can restart`")
     return adapter, Finding.ok("adapter", f"{settings} is open")
 
 
@@ -105,6 +99,12 @@ def _network_interface(channel: str, network: Path) -> Iterator[Finding]:
         found = f"it has {', '.join(present)}" if present else "load its driver (`modprobe gs_usb` ...), see `ip link`"
         yield Finding.error(
             "adapter", f"this machine has no network interface {channel!r}", f"plug the adapter in; {found}"
+        )
+    elif not has_carrier(channel, network):
+        yield Finding.error(
+            "adapter",
+            f"the network interface {channel} has no carrier: its controller is bus-off, or its other end is down",
+            f"check cables, termination and bit rate, then `sudo ip link set {channel} type can restart`",
         )
     elif (network / channel / "operstate").read_text(encoding="ascii").strip() == "down":
         command = f"sudo ip link set {channel} up type can bitrate 500000 restart-ms 0"
