@@ -1,19 +1,17 @@
-"""Pages the-papers.md and score-board.md: `python tools/figures/the_papers.py`, also run by `make gallery`.
-
-Runs `inkloop reproduce` and `inkloop score`, or takes what lies in a folder given: lu, wu-chiu, hume-rosen, score.
-"""
+"""Pages the-papers.md and score-board.md: runs `inkloop reproduce` and `inkloop score`, in build/figures."""
 
 from __future__ import annotations
 
 import shutil
-import sys
-import tempfile
 from pathlib import Path
+
+from tools.figures.pages import DOCS, ROOT, Texts
 
 from inkloop.cli import main
 from inkloop.files import write_text
 
-HERE = Path(__file__).parents[2] / "docs" / "reference"
+HERE = DOCS / "reference"
+BUILD = ROOT / "build" / "figures"
 PAPERS = {
     "lu": ("edges-shrink", "spacing", "cylinder-20", "pipe-junction"),
     "wu-chiu": ("pattern-errors",),
@@ -31,7 +29,7 @@ A run folder holds the table (`table.txt`, `table.md`, `table.csv`), the picture
 (`reproduce.json`). Ctrl-C keeps the finished steps; `--quick` uses fewer prints and coarser grids. Finite
 elements need `pip install inkloop[reproduce]` (scikit-fem). "-" under "reproduced" means that there is nothing to
 compare: the paper gives no number, or one that was measured on another machine or plant. The number after "±" is the
-standard deviation over prints, or over groups of samples. `make gallery` writes this page.
+standard deviation over prints, or over groups of samples. `make figures` writes this page.
 """
 
 SCORE_PAGE = """# The score board
@@ -87,7 +85,7 @@ def write_papers(runs: Path) -> None:
     """the-papers.md and its pictures."""
     page = PAPERS_PAGE
     for paper, pictures in PAPERS.items():
-        if not (runs / paper).exists() and main(["reproduce", paper, "--out", str(runs / paper)]) != 0:
+        if main(["reproduce", paper, "--out", str(runs / paper)]) != 0:
             raise SystemExit(f"inkloop reproduce {paper} did not end well")
         title, _, table = (runs / paper / "table.md").read_text(encoding="utf-8").partition("\n")
         page += f"\n## {title.removeprefix('# ')}\n{table}"
@@ -99,15 +97,20 @@ def write_papers(runs: Path) -> None:
 
 def write_score(runs: Path) -> None:
     """score-board.md and its picture."""
-    if not (runs / "score").exists() and main(["score", "--out", str(runs / "score")]) != 0:
+    if main(["score", "--out", str(runs / "score")]) != 0:
         raise SystemExit("inkloop score did not end well")
     shutil.copy(runs / "score" / "score.png", HERE / "score.png")
     table = (runs / "score" / "score.md").read_text(encoding="utf-8")
     write_text(HERE / "score-board.md", f"{SCORE_PAGE}\n{table}\n![rms by controller and plant](score.png)\n")
 
 
-if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as folder:
-        runs = Path(sys.argv[1] if len(sys.argv) > 1 else folder)
-        write_papers(runs)
-        write_score(runs)
+def run() -> None:
+    """Both pages."""
+    shutil.rmtree(BUILD, ignore_errors=True)
+    write_papers(BUILD)
+    write_score(BUILD)
+
+
+def texts() -> Texts:
+    """None: `run` writes the pages as a whole."""
+    return {}
