@@ -109,4 +109,4 @@ def _too_high(metrics: Metrics, case: Case) -> int:
     reference = next(each for each in CASES if each.scenario == case.scenario and OPEN_LOOP in each.planners)
     highest, untrusted = (column(metrics, case, OURS, name) for name in ("highest", "untrusted"))
     prints = zip(highest, untrusted, column(metrics, reference, OPEN_LOOP, "highest"), strict=True)
-    return sum(cells == 0.0 and board.is_above(own, open_loop) for own, cells, open_loop in prints)
+    return sum(layers == 0.0 and board.is_above(own, open_loop) for own, layers, open_loop in prints)

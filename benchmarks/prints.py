@@ -33,7 +33,7 @@ SHOWN = {
     "highest": ("highest above target, um", UM_PER_M),
     "layers": ("layers", 1.0),
     "shift_error": (f"estimated shift after {LAYERS_KNOWN} layers, error, cells", 1.0),
-    "untrusted": ("untrusted cells, most in a layer", 1.0),
+    "untrusted": ("layers with status untrusted", 1.0),
     "mismatch": ("geometry mismatch, %", 100.0),
 }
 """Name and scale of each metric."""
@@ -114,13 +114,13 @@ def _printed(run: tuple[Case, str, int]) -> dict[str, float]:
 
 
 def _measured(result: Result, scenario: Scenario) -> dict[str, float]:
-    """Errors of the last surface; cells that were untrusted at some time; error of the estimated shift [cells]."""
+    """Errors of the last surface; layers in which the loop was not trusted; error of the estimated shift [cells]."""
     metrics, job = result.metrics(), scenario.job()
     return {
         **metrics,
         "mean_height": float(result.final_height.values[job.mask].mean()),
         "highest": -metrics["min"],
-        "untrusted": float(result.dataset["untrusted_cells"].max()),
+        "untrusted": float((result.dataset["untrusted_reasons"] > 0).sum()),
         "shift_error": _shift_error(result, scenario) / job.pitch,
     }
 

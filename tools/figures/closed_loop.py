@@ -20,7 +20,7 @@ RUNS = HERE / "closed-loop.csv"
 SEEDS = 10
 COLUMNS = {
     "mean_error_um": "mean_error", "mae_um": "mae", "std_um": "std", "rms_um": "rms", "highest_um": "highest",
-    "layers": "layers", "shift_error_cells": "shift_error", "untrusted_cells": "untrusted",
+    "layers": "layers", "shift_error_cells": "shift_error", "untrusted_layers": "untrusted",
 }  # fmt: skip
 """Metrics of a print, by the name of their column in the file."""
 ON_PAGE = ("mae", "std", "rms", "highest", "layers", "shift_error")
