@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from inkloop.errors import FmuError
+from inkloop.limits import unpacked_error
 
 SUFFIX = ".ssp"
 UNREADABLE = (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
@@ -27,6 +28,8 @@ def fmu_file(path: Path) -> Iterator[Path]:
         copy = Path(folder) / path.name
         try:
             with zipfile.ZipFile(archive) as packed:
+                if reason := unpacked_error(packed):
+                    raise FmuError(f"{archive}: {reason}")
                 copy.write_bytes(packed.read(path.relative_to(archive).as_posix()))
         except (KeyError, *UNREADABLE) as error:
             raise FmuError(f"{path}: cannot be read: {error}") from error

@@ -21,6 +21,7 @@ from inkloop.errors import ComponentError, FmuError
 from inkloop.fmu.archive_member import UNREADABLE
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.reading import describe
+from inkloop.limits import unpacked_error
 from inkloop.suggest import nearest
 from inkloop.units import S_PER_NS
 
@@ -46,9 +47,11 @@ def platform_error(description: FmuDescription) -> str | None:
 
 
 def archive_error(path: Path) -> str | None:
-    """The reason why an FMU cannot be unpacked: it is damaged."""
+    """The reason why an FMU cannot be unpacked: it is damaged, or too large."""
     try:
         with zipfile.ZipFile(path) as archive:
+            if reason := unpacked_error(archive):
+                return reason
             bad = archive.testzip()
     except UNREADABLE as error:
         return f"cannot be unpacked, it is damaged: {error}"
@@ -149,6 +152,8 @@ class FmuComponent:
         folder = Path(self._cleanup.enter_context(tempfile.TemporaryDirectory(prefix="inkloop-fmu-")))
         try:
             with zipfile.ZipFile(path) as archive:
+                if reason := unpacked_error(archive):
+                    raise FmuError(f"{path}: {reason}")
                 needed = [name for name in archive.namelist() if name.partition("/")[0] not in _UNUSED]
                 archive.extractall(folder, needed)
         except UNREADABLE as error:
