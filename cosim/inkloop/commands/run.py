@@ -35,5 +35,5 @@ def run(options: argparse.Namespace) -> int:
             return printing.run(scenario, options.out, screen(), compare=not options.no_compare)
         from inkloop.printing.isolation import run_isolated
 
-        folder = printing.new_run_folder(options.out, options.scenario.stem)
+        folder = printing.checked_run_folder(scenario, options.out, options.scenario.stem)
         return run_isolated([*options.words, "--no-isolate", "--out", str(folder)], folder, scenario.foreign_fmus)
