@@ -15,6 +15,7 @@ from rich.table import Column
 from inkloop.components import devices
 from inkloop.components.catalog import MAP_FOLDER
 from inkloop.errors import ResultError
+from inkloop.files import reason_of
 from inkloop.master.interrupt import deferred
 from inkloop.master.pacing import sentence
 from inkloop.printing.device_log import live_words
@@ -169,7 +170,7 @@ def _is_claimed(folder: Path) -> bool:
     except FileExistsError:
         return False
     except OSError as error:
-        raise ResultError(f"{folder}: the run cannot be written there: {error.strerror or error}") from error
+        raise ResultError(f"{folder}: the run cannot be written there: {reason_of(error)}") from error
     return True
 
 
