@@ -105,9 +105,10 @@ firmware-cortex-m: .venv/developer
 	@if command -v arm-none-eabi-gcc >/dev/null; then $(MAKE) --no-print-directory -C hardware/firmware/cortex_m; \
 	else echo "arm-none-eabi-gcc is not installed: the firmware was not compiled for a Cortex-M; make tools"; fi
 
-# what some tests use and skip without: the firmware on a Cortex-M, libFuzzer, binaries for Windows, masters of others
+# what some tests use and skip without: the firmware on a Cortex-M, libFuzzer, binaries for Windows, masters of others,
+# a kernel with SocketCAN as a process
 TOOLS := gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm clang \
-         gcc-mingw-w64-x86-64 wine64 libtbb12 default-jre-headless
+         gcc-mingw-w64-x86-64 wine64 libtbb12 default-jre-headless user-mode-linux can-utils iproute2 kmod
 tools:
 	@if command -v apt-get >/dev/null; then apt-get install --yes --no-install-recommends $(TOOLS); \
 	else echo "install with your own package manager what Debian calls: $(TOOLS)"; fi
@@ -116,8 +117,9 @@ tools:
 # every scenario with one picture, docs/gallery; pictures and tables of docs/explanation
 gallery: .venv/developer
 	$(BIN)/python tools/figures/gallery.py
-	$(BIN)/python tools/figures/layer_problem.py
+	PYTHONPATH=. $(BIN)/python tools/figures/layer_problem.py
 	$(BIN)/python tools/figures/finish.py
+	$(BIN)/python -m benchmarks.closed_loop_page
 	$(BIN)/python tools/figures/height_maps.py
 	$(BIN)/python tools/figures/modelica_library.py
 	$(BIN)/python tools/figures/identified_ink.py

@@ -45,4 +45,4 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
 @pytest.fixture
 def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs leave their table only: drawing is half the work of a short run, and tests of its own look at pictures."""
-    monkeypatch.setattr("inkloop.report.run_report.pictures", lambda runs: {})
+    monkeypatch.setattr("inkloop.report.pictures.pictures", lambda runs: {})

@@ -6,7 +6,7 @@ and a class of one's own needs nothing else to take part.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Protocol, TypeAlias, runtime_checkable
@@ -22,6 +22,9 @@ FloatMap: TypeAlias = NDArray[np.float64]
 
 BoolMap: TypeAlias = NDArray[np.bool_]
 """(nx, ny) marks."""
+
+HeightIntervals: TypeAlias = Sequence[tuple[FloatMap, FloatMap]]
+"""Bottom and top of intervals of height [m], both ends included; empty where the bottom is above the top."""
 
 
 class Status(IntEnum):
@@ -146,6 +149,9 @@ class Geometry(Protocol):
 
     def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
         """True where the point (x, y, z) lies in the part; the three broadcast against each other."""
+
+    def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
+        """Exactly the heights over each (x, y) that `contains`: `inkloop.geometry.contained` makes it of these."""
 
 
 @dataclass(frozen=True)

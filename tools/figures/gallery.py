@@ -1,4 +1,4 @@
-"""Run every scenario and draw one picture of each: `make gallery`."""
+"""Run every scenario and draw one picture of each: `make gallery`. Names as arguments: only those scenarios are run."""
 
 from __future__ import annotations
 
@@ -49,9 +49,10 @@ each file.
 """
 
 
-def show(path: Path) -> str:
-    """Run one scenario and copy its picture to the page; returns its entry of the page."""
+def draw(path: Path) -> None:
+    """Run one scenario and copy its picture next to the page."""
     folder = BUILD / path.stem
+    shutil.rmtree(folder, ignore_errors=True)
     with bench_of(path) as arguments:
         if main(["run", str(path), "--out", str(folder), *arguments]) != 0:
             raise SystemExit(f"{path}: did not print")
@@ -61,7 +62,6 @@ def show(path: Path) -> str:
         run_report.compare([folder, *sorted((folder / COMPARE_FOLDER).iterdir())], picture)
     else:
         shutil.copyfile(folder / f"{name}.png", picture)
-    return entry(path)
 
 
 @contextmanager
@@ -86,7 +86,9 @@ def entry(path: Path) -> str:
 
 
 if __name__ == "__main__":
-    shutil.rmtree(BUILD, ignore_errors=True)
-    paths = sorted(SCENARIOS.glob("*.toml"))
-    write_text(HERE / "README.md", HEAD + "".join(show(path) for path in paths))
+    scenarios = sorted(SCENARIOS.glob("*.toml"))
+    names = sys.argv[1:] or [path.stem for path in scenarios]
+    for name in names:
+        draw(SCENARIOS / f"{name}.toml")
+    write_text(HERE / "README.md", HEAD + "".join(entry(path) for path in scenarios))
     sys.stdout.write(f"wrote {HERE / 'README.md'}\n")

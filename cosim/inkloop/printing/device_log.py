@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rich.console import Console
@@ -40,6 +40,11 @@ class _InFile(logging.FileHandler):
             lost = f"{self.baseFilename} cannot be written: {reason_of(error)}; its messages are shown here only"
             self._console.print(f"  {lost}", style="red", highlight=False, markup=False, soft_wrap=True)
         self._has_failed = True
+
+    def close(self) -> None:
+        """Close the file; what it has no room for is lost, as reported."""
+        with suppress(OSError):
+            super().close()
 
 
 @contextmanager

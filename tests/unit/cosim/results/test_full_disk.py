@@ -122,12 +122,13 @@ def test_command_that_cannot_write_its_file_names_it(tmp_path: Path, capsys: pyt
 
 
 def test_log_of_devices_without_room_is_reported_once(tmp_path: Path) -> None:
-    console = Console(file=io.StringIO(), width=200)
+    screen = io.StringIO()
+    console = Console(file=screen, width=200)
     log = logging.getLogger(LOGGER)
     with files_up_to(100), live_words(console, tmp_path):
         for number in range(20):
             log.info("message %d of a device", number)
-    shown = console.file.getvalue()
+    shown = screen.getvalue()
     assert "message 19 of a device" in shown
     assert shown.count("bench.log cannot be written: the file becomes larger than the disk") == 1
 

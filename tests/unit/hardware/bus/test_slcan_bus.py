@@ -7,9 +7,12 @@ import socket
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
 
 import can
 import pytest
+from can.interfaces.slcan import slcanBus
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -35,13 +38,13 @@ PATIENCE = 20.0
 class Line:
     """The adapter's end of a connection: what the bus writes can be read, and text can be sent to it."""
 
-    def __init__(self) -> None:
+    def __init__(self, **options: Any) -> None:
         listener = socket.create_server(("127.0.0.1", 0))
         self.channel = f"socket://127.0.0.1:{listener.getsockname()[1]}"
         found: list[socket.socket] = []
         waiting = threading.Thread(target=lambda: found.append(listener.accept()[0]))
         waiting.start()
-        self.bus = BulkSlcanBus(self.channel, bitrate=500_000)
+        self.bus = BulkSlcanBus(self.channel, bitrate=500_000, **options)
         waiting.join()
         self.socket = found[0]
         listener.close()
@@ -100,6 +103,31 @@ def test_no_text_ends_the_reading(text: bytes) -> None:
     bus.take(b"t1232AABB\r")
     assert bus.waiting[-1].arbitration_id == 0x123
     assert len(bus.waiting) == before + 1
+
+
+@pytest.mark.parametrize("length", [0, 8, 12, 64])
+@pytest.mark.parametrize("switch", [False, True])
+@pytest.mark.parametrize("extended", [False, True])
+def test_line_of_a_can_fd_frame_is_that_of_python_can(length: int, switch: bool, extended: bool) -> None:
+    """The class of python-can that this one extends reads what it writes, and it reads that itself."""
+    own = Line(fd=True, data_bitrate=2_000_000)
+    sent = can.Message(
+        arbitration_id=0x123, is_extended_id=extended, is_fd=True, bitrate_switch=switch, data=bytes(range(length))
+    )
+    own.bus.send(sent)
+    written = b""
+    while b"O\r" not in written or not written.endswith(bytes(sent.data[-1:].hex().upper(), "ascii") + b"\r"):
+        written += own.socket.recv(1000)
+    opening, line = written.rsplit(b"\r", 2)[0], written.rsplit(b"\r", 2)[1] + b"\r"
+    assert b"S6\rY2\r" in opening + b"\r"
+    stock = slcanBus.__new__(slcanBus)
+    stock._queue = SimpleQueue()
+    stock._queue.put(line.decode())
+    for found in (stock._recv_internal(0.0)[0], own.heard(line)[0]):
+        assert found is not None
+        assert found.equals(sent, timestamp_delta=None, check_channel=False, check_direction=False)
+    own.bus.shutdown()
+    own.socket.close()
 
 
 @pytest.mark.parametrize("bad", [b"t12", b"t1239AABB", b"t1232AAB", b"tXYZ0", b"T123", b"d1230", b"hello", b"t12 0"])

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from inkloop_hardware.errors import FrameError
 from inkloop_hardware.protocol.c_codec import snake
-from inkloop_hardware.protocol.codec import Codec, Frame, Reading
+from inkloop_hardware.protocol.codec import EXTENDED, Codec, Frame, Reading
 from inkloop_hardware.protocol.records import (
     HeadMeasurement,
     MasterAlive,
@@ -254,6 +254,35 @@ def test_foreign_dbc_is_spoken(tmp_path: Path) -> None:
     assert codec.protocol_version is None
     with pytest.raises(FrameError, match=r"Temperature is 369.6 degC, expected -40 to 369.5 degC"):
         codec.encode("Oven", {"Temperature": 369.6, "Power": 0})
+
+
+def test_frames_of_can_fd_and_long_ids_are_spoken(tmp_path: Path) -> None:
+    theirs = tmp_path / "theirs.dbc"
+    formats = ",".join(f'"{name}"' for name in ("StandardCAN", "ExtendedCAN", *"23456789abcd", "StandardCAN_FD"))
+    theirs.write_text(
+        'VERSION ""\n\nBU_: A\n\nBO_ 801 Plain: 8 A\n SG_ Value : 0|8@1+ (1,0) [0|0] "" A\n\n'
+        'BO_ 2147484449 Long: 8 A\n SG_ Value : 0|8@1+ (1,0) [0|0] "" A\n\n'
+        'BO_ 802 Fast: 8 A\n SG_ Value : 0|8@1+ (1,0) [0|0] "" A\n\n'
+        'BO_ 803 Big: 12 A\n SG_ Value : 88|8@1+ (1,0) [0|0] "" A\n\n'
+        f'BA_DEF_ BO_  "VFrameFormat" ENUM  {formats};\nBA_DEF_DEF_  "VFrameFormat" "StandardCAN";\n'
+        'BA_ "VFrameFormat" BO_ 2147484449 1;\nBA_ "VFrameFormat" BO_ 802 14;\n'
+    )
+    codec = Codec(theirs)
+    frames = {
+        "Plain": Frame(801, b"\7" + bytes(7)),
+        "Long": Frame(EXTENDED | 801, b"\7" + bytes(7)),
+        "Fast": Frame(802, b"\7" + bytes(7), is_fd=True),
+        "Big": Frame(803, bytes(11) + b"\7", is_fd=True),
+    }
+    for name, frame in frames.items():
+        assert codec.encode(name, {"Value": 7}) == frame
+        assert codec.decode(frame) == Reading(name, {"Value": 7})
+    with pytest.raises(FrameError, match=r"0x322 .* is a classic frame, expected a CAN FD one"):
+        codec.decode(frames["Fast"]._replace(is_fd=False))
+    with pytest.raises(FrameError, match=r"0x321 .* is a CAN FD frame, expected a classic one"):
+        codec.decode(frames["Plain"]._replace(is_fd=True))
+    with pytest.raises(FrameError, match=r"frame 0x00000323 .*no message with this id"):
+        codec.decode(frames["Big"]._replace(arbitration_id=EXTENDED | 803))
 
 
 def test_check_byte_is_that_of_the_autosar_library() -> None:
