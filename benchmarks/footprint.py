@@ -17,7 +17,7 @@ from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 
-SIDES = (200, 400)
+SIDES = (300, 600)
 """Cells along an edge; figures are slopes between the two, so that what every print takes does not count."""
 PITCH_UM, LAYER_UM = 100.0, 7.6
 CASES = (
@@ -36,7 +36,7 @@ KIBIBYTE = 1024  # unit of ru_maxrss on Linux
 def measure() -> Table:
     """Bytes for each cell, each print in a process of its own; disk: the run folder at its end, without pictures."""
     table = Table(title=f"a print of {SIDES[0]} x {SIDES[0]} to {SIDES[1]} x {SIDES[1]} cells, bytes for each cell")
-    for heading in ("printer", "controller", "layers", "memory", "estimate", "disk", "estimate"):
+    for heading in ("printer", "controller", "layers", "memory", "estimate", "disk at the end", "estimate at most"):
         table.add_column(heading, justify="left" if heading in ("printer", "controller") else "right")
     for case in track(CASES, "footprint", transient=True):
         small, large = (_in_a_process(case, side) for side in SIDES)

@@ -42,7 +42,8 @@ def size_text(count: float) -> str:
     """A number of bytes for a person, "1.4 GiB"."""
     for unit, size in (("TiB", GIB * KIB), ("GiB", GIB), ("MiB", MIB)):
         if count >= size:
-            return f"{count / size:.3g} {unit}" if count < 1000 * size else f"{count / size:,.0f} {unit}"
+            number = count / size
+            return f"{number:.3g} {unit}" if number < 100 else f"{number:,.0f} {unit}"
     return f"{count / KIB:.3g} KiB"
 
 
