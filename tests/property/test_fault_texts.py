@@ -41,7 +41,7 @@ def nodes() -> Iterator[subprocess.Popen[bytes]]:
         process.stdin.close()
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(text=TEXTS | ANY_TEXT)
 @example(text="loss:" + "x" * 80 + "=1")
 def test_fault_that_is_taken_is_taken_by_the_nodes_too(text: str, nodes: subprocess.Popen[bytes]) -> None:

@@ -33,10 +33,13 @@ from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches import node_bench
 
 FULL = np.ones((9, 9), np.uint8)
-LIMIT = 30.0
+LIMIT = 600.0
+"""Ends a test that hangs; every wait is for an event."""
 LONG_CURE_MS = 8000
-OFF_WITHIN = 0.35
-"""Seconds after the last MasterAlive, by the node's own clock."""
+SILENCE_S = 2.0
+"""Of a node and of the master, until the other side takes it for lost: a busy machine is no fault of the bench."""
+OFF_WITHIN = 2 * SILENCE_S
+"""Seconds after the last MasterAlive, by the node's own clock, which is late where its process has to wait."""
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +50,9 @@ def program() -> Path:
 @contextmanager
 def bench(program: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """The running bench and its channel."""
-    running = subprocess.Popen([program, "pass_ms=5", *arguments], stdout=subprocess.PIPE, text=True)
+    running = subprocess.Popen(
+        [program, "pass_ms=5", f"alive_ms={1e3 * SILENCE_S:g}", *arguments], stdout=subprocess.PIPE, text=True
+    )
     assert running.stdout
     try:
         yield running, running.stdout.readline().strip()
@@ -71,7 +76,7 @@ def rig(channel: str) -> Iterator[Rig]:
 
 
 def settings(channel: str, **others: object) -> BusSettings:
-    return BusSettings("slcan", channel, 500_000, **others)  # type: ignore[arg-type]
+    return BusSettings("slcan", channel, 500_000, **{"silence_s": SILENCE_S, **others})  # type: ignore[arg-type]
 
 
 def cleared(rig: Rig) -> None:
@@ -142,11 +147,11 @@ class Observer:
 
 
 def lamp_after_the_master_is_gone(channel: str) -> NodeTimes:
-    """Times of the lamp's node, once it has heard nothing for half a second; it must be off."""
+    """Times of the lamp's node, once it takes its master for lost; it must be off."""
     observer = Observer(channel)
     link = observer.link(Node.CURE)
     times = link.times()
-    while times.now - times.master_alive < 0.5:
+    while times.now - times.master_alive < 1.25 * SILENCE_S:
         time.sleep(0.05)
         times = link.times()
     assert link.state().state is State.SAFE
@@ -229,7 +234,7 @@ def test_hanging_loop_loses_its_enables_and_its_heartbeat(
     with rig.enabled(lamp=True), pytest.raises((NodeStopped, NodeRefused)):
         rig.link(Node.CURE).routine(Routine.CURE, key, LONG_CURE_MS.to_bytes(2, "big"), limit_s=LIMIT)
     times = found[0]
-    assert times.lamp_off - times.lamp_on < 3.0 < LONG_CURE_MS / 1e3
+    assert times.lamp_off - times.lamp_on < LONG_CURE_MS / 1e3
     assert times.lamp_off - times.master_alive <= OFF_WITHIN
     assert times.off - times.master_alive <= OFF_WITHIN
 

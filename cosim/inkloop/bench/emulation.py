@@ -13,6 +13,7 @@ from inkloop.errors import ScenarioError
 from inkloop.fmu_writer.archive import read_definition
 from inkloop.scenario.file import Scenario
 from inkloop.tables.bench_faults import FaultTable
+from inkloop.units import MS_PER_S
 
 NODE_CELLS_MAX = 1_000_000
 """Cells that a node of the bench holds (PATTERN_CELLS_MAX of the firmware)."""
@@ -39,6 +40,7 @@ def emulation_of(scenario: Scenario) -> Emulation:
     """
     grid = scenario.tables.grid
     parameters: dict[str, float] = {"nx": grid.nx, "ny": grid.ny}
+    parameters["alive_ms"] = round(scenario.tables.bench.silence_s * MS_PER_S)
     errors: list[str] = []
     if grid.nx * grid.ny > NODE_CELLS_MAX:
         errors.append(

@@ -101,6 +101,15 @@ class BenchTable(Table):
     loop_timeout_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = Field(
         default=120.0, description="silence of the control loop, with nothing enabled, after which its heartbeat stops"
     )
+    grace_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = Field(
+        default=0.5, description="silence of the control loop, with something enabled, after which its heartbeat stops"
+    )
+    answer_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = Field(
+        default=1.0, description="time for a node to begin an answer; then the request is repeated, six tries in all"
+    )
+    silence_s: Annotated[float, Field(ge=0.1, le=60.0)] = Field(
+        default=0.3, description="silence of a node after which it is lost; for emulated nodes, also of the master"
+    )
     faults: list[bench_faults.FaultTable] = Field(default=[], description="faults that the emulator injects")
 
 

@@ -20,11 +20,11 @@ from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import BusError
 from inkloop_hardware.protocol.codec import Frame
 
-START_LIMIT = 30.0
+START_LIMIT = 120.0
 """Seconds for the process to start and open the adapter."""
 END_LIMIT = 5.0
 """Seconds for it to end."""
-SILENCE_LIMIT = 5.0
+SILENCE_LIMIT = 20.0
 """Seconds without a message of the bus process; it sends one every 50 ms."""
 OTHERS_MAX = 100_000
 """Frames that wait at most, the newest ones: while a plan is computed none is taken."""
@@ -52,6 +52,8 @@ class BusConnection:
         self.others: deque[tuple[float, Frame]] = deque(maxlen=OTHERS_MAX)
         self._kept_ids = kept_ids
         self.messages: deque[str] = deque()
+        self.priority = ""
+        """What the process was granted, once it is open."""
         self.disconnected = ""
         """Why the adapter is disconnected, while it is being opened again; else empty."""
         self._queues: dict[int, SimpleQueue[bytes | None]] = {identifier: SimpleQueue() for identifier in answer_ids}
@@ -170,6 +172,7 @@ class BusConnection:
             elif kind is Kind.DISCONNECTED:
                 self.disconnected = content.decode()
             elif kind is Kind.OPENED:
+                self.priority = content.decode()
                 self._opened.set()
             elif kind is Kind.FAILED:
                 failure = content.decode()

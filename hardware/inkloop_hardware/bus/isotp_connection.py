@@ -65,8 +65,9 @@ class IsoTpConnection(BaseConnection):
 
     wire: the way to it; request_id, answer_id: arbitration ids as in `Frame`, both of the same length; fd: requests go
     in CAN FD frames of up to 64 bytes; is_answer: whether a message answers the last request, any other is dropped and
-    counted (`stray`). `broken` counts errors of ISO-TP: lost, doubled and swapped frames.
-    `deadline`: no wait lasts beyond this second of the wire's clock.
+    counted (`stray`); quiet_s: seconds without a frame after which a message that stopped midway is given up. `broken`
+    counts errors of ISO-TP: lost, doubled and swapped frames. `deadline`: no wait lasts beyond this second of the
+    wire's clock.
     """
 
     def __init__(
@@ -77,6 +78,7 @@ class IsoTpConnection(BaseConnection):
         is_answer: Callable[[bytes, bytes], bool],
         *,
         fd: bool = False,
+        quiet_s: float = MESSAGE_QUIET,
     ) -> None:
         super().__init__(id_text(request_id))
         self.stray = 0
@@ -85,6 +87,7 @@ class IsoTpConnection(BaseConnection):
         self._wire = wire
         self._is_answer = is_answer
         self._request_id, self._answer_id, self._fd = request_id, answer_id, fd
+        self._quiet_s = quiet_s
         self._torn = False
         self._request = b""
         self._unsent: list[Frame] = []
@@ -161,7 +164,7 @@ class IsoTpConnection(BaseConnection):
             raise TimeoutException(f"no frame for {timeout:g} s")  # type: ignore[no-untyped-call]
 
     def _give_up_a_broken_message(self, quiet: float) -> None:
-        if quiet <= (TORN_QUIET if self._torn else MESSAGE_QUIET):
+        if quiet <= (TORN_QUIET if self._torn else self._quiet_s):
             return
         self._torn = False
         self._stack.reset()

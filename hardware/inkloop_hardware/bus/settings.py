@@ -21,6 +21,7 @@ class BusSettings:
     traffic_log: file of all frames, BLF or ASC by its suffix; a relative one lies in the folder of the rig; None: none.
     loop_timeout_s: seconds that the control loop may be busy (a plan) while nothing is enabled, then the heartbeat
     ends; grace_s: the same while something is enabled. reopen_s: seconds of tries to open a disconnected adapter.
+    answer_s: seconds for a node to begin an answer; silence_s: seconds without a status until a node is lost.
     """
 
     interface: str | None = None
@@ -31,6 +32,8 @@ class BusSettings:
     loop_timeout_s: float = 120.0
     grace_s: float = 0.5
     reopen_s: float = 10.0
+    answer_s: float = 1.0
+    silence_s: float = 0.3
     fd: bool = False
     data_bitrate: int | None = None
     bit_rate_switch: bool = False

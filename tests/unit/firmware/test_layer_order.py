@@ -267,9 +267,9 @@ def test_service_of_another_role_is_refused() -> None:
                 if other != node:
                     assert bench.raw(bench.routine(routine, 1), node) == b"\x7f\x31\x31"
             if node != HEAD:
-                assert bench.raw(bytes.fromhex("3400440000000100000010"), node) == b"\x7f\x34\x70"
+                assert bench.raw(bytes.fromhex("3400440000000100000010"), node) == b"\x7f\x34\x11"
             if node != PROFILER:
-                assert bench.raw(bytes.fromhex("3500440000000100000010"), node) == b"\x7f\x35\x70"
+                assert bench.raw(bytes.fromhex("3500440000000100000010"), node) == b"\x7f\x35\x11"
 
 
 def test_dry_run_prints_lights_and_remembers_nothing(bench: NodeBench) -> None:
@@ -309,7 +309,7 @@ def test_another_job_begins_when_the_last_one_is_over(bench: NodeBench) -> None:
     assert (bench.state().job, bench.state().done) == (8, 0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 3), st.integers(0, 4)), max_size=40), st.booleans())
 def test_whatever_is_asked_every_pass_is_jetted_at_most_once(asked: Any, one_node: bool) -> None:
     """Also: the clock may wrap, and the lamp is never on without the gate closed."""
@@ -334,7 +334,7 @@ def test_whatever_is_asked_every_pass_is_jetted_at_most_once(asked: Any, one_nod
         assert bench.counted(LAMP_WITH_GATE) == 0
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.lists(st.binary(max_size=24), max_size=20))
 def test_no_bytes_bring_a_node_out_of_its_states(requests: list[bytes]) -> None:
     with NodeBench() as bench:

@@ -9,7 +9,7 @@ from typing import Any
 
 import can
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from inkloop_hardware.bus.frames import data_frame, message_of
@@ -51,7 +51,6 @@ class Trickle(io.RawIOBase):
         return len(piece)
 
 
-@settings(deadline=None)
 @given(st.lists(FRAMES | WIDE_FRAMES, max_size=200), st.floats(0, 1e9))
 def test_frames_cross_the_pipe_as_they_are(frames: list[Frame], now: float) -> None:
     stream = Trickle()

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
-from inkloop_hardware.bus.slcan_bus import BulkSlcanBus, frame_of
+from inkloop_hardware.bus.slcan_bus import LINE_MAX, BulkSlcanBus, frame_of
 from inkloop_hardware.errors import BusError
 from inkloop_hardware.protocol.codec import Frame
 from support.benches.wire_library import SlcanEnd, SlcanFrame
@@ -32,7 +32,8 @@ FRAMES = st.builds(
     st.booleans(),
     st.binary(max_size=8),
 )
-PATIENCE = 20.0
+PATIENCE = 600.0
+"""Ends a test that hangs; every wait is for an event."""
 
 
 class Line:
@@ -68,7 +69,6 @@ def line() -> Iterator[Line]:
 
 
 @pytest.mark.compiled
-@settings(deadline=None)
 @given(FRAMES, st.sampled_from([b"", b"12FE"]))
 def test_frame_of_the_firmware_is_read_back_unchanged(frame: SlcanFrame, time_stamp: bytes) -> None:
     found = frame_of(SlcanEnd().write(frame).rstrip(b"\r") + time_stamp, 5.0)
@@ -81,7 +81,6 @@ def test_frame_of_the_firmware_is_read_back_unchanged(frame: SlcanFrame, time_st
 
 
 @pytest.mark.compiled
-@settings(deadline=None)
 @given(st.lists(FRAMES, max_size=30), st.integers(1, 100))
 def test_frames_come_whole_and_in_order_however_they_are_cut(frames: list[SlcanFrame], piece: int) -> None:
     bus = BulkSlcanBus.__new__(BulkSlcanBus)
@@ -93,7 +92,7 @@ def test_frames_come_whole_and_in_order_however_they_are_cut(frames: list[SlcanF
     assert (bus.malformed, bus.refused) == (0, 0)
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.binary(max_size=200))
 def test_no_text_ends_the_reading(text: bytes) -> None:
     bus = BulkSlcanBus.__new__(BulkSlcanBus)
@@ -134,6 +133,14 @@ def test_line_of_a_can_fd_frame_is_that_of_python_can(length: int, switch: bool,
 def test_malformed_line_is_counted_and_the_next_frame_read(line: Line, bad: bytes) -> None:
     before = line.bus.malformed
     assert [m.arbitration_id for m in line.heard(b"t0010\r" + bad + b"\rt0020\r")] == [1, 2]
+    assert line.bus.malformed == before + 1
+
+
+def test_rest_of_a_line_that_is_too_long_is_no_frame(line: Line) -> None:
+    before = line.bus.malformed
+    line.bus.take(b"x" * (LINE_MAX + 1))
+    line.bus.take(b"x" * (LINE_MAX + 1))
+    assert [m.arbitration_id for m in line.heard(b"t0010\rt0020\r")] == [2]
     assert line.bus.malformed == before + 1
 
 
