@@ -19,6 +19,7 @@ NAMES = (
     "scaling",
     "time_limit",
     "controller_step",
+    "footprint",
     "peers",
     "targets",
     "closed_loop",

@@ -30,6 +30,7 @@ from inkloop.commands import (
 )
 from inkloop.commands.options import show_error
 from inkloop.errors import InkloopError
+from inkloop.files import reason_of
 
 COMMANDS = (
     run,
@@ -64,6 +65,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except BrokenPipeError:  # the reader, `head` for example, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except OSError as error:
+        show_error(InkloopError(f"{error.filename or 'a file'}: {reason_of(error)}"), options, error)
         return 1
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

@@ -5,11 +5,10 @@ To the components it is a bus like any other.
 
 from __future__ import annotations
 
-import shutil
 import struct
 import subprocess
-import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -18,6 +17,7 @@ import numpy as np
 
 import inkloop_hardware
 from inkloop.component import FloatMap
+from inkloop.files import temporary_folder
 from inkloop_hardware.errors import BusError
 
 PROGRAM = "inkloop_bench_nodes"
@@ -44,8 +44,10 @@ class EmulatedBench:
         surface: FloatMap | None = None,
         faults: Sequence[str] = (),
     ) -> None:
-        self._own_folder = None if folder or surface is None else Path(tempfile.mkdtemp(prefix="inkloop-bench-"))
-        place = folder or self._own_folder
+        self._own_folder = ExitStack()
+        place = folder
+        if folder is None and surface is not None:
+            place = self._own_folder.enter_context(temporary_folder("bench"))
         if place:
             place.mkdir(parents=True, exist_ok=True)
             if surface is not None and not (place / SURFACE_FILE).exists():
@@ -83,8 +85,7 @@ class EmulatedBench:
             if stream is not None:
                 stream.close()
         self._process.wait()
-        if self._own_folder:
-            shutil.rmtree(self._own_folder, ignore_errors=True)
+        self._own_folder.close()
 
     def __enter__(self) -> Self:
         return self

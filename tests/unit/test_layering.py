@@ -25,11 +25,11 @@ from support.source_tree import (
 
 FLOOR = {
     f"inkloop.{name}"
-    for name in ("component", "contract", "errors", "files", "geometry", "suggest", "testing", "units")
+    for name in ("component", "contract", "errors", "files", "geometry", "limits", "suggest", "testing", "units")
 }
 BUILD_TIME = "inkloop.fmu_writer"
 """These modules run while the FMUs are built, when nothing else is installed."""
-BUILD_TIME_FLOOR = ("inkloop.errors", "inkloop.files", "inkloop.units")
+BUILD_TIME_FLOOR = ("inkloop.errors", "inkloop.files", "inkloop.limits", "inkloop.units")
 COMMAND_LINE = ("inkloop.cli", "inkloop.commands")
 PLOTS = (
     *("inkloop.report.pictures", "inkloop.report.plot", "inkloop.report.solid_view", "inkloop.studies"),

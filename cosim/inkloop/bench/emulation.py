@@ -15,6 +15,8 @@ from inkloop.scenario.file import Scenario
 from inkloop.tables.bench_faults import FaultTable
 from inkloop.units import MS_PER_S
 
+NODE_CELLS_MAX = 1_000_000
+"""Cells that a node of the bench holds (PATTERN_CELLS_MAX of the firmware)."""
 _SEEDS = {"LayerDeposition": "printer_seed", "ProfileSensor": "sensor_seed"}
 """Models that the emulator stands for, and its names of their seeds. Its other parameters have the same names: those
 that variables.toml calls emulated."""
@@ -40,6 +42,11 @@ def emulation_of(scenario: Scenario) -> Emulation:
     parameters: dict[str, float] = {"nx": grid.nx, "ny": grid.ny}
     parameters["alive_ms"] = round(scenario.tables.bench.silence_s * MS_PER_S)
     errors: list[str] = []
+    if grid.nx * grid.ny > NODE_CELLS_MAX:
+        errors.append(
+            f"grid of {grid.nx} x {grid.ny} cells: the nodes of the bench hold up to {NODE_CELLS_MAX:,} cells; "
+            "choose a smaller grid or a larger pitch"
+        )
     for name, table in scenario.tables.components.items():
         model = devices.KINDS[table.kind].model if table.kind in devices.KINDS else table.kind
         if model not in _SEEDS:

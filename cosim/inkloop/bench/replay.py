@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import importlib
 import io
-import tempfile
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -21,6 +20,7 @@ from rich.console import Console
 from inkloop.components import devices
 from inkloop.contract import MEASURED_HEIGHT, PATTERN, VALID
 from inkloop.errors import ComponentError, InkloopError, ResultError
+from inkloop.files import temporary_folder
 from inkloop.printing.device_log import live_words
 from inkloop.printing.run import new_run_folder, print_part, scenario_of_run
 from inkloop.results.result import RESULT_FILE, UNFINISHED, Result
@@ -40,7 +40,7 @@ def replay(options: argparse.Namespace, overrides: Mapping[str, Any], console: C
         if options.out:
             place = new_run_folder(options.out, folder.name)
         else:
-            place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="inkloop-replay-")))
+            place = stack.enter_context(temporary_folder("replay"))
         recorded = Result.load(folder) if (folder / RESULT_FILE).is_file() else None
         found = _replayed(scenario, place, is_whole=recorded is None or recorded.stop_reason not in UNFINISHED)
         again = Result.load(place) if (place / RESULT_FILE).is_file() else None

@@ -116,9 +116,12 @@ def screen() -> Console:
     return Console(width=None if sys.stdout.isatty() else 120)
 
 
-def show_error(error: InkloopError, options: argparse.Namespace) -> None:
-    """Print the message of an error on stderr; with --traceback, below the calls that led to it and to its causes."""
+def show_error(error: InkloopError, options: argparse.Namespace, raised: Exception | None = None) -> None:
+    """Print the message of an error on stderr; with --traceback, below the calls that led to it and to its causes.
+
+    raised: what the error stands for, if it was not raised itself.
+    """
     if options.traceback:
-        traceback.print_exception(error)
+        traceback.print_exception(raised or error)
     else:
         print(error, file=sys.stderr)

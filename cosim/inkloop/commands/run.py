@@ -42,5 +42,5 @@ def run(options: argparse.Namespace) -> int:
             )
         from inkloop.printing.isolation import run_isolated
 
-        folder = printing.new_run_folder(options.out, options.scenario.stem)
+        folder = printing.checked_run_folder(scenario, options.out, options.scenario.stem)
         return run_isolated([*options.words, "--no-isolate", "--out", str(folder)], folder, scenario.foreign_fmus)

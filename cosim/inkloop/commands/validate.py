@@ -17,11 +17,14 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> int:
     """Print a summary of a valid scenario; returns the exit code."""
+    from inkloop.printing.run import RUNS
+
     with scenario_of(options) as scenario:
+        scenario.footprint.check_disk(RUNS)
         grid = scenario.tables.grid
         printed = int(scenario.job().mask.sum())
         print(
             f"{options.scenario}: no errors; {grid.nx} x {grid.ny} cells, {printed} printed, "
-            f"components {', '.join(scenario.tables.components)}"
+            f"components {', '.join(scenario.tables.components)}; {scenario.footprint}"
         )
     return 0

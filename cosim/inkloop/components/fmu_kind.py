@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from inkloop.components.fmu_parameters import FORMS, JOB_PARAMETERS, Parsed, par
 from inkloop.components.kind import Checked
 from inkloop.components.port_mapping import MappedPort, MappedPorts, ports_of
 from inkloop.components.port_tables import OPTION, mapped_ports
+from inkloop.files import temporary_folder
 from inkloop.fmu import FmuComponent, FmuDescription, archive_error, describe, platform_error
 from inkloop.fmu.archive_member import fmu_file
 from inkloop.fmu_writer.export import export_fmu, find_fmu
@@ -80,7 +80,7 @@ def _make_model(model: str, form: str, file: Path, parsed: Parsed) -> FmuCompone
     sizes = parsed.structural
     if form == FORMS[0] or describe(file).grid == (sizes["nx"], sizes["ny"]):
         return FmuComponent(file, parameters=parsed.parameters, structural=sizes)
-    with tempfile.TemporaryDirectory(prefix="inkloop-export-") as folder:  # a component keeps what it needs of the file
+    with temporary_folder("export") as folder:  # a component keeps what it needs of the file
         made = export_fmu(
             model,
             fmi="2" if form == "fmi2" else "3",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -10,6 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from inkloop.errors import FmuError
+from inkloop.files import reason_of, temporary_folder
+from inkloop.limits import unpacked_error
 
 SUFFIX = ".ssp"
 UNREADABLE = (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
@@ -23,13 +24,16 @@ def fmu_file(path: Path) -> Iterator[Path]:
     if archive is None:
         yield path
         return
-    with tempfile.TemporaryDirectory(prefix="inkloop-ssp-") as folder:
-        copy = Path(folder) / path.name
+    with temporary_folder("ssp") as folder:
+        copy = folder / path.name
         try:
             with zipfile.ZipFile(archive) as packed:
+                if reason := unpacked_error(packed):
+                    raise FmuError(f"{archive}: {reason}")
                 copy.write_bytes(packed.read(path.relative_to(archive).as_posix()))
         except (KeyError, *UNREADABLE) as error:
-            raise FmuError(f"{path}: cannot be read: {error}") from error
+            cause = reason_of(error) if isinstance(error, OSError) else str(error)
+            raise FmuError(f"{path}: cannot be read: {cause}") from error
         try:
             yield copy
         except FmuError as error:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -18,9 +17,11 @@ from numpy.typing import NDArray
 
 from inkloop.component import Port, Values
 from inkloop.errors import ComponentError, FmuError
+from inkloop.files import is_full, reason_of, temporary_folder
 from inkloop.fmu.archive_member import UNREADABLE
 from inkloop.fmu.description import FmuDescription
 from inkloop.fmu.reading import describe
+from inkloop.limits import unpacked_error
 from inkloop.suggest import nearest
 from inkloop.units import S_PER_NS
 
@@ -46,9 +47,11 @@ def platform_error(description: FmuDescription) -> str | None:
 
 
 def archive_error(path: Path) -> str | None:
-    """The reason why an FMU cannot be unpacked: it is damaged."""
+    """The reason why an FMU cannot be unpacked: it is damaged, or too large."""
     try:
         with zipfile.ZipFile(path) as archive:
+            if reason := unpacked_error(archive):
+                return reason
             bad = archive.testzip()
     except UNREADABLE as error:
         return f"cannot be unpacked, it is damaged: {error}"
@@ -146,14 +149,19 @@ class FmuComponent:
     def _extract(self, path: Path) -> Path:
         if reason := platform_error(self.description):
             raise FmuError(f"{path}: {reason}")
-        folder = Path(self._cleanup.enter_context(tempfile.TemporaryDirectory(prefix="inkloop-fmu-")))
+        folder = self._cleanup.enter_context(temporary_folder("fmu"))
         try:
             with zipfile.ZipFile(path) as archive:
+                if reason := unpacked_error(archive):
+                    raise FmuError(f"{path}: {reason}")
                 needed = [name for name in archive.namelist() if name.partition("/")[0] not in _UNUSED]
                 archive.extractall(folder, needed)
         except UNREADABLE as error:
             self._cleanup.close()
-            raise FmuError(f"{path}: cannot be unpacked, it is damaged or the disk is full: {error}") from error
+            cause = f"it is damaged: {error}"
+            if isinstance(error, OSError) and is_full(error):
+                cause = f"{reason_of(error)} in {folder}; make room, or set TMPDIR to a folder on another disk"
+            raise FmuError(f"{path}: cannot be unpacked, {cause}") from error
         return folder
 
     def _start(self) -> Binding:

@@ -20,6 +20,7 @@ from inkloop.files import replaced, write_text
 from inkloop.fmu_writer import FORMS, c_tables, definition, description, documentation
 from inkloop.fmu_writer.definition import ModelDefinition
 from inkloop.fmu_writer.description import PLAIN, Baked, Release
+from inkloop.limits import unpacked_error
 
 DEFINITION = "sources/variables.toml"
 """Where an FMU keeps the definition that its description is written from."""
@@ -41,6 +42,8 @@ def unpack(path: Path) -> dict[str, bytes]:
     """Member name -> content. Raises FmuError."""
     try:
         with zipfile.ZipFile(path) as archive:
+            if reason := unpacked_error(archive):
+                raise FmuError(f"{path}: {reason}")
             return {name: archive.read(name) for name in archive.namelist() if not name.endswith("/")}
     except (OSError, zipfile.BadZipFile) as error:
         raise FmuError(f"{path}: is not a readable FMU: {error}") from error

@@ -10,9 +10,14 @@ from typing import Literal
 
 from inkloop.errors import FmuError
 from inkloop.fmu_writer import FORMS
+from inkloop.limits import memory_error
 
 FMI2_CELLS = 32 * 32
 """Cells up to which every importer that was tried reads an FMI 2 description in seconds."""
+
+BYTES_OF_A_CELL = {"2": 20_000, "3": 100}
+"""Version of FMI -> memory that an importer takes for a cell, measured: of FMI 2 to read the description (3.0 GiB for
+400 x 400), of FMI 3 for the maps that a model keeps and gives."""
 
 LAYER_JOB = "LayerJob"
 """The model that prints what is in its resources, so that there is none without a scenario."""
@@ -60,6 +65,9 @@ def export_fmu(
     if nx < 1 or ny < 1:
         raise FmuError(f"the grid is {nx} x {ny} cells; expected at least 1 x 1")
     form = "fmi2" if fmi == "2" else "fmi3-fixed" if fixed else "fmi3"
+    if reason := memory_error(nx * ny * BYTES_OF_A_CELL[fmi]):
+        fits = "choose a smaller grid" + ("" if fmi == "3" else ", or FMI 3, whose description does not grow with it")
+        raise FmuError(f"{model} as FMI {fmi} of {nx} x {ny} cells {reason}, for what reads and runs it; {fits}")
     if form == "fmi2" and nx * ny > FMI2_CELLS:
         _log.warning(
             "%s as FMI 2 with %d x %d cells has %d scalars per map: some importers take minutes to read that; "

@@ -9,12 +9,12 @@ import importlib.util
 import logging
 import shutil
 import subprocess
-import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
 
 from inkloop.errors import FmuError
+from inkloop.files import temporary_folder
 
 COMPILER = "x86_64-w64-mingw32-gcc"
 FLAGS = (
@@ -47,7 +47,7 @@ def with_windows_binary(members: Mapping[str, bytes], fmi: str) -> dict[str, byt
 
 def _compiled(members: Mapping[str, bytes], names: list[str], identifier: str) -> bytes:
     """The DLL; compiler warnings are logged."""
-    with tempfile.TemporaryDirectory(prefix="inkloop-windows-") as folder:
+    with temporary_folder("windows") as folder:
         for name, content in members.items():
             if name.startswith("sources/"):
                 file = Path(folder, name)

@@ -22,6 +22,7 @@ from inkloop.component import FloatMap
 from inkloop.contract import PassOrder
 from inkloop.errors import HeightMapError, IdentificationError
 from inkloop.identify.print_record import PrintRecord
+from inkloop.limits import filled
 from inkloop.metrology.cell_means import cell_means
 from inkloop.metrology.datum import Datum
 from inkloop.metrology.height_map import HeightMap, Mirror
@@ -126,8 +127,8 @@ def _table(folder: Path) -> PrintTable:
 
 def _is_numbered(name: str) -> bool:
     try:
-        return name.format(layer=1) != name.format(layer=2)
-    except (KeyError, IndexError, ValueError):
+        return filled(name, {"layer": 1}) != filled(name, {"layer": 2})
+    except ValueError:
         return False
 
 
@@ -136,7 +137,7 @@ def _patterns(folder: Path, table: PrintTable) -> tuple[list[NDArray[np.int32]],
     found: list[NDArray[np.int32]] = []
     errors: list[str] = []
     for layer in range(1, LAYERS_MOST):
-        path = folder / table.patterns.format(layer=layer)
+        path = folder / filled(table.patterns, {"layer": layer})
         if not path.is_file():
             break
         pattern = _pattern(path, table.rows_along, errors)
@@ -144,7 +145,7 @@ def _patterns(folder: Path, table: PrintTable) -> tuple[list[NDArray[np.int32]],
             errors.append(f"{path.name}: has {pattern.shape} cells, the first pattern {found[0].shape}")
         found.append(pattern)
     if not found:
-        errors.append(f"{table.patterns.format(layer=1)} is not there; log what was jetted, or correct patterns")
+        errors.append(f"{filled(table.patterns, {'layer': 1})} is not there; log what was jetted, or correct patterns")
     return found, errors
 
 
@@ -187,7 +188,7 @@ class _Maps:
         table = self.table
         reading: dict[str, Any] = {"unit": table.unit, "scale": table.count_scale, "invalid_value": table.invalid_value}
         pixel = None if table.pixel_um is None else table.pixel_um * M_PER_UM
-        path = self.folder / table.maps.format(layer=layer)
+        path = self.folder / filled(table.maps, {"layer": layer})
         map_ = read(path, pixel=pixel, rows_along=table.rows_along, **reading)
         if not map_.valid.any():
             raise HeightMapError(f"{path}: no pixel of it was measured")

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
 
+from inkloop.limits import filled
+
 Complete: TypeAlias = Literal["stable", "renamed", "done"]
 """How a file is known to be complete.
 
@@ -36,7 +38,7 @@ class Wait:
 
 
 class FolderWatch:
-    """Looks for the file of a layer, `file_name.format(layer=7)` in `folder`.
+    """Looks for the file of a layer, `file_name` with the number of the layer, in `folder`.
 
     settle_s: how long a "stable" file has to be unchanged. clock: monotonic [s]; sleep: waits that many seconds.
     """
@@ -58,7 +60,7 @@ class FolderWatch:
 
     def path(self, layer: int) -> Path:
         """Where the file of a layer is looked for."""
-        return self.folder / self._file_name.format(layer=layer)
+        return self.folder / filled(self._file_name, {"layer": layer})
 
     def look(self, layer: int, patience_s: float) -> Path | None:
         """The file of a layer if it is complete; waits up to `patience_s` for it, and for one in sight to settle.
@@ -106,9 +108,9 @@ def name_errors(file_name: str) -> list[str]:
     """Errors of the pattern of a file name, one sentence each."""
     expected = "expected a name of its own for each layer, such as 'layer_{layer:04d}.csv'"
     try:
-        names = {file_name.format(layer=layer) for layer in (1, 2, 30)}
-    except (KeyError, IndexError, ValueError, AttributeError) as error:
-        return [f"file_name is {file_name!r} ({type(error).__name__}: {error}); {expected}"]
+        names = {filled(file_name, {"layer": layer}) for layer in (1, 2, 30)}
+    except ValueError as error:
+        return [f"file_name is {file_name!r} ({error}); {expected}"]
     if len(names) < 3 or any(Path(name).name != name for name in names):
         return [f"file_name is {file_name!r}; {expected}"]
     return []

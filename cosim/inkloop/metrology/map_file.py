@@ -6,6 +6,7 @@ Neither is ever guessed: a map that is wrong by a factor of 1000 looks like any 
 from __future__ import annotations
 
 import importlib
+import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Literal
@@ -13,10 +14,13 @@ from typing import Literal
 import numpy as np
 
 from inkloop.errors import HeightMapError
+from inkloop.limits import memory_error, unpacked_error
 from inkloop.metrology.file_contents import FileContents, length_factor, required_factor
 from inkloop.metrology.height_map import HeightMap
 from inkloop.units import UM_PER_M
 
+COPIES = 3
+"""Times its size that reading an array takes: what is stored, the heights, and their transposed copy."""
 PIXEL_TOLERANCE = 0.01  # files round the size of their pixels (assumed)
 
 READERS: Mapping[str, tuple[str, str]] = {
@@ -60,6 +64,8 @@ def read(
         errors.append(f"holds whole-number counts ({values.dtype}); give scale, the height of one count in the unit")
     if scale is not None and not (np.isfinite(scale) and scale > 0):
         errors.append(f"scale is {scale}; expected a height per count above 0")
+    if reason := memory_error(2 * 8 * values.size):
+        errors.append(f"holds {values.size:,} pixels: {reason}")
     if errors:
         raise HeightMapError(f"{path}: " + "; ".join(errors))
     z = values.astype(np.float64)
@@ -75,6 +81,8 @@ def _contents(path: Path) -> FileContents:
     module, name = READERS.get(path.suffix.lower(), _INSTRUMENTS)
     reader: Callable[[Path], FileContents] = getattr(importlib.import_module(module), name)
     try:
+        if reason := _size_error(path):
+            raise HeightMapError(f"{path}: {reason}; save a part of the map, or fewer pixels")
         return reader(path)
     except HeightMapError:
         raise
@@ -85,6 +93,17 @@ def _contents(path: Path) -> FileContents:
         raise HeightMapError(
             f"{path}: is damaged, or its suffix is wrong ({type(error).__name__}: {reason})"
         ) from error
+
+
+def _size_error(path: Path) -> str | None:
+    """The reason why a file is not read: what it unpacks to. NPZ and X3P are archives."""
+    unpacked = path.stat().st_size
+    if zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as archive:
+            if reason := unpacked_error(archive):
+                return reason
+            unpacked = sum(member.file_size for member in archive.infolist())
+    return memory_error(unpacked * COPIES)
 
 
 def _factor(path: Path, contents: FileContents, unit: str | None, errors: list[str]) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 import tifffile
 
 from inkloop.errors import HeightMapError
+from inkloop.limits import memory_error
 from inkloop.metrology.file_contents import FileContents, length_factor
 
 _CENTIMETRE = 3  # TIFF 6.0, tag 296; 2 is the inch, in which picture programs write 72 or 300 without meaning it
@@ -47,7 +48,7 @@ def _size_error(file: tifffile.TiffFile) -> str | None:
     picture, length = file.series[0], file.filehandle.size
     is_packed = file.pages.first.compression != tifffile.COMPRESSION.NONE
     if picture.nbytes <= length * (_PACKED_AT_MOST if is_packed else 1):
-        return None
+        return memory_error(picture.nbytes)
     return f"is damaged: declares {' x '.join(map(str, picture.shape))} pixels of {picture.dtype} in {length} bytes"
 
 

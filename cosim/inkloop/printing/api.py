@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from inkloop.printing.lock import sole_writer
-from inkloop.printing.run import log_devices, new_run_folder, print_part
+from inkloop.printing.run import checked_run_folder, log_devices, print_part
 from inkloop.results.result import Result
 from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
@@ -37,7 +37,7 @@ def run(
     with classes_from(source.parent):
         if out is None:
             return print_part(loaded)
-        folder = new_run_folder(Path(out), source.stem)
+        folder = checked_run_folder(loaded, Path(out), source.stem)
         with sole_writer(folder), log_devices(loaded, Console(quiet=True), folder):
             notes = {"scenario_file": str(source.resolve()), "compare": False}
             Result.begin(folder, loaded.text, notes)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rich.console import Console
 
 from inkloop.components.devices import LOGGER
+from inkloop.files import reason_of
 
 LOG_FILE = "bench.log"
 
@@ -24,6 +26,27 @@ class _OnScreen(logging.Handler):
         self._console.print(f"  {record.getMessage()}", style=style, highlight=False, markup=False, soft_wrap=True)
 
 
+class _InFile(logging.FileHandler):
+    """Appends to a file; where that fails, as on a full disk, one message says so and the print continues."""
+
+    def __init__(self, path: Path, console: Console) -> None:
+        super().__init__(path, delay=True, encoding="utf-8")
+        self._console, self._has_failed = console, False
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Report the first error."""
+        error = sys.exc_info()[1]
+        if not self._has_failed and isinstance(error, OSError):
+            lost = f"{self.baseFilename} cannot be written: {reason_of(error)}; its messages are shown here only"
+            self._console.print(f"  {lost}", style="red", highlight=False, markup=False, soft_wrap=True)
+        self._has_failed = True
+
+    def close(self) -> None:
+        """Close the file; what it has no room for is lost, as reported."""
+        with suppress(OSError):
+            super().close()
+
+
 @contextmanager
 def live_words(console: Console, folder: Path | None) -> Iterator[None]:
     """Within the block every sentence of a device is shown, and added with its time to the log of the folder.
@@ -32,7 +55,7 @@ def live_words(console: Console, folder: Path | None) -> Iterator[None]:
     """
     handlers: list[logging.Handler] = [_OnScreen(console)]
     if folder is not None:
-        handlers.append(logging.FileHandler(folder / LOG_FILE, delay=True, encoding="utf-8"))
+        handlers.append(_InFile(folder / LOG_FILE, console))
         handlers[-1].setFormatter(
             logging.Formatter("%(asctime)s.%(msecs)03d %(levelname)s %(message)s", "%Y-%m-%d %H:%M:%S")
         )

@@ -6,11 +6,11 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 from inkloop.errors import ComponentError
+from inkloop.files import temporary_folder
 from inkloop.master.interrupt import deferred
 from inkloop.results import checkpoint
 from inkloop.results.result import RUN_FILE, read_record
@@ -25,8 +25,8 @@ def run_isolated(arguments: Sequence[str], folder: Path, foreign: Sequence[str] 
     foreign: the components that are an FMU of others. What the child unpacks is removed however it ends. Raises
     ComponentError if it crashed: cause, kept layers and how to resume.
     """
-    with tempfile.TemporaryDirectory(prefix="inkloop-run-") as unpacked, deferred():
-        environment = {**os.environ, "TMPDIR": unpacked}
+    with temporary_folder("run") as unpacked, deferred():
+        environment = {**os.environ, "TMPDIR": str(unpacked)}
         code = subprocess.call([sys.executable, "-c", _COMMAND, *arguments], env=environment)
     if code == -signal.SIGINT:
         return 130

@@ -15,15 +15,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from inkloop.errors import ResultError
-
-if sys.platform == "win32":
-    import msvcrt
-else:
-    import fcntl
+from inkloop.files import reason_of, take_lock
 
 LOCK_FILE = "run.lock"
 """File that names the process writing into a run folder; a file left by a killed process has no effect."""
-_FAR = 1 << 30  # locked is a byte beyond the words: where locks keep readers out too (Windows), the words can be read
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP)  # of a file system that keeps none: no reason not to print
 
 
@@ -40,7 +35,7 @@ def sole_writer(folder: Path) -> Iterator[None]:
         os.ftruncate(file, 0)
         os.write(file, f"process {os.getpid()} since {time.strftime('%Y-%m-%d %H:%M:%S')}".encode())
     except OSError as error:
-        raise ResultError(f"{folder}: the run cannot be written there: {error.strerror or error}") from error
+        raise ResultError(f"{folder}: the run cannot be written there: {reason_of(error)}") from error
     try:
         yield
     finally:
@@ -69,18 +64,11 @@ def _locked(path: Path) -> int:
 def _take(file: int) -> bool:
     """Take the lock of an open file; False if another process has it. Raises OSError."""
     try:
-        if sys.platform == "win32":
-            os.lseek(file, _FAR, os.SEEK_SET)
-            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
-        else:
-            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, _FAR)
+        return take_lock(file)
     except OSError as error:
-        if error.errno not in (errno.EACCES, errno.EAGAIN, errno.EDEADLK, *_NO_LOCKS):
+        if error.errno not in _NO_LOCKS:
             raise
-        return error.errno in _NO_LOCKS
-    finally:
-        os.lseek(file, 0, os.SEEK_SET)
-    return True
+        return True
 
 
 def _release(file: int, path: Path) -> None:

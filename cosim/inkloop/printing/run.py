@@ -15,6 +15,7 @@ from rich.table import Column
 from inkloop.components import devices
 from inkloop.components.catalog import MAP_FOLDER
 from inkloop.errors import ResultError
+from inkloop.files import reason_of
 from inkloop.master.interrupt import deferred
 from inkloop.master.pacing import sentence
 from inkloop.printing.device_log import live_words
@@ -35,12 +36,22 @@ from inkloop.results.result import (
 from inkloop.scenario.file import Scenario
 from inkloop.units import MS_PER_S, UM_PER_M
 
+RUNS = Path("runs")
+"""Folder of run folders without --out."""
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
 
 
 def run(scenario: Scenario, out: Path | None, console: Console, *, compare: bool = True, pictures: bool = True) -> int:
     """Print, compare, save and show; returns the exit code of the command. An interrupted run keeps its layers."""
-    return _print_all(scenario, new_run_folder(out, Path(scenario.source).stem), console, compare, pictures)
+    folder = checked_run_folder(scenario, out, Path(scenario.source).stem)
+    console.print(f"{folder}: {scenario.footprint}", highlight=False, soft_wrap=True)
+    return _print_all(scenario, folder, console, compare, pictures)
+
+
+def checked_run_folder(scenario: Scenario, out: Path | None, name: str) -> Path:
+    """The folder of `new_run_folder`, on a disk that can hold the run. Raises ResultError."""
+    scenario.footprint.check_disk(out or RUNS)
+    return new_run_folder(out, name)
 
 
 def resume(folder: Path, console: Console, *, pictures: bool = True) -> int:
@@ -148,7 +159,7 @@ def new_run_folder(out: Path | None, name: str) -> Path:
         if out.exists() and (not out.is_dir() or any(path.name != LOCK_FILE for path in out.iterdir())):
             raise ResultError(f"{out}: is there already and not empty; name another --out, nothing is overwritten")
         return out
-    base = Path("runs") / name
+    base = RUNS / name
     candidates = (base if n == 1 else base.with_name(f"{name}-{n}") for n in range(1, 1_000_000))
     return next(candidate for candidate in candidates if _is_claimed(candidate))
 
@@ -160,7 +171,7 @@ def _is_claimed(folder: Path) -> bool:
     except FileExistsError:
         return False
     except OSError as error:
-        raise ResultError(f"{folder}: the run cannot be written there: {error.strerror or error}") from error
+        raise ResultError(f"{folder}: the run cannot be written there: {reason_of(error)}") from error
     return True
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from inkloop.component import Component, Values, is_device
 from inkloop.errors import ResultError
-from inkloop.files import replaced, sync_folder
+from inkloop.files import reason_of, replaced, sync_folder
 from inkloop.results.recorder import Recorder
 
 LAYERS_FOLDER, STATE_FILE = "layers", "state.npz"
@@ -113,7 +113,7 @@ class Checkpoints:
         except OSError as error:
             kept = "no layer was finished" if self._last is None else f"layers 0 to {self._last} are kept"
             raise ResultError(
-                f"{path}: cannot be written: {error.strerror or error}; {kept}; make room, then "
+                f"{path}: cannot be written: {reason_of(error)}; {kept}; make room, then "
                 f"continue with `inkloop resume {self._run_folder}`"
             ) from error
         self._last, self._scanned = layer, self._recorder.scanned

@@ -7,6 +7,7 @@ wall times, stop reason). The latter two are there from the start of the run.
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import platform
 from collections.abc import Mapping
@@ -19,7 +20,7 @@ import numpy as np
 
 from inkloop.component import Component
 from inkloop.errors import ResultError
-from inkloop.files import replaced, sync_folder, write_text
+from inkloop.files import is_full, reason_of, replaced, sync_folder, write_text
 from inkloop.results.metrics import masked_error
 
 if TYPE_CHECKING:
@@ -128,19 +129,22 @@ class Result:
             write_text(folder / SCENARIO_FILE, scenario_text, durable=True)
             write_text(folder / RUN_FILE, json.dumps(run | dict(notes), indent=2) + "\n", durable=True)
         except OSError as error:
-            raise ResultError(f"{folder}: the run cannot be written there: {error}") from error
+            raise ResultError(f"{folder}: the run cannot be written there: {reason_of(error)}") from error
 
     def save(self, folder: Path) -> None:
         """Write the run folder's files, each whole or not at all. Raises ResultError."""
         packed = {name: {"zlib": True, "complevel": 4} for name, a in self.dataset.variables.items() if a.ndim > 0}
         try:
             folder.mkdir(parents=True, exist_ok=True)
+            image = io.BytesIO()  # HDF5 ends the process where a file that it writes itself cannot grow
+            self.dataset.to_netcdf(image, engine="h5netcdf", encoding=packed)
             with replaced(folder / RESULT_FILE) as partial:
-                self.dataset.to_netcdf(partial, engine="h5netcdf", encoding=packed)
+                partial.write_bytes(image.getbuffer())
             write_text(folder / SCENARIO_FILE, self.scenario_text)
             write_text(folder / RUN_FILE, json.dumps(self.run, indent=2) + "\n")
         except OSError as error:
-            raise ResultError(f"{folder}: the run cannot be saved: {error}") from error
+            advice = f"; make room, then continue with `inkloop resume {folder}`" if is_full(error) else ""
+            raise ResultError(f"{folder}: the run cannot be saved: {reason_of(error)}{advice}") from error
 
     @classmethod
     def load(cls, folder: Path) -> Result:

@@ -18,6 +18,7 @@ from inkloop.components.kind import Checked
 from inkloop.errors import ScenarioError
 from inkloop.master.events import Event
 from inkloop.master.wiring import Connection
+from inkloop.scenario.footprint import Footprint
 from inkloop.scenario.loop import Loop
 from inkloop.scenario.overrides import apply_overrides
 from inkloop.scenario.validation import errors_of_invalid_file, part_errors
@@ -76,6 +77,8 @@ class Scenario:
         except ValidationError as error:
             errors += [sentence(detail, ScenarioFile) for detail in error.errors()]
             raise ScenarioError(source, errors + errors_of_invalid_file(raw, folder)) from error
+        if too_large := list(Footprint.of(tables).memory_errors()):
+            raise ScenarioError(source, errors + too_large + errors_of_invalid_file(raw, folder))
         job = cache(partial(job_of, tables))
         errors += part_errors(tables, job(""))
 
@@ -121,6 +124,11 @@ class Scenario:
         """The options of a component, the files that they name as they are found from here."""
         table = self.tables.components[component]
         return catalog.resolve_paths(table.kind, table.options, Path(self.source).parent)
+
+    @property
+    def footprint(self) -> Footprint:
+        """The memory and the disk that the print takes."""
+        return Footprint.of(self.tables)
 
     @property
     def foreign_fmus(self) -> list[str]:

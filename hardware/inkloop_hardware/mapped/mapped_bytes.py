@@ -9,28 +9,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, FloatMap
+from inkloop.limits import filled
 from inkloop_hardware.errors import TransferError
 from inkloop_hardware.mapped.mapping_tables import CELLS, METRES, MapTable, PatternTable
 
 FIELDS = ("job", "layer", "nx", "ny")
 """Fields of templates."""
-UNFIT = (LookupError, ValueError, AttributeError, TypeError)
-"""Errors of `str.format` for a template with another field or format."""
 
 
 def number(template: int | str, fields: Mapping[str, int]) -> int:
     """A number, or the value of a template such as "{layer}". Raises ValueError for anything else."""
     try:
-        return template if isinstance(template, int) else int(template.format(**fields), 0)
-    except UNFIT as error:
+        return template if isinstance(template, int) else int(filled(template, fields), 0)
+    except ValueError as error:
         raise ValueError(f"{template!r}; expected a number or a template of one with {_known()}") from error
 
 
 def hexadecimal(template: str, fields: Mapping[str, int]) -> bytes:
     """The bytes of a template such as "01 {layer:04x}". Raises ValueError for an invalid one."""
     try:
-        return bytes.fromhex(template.format(**fields))
-    except UNFIT as error:
+        return bytes.fromhex(filled(template, fields))
+    except ValueError as error:
         raise ValueError(
             f"{template!r}; expected pairs of hexadecimal digits and fields such as {{layer:04x}}, of {_known()}"
         ) from error

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from inkloop.component import Job
 from inkloop.components import catalog
 from inkloop.errors import ScenarioError
 from inkloop.exchange.ssp.system import CONTROLLER, PYTHON_CONTROLLER, Part, System, Wire, system_of
+from inkloop.files import temporary_folder
 from inkloop.scenario.file import Scenario
 
 ROLES: Mapping[str, tuple[str, ...]] = {
@@ -44,7 +44,7 @@ class Bake:
 
 def bake(scenario: Scenario) -> Bake:
     """The parameters that `inkloop export-ssp` writes too. Raises ScenarioError with every obstacle, FmuError."""
-    with tempfile.TemporaryDirectory(prefix="inkloop-job-") as folder:
+    with temporary_folder("job") as folder:
         system = system_of(scenario, "3", Path(folder))
     roles = _roles(system)
     if obstacles := list(_obstacles(scenario, system, roles)):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import tempfile
 from pathlib import Path
 
 from rich.console import Console
@@ -12,7 +11,7 @@ from rich.console import Console
 from inkloop.errors import ScenarioError
 from inkloop.exchange.ssp import VERSIONS, archive, maestro, osp, start_values
 from inkloop.exchange.ssp.system import System, system_of
-from inkloop.files import write_text
+from inkloop.files import temporary_folder, write_text
 from inkloop.fmu_writer.archive import DEFINITION, pack, unpack
 from inkloop.fmu_writer.windows import with_windows_binary
 from inkloop.scenario.file import Scenario
@@ -22,7 +21,7 @@ def export(scenario: Scenario, options: argparse.Namespace, console: Console) ->
     """Write the system and print the remaining steps; returns the exit code. Raises ScenarioError, FmuError."""
     fmi = _fmi(options)
     stem = Path(scenario.source).stem
-    with tempfile.TemporaryDirectory(prefix="inkloop-export-") as folder:
+    with temporary_folder("export") as folder:
         system = system_of(scenario, fmi, Path(folder))
         if options.windows:
             _add_windows_binaries(system)

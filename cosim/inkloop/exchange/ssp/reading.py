@@ -24,6 +24,7 @@ from inkloop.exchange.ssp.archive import SCENARIO, STRUCTURE
 from inkloop.exchange.ssp.names import SSD, member_of
 from inkloop.fmu import FmuDescription, describe
 from inkloop.fmu.archive_member import SUFFIX, UNREADABLE, fmu_file
+from inkloop.limits import unpacked_error
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.overrides import apply_overrides
 from inkloop.suggest import nearest
@@ -42,6 +43,8 @@ def scenario_of(path: Path, overrides: Mapping[str, Any] | None = None, job: Pat
     errors: list[str] = []
     try:
         with zipfile.ZipFile(path) as archive:
+            if reason := unpacked_error(archive):
+                raise ScenarioError(str(path), [reason])
             text = _text_of_job(archive, job, errors)
             root = _parsed(archive, STRUCTURE, errors)
             if root is None or errors:

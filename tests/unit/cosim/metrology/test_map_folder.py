@@ -188,7 +188,8 @@ def test_folder_has_to_be_there(tmp_path: Path) -> None:
     ("options", "message"),
     [
         ({"file_name": "scan.csv"}, r"file_name is 'scan.csv'; expected a name of its own for each layer"),
-        ({"file_name": "{number}.csv"}, r"file_name is '\{number\}.csv' \(KeyError: 'number'\)"),
+        ({"file_name": "{number}.csv"}, r"file_name is '\{number\}.csv' \(\{number\} is none of \{layer\}\)"),
+        ({"file_name": "{layer:0999999999d}.csv"}, r"file_name is .* \(\{layer:0999999999d\} has a format other than"),
         ({"registration": "fiducials"}, "fiducials_map_um and fiducials_grid_um: give both"),
         ({"fiducials_map_um": [[0, 0], [1, 1]]}, "fiducials_map_um and fiducials_grid_um: give both"),
         (

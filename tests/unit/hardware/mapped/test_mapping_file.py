@@ -105,6 +105,13 @@ def test_names_of_messages_become_the_ids_of_peers(tmp_path: Path) -> None:
         ),
         ('dbc = "rig.dbc"', 'dbc = "none.dbc"', "dbc: "),
         ("[peers.head]", "[peers.head", "is not TOML"),
+        (
+            'header = "A5 {layer:04x}"',
+            'header = "A5 {layer:0999999999x}"',
+            "pattern.header is 'A5 {layer:0999999999x}'; expected pairs of hexadecimal digits",
+        ),
+        ('address = "{layer}"', 'address = "{layer:999999999d}"', "printer step 1 (download): address is '{layer:999"),
+        ('address = "{layer}"', 'address = "{layer:{nx}d}"', "printer step 1 (download): address is '{layer:{nx}d}'"),
         ('address = "{layer}"', "address = -1", "printer step 1 (download): address is 0x-1; expected 0 to 0xFF"),
     ],
 )

@@ -1,0 +1,135 @@
+"""Limits on what input may ask of this machine: memory, disk, unpacked archives, filled-in templates."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import string
+import zipfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+KIB, MIB, GIB = 1 << 10, 1 << 20, 1 << 30
+UNPACKED_MAX = 4 * GIB
+"""Bytes that an archive may unpack to (assumed: FMUs with the binaries and tables of large tools hold less)."""
+PLAIN_SIZE = 256 * MIB
+PACKED_AT_MOST = 200
+"""Bytes from one byte of an archive that unpacks to more than PLAIN_SIZE; descriptions of FMUs reach 30, noise in
+measured maps leaves 2, and what is made to fill a disk 1000 (deflate)."""
+_FILLED_MAX = 64
+_FORMAT = re.compile(r"0?(\d{0,2})[bdoxX]?")
+_PROC = Path("/proc")
+_CGROUP = Path("/sys/fs/cgroup")
+
+
+def available_memory() -> int | None:
+    """Bytes that this process may still take without swapping, by the system and its limits; None where unknown."""
+    found = [limit for limit in (_of_system(), _of_address_space(), *_of_control_groups()) if limit is not None]
+    return max(0, min(found)) if found else None
+
+
+def free_disk(folder: Path) -> int | None:
+    """Free bytes on the disk that `folder` is on, or will be when it is made; None where unknown."""
+    place = next((path for path in (folder.absolute(), *folder.absolute().parents) if path.exists()), None)
+    try:
+        return None if place is None else shutil.disk_usage(place).free
+    except OSError:
+        return None
+
+
+def size_text(count: float) -> str:
+    """A number of bytes for a person, "1.4 GiB"."""
+    for unit, size in (("TiB", GIB * KIB), ("GiB", GIB), ("MiB", MIB)):
+        if count >= size:
+            number = count / size
+            return f"{number:.3g} {unit}" if number < 100 else f"{number:,.0f} {unit}"
+    return f"{count / KIB:.3g} KiB"
+
+
+def memory_error(needed: float) -> str | None:
+    """The reason why `needed` more bytes cannot be held: "needs ... of memory, ... are available"."""
+    available = available_memory()
+    if available is None or needed <= available:
+        return None
+    return f"needs about {size_text(needed)} of memory, {size_text(available)} are available"
+
+
+def unpacked_error(archive: zipfile.ZipFile) -> str | None:
+    """The reason why an archive is not unpacked: what its directory declares, which unpacking does not exceed."""
+    members = archive.infolist()
+    unpacked, packed = sum(member.file_size for member in members), sum(member.compress_size for member in members)
+    found = f"unpacks to {size_text(unpacked)}"
+    if unpacked > UNPACKED_MAX:
+        return f"{found}; at most {size_text(UNPACKED_MAX)} are taken"
+    if unpacked > max(PLAIN_SIZE, PACKED_AT_MOST * packed):
+        return (
+            f"{found}, {unpacked / max(1, packed):.0f} times its size; beyond {size_text(PLAIN_SIZE)} at most "
+            f"{PACKED_AT_MOST} times are taken: pack it without compression if it is right"
+        )
+    return None
+
+
+def filled(template: str, fields: Mapping[str, int]) -> str:
+    """`str.format` for whole numbers in decimal, hexadecimal, octal or binary, at most 64 characters wide.
+
+    Raises ValueError for another field or format, also where that would be harmless.
+    """
+    for _, name, form, conversion in string.Formatter().parse(template):
+        if name is None:
+            continue
+        if name not in fields:
+            raise ValueError(f"{{{name}}} is none of {', '.join(f'{{{known}}}' for known in fields)}")
+        match = _FORMAT.fullmatch(form or "")
+        if match is None or conversion is not None or int(match[1] or 0) > _FILLED_MAX:
+            found = f"{{{name}:{(form or '')[:20]}}}"
+            raise ValueError(f"{found} has a format other than d, x, X, o or b, or more than {_FILLED_MAX} digits")
+    return template.format(**fields)
+
+
+def _of_system() -> int | None:
+    """MemAvailable of Linux; elsewhere all memory there is."""
+    for line in _lines(_PROC / "meminfo"):
+        if line.startswith("MemAvailable:"):
+            return int(line.split()[1]) * KIB
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):  # Windows has no sysconf
+        return None
+
+
+def _of_address_space() -> int | None:
+    """What `ulimit -v` leaves."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit == resource.RLIM_INFINITY:
+        return None
+    pages = next((int(line.split()[0]) for line in _lines(_PROC / "self" / "statm")), 0)
+    return limit - pages * resource.getpagesize()
+
+
+def _of_control_groups() -> Iterator[int]:
+    """What the container's memory limits leave (cgroup v2); file cache can be given back and does not count."""
+    for line in _lines(_PROC / "self" / "cgroup"):
+        if not line.startswith("0::"):
+            continue
+        own = _CGROUP / line.partition("::")[2].strip("/")
+        for group in (own, *own.parents):
+            limit = next(iter(_lines(group / "memory.max")), "max")
+            used = next(iter(_lines(group / "memory.current")), "")
+            if limit != "max" and used:
+                cache = dict(line.split() for line in _lines(group / "memory.stat")).get("inactive_file", "0")
+                yield int(limit) - int(used) + int(cache)
+            if group == _CGROUP:
+                break
+
+
+def _lines(path: Path) -> list[str]:
+    """The lines of a file of the system, none where it does not exist."""
+    try:
+        return path.read_text(encoding="ascii").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return []

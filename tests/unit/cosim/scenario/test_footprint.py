@@ -1,0 +1,115 @@
+"""A print that memory or disk cannot hold is refused with an estimate before anything of its size is made."""
+
+from __future__ import annotations
+
+import gc
+import tracemalloc
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+import inkloop
+from inkloop.bench.emulation import emulation_of
+from inkloop.cli import main
+from inkloop.errors import FmuError, ResultError, ScenarioError
+from inkloop.limits import GIB, KIB
+from inkloop.printing.run import checked_run_folder
+from inkloop.scenario import footprint
+from inkloop.scenario.file import Scenario
+from support.places import ROOT
+
+CUBOID = ROOT / "scenarios" / "cuboid.toml"
+
+
+@pytest.fixture
+def eight_gib(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("inkloop.limits.available_memory", lambda: 8 * GIB)
+    monkeypatch.setattr("inkloop.scenario.footprint.available_memory", lambda: 8 * GIB)
+
+
+@pytest.mark.parametrize("side", [100_000, 10_000_000])
+@pytest.mark.parametrize("command", ["validate", "run", "bench", "export-ssp", "export-job"])
+def test_grid_that_memory_cannot_hold_is_refused_by_every_command(
+    command: str, side: int, eight_gib: None, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    grid = ["--set", f"grid.nx={side}", "--set", f"grid.ny={side}"]
+    out = ["--out", str(tmp_path / "out")] if command not in ("validate", "bench") else []
+    assert main([command, str(CUBOID), *grid, *out]) == 1
+    error = capsys.readouterr().err
+    assert f"grid of {side} x {side} cells, about 3 layers, needs about" in error
+    assert "of memory, 8 GiB are available; " in error
+    assert " cells would fit: choose a smaller grid or a larger pitch, or fewer layers" in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_grid_that_is_said_to_fit_does(eight_gib: None) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        inkloop.load(CUBOID, {"grid.nx": 80_000, "grid.ny": 40_000})
+    words = str(caught.value).partition("available; ")[2].split()
+    nx, ny = int(words[0]), int(words[2])
+    assert nx == pytest.approx(2 * ny, abs=2.0)
+    loaded = inkloop.load(CUBOID)
+    assert isinstance(loaded, Scenario)
+    of_a_cell = loaded.footprint.memory_of_a_cell
+    assert of_a_cell * nx * ny <= 8 * GIB < of_a_cell * (nx + 2) * (ny + 2)
+
+
+def test_layers_and_kinds_that_keep_more_count(eight_gib: None) -> None:
+    def memory(**overrides: object) -> int:
+        loaded = inkloop.load(CUBOID, {key.replace("__", "."): value for key, value in overrides.items()})
+        assert isinstance(loaded, Scenario)
+        return loaded.footprint.memory_of_a_cell
+
+    plain = memory()
+    assert memory(part__height_um=1e9) == plain + (1000 - 3) * footprint.BYTES_OF_A_CELL_AND_LAYER  # layers_max
+    assert memory(components__controller__kind="LayerController") == plain + 1000
+
+
+def test_run_that_the_disk_cannot_hold_is_refused_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(footprint, "free_disk", lambda folder: 10 * KIB)
+    scenario = Scenario.load(CUBOID)
+    with pytest.raises(ResultError, match=r"new: grid of .* needs about .* of disk, 10 KiB are free there; \d+ x \d+"):
+        checked_run_folder(scenario, tmp_path / "new", "cuboid")
+    with pytest.raises(ResultError, match="of disk, 10 KiB are free there"):
+        inkloop.run(CUBOID, out=tmp_path / "new")
+    assert main(["validate", str(CUBOID)]) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_grid_that_the_nodes_of_a_bench_cannot_hold_is_refused() -> None:
+    tables = Scenario.load(CUBOID)
+    larger = tables.tables.grid.model_copy(update={"nx": 2000, "ny": 1000})
+    object.__setattr__(tables.tables, "grid", larger)
+    with pytest.raises(ScenarioError, match="grid of 2000 x 1000 cells: the nodes of the bench hold up to 1,000,000"):
+        emulation_of(tables)
+
+
+@pytest.mark.parametrize(
+    ("fmi", "side", "advice"), [("2", 5000, "or FMI 3"), ("3", 10_000_000, "choose a smaller grid$")]
+)
+def test_fmu_that_no_importer_can_hold_is_not_exported(
+    fmi: Literal["2", "3"], side: int, advice: str, eight_gib: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(FmuError, match=f"LayerDeposition as FMI {fmi} of {side} x {side} cells needs about .*{advice}"):
+        inkloop.export_fmu("LayerDeposition", fmi=fmi, nx=side, ny=side, out=tmp_path / "large.fmu")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.long
+def test_estimate_covers_what_the_arrays_of_a_print_take(tmp_path: Path) -> None:
+    """Of the arrays that NumPy makes, by the slope between two grids; what C takes comes on top."""
+    peaks = {}
+    for side in (12, 40, 80):  # the first one imports
+        size = {"part.size_x_um": 200.0 * side, "part.size_y_um": 200.0 * side, "grid.nx": side, "grid.ny": side}
+        loaded = inkloop.load(CUBOID, size | {"components.controller.horizon": 1, "run.layers_max": 2})
+        assert isinstance(loaded, Scenario)
+        gc.collect()
+        tracemalloc.start()
+        inkloop.run(loaded, out=tmp_path / str(side))
+        peaks[side] = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    of_a_cell = (peaks[80] - peaks[40]) / (80**2 - 40**2)
+    assert 0.3 * loaded.footprint.memory_of_a_cell < of_a_cell < loaded.footprint.memory_of_a_cell
