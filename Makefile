@@ -117,8 +117,9 @@ tools:
 # every scenario with one picture, docs/gallery; pictures and tables of docs/explanation
 gallery: .venv/developer
 	$(BIN)/python tools/figures/gallery.py
-	$(BIN)/python tools/figures/layer_problem.py
+	PYTHONPATH=. $(BIN)/python tools/figures/layer_problem.py
 	$(BIN)/python tools/figures/finish.py
+	$(BIN)/python -m benchmarks.closed_loop_page
 	$(BIN)/python tools/figures/height_maps.py
 	$(BIN)/python tools/figures/modelica_library.py
 	$(BIN)/python tools/figures/identified_ink.py

@@ -1,8 +1,9 @@
-"""Parts as analytic shapes: which points belong to them, which cells they stand on.
+"""Parts as analytic shapes: which heights they fill over each point of the substrate.
 
 Coordinates are metres with the origin at the centre of cell (0, 0); x runs along the first index of a height map.
 A point on the surface belongs to the part: cells are often cut exactly there (a radius of 15 cells), so
-distances are compared with a tolerance far below any droplet.
+distances are compared with a tolerance far below any droplet. `contains` is `intervals` asked for one height, so that
+both agree to the last bit.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from inkloop.component import BoolMap, FloatMap, Geometry
+from inkloop.component import BoolMap, FloatMap, Geometry, HeightIntervals
 
 TOLERANCE_M = 1e-12
 
@@ -39,8 +40,12 @@ class Cylinder:
 
     def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
         """True where (x, y, z) [m] lies in the cylinder."""
+        return contained(self.intervals(x, y), z)
+
+    def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
+        """From the substrate to the top [m]."""
         distance = np.hypot(x - self.center_x, y - self.center_y)
-        return (distance <= self.radius + TOLERANCE_M) & _between(z, 0.0, self.height)
+        return _up_to(self.top(x, y), distance <= self.radius + TOLERANCE_M)
 
     def top(self, x: FloatMap, y: FloatMap) -> FloatMap:
         """Flat [m]."""
@@ -59,9 +64,13 @@ class Cuboid:
 
     def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
         """True where (x, y, z) [m] lies in the cuboid."""
+        return contained(self.intervals(x, y), z)
+
+    def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
+        """From the substrate to the top [m]."""
         inside_x = np.abs(x - self.center_x) <= self.size_x / 2 + TOLERANCE_M
         inside_y = np.abs(y - self.center_y) <= self.size_y / 2 + TOLERANCE_M
-        return inside_x & inside_y & _between(z, 0.0, self.height)
+        return _up_to(self.top(x, y), inside_x & inside_y)
 
     def top(self, x: FloatMap, y: FloatMap) -> FloatMap:
         """Flat [m]."""
@@ -81,9 +90,13 @@ class Staircase:
 
     def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
         """True where (x, y, z) [m] lies in the staircase."""
+        return contained(self.intervals(x, y), z)
+
+    def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
+        """From the substrate to the step [m]."""
         inside_x = np.abs(x - self.center_x) <= self.size_x / 2 + TOLERANCE_M
         inside_y = np.abs(y - self.center_y) <= self.size_y / 2 + TOLERANCE_M
-        return inside_x & inside_y & _between(z, 0.0, self.top(x, y))
+        return _up_to(self.top(x, y), inside_x & inside_y)
 
     def top(self, x: FloatMap, y: FloatMap) -> FloatMap:
         """The step at x [m]; a point on an edge belongs to the lower step."""
@@ -109,21 +122,32 @@ class PipeJunction:
 
     def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
         """True where (x, y, z) [m] lies in the wall of a pipe."""
-        along_x, along_y = y - self.center_y, x - self.center_x
-        outer = self._in_pipe(along_x, z, self.outer_across, self.outer_upright)
-        outer |= self._in_pipe(along_y, z, self.outer_across, self.outer_upright)
-        inner = self._in_pipe(along_x, z, self.inner_across, self.inner_upright)
-        inner |= self._in_pipe(along_y, z, self.inner_across, self.inner_upright)
-        return outer & ~inner
+        return contained(self.intervals(x, y), z)
+
+    def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
+        """The wall below the bores and the wall above them [m]; where there is no bore, both walls in one."""
+        outer = self._half_height(x, y, self.outer_across, self.outer_upright)
+        inner = self._half_height(x, y, self.inner_across, self.inner_upright)
+        middle, is_bored = self.height / 2, inner >= 0.0
+        below = np.where(is_bored, np.nextafter(middle - inner, -np.inf), middle + outer)
+        above = np.where(is_bored, np.nextafter(middle + inner, np.inf), np.inf)
+        return (middle - outer, below), (above, middle + outer)
 
     def top(self, x: FloatMap, y: FloatMap) -> FloatMap:
         """Flat [m]."""
         return np.full_like(x, self.height)
 
-    def _in_pipe(self, across: FloatMap, z: FloatMap, half_across: float, half_upright: float) -> BoolMap:
-        upright = z - self.height / 2
-        inside: BoolMap = (across / half_across) ** 2 + (upright / half_upright) ** 2 <= 1.0 + 1e-9
-        return inside
+    def _half_height(self, x: FloatMap, y: FloatMap, half_across: float, half_upright: float) -> FloatMap:
+        """What two elliptic cylinders reach above and below the middle [m], -inf where both pass by."""
+        across = np.minimum(np.abs(x - self.center_x), np.abs(y - self.center_y))
+        left = 1.0 + 1e-9 - (across / half_across) ** 2
+        return np.where(left >= 0.0, half_upright * np.sqrt(np.maximum(left, 0.0)), -np.inf)
+
+
+def contained(intervals: HeightIntervals, z: FloatMap) -> BoolMap:
+    """True where the height z [m] lies in one of the intervals."""
+    inside: BoolMap = np.any([(bottom <= z) & (z <= top) for bottom, top in intervals], axis=0)
+    return inside
 
 
 def cell_centers(nx: int, ny: int, pitch: float) -> tuple[FloatMap, FloatMap]:
@@ -132,5 +156,6 @@ def cell_centers(nx: int, ny: int, pitch: float) -> tuple[FloatMap, FloatMap]:
     return x, y
 
 
-def _between(z: FloatMap, low: float, high: float | FloatMap) -> BoolMap:
-    return (z >= low - TOLERANCE_M) & (z <= high + TOLERANCE_M)
+def _up_to(top: FloatMap, inside: BoolMap) -> HeightIntervals:
+    """From the substrate to the top where `inside`, nothing elsewhere."""
+    return ((np.where(inside, -TOLERANCE_M, np.inf), top + TOLERANCE_M),)

@@ -13,7 +13,7 @@ from inkloop.component import Component, Ink, Job, Status
 from inkloop.components import catalog
 from inkloop.components.job_parameters import region_intervals
 from inkloop.errors import ComponentError, ScenarioError
-from inkloop.geometry import Cuboid, PipeJunction, cell_centers
+from inkloop.geometry import Cuboid, PipeJunction, cell_centers, contained
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import SECOND, block, cylinder, inputs_of, print_part
 from support.fmus.fmu_driver import DISCARD, ERROR, FORMS, OK, Driver
@@ -308,7 +308,10 @@ def test_intervals_of_a_region_are_the_heights_it_contains(job: Job) -> None:
 def test_region_of_many_intervals_is_refused_with_a_message() -> None:
     class Stripes:
         def contains(self, x: Any, y: Any, z: Any) -> Any:
-            return (z > 0.0) & (np.floor(z / 5e-6) % 2 == 0)
+            return contained(self.intervals(x, y), z)
+
+        def intervals(self, x: Any, y: Any) -> Any:
+            return [(np.full_like(x, k * 10e-6), np.full_like(x, k * 10e-6 + 5e-6)) for k in range(3)]
 
     with pytest.raises(ScenarioError, match="intervals of height on a cell; needs at most 2; take 'LayerMpc'"):
         catalog.make("LayerController", block(inks=TWO_INKS, region=Stripes()), {})

@@ -10,16 +10,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from inkloop.component import Component, Ink, Job, Status
+from inkloop.component import BoolMap, Component, FloatMap, HeightIntervals, Ink, Job, Status
 from inkloop.components import catalog
-from inkloop.geometry import PipeJunction
+from inkloop.geometry import PipeJunction, contained
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import SECOND
 from support.half_spaces import Above
 
 OF_PYTHON_ALONE = {"bound", "bound_confidence", "gap", "solve_time"}
 PITCH = 1e-4
-REGIONS = (None, Above(5e-6), PipeJunction(4 * PITCH, 4 * PITCH, 3e-4, 10e-6, 2e-4, 6e-6, 20e-6))
+PIPES = PipeJunction(4 * PITCH, 4 * PITCH, 3e-4, 10e-6, 2e-4, 6e-6, 20e-6)
 TWO_INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
 
 
@@ -59,6 +59,29 @@ class World:
         return plant.layer(height, np.asarray(jetted, np.int32), self.first_layer + layer, factor)
 
 
+@dataclass(frozen=True)
+class Sheets:
+    """Two sheets, however thin."""
+
+    bottoms: tuple[float, float]
+    thickness: float
+
+    def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
+        return contained(self.intervals(x, y), z)
+
+    def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
+        low, high = sorted(self.bottoms)
+        return [(np.full_like(x, at), np.full_like(x, at + self.thickness)) for at in (high, low)]
+
+
+# Where no scan sees a cell, its height is a sum of nominal droplets: regions that begin there, and end a hair above.
+HEIGHTS = st.builds(lambda parts: parts * 0.05e-6 - 1e-15, st.integers(0, 500))
+REGIONS = st.one_of(
+    st.sampled_from([None, Above(5e-6), PIPES]),
+    st.builds(Sheets, st.tuples(HEIGHTS, HEIGHTS), st.sampled_from([2e-15, 1e-9, 0.5e-6])),
+)
+
+
 @st.composite
 def jobs(draw: st.DrawFn) -> Job:
     nx, ny = draw(st.integers(1, 9)), draw(st.integers(1, 9))
@@ -68,7 +91,7 @@ def jobs(draw: st.DrawFn) -> Job:
         mask[:2], mask[-2:], mask[:, :2], mask[:, -2:] = False, False, False, False
     mask[nx // 2, ny // 2] = True
     target = np.where(mask, draw(st.sampled_from([0.0, 12e-6, 30e-6])) + rng.uniform(0.0, 5e-6, (nx, ny)), 0.0)
-    region = draw(st.sampled_from(REGIONS))
+    region = draw(REGIONS)
     return Job(
         nx,
         ny,
@@ -157,6 +180,15 @@ def assert_twins(job: Job, chosen: dict[str, Any], dead: set[int], world: World,
         fmu = moved(job, for_fmu, saved)
         height = world.printed(plant, height, one, layer + 1)
     fmu.terminate()
+
+
+def test_unseen_surface_at_the_height_of_a_thin_region_is_planned_alike() -> None:
+    """Two drops of ink B on each of three cells fill the middle one to 10 um: at a pipe's side only that is in it."""
+    target = np.array([[30.0e-6, 34.0e-6, 34.5e-6]])
+    job = Job(1, 3, PITCH, target, np.ones((1, 3), np.bool_), inks=TWO_INKS, region=PIPES)
+    chosen = {"region_test": "surface", "drop_levels": 2, "horizon": 1, "annealing_sweeps": 1}
+    unseen = World(0, noise=0.0, tilt=0.0, holes=1.0, volume=0.6, dead_row=-1, unknown=frozenset(), first_layer=0)
+    assert_twins(job, chosen, set(), unseen, layers=3)
 
 
 @given(job=jobs(), chosen=options(), world=WORLDS, data=st.data())

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from inkloop.component import BoolMap, FloatMap, Ink, Job
+from inkloop.component import BoolMap, FloatMap, HeightIntervals, Ink, Job
+from inkloop.geometry import contained
 from inkloop_controller.core import bindings
 from inkloop_controller.core.droplet_relaxation import diffuse
 from inkloop_controller.estimation.height_estimator import DEAD_EVIDENCE, Estimate
@@ -37,7 +38,10 @@ class Wavy:
     lean: float
 
     def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
-        return z < 4e-4 + self.lean * x + 0.0 * y
+        return contained(self.intervals(x, y), z)
+
+    def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
+        return ((np.full_like(x, -np.inf), 4e-4 + self.lean * x + 0.0 * y),)
 
 
 @dataclass(frozen=True)

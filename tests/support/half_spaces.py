@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inkloop.component import BoolMap, FloatMap
+from inkloop.component import BoolMap, FloatMap, HeightIntervals
 
 
 @dataclass(frozen=True)
@@ -18,6 +18,9 @@ class Above:
     def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
         return np.broadcast_to(z > self.z, np.broadcast_shapes(x.shape, z.shape))
 
+    def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
+        return ((np.full_like(x, np.nextafter(self.z, np.inf)), np.full_like(x, np.inf)),)
+
 
 @dataclass(frozen=True)
 class Below:
@@ -27,3 +30,6 @@ class Below:
 
     def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
         return np.broadcast_to(z < self.z, np.broadcast_shapes(x.shape, z.shape))
+
+    def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
+        return ((np.full_like(x, -np.inf), np.full_like(x, np.nextafter(self.z, -np.inf))),)

@@ -303,11 +303,14 @@ def test_stop_request_is_latched_until_it_is_released_and_a_person_clears(caplog
         assert run.state().cause is Fault.STOP_REQUEST
         press(True)
         wait_until(lambda: run.rig.keep_alive() is None and is_disturbed(run.rig))
-        with pytest.raises(StopRequested, match="a stop request of the operator is active: release"), run.rig.enabled():
+        with pytest.raises(StopRequested, match="a stop request of the operator is active: look"), run.rig.enabled():
             pytest.fail("nothing may be enabled")
         for option in (0, 1):
             with pytest.raises(NodeRefused, match="stop request"):
                 run.clear(option)
+        press(False)
+        with pytest.raises(NodeRefused, match="stop request"):
+            run.clear(1)
         press(False)
         with pytest.raises(NodeRefused, match="person"):
             run.clear()

@@ -20,6 +20,7 @@ import pytest
 
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.devices.stop import release_stop, request_stop
 from inkloop_hardware.errors import BusError, HardwareError, NodeLost, NodeRefused, NodeStopped
 from inkloop_hardware.link.link import Link
 from inkloop_hardware.link.rig import Rig
@@ -281,7 +282,7 @@ def test_killed_bus_process_leaves_nothing_enabled_and_is_reported(rig: Rig, cha
         os.kill(rig.supervision.bus.process_id, signal.SIGKILL)
         times = lamp_after_the_master_is_gone(channel)
     assert times.lamp_off - times.master_alive <= OFF_WITHIN
-    for call in (rig.keep_alive, rig.link(Node.HEAD).state, rig.stop_request):
+    for call in (rig.keep_alive, rig.link(Node.HEAD).state):
         with pytest.raises(BusError, match=r"bus process of slcan on socket.*ended without a message"):
             call()
     observer.adapter.close()
@@ -306,11 +307,11 @@ def test_ctrl_c_in_the_terminal_is_left_to_the_master(rig: Rig) -> None:
 def test_stop_request_stays_until_it_is_taken_back_and_a_person_clears(rig: Rig) -> None:
     head = rig.link(Node.HEAD)
     key = Key(rig.job, 0)
-    rig.stop_request()
+    assert len(list(request_stop(rig.settings))) == len(Node) + 1
     wait_until(lambda: head.state().cause is Fault.STOP_REQUEST)
     with pytest.raises(NodeRefused, match="clear"):
         head.routine(Routine.CLEAR, key, b"\1", limit_s=LIMIT)
-    rig.stop_request(False)
+    list(release_stop(rig.settings))
     wait_until(lambda: head.state().flags == 1)
     with pytest.raises(NodeRefused):
         head.routine(Routine.CLEAR, key, b"\0", limit_s=LIMIT)

@@ -40,10 +40,12 @@ SCORE_PAGE = """# The score board
     inkloop score module:Class             # also your own controller
     inkloop score module:Class --set limit=0.5 --plant lu --quick --out DIR
 
-Each plant is a file of [plant-v1](../../cosim/inkloop/studies/score/plant-v1), a scenario without a controller: the
-part, the ink that a controller assumes, the droplets and their variation, the sensor. Every controller prints it with
-the same three seeds and therefore the same droplets. A version of the board never changes: the number after "plants"
-is a hash of its files; tables with the same hash can be compared. Your class is the same as [in a
+Each plant is a file of [plant-v1](../../cosim/inkloop/studies/score/plant-v1) or
+[plant-v2](../../cosim/inkloop/studies/score/plant-v2), a scenario without a controller: the part, the ink that a
+controller assumes, the droplets and their variation, the sensor. Version 1 has several printers, with sensors in
+register; version 2 has scans that are shifted, blurred and incomplete. Every controller prints a plant with the same
+three seeds and therefore the same droplets. A version never changes and has a score of its own: the number after
+"plants" is a hash of its files; tables with the same hash can be compared. Your class is the same as [in a
 scenario](../how-to/bring-your-own-component.md); run the command in the folder of `module.py`.
 
 The run folder holds `score.md`, `score.tex` (with booktabs), `score.csv` (every print) and `score.png`. To cite, use
@@ -58,6 +60,12 @@ the last line of the table, inkloop as given in [CITATION.cff](../../CITATION.cf
 | `plant-v1/volume-area` | volume and area propagation (Wu, Chiu 2024), guarded | exact |
 | `plant-v1/young-laplace-linear` | lines under surface tension (Hume, Rosen 2018), linear | exact |
 | `plant-v1/young-laplace` | the same, nonlinear | exact |
+| `plant-v2/lu-shift` | that of `lu` | shifted by 0.3 cells along x, 0.2 along y, 0.1 more or less from scan to scan |
+| `plant-v2/lu-spot` | that of `lu` | spot with a standard deviation of one cell |
+| `plant-v2/lu-dropout` | that of `lu` | loses one reading in ten, and all on walls |
+| `plant-v2/lu-scans` | that of `lu` | shift 0.25 cells, spot 0.5 cells, noise 1 um, steps 0.1 um, 10 % lost |
+| `plant-v2/caps-scans` | that of `caps` | the same |
+| `plant-v2/young-laplace-shift` | that of `young-laplace` | shifted by 0.25 cells along x |
 
 The ink that a controller assumes differs from what the plant does. "Lu nominal" knows the volume of a droplet, in the
 proportions of Lu et al., Table I. "Identified" is the least-squares fit of `h1`, `h2`, `h3` to eight random layers

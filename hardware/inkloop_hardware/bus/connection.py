@@ -115,10 +115,6 @@ class BusConnection:
         """Report that the control loop runs, and what it enables."""
         self._send(Kind.ALIVE, bytes([enables]))
 
-    def send_stop(self, active: bool) -> None:
-        """Begin or end the stop request."""
-        self._send(Kind.STOP, bytes([active]))
-
     def send_job(self, job: int) -> None:
         """Change the job."""
         self._send(Kind.JOB, str(job).encode())

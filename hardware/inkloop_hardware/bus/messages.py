@@ -29,8 +29,6 @@ class Kind(IntEnum):
     """one byte: enables"""
     FRAMES = 3
     """either way"""
-    STOP = 4
-    """one byte: active"""
     JOB = 5
     """number as text"""
     CLOSE = 6

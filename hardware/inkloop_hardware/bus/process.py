@@ -24,7 +24,7 @@ import can
 
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.frames import data_frame
-from inkloop_hardware.bus.heartbeat import Enables, Heartbeat, StopCall
+from inkloop_hardware.bus.heartbeat import Enables, Heartbeat
 from inkloop_hardware.bus.messages import Kind, Outbox, pack_frames, read_message, unpack_frames
 from inkloop_hardware.bus.reopening import PROOF, Reopening
 from inkloop_hardware.bus.settings import BusSettings
@@ -50,7 +50,6 @@ class BusProcess:
             self.adapter.close()
             raise
         self.heartbeat = Heartbeat(codec, session, job, settings.grace_s, settings.loop_timeout_s)
-        self.stop_call = StopCall(codec)
         self.over = threading.Event()
         self.reopening = Reopening(settings.reopen_s)
         self._open = True
@@ -171,8 +170,6 @@ class BusProcess:
                 elif kind is Kind.ALIVE and self._open:
                     self.heartbeat.keep_alive(now, Enables(content[0]))
                     self._note_lamp(now)
-                elif kind is Kind.STOP:
-                    self.stop_call.set(now, bool(content[0]))
                 elif kind is Kind.JOB:
                     self.heartbeat.change_job(now, int(content))
                 self._send_due(now)
@@ -195,7 +192,7 @@ class BusProcess:
                 self._send_due(now)
 
     def _send_due(self, now: float) -> None:
-        self._send(self.stop_call.frames(now) + self.heartbeat.frames(now))
+        self._send(self.heartbeat.frames(now))
 
     def _send(self, frames: list[Frame]) -> None:
         try:

@@ -20,7 +20,7 @@ from can.util import load_config
 
 from inkloop_hardware.bus.adapter import NETWORK, Adapter, has_carrier
 from inkloop_hardware.bus.settings import BusSettings
-from inkloop_hardware.doctor.findings import Finding, Grade
+from inkloop_hardware.doctor.findings import Finding
 from inkloop_hardware.errors import BusError
 
 DRIVER_MISSING = (ImportError, NameError, NotImplementedError)
@@ -137,8 +137,3 @@ def _advice(settings: BusSettings, error: BusError) -> str:
 
 def _example(name: str) -> str:
     return {"socketcan": '"can0"', "slcan": '"/dev/ttyACM0"', "pcan": '"PCAN_USBBUS1"'}.get(name, "see its page")
-
-
-def hinders(findings: Sequence[Finding]) -> bool:
-    """Whether one of them is an error."""
-    return any(finding.grade is Grade.ERROR for finding in findings)

@@ -155,11 +155,6 @@ class Rig:
         """The last intact status of a node, None before the first."""
         return self.supervision.watch(node).status
 
-    def stop_request(self, active: bool = True) -> None:
-        """Ask all nodes to take their de-energised state and stay in it, every 50 ms until called with False.
-        Afterwards a person must clear them. No emergency stop."""
-        self.supervision.bus.send_stop(active)
-
     def _open(self) -> None:
         log = self.settings.traffic_log
         if log is not None and self.folder is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inkloop.geometry import Cuboid, Cylinder, PipeJunction, Staircase, cell_centers
+from inkloop.geometry import Cuboid, Cylinder, PipeJunction, Staircase, cell_centers, contained
 
 PITCH = 263.256e-6
 
@@ -43,6 +43,26 @@ def test_pipe_junction_is_the_same_along_x_and_y() -> None:
     pipes = PipeJunction(0.0, 0.0, 20e-4, 180e-6, 13e-4, 117e-6, 400e-6)
     x, y, z = np.random.default_rng(1).uniform(0, 30e-4, (3, 1000)) * np.array([[1.0], [1.0], [0.13]])
     np.testing.assert_array_equal(pipes.contains(x, y, z), pipes.contains(y, x, z))
+
+
+def test_wall_of_a_pipe_lies_between_two_ellipses() -> None:
+    pipes = PipeJunction(1e-4, 2e-4, 20e-4, 180e-6, 13e-4, 117e-6, 400e-6)
+    x, y, z = np.random.default_rng(1).uniform(0, 30e-4, (3, 10000)) * np.array([[1.0], [1.0], [0.13]])
+    ellipses = [
+        ((across / half_across) ** 2 + ((z - 200e-6) / half_upright) ** 2 <= 1.0)
+        for across in (x - 1e-4, y - 2e-4)
+        for half_across, half_upright in ((20e-4, 180e-6), (13e-4, 117e-6))
+    ]
+    outer, inner = ellipses[0] | ellipses[2], ellipses[1] | ellipses[3]
+    np.testing.assert_array_equal(pipes.contains(x, y, z), outer & ~inner)
+    assert 1000 < (outer & ~inner).sum() < 9000
+
+
+def test_side_of_a_pipe_is_part_of_it_at_half_the_height_alone() -> None:
+    pipes = PipeJunction(0.0, 0.0, 3e-4, 10e-6, 2e-4, 6e-6, 20e-6)
+    ((bottom, top), nothing) = pipes.intervals(np.full(1, 4e-4), np.full(1, 3e-4))
+    assert 10e-6 - 1e-9 < bottom[0] < 10e-6 < top[0] < 10e-6 + 1e-9
+    assert not contained([nothing], np.linspace(-1.0, 1.0, 99)).any()
 
 
 def test_steps_of_a_staircase_are_equally_wide_and_high() -> None:

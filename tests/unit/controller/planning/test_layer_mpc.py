@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inkloop.component import BoolMap, FloatMap, Ink, Job
+from inkloop.component import BoolMap, FloatMap, HeightIntervals, Ink, Job
 from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.core import bindings
@@ -355,6 +355,9 @@ def test_region_is_asked_in_metres_from_the_first_cell() -> None:
         def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
             asked.extend([x, y])
             return np.ones(z.shape, np.bool_)
+
+        def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
+            return ((np.full_like(x, -np.inf), np.full_like(x, np.inf)),)
 
     job = block(4 + 5, 4 + 2, inks=INKS, region=Asked())
     materials(job, np.zeros((9, 6)), "middle")
