@@ -1,9 +1,10 @@
 /* A foreign FMU for tests: y = gain * x (mode 2: squared), count = steps so far, high = y > 1; refuses x < 0.
  *
  * Compiled with -DFMI=2 (three cells) or -DFMI=3 (n cells, structural; half, a structural switch that halves the gain).
- * A step of 500 s ends the simulation; FMI 3 divides one of 200 to 400 s into two, by returning early. With
- * -DCRASHES=signal a step after the third raises it. It shares nothing with the FMUs of this project and writes out
- * the signatures of the standard that it needs, so that it stands for the work of others. */
+ * A step of 500 s ends the simulation, one with x[1] = 100 is discarded, and after an error it may only be freed. FMI 3
+ * divides one of 200 to 400 s into two, by returning early. With -DCRASHES=signal a step after the third raises it. It
+ * shares nothing with the FMUs of this project and writes out the signatures of the standard that it needs, so that it
+ * stands for the work of others. */
 #include <signal.h>
 #include <stdbool.h>
 #include <stddef.h>
@@ -27,7 +28,7 @@ typedef struct {
 
 typedef struct {
     State state;
-    bool is_configured, has_ended;
+    bool is_configured, has_ended, has_failed;
     void *environment;
     Logger2 log2;
     Logger3 log3;
@@ -63,8 +64,12 @@ static int step(Instance *instance, double size) {
     instance->has_ended = size > 450.0 && size < 550.0;
     if (instance->has_ended)
         return OK;
-    if (size > 1000.0)
+    if (size > 1000.0) {
+        instance->has_failed = true;
         return refuse(instance, size > 1e6 ? FATAL : ERROR, "step is too long");
+    }
+    if (state->x[0] == 100.0)
+        return refuse(instance, DISCARD, "step is too difficult");
 #ifdef CRASHES
     if (state->count == 3)
         raise(CRASHES);
@@ -75,6 +80,10 @@ static int step(Instance *instance, double size) {
     }
     state->count++;
     return OK;
+}
+
+static int end(Instance *instance) {
+    return instance->has_failed ? refuse(instance, ERROR, "terminated after an error") : OK;
 }
 
 static int copy_state(Instance *instance, void **copy) {
@@ -153,6 +162,9 @@ int fmi2DoStep(Instance *instance, double time, double size, int no_rollback) {
     const int status = step(instance, size);
     return instance->has_ended ? DISCARD : status;
 }
+int fmi2Terminate(Instance *instance) {
+    return end(instance);
+}
 int fmi2GetBooleanStatus(Instance *instance, int kind, int32_t *value) {
     *value = instance->has_ended;
     return kind == 3 ? OK : DISCARD;
@@ -188,7 +200,6 @@ int fmi2DeSerializeFMUstate(Instance *instance, const void *bytes, size_t size, 
 DONE_NOTHING(fmi2SetupExperiment)
 DONE_NOTHING(fmi2EnterInitializationMode)
 DONE_NOTHING(fmi2ExitInitializationMode)
-DONE_NOTHING(fmi2Terminate)
 NOT_OFFERED(fmi2SetDebugLogging)
 NOT_OFFERED(fmi2Reset)
 NOT_OFFERED(fmi2CancelStep)
@@ -277,6 +288,9 @@ int fmi3DoStep(Instance *instance, double time, double size, bool no_rollback, b
     *terminate = instance->has_ended;
     return status;
 }
+int fmi3Terminate(Instance *instance) {
+    return end(instance);
+}
 int fmi3GetFMUState(Instance *instance, void **state) {
     return copy_state(instance, state);
 }
@@ -315,7 +329,6 @@ int fmi3ExitConfigurationMode(Instance *instance) {
 }
 DONE_NOTHING(fmi3EnterInitializationMode)
 DONE_NOTHING(fmi3ExitInitializationMode)
-DONE_NOTHING(fmi3Terminate)
 NOT_OFFERED(fmi3InstantiateModelExchange)
 NOT_OFFERED(fmi3InstantiateScheduledExecution)
 NOT_OFFERED(fmi3SetDebugLogging)

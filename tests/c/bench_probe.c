@@ -64,4 +64,5 @@ void probe_frame(int node, uint32_t id, const uint8_t *data, int length, uint32_
     CanFrame frame = {.id = id, .length = (uint8_t)length};
     memcpy(frame.data, data, (size_t)length);
     node_frames_take(&frames[node], &frame, now);
+    node_frames_tick(&frames[node], now);
 }

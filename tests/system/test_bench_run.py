@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ import pytest
 import udsoncan
 from udsoncan.client import Client
 from udsoncan.connections import PythonIsoTpConnection
+from udsoncan.exceptions import UnexpectedResponseException
 
 import inkloop_hardware
 from inkloop.cli import main
@@ -82,7 +84,11 @@ def test_stock_tools_watch_a_run_and_read_a_journal_in_it(tmp_path: Path) -> Non
         settings: Any = dict(udsoncan.configs.default_client_config) | {"data_identifiers": {"default": Raw()}}
 
         def read_journal(row: LayerRow) -> None:
-            data = client.read_data_by_identifier(0x0110).service_data.values[0x0110]
+            """The answers of the head to the run have the same id; those that are read late are not this one."""
+            data = b""
+            while not data:
+                with suppress(UnexpectedResponseException):
+                    data = client.read_data_by_identifier(0x0110).service_data.values[0x0110]
             kinds.append([data[at + 4] for at in range(0, len(data), 40)])
 
         with Client(PythonIsoTpConnection(stack), config=settings) as client:

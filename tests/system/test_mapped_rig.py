@@ -91,7 +91,7 @@ def test_rig_with_its_own_dbc_prints_what_is_commanded(bus: str, tmp_path: Path)
     assert not heard & {0x010, 0x020}, "a rig of another protocol is not to hear MasterAlive or StopRequest"
     assert run.sizes["layer"] == 3
     heights = foreign_rig.DROPLET_UM * 1e-6 * np.cumsum(run.pattern.values != 0, axis=0)
-    assert heights.max() == pytest.approx(20e-6)
+    assert heights.max() == pytest.approx(20e-6, rel=1e-9, abs=0.0)
     blind = np.zeros((6, 5), np.bool_)
     blind[2, 1] = True
     np.testing.assert_array_equal(run.valid.values, np.broadcast_to(~blind, run.valid.shape))
@@ -157,7 +157,9 @@ def test_emulator_prints_by_a_mapping_of_its_own_dbc(tmp_path: Path) -> None:
     assert run.valid.values.all()
     per_layer = float(run.measured_height[2].sum() - run.measured_height[1].sum())
     droplets = int((run.pattern[2].values != 0).sum())
-    assert per_layer == pytest.approx(droplets * 7.6e-6, rel=0.2)  # h1 + 4 h2 + 4 h3, less what leaves the grid
+    assert per_layer == pytest.approx(
+        droplets * 7.6e-6, rel=0.2, abs=0.0
+    )  # h1 + 4 h2 + 4 h3, less what leaves the grid
 
 
 def component(made: Scenario) -> Any:

@@ -308,7 +308,7 @@ def test_folder_that_cannot_be_resumed_is_refused_with_a_message(
     assert "scenario.toml: was changed since the run began; restore it" in refusal()
     (folder / "scenario.toml").write_text(scenario)
     (folder / "layers" / "state.npz").write_bytes(state[:100])
-    assert "remove this folder, and the run begins at its first layer" in refusal()
+    assert f"remove {folder / 'layers'}, and the run begins at its first layer" in refusal()
     (folder / "layers" / "state.npz").write_bytes(state)
     assert main(["resume", str(folder)]) == 0
 

@@ -24,6 +24,10 @@ from inkloop.files import replaced, sync_folder
 from inkloop.results.recorder import Recorder
 
 LAYERS_FOLDER, STATE_FILE = "layers", "state.npz"
+_NEW_PART = (
+    "its layers lie on the stage and cannot be printed again, and what was measured of them is lost: take the part "
+    "off, `inkloop device SCENARIO clear --give-up`, and begin a new part in a new folder. Keep this one as it is"
+)
 _UNREADABLE = (OSError, ValueError, KeyError, BadZipFile)
 
 
@@ -78,7 +82,8 @@ class Checkpoints:
 
     def load(self) -> Checkpoint | None:
         """The last checkpoint, None if there is none; the recorder gets the rows of its layers. Raises ResultError."""
-        checkpoint = last(self._run_folder)
+        advice = _NEW_PART if self._durable else f"remove {self._folder}, and the run begins at its first layer"
+        checkpoint = last(self._run_folder, advice)
         if checkpoint is None:
             return None
         try:
@@ -89,7 +94,7 @@ class Checkpoints:
                     self._rows = _read(path)
                     self._recorder.put_rows(self._rows)
         except _UNREADABLE as error:
-            raise _unreadable(self._folder, error) from error
+            raise _unreadable(self._folder, error, advice) from error
         self._last, self.refusal = checkpoint.layer, checkpoint.refusal
         return checkpoint
 
@@ -114,13 +119,16 @@ class Checkpoints:
         self._last, self._scanned = layer, self._recorder.scanned
 
 
-def last(run_folder: Path) -> Checkpoint | None:
-    """The last checkpoint of a run that is not finished, None if there is none. Raises ResultError."""
+def last(run_folder: Path, advice: str = "") -> Checkpoint | None:
+    """The last checkpoint of a run that is not finished, None if there is none.
+
+    Raises ResultError with the advice; without one it refers to `inkloop resume`, which knows of devices.
+    """
     folder = run_folder / LAYERS_FOLDER
     try:
         return _unpacked(_read(folder / STATE_FILE)) if (folder / STATE_FILE).is_file() else None
     except _UNREADABLE as error:
-        raise _unreadable(folder, error) from error
+        raise _unreadable(folder, error, advice or f"`inkloop resume {run_folder}` says what can be done") from error
 
 
 def remove_layers(run_folder: Path) -> None:
@@ -132,8 +140,8 @@ def remove_layers(run_folder: Path) -> None:
         raise ResultError(f"{run_folder / LAYERS_FOLDER}: cannot be removed: {error.strerror}; remove it") from error
 
 
-def _unreadable(folder: Path, error: Exception) -> ResultError:
-    return ResultError(f"{folder}: cannot be read ({error}); remove this folder, and the run begins at its first layer")
+def _unreadable(folder: Path, error: Exception, advice: str) -> ResultError:
+    return ResultError(f"{folder}: cannot be read ({error}); {advice}")
 
 
 def _states(components: Mapping[str, Component]) -> tuple[dict[str, bytes], str]:

@@ -29,8 +29,8 @@ static const Option OPTIONS[] = {
     {"move_ms", COUNT32, WORLD(move_ms), 0, INT32_MAX},
     {"purge_ms", COUNT32, WORLD(purge_ms), 0, INT32_MAX},
     {"gate_ms", COUNT32, WORLD(gate_ms), 0, INT32_MAX},
-    {"alive_ms", COUNT32, offsetof(BenchOptions, limits.alive), 1, INT32_MAX},
     {"watchdog_ms", COUNT32, WORLD(watchdog_ms), 0, INT32_MAX},
+    {"alive_ms", COUNT32, offsetof(BenchOptions, limits.alive), 1, INT32_MAX},
     {"lamp_limit_ms", COUNT32, offsetof(BenchOptions, limits.lamp), 0, INT32_MAX},
     {"one_node", FLAG, offsetof(BenchOptions, one_node), 0, 1},
 };

@@ -5,6 +5,7 @@
 #include "interlocks.h"
 #include "services.h"
 #include "steps.h"
+#include "uds.h"
 
 const NodeLimits NODE_LIMITS = {
     .alive = 300, .lamp = 10000, .gate = 500, .pass = 120000, .motion = 30000, .scan = 60000, .pending = 1000};
@@ -77,6 +78,7 @@ void node_init(Node *node, const NodeOptions *options, const Hal *hal, uint32_t 
     node->options = *options;
     node->now = now;
     node->supervised = true;
+    node->session = SESSION_DEFAULT;
     node->pattern.cells = options->pattern_memory;
     node->pattern.capacity = options->pattern_bytes;
     interlocks_all_off(node);
@@ -106,6 +108,7 @@ void node_tick(Node *node, uint32_t now) {
     interlocks_advance(node, now);
     const Cause cause = interlocks_watch(node);
     enforce(node, cause != CAUSE_NONE ? cause : steps_continue(node));
+    services_tick(node);
     if (is_well(node))
         node->hal->kick(node->hal->context);
 }

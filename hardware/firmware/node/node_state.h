@@ -122,6 +122,8 @@ typedef struct {
     Pattern pattern;
     bool pattern_loaded, scanned, dry;
     uint8_t scan_attempt;
+    uint8_t session; /* of UDS: SESSION_... of uds.h */
+    uint32_t session_since;
     NodeState state;
     Cause cause;
     bool needs_operator; /* clear is refused unless a person confirms it */

@@ -184,12 +184,10 @@ static size_t start(Node *node, const Routine *routine, const Key *key, uint16_t
 size_t routine_control(Node *node, const uint8_t *request, size_t length, uint8_t *answer, Cause *cause) {
     if (length < ROUTINE_HEAD)
         return uds_refusal(answer, UDS_ROUTINE_CONTROL, UDS_LENGTH);
-    if (request[1] != UDS_START && request[1] != UDS_RESULTS)
-        return uds_refusal(answer, UDS_ROUTINE_CONTROL, UDS_SUBFUNCTION_NOT_SUPPORTED);
     const Routine *routine = find(node, get_u16(request + 2));
     if (!routine)
         return uds_refusal(answer, UDS_ROUTINE_CONTROL, UDS_OUT_OF_RANGE);
-    const bool starts = request[1] == UDS_START;
+    const bool starts = (request[1] & ~UDS_SUPPRESS) == UDS_START;
     if (length != (size_t)ROUTINE_HEAD + KEY_BYTES + (starts ? routine->option_bytes : 0))
         return uds_refusal(answer, UDS_ROUTINE_CONTROL, UDS_LENGTH);
     const Key key = uds_key(request + ROUTINE_HEAD);

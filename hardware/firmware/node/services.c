@@ -12,7 +12,12 @@
 #define INKLOOP_VERSION "unversioned"
 #endif
 
-enum { SUPPRESS = 0x80, ANSWER_TIME_MS = 1000, PENDING_TIME_10MS = 500, READ_HEAD = 3, JOURNAL_RECORDS_MAX = 100 };
+enum { SESSION_TIMEOUT_MS = 5000 /* S3 of ISO 14229-2 */ };
+enum { ANSWER_TIME_MS = 1000, PENDING_TIME_10MS = 500, READ_HEAD = 3, JOURNAL_RECORDS_MAX = 100 };
+
+static uint8_t subfunction(const uint8_t *request) {
+    return request[1] & (uint8_t)~UDS_SUPPRESS;
+}
 
 static size_t put_numbers(uint8_t *to, const uint32_t *numbers, size_t count) {
     for (size_t k = 0; k < count; k++)
@@ -91,6 +96,10 @@ static size_t read_identifier(const Node *node, const uint8_t *request, size_t l
     uint8_t *to = answer + READ_HEAD;
     size_t size = 0;
     switch (get_u16(request + 1)) {
+    case ID_SESSION:
+        to[0] = node->session;
+        size = 1;
+        break;
     case ID_VERSION:
         size = sizeof INKLOOP_VERSION - 1;
         memcpy(to, INKLOOP_VERSION, size);
@@ -123,27 +132,23 @@ static size_t read_identifier(const Node *node, const uint8_t *request, size_t l
     return READ_HEAD + size;
 }
 
-static size_t session(const uint8_t *request, size_t length, uint8_t *answer) {
+static size_t session(Node *node, const uint8_t *request, size_t length, uint8_t *answer) {
     if (length != 2)
         return uds_refusal(answer, UDS_SESSION, UDS_LENGTH);
-    const uint8_t kind = request[1] & (uint8_t)~SUPPRESS;
-    if (kind != 1 && kind != 3) /* default, extended: the same here */
-        return uds_refusal(answer, UDS_SESSION, UDS_SUBFUNCTION_NOT_SUPPORTED);
+    node->session = subfunction(request);
     answer[0] = UDS_SESSION + UDS_POSITIVE;
-    answer[1] = kind;
+    answer[1] = node->session;
     put_u16(answer + 2, ANSWER_TIME_MS);
     put_u16(answer + 4, PENDING_TIME_10MS);
-    return request[1] & SUPPRESS ? 0 : 6;
+    return 6;
 }
 
 static size_t tester_present(const uint8_t *request, size_t length, uint8_t *answer) {
     if (length != 2)
         return uds_refusal(answer, UDS_TESTER_PRESENT, UDS_LENGTH);
-    if ((request[1] & (uint8_t)~SUPPRESS) != 0)
-        return uds_refusal(answer, UDS_TESTER_PRESENT, UDS_SUBFUNCTION_NOT_SUPPORTED);
     answer[0] = UDS_TESTER_PRESENT + UDS_POSITIVE;
-    answer[1] = 0;
-    return request[1] & SUPPRESS ? 0 : 2;
+    answer[1] = subfunction(request);
+    return 2;
 }
 
 static size_t transfer(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room, Cause *cause) {
@@ -161,24 +166,76 @@ static size_t transfer(Node *node, const uint8_t *request, size_t length, uint8_
     }
 }
 
-size_t services_answer(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room, Cause *cause) {
-    if (length == 0 || room < ANSWER_ROOM)
-        return 0;
+/* What a service needs before its own checks. */
+typedef struct {
+    uint8_t service, roles; /* one of the roles is needed */
+    uint8_t shortest;       /* bytes of a request */
+    bool has_subfunction;
+    uint8_t subfunctions[2];
+} Service;
+
+static const Service SERVICES[] = {
+    {UDS_SESSION, 0xFF, 2, true, {SESSION_DEFAULT, SESSION_EXTENDED}},
+    {UDS_READ, 0xFF, READ_HEAD, false, {0}},
+    {UDS_ROUTINE_CONTROL, 0xFF, 2, true, {UDS_START, UDS_RESULTS}},
+    {UDS_DOWNLOAD, ROLE_HEAD, 1, false, {0}},
+    {UDS_UPLOAD, ROLE_PROFILER, 1, false, {0}},
+    {UDS_TRANSFER, ROLE_HEAD | ROLE_PROFILER, 2, false, {0}},
+    {UDS_TRANSFER_EXIT, ROLE_HEAD | ROLE_PROFILER, 1, false, {0}},
+    {UDS_TESTER_PRESENT, 0xFF, 2, true, {0, 0}},
+};
+
+/* NULL: this node does not have the service. */
+static const Service *find_service(const Node *node, uint8_t number) {
+    for (size_t k = 0; k < sizeof SERVICES / sizeof *SERVICES; k++)
+        if (SERVICES[k].service == number && node_has(node, SERVICES[k].roles))
+            return &SERVICES[k];
+    return NULL;
+}
+
+/* The checks that come before those of a service, in the order of ISO 14229-1: the service, the shortest request, the
+ * sub-function. UDS_OK, or the code that refuses the request. */
+static uint8_t check_request(const Service *service, const uint8_t *request, size_t length) {
+    if (!service)
+        return UDS_SERVICE_NOT_SUPPORTED;
+    if (length < service->shortest)
+        return UDS_LENGTH;
+    const uint8_t asked = service->has_subfunction ? subfunction(request) : 0;
+    const bool known = asked == service->subfunctions[0] || asked == service->subfunctions[1];
+    return service->has_subfunction && !known ? UDS_SUBFUNCTION_NOT_SUPPORTED : UDS_OK;
+}
+
+static size_t serve(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room, Cause *cause) {
     switch (request[0]) {
     case UDS_SESSION:
-        return session(request, length, answer);
+        return session(node, request, length, answer);
     case UDS_TESTER_PRESENT:
         return tester_present(request, length, answer);
     case UDS_READ:
         return read_identifier(node, request, length, answer, room);
     case UDS_ROUTINE_CONTROL:
         return routine_control(node, request, length, answer, cause);
-    case UDS_DOWNLOAD:
-    case UDS_UPLOAD:
-    case UDS_TRANSFER:
-    case UDS_TRANSFER_EXIT:
-        return transfer(node, request, length, answer, room, cause);
     default:
-        return uds_refusal(answer, request[0], UDS_SERVICE_NOT_SUPPORTED);
+        return transfer(node, request, length, answer, room, cause);
     }
+}
+
+size_t services_answer(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room, Cause *cause) {
+    if (length == 0 || room < ANSWER_ROOM)
+        return 0;
+    node->session_since = node->now;
+    const Service *service = find_service(node, request[0]);
+    const uint8_t code = check_request(service, request, length);
+    if (code != UDS_OK)
+        return uds_refusal(answer, request[0], code);
+    const size_t answered = serve(node, request, length, answer, room, cause);
+    const bool suppressed = service->has_subfunction && (request[1] & UDS_SUPPRESS) && answer[0] != UDS_NEGATIVE;
+    return suppressed ? 0 : answered;
+}
+
+void services_tick(Node *node) {
+    if (node->step.kind != STEP_NONE) /* its final answer is still to come */
+        node->session_since = node->now;
+    else if (node->session != SESSION_DEFAULT && node->now - node->session_since >= SESSION_TIMEOUT_MS)
+        node->session = SESSION_DEFAULT;
 }

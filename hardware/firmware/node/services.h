@@ -1,5 +1,7 @@
 /* The UDS services of a node and its identifiers (0x22). One identifier per request; numbers big-endian.
  *
+ * F186 session: 1 default, 3 extended, which ends 5 s after the last request. Both have the same services.
+ *
  * F195 version: text of the firmware.
  *
  * 0100 state: state, cause, roles, flags (1 a person has to confirm clear, 2 stop request, 4 pattern in memory, 8 dry
@@ -28,6 +30,7 @@
 #include "node_state.h"
 
 enum {
+    ID_SESSION = 0xF186,
     ID_VERSION = 0xF195,
     ID_STATE = 0x0100,
     ID_TIMES = 0x0101,
@@ -40,5 +43,8 @@ enum {
 /* Answers a request; the length of the answer, 0 for none. `cause`, CAUSE_NONE before, is set if the node has to go off
  * by it. */
 size_t services_answer(Node *node, const uint8_t *request, size_t length, uint8_t *answer, size_t room, Cause *cause);
+
+/* Ends an extended session without requests; call at each tick. */
+void services_tick(Node *node);
 
 #endif

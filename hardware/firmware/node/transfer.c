@@ -16,9 +16,7 @@ static size_t accepted(uint8_t *answer, uint8_t service) {
 }
 
 /* Checks the form of 0x34 or 0x35; UDS_OK, or the code that refuses it. */
-static uint8_t check_form(const Node *node, const uint8_t *request, size_t length, uint8_t role) {
-    if (!node_has(node, role))
-        return UDS_NOT_ACCEPTED;
+static uint8_t check_form(const Node *node, const uint8_t *request, size_t length) {
     if (length != REQUEST_BYTES)
         return UDS_LENGTH;
     if (request[2] != LENGTH_FORMAT || get_u32(request + 3) > UINT16_MAX)
@@ -38,7 +36,7 @@ static void begin(Node *node, bool upload, uint16_t layer, uint32_t size) {
 }
 
 size_t transfer_download(Node *node, const uint8_t *request, size_t length, uint8_t *answer) {
-    uint8_t code = check_form(node, request, length, ROLE_HEAD);
+    uint8_t code = check_form(node, request, length);
     if (code == UDS_OK && request[1] != PLAIN && request[1] != RUN_LENGTH)
         code = UDS_OUT_OF_RANGE;
     if (code == UDS_OK)
@@ -58,7 +56,7 @@ size_t transfer_download(Node *node, const uint8_t *request, size_t length, uint
 }
 
 size_t transfer_upload(Node *node, const uint8_t *request, size_t length, uint8_t *answer) {
-    uint8_t code = check_form(node, request, length, ROLE_PROFILER);
+    uint8_t code = check_form(node, request, length);
     if (code == UDS_OK && (node->state != NODE_MAP_READY || get_u16(request + 5) != node->progress.layer))
         code = UDS_SEQUENCE;
     if (code == UDS_OK && (request[1] != PLAIN || get_u32(request + 7) != height_map_bytes(node->hal)))
@@ -135,7 +133,7 @@ size_t transfer_block(Node *node, const uint8_t *request, size_t length, uint8_t
     if (!transfer->active)
         return uds_refusal(answer, UDS_TRANSFER, UDS_SEQUENCE);
     const bool limited = length == (size_t)BLOCK_HEAD + MOST_BYTES;
-    if (length < BLOCK_HEAD || (transfer->upload ? length != BLOCK_HEAD && !limited : length == BLOCK_HEAD))
+    if (transfer->upload ? length != BLOCK_HEAD && !limited : length == BLOCK_HEAD)
         return uds_refusal(answer, UDS_TRANSFER, UDS_LENGTH);
     const bool repeated = transfer->any && request[1] == (uint8_t)(transfer->next_counter - 1);
     if (!repeated && request[1] != transfer->next_counter)

@@ -21,6 +21,8 @@ enum { /* services */
 };
 
 enum { UDS_START = 1, UDS_STOP = 2, UDS_RESULTS = 3 };
+enum { UDS_SUPPRESS = 0x80 /* added to a sub-function: no positive answer is wanted */ };
+enum { SESSION_DEFAULT = 1, SESSION_EXTENDED = 3 };
 
 enum { /* negative response codes */
        UDS_OK = 0,
@@ -32,8 +34,7 @@ enum { /* negative response codes */
        UDS_SEQUENCE = 0x24,   /* not what comes next */
        UDS_FAILED = 0x26,     /* begun and given up, by an interlock or the device */
        UDS_OUT_OF_RANGE = 0x31,
-       UDS_NOT_ACCEPTED = 0x70, /* no download or upload with this node */
-       UDS_SUSPENDED = 0x71,    /* more data than announced */
+       UDS_SUSPENDED = 0x71, /* more data than announced */
        UDS_CHECKSUM = 0x72,
        UDS_COUNTER = 0x73,
        UDS_PENDING = 0x78

@@ -52,6 +52,8 @@ class BusConnection:
         self.others: deque[tuple[float, Frame]] = deque(maxlen=OTHERS_MAX)
         self._kept_ids = kept_ids
         self.messages: deque[str] = deque()
+        self.priority = ""
+        """What the process was granted, once it is open."""
         self.disconnected = ""
         """Why the adapter is disconnected, while it is being opened again; else empty."""
         self._queues: dict[int, SimpleQueue[bytes | None]] = {identifier: SimpleQueue() for identifier in answer_ids}
@@ -170,6 +172,7 @@ class BusConnection:
             elif kind is Kind.DISCONNECTED:
                 self.disconnected = content.decode()
             elif kind is Kind.OPENED:
+                self.priority = content.decode()
                 self._opened.set()
             elif kind is Kind.FAILED:
                 failure = content.decode()

@@ -33,7 +33,7 @@ class Kind(IntEnum):
     """number as text"""
     CLOSE = 6
     OPENED = 7
-    """name of the adapter"""
+    """priority that the process was granted"""
     CLOCK = 8
     """eight bytes: seconds of the bus process's clock; every frame before it was read"""
     MESSAGE = 9

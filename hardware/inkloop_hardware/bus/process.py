@@ -26,6 +26,7 @@ from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.frames import data_frame
 from inkloop_hardware.bus.heartbeat import Enables, Heartbeat
 from inkloop_hardware.bus.messages import Kind, Outbox, pack_frames, read_message, unpack_frames
+from inkloop_hardware.bus.priority import raise_priority
 from inkloop_hardware.bus.reopening import PROOF, Reopening
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.bus.traffic_log import TrafficLog
@@ -227,6 +228,7 @@ def main() -> int:
     if first is None or first[0] is not Kind.SETTINGS:
         return 2
     arguments = json.loads(first[1])
+    priority = raise_priority()
     try:
         process = BusProcess(BusSettings.from_json(arguments.pop("settings")), **arguments, answers=answers)
     except BusError as error:
@@ -234,7 +236,7 @@ def main() -> int:
         answers.close()
         return 1
     signal.signal(signal.SIGTERM, lambda *_: process.over.set())
-    answers.put(Kind.OPENED, process.adapter.bus.channel_info.encode())
+    answers.put(Kind.OPENED, priority.encode())
     process.run(commands)
     answers.close()
     return 1 if process.failure else 0

@@ -6,6 +6,7 @@ does not know was never begun. Only a step that the head reported as done and do
 
 from __future__ import annotations
 
+from inkloop.errors import ComponentError
 from inkloop_hardware.devices.master_journal import LayerAsked
 from inkloop_hardware.errors import HardwareError
 from inkloop_hardware.protocol.node_state import NodeState
@@ -45,6 +46,17 @@ def compare(mine: LayerAsked | None, job: int, head: NodeState) -> None:
         mine.layer > 1 and not (is_same_job and head.layer == mine.layer - 1)
     ):  # the head had confirmed the pattern of the layer before it was asked for a pass
         raise differ
+
+
+def check_resumed_at(layer: int, mine: LayerAsked | None) -> None:
+    """Raise ComponentError if a layer is due that the journal of this run has left behind."""
+    if mine and mine.layer > layer:
+        raise ComponentError(
+            f"layer {layer} is due, but this run has begun layer {mine.layer} already: its checkpoint is older than "
+            "its journal, or is gone. Was the run folder restored from a copy, or its folder layers removed? A part "
+            "lies on the stage: take it off, `inkloop device SCENARIO clear --give-up`, and begin a new part in a new "
+            "folder"
+        )
 
 
 def _passes(mask: int) -> str:

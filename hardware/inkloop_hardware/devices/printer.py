@@ -22,7 +22,7 @@ from inkloop.contract import (
     pass_colour,
 )
 from inkloop.errors import ComponentError
-from inkloop_hardware.devices.journal_comparison import compare
+from inkloop_hardware.devices.journal_comparison import check_resumed_at, compare
 from inkloop_hardware.devices.layer_steps import ALL_COLOURS, LayerSteps, PrintedLayer
 from inkloop_hardware.devices.master_journal import MasterJournal
 from inkloop_hardware.devices.readiness import make_ready
@@ -98,12 +98,7 @@ class Printer:
         return make_ready(self._rig, NODES)
 
     def _print(self, steps: LayerSteps, layer: int, pattern: NDArray[Any]) -> None:
-        known = self._journal.layer
-        if known and known.layer > layer:
-            raise ComponentError(
-                f"layer {layer} is commanded, but this run has begun layer {known.layer} already; its checkpoint is "
-                "older than its journal: was the run folder restored from a copy? Begin a new part"
-            )
+        check_resumed_at(layer, self._journal.layer)
         try:
             printed = retry_after_recovery(self._rig, NODES, lambda: steps.print_layer(layer, pattern))
         except ValueError as error:

@@ -10,10 +10,11 @@ from collections.abc import Iterator
 from contextlib import closing
 
 from inkloop_hardware.bus.adapter import Adapter
+from inkloop_hardware.bus.frames import data_frame
 from inkloop_hardware.bus.heartbeat import Supervised
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import FrameError, HardwareError
-from inkloop_hardware.protocol.codec import Codec, Frame
+from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.records import NodeStatus, StopRequest, unpack
 from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
 
@@ -69,10 +70,11 @@ def _sent(adapter: Adapter, *, active: bool) -> Iterator[NodeStatus]:
 
 def _statuses(adapter: Adapter, codec: Codec, wait_s: float) -> Iterator[NodeStatus]:
     for message in adapter.receive(wait_s):
-        if message.is_extended_id or message.is_remote_frame or message.is_error_frame or message.is_fd:
+        frame = data_frame(message)
+        if frame is None:
             continue
         try:
-            reading = codec.decode(Frame(message.arbitration_id, bytes(message.data)))
+            reading = codec.decode(frame)
             record = unpack(codec, reading) if reading.intact else None
         except FrameError:  # of another protocol: no confirmation
             continue

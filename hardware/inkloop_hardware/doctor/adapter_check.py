@@ -9,6 +9,8 @@ from __future__ import annotations
 import errno
 import importlib
 import os
+import subprocess
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
@@ -19,6 +21,7 @@ from can.interfaces import VALID_INTERFACES
 from can.util import load_config
 
 from inkloop_hardware.bus.adapter import NETWORK, Adapter, has_carrier
+from inkloop_hardware.bus.priority import NONE
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.doctor.findings import Finding
 from inkloop_hardware.errors import BusError
@@ -64,6 +67,19 @@ def before_opening(settings: BusSettings, network: Path = NETWORK) -> Iterator[F
         yield from _serial_port(Path(channel))
     if name == "slcan" and settings.bitrate is None:
         yield Finding.warning("adapter", "no bit rate is set, the adapter keeps its own", "set bench.bitrate, 500000")
+
+
+def heartbeat_priority() -> Finding:
+    """What a bus process of this user is granted, tried in a process of its own."""
+    command = [sys.executable, "-P", "-m", "inkloop_hardware.bus.priority"]
+    found = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
+    if found and not found.startswith(NONE):
+        return Finding.ok("priority", f"the heartbeat has {found}")
+    return Finding.warning(
+        "priority",
+        f"the heartbeat has {found or NONE}: on a busy machine it may come late, and the nodes go off",
+        "print on a machine that does nothing else, or give this user `rtprio 1` in /etc/security/limits.conf",
+    )
 
 
 def opened(settings: BusSettings) -> tuple[Adapter | None, Finding]:

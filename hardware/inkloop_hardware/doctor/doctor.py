@@ -10,7 +10,7 @@ from contextlib import closing
 
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
-from inkloop_hardware.doctor.adapter_check import before_opening, configured, opened
+from inkloop_hardware.doctor.adapter_check import before_opening, configured, heartbeat_priority, opened
 from inkloop_hardware.doctor.findings import Finding, Grade
 from inkloop_hardware.doctor.inquiry import Expected, ask, links
 from inkloop_hardware.doctor.listening import Heard, judge, judge_bus, listen
@@ -35,6 +35,8 @@ def examine(
     """
     bus = configured(settings)
     errors = list[Finding]()
+    if not mapped:
+        yield heartbeat_priority()
     yield from _noted(before_opening(bus), errors)
     if errors:
         yield Finding.skipped("bus, nodes", NO_ADAPTER)

@@ -167,6 +167,7 @@ class Rig:
         else:
             answers = [self.codec.answer_id(node) for node in Node]
             bus = BusConnection(settings, self._session, self._job, answers, self.supervision.supervised_ids)
+            LOG.info("the heartbeat has %s", bus.priority)
         LOG.info("%s is open, session %d, job %d", self.settings, self._session, self._job)
         self.supervision.open(bus)
 

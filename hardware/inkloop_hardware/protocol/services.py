@@ -92,7 +92,6 @@ REFUSALS = {
     0x24: "it expects another step or layer: its journal holds what was done; compare job, layer and pass",
     0x26: "it began and gave up: see its state and cause",
     0x31: "it has no such routine, layer, option or pattern: compare its limits, roles and the size of the grid",
-    0x70: "nothing can be transferred with this node",
     0x71: "it was sent more bytes than announced; begin the transfer again",
     0x72: "the checksum differs: bytes were altered on the way; check cables and termination",
     0x73: "it expects another block; begin the transfer again",

@@ -112,8 +112,12 @@ def test_tolerances_and_sizes_are_no_factors(line: str) -> None:
 
 def test_factors_of_both_directions_agree() -> None:
     """Both are written out: a product with one and a quotient by the other differ in the last bit."""
-    for one, other in ((units.UM_PER_M, units.M_PER_UM), (units.NS_PER_S, units.S_PER_NS)):
-        assert one * other == pytest.approx(1.0, rel=1e-15)
+    for one, other in (
+        (units.UM_PER_M, units.M_PER_UM),
+        (units.NS_PER_S, units.S_PER_NS),
+        (units.MS_PER_S, units.S_PER_MS),
+    ):
+        assert one * other == pytest.approx(1.0, rel=1e-15, abs=0.0)
     assert {units.M_PER_UM, 1.0 / units.MM_PER_M, 1.0 / units.NM_PER_M} < set(SUFFIXES["m"].values())
     assert {1.0 / units.MS_PER_S, 1.0 / units.US_PER_S} < set(SUFFIXES["s"].values())
     assert SUFFIXES["m3"]["pl"] == 1.0 / units.PL_PER_M3

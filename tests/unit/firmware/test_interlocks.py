@@ -29,6 +29,7 @@ from support.benches.node_bench import (
     NOT_READY,
     NRC_CONDITIONS,
     NRC_FAILED,
+    NRC_PENDING,
     NRC_RANGE,
     PASS,
     SCAN,
@@ -47,6 +48,7 @@ from support.benches.node_bench import (
 
 FULL = np.ones((9, 9), np.uint8)
 LONG = 5000
+ALIVE = 300  # ms without MasterAlive, in ticks of 5 ms; 350 ms are promised
 
 
 @pytest.fixture
@@ -84,21 +86,21 @@ def test_every_node_wakes_up_de_energised(roles: int) -> None:
         assert bench.counted(GATE_OPENINGS) == bench.counted(LAMP_PULSES) == 0
 
 
-def test_lamp_is_off_350_ms_after_the_last_master_alive(bench: NodeBench) -> None:
+def test_lamp_is_off_300_ms_after_the_last_master_alive(bench: NodeBench) -> None:
     begin_cure(bench)
     bench.master = None
     assert off_after(bench, CURE) == ("SAFE", MASTER_LOST)
     times = bench.times(CURE)
-    assert 0 < times.lamp_off - times.master_alive <= 350
+    assert ALIVE <= times.lamp_off - times.master_alive <= ALIVE + 5
     assert times.off == times.lamp_off
 
 
-def test_gate_is_closed_350_ms_after_the_last_master_alive(bench: NodeBench) -> None:
+def test_gate_is_closed_300_ms_after_the_last_master_alive(bench: NodeBench) -> None:
     begin_pass(bench)
     bench.master = None
     assert off_after(bench, HEAD) == ("SAFE", MASTER_LOST)
     times = bench.times(HEAD)
-    assert 0 < times.gate_closed - times.master_alive <= 350
+    assert ALIVE <= times.gate_closed - times.master_alive <= ALIVE + 5
 
 
 def test_all_nodes_go_safe_when_the_master_is_lost_and_idle_ones_resume_without_a_person(bench: NodeBench) -> None:
@@ -225,6 +227,14 @@ def test_device_that_fails_or_hangs_is_a_fault(bench: NodeBench, what: int) -> N
     bench.broken(what)
     assert bench.run(HOME, STAGE, attempt=2) == -NRC_FAILED
     assert bench.state(STAGE).state == "FAULT"
+
+
+def test_pass_may_take_its_limit_and_the_ways_of_the_gate_in_addition() -> None:
+    with NodeBench(pass_ms=119_900, gate_ms=400) as bench:
+        assert bench.ready().download(pattern_blob(FULL), 1) == 0
+        assert bench.raw(bench.routine(PASS, 1, 0, option=b"\x00"))[2] == NRC_PENDING
+        bench.tick(121_000, step=25)
+        assert (bench.state().state, bench.state().done) == ("PRINTED", 1)
 
 
 def test_head_that_is_not_ready_does_not_begin(bench: NodeBench) -> None:

@@ -267,9 +267,9 @@ def test_service_of_another_role_is_refused() -> None:
                 if other != node:
                     assert bench.raw(bench.routine(routine, 1), node) == b"\x7f\x31\x31"
             if node != HEAD:
-                assert bench.raw(bytes.fromhex("3400440000000100000010"), node) == b"\x7f\x34\x70"
+                assert bench.raw(bytes.fromhex("3400440000000100000010"), node) == b"\x7f\x34\x11"
             if node != PROFILER:
-                assert bench.raw(bytes.fromhex("3500440000000100000010"), node) == b"\x7f\x35\x70"
+                assert bench.raw(bytes.fromhex("3500440000000100000010"), node) == b"\x7f\x35\x11"
 
 
 def test_dry_run_prints_lights_and_remembers_nothing(bench: NodeBench) -> None:

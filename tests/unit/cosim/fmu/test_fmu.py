@@ -98,6 +98,15 @@ def test_message_of_an_fmi_2_logger_is_formatted(folder: Path) -> None:
 
 
 @BOTH
+def test_step_that_is_discarded_is_no_request_to_end(folder: Path, fmi: int) -> None:
+    part = FmuComponent(build(folder, fmi))
+    part.initialize(0, {})
+    with pytest.raises(ComponentError, match=r"^fmi\dDoStep returned discard: step is too difficult"):
+        part.do_step(0, SECOND, inputs(100, 1, 1))
+    part.terminate()
+
+
+@BOTH
 def test_fmu_that_ends_the_simulation_says_so(folder: Path, fmi: int) -> None:
     part = FmuComponent(build(folder, fmi))
     part.initialize(0, {})

@@ -101,7 +101,7 @@ def test_cells_outside_the_map_are_not_measured() -> None:
     cells = cell_means(HeightMap(np.ones((39, 39)), 30e-6, 30e-6), Registration(), 30, 30, PITCH)
     assert np.isnan(cells.mean[5:, 5:]).all()
     assert not cells.share[5:, 5:].any()
-    assert cells.share[0, 0] == pytest.approx((PITCH / 2 + 15e-6) ** 2 / PITCH**2)
+    assert cells.share[0, 0] == pytest.approx((PITCH / 2 + 15e-6) ** 2 / PITCH**2, rel=1e-9, abs=0.0)
 
 
 def test_pixels_larger_than_cells_are_refused() -> None:

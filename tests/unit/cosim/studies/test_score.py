@@ -41,7 +41,9 @@ def test_ink_of_the_layer_to_layer_plant_is_found_with_a_tenth_of_it_missing() -
     """Droplets lack up to 20 % at random: a mean of 10 % of Table I."""
     found = identified(load("lu"))
     assert [found.h1 * UM_PER_M, found.h2 * UM_PER_M, found.h3 * UM_PER_M] == pytest.approx(
-        [3.96, 0.54, 0.18], rel=0.03
+        [3.96, 0.54, 0.18],
+        rel=0.03,
+        abs=0.0,
     )
 
 
@@ -88,8 +90,8 @@ def scores() -> list[Score]:
 
 
 def test_score_is_the_geometric_mean_over_the_plants() -> None:
-    assert relative(scores(), OPEN_LOOP.name) == pytest.approx(1.0)
-    assert relative(scores(), OURS.name) == pytest.approx(0.5)
+    assert relative(scores(), OPEN_LOOP.name) == pytest.approx(1.0, rel=1e-9, abs=0.0)
+    assert relative(scores(), OURS.name) == pytest.approx(0.5, rel=1e-9, abs=0.0)
 
 
 def test_tables_for_page_paper_and_spreadsheet_agree() -> None:
@@ -97,7 +99,7 @@ def test_tables_for_page_paper_and_spreadsheet_agree() -> None:
     assert r"LayerMpc, Lu nominal & 2.00 & 2.00 & 0.50 \\" in tables.latex(scores(), (1, 2))
     lines = list(csv.DictReader(tables.spreadsheet(scores(), (1, 2)).splitlines()))
     assert len(lines) == 8
-    assert float(lines[-1]["rms_um"]) == pytest.approx(2.0)
+    assert float(lines[-1]["rms_um"]) == pytest.approx(2.0, rel=1e-9, abs=0.0)
     texts = (tables.markdown(scores(), (1,)), tables.latex(scores(), (1,)))
     assert all(fingerprint("plant-v1") in text for text in texts)
 

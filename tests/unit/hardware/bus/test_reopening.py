@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import can
 import pytest
 
+from inkloop_hardware.bus.process import BusProcess
 from inkloop_hardware.bus.reopening import BUS_OFF_PAUSE, LONGEST_PAUSE, Reopening
+from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import BusError, BusOff
 from inkloop_hardware.link.bus_watch import OVER_AFTER, BusWatch
 from inkloop_hardware.protocol.records import MasterAlive, StopRequest
@@ -74,3 +77,29 @@ def test_stop_request_lasts_until_it_is_released_or_silent() -> None:
     watch.take_stop(1.0, StopRequest(True, Source.OPERATOR))
     watch.take_stop(1.1, StopRequest(False, Source.OPERATOR))
     assert watch.stop_request(1.1) is None
+
+
+class Silent(can.BusABC):
+    """Opens and reads without an error, as a SocketCAN socket on a controller that is bus-off."""
+
+    def __init__(self) -> None:
+        self.channel, self.channel_info = "can0", "silent"
+        self._is_shutdown = True
+
+    def _recv_internal(self, timeout: float | None) -> tuple[None, bool]:
+        return None, False
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        raise can.CanOperationError("nothing is sent here")
+
+
+@pytest.mark.parametrize("is_on", [True, False])
+def test_reopened_interface_counts_only_if_its_controller_is_on_the_bus(
+    is_on: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Silent, "__module__", "can.interfaces.socketcan.socketcan")
+    monkeypatch.setattr("inkloop_hardware.bus.adapter._open", lambda _: Silent())
+    monkeypatch.setattr("inkloop_hardware.bus.adapter.has_carrier", lambda name: is_on or name != "can0")
+    monkeypatch.setattr("inkloop_hardware.bus.process.PROOF", 0.0)
+    process = BusProcess(BusSettings("socketcan", "can0"), 1, 1, None)  # type: ignore[arg-type]
+    assert process._opened_again() is is_on

@@ -235,6 +235,17 @@ def test_checkpoint_that_is_older_than_the_journal_is_refused_with_a_message(tmp
 
 
 @pytest.mark.compiled
+def test_run_without_its_checkpoints_is_advised_to_begin_a_new_part(tmp_path: Path) -> None:
+    """Its first request would be the scan of layer 0, which the profiler only refuses as out of sequence."""
+    with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5, scan_ms=5) as nodes:
+        print_layer(printer_of(tmp_path, NodeRig(nodes)), 1)
+        profiler = Profiler(FOUR, NodeRig(nodes), journal=MasterJournal(tmp_path))
+        profiler.initialize(0, {"layers_printed": np.int32(0)})
+        with pytest.raises(ComponentError, match=r"layer 0 is due.*begun layer 1.*folder layers removed.*take it off"):
+            profiler.do_step(0, 1, {"layers_printed": np.int32(0)})
+
+
+@pytest.mark.compiled
 def test_checkpoint_of_another_job_is_refused_with_a_message(tmp_path: Path) -> None:
     with NodeBench(nx=FOUR.nx, ny=FOUR.ny, pass_ms=5) as nodes:
         saved = printer_of(tmp_path / "one", NodeRig(nodes, job=7)).save()
