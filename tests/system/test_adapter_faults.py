@@ -62,7 +62,7 @@ def test_print_continues_automatically_where_no_step_is_unknown(fault: str, tmp_
 
 def test_unplugged_adapter_is_opened_again_and_nothing_is_enabled_automatically() -> None:
     """The lamp is on when it goes: the node puts it out, and a person is asked for."""
-    with faulty("unplugged:step=cure,pass=1,nth=3,count=3") as run:
+    with faulty("unplugged:step=cure,pass=1,nth=3,count=3", alive_ms=300) as run:
         run.print_layer(1)
         run.jet(1)
         with pytest.raises(BusDisconnected, match=r"cannot be read any more: .*unplugged.*being opened again"):

@@ -50,9 +50,8 @@ def program() -> Path:
 @contextmanager
 def bench(program: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """The running bench and its channel."""
-    running = subprocess.Popen(
-        [program, "pass_ms=5", f"alive_ms={1e3 * SILENCE_S:g}", *arguments], stdout=subprocess.PIPE, text=True
-    )
+    patient = [f"{name}={1e3 * SILENCE_S:g}" for name in ("alive_ms", "watchdog_ms")]
+    running = subprocess.Popen([program, "pass_ms=5", *patient, *arguments], stdout=subprocess.PIPE, text=True)
     assert running.stdout
     try:
         yield running, running.stdout.readline().strip()

@@ -40,7 +40,7 @@ def emulation_of(scenario: Scenario) -> Emulation:
     """
     grid = scenario.tables.grid
     parameters: dict[str, float] = {"nx": grid.nx, "ny": grid.ny}
-    parameters["alive_ms"] = round(scenario.tables.bench.silence_s * MS_PER_S)
+    parameters |= dict.fromkeys(("alive_ms", "watchdog_ms"), round(scenario.tables.bench.silence_s * MS_PER_S))
     errors: list[str] = []
     if grid.nx * grid.ny > NODE_CELLS_MAX:
         errors.append(

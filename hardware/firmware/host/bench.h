@@ -32,7 +32,7 @@ typedef struct {
 BenchOptions bench_defaults(void);
 
 /* Sets an option by its name, as variables.toml of the FMUs has it, SI; also pass_ms, scan_ms, home_ms, move_ms,
- * purge_ms, gate_ms, watchdog_ms, one_node, lamp_limit_ms. False: no such name, or not a value for it. */
+ * purge_ms, gate_ms, alive_ms, watchdog_ms, one_node, lamp_limit_ms. False: no such name, or not a value for it. */
 bool bench_set(BenchOptions *options, const char *name, double value);
 
 /* NULL: no memory, or a file in `folder` could not be made or belongs to another grid; `why` gets the message. */

@@ -29,6 +29,7 @@ PATTERN = np.random.default_rng(2).integers(0, 3, (SIDE, SIDE)).astype(np.uint8)
 BLOB = node_bench.pattern_blob(PATTERN)
 SILENCE_S = 2.0
 """Of a node and of the master, until the other side takes it for lost: a busy machine is no fault of the bench."""
+PATIENT = dict.fromkeys(("alive_ms", "watchdog_ms"), 1e3 * SILENCE_S)
 FAST: dict[str, Any] = {"pass_ms": 5, "scan_ms": 5, "move_ms": 2, "home_ms": 2, "gate_ms": 1}
 LIMIT_S = 600.0
 """Ends a test that hangs; every wait is for an event."""
@@ -77,9 +78,7 @@ class FaultRun:
 @contextmanager
 def faulty(*faults: str, cleared: bool = True, reopen_s: float = 10.0, **options: float) -> Iterator[FaultRun]:
     """A bench with faults, and a master of job JOB on it."""
-    with EmulatedBench(
-        {"nx": SIDE, "ny": SIDE, **FAST, "alive_ms": 1e3 * SILENCE_S, **options}, faults=faults
-    ) as bench:
+    with EmulatedBench({"nx": SIDE, "ny": SIDE, **FAST, **PATIENT, **options}, faults=faults) as bench:
         settings = replace(settings_of(bench), reopen_s=reopen_s)
         rig = Rig(settings)
         rig.job = JOB
