@@ -1,8 +1,9 @@
 """The coefficients of Wu and Chiu (2024) from drops that fall alone onto uneven ground: equations 14 to 16 in groups of
-three samples, medians of the ratios of (17), and how well they predict each pattern of prior drops (21).
+three samples, (17) with weights, and how well they predict each pattern of prior drops (21).
 
-The paper takes means of the ratios. Where a height difference is small, noise makes its ratio large: means follow such
-ratios, medians do not.
+The paper takes means of ratios of gains to height differences. Where a difference is small, noise makes its ratio
+large, and the mean follows it. Here each ratio has its difference as weight: the sum of the gains over the sum of
+the differences. (A median fails where neighbours at sides and corners gain unequally: it takes one kind for all.)
 """
 
 from __future__ import annotations
@@ -81,9 +82,9 @@ def identify_volume_area(records: Sequence[PrintRecord], noise_std: float, seed:
             f"coefficients of Wu and Chiu need {GROUP * LEAST_GROUPS}, each alone in its layer within two cells"
         )
     level = max(LEVEL * scale, 3.0 * noise_std)
-    medians = {name: _median(ratios) for name, ratios in _ratios(chosen, scale, level).items()}
-    coefficients = {name: value for name, (value, _) in medians.items()}
-    widths = {name: width for name, (_, width) in medians.items()}
+    ratios = {name: _ratio(*sums) for name, sums in _sums(chosen, scale, level).items()}
+    coefficients = {name: value for name, (value, _) in ratios.items()}
+    widths = {name: width for name, (_, width) in ratios.items()}
     growths = np.array([np.sum(s.height_after - s.height) for s in samples])
     widths["height_scale"] = 1.96 * float(growths.std(ddof=1)) / np.sqrt(growths.size)
     if not known:
@@ -156,9 +157,11 @@ def _height(sample: DropSample, after: bool = False) -> NDArray[np.float64]:
     return np.divide(height, area, out=np.zeros_like(height), where=area > 0.0)
 
 
-def _ratios(groups: Sequence[DropSample], scale: float, level: float) -> dict[str, list[NDArray[np.float64]]]:
-    """Of equation 17, by coefficient: the ratios of gains to height differences, of the groups that have any."""
-    found: dict[str, list[NDArray[np.float64]]] = {name: [] for name in NAMES}
+def _sums(
+    groups: Sequence[DropSample], scale: float, level: float
+) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Of equation 17, by coefficient: gains and height differences, summed over the cells of each group."""
+    found: dict[str, list[tuple[float, float]]] = {name: [] for name in NAMES}
     for sample in groups:
         difference = height_differences(_height(sample))
         volume, area = (sample.height_after - sample.height) / scale, sample.area_after - sample.area
@@ -166,24 +169,21 @@ def _ratios(groups: Sequence[DropSample], scale: float, level: float) -> dict[st
         pairs = [(gain, cells) for gain in (volume, area) for cells in (higher, lower)]
         for name, (gain, cells) in zip(NAMES, pairs, strict=True):
             if cells.any():
-                found[name].append(gain[cells] / difference[cells])
-    lacking = [name for name, ratios in found.items() if len(ratios) < LEAST_GROUPS]
+                found[name].append((float(gain[cells].sum()), float(difference[cells].sum())))
+    lacking = [name for name, sums in found.items() if len(sums) < LEAST_GROUPS]
     if lacking:
         raise IdentificationError(
             f"{' and '.join(lacking)}: next to two prior drops, fewer than {LEAST_GROUPS} groups of {GROUP} drops have "
             f"cells that differ by more than {level * UM_PER_M:.3g} um from those around them; needs less noise"
         )
-    return found
+    return {name: (np.array(sums)[:, 0], np.array(sums)[:, 1]) for name, sums in found.items()}
 
 
-def _median(ratios: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
-    """Of all ratios, and half the width of its 95 % confidence interval, from how the groups' medians scatter: by their
-    median deviation, which is 1 / 1.4826 standard deviations.
-    """
-    of_groups = np.array([np.median(group) for group in ratios])
-    deviation = 1.4826 * float(np.median(np.abs(of_groups - np.median(of_groups))))
-    factor = float(stdtrit(of_groups.size - 1, 0.975)) * math.sqrt(math.pi / 2.0 / of_groups.size)
-    return float(np.median(np.concatenate(ratios))), factor * deviation
+def _ratio(gains: NDArray[np.float64], differences: NDArray[np.float64]) -> tuple[float, float]:
+    """Sum over sum, and half the width of its 95 % confidence interval, from what the groups are off it."""
+    ratio, count = float(gains.sum() / differences.sum()), gains.size
+    off = float(np.sum((gains - ratio * differences) ** 2)) * count / (count - 1)
+    return ratio, float(stdtrit(count - 1, 0.975)) * math.sqrt(off) / abs(float(differences.sum()))
 
 
 def _errors(groups: Sequence[DropSample], model: VolumeAreaDeposition, area_known: bool) -> tuple[float, float]:

@@ -19,6 +19,7 @@ from inkloop.identify.volume_area_coefficients import (
     identify_volume_area,
 )
 from inkloop.models import LayerDeposition, VolumeAreaDeposition
+from inkloop.studies.reproduce.synthetic_profiles import NOISE, PIXELS, experiments, liquid
 from support.logged_print import made_up
 from support.numpy import wu_chiu_numpy
 
@@ -81,12 +82,19 @@ def test_finer_noise_gives_the_coefficients_with_their_spread() -> None:
     assert found.half_widths["mv_minus"] < 300.0
 
 
-def test_coarse_noise_moves_the_coefficients_by_less_than_their_intervals() -> None:
+def test_small_differences_do_not_carry_the_coefficients_away() -> None:
     """0.04 um on each cell's mean makes single ratios of (17) large, and their means 20 to 40 % too large."""
     found = identify_volume_area([motif_print(VolumeAreaDeposition(), 75, 0.04e-6)], 0.04e-6)
     for name in ("mv_plus", "mv_minus", "ma_minus"):
-        assert found.coefficients[name] == pytest.approx(GAINS[name], rel=0.06)
-        assert abs(found.coefficients[name] - GAINS[name]) < 2.0 * found.half_widths[name] < 0.3 * abs(GAINS[name])
+        assert found.coefficients[name] == pytest.approx(GAINS[name], rel=0.1)
+        assert found.half_widths[name] < 0.15 * abs(GAINS[name])
+
+
+def test_neighbours_that_gain_unequally_count_all() -> None:
+    """Drops under surface tension leave nothing to corners: a median would take 0 for all neighbours."""
+    found = identify_volume_area(list(experiments(liquid(), 12)), NOISE / PIXELS)
+    assert -1700.0 < found.coefficients["mv_minus"] < -900.0
+    assert max(error for error, _ in found.rms.values()) < 0.1
 
 
 def test_differences_hidden_by_noise_are_refused_with_a_message() -> None:
