@@ -1,7 +1,8 @@
-"""Run all benchmarks, or those named: python -m benchmarks [layer_step master ...]; `NAMES` has them all."""
+"""Run all benchmarks, or those named: python -m benchmarks [--seeds N] [layer_step master ...]."""
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import os
 import sys
@@ -20,14 +21,22 @@ NAMES = (
     "controller_step",
     "peers",
     "targets",
+    "closed_loop",
 )
 
 ALONE = ("hardware", "bench_faults")
 """Run only when named: they want the machine for themselves."""
+PRINTING = ("targets", "closed_loop")
+"""Print whole parts, with several seeds."""
 
 
-def main(names: list[str]) -> int:
+def main(arguments: list[str]) -> int:
     """Measure and print one table after the other."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"default: {', '.join(NAMES)}")
+    parser.add_argument("--seeds", type=int, default=10, help="of whole prints (default: 10)")
+    options = parser.parse_args(arguments)
+    names = options.names
     unknown = sorted(set(names) - {*NAMES, *ALONE})
     if unknown:
         print(f"no benchmark called {', '.join(unknown)}; there are {', '.join((*NAMES, *ALONE))}", file=sys.stderr)
@@ -35,7 +44,8 @@ def main(names: list[str]) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads that wait for each other would count as processor time
     console = Console(width=140)
     for name in names or NAMES:
-        console.print(importlib.import_module(f"benchmarks.{name}").measure())
+        seeds = {"seeds": options.seeds} if name in PRINTING else {}
+        console.print(importlib.import_module(f"benchmarks.{name}").measure(**seeds))
     return 0
 
 

@@ -1,4 +1,7 @@
-"""Marks by folder, and the folder in which a run compiles what its tests need."""
+"""Marks by folder, the folder in which a run compiles what its tests need, and how properties are tried.
+
+The examples of properties are the same in every run; `--hypothesis-profile=random`, of `make test-long`, draws others.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from support import compiled
 
 FOLDER = Path(__file__).parent
 MARKS = {"system": ("system", "compiled"), "reference": ("system",), "unit/firmware": ("compiled",)}
 """Folder -> marks of all its tests, whole prints included; files elsewhere mark what compiles themselves."""
+
+CLOCKLESS = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+"""A busy machine fails no property."""
+settings.register_profile("same", CLOCKLESS, derandomize=True)
+settings.register_profile("random", CLOCKLESS)
+settings.load_profile("same")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -45,4 +55,4 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
 @pytest.fixture
 def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs leave their table only: drawing is half the work of a short run, and tests of its own look at pictures."""
-    monkeypatch.setattr("inkloop.report.run_report.pictures", lambda runs: {})
+    monkeypatch.setattr("inkloop.report.pictures.pictures", lambda runs: {})

@@ -6,7 +6,6 @@ and a class of one's own needs nothing else to take part.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -38,25 +37,26 @@ class Status(IntEnum):
     UNTRUSTED = 4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Port:
     """One input or output: `unit` in FMI spelling ("m", "s", "1"), `shape` () for a scalar, NumPy `dtype` by name.
 
-    `start` is the value before the first step.
+    `start` is the value before the first step, one number for all elements or an array of the port's shape.
     """
 
     name: str
     unit: str = "1"
     shape: tuple[int, ...] = ()
     dtype: str = "float64"
-    start: float = 0.0
+    start: float | NDArray[Any] = 0.0
 
     def start_value(self) -> NDArray[Any]:
         """The start value as an array of the port's shape and dtype."""
-        return np.full(self.shape, self.start, dtype=self.dtype)
+        return np.array(np.broadcast_to(self.start, self.shape), dtype=self.dtype)
 
     def _key(self) -> tuple[object, ...]:
-        return self.name, self.unit, self.shape, self.dtype, None if math.isnan(self.start) else self.start
+        start = np.asarray(self.start, np.float64) + 0.0  # -0.0 is 0.0
+        return self.name, self.unit, self.shape, self.dtype, start.shape, start.tobytes()
 
     def __eq__(self, other: object) -> bool:
         """Equal in every field; two ports that start as nan are equal in that, too."""

@@ -31,6 +31,10 @@ class ScenarioError(InkloopError):
         count = "1 error" if len(self.errors) == 1 else f"{len(self.errors)} errors"
         super().__init__("\n".join([f"{source}: {count}", *(f"  - {error}" for error in self.errors)]))
 
+    def __reduce__(self) -> tuple[type[ScenarioError], tuple[str, tuple[str, ...]]]:
+        """Pickled whole, so that a process pool reports it instead of breaking."""
+        return type(self), (self.source, self.errors)
+
 
 class FmuError(InkloopError):
     """An FMU cannot be read, or lacks a required feature."""

@@ -105,6 +105,13 @@ def spellings(name: str, unit: str) -> dict[str, float]:
     return {f"{name}_{suffix}": factor / to_si for suffix, factor in SUFFIXES.get(si, {}).items()} or {name: 1.0}
 
 
+def key_of(name: str, unit: str) -> tuple[str, float]:
+    """The key under which a file gives a quantity in `unit`, and the factor to its unit: 1 where a suffix is of it."""
+    keys = spellings(name, unit)
+    key = next((key for key, factor in keys.items() if factor == 1.0), next(iter(keys)))
+    return key, 1.0 / keys[key]
+
+
 def unit_of(key: str, name: str, unit: str) -> tuple[str, float]:
     """The unit in which `key` gives the quantity `name`, in FMI spelling, and its factor to `unit`."""
     suffix = key.removeprefix(name).removeprefix("_")

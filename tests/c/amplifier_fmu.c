@@ -1,8 +1,10 @@
 /* A foreign FMU for tests: y = gain * x (mode 2: squared), count = steps so far, high = y > 1; refuses x < 0.
  *
- * Compiled with -DFMI=2 (three cells) or -DFMI=3 (n cells, structural); with -DCRASHES=signal a step after the third
- * raises it. It shares nothing with the FMUs of this project and writes out the signatures of the standard that it
- * needs, so that it stands for the work of others. */
+ * Compiled with -DFMI=2 (three cells) or -DFMI=3 (n cells, structural; half, a structural switch that halves the gain).
+ * A step of 500 s ends the simulation, one with x[1] = 100 is discarded, and after an error it may only be freed. FMI 3
+ * divides one of 200 to 400 s into two, by returning early. With -DCRASHES=signal a step after the third raises it. It
+ * shares nothing with the FMUs of this project and writes out the signatures of the standard that it needs, so that it
+ * stands for the work of others. */
 #include <signal.h>
 #include <stdbool.h>
 #include <stddef.h>
@@ -11,7 +13,7 @@
 #include <string.h>
 
 enum { CELLS_MAX = 64, OK = 0, WARNING = 1, DISCARD = 2, ERROR = 3, FATAL = 4 };
-enum { N = 1, ON = 3, GAIN = 4, MODE = 5, COUNT = 6, X = 100, Y = 200, HIGH = 300 };
+enum { N = 1, HALF = 2, ON = 3, GAIN = 4, MODE = 5, COUNT = 6, X = 100, Y = 200, HIGH = 300 };
 
 typedef void (*Logger2)(void *, const char *, int, const char *, const char *, ...);
 typedef void (*Logger3)(void *, int, const char *, const char *);
@@ -20,12 +22,13 @@ typedef struct {
     uint64_t n;
     int64_t mode;
     int32_t count;
-    bool on;
+    bool on, half;
     double gain, x[CELLS_MAX], y[CELLS_MAX];
 } State;
 
 typedef struct {
     State state;
+    bool is_configured, has_ended, has_failed;
     void *environment;
     Logger2 log2;
     Logger3 log3;
@@ -58,18 +61,29 @@ static int set_x(Instance *instance, size_t cell, double x) {
 
 static int step(Instance *instance, double size) {
     State *state = &instance->state;
-    if (size > 1000.0)
+    instance->has_ended = size > 450.0 && size < 550.0;
+    if (instance->has_ended)
+        return OK;
+    if (size > 1000.0) {
+        instance->has_failed = true;
         return refuse(instance, size > 1e6 ? FATAL : ERROR, "step is too long");
+    }
+    if (state->x[0] == 100.0)
+        return refuse(instance, DISCARD, "step is too difficult");
 #ifdef CRASHES
     if (state->count == 3)
         raise(CRASHES);
 #endif
     for (size_t i = 0; i < state->n; i++) {
-        const double y = state->on ? state->gain * state->x[i] : 0.0;
+        const double y = state->on ? (state->half ? 0.5 : 1.0) * state->gain * state->x[i] : 0.0;
         state->y[i] = state->mode == 2 ? y * y : y;
     }
     state->count++;
     return OK;
+}
+
+static int end(Instance *instance) {
+    return instance->has_failed ? refuse(instance, ERROR, "terminated after an error") : OK;
 }
 
 static int copy_state(Instance *instance, void **copy) {
@@ -145,7 +159,15 @@ int fmi2GetBoolean(Instance *instance, const uint32_t *reference, size_t count, 
 }
 int fmi2DoStep(Instance *instance, double time, double size, int no_rollback) {
     (void)time, (void)no_rollback;
-    return step(instance, size);
+    const int status = step(instance, size);
+    return instance->has_ended ? DISCARD : status;
+}
+int fmi2Terminate(Instance *instance) {
+    return end(instance);
+}
+int fmi2GetBooleanStatus(Instance *instance, int kind, int32_t *value) {
+    *value = instance->has_ended;
+    return kind == 3 ? OK : DISCARD;
 }
 int fmi2GetFMUstate(Instance *instance, void **state) {
     return copy_state(instance, state);
@@ -178,14 +200,12 @@ int fmi2DeSerializeFMUstate(Instance *instance, const void *bytes, size_t size, 
 DONE_NOTHING(fmi2SetupExperiment)
 DONE_NOTHING(fmi2EnterInitializationMode)
 DONE_NOTHING(fmi2ExitInitializationMode)
-DONE_NOTHING(fmi2Terminate)
 NOT_OFFERED(fmi2SetDebugLogging)
 NOT_OFFERED(fmi2Reset)
 NOT_OFFERED(fmi2CancelStep)
 NOT_OFFERED(fmi2GetStatus)
 NOT_OFFERED(fmi2GetRealStatus)
 NOT_OFFERED(fmi2GetIntegerStatus)
-NOT_OFFERED(fmi2GetBooleanStatus)
 NOT_OFFERED(fmi2GetStringStatus)
 NOT_OFFERED(fmi2GetString)
 NOT_OFFERED(fmi2SetString)
@@ -244,8 +264,10 @@ int fmi3GetInt32(Instance *instance, const uint32_t *reference, size_t count, in
     return OK;
 }
 int fmi3SetBoolean(Instance *instance, const uint32_t *reference, size_t count, const bool *value, size_t values) {
-    (void)reference, (void)count, (void)values;
-    instance->state.on = *value;
+    (void)count, (void)values;
+    if (*reference == HALF && !instance->is_configured)
+        return refuse(instance, ERROR, "half is set in Configuration Mode");
+    *(*reference == HALF ? &instance->state.half : &instance->state.on) = *value;
     return OK;
 }
 int fmi3GetBoolean(Instance *instance, const uint32_t *reference, size_t count, bool *value, size_t values) {
@@ -257,9 +279,17 @@ int fmi3GetBoolean(Instance *instance, const uint32_t *reference, size_t count, 
 int fmi3DoStep(Instance *instance, double time, double size, bool no_rollback, bool *event, bool *terminate,
                bool *early, double *last) {
     (void)no_rollback;
-    *event = *terminate = *early = false;
+    *event = false;
+    *early = size >= 200.0 && size <= 400.0;
+    if (*early)
+        size /= 2.0;
     *last = time + size;
-    return step(instance, size);
+    const int status = step(instance, size);
+    *terminate = instance->has_ended;
+    return status;
+}
+int fmi3Terminate(Instance *instance) {
+    return end(instance);
 }
 int fmi3GetFMUState(Instance *instance, void **state) {
     return copy_state(instance, state);
@@ -289,11 +319,16 @@ int fmi3DeserializeFMUState(Instance *instance, const void *bytes, size_t size, 
     memcpy(*state, bytes, size);
     return OK;
 }
-DONE_NOTHING(fmi3EnterConfigurationMode)
-DONE_NOTHING(fmi3ExitConfigurationMode)
+int fmi3EnterConfigurationMode(Instance *instance) {
+    instance->is_configured = true;
+    return OK;
+}
+int fmi3ExitConfigurationMode(Instance *instance) {
+    instance->is_configured = false;
+    return OK;
+}
 DONE_NOTHING(fmi3EnterInitializationMode)
 DONE_NOTHING(fmi3ExitInitializationMode)
-DONE_NOTHING(fmi3Terminate)
 NOT_OFFERED(fmi3InstantiateModelExchange)
 NOT_OFFERED(fmi3InstantiateScheduledExecution)
 NOT_OFFERED(fmi3SetDebugLogging)

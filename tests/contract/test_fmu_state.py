@@ -9,6 +9,9 @@ import pytest
 from support.fmus.fmu_driver import ERROR, MODELS, OK, Driver, equal
 from support.fmus.fmu_life import EVERY_FORM, EVERY_MODEL, PARAMETERS, act, started
 
+HEAD = 48
+"""Bytes of a state before its checksum: fingerprint, nx, ny, mode, bytes kept."""
+
 
 @EVERY_FORM
 @EVERY_MODEL
@@ -71,6 +74,19 @@ def test_state_of_another_model_grid_or_length_is_refused(model, form) -> None:
         for state in wrong:
             assert fmu.restore(state) == ERROR
             assert fmu.save() == before
+
+
+@EVERY_FORM
+def test_state_with_another_head_is_refused(form) -> None:
+    """Also where the head alone is plausible: the mode of a state that was saved before the first step."""
+    with Driver("LayerDeposition", form) as new, Driver("LayerDeposition", form).start() as fmu:
+        first, before = new.save(), fmu.save()
+        assert len(first) == len(before)
+        differing = [at for at in range(HEAD) if first[at] != before[at]]
+        assert differing
+        for at in differing:
+            assert fmu.restore(before[:at] + first[at : at + 1] + before[at + 1 :]) == ERROR
+        assert fmu.save() == before
 
 
 @EVERY_FORM

@@ -51,7 +51,7 @@ def test_three_lines_print_the_part(file) -> None:
     run = printed("cuboid")
     assert result["status"][-1] == DONE
     assert result["layers_printed"][-1] == run.sizes["layer"] - 1
-    assert result["std"][-1] == pytest.approx(float(run["std"][-1]), rel=1e-9)
+    assert result["std"][-1] == pytest.approx(float(run["std"][-1]), rel=1e-9, abs=0.0)
 
 
 @pytest.mark.system

@@ -198,20 +198,25 @@ def test_random_numbers_are_philox_bit_for_bit(count) -> None:
 
 
 @pytest.mark.parametrize(
-    ("command", "message"), [("2", "layer_command is out of order"), ("1", "pattern has a value that is no material")]
+    ("command", "material", "duration", "message"),
+    [
+        ("2", 1, 0.0, "layer_command is out of order"),
+        ("1", 3, 0.0, "pattern has a value that is no material"),
+        ("pre(layer) + 1", 1, 7.0, "layer_command is out of order"),
+    ],
+    ids=["a layer is left out", "no material", "busy"],
 )
-def test_what_the_contract_refuses_stops_the_simulation_with_a_message(command, message) -> None:
-    bad = "3" if command == "1" else "1"
+def test_what_the_contract_refuses_stops_the_simulation_with_a_message(command, material, duration, message) -> None:
     text = f"""model M
-          InkLoop.Deposition.LayerDeposition deposition(nx=2, ny=2);
+          InkLoop.Deposition.LayerDeposition deposition(nx=2, ny=2, layer_duration={duration});
           Integer layer(start=0, fixed=true);
         equation
           deposition.layer_command = layer;
-          deposition.pattern = fill({bad}, 2, 2);
+          deposition.pattern = fill({material}, 2, 2);
         algorithm
           when sample(1, 5) then
             layer := {command};
           end when;
         end M;"""
     with pytest.raises(rumoca.SimulationError, match=message):
-        simulate_text(text, 2.0)
+        simulate_text(text, 7.0)

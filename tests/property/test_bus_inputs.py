@@ -192,7 +192,7 @@ FRAMES = st.binary(max_size=8).map(lambda data: Frame(ANSWER, data))
 
 @pytest.mark.compiled
 @pytest.mark.parametrize("name", CALLS)
-@settings(max_examples=examples(40), deadline=None)
+@settings(max_examples=examples(40))
 @given(replies=st.lists(REPLIES | LENGTHS | SIZES | FRAMES, min_size=1, max_size=6))
 @example(replies=[b"\2"])
 @example(replies=[b"\0"])
@@ -217,7 +217,7 @@ PEER_CALLS: dict[str, Callable[[Peer], object]] = {
 
 @pytest.mark.compiled
 @pytest.mark.parametrize("name", PEER_CALLS)
-@settings(max_examples=examples(40), deadline=None)
+@settings(max_examples=examples(40))
 @given(replies=st.lists(REPLIES | LENGTHS | FRAMES, min_size=1, max_size=6))
 @example(replies=[b"\2"])
 @example(replies=[b"\0"])

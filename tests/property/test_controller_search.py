@@ -63,7 +63,7 @@ def evaluated(problem: HorizonProblem, plan: Any) -> float:
 
 
 @given(problems())
-@settings(deadline=None, max_examples=examples(200))
+@settings(max_examples=examples(200))
 def test_objective_is_that_of_the_predicted_surface(case: tuple[HorizonProblem, Any]) -> None:
     problem, start = case
     assert bindings.objective(problem, start).value == pytest.approx(evaluated(problem, start), rel=1e-9, abs=1e-14)
@@ -73,7 +73,7 @@ def test_objective_is_that_of_the_predicted_surface(case: tuple[HorizonProblem, 
 
 
 @given(problems(), st.integers(0, 3))
-@settings(deadline=None, max_examples=examples(200))
+@settings(max_examples=examples(200))
 def test_search_never_ends_worse_than_it_began(case: tuple[HorizonProblem, Any], annealing_sweeps: int) -> None:
     problem, start = case
     before = bindings.objective(problem, start).value
@@ -82,7 +82,7 @@ def test_search_never_ends_worse_than_it_began(case: tuple[HorizonProblem, Any],
 
 
 @given(problems())
-@settings(deadline=None, max_examples=examples(100))
+@settings(max_examples=examples(100))
 def test_papers_search_never_ends_worse_than_it_began(case: tuple[HorizonProblem, Any]) -> None:
     problem, start = case
     single = problem.choices[:1] & -problem.choices[:1].astype(np.int32)
@@ -93,7 +93,7 @@ def test_papers_search_never_ends_worse_than_it_began(case: tuple[HorizonProblem
 
 
 @given(problems(), st.integers(0, 2**64 - 1))
-@settings(deadline=None, max_examples=examples(100))
+@settings(max_examples=examples(100))
 def test_same_problem_and_seed_give_the_same_plan(case: tuple[HorizonProblem, Any], seed: int) -> None:
     problem, start = case
     kept = start.copy()
@@ -103,7 +103,7 @@ def test_same_problem_and_seed_give_the_same_plan(case: tuple[HorizonProblem, An
 
 
 @given(problems())
-@settings(deadline=None, max_examples=examples(100))
+@settings(max_examples=examples(100))
 def test_droplets_keep_to_the_choices(case: tuple[HorizonProblem, Any]) -> None:
     problem, start = case
     plan = bindings.search(problem, start, sweeps_max=100, annealing_sweeps=2).plan

@@ -192,7 +192,7 @@ def test_unseen_surface_at_the_height_of_a_thin_region_is_planned_alike() -> Non
 
 
 @given(job=jobs(), chosen=options(), world=WORLDS, data=st.data())
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 def test_controller_fmu_answers_every_scan_as_the_python_controller(
     job: Job, chosen: dict[str, Any], world: World, data: st.DataObject
 ) -> None:
@@ -202,7 +202,7 @@ def test_controller_fmu_answers_every_scan_as_the_python_controller(
 
 @pytest.mark.long
 @given(job=jobs(), chosen=options(), world=WORLDS, data=st.data())
-@settings(deadline=None, max_examples=400)
+@settings(max_examples=400)
 def test_controller_fmu_answers_hundreds_of_prints_as_the_python_controller(
     job: Job, chosen: dict[str, Any], world: World, data: st.DataObject
 ) -> None:

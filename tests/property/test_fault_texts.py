@@ -19,10 +19,11 @@ from support.places import C_SOURCES
 pytestmark = pytest.mark.compiled
 WORDS = st.sampled_from(
     ["loss", "reboot", "swap", ":", ",", "=", "node=head", "nth=4", "nth=0x10", "probability=1e-3", "probability=nan",
-     "way=to-nodes", "id=0x640", "byte=7", "pass=3", "seed=0", "layer=65535", "count=4294967295", "frames=-1", "x" * 80]
+     "way=to-nodes", "id=0x640", "byte=7", "pass=3", "seed=0", "layer=65535", "count=4294967295", "frames=-1", "x" * 80,
+     "hang", "broken", "part=end-switches"]
 )  # fmt: skip
 TEXTS = st.lists(WORDS, min_size=1, max_size=6).map(",".join).map(lambda text: text.replace(",", ":", 1))
-REASONS = (b"no fault is called", b"give probability or nth", b"it needs node=")
+REASONS = (b"no fault is called", b"give probability or nth", b"it needs node=", b"it needs part=")
 ANY_TEXT = st.text(st.characters(exclude_characters="\0\n", exclude_categories=["Cs"]), max_size=100)
 
 
@@ -40,7 +41,7 @@ def nodes() -> Iterator[subprocess.Popen[bytes]]:
         process.stdin.close()
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(text=TEXTS | ANY_TEXT)
 @example(text="loss:" + "x" * 80 + "=1")
 def test_fault_that_is_taken_is_taken_by_the_nodes_too(text: str, nodes: subprocess.Popen[bytes]) -> None:

@@ -67,7 +67,7 @@ def test_invariants_hold_for_any_input(target: str, programs: dict[str, Path]) -
 
     with Replay(programs[target]) as replay:
 
-        @settings(max_examples=200, deadline=None)
+        @settings(max_examples=200)
         @given(st.binary(max_size=LONGEST_INPUT) | edited(seeds))
         def check(given: bytes) -> None:
             broken = replay.feed(given)

@@ -137,7 +137,7 @@ def same(one: LayerPlan, other: LayerPlan) -> bool:
 
 
 @given(cases())
-@settings(deadline=None, max_examples=examples(300))
+@settings(max_examples=examples(300))
 def test_plan_keeps_to_the_choices_and_begins_with_a_layer_unless_the_print_is_done(case: Case) -> None:
     plan, problem = case.planned(), case.mpc().problem(case.estimate, case.layer)
     assert ((2 * problem.choices.astype(np.int64) + 1) >> plan.plan & 1).all()
@@ -148,7 +148,7 @@ def test_plan_keeps_to_the_choices_and_begins_with_a_layer_unless_the_print_is_d
 
 
 @given(cases())
-@settings(deadline=None, max_examples=examples(300))
+@settings(max_examples=examples(300))
 def test_plan_is_never_worse_than_nothing_full_layers_or_the_rest_of_the_last_plan(case: Case) -> None:
     case = replace(case, criterion=replace(case.criterion, layer_worth=0.0))
     plan, problem = case.planned(), case.mpc().problem(case.estimate, case.layer)
@@ -161,7 +161,7 @@ def test_plan_is_never_worse_than_nothing_full_layers_or_the_rest_of_the_last_pl
 
 
 @given(cases())
-@settings(deadline=None, max_examples=examples(300))
+@settings(max_examples=examples(300))
 def test_layers_left_out_lose_less_and_layers_printed_gain_more_than_they_are_worth(case: Case) -> None:
     every = replace(case, criterion=replace(case.criterion, layer_worth=0.0)).planned()
     plan, problem = case.planned(), case.mpc().problem(case.estimate, case.layer)
@@ -173,7 +173,7 @@ def test_layers_left_out_lose_less_and_layers_printed_gain_more_than_they_are_wo
 
 
 @given(cases(), st.booleans())
-@settings(deadline=None, max_examples=examples(300))
+@settings(max_examples=examples(300))
 def test_without_time_for_a_repair_the_plan_is_the_best_start(case: Case, is_relaxed: bool) -> None:
     problem = case.mpc().problem(case.estimate, case.layer)
     droplets = np.random.default_rng(case.layer).random(problem.choices.shape) * (problem.choices > 0)
@@ -195,7 +195,7 @@ def test_without_time_for_a_repair_the_plan_is_the_best_start(case: Case, is_rel
 
 
 @given(cases())
-@settings(deadline=None, max_examples=examples(200))
+@settings(max_examples=examples(200))
 def test_objective_is_that_of_the_layers_printed_one_after_the_other(case: Case) -> None:
     plan, problem, job = case.planned(), case.mpc().problem(case.estimate, case.layer), case.job
     model, split = replace(LayerModel.of(job), inks=case.estimate.inks), DropletChoices(job, **case.options).split
@@ -214,7 +214,7 @@ def test_objective_is_that_of_the_layers_printed_one_after_the_other(case: Case)
 
 
 @given(cases())
-@settings(deadline=None, max_examples=examples(200))
+@settings(max_examples=examples(200))
 def test_same_question_gives_the_same_bits_again_with_any_number_of_threads(case: Case) -> None:
     kept, mpc = case.last.copy(), case.mpc()
     first = mpc.plan(case.estimate, case.layer, case.last)

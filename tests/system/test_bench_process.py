@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import subprocess
+import time
 from pathlib import Path
 from struct import pack
 
@@ -64,7 +65,8 @@ def test_stop_request_on_the_bus_is_latched(program: Path) -> None:
         for option in (b"\0", b"\1"):
             with pytest.raises(udsoncan.exceptions.NegativeResponseException, match="ConditionsNotCorrect"):
                 start(stage, node_bench.CLEAR, option)
-        bus.send(pack_frame(bus.codec, StopRequest(active=False, source=Source.OPERATOR), counter=1))
+        for counter in (1, 2):
+            bus.send(pack_frame(bus.codec, StopRequest(active=False, source=Source.OPERATOR), counter))
         assert start(stage, node_bench.CLEAR, b"\1") == node_bench.DONE
 
 
@@ -74,7 +76,7 @@ def test_journal_outlives_a_killed_process(program: Path, tmp_path: Path) -> Non
         assert start(head, node_bench.CLEAR, b"\0") == node_bench.DONE
         send_pattern(head, node_bench.pattern_blob(FULL), 1)
         head.conn.send(pack(">BBHIHBBB", 0x31, 1, node_bench.PASS, 7, 1, 0, 1, 0))
-        assert head.conn.wait_frame(timeout=10) == b"\x7f\x31\x78"
+        assert head.conn.wait_frame(timeout=60) == b"\x7f\x31\x78"
         running.kill()
         running.wait()
     with process(program, *arguments) as (_, channel), adapter(channel) as bus, bus.client(0) as head:
@@ -83,6 +85,21 @@ def test_journal_outlives_a_killed_process(program: Path, tmp_path: Path) -> Non
         with pytest.raises(udsoncan.exceptions.NegativeResponseException, match="ConditionsNotCorrect"):
             start(head, node_bench.CLEAR, b"\0")
         assert start(head, node_bench.CLEAR, b"\1") == node_bench.DONE
+
+
+def test_process_that_stands_still_with_the_gate_open_is_reset_by_the_watchdog(program: Path) -> None:
+    with process(program, "pass_ms=60000") as (running, channel), adapter(channel) as bus, bus.client(0) as head:
+        assert start(head, node_bench.CLEAR, b"\0") == node_bench.DONE
+        send_pattern(head, node_bench.pattern_blob(FULL), 1)
+        head.conn.send(pack(">BBHIHBBB", 0x31, 1, node_bench.PASS, 7, 1, 0, 1, 0))
+        assert head.conn.wait_frame(timeout=10) == b"\x7f\x31\x78"
+        running.send_signal(signal.SIGSTOP)
+        time.sleep(0.5)
+        running.send_signal(signal.SIGCONT)
+        state = head.read_data_by_identifier(0x0100).service_data.values[0x0100]
+        assert (state[0], state[1], state[12]) == (0, node_bench.PASS_UNKNOWN, 1), "SAFE, pass 0 unknown"
+        assert state[3] & 64, "by the watchdog"
+        assert (state[16] << 8 | state[17], state[-1]) == (2, 0), "booted twice; the gate did not open again"
 
 
 def test_terminal_is_a_channel_too(program: Path) -> None:
@@ -107,7 +124,7 @@ def test_process_ends_with_its_parent(program: Path) -> None:
     running = subprocess.Popen([program, "--until-stdin-closes"], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
     assert running.stdin
     running.stdin.close()
-    assert running.wait(timeout=60) == 0
+    assert running.wait(timeout=600) == 0
 
 
 def test_command_lists_the_faults_and_refuses_unknown_ones(tmp_path: Path) -> None:
@@ -117,7 +134,7 @@ def test_command_lists_the_faults_and_refuses_unknown_ones(tmp_path: Path) -> No
     assert running.stdout
     lines = [running.stdout.readline() for _ in range(4)]
     running.send_signal(signal.SIGINT)
-    running.communicate(timeout=60)
+    running.communicate(timeout=600)
     assert lines[2:] == ["injected fault: swap\n", "injected fault: loss:probability=0.001\n"]
     wrong = subprocess.run([*words, "lost"], capture_output=True, text=True, check=False)
     assert wrong.returncode == 1

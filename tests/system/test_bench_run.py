@@ -137,6 +137,24 @@ def test_second_interrupt_ends_at_once_with_everything_off(tmp_path: Path, capsy
         assert "pass 1 of layer 1" in capsys.readouterr().err
 
 
+def test_person_stops_a_run_and_releases_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """From another terminal, while a pass is jetted: the run ends with a message, and a clear alone is refused."""
+    path, folder = write(tmp_path), tmp_path / "run"
+    with emulated(path, pass_ms=60_000) as (_, channel):
+        words = ["--set", f"bench.channel={channel}"]
+        running = started("run", str(path), "--out", str(folder), *words)
+        wait_for_word(folder / "bench.log", "pass 1", running)
+        assert main(["device", str(path), "stop", *words]) == 0
+        assert "head: SAFE because of STOP_REQUEST" in capsys.readouterr().out
+        output, _ = running.communicate(timeout=PATIENCE_S)
+        assert running.returncode == 1
+        assert "stop request" in output
+        assert main(["device", str(path), "clear", *words]) == 1
+        assert "stop request" in capsys.readouterr().err
+        for action in ("release", "clear"):
+            assert main(["device", str(path), action, *words]) == 0
+
+
 def test_killed_run_resumes_where_it_was_once_a_person_has_looked(tmp_path: Path) -> None:
     """It is killed while the lamp is lit, so that nothing is jetted: the outcome of that cure is unknown."""
     path, folder = write(tmp_path, BLOCK.replace("cure_ms = 2", "cure_ms = 500")), tmp_path / "run"
@@ -157,7 +175,7 @@ def test_what_a_person_asks_of_the_nodes_leaves_the_part_alone(
     """An exact sensor: the scan of the dry run is one of those that its noise is counted by."""
     path, exact = write(tmp_path), {"components.profiler": {"noise_std_um": 0.0, "dropout_rate": 0.0}}
     with emulated(path, exact) as (_, channel):
-        for action in ("status", "home", "purge", "dry-run", "clear"):
+        for action in ("status", "home", "purge", "dry-run", "stop", "release", "clear"):
             assert main(["device", str(path), action, "--set", f"bench.channel={channel}"]) == 0
         assert "nothing was jetted or lit" in capsys.readouterr().out
         bench = print_part(Scenario.load(path, {"bench.channel": channel, **exact}))

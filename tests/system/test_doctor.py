@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,6 +17,7 @@ from inkloop.cli import main
 from inkloop.scenario.file import Scenario
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.doctor.listening import Heard, listen
 from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec, Frame
@@ -106,6 +108,39 @@ def test_self_test_opens_the_gate_lights_the_lamp_and_leaves_everything_off(path
             assert head.times().gate_closed >= head.times().gate_opened > 0
             assert head.state().state is lamp.state().state is State.SAFE
             assert len(head.journal()) == len(lamp.journal()) == 1
+
+
+def was_energised(channel: str) -> bool:
+    """Whether the gate was opened or the lamp lit since power-up."""
+    with Rig(BusSettings("slcan", channel, 500_000)) as rig:
+        rig.wait_for((Node.HEAD, Node.CURE))
+        return rig.link(Node.HEAD).state().gate_pulses > 0 or rig.link(Node.CURE).times().lamp_on > 0
+
+
+def test_self_test_energises_nothing_while_an_error_stands(path: Path, doctor: Doctor) -> None:
+    """An error that was only heard: the nodes answer as if they were well."""
+    with bench(path, "bad-check:id=0x102,count=1000") as channel:
+        code, errors = doctor(channel, "--self-test", "--yes")
+        assert (code, set(errors)) == (1, {"supervision"})
+        assert not was_energised(channel)
+
+
+def test_self_test_energises_nothing_when_a_master_has_begun_since(
+    path: Path, doctor: Doctor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The checks take seconds: a run may begin in them."""
+    times = list[Heard]()
+
+    def later(*arguments: Any) -> Heard:
+        times.append(listen(*arguments))
+        times[-1].sessions |= {77: 5} if len(times) == 2 else {}
+        return times[-1]
+
+    monkeypatch.setattr("inkloop_hardware.doctor.doctor.listen", later)
+    with bench(path) as channel:
+        code, errors = doctor(channel, "--self-test", "--yes")
+        assert (code, errors) == (1, {"self test": "another master is active: nothing is energised"})
+        assert not was_energised(channel)
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,17 @@ from inkloop_hardware.protocol.records import StopRequest, pack
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
 from support.benches import node_bench
-from support.benches.fault_run import BLOB, JOB, LIMIT_S, PATTERN, faulty, looked_at, printed, settings_of
+from support.benches.fault_run import (
+    BLOB,
+    JOB,
+    LIMIT_S,
+    PATTERN,
+    faulty,
+    looked_at,
+    printed,
+    settings_of,
+    wait_for_fault,
+)
 
 ALL = (0, 1, 2, 3)
 
@@ -130,9 +140,7 @@ def test_node_that_never_answers_is_named_and_left_safe() -> None:
         assert run.rig.status(Node.HEAD) is not None
         wait_until(lambda: run.rig.keep_alive() is None and run.rig.status(Node.CURE).state is State.IDLE)
         run.rig.detach()
-        with Rig(settings_of(run.bench)) as other:
-            other.wait_for(Node, LIMIT_S)
-            wait_until(lambda: other.keep_alive() is None and other.status(Node.HEAD).fault is Fault.MASTER_LOST)
+        wait_for_fault(run.bench, Node.HEAD, Fault.MASTER_LOST)
         run.rig.attach()
 
 
@@ -157,12 +165,12 @@ def test_pattern_that_is_altered_again_and_again_is_never_printed() -> None:
 
 def test_node_that_dies_in_a_pass_is_lost_and_its_pass_unknown() -> None:
     """Power comes back after a while: at most the pass that was begun is on the part, and it is not jetted again."""
-    fault = "death:node=head,step=pass,pass=1,nth=2,frames=6"
+    fault = "death:node=head,step=pass,pass=1,nth=2,frames=40"
     with faulty(fault, pass_ms=500) as run:
         run.rig.link(Node.HEAD).download(1, BLOB)
         run.jet(0)
         run.cure(0)
-        with pytest.raises(NodeLost, match=r"the head has been silent for 0\.\d s; is it powered"):
+        with pytest.raises(NodeLost, match=r"the head has been silent for 2\.\d s; is it powered"):
             run.jet(1)
         with pytest.raises(NodeLost, match="head has been silent"):
             run.rig.supervision.check([Node.HEAD])
@@ -295,11 +303,14 @@ def test_stop_request_is_latched_until_it_is_released_and_a_person_clears(caplog
         assert run.state().cause is Fault.STOP_REQUEST
         press(True)
         wait_until(lambda: run.rig.keep_alive() is None and is_disturbed(run.rig))
-        with pytest.raises(StopRequested, match="a stop request of the operator is active: release"), run.rig.enabled():
+        with pytest.raises(StopRequested, match="a stop request of the operator is active: look"), run.rig.enabled():
             pytest.fail("nothing may be enabled")
         for option in (0, 1):
             with pytest.raises(NodeRefused, match="stop request"):
                 run.clear(option)
+        press(False)
+        with pytest.raises(NodeRefused, match="stop request"):
+            run.clear(1)
         press(False)
         with pytest.raises(NodeRefused, match="person"):
             run.clear()

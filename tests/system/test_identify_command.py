@@ -45,16 +45,16 @@ def test_experiments_on_a_scenario_give_an_ink_that_prints(tmp_path: Path, capsy
     sets = [word for override in true for word in ("--set", override)]
     scenario = str(tmp_path / "cuboid.toml")
     assert main(["identify", scenario, *sets, *SMALL, "--out", str(out), "--runs", str(tmp_path / "kept")]) == 0
-    assert ink_of(out) == pytest.approx([3.9, 0.5, 0.25], rel=1e-3)
+    assert ink_of(out) == pytest.approx([3.9, 0.5, 0.25], rel=1e-3, abs=0.0)
     assert out.with_suffix(".png").stat().st_size > 10_000
     output = capsys.readouterr().out
     assert all(name in output for name in ("droplet protocol", "Lu, regression", "Young-Laplace", "spherical caps"))
     scenario_text = text + f'\n[ink]\nfile = "{out.name}"\n'
     (tmp_path / "again.toml").write_text(scenario_text)
-    assert Scenario.load(tmp_path / "again.toml").job().inks[0].h1 == pytest.approx(3.9e-6, rel=1e-3)
+    assert Scenario.load(tmp_path / "again.toml").job().inks[0].h1 == pytest.approx(3.9e-6, rel=1e-3, abs=0.0)
     again = tmp_path / "again-ink.toml"
     assert main(["identify", str(tmp_path / "kept" / "layers"), "--out", str(again)]) == 0  # a run folder as a source
-    assert ink_of(again) == pytest.approx([3.9, 0.5, 0.25], rel=1e-3)
+    assert ink_of(again) == pytest.approx([3.9, 0.5, 0.25], rel=1e-3, abs=0.0)
 
 
 def test_logged_prints_are_pooled(tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_logged_prints_are_pooled(tmp_path: Path) -> None:
     assert ink_of(out) == pytest.approx([4.4, 0.6, 0.2], abs=0.1)
     table = tomlkit.parse(out.read_text()).unwrap()
     assert len(table["identified"]["prints"]) == 2
-    assert table["identified"]["noise_um"] == pytest.approx(0.2, rel=0.15)
+    assert table["identified"]["noise_um"] == pytest.approx(0.2, rel=0.15, abs=0.0)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_areas_of_a_plant_that_reports_them_are_recorded() -> None:
     records = perform(plant_scenario("VolumeAreaDeposition", 0.0, {"grid.pitch_um": 90.0}), Plan(samples=6, layers=0))
     found = identify_volume_area(records, 0.0)
     assert found.area_known
-    assert found.coefficients["mv_minus"] == pytest.approx(-20100.0, rel=1e-6)
+    assert found.coefficients["mv_minus"] == pytest.approx(-20100.0, rel=1e-6, abs=0.0)
 
 
 def test_experiments_are_the_same_for_the_same_seed(tmp_path: Path) -> None:

@@ -58,6 +58,7 @@ layers_max = 12
 [components.controller]
 kind = "LayerMpc"
 alpha = 0.8
+finish = "fast"
 [components.printer]
 kind = "LayerDeposition"
 variation = 0.2

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import socket
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,35 +23,6 @@ from inkloop_hardware.errors import HardwareError, LinkTimeout
 from inkloop_hardware.protocol.codec import BENCH_DBC
 from support.benches import foreign_rig
 
-SCENARIO = """
-title = "A rig of one's own"
-
-[grid]
-nx = 6
-ny = 5
-
-[part]
-shape = "cuboid"
-size_x_um = 900.0
-size_y_um = 600.0
-height_um = 20.0
-
-[bench]
-interface = "slcan"
-channel = "CHANNEL"
-traffic_log = ""
-
-[run]
-layers_max = 2
-
-[components.controller]
-kind = "OpenLoop"
-layers = 2
-
-[components.rig]
-kind = "hardware.mapped"
-mapping = "rig.toml"
-"""
 OUR_MAPPING = f"""
 dbc = {str(BENCH_DBC)!r}
 heartbeat = true
@@ -92,25 +63,10 @@ def our_mapping() -> str:
     return text + '\n[[profiler]]\npeer = "bench"\ndo = "upload"\naddress = "{layer}"\ncheck = "crc32"\n'
 
 
-@contextmanager
-def stranger(channel: str) -> Iterator[None]:
-    """The foreign rig on a bus."""
-    process = subprocess.Popen(
-        [sys.executable, foreign_rig.__file__, channel], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    try:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n", process.communicate()[1]
-        yield
-    finally:
-        process.kill()
-        process.communicate()
-
-
 def scenario(folder: Path, channel: str, mapping: str) -> Scenario:
     (folder / "rig.dbc").write_text(foreign_rig.DBC)
     (folder / "rig.toml").write_text(mapping)
-    (folder / "part.toml").write_text(SCENARIO.replace("CHANNEL", channel))
+    (folder / "part.toml").write_text(foreign_rig.SCENARIO.replace("CHANNEL", channel))
     return Scenario.load(folder / "part.toml")
 
 
@@ -126,7 +82,7 @@ def bus() -> Iterator[str]:
 
 
 def test_rig_with_its_own_dbc_prints_what_is_commanded(bus: str, tmp_path: Path) -> None:
-    with stranger(bus), can.Bus(interface="slcan", channel=bus, sleep_after_open=0.0) as listener:
+    with foreign_rig.running(bus), can.Bus(interface="slcan", channel=bus, sleep_after_open=0.0) as listener:
         heard: set[int] = set()
         notifier = can.Notifier(listener, [lambda message: heard.add(message.arbitration_id)])
         run = printed(tmp_path, bus, foreign_rig.MAPPING).dataset
@@ -135,12 +91,62 @@ def test_rig_with_its_own_dbc_prints_what_is_commanded(bus: str, tmp_path: Path)
     assert not heard & {0x010, 0x020}, "a rig of another protocol is not to hear MasterAlive or StopRequest"
     assert run.sizes["layer"] == 3
     heights = foreign_rig.DROPLET_UM * 1e-6 * np.cumsum(run.pattern.values != 0, axis=0)
-    assert heights.max() == pytest.approx(20e-6)
+    assert heights.max() == pytest.approx(20e-6, rel=1e-9, abs=0.0)
     blind = np.zeros((6, 5), np.bool_)
     blind[2, 1] = True
     np.testing.assert_array_equal(run.valid.values, np.broadcast_to(~blind, run.valid.shape))
     np.testing.assert_allclose(run.measured_height, np.where(blind, 0.0, heights), atol=1e-12)
     np.testing.assert_allclose(run.bed_position[1:], 0.0125)
+
+
+@contextmanager
+def cable() -> Iterator[str]:
+    """The channel of an adapter at either end: a line that one of them writes, the other reads."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    ends: list[socket.socket] = []
+
+    def join() -> None:
+        ends.extend(listener.accept()[0] for _ in range(2))
+        ways = [threading.Thread(target=pass_on, args=way) for way in (ends, ends[::-1])]
+        for way in ways:
+            way.start()
+        for way in ways:
+            way.join()
+
+    def pass_on(source: socket.socket, target: socket.socket) -> None:
+        with suppress(OSError):  # the other end has closed
+            while found := source.recv(1 << 16):
+                target.sendall(found)
+
+    threading.Thread(target=join, daemon=True).start()
+    try:
+        yield f"socket://127.0.0.1:{listener.getsockname()[1]}"
+    finally:
+        for one in (*ends, listener):
+            one.close()
+
+
+def test_rig_of_can_fd_and_long_ids_prints_what_is_commanded(tmp_path: Path) -> None:
+    """Its frames have up to 64 bytes; the traffic log holds them, and its times never go back."""
+    (tmp_path / "rig.dbc").write_text(foreign_rig.wide_dbc())
+    (tmp_path / "rig.toml").write_text(foreign_rig.wide_mapping())
+    with cable() as channel:
+        table = f'bit_rate_switch = true\nbitrate = 500000\ndata_bitrate = 2000000\nchannel = "{channel}"'
+        text = foreign_rig.SCENARIO.replace('channel = "CHANNEL"', table).replace('log = ""', 'log = "traffic.blf"')
+        (tmp_path / "part.toml").write_text(text)
+        with foreign_rig.running(channel, "wide"):
+            run = print_part(Scenario.load(tmp_path / "part.toml"), folder=tmp_path / "run").dataset
+    heights = foreign_rig.DROPLET_UM * 1e-6 * np.cumsum(run.pattern.values != 0, axis=0)
+    assert heights.max() == pytest.approx(20e-6, rel=1e-9, abs=0.0)
+    np.testing.assert_allclose(run.measured_height, np.where(run.valid, heights, 0.0), atol=1e-12)
+    frames = list(can.LogReader(tmp_path / "run" / "traffic.blf"))
+    assert {(one.is_extended_id, one.is_fd, one.bitrate_switch) for one in frames} == {(True, True, True)}
+    assert {foreign_rig.LONG + number for number in (0x210, 0x220, 0x7A0, 0x7A8, 0x7B0, 0x7B8)} == {
+        one.arbitration_id for one in frames
+    }
+    assert {12, 64} <= {len(one.data) for one in frames}
+    times = [one.timestamp for one in frames]
+    assert times == sorted(times)
 
 
 def test_emulator_prints_by_a_mapping_of_its_own_dbc(tmp_path: Path) -> None:
@@ -151,7 +157,9 @@ def test_emulator_prints_by_a_mapping_of_its_own_dbc(tmp_path: Path) -> None:
     assert run.valid.values.all()
     per_layer = float(run.measured_height[2].sum() - run.measured_height[1].sum())
     droplets = int((run.pattern[2].values != 0).sum())
-    assert per_layer == pytest.approx(droplets * 7.6e-6, rel=0.2)  # h1 + 4 h2 + 4 h3, less what leaves the grid
+    assert per_layer == pytest.approx(
+        droplets * 7.6e-6, rel=0.2, abs=0.0
+    )  # h1 + 4 h2 + 4 h3, less what leaves the grid
 
 
 def component(made: Scenario) -> Any:
@@ -162,7 +170,7 @@ def component(made: Scenario) -> Any:
 def test_mapped_rig_keeps(check: ContractCheck, bus: str, tmp_path: Path) -> None:
     """All checks but that of equal bits: what was printed on a real bed stays there."""
     made = scenario(tmp_path, bus, foreign_rig.MAPPING)
-    with stranger(bus):
+    with foreign_rig.running(bus):
         check(lambda: component(made))
 
 
@@ -182,7 +190,7 @@ def test_silence_of_a_rig_is_reported_with_its_ids(bus: str, tmp_path: Path) -> 
 def test_rig_that_reports_failure_ends_the_wait_at_once(bus: str, tmp_path: Path) -> None:
     part = component(scenario(tmp_path, bus, foreign_rig.MAPPING.replace("Lamp = 37.5", "Lamp = 90")))
     inputs = {port.name: port.start_value() for port in part.inputs}
-    with stranger(bus):
+    with foreign_rig.running(bus):
         part.initialize(0, inputs)
         try:
             with pytest.raises(HardwareError, match=r"PlcState\.State is FAULT, expected BUSY; check the rig"):

@@ -77,7 +77,7 @@ sys.exit(code)
 
 
 def run_killed_at(at: int, *words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", KILLING_RUN, str(at), *words]
+    command = [sys.executable, "-c", KILLING_RUN, str(at), *words, "--no-pictures"]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 

@@ -233,13 +233,14 @@ def amplified(tmp_path: Path) -> Scenario:
 
 
 def test_gain_offset_and_parameters_of_foreign_fmus_go_and_come_back(amplified: Scenario, tmp_path: Path) -> None:
-    system = system_of(amplified, "2", tmp_path)
+    (tmp_path / "block.toml").write_text((tmp_path / "block.toml").read_text() + "offset_um = -1.5\n")
+    system = system_of(Scenario.load(tmp_path / "block.toml"), "2", tmp_path)
     archive.write(system, "1.0", tmp_path / "two.ssp")
     read_ssd(str(tmp_path / "two.ssp"))
     again = scenario_of(tmp_path / "two.ssp")
     assert again.connections == [
-        Connection("first.y", "second.x", 2.5, pytest.approx(4e-6)),  # type: ignore[arg-type]
-        Connection("second.y", "first.x", 1.0, 0.0),
+        Connection("first.y", "second.x", 2.5, pytest.approx(4e-6, rel=1e-9, abs=0.0)),  # type: ignore[arg-type]
+        Connection("second.y", "first.x", 1.0, pytest.approx(-1.5e-6, rel=1e-9, abs=0.0)),  # type: ignore[arg-type]
     ]
     assert again.tables.components["first"].options["gain"] == 3.0
     assert "gain" not in again.tables.components["second"].options  # 2 is what the FMU begins with
@@ -279,7 +280,9 @@ def test_fmus_of_a_folder_begin_with_the_parameters(tmp_path: Path) -> None:
     controller = describe(tmp_path / "out" / "controller.fmu").variables
     assert (printer["variation"].start, printer["passes"].start) == (("0.2",), ("4",))
     assert controller["mask"].start[0] == "false"
-    assert sorted(set(map(float, controller["target_height"].start))) == pytest.approx([0.0, 15.2e-6])
+    assert sorted(set(map(float, controller["target_height"].start))) == pytest.approx(
+        [0.0, 15.2e-6], rel=1e-9, abs=0.0
+    )
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from inkloop.cli import main
 from inkloop.fmu_writer.export import find_fmu
 from support.places import SCENARIOS
 
@@ -59,9 +60,23 @@ def test_version_and_help_load_no_library_at_all(word: str, tmp_path: Path) -> N
 
 def test_heavy_libraries_are_seen_where_a_command_loads_them(tmp_path: Path) -> None:
     """So that the tests above can fail."""
-    code, packages = loaded(tmp_path, "report", "absent")
+    code, packages = loaded(tmp_path, "score", "absent:Controller")
     assert code == 1
     assert packages >= {"matplotlib", "xarray"}
+
+
+def test_run_without_pictures_draws_nothing_until_report_does(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    code, packages = loaded(
+        tmp_path, "run", str(SCENARIOS / "cuboid.toml"), "--out", str(folder), "--no-compare", "--no-pictures"
+    )
+    assert code == 0
+    assert "xarray" in packages
+    assert "matplotlib" not in packages
+    assert (folder / "summary.txt").is_file()
+    assert not list(folder.glob("*.png"))
+    assert main(["report", str(folder)]) == 0
+    assert (folder / "surface.png").is_file()
 
 
 def test_layer_mpc_needs_casadi_only_for_its_engines() -> None:

@@ -32,7 +32,7 @@ BUILD_TIME = "inkloop.fmu_writer"
 BUILD_TIME_FLOOR = ("inkloop.errors", "inkloop.files", "inkloop.units")
 COMMAND_LINE = ("inkloop.cli", "inkloop.commands")
 PLOTS = (
-    *("inkloop.report", "inkloop.studies"),
+    *("inkloop.report.pictures", "inkloop.report.plot", "inkloop.report.solid_view", "inkloop.studies"),
     *("inkloop.identify.picture", "inkloop.exchange.job.target_picture"),
 )
 DOORS = {

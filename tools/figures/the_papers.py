@@ -1,19 +1,17 @@
-"""Pages the-papers.md and score-board.md: `python tools/figures/the_papers.py`, also run by `make gallery`.
-
-Runs `inkloop reproduce` and `inkloop score`, or takes what lies in a folder given: lu, wu-chiu, hume-rosen, score.
-"""
+"""Pages the-papers.md and score-board.md: runs `inkloop reproduce` and `inkloop score`, in build/figures."""
 
 from __future__ import annotations
 
 import shutil
-import sys
-import tempfile
 from pathlib import Path
+
+from tools.figures.pages import DOCS, ROOT, Texts
 
 from inkloop.cli import main
 from inkloop.files import write_text
 
-HERE = Path(__file__).parents[2] / "docs" / "reference"
+HERE = DOCS / "reference"
+BUILD = ROOT / "build" / "figures"
 PAPERS = {
     "lu": ("edges-shrink", "spacing", "cylinder-20", "pipe-junction"),
     "wu-chiu": ("pattern-errors",),
@@ -33,7 +31,7 @@ elements need `pip install inkloop[reproduce]` (scikit-fem). "Reproduced" is sai
 and of which nothing was put in. "-" means that there is nothing to compare: the paper gives no number, or one that
 was measured on another machine or plant, or ours was made with it or fitted to it. The number after "±" is the
 standard deviation over prints, or over groups of samples; of coefficients it is half the width of the 95 %
-interval. `make gallery` writes this page.
+interval. `make figures` writes this page.
 """
 
 SCORE_PAGE = """# The score board
@@ -42,10 +40,12 @@ SCORE_PAGE = """# The score board
     inkloop score module:Class             # also your own controller
     inkloop score module:Class --set limit=0.5 --plant lu --quick --out DIR
 
-Each plant is a file of [plant-v1](../../cosim/inkloop/studies/score/plant-v1), a scenario without a controller: the
-part, the ink that a controller assumes, the droplets and their variation, the sensor. Every controller prints it with
-the same three seeds and therefore the same droplets. A version of the board never changes: the number after "plants"
-is a hash of its files; tables with the same hash can be compared. Your class is the same as [in a
+Each plant is a file of [plant-v1](../../cosim/inkloop/studies/score/plant-v1) or
+[plant-v2](../../cosim/inkloop/studies/score/plant-v2), a scenario without a controller: the part, the ink that a
+controller assumes, the droplets and their variation, the sensor. Version 1 has several printers, with sensors in
+register; version 2 has scans that are shifted, blurred and incomplete. Every controller prints a plant with the same
+three seeds and therefore the same droplets. A version never changes and has a score of its own: the number after
+"plants" is a hash of its files; tables with the same hash can be compared. Your class is the same as [in a
 scenario](../how-to/bring-your-own-component.md); run the command in the folder of `module.py`.
 
 The run folder holds `score.md`, `score.tex` (with booktabs), `score.csv` (every print) and `score.png`. To cite, use
@@ -60,6 +60,12 @@ the last line of the table, inkloop as given in [CITATION.cff](../../CITATION.cf
 | `plant-v1/volume-area` | volume and area propagation (Wu, Chiu 2024), guarded | exact |
 | `plant-v1/young-laplace-linear` | lines under surface tension (Hume, Rosen 2018), linear | exact |
 | `plant-v1/young-laplace` | the same, nonlinear | exact |
+| `plant-v2/lu-shift` | that of `lu` | shifted by 0.3 cells along x, 0.2 along y, 0.1 more or less from scan to scan |
+| `plant-v2/lu-spot` | that of `lu` | spot with a standard deviation of one cell |
+| `plant-v2/lu-dropout` | that of `lu` | loses one reading in ten, and all on walls |
+| `plant-v2/lu-scans` | that of `lu` | shift 0.25 cells, spot 0.5 cells, noise 1 um, steps 0.1 um, 10 % lost |
+| `plant-v2/caps-scans` | that of `caps` | the same |
+| `plant-v2/young-laplace-shift` | that of `young-laplace` | shifted by 0.25 cells along x |
 
 The ink that a controller assumes differs from what the plant does. "Lu nominal" knows the volume of a droplet, in the
 proportions of Lu et al., Table I. "Identified" is the least-squares fit of `h1`, `h2`, `h3` to eight random layers
@@ -67,8 +73,13 @@ printed on the plant beforehand. "Single droplet" is what one droplet leaves on 
 flow knows, and what "superposition" (greedy geometric feedback, Cohen and Lipson 2010) adds up. "Learning" also fits
 `h1`, `h2` and `h3` during the print (`adapt_ink = "full"`). That can make things worse if no ink of this model
 describes the plant, as on `volume-area` and `young-laplace`; by how much is then chance (with an ink that differs by
-1e-4 of a droplet it ended at 5.75 instead of 7.68 um on `young-laplace`). No controller here is worse than printing
-open loop, on any plant.
+1e-4 of a droplet it ended at 5.75 instead of 7.68 um on `young-laplace`).
+
+With a sensor in register no controller here leaves a larger rms error than printing open loop. With the scans of
+version 2 some do, and the highest cells show it first: superposition, error diffusion and the paper's search believe
+what they read, and pour ink on walls that are not where the scan shows them; where readings are lost but right
+(`lu-dropout`) they do little harm. "Learning" looks for no spot, which looks like wider droplets, and fails where there
+is one.
 """
 
 
@@ -76,7 +87,7 @@ def write_papers(runs: Path) -> None:
     """the-papers.md and its pictures."""
     page = PAPERS_PAGE
     for paper, pictures in PAPERS.items():
-        if not (runs / paper).exists() and main(["reproduce", paper, "--out", str(runs / paper)]) != 0:
+        if main(["reproduce", paper, "--out", str(runs / paper)]) != 0:
             raise SystemExit(f"inkloop reproduce {paper} did not end well")
         title, _, table = (runs / paper / "table.md").read_text(encoding="utf-8").partition("\n")
         page += f"\n## {title.removeprefix('# ')}\n{table}"
@@ -88,15 +99,20 @@ def write_papers(runs: Path) -> None:
 
 def write_score(runs: Path) -> None:
     """score-board.md and its picture."""
-    if not (runs / "score").exists() and main(["score", "--out", str(runs / "score")]) != 0:
+    if main(["score", "--out", str(runs / "score")]) != 0:
         raise SystemExit("inkloop score did not end well")
     shutil.copy(runs / "score" / "score.png", HERE / "score.png")
     table = (runs / "score" / "score.md").read_text(encoding="utf-8")
     write_text(HERE / "score-board.md", f"{SCORE_PAGE}\n{table}\n![rms by controller and plant](score.png)\n")
 
 
-if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as folder:
-        runs = Path(sys.argv[1] if len(sys.argv) > 1 else folder)
-        write_papers(runs)
-        write_score(runs)
+def run() -> None:
+    """Both pages."""
+    shutil.rmtree(BUILD, ignore_errors=True)
+    write_papers(BUILD)
+    write_score(BUILD)
+
+
+def texts() -> Texts:
+    """None: `run` writes the pages as a whole."""
+    return {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
@@ -67,6 +68,12 @@ def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Con
 
 def act(scenario: Scenario, options: argparse.Namespace, console: Console) -> int:
     """One action of a person on the bench of a scenario. Raises HardwareError."""
+    bench = Bench(scenario.tables.bench)
+    if options.action in ("stop", "release"):
+        stop = importlib.import_module("inkloop_hardware.devices.stop")
+        send = stop.request_stop if options.action == "stop" else stop.release_stop
+        _show(send(bench.rig.settings), console)
+        return 0
     commands = importlib.import_module("inkloop_hardware.devices.commands")
     job = next(
         (
@@ -77,7 +84,6 @@ def act(scenario: Scenario, options: argparse.Namespace, console: Console) -> in
         scenario.job(),
     )
     check_listening(scenario)
-    bench = Bench(scenario.tables.bench)
     with live_words(console, None), bench.rig as rig:
         if options.action == "status":
             lines = commands.status(rig)
@@ -87,9 +93,13 @@ def act(scenario: Scenario, options: argparse.Namespace, console: Console) -> in
             lines = commands.dry_run(rig, job, cure_ms=scenario.tables.bench.cure_ms)
         else:
             lines = getattr(commands, options.action)(rig)
-        for line in lines:
-            console.print(line, highlight=False, markup=False, soft_wrap=True)
+        _show(lines, console)
     return 0
+
+
+def _show(lines: Iterable[str], console: Console) -> None:
+    for line in lines:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 def _other_channel(file: str, channel: str) -> str:

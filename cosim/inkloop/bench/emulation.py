@@ -13,6 +13,7 @@ from inkloop.errors import ScenarioError
 from inkloop.fmu_writer.archive import read_definition
 from inkloop.scenario.file import Scenario
 from inkloop.tables.bench_faults import FaultTable
+from inkloop.units import MS_PER_S
 
 _SEEDS = {"LayerDeposition": "printer_seed", "ProfileSensor": "sensor_seed"}
 """Models that the emulator stands for, and its names of their seeds. Its other parameters have the same names: those
@@ -37,6 +38,7 @@ def emulation_of(scenario: Scenario) -> Emulation:
     """
     grid = scenario.tables.grid
     parameters: dict[str, float] = {"nx": grid.nx, "ny": grid.ny}
+    parameters["alive_ms"] = round(scenario.tables.bench.silence_s * MS_PER_S)
     errors: list[str] = []
     for name, table in scenario.tables.components.items():
         model = devices.KINDS[table.kind].model if table.kind in devices.KINDS else table.kind

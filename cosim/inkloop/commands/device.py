@@ -9,6 +9,8 @@ from typing import Any
 from inkloop.commands.options import add_overrides, overrides_of, scenario_of, screen
 
 ACTIONS = {
+    "stop": "ask all nodes to de-energise, also while a print runs; no emergency stop",
+    "release": "end the stop request of a person; the nodes stay off until clear",
     "status": "show what every node does and remembers; changes nothing",
     "clear": "release the nodes after a person has inspected the bench; with --give-up abandon the open layer",
     "home": "move the stage to its reference position",

@@ -51,6 +51,11 @@ def add_isolate(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_no_pictures(parser: argparse.ArgumentParser) -> None:
+    """--no-pictures."""
+    parser.add_argument("--no-pictures", action="store_true", help="write no pictures; `inkloop report RUN` draws them")
+
+
 def add_windows(parser: argparse.ArgumentParser) -> None:
     """--windows of the commands that write FMUs."""
     parser.add_argument(

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_isolate, add_scenario, is_isolated, scenario_of, screen
+from inkloop.commands.options import add_isolate, add_no_pictures, add_scenario, is_isolated, scenario_of, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -22,6 +22,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
         help="new run folder (default: runs/NAME, or runs/NAME-2, ... if that exists)",
     )
     parser.add_argument("--no-compare", action="store_true", help="skip the comparison runs of the scenario")
+    add_no_pictures(parser)
     add_isolate(parser)
     return parser
 
@@ -32,7 +33,13 @@ def run(options: argparse.Namespace) -> int:
 
     with scenario_of(options) as scenario:
         if not is_isolated(options, scenario):
-            return printing.run(scenario, options.out, screen(), compare=not options.no_compare)
+            return printing.run(
+                scenario,
+                options.out,
+                screen(),
+                compare=not options.no_compare,
+                pictures=not options.no_pictures,
+            )
         from inkloop.printing.isolation import run_isolated
 
         folder = printing.new_run_folder(options.out, options.scenario.stem)

@@ -35,7 +35,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
         default=[],
         metavar="PLANT",
         dest="plants",
-        help=f"print on this plant only; may be repeated: {', '.join(PLANTS)}",
+        help=f"print on this plant only; may be repeated: {', '.join(PLANTS)}, also without the version",
     )
     parser.add_argument("--quick", action="store_true", help="one seed instead of three")
     parser.add_argument(

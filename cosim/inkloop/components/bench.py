@@ -25,9 +25,14 @@ class Bench:
             interface=table.interface,
             channel=table.channel,
             bitrate=table.bitrate,
+            data_bitrate=table.data_bitrate,
+            bit_rate_switch=table.bit_rate_switch,
             options=table.options,
             traffic_log=_free_name(self._folder, table.traffic_log) if self._folder and table.traffic_log else None,
             loop_timeout_s=table.loop_timeout_s,
+            grace_s=table.grace_s,
+            answer_s=table.answer_s,
+            silence_s=table.silence_s,
         )
         return load("inkloop_hardware.link.rig", "Rig")(settings, folder=self._folder)
 

@@ -60,8 +60,8 @@ class FmuFile:
         inputs: list[MappedPort] = []
         outputs: list[MappedPort] = []
         ports = Ports((), ()) if parsed.errors else _ports(parsed, parsed.description)
-        if OPTION in options and not parsed.errors:
-            inputs, outputs, wrong = mapped_ports(ports.inputs, ports.outputs, job, options[OPTION])
+        if not parsed.errors:
+            inputs, outputs, wrong = mapped_ports(ports.inputs, ports.outputs, job, options.get(OPTION, {}))
             errors += wrong
             ports = Ports(ports_of(inputs, ports.inputs), ports_of(outputs, ports.outputs))
         if errors := [*errors, *parsed.errors]:
@@ -70,7 +70,7 @@ class FmuFile:
         def construct(bench: Bench) -> Component:
             with fmu_file(file) as path:  # a component keeps what it needs of the file
                 fmu = FmuComponent(path, parameters=parsed.parameters, structural=parsed.structural)
-            return MappedPorts(fmu, inputs, outputs) if OPTION in options else fmu
+            return MappedPorts(fmu, inputs, outputs) if inputs or outputs else fmu
 
         return Checked("Fmu", (), ports, construct)
 

@@ -103,7 +103,7 @@ def parse(
         for name, variable in known.items()
         if name in from_job
         and name not in structural
-        and variable.causality == "parameter"
+        and not variable.is_structural
         and (factor := factor_from_job(name, variable))
     }
     keys = {
@@ -125,7 +125,7 @@ def parse(
             errors.append(f"{key} and {written[variable.name]} give the same value; keep one")
         written[variable.name] = key
         given[variable.name] = scaled(value, factor)
-        if variable.causality != "structuralParameter":
+        if not variable.is_size:
             parameters[variable.name] = given[variable.name]
         elif isinstance(value, int):
             structural[variable.name] = value

@@ -43,6 +43,10 @@ class MappedPort:
             raise ComponentError(f"{self.port.name} is {found.flat[0]!r}, read from {self._names}; needs whole numbers")
         return (found != 0 if kind == "b" else found).astype(self.port.dtype).reshape(self.port.shape)
 
+    def start(self) -> NDArray[Any]:
+        """The start values of the variables, as the value of the port."""
+        return self.from_fmu({variable.name: variable.start_value() for variable in self.variables})
+
     def _own_numbers(self, value: NDArray[Any]) -> NDArray[Any]:
         dtype = self.variables[0].dtype
         if self.factor != 1.0 or self.offset != 0.0:

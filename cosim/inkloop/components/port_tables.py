@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -41,14 +42,17 @@ class PortTable(BaseModel):
 def mapped_ports(
     fmu_inputs: Sequence[Port], fmu_outputs: Sequence[Port], job: Job, option: object
 ) -> tuple[list[MappedPort], list[MappedPort], list[str]]:
-    """Mapped inputs, mapped outputs, and everything wrong with the option, one sentence each."""
+    """Mapped inputs, mapped outputs, and everything wrong with the option, one sentence each.
+
+    A signal of the layer contract that the FMU has in another unit of its quantity (a height in mm) is mapped too.
+    """
     if not isinstance(option, Mapping):
         return [], [], [f'{OPTION} is {option!r}; expected a table, such as {OPTION}.height = "H"']
     inputs: list[MappedPort] = []
     outputs: list[MappedPort] = []
     errors: list[str] = []
     own = {"input": {port.name: port for port in fmu_inputs}, "output": {port.name: port for port in fmu_outputs}}
-    for name, found in option.items():
+    for name, found in {**_in_other_units(own, option), **option}.items():
         if not isinstance(found, str | Mapping):
             errors.append(f"{OPTION}.{name} is {found!r}; expected the name of a variable, or a table with it")
             continue
@@ -63,6 +67,17 @@ def mapped_ports(
         if mapped is not None:
             (inputs if way == "input" else outputs).append(mapped)
     return inputs, outputs, errors + _taken_twice(inputs, outputs, own)
+
+
+def _in_other_units(own: Mapping[str, Mapping[str, Port]], option: Mapping[str, object]) -> dict[str, str]:
+    """Signals of the contract by the name of their variable that the option does not use, in a unit to convert."""
+    used = {found.get("variable") if isinstance(found, Mapping) else found for found in option.values()}
+    return {
+        name: name
+        for ports in own.values()
+        for name, port in ports.items()
+        if name in SIGNALS and name not in used and conversion(port.unit, SIGNALS[name].unit) not in (None, 1.0)
+    }
 
 
 def _names(table: PortTable, job: Job) -> list[str]:
@@ -105,7 +120,8 @@ def _mapped(
     if (factor != 1.0 or table.offset != 0.0) and not is_real:
         found_type = variables[0].dtype
         return None, [f".variable is {table.variable!r} of type {found_type}; a unit, gain or offset needs a real one"]
-    return MappedPort(port, variables, factor, table.offset), []
+    mapped = MappedPort(port, variables, factor, table.offset)
+    return (mapped if name in SIGNALS else replace(mapped, port=replace(port, start=mapped.start()))), []
 
 
 def _port(name: str, table: PortTable, job: Job, variables: Sequence[Port]) -> Port:
@@ -114,7 +130,7 @@ def _port(name: str, table: PortTable, job: Job, variables: Sequence[Port]) -> P
     if name in SIGNALS:
         return SIGNALS[name].port(grid)
     unit, _ = si_unit(table.unit or first.unit)
-    return Port(name, unit, grid if len(variables) > 1 else first.shape, first.dtype, first.start)
+    return Port(name, unit, grid if len(variables) > 1 else first.shape, first.dtype)
 
 
 def _unit_errors(table: PortTable, variable: Port, unit: str) -> list[str]:

@@ -32,6 +32,7 @@ _FMI2_WIRE = {"Real": "float64", "Integer": "int32", "Boolean": "int32", "Enumer
 _FMI2_FUNCTION = {"Enumeration": "Integer"}
 _FMI3_FUNCTION = {"Enumeration": "Int64"}
 _MESSAGES_KEPT = 20
+_ENDED = "the FMU asks to end the simulation"
 
 _log = logging.getLogger(__name__)
 
@@ -110,11 +111,26 @@ class Binding:
         return values
 
     def do_step(self, time: float, step: float) -> None:
-        """One communication step from `time` [s] on."""
+        """One communication step from `time` [s] on, in several calls where the FMU returns early (FMI 3)."""
         self._messages.clear()
-        answer = self._call(None, self._fmu.doStep, time, step)
-        if self._fmi == 3 and answer[1]:
-            raise ComponentError(f"the FMU asks to end the simulation{self._recent_messages()}")
+        end = time + step
+        while True:
+            try:
+                answer = self._call(None, self._fmu.doStep, time, step)
+            except ComponentError as error:
+                if self._fmi == 2 and self._has_terminated():
+                    raise ComponentError(f"{_ENDED}; {error}") from error
+                raise
+            if self._fmi == 2:
+                return
+            _, has_terminated, is_early, reached = answer
+            if has_terminated:
+                raise ComponentError(f"{_ENDED}{self._recent_messages()}")
+            if not is_early or reached >= end:
+                return
+            if reached <= time:
+                raise ComponentError(f"fmi3DoStep returned early at {reached:g} s, where the step began")
+            time, step = reached, end - reached
 
     def save(self) -> bytes:
         """The serialized state."""
@@ -158,6 +174,13 @@ class Binding:
             raise ComponentError(
                 f"{place}{error.function} returned {status}{self._recent_messages(error.function)}"
             ) from error
+
+    def _has_terminated(self) -> bool:
+        """Whether a step that FMI 2 returned with discard has ended the simulation."""
+        try:
+            return self.worst < ERROR and bool(self._fmu.getBooleanStatus(fmi2.fmi2Terminated))
+        except FMICallException:  # an FMU without the inquiry discards it too
+            return False
 
     def _groups(self, ports: Sequence[Port]) -> list[_Group]:
         key = tuple(port.name for port in ports)

@@ -58,9 +58,10 @@ def archive_error(path: Path) -> str | None:
 class FmuComponent:
     """A co-simulation FMU behind the `Component` protocol.
 
-    `parameters` are in SI by the FMU's names, an array for an array; `structural` resizes FMI 3 arrays and is checked
-    against the grid of an FMU whose size is fixed. Both are checked here; the binary is started by `initialize`.
-    Outputs are new arrays at every step, so a caller may keep them. Raises FmuError, later ComponentError.
+    `parameters` are in the units of the FMU by its names, an array for an array, and include structural switches;
+    `structural` resizes FMI 3 arrays and is checked against the grid of an FMU whose size is fixed. Both are checked
+    here; the binary is started by `initialize`. Outputs are new arrays at every step, so a caller may keep them.
+    Raises FmuError, later ComponentError.
     """
 
     def __init__(
@@ -72,7 +73,10 @@ class FmuComponent:
     ) -> None:
         self.description = describe(path)
         self._sizes = self.description.sizes(structural or {})
-        self._parameters = dict(self._checked(parameters or {}))
+        checked = dict(self._checked(parameters or {}))
+        switches = {n: value for n, value in checked.items() if self.description.variables[n].is_structural}
+        self._structural = self._changed_sizes() | switches
+        self._parameters = {n: value for n, value in checked.items() if n not in switches}
         self._inputs = self.description.ports("input", self._sizes)
         self._outputs = self.description.ports("output", self._sizes)
         self._binding: Binding | None = None
@@ -93,10 +97,10 @@ class FmuComponent:
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         """Start the binary, hand it sizes, parameters and inputs; outputs at `time_ns`."""
         binding = self._binding = self._start()
-        structural = self._structural
+        structural, parameters = self._structural, self._parameters
         if structural:
             binding.configure([self.description.variables[name].port({}) for name in structural], structural)
-        binding.set([self.description.variables[name].port(self._sizes) for name in self._parameters], self._parameters)
+        binding.set([self.description.variables[name].port(self._sizes) for name in parameters], parameters)
         binding.enter_initialization(time_ns * S_PER_NS)
         self._set(binding, inputs)
         binding.exit_initialization()
@@ -123,15 +127,14 @@ class FmuComponent:
         """Put the instance back into a saved state; it must be initialized."""
         self._serializable().restore(state)
 
-    @property
-    def _structural(self) -> Values:
+    def _changed_sizes(self) -> dict[str, NDArray[Any]]:
         """Sizes that differ from those that the FMU begins with."""
         variables = self.description.variables
         changed = {n: size for n, size in self._sizes.items() if size != self.description.default_sizes[n]}
         return {name: variables[name].convert(size, {}) for name, size in changed.items()}
 
     def _checked(self, parameters: Mapping[str, object]) -> Iterator[tuple[str, NDArray[Any]]]:
-        known = {n: v for n, v in self.description.parameters.items() if v.causality == "parameter"}
+        known = {n: v for n, v in self.description.parameters.items() if not v.is_size}
         for name, value in parameters.items():
             if name not in known:
                 raise FmuError(f"{self.description.path}: {name} is no parameter; {nearest(name, known)}")

@@ -37,12 +37,11 @@ class FmuDescription:
 
     @property
     def default_sizes(self) -> dict[str, int]:
-        """Structural parameter -> start value."""
-        structural = (v for v in self.variables.values() if v.causality == "structuralParameter")
-        return {variable.name: int(variable.start[0]) for variable in structural if variable.start}
+        """Structural parameter that sizes arrays -> start value."""
+        return {v.name: int(v.start[0]) for v in self.variables.values() if v.is_size and v.start}
 
     def sizes(self, structural: Mapping[str, int]) -> dict[str, int]:
-        """Structural parameters with `structural` put in. Raises FmuError where the FMU cannot take them."""
+        """The sizes of arrays with `structural` put in. Raises FmuError where the FMU cannot take them."""
         sizes = self.default_sizes
         for name, size in structural.items():
             if name in sizes:

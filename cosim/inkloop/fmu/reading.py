@@ -128,6 +128,7 @@ def _join(path: Path, name: str, elements: Mapping[tuple[int, ...], Variable]) -
         what = f"{name}[{','.join(map(str, missing[0]))}] is missing" if missing else "they have different dimensions"
         raise FmuError(f"{path}: the elements of {name} do not make an array of {' x '.join(map(str, shape))}: {what}")
     first = elements[order[0]]
+    has_start = any(element.start for element in elements.values())
     return Variable(
         name=name,
         type=first.type,
@@ -137,7 +138,7 @@ def _join(path: Path, name: str, elements: Mapping[tuple[int, ...], Variable]) -
         elements=tuple(elements[index].name for index in order),
         dimensions=shape,
         unit=first.unit,
-        start=tuple(text for index in order for text in elements[index].start),
+        start=tuple(text for index in order for text in elements[index].start or ("0",)) if has_start else (),
         minimum=first.minimum,
         maximum=first.maximum,
         items=first.items,

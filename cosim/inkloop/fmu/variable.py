@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -52,14 +53,24 @@ class Variable:
         """True for what may be set before the first step and is not an input."""
         return self.causality in ("parameter", "structuralParameter") and self.variability in ("fixed", "tunable")
 
+    @property
+    def is_structural(self) -> bool:
+        """True for what is set in Configuration Mode: the sizes of arrays, and switches between forms of the model."""
+        return self.causality == "structuralParameter"
+
+    @property
+    def is_size(self) -> bool:
+        """True for a structural parameter that arrays may have as a dimension."""
+        return self.is_structural and np.dtype(self.dtype).kind in "iu" and not self.items
+
     def shape(self, sizes: Mapping[str, int]) -> tuple[int, ...]:
         """Lengths along the dimensions, given the structural parameters."""
         return tuple(size if isinstance(size, int) else sizes[size] for size in self.dimensions)
 
     def port(self, sizes: Mapping[str, int]) -> Port:
-        """The variable as an input or output; an array start value is represented by its first element."""
-        start = self._number(self.start[0]) if self.start else 0.0
-        return Port(self.name, self.unit, self.shape(sizes), self.dtype, start)
+        """The variable as an input or output."""
+        shape = self.shape(sizes)
+        return Port(self.name, self.unit, shape, self.dtype, self._start(shape))
 
     def in_unit(self, unit: str, factor: float) -> Variable:
         """The same variable with its limits in another unit; factor: from there to its own."""
@@ -103,11 +114,21 @@ class Variable:
             what += f", or {' x '.join(map(str, shape))} of them"
         return f"expected {what}" + (f" [{self.unit}]" if self.unit != "1" else "")
 
+    def _start(self, shape: tuple[int, ...]) -> float | NDArray[Any]:
+        """The start value; 0 where the description has none, or those of an array that has been resized."""
+        numbers = {text: self._number(text) for text in self.start}
+        if len(numbers) == 1:
+            return next(iter(numbers.values()))
+        if len(self.start) != math.prod(shape):
+            return 0.0
+        return np.array([numbers[text] for text in self.start], self.dtype).reshape(shape)
+
     def _limit(self, text: str | None, otherwise: float) -> float:
         return otherwise if text is None else float(text)
 
     def _number(self, text: str) -> float:
-        return float({"true": 1, "false": 0}.get(text, text))
+        kind = np.dtype(self.dtype).kind
+        return float(text) if kind == "f" else int({"true": 1, "false": 0}.get(text, text))
 
 
 def summary(variable: Variable) -> str:

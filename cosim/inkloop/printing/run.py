@@ -39,12 +39,12 @@ from inkloop.units import MS_PER_S, UM_PER_M
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
 
 
-def run(scenario: Scenario, out: Path | None, console: Console, *, compare: bool = True) -> int:
+def run(scenario: Scenario, out: Path | None, console: Console, *, compare: bool = True, pictures: bool = True) -> int:
     """Print, compare, save and show; returns the exit code of the command. An interrupted run keeps its layers."""
-    return _print_all(scenario, new_run_folder(out, Path(scenario.source).stem), console, compare)
+    return _print_all(scenario, new_run_folder(out, Path(scenario.source).stem), console, compare, pictures)
 
 
-def resume(folder: Path, console: Console) -> int:
+def resume(folder: Path, console: Console, *, pictures: bool = True) -> int:
     """Resume a run and its comparison runs after the last layer on disk; returns the exit code as `run` does.
 
     Raises ResultError if the folder cannot be resumed, ScenarioError, ComponentError.
@@ -64,7 +64,7 @@ def resume(folder: Path, console: Console) -> int:
             highlight=False,
         )
         return 0
-    return _print_all(scenario, folder, console, record["compare"])
+    return _print_all(scenario, folder, console, record["compare"], pictures)
 
 
 def scenario_file(folder: Path) -> Path:
@@ -98,9 +98,9 @@ def print_part(
     return result
 
 
-def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool) -> int:
+def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool, pictures: bool) -> int:
     """Print the unfinished runs of a scenario in `folder`, and show all of them."""
-    from inkloop.report import run_report  # with Matplotlib, which a print itself does not need
+    from inkloop.report import run_report
 
     notes = {"scenario_file": str(Path(scenario.source).resolve()), "compare": compare}
     stopped = False
@@ -118,9 +118,10 @@ def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool
             stopped = interrupted() or result.stop_reason == "interrupted"
             if stopped:
                 break
-    console.print(run_report.write(folder))
+    console.print(run_report.write(folder, pictures=pictures))
     reason = "interrupted" if stopped else read_record(folder)["stop_reason"]
-    console.print(f"{reason}: table, pictures and result.nc are in {folder}/", highlight=False, soft_wrap=True)
+    written = "table, pictures and result.nc" if pictures else "table and result.nc"
+    console.print(f"{reason}: {written} are in {folder}/", highlight=False, soft_wrap=True)
     if stopped:
         refusal = result.run.get("not_resumable")
         advice = f"cannot be resumed: {refusal}" if refusal else f"continue with `inkloop resume {folder}`"

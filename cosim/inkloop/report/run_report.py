@@ -9,16 +9,13 @@ from pathlib import Path
 import numpy as np
 import tomlkit
 import xarray as xr
-from matplotlib import rc_context
-from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
 from inkloop.contract import LAYER_UNKNOWN
 from inkloop.errors import ResultError
 from inkloop.files import write_text
-from inkloop.report import plot
-from inkloop.report.model_difference import hardware_against_model, model_difference
+from inkloop.report.model_difference import model_difference
 from inkloop.results.result import COMPARE_FOLDER, Result
 from inkloop.tables.schema import Literature
 from inkloop.units import UM_PER_M
@@ -42,8 +39,8 @@ def load_runs(folder: Path) -> dict[str, Result]:
     return runs
 
 
-def write(folder: Path) -> Table:
-    """Write `summary.txt` and the pictures of the run in `folder`; returns the table for the screen.
+def write(folder: Path, *, pictures: bool = True) -> Table:
+    """Write `summary.txt` and, if asked, the pictures of the run in `folder`; returns the table for the screen.
 
     Of a run on devices also `hardware-against-model.txt`, a row for each layer, and its picture.
     """
@@ -63,12 +60,10 @@ def write(folder: Path) -> Table:
         summary.print(difference.sentence(), highlight=False)
         write_text(folder / MODEL_TABLE, _as_text(difference.table()))
     write_text(folder / "summary.txt", text.getvalue())
-    with rc_context(plot.STYLE):
-        figures = pictures(runs)
-        if difference:
-            figures["hardware-against-model"] = hardware_against_model(main.dataset, difference, next(iter(runs)))
-        for name, figure in figures.items():
-            plot.save(figure, folder / f"{name}.png")
+    if pictures:
+        from inkloop.report.pictures import draw  # with Matplotlib, half the work of a short run
+
+        draw(folder, runs, difference)
     return table
 
 
@@ -87,9 +82,9 @@ def compare(folders: Sequence[Path], picture: Path) -> Table:
             raise ResultError(
                 f"{folder}: printed on {grid}, but {grids[0][0]} on {grids[0][1]}; compare runs of one grid and pitch"
             )
-    with rc_context(plot.STYLE):
-        datasets = {name: result.dataset for name, result in runs.items()}
-        plot.save(plot.comparison(datasets, {name: result.wall_s for name, result in runs.items()}), picture)
+    from inkloop.report.pictures import draw_comparison
+
+    draw_comparison(runs, picture)
     return comparison_table("Comparison", runs, {})
 
 
@@ -102,26 +97,6 @@ def _as_text(table: Table) -> str:
 def _grid(result: Result) -> str:
     sizes = result.dataset.sizes
     return f"{sizes['x']} x {sizes['y']} cells of {float(result.dataset.attrs['pitch']) * UM_PER_M:g} um"
-
-
-def pictures(runs: Mapping[str, Result]) -> dict[str, Figure]:
-    """File name -> figure."""
-    labelled = {name: result.dataset for name, result in runs.items()}
-    name, main = next(iter(labelled.items()))
-    figures = {
-        "surface": plot.surfaces({name: main}),
-        "cross-section": plot.cross_section(labelled),
-        "error-map": plot.error_map(main, name),
-        "layers": plot.layers(labelled),
-    }
-    if len(labelled) > 1:
-        figures["open-against-closed"] = plot.surfaces(labelled)
-    if "growth_divergence" in main:
-        figures["divergence"] = plot.divergence(labelled)
-    if "ink" in main:
-        figures["materials"] = plot.materials(main, name)
-        figures["solid"] = plot.solids(labelled)
-    return figures
 
 
 def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping[str, Literature]) -> Table:

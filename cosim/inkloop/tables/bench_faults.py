@@ -26,12 +26,23 @@ KINDS = Literal[
     "short-map",
     "reboot",
     "death",
+    "hang",
+    "broken",
     "second-master",
     "unplugged",
     "bus-off",
 ]
+Parts = Literal[
+    "gate-stays-open",
+    "gate-stays-closed",
+    "lamp-stays-on",
+    "not-ready",
+    "work-fails",
+    "work-hangs",
+    "end-switches",
+]
 Count = Annotated[int, Field(ge=1, lt=2**32)]
-NEEDS_NODE = ("reboot", "death")
+NEEDS_NODE = ("reboot", "death", "hang")
 
 
 class FaultTable(Table):
@@ -47,10 +58,11 @@ class FaultTable(Table):
     way: Literal["to-nodes", "from-nodes"] | None = Field(default=None, description="only frames on this way")
     id: int | None = Field(default=None, ge=0, le=0x7FF, description="only frames with this arbitration id")
     node: Literal["head", "stage", "cure", "profiler"] | None = Field(
-        default=None, description="only frames and answers of this node; which node restarts or dies"
+        default=None, description="only frames and answers of this node; which node restarts, dies or hangs"
     )
     service: int | None = Field(default=None, ge=0, le=0xBF, description="only answers to this service")
     byte: int | None = Field(default=None, ge=0, le=7, description="the byte of the frame that is altered")
+    part: Parts | None = Field(default=None, description="the part that breaks")
     layer: int | None = Field(default=None, ge=0, le=65535, description="from the first step of this layer on")
     pass_: int | None = Field(
         default=None, alias="pass", ge=0, le=3, description="from the first step of this pass on, counted from 0"
@@ -66,6 +78,8 @@ class FaultTable(Table):
             raise ValueError("expected probability, or nth, not both")
         if self.kind in NEEDS_NODE and self.node is None:
             raise ValueError(f"kind = {self.kind!r} needs node as well")
+        if self.kind == "broken" and self.part is None:
+            raise ValueError("kind = 'broken' needs part as well")
         return self
 
     def __str__(self) -> str:

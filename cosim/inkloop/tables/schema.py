@@ -89,6 +89,8 @@ class BenchTable(Table):
     interface: str | None = Field(default=None, description='of python-can: "socketcan", "slcan", "pcan", ...')
     channel: str | None = Field(default=None, description='"can0", "/dev/ttyACM0", "socket://127.0.0.1:28550", ...')
     bitrate: int | None = Field(default=None, ge=10_000, le=1_000_000, description="bit/s")
+    data_bitrate: int | None = Field(default=None, ge=10_000, le=8_000_000, description="bit/s of the data of CAN FD")
+    bit_rate_switch: bool = Field(default=False, description="the data of sent CAN FD frames travel at `data_bitrate`")
     options: dict[str, Any] = Field(default={}, description="further options of the python-can interface")
     traffic_log: str = Field(
         default="traffic.blf",
@@ -98,6 +100,15 @@ class BenchTable(Table):
     cure_ms: int = Field(default=100, ge=1, le=65534, description="light after each pass")
     loop_timeout_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = Field(
         default=120.0, description="silence of the control loop, with nothing enabled, after which its heartbeat stops"
+    )
+    grace_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = Field(
+        default=0.5, description="silence of the control loop, with something enabled, after which its heartbeat stops"
+    )
+    answer_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = Field(
+        default=1.0, description="time for a node to begin an answer; then the request is repeated, six tries in all"
+    )
+    silence_s: Annotated[float, Field(ge=0.1, le=60.0)] = Field(
+        default=0.3, description="silence of a node after which it is lost; for emulated nodes, also of the master"
     )
     faults: list[bench_faults.FaultTable] = Field(default=[], description="faults that the emulator injects")
 

@@ -7,6 +7,7 @@
 #include "inkloop_protocol.h"
 
 enum { STATUS_CYCLE = 100, FAULT_CYCLE = 1000 }; /* ms, GenMsgCycleTime in inkloop.dbc */
+enum { RELEASES_NEEDED = 2 };
 enum { REQUEST_ID = INKLOOP_HEAD_REQUEST_FRAME_ID, IDS_PER_NODE = 2 };
 
 void node_frames_init(NodeFrames *frames, Node *node, uint8_t number) {
@@ -23,6 +24,7 @@ void node_frames_init(NodeFrames *frames, Node *node, uint8_t number) {
                                   .frame_timeout = 1000};
     isotp_init(&frames->link, &options);
     e2e_monitor_init(&frames->monitor);
+    e2e_monitor_init(&frames->stop_monitor);
 }
 
 static bool is_checked(NodeFrames *frames, const CanFrame *frame, size_t length, uint16_t data_id) {
@@ -32,11 +34,22 @@ static bool is_checked(NodeFrames *frames, const CanFrame *frame, size_t length,
     return false;
 }
 
+/* One intact frame stops. To release takes RELEASES_NEEDED of them in a row with counters that follow one another:
+ * neither a damaged frame that passes its check by chance, nor an old one that is repeated, releases anything. */
 static void take_stop_request(NodeFrames *frames, const CanFrame *frame, uint32_t now) {
-    struct inkloop_stop_request_t signals;
-    if (is_checked(frames, frame, INKLOOP_STOP_REQUEST_LENGTH, INKLOOP_STOP_REQUEST_DATA_ID) &&
-        inkloop_stop_request_unpack(&signals, frame->data, frame->length) == 0)
-        node_stop_request(frames->node, now, signals.active != 0);
+    const bool checked = is_checked(frames, frame, INKLOOP_STOP_REQUEST_LENGTH, INKLOOP_STOP_REQUEST_DATA_ID);
+    const E2eVerdict verdict = e2e_monitor_take(&frames->stop_monitor, checked, e2e_counter(frame->data));
+    struct inkloop_stop_request_t signals = {.active = 1};
+    if (verdict != E2E_DAMAGED)
+        inkloop_stop_request_unpack(&signals, frame->data, frame->length);
+    const bool follows = verdict == E2E_GOOD || verdict == E2E_LOST;
+    frames->releases = signals.active ? 0 : follows ? (uint8_t)(frames->releases + 1) : 1;
+    if (signals.active && verdict != E2E_DAMAGED)
+        node_stop_request(frames->node, now, true);
+    if (frames->releases >= RELEASES_NEEDED) {
+        frames->releases = 0;
+        node_stop_request(frames->node, now, false);
+    }
 }
 
 static MasterAlive master_of(const CanFrame *frame) {

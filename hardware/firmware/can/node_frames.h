@@ -12,8 +12,9 @@ typedef struct {
     Node *node;
     uint8_t number;
     Isotp link;
-    E2eMonitor monitor; /* of MasterAlive */
-    uint8_t counter;    /* of the status frame */
+    E2eMonitor monitor, stop_monitor; /* of MasterAlive and StopRequest */
+    uint8_t releases;                 /* intact frames in a row, each the next of its sender, that release a stop */
+    uint8_t counter;                  /* of the status frame */
     bool status_sent;
     uint32_t status_at, fault_at; /* time of the last one [ms] */
     Cause cause_sent;

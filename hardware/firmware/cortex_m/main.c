@@ -36,8 +36,15 @@ static void receive(Machine *machine) {
     }
 }
 
+static void power_up(Machine *machine, int node) {
+    bench_power_up(machine->bench, node, clock_ms());
+    node_frames_init(&machine->frames[node], bench_node(machine->bench, node), (uint8_t)node);
+}
+
 static void run(Machine *machine, int node) {
     CanFrame frame;
+    if (bench_watchdog_bites(machine->bench, node, clock_ms()))
+        power_up(machine, node);
     node_frames_tick(&machine->frames[node], clock_ms());
     for (int sent = 0; sent < FRAMES_AT_ONCE && node_frames_next(&machine->frames[node], clock_ms(), &frame); sent++)
         send(machine, &frame);
@@ -54,10 +61,8 @@ int main(void) {
     machine.bench = bench_create(&options, NULL, why, sizeof why);
     if (!machine.bench)
         return 1;
-    for (int node = 0; node < BENCH_NODES; node++) {
-        bench_power_up(machine.bench, node, clock_ms());
-        node_frames_init(&machine.frames[node], bench_node(machine.bench, node), (uint8_t)node);
-    }
+    for (int node = 0; node < BENCH_NODES; node++)
+        power_up(&machine, node);
     for (;;) {
         receive(&machine);
         world_tick(bench_world(machine.bench), clock_ms());

@@ -55,9 +55,10 @@ static bool storage_erase(void *context, uint32_t sector) {
 
 uint32_t fuzz_board_lines(const FuzzBoard *board) {
     const bool there = board->now - board->gate_at >= FUZZ_GATE_MS;
-    const bool stays_open = is_broken(board, BROKEN_GATE_STAYS_OPEN);
-    const bool open = stays_open || (!is_broken(board, BROKEN_GATE_STAYS_CLOSED) && board->gate && there);
-    const bool closed = !stays_open && (is_broken(board, BROKEN_GATE_STAYS_CLOSED) || (!board->gate && there));
+    const bool stays_open = is_broken(board, BROKEN_GATE_STAYS_OPEN); /* both: the end switches contradict each other */
+    const bool stays_closed = is_broken(board, BROKEN_GATE_STAYS_CLOSED);
+    const bool open = stays_open || (!stays_closed && board->gate && there);
+    const bool closed = stays_closed || (!stays_open && !board->gate && there);
     const bool lamp = board->lamp || is_broken(board, BROKEN_LAMP_STAYS_ON);
     const bool ready = !is_broken(board, BROKEN_NOT_READY);
     return (uint32_t)((open ? LINE_GATE_OPEN : 0) | (closed ? LINE_GATE_CLOSED : 0) | (lamp ? LINE_LAMP_ON : 0) |
@@ -147,6 +148,12 @@ static WorkProgress progress(void *context) {
     return WORK_FINISHED;
 }
 
+static void kick(void *context) {
+    const FuzzBoard *board = context;
+    invariant(!(board->lamp && board->gate), "no kick while the lamp lights the nozzles");
+    invariant(!node_is_off(board->node) || (!board->lamp && !board->gate), "no kick while SAFE drives anything");
+}
+
 static void halt(void *context) {
     ((FuzzBoard *)context)->working = false;
 }
@@ -175,6 +182,7 @@ void fuzz_board_init(FuzzBoard *board, Node *node, uint8_t sectors) {
                        .set_lamp = set_lamp,
                        .set_gate = set_gate,
                        .lines = lines,
+                       .kick = kick,
                        .begin = begin,
                        .progress = progress,
                        .halt = halt,

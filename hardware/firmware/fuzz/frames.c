@@ -17,9 +17,11 @@ static void bring_to_work(Wire *wire) {
     wire->board.broken = 0;
     wire->lose = 0;
     wire->master.enables = ALL_ENABLES;
-    CanFrame frame = {.id = INKLOOP_STOP_REQUEST_FRAME_ID, .length = INKLOOP_STOP_REQUEST_LENGTH};
-    e2e_protect(frame.data, frame.length, INKLOOP_STOP_REQUEST_DATA_ID, 0);
-    wire_give(wire, &frame);
+    for (uint8_t counter = 0; counter < 3; counter++) {
+        CanFrame frame = {.id = INKLOOP_STOP_REQUEST_FRAME_ID, .length = INKLOOP_STOP_REQUEST_LENGTH};
+        e2e_protect(frame.data, frame.length, INKLOOP_STOP_REQUEST_DATA_ID, counter);
+        wire_give(wire, &frame);
+    }
     wire_live(wire, 60);
     wire_ask(wire, request, fuzz_request_clear(request));
     if (!node_has(&wire->node, ROLE_STAGE))
@@ -79,9 +81,10 @@ static void stop_request(Wire *wire) {
     e2e_protect(frame.data, frame.length, INKLOOP_STOP_REQUEST_DATA_ID, form >> 4 & 7);
     if (form & 2)
         frame.data[0] ^= 0x10;
-    const bool before = wire->node.stop_active;
+    const bool before = wire->node.stop_active, whole = !(form & 2);
     wire_give(wire, &frame);
-    invariant(wire->node.stop_active == (form & 2 ? before : (form & 1) != 0), "a stop request acts when it is whole");
+    invariant(wire->node.stop_active || !(whole && (form & 1)), "a stop request acts when it is whole");
+    invariant(wire->node.stop_active == before || whole, "a damaged one changes nothing");
     invariant(!wire->node.stop_active || node_is_off(&wire->node), "and puts the node off");
 }
 

@@ -15,7 +15,7 @@ static void check_outputs(const FuzzBoard *board) {
               "lamp never longer than its limit");
     invariant(!board->gate || fuzz_board_allows(board, ENABLE_GATE), "gate only while a living master allows it");
     const bool jets = board->working && board->work.kind == WORK_JET && !board->work.dry;
-    invariant(!jets || ((here & LINE_GATE_OPEN) && !(here & LINE_LAMP_ON)),
+    invariant(!jets || ((here & LINE_GATE_OPEN) && !(here & (LINE_GATE_CLOSED | LINE_LAMP_ON))),
               "droplets fly only with gate open and lamp off");
     invariant(node_is_off(node) || board->now - board->alive_at < node->options.limits.alive,
               "off without a living master");

@@ -29,6 +29,8 @@ static const Option OPTIONS[] = {
     {"move_ms", COUNT32, WORLD(move_ms), 0, INT32_MAX},
     {"purge_ms", COUNT32, WORLD(purge_ms), 0, INT32_MAX},
     {"gate_ms", COUNT32, WORLD(gate_ms), 0, INT32_MAX},
+    {"watchdog_ms", COUNT32, WORLD(watchdog_ms), 0, INT32_MAX},
+    {"alive_ms", COUNT32, offsetof(BenchOptions, limits.alive), 1, INT32_MAX},
     {"lamp_limit_ms", COUNT32, offsetof(BenchOptions, limits.lamp), 0, INT32_MAX},
     {"one_node", FLAG, offsetof(BenchOptions, one_node), 0, 1},
 };
@@ -149,19 +151,46 @@ int bench_node_count(const Bench *bench) {
 
 void bench_power_up(Bench *bench, int node, uint32_t now) {
     const bool head = node == BENCH_HEAD;
+    Board *board = &bench->board[node];
     const NodeOptions options = {.roles = bench->options.one_node ? ALL_ROLES : ROLES[node],
                                  .limits = bench->options.limits,
                                  .pattern_memory = head ? bench->pattern_memory : NULL,
-                                 .pattern_bytes = head ? bench->pattern_bytes : 0};
+                                 .pattern_bytes = head ? bench->pattern_bytes : 0,
+                                 .by_watchdog = board->by_watchdog};
     world_tick(&bench->world, now);
-    bench->board[node].torn_at = -1;
+    board->torn_at = -1;
+    board->watched = board->by_watchdog = false;
     node_init(&bench->node[node], &options, &bench->hal[node], now);
+}
+
+void bench_power_off(Bench *bench, int node) {
+    const Hal *hal = &bench->hal[node];
+    if (node == BENCH_CURE || bench->options.one_node)
+        hal->set_lamp(hal->context, false);
+    if (node == BENCH_HEAD)
+        hal->set_gate(hal->context, false);
+    hal->halt(hal->context);
+    bench->board[node].watched = false;
+}
+
+bool bench_watchdog_bites(Bench *bench, int node, uint32_t now) {
+    Board *board = &bench->board[node];
+    if (!board->watched || now - board->kicked_at < bench->world.options.watchdog_ms)
+        return false;
+    world_tick(&bench->world, board->kicked_at + bench->world.options.watchdog_ms);
+    bench_power_off(bench, node);
+    world_tick(&bench->world, now);
+    board->by_watchdog = true;
+    return true;
 }
 
 void bench_tick(Bench *bench, uint32_t now) {
     world_tick(&bench->world, now);
-    for (int node = 0; node < bench_node_count(bench); node++)
+    for (int node = 0; node < bench_node_count(bench); node++) {
+        if (bench_watchdog_bites(bench, node, now))
+            bench_power_up(bench, node, now);
         node_tick(&bench->node[node], now);
+    }
 }
 
 Node *bench_node(Bench *bench, int node) {

@@ -32,7 +32,7 @@ typedef struct {
 BenchOptions bench_defaults(void);
 
 /* Sets an option by its name, as variables.toml of the FMUs has it, SI; also pass_ms, scan_ms, home_ms, move_ms,
- * purge_ms, gate_ms, one_node, lamp_limit_ms. False: no such name, or not a value for it. */
+ * purge_ms, gate_ms, watchdog_ms, one_node, lamp_limit_ms. False: no such name, or not a value for it. */
 bool bench_set(BenchOptions *options, const char *name, double value);
 
 /* NULL: no memory, or a file in `folder` could not be made or belongs to another grid; `why` gets the message. */
@@ -42,7 +42,14 @@ void bench_delete(Bench *bench);
 /* Power-up of a node; a step under way ends as in a power failure. */
 void bench_power_up(Bench *bench, int node, uint32_t now);
 
-/* Advances the world and every node to `now`. */
+/* Without power the lamp is dark, a spring closes the gate, and nothing moves. The journal stays as it is. */
+void bench_power_off(Bench *bench, int node);
+
+/* Whether no kick has come for the period of the watchdog. It has then switched the node off at the end of that period,
+ * however late this is asked; the node needs a power-up, which knows the cause. */
+bool bench_watchdog_bites(Bench *bench, int node, uint32_t now);
+
+/* Advances the world and every node to `now`; a node that the watchdog has switched off starts again. */
 void bench_tick(Bench *bench, uint32_t now);
 
 Node *bench_node(Bench *bench, int node);

@@ -50,6 +50,12 @@ static void set_gate(void *context, bool open) {
     world_set_gate(world_of(context), open);
 }
 
+static void kick(void *context) {
+    Board *board = context;
+    board->watched = board->world->options.watchdog_ms > 0;
+    board->kicked_at = board->world->now;
+}
+
 static uint32_t lines(void *context) {
     return world_lines(world_of(context));
 }
@@ -142,6 +148,7 @@ Hal board_hal(Board *board) {
                  .set_lamp = set_lamp,
                  .set_gate = set_gate,
                  .lines = lines,
+                 .kick = kick,
                  .begin = begin,
                  .progress = progress,
                  .halt = halt,

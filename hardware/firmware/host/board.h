@@ -18,6 +18,9 @@ typedef struct {
     Work work;
     bool working;
     uint32_t work_began;
+    bool watched; /* the watchdog is armed */
+    uint32_t kicked_at;
+    bool by_watchdog; /* cause of the next power-up */
 } Board;
 
 /* Erased storage in memory; `world` and `surface_path` are kept. */

@@ -151,9 +151,12 @@ static void run_nodes(Nodes *nodes) {
     world_tick(bench_world(nodes->bench), nodes->now);
     faults_arm(&nodes->faults, nodes->bench);
     node_faults_happen(&nodes->faulty, NULL, nodes->now);
-    for (int node = 0; node < bench_node_count(nodes->bench); node++)
+    for (int node = 0; node < bench_node_count(nodes->bench); node++) {
+        if (bench_watchdog_bites(nodes->bench, node, nodes->now))
+            node_faults_power_up(&nodes->faulty, node, nodes->now);
         if (!nodes->faulty.node[node].dead)
             run_node(nodes, node);
+    }
 }
 
 static void begin(Nodes *nodes) {

@@ -11,7 +11,7 @@ static const double NANOMETRE = 1e-9;
 
 WorldOptions world_defaults(void) {
     WorldOptions options = {EMULATED_STARTS, .nx = 9,       .ny = 9,        .pass_ms = 50, .scan_ms = 50,
-                            .home_ms = 20,   .move_ms = 20, .purge_ms = 20, .gate_ms = 5};
+                            .home_ms = 20,   .move_ms = 20, .purge_ms = 20, .gate_ms = 5,  .watchdog_ms = 300};
     options.instrument.resolution = 0.1e-6; /* the FMU's 0 has no step for a map */
     return options;
 }
@@ -58,7 +58,7 @@ uint32_t world_lines(const World *world) {
     const bool stays_closed = world->broken & BROKEN_GATE_STAYS_CLOSED;
     if (stays_open || (world->gate_driven && gate_has_arrived(world) && !stays_closed))
         lines |= LINE_GATE_OPEN;
-    else if (stays_closed || (!world->gate_driven && gate_has_arrived(world)))
+    if (stays_closed || (!world->gate_driven && gate_has_arrived(world) && !stays_open))
         lines |= LINE_GATE_CLOSED;
     if (world->lamp_driven || world->broken & BROKEN_LAMP_STAYS_ON)
         lines |= LINE_LAMP_ON;
@@ -70,7 +70,8 @@ uint32_t world_lines(const World *world) {
 }
 
 static void note_violation(World *world) {
-    if (world->lamp_driven && !(world_lines(world) & LINE_GATE_CLOSED))
+    const uint32_t gate = world_lines(world) & (LINE_GATE_CLOSED | LINE_GATE_OPEN);
+    if (world->lamp_driven && gate != LINE_GATE_CLOSED)
         world->lamp_with_gate++;
 }
 

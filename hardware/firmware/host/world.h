@@ -15,7 +15,7 @@
 #include "layer_map.h"
 #include "reading.h"
 
-enum { /* defects, one bit each */
+enum { /* defects, one bit each; a gate that stays open and closed has end switches that contradict each other */
        BROKEN_GATE_STAYS_OPEN = 1,
        BROKEN_GATE_STAYS_CLOSED = 2,
        BROKEN_LAMP_STAYS_ON = 4,
@@ -30,6 +30,7 @@ typedef struct {
     VolumeVariation variation;
     Instrument instrument; /* resolution > 0: one step of a reading, a whole number of nanometres */
     uint32_t pass_ms, scan_ms, home_ms, move_ms, purge_ms, gate_ms;
+    uint32_t watchdog_ms; /* period of the hardware watchdog of each node; 0: none */
 } WorldOptions;
 
 typedef struct {

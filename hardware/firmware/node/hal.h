@@ -1,4 +1,6 @@
-/* What a node needs of the board it runs on. Every call returns at once; the node asks again at its next tick.
+/* What a node needs of the board it runs on. Every call returns at once, and the node asks again at its next tick; only
+ * storage_erase may take longer, as long as no other tick comes too late by it: less than limits.alive and the
+ * watchdog's period.
  *
  * The core never sends a frame and never reads a clock: its caller does, and passes bytes and milliseconds in. */
 #ifndef INKLOOP_HAL_H
@@ -47,6 +49,10 @@ typedef struct {
     void (*set_lamp)(void *context, bool on);
     void (*set_gate)(void *context, bool open);
     uint32_t (*lines)(void *context); /* LINE_... that are true now */
+
+    /* Restarts the hardware watchdog. The first kick arms it; where none comes for a period, at most limits.alive, the
+     * hardware itself switches lamp, gate and motion off and resets the node. */
+    void (*kick)(void *context);
 
     bool (*begin)(void *context, const Work *work); /* false: cannot be begun */
     WorkProgress (*progress)(void *context);        /* of the work begun last */

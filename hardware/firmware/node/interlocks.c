@@ -4,16 +4,23 @@ bool interlocks_line(const Node *node, uint32_t line) {
     return (node->hal->lines(node->hal->context) & line) != 0;
 }
 
-static bool is_alive(const Node *node) {
-    return node->master_seen && node->now - node->times.master_alive < node->options.limits.alive;
+bool interlocks_gate_is_closed(const Node *node) {
+    return interlocks_line(node, LINE_GATE_CLOSED) && !interlocks_line(node, LINE_GATE_OPEN);
 }
 
-static bool is_other_master_alive(const Node *node) {
-    return node->other_master_seen && node->now - node->other_master_ms < node->options.limits.alive;
+bool interlocks_gate_is_open(const Node *node) {
+    return interlocks_line(node, LINE_GATE_OPEN) && !interlocks_line(node, LINE_GATE_CLOSED);
+}
+
+void interlocks_advance(Node *node, uint32_t now) {
+    const uint32_t limit = node->options.limits.alive;
+    node->now = now;
+    node->master_alive = node->master_alive && now - node->times.master_alive < limit;
+    node->other_master_alive = node->other_master_alive && now - node->other_master_ms < limit;
 }
 
 bool interlocks_one_master(const Node *node) {
-    return is_alive(node) && node->supervised && !is_other_master_alive(node);
+    return node->master_alive && node->supervised && !node->other_master_alive;
 }
 
 bool interlocks_enabled(const Node *node, uint8_t enables) {
@@ -45,8 +52,7 @@ void interlocks_all_off(Node *node) {
 bool interlocks_lamp_on(Node *node) {
     if (node->dry)
         return true;
-    if (node->gate_driven || !interlocks_line(node, LINE_GATE_CLOSED) || interlocks_line(node, LINE_GATE_OPEN) ||
-        !interlocks_enabled(node, ENABLE_LAMP))
+    if (node->gate_driven || !interlocks_gate_is_closed(node) || !interlocks_enabled(node, ENABLE_LAMP))
         return false;
     node->hal->set_lamp(node->hal->context, true);
     node->lamp_driven = true;
@@ -94,17 +100,17 @@ static bool is_jetting(const Node *node) {
 Cause interlocks_watch(const Node *node) {
     if (node_is_off(node))
         return CAUSE_NONE;
-    if (!is_alive(node))
+    if (!node->master_alive)
         return CAUSE_MASTER_LOST;
-    if (is_other_master_alive(node))
+    if (node->other_master_alive)
         return CAUSE_TWO_MASTERS;
     if (!interlocks_enabled(node, needed(node)))
         return CAUSE_ENABLE_DROPPED;
-    if (node->lamp_driven && (!interlocks_line(node, LINE_GATE_CLOSED) || interlocks_line(node, LINE_GATE_OPEN)))
+    if (node->lamp_driven && !interlocks_gate_is_closed(node))
         return CAUSE_GATE_NOT_CONFIRMED;
     if (node->lamp_driven && node->now - node->times.lamp_on >= node->options.limits.lamp)
         return CAUSE_LAMP_TIME;
-    if (is_jetting(node) && !interlocks_line(node, LINE_GATE_OPEN))
+    if (is_jetting(node) && !interlocks_gate_is_open(node))
         return CAUSE_GATE_NOT_CONFIRMED;
     if (node->gate_driven && interlocks_line(node, LINE_LAMP_ON)) /* it would cure the ink in the nozzles */
         return CAUSE_LAMP_TIME;
@@ -115,14 +121,14 @@ Cause interlocks_watch(const Node *node) {
 
 Cause interlocks_take_master(Node *node, const MasterAlive *master) {
     const bool other = node->master.session != master->session;
-    if (is_alive(node) && other) {
-        node->other_master_seen = true;
+    if (node->master_alive && other) {
+        node->other_master_alive = true;
         node->other_master_ms = node->now;
         return CAUSE_TWO_MASTERS;
     }
     const bool lost = !node_is_off(node) && node->master_seen && other;
     node->master = *master;
-    node->master_seen = true;
+    node->master_seen = node->master_alive = true;
     node->times.master_alive = node->now;
     return lost ? CAUSE_MASTER_LOST : interlocks_watch(node);
 }

@@ -5,6 +5,9 @@
 
 #include "node_state.h"
 
+/* Sets the clock; a master that has been silent for its limit is not alive any more, however often the clock wraps. */
+void interlocks_advance(Node *node, uint32_t now);
+
 /* Lamp off, gate closed, jets off, stage held. */
 void interlocks_all_off(Node *node);
 
@@ -27,6 +30,10 @@ bool interlocks_enabled(const Node *node, uint8_t enables);
 
 /* Whether a wired input is true. */
 bool interlocks_line(const Node *node, uint32_t line);
+
+/* Whether an end switch of the gate says so and the other one does not contradict it. */
+bool interlocks_gate_is_closed(const Node *node);
+bool interlocks_gate_is_open(const Node *node);
 
 /* A master lives, and it is the only one. */
 bool interlocks_one_master(const Node *node);

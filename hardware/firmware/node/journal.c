@@ -40,7 +40,7 @@ static void write_bytes(const Record *record, uint8_t bytes[RECORD_BYTES]) {
 /* A checksum that is right does not make numbers possible: another firmware may have used the memory. */
 static bool is_possible(const uint8_t bytes[RECORD_BYTES]) {
     const uint8_t passes = bytes[20], masks = bytes[21] | bytes[22] | bytes[23];
-    return get_u32(bytes) > 0 && bytes[4] >= RECORD_BOOT && bytes[4] <= RECORD_CLEAR && bytes[5] <= STEP_SCAN &&
+    return get_u32(bytes) > 0 && bytes[4] >= RECORD_BOOT && bytes[4] <= RECORD_WATCHDOG && bytes[5] <= STEP_SCAN &&
            bytes[6] < PASSES_MAX && (passes == 0 || passes == 1 || passes == PASSES_MAX) && masks < 1u << PASSES_MAX;
 }
 

@@ -17,7 +17,8 @@ typedef enum {
     RECORD_INTENT,   /* a step begins */
     RECORD_DONE,     /* it was completed */
     RECORD_UNKNOWN,  /* it was interrupted */
-    RECORD_CLEAR     /* a person has cleared the node */
+    RECORD_CLEAR,    /* a person has cleared the node */
+    RECORD_WATCHDOG  /* power-up that the watchdog caused; otherwise as RECORD_BOOT */
 } RecordKind;
 
 typedef enum { STEP_NONE, STEP_HOME, STEP_MOVE, STEP_PURGE, STEP_PASS, STEP_CURE, STEP_SCAN, STEP_SELF_TEST } StepKind;

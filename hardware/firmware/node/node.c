@@ -89,34 +89,46 @@ void node_init(Node *node, const NodeOptions *options, const Hal *hal, uint32_t 
     node->progress.boots++;
     node->needs_operator = is_open_question(&node->progress);
     node->cause = node->needs_operator ? CAUSE_PASS_UNKNOWN : CAUSE_NONE;
-    enforce(node, node_record(node, RECORD_BOOT, STEP_NONE, NULL));
+    enforce(node, node_record(node, options->by_watchdog ? RECORD_WATCHDOG : RECORD_BOOT, STEP_NONE, NULL));
+}
+
+/* What was switched belongs to a step that is allowed now, and no interlock is broken. */
+static bool is_well(const Node *node) {
+    const bool energised = node->lamp_driven || node->gate_driven;
+    if (node->state > NODE_FAULT || node->step.kind > STEP_SELF_TEST || (node->lamp_driven && node->gate_driven))
+        return false;
+    if (node->step.kind == STEP_NONE || node_is_off(node))
+        return !energised && (node->step.kind == STEP_NONE);
+    return interlocks_watch(node) == CAUSE_NONE;
 }
 
 void node_tick(Node *node, uint32_t now) {
-    node->now = now;
+    interlocks_advance(node, now);
     const Cause cause = interlocks_watch(node);
     enforce(node, cause != CAUSE_NONE ? cause : steps_continue(node));
+    if (is_well(node))
+        node->hal->kick(node->hal->context);
 }
 
 void node_master_alive(Node *node, uint32_t now, const MasterAlive *master) {
-    node->now = now;
+    interlocks_advance(node, now);
     enforce(node, interlocks_take_master(node, master));
 }
 
 void node_supervision(Node *node, uint32_t now, bool trusted) {
-    node->now = now;
+    interlocks_advance(node, now);
     node->supervised = trusted;
     enforce(node, trusted || node_is_off(node) ? CAUSE_NONE : CAUSE_SUPERVISION);
 }
 
 void node_stop_request(Node *node, uint32_t now, bool active) {
-    node->now = now;
+    interlocks_advance(node, now);
     node->stop_active = active;
     enforce(node, active ? CAUSE_STOP_REQUEST : CAUSE_NONE);
 }
 
 size_t node_request(Node *node, uint32_t now, const uint8_t *request, size_t length, uint8_t *answer, size_t room) {
-    node->now = now;
+    interlocks_advance(node, now);
     Cause cause = CAUSE_NONE;
     const size_t answered = services_answer(node, request, length, answer, room, &cause);
     const uint8_t waiting = node->answer_length;
@@ -144,6 +156,6 @@ NodeStatus node_status(const Node *node) {
                         .unknown = node->progress.unknown,
                         .lamp_on = node->lamp_driven,
                         .gate_open = node->gate_driven,
-                        .gate_closed = (lines & LINE_GATE_CLOSED) != 0,
+                        .gate_closed = interlocks_gate_is_closed(node),
                         .ready = (lines & LINE_READY) != 0};
 }

@@ -21,7 +21,8 @@ extern const NodeLimits NODE_LIMITS; /* 300 ms alive; the others assumed */
 /* Power-up: reads the journal; SAFE, everything off. `options` is copied, `hal` and the pattern memory are kept. */
 void node_init(Node *node, const NodeOptions *options, const Hal *hal, uint32_t now);
 
-/* Checks the interlocks and continues the step under way; call at least every 10 ms. */
+/* Checks the interlocks and continues the step under way; call at least every 10 ms. Kicks the watchdog if the node
+ * then finds itself well, and nothing else does. */
 void node_tick(Node *node, uint32_t now);
 
 /* A MasterAlive that passed its end-to-end check. */

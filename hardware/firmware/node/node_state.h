@@ -64,6 +64,7 @@ typedef struct {
     NodeLimits limits;
     uint8_t *pattern_memory; /* of the head: packed cells of the largest pattern */
     uint32_t pattern_bytes;
+    bool by_watchdog; /* the watchdog caused this power-up */
 } NodeOptions;
 
 typedef struct {
@@ -127,7 +128,8 @@ typedef struct {
     bool stop_active, supervised;
     bool lamp_driven, gate_driven;
     MasterAlive master;
-    bool master_seen, other_master_seen;
+    bool master_seen;                      /* a master was accepted since power-up */
+    bool master_alive, other_master_alive; /* not silent for longer than the limit; a silent one needs a new frame */
     uint32_t other_master_ms;
     uint32_t now;
     Step step;

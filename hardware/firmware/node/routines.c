@@ -91,13 +91,15 @@ static uint8_t conditions_of_pass(const Node *node, uint16_t option) {
         return UDS_CONDITIONS;
     if (!interlocks_line(node, LINE_READY) || interlocks_line(node, LINE_LAMP_ON))
         return UDS_CONDITIONS;
-    return node->dry || interlocks_enabled(node, ENABLE_GATE) ? UDS_OK : UDS_CONDITIONS;
+    if (node->dry)
+        return UDS_OK;
+    return interlocks_gate_is_closed(node) && interlocks_enabled(node, ENABLE_GATE) ? UDS_OK : UDS_CONDITIONS;
 }
 
 static uint8_t conditions_of_cure(const Node *node, uint16_t option) {
     if (option == 0 || option >= node->options.limits.lamp)
         return UDS_OUT_OF_RANGE;
-    if (node->gate_driven || !interlocks_line(node, LINE_GATE_CLOSED) || interlocks_line(node, LINE_GATE_OPEN))
+    if (node->gate_driven || !interlocks_gate_is_closed(node))
         return UDS_CONDITIONS;
     return node->dry || interlocks_enabled(node, ENABLE_LAMP) ? UDS_OK : UDS_CONDITIONS;
 }
@@ -122,7 +124,7 @@ static uint8_t conditions_of_self_test(const Node *node, uint16_t lamp_ms) {
     if (lamp_ms)
         return conditions_of_cure(node, lamp_ms);
     const bool dark = !node->lamp_driven && !interlocks_line(node, LINE_LAMP_ON);
-    return dark && interlocks_enabled(node, ENABLE_GATE) ? UDS_OK : UDS_CONDITIONS;
+    return dark && interlocks_gate_is_closed(node) && interlocks_enabled(node, ENABLE_GATE) ? UDS_OK : UDS_CONDITIONS;
 }
 
 /* Why it cannot begin now: first the order of the layer, then what is enabled and confirmed. UDS_OK if it can. */

@@ -148,7 +148,7 @@ static Cause note_done(Node *node) {
 static Cause continue_pass(Node *node, WorkProgress work) {
     const bool expired = node->now - node->step.phase_began >= node->options.limits.gate;
     if (node->step.phase == STEP_OPENING) {
-        if (node->dry || interlocks_line(node, LINE_GATE_OPEN)) {
+        if (node->dry || interlocks_gate_is_open(node)) {
             enter(node, STEP_WORKING);
             return begin_work(node, WORK_JET, 0) ? CAUSE_NONE : CAUSE_BACK_PRESSURE;
         }
@@ -160,7 +160,7 @@ static Cause continue_pass(Node *node, WorkProgress work) {
         return note_done(node);
     }
     if (node->step.phase == STEP_CLOSING) {
-        if (!node->dry && !interlocks_line(node, LINE_GATE_CLOSED))
+        if (!node->dry && !interlocks_gate_is_closed(node))
             return expired ? CAUSE_GATE_NOT_CONFIRMED : CAUSE_NONE;
         node->state = NODE_PRINTED;
         answer_done(node);
@@ -185,7 +185,7 @@ static Cause continue_cure(Node *node) {
 static Cause continue_self_test(Node *node) {
     const uint32_t lasted = node->now - node->step.phase_began;
     const bool expired = lasted >= node->options.limits.gate;
-    if (node->step.phase == STEP_OPENING && interlocks_line(node, LINE_GATE_OPEN)) {
+    if (node->step.phase == STEP_OPENING && interlocks_gate_is_open(node)) {
         interlocks_gate_close(node);
         enter(node, STEP_CLOSING);
     } else if (node->step.phase == STEP_WORKING && lasted >= node->step.lamp_ms) {
@@ -193,7 +193,7 @@ static Cause continue_self_test(Node *node) {
         interlocks_lamp_off(node);
         enter(node, STEP_CLOSING);
         return lit ? CAUSE_NONE : CAUSE_LAMP_TIME;
-    } else if (node->step.phase == STEP_CLOSING && interlocks_line(node, LINE_GATE_CLOSED) &&
+    } else if (node->step.phase == STEP_CLOSING && interlocks_gate_is_closed(node) &&
                !interlocks_line(node, LINE_LAMP_ON)) {
         answer_done(node);
     } else if (node->step.phase != STEP_WORKING && expired) {

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 
 import can
 from can.util import load_config
 
+from inkloop_hardware.bus.frames import message_of
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.bus.slcan_bus import BulkSlcanBus
 from inkloop_hardware.errors import BusError, BusOff
@@ -20,6 +23,8 @@ AT_ONCE = 512
 """Frames taken in one turn."""
 BUS_OFF = 0x40
 """Class of SocketCAN's error frames."""
+NETWORK = Path("/sys/class/net")
+"""Folder of the network interfaces of a Linux machine."""
 
 
 class Adapter:
@@ -47,6 +52,7 @@ class Adapter:
             self.bus = bus or _open(settings)
         except Exception as error:  # drivers of many makers: NotImplementedError, NameError, OSError, ...
             raise BusError(f"{settings} cannot be opened: {error}. {_advice(settings)}") from error
+        self._interface: str = getattr(self.bus, "channel", "") if ".socketcan" in type(self.bus).__module__ else ""
 
     def receive(self, wait_s: float) -> list[can.Message]:
         """Frames received, at least one unless `wait_s` passed; BusError when the adapter is disconnected."""
@@ -68,13 +74,16 @@ class Adapter:
         for message in found:
             if message.is_error_frame:
                 self._take_error(message)
+        if not found and self._interface and not has_carrier(self._interface):
+            raise self._bus_off("has no carrier: its controller is bus-off, or the interface at its other end is down")
         return found
 
     def send(self, frame: Frame) -> can.Message:
         """Send a frame and return it as it was sent; BusError if the adapter does not take it within PATIENCE."""
-        message = can.Message(time.time(), frame.arbitration_id, False, data=frame.data, is_rx=False)
+        message = message_of(frame, bit_rate_switch=self.settings.bit_rate_switch)
         until, pause = self._monotonic() + PATIENCE, FIRST_PAUSE
         while True:
+            message.timestamp = time.time()
             try:
                 self.bus.send(message, PATIENCE)
                 return message
@@ -107,12 +116,25 @@ class Adapter:
 
     def _take_error(self, message: can.Message) -> None:
         self.errors += 1
-        if message.arbitration_id & BUS_OFF and ".socketcan" in type(self.bus).__module__:
-            raise BusOff(
-                f"{self.settings} is bus-off: too many errors. Check cables, termination and bit rate. SocketCAN: "
-                "`ip link set ... type can restart`, or down and up.",
-                time.monotonic(),
-            )
+        if message.arbitration_id & BUS_OFF and self._interface:
+            raise self._bus_off("is bus-off: too many errors")
+
+    def _bus_off(self, what: str) -> BusOff:
+        return BusOff(
+            f"{self.settings} {what}. Check cables, termination and bit rate, then "
+            f"`sudo ip link set {self._interface} type can restart`, or down and up.",
+            time.monotonic(),
+        )
+
+
+def has_carrier(interface: str, network: Path = NETWORK) -> bool:
+    """Whether frames of a network interface leave; one that is bus-off takes frames without an error and drops them.
+
+    True for one that is down: it has no state, and reading and writing fail by themselves.
+    """
+    with suppress(OSError):
+        return (network / interface / "carrier").read_text(encoding="ascii").strip() != "0"
+    return True
 
 
 def _open(settings: BusSettings) -> can.BusABC:

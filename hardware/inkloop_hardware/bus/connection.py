@@ -20,11 +20,11 @@ from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import BusError
 from inkloop_hardware.protocol.codec import Frame
 
-START_LIMIT = 30.0
+START_LIMIT = 120.0
 """Seconds for the process to start and open the adapter."""
 END_LIMIT = 5.0
 """Seconds for it to end."""
-SILENCE_LIMIT = 5.0
+SILENCE_LIMIT = 20.0
 """Seconds without a message of the bus process; it sends one every 50 ms."""
 OTHERS_MAX = 100_000
 """Frames that wait at most, the newest ones: while a plan is computed none is taken."""
@@ -114,10 +114,6 @@ class BusConnection:
     def send_keep_alive(self, enables: Enables) -> None:
         """Report that the control loop runs, and what it enables."""
         self._send(Kind.ALIVE, bytes([enables]))
-
-    def send_stop(self, active: bool) -> None:
-        """Begin or end the stop request."""
-        self._send(Kind.STOP, bytes([active]))
 
     def send_job(self, job: int) -> None:
         """Change the job."""

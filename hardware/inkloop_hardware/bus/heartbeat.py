@@ -1,4 +1,4 @@
-"""Schedule of the frames that the master repeats: MasterAlive with its enables, and StopRequest.
+"""Schedule of the heartbeat: MasterAlive with its enables.
 
 The bus process sends MasterAlive only while the control loop reports that it runs: a loop that hangs must not look
 alive. No bus and no clock here: seconds come in, frames go out.
@@ -11,12 +11,9 @@ from enum import IntFlag
 
 from inkloop_hardware.protocol.codec import COUNTERS, Codec, Frame
 from inkloop_hardware.protocol.records import MasterAlive, StopRequest, pack
-from inkloop_hardware.protocol.vocabulary import Source
 
 AGAIN = 0.02
 """Seconds after which a change of enables is sent a second time, so that one lost frame changes nothing."""
-LAST_STOPS = 3
-"""How often the end of a stop request is sent."""
 
 
 class Enables(IntFlag):
@@ -96,34 +93,6 @@ class Heartbeat:
         self._sent = self.enables
         lamp, gate, motion = (one in self.enables for one in (Enables.LAMP, Enables.GATE, Enables.MOTION))
         return self._sender.frame(MasterAlive(lamp, gate, motion, self.session, self.job))
-
-
-@dataclass
-class StopCall:
-    """StopRequest: repeated while it is active, and a few times after its end."""
-
-    codec: Codec
-    active: bool = False
-    _left: int = 0
-    _due: float = 0.0
-
-    def __post_init__(self) -> None:
-        self._sender = Supervised(self.codec)
-        self._cycle = self.codec.cycle_time(StopRequest.message) or 0.05
-
-    def set(self, now: float, active: bool) -> None:
-        """Begin or end the request; due at once."""
-        if self.active and not active:
-            self._left = LAST_STOPS
-        self.active, self._due = active, now
-
-    def frames(self, now: float) -> list[Frame]:
-        """Frames that are due now."""
-        if now < self._due or not (self.active or self._left):
-            return []
-        self._left = max(0, self._left - 1)
-        self._due = after(self._due, self._cycle, now)
-        return [self._sender.frame(StopRequest(self.active, Source.MASTER))]
 
 
 def after(due: float, cycle: float, now: float) -> float:

@@ -14,7 +14,7 @@ import isotp
 from udsoncan.connections import BaseConnection
 from udsoncan.exceptions import TimeoutException
 
-from inkloop_hardware.protocol.codec import Frame
+from inkloop_hardware.protocol.codec import EXTENDED, FD_LENGTHS, Frame, id_text
 
 SLICE = 0.05
 """Seconds between two checks of the wire during a wait."""
@@ -63,27 +63,42 @@ class Wire(Protocol):
 class IsoTpConnection(BaseConnection):
     """Messages to and from one node.
 
-    wire: the way to it; request_id, answer_id: arbitration ids; is_answer: whether a message answers the last request;
-    any other is dropped and counted (`stray`). `broken` counts errors of ISO-TP: lost, doubled and swapped frames.
-    `deadline`: no wait lasts beyond this second of the wire's clock.
+    wire: the way to it; request_id, answer_id: arbitration ids as in `Frame`, both of the same length; fd: requests go
+    in CAN FD frames of up to 64 bytes; is_answer: whether a message answers the last request, any other is dropped and
+    counted (`stray`); quiet_s: seconds without a frame after which a message that stopped midway is given up. `broken`
+    counts errors of ISO-TP: lost, doubled and swapped frames. `deadline`: no wait lasts beyond this second of the
+    wire's clock.
     """
 
-    def __init__(self, wire: Wire, request_id: int, answer_id: int, is_answer: Callable[[bytes, bytes], bool]) -> None:
-        super().__init__(f"0x{request_id:03X}")
+    def __init__(
+        self,
+        wire: Wire,
+        request_id: int,
+        answer_id: int,
+        is_answer: Callable[[bytes, bytes], bool],
+        *,
+        fd: bool = False,
+        quiet_s: float = MESSAGE_QUIET,
+    ) -> None:
+        super().__init__(id_text(request_id))
         self.stray = 0
         self.broken = 0
         self.deadline: float | None = None
         self._wire = wire
         self._is_answer = is_answer
-        self._request_id, self._answer_id = request_id, answer_id
+        self._request_id, self._answer_id, self._fd = request_id, answer_id, fd
+        self._quiet_s = quiet_s
         self._torn = False
         self._request = b""
         self._unsent: list[Frame] = []
         self._moved = 0.0
         self._asked = 0.0
         self._checked = 0.0
-        address = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=request_id, rxid=answer_id)
-        self._stack = isotp.TransportLayerLogic(self._take, self._give, address, self._count, PARAMETERS)
+        self._extended = bool(request_id & EXTENDED)
+        mode = isotp.AddressingMode.Normal_29bits if self._extended else isotp.AddressingMode.Normal_11bits
+        address = isotp.Address(mode, txid=request_id & ~EXTENDED, rxid=answer_id & ~EXTENDED)
+        parameters = PARAMETERS | ({"can_fd": True, "tx_data_length": FD_LENGTHS[-1]} if fd else {})
+        self._stack = isotp.TransportLayerLogic(self._take, self._give, address, self._count, parameters)
         self._stack.logger.setLevel(logging.CRITICAL)  # its warnings, thousands where one frame is lost, are counted
 
     def open(self) -> IsoTpConnection:
@@ -149,11 +164,11 @@ class IsoTpConnection(BaseConnection):
             raise TimeoutException(f"no frame for {timeout:g} s")  # type: ignore[no-untyped-call]
 
     def _give_up_a_broken_message(self, quiet: float) -> None:
-        if quiet <= (TORN_QUIET if self._torn else MESSAGE_QUIET):
+        if quiet <= (TORN_QUIET if self._torn else self._quiet_s):
             return
         self._torn = False
         self._stack.reset()
-        self._wire.send([Frame(self._request_id, GIVE_UP)])
+        self._wire.send([Frame(self._request_id, GIVE_UP, self._fd)])
         raise TimeoutException("a message lost a frame")  # type: ignore[no-untyped-call]
 
     def _take(self, wait_s: float) -> isotp.CanMessage | None:
@@ -167,10 +182,12 @@ class IsoTpConnection(BaseConnection):
         if data is None:
             return None
         self._moved = now
-        return isotp.CanMessage(arbitration_id=self._answer_id, dlc=len(data), data=data)
+        return isotp.CanMessage(
+            arbitration_id=self._answer_id & ~EXTENDED, dlc=len(data), data=data, extended_id=self._extended
+        )
 
     def _give(self, message: isotp.CanMessage) -> None:
-        self._unsent.append(Frame(message.arbitration_id, bytes(message.data)))
+        self._unsent.append(Frame(self._request_id, bytes(message.data), self._fd))
 
     def _flush(self) -> None:
         if self._unsent:

@@ -1,6 +1,6 @@
 """Messages between the master and the bus process: kind, length, bytes, over a pair of pipes.
 
-Frames are fixed records of 24 bytes, many in one message; standard data frames only.
+Frames are records of a head and up to 64 data bytes, many in one message.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from struct import Struct
 from inkloop_hardware.protocol.codec import Frame
 
 HEAD = Struct("<BI")
-FRAME = Struct("<dIB8s3x")
-FRAMES_AT_ONCE = 128
+FRAME_HEAD = Struct("<dI?B")
+"""Seconds, arbitration id, whether it is a frame of CAN FD, data bytes that follow."""
+FRAMES_AT_ONCE = 52
 """Keeps a message to the bus process below 4096 bytes, which a pipe takes whole or not at all."""
 
 
@@ -28,8 +29,6 @@ class Kind(IntEnum):
     """one byte: enables"""
     FRAMES = 3
     """either way"""
-    STOP = 4
-    """one byte: active"""
     JOB = 5
     """number as text"""
     CLOSE = 6
@@ -64,13 +63,16 @@ def read_message(stream: BufferedIOBase) -> tuple[Kind, bytes] | None:
 
 def pack_frames(frames: Iterable[Frame], now: float = 0.0) -> bytes:
     """Records of frames; `now`: seconds of the sender's clock."""
-    return b"".join(FRAME.pack(now, identifier, len(data), data) for identifier, data in frames)
+    return b"".join(FRAME_HEAD.pack(now, identifier, is_fd, len(data)) + data for identifier, data, is_fd in frames)
 
 
 def unpack_frames(content: bytes) -> Iterator[tuple[float, Frame]]:
     """Time and frame of each record."""
-    for now, identifier, length, data in FRAME.iter_unpack(content):
-        yield now, Frame(identifier, data[:length])
+    at = 0
+    while at < len(content):
+        now, identifier, is_fd, length = FRAME_HEAD.unpack_from(content, at)
+        at += FRAME_HEAD.size + length
+        yield now, Frame(identifier, content[at - length : at], is_fd)
 
 
 ROOM = 8 << 20
@@ -104,7 +106,7 @@ class Outbox:
         """Queue a message; returns at once."""
         with self._changed:
             if may_drop and self._bytes + len(content) > ROOM:
-                self.dropped += len(content) // FRAME.size
+                self.dropped += sum(1 for _ in unpack_frames(content)) if kind is Kind.FRAMES else 0
                 return
             self._waiting.append((kind, content))
             self._bytes += len(content)

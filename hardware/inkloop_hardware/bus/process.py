@@ -23,7 +23,8 @@ from struct import pack
 import can
 
 from inkloop_hardware.bus.adapter import Adapter
-from inkloop_hardware.bus.heartbeat import Enables, Heartbeat, StopCall
+from inkloop_hardware.bus.frames import data_frame
+from inkloop_hardware.bus.heartbeat import Enables, Heartbeat
 from inkloop_hardware.bus.messages import Kind, Outbox, pack_frames, read_message, unpack_frames
 from inkloop_hardware.bus.reopening import PROOF, Reopening
 from inkloop_hardware.bus.settings import BusSettings
@@ -49,7 +50,6 @@ class BusProcess:
             self.adapter.close()
             raise
         self.heartbeat = Heartbeat(codec, session, job, settings.grace_s, settings.loop_timeout_s)
-        self.stop_call = StopCall(codec)
         self.over = threading.Event()
         self.reopening = Reopening(settings.reopen_s)
         self._open = True
@@ -110,7 +110,7 @@ class BusProcess:
     def _hand_on(self, messages: list[can.Message], now: float) -> None:
         if messages:
             self._log(messages)
-            frames = [Frame(m.arbitration_id, bytes(m.data)) for m in messages if _is_plain(m)]
+            frames = [frame for message in messages if (frame := data_frame(message)) is not None]
             self.answers.put(Kind.FRAMES, pack_frames(frames, now), may_drop=True)
 
     def _reopen(self, error: BusError) -> None:
@@ -170,8 +170,6 @@ class BusProcess:
                 elif kind is Kind.ALIVE and self._open:
                     self.heartbeat.keep_alive(now, Enables(content[0]))
                     self._note_lamp(now)
-                elif kind is Kind.STOP:
-                    self.stop_call.set(now, bool(content[0]))
                 elif kind is Kind.JOB:
                     self.heartbeat.change_job(now, int(content))
                 self._send_due(now)
@@ -194,12 +192,13 @@ class BusProcess:
                 self._send_due(now)
 
     def _send_due(self, now: float) -> None:
-        self._send(self.stop_call.frames(now) + self.heartbeat.frames(now))
+        self._send(self.heartbeat.frames(now))
 
     def _send(self, frames: list[Frame]) -> None:
         try:
             if self._open and self._trouble is None:
-                self._log([self.adapter.send(frame) for frame in frames])
+                for frame in frames:
+                    self._log([self.adapter.send(frame)])
         except BusError as error:
             self._trouble = error  # the reading thread opens the adapter again
 
@@ -216,10 +215,6 @@ class BusProcess:
             if count >= max(1, 2 * self._complaints.get(what, 0)):
                 self.answers.put(Kind.MESSAGE, f"{self.adapter.settings}: {count} {what} so far".encode())
                 self._complaints[what] = count
-
-
-def _is_plain(message: can.Message) -> bool:
-    return not (message.is_extended_id or message.is_remote_frame or message.is_error_frame or message.is_fd)
 
 
 def main() -> int:

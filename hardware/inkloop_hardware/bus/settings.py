@@ -17,9 +17,11 @@ class BusSettings:
 
     interface, channel, bitrate (bit/s): those of `can.Bus`; what is None is looked up by python-can in its own
     configuration (environment, ~/.canrc, can.ini). options: further arguments of that interface.
+    fd: CAN FD frames are sent and received; data_bitrate (bit/s): of their data; bit_rate_switch: sent ones use it.
     traffic_log: file of all frames, BLF or ASC by its suffix; a relative one lies in the folder of the rig; None: none.
     loop_timeout_s: seconds that the control loop may be busy (a plan) while nothing is enabled, then the heartbeat
     ends; grace_s: the same while something is enabled. reopen_s: seconds of tries to open a disconnected adapter.
+    answer_s: seconds for a node to begin an answer; silence_s: seconds without a status until a node is lost.
     """
 
     interface: str | None = None
@@ -30,6 +32,11 @@ class BusSettings:
     loop_timeout_s: float = 120.0
     grace_s: float = 0.5
     reopen_s: float = 10.0
+    answer_s: float = 1.0
+    silence_s: float = 0.3
+    fd: bool = False
+    data_bitrate: int | None = None
+    bit_rate_switch: bool = False
 
     def __str__(self) -> str:
         """Name in messages: "slcan on /dev/ttyACM0 at 500 kbit/s"."""
@@ -41,6 +48,7 @@ class BusSettings:
     def arguments(self) -> dict[str, Any]:
         """Those of `can.Bus`."""
         given = {"interface": self.interface, "channel": self.channel, "bitrate": self.bitrate}
+        given |= {"fd": self.fd or None, "data_bitrate": self.data_bitrate}
         return {name: value for name, value in given.items() if value is not None} | dict(self.options)
 
     def to_json(self) -> str:

@@ -1,7 +1,8 @@
 """Serial CAN adapters (slcan, LAWICEL lines) read in bulk.
 
 python-can's own class takes one byte per read, 16 to 20 kB/s, and a malformed line ends its reading with an IndexError.
-Here a read takes all available bytes, and a malformed line is counted. Classic frames only.
+Here a read takes all available bytes, and a malformed line is counted. Frames of CAN FD have the lines d, D, b and B of
+the CANable 2.0.
 """
 
 from __future__ import annotations
@@ -14,15 +15,18 @@ from typing import Any
 
 import can
 from can.interfaces.slcan import slcanBus
+from can.util import dlc2len, len2dlc
 
 READ_AT_ONCE = 1 << 16
-LINE_MAX = 64
-"""Bytes; the longest line of a classic frame has 30 with a time stamp."""
+LINE_MAX = 160
+"""Bytes; the longest line, of a CAN FD frame with a time stamp, has 142."""
 WRITE_TIMEOUT = 1.0
 """Seconds for a line to leave."""
 TIME_STAMP = 4
 """Hexadecimal digits that some adapters put behind a frame."""
 BEL = 7
+CLASSIC, FD, SWITCHED, REMOTE = b"tT", b"dD", b"bB", b"rR"
+"""First byte of the line of a frame with 11 or 29 bits: classic, CAN FD, that with bit-rate switch, remote."""
 BUS_OFF_AFTER_S, BUS_OFF_REFUSALS = 0.15, 2
 """An adapter that refuses this many frames over this time, and confirms and receives none, is bus-off; a full buffer
 refuses too, but frames come in meanwhile."""
@@ -32,19 +36,26 @@ class BulkSlcanBus(slcanBus):
     """An slcan adapter on a serial port, a terminal or `socket://host:port`.
 
     malformed: lines that are neither a frame nor an answer; refused: commands or frames that the adapter answered with
-    BEL, counted from the first frame on (many adapters refuse the commands that open them).
+    BEL, counted from the first frame on (many adapters refuse the commands that open them). fd: frames of CAN FD are
+    read, otherwise their lines are malformed; data_bitrate: 2000000 or 5000000 bit/s.
     """
 
-    def __init__(self, channel: str, **options: Any) -> None:
-        self.begin_reading()
+    def __init__(self, channel: str, *, fd: bool = False, data_bitrate: int | None = None, **options: Any) -> None:
+        self.begin_reading(fd=fd)
+        self._data_bitrate = data_bitrate
         if channel.startswith("socket://"):
             options.setdefault("sleep_after_open", 0.0)
         super().__init__(channel, **options)
         self.serialPortOrig.write_timeout = WRITE_TIMEOUT
         self._selectable = os.name == "posix"
 
-    def begin_reading(self) -> None:
+    def set_bitrate(self, bitrate: int, data_bitrate: int | None = None) -> None:
+        """Set both bit rates [bit/s]; called while it opens."""
+        super().set_bitrate(bitrate, data_bitrate or self._data_bitrate)
+
+    def begin_reading(self, *, fd: bool = False) -> None:
         """Reset the state of reading."""
+        self._heads = CLASSIC + REMOTE + (FD + SWITCHED if fd else b"")
         self.malformed = 0
         self.refused = 0
         self._refused_since: float | None = None
@@ -56,9 +67,11 @@ class BulkSlcanBus(slcanBus):
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Write one line; CanOperationError if it cannot be written within WRITE_TIMEOUT."""
-        head = f"T{msg.arbitration_id:08X}" if msg.is_extended_id else f"t{msg.arbitration_id:03X}"
+        heads = CLASSIC if not msg.is_fd else SWITCHED if msg.bitrate_switch else FD
+        digits = 8 if msg.is_extended_id else 3
+        head = f"{heads[msg.is_extended_id]:c}{msg.arbitration_id:0{digits}X}{len2dlc(len(msg.data)):X}"
         with can.exceptions.error_check("Could not write to serial device"):
-            self.serialPortOrig.write(f"{head}{msg.dlc:d}{msg.data.hex().upper()}\r".encode())
+            self.serialPortOrig.write(f"{head}{msg.data.hex().upper()}\r".encode())
 
     @property
     def bus_off_since(self) -> float | None:
@@ -115,9 +128,10 @@ class BulkSlcanBus(slcanBus):
         self._refused_since = self._refused_since or time.monotonic()
 
     def _take_line(self, line: bytes, now: float) -> None:
-        if line[:1] in (b"t", b"T", b"r", b"R", b"z", b"Z"):
+        is_frame = line[:1] != b"" and line[:1] in self._heads
+        if is_frame or line[:1] in (b"z", b"Z"):
             self._refused_since, self._refusals_in_a_row = None, 0
-        if line[:1] not in (b"t", b"T", b"r", b"R"):
+        if not is_frame:
             self.malformed += bool(line) and line[:1] not in b"zZVNF"  # answers of the adapter
             return
         try:
@@ -129,16 +143,18 @@ class BulkSlcanBus(slcanBus):
 
 def frame_of(line: bytes, now: float) -> can.Message:
     """Frame of a line without its end; ValueError for one that is malformed. `now`: its time stamp [s]."""
-    extended, remote = line[:1] in b"TR", line[:1] in b"rR"
+    extended, remote, fd = line[:1].isupper(), line[:1] in REMOTE, line[:1] in FD + SWITCHED
     at = 9 if extended else 4
-    length = int(line[at : at + 1])
+    length = dlc2len(int(line[at : at + 1], 16)) if fd else int(line[at : at + 1])
     digits = 0 if remote else 2 * length
     if not line.isalnum():
         raise ValueError(f"line {line!r} contains other characters than digits")
-    if length > 8 or len(line) - at - 1 - digits not in (0, TIME_STAMP):
+    if (length > 8 and not fd) or len(line) - at - 1 - digits not in (0, TIME_STAMP):
         raise ValueError(f"line {line!r} has another length than its digit")
     identifier = int(line[1:at], 16)
     if identifier >= 1 << (29 if extended else 11):
         raise ValueError(f"line {line!r} has an id beyond the range of its frame")
     data = None if remote else bytes.fromhex(line[at + 1 : at + 1 + digits].decode("ascii"))
-    return can.Message(now, identifier, extended, remote, dlc=length, data=data)
+    message = can.Message(now, identifier, extended, remote, dlc=length, data=data, is_fd=fd)
+    message.bitrate_switch = line[:1] in SWITCHED
+    return message

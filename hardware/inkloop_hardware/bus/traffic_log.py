@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import can
@@ -11,11 +12,12 @@ from inkloop_hardware.errors import BusError
 
 WRITERS = {".blf": BLFWriter, ".asc": ASCWriter}
 FLUSH_CYCLE = 1.0
-"""Seconds of traffic that a killed process may lose."""
+"""Seconds between two writes to the disk. A frame waits one cycle for earlier ones, as two threads log: a sent frame
+has the time before it left, a received one that at which the adapter took it. A killed process loses two cycles."""
 
 
 class TrafficLog:
-    """A log that stays readable without a close, up to FLUSH_CYCLE before its end.
+    """A log whose times never go back, and that stays readable without a close, up to shortly before its end.
 
     BusError for an unknown suffix or a file that cannot be written. An existing file is kept: a resumed run continues
     in traffic-2.blf.
@@ -30,28 +32,37 @@ class TrafficLog:
         except OSError as error:
             raise BusError(f"traffic log {path} cannot be written: {error}") from error
         self._flushed = 0.0
-        self._first: float | None = None
+        self._waiting: list[can.Message] = []
+        self._settled = self._newest = self._written = 0.0
 
     def take(self, message: can.Message) -> None:
-        """Write one frame. Sent and received ones come from two threads: in an ASC file a frame from before the first
-        one would get another kind of time, so it gets that of the first."""
-        if self._first is None:
-            self._first = message.timestamp
-        message.timestamp = max(message.timestamp, self._first)
-        self._writer.on_message_received(message)
+        """Log one frame, in the order of time; one that comes too late for it gets the time of the frame before."""
+        self._waiting.append(message)
+        self._newest = max(self._newest, message.timestamp)
 
     def flush(self, now: float) -> None:
         """Write the frames to the disk, once per FLUSH_CYCLE."""
         if now - self._flushed < FLUSH_CYCLE:
             return
         self._flushed = now
+        self._write(self._settled)
+        self._settled = self._newest
         if isinstance(self._writer, BLFWriter):
             _end_container(self._writer)
         self._writer.file.flush()
 
     def close(self) -> None:
         """End the file."""
+        self._write(math.inf)
         self._writer.stop()
+
+    def _write(self, until: float) -> None:
+        """Write the waiting frames up to this time; the order of equal times is kept."""
+        due = sorted((one for one in self._waiting if one.timestamp <= until), key=lambda one: one.timestamp)
+        self._waiting = [one for one in self._waiting if one.timestamp > until]
+        for message in due:
+            message.timestamp = self._written = max(message.timestamp, self._written)
+            self._writer.on_message_received(message)
 
 
 def unused(path: Path) -> Path:

@@ -83,5 +83,6 @@ def _sentence(state: NodeState) -> str:
         Flags.STOPPED: "a stop request is active",
         Flags.DRY_RUN: "in a dry run",
         Flags.JOURNAL_DAMAGED: "its journal is damaged",
+        Flags.BY_WATCHDOG: "reset by its watchdog",
     }
     return ", ".join([found, *(condition for flag, condition in conditions.items() if state.flags & flag)])

@@ -24,7 +24,6 @@ from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.vocabulary import Node, State
 
 TIMES = 3  # retries of a layer or a scan; a bench that stops more often needs a person (assumed)
-RETURN_S = 5.0  # for a node to restart, or to send again (assumed)
 REOPENING_S = 20.0  # for a disconnected adapter to be opened again; the bus process gives up before
 
 PASSING = (BusDisconnected, NodeLost, NodeStopped, NodeRefused, LinkTimeout, TransferError)
@@ -46,7 +45,7 @@ def retry_after_recovery(
     cause: HardwareError | None = None
     for left in range(TIMES, -1, -1):
         if cause is not None:
-            rig.wait_for(nodes, REOPENING_S if isinstance(cause, BusDisconnected) else RETURN_S)
+            rig.wait_for(nodes, REOPENING_S if isinstance(cause, BusDisconnected) else None)
         try:
             if cause is not None:
                 _recover_nodes(rig, nodes, cause, is_start)

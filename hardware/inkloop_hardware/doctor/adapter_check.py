@@ -18,12 +18,11 @@ import can
 from can.interfaces import VALID_INTERFACES
 from can.util import load_config
 
-from inkloop_hardware.bus.adapter import Adapter
+from inkloop_hardware.bus.adapter import NETWORK, Adapter, has_carrier
 from inkloop_hardware.bus.settings import BusSettings
-from inkloop_hardware.doctor.findings import Finding, Grade
+from inkloop_hardware.doctor.findings import Finding
 from inkloop_hardware.errors import BusError
 
-NETWORK = Path("/sys/class/net")
 DRIVER_MISSING = (ImportError, NameError, NotImplementedError)
 ON_SERIAL_PORTS = ("slcan", "serial", "robotell", "seeedstudio")
 
@@ -85,6 +84,12 @@ def _network_interface(channel: str, network: Path) -> Iterator[Finding]:
         yield Finding.error(
             "adapter", f"this machine has no network interface {channel!r}", f"plug the adapter in; {found}"
         )
+    elif not has_carrier(channel, network):
+        yield Finding.error(
+            "adapter",
+            f"the network interface {channel} has no carrier: its controller is bus-off, or its other end is down",
+            f"check cables, termination and bit rate, then `sudo ip link set {channel} type can restart`",
+        )
     elif (network / channel / "operstate").read_text(encoding="ascii").strip() == "down":
         command = f"sudo ip link set {channel} up type can bitrate 500000 restart-ms 0"
         yield Finding.error("adapter", f"the network interface {channel} is down", f"`{command}`")
@@ -132,8 +137,3 @@ def _advice(settings: BusSettings, error: BusError) -> str:
 
 def _example(name: str) -> str:
     return {"socketcan": '"can0"', "slcan": '"/dev/ttyACM0"', "pcan": '"PCAN_USBBUS1"'}.get(name, "see its page")
-
-
-def hinders(findings: Sequence[Finding]) -> bool:
-    """Whether one of them is an error."""
-    return any(finding.grade is Grade.ERROR for finding in findings)

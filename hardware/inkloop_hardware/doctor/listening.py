@@ -158,7 +158,9 @@ def _masters(heard: Heard) -> Iterator[Finding]:
         )
     if heard.stopped:
         yield Finding.error(
-            "masters", "a stop request is active", "release it where it was made; then `inkloop device SCENARIO clear`"
+            "masters",
+            "a stop request is active",
+            "look at the bench, then `inkloop device SCENARIO release` (or where it was made) and `clear`",
         )
 
 

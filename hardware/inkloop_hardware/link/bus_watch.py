@@ -46,8 +46,8 @@ class BusWatch:
         """Message about a stop request that is active at this second, None without one."""
         if self.stop is not None and now - self.stop_at <= OVER_AFTER:
             return (
-                f"a stop request of the {self.stop.name.lower()} is active: release it, look at the bench, then "
-                "`inkloop device SCENARIO clear`"
+                f"a stop request of the {self.stop.name.lower()} is active: look at the bench, then release it "
+                "(`inkloop device SCENARIO release`, or where it was made) and `inkloop device SCENARIO clear`"
             )
         return None
 

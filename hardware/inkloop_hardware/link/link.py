@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from inkloop_hardware.bus.isotp_connection import Wire
 from inkloop_hardware.errors import NodeRefused, TransferError
 from inkloop_hardware.link.node_watch import OFF, because
-from inkloop_hardware.link.requests import Requests
+from inkloop_hardware.link.requests import P2, Requests
 from inkloop_hardware.link.transfers import Progress, receive_map, send_pattern
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import (
@@ -48,15 +48,15 @@ class LinkCounts:
 class Link:
     """Sends requests to one node and waits for their answers; made by `Rig.link`.
 
-    A request without an answer within 1 s is repeated, six tries in all; answers that come late or twice are dropped
-    and counted. A waiting link keeps the heartbeat alive, so its step keeps its enables. Every call may raise BusError,
-    NodeLost (silent), NodeStopped (went to SAFE or FAULT meanwhile), NodeRefused and LinkTimeout (no answer in all
-    tries).
+    A request without an answer within `answer_s` [s] is repeated, six tries in all; answers that come late or twice are
+    dropped and counted. A waiting link keeps the heartbeat alive, so its step keeps its enables. Every call may raise
+    BusError, NodeLost (silent), NodeStopped (went to SAFE or FAULT meanwhile), NodeRefused and LinkTimeout (no answer
+    in all tries).
     """
 
-    def __init__(self, node: Node, codec: Codec, wire: Wire, place: str) -> None:
+    def __init__(self, node: Node, codec: Codec, wire: Wire, place: str, *, answer_s: float = P2) -> None:
         self.node = node
-        self.requests = Requests(node, codec, wire, place)
+        self.requests = Requests(node, codec, wire, place, answer_s=answer_s)
         self.name = self.requests.name
         self._restarted = 0
 

@@ -11,7 +11,7 @@ from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 
 LOG = logging.getLogger("inkloop_hardware")
 LOST_AFTER = 0.3
-"""Seconds without a status: three cycles."""
+"""Seconds without a status, unless configured: three cycles."""
 OFF = (State.SAFE, State.FAULT)
 
 
@@ -19,10 +19,12 @@ OFF = (State.SAFE, State.FAULT)
 class NodeWatch:
     """Follows the status and fault frames of one node and logs each change once.
 
-    status, at: the last intact one and its second; falls: how often the node took its de-energised state; fault: why.
+    silence_s: seconds without a status until it is lost. status, at: the last intact one and its second; falls: how
+    often the node took its de-energised state; fault: why.
     """
 
     node: Node
+    silence_s: float = LOST_AFTER
     status: NodeStatus | None = None
     at: float | None = None
     falls: int = 0
@@ -57,7 +59,7 @@ class NodeWatch:
                 f"the {name} cannot be trusted: of its frames {self.monitor.damaged} were damaged, "
                 f"{self.monitor.repeated} repeated, {self.monitor.jumped} jumped; do two nodes use its ids?"
             )
-        if now - self.at > LOST_AFTER:
+        if now - self.at > self.silence_s:
             return f"the {name} has been silent for {now - self.at:.1f} s; is it powered, and the cable plugged in?"
         return None
 

@@ -11,7 +11,7 @@ import udsoncan
 from udsoncan.client import Client
 from udsoncan.exceptions import NegativeResponseException, TimeoutException
 
-from inkloop_hardware.bus.isotp_connection import ANSWER_LIMIT, IsoTpConnection, Wire
+from inkloop_hardware.bus.isotp_connection import ANSWER_LIMIT, MESSAGE_QUIET, IsoTpConnection, Wire
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.protocol.codec import Codec
 from inkloop_hardware.protocol.node_state import Identifier
@@ -30,21 +30,22 @@ Answer = TypeVar("Answer")
 class Requests:
     """Sends requests to one node and returns its answers.
 
-    A request without an answer within 1 s is repeated, six tries in all; answers that come late or twice are dropped.
-    name: the node with its arbitration id and its bus, for messages; client: its services; connection: counts answers
-    that came late or twice and broken messages; repeated: requests sent again.
+    A request without an answer within `answer_s` [s] is repeated, six tries in all; answers that come late or twice are
+    dropped. name: the node with its arbitration id and its bus, for messages; client: its services; connection: counts
+    answers that came late or twice and broken messages; repeated: requests sent again.
     """
 
-    def __init__(self, node: Node, codec: Codec, wire: Wire, place: str) -> None:
+    def __init__(self, node: Node, codec: Codec, wire: Wire, place: str, *, answer_s: float = P2) -> None:
         self.name = f"{node.lower()} (0x{codec.answer_id(node):03X} on {place})"
         self.repeated = 0
-        self._wire = wire
+        self._wire, self._answer_s = wire, answer_s
         self._unsure = False
         """Answers to earlier requests may still come."""
-        self.connection = IsoTpConnection(wire, codec.request_id(node), codec.answer_id(node), is_answer)
+        ids = codec.request_id(node), codec.answer_id(node)
+        self.connection = IsoTpConnection(wire, *ids, is_answer, quiet_s=MESSAGE_QUIET * answer_s / P2)
         config: Any = dict(udsoncan.configs.default_client_config)
         config |= {"data_identifiers": {"default": Bytes()}, "request_timeout": None}
-        config |= {"p2_timeout": P2, "p2_star_timeout": P2_STAR, "use_server_timing": False}
+        config |= {"p2_timeout": answer_s, "p2_star_timeout": max(P2_STAR, answer_s), "use_server_timing": False}
         self.client = Client(self.connection, config=config)
         self.client.logger = logging.getLogger("inkloop_uds")
         self.client.logger.setLevel(logging.CRITICAL)  # what it logs as an error is repeated, or raised
@@ -104,7 +105,7 @@ class Requests:
             else:
                 return answer
         raise LinkTimeout(
-            f"no answer of the {self.name} within {P2:g} s, {tries} tries: {what}; "
+            f"no answer of the {self.name} within {self._answer_s:g} s, {tries} tries: {what}; "
             "its status frames arrive, so check its firmware"
         )
 

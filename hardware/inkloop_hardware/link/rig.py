@@ -27,6 +27,7 @@ from inkloop_hardware.replay.replay_connection import INTERFACE, ReplayConnectio
 LOG = logging.getLogger("inkloop_hardware")
 PAUSE = 0.02
 """Seconds between two checks of the nodes in `wait_for`."""
+SILENCES = 15
 SESSION_MAX, JOB_MAX = 0xFFFF, 0xFFFFFFFF
 
 
@@ -47,7 +48,7 @@ class Rig:
         self._session = 1 + secrets.randbelow(SESSION_MAX)
         self._job = 1 + secrets.randbelow(JOB_MAX)
         self._users = 0
-        self.supervision = Supervision(self.codec, self._session, str(settings))
+        self.supervision = Supervision(self.codec, self._session, str(settings), settings.silence_s)
         self._links: dict[Node, Link] = {}
 
     @property
@@ -100,7 +101,8 @@ class Rig:
     def link(self, node: Node) -> Link:
         """The link to one node; always the same object. To be used while attached."""
         if node not in self._links:
-            self._links[node] = Link(node, self.codec, NodeWire(self.supervision, node), str(self.settings))
+            wire, place = NodeWire(self.supervision, node), str(self.settings)
+            self._links[node] = Link(node, self.codec, wire, place, answer_s=self.settings.answer_s)
         return self._links[node]
 
     def keep_alive(self) -> None:
@@ -128,8 +130,12 @@ class Rig:
             with suppress(BusError):  # without a bus process nothing is enabled; the next call reports what happened
                 self.supervision.enable(Enables.NONE)
 
-    def wait_for(self, nodes: Iterable[Node], limit_s: float = 3.0) -> None:
-        """Wait until the frames of all `nodes` arrive and can be trusted; NodeLost names those that do not."""
+    def wait_for(self, nodes: Iterable[Node], limit_s: float | None = None) -> None:
+        """Wait until the frames of all `nodes` arrive and can be trusted; NodeLost names those that do not.
+
+        limit_s: None is fifteen times the silence after which a node is lost.
+        """
+        limit_s = SILENCES * self.settings.silence_s if limit_s is None else limit_s
         wanted, until = tuple(nodes), time.monotonic() + limit_s
         while True:
             self.keep_alive()
@@ -148,11 +154,6 @@ class Rig:
     def status(self, node: Node) -> NodeStatus | None:
         """The last intact status of a node, None before the first."""
         return self.supervision.watch(node).status
-
-    def stop_request(self, active: bool = True) -> None:
-        """Ask all nodes to take their de-energised state and stay in it, every 50 ms until called with False.
-        Afterwards a person must clear them. No emergency stop."""
-        self.supervision.bus.send_stop(active)
 
     def _open(self) -> None:
         log = self.settings.traffic_log

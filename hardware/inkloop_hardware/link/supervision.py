@@ -29,18 +29,20 @@ Bus = BusConnection | ReplayConnection
 class Supervision:
     """Watches the nodes and other masters on an open bus, and keeps the heartbeat of this master alive.
 
-    codec: of the frames; session: our own; place: the bus, for messages. To be used by one thread.
+    codec: of the frames; session: our own; place: the bus, for messages; silence_s: seconds without a status until a
+    node is lost. To be used by one thread.
     """
 
-    def __init__(self, codec: Codec, session: int, place: str) -> None:
+    def __init__(self, codec: Codec, session: int, place: str, silence_s: float) -> None:
         self.codec = codec
         self._session = session
         self._place = place
+        self._silence_s = silence_s
         self._bus: Bus | None = None
         self._enables = Enables.NONE
         self._keep_alive_due = 0.0
         self._beating_since = 0.0
-        self._watches = {node: NodeWatch(node) for node in Node}
+        self._watches = {node: NodeWatch(node, silence_s) for node in Node}
         self._bus_watch = BusWatch(session)
         self._senders = {
             codec.message(name).frame_id: node
@@ -77,7 +79,7 @@ class Supervision:
 
     def open(self, bus: Bus) -> None:
         """Supervise this bus; earlier statuses of the nodes are discarded."""
-        self._watches = {node: NodeWatch(node) for node in Node}
+        self._watches = {node: NodeWatch(node, self._silence_s) for node in Node}
         self._bus_watch = BusWatch(self._session)
         self._bus = bus
         self._beating_since = time.monotonic()

@@ -15,7 +15,7 @@ from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import FrameError, HardwareError, LinkTimeout
 from inkloop_hardware.mapped.mapped_peer import Peer
 from inkloop_hardware.mapped.mapping_file import RigMapping
-from inkloop_hardware.protocol.codec import COUNTERS, Frame, Reading
+from inkloop_hardware.protocol.codec import COUNTERS, Frame, Reading, id_of
 
 KEEP_ALIVE_PERIOD_S = 0.02
 PAUSE = 0.005
@@ -33,15 +33,17 @@ class MappedBus:
         self.readings: dict[str, Reading] = {}
         self.inbox: dict[str, deque[Reading]] = {}
         self._codec, self._heartbeat = mapping.codec, mapping.tables.heartbeat
-        self._known = {message.frame_id for message in self._codec.database.messages if not message.is_extended_frame}
+        self._known = {id_of(message) for message in self._codec.database.messages}
         self._counters: dict[str, int] = {}
         self._enables = Enables.NONE
         self._keep_alive_due = 0.0
         answers = [answer for _, answer in mapping.ids.values()]
-        self._bus = BusConnection(replace(settings, traffic_log=log), session, job, answers)
+        own = replace(settings, traffic_log=log, fd=settings.fd or mapping.needs_fd)
+        self._bus = BusConnection(own, session, job, answers)
         self._peers = {
-            name: Peer(name, _Wire(self, answer), request, answer, mapping.tables.peers[name].answer_s)
+            name: Peer(name, _Wire(self, answer), request, answer, peer.answer_s, fd=peer.fd)
             for name, (request, answer) in mapping.ids.items()
+            for peer in (mapping.tables.peers[name],)
         }
 
     def peer(self, name: str) -> Peer:

@@ -15,6 +15,7 @@ from udsoncan.exceptions import NegativeResponseException, TimeoutException
 from inkloop_hardware.bus.isotp_connection import IsoTpConnection, Wire
 from inkloop_hardware.errors import LinkTimeout, NodeRefused, TransferError
 from inkloop_hardware.link.transfers import BLOCK_MOST
+from inkloop_hardware.protocol.codec import id_text
 from inkloop_hardware.protocol.services import UNREADABLE, Bytes
 
 TRIES = 3
@@ -28,10 +29,10 @@ ECHOED = {0x22: slice(1, 3), 0x31: slice(1, 4), 0x36: slice(1, 2)}
 class Peer:
     """Services of one peer. A request without an answer is repeated, except a routine."""
 
-    def __init__(self, name: str, wire: Wire, request: int, answer: int, answer_s: float) -> None:
-        self.name = f"{name} (0x{request:03X}, 0x{answer:03X})"
+    def __init__(self, name: str, wire: Wire, request: int, answer: int, answer_s: float, *, fd: bool = False) -> None:
+        self.name = f"{name} ({id_text(request)}, {id_text(answer)})"
         self._wire = wire
-        self._connection = IsoTpConnection(wire, request, answer, is_answer)
+        self._connection = IsoTpConnection(wire, request, answer, is_answer, fd=fd)
         config: Any = dict(udsoncan.configs.default_client_config)
         config |= {"data_identifiers": {"default": Bytes()}, "request_timeout": None, "use_server_timing": False}
         config |= {"p2_timeout": answer_s, "p2_star_timeout": P2_STAR}

@@ -23,6 +23,7 @@ from inkloop_hardware.mapped.mapping_tables import (
     Download,
     MappingFile,
     Memory,
+    Peer,
     Read,
     RoutineStep,
     Send,
@@ -31,20 +32,19 @@ from inkloop_hardware.mapped.mapping_tables import (
     Value,
     Wait,
 )
-from inkloop_hardware.protocol.codec import COUNTERS, Codec
+from inkloop_hardware.protocol.codec import COUNTERS, EXTENDED, FD_LENGTHS, Codec, id_of, id_text, is_fd
 
-LONGEST = 8
-"""Bytes of a classic frame."""
-STANDARD_IDS = 0x800
+STANDARD_IDS, EXTENDED_IDS = 1 << 11, 1 << 29
 
 
 @dataclass(frozen=True)
 class RigMapping:
-    """A valid mapping; ids: of the requests to each peer and of its answers."""
+    """A valid mapping; ids: of the requests to each peer and of its answers; needs_fd: it has frames of CAN FD."""
 
     tables: MappingFile
     codec: Codec
     ids: Mapping[str, tuple[int, int]]
+    needs_fd: bool
 
 
 def load(path: Path, job: Job) -> RigMapping:
@@ -64,7 +64,7 @@ def load(path: Path, job: Job) -> RigMapping:
     check = _Check(tables, codec, {"job": 1, "layer": 1, "nx": job.nx, "ny": job.ny})
     if check.errors:
         raise ScenarioError(str(path), check.errors)
-    return RigMapping(tables, codec, check.ids)
+    return RigMapping(tables, codec, check.ids, check.needs_fd)
 
 
 def factor(source: str, target: str) -> float | None:
@@ -87,11 +87,9 @@ class _Check:
 
     def __init__(self, tables: MappingFile, codec: Codec, fields: Mapping[str, int]) -> None:
         self.errors: list[str] = []
+        self.needs_fd = any(peer.fd for peer in tables.peers.values())
         self._tables, self._codec, self._fields = tables, codec, fields
-        self.ids = {
-            name: (self._id(f"peers.{name}.request", peer.request), self._id(f"peers.{name}.answer", peer.answer))
-            for name, peer in tables.peers.items()
-        }
+        self.ids = {name: self._ids(f"peers.{name}", peer) for name, peer in tables.peers.items()}
         for name, table in (("pattern", tables.pattern), ("map", tables.map)):
             if table is not None:
                 self._try(f"{name}.header", hexadecimal, table.header)
@@ -172,21 +170,28 @@ class _Check:
             self.errors.append(f"{place}: message is {name!r}; {_nearest(name, known)}")
             return None
         found = self._codec.message(name)
-        if found.is_extended_frame or found.length > LONGEST:
+        if found.length not in FD_LENGTHS:
+            lengths = ", ".join(map(str, FD_LENGTHS[8:-1]))
             self.errors.append(
-                f"{place}: {name} has a 29-bit id or more than {LONGEST} bytes; only classic frames with 11-bit ids "
-                "are sent and read"
+                f"{place}: {name} has {found.length} bytes; a frame has up to {lengths} or {FD_LENGTHS[-1]}"
             )
             return None
+        self.needs_fd = self.needs_fd or is_fd(found)
         return found
+
+    def _ids(self, place: str, peer: Peer) -> tuple[int, int]:
+        request, answer = self._id(f"{place}.request", peer.request), self._id(f"{place}.answer", peer.answer)
+        if (request ^ answer) & EXTENDED:
+            self.errors.append(f"{place}: {id_text(request)} and {id_text(answer)}; expected two 11-bit or 29-bit ids")
+        return request, answer
 
     def _id(self, place: str, given: int | str) -> int:
         if isinstance(given, str):
             found = self._message(place, given)
-            return found.frame_id if found else 0
-        if not 0 <= given < STANDARD_IDS:
-            self.errors.append(f"{place} is 0x{given:X}; expected an 11-bit id, 0 to 0x7FF")
-        return given
+            return id_of(found) if found else 0
+        if not 0 <= given < EXTENDED_IDS:
+            self.errors.append(f"{place} is 0x{given:X}; expected an id of 11 or 29 bits, 0 to 0x{EXTENDED_IDS - 1:X}")
+        return given | EXTENDED * (given >= STANDARD_IDS)
 
     def _outputs(self) -> None:
         for name, output in self._tables.outputs.items():

@@ -28,11 +28,12 @@ class Table(BaseModel):
 
 
 class Peer(Table):
-    """`[peers.NAME]`: a device that answers services over ISO-TP, normal addressing, 11-bit ids."""
+    """`[peers.NAME]`: a device that answers services over ISO-TP, normal addressing; ids beyond 0x7FF have 29 bits."""
 
     request: int | str = Field(description="id of requests to it, or the name of that message in the DBC")
     answer: int | str = Field(description="id of its answers, or the name of that message in the DBC")
     answer_s: Limit = Field(default=1.0, description="seconds for it to begin an answer")
+    fd: bool = Field(default=False, description="requests go in CAN FD frames of up to 64 bytes")
 
 
 class PatternTable(Table):

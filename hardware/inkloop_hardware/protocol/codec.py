@@ -27,14 +27,37 @@ COUNTERS = 15
 """Alive counters of E2E profile 1: 0 to 14."""
 
 
+EXTENDED = 1 << 31
+"""Added to an arbitration id of 29 bits, as in a DBC and in SocketCAN: one number names the id of a frame."""
+FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+"""Bytes that a CAN FD frame may have."""
+
+
 class Frame(NamedTuple):
-    """A classic CAN data frame."""
+    """A data frame: of classic CAN, or of CAN FD. arbitration_id: 11 bits, or 29 bits + EXTENDED."""
 
     arbitration_id: int
     data: bytes
+    is_fd: bool = False
 
     def __str__(self) -> str:
-        return f"0x{self.arbitration_id:03X} [{len(self.data)}] {self.data.hex(' ')}"
+        return f"{id_text(self.arbitration_id)} [{len(self.data)}] {self.data.hex(' ')}"
+
+
+def id_text(arbitration_id: int) -> str:
+    """An id as text: 0x7A0, or 0x18DA10F1 for one of 29 bits."""
+    digits = 8 if arbitration_id & EXTENDED else 3
+    return f"0x{arbitration_id & ~EXTENDED:0{digits}X}"
+
+
+def id_of(message: Message) -> int:
+    """Arbitration id of a message of a DBC."""
+    return message.frame_id | EXTENDED * message.is_extended_frame
+
+
+def is_fd(message: Message) -> bool:
+    """Whether a message of a DBC travels in CAN FD frames: by its attribute VFrameFormat, or its length."""
+    return bool(message.is_fd) or message.length > FD_LENGTHS[8]
 
 
 @dataclass(frozen=True)
@@ -73,7 +96,7 @@ class Codec:
     def __init__(self, path: Path = BENCH_DBC) -> None:
         self.database = database = _bench_database() if path == BENCH_DBC else _loaded(path)
         self._by_name = {message.name: message for message in database.messages}
-        self._by_id = {message.frame_id: message for message in database.messages}
+        self._by_id = {id_of(message): message for message in database.messages}
 
     @property
     def protocol_version(self) -> int | None:
@@ -125,20 +148,23 @@ class Codec:
             raise FrameError(f"message {name} " + ", ".join(errors))
         raw = {signal: _raw(message, signal, value) for signal, value in values.items()}
         if data_id is None or counter is None:
-            return Frame(message.frame_id, self._encode_raw(message, raw))
+            return Frame(id_of(message), self._encode_raw(message, raw), is_fd(message))
         data = bytearray(self._encode_raw(message, raw | {"Crc8": 0, "Counter": counter}))
         p01.e2e_p01_protect(data, data_id, increment_counter=False)
-        return Frame(message.frame_id, bytes(data))
+        return Frame(id_of(message), bytes(data), is_fd(message))
 
     def decode(self, frame: Frame) -> Reading:
         """The content of a frame.
 
-        Raises FrameError for an unknown id, a wrong length, or an undamaged value out of its limits. A wrong check byte
-        raises nothing: the supervision counts it (`e2e_monitor`).
+        Raises FrameError for an unknown id, a wrong format or length, or an undamaged value out of its limits. A wrong
+        check byte raises nothing: the supervision counts it (`e2e_monitor`).
         """
         message = self._by_id.get(frame.arbitration_id)
         if message is None:
             raise FrameError(f"frame {frame}: no message with this id in the DBC")
+        if frame.is_fd != is_fd(message):
+            found, expected = ("CAN FD", "classic") if frame.is_fd else ("classic", "CAN FD")
+            raise FrameError(f"frame {frame} of {message.name} is a {found} frame, expected a {expected} one")
         if len(frame.data) != message.length:
             raise FrameError(f"frame {frame} of {message.name} has {len(frame.data)} bytes, expected {message.length}")
         data_id = self.data_id(message.name)

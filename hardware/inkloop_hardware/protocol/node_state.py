@@ -54,6 +54,8 @@ class Flags(IntFlag):
     DRY_RUN = 8
     MAP_READY = 16
     JOURNAL_DAMAGED = 32
+    BY_WATCHDOG = 64
+    """its watchdog caused the last power-up"""
 
 
 class LayerFlags(IntFlag):
@@ -89,6 +91,8 @@ class Happening(IntEnum):
     DONE = 4
     UNKNOWN = 5
     CLEAR = 6
+    WATCHDOG = 7
+    """a boot that the watchdog caused"""
 
 
 @dataclass(frozen=True)

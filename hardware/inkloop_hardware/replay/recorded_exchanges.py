@@ -66,7 +66,7 @@ def _asked(seen: Iterable[Seen], codec: Codec) -> Iterator[Asked]:
     ways = {codec.request_id(node): (node, Reassembly()) for node in Node}
     back = {codec.answer_id(node): (node, Reassembly()) for node in Node}
     waiting: dict[Node, Asked] = {}
-    for at, (_, _, (identifier, data)) in enumerate(seen):
+    for at, (_, _, (identifier, data, _)) in enumerate(seen):
         if not data:
             continue
         if identifier in ways:

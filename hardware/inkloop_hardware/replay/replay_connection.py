@@ -70,9 +70,6 @@ class ReplayConnection:
     def send_keep_alive(self, enables: Enables) -> None:
         """Nothing to keep alive."""
 
-    def send_stop(self, active: bool) -> None:
-        """Nothing to stop."""
-
     def send_job(self, job: int) -> None:
         """The job of a replay is that of the log."""
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import can
 
+from inkloop_hardware.bus.frames import data_frame
 from inkloop_hardware.bus.traffic_log import WRITERS
 from inkloop_hardware.errors import BusError
 from inkloop_hardware.protocol.codec import Frame
@@ -31,7 +32,7 @@ def parts_of(path: Path) -> list[Path]:
 
 
 def read_traffic(path: Path) -> list[Seen]:
-    """Standard data frames of a log, by time. BusError for a file that is not a log.
+    """Data frames of a log, by time. BusError for a file that is not a log.
 
     A sent frame is logged once it has left, so the answer to it may stand before it; its time is that before it left.
     """
@@ -40,9 +41,9 @@ def read_traffic(path: Path) -> list[Seen]:
     try:
         with can.LogReader(path, relative_timestamp=False) as log:  # ASC only: BLF takes no notice of it
             frames = [
-                Seen(message.timestamp, not message.is_rx, Frame(message.arbitration_id, bytes(message.data)))
+                Seen(message.timestamp, not message.is_rx, frame)
                 for message in log
-                if not (message.is_extended_id or message.is_remote_frame or message.is_error_frame or message.is_fd)
+                if (frame := data_frame(message)) is not None
             ]
     except OSError as error:
         raise BusError(f"traffic log {path} cannot be read: {error.strerror or error}") from error

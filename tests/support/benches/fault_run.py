@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -11,20 +12,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.height_map_bytes import read_map
 from inkloop_hardware.protocol.node_state import NodeState
+from inkloop_hardware.protocol.records import NodeStatus, unpack
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
-from inkloop_hardware.protocol.vocabulary import Node
+from inkloop_hardware.protocol.vocabulary import Fault, Node
 from support.benches import node_bench
 
 SIDE = 9
 PATTERN = np.random.default_rng(2).integers(0, 3, (SIDE, SIDE)).astype(np.uint8)
 BLOB = node_bench.pattern_blob(PATTERN)
+SILENCE_S = 2.0
+"""Of a node and of the master, until the other side takes it for lost: a busy machine is no fault of the bench."""
 FAST: dict[str, Any] = {"pass_ms": 5, "scan_ms": 5, "move_ms": 2, "home_ms": 2, "gate_ms": 1}
-LIMIT_S = 30.0
+LIMIT_S = 600.0
+"""Ends a test that hangs; every wait is for an event."""
 CURE_MS = 10
 JOB = 7
 
@@ -70,7 +77,9 @@ class FaultRun:
 @contextmanager
 def faulty(*faults: str, cleared: bool = True, reopen_s: float = 10.0, **options: float) -> Iterator[FaultRun]:
     """A bench with faults, and a master of job JOB on it."""
-    with EmulatedBench({"nx": SIDE, "ny": SIDE, **FAST, **options}, faults=faults) as bench:
+    with EmulatedBench(
+        {"nx": SIDE, "ny": SIDE, **FAST, "alive_ms": 1e3 * SILENCE_S, **options}, faults=faults
+    ) as bench:
         settings = replace(settings_of(bench), reopen_s=reopen_s)
         rig = Rig(settings)
         rig.job = JOB
@@ -83,7 +92,20 @@ def faulty(*faults: str, cleared: bool = True, reopen_s: float = 10.0, **options
 
 
 def settings_of(bench: EmulatedBench) -> BusSettings:
-    return BusSettings("slcan", bench.channel, 500_000)
+    return BusSettings("slcan", bench.channel, 500_000, grace_s=SILENCE_S, silence_s=SILENCE_S)
+
+
+def wait_for_fault(bench: EmulatedBench, node: Node, fault: Fault) -> None:
+    """Until a node reports this fault to a listener that sends nothing."""
+    adapter, codec = Adapter(settings_of(bench)), Codec()
+    status, until = codec.message(f"{node}{NodeStatus.message}").frame_id, time.monotonic() + LIMIT_S
+    while time.monotonic() < until:
+        for message in adapter.receive(1.0):
+            if message.arbitration_id == status:
+                found = unpack(codec, codec.decode(Frame(status, bytes(message.data))))
+                if isinstance(found, NodeStatus) and found.fault is fault:
+                    return adapter.close()
+    raise AssertionError(f"{node} never reported {fault.name}")
 
 
 @contextmanager

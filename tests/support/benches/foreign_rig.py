@@ -1,18 +1,22 @@
 """A rig that is not ours, as a process: a PLC that speaks frames, a head controller and a scanner that speak services.
 
-    python foreign_rig.py CHANNEL
+    python foreign_rig.py CHANNEL [wide]
 
 It knows nothing of inkloop: stock python-can and can-isotp, a DBC of its own, patterns and maps in forms of its own.
+The wide one has ids of 29 bits and speaks CAN FD only, with bit-rate switch.
 """
 
 from __future__ import annotations
 
 import re
 import struct
+import subprocess
 import sys
 import threading
 import time
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import can
@@ -24,14 +28,78 @@ DROPLET_UM = 10.0
 _PAGE = (Path(__file__).parents[3] / "docs/how-to/bind-your-own-dbc.md").read_text(encoding="utf-8")
 DBC, MAPPING = (re.findall(rf"```{kind}\n(.*?)```", _PAGE, re.DOTALL)[0] for kind in ("dbc", "toml"))
 """Those of the page, so that the page is tested."""
+SCENARIO = """
+title = "A rig of one's own"
+
+[grid]
+nx = 6
+ny = 5
+
+[part]
+shape = "cuboid"
+size_x_um = 900.0
+size_y_um = 600.0
+height_um = 20.0
+
+[bench]
+interface = "slcan"
+channel = "CHANNEL"
+traffic_log = ""
+
+[run]
+layers_max = 2
+
+[components.controller]
+kind = "OpenLoop"
+layers = 2
+
+[components.rig]
+kind = "hardware.mapped"
+mapping = "rig.toml"
+"""
+LONG = 0x18DA0000
+"""Added to the ids of the page by the wide rig."""
+
+
+def wide_dbc() -> str:
+    """The DBC of the wide rig: 29-bit ids, and a state of 12 bytes."""
+    text = DBC.replace("PlcState: 8", "PlcState: 12").replace(" SG_ State : 0|3", " SG_ State : 88|3")
+    formats = ",".join(f'"{name}"' for name in ("StandardCAN", "ExtendedCAN", *"23456789abcd", "e", "ExtendedCAN_FD"))
+    text += f'BA_DEF_ BO_  "VFrameFormat" ENUM  {formats};\nBA_DEF_DEF_  "VFrameFormat" "StandardCAN";\n'
+    for number in (528, 544, 1952, 1960):
+        long = 1 << 31 | LONG | number
+        text = re.sub(rf"(BO_|VAL_) {number} ", rf"\1 {long} ", text) + f'BA_ "VFrameFormat" BO_ {long} 15;\n'
+    return text
+
+
+def wide_mapping() -> str:
+    """The mapping of the wide rig."""
+    text = MAPPING.replace('answer = "HeadAnswer"', 'answer = "HeadAnswer"\nfd = true')
+    return text.replace("0x7B0", f"0x{LONG | 0x7B0:X}").replace("0x7B8", f"0x{LONG | 0x7B8:X}\nfd = true")
+
+
+@contextmanager
+def running(channel: str, *words: str) -> Iterator[None]:
+    """The rig on a bus, in a process of its own."""
+    command = [sys.executable, __file__, channel, *words]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n", process.communicate()[1]
+        yield
+    finally:
+        process.kill()
+        process.communicate()
 
 
 class Server:
     """The UDS services of one address; subclasses define what they do."""
 
-    def __init__(self, bus: can.BusABC, notifier: can.Notifier, request: int, answer: int) -> None:
-        address = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=answer, rxid=request)
-        self.stack = isotp.NotifierBasedCanStack(bus, notifier, address=address, params={"tx_padding": 0})
+    def __init__(self, bus: can.BusABC, notifier: can.Notifier, request: int, answer: int, wide: bool) -> None:
+        mode = isotp.AddressingMode.Normal_29bits if wide else isotp.AddressingMode.Normal_11bits
+        address = isotp.Address(mode, txid=LONG * wide + answer, rxid=LONG * wide + request)
+        params = {"tx_padding": 0} | ({"can_fd": True, "tx_data_length": 64, "bitrate_switch": True} if wide else {})
+        self.stack = isotp.NotifierBasedCanStack(bus, notifier, address=address, params=params)
         self.stack.start()
         self.blob = b""
         self.size = 0
@@ -105,13 +173,15 @@ class Scanner(Server):
 class Plc(can.Listener):
     """Jets what the head holds on request, and sends its state every 20 ms."""
 
-    def __init__(self, bus: can.BusABC, head: Head, scanner: Scanner) -> None:
-        self.bus, self.head, self.scanner = bus, head, scanner
+    def __init__(self, bus: can.BusABC, head: Head, scanner: Scanner, wide: bool) -> None:
+        self.bus, self.head, self.scanner, self.wide = bus, head, scanner, wide
         self.done, self.asked, self.busy_until = 0, 0, 0.0
         self.failed = False
 
     def on_message_received(self, message: can.Message) -> None:
-        if message.arbitration_id != 0x210:
+        if (message.arbitration_id, message.is_extended_id) != (LONG * self.wide + 0x210, self.wide):
+            return
+        if (message.is_fd, message.bitrate_switch) != (self.wide, self.wide):
             return
         self.failed = message.data[3] != 75  # a lamp at another power than 37.5 % is none of its own
         if message.data[2] & 1 and not self.failed:
@@ -125,16 +195,21 @@ class Plc(can.Listener):
                 self.scanner.surface_um = self.scanner.surface_um + DROPLET_UM * self.head.pattern
                 self.done = self.asked
             state = 3 if self.failed else 1 if self.asked > self.done else 2
-            data = struct.pack("<BHHhx", state, self.done, 1250, 215)
-            self.bus.send(can.Message(arbitration_id=0x220, data=data, is_extended_id=False))
+            data = struct.pack("<BHHhx", 0 if self.wide else state, self.done, 1250, 215)
+            data += bytes([0, 0, 0, state]) if self.wide else b""
+            frame = can.Message(arbitration_id=LONG * self.wide + 0x220, is_extended_id=self.wide, data=data)
+            frame.is_fd = frame.bitrate_switch = self.wide
+            self.bus.send(frame)
             time.sleep(0.02)
 
 
-def main(channel: str) -> None:
-    with can.Bus(interface="slcan", channel=channel, sleep_after_open=0.0) as bus:
+def main(channel: str, wide: bool) -> None:
+    is_line = "/" in channel
+    bus = can.Bus(channel, "slcan", sleep_after_open=0.0) if is_line else can.Bus(channel, "socketcan", fd=wide)
+    with bus:
         notifier = can.Notifier(bus, [], timeout=0.05)
-        head, scanner = Head(bus, notifier, 0x7A0, 0x7A8), Scanner(bus, notifier, 0x7B0, 0x7B8)
-        plc = Plc(bus, head, scanner)
+        head, scanner = Head(bus, notifier, 0x7A0, 0x7A8, wide), Scanner(bus, notifier, 0x7B0, 0x7B8, wide)
+        plc = Plc(bus, head, scanner, wide)
         notifier.add_listener(plc)
         for server in (head, scanner):
             threading.Thread(target=server.serve, daemon=True).start()
@@ -143,4 +218,4 @@ def main(channel: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(sys.argv[1], "wide" in sys.argv)

@@ -16,7 +16,7 @@ import numpy as np
 
 from inkloop.fmu_writer import archive
 from inkloop_hardware.protocol.c_codec import write_codec
-from inkloop_hardware.protocol.codec import BENCH_DBC
+from inkloop_hardware.protocol.codec import BENCH_DBC, Frame
 from support import compiled
 from support.places import C_SOURCES, ROOT
 
@@ -48,6 +48,7 @@ STATES = (
 )
 CLEAR, HOME, PURGE, PASS, CURE_ROUTINE, SCAN, DRY_RUN, MOVE, SELF_TEST = range(0x0200, 0x0209)
 LAMP, GATE, MOTION = 1, 2, 4
+HEAD_ROLE, STAGE_ROLE, CURE_ROLE, PROFILER_ROLE = 1, 2, 4, 8
 DONE, DONE_BEFORE, UNDER_WAY, UNKNOWN, NEVER = range(5)
 NRC_BUSY, NRC_CONDITIONS, NRC_SEQUENCE, NRC_FAILED, NRC_RANGE, NRC_PENDING = 0x21, 0x22, 0x24, 0x26, 0x31, 0x78
 GATE_STAYS_OPEN, GATE_STAYS_CLOSED, LAMP_STAYS_ON, NOT_READY, WORK_FAILS, WORK_HANGS = (1 << bit for bit in range(6))
@@ -96,7 +97,8 @@ def firmware_library(name: str, sources: Sequence[Path]) -> ctypes.CDLL:
 def library() -> ctypes.CDLL:
     """Core, host HAL, kernels and probes."""
     probe = C_SOURCES / "bench_probe.c"
-    loaded = firmware_library("node_bench.so", (*CORE, *HOST, *KERNELS, probe))
+    wire = (*WIRE, codec() / "inkloop.c")
+    loaded = firmware_library("node_bench.so", (*CORE, *HOST, *KERNELS, *wire, probe))
     for name in ("bench_create", "bench_node", "probe_options", "probe_surface", "probe_storage"):
         getattr(loaded, name).restype = ctypes.c_void_p
     for name in ("node_request", "node_take_answer"):
@@ -127,6 +129,7 @@ class State:
     session: int
     pattern_crc: int
     gate_pulses: int
+    by_watchdog: bool
 
 
 @dataclass(frozen=True)
@@ -189,6 +192,21 @@ class NodeBench:
             self.c.node_master_alive(self.node(node), ctypes.c_uint32(self.clock), ctypes.byref(alive))  # type: ignore[arg-type]
         self.last_alive = self.clock
 
+    def roles(self, roles: int) -> None:
+        """Other roles for the first node, until its next power-up."""
+        self.c.probe_roles(self.bench, HEAD, roles)
+
+    def join(self) -> None:
+        """Put every node on a bus."""
+        for node in range(self.count):
+            self.c.probe_join(self.bench, node)
+
+    def give(self, frame: Frame) -> None:
+        """A frame of the bus, which every node receives."""
+        data, now = frame.data, ctypes.c_uint32(self.clock)
+        for node in range(self.count):
+            self.c.probe_frame(node, ctypes.c_uint32(frame.arbitration_id), data, len(data), now)
+
     def stop(self, active: bool) -> None:
         for node in range(self.count):
             self.c.node_stop_request(self.node(node), ctypes.c_uint32(self.clock), ctypes.c_bool(active))
@@ -249,7 +267,7 @@ class NodeBench:
         passes, done, unknown, cured, _book, step, boots, session, crc, _now, pulses = counts
         needs_operator, stopped, loaded = (bool(flags & bit) for bit in (1, 2, 4))
         first = (STATES[state], cause, needs_operator, stopped, loaded, job, layer)
-        return State(*first, passes, done, unknown, cured, step, boots, session, crc, pulses)
+        return State(*first, passes, done, unknown, cured, step, boots, session, crc, pulses, bool(flags & 64))
 
     def times(self, node: int = HEAD) -> Times:
         return Times(*unpack(">7I", self.raw(b"\x22\x01\x01", node)[3:]))

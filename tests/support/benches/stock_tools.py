@@ -76,7 +76,7 @@ class Adapter:
         self.over, self.first = threading.Event(), threading.Event()
         self.heart = threading.Thread(target=self._beat)
         self.heart.start()
-        assert self.first.wait(60)
+        assert self.first.wait(600)
 
     def _beat(self) -> None:
         counter = 0
@@ -97,7 +97,7 @@ class Adapter:
         ids = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=0x640 + 2 * node, rxid=0x641 + 2 * node)
         stack = isotp.NotifierBasedCanStack(self.bus, self.notifier, address=ids, params={"tx_padding": 0xCC})
         settings: Any = dict(udsoncan.configs.default_client_config)
-        settings |= {"data_identifiers": {"default": Raw()}, "request_timeout": 10, "p2_timeout": 5}
+        settings |= {"data_identifiers": {"default": Raw()}, "request_timeout": 600, "p2_timeout": 60}
         return Client(PythonIsoTpConnection(stack), config=settings)
 
     def close(self) -> None:

@@ -34,12 +34,28 @@ def build(
     return path
 
 
+def altered(fmu: Path, path: Path, *changes: tuple[str, str]) -> Path:
+    """A copy of an FMU at `path` whose description has other text: pairs of what it holds and what replaces that."""
+    with zipfile.ZipFile(fmu) as ours, zipfile.ZipFile(path, "w") as theirs:
+        for name in ours.namelist():
+            content = ours.read(name)
+            if name == "modelDescription.xml":
+                text = content.decode()
+                for found, replacement in changes:
+                    assert found in text
+                    text = text.replace(found, replacement)
+                content = text.encode()
+            theirs.writestr(name, content)
+    return path
+
+
 def _fmi3() -> str:
     return f"""<fmiModelDescription fmiVersion="3.0" {_COMMON} instantiationToken="amplifier">
 <CoSimulation modelIdentifier="amplifier" canGetAndSetFMUState="true" canSerializeFMUState="true"/>
 <TypeDefinitions><EnumerationType name="Mode">{_MODES}</EnumerationType></TypeDefinitions>
 <ModelVariables>
 <UInt64 name="n" valueReference="1" causality="structuralParameter" variability="fixed" start="3"/>
+<Boolean name="half" valueReference="2" causality="structuralParameter" variability="fixed" start="false"/>
 <Boolean name="on" valueReference="3" causality="input" start="true"/>
 <Float64 name="gain" valueReference="4" causality="parameter" variability="fixed" start="2" min="0" max="10"/>
 <Enumeration name="mode" valueReference="5" causality="parameter" variability="fixed" declaredType="Mode" start="1"/>

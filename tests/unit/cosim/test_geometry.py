@@ -78,4 +78,4 @@ def test_edge_of_a_step_belongs_to_the_lower_step(edge: float) -> None:
     stairs = Staircase(0.0, 0.0, 8e-3, 1e-3, 4, 200e-6)
     at = np.array([edge * 1e-3, edge * 1e-3 + 1e-6])
     below, above = stairs.top(at, np.zeros(2))
-    assert above - below == pytest.approx(50e-6)
+    assert above - below == pytest.approx(50e-6, rel=1e-9, abs=0.0)

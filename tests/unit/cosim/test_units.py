@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from inkloop import units
-from inkloop.units import QUANTITIES, SUFFIXES, missing_suffix, spellings, unit_of
+from inkloop.units import QUANTITIES, SUFFIXES, defined_unit, key_of, missing_suffix, spellings, unit_of
 from support.places import ROOT
 from support.source_tree import parsed
 
@@ -112,8 +112,21 @@ def test_tolerances_and_sizes_are_no_factors(line: str) -> None:
 
 def test_factors_of_both_directions_agree() -> None:
     """Both are written out: a product with one and a quotient by the other differ in the last bit."""
-    for one, other in ((units.UM_PER_M, units.M_PER_UM), (units.NS_PER_S, units.S_PER_NS)):
-        assert one * other == pytest.approx(1.0, rel=1e-15)
+    for one, other in (
+        (units.UM_PER_M, units.M_PER_UM),
+        (units.NS_PER_S, units.S_PER_NS),
+        (units.MS_PER_S, units.S_PER_MS),
+    ):
+        assert one * other == pytest.approx(1.0, rel=1e-15, abs=0.0)
     assert {units.M_PER_UM, 1.0 / units.MM_PER_M, 1.0 / units.NM_PER_M} < set(SUFFIXES["m"].values())
     assert {1.0 / units.MS_PER_S, 1.0 / units.US_PER_S} < set(SUFFIXES["s"].values())
     assert SUFFIXES["m3"]["pl"] == 1.0 / units.PL_PER_M3
+
+
+@pytest.mark.parametrize(
+    ("unit", "key", "factor"),
+    [("um", "x_um", 1.0), ("V", "x", 1.0), (defined_unit("inch", {"m": 1}, 0.0254, 0.0), "x_um", 25400.0)],
+)
+def test_key_of_a_unit_gives_it_back(unit: str, key: str, factor: float) -> None:
+    assert key_of("x", unit) == (key, pytest.approx(factor, rel=1e-14, abs=0.0))
+    assert spellings("x", unit)[key] * factor == pytest.approx(1.0, rel=1e-14, abs=0.0)

@@ -106,6 +106,8 @@ def test_torn_intent_energises_nothing_and_was_never_written(bench: NodeBench, w
     assert bench.run(PASS, layer=1, which=0, option=b"\x00") == -NRC_FAILED
     assert (bench.state().state, bench.state().cause) == ("FAULT", JOURNAL_DAMAGED)
     assert bench.counted(GATE_OPENINGS) == 0
+    bench.tear(-1)
+    assert bench.clear(option=1) == -NRC_CONDITIONS, "a journal is read at power-up only"
     reboot(bench)
     assert (known(bench, 0), bench.state().unknown) == (NEVER, 0)
     assert bench.clear() == DONE

@@ -11,12 +11,14 @@ from hypothesis import strategies as st
 
 from support.benches.node_bench import (
     CURE,
+    CURE_ROLE,
     CURE_ROUTINE,
     DONE,
     DONE_BEFORE,
     DRY_RUN,
     GATE_OPENINGS,
     HEAD,
+    HEAD_ROLE,
     HOME,
     LAMP_PULSES,
     LAMP_WITH_GATE,
@@ -32,6 +34,7 @@ from support.benches.node_bench import (
     PURGE,
     SCAN,
     STAGE,
+    STAGE_ROLE,
     UNDER_WAY,
     NodeBench,
     pattern_blob,
@@ -190,6 +193,37 @@ def test_wet_ink_is_not_scanned_by_a_node_that_knows() -> None:
         assert bench.download(pattern_blob(FULL), 2) == 0
 
 
+@pytest.mark.parametrize("cut", [False, True], ids=["never cured", "cure interrupted"])
+def test_uncured_ink_of_an_abandoned_layer_keeps_the_next_one_out(cut: bool) -> None:
+    with NodeBench(one_node=1) as bench:
+        bench.ready().print_layer(FULL, 1)
+        assert bench.scan(1) == DONE
+        assert bench.download(pattern_blob(FULL), 2) == 0
+        assert bench.run(PASS, layer=2, option=b"\0") == DONE
+        if cut:
+            assert bench.raw(bench.routine(CURE_ROUTINE, 2, option=b"\0\xff")) == b"\x7f\x31\x78"
+            bench.power_up()
+            bench.tick(100)
+        assert bench.clear(HEAD, 3) == DONE
+        assert bench.download(pattern_blob(FULL), 3) == bench.scan(2) == -NRC_SEQUENCE
+        assert bench.cure(2, attempt=2) == DONE
+        assert bench.download(pattern_blob(FULL), 3) == -NRC_SEQUENCE, "not seen yet"
+        assert bench.scan(2) == DONE
+        assert bench.download(pattern_blob(FULL), 3) == 0
+
+
+def test_uncured_ink_keeps_the_next_layer_out_where_no_scan_comes_between() -> None:
+    """Print head and lamp are one node, the profiler is another."""
+    with NodeBench(one_node=1) as bench:
+        bench.ready()
+        bench.roles(HEAD_ROLE | STAGE_ROLE | CURE_ROLE)
+        assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
+        assert bench.run(PASS, layer=1, option=b"\xff") == DONE
+        assert bench.download(pattern_blob(FULL), 2) == -NRC_SEQUENCE
+        assert bench.cure(1) == DONE
+        assert bench.download(pattern_blob(FULL), 2) == 0
+
+
 def test_cure_needs_something_to_cure() -> None:
     with NodeBench(one_node=1) as bench:
         bench.ready()
@@ -275,7 +309,7 @@ def test_another_job_begins_when_the_last_one_is_over(bench: NodeBench) -> None:
     assert (bench.state().job, bench.state().done) == (8, 0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 3), st.integers(0, 4)), max_size=40), st.booleans())
 def test_whatever_is_asked_every_pass_is_jetted_at_most_once(asked: Any, one_node: bool) -> None:
     """Also: the clock may wrap, and the lamp is never on without the gate closed."""
@@ -300,7 +334,7 @@ def test_whatever_is_asked_every_pass_is_jetted_at_most_once(asked: Any, one_nod
         assert bench.counted(LAMP_WITH_GATE) == 0
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.lists(st.binary(max_size=24), max_size=20))
 def test_no_bytes_bring_a_node_out_of_its_states(requests: list[bytes]) -> None:
     with NodeBench() as bench:

@@ -65,7 +65,7 @@ COMMANDS = {
     b"C\rS6": b"\r\r",
     b"C\rs031C": b"\r\r",
 }
-SAME_BUS = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+SAME_BUS = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def test_opening_by_python_can_opens(bus: slcanBus) -> None:

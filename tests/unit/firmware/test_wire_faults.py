@@ -171,5 +171,17 @@ def test_malformed_line_to_the_nodes_is_a_lost_frame() -> None:
 
 @pytest.mark.parametrize("kind", FaultTable.model_fields["kind"].annotation.__args__)
 def test_every_kind_and_key_of_a_scenario_is_known_to_the_nodes(kind: str) -> None:
-    FaultyWire(str(read_fault(f"{kind}:node=head,nth=2,count=3,frames=4,id=0x20,seed=5,layer=1,pass=2,step=upload")))
-    FaultyWire(str(read_fault(f"{kind}:node=cure,probability=1e-3,way=to-nodes,service=0x36,byte=7,step=self-test")))
+    FaultyWire(
+        str(
+            read_fault(
+                f"{kind}:node=head,nth=2,count=3,frames=4,id=0x20,seed=5,layer=1,pass=2,step=upload,part=not-ready"
+            )
+        )
+    )
+    FaultyWire(
+        str(
+            read_fault(
+                f"{kind}:node=cure,probability=1e-3,way=to-nodes,service=0x36,byte=7,step=self-test,part=not-ready"
+            )
+        )
+    )

@@ -48,7 +48,7 @@ def test_halves_round_to_the_even_multiple() -> None:
 
 def test_white_noise_has_its_standard_deviation() -> None:
     noise = measured(np.zeros((60, 50)), noise_std=1e-6)
-    assert noise.std() == pytest.approx(1e-6, rel=4 / np.sqrt(2 * 3000))
+    assert noise.std() == pytest.approx(1e-6, rel=4 / np.sqrt(2 * 3000), abs=0.0)
     assert abs(noise.mean()) < 4e-6 / np.sqrt(3000)
 
 
@@ -74,8 +74,8 @@ def test_spot_spreads_a_spike_with_its_standard_deviation() -> None:
     spike[16, 16] = 1.0
     averaged = measured(spike, spot_radius=2 * PITCH)
     distance = np.arange(33) - 16
-    assert averaged.sum() == pytest.approx(1.0)
-    assert (averaged.sum(axis=0) * distance**2).sum() == pytest.approx(4.0, rel=0.01)
+    assert averaged.sum() == pytest.approx(1.0, rel=1e-9, abs=0.0)
+    assert (averaged.sum(axis=0) * distance**2).sum() == pytest.approx(4.0, rel=0.01, abs=0.0)
 
 
 def test_slope_bias_follows_twice_the_slope_angle() -> None:
@@ -105,8 +105,8 @@ def test_lost_cell_repeats_its_last_valid_value() -> None:
 def test_tilt_turns_about_the_centre_of_the_grid() -> None:
     error = measured(np.zeros((4, 5)), tilt_x=1e-3, tilt_y=-2e-3)
     assert error.mean() == pytest.approx(0.0, abs=1e-20)
-    assert np.diff(error, axis=0) == pytest.approx(1e-3 * PITCH)
-    assert np.diff(error, axis=1) == pytest.approx(-2e-3 * PITCH)
+    assert np.diff(error, axis=0) == pytest.approx(1e-3 * PITCH, rel=1e-9, abs=0.0)
+    assert np.diff(error, axis=1) == pytest.approx(-2e-3 * PITCH, rel=1e-9, abs=0.0)
 
 
 def test_shifted_sensor_reads_the_surface_beyond_each_cell() -> None:
@@ -127,7 +127,7 @@ def test_shift_scatters_from_scan_to_scan_alike_for_all_cells() -> None:
 
 def test_drift_counts_scans_from_the_first() -> None:
     readings = [reading[0, 0] for reading, _ in scans([np.zeros((2, 2))] * 3, bias=5e-6, drift_rate=1e-6)]
-    assert readings == pytest.approx([5e-6, 6e-6, 7e-6])
+    assert readings == pytest.approx([5e-6, 6e-6, 7e-6], rel=1e-9, abs=0.0)
 
 
 def test_all_errors_together_in_the_order_of_the_hardware() -> None:

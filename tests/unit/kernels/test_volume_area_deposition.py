@@ -58,7 +58,18 @@ def test_layers_are_those_of_the_reference_model(options, nx, ny, order, passes)
             assert fmu.get("area") == pytest.approx(a, abs=1e-9)
 
 
-@settings(max_examples=20, deadline=None)
+def test_smallest_unevenness_is_no_flat_ground() -> None:
+    """On flat ground a drop is a cap that covers its neighbours; beside a rise of 0.1 nm it is propagated."""
+    start = np.zeros((5, 5))
+    flat, _ = prints(5, 5, [one_drop(5, 5, 2, 2)], height_start=start)
+    start[2, 3] = 1e-10
+    uneven, area = prints(5, 5, [one_drop(5, 5, 2, 2)], height_start=start)
+    assert flat[2, 1] > 0.01e-6
+    assert uneven[2, 2] == pytest.approx(C, rel=1e-3, abs=0.0)
+    assert area.sum() == pytest.approx(1.0, abs=1e-3)
+
+
+@settings(max_examples=20)
 @given(st.integers(0, 2**31), st.sampled_from([{}, {"guard": True}, {"guard": True, "limit_gains": True}]))
 def test_volume_is_conserved(seed, options) -> None:
     patterns = sparse(8, 7, 3, seed)

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 from inkloop.exchange.ssp.names import SSC, SSD, Places, places
 from inkloop.fmu import FmuDescription
 from inkloop.suggest import nearest
-from inkloop.units import conversion, spellings
+from inkloop.units import conversion, key_of
 
 _End: TypeAlias = tuple[str, str, int]
 _TRANSFORMATIONS = ("BooleanMappingTransformation", "IntegerMappingTransformation", "EnumerationMappingTransformation")
@@ -86,11 +86,6 @@ def _tables(
         if gain != 1.0:
             table["gain"] = gain
         if offset != 0.0:
-            table |= _offset(known[target].variables[port].unit, offset)
+            key, factor = key_of("offset", known[target].variables[port].unit)
+            table[key] = offset * factor
         yield table
-
-
-def _offset(unit: str, offset: float) -> dict[str, float]:
-    """The offset under the key that carries the unit of the input."""
-    keys = spellings("offset", unit)
-    return {next(key for key, factor in keys.items() if factor == 1.0): offset}

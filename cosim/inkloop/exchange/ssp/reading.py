@@ -27,7 +27,8 @@ from inkloop.fmu.archive_member import SUFFIX, UNREADABLE, fmu_file
 from inkloop.scenario.file import Scenario
 from inkloop.scenario.overrides import apply_overrides
 from inkloop.suggest import nearest
-from inkloop.units import spellings
+from inkloop.tables.quantities import scaled
+from inkloop.units import key_of
 
 _FMU = "application/x-fmu-sharedlibrary"
 __all__ = ["SUFFIX", "scenario_of"]
@@ -153,11 +154,11 @@ def _grid_errors(
 
 
 def _options(description: FmuDescription, values: Mapping[str, object]) -> dict[str, object]:
-    """Parameters as options of a scenario, under the key of their unit that needs no factor."""
+    """Parameters as options of a scenario, under the keys of their units."""
     options = {}
     for name, value in values.items():
-        keys = spellings(name, description.variables[name].unit)
-        options[next(key for key, factor in keys.items() if factor == 1.0)] = value
+        key, factor = key_of(name, description.variables[name].unit)
+        options[key] = scaled(value, factor)
     return options
 
 

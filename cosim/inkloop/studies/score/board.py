@@ -1,4 +1,4 @@
-"""Controllers on the plants of one version: prints with fixed seeds, and the scores that compare them."""
+"""Controllers on the plants of the board: prints with fixed seeds, and the scores that compare them."""
 
 from __future__ import annotations
 
@@ -15,14 +15,16 @@ from inkloop.errors import InkloopError
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
-from inkloop.studies.score import PLANTS, VERSION
+from inkloop.studies.score import PLANTS, VERSIONS
 from inkloop.studies.score.known_inks import identified, single_droplet
 from inkloop.suggest import nearest
 from inkloop.units import UM_PER_M
 
 SEEDS = (1, 2, 3)
-FOLDER = Path(__file__).parent / VERSION
-METRICS = ("mean_error", "mae", "rms", "std", "layers", "droplets")
+FOLDER = Path(__file__).parent
+METRICS = ("mean_error", "mae", "rms", "std", "highest", "layers", "droplets")
+HIGH_UM = 5.0
+"""A cell this far above the target is more than the unevenness of single droplets (assumed)."""
 
 
 @dataclass(frozen=True)
@@ -66,24 +68,49 @@ AGAINST = (OPEN_LOOP, PAPERS, OURS, LEARNING)
 
 @dataclass(frozen=True)
 class Score:
-    """Metrics of an entry on one plant [m], one number for each seed; ink: as configured."""
+    """Metrics of an entry on one plant [m], one number for each seed; ink: as configured; highest: above the target."""
 
     entry: Entry
     plant: str
     ink: Ink
     figures: Mapping[str, Sequence[float]]
 
+    @property
+    def version(self) -> str:
+        """Of the plants that this one belongs to."""
+        return self.plant.partition("/")[0]
+
     def mean(self, metric: str) -> float:
         """Over the seeds; in micrometres if it is a length."""
         scale = 1.0 if metric in ("layers", "droplets") else UM_PER_M
         return float(np.mean(self.figures[metric])) * scale
 
+    @property
+    def highest_um(self) -> float:
+        """Of all cells of all seeds, above the target."""
+        return max(self.figures["highest"]) * UM_PER_M
+
+    def ends_above(self, open_loop: Score) -> bool:
+        """Whether a cell ends higher than all that the open loop prints, and more than `HIGH_UM` above the target."""
+        return is_above(self.highest_um, open_loop.highest_um)
+
+
+def is_above(highest_um: float, open_loop_um: float) -> bool:
+    """Whether the highest cell of a print is above that of the open loop, and more than `HIGH_UM` above the target."""
+    return highest_um > max(open_loop_um, HIGH_UM)
+
+
+def named(plant: str) -> str:
+    """The whole name of a plant that may be given without its version. Raises InkloopError."""
+    found = [each for each in PLANTS if plant in (each, each.partition("/")[2])]
+    if not found:
+        raise InkloopError(f"there is no plant {plant!r}: {nearest(plant, PLANTS)}")
+    return found[0]
+
 
 def load(plant: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
-    """The scenario of a plant, with the controller that the overrides give. Raises ScenarioError."""
-    if plant not in PLANTS:
-        raise InkloopError(f"there is no plant {VERSION}/{plant}: {nearest(plant, PLANTS)}")
-    return Scenario.load(FOLDER / f"{plant}.toml", overrides)
+    """The scenario of a plant, with the controller that the overrides give. Raises InkloopError, ScenarioError."""
+    return Scenario.load(FOLDER / f"{named(plant)}.toml", overrides)
 
 
 def overrides_of(entry: Entry) -> dict[str, Any]:
@@ -99,10 +126,10 @@ def prints(entry: Entry, plant: str, seeds: Iterable[int]) -> Score:
     figures: dict[str, list[float]] = {metric: [] for metric in METRICS}
     for seed in seeds:
         result = _printed(load(plant, {"seed": seed, **overrides_of(entry), **_overrides(ink)}))
-        for metric, value in result.metrics().items():
-            if metric in figures:
-                figures[metric].append(value)
-    return Score(entry, plant, ink, figures)
+        metrics = result.metrics()
+        for metric, values in figures.items():
+            values.append(-metrics["min"] if metric == "highest" else metrics[metric])
+    return Score(entry, named(plant), ink, figures)
 
 
 def relative(scores: Sequence[Score], name: str) -> float:
@@ -112,11 +139,11 @@ def relative(scores: Sequence[Score], name: str) -> float:
     return float(np.exp(np.mean([np.log(rms[name, plant] / rms[OPEN_LOOP.name, plant]) for plant in plants])))
 
 
-def fingerprint() -> str:
-    """Begin of the SHA-256 over all plants of the version: the same in every comparison."""
+def fingerprint(version: str) -> str:
+    """Begin of the SHA-256 over all plants of a version: the same in every comparison."""
     digest = hashlib.sha256()
-    for plant in PLANTS:
-        digest.update((FOLDER / f"{plant}.toml").read_bytes())
+    for plant in VERSIONS[version]:
+        digest.update((FOLDER / version / f"{plant}.toml").read_bytes())
     return digest.hexdigest()[:12]
 
 

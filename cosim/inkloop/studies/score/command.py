@@ -16,7 +16,7 @@ from inkloop.files import write_text
 from inkloop.printing.lock import sole_writer
 from inkloop.printing.run import INTERRUPTED, new_run_folder
 from inkloop.report import plot
-from inkloop.studies.score import PLANTS, VERSION, tables
+from inkloop.studies.score import PLANTS, tables
 from inkloop.studies.score.board import (
     AGAINST,
     ENTRIES,
@@ -25,10 +25,10 @@ from inkloop.studies.score.board import (
     Entry,
     Score,
     load,
+    named,
     overrides_of,
     prints,
 )
-from inkloop.suggest import nearest
 
 
 def score(options: argparse.Namespace, overrides: Mapping[str, Any], console: Console) -> int:
@@ -40,14 +40,11 @@ def score(options: argparse.Namespace, overrides: Mapping[str, Any], console: Co
         load(PLANTS[0], overrides_of(own))  # its errors are reported before anything is printed
     elif overrides:
         raise InkloopError("--set is for a controller of your own; name it, as MODULE:CLASS or by its kind")
-    unknown = [plant for plant in options.plants if plant.removeprefix(f"{VERSION}/") not in PLANTS]
-    if unknown:
-        raise InkloopError(f"there is no plant {unknown[0]!r}: {nearest(unknown[0], PLANTS)}")
-    named = [plant.removeprefix(f"{VERSION}/") for plant in options.plants]
+    plants = [named(plant) for plant in options.plants]
     seeds = SEEDS[:1] if options.quick else SEEDS
     folder = new_run_folder(options.out, "score")
     with sole_writer(folder):
-        return _scored(entries, named or list(PLANTS), seeds, folder, console)
+        return _scored(entries, plants or PLANTS, seeds, folder, console)
 
 
 def _scored(
@@ -58,8 +55,9 @@ def _scored(
     complete = [one for one in found if one.plant in {other.plant for other in found if other.entry is OPEN_LOOP}]
     if complete:
         write(folder, complete, seeds)
-        console.print(tables.terminal_table(complete))
-        console.print(tables.how_to_cite(seeds), highlight=False)
+        for version, own in tables.by_version(complete).items():
+            console.print(tables.terminal_table(version, own))
+            console.print(tables.how_to_cite(version, seeds), highlight=False)
         console.print(
             f"{'interrupted' if interrupted else 'done'}: tables and picture are in {folder}/", highlight=False
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from matplotlib.colors import LogNorm
@@ -12,27 +12,37 @@ from matplotlib.figure import Figure
 from rich.table import Table
 
 from inkloop import __version__
-from inkloop.component import Ink
 from inkloop.report.plot import WIDTH_IN
-from inkloop.studies.score import VERSION
-from inkloop.studies.score.board import METRICS, OPEN_LOOP, Score, fingerprint, relative
+from inkloop.studies.score.board import HIGH_UM, METRICS, OPEN_LOOP, Score, fingerprint, relative
 from inkloop.units import UM_PER_M
 
 CAPTION = "rms error over the part in um, mean over the seeds; score: geometric mean of rms over that of the open loop"
+HIGHEST = (
+    "Highest cell above the target in um, of all seeds; **bold**: higher than every cell of the open loop, and more "
+    f"than {HIGH_UM:g} um above the target."
+)
 
 
-def how_to_cite(seeds: Sequence[int]) -> str:
+def by_version(scores: Sequence[Score]) -> dict[str, list[Score]]:
+    """The scores on the plants of each version, which are compared with each other only."""
+    return {
+        version: [score for score in scores if score.version == version]
+        for version in dict.fromkeys(score.version for score in scores)
+    }
+
+
+def how_to_cite(version: str, seeds: Sequence[int]) -> str:
     """One sentence that makes a table comparable."""
     return (
-        f"inkloop {__version__}, score board {VERSION} (plants {fingerprint()}), seeds "
+        f"inkloop {__version__}, score board {version} (plants {fingerprint(version)}), seeds "
         f"{', '.join(map(str, seeds))}; cite inkloop (CITATION.cff) and the papers of the plants."
     )
 
 
-def terminal_table(scores: Sequence[Score]) -> Table:
-    """A row for each controller, a column for each plant; the best of a plant in bold."""
+def terminal_table(version: str, scores: Sequence[Score]) -> Table:
+    """A row for each controller, a column for each plant of a version; the best of a plant in bold."""
     plants, names, cells = _cells(scores)
-    table = Table(title=f"score board {VERSION}", caption=CAPTION)
+    table = Table(title=f"score board {version}", caption=CAPTION)
     table.add_column("controller", no_wrap=True)
     for plant in (*plants, "score"):
         table.add_column(plant, justify="right", overflow="fold")
@@ -47,29 +57,71 @@ def terminal_table(scores: Sequence[Score]) -> Table:
 
 
 def markdown(scores: Sequence[Score], seeds: Sequence[int]) -> str:
-    """The same as a page."""
+    """The same as a page, a section for each version."""
+    return "\n".join(
+        line
+        for version, own in by_version(scores).items()
+        for line in (f"## {version}", "", *_page(own, version, seeds))
+    )
+
+
+def _page(scores: Sequence[Score], version: str, seeds: Sequence[int]) -> list[str]:
     plants, names, cells = _cells(scores)
-    lines = [f"| controller | {' | '.join((*plants, 'score'))} |", f"|---|{'---:|' * (len(plants) + 1)}"]
-    lines += [f"| {name} | {' | '.join(map(_text, row))} |" for name, row in zip(names, cells, strict=True)]
-    lines += ["", f"{CAPTION}. {how_to_cite(seeds)}", "", "Ink assumed by each controller, h1, h2, h3 in um:", ""]
-    inks = {(score.plant, score.entry.name): score.ink for score in scores}
-    lines += [f"| controller | {' | '.join(plants)} |", f"|---|{'---|' * len(plants)}"]
-    lines += [f"| {name} | {' | '.join(_ink(inks[plant, name]) for plant in plants)} |" for name in names]
-    return "\n".join([*lines, ""])
+    rms = [[name, *map(_text, row)] for name, row in zip(names, cells, strict=True)]
+    found = {(score.entry.name, score.plant): score for score in scores}
+
+    def shown(of: Callable[[Score, Score], str]) -> list[list[str]]:
+        printed = [[found.get((name, f"{version}/{plant}")) for plant in plants] for name in names]
+        open_loop = printed[names.index(OPEN_LOOP.name)]
+        return [
+            [name, *(of(own, blind) if own and blind else "-" for own, blind in zip(row, open_loop, strict=True))]
+            for name, row in zip(names, printed, strict=True)
+        ]
+
+    return [
+        *_rows([*plants, "score"], rms, right=True),
+        f"{CAPTION}. {how_to_cite(version, seeds)}",
+        "",
+        HIGHEST,
+        "",
+        *_rows(plants, shown(_highest), right=True),
+        "Ink assumed by each controller, h1, h2, h3 in um:",
+        "",
+        *_rows(plants, shown(_ink), right=False),
+    ]
 
 
-def _ink(ink: Ink) -> str:
-    return ", ".join(f"{h * UM_PER_M:.2f}" for h in (ink.h1, ink.h2, ink.h3))
+def _rows(headings: Sequence[str], rows: Sequence[Sequence[str]], *, right: bool) -> list[str]:
+    """A table with the controllers in the first column, and an empty line."""
+    rule = "---:|" if right else "---|"
+    return [
+        f"| controller | {' | '.join(headings)} |",
+        f"|---|{rule * len(headings)}",
+        *(f"| {' | '.join(row)} |" for row in rows),
+        "",
+    ]
+
+
+def _highest(score: Score, open_loop: Score) -> str:
+    return f"**{score.highest_um:.2f}**" if score.ends_above(open_loop) else f"{score.highest_um:.2f}"
+
+
+def _ink(score: Score, _: Score) -> str:
+    return ", ".join(f"{h * UM_PER_M:.2f}" for h in (score.ink.h1, score.ink.h2, score.ink.h3))
 
 
 def latex(scores: Sequence[Score], seeds: Sequence[int]) -> str:
     """The same for a paper, with the package booktabs."""
+    return "\n".join(_tabular(own, version, seeds) for version, own in by_version(scores).items())
+
+
+def _tabular(scores: Sequence[Score], version: str, seeds: Sequence[int]) -> str:
     plants, names, cells = _cells(scores)
     rows = [f"{name} & {' & '.join(map(_text, row))} \\\\" for name, row in zip(names, cells, strict=True)]
     return "\n".join(
         [
             f"% {CAPTION}",
-            f"% {how_to_cite(seeds)}",
+            f"% {how_to_cite(version, seeds)}",
             f"\\begin{{tabular}}{{l{'r' * (len(plants) + 1)}}}",
             "\\toprule",
             f"controller & {' & '.join((*plants, 'score'))} \\\\",
@@ -91,33 +143,36 @@ def spreadsheet(scores: Sequence[Score], seeds: Sequence[int]) -> str:
     for score in scores:
         for number, seed in enumerate(seeds):
             values = [score.figures[m][number] * (1e6 if m in lengths else 1.0) for m in METRICS]
-            writer.writerow([f"{VERSION}/{score.plant}", score.entry.name, score.entry.kind, seed, *values])
+            writer.writerow([score.plant, score.entry.name, score.entry.kind, seed, *values])
     return text.getvalue()
 
 
 def picture(scores: Sequence[Score]) -> Figure:
-    """Rms of each controller on each plant, coloured by how it compares with the open loop."""
-    plants, names, cells = _cells(scores)
-    rms, reference = cells[:, :-1], cells[names.index(OPEN_LOOP.name), :-1]
-    figure = Figure(figsize=(WIDTH_IN, 1.3 + 0.26 * len(names)), layout="constrained")
-    axes = figure.subplots()
-    image = axes.imshow(rms / reference, cmap="RdYlGn_r", norm=LogNorm(0.02, 50.0), aspect="auto")
-    for (row, column), value in np.ndenumerate(rms):
-        axes.text(column, row, _text(value), ha="center", va="center", fontsize=7)
-    axes.set_xticks(range(len(plants)), [plant.replace("-", "-\n", 1) for plant in plants])
-    axes.set_yticks(range(len(names)), names)
-    axes.set_title("rms error [µm] by controller and plant")
-    figure.colorbar(image, ax=axes, label="over open loop", format="{x:g}")
+    """Rms of each controller on each plant, coloured by how it compares with the open loop, by version."""
+    versions = by_version(scores)
+    count = len({score.entry.name for score in scores})
+    figure = Figure(figsize=(WIDTH_IN, len(versions) * (1.0 + 0.26 * count) + 0.3), layout="constrained")
+    panels = figure.subplots(len(versions), squeeze=False)[:, 0]
+    for axes, (version, own) in zip(panels, versions.items(), strict=True):
+        plants, names, cells = _cells(own)
+        rms, reference = cells[:, :-1], cells[names.index(OPEN_LOOP.name), :-1]
+        image = axes.imshow(rms / reference, cmap="RdYlGn_r", norm=LogNorm(0.02, 50.0), aspect="auto")
+        for (row, column), value in np.ndenumerate(rms):
+            axes.text(column, row, _text(value), ha="center", va="center", fontsize=7)
+        axes.set_xticks(range(len(plants)), [plant.replace("-", "-\n", 1) for plant in plants])
+        axes.set_yticks(range(len(names)), names)
+        axes.set_title(f"{version}: rms error [µm] by controller and plant")
+    figure.colorbar(image, ax=list(panels), label="over open loop", format="{x:g}")
     return figure
 
 
 def _cells(scores: Sequence[Score]) -> tuple[list[str], list[str], np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
-    """Plants, controllers, and rms [um] of each on each, the score last; NaN where it was not printed."""
+    """Plants of a version, controllers, and rms [um] of each on each, the score last; NaN where it was not printed."""
     plants = list(dict.fromkeys(score.plant for score in scores))
     names = list(dict.fromkeys(score.entry.name for score in scores))
     rms = {(score.entry.name, score.plant): score.mean("rms") for score in scores}
     cells = [[rms.get((name, plant), np.nan) for plant in plants] + [relative(scores, name)] for name in names]
-    return plants, names, np.array(cells)
+    return [plant.partition("/")[2] for plant in plants], names, np.array(cells)
 
 
 def _text(value: float) -> str:

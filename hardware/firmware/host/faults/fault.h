@@ -30,6 +30,8 @@ typedef enum {
     FAULT_SHORT_MAP,
     FAULT_REBOOT, /* nodes, masters and adapters */
     FAULT_DEATH,
+    FAULT_HANG,
+    FAULT_BROKEN,
     FAULT_SECOND_MASTER,
     FAULT_UNPLUGGED,
     FAULT_BUS_OFF,
@@ -38,6 +40,7 @@ typedef enum {
 
 typedef enum { TO_NODES, FROM_NODES, WAYS } Way;
 
+enum { END_SWITCHES = 6 /* part, after those of the defects of a world */ };
 enum { ANY = -1, FAULTS_MAX = 16, STANDARD_IDS = CAN_ID_MAX + 1 };
 
 typedef struct {
@@ -45,7 +48,7 @@ typedef struct {
     double probability;  /* of each frame; 0: once, at the nth */
     uint32_t nth, count; /* from the nth that fits, this many in a row; nth 0: the first, an event at once */
     uint32_t frames; /* how long: frames that overtake a delayed one, MasterAlive frames of a death; 0: without end */
-    int32_t way, id, node, service, byte;
+    int32_t way, id, node, service, byte, part;
     int32_t layer, pass, step; /* it waits until a node is in such a step; ANY: it does not wait */
     int32_t seed;
 

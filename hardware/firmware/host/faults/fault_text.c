@@ -7,14 +7,18 @@
 
 enum { WORD = 64, DIGITS_BASE = 0 /* decimal, or hexadecimal with 0x */ };
 
-static const char *const KINDS[FAULT_KINDS] = {
-    "loss",         "burst",          "corruption",    "duplication",   "swap",        "delay",
-    "flow-control", "malformed-line", "stuck-counter", "bad-check",     "late-answer", "repeated-answer",
-    "short-map",    "reboot",         "death",         "second-master", "unplugged",   "bus-off"};
+static const char *const KINDS[FAULT_KINDS] = {"loss",          "burst",         "corruption",   "duplication",
+                                               "swap",          "delay",         "flow-control", "malformed-line",
+                                               "stuck-counter", "bad-check",     "late-answer",  "repeated-answer",
+                                               "short-map",     "reboot",        "death",        "hang",
+                                               "broken",        "second-master", "unplugged",    "bus-off"};
 static const char *const WAY_NAMES[] = {"to-nodes", "from-nodes", NULL};
 static const char *const NODE_NAMES[] = {"head", "stage", "cure", "profiler", NULL};
 static const char *const STEP_NAMES[] = {"none", "home",      "move",     "purge",  "pass", "cure",
                                          "scan", "self-test", "download", "upload", NULL};
+
+static const char *const PART_NAMES[] = {"gate-stays-open", "gate-stays-closed", "lamp-stays-on", "not-ready",
+                                         "work-fails",      "work-hangs",        "end-switches",  NULL};
 
 typedef struct {
     const char *name;
@@ -27,12 +31,16 @@ typedef struct {
 static const KeyOf COUNTS[] = {{"nth", NULL, MEMBER(nth), 1, UINT32_MAX},
                                {"count", NULL, MEMBER(count), 1, UINT32_MAX},
                                {"frames", NULL, MEMBER(frames), 1, UINT32_MAX}};
-static const KeyOf CHOICES[] = {
-    {"way", WAY_NAMES, MEMBER(way), 0, 0},         {"node", NODE_NAMES, MEMBER(node), 0, 0},
-    {"step", STEP_NAMES, MEMBER(step), 0, 0},      {"id", NULL, MEMBER(id), 0, CAN_ID_MAX},
-    {"service", NULL, MEMBER(service), 0, 0xBF},   {"byte", NULL, MEMBER(byte), 0, CAN_DATA_MAX - 1},
-    {"layer", NULL, MEMBER(layer), 0, UINT16_MAX}, {"pass", NULL, MEMBER(pass), 0, PASSES_MAX - 1},
-    {"seed", NULL, MEMBER(seed), 0, INT32_MAX}};
+static const KeyOf CHOICES[] = {{"way", WAY_NAMES, MEMBER(way), 0, 0},
+                                {"node", NODE_NAMES, MEMBER(node), 0, 0},
+                                {"part", PART_NAMES, MEMBER(part), 0, 0},
+                                {"step", STEP_NAMES, MEMBER(step), 0, 0},
+                                {"id", NULL, MEMBER(id), 0, CAN_ID_MAX},
+                                {"service", NULL, MEMBER(service), 0, 0xBF},
+                                {"byte", NULL, MEMBER(byte), 0, CAN_DATA_MAX - 1},
+                                {"layer", NULL, MEMBER(layer), 0, UINT16_MAX},
+                                {"pass", NULL, MEMBER(pass), 0, PASSES_MAX - 1},
+                                {"seed", NULL, MEMBER(seed), 0, INT32_MAX}};
 
 static bool read_number(const char *text, double least, double most, double *number) {
     char *rest;
@@ -92,6 +100,7 @@ static void set_defaults(Fault *fault, FaultKind kind) {
                      .node = ANY,
                      .service = ANY,
                      .byte = ANY,
+                     .part = ANY,
                      .layer = ANY,
                      .pass = ANY,
                      .step = ANY};
@@ -136,9 +145,13 @@ bool fault_read(Fault *fault, const char *text, char *why, size_t room) {
         snprintf(why, room, "give probability or nth, not both");
         return false;
     }
-    const bool alone = fault->kind == FAULT_REBOOT || fault->kind == FAULT_DEATH;
+    const bool alone = fault->kind >= FAULT_REBOOT && fault->kind <= FAULT_HANG;
     if (alone && fault->node == ANY) {
         snprintf(why, room, "it needs node=head, stage, cure or profiler");
+        return false;
+    }
+    if (fault->kind == FAULT_BROKEN && fault->part == ANY) {
+        snprintf(why, room, "it needs part=gate-stays-open, end-switches, lamp-stays-on ...");
         return false;
     }
     return true;

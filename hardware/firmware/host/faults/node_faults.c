@@ -7,6 +7,7 @@
 #include "inkloop_protocol.h"
 
 enum { SHORTENED_BY = 7, MAP_BLOCK_HEAD = 2, UPLOADED = 0x76, OTHER_SESSION = 0x5555 };
+enum { GATE_BOTH = BROKEN_GATE_STAYS_OPEN | BROKEN_GATE_STAYS_CLOSED };
 
 void node_faults_init(NodeFaults *faulty, Faults *faults, Bench *bench, Hub *hub, NodeFrames *frames) {
     memset(faulty, 0, sizeof *faulty);
@@ -22,17 +23,10 @@ void node_faults_power_up(NodeFaults *faulty, int node, uint32_t now) {
     node_frames_init(&faulty->frames[node], bench_node(faulty->bench, node), (uint8_t)node);
 }
 
-/* Without power the lamp is dark, a spring closes the gate, and nothing moves. The journal stays as it is. */
 static void die(NodeFaults *faulty, int node, uint32_t frames) {
-    const Hal *hal = &faulty->bench->hal[node];
-    const bool lit = node == BENCH_CURE || faulty->bench->options.one_node;
     faulty->node[node].dead = true;
     faulty->node[node].revives_after = frames;
-    if (lit)
-        hal->set_lamp(hal->context, false);
-    if (node == BENCH_HEAD)
-        hal->set_gate(hal->context, false);
-    hal->halt(hal->context);
+    bench_power_off(faulty->bench, node);
 }
 
 static void happen(NodeFaults *faulty, const Fault *fault, uint32_t now) {
@@ -42,6 +36,12 @@ static void happen(NodeFaults *faulty, const Fault *fault, uint32_t now) {
         break;
     case FAULT_DEATH:
         die(faulty, fault->node, fault->frames);
+        break;
+    case FAULT_HANG: /* its outputs stay as they are, until the watchdog bites */
+        faulty->node[fault->node].dead = true;
+        break;
+    case FAULT_BROKEN:
+        bench_world(faulty->bench)->broken |= fault->part == END_SWITCHES ? GATE_BOTH : 1u << fault->part;
         break;
     case FAULT_SECOND_MASTER:
         faulty->intrusions = fault->count;

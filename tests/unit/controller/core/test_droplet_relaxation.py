@@ -14,6 +14,7 @@ from inkloop_controller.core.bindings import HorizonProblem
 from inkloop_controller.core.droplet_relaxation import diffuse, relax, relaxed_gradient
 from inkloop_controller.program.program import HorizonProgram
 from inkloop_controller.program.statement import drop_limits, smoothed_cost
+from support.numpy import relaxation_numpy
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
 GREY = tuple(Ink(k * Ink().h1, k * Ink().h2, k * Ink().h3) for k in (1, 2, 3))
@@ -72,10 +73,34 @@ def test_adjoint_is_the_gradient_of_the_statement(layers: int, passes: int) -> N
         droplets = np.random.default_rng(seed).random(problem.choices.shape) * (problem.choices > 0)
         value, gradient = relaxed_gradient(problem, droplets, SMOOTHING)
         expected, slope = smoothed_cost(problem, droplets, SMOOTHING)
-        assert value == pytest.approx(expected, rel=1e-12)
+        assert value == pytest.approx(expected, rel=1e-12, abs=0.0)
         allowed = problem.choices > 0
         np.testing.assert_allclose(gradient[allowed], slope[allowed], rtol=0, atol=1e-9 * np.abs(slope).max())
         assert (gradient[~allowed] == 0.0).all()
+
+
+@pytest.mark.parametrize(("layers", "passes"), [(1, 1), (2, 1), (3, 4)])
+def test_descent_is_that_of_its_numpy_statement(layers: int, passes: int) -> None:
+    """A problem with everything, and an even one, where the momentum leads uphill."""
+    start = np.random.default_rng(layers).random((layers, 6, 7))
+    for problem in (uneven(layers, passes, 1), rough((6, 7), layers, passes, kinds=GREY, alpha=0.5)):
+        found = relax(problem, start, iterations_max=25)
+
+        def cost(droplets: Any, smoothing: float, problem: HorizonProblem = problem) -> tuple[float, Any]:
+            return relaxed_gradient(problem, droplets, smoothing)
+
+        droplets, value = relaxation_numpy.relaxed(problem, start, 25, cost)
+        np.testing.assert_allclose(found.droplets, droplets, rtol=0.0, atol=1e-7)
+        assert found.value == pytest.approx(value, rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_error_diffusion_is_that_of_its_numpy_statement(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    grey = rough((9, 8), 2, kinds=GREY, choices=rng.integers(0, 8, (2, 9, 8)).astype(np.uint16))
+    for problem in (uneven(3, 1, seed), grey, rough((12, 11), 1)):
+        droplets = rng.uniform(0.0, 1.2, problem.choices.shape) * relaxation_numpy.most(problem)
+        np.testing.assert_array_equal(diffuse(problem, droplets), relaxation_numpy.diffused(problem, droplets))
 
 
 @pytest.mark.parametrize("seed", range(3))

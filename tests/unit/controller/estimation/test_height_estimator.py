@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from inkloop.component import Ink, Job
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import block, cylinder
-from support.numpy import lu_numpy
+from support.numpy import estimator_numpy, lu_numpy
 
 
 def printed(job: Job, estimator: HeightEstimator, layers: int, noise_std: float, common: float = 0.0) -> Any:
@@ -54,7 +55,7 @@ def test_variance_measures_how_far_off_the_estimate_is() -> None:
 def test_noise_is_learnt_from_unprinted_cells_and_none_means_that_scans_are_taken_as_they_are() -> None:
     job = cylinder()
     estimate, *_ = printed(job, HeightEstimator(job), 8, 1e-6)
-    assert np.sqrt(estimate.noise_variance) == pytest.approx(1e-6, rel=0.05)
+    assert np.sqrt(estimate.noise_variance) == pytest.approx(1e-6, rel=0.05, abs=0.0)
     exact, _, scan = printed(job, HeightEstimator(job), 8, 0.0)
     assert exact.noise_variance == 0.0
     np.testing.assert_array_equal(exact.height, scan)
@@ -76,7 +77,7 @@ def test_repeated_scans_of_a_finished_surface_average_out() -> None:
     for layer in range(1, 25):
         scan = surface + rng.normal(0.0, 1e-6, surface.shape)
         estimate = estimator.next(estimate, nothing, layer, scan, seen)
-    assert rms(estimate.height - surface) == pytest.approx(1e-6 / 5.0, rel=0.3)
+    assert rms(estimate.height - surface) == pytest.approx(1e-6 / 5.0, rel=0.3, abs=0.0)
     assert estimate.ink_scale == 1.0
 
 
@@ -126,6 +127,13 @@ def test_variances_of_the_droplets_of_a_layer_that_was_not_seen_add(factor: Any)
     np.testing.assert_allclose(after.height_variance, 0.1**2 * alone, rtol=1e-9, atol=1e-30)
 
 
+def test_variance_before_the_next_scan_is_that_of_a_full_flat_layer_more() -> None:
+    inks = (Ink(), Ink(5e-6, 0.9e-6, 0.4e-6))
+    estimate = replace(Estimate.exact(np.zeros((3, 3)), inks), height_variance=np.full((3, 3), 2e-13))
+    squares = 5e-6**2 + 4 * 0.9e-6**2 + 4 * 0.4e-6**2
+    np.testing.assert_allclose(estimate.predicted_variance, 2e-13 + 0.1**2 * squares, rtol=1e-12)
+
+
 def test_unmeasured_start_surface_is_bare_substrate() -> None:
     job = block()
     valid = np.zeros((job.nx, job.ny), np.bool_)
@@ -145,6 +153,35 @@ def test_cell_whose_droplets_never_come_follows_the_scan() -> None:
         scan = surface + rng.normal(0.0, 0.3e-6, surface.shape)
         estimate = estimator.next(estimate, pattern, layer, scan, seen)
     assert estimate.height[10, 10] == pytest.approx(surface[10, 10], abs=1e-6)
+
+
+@pytest.mark.parametrize("passes", [1, 4])
+@pytest.mark.parametrize("noise_std", [0.5e-6, 0.0, None])
+def test_estimate_is_that_of_its_numpy_statement(noise_std: float | None, passes: int) -> None:
+    """Tilted scans of another ink on a rough substrate, cells that were not seen, and one whose droplets never come."""
+    job, rng = block(15, 14, passes=passes), np.random.default_rng(6)
+    job.mask[:, :6] = False
+    ours = HeightEstimator(job, sensor_noise_std=noise_std, register_scans=False)
+    stated = estimator_numpy.Estimator(job, None if noise_std is None else noise_std**2)
+    plant, surface = LayerModel((Ink(3.9e-6, 0.5e-6, 0.15e-6),), passes), rng.uniform(0.0, 6e-6, job.mask.shape)
+    factor = 1.0 - 0.3 * rng.random(surface.shape)
+    factor[7, 9] = 1e-9
+    i, j = np.indices(surface.shape)
+    seen = rng.random(surface.shape) < 0.93
+    estimate, state = ours.first(surface, seen), stated.first(surface, seen)
+    for layer in range(1, 5):
+        pattern = (job.mask & (rng.random(surface.shape) < 0.7)).astype(np.int32)
+        surface, seen = plant.layer(surface, pattern, layer, factor), rng.random(surface.shape) < 0.93
+        scan = surface + rng.normal(0.0, 0.4e-6, surface.shape) + layer * (1e-6 + 0.1e-6 * i - 0.2e-6 * j)
+        scan[1, 1] += 20e-6  # soiled
+        estimate = ours.next(estimate, pattern, layer, scan, seen)
+        state = stated.next(state, pattern, scan, seen)
+        np.testing.assert_allclose(estimate.height, state.height, rtol=0.0, atol=1e-14)
+        np.testing.assert_allclose(estimate.height_variance, state.variance, rtol=1e-9, atol=0.0)
+        np.testing.assert_array_equal(estimate.unseen, state.unseen)
+        assert estimate.noise_variance == pytest.approx(state.noise, rel=1e-9, abs=0.0)
+        assert estimate.ink_scale == pytest.approx(state.scale, rel=1e-9, abs=0.0)
+    assert 0.6 < state.scale < 0.95
 
 
 def test_estimate_comes_back_from_arrays_bit_by_bit() -> None:

@@ -58,10 +58,10 @@ def scaled(volume: float) -> Ink:
 @pytest.mark.parametrize("passes", [1, 4])
 def test_volume_is_known_after_a_full_layer(volume: float, passes: int) -> None:
     bench = Bench(block(20, 20, passes=passes), (scaled(volume),), "scale")
-    assert bench.print(bench.full_pattern()).ink_scale == pytest.approx(volume, rel=5e-3)
+    assert bench.print(bench.full_pattern()).ink_scale == pytest.approx(volume, rel=5e-3, abs=0.0)
     for _ in range(5):
         bench.print(bench.full_pattern())
-    assert bench.estimate.ink_scale == pytest.approx(volume, rel=1e-3)
+    assert bench.estimate.ink_scale == pytest.approx(volume, rel=1e-3, abs=0.0)
 
 
 def test_one_random_layer_separates_the_three_heights() -> None:
@@ -91,7 +91,7 @@ def test_each_of_two_inks_is_learnt_separately(model: InkModel) -> None:
     for _ in range(3):
         bench.print(bench.random_pattern())
     for found, ink in zip(bench.estimate.inks, true, strict=True):
-        assert found.layer_height == pytest.approx(ink.layer_height, rel=0.01)
+        assert found.layer_height == pytest.approx(ink.layer_height, rel=0.01, abs=0.0)
 
 
 def test_full_flat_layers_leave_the_proportion_as_it_is() -> None:
@@ -105,7 +105,7 @@ def test_full_flat_layers_leave_the_proportion_as_it_is() -> None:
     nominal = Ink()
     volume = np.dot(found, [nominal.h1, 4.0 * nominal.h2, 4.0 * nominal.h3]) / nominal.layer_height
     assert volume == pytest.approx(1.0, abs=0.01)
-    assert found[1] == pytest.approx(found[2], rel=0.2)
+    assert found[1] == pytest.approx(found[2], rel=0.2, abs=0.0)
 
 
 @pytest.mark.parametrize("model", ["scale", "full"])
@@ -115,7 +115,7 @@ def test_dead_nozzles_lower_no_volume(model: InkModel) -> None:
     factor[:, [9, 21]] = 1e-9
     for _ in range(10):
         bench.print(bench.full_pattern() if model == "scale" else bench.random_pattern(), factor)
-    assert bench.estimate.ink_scale == pytest.approx(0.9, rel=0.01)
+    assert bench.estimate.ink_scale == pytest.approx(0.9, rel=0.01, abs=0.0)
 
 
 def test_layer_of_dead_nozzles_alone_gives_no_information() -> None:

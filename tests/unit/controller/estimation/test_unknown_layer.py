@@ -53,7 +53,7 @@ def test_surface_of_an_unknown_layer_is_that_of_its_scan(layer: int) -> None:
 
 def test_nothing_is_learnt_of_ink_and_nozzles_from_an_unknown_layer() -> None:
     _, before, estimate, _ = printed(UNKNOWN, learn=False)
-    assert before.ink_scale == pytest.approx(0.8, rel=0.02)
+    assert before.ink_scale == pytest.approx(0.8, rel=0.02, abs=0.0)
     assert (estimate.inks, estimate.ink_scale) == (before.inks, before.ink_scale)
     np.testing.assert_array_equal(estimate.evidence.sums(), before.evidence.sums())
     np.testing.assert_array_equal(estimate.dead_evidence, before.dead_evidence)

@@ -88,4 +88,6 @@ def test_objective_is_the_papers() -> None:
     height = np.array([[1.0, 3.0], [5.0, 100.0]])
     part = np.array([[True, True], [True, False]])
     expected = 0.25 * (3.0 + 1.0 + 1.0) / 3 + 0.75 * np.sqrt((4.0 + 0.0 + 4.0) / 3)
-    assert surface_objective(height, np.full((2, 2), 4.0), part, 0.25).value == pytest.approx(expected)
+    assert surface_objective(height, np.full((2, 2), 4.0), part, 0.25).value == pytest.approx(
+        expected, rel=1e-9, abs=0.0
+    )

@@ -57,7 +57,7 @@ def test_relaxed_optimum_is_below_every_pattern(relaxation: Any, alpha: float) -
     mpc = LayerMpc(job, criterion=Criterion(alpha=alpha), horizon=1, relaxation=relaxation)
     plan = mpc.plan(known(height), 0, none(job))
     assert 0.0 <= plan.bound < plan.objective.value
-    assert plan.gap == pytest.approx(1.0 - plan.bound / plan.objective.value)
+    assert plan.gap == pytest.approx(1.0 - plan.bound / plan.objective.value, rel=1e-9, abs=0.0)
     rng = np.random.default_rng(1)
     problem = mpc.problem(known(height), 0)
     for _ in range(100):
@@ -85,8 +85,8 @@ def test_relaxation_is_solved_again_for_every_layer() -> None:
     first = mpc.plan(known(height), 0, none(job))
     second = mpc.plan(known(height[::-1] + 1e-6, 0.8), 1, first.plan)
     fresh = LayerMpc(job, **options).plan(known(height[::-1] + 1e-6, 0.8), 1, first.plan)
-    assert second.bound == pytest.approx(fresh.bound, rel=1e-9)
-    assert second.bound != pytest.approx(first.bound, rel=1e-3)
+    assert second.bound == pytest.approx(fresh.bound, rel=1e-9, abs=0.0)
+    assert second.bound != pytest.approx(first.bound, rel=1e-3, abs=0.0)
 
 
 @pytest.mark.parametrize("horizon", [1, 2, 3])
@@ -107,9 +107,9 @@ def test_objective_is_that_of_the_predicted_surface() -> None:
     plan = LayerMpc(job, criterion=Criterion(alpha=0.6), horizon=1).plan(known(height, 0.9), 0, none(job))
     np.testing.assert_array_equal(plan.predicted_height, LayerModel(job.inks).scaled(0.9).layer(height, plan.pattern))
     expected = surface_objective(plan.predicted_height, job.target_height, job.mask, 0.6)
-    assert plan.objective.value == pytest.approx(expected.value, rel=1e-9)
-    assert plan.objective.error == pytest.approx(expected.error, rel=1e-9)
-    assert plan.objective.deviation == pytest.approx(expected.deviation, rel=1e-9)
+    assert plan.objective.value == pytest.approx(expected.value, rel=1e-9, abs=0.0)
+    assert plan.objective.error == pytest.approx(expected.error, rel=1e-9, abs=0.0)
+    assert plan.objective.deviation == pytest.approx(expected.deviation, rel=1e-9, abs=0.0)
 
 
 def test_objective_of_a_longer_horizon_is_that_of_all_its_layers() -> None:
@@ -119,7 +119,13 @@ def test_objective_of_a_longer_horizon_is_that_of_all_its_layers() -> None:
     for number, layer in enumerate(plan.plan, start=1):
         surface = model.layer(surface, layer, number)
     expected = surface_objective(surface, job.target_height, job.mask, 0.5)
-    assert plan.objective.value == pytest.approx(expected.value, rel=1e-9)
+    assert plan.objective.value == pytest.approx(expected.value, rel=1e-9, abs=0.0)
+
+
+def test_scheduled_alpha_is_that_of_the_next_layer() -> None:
+    job, height = rough_job()
+    mpc = LayerMpc(job, criterion=Criterion(alpha=[(1, 0.9), (3, 0.3)]))
+    assert [mpc.problem(known(height), printed).alpha for printed in range(4)] == [0.9, 0.9, 0.3, 0.3]
 
 
 @pytest.mark.parametrize("alpha", [0.1, 0.8, 1.0])
@@ -163,7 +169,7 @@ def test_print_is_done_when_no_layer_is_worth_it() -> None:
     lost = LayerMpc(job, criterion=Criterion(alpha=1.0, layer_worth=0.02)).plan(known(surface), 0, none(job))
     assert lost.status is PlanStatus.DONE
     assert not lost.plan.any()
-    assert lost.objective.error == pytest.approx(5e-6 / 49)
+    assert lost.objective.error == pytest.approx(5e-6 / 49, rel=1e-9, abs=0.0)
 
 
 def test_given_horizon_and_worth_stand_instead_of_those_of_the_finish() -> None:

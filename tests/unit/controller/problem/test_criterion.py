@@ -25,7 +25,7 @@ def test_ceiling_is_lower_where_the_prediction_is_less_sure() -> None:
     everywhere = np.ones(target.shape, np.bool_)
     ceiling = Criterion(overshoot_limit=5e-6, chance_margin=2.0).ceiling(target, std, everywhere)
     assert ceiling is not None
-    assert ceiling == pytest.approx(np.array([[105e-6, 101e-6]]))
+    assert ceiling == pytest.approx(np.array([[105e-6, 101e-6]]), rel=1e-9, abs=0.0)
     assert Criterion().ceiling(target, std, everywhere) is None
 
 

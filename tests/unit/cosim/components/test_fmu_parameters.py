@@ -86,7 +86,7 @@ def test_value_of_the_job_that_the_fmu_cannot_take_is_an_error() -> None:
 def test_option_overrules_the_job_and_comes_in_its_unit() -> None:
     parsed = parse({"pitch_um": 250, "nx": 5, "layer_duration_ms": 1500, "variation": 0.2})
     assert parsed.errors == []
-    assert parsed.parameters["pitch"] == pytest.approx(250e-6)
+    assert parsed.parameters["pitch"] == pytest.approx(250e-6, rel=1e-9, abs=0.0)
     assert parsed.parameters["layer_duration"] == 1.5
     assert parsed.parameters["variation"] == 0.2
     assert parsed.structural["nx"] == 5

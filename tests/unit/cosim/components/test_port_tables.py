@@ -107,8 +107,8 @@ def test_gain_leads_to_units_that_inkloop_does_not_know() -> None:
     assert errors == []
     given = {each.port.name: each.to_fmu(np.full((2, 3), 1e-5 if each.port.unit == "m" else 1)) for each in mapped}
     assert given["pattern"]["dose"][0, 0] == 10.0
-    assert given["measured_height"]["U"][0, 0] == pytest.approx(0.7)
-    assert given["height"]["z"][0, 0] == pytest.approx(10.0)
+    assert given["measured_height"]["U"][0, 0] == pytest.approx(0.7, rel=1e-9, abs=0.0)
+    assert given["height"]["z"][0, 0] == pytest.approx(10.0, rel=1e-9, abs=0.0)
 
 
 def test_unit_of_a_signal_without_unit_is_an_error() -> None:

@@ -21,7 +21,7 @@ def test_parameters_of_every_preset_are_parameters_of_its_model() -> None:
 def test_preset_gives_its_values_and_the_table_wins_over_them() -> None:
     options = {"preset": "laser", "noise_std_um": 3.0}
     parameters = fmu_parameters.parse_model("ProfileSensor", toy_job(), options).parameters
-    assert parameters["noise_std"] == pytest.approx(3e-6)
+    assert parameters["noise_std"] == pytest.approx(3e-6, rel=1e-9, abs=0.0)
     assert parameters["resolution"] == PRESETS["ProfileSensor"]["laser"]["resolution"]
 
 

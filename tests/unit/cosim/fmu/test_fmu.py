@@ -10,12 +10,17 @@ import pytest
 from inkloop.component import Component, Values
 from inkloop.errors import ComponentError, FmuError
 from inkloop.fmu import FmuComponent, describe
-from support.fmus.amplifier import build
+from support.fmus.amplifier import altered, build
 
 pytestmark = pytest.mark.compiled
 
 SECOND = 1_000_000_000
 BOTH = pytest.mark.parametrize("fmi", [2, 3])
+_X = 'valueReference="{}" causality="input"><Real unit="m" start="{}"'
+STARTS = {
+    2: [(_X.format(99 + n, 0), _X.format(99 + n, n)) for n in (1, 2, 3)],
+    3: [('unit="m" start="0"', 'unit="m" start="1 2 3"')],
+}
 
 
 @pytest.fixture(scope="module")
@@ -90,6 +95,52 @@ def test_message_of_an_fmi_2_logger_is_formatted(folder: Path) -> None:
         part.do_step(0, SECOND, inputs(-1, 1, 1))
     part.terminate()
     other.terminate()
+
+
+@BOTH
+def test_step_that_is_discarded_is_no_request_to_end(folder: Path, fmi: int) -> None:
+    part = FmuComponent(build(folder, fmi))
+    part.initialize(0, {})
+    with pytest.raises(ComponentError, match=r"^fmi\dDoStep returned discard: step is too difficult"):
+        part.do_step(0, SECOND, inputs(100, 1, 1))
+    part.terminate()
+
+
+@BOTH
+def test_fmu_that_ends_the_simulation_says_so(folder: Path, fmi: int) -> None:
+    part = FmuComponent(build(folder, fmi))
+    part.initialize(0, {})
+    with pytest.raises(ComponentError, match=r"^the FMU asks to end the simulation"):
+        part.do_step(0, 500 * SECOND, inputs(1, 1, 1))
+    part.terminate()
+
+
+def test_step_that_returns_early_is_completed(folder: Path) -> None:
+    part = FmuComponent(build(folder, 3))
+    part.initialize(0, {})
+    assert int(part.do_step(0, 300 * SECOND, inputs(1, 1, 1))["count"]) == 2
+    part.terminate()
+
+
+def test_structural_switch_is_set_in_configuration_mode(folder: Path) -> None:
+    part = FmuComponent(build(folder, 3), parameters={"half": True}, structural={"n": 2})
+    part.initialize(0, {})
+    assert part.do_step(0, SECOND, inputs(1, 2))["y"].tolist() == [1.0, 2.0]
+    part.terminate()
+    with pytest.raises(FmuError, match="half is 1; expected true or false"):
+        FmuComponent(build(folder, 3), parameters={"half": 1})
+
+
+@pytest.mark.parametrize(("fmi", "cells"), [(2, 3), (3, 3), (3, 2)])
+def test_start_values_of_an_array_stay_apart(folder: Path, tmp_path: Path, fmi: int, cells: int) -> None:
+    """StateSpace of the Reference FMUs has an input that starts as 1 2 3; FMI 2 gives each element its own start."""
+    fmu = altered(build(folder, fmi), tmp_path / "starts.fmu", *STARTS[fmi])
+    part = FmuComponent(fmu, structural={"n": cells} if fmi == 3 else {})
+    start = {port.name: port for port in part.inputs}["x"].start_value()
+    assert start.tolist() == ([1.0, 2.0, 3.0] if cells == 3 else [0.0, 0.0])  # a resized array has no known start
+    start[0] = 7.0
+    assert {port.name: port for port in part.inputs}["x"].start_value()[0] != 7.0
+    part.terminate()
 
 
 @BOTH

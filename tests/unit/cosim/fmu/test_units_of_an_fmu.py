@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from inkloop.component import Component, Port
+from inkloop.component import Component, Job, Port
+from inkloop.components import catalog
 from inkloop.components.port_tables import mapped_ports
 from inkloop.fmu import FmuComponent, FmuDescription, describe
 from inkloop.master.wiring import Connection, Transfer, check
 from inkloop.testing import job
 from inkloop.units import conversion, spellings
-from support.fmus.amplifier import build
+from support.fmus.amplifier import altered, build
 from support.toys import FunctionComponent
 
 pytestmark = pytest.mark.compiled
@@ -39,15 +39,18 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def with_units(folder: Path, fmi: int, unit: str) -> Path:
     """The amplifier with `x` and `y` in a unit that it defines."""
-    path = folder / f"{unit}{fmi}.fmu"
-    with zipfile.ZipFile(build(folder, fmi)) as ours, zipfile.ZipFile(path, "w") as theirs:
-        for name in ours.namelist():
-            content = ours.read(name)
-            if name == "modelDescription.xml":
-                text = content.decode().replace("<TypeDefinitions>", UNITS).replace('unit="m"', f'unit="{unit}"')
-                content = text.encode()
-            theirs.writestr(name, content)
-    return path
+    changes = (("<TypeDefinitions>", UNITS), ('unit="m"', f'unit="{unit}"'))
+    return altered(build(folder, fmi), folder / f"{unit}{fmi}.fmu", *changes)
+
+
+def renamed_to_contract(folder: Path, fmi: int, unit: str) -> Path:
+    """The amplifier with its x called measured_height and its y called height."""
+    names = ('name="x', 'name="measured_height'), ('name="y', 'name="height')
+    return altered(with_units(folder, fmi, unit), folder / f"contract-{unit}{fmi}.fmu", *names)
+
+
+def small_job() -> Job:
+    return Job(1, 3, 1e-4, np.zeros((1, 3)), np.ones((1, 3), np.bool_))
 
 
 def unit_of_x(folder: Path, fmi: int, unit: str) -> str:
@@ -106,4 +109,38 @@ def test_mapped_port_takes_the_definition_and_no_other_unit(folder: Path) -> Non
     assert mapped.factor == 1.0 / 0.0254
     *_, (error,) = mapped_ports(part.inputs[1:], [], job(), {"thickness": {"variable": "x", "unit": "um"}})
     assert error == "ports.thickness.unit is 'um', but the FMU declares x in [inch]; leave it out"
+    part.terminate()
+
+
+@BOTH
+@pytest.mark.parametrize(("unit", "metres"), [("inch", 0.0254), ("mm", 1e-3)])
+def test_height_of_the_layer_contract_goes_by_the_unit_of_the_fmu(folder: Path, fmi: int, unit: str, metres: float):
+    """Without a word in the scenario: recorder, sensor and controller take metres."""
+    fmu = renamed_to_contract(folder, fmi, unit)
+    part = catalog.make("Fmu", small_job(), {"file": str(fmu)})
+    assert {port.name: port.unit for port in (*part.inputs, *part.outputs)}["height"] == "m"
+    part.initialize(0, {"measured_height": np.array([[1.0, 2.0, 3.0]])})
+    values = part.do_step(0, 10**9, {"measured_height": np.array([[1.0, 2.0, 3.0]])})
+    np.testing.assert_allclose(values["height"], [[2.0, 4.0, 6.0]], rtol=1e-15)  # the gain of the amplifier alone
+    part.terminate()
+
+
+def test_height_of_another_dimension_is_an_error(folder: Path) -> None:
+    part = catalog.make("Fmu", small_job(), {"file": str(renamed_to_contract(folder, 3, "Pa"))})
+    sensor = FunctionComponent(inputs=[Port("height", "m", (3,))])
+    error, *_ = check({"part": part, "sensor": sensor}, [Connection("part.height", "sensor.height")])
+    assert error.startswith("part.height gives [Pa], sensor.height takes [m]: same quantity needed")
+    part.terminate()
+    checked = catalog.check("Fmu", small_job(), {"file": str(with_units(folder, 3, "Pa")), "ports": {"height": "y"}})
+    assert checked.errors == [
+        "ports.height.variable is 'y' in [Pa]; needs a unit of the quantity [m]: write unit, one of um, mm, nm, m, "
+        "and a gain if it takes one"
+    ]
+
+
+def test_start_of_a_mapped_port_is_in_its_unit(folder: Path) -> None:
+    fmu = altered(with_units(folder, 3, "inch"), folder / "started.fmu", ('start="0"', 'start="1 2 3"'))
+    part = catalog.make("Fmu", small_job(), {"file": str(fmu), "ports": {"thickness": "x"}})
+    port = next(port for port in part.inputs if port.name == "thickness")
+    np.testing.assert_allclose(port.start_value(), [0.0254, 0.0508, 0.0762], rtol=1e-15)
     part.terminate()

@@ -45,7 +45,7 @@ def test_motifs_stand_alone_and_are_as_many_as_asked_for() -> None:
 
 def test_protocol_gives_the_ink_of_exact_scans() -> None:
     found = identify_by_protocol([motif_print(LayerDeposition(), 4)], 0.0)
-    assert found.heights == pytest.approx(TRUE, rel=1e-9)
+    assert found.heights == pytest.approx(TRUE, rel=1e-9, abs=0.0)
     assert max(found.half_widths) < 1e-12
 
 
@@ -63,13 +63,13 @@ def test_protocol_without_its_motifs_is_refused_with_a_message() -> None:
 
 def test_height_differences_are_those_of_the_reference_model() -> None:
     heights = np.random.default_rng(1).uniform(0.0, 9.0, (3, 3))
-    assert height_differences(heights) == pytest.approx(wu_chiu_numpy.differences(heights))
+    assert height_differences(heights) == pytest.approx(wu_chiu_numpy.differences(heights), rel=1e-9, abs=0.0)
 
 
 def test_drops_give_the_coefficients_of_the_model_they_were_made_with() -> None:
     found = identify_volume_area([motif_print(VolumeAreaDeposition(), 9)], 0.0)
     assert {name: found.coefficients[name] for name in GAINS} == pytest.approx(GAINS, rel=1e-9, abs=1e-6)
-    assert found.coefficients["height_scale"] == pytest.approx(7.0751e-6, rel=1e-9)
+    assert found.coefficients["height_scale"] == pytest.approx(7.0751e-6, rel=1e-9, abs=0.0)
     assert set(found.rms) == set(found.counts)
     assert max(error for error, _ in found.rms.values()) < 1e-9
 
@@ -125,7 +125,7 @@ def test_without_areas_cells_with_ink_count_as_covered() -> None:
     found = identify_volume_area([motif_print(LayerDeposition(), 9)], 0.0)
     assert not found.area_known
     assert found.coefficients["ma_minus"] == VolumeAreaDeposition.ma_minus
-    assert found.coefficients["height_scale"] == pytest.approx(7.6e-6, rel=1e-9)
+    assert found.coefficients["height_scale"] == pytest.approx(7.6e-6, rel=1e-9, abs=0.0)
 
 
 def test_drops_that_never_fell_alone_are_refused_with_a_message() -> None:

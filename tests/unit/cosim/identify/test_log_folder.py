@@ -21,7 +21,7 @@ def test_logged_print_is_the_print(tmp_path: Path) -> None:
     read = read_log(log(tmp_path / "print", record))
     assert np.array_equal(read.pattern, record.pattern)
     assert read.measured == pytest.approx(record.measured, abs=1e-14)
-    assert read.pitch == pytest.approx(PITCH)
+    assert read.pitch == pytest.approx(PITCH, rel=1e-9, abs=0.0)
 
 
 def test_fine_pixels_become_cell_means_and_missing_ones_stay_missing(tmp_path: Path) -> None:

@@ -25,6 +25,19 @@ def test_input_with_two_possible_sources_is_asked_about() -> None:
     assert "profiler.height may come from printer.height or shadow.height; choose one under [[connections]]" in errors
 
 
+class Follower(FunctionComponent):
+    is_shadow = True
+
+
+def test_printer_goes_before_its_shadow() -> None:
+    loop = toy_loop(toy_job())
+    follower = Follower(outputs=[*loop["printer"].outputs, Port("layers_followed", dtype="int32")])
+    parts = {"shadow": follower, **loop}
+    assert Connection("printer.height", "profiler.height") in contract_connections(parts)
+    del parts["printer"]
+    assert Connection("shadow.height", "profiler.height") in contract_connections(parts)
+
+
 def test_missing_contract_input_is_an_error_and_any_other_open_input_is_not() -> None:
     parts = {
         "printer": FunctionComponent(inputs=[Port("pattern", "1", (2, 2), "int32")]),
@@ -97,11 +110,13 @@ def fed(connection: Connection, source: str, target: str, value: float) -> float
     ],
 )
 def test_value_arrives_in_the_unit_of_the_input(source: str, target: str, given: float, expected: float) -> None:
-    assert fed(Connection("a.y", "b.x"), source, target, given) == pytest.approx(expected)
+    assert fed(Connection("a.y", "b.x"), source, target, given) == pytest.approx(expected, rel=1e-9, abs=0.0)
 
 
 def test_gain_acts_before_the_offset_and_both_after_the_unit() -> None:
-    assert fed(Connection("a.y", "b.x", gain=2.0, offset=5.0), "m", "um", 3e-6) == pytest.approx(11.0)
+    assert fed(Connection("a.y", "b.x", gain=2.0, offset=5.0), "m", "um", 3e-6) == pytest.approx(
+        11.0, rel=1e-9, abs=0.0
+    )
 
 
 def test_value_of_a_plain_connection_is_the_very_array_of_its_source() -> None:

@@ -56,7 +56,10 @@ TABLES: dict[str, str | bytes] = {
 
 def assert_is_the_map(found: HeightMap) -> None:
     np.testing.assert_allclose(found.z, Z_UM * M_PER_UM, rtol=1e-6, atol=1e-15)
-    assert (found.dx, found.dy) == (pytest.approx(DX * M_PER_UM), pytest.approx(DY * M_PER_UM))
+    assert (found.dx, found.dy) == (
+        pytest.approx(DX * M_PER_UM, rel=1e-6, abs=0.0),
+        pytest.approx(DY * M_PER_UM, rel=1e-6, abs=0.0),
+    )
 
 
 @pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)

@@ -75,7 +75,7 @@ def test_shadow_of_the_run_is_its_model(run: Result) -> None:
     found = model_difference(replace(run, dataset=run.dataset.assign(shadow_height=(("layer", "x", "y"), shadow))))
     assert found is not None
     assert found.model == "the shadow"
-    assert all(row.mean == pytest.approx(2e-6) for row in found.rows)
+    assert all(row.mean == pytest.approx(2e-6, rel=1e-9, abs=0.0) for row in found.rows)
 
 
 @pytest.mark.system

@@ -48,15 +48,17 @@ def labels(figure: Figure) -> list[str]:
 def test_maps_have_the_mean_error_of_the_table(error_um: float) -> None:
     run = printed(error_um, high_cell=(2, 3))
     reported = float(run.mean_error[-1]) * 1e6
-    for figure in (plot.error_map(run, "a"), plot.comparison({"a": run}, {"a": 1.0})):
+    for figure in (plot.error_map(run, "a"), plot.comparison({"a": run})):
         (image,) = [image for axes in figure.axes for image in axes.get_images()]
-        assert np.nanmean(np.ma.filled(np.ma.asarray(image.get_array()), np.nan)) == pytest.approx(reported)
+        assert np.nanmean(np.ma.filled(np.ma.asarray(image.get_array()), np.nan)) == pytest.approx(
+            reported, rel=1e-9, abs=0.0
+        )
         assert SIGN in labels(figure)
 
 
 def test_too_high_is_red_on_every_map() -> None:
     run = printed(1.0, high_cell=(2, 3))
-    for figure in (plot.error_map(run, "a"), plot.comparison({"a": run}, {"a": 1.0})):
+    for figure in (plot.error_map(run, "a"), plot.comparison({"a": run})):
         (image,) = [image for axes in figure.axes for image in axes.get_images()]
         red, _, blue, _ = image.to_rgba(np.ma.asarray(image.get_array()))[3, 2]
         assert red > blue
@@ -76,6 +78,19 @@ def test_cut_has_the_mean_error_of_the_table() -> None:
     run = printed(4.0)
     figure = plot.cross_section({"a": run})
     top = figure.axes[1]
-    assert np.nanmean(np.asarray(top.lines[0].get_ydata())) == pytest.approx(float(run.mean_error[-1]) * 1e6)
+    assert np.nanmean(np.asarray(top.lines[0].get_ydata())) == pytest.approx(
+        float(run.mean_error[-1]) * 1e6, rel=1e-9, abs=0.0
+    )
     assert labels(figure) == [SIGN]
     assert SIGN in labels(plot.surfaces({"a": run}))
+    (above,) = [line for line in figure.axes[0].lines if line.get_label() == "a"]
+    np.testing.assert_allclose(np.asarray(above.get_ydata()), run.height[-1, :, 2] * 1e6, rtol=1e-12)
+
+
+def test_layers_show_mean_and_unevenness_of_the_table() -> None:
+    run = printed(-4.0, high_cell=(2, 3))
+    run["pattern"] = (("layer", "x", "y"), np.ones((2, 5, 5), np.int32))
+    mean, spread, droplets = plot.layers({"a": run}).axes
+    np.testing.assert_allclose(np.asarray(mean.lines[0].get_ydata()), np.abs(run.mean_error) * 1e6, rtol=1e-12)
+    np.testing.assert_allclose(np.asarray(spread.lines[0].get_ydata()), run["std"][1:] * 1e6, rtol=1e-12)
+    np.testing.assert_array_equal(np.asarray(droplets.lines[0].get_ydata()), [25])

@@ -68,11 +68,12 @@ def test_info_reports_how_a_run_ended(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_scans_that_were_corrected_are_reported_with_what_to_do(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    scenario = CUBOID.parent / "shifted-scans.toml"
+    scenario = CUBOID.parent / "misaligned-scan.toml"
     for name, expected in (("true", True), ("false", False)):
         settings = [
             f"components.controller.register_scans={name}",
             "components.profiler.shift_std_um=0",
+            "components.profiler.spot_radius_um=131.6",
             "run.layers_max=6",
         ]
         arguments = [word for setting in settings for word in ("--set", setting)]

@@ -49,14 +49,19 @@ def test_errors_by_layer_are_target_minus_height_over_the_part() -> None:
 def test_error_figures_of_a_known_surface() -> None:
     target = np.array([[4.0, 4.0, 9.0]])
     error = masked_error(np.array([[1.0, 5.0, 0.0]]), target, np.array([[True, True, False]]))
-    assert (error.mean_error, error.mae, error.rms, error.std) == (1.0, 2.0, pytest.approx(5**0.5), 2.0)
+    assert (error.mean_error, error.mae, error.rms, error.std) == (
+        1.0,
+        2.0,
+        pytest.approx(5**0.5, rel=1e-9, abs=0.0),
+        2.0,
+    )
     assert (error.min, error.max) == (-1.0, 3.0)
 
 
 def test_every_layer_is_reported_once_in_order() -> None:
     recorder, rows = printed_loop(layers=4)
     assert [row.layer for row in rows] == [0, 1, 2, 3, 4]
-    assert [row.mean_error for row in rows] == pytest.approx(recorder.dataset().mean_error.values)
+    assert [row.mean_error for row in rows] == pytest.approx(recorder.dataset().mean_error.values, rel=1e-9, abs=0.0)
     assert rows[-1].scalars["objective"] == toy_job().mask.sum()
 
 

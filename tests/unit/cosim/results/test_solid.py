@@ -46,4 +46,4 @@ def test_solid_as_wanted_has_no_mismatch() -> None:
 
 @pytest.mark.parametrize("boundary", [8.0, 12.0])
 def test_mismatch_is_the_share_that_is_too_much_or_lacking(boundary: float) -> None:
-    assert float(printed([10.0, 20.0], [1, 2], boundary).mismatch) == pytest.approx(2.0 / boundary)
+    assert float(printed([10.0, 20.0], [1, 2], boundary).mismatch) == pytest.approx(2.0 / boundary, rel=1e-9, abs=0.0)

@@ -185,7 +185,7 @@ def test_event_of_a_file_comes_in_the_unit_of_its_port_and_for_its_cells(tmp_pat
     assert dead.cells.sum() == 3 * 12
     assert tilted.value is not None
     assert tilted.at_time_ns == SECOND // 2
-    assert tilted.value.mean() == pytest.approx(3e-6)
+    assert tilted.value.mean() == pytest.approx(3e-6, rel=1e-9, abs=0.0)
     np.testing.assert_allclose(np.diff(tilted.value, axis=0), 0.01 * 263.256e-6)
     np.testing.assert_allclose(np.diff(tilted.value, axis=1), 0.0, atol=1e-20)
 

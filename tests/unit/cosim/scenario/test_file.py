@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inkloop.commands.options import overrides_of
 from inkloop.errors import ScenarioError
 from inkloop.scenario.file import Scenario
 from inkloop.tables.job import component_seed
@@ -47,8 +48,8 @@ def test_good_file_becomes_a_job_in_si(tmp_path: Path) -> None:
     path.write_text(GOOD)
     job = Scenario.load(path).job("printer")
     assert (job.nx, job.ny, int(job.mask.sum())) == (9, 8, 20)
-    assert job.pitch == pytest.approx(263.256e-6)
-    assert job.target_height[job.mask] == pytest.approx(22.8e-6)
+    assert job.pitch == pytest.approx(263.256e-6, rel=1e-9, abs=0.0)
+    assert job.target_height[job.mask] == pytest.approx(22.8e-6, rel=1e-9, abs=0.0)
     assert not job.target_height[~job.mask].any()
 
 
@@ -190,6 +191,15 @@ def test_override_changes_the_run_and_its_record(tmp_path: Path) -> None:
     assert Scenario.load(again).tables == scenario.tables
 
 
+def test_mapping_overrides_its_keys_and_an_inline_table_the_whole_part(tmp_path: Path) -> None:
+    (tmp_path / "case.toml").write_text(GOOD)
+    higher = Scenario.load(tmp_path / "case.toml", {"part": {"height_um": 30.4}})
+    assert higher.tables.part.model_dump()["size_x_um"] == 1316.28
+    inline = overrides_of(["part={shape='cylinder', radius_um=500.0, height_um=7.6}"], "command line")
+    assert Scenario.load(tmp_path / "case.toml", inline).tables.part.shape == "cylinder"
+    assert overrides_of(["title=two words"], "command line") == {"title": "two words"}, "what is no TOML is text"
+
+
 def test_override_below_a_number_is_an_error(tmp_path: Path) -> None:
     assert errors_of(tmp_path, GOOD, {"grid": {"nx": {"far": 3}}}) == ("grid.nx.far: nx is not a table",)
 
@@ -265,7 +275,7 @@ def test_offset_of_a_connection_comes_in_its_unit(tmp_path: Path) -> None:
     path.write_text(GOOD + WIRE + "gain = 1.5\noffset_um = 20\n")
     wire, *_ = Scenario.load(path).connections
     assert (wire.target, wire.gain) == ("profiler.height", 1.5)
-    assert wire.offset == pytest.approx(20e-6)
+    assert wire.offset == pytest.approx(20e-6, rel=1e-9, abs=0.0)
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,8 @@ def test_fault_is_written_as_it_is_read(text: str) -> None:
         ("loss:probability=2,way=up", r"probability is 2;.*way is 'up'; expected 'to-nodes' or 'from-nodes'"),
         ("loss:probability=0.5,nth=1", "expected probability, or nth, not both"),
         ("death", "needs node as well"),
+        ("hang", "needs node as well"),
+        ("broken:node=head", "needs part as well"),
     ],
 )
 def test_wrong_fault_is_refused_with_a_message(text: str, message: str) -> None:

@@ -54,7 +54,7 @@ def write(folder: Path, ink: str = INK, scenario: str = SCENARIO) -> Path:
 def test_scenario_takes_the_ink_of_a_file_next_to_it(tmp_path: Path) -> None:
     scenario = Scenario.load(write(tmp_path))
     (ink,) = scenario.job().inks
-    assert (ink.h1, ink.h2, ink.h3) == pytest.approx((5.0e-6, 0.5e-6, 0.1e-6))
+    assert (ink.h1, ink.h2, ink.h3) == pytest.approx((5.0e-6, 0.5e-6, 0.1e-6), rel=1e-9, abs=0.0)
     assert scenario.tables.components["printer"].options == {
         "height_scale_um": 7.5,
         "mv_plus_per_um": 0.005,
@@ -69,15 +69,17 @@ def test_text_as_run_holds_the_ink_itself(tmp_path: Path) -> None:
     assert "file =" not in text
     assert "from inks/mine.toml" in text
     (tmp_path / "inks" / "mine.toml").unlink()
-    assert Scenario.of_text(text, str(tmp_path / "print.toml")).job().inks[0].h1 == pytest.approx(5.0e-6)
+    assert Scenario.of_text(text, str(tmp_path / "print.toml")).job().inks[0].h1 == pytest.approx(
+        5.0e-6, rel=1e-9, abs=0.0
+    )
 
 
 def test_values_of_the_scenario_override_the_ink_file(tmp_path: Path) -> None:
     own = SCENARIO.replace("[components.controller]", "[ink.a]\nh2_um = 0.7\n[components.controller]")
     own = own.replace('"VolumeAreaDeposition"', '"VolumeAreaDeposition"\nmv_plus_per_mm = 4.0\nguard = false')
     scenario = Scenario.load(write(tmp_path, scenario=own))
-    assert scenario.job().inks[0].h2 == pytest.approx(0.7e-6)
-    assert scenario.job().inks[0].h1 == pytest.approx(5.0e-6)
+    assert scenario.job().inks[0].h2 == pytest.approx(0.7e-6, rel=1e-9, abs=0.0)
+    assert scenario.job().inks[0].h1 == pytest.approx(5.0e-6, rel=1e-9, abs=0.0)
     assert scenario.tables.components["printer"].options == {
         "mv_plus_per_mm": 4.0,
         "guard": False,
@@ -88,7 +90,7 @@ def test_values_of_the_scenario_override_the_ink_file(tmp_path: Path) -> None:
 def test_ink_of_a_file_can_be_named_on_the_command_line(tmp_path: Path) -> None:
     without = SCENARIO.replace('[ink]\nfile = "inks/mine.toml"\n', "")
     scenario = Scenario.load(write(tmp_path, scenario=without), {"ink.file": "inks/mine.toml"})
-    assert scenario.job().inks[0].h1 == pytest.approx(5.0e-6)
+    assert scenario.job().inks[0].h1 == pytest.approx(5.0e-6, rel=1e-9, abs=0.0)
 
 
 @pytest.mark.parametrize(

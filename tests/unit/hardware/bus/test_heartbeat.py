@@ -6,10 +6,10 @@ from itertools import pairwise
 
 import pytest
 
-from inkloop_hardware.bus.heartbeat import Enables, Heartbeat, StopCall
+from inkloop_hardware.bus.heartbeat import Enables, Heartbeat
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.e2e_monitor import E2eMonitor, Verdict
-from inkloop_hardware.protocol.records import MasterAlive, StopRequest, unpack
+from inkloop_hardware.protocol.records import MasterAlive, unpack
 
 CODEC = Codec()
 ALL = Enables.LAMP | Enables.GATE | Enables.MOTION
@@ -123,22 +123,3 @@ def test_end_sends_that_nothing_is_enabled_and_then_nothing() -> None:
     assert [enables(alive) for alive in last if isinstance(alive, MasterAlive)] == [Enables.NONE]
     assert loop.heartbeat.end() == []
     assert loop.run(1.0, None) == []
-
-
-def test_stop_request_is_repeated_while_it_is_active_and_its_end_is_sent() -> None:
-    call, monitor, sent = StopCall(CODEC), E2eMonitor(), []
-    for tick in range(200):
-        now = tick * STEP
-        if tick in (20, 120):
-            call.set(now, tick == 20)
-        for frame in call.frames(now):
-            reading = CODEC.decode(frame)
-            assert monitor.take(reading.intact, reading.counter or 0) in (Verdict.FIRST, Verdict.GOOD)
-            stop = unpack(CODEC, reading)
-            assert isinstance(stop, StopRequest)
-            sent.append((tick, stop.active))
-    active = [tick for tick, is_active in sent if is_active]
-    assert (active[0], active[-1] < 120) == (20, True)
-    assert {after - before for before, after in pairwise(active)} <= {4, 5, 6}, "50 ms"
-    ends = [tick for tick, is_active in sent if not is_active]
-    assert (ends[0], len(ends)) == (120, 3)

@@ -9,15 +9,31 @@ from typing import Any
 
 import can
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from inkloop_hardware.bus.messages import ROOM, Kind, Outbox, pack_frames, read_message, unpack_frames, write_message
+from inkloop_hardware.bus.frames import data_frame, message_of
+from inkloop_hardware.bus.messages import (
+    FRAMES_AT_ONCE,
+    HEAD,
+    ROOM,
+    Kind,
+    Outbox,
+    pack_frames,
+    read_message,
+    unpack_frames,
+    write_message,
+)
 from inkloop_hardware.bus.traffic_log import TrafficLog
 from inkloop_hardware.errors import BusError
-from inkloop_hardware.protocol.codec import Frame
+from inkloop_hardware.protocol.codec import EXTENDED, FD_LENGTHS, Frame
 
 FRAMES = st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8))
+WIDE_FRAMES = st.builds(
+    lambda identifier, length: Frame(EXTENDED | identifier, bytes(range(length)), True),
+    st.integers(0, (1 << 29) - 1),
+    st.sampled_from(FD_LENGTHS),
+)
 
 
 class Trickle(io.RawIOBase):
@@ -35,8 +51,7 @@ class Trickle(io.RawIOBase):
         return len(piece)
 
 
-@settings(deadline=None)
-@given(st.lists(FRAMES, max_size=200), st.floats(0, 1e9))
+@given(st.lists(FRAMES | WIDE_FRAMES, max_size=200), st.floats(0, 1e9))
 def test_frames_cross_the_pipe_as_they_are(frames: list[Frame], now: float) -> None:
     stream = Trickle()
     write_message(stream, Kind.FRAMES, pack_frames(frames, now))
@@ -48,6 +63,20 @@ def test_frames_cross_the_pipe_as_they_are(frames: list[Frame], now: float) -> N
     assert list(unpack_frames(message[1])) == [(now, frame) for frame in frames]
     assert read_message(found) == (Kind.CLOSE, b"")
     assert read_message(found) is None
+
+
+def test_frames_that_leave_at_once_fit_into_a_pipe() -> None:
+    """A pipe takes 4096 bytes whole or not at all."""
+    widest = Frame(EXTENDED, bytes(FD_LENGTHS[-1]), True)
+    assert len(pack_frames([widest] * FRAMES_AT_ONCE)) + HEAD.size <= 4096
+
+
+@given(FRAMES | WIDE_FRAMES, st.booleans())
+def test_frame_is_the_same_for_python_can(frame: Frame, switch: bool) -> None:
+    message = message_of(frame, bit_rate_switch=switch)
+    assert message.arbitration_id < (1 << (29 if message.is_extended_id else 11))
+    assert message.bitrate_switch == (frame.is_fd and switch)
+    assert data_frame(message) == frame
 
 
 def test_message_that_is_cut_off_is_the_end() -> None:
@@ -109,23 +138,49 @@ def test_log_is_readable_up_to_its_last_flush(tmp_path: Path, suffix: str, is_cl
         found = list(reader)
     if not is_closed:
         log.close()
-    assert len(found) >= (250 if is_closed else 200)
+    assert len(found) >= (250 if is_closed else 100)  # those of the last cycle wait for earlier ones
     for number, one in enumerate(found):
         expected = message(number)
         assert (one.arbitration_id, bytes(one.data)) == (expected.arbitration_id, bytes(expected.data))
         assert one.timestamp == pytest.approx(expected.timestamp, abs=1e-2)
 
 
+def logged(path: Path) -> list[can.Message]:
+    options = {} if path.suffix == ".blf" else {"relative_timestamp": False}
+    with can.LogReader(path, **options) as reader:
+        return list(reader)
+
+
 @pytest.mark.parametrize("suffix", [".blf", ".asc"])
-def test_frame_from_before_the_first_one_keeps_a_sane_time(tmp_path: Path, suffix: str) -> None:
-    log = TrafficLog(tmp_path / f"traffic{suffix}")
-    for number in (5, 3, 8):
-        log.take(message(number))
+def test_times_of_a_log_never_go_back(tmp_path: Path, suffix: str) -> None:
+    """Frames of one cycle are put in order; one that comes too late gets the time of the frame before it."""
+    path = tmp_path / f"traffic{suffix}"
+    log = TrafficLog(path)
+    for cycle, numbers in enumerate([(5, 3, 8), (6, 12, 11), (2, 20, 19)], 1):
+        for number in numbers:
+            log.take(message(number))
+        log.flush(2.0 * cycle)
     log.close()
-    options = {} if suffix == ".blf" else {"relative_timestamp": False}
-    times = [one.timestamp for one in can.LogReader(tmp_path / f"traffic{suffix}", **options)]
-    assert [round(at - times[0], 3) for at in times] == [0.0, 0.0, 0.03]
-    assert abs(times[0] - message(5).timestamp) < 1
+    found = logged(path)
+    assert [one.arbitration_id - 0x100 for one in found] == [3, 5, 6, 8, 2, 11, 12, 3, 4]
+    times = [one.timestamp - found[0].timestamp for one in found]
+    assert [round(at, 3) for at in times] == [0.0, 0.02, 0.03, 0.05, 0.05, 0.08, 0.09, 0.16, 0.17]
+    assert times == sorted(times)
+    assert abs(found[0].timestamp - message(3).timestamp) < 1
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".asc"])
+def test_log_holds_frames_of_can_fd_with_long_ids(tmp_path: Path, suffix: str) -> None:
+    frames = [Frame(EXTENDED | 0x18DA10F1, bytes(range(64)), True), Frame(0x123, b"12345678", True), Frame(0x7FF, b"1")]
+    log = TrafficLog(tmp_path / f"traffic{suffix}")
+    for number, frame in enumerate(frames):
+        sent = message_of(frame, bit_rate_switch=True)
+        sent.timestamp = 1.7e9 + number
+        log.take(sent)
+    log.close()
+    found = logged(tmp_path / f"traffic{suffix}")
+    assert [data_frame(one) for one in found] == frames
+    assert [one.bitrate_switch for one in found] == [True, True, False]
 
 
 def test_log_of_before_is_kept(tmp_path: Path) -> None:

@@ -211,6 +211,7 @@ def test_slow_answers_do_not_make_a_clock_wrong() -> None:
         (BusSettings("slcan", "/dev/no-such-adapter"), "adapter", "there is no /dev/no-such-adapter"),
         (BusSettings("socketcan", "can7"), "adapter", "no network interface 'can7'"),
         (BusSettings("socketcan", "can0"), "adapter", "can0 is down"),
+        (BusSettings("socketcan", "can1"), "adapter", "can1 has no carrier: its controller is bus-off"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -220,8 +221,10 @@ def test_missing_adapter_is_reported_before_it_is_opened(
     for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_CONFIG"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("HOME", str(tmp_path))
-    (tmp_path / "can0").mkdir()
-    (tmp_path / "can0" / "operstate").write_text("down\n")
+    for name in ("can0", "can1"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "operstate").write_text("down\n")
+    (tmp_path / "can1" / "carrier").write_text("0\n")  # reading that of can0 fails, as with an interface that is down
     assert message in errors(list(before_opening(configured(settings), tmp_path)))[check]
 
 

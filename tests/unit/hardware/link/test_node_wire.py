@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.errors import NodeLost, NodeStopped
 from inkloop_hardware.link import node_wire
 from inkloop_hardware.link.node_watch import NodeWatch
@@ -105,7 +106,7 @@ def test_node_that_was_off_before_may_be_asked(bench: Bench) -> None:
 
 @pytest.mark.parametrize("number", [0, -1, 1 << 32])
 def test_job_is_a_number_of_32_bits_and_not_0(number: int) -> None:
-    rig = Rig(None)  # type: ignore[arg-type]
+    rig = Rig(BusSettings())
     with pytest.raises(ValueError, match=f"job is {number}, expected 1 to 4294967295"):
         rig.job = number
     assert 1 <= rig.job <= 0xFFFFFFFF

@@ -12,6 +12,7 @@ import pytest
 
 from inkloop_hardware.bus.isotp_connection import IsoTpConnection
 from inkloop_hardware.errors import HardwareError, LinkTimeout, NodeRefused, TransferError
+from inkloop_hardware.link.transfers import BlockSize
 from inkloop_hardware.protocol.codec import Frame
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import State
@@ -28,6 +29,18 @@ BLOCK, ANSWER, EXIT = 0x36, 0x76, 0x37
 def bench() -> Iterator[NodeBench]:
     with NodeBench() as made:
         yield made.ready()
+
+
+def test_block_is_halved_down_to_its_floor_and_grows_again() -> None:
+    size = BlockSize(4095)
+    assert size.is_whole
+    for expected in (2046, 1023, 511, 255, 254, 254):
+        size.was_lost()
+        assert size.bytes == expected
+    for _ in range(8):
+        size.went_through()
+    assert size.bytes == 508
+    assert BlockSize(100).bytes == 98, "a node that takes less than the floor"
 
 
 def random_pattern(cells: int, seed: int = 0) -> np.ndarray:

@@ -18,6 +18,7 @@ from inkloop_hardware.errors import TransferError
 from inkloop_hardware.mapped.mapped_bytes import hexadecimal, map_size, number, pattern_bytes, read_map
 from inkloop_hardware.mapped.mapping_file import load
 from inkloop_hardware.mapped.mapping_tables import CELLS, MapTable, PatternTable
+from inkloop_hardware.protocol.codec import EXTENDED
 from support.benches import foreign_rig
 
 JOB = small_job(6, 5)
@@ -42,6 +43,8 @@ def errors(folder: Path, *changes: tuple[str, str], more: str = "") -> tuple[str
 
 def test_names_of_messages_become_the_ids_of_peers(tmp_path: Path) -> None:
     assert load(written(tmp_path), JOB).ids == {"head": (0x7A0, 0x7A8), "scanner": (0x7B0, 0x7B8)}
+    long = written(tmp_path, ("0x7B0", "0x18DA10F1"), ("0x7B8", "0x18DAF110"))
+    assert load(long, JOB).ids["scanner"] == (EXTENDED | 0x18DA10F1, EXTENDED | 0x18DAF110)
 
 
 @pytest.mark.parametrize(
@@ -52,7 +55,6 @@ def test_names_of_messages_become_the_ids_of_peers(tmp_path: Path) -> None:
             'message = "PlcComand"',
             "printer step 2 (send): message is 'PlcComand'; did you mean PlcCommand?",
         ),
-        ('message = "PlcCommand"', 'message = "WideState"', "printer step 2 (send): WideState has a 29-bit id"),
         ('signal = "State"', 'signal = "Stat"', "printer step 3 (wait): signal is 'Stat'; did you mean State?"),
         ('expected = "BUSY"', 'expected = "BUZY"', "printer step 3 (wait): expected is 'BUZY'; did you mean BUSY?"),
         ('unless = "FAULT"', 'unless = "FALT"', "printer step 3 (wait): unless is 'FALT'; did you mean FAULT?"),
@@ -69,7 +71,16 @@ def test_names_of_messages_become_the_ids_of_peers(tmp_path: Path) -> None:
             "printer step 2 (send): '{lyer}'; expected a number or a template of one",
         ),
         ('peer = "scanner"', 'peer = "scaner"', "profiler step 1 (routine): peer is 'scaner'; did you mean scanner?"),
-        ("request = 0x7B0", "request = 0x17B0", "peers.scanner.request is 0x17B0; expected an 11-bit id"),
+        (
+            "request = 0x7B0",
+            "request = 0x17B0",
+            "peers.scanner: 0x000017B0 and 0x7B8; expected two 11-bit or 29-bit ids",
+        ),
+        (
+            "request = 0x7B0",
+            "request = 0x20000000",
+            "peers.scanner.request is 0x20000000; expected an id of 11 or 29 bits",
+        ),
         ('request = "HeadRequest"', 'request = "HeadAsk"', "peers.head.request: message is 'HeadAsk'; did you mean"),
         ('unit = "um"', 'unit = "inch"', "map.unit is 'inch'; expected one of nm, um"),
         (
@@ -100,6 +111,19 @@ def test_names_of_messages_become_the_ids_of_peers(tmp_path: Path) -> None:
 def test_error_is_reported_with_its_place(old: str, new: str, message: str, tmp_path: Path) -> None:
     found = errors(tmp_path, (old, new))
     assert any(error.startswith(message) for error in found), found
+
+
+def test_can_fd_is_needed_where_a_message_or_a_peer_has_it(tmp_path: Path) -> None:
+    assert not load(written(tmp_path), JOB).needs_fd
+    assert load(written(tmp_path, ('message = "PlcState"', 'message = "WideState"')), JOB).needs_fd
+    assert load(written(tmp_path, ("answer = 0x7B8", "answer = 0x7B8\nfd = true")), JOB).needs_fd
+
+
+def test_message_of_a_length_that_no_frame_has_is_an_error(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    (tmp_path / "rig.dbc").write_text(foreign_rig.DBC.replace("PlcState: 8", "PlcState: 10"))
+    with pytest.raises(ScenarioError, match="PlcState has 10 bytes; a frame has up to 8, 12, 16, 20, 24, 32, 48 or 64"):
+        load(path, JOB)
 
 
 def test_all_errors_are_reported_at_once(tmp_path: Path) -> None:

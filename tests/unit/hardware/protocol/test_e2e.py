@@ -6,7 +6,7 @@ import ctypes
 
 import pytest
 from e2e import p01
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from inkloop_hardware.protocol.e2e_monitor import E2eMonitor, Verdict
@@ -43,7 +43,6 @@ def take_all(monitor: E2eMonitor, counters: list[int]) -> list[Verdict]:
     return [monitor.take(True, counter) for counter in counters]
 
 
-@settings(deadline=None)
 @given(data=st.binary(min_size=2, max_size=8), data_id=st.integers(0, 0xFFFF), counter=st.integers(0, 14))
 def test_firmware_protects_byte_for_byte_as_autosar_e2e(data: bytes, data_id: int, counter: int) -> None:
     theirs = bytearray(data)
@@ -66,7 +65,6 @@ def test_counter_goes_round_from_14_to_0() -> None:
     assert [library.e2e_next_counter(ctypes.c_uint8(counter)) for counter in range(16)] == [*range(1, 15), 0, 0]
 
 
-@settings(deadline=None)
 @given(frames=st.lists(st.tuples(st.integers(0, 9).map(bool), st.one_of(st.none(), st.integers(0, 15)))))
 def test_both_monitors_agree(frames: list[tuple[bool, int | None]]) -> None:
     """None: the sender continues as it should."""

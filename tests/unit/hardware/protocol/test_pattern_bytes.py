@@ -40,9 +40,15 @@ def test_packed_pattern_has_a_bit_for_one_material_and_two_for_two(materials: in
 
 
 @given(arrays.arrays(np.uint8, st.integers(0, 700), elements=st.sampled_from([0, 0, 0, 1, 255])))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_run_length_code_is_undone_by_the_rules_of_the_page(cells: np.ndarray) -> None:
     assert decoded(run_length(cells)) == cells.tobytes()
+
+
+def test_run_of_three_is_a_run_and_the_longest_has_129_bytes() -> None:
+    assert run_length(np.array([7, 7, 7], np.uint8)) == bytes([129, 7])
+    assert run_length(np.full(132, 7, np.uint8)) == bytes([255, 7, 129, 7])
+    assert run_length(np.array([7, 7], np.uint8)) == bytes([1, 7, 7])
 
 
 def test_solid_layer_is_shorter_coded_and_a_dithered_one_is_not() -> None:
@@ -128,6 +134,13 @@ def test_step_of_a_map_is_the_double_of_the_sensors_parameter(nanometres: int) -
     head = pack(">BBHHHi", 1, 0, 1, 1, nanometres, 0)
     found, _ = read_map(head + pack(">h", 1) + b"\x80", 1, 1)
     assert found[0, 0] == float(f"{nanometres}e-9")
+
+
+def test_cell_that_is_not_valid_has_height_0_whatever_the_datum() -> None:
+    blob = pack(">BBHHHi", 1, 0, 1, 2, 100, 500) + pack(">hh", 1, 0) + b"\x80"
+    found, valid = read_map(blob, 1, 2)
+    assert valid.tolist() == [[True, False]]
+    assert found.tolist() == [[501 * 1e-7, 0.0]]
 
 
 @pytest.mark.parametrize(

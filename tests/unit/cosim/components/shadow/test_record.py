@@ -50,7 +50,7 @@ def test_print_on_devices_is_judged_by_its_scans() -> None:
     np.testing.assert_array_equal(run.height, run.measured_height)
     np.testing.assert_allclose(run.mean_error / DROPLET, [5, 4, 4, 3, 2])
     assert [row.layer for row in rows] == [0, 1, 2, 3, 4]
-    assert [row.mean_error for row in rows] == pytest.approx(run.mean_error.values)
+    assert [row.mean_error for row in rows] == pytest.approx(run.mean_error.values, rel=1e-9, abs=0.0)
     np.testing.assert_allclose(run.shadow_height[:, 1, 1] / DROPLET, [0, 1, 2, 3, 4])
 
 
@@ -58,7 +58,7 @@ def test_device_printer_under_a_simulated_sensor_is_judged_by_its_shadow() -> No
     recorder, rows, _ = printed(parts("simulated"))
     run = recorder.dataset()
     np.testing.assert_array_equal(run.height, run.shadow_height)
-    assert [row.mean_error for row in rows] == pytest.approx(run.mean_error.values)
+    assert [row.mean_error for row in rows] == pytest.approx(run.mean_error.values, rel=1e-9, abs=0.0)
 
 
 def test_devices_without_a_shadow_are_recorded_too() -> None:

@@ -180,7 +180,7 @@ def test_growth_of_a_scan_that_jumps_is_that_of_all_layers_between() -> None:
         shadow.do_step(command * SECOND, SECOND, inputs(job, command, command, 1, flat))
     outputs = shadow.do_step(4 * SECOND, SECOND, inputs(job, 3, 3, 1, scan(3, 2.5 * DROPLET * ones)))
     assert int(outputs["layers_compared"]) == 3
-    assert float(outputs["growth_divergence"]) == pytest.approx(0.5 * DROPLET)
+    assert float(outputs["growth_divergence"]) == pytest.approx(0.5 * DROPLET, rel=1e-9, abs=0.0)
 
 
 def test_scan_of_an_older_layer_is_held_against_the_surface_of_that_layer() -> None:
@@ -209,7 +209,7 @@ def test_cells_that_were_not_seen_twice_do_not_count() -> None:
     after = ScannedLayer(np.array([[3.0, 5.0, 9.0, 50.0]]), np.array([[True, True, False, True]]), surface)
     found = after.divergence(before, part)
     assert found.growth == 3.0
-    assert found.surface == pytest.approx(np.sqrt((9 + 25) / 2))
+    assert found.surface == pytest.approx(np.sqrt((9 + 25) / 2), rel=1e-9, abs=0.0)
 
 
 def test_layer_that_was_not_jetted_is_logged_once_and_its_run_continues(caplog: pytest.LogCaptureFixture) -> None:
@@ -220,8 +220,8 @@ def test_layer_that_was_not_jetted_is_logged_once_and_its_run_continues(caplog: 
         watch, reason = run(parts)
     assert reason == "done"
     assert [layer for layer, status in watch.status.items() if status] == [2]
-    assert watch.growth[2] == pytest.approx(DROPLET)
-    assert watch.surface[4] == pytest.approx(DROPLET)
+    assert watch.growth[2] == pytest.approx(DROPLET, rel=1e-9, abs=0.0)
+    assert watch.surface[4] == pytest.approx(DROPLET, rel=1e-9, abs=0.0)
     message = [record.getMessage() for record in caplog.records]
     assert message == [
         "layer 2 grew differently from the model, by 10.00 um rms over the part; more than alarm_um = 5. "
@@ -297,7 +297,7 @@ def test_plant_without_the_handshake_is_stepped_layer_by_layer(caplog: pytest.Lo
     outputs = shadow.do_step(SECOND, SECOND, inputs(job, 1, 1, 1, scan(1, (5e-6 + DROPLET) * ones)))
     assert "the plant takes no start surface" in caplog.text
     assert float(outputs["growth_divergence"]) == pytest.approx(0.0, abs=1e-15)
-    assert float(outputs["surface_divergence"]) == pytest.approx(5e-6)
+    assert float(outputs["surface_divergence"]) == pytest.approx(5e-6, rel=1e-9, abs=0.0)
 
 
 @pytest.mark.parametrize(

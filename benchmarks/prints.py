@@ -1,0 +1,134 @@
+"""Whole prints of scenarios over several seeds, in processes side by side, and their figures against targets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from math import hypot, nan
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from rich.progress import track
+
+from benchmarks.target_table import Figure
+from inkloop.printing.run import print_part
+from inkloop.results.result import Result
+from inkloop.scenario.file import Scenario
+from inkloop.units import M_PER_UM, UM_PER_M
+
+SCENARIOS = Path(__file__).parents[1] / "scenarios"
+OURS, PAPERS = "LayerMpc", "StochasticGreedy"
+OPEN_LOOP = "open loop"
+"""The comparison run of that name in a scenario, or the scenario itself if it has this label."""
+SHIFTS = ("shift_x", "shift_y")
+LAYERS_KNOWN = 10  # scans of printed walls after which the shift must be known
+
+SHOWN = {
+    "mean_error": ("mean error, um", UM_PER_M),
+    "mean_height": ("average height, um", UM_PER_M),
+    "mae": ("mean absolute error, um", UM_PER_M),
+    "std": ("standard deviation, um", UM_PER_M),
+    "rms": ("rms error, um", UM_PER_M),
+    "highest": ("highest above target, um", UM_PER_M),
+    "layers": ("layers", 1.0),
+    "shift_error": (f"estimated shift after {LAYERS_KNOWN} layers, error, cells", 1.0),
+    "untrusted": ("untrusted cells, most in a layer", 1.0),
+    "mismatch": ("geometry mismatch, %", 100.0),
+}
+"""Name and scale of each metric."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Target of one metric, as in `Figure`."""
+
+    metric: str
+    must: float = nan
+    aim: float = nan
+    wanted: float | None = None
+    printed: str = "-"
+    worst: bool = False
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scenario with overrides, printed with several seeds by each planner, and what is wanted of it.
+
+    planners: kinds of controller, or `OPEN_LOOP`; they print on the same plant with the same droplets.
+    """
+
+    name: str
+    scenario: Path
+    wanted: tuple[Wanted, ...]
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    seeds: int = 10
+    planners: tuple[str, ...] = (OURS,)
+
+
+Metrics: TypeAlias = dict[tuple[str, str], list[Mapping[str, float]]]
+"""Metrics [m] of the prints of a case by a planner, in the order of their seeds."""
+
+
+def printed(cases: Iterable[Case], seeds_max: int) -> Metrics:
+    """Print all cases, two at a time on two processors."""
+    prints = [
+        (case, planner, seed)
+        for case in cases
+        for planner in case.planners
+        for seed in range(1, min(case.seeds, seeds_max) + 1)
+    ]
+    metrics: Metrics = {}
+    with ProcessPoolExecutor() as pool:
+        done = track(pool.map(_printed, prints), "prints", len(prints), transient=True)
+        for (case, planner, _), found in zip(prints, done, strict=True):
+            metrics.setdefault((case.name, planner), []).append(found)
+    return metrics
+
+
+def figures(case: Case, metrics: Metrics) -> list[Figure]:
+    """What was found of all that is wanted of a case."""
+    return [_figure(case, wanted, metrics) for wanted in case.wanted]
+
+
+def column(metrics: Metrics, case: Case, planner: str, metric: str) -> list[float]:
+    """One metric of all prints of a case, in the unit of the tables."""
+    return [found[metric] * SHOWN[metric][1] for found in metrics.get((case.name, planner), [])]
+
+
+def _figure(case: Case, wanted: Wanted, metrics: Metrics) -> Figure:
+    ours, papers, open_loop = (column(metrics, case, planner, wanted.metric) for planner in (OURS, PAPERS, OPEN_LOOP))
+    name = SHOWN[wanted.metric][0]
+    limits = (wanted.must, wanted.aim, wanted.wanted)
+    return Figure(name, ours, *limits, papers, open_loop, wanted.printed, wanted.worst)
+
+
+def _printed(run: tuple[Case, str, int]) -> dict[str, float]:
+    """Metrics of one print [m]."""
+    case, planner, seed = run
+    chosen = {} if planner == OPEN_LOOP else {"components.controller.kind": planner}
+    scenario = Scenario.load(case.scenario, {"seed": seed, **case.overrides, **chosen})
+    if planner == OPEN_LOOP and scenario.tables.label != OPEN_LOOP:
+        scenario = scenario.variant(OPEN_LOOP)
+    return _measured(print_part(scenario), scenario)
+
+
+def _measured(result: Result, scenario: Scenario) -> dict[str, float]:
+    """Errors of the last surface; cells that were untrusted at some time; error of the estimated shift [cells]."""
+    metrics, job = result.metrics(), scenario.job()
+    return {
+        **metrics,
+        "mean_height": float(result.final_height.values[job.mask].mean()),
+        "highest": -metrics["min"],
+        "untrusted": float(result.dataset["untrusted_cells"].max()),
+        "shift_error": _shift_error(result, scenario) / job.pitch,
+    }
+
+
+def _shift_error(result: Result, scenario: Scenario) -> float:
+    """Distance of the estimated from the constant shift of the sensor [m]; NaN if the print has fewer layers."""
+    run, sensor = result.dataset, scenario.options("profiler")
+    if "scan_shift_x" not in run or run.sizes["layer"] <= LAYERS_KNOWN + 1:
+        return nan
+    after = run.isel(layer=LAYERS_KNOWN + 1)  # an estimate is recorded with the layer that is planned from it
+    return hypot(*(float(after[f"scan_{name}"]) - sensor.get(f"{name}_um", 0.0) * M_PER_UM for name in SHIFTS))

@@ -1,0 +1,142 @@
+"""The Reference FMUs of the Modelica Association run, or are refused with a message.
+
+Their binaries are in no package registry: here stand descriptions with the traits that are theirs alone. With
+INKLOOP_REFERENCE_FMUS=FOLDER the FMUs below a folder are run too, against FMPy.
+"""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+
+from inkloop.components import catalog
+from inkloop.errors import ComponentError, FmuError
+from inkloop.fmu import FmuComponent, describe
+from inkloop.testing import job
+
+FOLDER = os.environ.get("INKLOOP_REFERENCE_FMUS", "")
+STEP_NS, STEPS = 100_000_000, 20
+_DIMENSIONS = "".join(
+    f'<UInt64 name="{name}" valueReference="{number}" causality="structuralParameter" variability="tunable" start="3"/>'
+    for number, name in enumerate("mnr", start=1)
+)
+_CO_SIMULATION = '<CoSimulation modelIdentifier="x" canHandleVariableCommunicationStepSize="true"/>'
+DESCRIPTIONS = {
+    "Roberts": (  # a structural parameter that is no size
+        _CO_SIMULATION,
+        '<Boolean name="dae" valueReference="1" causality="structuralParameter" variability="tunable" start="false"/>'
+        '<Float64 name="y1" valueReference="2" causality="output" initial="exact" start="1"/>',
+    ),
+    "StateSpace": (  # arrays of one and two dimensions, with a start value for each element
+        _CO_SIMULATION,
+        f'{_DIMENSIONS}<Float64 name="A" valueReference="4" causality="parameter" variability="tunable" '
+        'start="1 0 0 0 1 0 0 0 1"><Dimension valueReference="2"/><Dimension valueReference="2"/></Float64>'
+        '<Float64 name="u" valueReference="9" causality="input" start="1 2 3"><Dimension valueReference="1"/></Float64>'
+        '<Float64 name="y" valueReference="10" causality="output"><Dimension valueReference="3"/></Float64>',
+    ),
+    "Feedthrough": (  # texts and binaries, which take no part
+        _CO_SIMULATION,
+        '<Float32 name="a" valueReference="1" causality="input" start="0"/>'
+        '<UInt64 name="b" valueReference="25" causality="input" start="18446744073709551615"/>'
+        '<String name="c" valueReference="29" causality="input"><Start value="Set me!"/></String>'
+        '<Binary name="d" valueReference="31" causality="input"><Start value="666f6f"/></Binary>',
+    ),
+    "BouncingBall": (  # an alias
+        _CO_SIMULATION,
+        '<Float64 name="h" valueReference="1" causality="output" initial="exact" start="1">'
+        '<Alias name="h_ft"/></Float64>',
+    ),
+    "Clocks": (
+        '<ScheduledExecution modelIdentifier="x"/>',
+        '<Clock name="tick" valueReference="1" causality="input" intervalVariability="triggered"/>',
+    ),
+}
+
+
+def described(folder: Path, name: str) -> Path:
+    """An FMU without binaries."""
+    interface, variables = DESCRIPTIONS[name]
+    with zipfile.ZipFile(folder / f"{name}.fmu", "w") as archive:
+        archive.writestr(
+            "modelDescription.xml",
+            f'<fmiModelDescription fmiVersion="3.0" modelName="{name}" instantiationToken="x">{interface}'
+            f"<ModelVariables>{variables}</ModelVariables><ModelStructure/></fmiModelDescription>",
+        )
+    return folder / f"{name}.fmu"
+
+
+@pytest.mark.parametrize("name", sorted({*DESCRIPTIONS} - {"Clocks"}))
+def test_description_is_read_and_only_the_binary_is_missing(name: str, tmp_path: Path) -> None:
+    path = described(tmp_path, name)
+    assert any(line.startswith(name) for line in describe(path).lines())
+    (error,) = catalog.check("Fmu", job(), {"file": str(path)}).errors
+    assert "which holds binaries for none, this machine needs" in error
+
+
+def test_scheduled_execution_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FmuError, match=r"Clocks\.fmu: offers scheduled execution only; export it for co-simulation"):
+        describe(described(tmp_path, "Clocks"))
+
+
+def test_switch_is_an_option_and_no_size(tmp_path: Path) -> None:
+    description = describe(described(tmp_path, "Roberts"))
+    assert description.default_sizes == {}
+    *_, error = catalog.check("Fmu", job(), {"file": str(description.path), "dae": 1}).errors
+    assert error == "dae is 1; expected true or false"
+
+
+def test_start_values_of_state_space_are_those_of_its_description(tmp_path: Path) -> None:
+    description = describe(described(tmp_path, "StateSpace"))
+    variables, sizes = description.variables, description.default_sizes
+    assert variables["u"].port(sizes).start_value().tolist() == [1.0, 2.0, 3.0]
+    np.testing.assert_array_equal(variables["A"].port(sizes).start_value(), np.eye(3))
+
+
+def test_whole_number_beyond_floating_point_stays_exact(tmp_path: Path) -> None:
+    description = describe(described(tmp_path, "Feedthrough"))
+    (start,) = (port.start_value() for port in description.ports("input", {}) if port.name == "b")
+    assert int(start) == 2**64 - 1
+
+
+@pytest.mark.skipif(not FOLDER, reason="INKLOOP_REFERENCE_FMUS names no folder with Reference FMUs")
+def test_reference_fmus_give_what_fmpy_gets_or_are_refused() -> None:
+    files = sorted(Path(FOLDER).rglob("*.fmu"))
+    assert files
+    refused = {}
+    for path in files:
+        try:
+            part = FmuComponent(path)
+        except FmuError as error:
+            refused[path.stem] = str(error)
+            continue
+        inputs = {port.name: port.start_value() for port in part.inputs}
+        values = part.initialize(0, inputs)
+        for step in range(STEPS):
+            values = part.do_step(step * STEP_NS, STEP_NS, inputs)
+        part.terminate()
+        seconds = STEPS * STEP_NS * 1e-9
+        expected = fmpy.simulate_fmu(
+            str(path), start_time=0.0, step_size=0.1, output_interval=0.1, stop_time=seconds, fmi_type="CoSimulation"
+        )[-1]
+        for name, value in values.items():
+            np.testing.assert_array_equal(value, np.asarray(expected[name], value.dtype), err_msg=f"{path} {name}")
+    assert {name: error.rpartition(": ")[2] for name, error in refused.items()} == (
+        {"Clocks": "offers scheduled execution only; export it for co-simulation"} if "Clocks" in refused else {}
+    )
+
+
+@pytest.mark.skipif(not FOLDER, reason="INKLOOP_REFERENCE_FMUS names no folder with Reference FMUs")
+def test_stair_ends_the_simulation_after_ten_seconds() -> None:
+    for path in sorted(Path(FOLDER).rglob("Stair.fmu")):
+        part = FmuComponent(path)
+        part.initialize(0, {})
+        for step in range(9):
+            part.do_step(step * 10**9, 10**9, {})
+        with pytest.raises(ComponentError, match="the FMU asks to end the simulation"):
+            part.do_step(9 * 10**9, 10**9, {})
+        part.terminate()

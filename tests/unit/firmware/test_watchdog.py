@@ -1,0 +1,83 @@
+"""The hardware watchdog of a node: kicked only by a node that finds itself well, it ends what a hanging one drives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from support.benches.node_bench import (
+    CURE,
+    CURE_ROUTINE,
+    DONE,
+    HEAD,
+    LAMP_WITH_GATE,
+    NRC_CONDITIONS,
+    PASS,
+    PASS_UNKNOWN,
+    NodeBench,
+    pattern_blob,
+)
+
+FULL = np.ones((9, 9), np.uint8)
+PASS_MS, PERIOD_MS = 900, 300
+BOOT, INTENT, WATCHDOG = 1, 3, 7
+
+
+@pytest.fixture
+def bench() -> Iterator[NodeBench]:
+    with NodeBench(pass_ms=PASS_MS, gate_ms=0, watchdog_ms=PERIOD_MS) as made:
+        made.ready()
+        assert made.download(pattern_blob(FULL, passes=1), 1) == 0
+        yield made
+
+
+def test_node_that_hangs_with_the_gate_open_jets_until_the_watchdog_bites_and_not_longer(bench: NodeBench) -> None:
+    """Nine lines in 900 ms: one in 100 ms. The last kick comes with the tick in which the jets begin."""
+    assert bench.raw(bench.routine(PASS, 1, option=b"\xff")) == b"\x7f\x31\x78"
+    bench.tick()
+    bench.clock += 3000
+    bench.tick()
+    state = bench.state()
+    assert (state.state, state.cause, state.unknown, state.boots) == ("SAFE", PASS_UNKNOWN, 1, 2)
+    assert state.by_watchdog
+    assert bench.journal()[-2:] == [(INTENT, 4, 0), (WATCHDOG, 0, 0)]
+    jetted = np.flatnonzero(bench.surface.max(axis=1) > 1e-6)
+    assert jetted.tolist() == [0, 1, 2]
+    bench.tick(100)
+    assert bench.clear() == -NRC_CONDITIONS, "a person has to look"
+    assert bench.clear(HEAD, 1) == DONE
+
+
+def test_node_that_hangs_with_the_lamp_on_asks_for_a_person(bench: NodeBench) -> None:
+    assert bench.raw(bench.routine(CURE_ROUTINE, 1, option=b"\x1f\x40"), CURE) == b"\x7f\x31\x78"
+    bench.tick(50)
+    bench.clock += PERIOD_MS
+    bench.tick()
+    assert (bench.state(CURE).state, bench.state(CURE).cause) == ("SAFE", PASS_UNKNOWN)
+    assert bench.state(CURE).by_watchdog
+    assert bench.counted(LAMP_WITH_GATE) == 0
+
+
+def test_node_that_finds_itself_unwell_does_not_kick(bench: NodeBench) -> None:
+    """It ticks on, but drives something without a step."""
+    bench.c.probe_drive_gate(bench.bench, HEAD)
+    bench.tick(PERIOD_MS - 5)
+    assert bench.state().boots == 1
+    bench.tick(10)
+    assert (bench.state().state, bench.state().boots, bench.state().by_watchdog) == ("SAFE", 2, True)
+    assert bench.journal()[-1][0] == WATCHDOG
+    assert [bench.state(node).boots for node in range(1, 4)] == [1, 1, 1]
+    bench.tick(2 * PERIOD_MS)
+    assert bench.state().boots == 2, "after the power-up it is well"
+
+
+def test_node_that_ticks_is_never_reset_even_where_the_clock_wraps() -> None:
+    with NodeBench(clock=2**32 - 1000, watchdog_ms=50) as bench:
+        bench.ready().print_layer(FULL, 1)
+        bench.tick(2000)
+        assert [bench.state(node).boots for node in range(4)] == [1] * 4
+        bench.power_up()
+        assert bench.journal()[-1][0] == BOOT
+        assert not bench.state().by_watchdog

@@ -1,0 +1,99 @@
+"""The stop request of a person, on a bus without a kernel: what is sent, and who confirmed it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from threading import Event, Thread
+
+import can
+import pytest
+
+from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.devices.stop import FRAMES_MIN, release_stop, request_stop
+from inkloop_hardware.errors import BusError, HardwareError
+from inkloop_hardware.protocol.codec import COUNTERS, Codec, Frame
+from inkloop_hardware.protocol.e2e_monitor import E2eMonitor, Verdict
+from inkloop_hardware.protocol.records import NodeStatus, StopRequest, pack, unpack
+from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
+
+CODEC = Codec()
+
+
+def status(node: Node, state: State, fault: Fault, counter: int) -> can.Message:
+    record = NodeStatus(node, False, False, True, True, state, 0, fault, 0, 1, 0, 1)
+    frame = pack(CODEC, record, counter % COUNTERS)
+    return can.Message(arbitration_id=frame.arbitration_id, data=frame.data, is_extended_id=False)
+
+
+@contextmanager
+def bus(channel: str, *deaf: Node) -> Iterator[list[Frame]]:
+    """Nodes that go SAFE with the first stop request, but those that are deaf; the frames that they received."""
+    received, over, stopped = list[Frame](), Event(), False
+    with ExitStack() as stack:
+        nodes = stack.enter_context(can.Bus(interface="virtual", channel=channel))
+
+        def take() -> None:
+            nonlocal stopped
+            while (message := nodes.recv(0.005)) is not None:
+                frame = Frame(message.arbitration_id, bytes(message.data))
+                received.append(frame)
+                stopped |= unpack(CODEC, CODEC.decode(frame)) == StopRequest(True, Source.OPERATOR)
+
+        def answer() -> None:
+            counter = 0
+            while not over.is_set():
+                take()
+                counter += 1
+                for node in Node:
+                    safe = stopped and node not in deaf
+                    found = (State.SAFE, Fault.STOP_REQUEST) if safe else (State.PRINTING, Fault.NONE)
+                    nodes.send(status(node, *found, counter))
+            take()
+
+        thread = Thread(target=answer)
+        thread.start()
+        try:
+            yield received
+        finally:
+            over.set()
+            thread.join()
+
+
+def requests(frames: list[Frame]) -> list[bool]:
+    """Whether each is active; all are whole stop requests in a row of an operator, and nothing else was sent."""
+    monitor, found = E2eMonitor(), []
+    for frame in frames:
+        reading = CODEC.decode(frame)
+        assert monitor.take(reading.intact, reading.counter or 0) in (Verdict.FIRST, Verdict.GOOD)
+        record = unpack(CODEC, reading)
+        assert isinstance(record, StopRequest), "no MasterAlive: a run must not meet a second master"
+        assert record.source is Source.OPERATOR
+        found.append(record.active)
+    return found
+
+
+def test_stop_is_sent_until_every_node_confirms() -> None:
+    with bus("stop") as received:
+        lines = list(request_stop(BusSettings("virtual", "stop")))
+    assert lines[:4] == [f"{node.lower()}: SAFE because of STOP_REQUEST" for node in Node]
+    assert set(requests(received)) == {True}
+
+
+def test_node_that_does_not_confirm_is_an_error_that_names_it() -> None:
+    lines: list[str] = []
+    with bus("deaf", Node.CURE) as received, pytest.raises(HardwareError, match=r": cure did not confirm.*hard-wired"):
+        lines.extend(request_stop(BusSettings("virtual", "deaf")))
+    assert len(requests(received)) >= FRAMES_MIN
+
+
+def test_release_sends_more_frames_than_a_node_needs() -> None:
+    with bus("release") as received:
+        (line,) = release_stop(BusSettings("virtual", "release"))
+    assert requests(received) == [False] * FRAMES_MIN
+    assert "clear" in line
+
+
+def test_adapter_that_cannot_be_opened_is_named() -> None:
+    with pytest.raises(BusError, match=r"socket://127\.0\.0\.1:1"):
+        list(request_stop(BusSettings("slcan", "socket://127.0.0.1:1")))

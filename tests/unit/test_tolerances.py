@@ -1,0 +1,33 @@
+"""Every comparison of numbers names its tolerance: 1e-12 is nothing in um, and all of a droplet in m3."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+
+from support.places import ROOT
+from support.source_tree import parsed
+
+BY_DEFAULT = ("isclose", "allclose")  # math.isclose and NumPy's, with atol = 1e-8
+
+
+def calls() -> Iterator[tuple[str, str, dict[str, str]]]:
+    """Place, name of the function and named arguments of every call in the tests."""
+    for path in sorted((ROOT / "tests").rglob("*.py")):
+        for node in ast.walk(parsed(path)):
+            if isinstance(node, ast.Call):
+                name = ast.unparse(node.func).rpartition(".")[2]
+                place = f"{path.relative_to(ROOT)}:{node.lineno}"
+                yield place, name, {word.arg or "": ast.unparse(word.value) for word in node.keywords}
+
+
+def test_approx_names_its_absolute_tolerance() -> None:
+    """Its own one is 1e-12. With abs = 0.0 alone it compares bits, so rel is named too."""
+    found = [(place, named) for place, name, named in calls() if name == "approx"]
+    assert len(found) > 200
+    assert not [place for place, named in found if "abs" not in named]
+    assert not [place for place, named in found if named["abs"] == "0.0" and "rel" not in named]
+
+
+def test_numbers_are_not_compared_with_the_tolerance_of_a_library() -> None:
+    assert not [place for place, name, named in calls() if name in BY_DEFAULT and not {"atol", "abs_tol"} & set(named)]

@@ -1,0 +1,81 @@
+"""Table of closing-the-loop.md: the prints of `python -m benchmarks closed_loop`, each kept in a record."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Mapping, Sequence
+from math import isnan
+from pathlib import Path
+
+from benchmarks import closed_loop
+from benchmarks.prints import OURS, SHOWN, Metrics, printed
+from benchmarks.target_table import Figure
+from tools.figures.pages import DOCS, Texts, table
+
+from inkloop.files import replaced
+
+HERE = DOCS / "explanation"
+PAGE = HERE / "closing-the-loop.md"
+RUNS = HERE / "closed-loop.csv"
+SEEDS = 10
+COLUMNS = {
+    "mean_error_um": "mean_error", "mae_um": "mae", "std_um": "std", "rms_um": "rms", "highest_um": "highest",
+    "layers": "layers", "shift_error_cells": "shift_error", "untrusted_cells": "untrusted",
+}  # fmt: skip
+"""Metrics of a print, by the name of their column in the file."""
+ON_PAGE = ("mae", "std", "rms", "highest", "layers", "shift_error")
+HEADS = ("case", "mean absolute error", "std", "rms", "highest", "layers", "shift")
+
+
+def keep(metrics: Metrics, file: Path) -> None:
+    """Write a line for each print."""
+    with replaced(file) as partial, partial.open("w", encoding="utf-8", newline="") as lines:
+        rows = csv.writer(lines, lineterminator="\n")
+        rows.writerow(["case", "controller", "seed", *COLUMNS])
+        for (case, planner), prints in metrics.items():
+            for number, found in enumerate(prints, start=1):
+                values = [f"{found[metric] * SHOWN[metric][1]:.4g}" for metric in COLUMNS.values()]
+                rows.writerow([case, planner, number, *values])
+
+
+def kept(file: Path) -> Metrics:
+    """The prints of an earlier call."""
+    metrics: Metrics = {}
+    with file.open(encoding="utf-8", newline="") as lines:
+        for row in csv.DictReader(lines):
+            found = {metric: float(row[name]) / SHOWN[metric][1] for name, metric in COLUMNS.items()}
+            metrics.setdefault((row["case"], row["controller"]), []).append(found)
+    return metrics
+
+
+def run() -> None:
+    """All prints of the benchmark."""
+    keep(printed(closed_loop.CASES, SEEDS), RUNS)
+
+
+def texts() -> Texts:
+    """The table, and how many prints ran away unnoticed."""
+    return {PAGE: texts_of(kept(RUNS))}
+
+
+def texts_of(metrics: Metrics) -> dict[str, str]:
+    """The same of these prints."""
+    found = closed_loop.rows(metrics)
+    *_, (silent,) = found.values()
+    count = sum(len(metrics[case.name, OURS]) for case in closed_loop.CASES)
+    return {"closed loop": table(HEADS, lines(found)), "too high": f"{silent.now:.0f} of {count} prints"}
+
+
+def lines(found: Mapping[str, Sequence[Figure]]) -> Iterator[list[str]]:
+    """A line for each case: the figure, what must be and what is aimed at."""
+    for case in closed_loop.CASES:
+        figures = {wanted.metric: figure for wanted, figure in zip(case.wanted, found[case.name], strict=True)}
+        cells = [cell(figures[metric]) if metric in figures else "" for metric in ON_PAGE]
+        yield [case.name.replace(" um", " µm"), *cells]
+
+
+def cell(figure: Figure) -> str:
+    """Now / must / aim; bold if it must be better."""
+    now = f"{figure.now:.3f}" if figure.now < 0.01 else f"{figure.now:.3g}"
+    limits = [f"{limit:.3g}" for limit in (figure.must, figure.aim) if not isnan(limit)]
+    return " / ".join([f"**{now}**" if figure.reached.startswith("MISSED") else now, *limits])
