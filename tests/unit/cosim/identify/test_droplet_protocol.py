@@ -86,7 +86,7 @@ def test_small_differences_do_not_carry_the_coefficients_away() -> None:
     """0.04 um on each cell's mean makes single ratios of (17) large, and their means 20 to 40 % too large."""
     found = identify_volume_area([motif_print(VolumeAreaDeposition(), 75, 0.04e-6)], 0.04e-6)
     for name in ("mv_plus", "mv_minus", "ma_minus"):
-        assert found.coefficients[name] == pytest.approx(GAINS[name], rel=0.1)
+        assert found.coefficients[name] == pytest.approx(GAINS[name], rel=0.1, abs=0.0)
         assert found.half_widths[name] < 0.15 * abs(GAINS[name])
 
 
@@ -116,7 +116,7 @@ def test_layers_leave_three_empty_cells_around_them() -> None:
         np.testing.assert_array_equal(pattern, framed)
     assert all(pattern[3].any() and pattern[:, -4].any() for pattern in designs.layers(20, 12, 3)[1:])
     record = made_up(LayerDeposition(), designs.layers(20, 12, 3), 0.3e-6)
-    assert noise_of([record]) == pytest.approx(0.3e-6, rel=0.3)
+    assert noise_of([record]) == pytest.approx(0.3e-6, rel=0.3, abs=0.0)
     with pytest.raises(ValueError, match="more than 6 cells each way"):
         designs.layers(6, 20, 1)
 
