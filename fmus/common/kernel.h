@@ -1,6 +1,6 @@
 /* The interface between the FMI adapters and the models, free of any FMI version: what a kernel offers and may use.
  *
- * A model is a table of variables (generated from its variables.toml) and up to six functions. An instance keeps all
+ * A model is a table of variables (generated from its variables.toml) and up to seven functions. An instance keeps all
  * values in one block of memory, so reading, writing and saving a model means walking the table; a kernel sees the
  * values through the struct of pointers in its generated header and uses no FMI type. One binary may contain several
  * models. */
@@ -65,6 +65,10 @@ typedef struct {
     /* A new or reset instance has its start values; reads what the model keeps in its resources, which may change
      * them. NULL: there is nothing to read. */
     Outcome (*open)(Instance *instance);
+
+    /* Asks for the memory that steps will need: for a new or reset instance, and at the end of a configuration. Memory
+     * that depends on values set later is asked for again in `initialize`. NULL: the variables are all. */
+    Outcome (*reserve)(Instance *instance);
 
     /* Further checks of one value, already within the limits of the table; called before anything is written. NULL: the
      * limits are all. */

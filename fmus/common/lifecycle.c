@@ -34,10 +34,15 @@ static bool read_token(const char *token, Instance *instance) {
     return (instance->is_resizable || *instance->mark == '\0' || instance->model->open) && is_possible_grid(nx, ny);
 }
 
+static Outcome reserve(Instance *instance) {
+    return instance->model->reserve ? instance->model->reserve(instance) : ACCEPTED;
+}
+
 /* The instance with the start values of its table, and of its resources. */
 static Outcome begin(Instance *instance) {
     instance->mode = INSTANTIATED;
-    return instance->model->open ? instance->model->open(instance) : ACCEPTED;
+    const Outcome outcome = instance->model->open ? instance->model->open(instance) : ACCEPTED;
+    return outcome == ACCEPTED ? reserve(instance) : outcome;
 }
 
 Instance *instance_create(const Model *model, const char *token, bool has_scalar_references, const char *resources,
@@ -104,7 +109,10 @@ Outcome instance_enter_configuration(Instance *instance) {
 
 Outcome instance_exit_configuration(Instance *instance) {
     const uint64_t nx = *(uint64_t *)values_of(instance, NX), ny = *(uint64_t *)values_of(instance, NY);
-    if (nx != instance->nx || ny != instance->ny) {
+    if (nx == instance->nx && ny == instance->ny) {
+        if (reserve(instance) != ACCEPTED)
+            return REFUSED;
+    } else {
         if (!is_possible_grid(nx, ny))
             return refuse(instance, "nx is %llu, ny is %llu; expected 1 to %llu cells together", (unsigned long long)nx,
                           (unsigned long long)ny, (unsigned long long)MAX_CELLS);
@@ -115,6 +123,12 @@ Outcome instance_exit_configuration(Instance *instance) {
         for (size_t k = NY + 1; k < table->exposed_count; k++) /* scalars keep their values, maps cannot */
             if (!table->variables[k].is_grid)
                 memcpy(values_of(instance, k), values_of(&old, k), value_size(table->variables[k].type));
+        if (reserve(instance) != ACCEPTED) {
+            memcpy(old.message, instance->message, MESSAGE_SIZE);
+            storage_release(instance);
+            *instance = old;
+            return REFUSED;
+        }
         storage_release(&old);
     }
     instance->mode = INSTANTIATED;

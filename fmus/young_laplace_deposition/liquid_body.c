@@ -5,12 +5,12 @@
 #include <math.h>
 #include <string.h>
 
-enum { STEPS = 60, FREE_STEPS = 30 };      /* a node may leave the solid again only in the first ones */
-static const double SMALL = 2e-3;          /* of a Newton step, in spacings: the next one would be about its square */
-static const double OVERSHOOT = 0.5;       /* slope at the end of a step over the slope at its begin */
-static const double UPRIGHT = 5.0;         /* slope, 79 degrees */
-static const double UPRIGHT_SHARE = 0.125; /* of the edge */
-static const double SHORTEST = 1e-3;       /* share of a step */
+enum { STEPS = 60, FREE_STEPS = 30 };   /* a node may leave the solid again only in the first ones */
+static const double SMALL = 2e-3;       /* of a Newton step, in spacings: the next one would be about its square */
+static const double OVERSHOOT = 0.5;    /* slope at the end of a step over the slope at its begin */
+static const double WALL = 0.25;        /* height, in radii of the liquid's curvature (assumed) */
+static const double WALL_SHARE = 0.125; /* of the edge (assumed) */
+static const double SHORTEST = 1e-3;    /* share of a step */
 
 /* Slope of the liquid along an arm, outwards. */
 static double slope(const LiquidBody *body, const WettedNode *node, double depth, int arm) {
@@ -222,18 +222,48 @@ static bool scale_to(LiquidBody *body, double volume) {
     return sum > 0.0;
 }
 
-/* An edge that would have to overhang: where the surface is no function of the place, the least area is a wall along
- * the edge. Ends of lines may be steep over a few points. */
+/* Sine of the liquid's inclination along an arm, upwards from the node to the next one. */
+static double rise_of(const LiquidBody *body, const WettedNode *node, size_t k, int arm) {
+    const double along = slope(body, node, body->depth[k], arm);
+    return along / sqrt(1.0 + along * along);
+}
+
+/* What a surface that bends as evenly as a circle, from the sine `begin` on, falls over `length`. Where it would be
+ * upright sooner, it falls no further. */
+static double fall_of(double begin, double bend, double length) {
+    begin = fmin(begin, 1.0);
+    const double end = fmin(begin + bend * length, 1.0);
+    return bend > 1e-6 ? (sqrt(1.0 - begin * begin) - sqrt(1.0 - end * end)) / bend
+                       : length * begin / sqrt(1.0 - begin * begin);
+}
+
+/* Height of the wall between the liquid and the edge at the end of an arm, in spacings: what is left if the bend of the
+ * surface at the next two nodes continues to the edge. Half a spacing of it lies before the node. */
+static double wall_at(const LiquidBody *body, size_t k, int arm) {
+    const WettedNode *node = &body->wet.nodes[k];
+    const int inward = arm ^ 1;
+    const int32_t next = node->next[inward];
+    if (next < 0 || body->wet.nodes[next].next[inward] < 0)
+        return 0.0;
+    const double near = rise_of(body, node, k, inward);
+    const double bend = near - rise_of(body, &body->wet.nodes[next], (size_t)next, inward);
+    const double at_node = near + 0.5 * bend;
+    const double fall = -slope(body, node, body->depth[k], arm) * node->arm[arm];
+    return at_node > 0.0 ? fall - fall_of(at_node, bend, node->arm[arm]) : 0.0;
+}
+
+/* A body without a solution: where the surface would have to overhang, the least area is a wall along the edge. Its
+ * height depends on the body and not on the distance of the nodes. Ends of lines may have walls over a few points. */
 static bool is_overhanging(const LiquidBody *body) {
-    size_t edge = 0, upright = 0;
+    size_t edge = 0, walls = 0;
     for (size_t k = 0; k < body->wet.count; k++) {
         for (int arm = 0; arm < ARMS; arm++) {
             const bool is_edge = body->wet.nodes[k].next[arm] < 0;
             edge += is_edge;
-            upright += is_edge && slope(body, &body->wet.nodes[k], body->depth[k], arm) < -UPRIGHT;
+            walls += is_edge && wall_at(body, k, arm) * body->pressure > WALL;
         }
     }
-    return (double)upright > UPRIGHT_SHARE * (double)edge;
+    return (double)walls > WALL_SHARE * (double)edge;
 }
 
 bool settle(LiquidBody *body, SurfaceForm form, double volume) {

@@ -63,15 +63,31 @@ static Outcome check_largest_droplet(Instance *instance, const YoungLaplaceDepos
     return check_spread(instance, v, most * *v->volume_factor, "the largest droplet of the pattern");
 }
 
+static Outcome lack_memory(Instance *instance, const FineSurface *surface, size_t size) {
+    return refuse(instance,
+                  "no memory for %llu x %llu points of the fine surface, %llu a cell, and %llu bytes to solve on it; "
+                  "expected fewer cells_per_pitch or a smaller grid",
+                  (unsigned long long)column_count(surface), (unsigned long long)row_count(surface),
+                  (unsigned long long)(surface->per_pitch * surface->per_pitch), (unsigned long long)size);
+}
+
+/* As much as layers need with the present cells_per_pitch. Only `find_memory` divides it: what is kept counts in a
+ * saved state. */
+static Outcome reserve(Instance *instance) {
+    const YoungLaplaceDepositionVariables v = young_laplace_deposition_variables(instance);
+    const FineSurface surface = sized_surface(&v);
+    PassMemory memory;
+    const size_t size = place_pass_memory(&surface, NULL, &memory);
+    const size_t heights = column_count(&surface) * row_count(&surface) * sizeof *surface.height;
+    return scratch_memory(instance, size + heights) ? ACCEPTED : lack_memory(instance, &surface, size);
+}
+
 /* Everything that layers need in addition to the variables; a restored state includes its fine surface. */
 static Outcome find_memory(Instance *instance, const YoungLaplaceDepositionVariables *v) {
     const FineSurface surface = kept_surface(instance, v);
     PassMemory memory;
     const size_t size = place_pass_memory(&surface, NULL, &memory);
-    if (surface.height && scratch_memory(instance, size))
-        return ACCEPTED;
-    return refuse(instance, "no memory for %llu points of the fine surface and %llu bytes to solve on it",
-                  (unsigned long long)(column_count(&surface) * row_count(&surface)), (unsigned long long)size);
+    return surface.height && scratch_memory(instance, size) ? ACCEPTED : lack_memory(instance, &surface, size);
 }
 
 static Outcome check_value(Instance *instance, size_t variable, const void *value) {
@@ -90,8 +106,10 @@ static Outcome initialize(Instance *instance) {
     Outcome outcome = check_spread(instance, &v, 1.0, "a droplet");
     if (outcome == ACCEPTED)
         outcome = handshake_initialize(instance, &LAYER_HANDSHAKE(v));
-    if (outcome == ACCEPTED) /* last: the size of a saved state follows from it */
+    if (outcome == ACCEPTED) { /* last: the size of a saved state follows from it */
+        scratch_memory(instance, 0);
         outcome = find_memory(instance, &v);
+    }
     if (outcome != ACCEPTED)
         return outcome;
     calculate(instance);
@@ -109,6 +127,7 @@ static Outcome do_step(Instance *instance, double start, double end) {
 }
 
 const Model YOUNG_LAPLACE_DEPOSITION = {.table = &YOUNG_LAPLACE_DEPOSITION_VARIABLES,
+                                        .reserve = reserve,
                                         .check_value = check_value,
                                         .calculate = calculate,
                                         .initialize = initialize,

@@ -39,6 +39,26 @@ def test_report_makes_table_and_pictures_again(tmp_path: Path) -> None:
     assert (folder / "layers.png").exists()
 
 
+@pytest.mark.parametrize("kind", ["LayerMpc", "LayerController"])
+def test_alpha_that_prints_nothing_is_an_error_that_names_one_that_prints(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def printed(folder: str, *overrides: str) -> int:
+        chosen = [f"components.controller.{override}" for override in (f"kind={kind}", *overrides)]
+        options = [word for override in (*chosen, "run.layers_max=1") for word in ("--set", override)]
+        return main(["run", CUBOID, "--no-compare", "--out", str(tmp_path / folder), *options])
+
+    assert printed("none", "horizon=1", "alpha=0.05") == 1
+    message = capsys.readouterr().err
+    assert "controller: nothing was printed with alpha = 0.05, horizon = 1" in message
+    assert "Traceback" not in message
+    found = re.search(r"; alpha = (\S+) or horizon = (\d) would print", message)
+    assert found
+    assert printed("alpha", "horizon=1", f"alpha={found[1]}") == 0
+    assert printed("horizon", f"horizon={found[2]}", "alpha=0.05") == 0
+    assert "nothing was printed" not in capsys.readouterr().out
+
+
 def test_run_that_prints_nothing_ends_with_a_message_and_pictures(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -27,9 +27,11 @@ This page compares the figures printed in the papers behind the models with the 
 
 A run folder holds the table (`table.txt`, `table.md`, `table.csv`), the pictures and their provenance
 (`reproduce.json`). Ctrl-C keeps the finished steps; `--quick` uses fewer prints and coarser grids. Finite
-elements need `pip install inkloop[reproduce]` (scikit-fem). "-" under "reproduced" means that there is nothing to
-compare: the paper gives no number, or one that was measured on another machine or plant. The number after "±" is the
-standard deviation over prints, or over groups of samples. `make figures` writes this page.
+elements need `pip install inkloop[reproduce]` (scikit-fem). "Reproduced" is said of figures that the paper prints
+and of which nothing was put in. "-" means that there is nothing to compare: the paper gives no number, or one that
+was measured on another machine or plant, or ours was made with it or fitted to it. The number after "±" is the
+standard deviation over prints, or over groups of samples; of coefficients it is half the width of the 95 %
+interval. `make figures` writes this page.
 """
 
 SCORE_PAGE = """# The score board

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import date
@@ -157,9 +158,14 @@ def _volume_area(found: Identification) -> Table:
     for prior in estimate.rms:
         table.add_column(prior, justify="right")
     table.add_row("samples", *(str(estimate.counts[prior]) for prior in estimate.rms))
-    table.add_row("error of the mean", *(f"{rms:.1%}" for rms, _ in estimate.rms.values()))
-    table.add_row("its spread over groups of 3", *(f"{spread:.1%}" for _, spread in estimate.rms.values()))
+    table.add_row("error of the mean", *(_share(rms) for rms, _ in estimate.rms.values()))
+    table.add_row("its spread over groups of 3", *(_share(spread) for _, spread in estimate.rms.values()))
     return table
+
+
+def _share(value: float) -> str:
+    """In percent; "-" for a share of nothing."""
+    return f"{value:.1%}" if math.isfinite(value) else "-"
 
 
 def _comparison(found: Identification) -> Table:
@@ -175,7 +181,7 @@ def _comparison(found: Identification) -> Table:
     table.add_column("fitted to everything")
     for one in found.comparisons:
         if one.score is not None and one.model is not None:
-            table.add_row(one.name, f"{one.score.rms * UM_PER_M:.3f}", f"{one.score.relative:.1%}", words(one.model))
+            table.add_row(one.name, f"{one.score.rms * UM_PER_M:.3f}", _share(one.score.relative), words(one.model))
         else:
             table.add_row(one.name, "-", "-", "")
     return table

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 Pattern = NDArray[np.int32]
 
+MARGIN = 3  # empty cells around layers: one where droplets spill, others that show the noise of the scans
 TILE = 5  # cells along each side, so that no droplet of a layer has another one within two cells of its motif
 DROPLET_MOTIFS: Mapping[str, tuple[str, ...]] = {
     "single": ("...", ".#.", "..."),
@@ -57,10 +58,15 @@ def droplets(nx: int, ny: int, seed: int = 0) -> list[Pattern]:
     return [first, second]
 
 
-def layers(nx: int, ny: int, count: int, seed: int = 0, margin: int = 2) -> list[Pattern]:
+def layers(nx: int, ny: int, count: int, seed: int = 0, margin: int = MARGIN) -> list[Pattern]:
     """`count` layers: half a checkerboard and half stripes, which separate h1, h2 and h3 best on flat ground, then
-    random ones of half, three quarters and a quarter of the cells, which make steps.
+    random ones of half, three quarters and a quarter of the cells, which make steps. `margin` cells around them stay
+    empty. Raises ValueError for a grid without a cell inside.
     """
+    if min(nx, ny) <= 2 * margin:
+        raise ValueError(
+            f"the grid is {nx} x {ny}; needs more than {2 * margin} cells each way around a margin of {margin}"
+        )
     i, j = np.indices((nx, ny))
     inside = (np.minimum(i, nx - 1 - i) >= margin) & (np.minimum(j, ny - 1 - j) >= margin)
     random = np.random.default_rng(seed)

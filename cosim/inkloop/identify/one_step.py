@@ -33,7 +33,7 @@ class Score:
     """
 
     rms: float
-    relative: float
+    relative: float  # NaN where no cell is as high
 
 
 def predictions(model: Model, record: PrintRecord, noise_std: float = 0.0) -> NDArray[np.float64]:
@@ -94,7 +94,7 @@ def score(
         errors.append(error[seen])
         counted = seen & near_droplets(record.pattern) & (scans - ground > GROWN * layer_height)
         shares.append((error / np.where(counted, scans - ground, 1.0))[counted])
-    return Score(_rms(np.concatenate(errors)), _rms(np.concatenate(shares)))
+    return Score(rms(np.concatenate(errors)), rms(np.concatenate(shares)))
 
 
 def near_droplets(pattern: NDArray[np.int32]) -> Marks:
@@ -105,5 +105,6 @@ def near_droplets(pattern: NDArray[np.int32]) -> Marks:
     return np.asarray(np.logical_or.reduce(shifted))
 
 
-def _rms(values: NDArray[np.float64]) -> float:
+def rms(values: NDArray[np.float64]) -> float:
+    """Root of the mean square; NaN of nothing."""
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

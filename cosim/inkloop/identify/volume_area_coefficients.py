@@ -1,9 +1,14 @@
-"""The coefficients of Wu and Chiu (2024) from drops that fall alone onto uneven ground: equations 14 to 17, in groups
-of three samples, and how well they predict each pattern of prior drops (21).
+"""The coefficients of Wu and Chiu (2024) from drops that fall alone onto uneven ground: equations 14 to 16 in groups of
+three samples, (17) with weights, and how well they predict each pattern of prior drops (21).
+
+The paper takes means of ratios of gains to height differences. Where a difference is small, noise makes its ratio
+large, and the mean follows it. Here each ratio has its difference as weight: the sum of the gains over the sum of
+the differences. (A median fails where neighbours at sides and corners gain unequally: it takes one kind for all.)
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -14,8 +19,10 @@ from scipy.special import stdtrit
 
 from inkloop.errors import IdentificationError
 from inkloop.identify.ink_regression import start_surface
+from inkloop.identify.one_step import rms
 from inkloop.identify.print_record import PrintRecord
 from inkloop.models import VolumeAreaDeposition
+from inkloop.units import UM_PER_M
 
 NAMES = ("mv_plus", "mv_minus", "ma_plus", "ma_minus")
 GROUP = 3  # samples that are averaged (Wu, Chiu 2024, section IV)
@@ -75,10 +82,9 @@ def identify_volume_area(records: Sequence[PrintRecord], noise_std: float, seed:
             f"coefficients of Wu and Chiu need {GROUP * LEAST_GROUPS}, each alone in its layer within two cells"
         )
     level = max(LEVEL * scale, 3.0 * noise_std)
-    table = np.array([_ratios(group, scale, level) for group in chosen])
-    coefficients = dict(zip(NAMES, (float(value) for value in np.nanmean(table, axis=0)), strict=True))
-    factor = float(stdtrit(len(chosen) - 1, 0.975)) / np.sqrt(len(chosen))
-    widths = dict(zip(NAMES, (float(factor * value) for value in np.nanstd(table, axis=0, ddof=1)), strict=True))
+    ratios = {name: _ratio(*sums) for name, sums in _sums(chosen, scale, level).items()}
+    coefficients = {name: value for name, (value, _) in ratios.items()}
+    widths = {name: width for name, (_, width) in ratios.items()}
     growths = np.array([np.sum(s.height_after - s.height) for s in samples])
     widths["height_scale"] = 1.96 * float(growths.std(ddof=1)) / np.sqrt(growths.size)
     if not known:
@@ -86,8 +92,8 @@ def identify_volume_area(records: Sequence[PrintRecord], noise_std: float, seed:
         widths |= {"ma_plus": np.nan, "ma_minus": np.nan}
     coefficients["height_scale"] = scale
     model = _model(records[0].pitch, coefficients)
-    rms = {prior: _errors(members, model, known) for prior, members in groups.items() if members}
-    return VolumeAreaEstimate(coefficients, widths, rms, {p: len(m) for p, m in sorted(by_pattern.items())}, known)
+    errors = {prior: _errors(members, model, known) for prior, members in groups.items() if members}
+    return VolumeAreaEstimate(coefficients, widths, errors, {p: len(m) for p, m in sorted(by_pattern.items())}, known)
 
 
 def _model(pitch: float, of: Mapping[str, float], tamed: bool = False) -> VolumeAreaDeposition:
@@ -151,16 +157,33 @@ def _height(sample: DropSample, after: bool = False) -> NDArray[np.float64]:
     return np.divide(height, area, out=np.zeros_like(height), where=area > 0.0)
 
 
-def _ratios(sample: DropSample, scale: float, level: float) -> list[float]:
-    """Equation 17: means of the ratios of gains to height differences, NaN where there are none of that sign."""
-    difference = height_differences(_height(sample))
-    volume, area = (sample.height_after - sample.height) / scale, sample.area_after - sample.area
-    higher, lower = _OFF_CENTRE & (difference > level), _OFF_CENTRE & (difference < -level)
-    return [
-        float(np.mean(gain[cells] / difference[cells])) if cells.any() else np.nan
-        for gain in (volume, area)
-        for cells in (higher, lower)
-    ]
+def _sums(
+    groups: Sequence[DropSample], scale: float, level: float
+) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Of equation 17, by coefficient: gains and height differences, summed over the cells of each group."""
+    found: dict[str, list[tuple[float, float]]] = {name: [] for name in NAMES}
+    for sample in groups:
+        difference = height_differences(_height(sample))
+        volume, area = (sample.height_after - sample.height) / scale, sample.area_after - sample.area
+        higher, lower = _OFF_CENTRE & (difference > level), _OFF_CENTRE & (difference < -level)
+        pairs = [(gain, cells) for gain in (volume, area) for cells in (higher, lower)]
+        for name, (gain, cells) in zip(NAMES, pairs, strict=True):
+            if cells.any():
+                found[name].append((float(gain[cells].sum()), float(difference[cells].sum())))
+    lacking = [name for name, sums in found.items() if len(sums) < LEAST_GROUPS]
+    if lacking:
+        raise IdentificationError(
+            f"{' and '.join(lacking)}: next to two prior drops, fewer than {LEAST_GROUPS} groups of {GROUP} drops have "
+            f"cells that differ by more than {level * UM_PER_M:.3g} um from those around them; needs less noise"
+        )
+    return {name: (np.array(sums)[:, 0], np.array(sums)[:, 1]) for name, sums in found.items()}
+
+
+def _ratio(gains: NDArray[np.float64], differences: NDArray[np.float64]) -> tuple[float, float]:
+    """Sum over sum, and half the width of its 95 % confidence interval, from what the groups are off it."""
+    ratio, count = float(gains.sum() / differences.sum()), gains.size
+    off = float(np.sum((gains - ratio * differences) ** 2)) * count / (count - 1)
+    return ratio, float(stdtrit(count - 1, 0.975)) * math.sqrt(off) / abs(float(differences.sum()))
 
 
 def _errors(groups: Sequence[DropSample], model: VolumeAreaDeposition, area_known: bool) -> tuple[float, float]:
@@ -172,11 +195,14 @@ def _errors(groups: Sequence[DropSample], model: VolumeAreaDeposition, area_know
 
 
 def _relative_rms(sample: DropSample, model: VolumeAreaDeposition, area_known: bool) -> float:
-    """Equation 21 over the region of interest, of cells that hold ink after the drop; without areas of mean heights."""
+    """Equation 21 over the region of interest, of cells that hold ink after the drop; without areas of mean heights.
+
+    NaN where no cell holds ink.
+    """
     drop = np.zeros((3, 3), np.int32)
     drop[1, 1] = 1
     after = model.layer(model.start(np.maximum(sample.height, 0.0), np.clip(sample.area, 0.0, 1.0)), drop)
     measured = _height(sample, after=True) if area_known else sample.height_after
     predicted = after.covered_height if area_known else after.height
     counted = measured > COVERED * model.height_scale
-    return float(np.sqrt(np.mean(((measured - predicted)[counted] / measured[counted]) ** 2)))
+    return rms((measured - predicted)[counted] / measured[counted])

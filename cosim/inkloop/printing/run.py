@@ -19,6 +19,7 @@ from inkloop.files import reason_of
 from inkloop.master.interrupt import deferred
 from inkloop.master.pacing import sentence
 from inkloop.printing.device_log import live_words
+from inkloop.printing.first_layer import check_first_layer
 from inkloop.printing.listening import check_listening
 from inkloop.printing.lock import LOCK_FILE, sole_writer
 from inkloop.printing.print import Print
@@ -96,11 +97,16 @@ def print_part(
     folder: Path | None = None,
     notes: Mapping[str, Any] | None = None,
 ) -> Result:
-    """One print, shown as it goes, from the start surface or the layers in `folder` to its end; see `Print`."""
+    """One print, shown as it goes, from the start surface or the layers in `folder` to its end; see `Print`.
+
+    Raises ComponentError, also where nothing was printed for an alpha that is too small.
+    """
     job = scenario.job()
     nominal = max(1, round(float(job.target_height.max()) / job.inks[0].layer_height))
     bar = _LayerBar(progress, scenario.tables.label, nominal) if progress else None
-    return Print(scenario, folder, on_layer=bar, notes=notes).run()
+    result = Print(scenario, folder, on_layer=bar, notes=notes).run()
+    check_first_layer(scenario, result)
+    return result
 
 
 def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool, pictures: bool) -> int:

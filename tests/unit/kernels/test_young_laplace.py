@@ -9,7 +9,18 @@ import pytest
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import brentq
 
-from support.fmus.young_laplace_library import ANGLE, LINEAR, NONLINEAR, PITCH, VOLUME, Place, Print, library, numbers
+from support.fmus.young_laplace_library import (
+    ANGLE,
+    LINEAR,
+    NONLINEAR,
+    PITCH,
+    VOLUME,
+    Liquid,
+    Place,
+    Print,
+    library,
+    numbers,
+)
 from support.numpy import young_laplace_numpy
 
 pytestmark = pytest.mark.compiled
@@ -206,6 +217,37 @@ def test_body_that_would_have_to_overhang_is_solved_linearly_and_counted() -> No
     assert 0 < tall.fallbacks < 8 * 6 / 2
     assert linear.fallbacks == 0
     assert tall.volume == pytest.approx(8 * 36 * VOLUME, rel=1e-12, abs=0.0)
+
+
+@pytest.mark.parametrize("per_pitch", [8, 16, 24, 32])
+def test_steep_bodies_of_a_second_layer_have_a_solution_on_any_grid(per_pitch) -> None:
+    square = np.zeros((9, 9))
+    square[2:-2, 2:-2] = 1.0
+    print_ = Print(9, 9, per_pitch)
+    for _ in range(2):
+        print_.layer(square)
+    assert print_.fallbacks == 0
+    assert print_.cells.max() == pytest.approx(44.09e-6, rel=1e-3, abs=0.0)
+
+
+@pytest.mark.parametrize("per_pitch", [8, 16, 32])
+def test_cap_is_a_solution_however_steep(per_pitch) -> None:
+    """A spherical cap of 1.4 rad: its edge is as steep as 80 degrees all around."""
+    print_ = Print(5, 5, per_pitch)
+    print_.liquid = Liquid(VOLUME, 1.4, NONLINEAR)
+    print_.layer(only(5, 5, (2, 2)))
+    assert print_.fallbacks == 0
+
+
+@pytest.mark.parametrize("per_pitch", [8, 16, 32])
+@pytest.mark.parametrize(("cylinders", "fallbacks"), [(0.7, 0), (0.75, 0), (1.2, 1), (1.5, 1)])
+def test_line_with_more_liquid_than_a_half_cylinder_has_no_solution(cylinders, fallbacks, per_pitch) -> None:
+    """Beyond it a circle through both edges is wider than they are apart. cylinders: cross-section, in half circles."""
+    radius = library().cap_radius(ctypes.c_double(VOLUME), ctypes.c_double(1.4))
+    line = Print(22, 5, per_pitch, pitch=VOLUME / (cylinders * np.pi * radius**2 / 2.0))
+    line.liquid = Liquid(VOLUME, 1.4, NONLINEAR)
+    line.layer(only(22, 5, *((i, 2) for i in range(3, 19))))
+    assert line.fallbacks == fallbacks
 
 
 def test_cells_become_a_continuous_surface_with_their_means() -> None:

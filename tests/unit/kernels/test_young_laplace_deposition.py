@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -133,6 +138,29 @@ def test_state_of_other_parameters_brings_its_own_fine_surface() -> None:
         assert np.array_equal(other.print_layer(pattern), fine.print_layer(pattern))
         assert other.restore(unborn) == OK
         assert other.save() == unborn
+
+
+def test_memory_that_does_not_fit_is_refused_at_the_end_of_the_configuration() -> None:
+    with Driver(MODEL, nx=6, ny=5) as fmu, less_memory(500_000_000):
+        assert max(fmu.call("enterConfigurationMode"), fmu.set("nx", 3000), fmu.set("ny", 700)) == OK
+        assert fmu.call("exitConfigurationMode") == ERROR
+        assert "no memory for 24036 x 5636 points of the fine surface, 64 a cell" in fmu.messages[-1]
+        assert "fewer cells_per_pitch or a smaller grid" in fmu.messages[-1]
+        assert max(fmu.set("nx", 6), fmu.set("ny", 5), fmu.call("exitConfigurationMode")) == OK
+        assert max(fmu.set("cells_per_pitch", 2), fmu.enter(), fmu.exit()) == OK
+        assert fmu.print_layer(np.ones((6, 5), dtype=np.int32)).max() > 0.0
+
+
+@contextmanager
+def less_memory(size: int) -> Iterator[None]:
+    """At most so many more bytes of address space for this process."""
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (used + size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
 def test_square_of_ten_layers_has_the_recorded_shape() -> None:

@@ -17,6 +17,7 @@ DOME = (27.343, 29.592, 30.273, 30.391, 30.4)
 """Middle row of the cuboid from its edge inwards [um], from an independent reading of the equations (the paper: a
 picture).
 """
+EXPRESSIONS = "the paper prints expressions; printed are their values for h1 and h2 of Table I, r = h1 h2 / (h1 + h2)"
 LAYER_COUNT = "the caption says six layers, the text ten; ten are shown"
 ADDITIVE = "the traditional model: sum of caps 413 um wide and 4.4 um high; the paper says constant height everywhere"
 
@@ -37,7 +38,7 @@ def find(quick: bool) -> Part:
     rows += [
         Row(where, "corner droplet", "um", None, float(dome[2, 2])),
         Row(where, "highest less lowest, inner 7 x 7", "um", None, spread),
-        Row(where, "the same, traditional model", "um", 0.0, spread_added, 1e-9, ADDITIVE),
+        Row(where, "the same, traditional model", "um", None, spread_added, remark=ADDITIVE),
     ]
     i, j = np.indices((35, 35))
     disc = ((i - 17) ** 2 + (j - 17) ** 2 <= 225).astype(np.int32)
@@ -60,7 +61,8 @@ def _line_rows(line: list[FloatMap]) -> list[Row]:
         "layer 2, others: 2 h1 + 4 h2": (2 * H1 + 4 * H2, second[LINE // 2]),
     }
     rows = [
-        Row("III-C, Fig. 7: line", name, "um", printed, float(ours), 1e-9) for name, (printed, ours) in expected.items()
+        Row("III-C, Fig. 7: line", name, "um", printed, float(ours), 1e-9, EXPRESSIONS)
+        for name, (printed, ours) in expected.items()
     ]
     for layers, surface in enumerate(line, start=1):
         flat = layers * (H1 + 2 * H2)

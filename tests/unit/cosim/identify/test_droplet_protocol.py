@@ -7,14 +7,19 @@ import pytest
 
 from inkloop.errors import IdentificationError
 from inkloop.identify import designs
+from inkloop.identify.command import _share
 from inkloop.identify.droplet_protocol import identify_by_protocol, motif_centres
+from inkloop.identify.print_record import noise_of
 from inkloop.identify.volume_area_coefficients import (
     TWO_PRIOR,
+    DropSample,
+    _relative_rms,
     drop_samples,
     height_differences,
     identify_volume_area,
 )
 from inkloop.models import LayerDeposition, VolumeAreaDeposition
+from inkloop.studies.reproduce.synthetic_profiles import NOISE, PIXELS, experiments, liquid
 from support.logged_print import made_up
 from support.numpy import wu_chiu_numpy
 
@@ -75,6 +80,45 @@ def test_finer_noise_gives_the_coefficients_with_their_spread() -> None:
     for name, true in GAINS.items():
         assert found.coefficients[name] == pytest.approx(true, abs=max(3.0 * found.half_widths[name], 60.0))
     assert found.half_widths["mv_minus"] < 300.0
+
+
+def test_small_differences_do_not_carry_the_coefficients_away() -> None:
+    """0.04 um on each cell's mean makes single ratios of (17) large, and their means 20 to 40 % too large."""
+    found = identify_volume_area([motif_print(VolumeAreaDeposition(), 75, 0.04e-6)], 0.04e-6)
+    for name in ("mv_plus", "mv_minus", "ma_minus"):
+        assert found.coefficients[name] == pytest.approx(GAINS[name], rel=0.1, abs=0.0)
+        assert found.half_widths[name] < 0.15 * abs(GAINS[name])
+
+
+def test_neighbours_that_gain_unequally_count_all() -> None:
+    """Drops under surface tension leave nothing to corners: a median would take 0 for all neighbours."""
+    found = identify_volume_area(list(experiments(liquid(), 12)), NOISE / PIXELS)
+    assert -1700.0 < found.coefficients["mv_minus"] < -900.0
+    assert max(error for error, _ in found.rms.values()) < 0.1
+
+
+def test_differences_hidden_by_noise_are_refused_with_a_message() -> None:
+    with pytest.raises(IdentificationError, match=r"mv_plus and .* differ by more than 24 um .*; needs less noise"):
+        identify_volume_area([motif_print(VolumeAreaDeposition(), 9)], 8e-6)
+
+
+@pytest.mark.filterwarnings("error")
+def test_error_of_drops_that_left_nothing_is_no_share() -> None:
+    nothing = DropSample(TWO_PRIOR, *(np.zeros((3, 3)) for _ in range(4)))
+    assert np.isnan(_relative_rms(nothing, VolumeAreaDeposition(), area_known=True))
+    assert _share(float("nan")) == "-"
+    assert _share(0.125) == "12.5%"
+
+
+def test_layers_leave_three_empty_cells_around_them() -> None:
+    for pattern in designs.layers(20, 12, 7):
+        framed = np.pad(pattern[3:-3, 3:-3], 3)
+        np.testing.assert_array_equal(pattern, framed)
+    assert all(pattern[3].any() and pattern[:, -4].any() for pattern in designs.layers(20, 12, 3)[1:])
+    record = made_up(LayerDeposition(), designs.layers(20, 12, 3), 0.3e-6)
+    assert noise_of([record]) == pytest.approx(0.3e-6, rel=0.3, abs=0.0)
+    with pytest.raises(ValueError, match="more than 6 cells each way"):
+        designs.layers(6, 20, 1)
 
 
 def test_without_areas_cells_with_ink_count_as_covered() -> None:

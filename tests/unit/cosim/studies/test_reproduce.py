@@ -25,6 +25,7 @@ from inkloop.studies.reproduce.comparison import Part, Row, markdown, remarks, s
 from inkloop.studies.reproduce.finite_elements import solve, triangles
 from inkloop.studies.reproduce.hume_rosen import time_scales
 from inkloop.studies.reproduce.liquid import Liquid
+from support.places import ROOT
 
 
 def ours(part: Part) -> dict[str, float]:
@@ -57,7 +58,8 @@ def test_every_row_is_in_the_page_and_in_the_spreadsheet_and_every_remark_appear
 
 
 def test_time_scales_of_the_papers_ink_are_the_printed_ones() -> None:
-    assert {row.reproduced for row in time_scales(True).rows if row.printed is not None} == {"yes"}
+    rows = [row for row in time_scales(True).rows if row.printed is not None and row.figure != "t_dep, at 8 kHz"]
+    assert [row.reproduced for row in rows] == ["yes"] * 4
     assert Liquid().bond == pytest.approx(6.278e-4, rel=1e-3, abs=0.0)
     assert Liquid().ohnesorge == pytest.approx(0.3162, rel=1e-3, abs=0.0)
 
@@ -84,7 +86,9 @@ def test_dome_of_the_cuboid_is_the_recorded_one() -> None:
 
 
 def test_a_pattern_that_made_a_surface_is_found_again() -> None:
-    assert {row.reproduced for row in recovery.find(True).rows} == {"yes"}
+    rows = recovery.find(True).rows
+    assert [row.ours for row in rows] == [10.0, 10.0]
+    assert [row.reproduced for row in rows] == ["yes", "-"]  # the paper prints a figure for its own search
 
 
 def test_what_a_controller_commands_is_no_droplet_once_nothing_is_missing() -> None:
@@ -93,8 +97,53 @@ def test_what_a_controller_commands_is_no_droplet_once_nothing_is_missing() -> N
     assert recovery.first_pattern("StochasticGreedy", job, {}, np.full((6, 6), -50e-6)).all()
 
 
-def test_a_layer_is_most_even_near_the_papers_spacing() -> None:
-    assert droplet_spacing.find(True).rows[0].reproduced == "yes"
+def test_a_layer_is_as_even_from_0_58_to_0_66_as_at_the_papers_spacing() -> None:
+    best, least, largest = droplet_spacing.find(False).rows[:3]
+    assert droplet_spacing.CHOSEN not in droplet_spacing.SWEEP
+    assert (least.ours, largest.ours) == (0.58, 0.66)
+    assert least.ours <= best.ours <= largest.ours
+
+
+NOT_PRINTED_OR_PUT_IN = {
+    "III-A: spacing gamma": "",
+    "Fig. 21, 22: cuboid, 4 layers": "",
+    "(18)": "",
+    "(20), profiles made with (20)": "",
+    "Theory": "",
+    "Table 2, nonlinear, 2nd order, 2.5 um, outline of 22 points": "",
+    "Table 1": "t_dep, at 8 kHz",
+    "IV-C: recoverability": "LayerMpc, one layer ahead",
+}
+"""Where no row of the page may be called reproduced, or one of them: no paper prints the figure, or it was put in."""
+
+
+def rows_of_the_page() -> list[list[str]]:
+    lines = (ROOT / "docs" / "reference" / "the-papers.md").read_text(encoding="utf-8").splitlines()
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| ")]
+    return [row for row in rows if row[0] != "where"]
+
+
+def test_what_no_paper_prints_and_what_was_put_in_is_not_called_reproduced() -> None:
+    rows = rows_of_the_page()
+    assert {row[0] for row in rows} >= NOT_PRINTED_OR_PUT_IN.keys()
+    for where, figure, _, printed, _, reproduced in rows:
+        if where in NOT_PRINTED_OR_PUT_IN and NOT_PRINTED_OR_PUT_IN[where] in ("", figure):
+            assert reproduced == "-", (where, figure)
+        assert reproduced == "-" or printed != "-", (where, figure)
+
+
+def test_the_page_holds_the_figures_of_the_present_code() -> None:
+    """Of the steps that take moments; `tools/figures/the_papers.py` writes all of them."""
+    steps = (layer_growth.find, droplet_spacing.find, wu_chiu.printed_sample, time_scales)
+    page = rows_of_the_page()
+    for row in (row for step in steps for row in step(False).rows):
+        assert list(row.cells) in page
+
+
+def test_size_of_a_mean_error_is_not_called_mean_error() -> None:
+    figures = [figure for where, figure, *_ in rows_of_the_page() if where.startswith(("Fig. 11", "Fig. 12"))]
+    assert sum(figure.endswith(": absolute mean error") for figure in figures) == 6
+    assert not any(figure.endswith(": mean error") for figure in figures)
 
 
 def test_width_of_a_block_is_where_it_is_half_as_high() -> None:
@@ -182,8 +231,9 @@ def test_group_of_wu_and_chiu_gives_the_ratios_of_its_own_equation_17() -> None:
 
 
 def test_resampling_gives_back_the_coefficients_that_made_the_profiles() -> None:
-    rows = [row for row in wu_chiu.resampled(True).rows if row.where == "(20), profiles of this model"]
-    assert [row.reproduced for row in rows] == ["yes"] * 4
+    rows = [row for row in wu_chiu.resampled(True).rows if row.where == "(20), profiles made with (20)"]
+    assert [row.ours for row in rows] == pytest.approx([0.0067, -0.0201, 0.0, -0.0634], rel=0.05, abs=1e-6)
+    assert [row.reproduced for row in rows] == ["-"] * 4
 
 
 @pytest.mark.system
