@@ -9,7 +9,7 @@
 # make sanitize   all FMUs under sanitizers (about ten minutes)
 # make firmware-cortex-m  the emulator as an image for a Cortex-M3, with its size
 # make tools      compilers, emulators and masters of others that some tests use and skip without (Debian)
-# make gallery    docs/gallery: every scenario with one picture; the pictures of docs/explanation
+# make figures    tables, figures and pictures of all pages, from runs; the runs are kept in records next to the pages
 # make upgrade    the newest packages that pyproject.toml allows, into .venv; then make check test test-long constraints
 # make constraints  constraints.txt: the versions in .venv, which make installs
 # make clean      remove .venv and build
@@ -28,7 +28,7 @@ BUILD_MODULES := $(wildcard cosim/inkloop/fmu_writer/*.py) \
                  $(addprefix hardware/inkloop_hardware/protocol/,c_codec.py inkloop.dbc)
 C_FILES := $(shell find controller fmus hardware tests -name '*.[ch]')
 
-.PHONY: run check test lint format test-long benchmarks benchmarks-hardware peers fuzz sanitize firmware-cortex-m tools gallery \
+.PHONY: run check test lint format test-long benchmarks benchmarks-hardware peers fuzz sanitize firmware-cortex-m tools figures \
         upgrade constraints clean
 run: .venv/installed
 	@echo "inkloop: printing scenarios/cylinder.toml (about ten seconds) ..."
@@ -93,7 +93,7 @@ benchmarks-hardware: .venv/developer
 peers: .venv/developer
 	$(PIP) 'ecospy>=0.7.2'   # of use nowhere else; it also needs libtbb12
 	$(BIN)/python tests/support/masters/java_programs.py
-	PYTHONPATH=tests $(BIN)/python tools/figures/peers.py
+	$(BIN)/python -m tools.figures peers
 
 sanitize: .venv/developer
 	$(BIN)/python -m pytest -m long -n 2 tests/contract/test_fmu_sanitizers.py tests/unit/controller/core/test_search_threads.py
@@ -114,17 +114,9 @@ tools:
 	else echo "install with your own package manager what Debian calls: $(TOOLS)"; fi
 	$(PYTHON) tests/support/masters/java_programs.py
 
-# every scenario with one picture, docs/gallery; pictures and tables of docs/explanation
-gallery: .venv/developer
-	$(BIN)/python tools/figures/gallery.py
-	PYTHONPATH=. $(BIN)/python tools/figures/layer_problem.py
-	$(BIN)/python tools/figures/finish.py
-	$(BIN)/python -m benchmarks.closed_loop_page
-	$(BIN)/python tools/figures/height_maps.py
-	$(BIN)/python tools/figures/modelica_library.py
-	$(BIN)/python tools/figures/identified_ink.py
-	$(BIN)/python tools/figures/the_papers.py
-	$(BIN)/python tools/figures/house.py
+# NAMES="house gallery/cylinder" takes some of them; NAMES="--written" runs nothing and writes the pages from the records
+figures: .venv/developer
+	$(BIN)/python -m tools.figures $(NAMES)
 
 # Without constraints: the newest packages, to be tested before `make constraints` keeps their versions.
 upgrade: .venv/developer

@@ -96,7 +96,11 @@ void inkloop_displacement(const Registration *registration, ScanDisplacement *di
     *displacement = reported_displacement(registration);
 }
 
-int32_t inkloop_estimate_first(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
-                               SurfaceEstimate *estimate) {
-    return estimate_first(options, measured, valid, estimate) ? CORE_DONE : CORE_NO_MEMORY;
+int32_t inkloop_untrusted_reasons(const LoopTrust *trust) {
+    return untrusted_reasons(trust);
+}
+
+int32_t inkloop_estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured,
+                               const uint8_t *valid, SurfaceEstimate *estimate) {
+    return estimate_first(options, layer, measured, valid, estimate) ? CORE_DONE : CORE_NO_MEMORY;
 }

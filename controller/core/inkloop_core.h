@@ -18,7 +18,7 @@
 #define INKLOOP_CORE_API __attribute__((visibility("default")))
 #endif
 
-enum { CORE_INTERFACE = 4 }; /* counts up with every change of a signature or struct below */
+enum { CORE_INTERFACE = 5 }; /* counts up with every change of a signature or struct below */
 
 /* CORE_INTERFACE of the library: the caller can refuse one that was built for other sources. */
 INKLOOP_CORE_API int32_t inkloop_core_interface(void);
@@ -69,9 +69,12 @@ INKLOOP_CORE_API void inkloop_finish(int32_t finish, Finish *chosen);
 INKLOOP_CORE_API void inkloop_no_registration(Registration *registration);
 INKLOOP_CORE_API void inkloop_displacement(const Registration *registration, ScanDisplacement *displacement);
 
+/* The reasons why the loop is not trusted, UNTRUSTED_... added up (loop_trust.h). */
+INKLOOP_CORE_API int32_t inkloop_untrusted_reasons(const LoopTrust *trust);
+
 /* The estimate after the first scan, after each one that follows a layer, and after one that follows a layer that was
  * abandoned midway (height_estimator.h). CORE_DONE or CORE_NO_MEMORY. */
-INKLOOP_CORE_API int32_t inkloop_estimate_first(const EstimatorOptions *options, const double *measured,
+INKLOOP_CORE_API int32_t inkloop_estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured,
                                                 const uint8_t *valid, SurfaceEstimate *estimate);
 INKLOOP_CORE_API int32_t inkloop_estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before,
                                                const JettedLayer *layer, const double *measured, const uint8_t *valid,

@@ -40,7 +40,8 @@ def LayerMpcController(job: Job, **options: object) -> LayerController:
             **arguments(LayerMpc, options),
         ),
     )
-    estimator = _tried(errors, lambda: HeightEstimator(job, **arguments(HeightEstimator, options)))
+    levels = arguments(DropletChoices, options).get("drop_levels", 1)
+    estimator = _tried(errors, lambda: HeightEstimator(job, drop_levels=levels, **arguments(HeightEstimator, options)))
     if errors or planner is None or estimator is None:
         raise ValueError("; ".join(errors))
     return LayerController(job, planner, estimator)

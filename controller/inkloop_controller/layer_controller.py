@@ -79,6 +79,16 @@ class LayerController:
             Port("volume_scale"),
             Port("untrusted_cells", dtype="int32"),
             Port("dead_cells", dtype="int32"),
+            Port("capped_cells", dtype="int32"),
+            Port("untrusted_reasons", dtype="int32"),
+            Port("blind_share"),
+            Port("ground_offset", "m"),
+            Port("ground_rise_x", "m"),
+            Port("ground_rise_y", "m"),
+            Port("scan_surprise", start=1.0),
+            Port("ink_excess", "m"),
+            Port("ink_excess_i", dtype="int32"),
+            Port("ink_excess_j", dtype="int32"),
             Port("scan_corrected", dtype="bool"),
             *(Port(f"scan_{field.name}", "m") for field in fields(ScanDisplacement)),
         )
@@ -113,7 +123,8 @@ class LayerController:
         try:
             with np.load(io.BytesIO(saved), allow_pickle=False) as arrays:
                 found = {name: arrays[name] if arrays[name].ndim else arrays[name].item() for name in arrays.files}
-            estimate = Estimate.of_arrays({field.name: found.pop(field.name) for field in fields(Estimate)})
+            own = {field.name for field in fields(_State)}
+            estimate = Estimate.of_arrays({name: found.pop(name) for name in found.keys() - own})
             state = _State(**found, estimate=estimate)
         except (ValueError, TypeError, KeyError, OSError) as error:
             raise ComponentError(f"layer controller: what is to be restored is no state of it ({error})") from error
@@ -128,7 +139,7 @@ class LayerController:
         _check_finite(scan, measured, valid)
         before = self._state
         if before.answered < 0:
-            estimate = self._estimator.first(measured, valid)
+            estimate = self._estimator.first(measured, valid, scan)
         else:
             drops = before.drop_level.astype(np.float64)
             seen = (before.estimate, before.pattern, scan, measured, valid, drops)
@@ -144,7 +155,7 @@ class LayerController:
             drop_level=np.maximum(plan.drop_level, 1),
             layer_command=before.layer_command if done else before.layer_command + 1,
             answered=scan,
-            status=int(Status.DONE if done else Status.UNTRUSTED if estimate.untrusted.any() else Status.IDLE),
+            status=int(Status.DONE if done else Status.UNTRUSTED if estimate.trust.reasons else Status.IDLE),
             objective=plan.objective.value,
             objective_error=plan.objective.error,
             objective_deviation=plan.objective.deviation,
@@ -158,7 +169,7 @@ class LayerController:
         )
 
     def _outputs(self) -> Values:
-        estimate, pitch = self._state.estimate, self._job.pitch
+        estimate, pitch, trust = self._state.estimate, self._job.pitch, self._state.estimate.trust
         displacement = vars(estimate.registration.displacement)
         if estimate.scans == 0:
             displacement = dict.fromkeys(displacement, 0.0)
@@ -168,6 +179,12 @@ class LayerController:
             "volume_scale": estimate.ink_scale,
             "untrusted_cells": np.count_nonzero(estimate.untrusted),
             "dead_cells": np.count_nonzero(estimate.dead),
+            **vars(trust),
+            "untrusted_reasons": trust.reasons,
+            "scan_surprise": trust.surprise,
+            "ink_excess": trust.excess,
+            "ink_excess_i": trust.excess_cell // self._job.ny,
+            "ink_excess_j": trust.excess_cell % self._job.ny,
             "scan_corrected": estimate.registration.is_applied,
             **{f"scan_{name}": pitch * value for name, value in displacement.items()},
         }

@@ -45,8 +45,12 @@ EstimatorOptions estimator_options(const LayerControllerVariables *v) {
     return (EstimatorOptions){.nx = (size_t)*v->nx,
                               .ny = (size_t)*v->ny,
                               .part = (const uint8_t *)v->mask,
+                              .target = v->target_height,
                               .ink = nominal_inks(v),
+                              .drop_levels = *v->drop_levels,
+                              .flat_ground = *v->flat_ground,
                               .register_scans = *v->register_scans,
+                              .unseen_layers = *v->untrusted_layers,
                               .noise_variance = noise < 0.0 ? -1.0 : noise * noise + steps,
                               .steps_variance = steps,
                               .first_variance = layer * layer};

@@ -16,8 +16,9 @@ static const double LARGEST_SHARE = 4.0; /* of a droplet's nominal height that c
 /* What is kept in addition to the variables: numbers without padding, the response of the estimate, the last plan. */
 typedef struct {
     Ink ink[INKS_MAX];
-    InkEvidence evidence;
+    InkKnowledge learnt;
     Registration registration;
+    LoopTrust trust;
     double response[];
 } Kept;
 
@@ -46,7 +47,7 @@ static int32_t *kept_plan(const LayerControllerVariables *v, Kept *kept) {
 static bool answer_open(Answer *answer, const LayerControllerVariables *v) {
     const size_t cells = cell_count(v);
     double *real =
-        malloc((4 + DISPLACEMENTS) * cells * sizeof(double) + (1 + (size_t)horizon_of(v)) * cells * sizeof(int32_t));
+        malloc(cells * ((5 + DISPLACEMENTS) * sizeof(double) + (1 + (size_t)horizon_of(v)) * sizeof(int32_t) + 1));
     *answer = (Answer){.memory = real};
     if (!real)
         return false;
@@ -54,9 +55,11 @@ static bool answer_open(Answer *answer, const LayerControllerVariables *v) {
     answer->estimate.variance = real + cells;
     answer->estimate.dead_evidence = real + 2 * cells;
     answer->factor = real + 3 * cells;
-    answer->estimate.response = real + 4 * cells;
-    answer->estimate.unseen = (int32_t *)(real + (4 + DISPLACEMENTS) * cells);
+    answer->estimate.reckoned = real + 4 * cells;
+    answer->estimate.response = real + 5 * cells;
+    answer->estimate.unseen = (int32_t *)(real + (5 + DISPLACEMENTS) * cells);
     answer->plan = answer->estimate.unseen + cells;
+    answer->estimate.capped = (uint8_t *)(answer->plan + (size_t)horizon_of(v) * cells);
     return true;
 }
 
@@ -67,7 +70,7 @@ static bool estimate(const LayerControllerVariables *v, Kept *kept, Answer *answ
     const uint8_t *valid = (const uint8_t *)v->valid;
     int32_t order[COLOURS];
     if (*v->answered == NO_SCAN)
-        return estimate_first(&options, v->measured_height, valid, &answer->estimate);
+        return estimate_first(&options, *v->layers_scanned, v->measured_height, valid, &answer->estimate);
     for (int pass = 0; pass < COLOURS; pass++)
         order[pass] = pass_colour(&passes, *v->layers_scanned, pass);
     for (size_t cell = 0; cell < cell_count(v); cell++)
@@ -78,8 +81,10 @@ static bool estimate(const LayerControllerVariables *v, Kept *kept, Answer *answ
                               .unseen = v->unseen,
                               .dead_evidence = v->dead_evidence,
                               .response = kept->response,
+                              .reckoned = v->reckoned,
+                              .learnt = kept->learnt,
                               .registration = kept->registration,
-                              .evidence = kept->evidence,
+                              .trust = kept->trust,
                               .noise_variance = *v->noise_variance,
                               .scans = *v->scans};
     memcpy(before.ink, kept->ink, sizeof before.ink);
@@ -125,6 +130,20 @@ static void publish_displacement(const LayerControllerVariables *v, const Regist
     *v->scan_spot_std = *v->pitch * cells.spot_std;
 }
 
+static void publish_trust(const LayerControllerVariables *v, const LoopTrust *trust) {
+    *v->untrusted_reasons = untrusted_reasons(trust);
+    *v->untrusted_cells = trust->unseen_cells;
+    *v->capped_cells = (int32_t)trust->capped_cells;
+    *v->blind_share = trust->blind_share;
+    *v->ground_offset = trust->ground[0];
+    *v->ground_rise_x = trust->ground[1];
+    *v->ground_rise_y = trust->ground[2];
+    *v->scan_surprise = sqrt(trust->residual);
+    *v->ink_excess = trust->excess;
+    *v->ink_excess_i = (int32_t)(trust->excess_cell / (int64_t)*v->ny);
+    *v->ink_excess_j = (int32_t)(trust->excess_cell % (int64_t)*v->ny);
+}
+
 static void keep_estimate(const LayerControllerVariables *v, Kept *kept, const SurfaceEstimate *estimate) {
     const size_t cells = cell_count(v);
     const InkPrior prior = nominal_inks(v);
@@ -134,17 +153,18 @@ static void keep_estimate(const LayerControllerVariables *v, Kept *kept, const S
     memcpy(kept->response, estimate->response, DISPLACEMENTS * cells * sizeof(double));
     memcpy(v->unseen, estimate->unseen, cells * sizeof(int32_t));
     memcpy(kept->ink, estimate->ink, sizeof kept->ink);
-    kept->evidence = estimate->evidence;
+    memcpy(v->reckoned, estimate->reckoned, cells * sizeof(double));
+    kept->learnt = estimate->learnt;
     kept->registration = estimate->registration;
+    kept->trust = estimate->trust;
     publish_displacement(v, &estimate->registration);
+    publish_trust(v, &estimate->trust);
     *v->noise_variance = estimate->noise_variance;
     *v->scans = estimate->scans;
     *v->volume_scale = layers_of_all(estimate->ink, prior.inks) / layers_of_all(prior.nominal, prior.inks);
-    *v->untrusted_cells = *v->dead_cells = 0;
-    for (size_t cell = 0; cell < cells; cell++) {
-        *v->untrusted_cells += v->mask[cell] && v->unseen[cell] > *v->untrusted_layers;
+    *v->dead_cells = 0;
+    for (size_t cell = 0; cell < cells; cell++)
         *v->dead_cells += v->dead_evidence[cell] >= DEAD_EVIDENCE;
-    }
 }
 
 static void publish_plan(const LayerControllerVariables *v, Kept *kept, const Answer *answer, double seconds) {
@@ -158,7 +178,7 @@ static void publish_plan(const LayerControllerVariables *v, Kept *kept, const An
     }
     *v->layer_command += is_done ? 0 : 1;
     *v->answered = *v->layers_scanned;
-    *v->status = is_done ? DONE : *v->untrusted_cells > 0 ? UNTRUSTED : IDLE;
+    *v->status = is_done ? DONE : *v->untrusted_reasons > 0 ? UNTRUSTED : IDLE;
     *v->objective = answer->report.objective.value;
     *v->objective_error = answer->report.objective.error;
     *v->objective_deviation = answer->report.objective.deviation;

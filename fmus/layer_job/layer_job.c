@@ -21,11 +21,11 @@ typedef struct {
     double began_at, due, periods;
 } Course;
 
-/* Cells that were not seen make the controller untrusted until it is done. */
+/* What makes the controller doubtful does so until it is done. */
 static void publish_course(const LayerJobVariables *v, const Course *course) {
     const bool is_between = course->stage == READY && !*v->start;
     *v->status = course->stage == OVER                    ? STATUS_DONE
-                 : *v->untrusted_cells > 0                ? STATUS_UNTRUSTED
+                 : *v->untrusted_reasons > 0              ? STATUS_UNTRUSTED
                  : course->stage == WAITING || is_between ? STATUS_IDLE
                                                           : STATUS_PRINTING;
     *v->stage = course->stage;
@@ -51,6 +51,11 @@ static void publish(const LayerJobVariables *v, const JobParts *parts, const Cou
     *v->volume_scale = part_real(parts, CONTROLLER, "volume_scale");
     *v->dead_cells = part_integer(parts, CONTROLLER, "dead_cells");
     *v->untrusted_cells = part_integer(parts, CONTROLLER, "untrusted_cells");
+    *v->untrusted_reasons = part_integer(parts, CONTROLLER, "untrusted_reasons");
+    *v->capped_cells = part_integer(parts, CONTROLLER, "capped_cells");
+    *v->scan_shift_x = part_real(parts, CONTROLLER, "scan_shift_x");
+    *v->scan_shift_y = part_real(parts, CONTROLLER, "scan_shift_y");
+    *v->scan_spot_radius = part_real(parts, CONTROLLER, "scan_spot_radius");
     publish_course(v, course);
 }
 

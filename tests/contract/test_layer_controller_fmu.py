@@ -143,6 +143,31 @@ def test_dead_cells_are_found_and_left_out_alike() -> None:
     assert dead > 0
 
 
+def low_wall(height: Any, layer: int) -> Any:
+    """A frame that is 5 um too high, and a wall of which the profiler reads the half."""
+    reading = height + 5e-6
+    reading[2] = 5e-6 + 0.5 * height[2]
+    return reading
+
+
+def test_ground_that_is_not_flat_and_cells_that_do_not_answer_are_reported_alike() -> None:
+    job, plant = block(14, 12), LayerModel.of(block(14, 12))
+    controllers, height = twins(job, {"horizon": 2, "annealing_sweeps": 1, "register_scans": False}), np.zeros((14, 12))
+    reasons = set()
+    for controller in controllers:
+        controller.initialize(0, inputs_of(job, low_wall(height, 0), 0))
+    for layer in range(14):
+        inputs = inputs_of(job, low_wall(height, layer), layer)
+        one, other = (controller.do_step(layer * SECOND, SECOND, inputs) for controller in controllers)
+        for name in one.keys() - OF_PYTHON_ALONE:
+            np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+        assert other["status"] in (Status.DONE, Status.UNTRUSTED)
+        reasons.add(int(other["untrusted_reasons"]))
+        height = plant.layer(height, np.asarray(other["pattern"]), layer + 1)
+    assert {4, 4 + 16} <= reasons
+    assert other["ground_offset"] == pytest.approx(5e-6, abs=1e-9)
+
+
 @pytest.mark.parametrize("unknown", [1, 3])
 @pytest.mark.parametrize("scan", [exact, noisy])
 def test_layer_that_was_given_up_midway_is_judged_alike(unknown: int, scan: Scan) -> None:

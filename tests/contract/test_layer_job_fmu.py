@@ -22,7 +22,10 @@ SECOND_FORM_IS_LONG = pytest.mark.parametrize("form", rest_is_long(FORMS, 1))
 """Both share all but their adapter, which the other tests see."""
 IDLE, PRINTING = 0, 1
 OF_THE_PRINTER = ("droplets_a", "droplets_b", "volume_lost", "height_mean")
-OF_THE_CONTROLLER = ("objective", "volume_scale", "dead_cells", "untrusted_cells")
+OF_THE_CONTROLLER = (
+    *("objective", "volume_scale", "dead_cells", "untrusted_cells", "capped_cells", "untrusted_reasons"),
+    *("scan_shift_x", "scan_shift_y", "scan_spot_radius"),
+)
 CASES: dict[str, Any] = {
     "cylinder": ("cylinder",),
     "four passes": ("four-passes", ("run.layers_max", 20)),

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from benchmarks import closed_loop, closed_loop_page
+from benchmarks import closed_loop
 from benchmarks.prints import OPEN_LOOP, OURS, SHOWN, Metrics
 from benchmarks.target_table import Figure
+from tools.figures import closed_loop as closed_loop_page
 
 
 def metrics(**of_one: float) -> Metrics:
@@ -38,12 +39,14 @@ def test_prints_that_end_above_the_open_loop_without_a_warning_are_counted(of_on
 
 def test_figures_that_must_be_better_are_bold_on_the_page() -> None:
     prints = metrics(highest=6e-6, mae=0.9e-6)
-    page = "<!-- closed loop -->\n| case |\n|---|\n| old |\n"
-    written = closed_loop_page.written(page, prints)
-    assert "| R10, shift 0.1 cells in x | 0.45 / 0.5 / 0.05 | 0 |  | **6** / 5 / 0.05 |" in written.replace(
-        "0.000", "0"
-    )
-    assert "| old |" not in written
+    written = closed_loop_page.texts_of(prints)["closed loop"].replace("0.000", "0")
+    assert "| R10, shift 0.1 cells in x | 0.45 / 0.5 / 0.05 | 0 | | **6** / 5 / 0.05 |" in written
+
+
+def test_record_holds_every_print_of_the_table() -> None:
+    prints = {(case.name, planner) for case in closed_loop.CASES for planner in case.planners}
+    found = closed_loop_page.kept(closed_loop_page.RUNS)
+    assert {name: len(each) for name, each in found.items()} == dict.fromkeys(prints, closed_loop_page.SEEDS)
 
 
 def test_highest_cell_of_the_worst_print_counts() -> None:

@@ -1,24 +1,27 @@
-"""Run every scenario and draw one picture of each: `make gallery`. Names as arguments: only those scenarios are run."""
+"""Run every scenario, draw one picture of each, keep the figures of its runs, and write docs/gallery."""
 
 from __future__ import annotations
 
 import shutil
-import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+from tools.figures.pages import DOCS, ROOT, Texts, block, read_json, table, write_json
+from tools.figures.scenario_quotes import marked, quoted
 
 from inkloop.bench.emulation import emulation_of
 from inkloop.cli import main
 from inkloop.components.devices import KINDS
-from inkloop.files import write_text
 from inkloop.report import run_report
-from inkloop.results.result import COMPARE_FOLDER
+from inkloop.results.result import COMPARE_FOLDER, Result
 from inkloop.scenario.file import Scenario
+from inkloop.units import UM_PER_M
 from inkloop_hardware.emulated_bench import EmulatedBench
 
-ROOT = Path(__file__).parents[2]
-HERE = ROOT / "docs" / "gallery"
+HERE = DOCS / "gallery"
+RECORD = HERE / "runs.json"
 SCENARIOS = ROOT / "scenarios"
 BUILD = ROOT / "build" / "gallery"
 COMPARISON = "compare"
@@ -41,16 +44,21 @@ PICTURES = {
     "uneven-start": "cross-section",
 }
 DEFAULT_PICTURE = "open-against-closed"
-HEAD = """\
-# Gallery
-
-`make gallery` prints every file of [scenarios/](../../scenarios/) and writes this page from the comment at the top of
-each file.
-"""
+COLUMNS = {"mean_error_um": "mean error", "mae_um": "mae", "std_um": "std"}
 
 
-def draw(path: Path) -> None:
-    """Run one scenario and copy its picture next to the page."""
+def run(*names: str) -> None:
+    """Run these scenarios, or all, and keep their figures; those of files that are gone are dropped."""
+    paths = sorted(SCENARIOS.glob("*.toml"))
+    record = read_json(RECORD) if RECORD.exists() else {}
+    for path in paths:
+        if not names or path.stem in names:
+            record[path.stem] = measured(path.stem, draw(path))
+            write_json(RECORD, {each.stem: record[each.stem] for each in paths if each.stem in record})
+
+
+def draw(path: Path) -> Mapping[str, Result]:
+    """Run one scenario and copy its picture next to the page; its runs by label."""
     folder = BUILD / path.stem
     shutil.rmtree(folder, ignore_errors=True)
     with bench_of(path) as arguments:
@@ -62,6 +70,8 @@ def draw(path: Path) -> None:
         run_report.compare([folder, *sorted((folder / COMPARE_FOLDER).iterdir())], picture)
     else:
         shutil.copyfile(folder / f"{name}.png", picture)
+    runs, compare = run_report.load_runs(folder), Scenario.load(path).tables.compare
+    return {label: runs[label] for label in (next(iter(runs)), *compare)}
 
 
 @contextmanager
@@ -76,19 +86,51 @@ def bench_of(path: Path) -> Iterator[list[str]]:
         yield ["--set", f"bench.channel={bench.channel}"]
 
 
-def entry(path: Path) -> str:
-    """Title, the comment on top of the file as text, and the picture."""
-    scenario = Scenario.load(path)
-    comment = path.read_text(encoding="utf-8").split("title =")[0]
-    text = "\n".join(line.removeprefix("#").strip() for line in comment.splitlines()).strip()
-    title = scenario.tables.title
-    return f"\n## {title}\n\n[{path.name}](../../scenarios/{path.name}): {text}\n\n![{title}]({path.stem}.png)\n"
+def measured(name: str, runs: Mapping[str, Result]) -> dict[str, Any]:
+    """Seed, figures of each run, and the figures that the comment of the scenario and the first print quote."""
+    seed = int(next(iter(runs.values())).dataset.attrs["seed"])
+    marks = {"marks": own} if (own := marked(name, runs)) else {}
+    shown = {label: figures(run) for label, run in runs.items()}
+    return {"seed": seed, "runs": shown, "quoted": quoted(name, runs), **marks}
 
 
-if __name__ == "__main__":
-    scenarios = sorted(SCENARIOS.glob("*.toml"))
-    names = sys.argv[1:] or [path.stem for path in scenarios]
-    for name in names:
-        draw(SCENARIOS / f"{name}.toml")
-    write_text(HERE / "README.md", HEAD + "".join(entry(path) for path in scenarios))
-    sys.stdout.write(f"wrote {HERE / 'README.md'}\n")
+def figures(run: Result) -> dict[str, float]:
+    """Errors over the part [um], mismatch [%], layers and droplets of a run."""
+    metrics = run.metrics()
+    found = {f"{key}_um": round(metrics[key] * UM_PER_M, 4) for key in ("mean_error", "mae", "std")}
+    mismatch = {"mismatch_percent": round(metrics["mismatch"] * 100.0, 3)} if "mismatch" in metrics else {}
+    return {**found, **mismatch, "layers": int(metrics["layers"]), "droplets": int(metrics["droplets"])}
+
+
+def texts() -> Texts:
+    """The entries of the page, from the scenarios and the record."""
+    record = read_json(RECORD)
+    entries = (entry(path, record[path.stem]) for path in sorted(SCENARIOS.glob("*.toml")))
+    first_print = {mark: f"{value}" for each in record.values() for mark, value in each.get("marks", {}).items()}
+    return {
+        HERE / "README.md": {"scenarios": block(["", *entries])},
+        DOCS / "tutorial" / "first-print.md": first_print,
+    }
+
+
+def entry(path: Path, record: Mapping[str, Any]) -> str:
+    """Title, the comment on top of the file as text, the picture, and the figures of the runs."""
+    title = Scenario.load(path).tables.title
+    in_two_inks = any("mismatch_percent" in each for each in record["runs"].values())
+    heads = ["run", *COLUMNS.values(), *(["mismatch"] if in_two_inks else []), "layers", "droplets"]
+    rows = []
+    for label, each in record["runs"].items():
+        mismatch = [f"{each['mismatch_percent']:.1f} %"] if in_two_inks else []
+        counts = (f"{each[key]}" for key in ("layers", "droplets"))
+        rows.append([label, *(f"{each[key]:z.2f}" for key in COLUMNS), *mismatch, *counts])
+    link = f"[{path.name}](../../scenarios/{path.name})"
+    return (
+        f"## {title}\n\n{link}: {comment(path)}\n\n![{title}]({path.stem}.png)\n\n"
+        f"Seed {record['seed']}, errors in um:\n{table(heads, rows)}"
+    )
+
+
+def comment(path: Path) -> str:
+    """The comment on top of a scenario, without its marks."""
+    lines = path.read_text(encoding="utf-8").split("title =")[0].splitlines()
+    return "\n".join(line.removeprefix("#").strip() for line in lines).strip()

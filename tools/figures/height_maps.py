@@ -1,9 +1,8 @@
-"""Picture of height-maps-from-files.md: `python tools/figures/height_maps.py`, also run by `make gallery`."""
+"""Picture of height-maps-from-files.md."""
 
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 from matplotlib import rc_context
@@ -11,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter, map_coordinates
+from tools.figures.pages import DOCS, Texts
 
 from inkloop.component import BoolMap, FloatMap
 from inkloop.metrology.cell_means import CellMeans, cell_means
@@ -20,7 +20,7 @@ from inkloop.metrology.registration import Registration
 from inkloop.report.plot import STYLE, WIDTH_IN, save
 from inkloop.units import MM_PER_M, UM_PER_M
 
-HERE = Path(__file__).parents[2] / "docs" / "how-to"
+HERE = DOCS / "how-to"
 PITCH, SIDE, LAYER = 263.256e-6, 16, 8e-6
 PIXEL = 12e-6
 SHAPE = (420, 400)
@@ -86,7 +86,7 @@ def draw_grid(axes: Axes, registration: Registration) -> None:
     """The borders of the cells where they lie on the map."""
     borders = (np.arange(SIDE + 1) - 0.5) * PITCH
     ends = np.full(SIDE + 1, borders[0]), np.full(SIDE + 1, borders[-1])
-    lines = []
+    lines: list[FloatMap] = []
     for first, last in (((borders, ends[0]), (borders, ends[1])), ((ends[0], borders), (ends[1], borders))):
         points = [np.stack(registration.to_map(*point), axis=-1) for point in (first, last)]
         lines.extend(np.stack(points, axis=1) * MM_PER_M + PIXEL * 0.5 * MM_PER_M)
@@ -96,12 +96,18 @@ def draw_grid(axes: Axes, registration: Registration) -> None:
 def draw_shares(figure: Figure, axes: Axes, cells: CellMeans, valid: FloatMap | BoolMap) -> None:
     """The measured share of each cell; a cross where it is too little."""
     shown = axes.imshow(cells.share.T * 100, origin="lower", interpolation="nearest", cmap="gray", vmin=0, vmax=100)
-    i, j = np.nonzero(~np.asarray(valid))
+    i, j = np.nonzero(np.logical_not(valid))
     axes.plot(i, j, "x", color="tab:red", ms=5, mew=1.2)
     axes.set(title=f"measured share, x: below {SHARE_MIN:.0%}", xlabel="cell i")
     figure.colorbar(shown, ax=axes, label="share [%]", location="bottom", shrink=0.9, pad=0.02)
 
 
-if __name__ == "__main__":
+def run() -> None:
+    """Draw the picture."""
     with rc_context(STYLE):
         save(height_maps(), HERE / "height-maps.png")
+
+
+def texts() -> Texts:
+    """None: the page shows a picture alone."""
+    return {}

@@ -1,4 +1,4 @@
-"""Draw the house from the imports of the code, and count it, for docs/explanation: `python tools/figures/house.py`.
+"""Draw the house from the imports of the code, and count it, for architecture.md.
 
 A room is a folder or file at the root of a package; it stands above every room that it imports. On top the flow of a
 layer.
@@ -6,21 +6,17 @@ layer.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from functools import cache
-from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
+from tools.figures.pages import DOCS, Texts, table
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
-
-from inkloop.files import write_text
 from support.source_tree import PACKAGES, circles, grouped, import_graph, include_graph, modules, room
 
-FOLDER = Path(__file__).parents[2] / "docs" / "explanation"
+FOLDER = DOCS / "explanation"
 FLOOR = ("component", "contract", "errors", "files", "geometry", "suggest", "testing", "units")
 COLUMNS: Mapping[str, tuple[float, float]] = {
     "inkloop_controller": (0.0, 27.0),
@@ -52,6 +48,18 @@ SIGNALS = (
 """Signals of the layer contract, and the step that takes them."""
 BACK = "measured_height, valid, layers_scanned; inkloop.master carries every signal"
 RULE = "a room imports only rooms below it in its own column, and the floor; a name in the scenario joins the columns"
+BEFORE = {
+    "Python modules": 245,
+    "names at the root of `inkloop`": 77,
+    "imports between them, `inkloop`": 323,
+    "names at the root of `inkloop_controller`": 28,
+    "imports between them, `inkloop_controller`": 94,
+    "names at the root of `inkloop_hardware`": 54,
+    "imports between them, `inkloop_hardware`": 205,
+    "import circles, Python": 3,
+    "include circles, C": 3,
+}
+"""The figures of version 0.1.0."""
 HEIGHT, GAP = 3.0, 1.4
 BLUE, INK, PAPER, FLOOR_COLOUR, FLOW_COLOUR = "#0072B2", "#333333", "#F2F2F2", "#E3EDF5", "#FFFFFF"
 
@@ -61,7 +69,6 @@ def rooms() -> dict[str, set[str]]:
     """Room -> rooms that it imports; the floor is left out."""
     graph = grouped(import_graph(), {name: room(name) for name in modules()})
     hidden = {*PACKAGES, *(f"inkloop.{name}" for name in FLOOR)}
-    graph["inkloop_hardware.errors"] = set()  # TEMP
     return {name: below - hidden for name, below in graph.items() if name not in hidden}
 
 
@@ -143,7 +150,7 @@ def draw() -> Figure:
 
 
 def counts() -> dict[str, int]:
-    """The figures of the house, by what is counted; the page compares them with those of version 0.1.0."""
+    """The figures of the house, by what is counted."""
     graph = grouped(import_graph(), {name: room(name) for name in modules()})
     found = {"Python modules": len(modules())}
     for package in PACKAGES:
@@ -154,23 +161,13 @@ def counts() -> dict[str, int]:
     return found | {"include circles, C": len(circles(include_graph()))}
 
 
-def with_counts(page: str) -> str:
-    """The page with today's figures in the last column of its table."""
-    lines = page.split("\n")
-    for number, line in enumerate(lines):
-        cells = line.split(" | ")
-        if len(cells) == 3 and (what := cells[0].removeprefix("| ")) in counts():
-            lines[number] = f"| {what} | {cells[1]} | {counts()[what]} |"
-    return "\n".join(lines)
+def texts() -> Texts:
+    """The figures of version 0.1.0, counted by the same rules, and those of today."""
+    now = counts()
+    rows = [(what, f"{before}", f"{now[what]}") for what, before in BEFORE.items()]
+    return {FOLDER / "architecture.md": {"house": table(("", "0.1.0", "now"), rows)}}
 
 
-def main() -> None:
-    """Draw the picture and write the figures into the page."""
+def run() -> None:
+    """Draw the picture."""
     draw().savefig(FOLDER / "house.png", dpi=160)
-    page = FOLDER / "architecture.md"
-    write_text(page, with_counts(page.read_text(encoding="utf-8")))
-    print(f"wrote {FOLDER / 'house.png'} and {page}")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,12 +1,11 @@
-"""Figures and picture of identify-an-ink.md: `python tools/figures/identified_ink.py`, also run by `make gallery`."""
+"""Figures and picture of identify-an-ink.md."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
+from tools.figures.pages import DOCS, Texts
 
 from inkloop.identify import designs
 from inkloop.identify.command import tables
@@ -18,7 +17,7 @@ from inkloop.identify.print_record import PrintRecord
 from inkloop.models import DropletVolumes, LayerDeposition
 from inkloop.units import UM_PER_M
 
-HERE = Path(__file__).parents[2] / "docs" / "how-to"
+HERE = DOCS / "how-to"
 PITCH = 263.256e-6
 PRINTS = 20
 
@@ -28,7 +27,8 @@ def print_of(patterns: list[NDArray[np.int32]], noise: float, seed: int, variati
     model = LayerDeposition()
     surfaces = [model.start(np.zeros(patterns[0].shape))]
     for number, pattern in enumerate(patterns, start=1):
-        volume = DropletVolumes(variation, seed=seed).of_layer(*pattern.shape, number)
+        nx, ny = pattern.shape
+        volume = DropletVolumes(variation, seed=seed).of_layer(nx, ny, number)
         surfaces.append(model.layer(surfaces[-1], pattern, number, volume))
     scans = np.stack([surface.height for surface in surfaces])
     return PrintRecord(
@@ -62,7 +62,7 @@ def coverage(console: Console) -> None:
     console.print(f"intervals hold the ink in {np.mean(inside):.0%} of {np.size(inside)} cases", highlight=False)
 
 
-def main() -> None:
+def run() -> None:
     """Print the figures and write the picture."""
     console = Console(width=120)
     bias(console)
@@ -74,5 +74,6 @@ def main() -> None:
     save(found, HERE / "identified-ink.png")
 
 
-if __name__ == "__main__":
-    main()
+def texts() -> Texts:
+    """None: the tables of the page are those that `run` shows."""
+    return {}

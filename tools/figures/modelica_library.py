@@ -1,20 +1,18 @@
-"""Picture of use-the-modelica-library.md: `python tools/figures/modelica_library.py`, also run by `make gallery`."""
+"""Picture of use-the-modelica-library.md."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import rumoca
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from tools.figures.pages import DOCS, ROOT, Texts
 
 from inkloop.report.plot import COLOURS, STYLE, WIDTH_IN, save
 from inkloop.units import UM_PER_M
 
-ROOT = Path(__file__).parents[2]
-FOLDER = ROOT / "docs" / "how-to"
+FOLDER = DOCS / "how-to"
 LIBRARY = ROOT / "models/InkLoop/package.mo"
 EXAMPLES = {"CylinderOpenLoop": (8.0, "open loop"), "CylinderThresholdFeedback": (14.0, "threshold feedback")}
 CELLS = 11
@@ -51,5 +49,11 @@ def picture() -> Figure:
         return figure
 
 
-if __name__ == "__main__":
+def run() -> None:
+    """Draw the picture."""
     save(picture(), FOLDER / "modelica-library.png")
+
+
+def texts() -> Texts:
+    """None: the page shows a picture alone."""
+    return {}

@@ -5,11 +5,10 @@
 #include <string.h>
 
 #include "dead_cells.h"
+#include "estimate_doubts.h"
 #include "layer_surface.h"
 #include "scan_drift.h"
 
-enum { ROUNDS = 5 }; /* of the ink by the widths of saturation that follow from it, until they agree (assumed) */
-static const double WIDTHS_AGREE = 0.01;
 static const double UNSURE = 0.13;  /* of a layer: error of a growth that shows neither ink nor dead cells (by trial) */
 static const double SURPRISE = 5.0; /* standard deviations off the prediction from which on the model of a cell is
                                        wrong, not the scan (by trial) */
@@ -53,7 +52,7 @@ static bool registers(const EstimatorOptions *options) {
     return !options->take_as_read && options->register_scans;
 }
 
-bool estimate_first(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
+bool estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured, const uint8_t *valid,
                     SurfaceEstimate *estimate) {
     const double noise = fmax(options->noise_variance, 0.0);
     const size_t cells = options->nx * options->ny;
@@ -65,8 +64,10 @@ bool estimate_first(const EstimatorOptions *options, const double *measured, con
     }
     memset(estimate->response, 0, DISPLACEMENTS * cells * sizeof(double));
     memcpy(estimate->ink, options->ink.nominal, sizeof estimate->ink);
-    estimate->evidence = (InkEvidence){{0.0}, {0.0}, {0.0}};
+    estimate->learnt = (InkKnowledge){0};
     estimate->registration = no_registration();
+    estimate->trust = full_trust();
+    begin_trust(options, layer, measured, valid, estimate);
     estimate->noise_variance = noise;
     estimate->scans = 1;
     return !registers(options) || first_response(options->nx, options->ny, estimate->height, valid, estimate->response);
@@ -137,52 +138,29 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
     return register_scan(&evidence, &after->registration, &work->registered);
 }
 
-static bool agree(const Ink one[], const Ink other[], size_t inks) {
-    for (size_t k = 0; k < inks; k++)
-        for (size_t order = 0; order < ORDERS; order++) {
-            const double height = ink_height(&other[k], order);
-            if (fabs(ink_height(&one[k], order) - height) > WIDTHS_AGREE * fabs(height))
-                return false;
-        }
-    return true;
-}
-
-/* The ink and the increments of the layer, by turns until they agree; the widths of saturation that were taken last. */
-static void learn_ink(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
-                      double noise, const Workspace *work, SurfaceEstimate *after, Ink widths[INKS_MAX]) {
+/* The ink after a scan; its increments are those of `widths`. */
+static void take_ink(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
+                     double noise, const Workspace *work, SurfaceEstimate *after, Ink widths[INKS_MAX]) {
     const RegisteredScan *scan = &work->registered;
-    const size_t cells = options->nx * options->ny, inks = options->ink.inks;
-    const JettedLayer at_once = {layer->nx, layer->ny, layer->pattern, layer->factor, 1, NULL};
-    const ObservedLayer observed = {cells,       options->ny,    options->part,
-                                    scan->clear, layer->pattern, work->increments,
-                                    work->flat,  work->growth,   work->total};
-    memset(work->growth, 0, cells * sizeof(double));
-    droplet_increments(&at_once, work->growth, inks, before->ink, work->scratch, &work->flat);
-    for (size_t cell = 0; cell < cells; cell++)
+    for (size_t cell = 0; cell < options->nx * options->ny; cell++)
         work->growth[cell] = scan->scan[cell] - scan->before[cell];
-    memcpy(after->ink, before->ink, sizeof after->ink);
-    for (int round = 0; round < ROUNDS; round++) {
-        memcpy(widths, after->ink, sizeof after->ink);
-        droplet_increments(layer, scan->before, inks, widths, work->scratch, &work->increments);
-        for (size_t cell = 0; cell < cells; cell++) {
-            work->spread[cell] = work->known[cell] + DROPLET_STD * DROPLET_STD * work->increments.squares[cell];
-            work->total[cell] = work->spread[cell] + noise + scan->variance[cell];
-        }
-        after->evidence = before->evidence;
-        add_ink_evidence(&options->ink, &observed, work->scratch, work->marks, &after->evidence);
-        likeliest_inks(&options->ink, &after->evidence, after->ink);
-        if (agree(after->ink, widths, inks))
-            return;
-    }
-}
-
-/* The nominal inks in the volumes of the learnt ones. */
-static void of_volumes(const InkPrior *prior, const Ink learnt[], Ink ink[INKS_MAX]) {
-    for (size_t k = 0; k < prior->inks; k++) {
-        const Ink nominal = prior->nominal[k];
-        const double share = full_layer_height(&learnt[k]) / full_layer_height(&nominal);
-        ink[k] = (Ink){share * nominal.h1, share * nominal.h2, share * nominal.h3};
-    }
+    const LearntLayer learnt = {.layer = layer,
+                                .part = options->part,
+                                .clear = scan->clear,
+                                .before = scan->before,
+                                .scan = scan->scan,
+                                .growth = work->growth,
+                                .known = work->known,
+                                .noise = noise,
+                                .misread = scan->variance,
+                                .spread = work->spread,
+                                .total = work->total,
+                                .increments = work->increments,
+                                .flat = work->flat,
+                                .scratch = work->scratch,
+                                .predicted = work->predicted,
+                                .marks = work->marks};
+    learn_ink(&options->ink, &before->learnt, &learnt, DROPLET_STD, &after->learnt, after->ink, widths);
 }
 
 /* Kalman correction of a cell that was seen; returns its gain. */
@@ -215,6 +193,27 @@ static void find_dead(const EstimatorOptions *options, const SurfaceEstimate *be
     dead_evidence(cells, before->dead_evidence, own, grown, work->total, part_cells, after->dead_evidence);
 }
 
+/* How well the prediction explains what the cells of the part grew by. */
+static void look_at_growth(const EstimatorOptions *options, const JettedLayer *layer, const Workspace *work,
+                           SurfaceEstimate *after) {
+    const size_t cells = options->nx * options->ny;
+    double *added = work->scratch;
+    size_t part_cells = 0;
+    for (size_t cell = 0; cell < cells; cell++) {
+        part_cells += options->part[cell] != 0;
+        added[cell] = work->predicted[cell] - work->registered.before[cell];
+        work->marks[cell] = options->part[cell] && work->registered.clear[cell];
+    }
+    const LayerGrowth growth = {cells, part_cells, work->marks, layer->pattern, work->growth, added, work->total};
+    double learnt = 0.0, nominal = 0.0;
+    for (size_t k = 0; k < options->ink.inks; k++) {
+        learnt += full_layer_height(&after->ink[k]);
+        nominal += full_layer_height(&options->ink.nominal[k]);
+    }
+    if (!options->take_as_read)
+        add_residuals(&growth, learnt / nominal, work->scratch + cells, &after->trust);
+}
+
 /* is_unknown: the displacement of the scan is not learnt from, as the other things are not by the caller. */
 static bool estimate_after(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                            bool is_unknown, const double *measured, const uint8_t *valid, SurfaceEstimate *after) {
@@ -229,14 +228,14 @@ static bool estimate_after(const EstimatorOptions *options, const SurfaceEstimat
         return false;
     }
     const RegisteredScan *scan = &work.registered;
-    learn_ink(options, before, layer, noise, &work, after, widths);
-    if (options->ink.model == INK_FULL) { /* what droplets spill is surer by the nominal proportions */
-        of_volumes(&options->ink, after->ink, widths);
-        droplet_increments(layer, scan->before, inks, widths, work.scratch, &work.increments);
-    }
+    take_ink(options, before, layer, noise, &work, after, widths);
     find_dead(options, before, widths, &work, after);
     const Ink both[2] = {after->ink[0], after->ink[inks - 1]};
     layer_surface(layer, scan->before, both, work.scratch, work.predicted);
+    after->trust = before->trust;
+    after->trust.volume = 1.0;
+    if (!is_unknown)
+        look_at_growth(options, layer, &work, after);
     for (size_t cell = 0; cell < cells; cell++) {
         after->height[cell] = work.predicted[cell];
         after->variance[cell] = work.spread[cell];
@@ -252,6 +251,12 @@ static bool estimate_after(const EstimatorOptions *options, const SurfaceEstimat
         memset(after->response, 0, DISPLACEMENTS * cells * sizeof(double));
     after->noise_variance = noise;
     after->scans = before->scans + 1;
+    layer_surface(layer, before->reckoned, both, work.scratch, after->reckoned);
+    for (size_t cell = 0; cell < cells; cell++)
+        after->reckoned[cell] =
+            before->reckoned[cell] + after->trust.volume * (after->reckoned[cell] - before->reckoned[cell]);
+    forgive_dead(options, before, work.marks, after);
+    look_at_cells(options, valid, after);
     free(work.memory);
     return true;
 }
@@ -266,9 +271,11 @@ static void expect_anything(const EstimatorOptions *options, const SurfaceEstima
                             double *scratch, SurfaceEstimate *begun) {
     const Ink both[2] = {before->ink[0], before->ink[options->ink.inks - 1]};
     layer_surface(layer, before->height, both, scratch, begun->height);
+    layer_surface(layer, before->reckoned, both, scratch, begun->reckoned);
     for (size_t cell = 0; cell < options->nx * options->ny; cell++) {
         const double whole = begun->height[cell] - before->height[cell];
         begun->height[cell] = before->height[cell] + 0.5 * whole;
+        begun->reckoned[cell] = 0.5 * (before->reckoned[cell] + begun->reckoned[cell]);
         begun->variance[cell] = before->variance[cell] + whole * whole / 12.0;
         begun->unseen[cell] = before->unseen[cell];
         if (before->scans == 1 && whole != 0.0 && begun->unseen[cell] < 1)
@@ -279,19 +286,20 @@ static void expect_anything(const EstimatorOptions *options, const SurfaceEstima
 bool estimate_unknown(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                       const double *measured, const uint8_t *valid, SurfaceEstimate *after) {
     const size_t cells = options->nx * options->ny;
-    double *memory = calloc(cells, 3 * sizeof(double) + 2 * sizeof(int32_t));
+    double *memory = calloc(cells, 4 * sizeof(double) + 2 * sizeof(int32_t));
     if (!memory)
         return false;
     SurfaceEstimate begun = *before;
     begun.height = memory;
     begun.variance = memory + cells;
-    begun.unseen = (int32_t *)(memory + 3 * cells);
-    expect_anything(options, before, layer, memory + 2 * cells, &begun);
+    begun.reckoned = memory + 2 * cells;
+    begun.unseen = (int32_t *)(memory + 4 * cells);
+    expect_anything(options, before, layer, memory + 3 * cells, &begun);
     const JettedLayer nothing = {layer->nx, layer->ny, begun.unseen + cells, NULL, layer->passes, layer->order};
     const bool is_done = estimate_after(options, &begun, &nothing, true, measured, valid, after);
     memcpy(after->ink, before->ink, sizeof after->ink);
     memcpy(after->dead_evidence, before->dead_evidence, cells * sizeof(double));
-    after->evidence = before->evidence;
+    after->learnt = before->learnt;
     free(memory);
     return is_done;
 }

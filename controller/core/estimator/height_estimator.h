@@ -10,39 +10,11 @@
 
 #include <stdbool.h>
 
-#include "ink_identification.h"
-#include "scan_registration.h"
+#include "surface_estimate.h"
 
-/* Of a droplet's volume about its mean [1]; 20 % uniform variation has 0.06, 40 % 0.12 (assumed). */
-#define DROPLET_STD 0.1
-
-typedef struct {
-    size_t nx, ny;
-    const uint8_t *part; /* nx * ny cells in C order, as all maps */
-    InkPrior ink;
-    int32_t take_as_read;   /* neither drift nor noise nor displacement is estimated */
-    int32_t register_scans; /* the displacement of the scans is */
-    double noise_variance;  /* of a reading [m^2]; below 0: not known */
-    double steps_variance;  /* of the rounding of a reading [m^2]: the least there is */
-    double first_variance;  /* of the height of a cell that the first scan did not measure [m^2] */
-} EstimatorOptions;
-
-/* What is known after a scan; the maps are the caller's. */
-typedef struct {
-    double *height;        /* [m] */
-    double *variance;      /* of its error [m^2], but for what a displacement explains */
-    int32_t *unseen;       /* layers that each cell has lived on prediction alone */
-    double *dead_evidence; /* dead_cells.h */
-    double *response;      /* DISPLACEMENTS maps: how the heights err with the displacement, scan_registration.h */
-    Ink ink[INKS_MAX];     /* what the droplets really add */
-    InkEvidence evidence;  /* what that is concluded from */
-    Registration registration;
-    double noise_variance; /* of a reading [m^2] */
-    int32_t scans;         /* so far */
-} SurfaceEstimate;
-
-/* The start surface; a cell that was not measured counts as bare substrate, height 0. False if there is no memory. */
-bool estimate_first(const EstimatorOptions *options, const double *measured, const uint8_t *valid,
+/* The surface of layer number `layer`, on which the print begins; a cell that was not measured counts as bare
+ * substrate, height 0. False if there is no memory. */
+bool estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured, const uint8_t *valid,
                     SurfaceEstimate *estimate);
 
 /* `layer` was printed on what was known `before`, and scanned: `measured` [m] where `valid`. False if there is no

@@ -18,44 +18,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "displaced_scan.h"
-
-enum { SHIFT_X, SHIFT_Y, SPREAD, DISPLACEMENTS };
-
-typedef struct {
-    double estimate[DISPLACEMENTS];                   /* of the last scan [cells, cells, cells^2] */
-    double covariance[DISPLACEMENTS * DISPLACEMENTS]; /* of its error */
-    double applied[DISPLACEMENTS];                    /* what the heights stand corrected for; 0 before the evidence */
-    double steps_variance;                            /* learnt: of the shift from scan to scan [cells^2] */
-    double misfit;                                    /* learnt: variance of a reading per squared curvature [1] */
-    double far_product, far_information; /* of readings beyond the reach of droplets: what a spot spreads there [1], and
-                                            how much it would for each unit of its spread [1 per cells^4] */
-    int64_t scans;                       /* that it is learnt from */
-    int32_t has_shift;                   /* whether scans are corrected for a shift, */
-    int32_t has_wide_spot;               /* and for a spot */
-} Registration;
+#include "displacement_filter.h"
 
 /* What is reported of it [cells]: the shift of the last scan, the larger standard deviation of its two errors; the
  * standard deviation of the Gaussian spot, 0 while it cannot be distinguished from a point, and that of its error. */
 typedef struct {
     double shift_x, shift_y, shift_std, spot_radius, spot_std;
 } ScanDisplacement;
-
-/* What is known of a surface before a scan; maps of nx * ny cells in C order. */
-typedef struct {
-    size_t nx, ny;
-    const double *before, *predicted; /* heights before the layer and after it [m] */
-    const double *spread;             /* variance of the prediction [m^2] */
-    const double *response;           /* DISPLACEMENTS maps [m per unit of the estimate] */
-    const double *scan;               /* [m] */
-    const uint8_t *valid;
-    const uint8_t *part;   /* cells that droplets fall on, and reach to their neighbours */
-    double noise_variance; /* of a reading [m^2] */
-    double unsure;         /* error of a growth from which on it shows neither ink nor dead cells [m] */
-    bool is_first_layer;   /* the ink is not known yet */
-    bool is_unknown;       /* it is not known how much of the layer was jetted: nothing is learnt */
-    bool has_spot;         /* a spot is looked for: wider droplets would look alike */
-} ScanEvidence;
 
 /* The scan as a sensor in register would have read it, and the heights before the layer by what is known now. */
 typedef struct {

@@ -86,3 +86,15 @@ void pseudo_inverse(size_t n, const double *a, double relative, double *inverse)
                 inverse[i * n + j] += vectors[i * n + k] * vectors[j * n + k] / values[k * n + k];
     }
 }
+
+bool invert_definite(size_t n, const double *matrix, double *inverse) {
+    for (size_t k = 0; k < n; k++) {
+        double column[UNKNOWNS_MAX] = {0.0};
+        column[k] = 1.0;
+        if (!solve_definite(n, matrix, column))
+            return false;
+        for (size_t i = 0; i < n; i++)
+            inverse[i * n + k] = column[i];
+    }
+    return true;
+}

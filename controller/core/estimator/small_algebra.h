@@ -11,6 +11,9 @@ enum { UNKNOWNS_MAX = 6, ENTRIES_MAX = UNKNOWNS_MAX * UNKNOWNS_MAX };
  */
 bool solve_definite(size_t n, const double *a, double *b);
 
+/* Inverse of a positive definite matrix; false if it is singular to rounding. */
+bool invert_definite(size_t n, const double *matrix, double *inverse);
+
 /* Pseudo-inverse of a symmetric matrix; eigenvalues below `relative` times the largest count as 0. */
 void pseudo_inverse(size_t n, const double *a, double relative, double *inverse);
 

@@ -18,7 +18,8 @@ static void allow_droplets(const PlannerOptions *options, const SurfaceEstimate 
     for (size_t place = 0; place < options->horizon * cells; place++) {
         const bool is_dead = estimate->dead_evidence[place % cells] >= DEAD_EVIDENCE;
         const bool is_tried = place < cells && is_probe((int64_t)layer + 1);
-        const bool is_reached = options->part[place % cells] && options->jettable[place % cells];
+        const bool is_reached =
+            options->part[place % cells] && options->jettable[place % cells] && !estimate->capped[place % cells];
         const unsigned inks =
             inks_for(&options->regions, place % cells, estimate->height[place % cells], place / cells);
         choices[place] = is_reached && (!is_dead || is_tried) ? (uint16_t)(inks * levels) : 0;

@@ -21,6 +21,7 @@ from inkloop_controller.core.structs import (
     FinishStruct,
     InkStruct,
     JettedLayerStruct,
+    LoopTrustStruct,
     ObjectiveStruct,
     PlanReportStruct,
     PlanWorkStruct,
@@ -34,7 +35,7 @@ from inkloop_controller.core.structs import (
 )
 
 VARIABLE = "INKLOOP_CORE_LIB"
-_INTERFACE = 4  # CORE_INTERFACE of inkloop_core.h
+_INTERFACE = 5  # CORE_INTERFACE of inkloop_core.h
 _PACKAGE = "inkloop_controller"
 _GRID = (ctypes.c_size_t, ctypes.c_size_t)
 
@@ -72,7 +73,8 @@ _ENTRY_POINTS = {
     "inkloop_diffuse": (ctypes.c_int32, (_PROBLEM, REALS, INTEGERS)),
     "inkloop_no_registration": (None, (ctypes.POINTER(RegistrationStruct),)),
     "inkloop_displacement": (None, (ctypes.POINTER(RegistrationStruct), ctypes.POINTER(ScanDisplacementStruct))),
-    "inkloop_estimate_first": (ctypes.c_int32, (_ESTIMATOR, REALS, MARKS, _ESTIMATE)),
+    "inkloop_untrusted_reasons": (ctypes.c_int32, (ctypes.POINTER(LoopTrustStruct),)),
+    "inkloop_estimate_first": (ctypes.c_int32, (_ESTIMATOR, ctypes.c_int32, REALS, MARKS, _ESTIMATE)),
     **dict.fromkeys(
         ("inkloop_estimate_next", "inkloop_estimate_unknown"),
         (ctypes.c_int32, (_ESTIMATOR, _ESTIMATE, _LAYER, REALS, MARKS, _ESTIMATE)),

@@ -177,6 +177,35 @@ class ScanDisplacementStruct(ctypes.Structure):
     _fields_ = tuple((name, ctypes.c_double) for name in ("shift_x", "shift_y", "shift_std", "spot_radius", "spot_std"))
 
 
+class InkKnowledgeStruct(ctypes.Structure):
+    """`InkKnowledge` of ink_learning.h."""
+
+    _fields_ = (
+        ("evidence", InkEvidenceStruct),
+        ("volumes", InkEvidenceStruct),
+        ("errors", ctypes.c_double * 2),
+    )
+
+
+class LoopTrustStruct(ctypes.Structure):
+    """`LoopTrust` of loop_trust.h."""
+
+    _fields_ = (
+        ("ground", ctypes.c_double * 3),
+        ("early", ctypes.c_double),
+        ("residual", ctypes.c_double),
+        ("volume", ctypes.c_double),
+        ("usual", ctypes.c_double),
+        ("blind_share", ctypes.c_double),
+        ("excess", ctypes.c_double),
+        ("excess_cell", ctypes.c_int64),
+        ("layers", ctypes.c_int64),
+        ("capped_cells", ctypes.c_int64),
+        ("ground_wrong", ctypes.c_int32),
+        ("unseen_cells", ctypes.c_int32),
+    )
+
+
 class EstimatorOptionsStruct(ctypes.Structure):
     """`EstimatorOptions` of height_estimator.h."""
 
@@ -184,9 +213,13 @@ class EstimatorOptionsStruct(ctypes.Structure):
         ("nx", ctypes.c_size_t),
         ("ny", ctypes.c_size_t),
         ("part", MARKS),
+        ("target", REALS),
         ("ink", InkPriorStruct),
+        ("drop_levels", ctypes.c_int32),
+        ("flat_ground", ctypes.c_int32),
         ("take_as_read", ctypes.c_int32),
         ("register_scans", ctypes.c_int32),
+        ("unseen_layers", ctypes.c_int32),
         ("noise_variance", ctypes.c_double),
         ("steps_variance", ctypes.c_double),
         ("first_variance", ctypes.c_double),
@@ -202,9 +235,12 @@ class EstimateStruct(ctypes.Structure):
         ("unseen", INTEGERS),
         ("dead_evidence", REALS),
         ("response", REALS),
+        ("reckoned", REALS),
+        ("capped", MARKS),
         ("ink", InkStruct * 2),
-        ("evidence", InkEvidenceStruct),
+        ("learnt", InkKnowledgeStruct),
         ("registration", RegistrationStruct),
+        ("trust", LoopTrustStruct),
         ("noise_variance", ctypes.c_double),
         ("scans", ctypes.c_int32),
     )

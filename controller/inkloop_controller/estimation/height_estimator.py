@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
 import numpy as np
@@ -12,7 +12,8 @@ from inkloop.component import BoolMap, FloatMap, Ink, Job
 from inkloop_controller.core.bindings import answered, checked, ink_pair, layer_struct, pointer
 from inkloop_controller.core.library import library
 from inkloop_controller.core.structs import EstimateStruct, EstimatorOptionsStruct, InkPriorStruct
-from inkloop_controller.estimation.ink_identification import INK_MODELS, InkEvidence, InkModel, ink_table
+from inkloop_controller.estimation.ink_identification import INK_MODELS, InkKnowledge, InkModel, ink_table
+from inkloop_controller.estimation.loop_trust import LoopTrust
 from inkloop_controller.estimation.scan_registration import DISPLACEMENTS, Registration
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.regions import nominal_layer_height
@@ -29,6 +30,11 @@ REGISTERED = Option(
     meaning="find a shift of the scans against the printer and a wide spot of the sensor, and correct scans for them "
     "once they are beyond doubt"
 )
+FLAT_GROUND = Option(
+    meaning="layer 0 is flat, of height 0: a first scan that shows an offset or a tilt makes the status untrusted",
+    absent="where the scenario has no `[substrate]`",
+    form=bool | None,
+)
 DROPLET_STD = 0.1  # of a droplet's volume about its mean [1], as in controller/core/estimator/height_estimator.h
 
 
@@ -40,8 +46,10 @@ class Estimate:
     their volume as a share of the nominal one, mean over the inks [1]; unseen: (nx, ny) layers that each cell has lived
     on prediction alone; untrusted: (nx, ny) where these are too many; dead_evidence: (nx, ny), see `dead_cells`;
     response: (3, nx, ny) how the heights err with the displacement of the scans [m per unit of it], to which
-    height_variance adds what it does not explain; scans: so far; noise_variance: of a reading [m^2]; evidence: what the
-    inks are concluded from; registration: the displacement of the scans.
+    height_variance adds what it does not explain; reckoned: (nx, ny) height by the droplets alone, without a reading of
+    the cell [m]; capped: (nx, ny) cells that are given no more ink; scans: so far; noise_variance: of a reading [m^2];
+    learnt: what the inks are concluded from; registration: the displacement of the scans; trust: what makes the print
+    doubtful.
     """
 
     height: FloatMap
@@ -52,18 +60,21 @@ class Estimate:
     untrusted: BoolMap
     dead_evidence: FloatMap
     response: FloatMap
+    reckoned: FloatMap
+    capped: BoolMap
     scans: int
     noise_variance: float
-    evidence: InkEvidence
+    learnt: InkKnowledge
     registration: Registration
+    trust: LoopTrust
 
     @classmethod
     def exact(cls, height: FloatMap, inks: tuple[Ink, ...]) -> Estimate:
         """A surface (nx, ny) [m] and inks that are known for sure."""
         never = np.zeros(height.shape, np.int32)
         zero, response = np.zeros(height.shape), np.zeros((DISPLACEMENTS, *height.shape))
-        nothing = (InkEvidence.none(len(inks)), Registration.none())
-        return cls(height, zero, inks, 1.0, never, never > 0, zero, response, 0, 0.0, *nothing)
+        nothing = (InkKnowledge.none(len(inks), len(inks)), Registration.none(), LoopTrust.full())
+        return cls(height, zero, inks, 1.0, never, never > 0, zero, response, height, never > 0, 0, 0.0, *nothing)
 
     @property
     def dead(self) -> BoolMap:
@@ -81,19 +92,26 @@ class Estimate:
 
     def arrays(self) -> dict[str, Any]:
         """All of it by name, for an archive of arrays."""
+        plain = {name: value for name, value in vars(self).items() if name != "learnt"}
         return {
-            **vars(self),
+            **plain,
+            **self.learnt.arrays(),
             "inks": ink_table(self.inks),
-            "evidence": self.evidence.sums(),
             "registration": self.registration.sums(),
+            "trust": self.trust.sums(),
         }
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, Any]) -> Estimate:
         """Restore the result of `arrays`, bit by bit."""
-        inks = tuple(Ink(*(float(value) for value in row)) for row in arrays["inks"])
-        evidence, registration = InkEvidence.of_sums(arrays["evidence"]), Registration.of_sums(arrays["registration"])
-        return cls(**{**arrays, "inks": inks, "evidence": evidence, "registration": registration})
+        made: dict[str, Any] = {
+            "inks": tuple(Ink(*(float(value) for value in row)) for row in arrays["inks"]),
+            "learnt": InkKnowledge.of_arrays(arrays),
+            "registration": Registration.of_sums(arrays["registration"]),
+            "trust": LoopTrust.of_sums(arrays["trust"]),
+        }
+        names = [field.name for field in fields(cls)]
+        return cls(**{name: made[name] if name in made else arrays[name] for name in names})
 
 
 class HeightEstimator:
@@ -103,8 +121,9 @@ class HeightEstimator:
     sensor_noise_std^2 + sensor_resolution^2 / 12 [m^2]; without sensor_noise_std the noise is what the unprinted cells
     show. untrusted_layers: as many a cell may live on prediction alone; register_scans: scans are corrected for a shift
     against the printer and for a wide spot, the spot only while the shape of droplets is not learnt (adapt_ink =
-    "full"), which looks alike; take_as_read: neither these nor drift nor noise are looked for. Raises ValueError for
-    invalid options.
+    "full"), which looks alike; flat_ground: layer 0 is flat, of height 0 (None: where the job has no other start
+    surface); drop_levels: largest number of drops of a droplet; take_as_read: none of these is looked for, nor drift,
+    noise and doubts. Raises ValueError for invalid options.
     """
 
     def __init__(
@@ -116,6 +135,8 @@ class HeightEstimator:
         sensor_resolution: Annotated[float, Option("um", form=Length)] = 0.0,
         untrusted_layers: Annotated[int, Option()] = 5,
         register_scans: Annotated[bool, REGISTERED] = True,
+        flat_ground: Annotated[bool | None, FLAT_GROUND] = None,
+        drop_levels: int = 1,
         take_as_read: bool = False,
     ) -> None:
         errors = []
@@ -130,27 +151,34 @@ class HeightEstimator:
         if errors:
             raise ValueError("; ".join(errors))
         self._job, self._model, self._untrusted_layers = job, LayerModel.of(job), untrusted_layers
-        self._part = np.ascontiguousarray(job.mask)
+        self._part, self._target = np.ascontiguousarray(job.mask), np.ascontiguousarray(job.target_height)
         self._shares = len(job.inks) * (3 if adapt_ink == "full" else 1)
         steps, layer_height = sensor_resolution * sensor_resolution / 12.0, nominal_layer_height(job)
         self._options = EstimatorOptionsStruct(
             job.nx,
             job.ny,
             pointer(self._part),
+            pointer(self._target),
             InkPriorStruct(len(job.inks), ink_pair(job.inks), INK_MODELS[adapt_ink]),
+            drop_levels,
+            job.height_start is None if flat_ground is None else flat_ground,
             take_as_read,
             register_scans,
+            untrusted_layers,
             -1.0 if sensor_noise_std is None else sensor_noise_std * sensor_noise_std + steps,
             steps,
             layer_height * layer_height,
         )
 
-    def first(self, measured: FloatMap, valid: BoolMap) -> Estimate:
-        """The start surface; a cell that was not measured counts as bare substrate, height 0, give or take a layer."""
+    def first(self, measured: FloatMap, valid: BoolMap, layer: int = 0) -> Estimate:
+        """The surface on which the print begins, that of layer number `layer`.
+
+        A cell that was not measured counts as bare substrate, height 0, give or take a layer.
+        """
         after = _Maps.empty(self._part.shape)
         scan, seen = self._scan(measured, valid)
         struct = after.struct()
-        answered(library().inkloop_estimate_first(self._options, pointer(scan), pointer(seen), struct))
+        answered(library().inkloop_estimate_first(self._options, layer, pointer(scan), pointer(seen), struct))
         return self._estimate(after, struct)
 
     def next(
@@ -223,10 +251,13 @@ class HeightEstimator:
             untrusted=np.asarray(self._job.mask & (maps.unseen > self._untrusted_layers), np.bool_),
             dead_evidence=maps.dead_evidence,
             response=maps.response,
+            reckoned=maps.reckoned,
+            capped=maps.capped,
             scans=found.scans,
             noise_variance=found.noise_variance,
-            evidence=InkEvidence.of_struct(found.evidence, self._shares),
+            learnt=InkKnowledge.of_struct(found.learnt, self._shares, len(self._job.inks)),
             registration=Registration.of_struct(found.registration),
+            trust=LoopTrust.of_struct(found.trust),
         )
 
 
@@ -239,12 +270,14 @@ class _Maps:
     unseen: IntMap
     dead_evidence: FloatMap
     response: FloatMap
+    reckoned: FloatMap
+    capped: BoolMap
 
     @classmethod
     def empty(cls, shape: tuple[int, ...]) -> _Maps:
-        real, response = (np.empty(shape) for _ in range(3)), np.empty((DISPLACEMENTS, *shape))
-        height, variance, dead_evidence = real
-        return cls(height, variance, np.empty(shape, np.int32), dead_evidence, response)
+        height, variance, dead_evidence, reckoned = (np.empty(shape) for _ in range(4))
+        unseen, response, capped = np.empty(shape, np.int32), np.empty((DISPLACEMENTS, *shape)), np.empty(shape, "?")
+        return cls(height, variance, unseen, dead_evidence, response, reckoned, capped)
 
     @classmethod
     def of(cls, estimate: Estimate) -> _Maps:
@@ -255,15 +288,17 @@ class _Maps:
             checked("unseen", estimate.unseen, "i4", shape),
             checked("dead_evidence", estimate.dead_evidence, "f8", shape),
             checked("response", estimate.response, "f8", (DISPLACEMENTS, *shape)),
+            checked("reckoned", estimate.reckoned, "f8", shape),
+            checked("capped", estimate.capped, "?", shape),
         )
 
     def struct(self, estimate: Estimate | None = None) -> EstimateStruct:
         """For C; with what else is known, if it is one to be read."""
-        own = (self.height, self.variance, self.unseen, self.dead_evidence, self.response)
+        own = (self.height, self.variance, self.unseen, self.dead_evidence, self.response, self.reckoned, self.capped)
         maps = [pointer(each) for each in own]
         if estimate is None:
             return EstimateStruct(*maps)
-        learnt = (estimate.evidence.struct(), estimate.registration.struct())
+        learnt = (estimate.learnt.struct(), estimate.registration.struct(), estimate.trust.struct())
         return EstimateStruct(*maps, ink_pair(estimate.inks), *learnt, estimate.noise_variance, estimate.scans)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Ink
-from inkloop_controller.core.structs import SHARES_MAX, InkEvidenceStruct
+from inkloop_controller.core.structs import SHARES_MAX, InkEvidenceStruct, InkKnowledgeStruct
 
 InkModel: TypeAlias = Literal["scale", "full", "off"]
 """What is learnt of each ink: its droplet volume; h1, h2 and h3 as far as the patterns separate them; nothing."""
@@ -59,6 +59,44 @@ class InkEvidence:
             surplus=np.array(struct.surplus[:shares]),
             covariance=covariance.reshape(shares, shares),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class InkKnowledge:
+    """What the inks are concluded from (controller/core/estimator/ink_learning.h).
+
+    evidence: for the model of the estimator; volumes: for droplet volumes alone, while that model is "full"; errors:
+    (2,) sums of the squares that the inks of the two predicted wrong, recent layers more [m^2].
+    """
+
+    evidence: InkEvidence
+    volumes: InkEvidence
+    errors: NDArray[np.float64]
+
+    @classmethod
+    def none(cls, shares: int, inks: int) -> InkKnowledge:
+        """Nothing learnt yet."""
+        return cls(InkEvidence.none(shares), InkEvidence.none(inks), np.zeros(2))
+
+    def arrays(self) -> dict[str, NDArray[np.float64]]:
+        """All of it by name."""
+        return {"evidence": self.evidence.sums(), "volumes": self.volumes.sums(), "ink_errors": self.errors}
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, NDArray[np.float64]]) -> InkKnowledge:
+        """Restore the result of `arrays`, bit by bit."""
+        evidence, volumes = (InkEvidence.of_sums(arrays[name]) for name in ("evidence", "volumes"))
+        return cls(evidence, volumes, np.asarray(arrays["ink_errors"]))
+
+    def struct(self) -> InkKnowledgeStruct:
+        """The same for C."""
+        return InkKnowledgeStruct(self.evidence.struct(), self.volumes.struct(), tuple(self.errors))
+
+    @classmethod
+    def of_struct(cls, struct: InkKnowledgeStruct, shares: int, inks: int) -> InkKnowledge:
+        """What C has made of it."""
+        evidence, volumes = InkEvidence.of_struct(struct.evidence, shares), InkEvidence.of_struct(struct.volumes, inks)
+        return cls(evidence, volumes, np.array(struct.errors))
 
 
 def ink_table(inks: Sequence[Ink]) -> NDArray[np.float64]:

@@ -100,6 +100,7 @@ class LayerMpc:
             raise ValueError(f"height has shape {estimate.height.shape}; needs {(job.nx, job.ny)}")
         choices = self._choices.allowed(estimate.height, self._horizon)
         choices[1 if is_probe(layer + 1) else 0 :, estimate.dead] = 0
+        choices[:, estimate.capped] = 0
         return HorizonProblem(
             height=estimate.height,
             target=job.target_height,

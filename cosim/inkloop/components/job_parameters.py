@@ -25,7 +25,8 @@ def parameters_from_job(job: Job) -> dict[str, Any]:
     }
     names = ("nx", "ny", "pitch", "target_height", "mask", "passes", "pass_order", "pass_rotation", "seed")
     surface = {} if job.height_start is None else {"height_start": job.height_start}
-    return {name: getattr(job, name) for name in names} | inks | surface
+    ground = {"flat_ground": job.height_start is None}
+    return {name: getattr(job, name) for name in names} | inks | surface | ground
 
 
 def ink_parameters(job: Job) -> dict[str, Any]:

@@ -34,8 +34,7 @@ def draw(folder: Path, runs: Mapping[str, Result], difference: ModelDifference |
 def draw_comparison(runs: Mapping[str, Result], picture: Path) -> None:
     """Write one picture of several runs of one grid."""
     with rc_context(plot.STYLE):
-        datasets = {name: result.dataset for name, result in runs.items()}
-        plot.save(plot.comparison(datasets, {name: result.wall_s for name, result in runs.items()}), picture)
+        plot.save(plot.comparison({name: result.dataset for name, result in runs.items()}), picture)
 
 
 def pictures(runs: Mapping[str, Result]) -> dict[str, Figure]:

@@ -215,8 +215,8 @@ def solids(runs: Runs) -> Figure:
     return figure
 
 
-def comparison(runs: Runs, wall_s: Mapping[str, float]) -> Figure:
-    """Final error maps on one scale; below them error, unevenness and droplets by layer, and the wall time of each."""
+def comparison(runs: Runs) -> Figure:
+    """Final error maps on one scale; below them error, unevenness and droplets by layer."""
     errors = {name: _error(run) for name, run in runs.items()}
     limit = max(1e-3, *(float(np.nanquantile(np.abs(error), 0.99)) for error in errors.values()))
     figure = _figure(5.0)
@@ -235,20 +235,19 @@ def comparison(runs: Runs, wall_s: Mapping[str, float]) -> Figure:
         axes.set(xlabel="x [mm]", title="\n".join((name, *_figures(run).split(", "))))
     maps[0].set_ylabel("y [mm]")
     above.colorbar(image, ax=list(maps), label="target - height [µm]", extend="both")
-    mean, spread, droplets, times = below.subplots(1, 4)
+    mean, spread, droplets, names = below.subplots(1, 4)
     for number, (name, run) in enumerate(runs.items()):
         line = LINES[number % len(LINES)]
         layer = run.layer.values
-        mean.plot(layer, np.abs(run.mean_error) * UM_PER_M, **line)
+        mean.plot(layer, np.abs(run.mean_error) * UM_PER_M, label=name, **line)
         spread.plot(layer[1:], run["std"][1:] * UM_PER_M, **line)
         if "pattern" in run:
             droplets.plot(layer[1:], (run.pattern[1:] != 0).sum(("x", "y")), drawstyle="steps-mid", **line)
-        times.barh(name, wall_s[name], color=line["color"])
     mean.set(title="|target - mean| [µm]", xlabel="layer", yscale="log")
     spread.set(title="std over the part [µm]", xlabel="layer", yscale="log")
     droplets.set(title="droplets of the layer", xlabel="layer", ylim=(0, None))
-    times.set(title="wall time [s]")
-    times.invert_yaxis()
+    names.legend(*mean.get_legend_handles_labels(), loc="center left", frameon=False)
+    names.axis("off")
     for axes in (mean, spread):
         axes.yaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))

@@ -16,6 +16,7 @@ from inkloop.contract import LAYER_UNKNOWN
 from inkloop.errors import ResultError
 from inkloop.files import write_text
 from inkloop.report.model_difference import model_difference
+from inkloop.report.trust import untrusted_remarks
 from inkloop.results.result import COMPARE_FOLDER, Result
 from inkloop.tables.schema import Literature
 from inkloop.units import UM_PER_M
@@ -132,6 +133,7 @@ def remarks(result: Result) -> list[str]:
     counts = [(text, result.dataset[name]) for name, text in REMARKS.items() if name in result.dataset]
     found = [text.format(cells[-1].item()) for text, cells in counts if cells.dims == ("layer",) and cells[-1] > 0]
     run = result.dataset
+    found += untrusted_remarks(run)
     return found + _corrected_scans(run) + _nothing_printed(result) + _unknown_layers(run) + _alarms(run)
 
 

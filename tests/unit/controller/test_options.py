@@ -29,6 +29,7 @@ NO_VALUE = {
     "annealing_sweeps": -1,
     "time_limit": 0.0,
     "sensor_noise_std": -1.0,
+    "flat_ground": False,
 }
 """Numbers of the FMU for None and infinity in Python."""
 

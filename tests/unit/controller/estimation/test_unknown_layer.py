@@ -55,10 +55,10 @@ def test_nothing_is_learnt_of_ink_and_nozzles_from_an_unknown_layer() -> None:
     _, before, estimate, _ = printed(UNKNOWN, learn=False)
     assert before.ink_scale == pytest.approx(0.8, rel=0.02, abs=0.0)
     assert (estimate.inks, estimate.ink_scale) == (before.inks, before.ink_scale)
-    np.testing.assert_array_equal(estimate.evidence.sums(), before.evidence.sums())
+    np.testing.assert_array_equal(estimate.learnt.evidence.sums(), before.learnt.evidence.sums())
     np.testing.assert_array_equal(estimate.dead_evidence, before.dead_evidence)
     _, _, learnt, _ = printed(UNKNOWN, learn=True)
-    assert not np.array_equal(learnt.evidence.sums(), before.evidence.sums())
+    assert not np.array_equal(learnt.learnt.evidence.sums(), before.learnt.evidence.sums())
 
 
 def test_cell_of_an_unknown_layer_that_was_not_seen_may_be_anything_between_nothing_and_all() -> None:

@@ -48,7 +48,7 @@ def labels(figure: Figure) -> list[str]:
 def test_maps_have_the_mean_error_of_the_table(error_um: float) -> None:
     run = printed(error_um, high_cell=(2, 3))
     reported = float(run.mean_error[-1]) * 1e6
-    for figure in (plot.error_map(run, "a"), plot.comparison({"a": run}, {"a": 1.0})):
+    for figure in (plot.error_map(run, "a"), plot.comparison({"a": run})):
         (image,) = [image for axes in figure.axes for image in axes.get_images()]
         assert np.nanmean(np.ma.filled(np.ma.asarray(image.get_array()), np.nan)) == pytest.approx(
             reported, rel=1e-9, abs=0.0
@@ -58,7 +58,7 @@ def test_maps_have_the_mean_error_of_the_table(error_um: float) -> None:
 
 def test_too_high_is_red_on_every_map() -> None:
     run = printed(1.0, high_cell=(2, 3))
-    for figure in (plot.error_map(run, "a"), plot.comparison({"a": run}, {"a": 1.0})):
+    for figure in (plot.error_map(run, "a"), plot.comparison({"a": run})):
         (image,) = [image for axes in figure.axes for image in axes.get_images()]
         red, _, blue, _ = image.to_rgba(np.ma.asarray(image.get_array()))[3, 2]
         assert red > blue

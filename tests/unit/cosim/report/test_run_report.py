@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import xarray as xr
 
 from inkloop.cli import main
 from inkloop.printing.run import print_part
+from inkloop.report.trust import untrusted_remarks
 from inkloop.scenario.file import Scenario
 from support.places import SCENARIOS
 
@@ -101,3 +103,46 @@ def test_cells_that_cannot_be_printed_or_seen_are_reported_when_the_run_ends_and
         assert (message in capsys.readouterr().out) is expected
         assert main(["info", folder]) == 0
         assert (message in capsys.readouterr().out) is expected
+
+
+@pytest.mark.system
+@pytest.mark.usefixtures("without_pictures")
+def test_reasons_for_no_trust_are_reported_with_figure_place_and_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, wrong = str(tmp_path / "wrong"), ("profiler.bias_um=5", "profiler.shift_x_um=260")
+    settings = [word for each in wrong for word in ("--set", f"components.{each}")]
+    off = ["--set", "components.controller.register_scans=false"]
+    assert main(["run", str(CUBOID), "--out", folder, "--no-compare", *settings, *off]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    for message in (
+        "ground that the scenario calls flat at 5.0 um in the middle",
+        "check the datum and the level of the profiler",
+    ):
+        assert message in shown
+    assert main(["info", folder]) == 0
+    assert "calls flat at 5.0 um" in capsys.readouterr().out
+
+
+def test_every_reason_has_a_sentence_of_its_own() -> None:
+    layers = 4
+    values = {
+        "untrusted_reasons": [0, 30, 16, 0],
+        "blind_share": [0.0, 0.75, 0.1, 0.0],
+        "ground_offset": [5e-6] * layers,
+        "ground_rise_x": [1e-6] * layers,
+        "ground_rise_y": [-2e-6] * layers,
+        "scan_surprise": [1.0, 4.2, 2.0, 1.0],
+        "capped_cells": [0, 2, 7, 0],
+        "ink_excess": [0.0, 3e-6, 41e-6, 50e-6],
+        "ink_excess_i": [0, 5, 6, 7],
+        "ink_excess_j": [0, 1, 2, 3],
+    }
+    run = xr.Dataset({name: ("layer", value) for name, value in values.items()})
+    blind, ground, residuals, ink = untrusted_remarks(run)
+    assert blind.startswith("75% of the part's cells were not measured in the scan of layer 0;")
+    assert "at 5.0 um in the middle, rising by 1.0 um along x and -2.0 um along y" in ground
+    assert "by 4.2 times what droplets and sensor explain, most in the scan of layer 0;" in residuals
+    assert ink.startswith("capped cells: 7, ")
+    assert "cell (6, 2) is 41.0 um higher than by the scan of layer 1" in ink
+    assert untrusted_remarks(run.assign(untrusted_reasons=("layer", [0, 1, 1, 0]))) == []

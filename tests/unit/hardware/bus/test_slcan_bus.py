@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
-from inkloop_hardware.bus.slcan_bus import BulkSlcanBus, frame_of
+from inkloop_hardware.bus.slcan_bus import LINE_MAX, BulkSlcanBus, frame_of
 from inkloop_hardware.errors import BusError
 from inkloop_hardware.protocol.codec import Frame
 from support.benches.wire_library import SlcanEnd, SlcanFrame
@@ -138,8 +138,8 @@ def test_malformed_line_is_counted_and_the_next_frame_read(line: Line, bad: byte
 
 def test_rest_of_a_line_that_is_too_long_is_no_frame(line: Line) -> None:
     before = line.bus.malformed
-    line.bus.take(b"x" * 70)
-    line.bus.take(b"x" * 70)
+    line.bus.take(b"x" * (LINE_MAX + 1))
+    line.bus.take(b"x" * (LINE_MAX + 1))
     assert [m.arbitration_id for m in line.heard(b"t0010\rt0020\r")] == [2]
     assert line.bus.malformed == before + 1
 

@@ -15,10 +15,8 @@ from cantools.database.can import Message
 from inkloop_hardware.errors import FrameError
 from inkloop_hardware.protocol.c_codec import write_codec
 from inkloop_hardware.protocol.codec import BENCH_DBC, Codec
-from inkloop_hardware.protocol.protocol_page import with_tables
 from inkloop_hardware.protocol.records import KINDS, SI, signal_name
 from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
-from support.places import ROOT
 
 CODEC = Codec()
 MESSAGES = CODEC.database.messages
@@ -126,15 +124,6 @@ def test_generated_c_is_the_same_each_time_and_has_no_date(tmp_path: Path) -> No
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes()
         assert not re.search(r"\d\d:\d\d:\d\d|(?<!-)\b202\d\b", one.read_text("utf-8"))
-
-
-def test_page_agrees_with_the_dbc() -> None:
-    page = (ROOT / "docs" / "reference" / "can-protocol.md").read_text("utf-8")
-    assert page == with_tables(page, CODEC), (
-        "run: python -m inkloop_hardware.protocol.protocol_page docs/reference/can-protocol.md"
-    )
-    with pytest.raises(ValueError, match="no single pair of lines"):
-        with_tables("no marks", CODEC)
 
 
 @pytest.mark.system

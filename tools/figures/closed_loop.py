@@ -1,26 +1,20 @@
-"""Table "What it reaches" in closing-the-loop.md: `python -m benchmarks.closed_loop_page`, also run by `make gallery`.
-
-The prints of `python -m benchmarks closed_loop` are kept in docs/explanation/closed-loop.csv; `--drawn` takes them from
-there instead of printing again.
-"""
+"""Table of closing-the-loop.md: the prints of `python -m benchmarks closed_loop`, each kept in a record."""
 
 from __future__ import annotations
 
 import csv
-import re
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from math import isnan
 from pathlib import Path
 
-from rich.console import Console
-
 from benchmarks import closed_loop
 from benchmarks.prints import OURS, SHOWN, Metrics, printed
-from benchmarks.target_table import Figure, table
+from benchmarks.target_table import Figure
+from tools.figures.pages import DOCS, Texts, table
 
-ROOT = Path(__file__).parents[1]
-HERE = ROOT / "docs" / "explanation"
+from inkloop.files import replaced
+
+HERE = DOCS / "explanation"
 PAGE = HERE / "closing-the-loop.md"
 RUNS = HERE / "closed-loop.csv"
 SEEDS = 10
@@ -30,13 +24,12 @@ COLUMNS = {
 }  # fmt: skip
 """Metrics of a print, by the name of their column in the file."""
 ON_PAGE = ("mae", "std", "rms", "highest", "layers", "shift_error")
-ROWS = re.compile(r"(<!-- closed loop -->\n(?:\|.*\n){2})((?:\|.*\n)*)")
-TOO_HIGH = re.compile(r"(<!-- too high -->)\d+ of \d+ prints")
+HEADS = ("case", "mean absolute error", "std", "rms", "highest", "layers", "shift")
 
 
 def keep(metrics: Metrics, file: Path) -> None:
     """Write a line for each print."""
-    with file.open("w", encoding="utf-8", newline="") as lines:
+    with replaced(file) as partial, partial.open("w", encoding="utf-8", newline="") as lines:
         rows = csv.writer(lines, lineterminator="\n")
         rows.writerow(["case", "controller", "seed", *COLUMNS])
         for (case, planner), prints in metrics.items():
@@ -55,21 +48,30 @@ def kept(file: Path) -> Metrics:
     return metrics
 
 
-def written(page: str, metrics: Metrics) -> str:
-    """The page with the rows of its table as the prints have them."""
+def run() -> None:
+    """All prints of the benchmark."""
+    keep(printed(closed_loop.CASES, SEEDS), RUNS)
+
+
+def texts() -> Texts:
+    """The table, and how many prints ran away unnoticed."""
+    return {PAGE: texts_of(kept(RUNS))}
+
+
+def texts_of(metrics: Metrics) -> dict[str, str]:
+    """The same of these prints."""
     found = closed_loop.rows(metrics)
     *_, (silent,) = found.values()
     count = sum(len(metrics[case.name, OURS]) for case in closed_loop.CASES)
-    page = TOO_HIGH.sub(lambda marked: f"{marked[1]}{silent.now:.0f} of {count} prints", page)
-    return ROWS.sub(lambda marked: marked[1] + "".join(lines(found)), page)
+    return {"closed loop": table(HEADS, lines(found)), "too high": f"{silent.now:.0f} of {count} prints"}
 
 
-def lines(found: Mapping[str, Sequence[Figure]]) -> Iterator[str]:
+def lines(found: Mapping[str, Sequence[Figure]]) -> Iterator[list[str]]:
     """A line for each case: the figure, what must be and what is aimed at."""
     for case in closed_loop.CASES:
         figures = {wanted.metric: figure for wanted, figure in zip(case.wanted, found[case.name], strict=True)}
         cells = [cell(figures[metric]) if metric in figures else "" for metric in ON_PAGE]
-        yield f"| {case.name.replace(' um', ' µm')} | {' | '.join(cells)} |\n"
+        yield [case.name.replace(" um", " µm"), *cells]
 
 
 def cell(figure: Figure) -> str:
@@ -77,11 +79,3 @@ def cell(figure: Figure) -> str:
     now = f"{figure.now:.3f}" if figure.now < 0.01 else f"{figure.now:.3g}"
     limits = [f"{limit:.3g}" for limit in (figure.must, figure.aim) if not isnan(limit)]
     return " / ".join([f"**{now}**" if figure.reached.startswith("MISSED") else now, *limits])
-
-
-if __name__ == "__main__":
-    if "--drawn" not in sys.argv:
-        keep(printed(closed_loop.CASES, SEEDS), RUNS)
-    metrics = kept(RUNS)
-    PAGE.write_text(written(PAGE.read_text(encoding="utf-8"), metrics), encoding="utf-8")
-    Console(width=140).print(table("whole prints in closed loop", closed_loop.rows(metrics)))

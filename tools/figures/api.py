@@ -1,7 +1,4 @@
-"""docs/reference/api.md, written from the public names and their docstrings.
-
-python tools/pages/api.py docs/reference/api.md
-"""
+"""api.md, written from the public names and their docstrings."""
 
 from __future__ import annotations
 
@@ -9,23 +6,16 @@ import dataclasses
 import enum
 import inspect
 import re
-import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from types import ModuleType
 from typing import Any
+
+from tools.figures.pages import DOCS, Texts
 
 import inkloop
 import inkloop_controller
 
 WIDTH = 110  # of a signature on one line
-HEAD = """# The public API
-
-What `import inkloop` and `import inkloop_controller` offer. These names are stable; anything else in the modules may
-change. Written from the docstrings by `python tools/pages/api.py docs/reference/api.md`. Lengths are in metres and
-times in seconds unless a name states otherwise; maps are NumPy arrays (nx, ny) with i along x. The options of
-components are in [the scenario file](scenario.md), the signals between them in [the layer contract](layer-contract.md).
-"""
 GROUPS = {
     "Print and read": ("run", "load", "Scenario", "Result"),
     "Components of your own": ("Component", "Port", "Job", "Ink", "Status"),
@@ -37,17 +27,22 @@ GROUPS = {
 }
 
 
-def page() -> str:
-    """The whole page. Raises ValueError for a public name that is in no group."""
+def run() -> None:
+    """Nothing: the names come from the code."""
+
+
+def texts() -> Texts:
+    """All public names. Raises ValueError for a public name that is in no group."""
     grouped = {name for names in GROUPS.values() for name in names}
     if left := set(inkloop.__all__) ^ grouped:
         raise ValueError(f"GROUPS and inkloop.__all__ differ in {', '.join(sorted(left))}")
-    lines = [HEAD]
+    lines = [""]
     for group, names in GROUPS.items():
         lines += [f"## {group}", "", *_entries(inkloop, names)]
     lines += ["## The layer controller", "", "From `inkloop_controller`.", ""]
     lines += _entries(inkloop_controller, inkloop_controller.__all__)
-    return "\n".join(lines).rstrip("\n") + "\n"
+    text = "\n".join(lines).rstrip("\n") + "\n"
+    return {DOCS / "reference" / "api.md": {"public names": f"\n{text}"}}
 
 
 def _entries(package: ModuleType, names: tuple[str, ...] | list[str]) -> Iterator[str]:
@@ -126,7 +121,3 @@ def _annotation(annotation: object) -> str:
 
 def _first_paragraph(entry: object) -> str:
     return " ".join(inspect.cleandoc(getattr(entry, "__doc__", None) or "").partition("\n\n")[0].split())
-
-
-if __name__ == "__main__":
-    Path(sys.argv[1]).write_text(page(), encoding="utf-8")

@@ -1,18 +1,17 @@
-"""Write rows of options in docs/reference/scenario.md: python tools/pages/options.py
+"""Rows of options in scenario.md, one table for each class.
 
-A table below a line `<!-- options of CLASS -->` keeps its head. The rows of `LayerMpc` and its parts come from the
-options that the class marks; a class that gives no meaning has that of the parameter in
-fmus/layer_controller/variables.toml. The other rows come from the fields of a table.
+The rows of `LayerMpc` and its parts come from the options that the class marks; a class that gives no meaning has that
+of the parameter in fmus/layer_controller/variables.toml. The other rows come from the fields of a table.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
-from pathlib import Path
+from typing import TypeAlias
 
 from pydantic.fields import FieldInfo
+from tools.figures.pages import DOCS, ROOT, Texts, table
 
 from inkloop.components.fmu_parameters import options_of_controller_fmu
 from inkloop.components.port_tables import PortTable
@@ -23,43 +22,52 @@ from inkloop.metrology.map_folder import MapFolder
 from inkloop_controller import Criterion, DropletChoices, HeightEstimator, LayerMpc, Work
 from inkloop_controller.problem.options import Keyword, keywords
 
-ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "reference" / "scenario.md"
+PAGE = DOCS / "reference" / "scenario.md"
 DEFINITION = ROOT / "fmus" / "layer_controller" / "variables.toml"
 MARKED = {each.__name__: each for each in (LayerMpc, Criterion, DropletChoices, Work, HeightEstimator)}
 TABLES = {each.__name__: each for each in (options_table(MapFolder), PortTable, ShadowTable)}
-CLASSES = {*MARKED, *TABLES}
-TABLE = re.compile(r"(<!-- options of (\w+) -->\n\|.*\n\|[-|]+\n)((?:\|.*\n)*)")
+Row: TypeAlias = tuple[str, str, str]
+FIRST = {
+    "PortTable": "key",
+    "LayerMpc": "plan",
+    "Criterion": "objective",
+    "DropletChoices": "allowed droplets",
+    "Work": "computing effort per layer",
+    "HeightEstimator": "knowledge of the machine",
+}
+"""Head of the first column of a table, where it is not "option"."""
 
 
-def written(page: str) -> str:
-    """The page with the rows as the classes have them."""
+def run() -> None:
+    """Nothing: the rows come from the code."""
+
+
+def texts() -> Texts:
+    """The rows as the classes have them."""
     model = definition.load(DEFINITION.read_text(encoding="utf-8"), DEFINITION)
-    texts = {variable.name: variable.description for variable in model.variables}
-
-    def rows(name: str) -> Iterator[str]:
-        if name in TABLES:
-            return (row_of_field(key, field) for key, field in TABLES[name].model_fields.items())
-        return (row_of_keyword(each, texts) for each in keywords(MARKED[name]))
-
-    return TABLE.sub(lambda found: found[1] + "".join(rows(found[2])), page)
+    meanings = {variable.name: variable.description for variable in model.variables}
+    rows = {name: [row_of_keyword(each, meanings) for each in keywords(marked)] for name, marked in MARKED.items()}
+    for name, fields in TABLES.items():
+        rows[name] = [row_of_field(key, field) for key, field in fields.model_fields.items()]
+    heads = {name: (FIRST.get(name, "option"), "default", "meaning") for name in rows}
+    return {PAGE: {f"options of {name}": table(heads[name], each) for name, each in rows.items()}}
 
 
-def row_of_keyword(keyword: Keyword, texts: dict[str, str]) -> str:
+def row_of_keyword(keyword: Keyword, meanings: dict[str, str]) -> Row:
     """The row of a marked option."""
     (name,) = options_of_controller_fmu({keyword.argument: None})
-    text = keyword.option.meaning or with_code(texts[name])
+    text = keyword.option.meaning or with_code(meanings[name])
     return row(keyword.key, default(keyword.default, keyword.option.absent), text)
 
 
-def row_of_field(key: str, field: FieldInfo) -> str:
+def row_of_field(key: str, field: FieldInfo) -> Row:
     """The row of a field of a table."""
     return row(key, "" if field.is_required() else default(field.default, "none"), with_code(field.description or ""))
 
 
-def row(key: str, value: str, text: str) -> str:
+def row(key: str, value: str, text: str) -> Row:
     """Key, default, meaning."""
-    return f"| `{key}` | {value}{' ' if value else ''}| {text[0].lower()}{text[1:]} |\n"
+    return f"`{key}`", value, f"{text[0].lower()}{text[1:]}"
 
 
 def with_code(text: str) -> str:
@@ -74,7 +82,3 @@ def default(value: object, absent: str) -> str:
     if isinstance(value, float):
         return f"{value:g}"
     return f"{value}" if type(value) is int else f"`{json.dumps(value)}`"
-
-
-if __name__ == "__main__":
-    PAGE.write_text(written(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

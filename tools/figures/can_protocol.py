@@ -1,20 +1,23 @@
-"""Write the tables of docs/reference/can-protocol.md from the DBC.
-
-python -m inkloop_hardware.protocol.protocol_page docs/reference/can-protocol.md
-"""
+"""Tables of can-protocol.md, written from the DBC."""
 
 from __future__ import annotations
 
 import re
-import sys
-from pathlib import Path
 
 from cantools.database.can import Message, Signal
+from tools.figures.pages import DOCS, Texts
 
 from inkloop.units import MS_PER_S
 from inkloop_hardware.protocol.codec import Codec
 
-BEGIN, END = "<!-- from inkloop.dbc -->\n", "<!-- end -->\n"
+
+def run() -> None:
+    """Nothing: the tables come from the DBC."""
+
+
+def texts() -> Texts:
+    """The tables of all frames, signals and values."""
+    return {DOCS / "reference" / "can-protocol.md": {"from inkloop.dbc": f"\n\n{tables(Codec())}\n"}}
 
 
 def tables(codec: Codec) -> str:
@@ -34,16 +37,6 @@ def tables(codec: Codec) -> str:
         listed = ", ".join(f"{number} `{word}`" for number, word in sorted(words.items()))
         lines += ["", f"**{table}**: {listed}."]
     return "\n".join(lines) + "\n"
-
-
-def with_tables(page: str, codec: Codec) -> str:
-    """The page with its tables rewritten; ValueError without the two marks around them."""
-    if page.count(BEGIN) != 1 or page.count(END) != 1:
-        raise ValueError(
-            f"the page has no single pair of lines {BEGIN.strip()!r} and {END.strip()!r} around its tables"
-        )
-    before, rest = page.split(BEGIN)
-    return before + BEGIN + "\n" + tables(codec) + "\n" + END + rest.split(END)[1]
 
 
 def _layout(signal: Signal) -> str:
@@ -76,8 +69,3 @@ def _signal_row(signal: Signal, alike: list[Message]) -> str:
     meaning = comments[alike[0].name] if shared else "; ".join(f"{name}: {text}" for name, text in comments.items())
     signed = ", signed" if signal.is_signed else ""
     return f"| `{signal.name}` | {bits}{signed} | {signal.scale:g} | {limits} | {signal.unit or ''} | {meaning} |"
-
-
-if __name__ == "__main__":
-    place = Path(sys.argv[1])
-    place.write_text(with_tables(place.read_text("utf-8"), Codec()), encoding="utf-8")

@@ -1,0 +1,83 @@
+#include "estimate_doubts.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "dead_cells.h"
+#include "layer_surface.h"
+#include "near_cells.h"
+
+/* The limit of the ink by what is known of droplets. */
+static InkLimit ink_limit(const EstimatorOptions *options, const SurfaceEstimate *estimate) {
+    const double levels = options->drop_levels;
+    double layer = 0.0, squares = 0.0, own = 0.0;
+    for (size_t k = 0; k < options->ink.inks; k++) {
+        const Ink ink = options->ink.nominal[k];
+        layer = fmax(layer, full_layer_height(&ink));
+        squares = fmax(squares, ink.h1 * ink.h1 + 4.0 * (ink.h2 * ink.h2) + 4.0 * (ink.h3 * ink.h3));
+        own = fmax(own, estimate->ink[k].h1);
+    }
+    return (InkLimit){.nx = options->nx,
+                      .ny = options->ny,
+                      .part = options->part,
+                      .target = options->target,
+                      .layer = levels * layer,
+                      .droplet_std = levels * DROPLET_STD * droplet_misfit(&estimate->trust) * sqrt(squares),
+                      .own = levels * own};
+}
+
+void look_at_cells(const EstimatorOptions *options, const uint8_t *valid, SurfaceEstimate *estimate) {
+    LoopTrust *trust = &estimate->trust;
+    size_t part_cells = 0, blind = 0;
+    trust->unseen_cells = 0;
+    trust->excess = 0.0;
+    trust->excess_cell = 0;
+    for (size_t cell = 0; cell < options->nx * options->ny; cell++) {
+        if (!options->part[cell])
+            continue;
+        const double excess = estimate->reckoned[cell] - estimate->height[cell];
+        part_cells++;
+        blind += !valid[cell];
+        trust->unseen_cells += estimate->unseen[cell] > options->unseen_layers;
+        if (excess > trust->excess) {
+            trust->excess = excess;
+            trust->excess_cell = (int64_t)cell;
+        }
+    }
+    trust->blind_share = part_cells > 0 ? (double)blind / (double)part_cells : 0.0;
+    trust->capped_cells = 0;
+    memset(estimate->capped, 0, options->nx * options->ny);
+    if (options->take_as_read)
+        return;
+    const InkLimit limit = ink_limit(options, estimate);
+    trust->capped_cells = (int64_t)mark_capped(&limit, estimate->height, estimate->reckoned, estimate->capped);
+}
+
+void begin_trust(const EstimatorOptions *options, int32_t layer, const double *measured, const uint8_t *valid,
+                 SurfaceEstimate *estimate) {
+    const size_t cells = options->nx * options->ny;
+    const bool is_flat = options->flat_ground && layer == 0 && !options->take_as_read;
+    for (size_t cell = 0; cell < cells; cell++)
+        estimate->reckoned[cell] = is_flat ? 0.0 : estimate->height[cell];
+    if (is_flat)
+        compare_ground(options->nx, options->ny, measured, valid, full_layer_height(&options->ink.nominal[0]),
+                       &estimate->trust);
+    look_at_cells(options, valid, estimate);
+}
+
+static bool revives(const SurfaceEstimate *before, const SurfaceEstimate *after, size_t cell) {
+    return before->dead_evidence[cell] >= DEAD_EVIDENCE && after->dead_evidence[cell] < DEAD_EVIDENCE;
+}
+
+void forgive_dead(const EstimatorOptions *options, const SurfaceEstimate *before, uint8_t *marks,
+                  SurfaceEstimate *after) {
+    const size_t nx = options->nx, ny = options->ny, cells = nx * ny;
+    uint8_t *outside = marks, *inside = marks + cells;
+    for (size_t cell = 0; cell < cells; cell++)
+        outside[cell] = !options->part[cell];
+    for (size_t cell = 0; cell < cells; cell++)
+        inside[cell] = revives(before, after, cell) && !is_near_marked(outside, nx, ny, cell);
+    for (size_t cell = 0; cell < cells; cell++)
+        if (revives(before, after, cell) && is_near_marked(inside, nx, ny, cell))
+            after->reckoned[cell] = after->height[cell];
+}

@@ -1,0 +1,99 @@
+#include "ink_learning.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <string.h>
+
+#include "layer_surface.h"
+
+enum { ROUNDS = 5 }; /* of the ink by the widths of saturation that follow from it, until they agree (assumed) */
+enum { FULL, SCALE };
+static const double WIDTHS_AGREE = 0.01;
+static const double FORGETTING = 0.8; /* weight of a layer against the next, as of the evidence */
+
+static bool agree(const Ink one[], const Ink other[], size_t inks) {
+    for (size_t k = 0; k < inks; k++)
+        for (size_t order = 0; order < ORDERS; order++) {
+            const double height = ink_height(&other[k], order);
+            if (fabs(ink_height(&one[k], order) - height) > WIDTHS_AGREE * fabs(height))
+                return false;
+        }
+    return true;
+}
+
+/* The nominal inks in the volumes of the learnt ones. */
+static void of_volumes(const InkPrior *prior, const Ink learnt[], Ink ink[INKS_MAX]) {
+    for (size_t k = 0; k < prior->inks; k++) {
+        const Ink nominal = prior->nominal[k];
+        const double share = full_layer_height(&learnt[k]) / full_layer_height(&nominal);
+        ink[k] = (Ink){share * nominal.h1, share * nominal.h2, share * nominal.h3};
+    }
+}
+
+/* The ink and the increments of the layer, by turns until they agree; the widths of saturation that were taken last. */
+static void learn(const InkPrior *prior, const InkEvidence *before, const LearntLayer *learnt, double droplet_std,
+                  InkEvidence *after, Ink ink[INKS_MAX], Ink widths[INKS_MAX]) {
+    const JettedLayer *layer = learnt->layer;
+    const size_t cells = layer->nx * layer->ny, inks = prior->inks;
+    const JettedLayer at_once = {layer->nx, layer->ny, layer->pattern, layer->factor, 1, NULL};
+    const ObservedLayer observed = {cells,         layer->ny,      learnt->part,
+                                    learnt->clear, layer->pattern, learnt->increments,
+                                    learnt->flat,  learnt->growth, learnt->total};
+    likeliest_inks(prior, before, ink);
+    memset(learnt->predicted, 0, cells * sizeof(double));
+    droplet_increments(&at_once, learnt->predicted, inks, ink, learnt->scratch, &learnt->flat);
+    for (int round = 0; round < ROUNDS; round++) {
+        memcpy(widths, ink, INKS_MAX * sizeof *ink);
+        droplet_increments(layer, learnt->before, inks, widths, learnt->scratch, &learnt->increments);
+        for (size_t cell = 0; cell < cells; cell++) {
+            learnt->spread[cell] = learnt->known[cell] + droplet_std * droplet_std * learnt->increments.squares[cell];
+            learnt->total[cell] = learnt->spread[cell] + learnt->noise + learnt->misread[cell];
+        }
+        *after = *before;
+        add_ink_evidence(prior, &observed, learnt->scratch, learnt->marks, after);
+        likeliest_inks(prior, after, ink);
+        if (agree(ink, widths, inks))
+            return;
+    }
+}
+
+/* Mean square of what an ink predicts wrong on the cells of the part [m^2]. */
+static double prediction_error(const InkPrior *prior, const InkEvidence *evidence, const LearntLayer *learnt) {
+    const size_t cells = learnt->layer->nx * learnt->layer->ny;
+    Ink ink[INKS_MAX];
+    double sum = 0.0;
+    size_t count = 0;
+    likeliest_inks(prior, evidence, ink);
+    const Ink both[2] = {ink[0], ink[prior->inks - 1]};
+    layer_surface(learnt->layer, learnt->before, both, learnt->scratch, learnt->predicted);
+    for (size_t cell = 0; cell < cells; cell++) {
+        const double wrong = learnt->scan[cell] - learnt->predicted[cell];
+        if (!learnt->part[cell] || !learnt->clear[cell])
+            continue;
+        sum += wrong * wrong;
+        count++;
+    }
+    return count > 0 ? sum / (double)count : 0.0;
+}
+
+void learn_ink(const InkPrior *prior, const InkKnowledge *before, const LearntLayer *layer, double droplet_std,
+               InkKnowledge *after, Ink ink[INKS_MAX], Ink widths[INKS_MAX]) {
+    *after = *before;
+    if (prior->model != INK_FULL) {
+        learn(prior, &before->evidence, layer, droplet_std, &after->evidence, ink, widths);
+        return;
+    }
+    InkPrior volumes = *prior;
+    volumes.model = INK_SCALE;
+    learn(&volumes, &before->volumes, layer, droplet_std, &after->volumes, ink, widths);
+    if (memcmp(&after->volumes, &before->volumes, sizeof after->volumes) != 0) { /* a layer of hardly any droplets
+                                                                                    shows nothing */
+        after->errors[FULL] = FORGETTING * before->errors[FULL] + prediction_error(prior, &before->evidence, layer);
+        after->errors[SCALE] = FORGETTING * before->errors[SCALE] + prediction_error(&volumes, &before->volumes, layer);
+    }
+    learn(prior, &before->evidence, layer, droplet_std, &after->evidence, ink, widths);
+    if (after->errors[FULL] > after->errors[SCALE]) /* the last one learnt leaves the increments */
+        learn(&volumes, &before->volumes, layer, droplet_std, &after->volumes, ink, widths);
+    of_volumes(prior, ink, widths); /* what droplets spill is surer by the nominal proportions */
+    droplet_increments(layer->layer, layer->before, prior->inks, widths, layer->scratch, &layer->increments);
+}

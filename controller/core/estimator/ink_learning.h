@@ -1,0 +1,36 @@
+/* The ink of a print, learnt from its layers, as the one that has predicted the scans better.
+ *
+ * Three heights that patterns distinguish (INK_FULL) fit a printer of another kind too, and plans by them may be worse
+ * than by its volumes alone (INK_SCALE). So both are learnt, each predicts every scan before it is read, and what the
+ * planner gets is the one with the smaller errors. */
+#ifndef INKLOOP_INK_LEARNING_H
+#define INKLOOP_INK_LEARNING_H
+
+#include "ink_identification.h"
+
+typedef struct {
+    InkEvidence evidence; /* for the model of the prior */
+    InkEvidence volumes;  /* for the volumes, while the model is INK_FULL */
+    double errors[2];     /* sums of the squares that each of the two predicted wrong, recent layers more [m^2] */
+} InkKnowledge;
+
+/* A layer that was jetted and scanned, and maps for what it shows. */
+typedef struct {
+    const JettedLayer *layer;
+    const uint8_t *part, *clear;        /* cells of the part; cells whose growth is sure */
+    const double *before, *scan;        /* heights before the layer, and the scan [m] */
+    const double *growth;               /* of the scan over the former [m] */
+    const double *known;                /* variance of the heights before [m^2] */
+    double noise;                       /* of a reading [m^2], */
+    const double *misread;              /* and what a displacement of the scan adds to it [m^2] */
+    double *spread, *total;             /* out: variance of the prediction, and with that of its reading [m^2] */
+    DropletIncrements increments, flat; /* out: of the layer on the surface before, and on a flat one */
+    double *scratch, *predicted;        /* 2 maps, and one */
+    uint8_t *marks;                     /* two maps */
+} LearntLayer;
+
+/* The ink after a layer, and the ink whose widths of saturation its increments were taken with. */
+void learn_ink(const InkPrior *prior, const InkKnowledge *before, const LearntLayer *layer, double droplet_std,
+               InkKnowledge *after, Ink ink[INKS_MAX], Ink widths[INKS_MAX]);
+
+#endif

@@ -1,0 +1,37 @@
+#include "ink_limit.h"
+
+#include <math.h>
+#include <string.h>
+
+static const double CHANCE = 5.0;    /* standard deviations of the droplets given to a cell (assumed) */
+static const double ROUNDING = 1e-9; /* of a layer: a target of whole layers needs no further one */
+static const double RISEN = 1.0;     /* layers above target and reckoning: no droplets explain it (by trial) */
+
+double ink_limit_at(const InkLimit *limit, size_t cell) {
+    const double layers = fmax(1.0, ceil(limit->target[cell] / limit->layer - ROUNDING));
+    return layers * limit->layer + CHANCE * limit->droplet_std * sqrt(layers);
+}
+
+static void mark_near(size_t nx, size_t ny, size_t cell, const uint8_t *part, uint8_t *marks) {
+    const size_t i = cell / ny, j = cell % ny;
+    for (size_t row = i > 0 ? i - 1 : 0; row <= i + 1 && row < nx; row++)
+        for (size_t column = j > 0 ? j - 1 : 0; column <= j + 1 && column < ny; column++)
+            marks[row * ny + column] = part[row * ny + column];
+}
+
+size_t mark_capped(const InkLimit *limit, const double *height, const double *reckoned, uint8_t *capped) {
+    const size_t cells = limit->nx * limit->ny;
+    size_t count = 0;
+    memset(capped, 0, cells);
+    for (size_t cell = 0; cell < cells; cell++) {
+        if (!limit->part[cell])
+            continue;
+        if (height[cell] < limit->target[cell] && reckoned[cell] + limit->own > ink_limit_at(limit, cell))
+            capped[cell] = 1;
+        if (height[cell] - fmax(limit->target[cell], reckoned[cell]) > RISEN * limit->layer)
+            mark_near(limit->nx, limit->ny, cell, limit->part, capped);
+    }
+    for (size_t cell = 0; cell < cells; cell++)
+        count += capped[cell];
+    return count;
+}

@@ -1,0 +1,118 @@
+#include "loop_trust.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "median.h"
+#include "small_algebra.h"
+
+static const double GROUND_TOLERANCE = 0.5; /* of a layer: flatter ground is called flat (assumed) */
+static const double GROUND_DOUBT = 6.0;     /* standard errors of the plane (assumed) */
+static const double RESIDUALS_MAX = 9.0;    /* droplets that vary by 40 % show 3.3, surface tension 18 (by trial) */
+static const double FORGETTING = 0.8;       /* weight of a layer against the next, as of the ink */
+static const double MEDIAN_SQUARE = 0.4549; /* of a normal variable of variance 1 */
+static const double MOST = 0.5;             /* of the part (assumed) */
+static const double WEAK = 0.5;             /* of a volume: less is ink that has run out (assumed) */
+static const double BLIND = 0.5;            /* share of the part (assumed) */
+static const double MISFIT_MAX = 5.0;       /* more is no droplet (assumed) */
+enum { TERMS = 3, LEAST_CELLS = 8, LEAST_DROPLETS = 20, EARLY_LAYERS = 3 };
+
+LoopTrust full_trust(void) {
+    return (LoopTrust){.early = 1.0, .residual = 1.0, .volume = 1.0, .usual = 1.0};
+}
+
+int32_t untrusted_reasons(const LoopTrust *trust) {
+    return (trust->unseen_cells > 0 ? UNTRUSTED_UNSEEN : 0) | (trust->blind_share > BLIND ? UNTRUSTED_BLIND : 0) |
+           (trust->ground_wrong ? UNTRUSTED_GROUND : 0) | (trust->residual > RESIDUALS_MAX ? UNTRUSTED_RESIDUALS : 0) |
+           (trust->capped_cells > 0 ? UNTRUSTED_INK : 0);
+}
+
+/* From -0.5 to 0.5 over the grid. */
+static double place(size_t at, size_t count) {
+    return count > 1 ? (double)at / (double)(count - 1) - 0.5 : 0.0;
+}
+
+static void terms_of(size_t nx, size_t ny, size_t cell, double term[TERMS]) {
+    term[0] = 1.0;
+    term[1] = place(cell / ny, nx);
+    term[2] = place(cell % ny, ny);
+}
+
+/* Least squares of the first `terms` terms; the number of cells. */
+static size_t fit_ground(size_t nx, size_t ny, const double *scan, const uint8_t *valid, size_t terms,
+                         double plane[TERMS], double *variance) {
+    double matrix[TERMS * TERMS] = {0.0}, side[TERMS] = {0.0}, squares = 0.0;
+    size_t count = 0;
+    for (size_t cell = 0; cell < nx * ny; cell++) {
+        double term[TERMS];
+        if (!valid[cell])
+            continue;
+        terms_of(nx, ny, cell, term);
+        for (size_t i = 0; i < terms; i++) {
+            side[i] += term[i] * scan[cell];
+            for (size_t j = 0; j < terms; j++)
+                matrix[i * terms + j] += term[i] * term[j];
+        }
+        count++;
+    }
+    memset(plane, 0, TERMS * sizeof *plane);
+    if (count < LEAST_CELLS || !solve_definite(terms, matrix, side))
+        return 0;
+    memcpy(plane, side, terms * sizeof *plane);
+    for (size_t cell = 0; cell < nx * ny; cell++) {
+        double term[TERMS];
+        terms_of(nx, ny, cell, term);
+        const double rest = scan[cell] - plane[0] - plane[1] * term[1] - plane[2] * term[2];
+        squares += valid[cell] ? rest * rest : 0.0;
+    }
+    *variance = squares / (double)count;
+    return count;
+}
+
+void compare_ground(size_t nx, size_t ny, const double *scan, const uint8_t *valid, double layer, LoopTrust *trust) {
+    double variance = 0.0;
+    size_t count = fit_ground(nx, ny, scan, valid, TERMS, trust->ground, &variance);
+    if (count == 0) /* a line of cells, or hardly any */
+        count = fit_ground(nx, ny, scan, valid, 1, trust->ground, &variance);
+    if (count == 0)
+        return;
+    /* of a plane over a grid the corner, with the variance of three terms, of 1, 12 and 12 cells each, at 0.5 */
+    const double error = sqrt(variance * 7.0 / (double)count);
+    const double corner = fabs(trust->ground[0]) + 0.5 * fabs(trust->ground[1]) + 0.5 * fabs(trust->ground[2]);
+    trust->ground_wrong = corner > fmax(GROUND_TOLERANCE * layer, GROUND_DOUBT * error);
+}
+
+static bool counts(const LayerGrowth *layer, size_t cell) {
+    return layer->used[cell] && layer->pattern[cell] > 0 && layer->added[cell] > 0.0 && layer->variance[cell] > 0.0;
+}
+
+void add_residuals(const LayerGrowth *layer, double learnt, double *scratch, LoopTrust *trust) {
+    size_t count = 0;
+    for (size_t cell = 0; cell < layer->cells; cell++)
+        if (counts(layer, cell))
+            scratch[count++] = layer->growth[cell] / layer->added[cell];
+    trust->volume = trust->usual / learnt;
+    if (count < LEAST_DROPLETS)
+        return;
+    const double volume = median(scratch, count);
+    if ((double)count > MOST * (double)layer->part_cells) {
+        trust->volume = fmax(0.0, volume);
+        if (volume > WEAK)
+            trust->usual = FORGETTING * trust->usual + (1.0 - FORGETTING) * volume * learnt;
+    }
+    count = 0;
+    for (size_t cell = 0; cell < layer->cells; cell++)
+        if (counts(layer, cell)) {
+            const double rest = layer->growth[cell] - volume * layer->added[cell];
+            scratch[count++] = rest * rest / layer->variance[cell];
+        }
+    const double found = median(scratch, count) / MEDIAN_SQUARE;
+    trust->layers += 1;
+    trust->residual = FORGETTING * trust->residual + (1.0 - FORGETTING) * found;
+    if (trust->layers <= EARLY_LAYERS)
+        trust->early += (found - trust->early) / (double)trust->layers;
+}
+
+double droplet_misfit(const LoopTrust *trust) {
+    return fmin(MISFIT_MAX, fmax(1.0, sqrt(trust->early)));
+}

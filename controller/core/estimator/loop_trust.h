@@ -1,0 +1,61 @@
+/* What makes a print doubtful although it continues: what was seen, and whether that is beyond chance. */
+#ifndef INKLOOP_LOOP_TRUST_H
+#define INKLOOP_LOOP_TRUST_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* Reasons why a status is untrusted, to be added up. */
+enum {
+    UNTRUSTED_UNSEEN = 1,    /* cells of the part have lived on prediction for too many layers */
+    UNTRUSTED_BLIND = 2,     /* most of the part was not measured in the last scan */
+    UNTRUSTED_GROUND = 4,    /* the first scan shows an offset or a tilt of ground that is called flat */
+    UNTRUSTED_RESIDUALS = 8, /* scans differ from predictions by more than droplets and sensor explain */
+    UNTRUSTED_INK = 16       /* cells are capped, ink_limit.h */
+};
+
+typedef struct {
+    double ground[3];    /* of the first scan on ground called flat: height of its middle, and its rise over the grid
+                            along x and y [m] */
+    double early;        /* mean square of the residuals of the first layers, in variances [1] */
+    double residual;     /* of all layers, recent ones more [1] */
+    double volume;       /* of the droplets of the last layer, as a share of the learnt one [1] */
+    double usual;        /* ... of layers over most of the part, as a share of the nominal one, recent ones more [1] */
+    double blind_share;  /* of the part that the last scan did not measure */
+    double excess;       /* of ink: the most that a cell is above its scan by its droplets [m] */
+    int64_t excess_cell; /* there */
+    int64_t layers;      /* that count in the residuals */
+    int64_t capped_cells;
+    int32_t ground_wrong; /* the ground is not the flat one beyond doubt */
+    int32_t unseen_cells; /* of the part that have lived on prediction for too many layers */
+} LoopTrust;
+
+LoopTrust full_trust(void);
+
+/* The reasons, added up. */
+int32_t untrusted_reasons(const LoopTrust *trust);
+
+/* Compares a first scan of nx * ny cells [m] with flat ground of height 0. layer: height of a full layer [m]. */
+void compare_ground(size_t nx, size_t ny, const double *scan, const uint8_t *valid, double layer, LoopTrust *trust);
+
+/* What a layer added to its cells, as arrays of `cells`. */
+typedef struct {
+    size_t cells, part_cells;
+    const uint8_t *used;    /* cells of the part whose growth was measured */
+    const int32_t *pattern; /* only cells that were given a droplet count */
+    const double *growth;   /* that was measured [m] */
+    const double *added;    /* that was expected [m] */
+    const double *variance; /* of their difference [m^2] */
+} LayerGrowth;
+
+/* Adds a layer to the residuals. What it differs by as a whole is the volume of its droplets, not an error; where it
+ * covers most of the part its median is that volume, whatever a minority of cells reads. learnt: the learnt volume as a
+ * share of the nominal one. `scratch` holds `cells` values. */
+void add_residuals(const LayerGrowth *layer, double learnt, double *scratch, LoopTrust *trust);
+
+/* By how much the first layers, which have no walls yet, show droplets to differ more from the model than they are
+ * taken to: a factor on their standard deviation, at least 1. */
+double droplet_misfit(const LoopTrust *trust);
+
+#endif

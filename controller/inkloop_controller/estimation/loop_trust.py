@@ -1,0 +1,104 @@
+"""What makes a print doubtful although it continues (controller/core/estimator/loop_trust.h)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntFlag
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop_controller.core.library import library
+from inkloop_controller.core.structs import LoopTrustStruct
+
+
+class UntrustedReason(IntFlag):
+    """Why the status is untrusted."""
+
+    UNSEEN = 1  # cells of the part have lived on prediction for too many layers
+    BLIND = 2  # most of the part was not measured in the last scan
+    GROUND = 4  # the first scan shows an offset or a tilt of ground that is called flat
+    RESIDUALS = 8  # scans differ from predictions by more than droplets and sensor explain
+    INK = 16  # cells are capped: they ask for more ink than an open loop would give them
+
+
+@dataclass(frozen=True)
+class LoopTrust:
+    """What was seen that makes a print doubtful.
+
+    ground_offset, ground_rise_x, ground_rise_y: of the first scan on ground called flat: height of its middle, its rise
+    over the grid [m]; early, residual: mean square of the residuals of the first layers, and of all with recent ones
+    counting more [variances]; volume: of the droplets of the last layer, as a share of the learnt one [1]; usual: of
+    layers over most of the part, as a share of the nominal one [1]; blind_share: of the part that the last scan did not
+    measure; excess: the most that a cell is higher by its droplets than by its scan [m], at number excess_cell in C
+    order; layers: that count in the residuals; capped_cells, unseen_cells: their numbers; ground_wrong: whether the
+    ground is not the flat one.
+    """
+
+    ground_offset: float
+    ground_rise_x: float
+    ground_rise_y: float
+    early: float
+    residual: float
+    volume: float
+    usual: float
+    blind_share: float
+    excess: float
+    excess_cell: int
+    layers: int
+    capped_cells: int
+    ground_wrong: bool
+    unseen_cells: int
+
+    @classmethod
+    def full(cls) -> LoopTrust:
+        """Before the first scan."""
+        return cls(0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0, 0, 0, False, 0)
+
+    @property
+    def reasons(self) -> UntrustedReason:
+        """The reasons why the loop is not trusted."""
+        return UntrustedReason(library().inkloop_untrusted_reasons(self.struct()))
+
+    @property
+    def surprise(self) -> float:
+        """By how much scans differ from predictions, in standard deviations."""
+        return float(np.sqrt(self.residual))
+
+    def sums(self) -> NDArray[np.float64]:
+        """All of it in one array."""
+        return np.array([float(value) for value in vars(self).values()])
+
+    @classmethod
+    def of_sums(cls, sums: NDArray[np.float64]) -> LoopTrust:
+        """Restore the result of `sums`, bit by bit."""
+        cell, layers, capped, wrong, unseen = (int(value) for value in sums[9:])
+        offset, rise_x, rise_y, early, residual, volume, usual, blind, excess = (float(value) for value in sums[:9])
+        reals = (offset, rise_x, rise_y, early, residual, volume, usual, blind, excess)
+        return cls(*reals, cell, layers, capped, bool(wrong), unseen)
+
+    def struct(self) -> LoopTrustStruct:
+        """The same for C."""
+        ground, *rest = (self.ground_offset, self.ground_rise_x, self.ground_rise_y), *list(vars(self).values())[3:]
+        return LoopTrustStruct(ground, *rest)
+
+    @classmethod
+    def of_struct(cls, struct: LoopTrustStruct) -> LoopTrust:
+        """What C has made of it."""
+        offset, rise_x, rise_y = struct.ground
+        return cls(
+            offset,
+            rise_x,
+            rise_y,
+            struct.early,
+            struct.residual,
+            struct.volume,
+            struct.usual,
+            struct.blind_share,
+            struct.excess,
+            struct.excess_cell,
+            struct.layers,
+            struct.capped_cells,
+            bool(struct.ground_wrong),
+            struct.unseen_cells,
+        )

@@ -1,0 +1,138 @@
+"""When a loop is not trusted: ground, residuals, and scans that miss most of the part."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.component import Ink
+from inkloop_controller.controllers import LayerMpcController
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
+from inkloop_controller.estimation.ink_identification import InkModel
+from inkloop_controller.estimation.loop_trust import LoopTrust, UntrustedReason
+from inkloop_controller.model.layer_model import LayerModel
+from support.closed_loop import SECOND, block, inputs_of
+from support.long_proofs import rest_is_long
+
+JOB = block(20, 18, height=60e-6)
+SHAPE = (JOB.nx, JOB.ny)
+SEEN = np.ones(SHAPE, np.bool_)
+ROW, COLUMN = np.indices(SHAPE)
+
+
+def first(scan: Any, layer: int = 0, valid: Any = SEEN, **options: Any) -> LoopTrust:
+    return HeightEstimator(JOB, **options).first(scan, valid, layer).trust
+
+
+@pytest.mark.parametrize(
+    ("scan", "is_wrong"),
+    [
+        (np.zeros(SHAPE), False),
+        (np.full(SHAPE, 5e-6), True),
+        (np.full(SHAPE, -5e-6), True),
+        (0.6e-6 * (ROW - 9.5), True),
+        (-0.7e-6 * (COLUMN - 8.5), True),
+        (np.full(SHAPE, 2e-6), False),
+        (np.random.default_rng(1).normal(0.0, 3e-6, SHAPE), False),
+    ],
+)
+def test_ground_that_is_not_the_flat_one_is_found_in_the_first_scan(scan: Any, is_wrong: bool) -> None:
+    trust = first(scan)
+    terms = np.stack([np.ones(SHAPE), ROW / 19 - 0.5, COLUMN / 17 - 0.5], axis=-1).reshape(-1, 3)
+    plane = np.linalg.lstsq(terms, scan.ravel(), rcond=None)[0]
+    found = (trust.ground_offset, trust.ground_rise_x, trust.ground_rise_y)
+    np.testing.assert_allclose(found, plane, rtol=1e-9, atol=1e-18)
+    assert trust.reasons == (UntrustedReason.GROUND if is_wrong else UntrustedReason(0))
+
+
+def test_ground_counts_on_layer_0_and_where_it_is_called_flat_only() -> None:
+    high = np.full(SHAPE, 5e-6)
+    assert not first(high, layer=41).reasons
+    assert not first(high, flat_ground=False).reasons
+    assert not first(high, take_as_read=True).reasons
+
+
+def test_scan_that_misses_most_of_the_part_is_a_reason() -> None:
+    for lost, expected in ((0.4, UntrustedReason(0)), (0.6, UntrustedReason.BLIND)):
+        valid = SEEN.copy()
+        cells = np.argwhere(JOB.mask)
+        valid[tuple(cells[: round(lost * len(cells))].T)] = False
+        trust = first(np.zeros(SHAPE), valid=valid)
+        assert trust.blind_share == pytest.approx(lost, abs=0.01)
+        assert trust.reasons == expected
+
+
+def squares_of_flat_layer() -> Any:
+    """Sum over the droplets of a full layer of the squares of what each adds to a cell [m^2]."""
+    padded = np.pad(JOB.mask.astype(float), 1)
+    shares = {0: 4.4e-6**2, 1: 0.6e-6**2, 2: 0.2e-6**2}
+    near = ((di, dj) for di in (-1, 0, 1) for dj in (-1, 0, 1))
+    return sum(
+        shares[abs(di) + abs(dj)] * padded[1 + di : 1 + di + SHAPE[0], 1 + dj : 1 + dj + SHAPE[1]] for di, dj in near
+    )
+
+
+def test_residuals_are_medians_of_what_a_common_volume_does_not_explain() -> None:
+    rng, pattern = np.random.default_rng(2), JOB.mask.astype(np.int32)
+    estimator = HeightEstimator(JOB, adapt_ink="off", sensor_noise_std=0.0, register_scans=False)
+    expected = LayerModel.of(JOB).layer(np.zeros(SHAPE), pattern, 1)
+    scan = 0.7 * expected + JOB.mask * rng.normal(0.0, 2e-6, SHAPE)
+    trust = estimator.next(estimator.first(np.zeros(SHAPE), SEEN), pattern, 1, scan, SEEN).trust
+    growth, added, variance = scan[JOB.mask], expected[JOB.mask], 0.01 * squares_of_flat_layer()[JOB.mask]
+    volume = np.median(growth / added)
+    found = np.median((growth - volume * added) ** 2 / variance) / 0.4549
+    assert trust.early == pytest.approx(found, rel=1e-9)
+    assert trust.residual == pytest.approx(0.8 + 0.2 * found, rel=1e-9)
+
+
+def prints(seed: int, variation: float, noise: float, surprise: float = 0.0) -> set[UntrustedReason]:
+    """The reasons of all layers of a print; surprise: what a layer adds at random that no droplet explains [m]."""
+    controller, plant = LayerMpcController(JOB, horizon=2, annealing_sweeps=0), LayerModel.of(JOB)
+    rng, height, reasons = np.random.default_rng(seed), np.zeros(SHAPE), set()
+    controller.initialize(0, inputs_of(JOB, height, 0))
+    for layer in range(25):
+        scan = height + noise * rng.standard_normal(SHAPE)
+        outputs = controller.do_step(layer * SECOND, SECOND, inputs_of(JOB, scan, layer))
+        reasons.add(UntrustedReason(int(outputs["untrusted_reasons"])))
+        height = plant.layer(height, outputs["pattern"], layer + 1, 1.0 - variation * rng.random(SHAPE))
+        height += surprise * JOB.mask * rng.standard_normal(SHAPE)
+    return reasons
+
+
+@pytest.mark.parametrize("seed", rest_is_long(range(50), 4))
+def test_prints_without_errors_are_trusted(seed: int) -> None:
+    assert prints(seed, (0.2, 0.4)[seed % 2], (0.0, 1e-6)[seed // 2 % 2]) == {UntrustedReason(0)}
+
+
+def test_printer_that_no_droplet_model_explains_is_not_trusted() -> None:
+    assert any(reason & UntrustedReason.RESIDUALS for reason in prints(1, 0.2, 0.0, surprise=2.5e-6))
+
+
+def learnt(adapt_ink: InkModel, real: Ink, spill: float) -> Estimate:
+    """After layers of random patterns by ink `real`; spill: share of what they add that smears over the whole grid."""
+    estimator = HeightEstimator(JOB, adapt_ink=adapt_ink, sensor_noise_std=0.0, register_scans=False)
+    plant, rng = LayerModel.of(block(20, 18, height=60e-6, inks=(real,))), np.random.default_rng(3)
+    height = np.zeros(SHAPE)
+    estimate = estimator.first(height, SEEN)
+    for layer in range(1, 9):
+        pattern = np.where(JOB.mask, rng.random(SHAPE) < 0.6, False).astype(np.int32)
+        added = plant.layer(height, pattern, layer, 1.0 - 0.2 * rng.random(SHAPE)) - height
+        height = height + (1.0 - spill) * added + spill * rng.permuted(added)
+        estimate = estimator.next(estimate, pattern, layer, height, SEEN)
+    return estimate
+
+
+def test_three_heights_are_taken_where_they_predict_better_than_the_volume() -> None:
+    real = Ink(2.8e-6, 0.9e-6, 0.3e-6)
+    full, volumes = learnt("full", real, 0.0), learnt("scale", real, 0.0)
+    assert full.learnt.errors[0] < full.learnt.errors[1]
+    assert full.inks[0].h2 / full.inks[0].h1 > 1.5 * volumes.inks[0].h2 / volumes.inks[0].h1
+
+
+def test_three_heights_that_predict_no_better_give_way_to_the_volume() -> None:
+    full, volumes = (learnt(model, Ink(), 0.3) for model in ("full", "scale"))
+    assert full.learnt.errors[0] > full.learnt.errors[1]
+    assert full.inks == volumes.inks
+    np.testing.assert_array_equal(full.height, volumes.height)

@@ -1,0 +1,68 @@
+"""Tables and figures of the pages are those of the records and of the code, and comments of scenarios quote them."""
+
+from __future__ import annotations
+
+import pytest
+from tools.figures import cylinder_prints, gallery, scenario_quotes
+from tools.figures.pages import filled, marks, read_json, table
+from tools.figures.writers import ALONE, WRITERS, writer
+
+from support.places import ROOT, SCENARIOS
+
+PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
+COMMENTS = scenario_quotes.comments()
+
+
+@pytest.mark.parametrize("name", [*WRITERS, *ALONE])
+def test_page_has_what_the_record_and_the_code_give(name: str) -> None:
+    for path, texts in writer(name).texts().items():
+        page = path.read_text(encoding="utf-8")
+        assert filled(page, texts) == page, f"run: make figures NAMES='--written {name}', or without --written"
+
+
+def test_every_mark_of_a_page_has_one_writer() -> None:
+    written = [
+        (path, mark) for name in (*WRITERS, *ALONE) for path, own in writer(name).texts().items() for mark in own
+    ]
+    found = [(path, mark) for path in PAGES for mark in marks(path.read_text(encoding="utf-8"))]
+    assert sorted(found) == sorted(written)
+
+
+def test_altered_figure_is_put_right_and_the_rest_is_kept() -> None:
+    page = "It ends <!-- height -->3.1<!-- end --> um low.\n\n<!-- rows -->\n| a |\n<!-- end -->\n"
+    assert marks(page) == ["height", "rows"]
+    assert filled(page.replace("3.1", "3.2"), {"height": "3.1"}) == page
+    with pytest.raises(KeyError, match="width"):
+        filled(page, {"width": "2"})
+
+
+def test_columns_of_numbers_are_aligned_to_the_right() -> None:
+    assert table(("run", "std"), [("ours", "0.4"), ("theirs", "-")]) == (
+        "\n| run | std |\n|---|---:|\n| ours | 0.4 |\n| theirs | - |\n"
+    )
+
+
+def test_record_of_the_cylinder_holds_every_print_of_the_tables() -> None:
+    record = [(each.case, each.variation, each.seed) for each in cylinder_prints.record()]
+    assert record == list(cylinder_prints.planned())
+
+
+def test_record_of_the_gallery_holds_every_scenario_and_quoted_figure() -> None:
+    record = read_json(gallery.RECORD)
+    assert sorted(record) == sorted(path.stem for path in SCENARIOS.glob("*.toml"))
+    for name, each in record.items():
+        assert list(each["quoted"]) == list(scenario_quotes.QUOTES.get(name, {})), f"make figures NAMES=gallery/{name}"
+        assert (gallery.HERE / f"{name}.png").exists()
+
+
+@pytest.mark.parametrize("name", COMMENTS)
+def test_comment_of_a_scenario_quotes_the_figures_of_its_runs(name: str) -> None:
+    assert not scenario_quotes.errors(COMMENTS[name], read_json(gallery.RECORD)[name]["quoted"])
+
+
+def test_altered_or_new_figure_of_a_comment_is_found() -> None:
+    comment, record = "Open loop it ends 45 um low after 53 layers.", {"45 um low": [44.85], "53 layers": [53.0]}
+    assert not scenario_quotes.errors(comment, record)
+    assert scenario_quotes.errors(comment, {"45 um low": [44.3], "53 layers": [53.0]})
+    assert scenario_quotes.errors(comment, {"45 um low": [44.85]})
+    assert scenario_quotes.errors(comment.replace("45", "46"), record)

@@ -1,0 +1,31 @@
+"""All writers of texts in pages, in the order of `make figures`."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import cast
+
+from tools.figures.pages import Writer
+
+WRITERS = (
+    "options",
+    "api",
+    "can_protocol",
+    "house",
+    "gallery",
+    "cylinder_prints",
+    "closed_loop",
+    "layer_problem",
+    "height_maps",
+    "modelica_library",
+    "identified_ink",
+    "the_papers",
+)
+"""Modules of this folder."""
+ALONE = ("peers",)
+"""Run only when named: `make peers` installs the masters of others that it needs."""
+
+
+def writer(name: str) -> Writer:
+    """The module of a writer."""
+    return cast(Writer, import_module(f"tools.figures.{name}"))
