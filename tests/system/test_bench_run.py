@@ -156,8 +156,8 @@ def test_person_stops_a_run_and_releases_it(tmp_path: Path, capsys: pytest.Captu
         assert running.returncode == 1
         assert "stop request" in output
         assert main(["device", str(path), "release", *words]) == 0
-        codes = (main(["device", str(path), "clear", *words]) for _ in range(5))
-        assert 0 in codes, "soon after the run, its session may still count as another master"
+        time.sleep(1.0)  # for 300 ms the session of the ended run counts as another master
+        assert main(["device", str(path), "clear", *words]) == 0
 
 
 def test_killed_run_resumes_where_it_was_once_a_person_has_looked(tmp_path: Path) -> None:
