@@ -144,7 +144,7 @@ def test_second_interrupt_ends_at_once_with_everything_off(tmp_path: Path, capsy
 
 
 def test_person_stops_a_run_and_releases_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """From another terminal, while a pass is jetted: the run ends with a message, and a clear alone is refused."""
+    """From another terminal, while a pass is jetted: the run ends with a message."""
     path, folder = write(tmp_path), tmp_path / "run"
     with emulated(path, pass_ms=60_000) as (_, channel):
         words = ["--set", f"bench.channel={channel}"]
@@ -155,10 +155,9 @@ def test_person_stops_a_run_and_releases_it(tmp_path: Path, capsys: pytest.Captu
         output, _ = running.communicate(timeout=PATIENCE_S)
         assert running.returncode == 1
         assert "stop request" in output
-        assert main(["device", str(path), "clear", *words]) == 1
-        assert "stop request" in capsys.readouterr().err
-        for action in ("release", "clear"):
-            assert main(["device", str(path), action, *words]) == 0
+        assert main(["device", str(path), "release", *words]) == 0
+        time.sleep(1.0)  # for 300 ms the session of the ended run counts as another master
+        assert main(["device", str(path), "clear", *words]) == 0
 
 
 def test_killed_run_resumes_where_it_was_once_a_person_has_looked(tmp_path: Path) -> None:
