@@ -23,7 +23,7 @@ from support.places import SCENARIOS
 FOLDER = SCENARIOS
 OF_PYTHON_ALONE = ["bound", "bound_confidence", "bound_valid", "gap", "solve_time"]
 QUICK = ("cuboid", "tilted-substrate", "two-materials")
-TALLEST = ("pipe-junction", "surface-tension")  # minutes; their first layers show as much
+TALLEST = ("pipe-junction", "surface-tension", "two-materials")  # their first layers show as much
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 
 

@@ -76,6 +76,9 @@ def test_no_variable_is_an_array_and_none_lacks_a_description(file) -> None:
         "std",
         "height_mean",
         "objective",
+        "scan_shift_x",
+        "scan_shift_y",
+        "scan_spot_radius",
     }
     assert description.defaultExperiment.stepSize == "1.0"
 

@@ -243,7 +243,7 @@ def test_node_that_restarts_is_reported_and_continues_by_its_journal(caplog: pyt
 
 
 def test_new_master_reads_the_journal_and_repeats_nothing() -> None:
-    with faulty() as run:
+    with faulty(alive_ms=300) as run:  # the nodes forget the first master before the new one has settled
         run.print_layer(2)
         with looked_at(run) as new:
             assert new.rig.session != run.rig.session

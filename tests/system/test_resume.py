@@ -230,7 +230,7 @@ def test_full_disk_keeps_the_layers_before(
         patch.setattr(np, "savez", fill_up)
         assert main(["run", str(CUBOID), "--out", str(folder), "--no-compare"]) == 1
     message = capsys.readouterr().err
-    assert "0003.npz: cannot be written: No space left on device; layers 0 to 2 are kept" in message
+    assert "0003.npz: cannot be written: the disk is full; layers 0 to 2 are kept" in message
     assert sorted(path.name for path in (folder / "layers").iterdir()) == [
         "0000.npz",
         "0001.npz",

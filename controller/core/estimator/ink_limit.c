@@ -5,11 +5,12 @@
 
 static const double CHANCE = 5.0;    /* standard deviations of the droplets given to a cell (assumed) */
 static const double ROUNDING = 1e-9; /* of a layer: a target of whole layers needs no further one */
+static const double RESERVE = 1.0;   /* layers: a nozzle that was cleaned or ink that fades needs no cap (by trial) */
 static const double RISEN = 1.0;     /* layers above target and reckoning: no droplets explain it (by trial) */
 
 double ink_limit_at(const InkLimit *limit, size_t cell) {
     const double layers = fmax(1.0, ceil(limit->target[cell] / limit->layer - ROUNDING));
-    return layers * limit->layer + CHANCE * limit->droplet_std * sqrt(layers);
+    return (layers + RESERVE) * limit->layer + CHANCE * limit->droplet_std * sqrt(layers);
 }
 
 static void mark_near(size_t nx, size_t ny, size_t cell, const uint8_t *part, uint8_t *marks) {

@@ -1,10 +1,10 @@
 /* How much ink a cell may be given: no more than what a print without scans would have put there.
  *
- * Full layers up to the target, counted by the nominal ink, build the highest that an open loop reaches; chance adds
- * what droplets vary by. A cell that asks for more is capped: by the droplets that it was given (dead reckoning with
- * the ink that the whole part has shown, no reading of the cell enters), it stands there already, so a scan that shows
- * less is wrong, or droplets come to rest elsewhere. So are cells next to one that stands higher than droplets explain:
- * their droplets run to it. */
+ * Full layers up to the target, counted by the nominal ink, build the highest that an open loop reaches; a layer in
+ * reserve and what droplets vary by are added. A cell that asks for more is capped: by the droplets that it was given
+ * (dead reckoning with the ink that the whole part has shown, no reading of the cell enters), it stands there already,
+ * so a scan that shows less is wrong, or droplets come to rest elsewhere. So are cells next to one that stands higher
+ * than droplets explain: their droplets run to it. */
 #ifndef INKLOOP_INK_LIMIT_H
 #define INKLOOP_INK_LIMIT_H
 

@@ -49,7 +49,6 @@ bitrate = 500000
 cure_ms = 2
 grace_s = 5.0      # a busy machine is no fault of the bench
 answer_s = 20.0
-silence_s = 5.0
 
 [components.controller]
 kind = "LayerMpc"

@@ -22,9 +22,9 @@ OUTSIDE = (3, 4)  # cell of the part that the profiler reads as if it were outsi
 
 
 def limit(target: float) -> float:
-    """What full nominal layers build, and five standard deviations of so many droplets [m]."""
+    """What full nominal layers and one more build, and five standard deviations of so many droplets [m]."""
     layers = np.ceil(target / LAYER)
-    return float(layers * LAYER + 5.0 * DROPLET * np.sqrt(layers))
+    return float((layers + 1.0) * LAYER + 5.0 * DROPLET * np.sqrt(layers))
 
 
 def estimates(layers: int) -> list[tuple[Estimate, Any]]:

@@ -83,8 +83,8 @@ def test_residuals_are_medians_of_what_a_common_volume_does_not_explain() -> Non
     growth, added, variance = scan[JOB.mask], expected[JOB.mask], 0.01 * squares_of_flat_layer()[JOB.mask]
     volume = np.median(growth / added)
     found = np.median((growth - volume * added) ** 2 / variance) / 0.4549
-    assert trust.early == pytest.approx(found, rel=1e-9)
-    assert trust.residual == pytest.approx(0.8 + 0.2 * found, rel=1e-9)
+    assert trust.early == pytest.approx(found, rel=1e-9, abs=0.0)
+    assert trust.residual == pytest.approx(0.8 + 0.2 * found, rel=1e-9, abs=0.0)
 
 
 def prints(seed: int, variation: float, noise: float, surprise: float = 0.0) -> set[UntrustedReason]:
