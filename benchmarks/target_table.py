@@ -33,7 +33,7 @@ class Figure:
 
     @property
     def now(self) -> float:
-        """What counts of ours."""
+        """The figure of our controller that is compared."""
         return float(np.max(self.ours) if self.worst else np.mean(self.ours))
 
     @property

@@ -10,8 +10,8 @@ typedef struct {
     double x, y, spread;
 } Displacement;
 
-/* A scan of the surface `height` [m], maps of nx * ny cells in C order; beyond the border the surface goes on as it is
- * there. `scratch` holds 2 * nx * ny. */
+/* A scan of the surface `height` [m], maps of nx * ny cells in C order; beyond the border the surface continues as it
+ * is there. `scratch` holds 2 * nx * ny. */
 void displaced_scan(size_t nx, size_t ny, const double *height, Displacement displacement, double *scratch,
                     double *reading);
 
