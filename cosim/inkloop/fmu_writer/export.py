@@ -16,8 +16,8 @@ FMI2_CELLS = 32 * 32
 """Cells up to which every importer that was tried reads an FMI 2 description in seconds."""
 
 BYTES_OF_A_CELL = {"2": 20_000, "3": 100}
-"""Version of FMI -> memory that an importer takes for a cell, measured: of FMI 2 to read the description (3.0 GiB for
-400 x 400), of FMI 3 for the maps that a model keeps and gives."""
+"""Version of FMI -> memory that an importer takes for a cell: of FMI 2 to read the description (measured, 3.0 GiB
+for 400 x 400), of FMI 3 for the maps that a model keeps and gives (assumed)."""
 
 LAYER_JOB = "LayerJob"
 """The model that prints what is in its resources, so that there is none without a scenario."""
