@@ -29,7 +29,7 @@ def test_template_of_whole_numbers_is_filled(template: str, text: str) -> None:
     ],
 )
 def test_any_other_template_is_refused_before_it_is_filled(template: str) -> None:
-    with pytest.raises(ValueError):  # noqa: PT011 of `string.Formatter` for an open brace, of ours for the rest
+    with pytest.raises(ValueError):  # noqa: PT011 of `string.Formatter` for an open brace, of `filled` for the rest
         filled(template, FIELDS)
 
 

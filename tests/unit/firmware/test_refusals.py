@@ -1,4 +1,4 @@
-"""What hurts somebody first, simulated one by one: the node's answer, its state, its cause and its newest record.
+"""Faults that could injure a person, one by one: the node's answer, its state, its cause and its newest record.
 
 docs/reference/bench-faults.md shows these rows; `rows` writes them.
 """

@@ -90,7 +90,7 @@ def test_sampled_bound_keeps_below_the_optimum() -> None:
 
 
 class Remembering(HorizonProgram):
-    """Solves the problem of each tile once, and whoever asks again gets the same answer."""
+    """Solves the problem of each tile once, and gives the same answer to every later call."""
 
     known: ClassVar[dict[bytes, Any]] = {}
 
