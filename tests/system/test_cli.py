@@ -12,9 +12,9 @@ import pytest
 from inkloop.cli import COMMANDS, main
 from inkloop.results.recorder import LayerRow
 from inkloop.results.result import Result
-from support.places import SCENARIOS
+from support.prints import quick_cuboid
 
-CUBOID = str(SCENARIOS / "cuboid.toml")
+CUBOID = str(quick_cuboid())
 
 
 def test_run_leaves_a_folder_with_result_table_and_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -30,10 +30,9 @@ def test_run_leaves_a_folder_with_result_table_and_pictures(tmp_path: Path, caps
 
 def test_report_makes_table_and_pictures_again(tmp_path: Path) -> None:
     folder = tmp_path / "cuboid"
-    main(["run", CUBOID, "--out", str(folder)])
+    main(["run", CUBOID, "--out", str(folder), "--no-pictures"])
     summary = (folder / "summary.txt").read_text()
     (folder / "summary.txt").unlink()
-    (folder / "layers.png").unlink()
     assert main(["report", str(folder)]) == 0
     assert (folder / "summary.txt").read_text() == summary
     assert (folder / "layers.png").exists()
@@ -201,7 +200,7 @@ def test_ctrl_c_keeps_the_layers_that_are_printed(
 
     monkeypatch.setattr("inkloop.printing.run._LayerBar.__call__", press)
     folder = tmp_path / "run"
-    assert main(["run", CUBOID, "--out", str(folder)]) == 130
+    assert main(["run", CUBOID, "--out", str(folder), "--set", "run.layers_max=4"]) == 130
     kept = Result.load(folder).dataset
     assert kept.sizes["layer"] == at_layer + 1
     assert (folder / "summary.txt").exists()

@@ -16,11 +16,11 @@ from inkloop.errors import ResultError
 from inkloop.printing.lock import LOCK_FILE, sole_writer
 from inkloop.printing.run import new_run_folder
 from inkloop.results.result import Result
-from support.places import SCENARIOS
+from support.prints import quick_cuboid
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
-CUBOID = SCENARIOS / "cuboid.toml"
+CUBOID = quick_cuboid()
 HOLDING = """
 import sys
 from pathlib import Path
