@@ -73,7 +73,10 @@ def test_print_with_fading_ink_ends_on_target_where_the_loop_is_closed(seed: int
 
 @EVERY_SEED
 def test_controller_that_adapts_follows_the_ink_at_a_distance(seed: int) -> None:
-    adapted, fixed = printed("drifting-ink", seed), printed("drifting-ink", seed, "closed loop, ink not adapted")
+    adapted = printed("drifting-ink", seed)
+    fixed = prints.printed(
+        "drifting-ink", *overrides_of("drifting-ink", seed), ("components.controller.adapt_ink", "off")
+    )
     assert abs(adapted.metrics()["mean_error"]) < abs(fixed.metrics()["mean_error"])
     estimate = adapted.dataset["volume_scale"].values
     mean_volume = 0.9  # of 1 - U[0, 0.2]
