@@ -44,7 +44,8 @@ def test_alpha_that_prints_nothing_is_an_error_that_names_one_that_prints(
 ) -> None:
     def printed(folder: str, *overrides: str) -> int:
         chosen = [f"components.controller.{override}" for override in (f"kind={kind}", *overrides)]
-        options = [word for override in (*chosen, "run.layers_max=1") for word in ("--set", override)]
+        small = ("run.layers_max=1", "part.size_x_um=800.0", "part.size_y_um=800.0")
+        options = [word for override in (*chosen, *small) for word in ("--set", override)]
         return main(["run", CUBOID, "--no-compare", "--out", str(tmp_path / folder), *options])
 
     assert printed("none", "horizon=1", "alpha=0.05") == 1

@@ -114,14 +114,14 @@ def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool
     from inkloop.report import run_report
 
     notes = {"scenario_file": str(Path(scenario.source).resolve()), "compare": compare}
-    stopped = False
+    stopped, printed = False, dict[Path, Result]()
     with sole_writer(folder), deferred() as interrupted, _progress(console) as progress:
         for place, variant in _runs(scenario, folder, compare):
             if _is_finished(place):
                 continue
             with _alone(place, folder), log_devices(variant, progress.console, place):
                 Result.begin(place, variant.text, notes)
-                result = print_part(variant, progress, place, notes)
+                result = printed[place] = print_part(variant, progress, place, notes)
             if "real_time" in result.run:
                 progress.console.print(f"{result.run['label']}: {sentence(result.run['real_time'])}", highlight=False)
             for remark in run_report.remarks(result):
@@ -129,7 +129,7 @@ def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool
             stopped = interrupted() or result.stop_reason == "interrupted"
             if stopped:
                 break
-    console.print(run_report.write(folder, pictures=pictures))
+    console.print(run_report.write(folder, in_memory=printed, pictures=pictures))
     reason = "interrupted" if stopped else read_record(folder)["stop_reason"]
     written = "table, pictures and result.nc" if pictures else "table and result.nc"
     console.print(f"{reason}: {written} are in {folder}/", highlight=False, soft_wrap=True)
