@@ -1,0 +1,25 @@
+"""Parts in space: analytic shapes, and columns of height intervals that meshes, images and combinations become.
+
+The libraries that read meshes are imported when `load` meets their format.
+"""
+
+from inkloop.geometry.cells import cell_centers
+from inkloop.geometry.columns import Columns
+from inkloop.geometry.mesh import load, load_inks
+from inkloop.geometry.placement import Placement
+from inkloop.geometry.shapes import TOLERANCE_M, Cuboid, Cylinder, PipeJunction, Shape, Staircase, contained
+
+__all__ = [
+    "TOLERANCE_M",
+    "Columns",
+    "Cuboid",
+    "Cylinder",
+    "PipeJunction",
+    "Placement",
+    "Shape",
+    "Staircase",
+    "cell_centers",
+    "contained",
+    "load",
+    "load_inks",
+]
