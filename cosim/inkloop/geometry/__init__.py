@@ -2,6 +2,7 @@
 
 from inkloop.geometry.cells import cell_centers
 from inkloop.geometry.columns import Columns
+from inkloop.geometry.overhang import Overhangs, overhangs, resting, support_below
 from inkloop.geometry.shapes import TOLERANCE_M, Cuboid, Cylinder, PipeJunction, Shape, Staircase, contained
 
 __all__ = [
@@ -9,9 +10,13 @@ __all__ = [
     "Columns",
     "Cuboid",
     "Cylinder",
+    "Overhangs",
     "PipeJunction",
     "Shape",
     "Staircase",
     "cell_centers",
     "contained",
+    "overhangs",
+    "resting",
+    "support_below",
 ]
