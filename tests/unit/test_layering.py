@@ -40,7 +40,7 @@ DOORS = {
     "casadi": ("inkloop_controller.program", "inkloop_controller.model.symbolic_layer"),
     **dict.fromkeys(("can", "cantools", "isotp", "udsoncan", "e2e"), ("inkloop_hardware",)),
     **dict.fromkeys(("tifffile", "sdfio", "SurfaceTopography"), ("inkloop.metrology",)),
-    "PIL": ("inkloop.exchange.layers",),
+    **dict.fromkeys(("PIL", "trimesh"), ("inkloop.exchange.layers",)),
     "skfem": ("inkloop.studies.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
 }

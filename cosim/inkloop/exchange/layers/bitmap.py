@@ -15,9 +15,8 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from inkloop.component import BoolMap
-from inkloop.units import UM_PER_M
+from inkloop.units import M_PER_CM, M_PER_INCH, UM_PER_M
 
-CM_PER_M, M_PER_INCH = 100.0, 0.0254
 _WHITE_AND_BLACK = (255, 255, 255, 0, 0, 0)
 _CENTIMETRE, _TOP_LEFT, _MIN_IS_WHITE = 3, 1, 0  # TIFF 6.0, tags 296, 274 and 262
 _PHOTOMETRIC, _ORIENTATION, _ROWS_PER_STRIP = 262, 274, 278
@@ -47,7 +46,7 @@ def _tiff(rows: NDArray[np.bool_], pitch: float, title: str) -> bytes:
     """TIFF 6.0, one strip, compressed as Group 4 fax (ITU-T T.6)."""
     image = Image.frombytes("1", rows.shape[::-1], np.packbits(rows, axis=1).tobytes())
     file = io.BytesIO()
-    per_cm = 1.0 / (pitch * CM_PER_M)
+    per_cm = M_PER_CM / pitch
     image.save(
         file,
         "TIFF",
