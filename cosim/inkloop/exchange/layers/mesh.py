@@ -37,9 +37,9 @@ def write(path: Path, map_: HeightMap, form: str) -> None:
         raise ResultError(f"{map_.source}: has {map_.shape[0]} x {map_.shape[1]} cells; a body needs 2 x 2")
     vertices, faces = closed_body(map_, floor_of(map_))
     vertices = vertices * MM_PER_M if form == "stl" else vertices @ _Y_UP.T
-    content = trimesh.Trimesh(vertices, faces, process=False).export(file_type=form)
-    with replaced(path) as partial:
-        partial.write_bytes(content)
+    body = trimesh.Trimesh(vertices, faces, process=False)
+    with replaced(path) as partial, partial.open("wb") as file:
+        body.export(file, file_type=form)
 
 
 def closed_body(map_: HeightMap, floor: float) -> tuple[FloatMap, NDArray[np.int64]]:

@@ -34,8 +34,7 @@ def uneven(holes: bool = True) -> HeightMap:
 def test_heights_come_back_to_the_bit(form: str, holes: bool, tmp_path: Path) -> None:
     map_, path = uneven(holes), tmp_path / f"map.{form}"
     write(path, map_, form)
-    missing = {"unit": "m", "pixel": (DX, DY)} if form == "npy" else {}
-    found = read(path, **missing)
+    found = read(path, unit="m", pixel=(DX, DY)) if form == "npy" else read(path)
     assert found.z.tobytes() == map_.z.tobytes()
     assert (found.dx, found.dy) == pytest.approx((DX, DY), rel=1e-12, abs=0.0)
 
