@@ -1,15 +1,21 @@
-"""Files that are there whole or not at all, locks, temporary folders, and the reasons why something is not written."""
+"""Files that are there whole or not at all, TOML with errors that name the line, locks, temporary folders."""
 
 from __future__ import annotations
 
+import codecs
 import errno
 import os
+import re
 import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tomlkit import TOMLDocument
 
 if sys.platform == "win32":
     import msvcrt
@@ -64,6 +70,60 @@ def write_text(path: Path, text: str, *, durable: bool = False) -> None:
     """Write a UTF-8 text whole or not at all; durable: see `replaced`."""
     with replaced(path, durable=durable) as partial:
         partial.write_text(text, encoding="utf-8")
+
+
+class TomlError(ValueError):
+    """A file or a text is not TOML; the message names the line, what it holds and what to do."""
+
+
+def read_toml_text(path: Path) -> str:
+    """The text of a TOML file, without the byte order mark that some editors write. Raises OSError, TomlError."""
+    content = path.read_bytes()
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise TomlError("is not TOML: the file is UTF-16; save it as UTF-8")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line, byte = content.count(b"\n", 0, error.start) + 1, content[error.start : error.start + 1]
+        raise TomlError(
+            f"is not TOML: line {line} is not UTF-8; byte 0x{byte.hex()} is {byte.decode('cp1252', 'replace')!r} in an "
+            "older encoding of Windows; save the file as UTF-8"
+        ) from error
+
+
+def toml_document(text: str) -> TOMLDocument:
+    """The tables of a TOML text, as tomlkit keeps them. Raises TomlError."""
+    import tomlkit
+    from tomlkit.exceptions import KeyAlreadyPresent, TOMLKitError
+
+    try:
+        return tomlkit.parse(text)
+    except TOMLKitError as error:
+        number, line = _invalid_line(text)
+        place = f"line {number}, `{line}`: " if number else ""
+        key = line.partition("=")[0].strip()
+        odd = next((letter for letter in key if not letter.isascii()), None)
+        if odd and '"' not in key:
+            reason = f"a key without quotes has no {odd!r}{'; write um' if odd in 'µμ' else ''}"
+        elif isinstance(error, KeyAlreadyPresent) or "already exists" in str(error):
+            reason = "this key or table is there already; keep one of them"
+        else:
+            reason = re.sub(r" at (line \d+ col \d+|end of file)", "", str(error))
+        raise TomlError(f"is not TOML: {place}{reason}") from error
+
+
+def _invalid_line(text: str) -> tuple[int, str]:
+    """Number and text of the line that the parser of the standard library stops at; 0 where it does not."""
+    import tomllib
+
+    lines = text.splitlines() or [""]
+    try:
+        tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        found = re.search(r"at line (\d+)", str(error))
+        number = min(int(found[1]), len(lines)) if found else len(lines)
+        return number, lines[number - 1].strip()
+    return 0, ""
 
 
 def reason_of(error: OSError) -> str:

@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
     source: Path = options.scenario
     if not source.is_dir():
         with scenario_of(options) as scenario:
-            return command.export(patterns.of_open_loop(scenario), source, options, screen())
+            return command.export(patterns.of_open_loop(scenario), source, options, screen(options))
     if options.overrides:
         raise ResultError(f"{source}: --set goes with a scenario; a run keeps what was jetted: leave it out")
-    return command.export(patterns.of_run(Result.load(source), str(source)), source, options, screen())
+    return command.export(patterns.of_run(Result.load(source), str(source)), source, options, screen(options))

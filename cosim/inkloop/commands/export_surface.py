@@ -35,4 +35,4 @@ def run(options: argparse.Namespace) -> int:
     """Write the file; the exit code."""
     from inkloop.exchange.layers import surface_command
 
-    return surface_command.export(options, screen())
+    return surface_command.export(options, screen(options))

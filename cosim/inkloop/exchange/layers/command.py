@@ -6,15 +6,13 @@ import argparse
 import re
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import Progress
-
 from inkloop.errors import ResultError, ScenarioError
 from inkloop.exchange.layers import archive
 from inkloop.exchange.layers.patterns import Patterns
+from inkloop.report.terminal import Terminal
 
 
-def export(patterns: Patterns, source: Path, options: argparse.Namespace, console: Console) -> int:
+def export(patterns: Patterns, source: Path, options: argparse.Namespace, console: Terminal) -> int:
     """Write the folder and describe it; returns the exit code. Raises ResultError, OSError."""
     if errors := _errors(patterns, options):
         raise ScenarioError(str(source), errors)
@@ -22,7 +20,7 @@ def export(patterns: Patterns, source: Path, options: argparse.Namespace, consol
     out = options.out or Path(f"{source.resolve().stem}-layers")
     if out.exists():
         raise ResultError(f"{out}: is there already; name another folder with --out, or remove it")
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+    with console.progress() as progress:
         task = progress.add_task("layers", total=len(layers))
         files = archive.write(
             patterns,
@@ -34,12 +32,11 @@ def export(patterns: Patterns, source: Path, options: argparse.Namespace, consol
             on_layer=lambda layer: progress.update(task, advance=1),
         )
     drops = sum(entry["drops"] for entry in files)
-    console.print(
-        f"wrote {out}: {len(files)} bitmaps of layers {layers[0]} to {layers[-1]}, {drops} drops; {patterns.origin}\n"
-        f"  the first row is y = 0, a set bit (black) is a droplet; {archive.MANIFEST} has the rest",
-        highlight=False,
-        soft_wrap=True,
+    console.sentence(
+        f"wrote {out}: {len(files)} bitmaps of layers {layers[0]} to {layers[-1]}, {drops} drops; {patterns.origin}"
     )
+    console.sentence(f"  the first row is y = 0, a set bit (black) is a droplet; {archive.MANIFEST} has the rest")
+    console.result(folder=out, layers=[layers[0], layers[-1]], drops=drops, files=[entry["file"] for entry in files])
     return 0
 
 

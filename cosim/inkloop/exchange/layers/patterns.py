@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import tomlkit
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
@@ -23,6 +22,7 @@ from inkloop.contract import (
     pass_colours,
 )
 from inkloop.errors import ResultError
+from inkloop.files import toml_document
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop.tables.job import inks_of
@@ -65,7 +65,7 @@ def of_run(result: Result, source: str) -> Patterns:
         held = ", ".join(map(str, run.data_vars))
         raise ResultError(f"{source}: holds no pattern of any layer; it has {run.sizes['layer'] - 1} layers of {held}")
     try:
-        tables = ScenarioFile.model_validate(tomlkit.parse(result.scenario_text).unwrap())
+        tables = ScenarioFile.model_validate(toml_document(result.scenario_text).unwrap())
     except (ValidationError, ValueError) as error:
         raise ResultError(f"{source}: its scenario is no longer valid; run it again ({_first_line(error)})") from error
     return Patterns(

@@ -8,12 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-
 from inkloop.exchange.layers import MESH_FORMATS, mesh
 from inkloop.exchange.layers.surface import surface
 from inkloop.metrology import map_writing
 from inkloop.metrology.height_map import HeightMap
+from inkloop.report.terminal import Terminal
 from inkloop.results.result import Result
 from inkloop.units import M_PER_UM, UM_PER_M
 
@@ -21,7 +20,7 @@ SUFFIXES: Mapping[str, str] = {"tiff": ".tif"}
 """Suffix of a format that has another one than its name."""
 
 
-def export(options: argparse.Namespace, console: Console) -> int:
+def export(options: argparse.Namespace, console: Terminal) -> int:
     """Write the file and describe it; returns the exit code. Raises ResultError, OSError."""
     result = Result.load(options.run)
     map_ = surface(result, str(options.run), name=options.map, layer=options.layer, part=options.part)
@@ -31,8 +30,9 @@ def export(options: argparse.Namespace, console: Console) -> int:
     out = options.out or Path(_name(options, result) + SUFFIXES.get(form, f".{form}"))
     out.parent.mkdir(parents=True, exist_ok=True)
     (mesh if form in MESH_FORMATS else map_writing).write(out, map_, form)
-    console.print(f"wrote {out}: {map_.source}, {_size(map_)}", highlight=False, soft_wrap=True)
-    console.print(f"  {_reading(map_, form)}", highlight=False, soft_wrap=True)
+    console.sentence(f"wrote {out}: {map_.source}, {_size(map_)}")
+    console.sentence(f"  {_reading(map_, form)}")
+    console.result(file=out, cells=map_.shape, pitch_um=map_.dx * UM_PER_M, without_height=int((~map_.valid).sum()))
     return 0
 
 

@@ -10,9 +10,11 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from rich.table import Table
+from rich.text import Text
 
 from inkloop import __version__
 from inkloop.report.plot import WIDTH_IN
+from inkloop.report.terminal import number_table
 from inkloop.studies.score.board import HIGH_UM, METRICS, OPEN_LOOP, Score, fingerprint, relative
 from inkloop.units import UM_PER_M
 
@@ -42,14 +44,12 @@ def how_to_cite(version: str, seeds: Sequence[int]) -> str:
 def terminal_table(version: str, scores: Sequence[Score]) -> Table:
     """A row for each controller, a column for each plant of a version; the best of a plant in bold."""
     plants, names, cells = _cells(scores)
-    table = Table(title=f"score board {version}", caption=CAPTION)
-    table.add_column("controller", no_wrap=True)
-    for plant in (*plants, "score"):
-        table.add_column(plant, justify="right", overflow="fold")
+    headings = [plant.replace("-", "-\n") for plant in (*plants, "score")]
+    table = number_table("controller", *headings, title=f"score board {version}", caption=CAPTION)
     best = np.nanmin(cells, axis=0)
     for name, row in zip(names, cells, strict=True):
         shown = [
-            f"[bold]{value:.2f}[/bold]" if value == least else _text(value)
+            Text(f"{value:.2f}", "bold") if value == least else _text(value)
             for value, least in zip(row, best, strict=True)
         ]
         table.add_row(name, *shown)

@@ -174,8 +174,10 @@ def test_command_writes_chosen_layers_of_a_run(
     run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert main(["export-layers", run_folder, "--layers", "2", "--out", str(out)]) == 0
-    assert "1 bitmaps of layers 2 to 2" in capsys.readouterr().out
+    assert main(["export-layers", run_folder, "--layers", "2", "--json", "--out", str(out)]) == 0
+    shown = capsys.readouterr()
+    assert "1 bitmaps of layers 2 to 2" in shown.err
+    assert json.loads(shown.out)["files"] == ["L0002_P1_A.tif"]
     assert sorted(path.name for path in out.iterdir()) == ["L0002_P1_A.tif", "manifest.json"]
 
 
@@ -208,7 +210,7 @@ def test_folders_that_hold_no_patterns_are_refused(tmp_path: Path, capsys: pytes
     content = (tmp_path / "damaged" / "result.nc").read_bytes()
     (tmp_path / "damaged" / "result.nc").write_bytes(content[: len(content) // 2])
     for name, message in {
-        "foreign": "holds no result.nc",
+        "foreign": "holds no run.json",
         "without": "holds no pattern",
         "begun": "holds no pattern",
         "damaged": "cannot be read",

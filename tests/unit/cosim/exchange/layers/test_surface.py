@@ -234,7 +234,7 @@ def test_a_missing_map_names_those_that_exist() -> None:
 
 def test_foreign_folders_and_unknown_formats_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export-surface", str(tmp_path), "--format", "npy"]) == 1
-    assert "holds no result.nc" in capsys.readouterr().err
+    assert "holds no run.json" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["export-surface", str(tmp_path), "--format", "obj"])
     assert "'stl', 'glb', 'sdf', 'x3p', 'tiff', 'npy'" in capsys.readouterr().err
