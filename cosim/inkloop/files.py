@@ -170,10 +170,28 @@ def take_lock(file: int) -> bool:
 
 
 @contextmanager
-def temporary_folder(purpose: str) -> Iterator[Path]:
-    """An empty folder for the block, removed at its end; those of processes that were killed are removed first."""
-    remove_abandoned(Path(tempfile.gettempdir()))
-    with tempfile.TemporaryDirectory(prefix=f"inkloop-{purpose}-{os.getpid()}-") as name:
+def new_folder(path: Path) -> Iterator[Path]:
+    """A temporary folder next to `path`, renamed to it when the block ends well, removed when it fails.
+
+    Raises FileExistsError where something is at `path` before or after the block.
+    """
+    _check_free(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with temporary_folder("new", path.parent) as content:
+        yield content
+        _check_free(path)
+        content.rename(path)
+
+
+@contextmanager
+def temporary_folder(purpose: str, place: Path | None = None) -> Iterator[Path]:
+    """An empty folder for the block, removed at its end; those of processes that were killed are removed first.
+
+    place: folder that it is in; None: the system's for temporary files.
+    """
+    place = Path(tempfile.gettempdir()) if place is None else place
+    remove_abandoned(place)
+    with tempfile.TemporaryDirectory(prefix=f"inkloop-{purpose}-{os.getpid()}-", dir=place) as name:
         owner = _owned(Path(name))
         try:
             content = Path(name) / "content"
@@ -199,6 +217,11 @@ def remove_abandoned(place: Path) -> list[Path]:
                 shutil.rmtree(folder, ignore_errors=True)
                 removed.append(folder)
     return removed
+
+
+def _check_free(path: Path) -> None:
+    if path.exists():
+        raise FileExistsError(errno.EEXIST, "is there already; name another place, or remove it", str(path))
 
 
 def _owned(folder: Path) -> int:
