@@ -133,6 +133,7 @@ typedef struct {
     bool master_seen;                      /* a master was accepted since power-up */
     bool master_alive, other_master_alive; /* not silent for longer than the limit; a silent one needs a new frame */
     uint32_t other_master_ms;
+    uint16_t other_session;
     uint32_t now;
     Step step;
     uint16_t last_routine; /* the last one that is not journalled */

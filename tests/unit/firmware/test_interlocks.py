@@ -253,6 +253,21 @@ def test_two_masters_make_every_node_safe_until_one_is_silent(bench: NodeBench) 
     assert bench.clear(CURE, 1) == DONE
 
 
+@pytest.mark.parametrize(("third", "outcome"), [(False, DONE), (True, -NRC_CONDITIONS)])
+def test_second_master_that_is_adopted_is_the_only_one_unless_there_is_a_third(
+    bench: NodeBench, third: bool, outcome: int
+) -> None:
+    bench.master = MasterAlive(LAMP | GATE | MOTION, 2, 7)
+    bench.send_keep_alive()
+    assert bench.state(CURE).cause == TWO_MASTERS
+    for _ in range(4):
+        bench.tick(100)
+        if third:
+            bench.send_keep_alive(MasterAlive(LAMP | GATE | MOTION, 3, 7))
+    assert bench.state(CURE).session == 2, "the first one is silent"
+    assert bench.clear(CURE, 1) == outcome
+
+
 def test_new_session_is_taken_up_after_the_old_one_is_silent(bench: NodeBench) -> None:
     bench.master = None
     bench.tick(400)
