@@ -42,7 +42,8 @@ typedef enum {
     CAUSE_STAGE_POSITION,
     CAUSE_SCAN_FAILED = 14,
     CAUSE_JOURNAL_DAMAGED = 16,
-    CAUSE_PASS_UNKNOWN
+    CAUSE_PASS_UNKNOWN,
+    CAUSE_STORAGE_FAILED
 } Cause; /* value table "Fault" of inkloop.dbc; 9, 10, 13 and 15 are not used */
 
 enum { ROLE_HEAD = 1, ROLE_STAGE = 2, ROLE_CURE = 4, ROLE_PROFILER = 8 };

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -32,11 +32,14 @@ from support.benches.node_bench import (
     NRC_PENDING,
     NRC_RANGE,
     PASS,
+    PROFILER,
     SCAN,
     SELF_TEST,
     STAGE,
     STEP_EXPIRED,
     STOP_REQUEST,
+    STORAGE_FAILED,
+    STORAGE_FULL,
     SUPERVISION,
     TWO_MASTERS,
     WORK_FAILS,
@@ -227,6 +230,26 @@ def test_device_that_fails_or_hangs_is_a_fault(bench: NodeBench, what: int) -> N
     bench.broken(what)
     assert bench.run(HOME, STAGE, attempt=2) == -NRC_FAILED
     assert bench.state(STAGE).state == "FAULT"
+
+
+@pytest.mark.parametrize(
+    ("step", "node"),
+    [
+        (lambda bench: bench.run(HOME, STAGE, attempt=2), STAGE),
+        (lambda bench: bench.run(PASS, layer=1, option=b"\x00"), HEAD),
+        (lambda bench: bench.scan(0, attempt=2), PROFILER),
+    ],
+    ids=["home", "pass", "scan"],
+)
+def test_result_that_cannot_be_kept_is_a_fault_of_its_own(
+    step: Callable[[NodeBench], int], node: int, bench: NodeBench
+) -> None:
+    bench.broken(STORAGE_FULL)
+    assert step(bench) == -NRC_FAILED
+    assert (bench.state(node).state, bench.state(node).cause) == ("FAULT", STORAGE_FAILED)
+    assert bench.state(HEAD).unknown == (node == HEAD), "a pass whose trace is lost counts as unknown"
+    bench.broken(0)
+    assert bench.clear(node, 1) == DONE
 
 
 def test_pass_may_take_its_limit_and_the_ways_of_the_gate_in_addition() -> None:
