@@ -12,6 +12,7 @@ WRITERS = (
     "api",
     "can_protocol",
     "house",
+    "bench_faults",
     "gallery",
     "cylinder_prints",
     "closed_loop",
