@@ -13,6 +13,7 @@ WRITERS = (
     "command_line",
     "can_protocol",
     "house",
+    "bench_faults",
     "gallery",
     "cylinder_prints",
     "closed_loop",
