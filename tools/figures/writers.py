@@ -10,8 +10,10 @@ from tools.figures.pages import Writer
 WRITERS = (
     "options",
     "api",
+    "command_line",
     "can_protocol",
     "house",
+    "bench_faults",
     "gallery",
     "cylinder_prints",
     "closed_loop",
