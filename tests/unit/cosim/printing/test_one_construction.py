@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,7 @@ def counts(monkeypatch: pytest.MonkeyPatch) -> dict[str, Counter[str]]:
     def count(place: Any, name: str, what: str, key: Callable[..., str]) -> None:
         original = getattr(place, name)
 
+        @wraps(original)
         def counted(*args: Any, **options: Any) -> Any:
             found.setdefault(what, Counter())[key(*args, **options)] += 1
             return original(*args, **options)
