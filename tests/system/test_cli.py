@@ -38,6 +38,7 @@ def test_report_makes_table_and_pictures_again(tmp_path: Path) -> None:
     assert (folder / "layers.png").exists()
 
 
+@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize("kind", ["LayerMpc", "LayerController"])
 def test_alpha_that_prints_nothing_is_an_error_that_names_one_that_prints(
     kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -29,7 +29,9 @@ def cases() -> Iterator[Any]:
             for fmi, algorithm in master.forms_of(loop):
                 for step_s in (min(STEPS_S), max(STEPS_S)):
                     name = f"{loop.name} by {master.name} FMI {fmi} {algorithm} {step_s} s"
-                    marks = [pytest.mark.long] if master.program is MAESTRO else []  # up to a minute each
+                    # Maestro takes up to a minute; the steps of a block are those of contract/test_layer_job_fmu.py
+                    is_long = master.program is MAESTRO or (loop is ONE_BLOCK and step_s == max(STEPS_S))
+                    marks = [pytest.mark.long] if is_long else []
                     yield pytest.param(loop, master, fmi, algorithm, step_s, id=name, marks=marks)
 
 
