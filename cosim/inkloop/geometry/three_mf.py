@@ -28,6 +28,8 @@ _EXTENSIONS = {
 """Namespaces that a file may require; lib3mf reads them. Levelsets, slices and others are the geometry itself."""
 _COPIES_MAX = 1_000_000
 """Of meshes in one assembly (assumed): lib3mf takes 10 ns for each."""
+_FOREIGN_ATTRIBUTE = 0x80A7
+"""Warning of lib3mf, "Invalid Attribute in namespace", the only one that cannot change a shape."""
 _MARKUP = (b"<!DOCTYPE", b"<!ENTITY")
 _XML = (".model", ".rels", ".xml")
 
@@ -42,8 +44,11 @@ def read_3mf(path: Path) -> tuple[list[Body], str]:
         raise GeometryError(f"{path}: 3MF needs lib3mf; pip install 'inkloop[3mf]'") from error
     model = lib3mf.get_wrapper().CreateModel()
     reader = model.QueryReader("3mf")
-    reader.SetStrictModeActive(True)
+    reader.SetStrictModeActive(False)  # slicers write attributes of their own
     reader.ReadFromFile(str(path))
+    warnings = [reader.GetWarning(n) for n in range(reader.GetWarningCount())]
+    if texts := sorted({text for code, text in warnings if code != _FOREIGN_ATTRIBUTE}):
+        raise GeometryError(f"{path}: holds what lib3mf would leave out: {' '.join(texts)} Save it as plain 3MF")
     found = _Model(path, model)
     return list(found.bodies()), _UNITS[int(model.GetUnit())]
 

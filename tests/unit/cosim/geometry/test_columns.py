@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from inkloop.component import BoolMap, FloatMap, HeightIntervals
+from inkloop.components.job_parameters import region_intervals
 from inkloop.geometry import Columns, Cuboid, Cylinder, PipeJunction, Staircase, cell_centers, contained
+from inkloop.testing import job as small_job
 
 PITCH = 1e-4
 NX, NY = 9, 7
@@ -98,6 +100,26 @@ def test_touching_and_overlapping_intervals_become_one() -> None:
     assert (columns.offsets.tolist(), columns.bottoms.tolist(), columns.tops.tolist()) == ([0, 0, 1], [0.0], [3.0])
     assert columns.volume == pytest.approx(3.0, rel=1e-15, abs=0.0)
     assert columns.mask.tolist() == [[False], [True]]
+
+
+def test_arrays_outlive_the_columns_and_cannot_be_written() -> None:
+    columns = of(SHAPES[0])
+    tops, volume = columns.tops, columns.volume
+    with pytest.raises(ValueError, match="read-only"):
+        tops[0] = 1.0
+    del columns
+    bottoms = [of(shape).bottoms for shape in SHAPES for _ in range(50)]
+    assert len(bottoms) == 200
+    assert float(tops.sum()) * PITCH**2 == pytest.approx(volume, rel=1e-6, abs=0.0)
+
+
+def test_region_of_a_job_has_the_same_intervals_as_columns() -> None:
+    """What the controller in C is given."""
+    job = small_job(NX, NY)
+    pipe = replace(job, pitch=PITCH, region=SHAPES[3])
+    expected, found = (region_intervals(each) for each in (pipe, replace(pipe, region=of(SHAPES[3]))))
+    for name, edges in expected.items():
+        np.testing.assert_array_equal(found[name], edges)
 
 
 @pytest.mark.parametrize(

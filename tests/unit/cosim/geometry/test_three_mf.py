@@ -90,6 +90,29 @@ def test_required_extensions_that_are_not_read_are_refused(tmp_path: Path, attri
         read_bodies(written(tmp_path, model_xml(TWO, ITEMS, attributes=attributes, materials="stiff soft")))
 
 
+def test_attributes_of_a_slicer_are_skipped(tmp_path: Path) -> None:
+    model = model_xml(mesh_object(2, LOW), '<item objectid="2" printable="1"/>')
+    painted = model.replace('<triangle v1="0"', '<triangle paint_color="4" v1="0"')
+    (body,) = read_bodies(written(tmp_path, painted, {"Metadata/slicer.config": b"; layer_height = 0.2"}))
+    assert body.volume == pytest.approx(6e-9, rel=1e-6, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("found", "put", "message"),
+    [
+        ("<triangles>", "<triangles><quad/>", "would leave out: Invalid Element"),
+        ("millimeter", "parsec", "would leave out: Invalid Model Unit"),
+        ('v1="0"', 'v1="99"', "Invalid model node index"),
+        ('x="3.0"', 'x="nan"', "Invalid Model Coordinates"),
+    ],
+)
+def test_models_that_cannot_be_read_whole_are_refused(tmp_path: Path, found: str, put: str, message: str) -> None:
+    model = model_xml(mesh_object(2, LOW), '<item objectid="2"/>')
+    assert found in model
+    with pytest.raises(GeometryError, match=message):
+        read_bodies(written(tmp_path, model.replace(found, put)))
+
+
 def test_entities_are_refused_before_they_are_read(tmp_path: Path) -> None:
     model = model_xml(TWO, ITEMS, materials="stiff soft")
     bomb = model.replace("<model", '<!DOCTYPE m [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]><model')
