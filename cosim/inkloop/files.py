@@ -1,10 +1,19 @@
+<<<<<<< HEAD
+"""Files that are there whole or not at all, TOML with errors that name the line, locks, temporary folders."""
+
+from __future__ import annotations
+
+import codecs
+=======
 """Files that are there whole or not at all, locks, temporary folders, libraries of C code, reasons of failed writes."""
 
 from __future__ import annotations
 
 import ctypes
+>>>>>>> 9e2e237809687a16875248fbfaed418c3ccc5f7e
 import errno
 import os
+import re
 import shutil
 import sys
 import sysconfig
@@ -13,9 +22,16 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
+<<<<<<< HEAD
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tomlkit import TOMLDocument
+=======
 from typing import Any
 
 from inkloop.errors import InkloopError
+>>>>>>> 9e2e237809687a16875248fbfaed418c3ccc5f7e
 
 if sys.platform == "win32":
     import msvcrt
@@ -72,6 +88,60 @@ def write_text(path: Path, text: str, *, durable: bool = False) -> None:
         partial.write_text(text, encoding="utf-8")
 
 
+class TomlError(ValueError):
+    """A file or a text is not TOML; the message names the line, what it holds and what to do."""
+
+
+def read_toml_text(path: Path) -> str:
+    """The text of a TOML file, without the byte order mark that some editors write. Raises OSError, TomlError."""
+    content = path.read_bytes()
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise TomlError("is not TOML: the file is UTF-16; save it as UTF-8")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line, byte = content.count(b"\n", 0, error.start) + 1, content[error.start : error.start + 1]
+        raise TomlError(
+            f"is not TOML: line {line} is not UTF-8; byte 0x{byte.hex()} is {byte.decode('cp1252', 'replace')!r} in an "
+            "older encoding of Windows; save the file as UTF-8"
+        ) from error
+
+
+def toml_document(text: str) -> TOMLDocument:
+    """The tables of a TOML text, as tomlkit keeps them. Raises TomlError."""
+    import tomlkit
+    from tomlkit.exceptions import KeyAlreadyPresent, TOMLKitError
+
+    try:
+        return tomlkit.parse(text)
+    except TOMLKitError as error:
+        number, line = _invalid_line(text)
+        place = f"line {number}, `{line}`: " if number else ""
+        key = line.partition("=")[0].strip()
+        odd = next((letter for letter in key if not letter.isascii()), None)
+        if odd and '"' not in key:
+            reason = f"a key without quotes has no {odd!r}{'; write um' if odd in 'µμ' else ''}"
+        elif isinstance(error, KeyAlreadyPresent) or "already exists" in str(error):
+            reason = "this key or table is there already; keep one of them"
+        else:
+            reason = re.sub(r" at (line \d+ col \d+|end of file)", "", str(error))
+        raise TomlError(f"is not TOML: {place}{reason}") from error
+
+
+def _invalid_line(text: str) -> tuple[int, str]:
+    """Number and text of the line that the parser of the standard library stops at; 0 where it does not."""
+    import tomllib
+
+    lines = text.splitlines() or [""]
+    try:
+        tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        found = re.search(r"at line (\d+)", str(error))
+        number = min(int(found[1]), len(lines)) if found else len(lines)
+        return number, lines[number - 1].strip()
+    return 0, ""
+
+
 def reason_of(error: OSError) -> str:
     """Why a file cannot be read or written; a full disk is named as that."""
     return _FULL.get(error.errno or 0) or error.strerror or str(error)
@@ -100,10 +170,28 @@ def take_lock(file: int) -> bool:
 
 
 @contextmanager
-def temporary_folder(purpose: str) -> Iterator[Path]:
-    """An empty folder for the block, removed at its end; those of processes that were killed are removed first."""
-    remove_abandoned(Path(tempfile.gettempdir()))
-    with tempfile.TemporaryDirectory(prefix=f"inkloop-{purpose}-{os.getpid()}-") as name:
+def new_folder(path: Path) -> Iterator[Path]:
+    """A temporary folder next to `path`, renamed to it when the block ends well, removed when it fails.
+
+    Raises FileExistsError where something is at `path` before or after the block.
+    """
+    _check_free(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with temporary_folder("new", path.parent) as content:
+        yield content
+        _check_free(path)
+        content.rename(path)
+
+
+@contextmanager
+def temporary_folder(purpose: str, place: Path | None = None) -> Iterator[Path]:
+    """An empty folder for the block, removed at its end; those of processes that were killed are removed first.
+
+    place: folder that it is in; None: the system's for temporary files.
+    """
+    place = Path(tempfile.gettempdir()) if place is None else place
+    remove_abandoned(place)
+    with tempfile.TemporaryDirectory(prefix=f"inkloop-{purpose}-{os.getpid()}-", dir=place) as name:
         owner = _owned(Path(name))
         try:
             content = Path(name) / "content"
@@ -129,6 +217,11 @@ def remove_abandoned(place: Path) -> list[Path]:
                 shutil.rmtree(folder, ignore_errors=True)
                 removed.append(folder)
     return removed
+
+
+def _check_free(path: Path) -> None:
+    if path.exists():
+        raise FileExistsError(errno.EEXIST, "is there already; name another place, or remove it", str(path))
 
 
 def _owned(folder: Path) -> int:

@@ -111,7 +111,7 @@ def test_export_and_info_show_the_same_grid(tmp_path: Path, capsys: pytest.Captu
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["report", "absent"], "result.nc"),
+        (["report", "absent"], "run.json"),
         (["info", "absent.fmu"], "absent.fmu"),
         (["run", "absent.toml"], "absent.toml"),
         (["export", "LayerDepositoin"], "LayerDeposition"),
@@ -220,11 +220,3 @@ def test_run_in_real_time_accounts_for_its_deadlines(tmp_path: Path, capsys: pyt
     assert 0 <= account["missed"] <= account["steps"]
     assert 0 <= account["p99_s"] <= account["worst_s"]
     assert f"of {account['steps']} steps late" in " ".join(capsys.readouterr().out.split())
-
-
-def test_run_that_was_begun_is_distinguished_from_a_folder_of_something_else(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "run.json").write_text("{}")
-    assert main(["info", str(tmp_path)]) == 1
-    assert f"`inkloop resume {tmp_path}` ends it" in capsys.readouterr().err

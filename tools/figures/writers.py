@@ -10,6 +10,7 @@ from tools.figures.pages import Writer
 WRITERS = (
     "options",
     "api",
+    "command_line",
     "can_protocol",
     "house",
     "gallery",

@@ -27,7 +27,7 @@ def job_of(tables: ScenarioFile, component: str) -> Job:
         pitch=grid.pitch,
         target_height=_frozen(np.where(mask, top, 0.0)),
         mask=_frozen(mask),
-        inks=_inks(tables),
+        inks=inks_of(tables),
         region=geometry if is_supported(tables) else None,
         passes=process.passes,
         pass_order=PassOrder[process.pass_order.upper()].value,
@@ -70,7 +70,8 @@ def _height_start(tables: ScenarioFile) -> FloatMap | None:
     return None if table is None else table.substrate.height(grid.nx, grid.ny, grid.pitch, tables.seed)
 
 
-def _inks(tables: ScenarioFile) -> tuple[Ink, ...]:
+def inks_of(tables: ScenarioFile) -> tuple[Ink, ...]:
+    """The inks of the part, and of its support where it has one."""
     inks = tables.ink
     if inks.b is None and not is_supported(tables):
         return (inks.a.ink,)
