@@ -1,16 +1,9 @@
-<<<<<<< HEAD
-"""Files that are there whole or not at all, TOML with errors that name the line, locks, temporary folders."""
+"""Files that are there whole or not at all, TOML with errors that name the line, locks, folders, C libraries."""
 
 from __future__ import annotations
 
 import codecs
-=======
-"""Files that are there whole or not at all, locks, temporary folders, libraries of C code, reasons of failed writes."""
-
-from __future__ import annotations
-
 import ctypes
->>>>>>> 9e2e237809687a16875248fbfaed418c3ccc5f7e
 import errno
 import os
 import re
@@ -22,16 +15,12 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
-<<<<<<< HEAD
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from inkloop.errors import InkloopError
 
 if TYPE_CHECKING:
     from tomlkit import TOMLDocument
-=======
-from typing import Any
-
-from inkloop.errors import InkloopError
->>>>>>> 9e2e237809687a16875248fbfaed418c3ccc5f7e
 
 if sys.platform == "win32":
     import msvcrt

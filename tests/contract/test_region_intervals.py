@@ -168,7 +168,8 @@ def test_columns_are_the_region_that_they_were_made_of() -> None:
     jobs = [block(inks=TWO_INKS, region=region) for region in (FIVE, Columns.of_shape(FIVE, 10, 9, 263.256e-6))]
     shape = jobs[0].nx, jobs[0].ny
     for height in np.random.default_rng(2).uniform(0.0, 60e-6, (20, *shape)):
-        np.testing.assert_array_equal(*(InkRegions(job, "either").choices(height, 2) for job in jobs))
+        whole, columns = (InkRegions(job, "either").choices(height, 2) for job in jobs)
+        np.testing.assert_array_equal(columns, whole)
 
 
 def test_intervals_of_the_fmu_may_overlap_and_come_in_any_order() -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+
 from inkloop.exchange.layers import MESH_FORMATS, mesh
 from inkloop.exchange.layers.surface import surface
 from inkloop.metrology import map_writing
