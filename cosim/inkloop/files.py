@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, TOML with errors that name the line, locks, folders, C libraries."""
+"""Files: written whole or not at all, TOML with errors that name the line, locks, temporary folders, C libraries."""
 
 from __future__ import annotations
 
@@ -11,16 +11,14 @@ import shutil
 import sys
 import sysconfig
 import tempfile
+import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from inkloop.errors import InkloopError
-
-if TYPE_CHECKING:
-    from tomlkit import TOMLDocument
 
 if sys.platform == "win32":
     import msvcrt
@@ -96,39 +94,22 @@ def read_toml_text(path: Path) -> str:
         ) from error
 
 
-def toml_document(text: str) -> TOMLDocument:
-    """The tables of a TOML text, as tomlkit keeps them. Raises TomlError."""
-    import tomlkit
-    from tomlkit.exceptions import KeyAlreadyPresent, TOMLKitError
-
+def toml_tables(text: str) -> dict[str, Any]:
+    """The tables of a TOML text. Raises TomlError."""
     try:
-        return tomlkit.parse(text)
-    except TOMLKitError as error:
-        number, line = _invalid_line(text)
-        place = f"line {number}, `{line}`: " if number else ""
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        lines = text.splitlines() or [""]
+        found = re.search(r" \(at (?:line (\d+), column \d+|end of document)\)$", str(error))
+        number = min(int(found[1]), len(lines)) if found and found[1] else len(lines)
+        line, reason = lines[number - 1].strip(), str(error)[: found.start() if found else None]
         key = line.partition("=")[0].strip()
         odd = next((letter for letter in key if not letter.isascii()), None)
         if odd and '"' not in key:
             reason = f"a key without quotes has no {odd!r}{'; write um' if odd in 'µμ' else ''}"
-        elif isinstance(error, KeyAlreadyPresent) or "already exists" in str(error):
+        elif reason.startswith("Cannot"):  # declare twice, overwrite a value, mutate
             reason = "this key or table is there already; keep one of them"
-        else:
-            reason = re.sub(r" at (line \d+ col \d+|end of file)", "", str(error))
-        raise TomlError(f"is not TOML: {place}{reason}") from error
-
-
-def _invalid_line(text: str) -> tuple[int, str]:
-    """Number and text of the line that the parser of the standard library stops at; 0 where it does not."""
-    import tomllib
-
-    lines = text.splitlines() or [""]
-    try:
-        tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        found = re.search(r"at line (\d+)", str(error))
-        number = min(int(found[1]), len(lines)) if found else len(lines)
-        return number, lines[number - 1].strip()
-    return 0, ""
+        raise TomlError(f"is not TOML: line {number}, `{line}`: {reason}") from error
 
 
 def reason_of(error: OSError) -> str:
