@@ -62,7 +62,7 @@ def support_below(part: Columns) -> Columns:
 
 def _solid(part: Columns) -> Columns:
     """The part over the substrate, without gaps that count as none."""
-    above = part.tops > GAP_M
+    above = part.tops > _SUBSTRATE
     cells, tops = _cells(part)[above], part.tops[above]
     bottoms = np.where(part.bottoms[above] <= GAP_M, _SUBSTRATE, part.bottoms[above])
     joined = (cells[1:] == cells[:-1]) & (bottoms[1:] - tops[:-1] <= GAP_M)

@@ -141,3 +141,7 @@ def test_rounding_of_a_mesh_is_no_overhang() -> None:
     uneven = columns(lambda x, y: [(rng.uniform(-4e-9, 4e-9, x.shape), x * 0 + 5 * UM)])
     assert overhangs(uneven) is None
     assert resting(uneven).mask.all()
+
+
+def test_part_thinner_than_any_gap_is_one() -> None:
+    assert resting(Columns.of_shape(Cuboid(6e-4, 4e-4, 3e-4, 3e-4, 0.01 * UM), NX, NY, PITCH)).mask.sum() == 9
