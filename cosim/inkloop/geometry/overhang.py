@@ -36,7 +36,7 @@ def overhangs(part: Columns) -> Overhangs | None:
     cells, hangs = _cells(part), part.bottoms > below
     if not hangs.any():
         return None
-    number, first = np.unique(cells[hangs]).size, int(np.argmax(hangs))
+    number, first = int(np.count_nonzero(np.bincount(cells[hangs]))), int(np.argmax(hangs))
     return Overhangs(
         cells=number,
         share=number / int(part.mask.sum()),
