@@ -11,7 +11,7 @@ import pytest
 
 from inkloop.cli import main
 from inkloop.errors import HeightMapError
-from inkloop.metrology.areal import Areal, areal, values
+from inkloop.metrology.areal import Areal, FOperation, areal, values
 from inkloop.metrology.height_map import HeightMap
 
 A, STEP, PERIOD = 2e-6, 1e-5, 40
@@ -94,7 +94,7 @@ def test_a_single_tip_has_the_area_of_its_pyramid() -> None:
 
 
 @pytest.mark.parametrize("f_operation", ["mean", "plane"])
-def test_offset_mirror_and_quarter_turn_change_nothing(f_operation: str) -> None:
+def test_offset_mirror_and_quarter_turn_change_nothing(f_operation: FOperation) -> None:
     z = rough()
     z[3, 5] = np.nan
     reference = areal(map_of(z, 2e-5, 3e-5), f_operation=f_operation)
@@ -112,7 +112,7 @@ def test_lengths_scale_and_ratios_stay() -> None:
 
 
 @pytest.mark.parametrize("f_operation", ["mean", "plane"])
-def test_a_mask_is_the_same_cells_cut_out(f_operation: str) -> None:
+def test_a_mask_is_the_same_cells_cut_out(f_operation: FOperation) -> None:
     """And cells without a height are the same as cells outside the mask."""
     z, mask = rough(), np.zeros((24, 17), bool)
     mask[4:15, 3:12] = True
@@ -132,7 +132,7 @@ def test_cells_without_a_height_are_left_out() -> None:
 
 
 @pytest.mark.parametrize(("f_operation", "detrending"), [("mean", "center"), ("plane", "height")])
-def test_surface_topography_agrees_on_a_rectangle(f_operation: str, detrending: str) -> None:
+def test_surface_topography_agrees_on_a_rectangle(f_operation: FOperation, detrending: str) -> None:
     from SurfaceTopography import Topography
 
     z = np.pad(rough((40, 30)), ((0, 1), (0, 1)), mode="wrap")  # its gradients are those of one triangle a square
