@@ -115,7 +115,7 @@ def values(result: Areal) -> dict[str, float]:
 
 def _without_form(map_: HeightMap, used: BoolMap, f_operation: FOperation) -> FloatMap:
     """Heights less their mean or plane over the used cells (least squares, vertical distances)."""
-    z = map_.z - map_.z[used].mean()
+    z = np.asarray(map_.z - map_.z[used].mean(), np.float64)
     if f_operation == "mean":
         return z
     i, j = (index - index[used].mean() for index in np.indices(map_.shape).astype(np.float64))

@@ -66,4 +66,4 @@ def _mask(map_: HeightMap, part: BoolMap | None, name: str) -> BoolMap | None:
         raise HeightMapError(f"{name}: is no mask that can be read; expected all, part or an NPY file") from error
     if not isinstance(stored, np.ndarray) or stored.dtype.kind not in "biu":
         raise HeightMapError(f"{name}: holds no mask; expected an array of booleans or whole numbers")
-    return stored != 0
+    return np.asarray(stored != 0, np.bool_)

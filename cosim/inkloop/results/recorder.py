@@ -279,7 +279,7 @@ class Recorder:
 
 
 def _carried(maps: NDArray[Any], known: Mapping[int, object]) -> NDArray[Any]:
-    """Maps by layer, those that are not known as the one before them: a layer may be printed and not yet scanned."""
+    """Maps by layer, unknown ones as the known one before them: a layer may be printed and not yet scanned."""
     layers = np.arange(len(maps))
     last = np.maximum.accumulate(np.where(np.isin(layers, list(known)), layers, 0))
     carried: NDArray[Any] = maps[last]

@@ -22,7 +22,7 @@ from inkloop.contract import (
     pass_colours,
 )
 from inkloop.errors import ResultError
-from inkloop.files import toml_document
+from inkloop.files import toml_tables
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop.tables.job import inks_of
@@ -65,7 +65,7 @@ def of_run(result: Result, source: str) -> Patterns:
         held = ", ".join(map(str, run.data_vars))
         raise ResultError(f"{source}: holds no pattern of any layer; it has {run.sizes['layer'] - 1} layers of {held}")
     try:
-        tables = ScenarioFile.model_validate(toml_document(result.scenario_text).unwrap())
+        tables = ScenarioFile.model_validate(toml_tables(result.scenario_text))
     except (ValidationError, ValueError) as error:
         raise ResultError(f"{source}: its scenario is no longer valid; run it again ({_first_line(error)})") from error
     return Patterns(
