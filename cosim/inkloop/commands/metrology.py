@@ -18,7 +18,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("source", type=Path, metavar="RUN|MAP", help="run folder, or height map of a profiler")
     parser.add_argument("--layer", type=int, metavar="N", help="of a run: after N layers (default: last)")
-    parser.add_argument("--map", choices=SURFACES, help="of a run: surface to evaluate (default: height)")
+    parser.add_argument("--map", choices=SURFACES, help="of a run: surface to evaluate (default: printed)")
     parser.add_argument(
         "--mask", metavar="part|all|FILE", help="cells that count; an NPY file (default: part of a run, all of a map)"
     )
@@ -47,5 +47,5 @@ def run(options: argparse.Namespace) -> int:
     if not is_run:
         return areal_command.show(areal_command.read(options), None, options, screen(options))
     result = Result.load(source)
-    map_ = surface(result, str(source), name=options.map or "height", layer=options.layer)
+    map_ = surface(result, str(source), name=options.map or SURFACES[0], layer=options.layer)
     return areal_command.show(map_, result.dataset["mask"].values.astype(bool), options, screen(options))

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from math import nan
+from math import isclose, nan
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -89,7 +89,8 @@ def areal(map_: HeightMap, mask: BoolMap | None = None, f_operation: FOperation 
         )
     z = _without_form(map_, used, f_operation)
     heights = z[used]
-    if np.ptp(map_.z[used]) * _FLAT >= np.abs(heights).max():
+    before = float(np.ptp(map_.z[used]))
+    if isclose(before, before + float(np.abs(heights).max()), rel_tol=_FLAT):
         heights = np.zeros_like(heights)
     sq = float(np.sqrt(np.mean(heights**2)))
     slope, ratio = _gradients(z, used, map_.dx, map_.dy)

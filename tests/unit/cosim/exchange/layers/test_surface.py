@@ -161,14 +161,14 @@ def test_the_surface_is_the_layer_of_the_run() -> None:
     for layer in (0, 1, 2):
         assert np.array_equal(surface(printed(), "run", layer=layer).z, run.height.values[layer])
     assert np.array_equal(surface(printed(), "run").z, run.height.values[2])
-    target = surface(printed(), "run", name="target_height", part=True)
+    target = surface(printed(), "run", name="target", part=True)
     assert np.array_equal(target.z, run.target_height.where(run.mask).values, equal_nan=True)
 
 
 def test_cells_that_a_scan_did_not_measure_have_no_height() -> None:
     """Also where the run took its surface from the scans, as with a real printer."""
     run = printed().dataset
-    scanned = surface(printed(), "run", name="measured_height", layer=1)
+    scanned = surface(printed(), "run", name="measured", layer=1)
     expected = np.where(run.valid.values[1], run.measured_height.values[1], np.nan)
     assert np.array_equal(scanned.z, expected, equal_nan=True)
     assert 0 < np.isnan(scanned.z).sum() < scanned.z.size
@@ -239,7 +239,7 @@ def test_wrong_layers_are_refused(
 
 def test_a_missing_map_names_those_that_exist() -> None:
     without = Result(printed().dataset.drop_vars(["height", "estimated_height"]), printed().run)
-    with pytest.raises(ResultError, match="holds no height; it has measured_height, target_height"):
+    with pytest.raises(ResultError, match="holds no printed surface; it has measured, target"):
         surface(without, "run")
 
 
