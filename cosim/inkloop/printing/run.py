@@ -74,7 +74,8 @@ def resume(folder: Path, console: Terminal, *, pictures: bool = True) -> int:
             f"{folder}: the run is finished ({record['stop_reason']}), nothing is changed; "
             f"`inkloop report {folder}` shows it"
         )
-        console.result(**run_report.record(folder))
+        if console.as_json:
+            console.result(**run_report.record(folder))
         return 0
     return _print_all(scenario, folder, console, record["compare"], pictures)
 
@@ -138,7 +139,8 @@ def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: boo
         refusal = result.run.get("not_resumable")
         advice = f"cannot be resumed: {refusal}" if refusal else f"continue with `inkloop resume {folder}`"
         console.sentence(advice)
-    console.result(**run_report.record(folder, printed))
+    if console.as_json:
+        console.result(**run_report.record(folder, printed))
     return INTERRUPTED if stopped else 0
 
 
