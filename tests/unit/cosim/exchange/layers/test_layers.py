@@ -17,8 +17,8 @@ from inkloop.exchange.layers.patterns import Patterns, of_open_loop, of_run
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
+from support.bitmap_readers import stored_bits
 from support.places import SCENARIOS
-from unit.cosim.exchange.layers.test_bitmap import stored_bits
 
 LITTLE = {"components.controller.annealing_sweeps": 0, "run.layers_max": 2}
 GREY = {"components.controller.drop_levels": 5, "components.controller.horizon": 1}
