@@ -30,13 +30,14 @@ SIDE = 9
 
 def part_errors(tables: ScenarioFile, job: Job) -> list[str]:
     """Errors of the part on its grid."""
-    grid = tables.grid
-    geometry = tables.part.geometry(grid)
-    errors = [] if tables.support is not None else _overhang_errors(geometry, grid)
-    if not job.mask.any():
-        return errors or ["part covers no cell of the grid; make it larger, move it, or enlarge grid.nx and grid.ny"]
+    grid, is_printed = tables.grid, bool(job.mask.any())
+    nowhere = "part covers no cell of the grid; make it larger, move it, or enlarge grid.nx and grid.ny"
     if is_supported(tables):
-        return []
+        return [] if is_printed else [nowhere]
+    geometry = tables.part.geometry(grid)
+    errors = _overhang_errors(geometry, grid) if tables.support is None or not is_printed else []
+    if not is_printed:
+        return errors or [nowhere]
     x, y = cell_centers(grid.nx + 2, grid.ny + 2, grid.pitch)
     intervals = geometry.intervals(x - grid.pitch, y - grid.pitch)
     around = np.any([bottom <= top for bottom, top in intervals], axis=0)
