@@ -1,21 +1,24 @@
-"""Files that are there whole or not at all, TOML with errors that name the line, locks, temporary folders."""
+"""Files: written whole or not at all, TOML with errors that name the line, locks, temporary folders, C libraries."""
 
 from __future__ import annotations
 
 import codecs
+import ctypes
 import errno
 import os
 import re
 import shutil
 import sys
+import sysconfig
 import tempfile
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
-if TYPE_CHECKING:
-    from tomlkit import TOMLDocument
+from inkloop.errors import InkloopError
 
 if sys.platform == "win32":
     import msvcrt
@@ -91,39 +94,22 @@ def read_toml_text(path: Path) -> str:
         ) from error
 
 
-def toml_document(text: str) -> TOMLDocument:
-    """The tables of a TOML text, as tomlkit keeps them. Raises TomlError."""
-    import tomlkit
-    from tomlkit.exceptions import KeyAlreadyPresent, TOMLKitError
-
+def toml_tables(text: str) -> dict[str, Any]:
+    """The tables of a TOML text. Raises TomlError."""
     try:
-        return tomlkit.parse(text)
-    except TOMLKitError as error:
-        number, line = _invalid_line(text)
-        place = f"line {number}, `{line}`: " if number else ""
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        lines = text.splitlines() or [""]
+        found = re.search(r" \(at (?:line (\d+), column \d+|end of document)\)$", str(error))
+        number = min(int(found[1]), len(lines)) if found and found[1] else len(lines)
+        line, reason = lines[number - 1].strip(), str(error)[: found.start() if found else None]
         key = line.partition("=")[0].strip()
         odd = next((letter for letter in key if not letter.isascii()), None)
         if odd and '"' not in key:
             reason = f"a key without quotes has no {odd!r}{'; write um' if odd in 'µμ' else ''}"
-        elif isinstance(error, KeyAlreadyPresent) or "already exists" in str(error):
+        elif reason.startswith("Cannot"):  # declare twice, overwrite a value, mutate
             reason = "this key or table is there already; keep one of them"
-        else:
-            reason = re.sub(r" at (line \d+ col \d+|end of file)", "", str(error))
-        raise TomlError(f"is not TOML: {place}{reason}") from error
-
-
-def _invalid_line(text: str) -> tuple[int, str]:
-    """Number and text of the line that the parser of the standard library stops at; 0 where it does not."""
-    import tomllib
-
-    lines = text.splitlines() or [""]
-    try:
-        tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        found = re.search(r"at line (\d+)", str(error))
-        number = min(int(found[1]), len(lines)) if found else len(lines)
-        return number, lines[number - 1].strip()
-    return 0, ""
+        raise TomlError(f"is not TOML: line {number}, `{line}`: {reason}") from error
 
 
 def reason_of(error: OSError) -> str:
@@ -154,10 +140,28 @@ def take_lock(file: int) -> bool:
 
 
 @contextmanager
-def temporary_folder(purpose: str) -> Iterator[Path]:
-    """An empty folder for the block, removed at its end; those of processes that were killed are removed first."""
-    remove_abandoned(Path(tempfile.gettempdir()))
-    with tempfile.TemporaryDirectory(prefix=f"inkloop-{purpose}-{os.getpid()}-") as name:
+def new_folder(path: Path) -> Iterator[Path]:
+    """A temporary folder next to `path`, renamed to it when the block ends well, removed when it fails.
+
+    Raises FileExistsError where something is at `path` before or after the block.
+    """
+    _check_free(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with temporary_folder("new", path.parent) as content:
+        yield content
+        _check_free(path)
+        content.rename(path)
+
+
+@contextmanager
+def temporary_folder(purpose: str, place: Path | None = None) -> Iterator[Path]:
+    """An empty folder for the block, removed at its end; those of processes that were killed are removed first.
+
+    place: folder that it is in; None: the system's for temporary files.
+    """
+    place = Path(tempfile.gettempdir()) if place is None else place
+    remove_abandoned(place)
+    with tempfile.TemporaryDirectory(prefix=f"inkloop-{purpose}-{os.getpid()}-", dir=place) as name:
         owner = _owned(Path(name))
         try:
             content = Path(name) / "content"
@@ -185,6 +189,11 @@ def remove_abandoned(place: Path) -> list[Path]:
     return removed
 
 
+def _check_free(path: Path) -> None:
+    if path.exists():
+        raise FileExistsError(errno.EEXIST, "is there already; name another place, or remove it", str(path))
+
+
 def _owned(folder: Path) -> int:
     """The lock of a new temporary folder, which gets its name when it is locked."""
     partial = folder / f".{OWNER_FILE}"
@@ -193,3 +202,47 @@ def _owned(folder: Path) -> int:
         take_lock(file)
         partial.replace(folder / OWNER_FILE)
     return file
+
+
+def c_library(
+    package: str, name: str, variable: str, interface: int, entry_points: Mapping[str, tuple[Any, tuple[Any, ...]]]
+) -> ctypes.CDLL:
+    """A library of C code that is installed next to the modules of `package`, with its functions declared.
+
+    variable: of the environment, which may name another file; interface: what its function `<name>_interface` returns;
+    entry_points: function -> types of its result and arguments. Raises InkloopError if the library is not installed,
+    cannot be loaded or was built from other sources.
+    """
+    path = _library_path(package, name, variable)
+    try:
+        library = ctypes.CDLL(str(path))
+        for function_name, (result, arguments) in {**entry_points, f"{name}_interface": (ctypes.c_int32, ())}.items():
+            function = getattr(library, function_name)
+            function.restype, function.argtypes = result, arguments
+    except (OSError, AttributeError) as error:
+        raise InkloopError(f"{path}: is not {name} of this inkloop ({error}); install inkloop again") from error
+    if getattr(library, f"{name}_interface")() != interface:
+        raise InkloopError(
+            f"{path}: was built from other sources than this Python code; run make, or pip install again"
+        )
+    return library
+
+
+def _library_path(package: str, name: str, variable: str) -> Path:
+    """An editable install leaves the sources in place and puts built files next to NumPy."""
+    named = os.environ.get(variable)
+    if named:
+        if not Path(named).is_file():
+            raise InkloopError(f"{variable} is {named!r}: no such file; unset it to take the installed library")
+        return Path(named)
+    suffixes = {"win32": ".dll", "darwin": ".dylib"}
+    file_name = ("" if sys.platform == "win32" else "lib") + name + suffixes.get(sys.platform, ".so")
+    own = files(package)
+    folders = [own] if isinstance(own, Path) else []
+    folders += [Path(sysconfig.get_path(scheme), *package.split(".")) for scheme in ("platlib", "purelib")]
+    places = [folder / file_name for folder in folders]
+    found = next((place for place in places if place.is_file()), None)
+    if found is None:
+        looked = ", ".join(str(place) for place in places)
+        raise InkloopError(f"{name} is not installed (looked for {looked}); run make, or pip install inkloop")
+    return found

@@ -13,11 +13,11 @@ from inkloop.printing.run import new_run_folder
 from inkloop.results.lock import LOCK_FILE, sole_writer
 from inkloop.results.result import Result
 from support.other_process import HOLDING, other_process
-from support.places import SCENARIOS
+from support.prints import quick_cuboid
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
-CUBOID = SCENARIOS / "cuboid.toml"
+CUBOID = quick_cuboid()
 HOLDING_WITH_CHILD = """
 import os, sys
 from pathlib import Path

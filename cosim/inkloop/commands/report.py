@@ -27,5 +27,6 @@ def run(options: argparse.Namespace) -> int:
     terminal.print(run_report.write(options.run, pictures=not options.no_pictures))
     if (options.run / run_report.MODEL_TABLE).is_file():
         terminal.print((options.run / run_report.MODEL_TABLE).read_text(encoding="utf-8"))
-    terminal.result(**run_report.record(options.run))
+    if terminal.as_json:
+        terminal.result(**run_report.record(options.run))
     return 0

@@ -19,7 +19,7 @@ from pydantic import Field, ValidationError
 from inkloop.component import FloatMap
 from inkloop.contract import PassOrder
 from inkloop.errors import HeightMapError, IdentificationError
-from inkloop.files import TomlError, read_toml_text, toml_document
+from inkloop.files import TomlError, read_toml_text, toml_tables
 from inkloop.identify.print_record import PrintRecord
 from inkloop.limits import filled
 from inkloop.metrology.cell_means import cell_means
@@ -106,7 +106,7 @@ def read_log(folder: Path) -> PrintRecord:
 def _table(folder: Path) -> PrintTable:
     path = folder / DESCRIPTION
     try:
-        raw = toml_document(read_toml_text(path)).unwrap()
+        raw = toml_tables(read_toml_text(path))
         table = PrintTable.model_validate(raw)
     except OSError as error:
         raise IdentificationError(f"{path}: cannot be read: {error.strerror}") from error

@@ -74,7 +74,8 @@ def resume(folder: Path, console: Terminal, *, pictures: bool = True) -> int:
             f"{folder}: the run is finished ({record['stop_reason']}), nothing is changed; "
             f"`inkloop report {folder}` shows it"
         )
-        console.result(**run_report.record(folder))
+        if console.as_json:
+            console.result(**run_report.record(folder))
         return 0
     return _print_all(scenario, folder, console, record["compare"], pictures)
 
@@ -115,14 +116,14 @@ def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: boo
     from inkloop.report import run_report
 
     notes = {"scenario_file": str(Path(scenario.source).resolve()), "compare": compare}
-    stopped = False
+    stopped, printed = False, dict[Path, Result]()
     with sole_writer(folder), deferred() as interrupted, console.progress("figures", "solve") as progress:
         for place, variant in _runs(scenario, folder, compare):
             if _is_finished(place):
                 continue
             with _alone(place, folder), log_devices(variant, console, place):
                 Result.begin(place, variant.text, notes)
-                result = print_part(variant, progress, place, notes)
+                result = printed[place] = print_part(variant, progress, place, notes)
             if "real_time" in result.run:
                 console.sentence(f"{result.run['label']}: {sentence(result.run['real_time'])}")
             for remark in run_report.remarks(result):
@@ -130,7 +131,7 @@ def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: boo
             stopped = interrupted() or result.stop_reason == "interrupted"
             if stopped:
                 break
-    console.print(run_report.write(folder, pictures=pictures))
+    console.print(run_report.write(folder, in_memory=printed, pictures=pictures))
     reason = "interrupted" if stopped else read_record(folder)["stop_reason"]
     written = "table, pictures and result.nc" if pictures else "table and result.nc"
     console.sentence(f"{reason}: {written} are in {folder}/")
@@ -138,7 +139,8 @@ def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: boo
         refusal = result.run.get("not_resumable")
         advice = f"cannot be resumed: {refusal}" if refusal else f"continue with `inkloop resume {folder}`"
         console.sentence(advice)
-    console.result(**run_report.record(folder))
+    if console.as_json:
+        console.result(**run_report.record(folder, printed))
     return INTERRUPTED if stopped else 0
 
 

@@ -32,24 +32,25 @@ LENGTHS = ("mean_error", "mae", "std", "rms", "min", "max")
 ERRORS = {"mean error": "mean_error", "mean absolute error": "mae", "standard deviation": "std"}
 
 
-def load_runs(folder: Path) -> dict[str, Result]:
-    """The run of `folder` first, then its comparison runs, by name. Raises ResultError."""
-    main = Result.load(folder)
-    runs = {main.dataset.attrs["label"]: main}
-    for result_file in sorted((folder / COMPARE_FOLDER).glob("*/result.nc")):
-        if read_record(result_file.parent).get("stop_reason") == "running":
-            continue  # resumed, and not yet ended
-        result = Result.load(result_file.parent)
-        runs[result.dataset.attrs["label"]] = result
-    return runs
+def load_runs(folder: Path, in_memory: Mapping[Path, Result] | None = None) -> dict[str, Result]:
+    """The run of `folder` first, then its comparison runs, by name; those in memory, by folder, are not read.
+
+    Raises ResultError.
+    """
+    known = in_memory or {}
+    found = sorted(file.parent for file in (folder / COMPARE_FOLDER).glob("*/result.nc"))
+    compared = [place for place in found if read_record(place).get("stop_reason") != "running"]
+    runs = [known.get(place) or Result.load(place) for place in (folder, *compared)]
+    return {result.dataset.attrs["label"]: result for result in runs}
 
 
-def write(folder: Path, *, pictures: bool = True) -> Table:
+def write(folder: Path, *, in_memory: Mapping[Path, Result] | None = None, pictures: bool = True) -> Table:
     """Write `summary.txt` and, if asked, the pictures of the run in `folder`; returns the table for the screen.
 
-    Of a run on devices also `hardware-against-model.txt`, a row for each layer, and its picture.
+    Of a run on devices also `hardware-against-model.txt`, a row for each layer, and its picture. `in_memory` as for
+    `load_runs`.
     """
-    runs = load_runs(folder)
+    runs = load_runs(folder, in_memory)
     main = next(iter(runs.values()))
     tables = tomlkit.parse(main.scenario_text).unwrap().get("literature", {})
     literature = {name: Literature.model_validate(table) for name, table in tables.items()}
@@ -132,9 +133,9 @@ def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping
     return table
 
 
-def record(folder: Path) -> dict[str, Any]:
-    """The figures of a run and its comparison runs as plain values, for `--json`. Raises ResultError."""
-    runs = load_runs(folder)
+def record(folder: Path, in_memory: Mapping[Path, Result] | None = None) -> dict[str, Any]:
+    """The figures of a run and its comparison runs as plain values, for `--json`; as `load_runs`."""
+    runs = load_runs(folder, in_memory)
     return {"folder": folder, "runs": {name: _figures(result) for name, result in runs.items()}}
 
 

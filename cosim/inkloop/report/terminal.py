@@ -25,7 +25,7 @@ BAR_FROM, NOTES_FROM = 70, 100
 class Terminal(Console):
     """Where a command writes: standard output, or standard error where that is for JSON alone.
 
-    verbose: also show messages of devices that are neither warning nor error.
+    verbose: also show messages of devices that are neither warning nor error; as_json: whether `result` writes.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class Terminal(Console):
         stream = file or (sys.stderr if as_json else sys.stdout)
         columns = width or (None if stream.isatty() else FILE_WIDTH)
         super().__init__(file=stream, width=columns, quiet=quiet, markup=False, highlight=False, emoji=False)
-        self.verbose, self._as_json = verbose, as_json
+        self.verbose, self.as_json = verbose, as_json
 
     def sentence(self, text: str, style: str | None = None) -> None:
         """Write a sentence; the terminal breaks it where it has to."""
@@ -48,7 +48,7 @@ class Terminal(Console):
 
     def result(self, **data: Any) -> None:
         """Print the result of a command as JSON on standard output, if asked for; a number that is none is null."""
-        if self._as_json:
+        if self.as_json:
             print(json.dumps(_without_nan(data), indent=2, default=str))
 
     def progress(self, *notes: str) -> Progress:

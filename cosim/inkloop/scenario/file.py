@@ -10,12 +10,13 @@ from typing import Any
 
 import tomlkit
 from pydantic import ValidationError
+from tomlkit.exceptions import TOMLKitError
 
 from inkloop.component import Component, Job, Ports
 from inkloop.components import catalog
 from inkloop.components.kind import Checked
 from inkloop.errors import ScenarioError
-from inkloop.files import TomlError, read_toml_text, toml_document
+from inkloop.files import TomlError, read_toml_text, toml_tables
 from inkloop.master.events import Event
 from inkloop.master.wiring import Connection
 from inkloop.scenario.footprint import Footprint
@@ -66,9 +67,12 @@ class Scenario:
     def of_text(cls, text: str, source: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
         """The scenario of a text; files that it names are relative to `source`. Raises ScenarioError."""
         try:
-            document = toml_document(text)
+            toml_tables(text)
+            document = tomlkit.parse(text)
         except TomlError as error:
             raise ScenarioError(source, [str(error)]) from error
+        except TOMLKitError as error:
+            raise ScenarioError(source, [f"is not TOML: {error}"]) from error
         errors = apply_overrides(document, overrides or {})
         errors += merge_ink_file(document, Path(source).parent)
         return cls._from_tables(source, tomlkit.dumps(document), document.unwrap(), errors)

@@ -14,7 +14,7 @@ import tomlkit
 from pydantic import Field, ValidationError
 from tomlkit.items import Table as TomlTable
 
-from inkloop.files import TomlError, read_toml_text, toml_document
+from inkloop.files import TomlError, read_toml_text, toml_tables
 from inkloop.tables.messages import sentence
 from inkloop.tables.shapes import Length, Table
 from inkloop.units import SUFFIXES
@@ -63,7 +63,7 @@ def merge_ink_file(document: tomlkit.TOMLDocument, folder: Path) -> list[str]:
 
 def _read(path: Path) -> tuple[InkFile | None, list[str]]:
     try:
-        raw = toml_document(read_toml_text(path)).unwrap()
+        raw = toml_tables(read_toml_text(path))
         return InkFile.model_validate(raw), []
     except OSError as error:
         return None, [f"{path} cannot be read: {error.strerror}; name an ink file, relative to the scenario"]

@@ -46,8 +46,13 @@ class SubstrateTable(Table):
 
 
 class Support(Table):
-    """`[support]`: material B fills the block around the part up to the part's height."""
+    """`[support]`: where material B holds the part, since a droplet cannot hang."""
 
+    kind: Literal["around", "below-overhangs", "none"] = Field(
+        default="around",
+        description="the block around the part, up to its height; only what is empty below overhangs; or nothing: of "
+        "each cell only what rests on the substrate is printed",
+    )
     margin_cells: int = Field(default=2, ge=0, description="empty cells kept along the edge of the grid")
 
 
@@ -108,7 +113,7 @@ class BenchTable(Table):
         default=1.0, description="time for a node to begin an answer; then the request is repeated, six tries in all"
     )
     silence_s: Annotated[float, Field(ge=0.1, le=60.0)] = Field(
-        default=0.3, description="silence of a node after which it is lost; for emulated nodes, also of the master"
+        default=0.3, description="silence of a node after which it is lost; of other masters, before this one begins"
     )
     faults: list[bench_faults.FaultTable] = Field(default=[], description="faults that the emulator injects")
 

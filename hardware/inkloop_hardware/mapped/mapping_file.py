@@ -14,7 +14,7 @@ from pydantic_core import ErrorDetails
 
 from inkloop.component import Job
 from inkloop.errors import ScenarioError
-from inkloop.files import TomlError, read_toml_text, toml_document
+from inkloop.files import TomlError, read_toml_text, toml_tables
 from inkloop_hardware.errors import FrameError
 from inkloop_hardware.mapped.mapped_bytes import hexadecimal, number
 from inkloop_hardware.mapped.mapping_tables import (
@@ -50,7 +50,7 @@ class RigMapping:
 def load(path: Path, job: Job) -> RigMapping:
     """The mapping for a job. Raises ScenarioError with every error of the file."""
     try:
-        tables = MappingFile.model_validate(toml_document(read_toml_text(path)).unwrap())
+        tables = MappingFile.model_validate(toml_tables(read_toml_text(path)))
     except OSError as error:
         raise ScenarioError(str(path), [f"cannot be read: {error.strerror}"]) from error
     except TomlError as error:
