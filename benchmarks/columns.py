@@ -107,7 +107,8 @@ def _trimesh(triangles: Triangles, columns: Columns, z: np.ndarray) -> float:
     from trimesh.ray.ray_pyembree import RayMeshIntersector
 
     cells = z.shape[0]
-    mesh = trimesh.Trimesh(MM_PER_M * triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3), process=False)
+    faces = np.arange(3 * len(triangles)).reshape(-1, 3)
+    mesh = trimesh.Trimesh(MM_PER_M * triangles.reshape(-1, 3), faces, process=False)
     at = np.linspace(0, cells - 1, SAMPLED).astype(np.int64)
     i, j = (index.ravel() for index in np.meshgrid(at, at, indexing="ij"))
     points = MM_PER_M * np.stack([i * columns.pitch, j * columns.pitch, z[i, j]], axis=-1)
