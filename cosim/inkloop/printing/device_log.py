@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from inkloop.components.devices import LOGGER
+from inkloop.component import DEVICE_LOGGER
 from inkloop.files import reason_of
 
 LOG_FILE = "bench.log"
@@ -59,7 +59,7 @@ def live_words(console: Console, folder: Path | None) -> Iterator[None]:
         handlers[-1].setFormatter(
             logging.Formatter("%(asctime)s.%(msecs)03d %(levelname)s %(message)s", "%Y-%m-%d %H:%M:%S")
         )
-    logger = logging.getLogger(LOGGER)
+    logger = logging.getLogger(DEVICE_LOGGER)
     level = logger.level
     logger.setLevel(logging.INFO)
     for handler in handlers:

@@ -37,9 +37,9 @@ class Footprint:
     disk_of_a_cell: int
 
     @classmethod
-    def of(cls, tables: ScenarioFile) -> Footprint:
-        """The footprint of a scenario: of the run that takes most memory, and of the files of all of them."""
-        layers = _layers(tables)
+    def of(cls, tables: ScenarioFile, height: float) -> Footprint:
+        """The footprint of a scenario whose part is `height` [m] high: of the run that takes most memory, and of the files of all of them."""
+        layers = _layers(tables, height)
         kinds = [{name: table.kind for name, table in tables.components.items()}]
         kinds += [
             kinds[0] | {name: table.kind for name, table in other.components.items()}
@@ -91,8 +91,7 @@ class Footprint:
         return f"{nx} x {ny} cells would fit: choose a smaller grid or a larger pitch, or fewer layers"
 
 
-def _layers(tables: ScenarioFile) -> int:
+def _layers(tables: ScenarioFile, height: float) -> int:
     """Layers of the nominal height, at most those that the run may have."""
-    ink = tables.ink.a.ink
-    nominal = tables.part.geometry(tables.grid).height / ink.layer_height
+    nominal = height / tables.ink.a.ink.layer_height
     return max(1, min(tables.run.layers_max, math.ceil(min(nominal, tables.run.layers_max))))

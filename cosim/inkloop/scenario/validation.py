@@ -6,6 +6,7 @@ known, and what depends on the job is checked with a stand-in where the tables o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,31 +17,66 @@ from inkloop.component import HasPorts, Job, Ports, is_device, is_shadow
 from inkloop.components import catalog
 from inkloop.components.kind import Checked
 from inkloop.contract import HEIGHT, LAYERS_PRINTED, LAYERS_SCANNED, has_port
-from inkloop.geometry import cell_centers
+from inkloop.geometry import Columns
 from inkloop.master.wiring import Connection, find
 from inkloop.scenario.events import find_event_port
+from inkloop.tables.job import Target
 from inkloop.tables.schema import ScenarioFile
+from inkloop.tables.shapes import Grid
+from inkloop.tables.solid import Bounds, Solid
+from inkloop.units import UM_PER_M
 
 SIDE = 9
 """Cells along an edge of a grid whose own number is invalid."""
+EMPTY_CELLS = 2
+"""Cells to leave empty around a part: a droplet reaches one, and the next shows the substrate."""
 
 
-def part_errors(tables: ScenarioFile, job: Job) -> list[str]:
+def part_errors(tables: ScenarioFile, solid: Solid, target: Target) -> list[str]:
     """Errors of the part on its grid."""
-    grid = tables.grid
-    if not job.mask.any():
-        return ["part covers no cell of the grid; make it larger, move it, or enlarge grid.nx and grid.ny"]
-    if tables.support is not None:
-        return []
-    x, y = cell_centers(grid.nx + 2, grid.ny + 2, grid.pitch)
-    around = tables.part.geometry(grid).contains(x - grid.pitch, y - grid.pitch, np.zeros_like(x))
-    around[1:-1, 1:-1] = False
-    if around.any():
-        return [
-            f"part reaches beyond the grid of {grid.nx} x {grid.ny} cells; enlarge grid.nx and grid.ny "
-            "(leave 2 empty cells around the part) or make it smaller"
-        ]
-    return []
+    errors = []
+    if not target.mask.any():
+        errors.append(_why_nothing_is_printed(solid))
+    if tables.support is not None and solid.region is not None:
+        errors.append("part has two inks, and support takes ink B for itself; leave support out, or print in ink A alone")
+    margin, reaches = 0 if tables.support is None else tables.support.margin_cells, solid.bounds
+    crosses_block = tables.support is not None and not np.isfinite(reaches).all()  # as pipes without end do
+    if not crosses_block and _is_beyond(tables.grid, margin, reaches):
+        errors.append(_too_wide(tables.grid, margin, reaches))
+    return errors
+
+
+def _why_nothing_is_printed(solid: Solid) -> str:
+    shape = solid.shape
+    if isinstance(shape, Columns) and shape.mask.any():
+        lowest = float(shape.bottoms.min()) * UM_PER_M
+        return (
+            f"part rests nowhere on the substrate: its lowest point is at {lowest:.6g} um; write "
+            'place = "on-substrate", turn it, or add [support]'
+        )
+    return "part covers no cell of the grid; make it larger, move it, or enlarge grid.nx and grid.ny"
+
+
+def _is_beyond(grid: Grid, margin: int, bounds: Bounds) -> bool:
+    """Whether a part reaches the centre of a cell outside the grid less its margin."""
+    below = (margin - 1) * grid.pitch
+    x_above, y_above = ((count - margin) * grid.pitch for count in (grid.nx, grid.ny))
+    is_in_x = below < bounds.x_min and bounds.x_max < x_above
+    return not (is_in_x and below < bounds.y_min and bounds.y_max < y_above)
+
+
+def _too_wide(grid: Grid, margin: int, bounds: Bounds) -> str:
+    sides = bounds.x_max - bounds.x_min, bounds.y_max - bounds.y_min
+    place = f"the grid of {grid.nx} x {grid.ny} cells" + (f" less its margin of {margin}" if margin else "")
+    if not np.isfinite(sides).all():
+        return f"part reaches beyond {place}: it has no end; add [support], which fills a block around it, or cut it"
+    needed = (math.ceil(side / grid.pitch) + 2 * max(margin, EMPTY_CELLS) for side in sides)
+    size = " x ".join(f"{side * UM_PER_M:.6g}" for side in sides)
+    counts = " and ".join(f"{axis} >= {count}" for axis, count in zip(("grid.nx", "grid.ny"), needed, strict=True))
+    return (
+        f"part reaches beyond {place}: it is {size} um wide; with {counts} it fits in the middle with "
+        f"{max(margin, EMPTY_CELLS)} empty cells around it; or move it, or make it smaller"
+    )
 
 
 def known_ports(checked: Mapping[str, Checked]) -> tuple[dict[str, Ports], list[str]]:

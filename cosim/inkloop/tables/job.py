@@ -3,40 +3,71 @@
 from __future__ import annotations
 
 import zlib
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import FloatMap, Ink, Job
+from inkloop.component import BoolMap, FloatMap, Geometry, Ink, Job
 from inkloop.contract import PassOrder
-from inkloop.geometry import cell_centers
-from inkloop.tables.schema import InkTable, ScenarioFile
+from inkloop.geometry import TOLERANCE_M, Columns, cell_centers
+from inkloop.tables.schema import Inks, InkTable, ScenarioFile
+from inkloop.tables.solid import Solid
 
 T = TypeVar("T", bound=np.generic)
 
 
-def job_of(tables: ScenarioFile, component: str) -> Job:
-    """The job of `component`, its maps read-only; its seed is a stream of its own, derived from the scenario's."""
-    grid, process = tables.grid, tables.process
-    geometry = tables.part.geometry(grid)
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What is to be printed: mask and height of the top [m], each (nx, ny).
+
+    inks: their number; region: where ink A belongs, None: everywhere.
+    """
+
+    mask: BoolMap
+    height: FloatMap
+    inks: int = 1
+    region: Geometry | None = None
+
+
+def target_of(tables: ScenarioFile, solid: Solid) -> Target:
+    """The target of a part, with its support where the scenario has one."""
+    grid, shape = tables.grid, solid.shape
     x, y = cell_centers(grid.nx, grid.ny, grid.pitch)
     if tables.support is None:
-        mask = geometry.contains(x, y, np.zeros_like(x))
-        top = geometry.top(x, y)
+        mask, top = resting(shape) if isinstance(shape, Columns) else (shape.contains(x, y, 0.0 * x), shape.top(x, y))
+        region = solid.region
     else:
-        top = np.full_like(x, geometry.height)
+        top = np.full_like(x, shape.height)
         mask = np.zeros((grid.nx, grid.ny), dtype=np.bool_)
         margin = tables.support.margin_cells
         mask[margin : grid.nx - margin, margin : grid.ny - margin] = True
+        region = shape
+    return Target(_frozen(mask), _frozen(np.where(mask, top, 0.0)), 1 if region is None else 2, region)
+
+
+def resting(columns: Columns) -> tuple[BoolMap, FloatMap]:
+    """Cells whose lowest interval stands on the substrate, and the top of that interval [m], each (nx, ny)."""
+    first, filled = columns.offsets[:-1], columns.counts.ravel() > 0
+    mask, top = np.zeros(filled.size, np.bool_), np.zeros(filled.size)
+    mask[filled] = columns.bottoms[first[filled]] <= TOLERANCE_M
+    top[mask] = columns.tops[first[mask]]
+    shape = columns.nx, columns.ny
+    return mask.reshape(shape), top.reshape(shape)
+
+
+def job_of(tables: ScenarioFile, target: Target, component: str) -> Job:
+    """The job of `component`, its maps read-only; its seed is a stream of its own, derived from the scenario's."""
+    grid, process = tables.grid, tables.process
     return Job(
         nx=grid.nx,
         ny=grid.ny,
         pitch=grid.pitch,
-        target_height=_frozen(np.where(mask, top, 0.0)),
-        mask=_frozen(mask),
-        inks=_inks(tables),
-        region=None if tables.support is None else geometry,
+        target_height=target.height,
+        mask=target.mask,
+        inks=_inks(tables.ink, target.inks),
+        region=target.region,
         passes=process.passes,
         pass_order=PassOrder[process.pass_order.upper()].value,
         pass_rotation=process.pass_rotation,
@@ -56,9 +87,8 @@ def _height_start(tables: ScenarioFile) -> FloatMap | None:
     return None if table is None else table.substrate.height(grid.nx, grid.ny, grid.pitch, tables.seed)
 
 
-def _inks(tables: ScenarioFile) -> tuple[Ink, ...]:
-    inks = tables.ink
-    if inks.b is None and tables.support is None:
+def _inks(inks: Inks, count: int) -> tuple[Ink, ...]:
+    if inks.b is None and count == 1:
         return (inks.a.ink,)
     return inks.a.ink, (inks.b or InkTable()).ink
 
