@@ -25,7 +25,10 @@ from support.source_tree import (
 
 FLOOR = {
     f"inkloop.{name}"
-    for name in ("component", "contract", "errors", "files", "geometry", "limits", "suggest", "testing", "units")
+    for name in (
+        *("component", "contract", "errors", "files", "limits", "suggest", "testing", "units"),
+        *("geometry", "geometry.cells", "geometry.columns", "geometry.shapes"),
+    )
 }
 BUILD_TIME = "inkloop.fmu_writer"
 """These modules run while the FMUs are built, when nothing else is installed."""

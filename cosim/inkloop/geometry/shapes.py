@@ -150,12 +150,6 @@ def contained(intervals: HeightIntervals, z: FloatMap) -> BoolMap:
     return inside
 
 
-def cell_centers(nx: int, ny: int, pitch: float) -> tuple[FloatMap, FloatMap]:
-    """x and y of every cell, each (nx, ny) [m]."""
-    x, y = np.meshgrid(np.arange(nx) * pitch, np.arange(ny) * pitch, indexing="ij")
-    return x, y
-
-
 def _up_to(top: FloatMap, inside: BoolMap) -> HeightIntervals:
     """From the substrate to the top where `inside`, nothing elsewhere."""
     return ((np.where(inside, -TOLERANCE_M, np.inf), top + TOLERANCE_M),)
