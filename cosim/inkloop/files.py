@@ -1,15 +1,21 @@
-"""Files that are there whole or not at all, locks, temporary folders, and the reasons why something is not written."""
+"""Files that are there whole or not at all, locks, temporary folders, libraries of C code, reasons of failed writes."""
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import os
 import shutil
 import sys
+import sysconfig
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from importlib.resources import files
 from pathlib import Path
+from typing import Any
+
+from inkloop.errors import InkloopError
 
 if sys.platform == "win32":
     import msvcrt
@@ -133,3 +139,47 @@ def _owned(folder: Path) -> int:
         take_lock(file)
         partial.replace(folder / OWNER_FILE)
     return file
+
+
+def c_library(
+    package: str, name: str, variable: str, interface: int, entry_points: Mapping[str, tuple[Any, tuple[Any, ...]]]
+) -> ctypes.CDLL:
+    """A library of C code that is installed next to the modules of `package`, with its functions declared.
+
+    variable: of the environment, which may name another file; interface: what its function `<name>_interface` returns;
+    entry_points: function -> types of its result and arguments. Raises InkloopError if the library is not installed,
+    cannot be loaded or was built from other sources.
+    """
+    path = _library_path(package, name, variable)
+    try:
+        library = ctypes.CDLL(str(path))
+        for function_name, (result, arguments) in {**entry_points, f"{name}_interface": (ctypes.c_int32, ())}.items():
+            function = getattr(library, function_name)
+            function.restype, function.argtypes = result, arguments
+    except (OSError, AttributeError) as error:
+        raise InkloopError(f"{path}: is not {name} of this inkloop ({error}); install inkloop again") from error
+    if getattr(library, f"{name}_interface")() != interface:
+        raise InkloopError(
+            f"{path}: was built from other sources than this Python code; run make, or pip install again"
+        )
+    return library
+
+
+def _library_path(package: str, name: str, variable: str) -> Path:
+    """An editable install leaves the sources in place and puts built files next to NumPy."""
+    named = os.environ.get(variable)
+    if named:
+        if not Path(named).is_file():
+            raise InkloopError(f"{variable} is {named!r}: no such file; unset it to take the installed library")
+        return Path(named)
+    suffixes = {"win32": ".dll", "darwin": ".dylib"}
+    file_name = ("" if sys.platform == "win32" else "lib") + name + suffixes.get(sys.platform, ".so")
+    own = files(package)
+    folders = [own] if isinstance(own, Path) else []
+    folders += [Path(sysconfig.get_path(scheme), *package.split(".")) for scheme in ("platlib", "purelib")]
+    places = [folder / file_name for folder in folders]
+    found = next((place for place in places if place.is_file()), None)
+    if found is None:
+        looked = ", ".join(str(place) for place in places)
+        raise InkloopError(f"{name} is not installed (looked for {looked}); run make, or pip install inkloop")
+    return found

@@ -27,7 +27,7 @@ FLOOR = {
     f"inkloop.{name}"
     for name in (
         *("component", "contract", "errors", "files", "limits", "suggest", "testing", "units"),
-        *("geometry", "geometry.cells", "geometry.columns", "geometry.shapes"),
+        *("geometry", "geometry.cells", "geometry.columns", "geometry.library", "geometry.shapes"),
     )
 }
 BUILD_TIME = "inkloop.fmu_writer"

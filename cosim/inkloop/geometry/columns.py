@@ -5,17 +5,17 @@ An interval is half open, bottom <= z < top, so that two regions which share a f
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, FloatMap, Geometry, HeightIntervals
 from inkloop.geometry.cells import cell_centers, cell_index
+from inkloop.geometry.library import ColumnsStruct, intervals_by, library
 
-Rule: TypeAlias = Callable[[NDArray[np.bool_]], BoolMap]
+_OF_FIRST, _OF_SECOND, _OF_BOTH = 1, 2, 4  # POINTS_OF_... of column_algebra.h
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,19 +49,23 @@ class Columns:
 
         cell: i ny + j of each interval; bottom, top: bottom <= z < top [m]; three arrays of one size.
         """
-        cell, bottom, top = (np.ravel(values) for values in (cell, bottom, top))
-        keep = bottom < top
-        cell, bottom, top = cell[keep], bottom[keep], top[keep]
-        steps = np.repeat(np.array([[1], [-1]]), cell.size, axis=0)
-        return _where(nx, ny, pitch, np.tile(cell, 2), np.concatenate([bottom, top]), steps, _any)
+        ends = [np.ascontiguousarray(np.ravel(values), dtype=np.float64) for values in (bottom, top)]
+        cells = np.ascontiguousarray(np.ravel(cell), dtype=np.int64)
+        if not cells.size == ends[0].size == ends[1].size:
+            raise ValueError(f"{cells.size} cells, {ends[0].size} bottoms, {ends[1].size} tops; needs one of each")
+        if cells.size and not 0 <= cells.min() <= cells.max() < nx * ny:
+            raise ValueError(f"cells are {cells.min()} to {cells.max()}; needs 0 to {nx * ny - 1}")
+        return cls(nx, ny, pitch, *intervals_by("columns_union", nx * ny, nx * ny, cells.size, cells, *ends))
 
     @classmethod
     def of_shape(cls, shape: Geometry, nx: int, ny: int, pitch: float) -> Columns:
         """What a shape fills over the centres of the cells; points of its closed skin stay part of it."""
-        intervals = [np.broadcast_arrays(*ends) for ends in shape.intervals(*cell_centers(nx, ny, pitch))]
-        cell = np.tile(np.arange(nx * ny), len(intervals))
-        bottom, top = (np.concatenate([[], *(np.ravel(ends[side]) for ends in intervals)]) for side in (0, 1))
-        return cls.of_intervals(nx, ny, pitch, cell, bottom, np.where(bottom <= top, np.nextafter(top, np.inf), bottom))
+        columns = cls.of_intervals(nx, ny, pitch, np.empty(0), np.empty(0), np.empty(0))
+        for bottom, top in shape.intervals(*cell_centers(nx, ny, pitch)):
+            is_filled = np.ravel(bottom <= top)
+            ends = np.ravel(bottom)[is_filled], np.nextafter(np.ravel(top)[is_filled], np.inf)
+            columns |= cls.of_intervals(nx, ny, pitch, np.flatnonzero(is_filled), *ends)
+        return columns
 
     @property
     def counts(self) -> NDArray[np.int64]:
@@ -86,21 +90,16 @@ class Columns:
 
     def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
         """True where z lies in an interval of the cell with the centre nearest to (x, y) [m]."""
-        cell, z = np.broadcast_arrays(self._cell(x, y), z)
-        first, count = self._span(cell)
-        inside = np.zeros(cell.shape, dtype=np.bool_)
-        for k in range(int(count.max(initial=0))):
-            inside |= (self._taken(self.bottoms, first + k, count > k, np.inf) <= z) & (
-                z < self._taken(self.tops, first + k, count > k, -np.inf)
-            )
-        return inside
+        return self._contained(*np.broadcast_arrays(self._cell(x, y), z))
 
     def inside(self, z: FloatMap) -> BoolMap:
         """True where the height z of each cell, (nx, ny) [m], lies in one of its intervals."""
-        return self.contains(*cell_centers(self.nx, self.ny, self.pitch), z)
+        if np.shape(z) != (self.nx, self.ny):
+            raise ValueError(f"z has shape {np.shape(z)}; needs {(self.nx, self.ny)}")
+        return self._contained(None, z)
 
     def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
-        """Closed intervals of the same points over the nearest cell [m], the lowest first, as many as a cell has at most."""
+        """Closed intervals of the same points over the nearest cell [m], lowest first, as many as any has."""
         first, count = self._span(self._cell(x, y))
         return [
             (
@@ -117,32 +116,34 @@ class Columns:
 
     def __or__(self, other: Columns) -> Columns:
         """The union. Raises ValueError for columns on another grid, as `&` and `-`."""
-        return self._combined(other, _any)
+        return self._combined(other, _OF_FIRST | _OF_SECOND | _OF_BOTH)
 
     def __and__(self, other: Columns) -> Columns:
         """The points of both."""
-        return self._combined(other, lambda inside: inside.all(axis=1))
+        return self._combined(other, _OF_BOTH)
 
     def __sub__(self, other: Columns) -> Columns:
         """The points of these columns that the others lack."""
-        return self._combined(other, lambda inside: inside[:, 0] & ~inside[:, 1])
+        return self._combined(other, _OF_FIRST)
 
-    def _combined(self, other: Columns, rule: Rule) -> Columns:
-        for name in ("nx", "ny", "pitch"):
-            if getattr(self, name) != getattr(other, name):
-                raise ValueError(
-                    f"{name} of the columns is {getattr(self, name)} and {getattr(other, name)}; needs one grid"
-                )
-        parts = (self, other)
-        cell = np.concatenate(
-            [np.tile(np.repeat(np.arange(self.nx * self.ny), part.counts.ravel()), 2) for part in parts]
-        )
-        z = np.concatenate([ends for part in parts for ends in (part.bottoms, part.tops)])
-        steps = np.zeros((cell.size, 2), dtype=np.int64)
-        half = 2 * self.bottoms.size
-        steps[:half, 0] = np.repeat([1, -1], self.bottoms.size)
-        steps[half:, 1] = np.repeat([1, -1], other.bottoms.size)
-        return _where(self.nx, self.ny, self.pitch, cell, z, steps, rule)
+    def _combined(self, other: Columns, rule: int) -> Columns:
+        grids = [(part.nx, part.ny, part.pitch) for part in (self, other)]
+        if grids[0] != grids[1]:
+            raise ValueError(f"columns have grids of {grids[0]} and {grids[1]} (nx, ny, pitch); needs one grid")
+        cells = self.nx * self.ny
+        return Columns(*grids[0], *intervals_by("columns_combine", cells, cells, self._struct, other._struct, rule))
+
+    @property
+    def _struct(self) -> ColumnsStruct:
+        return ColumnsStruct.of(self.offsets, self.bottoms, self.tops)
+
+    def _contained(self, cell: NDArray[np.int64] | None, z: FloatMap) -> BoolMap:
+        heights = np.ascontiguousarray(z, dtype=np.float64)
+        cells = None if cell is None else np.ascontiguousarray(cell)
+        inside = np.empty(heights.shape, dtype=np.bool_)
+        at = None if cells is None else cells.ctypes.data
+        library().columns_inside(self._struct, heights.size, at, heights, inside)
+        return inside
 
     def _cell(self, x: FloatMap, y: FloatMap) -> NDArray[np.int64]:
         return cell_index(x, y, self.nx, self.ny, self.pitch)
@@ -158,44 +159,18 @@ class Columns:
         return values
 
 
-def _any(inside: NDArray[np.bool_]) -> BoolMap:
-    found: BoolMap = inside.any(axis=1)
-    return found
-
-
-def _where(
-    nx: int, ny: int, pitch: float, cell: NDArray[Any], z: FloatMap, steps: NDArray[np.int64], rule: Rule
-) -> Columns:
-    """Columns where `rule` holds of the marks "winding number above 0", which change by `steps` at z of `cell`."""
-    order = np.lexsort((z, cell))
-    cell, z, winding = cell[order], z[order], np.cumsum(steps[order], axis=0)
-    is_last = np.ones(cell.size, dtype=np.bool_)  # of the changes at one height
-    is_last[:-1] = (cell[1:] != cell[:-1]) | (z[1:] != z[:-1])
-    cell, z, holds = cell[is_last], z[is_last], rule(winding[is_last] > 0)
-    before = np.concatenate([[False], holds[:-1]])  # every column ends with False
-    begins, ends = holds & ~before, before & ~holds
-    offsets = np.concatenate([[0], np.cumsum(np.bincount(cell[begins], minlength=nx * ny))])
-    return Columns(nx, ny, pitch, offsets, z[begins], z[ends])
-
-
 def _check(columns: Columns) -> None:
-    offsets, bottoms, tops = columns.offsets, columns.bottoms, columns.tops
-    if columns.nx < 1 or columns.ny < 1 or not columns.pitch > 0.0:
-        raise ValueError(f"columns of {columns.nx} x {columns.ny} cells of {columns.pitch} m; needs lengths above 0")
-    if offsets.shape != (columns.nx * columns.ny + 1,) or bottoms.ndim != 1 or bottoms.shape != tops.shape:
+    nx, ny, offsets, bottoms, tops = columns.nx, columns.ny, columns.offsets, columns.bottoms, columns.tops
+    if nx < 1 or ny < 1 or not 0.0 < columns.pitch < np.inf:
+        raise ValueError(f"columns of {nx} x {ny} cells of {columns.pitch} m; needs at least one and a length above 0")
+    shapes = offsets.shape, bottoms.shape, tops.shape
+    if shapes != ((nx * ny + 1,), (bottoms.size,), (bottoms.size,)):
         raise ValueError(
-            f"offsets of shape {offsets.shape}, bottoms {bottoms.shape}, tops {tops.shape}; "
-            f"needs ({columns.nx * columns.ny + 1},) and two of one length"
+            f"offsets, bottoms and tops have shapes {shapes}; needs ({nx * ny + 1},) and two of one length"
         )
-    if offsets[0] != 0 or offsets[-1] != bottoms.size or np.any(np.diff(offsets) < 0):
-        raise ValueError(f"offsets do not ascend from 0 to the {bottoms.size} intervals")
-    is_next = np.ones(bottoms.size + 1, dtype=np.bool_)
-    is_next[offsets] = False
-    is_wrong = ~(bottoms < tops)
-    is_wrong[1:] |= is_next[1:-1] & ~(tops[:-1] < bottoms[1:])
-    if is_wrong.any():
-        cell = int(np.searchsorted(offsets, np.argmax(is_wrong), side="right")) - 1
-        i, j = divmod(cell, columns.ny)
+    cell = library().columns_check(nx * ny, bottoms.size, columns._struct)
+    if cell >= 0:
         raise ValueError(
-            f"intervals of cell ({i}, {j}) do not ascend: needs bottom < top, and a gap to the next bottom"
+            f"cell {divmod(cell, ny)}: its offsets do not ascend from 0 to {bottoms.size}, or its intervals do not "
+            "ascend; needs bottom < top, and a gap to the next bottom"
         )
