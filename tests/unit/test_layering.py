@@ -42,7 +42,7 @@ DOORS = {
     "fmpy": ("inkloop.fmu",),
     "casadi": ("inkloop_controller.program", "inkloop_controller.model.symbolic_layer"),
     **dict.fromkeys(("can", "cantools", "isotp", "udsoncan", "e2e"), ("inkloop_hardware",)),
-    **dict.fromkeys(("tifffile", "sdfio", "SurfaceTopography"), ("inkloop.metrology",)),
+    **dict.fromkeys(("PIL", "tifffile", "sdfio", "SurfaceTopography"), ("inkloop.metrology",)),
     "skfem": ("inkloop.studies.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
 }

@@ -43,7 +43,7 @@ def read(
     invalid_value: float | None = None,
     rows_along: Literal["x", "y"] | None = None,
 ) -> HeightMap:
-    """The map in a file: CSV, NPY, NPZ, TIFF, PNG, BMP, SDF, and with `inkloop[metrology]` SUR, X3P and some 40 formats more.
+    """The map in a file: CSV, NPY, NPZ, TIFF, PNG, BMP, SDF; with `inkloop[metrology]` SUR, X3P and some 40 more.
 
     unit: of the heights, "nm", "um", "mm" or "m"; pixel: size, or (dx, dy) [m]; both may be left to a file that states
     them, and may not contradict it. scale: height of one count in `unit`, for files of whole-number counts.

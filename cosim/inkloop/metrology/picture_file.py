@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageSequence
+from PIL import Image, ImageSequence, UnidentifiedImageError
 
 from inkloop.errors import HeightMapError
 from inkloop.limits import memory_error
@@ -38,9 +38,11 @@ def grey_pages(path: Path) -> Iterator[NDArray[Any]]:
                 yield _grey(place, page)
     except Image.DecompressionBombError as error:
         raise HeightMapError(f"{path}: {error}; save it in parts, or with fewer pixels") from error
-    except Image.UnidentifiedImageError as error:
+    except UnidentifiedImageError as error:
         raise HeightMapError(f"{path}: is no picture; expected PNG, TIFF or BMP") from error
-    except (SyntaxError, ValueError, EOFError) as error:  # of Pillow, on bytes that are cut off or altered
+    except (OSError, SyntaxError, ValueError, EOFError) as error:  # of Pillow, on bytes that are cut off or altered
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
         raise HeightMapError(f"{path}: is damaged ({error}); save it again") from error
 
 

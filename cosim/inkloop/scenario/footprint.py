@@ -38,7 +38,10 @@ class Footprint:
 
     @classmethod
     def of(cls, tables: ScenarioFile, height: float) -> Footprint:
-        """The footprint of a scenario whose part is `height` [m] high: of the run that takes most memory, and of the files of all of them."""
+        """The footprint of a scenario: of the run that takes most memory, and of the files of all of them.
+
+        height: of the part [m].
+        """
         layers = _layers(tables, height)
         kinds = [{name: table.kind for name, table in tables.components.items()}]
         kinds += [

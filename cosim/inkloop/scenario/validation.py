@@ -38,7 +38,7 @@ def part_errors(tables: ScenarioFile, solid: Solid, target: Target) -> list[str]
     if not target.mask.any():
         errors.append(_why_nothing_is_printed(solid))
     if tables.support is not None and solid.region is not None:
-        errors.append("part has two inks, and support takes ink B for itself; leave support out, or print in ink A alone")
+        errors.append("part has two inks, and support takes ink B for itself; leave out support, or one ink")
     margin, reaches = 0 if tables.support is None else tables.support.margin_cells, solid.bounds
     crosses_block = tables.support is not None and not np.isfinite(reaches).all()  # as pipes without end do
     if not crosses_block and _is_beyond(tables.grid, margin, reaches):

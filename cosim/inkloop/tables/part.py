@@ -10,7 +10,6 @@ from pydantic import Field
 
 from inkloop.geometry import Columns
 from inkloop.tables.part_images import HeightMapTable, StackTable
-from inkloop.tables.part_mesh import MeshTable
 from inkloop.tables.shapes import CuboidTable, CylinderTable, Grid, PipeJunctionTable, StaircaseTable, Table
 from inkloop.tables.solid import Bounds, PartError, Solid, nothing
 
@@ -41,11 +40,10 @@ class CombineTable(Table):
             raise PartError(errors)
         bodies = [_on_grid(solid, grid) for solid in solids]
         in_a = [_of_ink_a(solid, body, grid) for solid, body in zip(solids, bodies, strict=True)]
-        has_two = self.inks is not None or any(solid.region is not None for solid in solids)
+        has_two = any(solid.region is not None for solid in solids)
         if self.inks is not None:
-            in_a = [
-                body if ink == "A" else nothing(*_grid(grid)) for ink, body in zip(self.inks, bodies, strict=True)
-            ]
+            has_two = "B" in self.inks
+            in_a = [body if ink == "A" else nothing(*_grid(grid)) for ink, body in zip(self.inks, bodies, strict=True)]
         body, of_a = _OPERATIONS[self.op](bodies, in_a)
         remarks = tuple(
             f"parts.[{number}]: {remark}" for number, solid in enumerate(solids) for remark in solid.remarks
@@ -54,16 +52,10 @@ class CombineTable(Table):
 
 
 Part: TypeAlias = Annotated[
-    CylinderTable
-    | CuboidTable
-    | StaircaseTable
-    | PipeJunctionTable
-    | MeshTable
-    | StackTable
-    | HeightMapTable
-    | CombineTable,
+    CylinderTable | CuboidTable | StaircaseTable | PipeJunctionTable | StackTable | HeightMapTable | CombineTable,
     Field(discriminator="shape"),
 ]
+CombineTable.model_rebuild()  # now that the types of its parts are known
 
 
 def _grid(grid: Grid) -> tuple[int, int, float]:

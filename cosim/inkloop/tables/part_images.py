@@ -19,7 +19,6 @@ from inkloop.metrology.cell_means import cell_means
 from inkloop.metrology.file_names import name_errors, numbered_files
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_file import read
-from inkloop.metrology.picture_file import grey_pages
 from inkloop.metrology.registration import Registration
 from inkloop.tables.shapes import Grid, Length, PlacedTable, Position
 from inkloop.tables.solid import Bounds, PartError, Solid
@@ -62,8 +61,8 @@ class StackTable(PlacedTable):
             raise PartError([f"files: {error}"]) from error
         except OSError as error:
             raise PartError([f"files: {error.filename} cannot be read: {error.strerror or error}"]) from error
-        has_two = "B" in self.inks.values()
-        return Solid(columns, pages.bounds(), by_ink[0] if has_two else None, tuple(pages.remarks()))
+        of_a, of_b = by_ink
+        return Solid(columns, pages.bounds(), of_a if of_b.mask.any() else None, tuple(pages.remarks()))
 
     def _files(self, folder: Path) -> list[Path]:
         """The files in order. Raises PartError, OSError."""
@@ -99,6 +98,8 @@ class _Pages:
 
     def labels(self, paths: list[Path]) -> Iterator[Labels]:
         """(nx, ny) of each slice: 0 none, 1 ink A, 2 ink B. Raises PartError, HeightMapError, OSError."""
+        from inkloop.metrology.picture_file import grey_pages
+
         for path in paths:
             for number, page in enumerate(grey_pages(path), start=1):
                 place = path.name if len(paths) > 1 or number == 1 else f"{path.name}, page {number}"
@@ -239,8 +240,6 @@ def _bounds(map_: HeightMap, registration: Registration, lowest: float) -> Bound
     i, j = np.nonzero(map_.z > lowest)
     if not i.size:
         return Bounds(0.0, 0.0, 0.0, 0.0)
-    x, y = registration.to_grid(i * map_.dx, j * map_.dy)
+    x, y = registration.to_grid(map_.dx * i.astype(np.float64), map_.dy * j.astype(np.float64))
     across, along = (np.abs(registration.matrix) @ (map_.dx, map_.dy)) / 2
-    return Bounds(
-        float(x.min() - across), float(x.max() + across), float(y.min() - along), float(y.max() + along)
-    )
+    return Bounds(float(x.min() - across), float(x.max() + across), float(y.min() - along), float(y.max() + along))

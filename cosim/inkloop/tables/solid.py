@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from inkloop.component import Geometry
 from inkloop.geometry import Columns, Shape
 
@@ -42,4 +44,4 @@ class PartError(Exception):
 
 def nothing(nx: int, ny: int, pitch: float) -> Columns:
     """No material on any cell."""
-    return Columns.of_intervals(nx, ny, pitch, [], [], [])
+    return Columns(nx, ny, pitch, np.zeros(nx * ny + 1, np.int64), np.zeros(0), np.zeros(0))
