@@ -10,6 +10,7 @@ from pydantic import Field
 
 from inkloop.geometry import Columns
 from inkloop.tables.part_images import HeightMapTable, StackTable
+from inkloop.tables.part_mesh import MeshTable
 from inkloop.tables.shapes import CuboidTable, CylinderTable, Grid, PipeJunctionTable, StaircaseTable, Table
 from inkloop.tables.solid import Bounds, PartError, Solid, nothing
 
@@ -52,7 +53,14 @@ class CombineTable(Table):
 
 
 Part: TypeAlias = Annotated[
-    CylinderTable | CuboidTable | StaircaseTable | PipeJunctionTable | StackTable | HeightMapTable | CombineTable,
+    CylinderTable
+    | CuboidTable
+    | StaircaseTable
+    | PipeJunctionTable
+    | MeshTable
+    | StackTable
+    | HeightMapTable
+    | CombineTable,
     Field(discriminator="shape"),
 ]
 CombineTable.model_rebuild()  # now that the types of its parts are known
