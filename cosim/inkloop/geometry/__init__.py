@@ -1,7 +1,12 @@
-"""Parts in space: analytic shapes, and columns of height intervals that anything else becomes."""
+"""Parts in space: analytic shapes, and columns of height intervals that meshes, images and combinations become.
+
+The libraries that read meshes are imported when `load` meets their format.
+"""
 
 from inkloop.geometry.cells import cell_centers
 from inkloop.geometry.columns import Columns
+from inkloop.geometry.mesh import load, load_inks
+from inkloop.geometry.placement import Placement
 from inkloop.geometry.shapes import TOLERANCE_M, Cuboid, Cylinder, PipeJunction, Shape, Staircase, contained
 
 __all__ = [
@@ -10,8 +15,11 @@ __all__ = [
     "Cuboid",
     "Cylinder",
     "PipeJunction",
+    "Placement",
     "Shape",
     "Staircase",
     "cell_centers",
     "contained",
+    "load",
+    "load_inks",
 ]

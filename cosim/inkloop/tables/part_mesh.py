@@ -69,6 +69,8 @@ class MeshTable(PlacedTable):
     def placed(self, bodies: Sequence[Body], grid: Grid) -> tuple[Body, ...]:
         """Bodies of the file where the table puts them. Raises PartError."""
         is_moved = self.center_x_um is not None or self.center_y_um is not None
+        if is_moved and self.place == "as-is":
+            raise PartError(['center_x_um, center_y_um: place is "as-is", which moves nothing; leave one of them out'])
         try:
             placement = Placement(
                 self.place,
