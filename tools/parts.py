@@ -53,7 +53,7 @@ def drilled(center: tuple[float, float], half: float, radius: float, bottom: flo
 
 def bracket() -> Triangles:
     """An L of two arms with a hole in each, and a rib along its outer edges; bodies that touch and overlap."""
-    plate, rib = 0.16, 0.304
+    plate, rib = 0.114, 0.228
     return np.concatenate(
         [
             drilled((0.6, 2.4), 0.6, 0.32, 0.0, plate),
@@ -84,16 +84,15 @@ def logo() -> Mapping[str, list[Triangles]]:
 
 def lithophane() -> NDArray[np.uint8]:
     """A moon over water in grey values, the first row at the top: thick where light shall not pass."""
-    rows, columns = 60, 72
+    rows, columns = 40, 48
     y, x = np.mgrid[0:rows, 0:columns]
-    sky = 150.0 - 40.0 * y / rows
-    moon = np.hypot(x - 46, y - 17)
-    craters = 35.0 * (np.hypot(x - 42, y - 14) < 3.5) + 30.0 * (np.hypot(x - 50, y - 20) < 2.5)
-    picture = np.where(moon < 11.5, 25.0 + craters, sky - 45.0 * np.exp(-np.maximum(moon - 11.5, 0.0) / 8.0))
-    water = 190.0 + 30.0 * np.sin(0.9 * (y - 38) + 0.6 * np.sin(0.35 * x)) - 90.0 * np.exp(-(((x - 46) / 7.0) ** 2))
-    picture = np.where(y >= 38, water, picture)
-    hill = y > 34.0 - 9.0 * np.exp(-(((x - 12) / 11.0) ** 2))
-    return np.where(hill & (y < 38), 235.0, picture).clip(0.0, 255.0).astype(np.uint8)
+    moon = np.hypot(x - 31.0, y - 11.0)
+    craters = 50.0 * (np.hypot(x - 28.0, y - 9.0) < 2.4) + 40.0 * (np.hypot(x - 33.5, y - 14.0) < 1.8)
+    sky = 160.0 - y - 45.0 * np.exp(-np.maximum(moon - 7.6, 0.0) / 5.0)
+    water = 190.0 + 30.0 * np.sin(1.3 * (y - 25)) - 100.0 * np.exp(-(((x - 31.0) / 4.5) ** 2))
+    picture = np.where(y >= 25, water, np.where(moon < 7.6, 25.0 + craters, sky))
+    hill = (y < 25) & (y > 23.0 - 7.0 * np.exp(-(((x - 8.0) / 7.0) ** 2)))
+    return np.where(hill, 235.0, picture).clip(0.0, 255.0).astype(np.uint8)
 
 
 def stl(triangles: Triangles) -> bytes:
