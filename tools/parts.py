@@ -123,8 +123,9 @@ def three_mf(parts: Mapping[str, list[Triangles]]) -> list[tuple[str, str]]:
         '<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>\n'
     )
     relations = (
-        f'<?xml version="1.0" encoding="UTF-8"?>\n<Relationships xmlns="{package}/relationships"><Relationship Id="model" '
-        'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel" Target="/3D/part.model"/></Relationships>\n'
+        f'<?xml version="1.0" encoding="UTF-8"?>\n<Relationships xmlns="{package}/relationships">'
+        '<Relationship Id="model" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel" '
+        'Target="/3D/part.model"/></Relationships>\n'
     )
     return [("[Content_Types].xml", types), ("_rels/.rels", relations), ("3D/part.model", model)]
 
@@ -162,11 +163,13 @@ def _walls(begin: NDArray[np.float64], end: NDArray[np.float64], bottom: float, 
     return np.concatenate([np.stack([low[0], low[1], high[1]], axis=1), np.stack([low[0], high[1], high[0]], axis=1)])
 
 
-def _corner(first: NDArray[np.float64], second: NDArray[np.float64], center: Sequence[float]) -> list[NDArray[np.float64]]:
+def _corner(
+    first: NDArray[np.float64], second: NDArray[np.float64], center: tuple[float, float]
+) -> list[NDArray[np.float64]]:
     """The corner of a square between two points of its edge, if there is one."""
-    is_same_side = np.isclose(first, second, rtol=0.0, atol=1e-12).any()
-    far = [max(one, other, key=lambda value: abs(value - at)) for one, other, at in zip(first, second, center, strict=True)]
-    return [] if is_same_side else [np.array(far)]
+    if np.isclose(first, second, rtol=0.0, atol=1e-12).any():
+        return []
+    return [np.where(np.abs(first - center) > np.abs(second - center), first, second)]
 
 
 def _object(number: int, name: str, triangles: Triangles) -> str:

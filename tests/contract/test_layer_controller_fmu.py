@@ -11,9 +11,8 @@ import pytest
 
 from inkloop.component import Component, Ink, Job, Status
 from inkloop.components import catalog
-from inkloop.components.job_parameters import region_intervals
-from inkloop.errors import ComponentError, ScenarioError
-from inkloop.geometry import Cuboid, PipeJunction, cell_centers, contained
+from inkloop.errors import ComponentError
+from inkloop.geometry import PipeJunction
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import SECOND, block, cylinder, inputs_of, print_part
 from support.fmus.fmu_driver import DISCARD, ERROR, FORMS, OK, Driver
@@ -317,29 +316,6 @@ def test_two_inks_on_a_grey_head_in_four_passes_are_those_of_the_python_controll
 def test_second_ink_without_a_region_is_never_jetted() -> None:
     job = block(inks=TWO_INKS)
     assert assert_same_print(*twins(job, {}), job) > 3
-
-
-@pytest.mark.parametrize("job", [pipes(), block(inks=TWO_INKS, region=Cuboid(9e-4, 9e-4, 1e-3, 1e-3, 20e-6))])
-def test_intervals_of_a_region_are_the_heights_it_contains(job: Job) -> None:
-    maps, generator = region_intervals(job), np.random.default_rng(0)
-    x, y = cell_centers(job.nx, job.ny, job.pitch)
-    for z in [*generator.uniform(-10e-6, 90e-6, (200, job.nx, job.ny)), *maps.values()]:
-        for asked in (z, np.nextafter(z, 1.0), np.nextafter(z, -1.0)):
-            inside = [(maps[f"region_bottom_{k}"] <= asked) & (asked <= maps[f"region_top_{k}"]) for k in (1, 2)]
-            near = np.abs(asked) < 0.5
-            np.testing.assert_array_equal((inside[0] | inside[1])[near], job.region.contains(x, y, asked)[near])
-
-
-def test_region_of_many_intervals_is_refused_with_a_message() -> None:
-    class Stripes:
-        def contains(self, x: Any, y: Any, z: Any) -> Any:
-            return contained(self.intervals(x, y), z)
-
-        def intervals(self, x: Any, y: Any) -> Any:
-            return [(np.full_like(x, k * 10e-6), np.full_like(x, k * 10e-6 + 5e-6)) for k in range(3)]
-
-    with pytest.raises(ScenarioError, match="intervals of height on a cell; needs at most 2; take 'LayerMpc'"):
-        catalog.make("LayerController", block(inks=TWO_INKS, region=Stripes()), {})
 
 
 @EVERY_FORM

@@ -13,6 +13,7 @@ from inkloop_controller.core.structs import (
     EstimateStruct,
     EstimatorOptionsStruct,
     FinishStruct,
+    InkRegionsStruct,
     InkStruct,
     JettedLayerStruct,
     LoopTrustStruct,
@@ -29,7 +30,7 @@ from inkloop_controller.core.structs import (
 )
 
 VARIABLE = "INKLOOP_CORE_LIB"
-_INTERFACE = 5  # CORE_INTERFACE of inkloop_core.h
+_INTERFACE = 6  # CORE_INTERFACE of inkloop_core.h
 _GRID = (ctypes.c_size_t, ctypes.c_size_t)
 
 
@@ -55,6 +56,10 @@ _ENTRY_POINTS = {
     "inkloop_plan": (
         ctypes.c_int32,
         (_PROBLEM, ctypes.POINTER(PlanWorkStruct), INTEGERS, ctypes.POINTER(PlanReportStruct)),
+    ),
+    "inkloop_ink_choices": (
+        None,
+        (ctypes.POINTER(InkRegionsStruct), ctypes.c_size_t, REALS, ctypes.c_size_t, INTEGERS),
     ),
     "inkloop_finish": (None, (ctypes.c_int32, ctypes.POINTER(FinishStruct))),
     "inkloop_relax": (

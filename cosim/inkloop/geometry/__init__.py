@@ -6,6 +6,7 @@ The libraries that read meshes are imported when `load` meets their format.
 from inkloop.geometry.cells import cell_centers
 from inkloop.geometry.columns import Columns
 from inkloop.geometry.mesh import load, load_inks
+from inkloop.geometry.overhang import Overhangs, overhangs, resting, support_below
 from inkloop.geometry.placement import Placement
 from inkloop.geometry.shapes import TOLERANCE_M, Cuboid, Cylinder, PipeJunction, Shape, Staircase, contained
 
@@ -14,6 +15,7 @@ __all__ = [
     "Columns",
     "Cuboid",
     "Cylinder",
+    "Overhangs",
     "PipeJunction",
     "Placement",
     "Shape",
@@ -22,4 +24,7 @@ __all__ = [
     "contained",
     "load",
     "load_inks",
+    "overhangs",
+    "resting",
+    "support_below",
 ]

@@ -136,7 +136,9 @@ def _placed(
     return bodies
 
 
-def closed_columns(source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, open_columns: OpenColumns) -> Columns:
+def closed_columns(
+    source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, open_columns: OpenColumns
+) -> Columns:
     """Columns without an open one. Raises GeometryError for too many, and for bodies that are inside out."""
     found = mesh_columns(bodies, nx, ny, pitch)
     limit = OPEN_MAX * found.occupied

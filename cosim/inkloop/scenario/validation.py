@@ -17,10 +17,10 @@ from inkloop.component import HasPorts, Job, Ports, is_device, is_shadow
 from inkloop.components import catalog
 from inkloop.components.kind import Checked
 from inkloop.contract import HEIGHT, LAYERS_PRINTED, LAYERS_SCANNED, has_port
-from inkloop.geometry import Columns
+from inkloop.geometry import Columns, overhangs, resting
 from inkloop.master.wiring import Connection, find
 from inkloop.scenario.events import find_event_port
-from inkloop.tables.job import Target
+from inkloop.tables.job import Target, is_supported
 from inkloop.tables.schema import ScenarioFile
 from inkloop.tables.shapes import Grid
 from inkloop.tables.solid import Bounds, Solid
@@ -34,15 +34,17 @@ EMPTY_CELLS = 2
 
 def part_errors(tables: ScenarioFile, solid: Solid, target: Target) -> list[str]:
     """Errors of the part on its grid."""
-    errors = []
-    if not target.mask.any():
+    grid = tables.grid
+    errors = [] if tables.support is not None else _overhang_errors(solid.columns(grid.nx, grid.ny, grid.pitch))
+    if not target.mask.any() and not errors:
         errors.append(_why_nothing_is_printed(solid))
-    if tables.support is not None and solid.region is not None:
+    has_support, reaches = is_supported(tables), solid.bounds
+    if has_support and solid.region is not None:
         errors.append("part has two inks, and support takes ink B for itself; leave out support, or one ink")
-    margin, reaches = 0 if tables.support is None else tables.support.margin_cells, solid.bounds
-    crosses_block = tables.support is not None and not np.isfinite(reaches).all()  # as pipes without end do
-    if not crosses_block and _is_beyond(tables.grid, margin, reaches):
-        errors.append(_too_wide(tables.grid, margin, reaches))
+    margin = tables.support.margin_cells if has_support and tables.support else 0
+    crosses_block = has_support and not np.isfinite(reaches).all()  # as pipes without end do
+    if not crosses_block and _is_beyond(grid, margin, reaches):
+        errors.append(_too_wide(grid, margin, reaches))
     return errors
 
 
@@ -77,6 +79,20 @@ def _too_wide(grid: Grid, margin: int, bounds: Bounds) -> str:
         f"part reaches beyond {place}: it is {size} um wide; with {counts} it fits in the middle with "
         f"{max(margin, EMPTY_CELLS)} empty cells around it; or move it, or make it smaller"
     )
+
+
+def _overhang_errors(part: Columns) -> list[str]:
+    """The error of a part that hangs in the air, in a file that does not say what is to hold it."""
+    found = overhangs(part)
+    if found is None:
+        return []
+    rest = int(resting(part).mask.sum())
+    alone = f', or kind = "none" to print alone what rests on the substrate ({rest} cells)' if rest else ""
+    return [
+        f"part: {found.cells} cells ({found.share:.1%}) have nothing below them, first at {found.first} from "
+        f"{found.bottom * UM_PER_M:.4g} um, up to {found.tallest * UM_PER_M:.4g} um of air; a droplet cannot hang: add "
+        f'[support] with kind = "below-overhangs" or "around", which print ink B there{alone}'
+    ]
 
 
 def known_ports(checked: Mapping[str, Checked]) -> tuple[dict[str, Ports], list[str]]:

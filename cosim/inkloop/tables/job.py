@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, FloatMap, Geometry, Ink, Job
 from inkloop.contract import PassOrder
-from inkloop.geometry import TOLERANCE_M, Columns, cell_centers
+from inkloop.geometry import cell_centers, resting, support_below
 from inkloop.tables.schema import Inks, InkTable, ScenarioFile
 from inkloop.tables.solid import Solid
 
@@ -33,28 +33,9 @@ class Target:
 
 def target_of(tables: ScenarioFile, solid: Solid) -> Target:
     """The target of a part, with its support where the scenario has one."""
-    grid, shape = tables.grid, solid.shape
-    x, y = cell_centers(grid.nx, grid.ny, grid.pitch)
-    if tables.support is None:
-        mask, top = resting(shape) if isinstance(shape, Columns) else (shape.contains(x, y, 0.0 * x), shape.top(x, y))
-        region = solid.region
-    else:
-        top = np.full_like(x, shape.height)
-        mask = np.zeros((grid.nx, grid.ny), dtype=np.bool_)
-        margin = tables.support.margin_cells
-        mask[margin : grid.nx - margin, margin : grid.ny - margin] = True
-        region = shape
+    mask, top = _printed(tables, solid)
+    region = solid.shape if is_supported(tables) else solid.region
     return Target(_frozen(mask), _frozen(np.where(mask, top, 0.0)), 1 if region is None else 2, region)
-
-
-def resting(columns: Columns) -> tuple[BoolMap, FloatMap]:
-    """Cells whose lowest interval stands on the substrate, and the top of that interval [m], each (nx, ny)."""
-    first, filled = columns.offsets[:-1], columns.counts.ravel() > 0
-    mask, top = np.zeros(filled.size, np.bool_), np.zeros(filled.size)
-    mask[filled] = columns.bottoms[first[filled]] <= TOLERANCE_M
-    top[mask] = columns.tops[first[mask]]
-    shape = columns.nx, columns.ny
-    return mask.reshape(shape), top.reshape(shape)
 
 
 def job_of(tables: ScenarioFile, target: Target, component: str) -> Job:
@@ -74,6 +55,28 @@ def job_of(tables: ScenarioFile, target: Target, component: str) -> Job:
         seed=component_seed(tables.seed, component),
         height_start=None if (start := _height_start(tables)) is None else _frozen(start),
     )
+
+
+def is_supported(tables: ScenarioFile) -> bool:
+    """Whether ink B is printed to hold the part."""
+    return tables.support is not None and tables.support.kind != "none"
+
+
+def _printed(tables: ScenarioFile, solid: Solid) -> tuple[BoolMap, FloatMap]:
+    """The cells that are printed, in one ink or two, and up to where [m]; beyond them any height."""
+    grid, support, shape = tables.grid, tables.support, solid.shape
+    x, y = cell_centers(grid.nx, grid.ny, grid.pitch)
+    part = solid.columns(grid.nx, grid.ny, grid.pitch)
+    if support is None or support.kind == "none":
+        stands = resting(part)
+        return stands.mask, np.minimum(stands.top(x, y), shape.top(x, y))
+    mask = np.zeros((grid.nx, grid.ny), dtype=np.bool_)
+    margin = support.margin_cells
+    mask[margin : grid.nx - margin, margin : grid.ny - margin] = True
+    if support.kind == "around":
+        return mask, np.full_like(x, shape.height)
+    held = resting(part | support_below(part))
+    return mask & held.mask, np.minimum(held.top(x, y), shape.top(x, y))
 
 
 def component_seed(seed: int, component: str) -> int:

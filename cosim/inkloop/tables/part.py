@@ -12,7 +12,7 @@ from inkloop.geometry import Columns
 from inkloop.tables.part_images import HeightMapTable, StackTable
 from inkloop.tables.part_mesh import MeshTable
 from inkloop.tables.shapes import CuboidTable, CylinderTable, Grid, PipeJunctionTable, StaircaseTable, Table
-from inkloop.tables.solid import Bounds, PartError, Solid, nothing
+from inkloop.tables.solid import Bounds, PartError, Solid, nothing, on_grid
 
 
 class CombineTable(Table):
@@ -39,8 +39,8 @@ class CombineTable(Table):
                 errors += [f"parts.[{number}].{wrong}" for wrong in error.errors]
         if errors:
             raise PartError(errors)
-        bodies = [_on_grid(solid, grid) for solid in solids]
-        in_a = [_of_ink_a(solid, body, grid) for solid, body in zip(solids, bodies, strict=True)]
+        bodies = [solid.columns(*_grid(grid)) for solid in solids]
+        in_a = [on_grid(solid.region or body, *_grid(grid)) for solid, body in zip(solids, bodies, strict=True)]
         has_two = any(solid.region is not None for solid in solids)
         if self.inks is not None:
             has_two = "B" in self.inks
@@ -68,17 +68,6 @@ CombineTable.model_rebuild()  # now that the types of its parts are known
 
 def _grid(grid: Grid) -> tuple[int, int, float]:
     return grid.nx, grid.ny, grid.pitch
-
-
-def _on_grid(solid: Solid, grid: Grid) -> Columns:
-    return solid.shape if isinstance(solid.shape, Columns) else Columns.of_shape(solid.shape, *_grid(grid))
-
-
-def _of_ink_a(solid: Solid, body: Columns, grid: Grid) -> Columns:
-    """The columns of ink A in a part."""
-    if solid.region is None:
-        return body
-    return solid.region if isinstance(solid.region, Columns) else Columns.of_shape(solid.region, *_grid(grid))
 
 
 def _union(bodies: list[Columns], in_a: list[Columns]) -> tuple[Columns, Columns]:

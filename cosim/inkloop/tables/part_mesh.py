@@ -16,7 +16,7 @@ from inkloop.geometry.mesh_file import read_bodies
 from inkloop.geometry.placement import Placement
 from inkloop.tables.shapes import Grid, Length, PlacedTable, Position
 from inkloop.tables.solid import Bounds, PartError, Solid
-from inkloop.units import M_PER_UM, UM_PER_M
+from inkloop.units import UM_PER_M
 
 _LISTED = 3
 
@@ -44,7 +44,7 @@ class MeshTable(PlacedTable):
     )
     open_columns: OpenColumns = Field(
         default="refuse",
-        description='columns of cells that holes of the surface leave open: "refuse", or "neighbours" fills up to 0.1 %',
+        description='columns of cells that holes leave open: "refuse", or "neighbours" fills up to 0.1 % of them',
     )
 
     def solid(self, grid: Grid, folder: Path) -> Solid:

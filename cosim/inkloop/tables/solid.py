@@ -33,6 +33,10 @@ class Solid:
     region: Geometry | None = None
     remarks: tuple[str, ...] = ()
 
+    def columns(self, nx: int, ny: int, pitch: float) -> Columns:
+        """The shape over the cells of the grid."""
+        return on_grid(self.shape, nx, ny, pitch)
+
 
 class PartError(Exception):
     """A part that cannot be made; `errors` holds one sentence each, with the key of `[part]` in front."""
@@ -40,6 +44,11 @@ class PartError(Exception):
     def __init__(self, errors: Sequence[str]) -> None:
         self.errors = tuple(errors)
         super().__init__("; ".join(self.errors))
+
+
+def on_grid(shape: Geometry, nx: int, ny: int, pitch: float) -> Columns:
+    """A shape over the cells of the grid; columns are taken as they are."""
+    return shape if isinstance(shape, Columns) else Columns.of_shape(shape, nx, ny, pitch)
 
 
 def nothing(nx: int, ny: int, pitch: float) -> Columns:

@@ -110,7 +110,7 @@ def test_fingerprint_changes_with_what_the_binary_must_know() -> None:
     same = definition.load(text.replace("Simulation time", "Time"), DEFINITION)
     other = definition.load(text.replace("max = 2, terminal", "max = 3, terminal"), DEFINITION)
     assert model.fingerprint == same.fingerprint != other.fingerprint
-    assert model.token(4, 5, resizable=False) == f"LayerDeposition-{model.fingerprint}-4x5"
+    assert model.token({"nx": 4, "ny": 5}, resizable=False) == f"LayerDeposition-{model.fingerprint}-4x5"
 
 
 def test_every_error_of_a_definition_is_reported() -> None:
