@@ -16,11 +16,13 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print a summary of a valid scenario; returns the exit code."""
+    """Print warnings and a summary of a valid scenario; returns the exit code."""
     from inkloop.printing.run import RUNS
 
     with scenario_of(options) as scenario:
         scenario.footprint.check_disk(RUNS)
+        for remark in scenario.solid.remarks:
+            print(f"{options.scenario}: warning: part: {remark}")
         grid = scenario.tables.grid
         printed = int(scenario.job().mask.sum())
         print(
