@@ -67,7 +67,9 @@ def add_windows(parser: argparse.ArgumentParser) -> None:
 def add_part_options(parser: argparse.ArgumentParser) -> None:
     """What the file of a part may leave open, and the pitch of a grid for it."""
     parser.add_argument("--pitch-um", type=float, metavar="P", help="size of a cell (default: by the size of the part)")
-    parser.add_argument("--unit", metavar="U", help="unit of the file: um, mm ... (default: its own; of a mesh else mm)")
+    parser.add_argument(
+        "--unit", metavar="U", help="unit of the file: um, mm ... (default: its own; of a mesh else mm)"
+    )
     parser.add_argument("--pixel-um", type=float, metavar="D", help="pixel spacing of a height map that states none")
     parser.add_argument("--count-scale", type=float, metavar="H", help="height of one count, for whole-number maps")
 

@@ -34,7 +34,7 @@ def write(name: Path, shape: str) -> Path:
 
 
 def write_for_part(name: Path, file: PartFile, pitch_um: float | None = None) -> tuple[Path, FittedPart]:
-    """Write NAME.toml that prints the part in a file; its path and the part. Raises ScenarioError, overwrites nothing."""
+    """Write NAME.toml that prints the part in a file; its path and the part. Raises ScenarioError."""
     path = _free(name)
     part = fit(file, pitch_um)
     return _written(path, text_for_part(path, file, part)), part
@@ -57,7 +57,9 @@ def text_for_part(path: Path, file: PartFile, part: FittedPart) -> str:
     support = '[support]\nkind = "below-overhangs"   # or "around"' if part.hangs else "# [support]\n# margin_cells = 2"
     lines += ["", support, ""]
     text = _titled(path).replace("# {part}\n", "\n".join(lines))
-    text = text.replace("nx = 16\nny = 16\n# pitch_um = 263.256 ", f"nx = {grid.nx}\nny = {grid.ny}\npitch_um = {grid.pitch_um:g} ")
+    text = text.replace(
+        "nx = 16\nny = 16\n# pitch_um = 263.256 ", f"nx = {grid.nx}\nny = {grid.ny}\npitch_um = {grid.pitch_um:g} "
+    )
     enough = _LAYERS_FACTOR * layers
     if enough > RunTable.model_fields["layers_max"].default:
         text = text.replace("# [run]\n", f"[run]\nlayers_max = {enough}\n").replace("# layers_max = 1000\n", "")

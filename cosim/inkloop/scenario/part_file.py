@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import tomlkit
 from pydantic import ValidationError
+from tomlkit.exceptions import TOMLKitError
 
 from inkloop.errors import GeometryError, ScenarioError
 from inkloop.geometry import overhangs
-from inkloop.geometry.body import bounds
+from inkloop.geometry.body import Body, bounds
 from inkloop.geometry.mesh_file import read_bodies
 from inkloop.scenario.validation import EMPTY_CELLS
 from inkloop.tables.messages import sentence
@@ -33,7 +35,10 @@ CELLS_MIN = 40
 
 @dataclass(frozen=True)
 class PartFile:
-    """A file that holds a part. pixel_um, count_scale: of a height map that states no size and no unit of its counts."""
+    """A file that holds a part.
+
+    pixel_um, count_scale: of a height map that states no size of its pixels, or holds whole numbers.
+    """
 
     path: Path
     unit: str | None = None
@@ -50,11 +55,21 @@ class PartFile:
         """Whether nothing states the unit of its coordinates."""
         return self.is_mesh and self.unit is None and self.path.suffix.lower() != ".3mf"
 
+    @property
+    def mesh_unit(self) -> str | None:
+        """Unit of a mesh; None: the file states it."""
+        return ASSUMED_UNIT if self.assumes_unit else self.unit
+
     def keys(self, file: str) -> dict[str, Any]:
         """The keys of `[part]`; file: its path as the scenario names it."""
         shape = "mesh" if self.is_mesh else "height-map"
-        unit = ASSUMED_UNIT if self.assumes_unit else self.unit
-        keys = {"shape": shape, "file": file, "unit": unit, "pixel_um": self.pixel_um, "count_scale": self.count_scale}
+        keys = {
+            "shape": shape,
+            "file": file,
+            "unit": self.mesh_unit,
+            "pixel_um": self.pixel_um,
+            "count_scale": self.count_scale,
+        }
         return {key: value for key, value in keys.items() if value is not None}
 
     def table(self) -> MeshTable | HeightMapTable:
@@ -92,6 +107,16 @@ def fit(file: PartFile, pitch_um: float | None) -> FittedPart:
         raise ScenarioError(str(file.path), error.errors) from error
     hangs = overhangs(solid.columns(nx, ny, grid.pitch)) is not None
     return FittedPart(grid, solid, (width, depth, solid.shape.height * UM_PER_M), names, hangs)
+
+
+def mesh_of_scenario(path: Path) -> tuple[Body, ...] | None:
+    """The bodies of a scenario whose part is a mesh, as it places them; None for any other, and for one with errors."""
+    try:
+        raw = tomlkit.parse(path.read_text(encoding="utf-8")).unwrap()
+        table, grid = MeshTable.model_validate(raw["part"]), Grid.model_validate(raw["grid"])
+        return table.placed(read_bodies(path.parent / table.file, table.unit), grid)
+    except (OSError, UnicodeDecodeError, TOMLKitError, KeyError, ValidationError, GeometryError, PartError):
+        return None  # reported, where it is an error, with all others of the scenario
 
 
 def expected_layers(height: float) -> int:
