@@ -11,6 +11,7 @@ import tomlkit
 from pydantic import ValidationError
 from tomlkit.exceptions import TOMLKitError
 
+from inkloop.component import Ink
 from inkloop.errors import GeometryError, ScenarioError
 from inkloop.geometry import overhangs
 from inkloop.geometry.body import Body, bounds
@@ -121,7 +122,7 @@ def mesh_of_scenario(path: Path) -> tuple[Body, ...] | None:
 
 def expected_layers(height: float) -> int:
     """Full layers of the default ink in a height [m]."""
-    ink = ScenarioFile.model_fields["ink"].default.a.ink
+    ink: Ink = ScenarioFile.model_fields["ink"].default.a.ink
     return math.ceil(height / ink.layer_height)
 
 
