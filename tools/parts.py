@@ -68,7 +68,7 @@ def bracket() -> Triangles:
 
 def logo() -> Mapping[str, list[Triangles]]:
     """A plate with the word "ink" through it, by material; the letters are cut out of the plate by its ink alone."""
-    height = 0.12
+    height = 0.076
     letters = [
         box((0.4, 0.8), (0.4, 1.6), 0.0, height),
         box((0.4, 0.8), (1.9, 2.3), 0.0, height),

@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, FloatMap, Geometry, Ink, Job
 from inkloop.contract import PassOrder
-from inkloop.geometry import cell_centers, resting, support_below
+from inkloop.geometry import Columns, cell_centers, resting, support_below
+from inkloop.geometry.overhang import GAP_M
 from inkloop.tables.schema import Inks, InkTable, ScenarioFile
 from inkloop.tables.solid import Solid
 
+FAR_M = 1.0
+"""Stands for no end of a region of ink."""
 T = TypeVar("T", bound=np.generic)
 
 
@@ -34,7 +37,9 @@ class Target:
 def target_of(tables: ScenarioFile, solid: Solid) -> Target:
     """The target of a part, with its support where the scenario has one."""
     mask, top = _printed(tables, solid)
-    region = solid.shape if is_supported(tables) else solid.region
+    region: Geometry | None = solid.shape
+    if not is_supported(tables):
+        region = None if solid.region is None else _without_ends(solid.region, top)
     return Target(_frozen(mask), _frozen(np.where(mask, top, 0.0)), 1 if region is None else 2, region)
 
 
@@ -77,6 +82,17 @@ def _printed(tables: ScenarioFile, solid: Solid) -> tuple[BoolMap, FloatMap]:
         return mask, np.full_like(x, shape.height)
     held = resting(part | support_below(part))
     return mask & held.mask, np.minimum(held.top(x, y), shape.top(x, y))
+
+
+def _without_ends(region: Columns, top: FloatMap) -> Columns:
+    """Ink A where it reaches the substrate or the target `top` (nx, ny) [m] goes on beyond them, as ink B does.
+
+    Else the last droplet on ink A, whose middle lies over the target, would be of ink B.
+    """
+    highest = np.repeat(top.ravel(), region.counts.ravel())
+    bottoms = np.where(region.bottoms <= GAP_M, -FAR_M, region.bottoms)
+    tops = np.where(region.tops >= highest - GAP_M, FAR_M, region.tops)
+    return Columns(region.nx, region.ny, region.pitch, region.offsets, bottoms, tops)
 
 
 def component_seed(seed: int, component: str) -> int:

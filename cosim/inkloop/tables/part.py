@@ -12,7 +12,7 @@ from inkloop.geometry import Columns
 from inkloop.tables.part_images import HeightMapTable, StackTable
 from inkloop.tables.part_mesh import MeshTable
 from inkloop.tables.shapes import CuboidTable, CylinderTable, Grid, PipeJunctionTable, StaircaseTable, Table
-from inkloop.tables.solid import Bounds, PartError, Solid, nothing, on_grid
+from inkloop.tables.solid import Bounds, PartError, Solid, nothing
 
 
 class CombineTable(Table):
@@ -40,7 +40,7 @@ class CombineTable(Table):
         if errors:
             raise PartError(errors)
         bodies = [solid.columns(*_grid(grid)) for solid in solids]
-        in_a = [on_grid(solid.region or body, *_grid(grid)) for solid, body in zip(solids, bodies, strict=True)]
+        in_a = [solid.region or body for solid, body in zip(solids, bodies, strict=True)]
         has_two = any(solid.region is not None for solid in solids)
         if self.inks is not None:
             has_two = "B" in self.inks

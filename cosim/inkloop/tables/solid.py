@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inkloop.component import Geometry
 from inkloop.geometry import Columns, Shape
 
 
@@ -30,12 +29,12 @@ class Solid:
 
     shape: Shape
     bounds: Bounds
-    region: Geometry | None = None
+    region: Columns | None = None
     remarks: tuple[str, ...] = ()
 
     def columns(self, nx: int, ny: int, pitch: float) -> Columns:
-        """The shape over the cells of the grid."""
-        return on_grid(self.shape, nx, ny, pitch)
+        """The shape over the cells of the grid; columns are taken as they are."""
+        return self.shape if isinstance(self.shape, Columns) else Columns.of_shape(self.shape, nx, ny, pitch)
 
 
 class PartError(Exception):
@@ -44,11 +43,6 @@ class PartError(Exception):
     def __init__(self, errors: Sequence[str]) -> None:
         self.errors = tuple(errors)
         super().__init__("; ".join(self.errors))
-
-
-def on_grid(shape: Geometry, nx: int, ny: int, pitch: float) -> Columns:
-    """A shape over the cells of the grid; columns are taken as they are."""
-    return shape if isinstance(shape, Columns) else Columns.of_shape(shape, nx, ny, pitch)
 
 
 def nothing(nx: int, ny: int, pitch: float) -> Columns:

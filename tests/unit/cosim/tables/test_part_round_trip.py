@@ -22,6 +22,11 @@ def columns(part: str, folder: Path) -> Columns:
     return shape
 
 
+def edges(cell: int) -> tuple[float, float]:
+    """Of a cell [mm]."""
+    return (cell - 0.5) * PITCH_UM / 1e3, (cell + 0.5) * PITCH_UM / 1e3
+
+
 def table_on_one_leg() -> parts.Triangles:
     """A leg with a hole in a sloping wall over it; its heights are no multiples of a layer."""
     slope = parts.prism([(0.0, 0.0), (0.93, 0.0), (0.93, 0.71), (0.0, 0.71)], 0.031, 0.0437)
@@ -44,8 +49,10 @@ def test_mesh_becomes_slices_and_slices_become_a_mesh(tmp_path: Path) -> None:
     assert (np.abs(second.tops - second.bottoms) > 0.9 * LAYER_UM * 1e-6).all()
     cells = np.repeat(np.arange(NX * NY), second.counts.ravel())
     boxes = [
-        parts.box(*(((k - 0.5) * PITCH_UM / 1e3, (k + 0.5) * PITCH_UM / 1e3) for k in divmod(int(cell), NY)), low, high)
-        for cell, low, high in zip(cells, second.bottoms * MM_PER_M, second.tops * MM_PER_M, strict=True)
+        parts.box(edges(i), edges(j), low, high)
+        for (i, j), low, high in zip(
+            (divmod(int(cell), NY) for cell in cells), second.bottoms * MM_PER_M, second.tops * MM_PER_M, strict=True
+        )
     ]
     (tmp_path / "boxes.stl").write_bytes(parts.stl(np.concatenate(boxes)))
     third = columns('shape = "mesh"\nfile = "boxes.stl"\nunit = "mm"\nplace = "as-is"', tmp_path)
