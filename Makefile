@@ -28,6 +28,9 @@ BUILD_MODULES := $(wildcard cosim/inkloop/fmu_writer/*.py) \
                  $(addprefix hardware/inkloop_hardware/protocol/,c_codec.py inkloop.dbc)
 C_FILES := $(shell find controller cosim fmus hardware tests -name '*.[ch]')
 
+# Compiled modules are kept, whatever the environment says: the tests start hundreds of processes that import them.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: run check test lint format test-long benchmarks benchmarks-hardware peers fuzz sanitize firmware-cortex-m tools figures \
         upgrade constraints clean
 run: .venv/installed

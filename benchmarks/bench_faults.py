@@ -6,7 +6,7 @@ import logging
 import os
 import signal
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from statistics import median
 from struct import pack as pack_bytes
@@ -18,6 +18,7 @@ from rich.table import Table
 
 from inkloop.units import MS_PER_S
 from inkloop_hardware.bus.adapter import Adapter
+from inkloop_hardware.bus.connection import BusConnection
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.errors import BusError, HardwareError
@@ -39,23 +40,34 @@ REPEATS = 10
 LONG_CURE_MS, LIMIT_S = 9000, 60.0
 
 
+LOSS_HEADS = ("loss", "seed", "took", "at most", "asked again", "gate pulses", "CRC", "map")
+REACTION_HEADS = ("what happens", "counted from", "median [ms]", "longest [ms]", "at most [ms]")
+
+
 def measure() -> Group:
     """Both tables."""
-    logging.getLogger("inkloop_hardware").setLevel(logging.ERROR)  # stop requests and lost masters are meant here
-    return Group(_losses(), _reactions())
+    losing = f"pattern, 4 passes, scan and map of {SIDE} x {SIDE} cells at random frame loss both ways"
+    lit = f"the lamp is lit, then something happens: time to its end by the node's clock, {REPEATS} times"
+    return Group(_table(losing, LOSS_HEADS, losses()), _table(lit, REACTION_HEADS, reactions()))
 
 
-def _losses() -> Table:
-    table = Table(title=f"pattern, 4 passes, scan and map of {SIDE} x {SIDE} cells at random frame loss both ways")
-    for heading in ("loss", "seed", "took", "at most", "asked again", "gate pulses", "CRC", "map"):
-        table.add_column(heading, justify="right")
-    for probability, seeds, limit in ((0.0, range(1), ""), (1e-4, range(1), ""), (1e-3, SEEDS, "15 s")):
+def _table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    table = Table(title=title)
+    for head in heads:
+        table.add_column(head.replace("[", r"\["))
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def losses() -> Iterator[tuple[str, ...]]:
+    """A row for each print over a bus that loses frames."""
+    for probability, seeds, limit in ((0.0, range(1), "-"), (1e-4, range(1), "-"), (1e-3, SEEDS, "15 s")):
         for seed in seeds:
             faults = [f"loss:probability={probability},seed={seed}"] if probability else []
             took, again, pulses, crc, whole = _layer(faults)
             words = ("equal" if crc else "DIFFERS", "whole" if whole else "SHORT")
-            table.add_row(f"{probability:g}", str(seed), f"{took:.1f} s", limit, str(again), str(pulses), *words)
-    return table
+            yield f"{probability:g}", str(seed), f"{took:.1f} s", limit, str(again), str(pulses), *words
 
 
 def _layer(faults: list[str]) -> tuple[float, int, int, bool, bool]:
@@ -77,20 +89,18 @@ def _layer(faults: list[str]) -> tuple[float, int, int, bool, bool]:
         return took, again, state.gate_pulses, state.pattern_crc == zlib.crc32(blob), bool(valid.all())
 
 
-def _reactions() -> Table:
-    table = Table(title=f"the lamp is lit, then something happens: ms to its end by the node's clock, {REPEATS} times")
-    for heading in ("what happens", "counted from", "median", "longest", "at most"):
-        table.add_column(heading, justify="left" if heading in ("what happens", "counted from") else "right")
-    for what, since, happen, limit in (
-        ("the master is killed", "the last MasterAlive", _kill, "350 ms"),
-        ("the enable is dropped", "the clock asked before", _drop, "100 ms"),
-        ("a stop request", "the clock asked before", _stop, "10 ms"),
+def reactions() -> Iterator[tuple[str, ...]]:
+    """A row for each event that switches the lamp off."""
+    logging.getLogger("inkloop_hardware").setLevel(logging.ERROR)  # stop requests and lost masters are meant here
+    for what, since, happen, limit_ms in (
+        ("the master is killed", "the last MasterAlive", _kill, 350),
+        ("the enable is dropped", "the clock asked before", _drop, 100),
+        ("a stop request", "the clock asked before", _stop, 10),
     ):
         with EmulatedBench(TIMES_MS) as bench:
             settings = BusSettings("slcan", bench.channel, 500_000)
             found = [MS_PER_S * _reaction(settings, happen) for _ in range(REPEATS)]
-        table.add_row(what, since, f"{median(found):.0f}", f"{max(found):.0f}", limit)
-    return table
+        yield what, since, f"{median(found):.0f}", f"{max(found):.0f}", f"{limit_ms}"
 
 
 class Onlooker:
@@ -162,7 +172,9 @@ def _clear(rig: Rig) -> None:
 
 
 def _kill(rig: Rig, onlooker: Onlooker) -> None:
-    os.kill(rig.supervision.bus.process_id, signal.SIGKILL)
+    bus = rig.supervision.bus
+    assert isinstance(bus, BusConnection)
+    os.kill(bus.process_id, signal.SIGKILL)
 
 
 def _drop(rig: Rig, onlooker: Onlooker) -> None:
@@ -170,7 +182,7 @@ def _drop(rig: Rig, onlooker: Onlooker) -> None:
 
 
 def _stop(rig: Rig, onlooker: Onlooker) -> None:
-    for counter, active in enumerate((True, False)):
+    for counter, active in enumerate((True, False, False)):  # a release takes two frames in a row
         onlooker.stop(active, counter)
 
 

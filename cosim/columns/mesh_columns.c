@@ -1,5 +1,6 @@
 #include "mesh_columns.h"
 
+#include <stdbool.h>
 #include <stdlib.h>
 
 #include "column_hits.h"
@@ -70,7 +71,8 @@ static void cross_row(const Triangle *triangle, double row, Crossing *up, Crossi
     }
 }
 
-/* Hits of one triangle in one row of cells, which are numbered from `first_cell`. */
+/* Hits of one triangle in one row of cells, which are numbered from `first_cell`. The heights depend on the three
+ * corners alone: two bodies that share a triangle, the other way round, have it at the same heights. */
 static int32_t add_row(const Triangle *triangle, size_t row, size_t ny, size_t first_cell, HitList *hits) {
     Crossing up = {0}, down = {0};
     cross_row(triangle, (double)row, &up, &down);
@@ -78,13 +80,14 @@ static int32_t add_row(const Triangle *triangle, size_t row, size_t ny, size_t f
     if (from_up == from_down)
         return COLUMNS_DONE;
     /* counterclockwise from above, the edge that goes up has the triangle on its +y side: a top, where lines leave */
-    const int32_t step = from_up < from_down ? -1 : 1;
-    const size_t begin = from_up < from_down ? from_up : from_down, end = from_up < from_down ? from_down : from_up;
-    const double slope = (down.z - up.z) / (down.y - up.y);
-    const double low = smaller(up.z, down.z), high = larger(up.z, down.z);
+    const bool is_top = from_up < from_down;
+    const Crossing left = is_top ? up : down, right = is_top ? down : up;
+    const size_t begin = is_top ? from_up : from_down, end = is_top ? from_down : from_up;
+    const double slope = (right.z - left.z) / (right.y - left.y);
+    const double low = smaller(left.z, right.z), high = larger(left.z, right.z);
     for (size_t j = begin; j < end; j++) {
-        const double z = up.z + ((double)j - up.y) * slope;
-        if (hit_add(hits, larger(low, smaller(z, high)), first_cell + j, step))
+        const double z = left.z + ((double)j - left.y) * slope;
+        if (hit_add(hits, larger(low, smaller(z, high)), first_cell + j, is_top ? -1 : 1))
             return COLUMNS_NO_MEMORY;
     }
     return COLUMNS_DONE;

@@ -17,9 +17,9 @@ struct Instance {
     Mode mode;
     bool has_scalar_references; /* FMI 2: every cell has a value reference; FMI 3: every variable */
     bool is_resizable;
-    char mark[MARK_SIZE];        /* end of the token, after the grid */
-    char *resources;             /* path of the folder; NULL if the importer names none */
-    bool is_outdated;            /* outputs must be calculated before they are read */
+    char mark[MARK_SIZE];                     /* end of the token, after the grid */
+    char *resources;                          /* path of the folder; NULL if the importer names none */
+    bool is_outdated;                         /* outputs must be calculated before they are read */
     uint64_t start_nx, start_ny, start_depth; /* of a new instance */
     uint64_t nx, ny, depth;                   /* of the block; depth: how many maps MAPS are */
     unsigned char *block;
@@ -40,8 +40,8 @@ bool is_possible_grid(uint64_t nx, uint64_t ny);
 /* Whether a model has the structural parameter DEPTH. */
 bool has_depth(const VariableTable *table);
 
-/* A block for nx * ny cells and `depth` maps of MAPS with all start values; the memory that the instance had before is not released. False, and
- * nothing changed, if there is no memory. */
+/* A block for nx * ny cells and `depth` maps of MAPS with all start values; the memory that the instance had before is
+ * not released. False, and nothing changed, if there is no memory. */
 bool storage_allocate(Instance *instance, uint64_t nx, uint64_t ny, uint64_t depth);
 void storage_release(Instance *instance);
 

@@ -37,7 +37,8 @@ void fmu_open(Fmu *fmu, const char *table) {
         give_up("cannot be read; tests/support/fmus/fmu_library.py writes it", table ? table : "no table of variables");
     memset(fmu, 0, sizeof *fmu);
     read_line(file, line, table);
-    if (sscanf(line, "%d %d %" SCNu64 " %" SCNu64 " %" SCNu64, &version, &is_resizable, &fmu->nx, &fmu->ny, &fmu->depth) != 5)
+    if (sscanf(line, "%d %d %" SCNu64 " %" SCNu64 " %" SCNu64, &version, &is_resizable, &fmu->nx, &fmu->ny,
+               &fmu->depth) != 5)
         give_up(line, table);
     read_line(file, fmu->library, table);
     read_line(file, fmu->resources, table);

@@ -70,6 +70,11 @@ class EmulatedBench:
         if not self.channel:
             raise BusError(f"the emulator did not start: {self._last_message()}")
 
+    @property
+    def process_id(self) -> int:
+        """Of the emulator."""
+        return self._process.pid
+
     def wait(self) -> int:
         """Wait until it ends by itself; its exit code."""
         return self._process.wait()

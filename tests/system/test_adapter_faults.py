@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,17 +19,10 @@ from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.services import Outcome
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches.bench_run import FAST, assert_same_print, printed_with_fmus, write
-from support.benches.fault_run import BLOB, LIMIT_S, faulty, printed
+from support.benches.fault_run import BLOB, LIMIT_S, faulty, printed, wait_until
 
 ALL = (0, 1, 2, 3)
 EXACT = {"part.height_um": 6.0, "components.profiler": {"noise_std_um": 0.0, "dropout_rate": 0.0}}
-
-
-def wait_until(true: Callable[[], bool]) -> None:
-    until = time.monotonic() + LIMIT_S
-    while not true():
-        assert time.monotonic() < until
-        time.sleep(0.02)
 
 
 @pytest.mark.parametrize(
@@ -62,7 +53,7 @@ def test_print_continues_automatically_where_no_step_is_unknown(fault: str, tmp_
 
 def test_unplugged_adapter_is_opened_again_and_nothing_is_enabled_automatically() -> None:
     """The lamp is on when it goes: the node puts it out, and a person is asked for."""
-    with faulty("unplugged:step=cure,pass=1,nth=3,count=3", alive_ms=300) as run:
+    with faulty("unplugged:step=cure,pass=1,nth=3,count=3") as run:
         run.print_layer(1)
         run.jet(1)
         with pytest.raises(BusDisconnected, match=r"cannot be read any more: .*unplugged.*being opened again"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 from struct import pack
@@ -12,12 +13,18 @@ import can
 import pytest
 import udsoncan
 
+from inkloop_hardware.bus.settings import BusSettings
+from inkloop_hardware.devices.readiness import NotReady, clear, make_ready
+from inkloop_hardware.emulated_bench import EmulatedBench
+from inkloop_hardware.errors import NodeRefused
+from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Frame
 from inkloop_hardware.protocol.records import StopRequest
 from inkloop_hardware.protocol.records import pack as pack_frame
-from inkloop_hardware.protocol.vocabulary import Source
+from inkloop_hardware.protocol.services import ClearOption
+from inkloop_hardware.protocol.vocabulary import Node, Source
 from support.benches import node_bench
-from support.benches.bench_run import BLOCK, COMMAND, write
+from support.benches.bench_run import BLOCK, COMMAND, FAST, write
 from support.benches.stock_tools import FULL, adapter, print_and_scan, process, read_map, send_pattern, start
 
 
@@ -85,6 +92,27 @@ def test_journal_outlives_a_killed_process(program: Path, tmp_path: Path) -> Non
         with pytest.raises(udsoncan.exceptions.NegativeResponseException, match="ConditionsNotCorrect"):
             start(head, node_bench.CLEAR, b"\0")
         assert start(head, node_bench.CLEAR, b"\1") == node_bench.DONE
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the limit of a running process is changed as on Linux")
+def test_full_disk_of_the_nodes_is_named_and_the_print_continues_with_room(tmp_path: Path) -> None:
+    """No file may grow beyond the journals, which have their size from the start; the surface is larger."""
+    import resource
+
+    cells, folder = 60, tmp_path / "nodes"
+    with EmulatedBench({"nx": cells, "ny": cells, **FAST}, folder=folder) as bench:
+        most = max(path.stat().st_size for path in folder.iterdir())
+        assert most < 8 * cells**2
+        resource.prlimit(bench.process_id, resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
+        with Rig(BusSettings("slcan", bench.channel, 500_000)) as rig:
+            with pytest.raises(NodeRefused, match=r"home .*it is FAULT \(storage failed\)"):
+                make_ready(rig, tuple(Node))
+            with pytest.raises(NotReady, match=r"stage: needs .* because of STORAGE_FAILED; make room in its storage"):
+                make_ready(rig, tuple(Node))
+            assert not list(folder.glob("*.new")), "what could not be written takes no room"
+            resource.prlimit(bench.process_id, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+            clear(rig, Node.STAGE, ClearOption.OPERATOR)
+            make_ready(rig, tuple(Node))
 
 
 def test_process_that_stands_still_with_the_gate_open_is_reset_by_the_watchdog(program: Path) -> None:

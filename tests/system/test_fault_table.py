@@ -7,12 +7,13 @@ test_exactly_once.py, what the journal of a head is compared with in tests/unit/
 from __future__ import annotations
 
 import logging
-import time
 import zlib
-from collections.abc import Callable
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
+from tools.figures import bench_faults
+from tools.figures.pages import read_json
 
 from inkloop.component import Ink, Job
 from inkloop_hardware.bus.adapter import Adapter
@@ -35,27 +36,22 @@ from inkloop_hardware.protocol.node_state import Flags, Happening, Step
 from inkloop_hardware.protocol.records import StopRequest, pack
 from inkloop_hardware.protocol.services import Key, Outcome, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
-from support.benches import node_bench
+from support.benches import failures, node_bench
 from support.benches.fault_run import (
     BLOB,
     JOB,
     LIMIT_S,
     PATTERN,
+    SILENCE_S,
     faulty,
     looked_at,
     printed,
     settings_of,
     wait_for_fault,
+    wait_until,
 )
 
 ALL = (0, 1, 2, 3)
-
-
-def wait_until(true: Callable[[], bool]) -> None:
-    until = time.monotonic() + LIMIT_S
-    while not true():
-        assert time.monotonic() < until
-        time.sleep(0.02)
 
 
 def is_disturbed(rig: Rig) -> bool:
@@ -170,7 +166,7 @@ def test_node_that_dies_in_a_pass_is_lost_and_its_pass_unknown() -> None:
         run.rig.link(Node.HEAD).download(1, BLOB)
         run.jet(0)
         run.cure(0)
-        with pytest.raises(NodeLost, match=r"the head has been silent for 2\.\d s; is it powered"):
+        with pytest.raises(NodeLost, match=rf"the head has been silent for {SILENCE_S:.0f}\.\d s; is it powered"):
             run.jet(1)
         with pytest.raises(NodeLost, match="head has been silent"):
             run.rig.supervision.check([Node.HEAD])
@@ -243,7 +239,7 @@ def test_node_that_restarts_is_reported_and_continues_by_its_journal(caplog: pyt
 
 
 def test_new_master_reads_the_journal_and_repeats_nothing() -> None:
-    with faulty(alive_ms=300) as run:  # the nodes forget the first master before the new one has settled
+    with faulty() as run:
         run.print_layer(2)
         with looked_at(run) as new:
             assert new.rig.session != run.rig.session
@@ -263,8 +259,13 @@ def test_new_master_reads_the_journal_and_repeats_nothing() -> None:
             np.testing.assert_allclose(new.scan(), printed(ALL), atol=1e-12)
 
 
-def test_second_master_makes_the_nodes_safe_and_both_get_an_error(caplog: pytest.LogCaptureFixture) -> None:
-    with faulty(pass_ms=1000) as run, Rig(settings_of(run.bench)) as other:
+def test_second_master_makes_the_nodes_safe_and_both_get_an_error(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with faulty(pass_ms=1000) as run, ExitStack() as stack:
+        other = Rig(settings_of(run.bench))
+        monkeypatch.setattr(other.supervision, "_listen", lambda: None)
+        stack.enter_context(other)
         other.wait_for(Node, LIMIT_S)
         for rig, session in ((run.rig, other.session), (other, run.rig.session)):
             wait_until(lambda rig=rig: rig.keep_alive() is None and is_disturbed(rig))  # type: ignore[misc]
@@ -348,3 +349,10 @@ def test_malformed_lines_are_counted_and_reported(caplog: pytest.LogCaptureFixtu
     with faulty("malformed-line:id=0x101,step=download") as run:
         run.rig.link(Node.HEAD).download(1, BLOB)
         wait_until(lambda: run.rig.keep_alive() is None and "1 malformed lines of the adapter so far" in caplog.text)
+
+
+@pytest.mark.long
+def test_nodes_record_what_the_page_of_the_faults_shows() -> None:
+    """What the master gets may differ: a refusal, or the loss of the node, whichever comes first."""
+    _, *recorded = read_json(bench_faults.RECORD)["failures"]
+    assert [(row[0], row[-1]) for row in failures.rows()] == [(row[0], row[-1]) for row in recorded]

@@ -21,7 +21,7 @@ import pytest
 from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.devices.stop import release_stop, request_stop
-from inkloop_hardware.errors import BusError, HardwareError, NodeLost, NodeRefused, NodeStopped
+from inkloop_hardware.errors import AnotherMaster, BusError, HardwareError, NodeLost, NodeRefused, NodeStopped
 from inkloop_hardware.link.link import Link
 from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.codec import Codec, Frame
@@ -35,11 +35,11 @@ from support.benches import node_bench
 FULL = np.ones((9, 9), np.uint8)
 LIMIT = 600.0
 """Ends a test that hangs; every wait is for an event."""
-LONG_CURE_MS = 8000
-SILENCE_S = 2.0
+SILENCE_S = 1.0
 """Of a node and of the master, until the other side takes it for lost: a busy machine is no fault of the bench."""
-OFF_WITHIN = 2 * SILENCE_S
-"""Seconds after the last MasterAlive, by the node's own clock, which is late where its process has to wait."""
+OFF_WITHIN = SILENCE_S * 350 / 300
+"""Seconds after the last MasterAlive, by the node's own clock: 350 ms where nodes wait 300 ms for it."""
+LONG_CURE_MS = round(3e3 * SILENCE_S)
 
 
 @pytest.fixture(scope="module")
@@ -245,12 +245,13 @@ from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.services import Key, Routine
 from inkloop_hardware.protocol.vocabulary import Node
 
-with Rig(BusSettings("slcan", sys.argv[1], 500_000)) as rig:
+channel, silence_s, cure_ms = sys.argv[1:]
+with Rig(BusSettings("slcan", channel, 500_000, silence_s=float(silence_s))) as rig:
     rig.wait_for(Node, 30)
     lamp = rig.link(Node.CURE)
     lamp.routine(Routine.CLEAR, Key(rig.job, 0), bytes(1), limit_s=30)
     with rig.enabled(lamp=True):
-        lamp.routine(Routine.CURE, Key(rig.job, 0), (8000).to_bytes(2, "big"), limit_s=30)
+        lamp.routine(Routine.CURE, Key(rig.job, 0), int(cure_ms).to_bytes(2, "big"), limit_s=30)
 """
 
 
@@ -264,7 +265,7 @@ def wait_until(true: Callable[[], bool]) -> None:
 def test_killed_master_leaves_nothing_on(channel: str) -> None:
     """SIGKILL: nothing can clean up, and the process that owns the adapter ends on its own."""
     observer = Observer(channel)
-    with subprocess.Popen([sys.executable, "-c", MASTER, channel]) as master:
+    with subprocess.Popen([sys.executable, "-c", MASTER, channel, str(SILENCE_S), str(LONG_CURE_MS)]) as master:
         observer.wait_for_lamp()
         master.send_signal(signal.SIGKILL)
     times = lamp_after_the_master_is_gone(channel)
@@ -276,7 +277,8 @@ def test_killed_master_leaves_nothing_on(channel: str) -> None:
 def test_killed_bus_process_leaves_nothing_enabled_and_is_reported(rig: Rig, channel: str) -> None:
     observer = Observer(channel)
     with rig.enabled(lamp=True):
-        rig.link(Node.CURE).requests.client.conn.send(b"\x31\x01\x02\x04" + bytes(Key(rig.job, 0)) + b"\x1f\x40")
+        cure = b"\x31\x01\x02\x04" + bytes(Key(rig.job, 0)) + LONG_CURE_MS.to_bytes(2, "big")
+        rig.link(Node.CURE).requests.client.conn.send(cure)
         observer.wait_for_lamp()
         os.kill(rig.supervision.bus.process_id, signal.SIGKILL)
         times = lamp_after_the_master_is_gone(channel)
@@ -317,8 +319,31 @@ def test_stop_request_stays_until_it_is_taken_back_and_a_person_clears(rig: Rig)
     assert head.routine(Routine.CLEAR, key, b"\1", limit_s=LIMIT) is Outcome.DONE
 
 
-def test_second_master_makes_the_bench_safe(rig: Rig, channel: str) -> None:
-    with Rig(settings(channel)) as other:
+def test_second_master_does_not_begin_and_disturbs_nothing(rig: Rig, channel: str) -> None:
+    other = Rig(settings(channel))
+    with pytest.raises(AnotherMaster, match=f"session {rig.session}: end it"):
+        other.attach()
+    assert not other.is_open
+    assert {rig.link(node).state().state for node in Node} == {State.IDLE}
+
+
+def test_master_that_follows_another_one_needs_no_person(channel: str) -> None:
+    """The second one begins at the end of the first, before the nodes have forgotten that one."""
+    first = Rig(settings(channel))
+    first.attach()
+    cleared(first)
+    first.detach()
+    with Rig(settings(channel)) as second:
+        cleared(second)
+        assert second.link(Node.HEAD).state().session == second.session != first.session
+
+
+def test_second_master_that_does_not_listen_makes_the_bench_safe(
+    rig: Rig, channel: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = Rig(settings(channel))
+    monkeypatch.setattr(other.supervision, "_listen", lambda: None)
+    with other:
         assert other.session != rig.session
         wait_until(lambda: rig.link(Node.HEAD).state().cause is Fault.TWO_MASTERS)
         with pytest.raises(NodeRefused):

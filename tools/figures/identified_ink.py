@@ -1,11 +1,13 @@
-"""Figures and picture of identify-an-ink.md."""
+"""Tables and picture of identify-an-ink.md."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from tools.figures.pages import DOCS, Texts
+from rich.table import Table
+from tools.figures.pages import DOCS, Texts, read_json, table, write_json
 
 from inkloop.identify import designs
 from inkloop.identify.command import tables
@@ -18,6 +20,8 @@ from inkloop.models import DropletVolumes, LayerDeposition
 from inkloop.units import UM_PER_M
 
 HERE = DOCS / "how-to"
+PAGE = HERE / "identify-an-ink.md"
+RECORD = PAGE.with_suffix(".json")
 PITCH = 263.256e-6
 PRINTS = 20
 
@@ -36,22 +40,20 @@ def print_of(patterns: list[NDArray[np.int32]], noise: float, seed: int, variati
     )
 
 
-def bias(console: Console) -> None:
+def bias() -> Iterator[list[str]]:
     """What noise does to a plain regression and to ours, over prints that differ in noise and patterns."""
     cases = [("one layer, 20 x 20 cells", 20, 1, 0.3e-6), ("5 layers, 40 x 40 cells", 40, 5, 1e-6)]
     for label, side, count, noise in cases:
         records = [print_of(designs.layers(side, side, count, seed, margin=1), noise, seed) for seed in range(PRINTS)]
-        for method, correct in (("plain", False), ("ours", True)):
+        for method, correct in (("plain", False), ("this page", True)):
             found = np.array([identify_ink([one], noise, correct=correct).heights[0] for one in records])
             error = (found / LayerDeposition().heights[0] - 1.0) * 100
             means, worst = error.mean(axis=0), np.abs(error).max(axis=0)
-            figures = ", ".join(
-                f"h{k} {m:+.1f} (worst {w:.1f})" for k, (m, w) in enumerate(zip(means, worst, strict=True), 1)
-            )
-            console.print(f"{label}, {noise * UM_PER_M:g} um, {method}: {figures} %", highlight=False)
+            figures = (f"{m:+.1f} ({w:.1f}) %" for m, w in zip(means, worst, strict=True))
+            yield [label, f"{noise * UM_PER_M:g} um", method, *figures]
 
 
-def coverage(console: Console) -> None:
+def coverage() -> str:
     """In how many prints the 95 % intervals hold the mean ink, with droplets that lack up to 20 % of their volume."""
     true = 0.9 * np.array(LayerDeposition().heights[0])
     inside = []
@@ -59,21 +61,31 @@ def coverage(console: Console) -> None:
         record = print_of(designs.layers(24, 24, 4, seed, margin=0), 0.5e-6, seed, variation=0.2)
         found = identify_ink([record], 0.5e-6)
         inside.append(np.abs(found.heights[0] - true) <= found.half_widths[0])
-    console.print(f"intervals hold the ink in {np.mean(inside):.0%} of {np.size(inside)} cases", highlight=False)
+    return f"{100 * np.mean(inside):.0f} %"
+
+
+def shown(found: Table) -> list[list[str]]:
+    """Heads and rows of a table of the screen."""
+    columns = [[str(column.header).replace("\\[", "["), *map(str, column.cells)] for column in found.columns]
+    return [list(line) for line in zip(*columns, strict=True)]
 
 
 def run() -> None:
-    """Print the figures and write the picture."""
-    console = Console(width=120)
-    bias(console)
-    coverage(console)
-    scenario = plant_scenario("YoungLaplaceDeposition", 0.1, {"grid.pitch_um": 42.3})
-    found = identify(perform(scenario, Plan()))
-    for table in tables(found):
-        console.print(table)
+    """Keep the tables and draw the picture."""
+    found = identify(perform(plant_scenario("YoungLaplaceDeposition", 0.1, {"grid.pitch_um": 42.3}), Plan()))
+    first, *_, last = (shown(one) for one in tables(found))
+    first[0][1:] = [f"{height} [um]" for height in first[0][1:]]
     save(found, HERE / "identified-ink.png")
+    noise = [["print", "noise", "method", "h1", "h2", "h3"], *bias()]
+    write_json(RECORD, {"noise": noise, "coverage": coverage(), "heights": first, "models": last})
 
 
 def texts() -> Texts:
-    """None: the tables of the page are those that `run` shows."""
-    return {}
+    """The tables, and the share of the intervals that hold."""
+    record = read_json(RECORD)
+    marked = {name: table(*_parts(record[name])) for name in ("noise", "heights", "models")}
+    return {PAGE: {**marked, "coverage": record["coverage"]}}
+
+
+def _parts(lines: Sequence[Sequence[str]]) -> tuple[Sequence[str], Sequence[Sequence[str]]]:
+    return lines[0], lines[1:]

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_windows
+from inkloop.commands.options import add_windows, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -46,5 +46,7 @@ def run(options: argparse.Namespace) -> int:
         out=options.out or Path(f"{options.model}.fmu"),
         windows=options.windows,
     )
-    print(f"wrote {path}")
+    terminal = screen(options)
+    terminal.sentence(f"wrote {path}")
+    terminal.result(file=path)
     return 0

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inkloop.commands.options import add_part_options, part_file_of
+from inkloop.commands.options import add_part_options, part_file_of, screen
 from inkloop.errors import InkloopError, ScenarioError
 
 if TYPE_CHECKING:
@@ -25,21 +25,18 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     add_part_options(parser)
     parser.add_argument("--nozzle-um", type=float, metavar="W", help="narrowest wall or gap, if more than two cells")
     parser.add_argument("--out", type=Path, metavar="FILE", help="picture to write (default: NAME-geometry.png)")
-    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     return parser
 
 
 def run(options: argparse.Namespace) -> int:
     """Show the figures and write the picture; the exit code, 1 where the part cannot be printed as it is."""
-    import json
-
     mesh, source = _mesh(options), str(options.file)
     data: dict[str, Any] = {"file": source, **(mesh.data() if mesh else {})}
     lines = [source, *(mesh.lines() if mesh else ())]
     try:
         scenario = _scenario(options)
     except ScenarioError:
-        print(json.dumps(data, indent=2) if options.json else "\n".join(lines))
+        _show(options, lines, data)
         raise
     from inkloop.report.part_picture import draw
     from inkloop.report.part_report import PartReport
@@ -50,8 +47,15 @@ def run(options: argparse.Namespace) -> int:
     draw(report, options.file.name, picture)
     data |= {**report.data(), "picture": str(picture)}
     lines += [] if mesh else [report.size_line]
-    print(json.dumps(data, indent=2) if options.json else "\n".join([*lines, *report.lines(), f"wrote {picture}"]))
+    _show(options, [*lines, *report.lines(), f"wrote {picture}"], data)
     return 0
+
+
+def _show(options: argparse.Namespace, lines: list[str], data: dict[str, Any]) -> None:
+    terminal = screen(options)
+    for line in lines:
+        terminal.sentence(line)
+    terminal.result(**data)
 
 
 def _mesh(options: argparse.Namespace) -> MeshReport | None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_part_options, part_file_of
+from inkloop.commands.options import add_part_options, part_file_of, screen
 
 SHAPES = ("combine", "cuboid", "cylinder", "pipe-junction", "staircase")
 
@@ -28,12 +29,14 @@ def run(options: argparse.Namespace) -> int:
     """Write the scenario; the exit code."""
     from inkloop.scenario import new as templates
 
+    terminal = screen(options)
     if options.part is None:
         path = templates.write(options.name, options.shape)
     else:
         path, part = templates.write_for_part(options.name, part_file_of(options, options.part), options.pitch_um)
         size = " x ".join(f"{side:.6g}" for side in part.size_um)
         grid = part.grid
-        print(f"{options.part}: {size} um on {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} um")
-    print(f"wrote {path}; inkloop run {path} prints it")
+        terminal.sentence(f"{options.part}: {size} um on {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} um")
+    terminal.sentence(f"wrote {path}; inkloop run {shlex.quote(str(path))} prints it")
+    terminal.result(file=path)
     return 0

@@ -60,6 +60,8 @@ class Columns:
     @classmethod
     def of_shape(cls, shape: Geometry, nx: int, ny: int, pitch: float) -> Columns:
         """What a shape fills over the centres of the cells; points of its closed skin stay part of it."""
+        if isinstance(shape, Columns) and (shape.nx, shape.ny, shape.pitch) == (nx, ny, pitch):
+            return shape
         columns = cls.of_intervals(nx, ny, pitch, np.empty(0), np.empty(0), np.empty(0))
         for bottom, top in shape.intervals(*cell_centers(nx, ny, pitch)):
             is_filled = np.ravel(bottom <= top)

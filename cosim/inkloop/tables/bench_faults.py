@@ -39,6 +39,7 @@ Parts = Literal[
     "not-ready",
     "work-fails",
     "work-hangs",
+    "storage-full",
     "end-switches",
 ]
 Count = Annotated[int, Field(ge=1, lt=2**32)]

@@ -52,7 +52,7 @@ def job_of(tables: ScenarioFile, target: Target, component: str) -> Job:
         pitch=grid.pitch,
         target_height=target.height,
         mask=target.mask,
-        inks=_inks(tables.ink, target.inks),
+        inks=inks_of(tables.ink, target.inks),
         region=target.region,
         passes=process.passes,
         pass_order=PassOrder[process.pass_order.upper()].value,
@@ -106,7 +106,8 @@ def _height_start(tables: ScenarioFile) -> FloatMap | None:
     return None if table is None else table.substrate.height(grid.nx, grid.ny, grid.pitch, tables.seed)
 
 
-def _inks(inks: Inks, count: int) -> tuple[Ink, ...]:
+def inks_of(inks: Inks, count: int) -> tuple[Ink, ...]:
+    """The inks of a print in one ink or two."""
     if inks.b is None and count == 1:
         return (inks.a.ink,)
     return inks.a.ink, (inks.b or InkTable()).ink

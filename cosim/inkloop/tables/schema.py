@@ -105,7 +105,7 @@ class BenchTable(Table):
         default=1.0, description="time for a node to begin an answer; then the request is repeated, six tries in all"
     )
     silence_s: Annotated[float, Field(ge=0.1, le=60.0)] = Field(
-        default=0.3, description="silence of a node after which it is lost; for emulated nodes, also of the master"
+        default=0.3, description="silence of a node after which it is lost; of other masters, before this one begins"
     )
     faults: list[bench_faults.FaultTable] = Field(default=[], description="faults that the emulator injects")
 

@@ -145,7 +145,7 @@ static WorkProgress progress(void *context) {
     }
     if (board->work.kind == WORK_JET && !board->work.dry)
         board->jetted.finished |= (uint8_t)(1u << board->node->step.key.pass);
-    return WORK_FINISHED;
+    return is_broken(board, BROKEN_STORAGE) ? WORK_NOT_STORED : WORK_FINISHED;
 }
 
 static void kick(void *context) {

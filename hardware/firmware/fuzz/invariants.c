@@ -74,7 +74,7 @@ static bool is_cause(Cause cause) {
                                    1u << CAUSE_ENABLE_DROPPED | 1u << CAUSE_TWO_MASTERS | 1u << CAUSE_SUPERVISION |
                                    1u << CAUSE_STEP_EXPIRED | 1u << CAUSE_GATE_NOT_CONFIRMED | 1u << CAUSE_LAMP_TIME |
                                    1u << CAUSE_BACK_PRESSURE | 1u << CAUSE_STAGE_POSITION | 1u << CAUSE_SCAN_FAILED |
-                                   1u << CAUSE_JOURNAL_DAMAGED | 1u << CAUSE_PASS_UNKNOWN;
+                                   1u << CAUSE_JOURNAL_DAMAGED | 1u << CAUSE_PASS_UNKNOWN | 1u << CAUSE_STORAGE_FAILED;
     return cause < 32 && (CAUSES >> cause & 1u);
 }
 

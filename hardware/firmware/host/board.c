@@ -99,7 +99,7 @@ static bool finish(Board *board, double share) {
         world->homed = true;
     if (board->work.kind == WORK_SCAN && share >= 1.0)
         world_scan(world);
-    return surface_file_write(world, board->surface_path);
+    return !(world->broken & BROKEN_STORAGE_FULL) && surface_file_write(world, board->surface_path);
 }
 
 static WorkProgress progress(void *context) {
@@ -109,7 +109,7 @@ static WorkProgress progress(void *context) {
         return WORK_FAILED;
     if (world->broken & BROKEN_WORK_HANGS || world->now - board->work_began < duration_of(world, board->work.kind))
         return WORK_RUNNING;
-    return finish(board, 1.0) ? WORK_FINISHED : WORK_FAILED;
+    return finish(board, 1.0) ? WORK_FINISHED : WORK_NOT_STORED;
 }
 
 static void halt(void *context) {

@@ -211,6 +211,7 @@ int main(int count, char **arguments) {
     }
     begin(&nodes);
     signal(SIGPIPE, SIG_IGN);
+    signal(SIGXFSZ, SIG_IGN); /* a file that must not grow is like a full disk: writing fails */
     signal(SIGTERM, end);
     signal(SIGINT, end);
     if (!open_channel(&nodes.hub, &options)) {

@@ -21,8 +21,10 @@ bool surface_file_write(const World *world, const char *path) {
     const bool written = fwrite(MAGIC, 1, sizeof MAGIC, file) == sizeof MAGIC &&
                          fwrite(head, 1, sizeof head, file) == sizeof head &&
                          fwrite(world->height, 1, height_bytes(world), file) == height_bytes(world);
-    if (fclose(file) != 0 || !written)
+    if (fclose(file) != 0 || !written) {
+        remove(temporary);
         return false;
+    }
 #ifdef _WIN32
     remove(path); /* rename does not replace a file there */
 #endif

@@ -21,7 +21,12 @@ enum {
 };
 
 typedef enum { WORK_HOME, WORK_MOVE, WORK_PURGE, WORK_JET, WORK_SCAN } WorkKind;
-typedef enum { WORK_RUNNING, WORK_FINISHED, WORK_FAILED } WorkProgress;
+typedef enum {
+    WORK_RUNNING,
+    WORK_FINISHED,
+    WORK_FAILED,
+    WORK_NOT_STORED /* it ended, but what it made cannot be kept */
+} WorkProgress;
 
 typedef struct {
     WorkKind kind;

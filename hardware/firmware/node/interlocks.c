@@ -124,9 +124,12 @@ Cause interlocks_take_master(Node *node, const MasterAlive *master) {
     if (node->master_alive && other) {
         node->other_master_alive = true;
         node->other_master_ms = node->now;
+        node->other_session = master->session;
         return CAUSE_TWO_MASTERS;
     }
     const bool lost = !node_is_off(node) && node->master_seen && other;
+    if (node->other_session == master->session) /* it is no second one any more */
+        node->other_master_alive = false;
     node->master = *master;
     node->master_seen = node->master_alive = true;
     node->times.master_alive = node->now;

@@ -42,7 +42,8 @@ typedef enum {
     CAUSE_STAGE_POSITION,
     CAUSE_SCAN_FAILED = 14,
     CAUSE_JOURNAL_DAMAGED = 16,
-    CAUSE_PASS_UNKNOWN
+    CAUSE_PASS_UNKNOWN,
+    CAUSE_STORAGE_FAILED
 } Cause; /* value table "Fault" of inkloop.dbc; 9, 10, 13 and 15 are not used */
 
 enum { ROLE_HEAD = 1, ROLE_STAGE = 2, ROLE_CURE = 4, ROLE_PROFILER = 8 };
@@ -133,6 +134,7 @@ typedef struct {
     bool master_seen;                      /* a master was accepted since power-up */
     bool master_alive, other_master_alive; /* not silent for longer than the limit; a silent one needs a new frame */
     uint32_t other_master_ms;
+    uint16_t other_session;
     uint32_t now;
     Step step;
     uint16_t last_routine; /* the last one that is not journalled */

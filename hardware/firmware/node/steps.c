@@ -223,6 +223,8 @@ static Cause continue_step(Node *node) {
     const WorkProgress work = working ? node->hal->progress(node->hal->context) : WORK_RUNNING;
     if (work == WORK_FAILED)
         return cause_of(kind);
+    if (work == WORK_NOT_STORED)
+        return CAUSE_STORAGE_FAILED;
     switch (kind) {
     case STEP_PASS:
         return continue_pass(node, work);

@@ -38,6 +38,9 @@ class BusConnection:
     raises BusError once the process, the adapter or the reading thread has failed, with its message.
     """
 
+    is_live = True
+    """Nodes and other masters may be on the bus."""
+
     def __init__(
         self,
         settings: BusSettings,

@@ -21,7 +21,8 @@ class BusSettings:
     traffic_log: file of all frames, BLF or ASC by its suffix; a relative one lies in the folder of the rig; None: none.
     loop_timeout_s: seconds that the control loop may be busy (a plan) while nothing is enabled, then the heartbeat
     ends; grace_s: the same while something is enabled. reopen_s: seconds of tries to open a disconnected adapter.
-    answer_s: seconds for a node to begin an answer; silence_s: seconds without a status until a node is lost.
+    answer_s: seconds for a node to begin an answer; silence_s: seconds without a status until a node is lost,
+    and without another master before this one begins.
     """
 
     interface: str | None = None

@@ -60,7 +60,8 @@ def blocked(node: Node, state: NodeState) -> str | None:
         why = f"a cure of layer {state.layer}, which was begun and whose duration is unknown; it will be repeated"
     else:
         why = state.cause.name if state.cause != Fault.NONE else "a step that it gave up"
-    return f"{name}: needs a person because of {why}; check the bench, then `inkloop device SCENARIO clear`"
+    look = "make room in its storage" if state.cause == Fault.STORAGE_FAILED else "check the bench"
+    return f"{name}: needs a person because of {why}; {look}, then `inkloop device SCENARIO clear`"
 
 
 def clear(rig: Rig, node: Node, option: int = 0) -> None:

@@ -20,8 +20,8 @@ from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
 
 FRAMES_MIN = 6
 """A node is released by two intact frames in a row, and stopped by one; the others may be lost."""
-CONFIRMED_WITHIN = 2.0
-"""Seconds in which a node that lives sends twenty statuses."""
+CONFIRM_SILENCES = 7.0
+"""Silences after which a run takes a node for lost, in which a node that lives has sent twenty statuses."""
 
 
 def request_stop(settings: BusSettings) -> Iterator[str]:
@@ -31,8 +31,9 @@ def request_stop(settings: BusSettings) -> Iterator[str]:
     adapter cannot be used.
     """
     confirmed: dict[Node, NodeStatus] = {}
+    within_s = CONFIRM_SILENCES * settings.silence_s
     with closing(Adapter(settings)) as adapter:
-        for status in _sent(adapter, active=True):
+        for status in _sent(adapter, active=True, within_s=within_s):
             if status.node not in confirmed and _is_stopped(status):
                 confirmed[status.node] = status
                 yield f"{status.node.lower()}: {status.state.name} because of {status.fault.name}"
@@ -41,7 +42,7 @@ def request_stop(settings: BusSettings) -> Iterator[str]:
     missing = [node.lower() for node in Node if node not in confirmed]
     if missing:
         raise HardwareError(
-            f"{settings}: {', '.join(missing)} did not confirm the stop request within {CONFIRMED_WITHIN:g} s. Use the "
+            f"{settings}: {', '.join(missing)} did not confirm the stop request within {within_s:.1f} s. Use the "
             "hard-wired stop, then check power and cables"
         )
     yield "stopped; look at the bench, then `inkloop device SCENARIO release` and `clear`"
@@ -50,18 +51,18 @@ def request_stop(settings: BusSettings) -> Iterator[str]:
 def release_stop(settings: BusSettings) -> Iterator[str]:
     """Release the request. The nodes stay off until a person clears them. BusError if the adapter cannot be used."""
     with closing(Adapter(settings)) as adapter:
-        for _ in _sent(adapter, active=False):
+        for _ in _sent(adapter, active=False, within_s=0.0):
             pass
     yield "the stop request is released; the nodes stay off until `inkloop device SCENARIO clear`"
 
 
-def _sent(adapter: Adapter, *, active: bool) -> Iterator[NodeStatus]:
-    """Send the request in its cycle, and yield the intact statuses that arrive meanwhile."""
+def _sent(adapter: Adapter, *, active: bool, within_s: float) -> Iterator[NodeStatus]:
+    """Send the request in its cycle, `FRAMES_MIN` times and for `within_s` at least, and yield the intact statuses that
+    arrive meanwhile."""
     codec = Codec()
     sender, cycle = Supervised(codec), codec.cycle_time(StopRequest.message) or 0.05
     began, sent = time.monotonic(), 0
-    until = began + (CONFIRMED_WITHIN if active else FRAMES_MIN * cycle)
-    while sent < FRAMES_MIN or time.monotonic() < until:
+    while sent < FRAMES_MIN or time.monotonic() < began + within_s:
         adapter.send(sender.frame(StopRequest(active, Source.OPERATOR)))
         sent += 1
         while (left := began + sent * cycle - time.monotonic()) > 0:

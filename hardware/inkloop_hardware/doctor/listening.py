@@ -20,7 +20,9 @@ from inkloop_hardware.protocol.records import KINDS, MasterAlive, NodeStatus, St
 from inkloop_hardware.protocol.vocabulary import Node
 
 LISTEN_S = 1.2
-"""Twelve statuses of a healthy node, and at least one MasterAlive of any master."""
+"""Twelve statuses of a healthy node, and at least one MasterAlive of any master; at least `LISTEN_SILENCES`."""
+LISTEN_SILENCES = 2.0
+"""Silences after which a run takes a node for lost: one that lasts so long is noticed."""
 CYCLE_SLACK = 0.25
 """Share of its cycle by which the median of a status may be off (assumed)."""
 LOST_SHARE = 0.1
@@ -30,9 +32,11 @@ CHECK_NODE = "is it powered, on this bus, at this bit rate, and with the ids of 
 
 @dataclass
 class Heard:
-    """Everything that was received in `lasted` seconds; `times`: seconds of the intact statuses of each node."""
+    """Everything that was received in `lasted` seconds; `times`: seconds of the intact statuses of each node;
+    `silence_s`: seconds without a status after which a run takes a node for lost."""
 
     lasted: float = 0.0
+    silence_s: float = LOST_AFTER
     frames: int = 0
     errors: int = 0
     others: Counter[int] = field(default_factory=Counter)
@@ -84,10 +88,15 @@ class Heard:
 
 
 def listen(
-    adapter: Adapter, codec: Codec, seconds: float = LISTEN_S, monotonic: Callable[[], float] = time.monotonic
+    adapter: Adapter, codec: Codec, seconds: float | None = None, monotonic: Callable[[], float] = time.monotonic
 ) -> Heard:
-    """Read the bus for this time and send nothing. BusError when the adapter is disconnected."""
-    heard, begin = Heard(), monotonic()
+    """Read the bus and send nothing. BusError when the adapter is disconnected.
+
+    seconds: None is long enough for `judge`.
+    """
+    silence_s = adapter.settings.silence_s
+    seconds = max(LISTEN_S, LISTEN_SILENCES * silence_s) if seconds is None else seconds
+    heard, begin = Heard(silence_s=silence_s), monotonic()
     while (now := monotonic()) < begin + seconds:
         for message in adapter.receive(min(0.05, begin + seconds - now)):
             if message.is_error_frame:
@@ -171,12 +180,12 @@ def _heartbeats(heard: Heard, codec: Codec) -> Iterator[Finding]:
         gaps = [later - earlier for earlier, later in pairwise(heard.times[node])]
         if not gaps:
             yield Finding.error("heartbeat", f"{node.lower()}: a single status in {heard.lasted:.1f} s", CHECK_NODE)
-        elif max(gaps) > LOST_AFTER:
+        elif max(gaps) > heard.silence_s:
             yield Finding.error(
                 "heartbeat",
                 f"{node.lower()}: {max(gaps) * MS_PER_S:.0f} ms between two statuses, the cycle is "
                 f"{cycle * MS_PER_S:.0f} ms",
-                "a run takes the node for lost after 300 ms: check cables and its load",
+                f"a run takes the node for lost after {heard.silence_s * MS_PER_S:.0f} ms: check cables and its load",
             )
         elif abs(median(gaps) - cycle) > CYCLE_SLACK * cycle:
             yield Finding.warning(

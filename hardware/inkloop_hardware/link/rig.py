@@ -34,9 +34,9 @@ SESSION_MAX, JOB_MAX = 0xFFFF, 0xFFFFFFFF
 class Rig:
     """A bus with its nodes, shared by several users.
 
-    The first `attach` opens it, the last `detach` closes it. A separate process owns the adapter and sends MasterAlive
-    every 100 ms, as long as this one keeps it alive: by `keep_alive`, and by waiting in a link. Changes of nodes are
-    logged as sentences by the logger "inkloop_hardware".
+    The first `attach` opens it and listens for another master, the last `detach` closes it. A separate process owns the
+    adapter and sends MasterAlive every 100 ms, as long as this one keeps it alive: by `keep_alive`, and by waiting in a
+    link. Changes of nodes are logged as sentences by the logger "inkloop_hardware".
 
     settings: the bus; folder: of a relative traffic log. To be used by one thread.
     """
@@ -78,7 +78,11 @@ class Rig:
             self.supervision.bus.send_job(number)
 
     def attach(self) -> None:
-        """Add a user; the first one opens the bus. BusError if it cannot be opened; the user is not added then."""
+        """Add a user; the first one opens the bus, and listens a little longer than `settings.silence_s` before its
+        heartbeat begins.
+
+        BusError if it cannot be opened, AnotherMaster if one is active; the user is not added then.
+        """
         if self._users == 0:
             self._open()
         self._users += 1

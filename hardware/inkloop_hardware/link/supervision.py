@@ -22,6 +22,11 @@ KEEP_ALIVE_PERIOD_S = 0.02
 FIRST_BEATS = 0.15
 """Seconds of heartbeat before the first request: a node that knows this session from before takes the first frame of a
 new counter for a jump."""
+LISTEN_PAUSE_S = 0.02
+LISTEN_SILENCES = 1.25
+"""Silences without another master before the first heartbeat: a node may have taken the last frame late (assumed)."""
+ENDING_SILENCES = 3.0
+"""Silences for which another master may still be heard when this one opens: a run that was killed (assumed)."""
 
 Bus = BusConnection | ReplayConnection
 
@@ -29,8 +34,8 @@ Bus = BusConnection | ReplayConnection
 class Supervision:
     """Watches the nodes and other masters on an open bus, and keeps the heartbeat of this master alive.
 
-    codec: of the frames; session: our own; place: the bus, for messages; silence_s: seconds without a status until a
-    node is lost. To be used by one thread.
+    codec: of the frames; session: our own; place: the bus, for messages; silence_s: seconds of silence until a node is
+    lost, or another master forgotten. To be used by one thread.
     """
 
     def __init__(self, codec: Codec, session: int, place: str, silence_s: float) -> None:
@@ -78,10 +83,20 @@ class Supervision:
         return time.monotonic() - self._beating_since > FIRST_BEATS
 
     def open(self, bus: Bus) -> None:
-        """Supervise this bus; earlier statuses of the nodes are discarded."""
+        """Supervise this bus and begin the heartbeat; earlier statuses of the nodes are discarded.
+
+        The heartbeat begins once no other master has been heard for the silence after which nodes forget it: earlier,
+        they would take this master for a second one. AnotherMaster if one is active, which then is not disturbed.
+        """
         self._watches = {node: NodeWatch(node, self._silence_s) for node in Node}
         self._bus_watch = BusWatch(self._session)
         self._bus = bus
+        try:
+            if bus.is_live:
+                self._listen()
+        except BaseException:
+            self.close()
+            raise
         self._beating_since = time.monotonic()
         self.keep_alive()
 
@@ -133,6 +148,21 @@ class Supervision:
     def watch(self, node: Node) -> NodeWatch:
         """Status, falls and fault of a node."""
         return self._watches[node]
+
+    def _listen(self) -> None:
+        """Wait for the silence of other masters, by the clock of the received frames."""
+        began = None
+        while True:
+            self.bus.check()
+            self._take_frames()
+            now = self.bus.clock
+            began = now if began is None and now > 0.0 else began
+            if began is not None:
+                if now - max(began, self._bus_watch.other_at) > LISTEN_SILENCES * self._silence_s:
+                    return
+                if now - began > ENDING_SILENCES * self._silence_s:
+                    self.check_alone()
+            time.sleep(LISTEN_PAUSE_S)
 
     def _take_frames(self) -> None:
         """Take statuses and faults of all nodes, and messages of the bus process."""

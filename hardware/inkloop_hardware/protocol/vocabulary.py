@@ -47,6 +47,7 @@ class Fault(IntEnum):
     SCAN_FAILED = 14
     JOURNAL_DAMAGED = 16
     PASS_UNKNOWN = 17
+    STORAGE_FAILED = 18
 
 
 class Source(IntEnum):

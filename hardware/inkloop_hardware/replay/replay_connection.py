@@ -33,6 +33,8 @@ class ReplayConnection:
     job: that of the recorded run. Frames of the master other than its requests have no meaning here.
     """
 
+    is_live = False
+
     def __init__(self, settings: BusSettings) -> None:
         if settings.channel is None:
             raise BusError("a replay needs a traffic log: set bench.channel to a .blf or .asc file")

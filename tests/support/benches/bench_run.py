@@ -47,7 +47,8 @@ pass_rotation = 1
 interface = "slcan"
 bitrate = 500000
 cure_ms = 2
-grace_s = 5.0      # a busy machine is no fault of the bench
+silence_s = 1.0    # a busy machine is no fault of the bench
+grace_s = 5.0
 answer_s = 20.0
 
 [components.controller]

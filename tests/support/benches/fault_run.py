@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -27,7 +27,7 @@ from support.benches import node_bench
 SIDE = 9
 PATTERN = np.random.default_rng(2).integers(0, 3, (SIDE, SIDE)).astype(np.uint8)
 BLOB = node_bench.pattern_blob(PATTERN)
-SILENCE_S = 2.0
+SILENCE_S = 1.0
 """Of a node and of the master, until the other side takes it for lost: a busy machine is no fault of the bench."""
 PATIENT = dict.fromkeys(("alive_ms", "watchdog_ms"), 1e3 * SILENCE_S)
 FAST: dict[str, Any] = {"pass_ms": 5, "scan_ms": 5, "move_ms": 2, "home_ms": 2, "gate_ms": 1}
@@ -119,6 +119,14 @@ def looked_at(run: FaultRun) -> Iterator[FaultRun]:
             yield FaultRun(run.bench, rig)
     finally:
         run.rig.attach()
+
+
+def wait_until(true: Callable[[], bool]) -> None:
+    """Until it is so."""
+    until = time.monotonic() + LIMIT_S
+    while not true():
+        assert time.monotonic() < until
+        time.sleep(0.02)
 
 
 @lru_cache

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -32,11 +32,14 @@ from support.benches.node_bench import (
     NRC_PENDING,
     NRC_RANGE,
     PASS,
+    PROFILER,
     SCAN,
     SELF_TEST,
     STAGE,
     STEP_EXPIRED,
     STOP_REQUEST,
+    STORAGE_FAILED,
+    STORAGE_FULL,
     SUPERVISION,
     TWO_MASTERS,
     WORK_FAILS,
@@ -229,6 +232,26 @@ def test_device_that_fails_or_hangs_is_a_fault(bench: NodeBench, what: int) -> N
     assert bench.state(STAGE).state == "FAULT"
 
 
+@pytest.mark.parametrize(
+    ("step", "node"),
+    [
+        (lambda bench: bench.run(HOME, STAGE, attempt=2), STAGE),
+        (lambda bench: bench.run(PASS, layer=1, option=b"\x00"), HEAD),
+        (lambda bench: bench.scan(0, attempt=2), PROFILER),
+    ],
+    ids=["home", "pass", "scan"],
+)
+def test_result_that_cannot_be_kept_is_a_fault_of_its_own(
+    step: Callable[[NodeBench], int], node: int, bench: NodeBench
+) -> None:
+    bench.broken(STORAGE_FULL)
+    assert step(bench) == -NRC_FAILED
+    assert (bench.state(node).state, bench.state(node).cause) == ("FAULT", STORAGE_FAILED)
+    assert bench.state(HEAD).unknown == (node == HEAD), "a pass whose trace is lost counts as unknown"
+    bench.broken(0)
+    assert bench.clear(node, 1) == DONE
+
+
 def test_pass_may_take_its_limit_and_the_ways_of_the_gate_in_addition() -> None:
     with NodeBench(pass_ms=119_900, gate_ms=400) as bench:
         assert bench.ready().download(pattern_blob(FULL), 1) == 0
@@ -251,6 +274,21 @@ def test_two_masters_make_every_node_safe_until_one_is_silent(bench: NodeBench) 
     assert bench.clear(CURE, 1) == -NRC_CONDITIONS
     bench.tick(400)
     assert bench.clear(CURE, 1) == DONE
+
+
+@pytest.mark.parametrize(("third", "outcome"), [(False, DONE), (True, -NRC_CONDITIONS)])
+def test_second_master_that_is_adopted_is_the_only_one_unless_there_is_a_third(
+    bench: NodeBench, third: bool, outcome: int
+) -> None:
+    bench.master = MasterAlive(LAMP | GATE | MOTION, 2, 7)
+    bench.send_keep_alive()
+    assert bench.state(CURE).cause == TWO_MASTERS
+    for _ in range(4):
+        bench.tick(100)
+        if third:
+            bench.send_keep_alive(MasterAlive(LAMP | GATE | MOTION, 3, 7))
+    assert bench.state(CURE).session == 2, "the first one is silent"
+    assert bench.clear(CURE, 1) == outcome
 
 
 def test_new_session_is_taken_up_after_the_old_one_is_silent(bench: NodeBench) -> None:

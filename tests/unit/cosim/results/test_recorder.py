@@ -88,6 +88,39 @@ def test_layers_that_were_jumped_over_are_empty() -> None:
     np.testing.assert_array_equal(run.height[5], 5 * height)
 
 
+@pytest.mark.parametrize(
+    ("scans", "found"),
+    [((0, 0, 2, 2), (0, 0, 2, 2)), ((0, 1, 1, 3), (0, 1, 1, 3)), ((-1, 1, 1, 3), (np.nan, 1, 1, 3))],
+    ids=["layer 1 is not scanned", "layer 2 is not scanned", "the start surface is not scanned"],
+)
+def test_layer_that_was_not_scanned_has_the_surface_of_the_scan_before_it(
+    scans: tuple[int, ...], found: tuple[float, ...]
+) -> None:
+    """A printer that does not know its surface, and a real profiler: what it saw at each printed layer."""
+    job = toy_job()
+    shape = (job.nx, job.ny)
+    printed, scanned = iter(range(1, len(scans))), iter(scans)
+
+    def scan(*_: object) -> Values:
+        number = next(scanned)
+        return {"measured_height": np.full(shape, float(number)), "layers_scanned": np.asarray(number)}
+
+    printer = FunctionComponent(
+        outputs=[Port("layers_printed")], step=lambda *_: {"layers_printed": np.asarray(next(printed))}
+    )
+    profiler = FunctionComponent(
+        outputs=[Port("measured_height", "m", shape), Port("layers_scanned")], step=scan, start=scan
+    )
+    profiler.is_device = True  # type: ignore[attr-defined]
+    parts = {"printer": printer, "profiler": profiler}
+    recorder = Recorder(job, parts)
+    Master(parts, [], step_ns=1, observers=[recorder]).run(time_max_ns=len(scans) - 1)
+    run = recorder.dataset()
+    np.testing.assert_array_equal(run.height, np.broadcast_to(np.reshape(found, (-1, 1, 1)), (len(scans), *shape)))
+    expected = [float((job.target_height - one)[job.mask].mean()) for one in found]
+    np.testing.assert_allclose(run.mean_error, expected, rtol=1e-12)
+
+
 def test_printer_alone_is_recorded() -> None:
     job = toy_job()
     printer: Any = ToyPrinter(job)

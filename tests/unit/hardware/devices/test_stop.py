@@ -80,10 +80,11 @@ def test_stop_is_sent_until_every_node_confirms() -> None:
     assert set(requests(received)) == {True}
 
 
-def test_node_that_does_not_confirm_is_an_error_that_names_it() -> None:
+def test_node_that_does_not_confirm_in_the_time_of_the_settings_is_an_error_that_names_it() -> None:
     lines: list[str] = []
-    with bus("deaf", Node.CURE) as received, pytest.raises(HardwareError, match=r": cure did not confirm.*hard-wired"):
-        lines.extend(request_stop(BusSettings("virtual", "deaf")))
+    words = r": cure did not confirm the stop request within 0\.7 s.*hard-wired"
+    with bus("deaf", Node.CURE) as received, pytest.raises(HardwareError, match=words):
+        lines.extend(request_stop(BusSettings("virtual", "deaf", silence_s=0.1)))
     assert len(requests(received)) >= FRAMES_MIN
 
 

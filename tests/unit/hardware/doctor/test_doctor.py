@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import re
+from contextlib import ExitStack
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from inkloop.component import Job
+from inkloop_hardware.bus.adapter import Adapter
 from inkloop_hardware.bus.settings import BusSettings
 from inkloop_hardware.doctor.adapter_check import before_opening, configured, opened
 from inkloop_hardware.doctor.findings import Finding, Grade
 from inkloop_hardware.doctor.inquiry import ClockReading, Expected, NodeReport, assess, clock_rates
-from inkloop_hardware.doctor.listening import Heard, judge, judge_bus
+from inkloop_hardware.doctor.listening import Heard, judge, judge_bus, listen
 from inkloop_hardware.doctor.self_test import try_gate_and_lamp
 from inkloop_hardware.protocol.codec import Codec, Frame
 from inkloop_hardware.protocol.node_state import (
@@ -109,6 +112,21 @@ def test_lost_frames_are_a_fault_where_they_are_many() -> None:
 def test_pause_that_would_stop_a_run_is_an_error() -> None:
     assert "400 ms" in heard_errors(heard(cycle=0.4))["heartbeat"]
     assert heard_errors(heard(cycle=0.2)) == {}, "only worth a note"
+
+
+def test_pause_is_judged_by_the_patience_of_the_settings() -> None:
+    patient = heard(cycle=0.4)
+    patient.silence_s = 1.0
+    assert "heartbeat" not in heard_errors(patient)
+    patient.take(2.4, pack(CODEC, status(Node.HEAD), 3), CODEC)
+    assert "heartbeat" in heard_errors(patient)
+    with ExitStack() as stack:
+        adapter = Adapter(BusSettings("virtual", "nobody sends", silence_s=1.0))
+        stack.callback(adapter.close)
+        seconds = count(0.0, 0.25)
+        found = listen(adapter, CODEC, monotonic=lambda: next(seconds))
+    assert found.silence_s == 1.0
+    assert found.lasted >= 2.0
 
 
 def test_wrong_check_byte_repeated_counter_and_jump_are_counted() -> None:
