@@ -51,7 +51,19 @@ def test_first_part_has_the_say_where_two_inks_overlap(tmp_path: Path) -> None:
         job = combined("union", tmp_path, f"inks = {inks}").job()
         assert len(job.inks) == 2
         assert job.region is not None
-        np.testing.assert_array_equal(job.region.contains(x, y, z), expected)
+        np.testing.assert_array_equal(job.region.contains(x, y, z) & (box | rod), expected)
+
+
+def test_ink_of_the_top_and_of_the_bottom_goes_on_beyond_them(tmp_path: Path) -> None:
+    """The middle of the last droplet lies over the target, and a scan may show the first one below the substrate."""
+    x, y = cell_centers(NX, NY, PITCH)
+    for inks, is_a in (('["A", "B"]', True), ('["B", "A"]', False)):
+        job = combined("union", tmp_path, f"inks = {inks}").job()
+        assert job.region is not None
+        for cell, rod in (((3, 5), False), ((5, 5), False), ((9, 5), True)):
+            expected = is_a != rod
+            for z in (-3e-6, 1e-6, job.target_height[cell] - 1e-6, job.target_height[cell] + 3e-6):
+                assert job.region.contains(x[cell], y[cell], np.array(z)) == expected
 
 
 def test_combinations_are_parts_of_combinations(tmp_path: Path) -> None:
