@@ -50,14 +50,15 @@ class MeshReport:
 
     def lines(self) -> Iterator[str]:
         """For a person."""
-        yield f"mesh           {self.bodies} bodies, {self.triangles:,} triangles"
+        yield f"mesh           {_counted(self.bodies, 'body', 'bodies')}, {self.triangles:,} triangles"
         yield f"size           {_lengths(self.size)} mm"
         if len(self.names) > 1:
             yield from wrap(", ".join(self.names), WIDTH, initial_indent="objects        ", subsequent_indent=" " * 15)
         if not self.holes:
             yield "surface        watertight"
             return
-        yield f"surface        not watertight: {len(self.holes)} holes, the largest"
+        count = _counted(len(self.holes), "hole", "holes")
+        yield f"surface        not watertight: {count}" + (", the largest" if len(self.holes) > 1 else "")
         for hole in self.holes[:HOLES_SHOWN]:
             yield f"               {hole.size * MM_PER_M:.4g} mm across at ({_lengths(hole.center, ', ')}) mm"
 
@@ -139,11 +140,6 @@ class PartReport:
         return {"A": of_a * area, "B": whole - of_a * area}
 
     @property
-    def layers(self) -> int:
-        """Full layers that the height takes."""
-        return max(1, math.ceil(self.part.height / self.scenario.tables.ink.a.ink.layer_height - 1e-9))
-
-    @property
     def droplets(self) -> dict[str, int]:
         """Nominal droplets of each ink."""
         job = self.scenario.job()
@@ -156,7 +152,7 @@ class PartReport:
         options = [table.options for table in self.scenario.tables.components.values()]
         scans = [own["scan_duration_s"] for own in options if isinstance(own.get("scan_duration_s"), int | float)]
         layers = [own["layer_duration_s"] for own in options if isinstance(own.get("layer_duration_s"), int | float)]
-        return self.layers * (max(scans, default=SCAN_S) + max(layers, default=0.0))
+        return self.scenario.footprint.layers * (max(scans, default=SCAN_S) + max(layers, default=0.0))
 
     def lines(self) -> Iterator[str]:
         """For a person."""
@@ -181,7 +177,7 @@ class PartReport:
         droplets, volumes = self.droplets, self.volumes
         for name in volumes:
             yield f"ink {name}          {volumes[name] * NL_PER_M3:.5g} nl, about {droplets[name]:,} droplets"
-        yield f"layers         about {self.layers}"
+        yield f"layers         about {footprint.layers}"
         if self.scan_time:
             yield f"time           about {_duration(self.scan_time)} of layers and scans, without computing"
         yield f"memory, disk   {size_text(footprint.memory)}, {size_text(footprint.disk)}"
@@ -202,7 +198,7 @@ class PartReport:
             "warnings": list(self.scenario.solid.remarks),
             "ink_nl": {name: volume * NL_PER_M3 for name, volume in self.volumes.items()},
             "droplets": self.droplets,
-            "layers": self.layers,
+            "layers": footprint.layers,
             "layers_and_scans_s": self.scan_time,
             "memory_bytes": footprint.memory,
             "disk_bytes": footprint.disk,
@@ -211,6 +207,10 @@ class PartReport:
 
 def _lengths(values: Sequence[float], between: str = " x ") -> str:
     return between.join(f"{value * MM_PER_M:.5g}" for value in values)
+
+
+def _counted(count: int, one: str, more: str) -> str:
+    return f"{count} {one if count == 1 else more}"
 
 
 def _duration(seconds: float) -> str:

@@ -22,6 +22,8 @@ MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "Laye
 STATE_BYTES: Mapping[str, int] = {"YoungLaplaceDeposition": 540, "LayerController": 70}
 """Kind -> part of a saved state in addition to STATE_BYTES_OF_A_CELL."""
 STATE_BYTES_OF_A_CELL = 155
+ROUNDING = 1e-6
+"""Share of a layer that files in single precision may add to a height."""
 FILE_BYTES_OF_A_CELL_AND_LAYER = 50
 """29 in the layers kept while the print runs, 21 in result.nc."""
 
@@ -97,4 +99,4 @@ class Footprint:
 def _layers(tables: ScenarioFile, height: float) -> int:
     """Layers of the nominal height, at most those that the run may have."""
     nominal = height / tables.ink.a.ink.layer_height
-    return max(1, min(tables.run.layers_max, math.ceil(min(nominal, tables.run.layers_max))))
+    return max(1, min(tables.run.layers_max, math.ceil(min(nominal, tables.run.layers_max) - ROUNDING)))

@@ -16,6 +16,7 @@ from inkloop.errors import GeometryError, ScenarioError
 from inkloop.geometry import overhangs
 from inkloop.geometry.body import Body, bounds
 from inkloop.geometry.mesh_file import read_bodies
+from inkloop.scenario.footprint import ROUNDING
 from inkloop.scenario.validation import EMPTY_CELLS
 from inkloop.tables.messages import sentence
 from inkloop.tables.part_images import HeightMapTable
@@ -123,7 +124,7 @@ def mesh_of_scenario(path: Path) -> tuple[Body, ...] | None:
 def expected_layers(height: float) -> int:
     """Full layers of the default ink in a height [m]."""
     ink: Ink = ScenarioFile.model_fields["ink"].default.a.ink
-    return math.ceil(height / ink.layer_height)
+    return math.ceil(height / ink.layer_height - ROUNDING)
 
 
 def _extent(table: MeshTable | HeightMapTable) -> tuple[float, float, tuple[str, ...]]:

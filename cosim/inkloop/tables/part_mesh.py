@@ -25,7 +25,7 @@ class MeshTable(PlacedTable):
     """`[part]` with `shape = "mesh"`: closed surfaces of triangles."""
 
     shape: Literal["mesh"]
-    file: str = Field(description="STL, OBJ, PLY or 3MF, relative to the scenario")
+    file: str = Field(description="the mesh, relative to the scenario: STL, OBJ, PLY or 3MF")
     unit: Literal["um", "mm", "cm", "m", "in", "ft"] | None = Field(
         default=None, description="of the coordinates; required unless the file states it, as 3MF does"
     )
