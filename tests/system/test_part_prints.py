@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tools import parts
 
+from inkloop.cli import main
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
 
@@ -70,3 +71,16 @@ def test_pipe_junction_of_meshes_has_the_mismatch_of_the_formula(tmp_path: Path)
         mismatch.append(result.metrics()["mismatch"])
     assert mismatch[0] < 0.5
     assert mismatch[1] == pytest.approx(mismatch[0], abs=0.002)
+
+
+def test_run_whose_part_was_changed_is_not_resumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh, folder = tmp_path / "part.stl", tmp_path / "run"
+    mesh.write_bytes(parts.stl(parts.box((0.0, 0.6), (0.0, 0.4), 0.0, 0.02)))
+    assert main(["new", str(tmp_path / "mine"), "--part", str(mesh), "--pitch-um", "100"]) == 0
+    few = ["--set", "run.layers_max=2", "--set", "compare={}", "--no-pictures"]
+    assert main(["run", str(tmp_path / "mine.toml"), *few, "--out", str(folder)]) == 0
+    record = folder / "run.json"
+    record.write_text(record.read_text().replace('"stop_reason": "layers_max"', '"stop_reason": "interrupted"'))
+    mesh.write_bytes(parts.stl(parts.box((0.0, 0.6), (0.0, 0.5), 0.0, 0.02)))
+    assert main(["resume", str(folder), "--no-pictures"]) == 1
+    assert "the files of its part were changed since the run began" in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
@@ -17,6 +18,7 @@ from inkloop.components import catalog
 from inkloop.components.kind import Checked
 from inkloop.errors import ScenarioError
 from inkloop.files import TomlError, read_toml_text, toml_tables
+from inkloop.geometry import Columns
 from inkloop.master.events import Event
 from inkloop.master.wiring import Connection
 from inkloop.scenario.footprint import Footprint
@@ -145,6 +147,18 @@ class Scenario:
     def footprint(self) -> Footprint:
         """The memory and the disk that the print takes."""
         return Footprint.of(self.tables, self.solid.shape.height)
+
+    @property
+    def part_sha256(self) -> str | None:
+        """Of the columns of a part that comes from files; None for a formula."""
+        shape = self.solid.shape
+        if not isinstance(shape, Columns):
+            return None
+        found = hashlib.sha256()
+        for columns in (shape, self.solid.region):
+            if columns is not None:
+                found.update(columns.offsets.tobytes() + columns.bottoms.tobytes() + columns.tops.tobytes())
+        return found.hexdigest()
 
     @property
     def foreign_fmus(self) -> list[str]:
