@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from inkloop.errors import GeometryError
 from inkloop.geometry.body import Body, bounds
+from inkloop.geometry.cells import check_grid
 from inkloop.geometry.columns import Columns
 from inkloop.geometry.library import MeshReportStruct, intervals_by
 from inkloop.geometry.mesh_file import read_bodies
@@ -46,6 +47,7 @@ class MeshColumns:
 
 def mesh_columns(bodies: Sequence[Body], nx: int, ny: int, pitch: float) -> MeshColumns:
     """All bodies as one: they may overlap. What lies outside the grid is cut off. Coordinates in metres, finite."""
+    check_grid(nx, ny, pitch)
     triangles = np.concatenate([np.empty((0, 3, 3)), *(body.triangles for body in bodies)])
     triangles[..., :2] /= pitch
     open_cells = np.empty(nx * ny, dtype=np.int64)

@@ -30,6 +30,7 @@ from inkloop.tables.ink_file import merge_ink_file
 from inkloop.tables.job import job_of, target_of
 from inkloop.tables.messages import sentence
 from inkloop.tables.schema import ComponentTable, ScenarioFile
+from inkloop.tables.shapes import PartTable
 from inkloop.tables.solid import PartError, Solid
 
 
@@ -89,12 +90,14 @@ class Scenario:
         except ValidationError as error:
             errors += [sentence(detail, ScenarioFile) for detail in error.errors()]
             raise ScenarioError(source, errors + errors_of_invalid_file(raw, folder)) from error
+        is_formula = isinstance(tables.part, PartTable)  # which takes no memory; other parts are laid over the grid
+        too_large = [] if is_formula else list(Footprint.of(tables, 0.0).memory_errors())
         try:
-            solid = tables.part.solid(tables.grid, folder)
+            solid = None if too_large else tables.part.solid(tables.grid, folder)
         except PartError as error:
             errors += [f"part.{wrong}" for wrong in error.errors]
             raise ScenarioError(source, errors + errors_of_invalid_file(raw, folder)) from error
-        if too_large := list(Footprint.of(tables, solid.shape.height).memory_errors()):
+        if solid is None or (too_large := list(Footprint.of(tables, solid.shape.height).memory_errors())):
             raise ScenarioError(source, errors + too_large + errors_of_invalid_file(raw, folder))
         target = target_of(tables, solid)
         job = cache(partial(job_of, tables, target))

@@ -75,7 +75,7 @@ def of_run(result: Result, source: str) -> Patterns:
         inks_of(tables.ink, 2 if "ink" in run else 1),
         tables.process,
         run[PATTERN].values[1:],
-        run[DROP_LEVEL].values[1:] if DROP_LEVEL in run else None,
+        np.maximum(run[DROP_LEVEL].values[1:], 1) if DROP_LEVEL in run else None,
     )
 
 

@@ -133,6 +133,17 @@ def test_without_support_only_what_rests_on_the_substrate_is_printed(
     assert len(job.inks) == 1
 
 
+def test_part_of_which_nothing_rests_on_the_substrate_needs_ink_b(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(PipeJunctionTable, "geometry", lambda table, grid: Cap())
+    for support in (None, "none"):
+        with pytest.raises(ScenarioError, match=r"81 cells \(100\.0%\) have nothing below .* print ink B there$"):
+            loaded(tmp_path, support)
+    job = loaded(tmp_path, "below-overhangs").job()
+    assert int(job.mask.sum()) == 81
+
+
 class Mushroom:
     """A stem of 3 x 3 cells under a cap of 9 x 9, which begins at 20 um; both end at 60 um."""
 
@@ -148,3 +159,11 @@ class Mushroom:
 
     def top(self, x: Any, y: Any) -> Any:
         return np.full_like(x, 60e-6)
+
+
+class Cap(Mushroom):
+    """The cap alone."""
+
+    def intervals(self, x: Any, y: Any) -> Any:
+        ((bottom, top),) = super().intervals(x, y)
+        return ((np.maximum(bottom, 20e-6), top),)
