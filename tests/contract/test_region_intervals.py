@@ -164,6 +164,14 @@ def test_inks_of_a_surface_are_those_of_the_region_there(test: Any) -> None:
                 np.testing.assert_array_equal(found, expected)
 
 
+def test_columns_are_the_region_that_they_were_made_of() -> None:
+    jobs = [block(inks=TWO_INKS, region=region) for region in (FIVE, Columns.of_shape(FIVE, 10, 9, 263.256e-6))]
+    shape = jobs[0].nx, jobs[0].ny
+    for height in np.random.default_rng(2).uniform(0.0, 60e-6, (20, *shape)):
+        whole, columns = (InkRegions(job, "either").choices(height, 2) for job in jobs)
+        np.testing.assert_array_equal(columns, whole)
+
+
 def test_intervals_of_the_fmu_may_overlap_and_come_in_any_order() -> None:
     """Three maps that overlap are the one interval that they cover together; a map without one changes nothing."""
     chosen = {"inks": 2, "has_region": True, "layers_scanned": 0, "measured_height": 6e-6, "horizon": 1}
@@ -211,7 +219,9 @@ def test_fixed_fmu_takes_as_many_intervals_as_it_was_exported_with(fmi: Any, tmp
         export_fmu("LayerController", nx=10, ny=9, fmi=fmi, fixed=True, intervals=intervals, out=file)
         return catalog.make("Fmu", job, {"file": str(file)})
 
-    with pytest.raises(ScenarioError, match=r"has 5 intervals .*, this FMU has room for 2 .* --intervals 5 writes one"):
+    with pytest.raises(
+        ScenarioError, match=r"has 5 intervals .*, this FMU has room for 2 .* --intervals 5 writes one that has"
+    ):
         made(None)
     assert describe(file).variables["region_top"].shape({}) == (2, 10, 9)
     assert made(6).description.variables["region_top"].shape({}) == (6, 10, 9)
@@ -222,6 +232,8 @@ def test_resizable_fmu_gets_as_many_intervals_as_the_region_has() -> None:
     asked = {"region_intervals": 4}
     with pytest.raises(ScenarioError, match=r"has 5 intervals .* room for 4 .*; leave region_intervals out"):
         catalog.make("LayerController", job, asked)
+    with pytest.raises(ScenarioError, match="region_intervals is 65; expected 1 to 64"):
+        catalog.make("LayerController", job, {"region_intervals": 65})
     many = block(inks=TWO_INKS, region=Sheets([k * 1e-6 for k in range(65)], 0.5e-6))
     with pytest.raises(ScenarioError, match=r"has 65 intervals .*, this FMU has room for 64 .*; take 'LayerMpc'"):
         catalog.make("LayerController", many, {})

@@ -20,7 +20,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
         "--format", choices=(*MESH_FORMATS, *MAP_FORMATS), required=True, help="closed body, or height map"
     )
     parser.add_argument("--layer", type=int, metavar="N", help="after N layers, 0: start surface (default: last)")
-    parser.add_argument("--map", choices=SURFACES, default="height", help="surface to write (default: height)")
+    parser.add_argument("--map", choices=SURFACES, default=SURFACES[0], help="surface to write (default: printed)")
     parser.add_argument("--part", action="store_true", help="the cells of the part only")
     parser.add_argument(
         "--fill-um", type=float, metavar="H", help="height of cells that have none (default: NaN; stl, glb: refused)"

@@ -13,14 +13,13 @@ from inkloop.components.job_parameters import (
     factor_from_job,
     ink_parameters,
     parameters_from_job,
-    region_columns,
-    region_maps,
+    region_parameters,
 )
 from inkloop.components.port_tables import OPTION
 from inkloop.components.presets import PRESETS, preset_of
 from inkloop.errors import FmuError
 from inkloop.fmu import FmuDescription, Variable, describe
-from inkloop.fmu_writer.export import INTERVALS, INTERVALS_MAX, find_fmu
+from inkloop.fmu_writer.export import INTERVALS, find_fmu
 from inkloop.suggest import nearest
 from inkloop.tables.quantities import scaled
 from inkloop.units import missing_suffix, spellings, unit_of
@@ -98,7 +97,7 @@ def parse(
     errors: list[str] = []
     intervals: dict[str, int] = {}
     if INTERVALS in description.variables and use_job_parameters:
-        of_region, intervals, wrong = _region(description, job, options.get(INTERVALS))
+        of_region, intervals, wrong = region_parameters(description, job, options.get(INTERVALS))
         from_job |= ink_parameters(job) | of_region
         errors += wrong
     has_grid = description.grid is not None or "nx" in description.default_sizes
@@ -149,34 +148,6 @@ def parse(
             if name not in written:
                 errors.append(f"kind: {name} {error}; the job gives it, not this table")
     return Parsed(description, parameters, structural, sizes, values, errors)
-
-
-def _region(
-    description: FmuDescription, job: Job, asked: object
-) -> tuple[dict[str, NDArray[Any]], dict[str, int], list[str]]:
-    """The region of ink A as parameters, the structural parameter that makes room for it, and the errors.
-
-    asked: the number of intervals that the options give, if they do.
-    """
-    columns = region_columns(job)
-    if columns is None:
-        return {}, {}, []
-    most, variable = int(columns.counts.max()), description.variables["region_bottom"]
-    begins = description.default_sizes.get(INTERVALS)
-    room = begins if begins is not None else variable.shape({})[0]
-    limit = INTERVALS_MAX if begins is not None else room
-    if isinstance(asked, int):
-        room = limit = asked
-    if most <= limit:
-        count = max(most, room)
-        return region_maps(columns, count), {INTERVALS: count} if begins is not None else {}, []
-    remedy = f"inkloop export {description.name} --intervals {most} writes one that does"
-    if isinstance(asked, int):
-        remedy = f"leave {INTERVALS} out, and the FMU gets as many as the region needs"
-    elif begins is not None:
-        remedy = "take 'LayerMpc'"
-    found = f"the region of ink A has {most} intervals of height on a cell"
-    return {}, {}, [f"kind is {description.name!r}: {found}, this FMU has room for {limit} ({INTERVALS}); {remedy}"]
 
 
 def _value_errors(variable: Variable, key: str, value: object, found: object, sizes: Mapping[str, int]) -> list[str]:

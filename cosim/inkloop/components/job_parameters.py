@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Job
-from inkloop.fmu import Variable
+from inkloop.fmu import FmuDescription, Variable
+from inkloop.fmu_writer.export import INTERVALS, INTERVALS_MAX
 from inkloop.geometry import Columns, cell_centers
 from inkloop.units import conversion
 
@@ -41,9 +42,32 @@ def factor_from_job(name: str, variable: Variable) -> float | None:
     return None if is_other_type else conversion("m" if is_length else "1", variable.unit)
 
 
-def region_columns(job: Job) -> Columns | None:
-    """The region of ink A over the cells of the job."""
-    return None if job.region is None else Columns.of_shape(job.region, job.nx, job.ny, job.pitch)
+def region_parameters(
+    description: FmuDescription, job: Job, asked: object
+) -> tuple[dict[str, NDArray[np.float64]], dict[str, int], list[str]]:
+    """The region of ink A as parameters of an FMU, the size that makes room for it, and the errors.
+
+    asked: the number of intervals that the options give, if they do.
+    """
+    if job.region is None:
+        return {}, {}, []
+    columns = Columns.of_shape(job.region, job.nx, job.ny, job.pitch)
+    most, begins = int(columns.counts.max()), description.default_sizes.get(INTERVALS)
+    if begins is None:
+        limit = room = description.variables["region_bottom"].shape({})[0]
+        remedy = f"inkloop export {description.name} --intervals {most} writes one that has"
+    elif isinstance(asked, int):
+        limit = room = asked
+        remedy = f"leave {INTERVALS} out, and the FMU gets as many as the region needs"
+    else:
+        limit, room, remedy = INTERVALS_MAX, begins, "take 'LayerMpc'"
+    if most > limit:
+        found = f"the region of ink A has {most} intervals of height on a cell"
+        return {}, {}, [f"kind is {description.name!r}: {found}, this FMU has room for {limit} ({INTERVALS}); {remedy}"]
+    if room > INTERVALS_MAX:
+        return {}, {}, [f"{INTERVALS} is {room}; expected 1 to {INTERVALS_MAX}"]
+    count = max(most, room)
+    return region_maps(columns, count), {} if begins is None else {INTERVALS: count}, []
 
 
 def region_maps(columns: Columns, count: int) -> dict[str, NDArray[np.float64]]:

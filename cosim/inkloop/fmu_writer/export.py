@@ -25,6 +25,9 @@ INTERVALS = "region_intervals"
 INTERVALS_MAX = 64
 """Its largest value, as variables.toml has it."""
 
+_MAPS = 12
+"""Maps of LayerController with two intervals, by which more of them are reckoned."""
+
 LAYER_JOB = "LayerJob"
 """The model that prints what is in its resources, so that there is none without a scenario."""
 
@@ -73,7 +76,8 @@ def export_fmu(
     if nx < 1 or ny < 1:
         raise FmuError(f"the grid is {nx} x {ny} cells; expected at least 1 x 1")
     form = "fmi2" if fmi == "2" else "fmi3-fixed" if fixed else "fmi3"
-    if reason := memory_error(nx * ny * BYTES_OF_A_CELL[fmi]):
+    further_maps = 2 * max(0, (intervals or 2) - 2)
+    if reason := memory_error(nx * ny * BYTES_OF_A_CELL[fmi] * (_MAPS + further_maps) // _MAPS):
         fits = "choose a smaller grid" + ("" if fmi == "3" else ", or FMI 3, whose description does not grow with it")
         raise FmuError(f"{model} as FMI {fmi} of {nx} x {ny} cells {reason}, for what reads and runs it; {fits}")
     if form == "fmi2" and nx * ny > FMI2_CELLS:

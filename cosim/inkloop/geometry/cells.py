@@ -8,6 +8,12 @@ from numpy.typing import NDArray
 from inkloop.component import FloatMap
 
 
+def check_grid(nx: int, ny: int, pitch: float) -> None:
+    """Raises ValueError for a grid without cells or size."""
+    if nx < 1 or ny < 1 or not 0.0 < pitch < np.inf:
+        raise ValueError(f"a grid of {nx} x {ny} cells of {pitch} m; needs at least one and a length above 0")
+
+
 def cell_centers(nx: int, ny: int, pitch: float) -> tuple[FloatMap, FloatMap]:
     """x and y of every cell, each (nx, ny) [m]."""
     x, y = np.meshgrid(np.arange(nx) * pitch, np.arange(ny) * pitch, indexing="ij")

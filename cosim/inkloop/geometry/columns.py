@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import BoolMap, FloatMap, Geometry, HeightIntervals
-from inkloop.geometry.cells import cell_centers, cell_index
+from inkloop.geometry.cells import cell_centers, cell_index, check_grid
 from inkloop.geometry.library import ColumnsStruct, intervals_by, library
 
 _OF_FIRST, _OF_SECOND, _OF_BOTH = 1, 2, 4  # POINTS_OF_... of column_algebra.h
@@ -163,8 +163,7 @@ class Columns:
 
 def _check(columns: Columns) -> None:
     nx, ny, offsets, bottoms, tops = columns.nx, columns.ny, columns.offsets, columns.bottoms, columns.tops
-    if nx < 1 or ny < 1 or not 0.0 < columns.pitch < np.inf:
-        raise ValueError(f"columns of {nx} x {ny} cells of {columns.pitch} m; needs at least one and a length above 0")
+    check_grid(nx, ny, columns.pitch)
     shapes = offsets.shape, bottoms.shape, tops.shape
     if shapes != ((nx * ny + 1,), (bottoms.size,), (bottoms.size,)):
         raise ValueError(

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from inkloop.geometry.columns import Columns
 
-GAP_M = 1e-9
-"""A gap that counts as none: far below any droplet, far above the rounding of a mesh (assumed)."""
+GAP_M = 1e-7
+"""A gap that counts as none: far below any droplet, far above the rounding of a mesh in single precision (assumed)."""
 _SUBSTRATE = 0.0  # [m]
 
 
@@ -36,7 +36,7 @@ def overhangs(part: Columns) -> Overhangs | None:
     cells, hangs = _cells(part), part.bottoms > below
     if not hangs.any():
         return None
-    number, first = np.unique(cells[hangs]).size, int(np.argmax(hangs))
+    number, first = int(np.count_nonzero(np.bincount(cells[hangs]))), int(np.argmax(hangs))
     return Overhangs(
         cells=number,
         share=number / int(part.mask.sum()),
@@ -62,7 +62,7 @@ def support_below(part: Columns) -> Columns:
 
 def _solid(part: Columns) -> Columns:
     """The part over the substrate, without gaps that count as none."""
-    above = part.tops > GAP_M
+    above = part.tops > _SUBSTRATE
     cells, tops = _cells(part)[above], part.tops[above]
     bottoms = np.where(part.bottoms[above] <= GAP_M, _SUBSTRATE, part.bottoms[above])
     joined = (cells[1:] == cells[:-1]) & (bottoms[1:] - tops[:-1] <= GAP_M)

@@ -3,7 +3,7 @@
 Coordinates are metres with the origin at the centre of cell (0, 0); x runs along the first index of a height map.
 A point on the surface belongs to the part: cells are often cut exactly there (a radius of 15 cells), so
 distances are compared with a tolerance far below any droplet. `contains` is `intervals` asked for one height, so that
-both agree to the last bit.
+both agree to the last bit. Walls and ends are closed here; those of `Columns`, of a mesh for example, are half open.
 """
 
 from __future__ import annotations

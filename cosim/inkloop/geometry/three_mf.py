@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,10 @@ _EXTENSIONS = {
     "http://schemas.microsoft.com/3dmanufacturing/production/2015/06",
 }
 """Namespaces that a file may require; lib3mf reads them. Levelsets, slices and others are the geometry itself."""
+_COPIES_MAX = 1_000_000
+"""Of meshes in one assembly (assumed): lib3mf takes 10 ns for each."""
+_FOREIGN_ATTRIBUTE = 0x80A7
+"""Warning of lib3mf, "Invalid Attribute in namespace", the only one that cannot change a shape."""
 _MARKUP = (b"<!DOCTYPE", b"<!ENTITY")
 _XML = (".model", ".rels", ".xml")
 
@@ -39,14 +44,18 @@ def read_3mf(path: Path) -> tuple[list[Body], str]:
         raise GeometryError(f"{path}: 3MF needs lib3mf; pip install 'inkloop[3mf]'") from error
     model = lib3mf.get_wrapper().CreateModel()
     reader = model.QueryReader("3mf")
-    reader.SetStrictModeActive(True)
+    reader.SetStrictModeActive(False)  # slicers write attributes of their own
     reader.ReadFromFile(str(path))
+    warnings = [reader.GetWarning(n) for n in range(reader.GetWarningCount())]
+    if texts := sorted({text for code, text in warnings if code != _FOREIGN_ATTRIBUTE}):
+        raise GeometryError(f"{path}: holds what lib3mf would leave out: {' '.join(texts)} Save it as plain 3MF")
     found = _Model(path, model)
     return list(found.bodies()), _UNITS[int(model.GetUnit())]
 
 
 def _package_errors(path: Path) -> Iterator[str]:
-    """What keeps a package from being read: declarations of XML entities, extensions that would be left out."""
+    """What keeps a package from being read: XML entities, extensions that would be left out, copies without end."""
+    assemblies = []
     with zipfile.ZipFile(path) as archive:
         for member in archive.infolist():
             if not member.filename.lower().endswith(_XML):
@@ -54,10 +63,36 @@ def _package_errors(path: Path) -> Iterator[str]:
             data = archive.read(member)
             if b"\0" in data[:4] or any(word in data for word in _MARKUP):
                 yield f"{member.filename} declares a document type or entities, or is not UTF-8; save it without"
-            elif member.filename.lower().endswith(".model"):
+                return
+            if member.filename.lower().endswith(".model"):
                 for name, namespace in _required(data).items():
                     if namespace not in _EXTENSIONS:
                         yield f"{member.filename} requires the extension {name} ({namespace}), which is not read"
+                if b"component" in data:
+                    assemblies.append(data)
+    if (copies := _copies(assemblies)) > _COPIES_MAX:
+        yield f"its components are {copies:.3g} copies of its meshes; at most {_COPIES_MAX:,} are taken"
+
+
+def _copies(parts: list[bytes]) -> int:
+    """Meshes that the largest object consists of, copies included; lib3mf would visit each of them."""
+    meshes: dict[str, int] = {}
+    current = ""
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        nonlocal current
+        kind = name.rpartition(":")[2]
+        if kind == "object":
+            current = attributes.get("id", "")
+            meshes[current] = 0
+        elif kind == "component":
+            meshes[current] = meshes.get(current, 0) + max(1, meshes.get(attributes.get("objectid", ""), 1))
+
+    for data in (*parts, *parts):  # twice: the objects of a part may be used in one before it
+        parser = expat.ParserCreate()
+        parser.StartElementHandler = start
+        parser.Parse(data, True)
+    return max(meshes.values(), default=0)
 
 
 def _required(data: bytes) -> dict[str, str]:

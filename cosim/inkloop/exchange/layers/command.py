@@ -33,7 +33,7 @@ def export(patterns: Patterns, source: Path, options: argparse.Namespace, consol
         )
     drops = sum(entry["drops"] for entry in files)
     console.sentence(
-        f"wrote {out}: {len(files)} bitmaps of layers {layers[0]} to {layers[-1]}, {drops} drops; {patterns.origin}"
+        f"wrote {out}: layers {layers[0]} to {layers[-1]}, bitmaps: {len(files)}, drops: {drops}; {patterns.origin}"
     )
     console.sentence(f"  the first row is y = 0, a set bit (black) is a droplet; {archive.MANIFEST} has the rest")
     console.result(folder=out, layers=[layers[0], layers[-1]], drops=drops, files=[entry["file"] for entry in files])

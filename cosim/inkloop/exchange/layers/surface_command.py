@@ -39,7 +39,7 @@ def export(options: argparse.Namespace, console: Terminal) -> int:
 
 def _name(options: argparse.Namespace, result: Result) -> str:
     layer = result.dataset.sizes["layer"] - 1 if options.layer is None else options.layer
-    return f"{options.run.resolve().name}-{options.map.replace('_', '-')}-L{layer:04d}"
+    return f"{options.run.resolve().name}-{options.map}-L{layer:04d}"
 
 
 def _size(map_: HeightMap) -> str:

@@ -113,6 +113,21 @@ def test_fingerprint_changes_with_what_the_binary_must_know() -> None:
     assert model.token({"nx": 4, "ny": 5}, resizable=False) == f"LayerDeposition-{model.fingerprint}-4x5"
 
 
+def test_maps_that_lie_along_no_structural_parameter_are_an_error() -> None:
+    text = DEFINITION.read_text()
+    along = 'shape = "grid", along = "nz"'
+    with pytest.raises(
+        FmuError, match="height_start: along is 'nz'; a grid may name a structural parameter after nx, ny"
+    ):
+        definition.load(
+            text.replace(
+                'height_start = { causality = "parameter", shape = "grid"',
+                f'height_start = {{ causality = "parameter", {along}',
+            ),
+            DEFINITION,
+        )
+
+
 def test_every_error_of_a_definition_is_reported() -> None:
     text = DEFINITION.read_text()
     text = text.replace('terminal = "command"', 'terminal = "nowhere"').replace('declared = "PassOrder", ', "")

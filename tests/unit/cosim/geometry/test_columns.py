@@ -100,6 +100,32 @@ def test_touching_and_overlapping_intervals_become_one() -> None:
     assert columns.mask.tolist() == [[False], [True]]
 
 
+def test_arrays_outlive_the_columns_and_cannot_be_written() -> None:
+    columns = of(SHAPES[0])
+    tops, volume = columns.tops, columns.volume
+    with pytest.raises(ValueError, match="read-only"):
+        tops[0] = 1.0
+    del columns
+    bottoms = [of(shape).bottoms for shape in SHAPES for _ in range(50)]
+    assert len(bottoms) == 200
+    assert float(tops.sum()) * PITCH**2 == pytest.approx(volume, rel=1e-6, abs=0.0)
+
+
+def test_columns_of_a_shape_give_back_its_intervals() -> None:
+    """To the last bit: the controller in C is given these, the one in Python asks `contains`."""
+    x, y = cell_centers(NX, NY, PITCH)
+    (low, high), (expected_low, expected_high) = ((sorted_ends(part, x, y)) for part in (of(SHAPES[3]), SHAPES[3]))
+    np.testing.assert_array_equal(low, expected_low)
+    np.testing.assert_array_equal(high, expected_high)
+
+
+def sorted_ends(part, x: FloatMap, y: FloatMap) -> tuple[np.ndarray, np.ndarray]:
+    """Bottoms and tops of the intervals that are not empty, in the order of the cells."""
+    ends = np.array([np.broadcast_arrays(*interval) for interval in part.intervals(x, y)])
+    bottom, top = ends[:, 0].reshape(len(ends), -1).T, ends[:, 1].reshape(len(ends), -1).T
+    return bottom[bottom <= top], top[bottom <= top]
+
+
 @pytest.mark.parametrize(
     ("changed", "reason"),
     [

@@ -62,6 +62,17 @@ def test_closed_meshes_with_corners_on_cell_centres_close_every_column() -> None
         assert far.open_cells.size == far.inside_out == 0
 
 
+def test_a_mesh_is_the_same_over_a_part_of_the_grid() -> None:
+    """The whole grid is done in bands of rows, the part is one band."""
+    triangles = at_random_phase(MESHES["gyroid"], np.random.default_rng(8)) / ROOM
+    whole = mesh_columns([Body(triangles)], 256, 300, 1.0 / 256)
+    part = mesh_columns([Body(triangles - [100 / 256, 0.0, 0.0])], 60, 300, 1.0 / 256).columns
+    x, y = cell_centers(60, 300, 1.0 / 256)
+    assert whole.open_cells.size == 0
+    np.testing.assert_array_equal(whole.columns.counts[100:160], part.counts)
+    np.testing.assert_allclose(whole.columns.top(x + 100 / 256, y), part.top(x, y), rtol=1e-6)
+
+
 @pytest.mark.parametrize("name", ["torus", "ball", "gyroid"])
 def test_volume_converges_to_that_of_the_divergence_theorem(name: str) -> None:
     """Order 1 at least: the error of a column is the pitch times the slope, and it averages out."""

@@ -133,3 +133,15 @@ def test_what_lies_below_the_substrate_holds_and_hangs_nowhere() -> None:
     under = columns(lambda x, y: [(np.full_like(x, -20 * UM), np.full_like(x, -10 * UM)), (x * 0 + UM, x * 0 + 5 * UM)])
     assert not resting(under).mask.any()
     assert overhangs(under) is not None
+
+
+def test_rounding_of_a_mesh_is_no_overhang() -> None:
+    """Coordinates in single precision, 100 mm from their origin, are wrong by some nanometres."""
+    rng = np.random.default_rng(0)
+    uneven = columns(lambda x, y: [(rng.uniform(-4e-9, 4e-9, x.shape), x * 0 + 5 * UM)])
+    assert overhangs(uneven) is None
+    assert resting(uneven).mask.all()
+
+
+def test_part_thinner_than_any_gap_is_one() -> None:
+    assert resting(Columns.of_shape(Cuboid(6e-4, 4e-4, 3e-4, 3e-4, 0.01 * UM), NX, NY, PITCH)).mask.sum() == 9

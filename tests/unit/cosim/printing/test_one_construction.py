@@ -18,6 +18,7 @@ from inkloop.fmu import FmuComponent, reading
 from inkloop.printing.run import print_part
 from inkloop.scenario import file, loop
 from inkloop.scenario.file import Scenario
+from inkloop.tables import part_mesh
 from inkloop_controller import controllers
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
@@ -62,7 +63,8 @@ def counts(monkeypatch: pytest.MonkeyPatch) -> dict[str, Counter[str]]:
     for module in (fmu_parameters, fmu_kind):
         count(module, "find_fmu", "find", lambda model, form: model)
     count(fmpy, "read_model_description", "describe", lambda path, **options: Path(path).stem)
-    count(file, "job_of", "job", lambda tables, component: component)
+    count(file, "job_of", "job", lambda tables, target, component: component)
+    count(part_mesh, "read_bodies", "read", lambda path, unit: path.name)
     count(loop, "read_events", "events", lambda *args: "read")
     return found
 
@@ -78,6 +80,13 @@ def test_each_component_is_checked_once_and_constructed_once_per_print(counts: d
     assert counts["parse"] == counts["find"] == counts["describe"] == once(*MODELS)
     assert counts["job"] == once("", "controller", "printer", "profiler")
     assert counts["events"] == {"read": prints}
+
+
+def test_mesh_is_read_once_for_all_components_and_runs(counts: dict[str, Counter[str]]) -> None:
+    scenario = Scenario.load(ROOT / "scenarios" / "bracket.toml", {"run.layers_max": 1, "compare": {}})
+    print_part(scenario)
+    assert scenario.footprint.layers == 1
+    assert counts["read"] == once("bracket.stl")
 
 
 def test_devices_are_constructed_once_with_the_bus_of_their_loop(counts: dict[str, Counter[str]]) -> None:

@@ -15,6 +15,7 @@ from inkloop.geometry import PipeJunction, cell_centers, contained
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
 from inkloop.tables.shapes import PipeJunctionTable
+from inkloop.tables.solid import Bounds, Solid
 
 PITCH = 100e-6
 MIDDLE = 10 * PITCH
@@ -119,7 +120,8 @@ def test_every_droplet_of_a_supported_print_is_of_the_ink_that_belongs_there(tmp
 def test_without_support_only_what_rests_on_the_substrate_is_printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(PipeJunctionTable, "geometry", lambda table, grid: Mushroom())
+    mushroom = Solid(Mushroom(), Bounds(0.0, 0.0, 0.0, 0.0))
+    monkeypatch.setattr(PipeJunctionTable, "solid", lambda table, grid, folder: mushroom)
     with pytest.raises(
         ScenarioError, match=r"part: 72 cells \(88\.9%\) have nothing below them, first at \(6, 6\) from 20 um"
     ):
@@ -129,6 +131,17 @@ def test_without_support_only_what_rests_on_the_substrate_is_printed(
     assert (job.target_height[job.mask] == 60e-6).all()
     assert job.region is None
     assert len(job.inks) == 1
+
+
+def test_part_of_which_nothing_rests_on_the_substrate_needs_ink_b(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(PipeJunctionTable, "geometry", lambda table, grid: Cap())
+    for support in (None, "none"):
+        with pytest.raises(ScenarioError, match=r"81 cells \(100\.0%\) have nothing below .* print ink B there$"):
+            loaded(tmp_path, support)
+    job = loaded(tmp_path, "below-overhangs").job()
+    assert int(job.mask.sum()) == 81
 
 
 class Mushroom:
@@ -146,3 +159,11 @@ class Mushroom:
 
     def top(self, x: Any, y: Any) -> Any:
         return np.full_like(x, 60e-6)
+
+
+class Cap(Mushroom):
+    """The cap alone."""
+
+    def intervals(self, x: Any, y: Any) -> Any:
+        ((bottom, top),) = super().intervals(x, y)
+        return ((np.maximum(bottom, 20e-6), top),)

@@ -17,8 +17,8 @@ from inkloop.exchange.layers.patterns import Patterns, of_open_loop, of_run
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
+from support.bitmap_readers import stored_bits
 from support.places import SCENARIOS
-from unit.cosim.exchange.layers.test_bitmap import stored_bits
 
 LITTLE = {"components.controller.annealing_sweeps": 0, "run.layers_max": 2}
 GREY = {"components.controller.drop_levels": 5, "components.controller.horizon": 1}
@@ -176,7 +176,7 @@ def test_command_writes_chosen_layers_of_a_run(
     out = tmp_path / "out"
     assert main(["export-layers", run_folder, "--layers", "2", "--json", "--out", str(out)]) == 0
     shown = capsys.readouterr()
-    assert "1 bitmaps of layers 2 to 2" in shown.err
+    assert "layers 2 to 2, bitmaps: 1" in shown.err
     assert json.loads(shown.out)["files"] == ["L0002_P1_A.tif"]
     assert sorted(path.name for path in out.iterdir()) == ["L0002_P1_A.tif", "manifest.json"]
 

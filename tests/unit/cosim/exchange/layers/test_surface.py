@@ -15,6 +15,7 @@ from inkloop.cli import main
 from inkloop.errors import ResultError
 from inkloop.exchange.layers import mesh
 from inkloop.exchange.layers.surface import surface
+from inkloop.geometry import Placement, cell_centers, load
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_folder import MapFolder
 from inkloop.printing.run import print_part
@@ -130,6 +131,16 @@ def test_the_top_of_a_body_is_the_map_to_float32(tmp_path: Path) -> None:
         assert {tuple(corner) for corner in expected.astype(np.float32) + np.float32(0.0)} <= found
 
 
+def test_a_body_read_as_a_part_has_the_surface_as_its_top(tmp_path: Path) -> None:
+    """In every column but those on its walls, which belong to one side of it only."""
+    map_ = HeightMap(rough((9, 7)).z, DX, DX)
+    mesh.write(tmp_path / "body.stl", map_, "stl")
+    part = load(tmp_path / "body.stl", 9, 7, DX, unit="mm", placement=Placement("as-is"))
+    tops = part.top(*cell_centers(9, 7, DX))
+    assert tops[1:-1, 1:-1] == pytest.approx(map_.z[1:-1, 1:-1], rel=1e-6, abs=1e-11)
+    assert part.counts[1:-1, 1:-1].max() == part.counts[1:-1, 1:-1].min() == 1
+
+
 def test_the_floor_is_a_pixel_below_all() -> None:
     assert mesh.floor_of(HeightMap(np.full((2, 2), 1e-5), DX, DY)) == pytest.approx(-DX, rel=1e-12, abs=0.0)
     assert mesh.floor_of(HeightMap(np.full((2, 2), -1e-5), DX, DY)) == pytest.approx(-1e-5 - DX, rel=1e-12, abs=0.0)
@@ -150,14 +161,14 @@ def test_the_surface_is_the_layer_of_the_run() -> None:
     for layer in (0, 1, 2):
         assert np.array_equal(surface(printed(), "run", layer=layer).z, run.height.values[layer])
     assert np.array_equal(surface(printed(), "run").z, run.height.values[2])
-    target = surface(printed(), "run", name="target_height", part=True)
+    target = surface(printed(), "run", name="target", part=True)
     assert np.array_equal(target.z, run.target_height.where(run.mask).values, equal_nan=True)
 
 
 def test_cells_that_a_scan_did_not_measure_have_no_height() -> None:
     """Also where the run took its surface from the scans, as with a real printer."""
     run = printed().dataset
-    scanned = surface(printed(), "run", name="measured_height", layer=1)
+    scanned = surface(printed(), "run", name="measured", layer=1)
     expected = np.where(run.valid.values[1], run.measured_height.values[1], np.nan)
     assert np.array_equal(scanned.z, expected, equal_nan=True)
     assert 0 < np.isnan(scanned.z).sum() < scanned.z.size
@@ -228,7 +239,7 @@ def test_wrong_layers_are_refused(
 
 def test_a_missing_map_names_those_that_exist() -> None:
     without = Result(printed().dataset.drop_vars(["height", "estimated_height"]), printed().run)
-    with pytest.raises(ResultError, match="holds no height; it has measured_height, target_height"):
+    with pytest.raises(ResultError, match="holds no printed surface; it has measured, target"):
         surface(without, "run")
 
 
