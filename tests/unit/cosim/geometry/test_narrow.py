@@ -52,5 +52,5 @@ def test_what_is_lower_than_a_layer_is_found() -> None:
     assert marked(sheets) == {(5, 5)}
     assert marked(slots) == {(2, 2)}
     assert slots is not None
-    assert np.isclose(slots.first[2], 30e-6)
+    assert np.isclose(slots.first[2], 30e-6, rtol=1e-9, atol=0.0)
     assert narrow_upright(part(low), 7.6e-6) == (None, None)
