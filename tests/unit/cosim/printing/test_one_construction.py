@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from inkloop_controller import controllers
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
 from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.mapped.mapped import Mapped
+from support.benches import foreign_rig
 from support.places import ROOT
 
 CONTROLLERS = ("LayerMpc", "OpenLoop", "StochasticGreedy")
@@ -41,6 +44,7 @@ def counts(monkeypatch: pytest.MonkeyPatch) -> dict[str, Counter[str]]:
     def count(place: Any, name: str, what: str, key: Callable[..., str]) -> None:
         original = getattr(place, name)
 
+        @wraps(original)
         def counted(*args: Any, **options: Any) -> Any:
             found.setdefault(what, Counter())[key(*args, **options)] += 1
             return original(*args, **options)
@@ -50,7 +54,7 @@ def counts(monkeypatch: pytest.MonkeyPatch) -> dict[str, Counter[str]]:
     reading._describe.cache_clear()
     for name in CONTROLLERS:
         count(controllers, name, "construct", lambda *args, name=name, **options: name)
-    for each in (Printer, Profiler, Rig):
+    for each in (Printer, Profiler, Mapped, Rig):
         count(each, "__init__", "construct", lambda self, *args, **options: type(self).__name__)
     count(FmuComponent, "__init__", "construct", lambda self, path, **options: Path(path).stem)
     count(PythonClass, "check", "check", lambda self, job, options: self.entry.name)
@@ -91,6 +95,18 @@ def test_devices_are_constructed_once_with_the_bus_of_their_loop(counts: dict[st
     for component in scenario.build().values():
         component.terminate()
     assert counts["construct"] == once("LayerMpc", "Printer", "Profiler", "Rig")
+
+
+def test_mapped_rig_is_constructed_once_and_has_the_bus_of_its_loop(
+    tmp_path: Path, counts: dict[str, Counter[str]]
+) -> None:
+    (tmp_path / "rig.dbc").write_text(foreign_rig.DBC)
+    (tmp_path / "rig.toml").write_text(foreign_rig.MAPPING)
+    (tmp_path / "part.toml").write_text(foreign_rig.SCENARIO)
+    components = Scenario.load(tmp_path / "part.toml").build()
+    assert counts["construct"]["Mapped"] == counts["construct"]["Rig"] == 1
+    for component in components.values():
+        component.terminate()
 
 
 def test_second_print_of_a_scenario_has_components_of_its_own() -> None:
