@@ -172,10 +172,10 @@ def _client(channel: str, node: Node) -> Iterator[Callable[[bytes], bytes | None
             if not is_suppressed(request):
                 return receive(ANSWER_LIMIT_S)
             answer = receive(SILENCE_S)
-            if answer is None:  # whatever comes late comes before the answer to the next request
+            if answer is None:  # what comes late comes before the answer to the next request
                 stack.send(TESTER_PRESENT)
-                late = receive(ANSWER_LIMIT_S)
-                answer = None if late == bytes([0x7E, 0]) else late
+                while (late := receive(ANSWER_LIMIT_S)) != bytes([0x7E, 0]):
+                    answer = late
             return answer
 
         try:
