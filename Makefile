@@ -26,7 +26,10 @@ PIP := $(PYTHON) -m pip --python $(BIN)/python install --disable-pip-version-che
 # what decides about the compiled parts: C sources, their tables, and the modules that run while building
 BUILD_MODULES := $(wildcard cosim/inkloop/fmu_writer/*.py) \
                  $(addprefix hardware/inkloop_hardware/protocol/,c_codec.py inkloop.dbc)
-C_FILES := $(shell find controller fmus hardware tests -name '*.[ch]')
+C_FILES := $(shell find controller cosim fmus hardware tests -name '*.[ch]')
+
+# Compiled modules are kept, whatever the environment says: the tests start hundreds of processes that import them.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: run check test lint format test-long benchmarks benchmarks-hardware peers fuzz sanitize firmware-cortex-m tools figures \
         upgrade constraints clean
@@ -53,7 +56,7 @@ $(BIN)/python:
 	@touch $@
 
 .venv/installed: .venv/requirements CMakeLists.txt \
-                 $(shell find fmus controller/core hardware/firmware -type f -not -path '*/fuzz/*') $(BUILD_MODULES)
+                 $(shell find fmus controller/core cosim/columns hardware/firmware -type f -not -path '*/fuzz/*') $(BUILD_MODULES)
 	@echo "inkloop: compiling the FMUs, the controller and the emulator (about half a minute the first time) ..."
 	$(PIP) --quiet --no-deps --no-build-isolation --editable .
 	@touch $@

@@ -18,6 +18,7 @@ NAMES = (
     "master",
     "scaling",
     "time_limit",
+    "columns",
     "controller_step",
     "footprint",
     "peers",

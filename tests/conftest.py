@@ -1,4 +1,4 @@
-"""Marks by folder, the folder in which a run compiles what its tests need, and how properties are tried.
+"""Marks by folder, the folder that the tests of a run share, and how properties are tried.
 
 The examples of properties are the same in every run; `--hypothesis-profile=random`, of `make test-long`, draws others.
 """
@@ -16,6 +16,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from support import compiled
+from support.once_per_run import RUN_FOLDER
 
 FOLDER = Path(__file__).parent
 MARKS = {"system": ("system", "compiled"), "reference": ("system",), "unit/firmware": ("compiled",)}
@@ -30,8 +31,8 @@ settings.load_profile("same")
 
 def pytest_configure(config: pytest.Config) -> None:
     """The process that starts the workers owns the folder of the run; Ctrl-C works in all that it starts."""
-    if compiled.RUN_FOLDER not in os.environ:
-        folder = os.environ[compiled.RUN_FOLDER] = tempfile.mkdtemp(prefix="inkloop-tests-")
+    if RUN_FOLDER not in os.environ:
+        folder = os.environ[RUN_FOLDER] = tempfile.mkdtemp(prefix="inkloop-tests-")
         config.add_cleanup(lambda: shutil.rmtree(folder))
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # run by nohup or in the background of a script
         signal.signal(signal.SIGINT, signal.default_int_handler)  # programs that tests start and interrupt inherit it

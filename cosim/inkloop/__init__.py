@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from inkloop.errors import (
         ComponentError,
         FmuError,
+        GeometryError,
         HeightMapError,
         IdentificationError,
         InkloopError,
@@ -47,7 +48,7 @@ _MODULES = {
     "inkloop.fmu_writer.export": ("find_fmu", "export_fmu"),
     "inkloop.errors": (
         *("InkloopError", "ScenarioError", "FmuError", "ComponentError"),
-        *("HeightMapError", "IdentificationError", "ResultError"),
+        *("GeometryError", "HeightMapError", "IdentificationError", "ResultError"),
     ),
 }
 """Module -> public names that are imported from it when they are first used."""
@@ -57,6 +58,7 @@ __all__ = [
     "ComponentError",
     "FmuComponent",
     "FmuError",
+    "GeometryError",
     "HeightMapError",
     "IdentificationError",
     "Ink",

@@ -15,9 +15,12 @@ from inkloop.commands import (
     doctor,
     export,
     export_job,
+    export_layers,
     export_ssp,
+    export_surface,
     identify,
     info,
+    metrology,
     new,
     replay,
     report,
@@ -28,7 +31,7 @@ from inkloop.commands import (
     score,
     validate,
 )
-from inkloop.commands.options import show_error
+from inkloop.commands.options import add_output, show_error
 from inkloop.errors import InkloopError
 from inkloop.files import reason_of
 
@@ -43,7 +46,10 @@ COMMANDS = (
     export,
     export_ssp,
     export_job,
+    export_layers,
+    export_surface,
     info,
+    metrology,
     reproduce,
     score,
     identify,
@@ -53,10 +59,11 @@ COMMANDS = (
     replay,
 )
 """The modules of the commands, in the order of `inkloop --help`."""
+EXIT_CODES = "exit codes: 0 done; 1 an error, or a check that failed; 2 wrong arguments; 130 interrupted with Ctrl-C"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; 0 when it did what was asked, 1 when it could not, 130 when it was interrupted."""
+    """Run one command; returns the exit code, see EXIT_CODES."""
     options = _parsed(list(sys.argv[1:] if arguments is None else arguments))
     try:
         return int(options.command(options))
@@ -94,7 +101,9 @@ def _parsed(words: list[str]) -> argparse.Namespace:
 
 def _parser() -> tuple[argparse.ArgumentParser, Any]:
     """The parser of the whole command line, and its commands: `choices` has a parser for each name."""
-    whole = argparse.ArgumentParser(prog="inkloop", description="Closed-loop ink-jet 3D printing as a co-simulation.")
+    whole = argparse.ArgumentParser(
+        prog="inkloop", description="Closed-loop ink-jet 3D printing as a co-simulation.", epilog=EXIT_CODES
+    )
     whole.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     whole.add_argument(
         "--print-completion",
@@ -105,7 +114,7 @@ def _parser() -> tuple[argparse.ArgumentParser, Any]:
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND", dest="command_name")
     for module in COMMANDS:
         one = module.add_parser(commands)
-        one.add_argument("--traceback", action="store_true", help="print the Python traceback of an error")
+        add_output(one)
         one.set_defaults(command=module.run)
     return whole, commands
 

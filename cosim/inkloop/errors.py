@@ -4,6 +4,7 @@ InkloopError
 ├── ScenarioError    the author of the file: every error of the file at once, each with its place
 ├── FmuError         the maker of an FMU: cannot be read, or lacks a required feature
 ├── ComponentError   a component failed while it ran: which one, when, in which layer
+├── GeometryError    a part cannot be read from its file, or does not fit the grid
 ├── HeightMapError   a measured map cannot be read, or does not fit the grid as configured
 ├── IdentificationError  the logged data are invalid or do not determine the requested ink
 └── ResultError      a run folder cannot be read or written
@@ -42,6 +43,10 @@ class FmuError(InkloopError):
 
 class ComponentError(InkloopError):
     """A component refused a call or failed; the message names the component and the reason."""
+
+
+class GeometryError(InkloopError):
+    """A part cannot be read from its file or does not fit the grid; the message names the file."""
 
 
 class HeightMapError(InkloopError):

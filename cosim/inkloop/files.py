@@ -1,15 +1,24 @@
-"""Files that are there whole or not at all, locks, temporary folders, and the reasons why something is not written."""
+"""Files: written whole or not at all, TOML with errors that name the line, locks, temporary folders, C libraries."""
 
 from __future__ import annotations
 
+import codecs
+import ctypes
 import errno
 import os
+import re
 import shutil
 import sys
+import sysconfig
 import tempfile
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from importlib.resources import files
 from pathlib import Path
+from typing import Any
+
+from inkloop.errors import InkloopError
 
 if sys.platform == "win32":
     import msvcrt
@@ -66,6 +75,43 @@ def write_text(path: Path, text: str, *, durable: bool = False) -> None:
         partial.write_text(text, encoding="utf-8")
 
 
+class TomlError(ValueError):
+    """A file or a text is not TOML; the message names the line, what it holds and what to do."""
+
+
+def read_toml_text(path: Path) -> str:
+    """The text of a TOML file, without the byte order mark that some editors write. Raises OSError, TomlError."""
+    content = path.read_bytes()
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise TomlError("is not TOML: the file is UTF-16; save it as UTF-8")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line, byte = content.count(b"\n", 0, error.start) + 1, content[error.start : error.start + 1]
+        raise TomlError(
+            f"is not TOML: line {line} is not UTF-8; byte 0x{byte.hex()} is {byte.decode('cp1252', 'replace')!r} in an "
+            "older encoding of Windows; save the file as UTF-8"
+        ) from error
+
+
+def toml_tables(text: str) -> dict[str, Any]:
+    """The tables of a TOML text. Raises TomlError."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        lines = text.splitlines() or [""]
+        found = re.search(r" \(at (?:line (\d+), column \d+|end of document)\)$", str(error))
+        number = min(int(found[1]), len(lines)) if found and found[1] else len(lines)
+        line, reason = lines[number - 1].strip(), str(error)[: found.start() if found else None]
+        key = line.partition("=")[0].strip()
+        odd = next((letter for letter in key if not letter.isascii()), None)
+        if odd and '"' not in key:
+            reason = f"a key without quotes has no {odd!r}{'; write um' if odd in 'µμ' else ''}"
+        elif reason.startswith("Cannot"):  # declare twice, overwrite a value, mutate
+            reason = "this key or table is there already; keep one of them"
+        raise TomlError(f"is not TOML: line {number}, `{line}`: {reason}") from error
+
+
 def reason_of(error: OSError) -> str:
     """Why a file cannot be read or written; a full disk is named as that."""
     return _FULL.get(error.errno or 0) or error.strerror or str(error)
@@ -94,10 +140,28 @@ def take_lock(file: int) -> bool:
 
 
 @contextmanager
-def temporary_folder(purpose: str) -> Iterator[Path]:
-    """An empty folder for the block, removed at its end; those of processes that were killed are removed first."""
-    remove_abandoned(Path(tempfile.gettempdir()))
-    with tempfile.TemporaryDirectory(prefix=f"inkloop-{purpose}-{os.getpid()}-") as name:
+def new_folder(path: Path) -> Iterator[Path]:
+    """A temporary folder next to `path`, renamed to it when the block ends well, removed when it fails.
+
+    Raises FileExistsError where something is at `path` before or after the block.
+    """
+    _check_free(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with temporary_folder("new", path.parent) as content:
+        yield content
+        _check_free(path)
+        content.rename(path)
+
+
+@contextmanager
+def temporary_folder(purpose: str, place: Path | None = None) -> Iterator[Path]:
+    """An empty folder for the block, removed at its end; those of processes that were killed are removed first.
+
+    place: folder that it is in; None: the system's for temporary files.
+    """
+    place = Path(tempfile.gettempdir()) if place is None else place
+    remove_abandoned(place)
+    with tempfile.TemporaryDirectory(prefix=f"inkloop-{purpose}-{os.getpid()}-", dir=place) as name:
         owner = _owned(Path(name))
         try:
             content = Path(name) / "content"
@@ -125,6 +189,11 @@ def remove_abandoned(place: Path) -> list[Path]:
     return removed
 
 
+def _check_free(path: Path) -> None:
+    if path.exists():
+        raise FileExistsError(errno.EEXIST, "is there already; name another place, or remove it", str(path))
+
+
 def _owned(folder: Path) -> int:
     """The lock of a new temporary folder, which gets its name when it is locked."""
     partial = folder / f".{OWNER_FILE}"
@@ -133,3 +202,47 @@ def _owned(folder: Path) -> int:
         take_lock(file)
         partial.replace(folder / OWNER_FILE)
     return file
+
+
+def c_library(
+    package: str, name: str, variable: str, interface: int, entry_points: Mapping[str, tuple[Any, tuple[Any, ...]]]
+) -> ctypes.CDLL:
+    """A library of C code that is installed next to the modules of `package`, with its functions declared.
+
+    variable: of the environment, which may name another file; interface: what its function `<name>_interface` returns;
+    entry_points: function -> types of its result and arguments. Raises InkloopError if the library is not installed,
+    cannot be loaded or was built from other sources.
+    """
+    path = _library_path(package, name, variable)
+    try:
+        library = ctypes.CDLL(str(path))
+        for function_name, (result, arguments) in {**entry_points, f"{name}_interface": (ctypes.c_int32, ())}.items():
+            function = getattr(library, function_name)
+            function.restype, function.argtypes = result, arguments
+    except (OSError, AttributeError) as error:
+        raise InkloopError(f"{path}: is not {name} of this inkloop ({error}); install inkloop again") from error
+    if getattr(library, f"{name}_interface")() != interface:
+        raise InkloopError(
+            f"{path}: was built from other sources than this Python code; run make, or pip install again"
+        )
+    return library
+
+
+def _library_path(package: str, name: str, variable: str) -> Path:
+    """An editable install leaves the sources in place and puts built files next to NumPy."""
+    named = os.environ.get(variable)
+    if named:
+        if not Path(named).is_file():
+            raise InkloopError(f"{variable} is {named!r}: no such file; unset it to take the installed library")
+        return Path(named)
+    suffixes = {"win32": ".dll", "darwin": ".dylib"}
+    file_name = ("" if sys.platform == "win32" else "lib") + name + suffixes.get(sys.platform, ".so")
+    own = files(package)
+    folders = [own] if isinstance(own, Path) else []
+    folders += [Path(sysconfig.get_path(scheme), *package.split(".")) for scheme in ("platlib", "purelib")]
+    places = [folder / file_name for folder in folders]
+    found = next((place for place in places if place.is_file()), None)
+    if found is None:
+        looked = ", ".join(str(place) for place in places)
+        raise InkloopError(f"{name} is not installed (looked for {looked}); run make, or pip install inkloop")
+    return found

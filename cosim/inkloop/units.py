@@ -11,6 +11,7 @@ from math import isclose
 
 UM_PER_M, M_PER_UM = 1e6, 1e-6
 MM_PER_M, NM_PER_M, M_PER_PM = 1e3, 1e9, 1e-12
+M_PER_CM, M_PER_INCH = 1e-2, 2.54e-2
 PL_PER_M3 = 1e15
 NS_PER_S, S_PER_NS = 1_000_000_000, 1e-9
 US_PER_S, MS_PER_S, S_PER_MS = 1e6, 1e3, 1e-3

@@ -17,11 +17,15 @@ typedef enum { TYPE_REAL, TYPE_INTEGER, TYPE_BOOLEAN, TYPE_ENUMERATION, TYPE_COU
  * exposed, SCRATCH neither. */
 typedef enum { INDEPENDENT, STRUCTURAL, INPUT, OUTPUT, PARAMETER, TUNABLE, STATE, SCRATCH } Causality;
 
+/* A map has nx * ny values in C order; maps are as many of them, one after the other, as the structural parameter that
+ * follows nx and ny says. */
+typedef enum { ONE_VALUE, MAP, MAPS } Shape;
+
 typedef struct {
     const char *name;
     ValueType type; /* stored as double, int32_t, bool, int64_t, uint64_t */
     Causality causality;
-    bool is_grid;           /* nx * ny values in C order instead of one */
+    Shape shape;
     double start, min, max; /* reals must also be finite */
 } VariableDefinition;
 

@@ -13,25 +13,37 @@ double instance_time(Instance *instance) {
     return *(double *)values_of(instance, TIME);
 }
 
-/* The grid that a token carries; false if the token is not one of this binary. */
+static bool is_possible_depth(const VariableTable *table, uint64_t depth) {
+    const VariableDefinition *definition = &table->variables[DEPTH];
+    return !has_depth(table) || ((double)depth >= definition->min && (double)depth <= definition->max);
+}
+
+/* The sizes that a token carries; false if the token is not one of this binary. */
 static bool read_token(const char *token, Instance *instance) {
     const VariableTable *table = instance->model->table;
     char own[128];
     const int length = snprintf(own, sizeof own, "%s-%s-", table->model, table->fingerprint);
     if (!token || strncmp(token, own, (size_t)length) != 0)
         return false;
-    unsigned long long nx = 0, ny = 0;
+    unsigned long long nx = 0, ny = 0, depth = 1;
     int used = 0;
     if (sscanf(token + length, "%llux%llu%n", &nx, &ny, &used) != 2)
         return false;
     const char *rest = token + length + used;
+    if (has_depth(table)) {
+        if (sscanf(rest, "x%llu%n", &depth, &used) != 1)
+            return false;
+        rest += used;
+    }
     if (*rest != '\0' && (*rest != '-' || strlen(rest) > MARK_SIZE))
         return false;
     strcpy(instance->mark, *rest == '\0' ? "" : rest + 1);
     instance->is_resizable = strcmp(instance->mark, "resizable") == 0;
     instance->start_nx = nx;
     instance->start_ny = ny;
-    return (instance->is_resizable || *instance->mark == '\0' || instance->model->open) && is_possible_grid(nx, ny);
+    instance->start_depth = depth;
+    return (instance->is_resizable || *instance->mark == '\0' || instance->model->open) && is_possible_grid(nx, ny) &&
+           is_possible_depth(table, depth);
 }
 
 static Outcome reserve(Instance *instance) {
@@ -57,10 +69,11 @@ Instance *instance_create(const Model *model, const char *token, bool has_scalar
     if (!read_token(token, instance)) {
         snprintf(
             message, MESSAGE_SIZE,
-            "the GUID or instantiation token is %s; this binary expects %s-%s-NXxNY as in the modelDescription.xml "
+            "the GUID or instantiation token is %s; this binary expects %s-%s-NXxNY%s as in the modelDescription.xml "
             "of the same FMU",
-            token ? token : "missing", model->table->model, model->table->fingerprint);
-    } else if (!storage_allocate(instance, instance->start_nx, instance->start_ny)) {
+            token ? token : "missing", model->table->model, model->table->fingerprint,
+            has_depth(model->table) ? "xN" : "");
+    } else if (!storage_allocate(instance, instance->start_nx, instance->start_ny, instance->start_depth)) {
         snprintf(message, MESSAGE_SIZE, "no memory for %llu x %llu cells", (unsigned long long)instance->start_nx,
                  (unsigned long long)instance->start_ny);
     } else {
@@ -83,7 +96,7 @@ void instance_free(Instance *instance) {
 
 Outcome instance_reset(Instance *instance) {
     Instance old = *instance;
-    if (!storage_allocate(instance, instance->start_nx, instance->start_ny))
+    if (!storage_allocate(instance, instance->start_nx, instance->start_ny, instance->start_depth))
         return misuse(instance, "no memory for a second block; the instance is as it was");
     if (begin(instance) != ACCEPTED) {
         memcpy(old.message, instance->message, MESSAGE_SIZE);
@@ -108,20 +121,21 @@ Outcome instance_enter_configuration(Instance *instance) {
 }
 
 Outcome instance_exit_configuration(Instance *instance) {
+    const VariableTable *table = instance->model->table;
     const uint64_t nx = *(uint64_t *)values_of(instance, NX), ny = *(uint64_t *)values_of(instance, NY);
-    if (nx == instance->nx && ny == instance->ny) {
+    const uint64_t depth = has_depth(table) ? *(uint64_t *)values_of(instance, DEPTH) : instance->depth;
+    if (nx == instance->nx && ny == instance->ny && depth == instance->depth) {
         if (reserve(instance) != ACCEPTED)
             return REFUSED;
     } else {
         if (!is_possible_grid(nx, ny))
             return refuse(instance, "nx is %llu, ny is %llu; expected 1 to %llu cells together", (unsigned long long)nx,
                           (unsigned long long)ny, (unsigned long long)MAX_CELLS);
-        const VariableTable *table = instance->model->table;
         Instance old = *instance;
-        if (!storage_allocate(instance, nx, ny))
+        if (!storage_allocate(instance, nx, ny, depth))
             return refuse(instance, "no memory for %llu x %llu cells", (unsigned long long)nx, (unsigned long long)ny);
         for (size_t k = NY + 1; k < table->exposed_count; k++) /* scalars keep their values, maps cannot */
-            if (!table->variables[k].is_grid)
+            if (table->variables[k].shape == ONE_VALUE && table->variables[k].causality != STRUCTURAL)
                 memcpy(values_of(instance, k), values_of(&old, k), value_size(table->variables[k].type));
         if (reserve(instance) != ACCEPTED) {
             memcpy(old.message, instance->message, MESSAGE_SIZE);

@@ -7,9 +7,9 @@
 /* The model that an FMU offers; its kernel may use further models as parts. */
 extern const Model *const FMU_MODEL;
 
-/* The token is "Model-fingerprint-NXxNY", with "-resizable" at the end where nx and ny can be set, or a mark of what
- * the model's resources hold (see fmu_writer/definition.py); `resources` is the path of their folder or NULL. NULL on
- * failure, with the reason in `message`. */
+/* The token is "Model-fingerprint-NXxNY", or "...-NXxNYxDEPTH" (storage.h), with "-resizable" at the end where these
+ * can be set, or a mark of what the model's resources hold (see fmu_writer/definition.py); `resources` is the path of
+ * their folder or NULL. NULL on failure, with the reason in `message`. */
 Instance *instance_create(const Model *model, const char *token, bool has_scalar_references, const char *resources,
                           char message[MESSAGE_SIZE]);
 void instance_free(Instance *instance);

@@ -9,7 +9,7 @@ enum { FINGERPRINT_SIZE = 16 };
 
 typedef struct {
     char fingerprint[FINGERPRINT_SIZE];
-    uint64_t nx, ny, mode, kept_size;
+    uint64_t nx, ny, depth, mode, kept_size;
     uint64_t checksum; /* of everything else: addresses in memory are computed from sizes in a state */
 } Header;
 
@@ -34,7 +34,11 @@ static uint64_t checksum_of(const unsigned char *bytes, size_t size) {
 }
 
 static Header header_of(const Instance *instance) {
-    Header header = {.nx = instance->nx, .ny = instance->ny, .mode = instance->mode, .kept_size = instance->kept_size};
+    Header header = {.nx = instance->nx,
+                     .ny = instance->ny,
+                     .depth = instance->depth,
+                     .mode = instance->mode,
+                     .kept_size = instance->kept_size};
     memcpy(header.fingerprint, instance->model->table->fingerprint, FINGERPRINT_SIZE);
     return header;
 }
@@ -52,6 +56,10 @@ static Outcome check_snapshot(Instance *instance, const void *bytes, size_t size
         return misuse(instance, "the state is of a grid of %llu x %llu cells; this instance has %llu x %llu",
                       (unsigned long long)found.nx, (unsigned long long)found.ny, (unsigned long long)own.nx,
                       (unsigned long long)own.ny);
+    if (found.depth != own.depth)
+        return misuse(instance, "the state has %s %llu; this instance has %llu",
+                      instance->model->table->variables[DEPTH].name, (unsigned long long)found.depth,
+                      (unsigned long long)own.depth);
     const bool is_mode =
         found.mode == INSTANTIATED || found.mode == INITIALIZATION || found.mode == STEP || found.mode == TERMINATED;
     const uint64_t expected = sizeof found + instance->saved_size + found.kept_size;

@@ -55,7 +55,9 @@ size_t value_size(ValueType type) {
 }
 
 size_t value_count(const Instance *instance, size_t variable) {
-    return instance->model->table->variables[variable].is_grid ? (size_t)(instance->nx * instance->ny) : 1;
+    const Shape shape = instance->model->table->variables[variable].shape;
+    const size_t maps = shape == MAPS ? (size_t)instance->depth : 1;
+    return shape == ONE_VALUE ? 1 : maps * (size_t)(instance->nx * instance->ny);
 }
 
 void *values_of(Instance *instance, size_t variable) {
@@ -125,11 +127,12 @@ static void poison_red_zones(const Instance *instance, bool is_poisoned) {
     }
 }
 
-bool storage_allocate(Instance *instance, uint64_t nx, uint64_t ny) {
+bool storage_allocate(Instance *instance, uint64_t nx, uint64_t ny, uint64_t depth) {
     const VariableTable *table = instance->model->table;
     Instance sized = *instance;
     sized.nx = nx;
     sized.ny = ny;
+    sized.depth = depth;
     sized.offsets = malloc((table->count + 1) * sizeof *sized.offsets);
     sized.first_references = malloc((table->exposed_count + 1) * sizeof *sized.first_references);
     sized.block = NULL;
@@ -166,6 +169,8 @@ bool storage_allocate(Instance *instance, uint64_t nx, uint64_t ny) {
         fill(instance, k);
     *(uint64_t *)values_of(instance, NX) = nx;
     *(uint64_t *)values_of(instance, NY) = ny;
+    if (has_depth(table))
+        *(uint64_t *)values_of(instance, DEPTH) = depth;
     instance->is_outdated = true;
     return true;
 }
@@ -177,6 +182,10 @@ void storage_release(Instance *instance) {
     free(instance->kept);
     free(instance->scratch);
     free(instance->before);
+}
+
+bool has_depth(const VariableTable *table) {
+    return table->count > DEPTH && table->variables[DEPTH].causality == STRUCTURAL;
 }
 
 bool is_possible_grid(uint64_t nx, uint64_t ny) {

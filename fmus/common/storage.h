@@ -10,18 +10,18 @@ typedef enum { INSTANTIATED = 1, CONFIGURATION = 2, INITIALIZATION = 4, STEP = 8
 enum { BEFORE_STEP = INSTANTIATED | INITIALIZATION, RUNNING = BEFORE_STEP | STEP, ANY_MODE = 31 };
 enum { MESSAGE_SIZE = 512, MARK_SIZE = 16 };
 enum { MAX_CELLS = 1 << 26 }; /* 8192 x 8192; a larger grid is more likely an error */
-enum { TIME, NX, NY };        /* the first variables of every model */
+enum { TIME, NX, NY, DEPTH }; /* the first variables of every model; the last one of those that have MAPS */
 
 struct Instance {
     const Model *model;
     Mode mode;
     bool has_scalar_references; /* FMI 2: every cell has a value reference; FMI 3: every variable */
     bool is_resizable;
-    char mark[MARK_SIZE];        /* end of the token, after the grid */
-    char *resources;             /* path of the folder; NULL if the importer names none */
-    bool is_outdated;            /* outputs must be calculated before they are read */
-    uint64_t start_nx, start_ny; /* grid of a new instance */
-    uint64_t nx, ny;             /* grid of the block */
+    char mark[MARK_SIZE];                     /* end of the token, after the grid */
+    char *resources;                          /* path of the folder; NULL if the importer names none */
+    bool is_outdated;                         /* outputs must be calculated before they are read */
+    uint64_t start_nx, start_ny, start_depth; /* of a new instance */
+    uint64_t nx, ny, depth;                   /* of the block; depth: how many maps MAPS are */
     unsigned char *block;
     size_t *offsets;          /* of the variables in the block, 8-byte aligned, and its end */
     size_t *first_references; /* of the exposed variables, and the number of references */
@@ -37,9 +37,12 @@ struct Instance {
 
 bool is_possible_grid(uint64_t nx, uint64_t ny);
 
-/* A block for nx * ny cells with all start values; the memory that the instance had before is not released. False, and
- * nothing changed, if there is no memory. */
-bool storage_allocate(Instance *instance, uint64_t nx, uint64_t ny);
+/* Whether a model has the structural parameter DEPTH. */
+bool has_depth(const VariableTable *table);
+
+/* A block for nx * ny cells and `depth` maps of MAPS with all start values; the memory that the instance had before is
+ * not released. False, and nothing changed, if there is no memory. */
+bool storage_allocate(Instance *instance, uint64_t nx, uint64_t ny, uint64_t depth);
 void storage_release(Instance *instance);
 
 /* The first `saved_size` bytes of the block, with the states and without the scratch variables, out and in. */

@@ -73,9 +73,12 @@ static Outcome refuse_value(Instance *instance, Span span, size_t at, double val
     const VariableDefinition *definition = definition_of(instance, span);
     const size_t cell = span.first + at;
     char place[64] = "", expected[96] = "a finite number";
-    if (definition->is_grid)
-        snprintf(place, sizeof place, " of cell (%lu, %lu)", (unsigned long)(cell / instance->ny),
-                 (unsigned long)(cell % instance->ny));
+    const size_t row = cell / instance->ny, column = cell % instance->ny;
+    if (definition->shape == MAP)
+        snprintf(place, sizeof place, " of cell (%lu, %lu)", (unsigned long)row, (unsigned long)column);
+    else if (definition->shape == MAPS)
+        snprintf(place, sizeof place, " of cell (%lu, %lu) in map %lu", (unsigned long)(row % instance->nx),
+                 (unsigned long)column, (unsigned long)(1 + row / instance->nx));
     if (isfinite(definition->min) && isfinite(definition->max))
         snprintf(expected, sizeof expected, "%g to %g", definition->min, definition->max);
     else if (isfinite(definition->min))

@@ -12,7 +12,7 @@ typedef struct {
     void *state;
     Saved bytes;
     Mode mode;
-    uint64_t nx, ny;
+    uint64_t nx, ny, depth;
     double now;
 } Slot;
 
@@ -21,13 +21,17 @@ typedef struct {
     Slot slots[SLOTS];
 } Run;
 
+static bool is_of_size(const Slot *slot, const Subject *s) {
+    return slot->nx == s->nx && slot->ny == s->ny && slot->depth == s->depth;
+}
+
 static void drop(Run *run, Slot *slot) {
     Subject *s = &run->subject;
     subject_begin(s);
     subject_end(s, "free state", SUCCEEDS, s->fmu->version->free_state(s->instance, &slot->state));
     demand(s, "free state", slot->state == NULL, "a freed state is gone");
     free(slot->bytes.bytes);
-    *slot = (Slot){NULL, {NULL, 0}, INSTANTIATED, 0, 0, 0.0};
+    *slot = (Slot){.mode = INSTANTIATED};
 }
 
 /* Into an empty place or over an older state, which may be of another size. */
@@ -39,12 +43,12 @@ static void take_state(Run *run, Slot *slot) {
     if (!subject_end(s, "get state", legal_in(s, modes, SUCCEEDS), status))
         return;
     free(slot->bytes.bytes);
-    *slot = (Slot){slot->state, subject_save(s), s->mode, s->nx, s->ny, s->now};
+    *slot = (Slot){slot->state, subject_save(s), s->mode, s->nx, s->ny, s->depth, s->now};
 }
 
 static void restore(Run *run, const Slot *slot) {
     Subject *s = &run->subject;
-    const bool fits = slot->state && slot->nx == s->nx && slot->ny == s->ny && s->mode != CONFIGURATION;
+    const bool fits = slot->state && is_of_size(slot, s) && s->mode != CONFIGURATION;
     const Mode old = s->mode;
     subject_begin(s);
     const Status status = s->fmu->version->set_state(s->instance, slot->state);
@@ -73,7 +77,7 @@ static void carry(Run *run, Slot *slot, Input *input) {
     if (form >= 224)
         bytes.size = form % 2 ? bytes.size - 1 - input_byte(input) % bytes.size : bytes.size + 8;
     const bool is_whole = is_same(&bytes, &slot->bytes);
-    const bool fits = slot->nx == s->nx && slot->ny == s->ny;
+    const bool fits = is_of_size(slot, s);
     subject_begin(s);
     void *made = NULL;
     const Status status = s->fmu->version->deserialize(s->instance, bytes.bytes, bytes.size, &made);
@@ -217,7 +221,7 @@ static void any_call(Run *run, Input *input) {
 static void end(Run *run, const Saved *new_one) {
     Subject *s = &run->subject;
     take_state(run, &run->slots[0]);
-    if (s->mode != CONFIGURATION && s->nx == s->fmu->nx && s->ny == s->fmu->ny) {
+    if (s->mode != CONFIGURATION && s->nx == s->fmu->nx && s->ny == s->fmu->ny && s->depth == s->fmu->depth) {
         Subject heir;
         subject_open(&heir, s->fmu);
         demand(&heir, "open", is_same(&heir.before, new_one), "new instances are alike");

@@ -23,11 +23,9 @@ static void read_variables(Fmu *fmu, FILE *file, const char *table) {
         if (fmu->variable_count == VARIABLES_MAX)
             give_up("has more variables than there is room for", table);
         Variable *v = &fmu->variables[fmu->variable_count];
-        int is_grid = 0;
-        if (sscanf(line, "%63s %c %c %d %" SCNu32 " %lf %lf %lf %lf", v->name, &v->type, &v->role, &is_grid,
+        if (sscanf(line, "%63s %c %c %d %" SCNu32 " %lf %lf %lf %lf", v->name, &v->type, &v->role, &v->shape,
                    &v->reference, &v->start, &v->min, &v->max, &v->most_tried) != 9)
             give_up(line, table);
-        v->is_grid = is_grid != 0;
     }
 }
 
@@ -39,7 +37,8 @@ void fmu_open(Fmu *fmu, const char *table) {
         give_up("cannot be read; tests/support/fmus/fmu_library.py writes it", table ? table : "no table of variables");
     memset(fmu, 0, sizeof *fmu);
     read_line(file, line, table);
-    if (sscanf(line, "%d %d %" SCNu64 " %" SCNu64, &version, &is_resizable, &fmu->nx, &fmu->ny) != 4)
+    if (sscanf(line, "%d %d %" SCNu64 " %" SCNu64 " %" SCNu64, &version, &is_resizable, &fmu->nx, &fmu->ny,
+               &fmu->depth) != 5)
         give_up(line, table);
     read_line(file, fmu->library, table);
     read_line(file, fmu->resources, table);

@@ -17,11 +17,14 @@ typedef struct {
     char text[TEXT_SIZE];
 } Log;
 
+enum { ONE_VALUE, MAP, MAPS }; /* shapes */
+
 /* type: r real, i integer, b Boolean, e enumeration, c count; role: i input, p parameter, t tunable parameter,
- * s structural parameter, - not settable. A grid of FMI 2 has nx * ny references from the first on. */
+ * s structural parameter, - not settable. A map has nx * ny values, maps `depth` times as many; in FMI 2 each value has
+ * a reference, from the first on. */
 typedef struct {
     char name[NAME_SIZE], type, role;
-    bool is_grid;
+    int shape;
     uint32_t reference;
     double start, min, max;
     double most_tried; /* of what only means more work */
@@ -61,7 +64,7 @@ typedef struct {
     const Version *version;
     char library[TEXT_SIZE], resources[TEXT_SIZE], token[TEXT_SIZE];
     bool is_resizable, has_scalar_references;
-    uint64_t nx, ny;
+    uint64_t nx, ny, depth;
     size_t variable_count;
     Variable variables[VARIABLES_MAX];
 } Fmu;

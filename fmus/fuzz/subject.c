@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { CELLS_MAX = 64 };
+enum { CELLS_MAX = 128 };
 
 void demand(const Subject *subject, const char *call, bool holds, const char *invariant) {
     if (holds)
@@ -45,7 +45,7 @@ static void remember(Subject *s) {
 }
 
 void subject_open(Subject *s, const Fmu *fmu) {
-    *s = (Subject){.fmu = fmu, .mode = INSTANTIATED, .nx = fmu->nx, .ny = fmu->ny};
+    *s = (Subject){.fmu = fmu, .mode = INSTANTIATED, .nx = fmu->nx, .ny = fmu->ny, .depth = fmu->depth};
     s->instance = fmu->version->instantiate(fmu->token, fmu->resources, &s->log);
     demand(s, "instantiate", s->instance != NULL, "there is an instance");
     remember(s);
@@ -127,11 +127,12 @@ bool subject_reset(Subject *s) {
     const Status status = version_of(s)->reset(s->instance);
     s->nx = s->fmu->nx;
     s->ny = s->fmu->ny;
+    s->depth = s->fmu->depth;
     return to_mode(s, "reset", SUCCEEDS, status, INSTANTIATED);
 }
 
 size_t value_count(const Subject *s, const Variable *variable) {
-    return variable->is_grid ? (size_t)(s->nx * s->ny) : 1;
+    return variable->shape == ONE_VALUE ? 1 : (size_t)(s->nx * s->ny * (variable->shape == MAPS ? s->depth : 1));
 }
 
 /* The references of a variable, and how many there are. */
@@ -174,9 +175,11 @@ bool subject_configure(Subject *s, bool enters) {
     const Status status = version_of(s)->configure(s->instance, enters);
     if (!enters && status == OK) {
         const Variable *nx = fmu_variable(s->fmu, "nx", 0), *ny = fmu_variable(s->fmu, "ny", 0);
+        const Variable *depth = fmu_variable(s->fmu, "region_intervals", 's');
         s->mode = INSTANTIATED;
         s->nx = (uint64_t)subject_get(s, nx);
         s->ny = (uint64_t)subject_get(s, ny);
+        s->depth = depth ? (uint64_t)subject_get(s, depth) : 1;
         subject_begin(s);
         demand(s, "exit configuration", s->nx >= 1 && s->ny >= 1 && is_legal, "a grid has cells");
         remember(s);

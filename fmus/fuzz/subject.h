@@ -19,7 +19,7 @@ typedef struct {
     void *instance;
     Log log;
     Mode mode;
-    uint64_t nx, ny;
+    uint64_t nx, ny, depth;
     double now;   /* where the next step begins */
     Saved before; /* the state after the last call */
     unsigned steps, layers, refusals;

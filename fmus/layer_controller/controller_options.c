@@ -1,6 +1,7 @@
 #include "controller_options.h"
 
 #include "layer_surface.h"
+#include "region_columns.h"
 #include "shortest_plan.h"
 
 #include <math.h>
@@ -18,10 +19,6 @@ int32_t horizon_of(const LayerControllerVariables *v) {
 InkPrior nominal_inks(const LayerControllerVariables *v) {
     const Ink a = {*v->h1_a, *v->h2_a, *v->h3_a}, b = {*v->h1_b, *v->h2_b, *v->h3_b};
     return (InkPrior){(size_t)*v->inks, {a, *v->inks == 1 ? a : b}, (int32_t)*v->adapt_ink};
-}
-
-static bool has_region(const LayerControllerVariables *v) {
-    return *v->inks == 2 && *v->has_region;
 }
 
 /* Height of all inks' full layers together [m]. */
@@ -56,7 +53,9 @@ EstimatorOptions estimator_options(const LayerControllerVariables *v) {
                               .first_variance = layer * layer};
 }
 
-PlannerOptions planner_options(const LayerControllerVariables *v) {
+PlannerOptions planner_options(const LayerControllerVariables *v, InkRegions regions) {
+    regions.step = nominal_layer(v);
+    regions.test = (int32_t)*v->region_test;
     return (PlannerOptions){.nx = (size_t)*v->nx,
                             .ny = (size_t)*v->ny,
                             .horizon = (size_t)horizon_of(v),
@@ -64,10 +63,7 @@ PlannerOptions planner_options(const LayerControllerVariables *v) {
                             .part = (const uint8_t *)v->mask,
                             .jettable = (const uint8_t *)v->jettable,
                             .inks = (size_t)*v->inks,
-                            .regions = {{has_region(v) ? v->region_bottom_1 : NULL, v->region_bottom_2},
-                                        {v->region_top_1, v->region_top_2},
-                                        nominal_layer(v),
-                                        (int32_t)*v->region_test},
+                            .regions = regions,
                             .drop_levels = *v->drop_levels,
                             .passes = *v->passes,
                             .alpha = *v->alpha,

@@ -16,6 +16,8 @@ InkPrior nominal_inks(const LayerControllerVariables *v);
 double layers_of_all(const Ink ink[], size_t inks);
 
 EstimatorOptions estimator_options(const LayerControllerVariables *v);
-PlannerOptions planner_options(const LayerControllerVariables *v);
+
+/* regions: the columns of `region_columns`. */
+PlannerOptions planner_options(const LayerControllerVariables *v, InkRegions regions);
 
 #endif

@@ -2,6 +2,7 @@
 #include "dead_cells.h"
 #include "layer_planner.h"
 #include "layer_surface.h"
+#include "region_columns.h"
 #include "stopwatch.h"
 
 #include <math.h>
@@ -109,8 +110,11 @@ static Outcome check_heights(Instance *instance, const LayerControllerVariables 
 }
 
 /* The plan for the layers after the scan; false if there is no memory. */
-static bool plan(const LayerControllerVariables *v, Kept *kept, Answer *answer) {
-    const PlannerOptions options = planner_options(v);
+static bool plan(Instance *instance, const LayerControllerVariables *v, Kept *kept, Answer *answer) {
+    InkRegions regions;
+    if (!region_columns(instance, v, &regions))
+        return false;
+    const PlannerOptions options = planner_options(v, regions);
     const Passes passes = passes_of(v);
     int32_t colours[HORIZON_MAX][4];
     for (int32_t ahead = 0; ahead < HORIZON_MAX; ahead++)
@@ -244,7 +248,7 @@ static Outcome do_step(Instance *instance, double start, double end) {
     if (outcome == ACCEPTED)
         outcome = check_heights(instance, &v, answer.estimate.height);
     const double began = stopwatch_seconds();
-    if (outcome == ACCEPTED && !plan(&v, kept, &answer))
+    if (outcome == ACCEPTED && !plan(instance, &v, kept, &answer))
         outcome = refuse(instance, "no memory to plan %lu cells", (unsigned long)cell_count(&v));
     if (outcome == ACCEPTED && !keep_values(instance))
         outcome = refuse(instance, "no memory to keep the last plan until the next one is whole");

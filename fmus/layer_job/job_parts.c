@@ -64,8 +64,11 @@ Outcome create_parts(Instance *job, const Model *const models[PARTS], JobParts *
     *parts = (JobParts){{NULL}};
     for (int role = 0; role < PARTS; role++) {
         char token[128], message[MESSAGE_SIZE];
-        snprintf(token, sizeof token, "%s-%s-%llux%llu", models[role]->table->model, models[role]->table->fingerprint,
-                 (unsigned long long)job->nx, (unsigned long long)job->ny);
+        const int length =
+            snprintf(token, sizeof token, "%s-%s-%llux%llu", models[role]->table->model,
+                     models[role]->table->fingerprint, (unsigned long long)job->nx, (unsigned long long)job->ny);
+        if (has_depth(models[role]->table))
+            snprintf(token + length, sizeof token - (size_t)length, "x%llu", (unsigned long long)job->depth);
         parts->part[role] = instance_create(models[role], token, false, NULL, message);
         if (!parts->part[role]) {
             close_parts(parts);

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +12,8 @@ import xarray as xr
 
 from inkloop.component import Status
 from inkloop.components import catalog
-from inkloop.printing.run import print_part
-from inkloop.scenario.file import Scenario
 from inkloop_controller.model.layer_model import LayerModel
+from support import prints
 from support.closed_loop import SECOND, block, inputs_of
 from support.fmus.fmu_driver import FORMS, OK, Driver
 from support.places import SCENARIOS
@@ -23,7 +21,7 @@ from support.places import SCENARIOS
 FOLDER = SCENARIOS
 OF_PYTHON_ALONE = ["bound", "bound_confidence", "bound_valid", "gap", "solve_time"]
 QUICK = ("cuboid", "tilted-substrate", "two-materials")
-TALLEST = ("pipe-junction", "surface-tension", "two-materials")  # their first layers show as much
+FIRST_LAYERS = ("pipe-junction", "surface-tension", "tilted-substrate", "two-materials")  # show as much
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 
 
@@ -37,14 +35,14 @@ def planned_by_mpc(path: Path) -> bool:
 OTHERS = [path.stem for path in sorted(FOLDER.glob("*.toml")) if planned_by_mpc(path) and path.stem not in QUICK]
 
 
-def printed(name: str, overrides: Mapping[str, Any] | None = None) -> xr.Dataset:
-    limit = {"run.layers_max": 6} if name in TALLEST else {}
-    dataset = print_part(Scenario.load(FOLDER / f"{name}.toml", {**limit, **(overrides or {})})).dataset
+def printed(name: str, *overrides: tuple[str, Any]) -> xr.Dataset:
+    limit = [("run.layers_max", 6)] if name in FIRST_LAYERS else []
+    dataset = prints.printed(name, ("seed", 1), *limit, *overrides).dataset
     return dataset.drop_vars([variable for variable in OF_PYTHON_ALONE if variable in dataset])
 
 
 def assert_same_print(name: str, form: str) -> None:
-    native = printed(name, {"components.controller": {"kind": "LayerController", "fmi": form}})
+    native = printed(name, ("components.controller", {"kind": "LayerController", "fmi": form}))
     xr.testing.assert_identical(native.drop_attrs(), printed(name).drop_attrs())
 
 

@@ -22,8 +22,10 @@ from inkloop.fmu_writer.export import export_fmu
 from inkloop.scenario.file import Scenario
 from support.fmus.fmu_checkers import by_fmpy, by_fmutool
 from support.fmus.fmu_driver import OK, Driver
-from support.fmus.layer_jobs import DONE, MODEL, SCENARIOS, finish, printed, scenario, unpacked
+from support.fmus.layer_jobs import CUBOID, DONE, MODEL, finish, printed, unpacked
 from support.masters.other_programs import LIBCOSIM
+from support.places import SCENARIOS
+from support.prints import quick_cuboid, scenario
 
 FORMS = ("fmi2", "fmi3-fixed")
 EVERY_FORM = pytest.mark.parametrize("form", FORMS, scope="module")
@@ -33,7 +35,7 @@ EVERY_FORM = pytest.mark.parametrize("form", FORMS, scope="module")
 def file(form, tmp_path_factory) -> Path:
     """The block of the cuboid, exported once per form; tests only read it."""
     path = tmp_path_factory.mktemp(form) / "cuboid.fmu"
-    assert main(["export-job", str(SCENARIOS / "cuboid.toml"), "--fmi", form[3], "--out", str(path)]) == 0
+    assert main(["export-job", str(quick_cuboid()), "--fmi", form[3], "--out", str(path)]) == 0
     return path
 
 
@@ -48,7 +50,7 @@ def test_checkers_of_others_find_nothing_wrong(file) -> None:
 @EVERY_FORM
 def test_three_lines_print_the_part(file) -> None:
     result = fmpy.simulate_fmu(str(file))
-    run = printed("cuboid")
+    run = printed("cuboid", *CUBOID)
     assert result["status"][-1] == DONE
     assert result["layers_printed"][-1] == run.sizes["layer"] - 1
     assert result["std"][-1] == pytest.approx(float(run["std"][-1]), rel=1e-9, abs=0.0)
@@ -102,7 +104,7 @@ def test_archive_states_what_is_baked(file) -> None:
         text = archive.read("documentation/scenario.toml").decode()
         assert archive.read("documentation/target.png").startswith(b"\x89PNG")
     assert Scenario.of_text(text, "it.toml").text == text
-    assert "Cuboid, 8 x 8 droplets: 12 x 12 cells of 263.256 um, 64 of them printed, up to 22.8 um high" in page
+    assert "Cuboid, 8 x 8 droplets: 12 x 12 cells of 263.256 um, 64 of them printed, up to 40 um high" in page
     assert 'src="target.png"' in page
     assert "<td>printer</td><td>LayerDeposition</td><td>variation</td><td>0.2</td>" in page
 
@@ -122,7 +124,7 @@ def test_same_scenario_gives_the_same_bytes_and_another_one_another_token(tmp_pa
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
     files = [tmp_path / f"{number}.fmu" for number in range(3)]
     for path, seed in zip(files, (1, 1, 2), strict=True):
-        command = ["export-job", str(SCENARIOS / "cuboid.toml"), "--set", f"seed={seed}", "--out", str(path)]
+        command = ["export-job", str(quick_cuboid()), "--set", f"seed={seed}", "--out", str(path)]
         assert main(command) == 0
     assert files[0].read_bytes() == files[1].read_bytes()
     guids = [ET.fromstring(zipfile.ZipFile(path).read("modelDescription.xml")).get("guid") for path in files]
@@ -132,7 +134,7 @@ def test_same_scenario_gives_the_same_bytes_and_another_one_another_token(tmp_pa
 @EVERY_FORM
 @pytest.mark.skipif(shutil.which("nm") is None or shutil.which("readelf") is None, reason="needs nm and readelf")
 def test_binary_shows_the_standards_functions_and_needs_the_c_library(form) -> None:
-    (binary,) = (unpacked(form, "cuboid") / "binaries").rglob(f"{MODEL}.*")
+    (binary,) = (unpacked(form, "cuboid", *CUBOID) / "binaries").rglob(f"{MODEL}.*")
     listing = subprocess.run(["nm", "-D", "--defined-only", binary], check=True, capture_output=True, text=True).stdout
     assert all(line.split()[-1].startswith(form[:4]) for line in listing.splitlines())
     dynamic = subprocess.run(["readelf", "-d", binary], check=True, capture_output=True, text=True).stdout
@@ -145,11 +147,11 @@ def test_binary_shows_the_standards_functions_and_needs_the_c_library(form) -> N
 @pytest.mark.skipif(shutil.which("cmake") is None or shutil.which("gcc") is None, reason="needs cmake and gcc")
 def test_sources_compile_to_the_same_bits(form, tmp_path) -> None:
     folder = tmp_path / "it"
-    shutil.copytree(unpacked(form, "cuboid"), folder)
+    shutil.copytree(unpacked(form, "cuboid", *CUBOID), folder)
     shutil.rmtree(folder / "binaries")
     build_platform_binary(folder, all_warnings=True)
     states = []
-    for place in (unpacked(form, "cuboid"), folder):
+    for place in (unpacked(form, "cuboid", *CUBOID), folder):
         with Driver(MODEL, form, folder=place) as fmu:
             finish(fmu.start(), 1.0)
             states.append(fmu.save())
@@ -171,7 +173,7 @@ def test_libcosim_prints_the_part(file) -> None:
     references = {v.name: v.valueReference for v in fmpy.read_model_description(str(file)).modelVariables}
     while observer.last_integer_values(number, [references["status"]])[0] != DONE:
         assert execution.step()
-    run = printed("cuboid")
+    run = printed("cuboid", *CUBOID)
     layers = observer.last_integer_values(number, [references["layers_printed"]])[0]
     (mean,) = observer.last_real_values(number, [references["height_mean"]])
     assert (layers, mean) == (run.sizes["layer"] - 1, run["height_mean"].values[-1])
@@ -203,7 +205,7 @@ def test_block_without_a_scenario_is_not_exported(tmp_path) -> None:
 @EVERY_FORM
 def test_state_of_another_print_is_refused(form) -> None:
     """Two blocks are of one binary; their layers are not."""
-    with Driver(MODEL, form, folder=unpacked(form, "cuboid")) as fmu:
+    with Driver(MODEL, form, folder=unpacked(form, "cuboid", *CUBOID)) as fmu:
         assert fmu.start().step(0.0, 3.0) == OK
         with Driver(MODEL, form, folder=unpacked(form, "cylinder")) as other:
             assert other.restore(fmu.save()) != OK

@@ -16,10 +16,9 @@ from fmpy import fmi3
 
 from support import compiled
 from support.fmus.fmu_driver import OK, Driver
-from support.fmus.layer_jobs import MODEL, finish, unpacked
+from support.fmus.layer_jobs import CUBOID, MODEL, finish, unpacked
 from support.places import ROOT
 
-SCENARIO = "cuboid"
 EXTREMES = (0, 1, 2**31, 2**53, 2**63, 2**64 - 1, 0x7FF8000000000000, 0xFFF0000000000000, 0xBFF0000000000000)
 HEAD, SECTION = 32, 56
 
@@ -28,7 +27,7 @@ class Binary:
     """The FMI 3 block of a scenario as far as its instantiation, with any folder of resources."""
 
     def __init__(self) -> None:
-        folder = unpacked("fmi3-fixed", SCENARIO)
+        folder = unpacked("fmi3-fixed", "cuboid", *CUBOID)
         self.token = fmpy.read_model_description(folder).instantiationToken
         self.content = (folder / "resources" / "job.bin").read_bytes()
         found = next((folder / "binaries").rglob(f"{MODEL}*"))
@@ -155,7 +154,7 @@ def test_random_bytes_end_in_a_message_or_an_instance(binary, tmp_path) -> None:
 def test_folder_with_any_name_is_found(form, tmp_path) -> None:
     """FMI 2 names it by a URI, in which each of these characters is written otherwise."""
     folder = tmp_path / "50%20 grün #1"
-    shutil.copytree(unpacked(form, SCENARIO), folder)
+    shutil.copytree(unpacked(form, "cuboid", *CUBOID), folder)
     with Driver(MODEL, form, folder=folder) as fmu:
         finish(fmu.start(), 1.0)
 
@@ -197,7 +196,7 @@ def path_of_uri() -> Callable[[str], str]:
 
 
 def test_instance_is_reset_only_while_its_file_is_there(tmp_path) -> None:
-    shutil.copytree(unpacked("fmi3-fixed", SCENARIO), tmp_path / "it")
+    shutil.copytree(unpacked("fmi3-fixed", "cuboid", *CUBOID), tmp_path / "it")
     with Driver(MODEL, "fmi3-fixed", folder=tmp_path / "it") as fmu:
         assert fmu.start().step(0.0, 2.5) == OK
         before = fmu.save()

@@ -13,8 +13,10 @@ import pytest
 from inkloop.components.catalog import FMU_MODELS
 from inkloop.errors import ScenarioError
 from support.fmus.fmu_driver import DISCARD, ERROR, OK, Driver
-from support.fmus.layer_jobs import DONE, SCENARIOS, block, finish, printed, scenario
+from support.fmus.layer_jobs import CUBOID, DONE, block, finish, printed
 from support.long_proofs import rest_is_long
+from support.places import SCENARIOS
+from support.prints import scenario
 
 FORMS = ("fmi2", "fmi3-fixed")
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)
@@ -27,8 +29,8 @@ OF_THE_CONTROLLER = (
     *("scan_shift_x", "scan_shift_y", "scan_spot_radius"),
 )
 CASES: dict[str, Any] = {
-    "cylinder": ("cylinder",),
-    "four passes": ("four-passes", ("run.layers_max", 20)),
+    "cylinder": ("cylinder", ("part.height_um", 60.0)),
+    "four passes": ("four-passes", ("run.layers_max", 6)),
     "two materials": ("two-materials", ("run.layers_max", 14)),
     "noisy sensor with delays": ("noisy-sensor", ("components.printer.layer_duration_s", 2.5), ("run.layers_max", 20)),
     "three heights learnt, lines of liquid": ("surface-tension", ("run.layers_max", 3)),
@@ -69,7 +71,7 @@ def test_layers_are_those_of_a_run_bit_by_bit(case, form) -> None:
 @pytest.mark.parametrize("name", sorted(path.stem for path in SCENARIOS.glob("*.toml")))
 def test_every_scenario_prints_its_layers_or_is_refused_with_a_message(name) -> None:
     case = (name, ("run.layers_max", 12))
-    tables = scenario(*case).tables
+    tables = scenario(name, case[1:]).tables
     kinds = {table.kind for table in tables.components.values()}
     if tables.events or not kinds <= {"LayerMpc", *FMU_MODELS}:
         with pytest.raises(ScenarioError, match="; "):
@@ -121,7 +123,7 @@ def test_print_continues_in_another_instance(form) -> None:
 @pytest.mark.system
 @SECOND_FORM_IS_LONG
 def test_reset_and_a_second_instance_print_the_same(form) -> None:
-    with block(form, "cuboid") as first, block(form, "cuboid") as second:
+    with block(form, "cuboid", *CUBOID) as first, block(form, "cuboid", *CUBOID) as second:
         new = first.save()
         finish(first.start(), 1.0)
         end = first.save()
@@ -137,7 +139,7 @@ def test_reset_and_a_second_instance_print_the_same(form) -> None:
 def test_instances_side_by_side_do_not_disturb_each_other(form) -> None:
     """FMPy lets go of Python's lock while a step is under way."""
     with ExitStack() as stack, ThreadPoolExecutor(4) as threads:
-        fmus = [stack.enter_context(block(form, "cuboid")).start() for _ in range(4)]
+        fmus = [stack.enter_context(block(form, "cuboid", *CUBOID)).start() for _ in range(4)]
         list(threads.map(lambda fmu: finish(fmu, 1.0), fmus))
         assert len({fmu.save() for fmu in fmus}) == 1
 
@@ -148,7 +150,7 @@ def counts(fmu: Driver) -> tuple[int, int]:
 
 @EVERY_FORM
 def test_layers_are_complete_and_scanned_after_their_durations(form) -> None:
-    with block(form, "cuboid") as fmu:
+    with block(form, "cuboid", *CUBOID) as fmu:
         fmu.start({"layer_period": 10.0, "layer_duration": 2.0, "scan_duration": 3.0}, start=100.0)
         seen = {}
         for number in range(60):
@@ -161,7 +163,7 @@ def test_layers_are_complete_and_scanned_after_their_durations(form) -> None:
 
 @EVERY_FORM
 def test_period_too_short_for_a_layer_prints_in_every_second_one(form) -> None:
-    with block(form, "cuboid") as fmu:
+    with block(form, "cuboid", *CUBOID) as fmu:
         fmu.start({"layer_period": 4.0, "layer_duration": 2.0, "scan_duration": 3.0})
         found = []
         for number in range(24):
@@ -172,7 +174,7 @@ def test_period_too_short_for_a_layer_prints_in_every_second_one(form) -> None:
 
 @SECOND_FORM_IS_LONG
 def test_nothing_begins_before_start_nor_in_a_pause(form) -> None:
-    with block(form, "cuboid") as fmu:
+    with block(form, "cuboid", *CUBOID) as fmu:
         fmu.start({"start": False, "scan_duration": 0.25, "layer_duration": 0.25})
         assert fmu.step(0.0, 5.5) == OK
         assert (*counts(fmu), fmu.get("status")) == (0, -1, IDLE)
@@ -188,13 +190,14 @@ def test_nothing_begins_before_start_nor_in_a_pause(form) -> None:
         assert fmu.step(17.4, 0.4) == OK
         assert counts(fmu) == (2, 1)
         finish(fmu, 1.0, at=17.8)
-        assert_like_run(fmu, printed("cuboid"), printed("cuboid").sizes["layer"] - 1)
+        assert_like_run(fmu, printed("cuboid", *CUBOID), printed("cuboid", *CUBOID).sizes["layer"] - 1)
 
 
 @pytest.mark.system
 @SECOND_FORM_IS_LONG
 def test_disturbance_of_the_volume_is_learnt_and_made_up_for(form) -> None:
-    with block(form, "cylinder") as fmu, block(form, "cylinder") as disturbed:
+    case = ("cylinder", ("part.height_um", 100.0), ("components.controller.horizon", 3))
+    with block(form, *case) as fmu, block(form, *case) as disturbed:
         finish(fmu.start(), 7.0)
         assert disturbed.start({"volume_factor": 0.8}).step(0.0, 10.0) == OK
         finish(disturbed, 7.0, at=10.0)
@@ -205,7 +208,7 @@ def test_disturbance_of_the_volume_is_learnt_and_made_up_for(form) -> None:
 
 @EVERY_FORM
 def test_alpha_that_changes_between_steps_counts_for_the_next_layer(form) -> None:
-    with block(form, "cuboid") as fmu, block(form, "cuboid") as other:
+    with block(form, "cuboid", *CUBOID) as fmu, block(form, "cuboid", *CUBOID) as other:
         for instance in (fmu.start(), other.start()):
             assert instance.step(0.0, 2.0) == OK
         assert other.set("alpha", 0.1) == OK
@@ -237,7 +240,7 @@ def test_refused_step_changes_nothing(form) -> None:
 @EVERY_FORM
 def test_step_that_never_ends_is_refused(form) -> None:
     """Without volume no layer brings the print nearer to its end."""
-    with block(form, "cuboid", ("run.layers_max", 1000000000)) as fmu:
+    with block(form, "cuboid", *CUBOID, ("run.layers_max", 1000000000)) as fmu:
         fmu.start({"volume_factor": 0.0, "layer_period": 1e-6})
         before = fmu.save()
         assert fmu.step(0.0, 1.0) != OK
@@ -249,7 +252,7 @@ def test_step_that_never_ends_is_refused(form) -> None:
 
 @EVERY_FORM
 def test_parameters_that_do_not_fit_are_an_error_before_the_first_step(form) -> None:
-    with block(form, "cuboid") as fmu:
+    with block(form, "cuboid", *CUBOID) as fmu:
         assert fmu.set("layer_period", 0.0) != OK
         assert fmu.set("alpha", 1.5) != OK
         assert fmu.set("volume_factor", np.nan) != OK

@@ -10,12 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from inkloop.component import BoolMap, Component, FloatMap, HeightIntervals, Ink, Job, Status
+from inkloop.component import Component, Ink, Job, Status
 from inkloop.components import catalog
-from inkloop.geometry import PipeJunction, contained
+from inkloop.geometry import PipeJunction
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import SECOND
 from support.half_spaces import Above
+from support.sheets import Sheets
 
 OF_PYTHON_ALONE = {"bound", "bound_confidence", "gap", "solve_time"}
 PITCH = 1e-4
@@ -59,26 +60,16 @@ class World:
         return plant.layer(height, np.asarray(jetted, np.int32), self.first_layer + layer, factor)
 
 
-@dataclass(frozen=True)
-class Sheets:
-    """Two sheets, however thin."""
-
-    bottoms: tuple[float, float]
-    thickness: float
-
-    def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
-        return contained(self.intervals(x, y), z)
-
-    def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
-        low, high = sorted(self.bottoms)
-        return [(np.full_like(x, at), np.full_like(x, at + self.thickness)) for at in (high, low)]
-
-
 # Where no scan sees a cell, its height is a sum of nominal droplets: regions that begin there, and end a hair above.
 HEIGHTS = st.builds(lambda parts: parts * 0.05e-6 - 1e-15, st.integers(0, 500))
 REGIONS = st.one_of(
     st.sampled_from([None, Above(5e-6), PIPES]),
-    st.builds(Sheets, st.tuples(HEIGHTS, HEIGHTS), st.sampled_from([2e-15, 1e-9, 0.5e-6])),
+    st.builds(
+        Sheets,
+        st.lists(HEIGHTS, min_size=1, max_size=4),
+        st.sampled_from([2e-15, 1e-9, 0.5e-6]),
+        st.sampled_from([0.0, 1e-3]),
+    ),
 )
 
 

@@ -6,14 +6,19 @@ is held to what one layer of prediction can reach on this plant; the paper's pri
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import pytest
 
+from inkloop.component import Component
 from inkloop_controller.controllers import LayerMpcController, OpenLoopController, StochasticGreedyController
 from support.closed_loop import cylinder, print_part
 from support.long_proofs import rest_is_long
 
 SEEDS = range(3)
+THREE_AHEAD = partial(LayerMpcController, horizon=3)
 
 
 @pytest.mark.parametrize(("variation", "mean_error"), [(0.2, 44.0), (0.4, 84.0)])
@@ -44,14 +49,17 @@ def test_longer_horizons_end_flatter(horizon: int, variation: float, mae: float,
     np.testing.assert_allclose(scales, 1.0 - variation / 2, atol=0.01)
 
 
+@pytest.mark.parametrize("seeds", rest_is_long([range(1), SEEDS], 1))
 @pytest.mark.parametrize(
     ("finish", "variation", "mae", "std", "layers"),
     rest_is_long([("even", 0.2, 0.33, 0.42, 75), ("fast", 0.2, 0.35, 0.50, 73), ("even", 0.4, 0.57, 0.71, 85)], 1),
 )
-def test_finish_ends_flat_in_few_layers(finish: str, variation: float, mae: float, std: float, layers: float) -> None:
+def test_finish_ends_flat_in_few_layers(
+    finish: str, variation: float, mae: float, std: float, layers: float, seeds: range
+) -> None:
     """No print can be done in fewer than 70 layers at 20 %: the outermost cells rise by 5.8 um a layer at most."""
     job = cylinder()
-    prints = [print_part(LayerMpcController(job, finish=finish), job, variation=variation, seed=seed) for seed in SEEDS]
+    prints = [print_part(LayerMpcController(job, finish=finish), job, variation=variation, seed=seed) for seed in seeds]
     errors = np.mean([one.errors_um(job) for one in prints], axis=0)
     assert errors[1] <= mae
     assert errors[2] <= std
@@ -62,15 +70,15 @@ def test_ours_is_flatter_than_the_papers_search_on_the_same_plant() -> None:
     job = cylinder()
     ours, papers = (
         np.mean([print_part(make(job), job, variation=0.4, seed=seed).errors_um(job) for seed in SEEDS], axis=0)
-        for make in (LayerMpcController, StochasticGreedyController)
+        for make in (THREE_AHEAD, StochasticGreedyController)
     )
     assert ours[1] < papers[1]
     assert ours[2] < papers[2]
 
 
 @pytest.mark.parametrize("alpha", rest_is_long([0.1, 1.0, 0.2, 0.3, 0.5], 2))
-@pytest.mark.parametrize("make", [LayerMpcController, StochasticGreedyController])
-def test_no_alpha_runs_away(make: type, alpha: float) -> None:
+@pytest.mark.parametrize("make", [THREE_AHEAD, StochasticGreedyController])
+def test_no_alpha_runs_away(make: Callable[..., Component], alpha: float) -> None:
     """A small alpha trades height for evenness, but never by more than a layer (without the stop rule: 79 um)."""
     job = cylinder()
     mean_error, _, _ = print_part(make(job, alpha=alpha), job, variation=0.2, seed=1).errors_um(job)

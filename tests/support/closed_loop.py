@@ -28,11 +28,11 @@ class Print:
         return float(error.mean()), float(np.abs(error).mean()), float(error.std())
 
 
-def cylinder() -> Job:
-    """709 cells on a grid of 35 x 35, 400 um high (Lu, Zheng, Mishra 2015, Fig. 11)."""
+def cylinder(height: float = 400e-6) -> Job:
+    """709 cells on a grid of 35 x 35, `height` [m] as in Fig. 11 of Lu, Zheng, Mishra (2015) if not given."""
     i, j = np.indices((35, 35))
     mask = (i - 17) ** 2 + (j - 17) ** 2 <= 225
-    return Job(35, 35, 263.256e-6, np.where(mask, 400e-6, 0.0), mask)
+    return Job(35, 35, 263.256e-6, np.where(mask, height, 0.0), mask)
 
 
 def block(nx: int = 10, ny: int = 9, height: float = 30e-6, **fields: Any) -> Job:

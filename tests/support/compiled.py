@@ -1,51 +1,31 @@
 """What the tests compile: every object, library and program once per test run, whatever number of workers asks for it.
 
-tests/conftest.py makes the folder of a run and removes it. A test that uses it has the mark `compiled`.
+A test that uses it has the mark `compiled`.
 """
 
 from __future__ import annotations
 
 import ctypes
-import fcntl
-import functools
-import hashlib
-import os
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 
-RUN_FOLDER = "INKLOOP_TEST_FOLDER"
-"""Environment variable with the folder of the run, which the workers inherit."""
+from support import once_per_run
+
 unmarked_test = ""
 """The test that runs, where it is not marked `compiled`; tests/conftest.py sets it."""
 Word = str | Path
 
 
-@functools.cache
-def run_folder() -> Path:
-    """The folder that all workers of a run share; one of its own outside of pytest."""
-    return Path(os.environ.get(RUN_FOLDER) or tempfile.mkdtemp(prefix="inkloop-tests-"))
-
-
 def once(make: Callable[..., object], *key: object) -> Path:
-    """The folder that `make(folder, *key)` fills, once per run; the key is all that its contents depend on."""
+    """`once_per_run.once` for what a compiler makes."""
     if unmarked_test:
         pytest.fail(f"{unmarked_test} compiles: mark it with pytest.mark.compiled")
-    words = "\0".join([make.__module__, make.__qualname__, *map(str, key)])
-    folder = run_folder() / hashlib.sha256(words.encode()).hexdigest()[:24]
-    with folder.with_suffix(".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        done = folder / ".done"
-        if not done.exists():
-            folder.mkdir(exist_ok=True)
-            make(folder, *key)
-            done.touch()
-    return folder
+    return once_per_run.once(make, *key)
 
 
 def run(command: Sequence[Word]) -> None:

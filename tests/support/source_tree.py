@@ -15,7 +15,10 @@ PACKAGES = {
     "inkloop_controller": ROOT / "controller" / "inkloop_controller",
     "inkloop_hardware": ROOT / "hardware" / "inkloop_hardware",
 }
-C_FOLDERS = (ROOT / "fmus", ROOT / "controller" / "core", ROOT / "hardware" / "firmware")
+C_FOLDERS = (
+    *(ROOT / "fmus", ROOT / "controller" / "core"),
+    *(ROOT / "cosim" / "columns", ROOT / "hardware" / "firmware"),
+)
 Graph = Mapping[str, set[str]]
 
 
@@ -96,7 +99,7 @@ def circles(graph: Graph) -> set[frozenset[str]]:
 
 @cache
 def c_files() -> tuple[Path, ...]:
-    """Sources and headers of the FMUs, the controller and the firmware, without those of the fuzzers."""
+    """Sources and headers of the FMUs, the controller, the columns and the firmware, without those of the fuzzers."""
     return tuple(path for folder in C_FOLDERS for path in sorted(folder.rglob("*.[ch]")) if "fuzz" not in path.parts)
 
 

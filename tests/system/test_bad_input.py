@@ -27,7 +27,9 @@ from support.toys import FunctionComponent
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
 CUBOID = (SCENARIOS / "cuboid.toml").read_text(encoding="utf-8").partition("[compare.")[0]
-CUBOID = CUBOID.replace("alpha = 0.8", "alpha = 0.8\nannealing_sweeps = 0")  # how well it is planned matters nowhere
+CUBOID = CUBOID.replace(
+    "alpha = 0.8", "alpha = 0.8\nhorizon = 2\nannealing_sweeps = 0"
+)  # how well it is planned matters nowhere
 COMMAND = "import sys; from inkloop.cli import main; sys.exit(main(sys.argv[1:]))"
 SENSOR = CUBOID[CUBOID.index("[components.profiler]") :]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,18 +11,18 @@ from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop.units import UM_PER_M
+from support import prints
 from support.long_proofs import rest_is_long
 from support.places import SCENARIOS
+from support.prints import overrides_of
 
 FOLDER = SCENARIOS
 SEEDS = (1, 2, 3)
 EVERY_SEED = pytest.mark.parametrize("seed", rest_is_long(SEEDS, 1))
 
 
-@cache
 def printed(name: str, seed: int, variant: str = "") -> Result:
-    scenario = Scenario.load(FOLDER / f"{name}.toml", {"seed": seed})
-    return print_part(scenario.variant(variant) if variant else scenario)
+    return prints.printed(name, *overrides_of(name, seed), variant=variant)
 
 
 def groove(result: Result, layer: int) -> float:
@@ -74,7 +73,10 @@ def test_print_with_fading_ink_ends_on_target_where_the_loop_is_closed(seed: int
 
 @EVERY_SEED
 def test_controller_that_adapts_follows_the_ink_at_a_distance(seed: int) -> None:
-    adapted, fixed = printed("drifting-ink", seed), printed("drifting-ink", seed, "closed loop, ink not adapted")
+    adapted = printed("drifting-ink", seed)
+    fixed = prints.printed(
+        "drifting-ink", *overrides_of("drifting-ink", seed), ("components.controller.adapt_ink", "off")
+    )
     assert abs(adapted.metrics()["mean_error"]) < abs(fixed.metrics()["mean_error"])
     estimate = adapted.dataset["volume_scale"].values
     mean_volume = 0.9  # of 1 - U[0, 0.2]
@@ -105,7 +107,7 @@ def test_print_continues_over_cells_that_the_sensor_loses(seed: int, tmp_path: P
     )
     path = tmp_path / "blind.toml"
     path.write_text((FOLDER / "cylinder.toml").read_text() + lost)
-    result = print_part(Scenario.load(path, {"seed": seed}))
+    result = print_part(Scenario.load(path, {"seed": seed, "components.controller.horizon": 3}))
     valid = result.dataset["valid"].values
     assert [int((~valid[layer]).sum()) for layer in (9, 10, 29, 30)] == [0, 25, 25, 0]
     assert result.stop_reason == "done"

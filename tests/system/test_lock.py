@@ -3,36 +3,25 @@
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from inkloop.cli import main
 from inkloop.errors import ResultError
-from inkloop.printing.lock import LOCK_FILE, sole_writer
 from inkloop.printing.run import new_run_folder
+from inkloop.results.lock import LOCK_FILE, sole_writer
 from inkloop.results.result import Result
-from support.places import SCENARIOS
+from support.other_process import HOLDING, other_process
+from support.prints import quick_cuboid
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
-CUBOID = SCENARIOS / "cuboid.toml"
-HOLDING = """
-import sys
-from pathlib import Path
-from inkloop.printing.lock import sole_writer
-with sole_writer(Path(sys.argv[1])):
-    print("held", flush=True)
-    sys.stdin.read()
-"""
+CUBOID = quick_cuboid()
 HOLDING_WITH_CHILD = """
 import os, sys
 from pathlib import Path
-from inkloop.printing.lock import sole_writer
+from inkloop.results.lock import sole_writer
 with sole_writer(Path(sys.argv[1])):
     if os.fork() == 0:
         print("held", flush=True)
@@ -53,19 +42,6 @@ def wait(bar, row):
 _LayerBar.__call__ = wait
 sys.exit(main(sys.argv[1:]))
 """
-
-
-@contextmanager
-def other_process(program: str, *words: str) -> Iterator[subprocess.Popen[str]]:
-    """Another process that has come to the place where it holds a folder; it continues when its input ends."""
-    command = [sys.executable, "-c", program, *words]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            assert any(line == "held\n" for line in iter(process.stdout.readline, ""))
-            yield process
-        finally:
-            process.kill()
 
 
 def test_second_process_gets_the_process_id_of_the_first(tmp_path: Path) -> None:

@@ -33,6 +33,12 @@ def cases() -> Iterator[Any]:
                     yield pytest.param(loop, master, fmi, algorithm, step_s, id=name, marks=marks)
 
 
+@pytest.fixture(autouse=True)
+def without_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No block draws its target, which takes longer than its print."""
+    monkeypatch.setattr("inkloop.exchange.job.archive.target_picture", lambda *_: b"")
+
+
 @pytest.fixture(scope="module")
 def ours(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return our_run(tmp_path_factory.mktemp("ours"))

@@ -24,13 +24,13 @@ from inkloop.testing import job
 from inkloop_controller.layer_controller import LayerController
 from support.long_proofs import rest_is_long
 from support.places import SCENARIOS
+from support.prints import quick_cuboid
 from support.toys import FunctionComponent
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
-CUBOID = SCENARIOS / "cuboid.toml"
+CUBOID = quick_cuboid()
 SLOW = ["--set", "components.profiler.scan_duration_s=2.5", "--set", "part.height_um=60.0"]
-SLOW += ["--set", "components.controller.annealing_sweeps=5"]
 KILLED = -signal.SIGKILL
 
 # A run that kills itself at its n-th look: before, within and after the writing of each file, and in each step.
@@ -159,7 +159,8 @@ def test_interrupted_run_resumes_to_the_same_end(
 
 
 def test_events_continue_with_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    scenario, short = CUBOID.with_name("drifting-ink.toml"), ["--no-compare", "--set", "part.height_um=150.0"]
+    scenario, short = SCENARIOS / "drifting-ink.toml", ["--no-compare", "--set", "part.height_um=150.0"]
+    short += ["--set", "components.controller.horizon=2"]
     interrupt(monkeypatch, tmp_path / "run", *short, scenario=scenario, at_layer=13)
     assert main(["resume", str(tmp_path / "run")]) == 0
     assert main(["run", str(scenario), "--out", str(tmp_path / "reference"), *short]) == 0

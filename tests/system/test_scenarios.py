@@ -2,40 +2,44 @@
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from tools.figures import cylinder_prints, gallery
 from tools.figures.pages import read_json
 
-from inkloop.components.devices import KINDS
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop.units import UM_PER_M
+from support import prints
 from support.benches.bench_run import FMUS, assert_same_print, emulated
 from support.long_proofs import rest_is_long
 from support.places import SCENARIOS as FOLDER
+from support.prints import overrides_of, quick_cuboid
 
 SCENARIOS = sorted(FOLDER.glob("*.toml"))
-SEEDS = pytest.mark.parametrize("seeds", rest_is_long([range(1, 5), range(1, 11)], 1), ids=["four", "ten"])
+SEEDS = pytest.mark.parametrize("seeds", rest_is_long([range(1, 2), range(1, 11)], 1), ids=["one", "ten"])
 
 
-def printed(name: str, seed: int, variant: str = "") -> Result:
+def printed(name: str, seed: int, variant: str = "", *, as_shipped: bool = False) -> Result:
     """A print of a scenario, printed once for all tests."""
-    return _printed(name, seed, variant)
+    overrides = (("seed", seed),) if as_shipped else overrides_of(name, seed)
+    return (
+        printed_on_bench(name, dict(overrides))
+        if name == "bench"
+        else prints.printed(name, *overrides, variant=variant)
+    )
 
 
-@cache  # which takes f(1, 2), f(1, y=2) and f(1, 2, "") for different calls
-def _printed(name: str, seed: int, variant: str) -> Result:
-    path, overrides = FOLDER / f"{name}.toml", {"seed": seed}
-    scenario = Scenario.load(path, overrides)
-    if any(table.kind in KINDS for table in scenario.tables.components.values()):
-        with emulated(path, overrides) as (_, channel):
-            return print_part(Scenario.load(path, {**overrides, "bench.channel": channel}))
-    return print_part(scenario.variant(variant) if variant else scenario)
+def printed_on_bench(name: str, overrides: Mapping[str, Any]) -> Result:
+    """A print on the emulator."""
+    path = FOLDER / f"{name}.toml"
+    with emulated(path, overrides) as (_, channel):
+        return print_part(Scenario.load(path, {**overrides, "bench.channel": channel}))
 
 
 def mean_over(seeds: range, name: str, variant: str = "") -> dict[str, float]:
@@ -54,14 +58,7 @@ def test_scenario_names_what_to_look_at(path: Path) -> None:
     assert "What to look at:" in " ".join(comment)
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        pytest.param(path, marks=pytest.mark.long) if path.stem == "pipe-junction" else path  # 20 s
-        for path in SCENARIOS
-    ],
-    ids=lambda path: path.stem,
-)
+@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
 def test_scenario_prints_until_its_controller_is_done(path: Path) -> None:
     result = printed(path.stem, seed=1)
     assert result.stop_reason == "done"
@@ -96,8 +93,16 @@ def test_cylinder_beats_the_papers_algorithm_on_the_same_plant(seeds: range) -> 
     assert ours["mae"] < theirs["mae"]
 
 
+@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
+def test_every_variant_of_a_scenario_is_one(path: Path) -> None:
+    """Those that no test prints, too."""
+    scenario = Scenario.load(path)
+    for variant in scenario.tables.compare:
+        assert scenario.variant(variant).job().nx == scenario.job().nx
+
+
 def test_same_seed_prints_the_same_bits() -> None:
-    scenario = Scenario.load(FOLDER / "cuboid.toml")
+    scenario = Scenario.load(quick_cuboid())
     first, second = print_part(scenario).dataset, print_part(scenario).dataset
     for name in ("height", "pattern", "measured_height"):
         np.testing.assert_array_equal(first[name], second[name])
@@ -107,15 +112,14 @@ def test_two_inks_stay_where_the_part_puts_them() -> None:
     """Cells as wide as these leave a tenth of the walls to the wrong ink, with any controller."""
     closed, blind = printed("two-materials", 1).metrics(), printed("two-materials", 1, "open loop").metrics()
     assert closed["mismatch"] < 0.11
-    assert blind["mismatch"] > 0.5
+    assert blind["mismatch"] > 0.25  # of half the block
     assert abs(closed["mean_error"]) * UM_PER_M < 0.3
 
 
 def test_noise_of_the_sensor_is_filtered_out() -> None:
-    """Scans taken as exact: the controller fills what only looks low."""
-    filtered, exact, taken = (
-        printed("noisy-sensor", 1, variant).metrics() for variant in ("", "exact sensor", "scans taken as exact")
-    )
+    """Scans taken as exact: the controller fills what only looks low. With an exact sensor it is the cylinder."""
+    filtered, taken = (printed("noisy-sensor", 1, variant).metrics() for variant in ("", "scans taken as exact"))
+    exact = printed("cylinder", 1).metrics()
     assert abs(filtered["mean_error"]) < 0.3e-6
     assert filtered["std"] < 1.3 * exact["std"]
     assert taken["mean_error"] < -1e-6
@@ -123,7 +127,7 @@ def test_noise_of_the_sensor_is_filtered_out() -> None:
 
 
 def test_roller_reaches_the_height_for_more_ink_and_leaves_the_rim_low() -> None:
-    rolled, closed = printed("roller", 1), printed("roller", 1, "closed loop, no roller")
+    rolled, closed = printed("roller", 1), printed("cylinder", 1)  # as the variant "closed loop, no roller"
     lacking = rolled.dataset.target_height.values - rolled.final_height.values
     i, j = np.meshgrid(np.arange(35) - 17, np.arange(35) - 17, indexing="ij")
     assert lacking[np.hypot(i, j) <= 15].min() > -1e-12
@@ -157,7 +161,7 @@ def test_smaller_drops_make_an_evener_top_and_more_of_them_at_once_fewer_layers(
 def test_uneven_substrate_is_not_seen_at_the_top() -> None:
     uneven, flat = printed("uneven-start", 1), printed("cylinder", 1)
     assert float(uneven.dataset.height[0].std()) > 10e-6
-    assert uneven.metrics()["std"] < 1.1 * flat.metrics()["std"]
+    assert uneven.metrics()["std"] < 1.3 * flat.metrics()["std"]  # which is planned further ahead
     assert printed("uneven-start", 1, "open loop").metrics()["std"] > 10e-6
 
 
@@ -198,7 +202,14 @@ def test_error_of_the_closed_loop_does_not_grow_with_the_height() -> None:
 @pytest.mark.long
 def test_bench_prints_what_the_fmus_print_to_the_bit() -> None:
     """As the smaller blocks of the tests of adapters and of interruptions, in four passes and many more frames."""
-    assert_same_print(printed("bench", 1), print_part(Scenario.load(FOLDER / "bench.toml", {**FMUS, "seed": 1})))
+    fmus = print_part(Scenario.load(FOLDER / "bench.toml", {**FMUS, "seed": 1}))
+    assert_same_print(printed("bench", 1, as_shipped=True), fmus)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "variant"), [("noisy-sensor", "exact sensor"), ("roller", "closed loop, no roller")])
+def test_variant_is_the_print_of_the_cylinder(name: str, variant: str) -> None:
+    np.testing.assert_array_equal(printed(name, 1, variant).final_height, printed("cylinder", 1).final_height)
 
 
 CHEAP = sorted(path.stem for path in SCENARIOS if path.stem not in ("bench", "pipe-junction"))
@@ -210,7 +221,7 @@ def test_record_of_the_gallery_is_what_the_scenario_prints(name: str) -> None:
     """Else its picture, its page and its comment show earlier runs: `make figures NAMES=gallery/NAME`."""
     recorded = read_json(gallery.RECORD)[name]
     others = Scenario.load(FOLDER / f"{name}.toml").tables.compare
-    fresh = [printed(name, recorded["seed"], variant) for variant in ("", *others)]
+    fresh = [printed(name, recorded["seed"], variant, as_shipped=True) for variant in ("", *others)]
     runs = {run.dataset.attrs["label"]: run for run in fresh}
     assert gallery.measured(name, runs) == recorded
 

@@ -12,6 +12,7 @@ import pytest
 from inkloop.cli import main
 from inkloop.fmu_writer.export import find_fmu
 from support.places import SCENARIOS
+from support.prints import quick_cuboid
 
 HEAVY = ("matplotlib", "scipy", "xarray", "pandas", "casadi")
 CODE = """
@@ -67,9 +68,7 @@ def test_heavy_libraries_are_seen_where_a_command_loads_them(tmp_path: Path) -> 
 
 def test_run_without_pictures_draws_nothing_until_report_does(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    code, packages = loaded(
-        tmp_path, "run", str(SCENARIOS / "cuboid.toml"), "--out", str(folder), "--no-compare", "--no-pictures"
-    )
+    code, packages = loaded(tmp_path, "run", str(quick_cuboid()), "--out", str(folder), "--no-compare", "--no-pictures")
     assert code == 0
     assert "xarray" in packages
     assert "matplotlib" not in packages

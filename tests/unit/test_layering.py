@@ -27,6 +27,9 @@ FLOOR = {
     f"inkloop.{name}"
     for name in ("component", "contract", "errors", "files", "geometry", "limits", "suggest", "testing", "units")
 }
+READERS = ("inkloop.geometry.three_mf", "inkloop.geometry.triangle_file")
+"""Modules of the floor that bring a library in; they are imported by name, for a file of their format."""
+FLOOR |= {name for name in modules() if is_below(name, "inkloop.geometry")} - {*READERS}
 BUILD_TIME = "inkloop.fmu_writer"
 """These modules run while the FMUs are built, when nothing else is installed."""
 BUILD_TIME_FLOOR = ("inkloop.errors", "inkloop.files", "inkloop.limits", "inkloop.units")
@@ -40,6 +43,9 @@ DOORS = {
     "casadi": ("inkloop_controller.program", "inkloop_controller.model.symbolic_layer"),
     **dict.fromkeys(("can", "cantools", "isotp", "udsoncan", "e2e"), ("inkloop_hardware",)),
     **dict.fromkeys(("tifffile", "sdfio", "SurfaceTopography"), ("inkloop.metrology",)),
+    "PIL": ("inkloop.exchange.layers",),
+    "trimesh": ("inkloop.geometry.triangle_file", "inkloop.exchange.layers"),
+    "lib3mf": ("inkloop.geometry.three_mf",),
     "skfem": ("inkloop.studies.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
 }

@@ -1,7 +1,8 @@
 """Run what the pages report, and write it into them: python -m tools.figures [--written] [NAME ...] (`make figures`).
 
-NAME: a writer of `WRITERS`, for example `house`; of the gallery also a scenario, `gallery/cylinder`. With `--written`
-nothing is run: tables and figures are written again from the records.
+NAME: a writer of `WRITERS`, for example `house`; of the gallery also a scenario, `gallery/cylinder`, of the times of
+the house a part, `house_times/startup`. With `--written` nothing is run: tables and figures are written again from the
+records.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ GROUPS = {
     "FMUs": ("FmuComponent", "describe", "find_fmu", "export_fmu"),
     "Errors": (
         *("InkloopError", "ScenarioError", "FmuError", "ComponentError"),
-        *("HeightMapError", "IdentificationError", "ResultError"),
+        *("GeometryError", "HeightMapError", "IdentificationError", "ResultError"),
     ),
 }
 

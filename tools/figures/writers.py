@@ -10,6 +10,7 @@ from tools.figures.pages import Writer
 WRITERS = (
     "options",
     "api",
+    "command_line",
     "can_protocol",
     "house",
     "bench_faults",
@@ -23,8 +24,8 @@ WRITERS = (
     "the_papers",
 )
 """Modules of this folder."""
-ALONE = ("peers",)
-"""Run only when named: `make peers` installs the masters of others that it needs."""
+ALONE = ("peers", "house_times")
+"""Run only when named: `make peers` installs the masters of others that it needs; `make test` tests what others do."""
 
 
 def writer(name: str) -> Writer:

@@ -12,16 +12,20 @@
 /* The height at which the ink of a cell is decided: half a layer above the surface; on it, as in the paper; or both
  * ends of the layer, either ink being right where they differ. The middle halves the error of the printed geometry. */
 enum { REGION_MIDDLE = 1, REGION_SURFACE = 2, REGION_EITHER = 3 };
-enum { INTERVALS = 2 };
 
+/* Cell c has the intervals from offsets[c] up to and without offsets[c + 1]: bottoms <= z < tops [m], ascending, with a
+ * gap between two of them. */
 typedef struct {
-    const double *bottom[INTERVALS]; /* maps [m]; bottom[0] NULL: there are no regions, and the first ink belongs */
-    const double *top[INTERVALS];    /* everywhere; an interval whose bottom is above its top is empty */
-    double step;                     /* height of a nominal layer [m] */
-    int32_t test;                    /* REGION_... */
+    const int64_t *offsets; /* one more than cells; NULL: there are no regions, and the first ink belongs everywhere */
+    const double *bottoms, *tops;
+    double step;  /* height of a nominal layer [m] */
+    int32_t test; /* REGION_... */
 } InkRegions;
 
 /* Bit 0 where the first ink belongs on a cell `ahead` layers after a surface `height` [m], bit 1 where the second. */
 uint16_t inks_for(const InkRegions *regions, size_t cell, double height, size_t ahead);
+
+/* The same for all cells of a surface in each of the coming layers: layers * cells. */
+void ink_choices(const InkRegions *regions, size_t cells, const double *height, size_t layers, int32_t *choices);
 
 #endif

@@ -12,7 +12,7 @@ from inkloop_controller.core.droplet_relaxation import diffuse
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import ink_maps
-from inkloop_controller.model.regions import RegionTest, materials
+from inkloop_controller.model.regions import InkRegions, RegionTest
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
 from inkloop_controller.problem.horizon_problem import HorizonProblem, IntMap, IntPlan
 from inkloop_controller.problem.options import Length, Option
@@ -38,11 +38,11 @@ class CohenLipson:
     ) -> None:
         if threshold is not None and not threshold >= 0.0:
             raise ValueError(f"threshold is {threshold}; needs a height of at least 0")
-        self._job, self._threshold, self._region_test = job, threshold, region_test
+        self._job, self._threshold, self._regions = job, threshold, InkRegions(job, region_test)
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
         """All droplets that the greedy choice drops on the surface; DONE if that is none."""
-        material = materials(self._job, estimate.height, self._region_test)
+        material = self._regions.materials(estimate.height)
         dropped = self.droplets(estimate.height, ink_maps(estimate.inks, material))
         pattern = np.where(dropped, 1 + material, 0).astype(np.int32)
         return _judged(self._job, estimate, layer, pattern, "greedy choice")
@@ -75,7 +75,6 @@ class ErrorDiffusion:
 
     def __init__(self, job: Job, *, region_test: Annotated[RegionTest, Option()] = "middle") -> None:
         self._job, self._choices = job, DropletChoices(job, region_test=region_test)
-        self._region_test = region_test
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
         """Droplets as dense as the share of a layer that is lacking; DONE if that is none."""
@@ -83,7 +82,7 @@ class ErrorDiffusion:
         problem = HorizonProblem(
             estimate.height, job.target_height, job.mask, choices, self._choices.kinds(estimate.inks), alpha=1.0
         )
-        h1, h2, h3 = ink_maps(estimate.inks, materials(job, estimate.height, self._region_test))
+        h1, h2, h3 = ink_maps(estimate.inks, self._choices.regions.materials(estimate.height))
         lacking = (job.target_height - estimate.height) / (h1 + 4.0 * h2 + 4.0 * h3)
         pattern = diffuse(problem, np.where(choices > 0, lacking, 0.0))[0]
         return _judged(job, estimate, layer, pattern, "error diffusion")

@@ -12,7 +12,7 @@ from inkloop_controller.core import bindings
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
-from inkloop_controller.model.regions import materials, nominal_layer_height
+from inkloop_controller.model.regions import InkRegions, nominal_layer_height
 from inkloop_controller.model.starts import full_layers, no_droplets
 from inkloop_controller.planning.layer_mpc import random_key
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus, surface_objective
@@ -32,14 +32,14 @@ class OpenLoop:
         if layers is not None and layers < 0:
             raise ValueError(f"layers is {layers}; needs a whole number >= 0")
         nominal = np.round(job.target_height / nominal_layer_height(job))
-        self._job = job
+        self._job, self._regions = job, InkRegions(job, "middle")
         self._layers = np.where(job.mask, nominal if layers is None else layers, 0)
 
     def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
         """A droplet on every cell of the part that is to be higher, DONE after the last layer."""
         lacking = layer < self._layers
         nominal_surface = np.full(lacking.shape, layer * nominal_layer_height(self._job))
-        pattern = np.where(lacking, 1 + materials(self._job, nominal_surface, "middle"), 0).astype(np.int32)
+        pattern = np.where(lacking, 1 + self._regions.materials(nominal_surface), 0).astype(np.int32)
         status = PlanStatus.FIXED if lacking.any() else PlanStatus.DONE
         return judged(self._job, estimate, layer, pattern, status, "full layer")
 

@@ -14,6 +14,7 @@ from inkloop.component import FloatMap, Ink
 from inkloop_controller.core.library import library
 from inkloop_controller.core.structs import (
     AfterSweep,
+    InkRegionsStruct,
     InkStruct,
     JettedLayerStruct,
     ObjectiveStruct,
@@ -49,6 +50,7 @@ __all__ = [
     "SearchProgress",
     "SearchResult",
     "SearchStatus",
+    "ink_choices",
     "layer",
     "objective",
     "paper_search",
@@ -158,6 +160,30 @@ def layer(
     return after
 
 
+def ink_choices(
+    offsets: NDArray[np.int64],
+    bottoms: FloatMap,
+    tops: FloatMap,
+    height: FloatMap,
+    layers: int,
+    step: float,
+    test: int,
+) -> IntMap:
+    """(layers, nx, ny): 1, 2 or 3 (either) for the ink of each cell, by intervals of height for the first ink.
+
+    offsets, bottoms, tops: as in `inkloop.geometry.Columns`; height: (nx, ny) [m]; step: what a layer adds [m]; test:
+    REGION_... of ink_regions.h.
+    """
+    cells = height.size
+    surface = checked("height", height, "f8", height.shape)
+    spans = checked("offsets", offsets, "i8", (cells + 1,))
+    ends = [np.ascontiguousarray(values) for values in (bottoms, tops)]
+    choices = np.empty((layers, *height.shape), np.int32)
+    regions = InkRegionsStruct(pointer(spans), pointer(ends[0]), pointer(ends[1]), step, test)
+    library().inkloop_ink_choices(regions, cells, pointer(surface), layers, pointer(choices))
+    return choices
+
+
 def problem_struct(problem: HorizonProblem) -> ProblemStruct:
     """The problem for C; its arrays must stay alive as long."""
     kinds = [InkStruct(kind.h1, kind.h2, kind.h3) for kind in problem.kinds]
@@ -239,7 +265,13 @@ def ink_pair(inks: Sequence[Ink]) -> ctypes.Array[InkStruct]:
     return (InkStruct * 2)(*(InkStruct(ink.h1, ink.h2, ink.h3) for ink in both))
 
 
-_C_TYPES: dict[str, Any] = {"f8": ctypes.c_double, "i4": ctypes.c_int32, "u2": ctypes.c_uint16, "b1": ctypes.c_uint8}
+_C_TYPES: dict[str, Any] = {
+    "f8": ctypes.c_double,
+    "i4": ctypes.c_int32,
+    "i8": ctypes.c_int64,
+    "u2": ctypes.c_uint16,
+    "b1": ctypes.c_uint8,
+}
 
 
 def pointer(array: NDArray[Any]) -> Any:

@@ -138,6 +138,18 @@ class RelaxationReportStruct(ctypes.Structure):
     _fields_ = (("value", ctypes.c_double), ("iterations", ctypes.c_int64))
 
 
+class InkRegionsStruct(ctypes.Structure):
+    """`InkRegions` of ink_regions.h."""
+
+    _fields_ = (
+        ("offsets", ctypes.POINTER(ctypes.c_int64)),
+        ("bottoms", REALS),
+        ("tops", REALS),
+        ("step", ctypes.c_double),
+        ("test", ctypes.c_int32),
+    )
+
+
 class InkEvidenceStruct(ctypes.Structure):
     """`InkEvidence` of ink_identification.h."""
 

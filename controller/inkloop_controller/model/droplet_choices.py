@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Ink, Job
-from inkloop_controller.model.regions import RegionTest, ink_choices
+from inkloop_controller.model.regions import InkRegions, RegionTest
 from inkloop_controller.problem.horizon_problem import KINDS_MAX, ChoiceMaps, IntMap
 from inkloop_controller.problem.options import Option
 
@@ -57,7 +57,8 @@ class DropletChoices:
         ]
         if errors:
             raise ValueError("; ".join(errors))
-        self._job, self._region_test, self._drop_levels = job, region_test, drop_levels
+        self._job, self._drop_levels = job, drop_levels
+        self.regions = InkRegions(job, region_test)
         alive = ~np.isin(np.arange(job.ny) % nozzles, list(dead_nozzles))
         self.jettable: BoolMap = job.mask & alive
 
@@ -71,7 +72,7 @@ class DropletChoices:
 
     def allowed(self, height: FloatMap, layers: int) -> ChoiceMaps:
         """(layers, nx, ny): bit k is set where a droplet of kind k may fall, for the layers on the surface [m]."""
-        inks = ink_choices(self._job, height, layers, self._region_test)
+        inks = self.regions.choices(height, layers)
         levels = sum(1 << (level * len(self._job.inks)) for level in range(self._drop_levels))
         return np.where(self.jettable, inks * levels, 0).astype(np.uint16)
 

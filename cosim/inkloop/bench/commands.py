@@ -5,10 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 from collections.abc import Iterable
-from functools import partial
 from typing import Any
-
-from rich.console import Console
 
 from inkloop.bench.emulation import Emulation, emulation_of
 from inkloop.components import devices
@@ -16,6 +13,7 @@ from inkloop.components.bench import Bench
 from inkloop.errors import InkloopError
 from inkloop.printing.device_log import live_words
 from inkloop.printing.listening import check_listening, local_port
+from inkloop.report.terminal import Terminal
 from inkloop.scenario.file import Scenario
 from inkloop.tables.bench_faults import read_fault
 
@@ -25,7 +23,7 @@ NO_CHANNEL = (
 )
 
 
-def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Console) -> int:
+def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Terminal) -> int:
     """Run the emulator until Ctrl-C. Raises BusError where it cannot run, ScenarioError."""
     file = scenario.source if scenario else "SCENARIO"
     emulation = emulation_of(scenario) if scenario else Emulation()
@@ -44,7 +42,7 @@ def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Con
         faults=[str(fault) for fault in faults],
     )
     with running:
-        show = partial(console.print, highlight=False, soft_wrap=True)
+        show = console.sentence
         show(f"emulator on {running.channel}: print head, stage, cure lamp and profiler")
         if scenario:
             grid = scenario.tables.grid
@@ -59,6 +57,7 @@ def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Con
             f"journals and surface are kept in {options.folder}" if options.folder else "the next start is a new part"
         )
         show(f"Ctrl-C ends it; {kept}")
+        console.result(channel=running.channel)
         try:
             code = int(running.wait())
         except KeyboardInterrupt:
@@ -66,7 +65,7 @@ def emulate(scenario: Scenario | None, options: argparse.Namespace, console: Con
     raise InkloopError(f"the emulator on {running.channel} ended unexpectedly with exit code {code}")
 
 
-def act(scenario: Scenario, options: argparse.Namespace, console: Console) -> int:
+def act(scenario: Scenario, options: argparse.Namespace, console: Terminal) -> int:
     """One action of a person on the bench of a scenario. Raises HardwareError."""
     bench = Bench(scenario.tables.bench)
     if options.action in ("stop", "release"):
@@ -97,9 +96,12 @@ def act(scenario: Scenario, options: argparse.Namespace, console: Console) -> in
     return 0
 
 
-def _show(lines: Iterable[str], console: Console) -> None:
+def _show(lines: Iterable[str], console: Terminal) -> None:
+    shown = []
     for line in lines:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+        console.sentence(line)
+        shown.append(line)
+    console.result(lines=shown)
 
 
 def _other_channel(file: str, channel: str) -> str:

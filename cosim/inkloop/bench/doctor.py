@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from inkloop.component import Job
 from inkloop.components import devices
 from inkloop.components.bench import Bench
 from inkloop.components.catalog import MAPPED
+from inkloop.report.terminal import Terminal
 from inkloop.scenario.file import Scenario
 from inkloop.tables.schema import BenchTable
 
@@ -25,23 +25,21 @@ WELL, ERRORS = 0, 1
 STYLES = {"ok": "green", "warning": "yellow", "error": "bold red", "skipped": "dim"}
 
 
-def examine(scenario: Scenario | None, options: argparse.Namespace, console: Console) -> int:
+def examine(scenario: Scenario | None, options: argparse.Namespace, console: Terminal) -> int:
     """Check the bench and print the findings; returns the exit code."""
     doctor = importlib.import_module("inkloop_hardware.doctor.doctor")
     bench = Bench(scenario.tables.bench if scenario else BenchTable())
     expected = doctor.Expected(job_of_printer(scenario), bench.table.cure_ms) if scenario else None
     self_test = options.self_test and (options.yes or _agreed(doctor.WHAT))
-    waiting = console.status("looking at the bench ...") if console.is_terminal and not options.json else nullcontext()
+    waiting = console.status("looking at the bench ...") if console.is_terminal else nullcontext()
     with waiting:
         looked = doctor.examine(bench.rig.settings, expected, self_test=self_test, mapped=_is_mapped(scenario))
         found = [*_of_scenario(scenario), *looked]
     errors = sum(finding.grade == "error" for finding in found)
     code = ERRORS if errors else WELL
-    if options.json:
-        print(json.dumps({"exit_code": code, "findings": [finding.to_json() for finding in found]}, indent=2))
-    else:
-        console.print(_table(found))
-        console.print(_verdict(errors), highlight=False)
+    console.print(_table(found))
+    console.sentence(_verdict(errors))
+    console.result(exit_code=code, findings=[finding.to_json() for finding in found])
     return code
 
 
@@ -97,13 +95,8 @@ def _table(found: Sequence[Any]) -> Table:
         again = number > 0 and found[number - 1].check == finding.check
         style = STYLES[str(finding.grade)]
         columns = (str(finding.grade), finding.found, finding.advice)
-        table.add_row("" if again else finding.check, *(f"[{style}]{_plain(words)}[/]" for words in columns))
+        table.add_row("" if again else finding.check, *(Text(words, style) for words in columns))
     return table
-
-
-def _plain(words: str) -> str:
-    """Without what rich would take for markup."""
-    return words.replace("[", r"\[")
 
 
 def _verdict(errors: int) -> str:

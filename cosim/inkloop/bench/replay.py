@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import io
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from inkloop.components import devices
 from inkloop.contract import MEASURED_HEIGHT, PATTERN, VALID
@@ -23,6 +21,7 @@ from inkloop.errors import ComponentError, InkloopError, ResultError
 from inkloop.files import temporary_folder
 from inkloop.printing.device_log import live_words
 from inkloop.printing.run import new_run_folder, print_part, scenario_of_run
+from inkloop.report.terminal import Terminal
 from inkloop.results.result import RESULT_FILE, UNFINISHED, Result
 from inkloop.scenario.file import Scenario
 
@@ -31,7 +30,7 @@ SAME, DIFFERS = 0, 1
 """Exit codes."""
 
 
-def replay(options: argparse.Namespace, overrides: Mapping[str, Any], console: Console) -> int:
+def replay(options: argparse.Namespace, overrides: Mapping[str, Any], console: Terminal) -> int:
     """Print again from the log and report differences; returns the exit code. Raises ResultError, ScenarioError."""
     folder: Path = options.run
     scenario = _scenario(folder, overrides, options.log)
@@ -47,14 +46,15 @@ def replay(options: argparse.Namespace, overrides: Mapping[str, Any], console: C
     if recorded and again and not found:
         found = differences(recorded, again)
     for words in found:
-        console.print(words, highlight=False, markup=False, soft_wrap=True)
+        console.sentence(words)
+    console.result(same=not found, differences=found)
     if found:
         return DIFFERS
     layers = again.dataset.sizes["layer"] - 1 if again else 0
     summary = f"{layers} layers replayed: every request of the master is that of {log}"
     if recorded:
         summary += f"; {', '.join(COMPARED.values())} are those of {folder / RESULT_FILE}"
-    console.print(summary, highlight=False, markup=False, soft_wrap=True)
+    console.sentence(summary)
     return SAME
 
 
@@ -99,7 +99,7 @@ def _replayed(scenario: Scenario, place: Path, is_whole: bool) -> list[str]:
     place.mkdir(parents=True, exist_ok=True)
     errors = importlib.import_module("inkloop_hardware.errors")
     try:
-        with live_words(Console(file=io.StringIO()), place):
+        with live_words(Terminal(quiet=True), place):
             print_part(scenario, folder=place)
     except ComponentError as error:
         cause = _first_cause(error)

@@ -43,6 +43,6 @@ def run(options: argparse.Namespace) -> int:
     from inkloop.bench.commands import emulate
 
     if options.scenario is None:
-        return emulate(None, options, screen())
+        return emulate(None, options, screen(options))
     with scenario_of(options) as scenario:
-        return emulate(scenario, options, screen())
+        return emulate(scenario, options, screen(options))

@@ -18,6 +18,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--out", type=Path, default=Path("compare.png"), metavar="FILE", help="picture to write (default: compare.png)"
     )
+    parser.add_argument("--no-pictures", action="store_true", help="write no picture")
     return parser
 
 
@@ -25,6 +26,10 @@ def run(options: argparse.Namespace) -> int:
     """Show the table and write the picture; the exit code."""
     from inkloop.report import run_report
 
-    screen().print(run_report.compare(options.runs, options.out))
-    print(f"wrote {options.out}")
+    terminal, picture = screen(options), None if options.no_pictures else options.out
+    table, runs = run_report.compare(options.runs, picture)
+    terminal.print(table)
+    if picture:
+        terminal.sentence(f"wrote {picture}")
+    terminal.result(runs=runs, picture=picture)
     return 0

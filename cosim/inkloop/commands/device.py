@@ -44,9 +44,9 @@ def run(options: argparse.Namespace) -> int:
     folder: Path = options.scenario
     if not folder.is_dir():
         with scenario_of(options) as scenario:
-            return act(scenario, options, screen())
+            return act(scenario, options, screen(options))
     from inkloop.printing.run import scenario_file, scenario_of_run
     from inkloop.scenario.class_path import classes_from
 
     with classes_from(scenario_file(folder).parent):
-        return act(scenario_of_run(folder, overrides_of(options.overrides, str(folder))), options, screen())
+        return act(scenario_of_run(folder, overrides_of(options.overrides, str(folder))), options, screen(options))

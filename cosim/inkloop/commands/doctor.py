@@ -30,7 +30,6 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("--self-test", action="store_true", help="also test gate and lamp, after confirmation")
     parser.add_argument("--yes", action="store_true", help="with --self-test: do not ask")
-    parser.add_argument("--json", action="store_true", help="print the findings as JSON")
     add_overrides(parser)
     return parser
 
@@ -45,4 +44,4 @@ def run(options: argparse.Namespace) -> int:
         except ScenarioError as error:
             show_error(error, options)
             return CANNOT_RUN
-        return examine(scenario, options, screen())
+        return examine(scenario, options, screen(options))

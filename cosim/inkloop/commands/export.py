@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_windows
+from inkloop.commands.options import add_windows, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -18,6 +18,12 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     parser.add_argument("--fmi", choices=("2", "3"), default="3", help="FMI version (default: 3)")
     parser.add_argument("--nx", type=int, default=9, metavar="N", help="cells along x (default: 9)")
     parser.add_argument("--ny", type=int, default=9, metavar="N", help="cells along y (default: 9)")
+    parser.add_argument(
+        "--intervals",
+        type=int,
+        metavar="N",
+        help="LayerController: intervals of height that the region of ink A may have on a cell (default: 2)",
+    )
     parser.add_argument(
         "--fixed", action="store_true", help="FMI 3 with constant dimensions, for tools that cannot resize arrays"
     )
@@ -35,9 +41,12 @@ def run(options: argparse.Namespace) -> int:
         fmi=options.fmi,
         nx=options.nx,
         ny=options.ny,
+        intervals=options.intervals,
         fixed=options.fixed,
         out=options.out or Path(f"{options.model}.fmu"),
         windows=options.windows,
     )
-    print(f"wrote {path}")
+    terminal = screen(options)
+    terminal.sentence(f"wrote {path}")
+    terminal.result(file=path)
     return 0

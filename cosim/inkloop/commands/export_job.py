@@ -27,4 +27,4 @@ def run(options: argparse.Namespace) -> int:
     from inkloop.exchange.job import command
 
     with scenario_of(options) as scenario:
-        return command.export(scenario, options, screen())
+        return command.export(scenario, options, screen(options))

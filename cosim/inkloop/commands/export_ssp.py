@@ -41,4 +41,4 @@ def run(options: argparse.Namespace) -> int:
     from inkloop.exchange.ssp import command
 
     with scenario_of(options) as scenario:
-        return command.export(scenario, options, screen())
+        return command.export(scenario, options, screen(options))

@@ -57,4 +57,4 @@ def run(options: argparse.Namespace) -> int:
 
     source = options.sources[0]
     with classes_from(Path(source).parent):
-        return command.run(options, overrides_of(options.overrides, source), screen())
+        return command.run(options, overrides_of(options.overrides, source), screen(options))

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from inkloop.commands.options import screen
+
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
@@ -24,6 +26,8 @@ def run(options: argparse.Namespace) -> int:
         from inkloop.fmu.reading import describe
 
         shown = list(describe(options.path).lines())
+    terminal = screen(options)
     for line in shown:
-        print(line)
+        terminal.sentence(line)
+    terminal.result(lines=shown)
     return 0

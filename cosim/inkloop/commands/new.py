@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from pathlib import Path
 from typing import Any
 
+from inkloop.commands.options import screen
 from inkloop.scenario import new as templates
 
 
@@ -22,5 +24,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 def run(options: argparse.Namespace) -> int:
     """Write the scenario; the exit code."""
     path = templates.write(options.name, options.shape)
-    print(f"wrote {path}; inkloop run {path} prints it")
+    terminal = screen(options)
+    terminal.sentence(f"wrote {path}; inkloop run {shlex.quote(str(path))} prints it")
+    terminal.result(file=path)
     return 0

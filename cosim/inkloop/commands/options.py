@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 from inkloop.errors import InkloopError, ScenarioError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from inkloop.report.terminal import Terminal
     from inkloop.scenario.file import Scenario
 
 
@@ -109,18 +108,30 @@ def overrides_of(pairs: Iterable[str], source: str) -> dict[str, Any]:
     return overrides
 
 
-def screen() -> Console:
-    """The terminal, or 120 columns where the output goes elsewhere."""
-    from rich.console import Console
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """--quiet, --verbose, --json and --traceback, which every command has."""
+    output = parser.add_argument_group("output")
+    amount = output.add_mutually_exclusive_group()
+    amount.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
+    amount.add_argument("-v", "--verbose", action="store_true", help="also print every message of devices")
+    output.add_argument("--json", action="store_true", help="print the result as JSON; the rest goes to standard error")
+    output.add_argument("--traceback", action="store_true", help="print the Python traceback of an error")
 
-    return Console(width=None if sys.stdout.isatty() else 120)
+
+def screen(options: argparse.Namespace) -> Terminal:
+    """The terminal as the options of `add_output` ask for it."""
+    from inkloop.report.terminal import Terminal
+
+    return Terminal(quiet=options.quiet, verbose=options.verbose, as_json=options.json)
 
 
 def show_error(error: InkloopError, options: argparse.Namespace, raised: Exception | None = None) -> None:
     """Print the message of an error on stderr; with --traceback, below the calls that led to it and to its causes.
 
-    raised: what the error stands for, if it was not raised itself.
+    With --json the errors are printed as JSON too. raised: what the error stands for, if it was not raised itself.
     """
+    if options.json:
+        screen(options).result(errors=list(error.errors) if isinstance(error, ScenarioError) else [str(error)])
     if options.traceback:
         traceback.print_exception(raised or error)
     else:

@@ -31,4 +31,4 @@ def run(options: argparse.Namespace) -> int:
     from inkloop.scenario.class_path import classes_from
 
     with classes_from(scenario_file(options.run).parent):
-        return replay(options, overrides_of(options.overrides, str(options.run)), screen())
+        return replay(options, overrides_of(options.overrides, str(options.run)), screen(options))

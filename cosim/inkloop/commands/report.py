@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import screen
+from inkloop.commands.options import add_no_pictures, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -15,6 +15,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
         "report", help="rewrite the tables and pictures of a run folder"
     )
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder, as written by `inkloop run`")
+    add_no_pictures(parser)
     return parser
 
 
@@ -22,7 +23,10 @@ def run(options: argparse.Namespace) -> int:
     """Write tables and pictures, and show the tables; the exit code."""
     from inkloop.report import run_report
 
-    screen().print(run_report.write(options.run))
+    terminal = screen(options)
+    terminal.print(run_report.write(options.run, pictures=not options.no_pictures))
     if (options.run / run_report.MODEL_TABLE).is_file():
-        print((options.run / run_report.MODEL_TABLE).read_text(encoding="utf-8"))
+        terminal.print((options.run / run_report.MODEL_TABLE).read_text(encoding="utf-8"))
+    if terminal.as_json:
+        terminal.result(**run_report.record(options.run))
     return 0

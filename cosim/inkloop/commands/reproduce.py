@@ -27,4 +27,4 @@ def run(options: argparse.Namespace) -> int:
     """Compute and compare; the exit code."""
     from inkloop.studies.reproduce import command
 
-    return command.reproduce(options, screen())
+    return command.reproduce(options, screen(options))

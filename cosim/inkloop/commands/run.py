@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
             return printing.run(
                 scenario,
                 options.out,
-                screen(),
+                screen(options),
                 compare=not options.no_compare,
                 pictures=not options.no_pictures,
             )

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from inkloop.commands.options import screen
+
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
@@ -28,5 +30,7 @@ def run(options: argparse.Namespace) -> int:
         print(text)
     else:
         write_text(options.out, text + "\n")
-        print(f"wrote {options.out}")
+        terminal = screen(options)
+        terminal.sentence(f"wrote {options.out}")
+        terminal.result(file=options.out)
     return 0

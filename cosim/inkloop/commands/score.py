@@ -50,4 +50,4 @@ def run(options: argparse.Namespace) -> int:
     from inkloop.studies.score import command
 
     with classes_from(Path.cwd()):
-        return command.score(options, overrides_of(options.overrides, "score"), screen())
+        return command.score(options, overrides_of(options.overrides, "score"), screen(options))

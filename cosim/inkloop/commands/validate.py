@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from inkloop.commands.options import add_scenario, scenario_of
+from inkloop.commands.options import add_scenario, scenario_of, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -23,8 +23,21 @@ def run(options: argparse.Namespace) -> int:
         scenario.footprint.check_disk(RUNS)
         grid = scenario.tables.grid
         printed = int(scenario.job().mask.sum())
-        print(
+        components = list(scenario.tables.components)
+        terminal = screen(options)
+        terminal.sentence(
             f"{options.scenario}: no errors; {grid.nx} x {grid.ny} cells, {printed} printed, "
-            f"components {', '.join(scenario.tables.components)}; {scenario.footprint}"
+            f"components {', '.join(components)}; {scenario.footprint}"
+        )
+        footprint = scenario.footprint
+        terminal.result(
+            scenario=options.scenario,
+            errors=[],
+            cells=[grid.nx, grid.ny],
+            printed_cells=printed,
+            components=components,
+            layers=footprint.layers,
+            memory_bytes=footprint.memory,
+            disk_bytes=footprint.disk,
         )
     return 0

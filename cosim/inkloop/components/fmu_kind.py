@@ -16,7 +16,7 @@ from inkloop.components.port_tables import OPTION, mapped_ports
 from inkloop.files import temporary_folder
 from inkloop.fmu import FmuComponent, FmuDescription, archive_error, describe, platform_error
 from inkloop.fmu.archive_member import fmu_file
-from inkloop.fmu_writer.export import export_fmu, find_fmu
+from inkloop.fmu_writer.export import INTERVALS, export_fmu, find_fmu
 
 
 @dataclass(frozen=True)
@@ -76,9 +76,9 @@ class FmuFile:
 
 
 def _make_model(model: str, form: str, file: Path, parsed: Parsed) -> FmuComponent:
-    """One of our FMUs; where its grid is fixed to another size, one exported for the job."""
+    """One of our FMUs; where its sizes are fixed, one exported for the job."""
     sizes = parsed.structural
-    if form == FORMS[0] or describe(file).grid == (sizes["nx"], sizes["ny"]):
+    if form == FORMS[0]:
         return FmuComponent(file, parameters=parsed.parameters, structural=sizes)
     with temporary_folder("export") as folder:  # a component keeps what it needs of the file
         made = export_fmu(
@@ -86,10 +86,11 @@ def _make_model(model: str, form: str, file: Path, parsed: Parsed) -> FmuCompone
             fmi="2" if form == "fmi2" else "3",
             nx=sizes["nx"],
             ny=sizes["ny"],
+            intervals=sizes.get(INTERVALS),
             fixed=True,
             out=Path(folder) / f"{model}.fmu",
         )
-        return FmuComponent(made, parameters=parsed.parameters, structural=sizes)
+        return FmuComponent(made, parameters=parsed.parameters)
 
 
 def _ports(parsed: Parsed, file: FmuDescription) -> Ports:

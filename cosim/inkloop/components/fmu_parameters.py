@@ -9,12 +9,17 @@ from typing import Any
 from numpy.typing import NDArray
 
 from inkloop.component import Job
-from inkloop.components.job_parameters import factor_from_job, ink_parameters, parameters_from_job
+from inkloop.components.job_parameters import (
+    factor_from_job,
+    ink_parameters,
+    parameters_from_job,
+    region_parameters,
+)
 from inkloop.components.port_tables import OPTION
 from inkloop.components.presets import PRESETS, preset_of
 from inkloop.errors import FmuError
 from inkloop.fmu import FmuDescription, Variable, describe
-from inkloop.fmu_writer.export import find_fmu
+from inkloop.fmu_writer.export import INTERVALS, find_fmu
 from inkloop.suggest import nearest
 from inkloop.tables.quantities import scaled
 from inkloop.units import missing_suffix, spellings, unit_of
@@ -90,13 +95,13 @@ def parse(
     known = description.parameters
     from_job = parameters_from_job(job) if use_job_parameters else {}
     errors: list[str] = []
-    if "region_bottom_1" in known and use_job_parameters:
-        try:
-            from_job |= ink_parameters(job)
-        except ValueError as error:
-            errors.append(f"kind is {description.name!r}: {error}; take 'LayerMpc'")
+    intervals: dict[str, int] = {}
+    if INTERVALS in description.variables and use_job_parameters:
+        of_region, intervals, wrong = region_parameters(description, job, options.get(INTERVALS))
+        from_job |= ink_parameters(job) | of_region
+        errors += wrong
     has_grid = description.grid is not None or "nx" in description.default_sizes
-    structural: dict[str, int] = {"nx": job.nx, "ny": job.ny} if has_grid else {}
+    structural: dict[str, int] = {"nx": job.nx, "ny": job.ny} | intervals if has_grid else {}
     parameters = dict(defaults or {})
     parameters |= {
         name: scaled(from_job[name], factor)

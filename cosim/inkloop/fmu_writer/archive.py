@@ -51,22 +51,27 @@ def unpack(path: Path) -> dict[str, bytes]:
 
 def read_definition(path: Path) -> ModelDefinition:
     """The definition in one of inkloop's FMUs. Raises FmuError."""
-    return definition.load(unpack(path)[DEFINITION].decode(), DEFINITION)
+    return definition_in(unpack(path))
+
+
+def definition_in(members: Mapping[str, bytes]) -> ModelDefinition:
+    """The definition among the members of one of inkloop's FMUs. Raises FmuError."""
+    return definition.load(members[DEFINITION].decode(), DEFINITION)
 
 
 def described(
-    members: Mapping[str, bytes], form: str, nx: int, ny: int, version: str, baked: Baked = PLAIN
+    members: Mapping[str, bytes], form: str, sizes: Mapping[str, int], version: str, baked: Baked = PLAIN
 ) -> dict[str, bytes]:
-    """The members with a modelDescription.xml for a grid, from the definition among them.
+    """The members with a modelDescription.xml for `sizes` (structural parameters), from the definition among them.
 
     Raises FmuError where their binary would refuse it: the members were built by another inkloop than this code.
     """
-    model = definition.load(members[DEFINITION].decode(), DEFINITION)
+    model = definition_in(members)
     if model.fingerprint.encode() not in members.get("modelDescription.xml", model.fingerprint.encode()):
         raise FmuError(
             f"{model.name}: the FMU was built from other sources than this Python code; run make, or pip install again"
         )
-    written = description.write(model, form, nx, ny, _sources(members), Release(version, _now()), baked)
+    written = description.write(model, form, sizes, _sources(members), Release(version, _now()), baked)
     return {**members, "modelDescription.xml": written}
 
 
@@ -113,8 +118,7 @@ def _write_emulated(options: argparse.Namespace) -> None:
 
 def _pack(options: argparse.Namespace) -> None:
     model = definition.load(options.definition.read_text("utf-8"), options.definition)
-    sizes = {v.name: int(v.start) for v in model.exposed}
-    members = described(_members(model, options), options.form, sizes["nx"], sizes["ny"], options.version)
+    members = described(_members(model, options), options.form, model.sizes({}), options.version)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     pack(options.out, members)
 

@@ -110,9 +110,9 @@ def _macro(name: str, lines: Sequence[str]) -> Iterator[str]:
 
 def _rows(model: ModelDefinition) -> Iterator[str]:
     for v in model.variables:
-        grid = "true" if v.is_grid else "false"
+        shape = "ONE_VALUE" if not v.is_grid else "MAP" if v.along is None else "MAPS"
         limits = _limits(model, v)
-        yield f'    {{"{v.name}", TYPE_{v.type.upper()}, {c_causality(v).upper()}, {grid}, {v.start!r}, {limits}}},'
+        yield f'    {{"{v.name}", TYPE_{v.type.upper()}, {c_causality(v).upper()}, {shape}, {v.start!r}, {limits}}},'
 
 
 def _pointer(variable: VariableDefinition) -> str:

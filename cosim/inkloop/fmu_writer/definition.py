@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -19,8 +20,9 @@ TYPES = ("real", "integer", "boolean", "enumeration", "count")
 
 @dataclass(frozen=True)
 class VariableDefinition:
-    """One variable: a scalar or a map over the grid.
+    """One variable: a scalar, a map over the grid, or several maps.
 
+    `along` is the structural parameter that says how many maps; None: one.
     `initial_from` names what the value at the start is computed from; `declared` the enumeration; a parameter that
     `is_tunable` may be set between steps. `emulated`: the member of the emulator's WorldOptions (world.h) that holds
     this parameter; None: the emulator does not have it.
@@ -31,6 +33,7 @@ class VariableDefinition:
     description: str = ""
     type: str = "real"
     shape: str = "scalar"
+    along: str | None = None
     unit: str = "1"
     start: float = 0
     min: float | None = None
@@ -45,6 +48,21 @@ class VariableDefinition:
     def is_grid(self) -> bool:
         """True for a value per cell."""
         return self.shape == "grid"
+
+    @property
+    def dimensions(self) -> tuple[str, ...]:
+        """The structural parameters that size it; none for a scalar."""
+        if not self.is_grid:
+            return ()
+        return ("nx", "ny") if self.along is None else (self.along, "nx", "ny")
+
+    def shape_for(self, sizes: Mapping[str, int]) -> tuple[int, ...]:
+        """Lengths along its dimensions."""
+        return tuple(sizes[name] for name in self.dimensions)
+
+    def count(self, sizes: Mapping[str, int]) -> int:
+        """Number of its values."""
+        return math.prod(self.shape_for(sizes))
 
     @property
     def is_exposed(self) -> bool:
@@ -85,16 +103,20 @@ class ModelDefinition:
     @property
     def fingerprint(self) -> str:
         """16 hexadecimal digits that change with anything the binary must know."""
-        known = [(v.name, c_causality(v), v.type, v.shape, v.start, *self.limits(v)) for v in self.variables]
+        known = [(v.name, c_causality(v), v.type, v.dimensions, v.start, *self.limits(v)) for v in self.variables]
         return hashlib.sha256(repr((self.name, known)).encode()).hexdigest()[:16]
 
-    def token(self, nx: int, ny: int, *, resizable: bool, mark: str = "") -> str:
-        """GUID or instantiation token: the binary reads the grid from it, so one binary serves every grid.
+    def sizes(self, given: Mapping[str, float]) -> dict[str, int]:
+        """The structural parameters, nx and ny first: the values given, else the start values."""
+        return {v.name: int(given.get(v.name, v.start)) for v in self.variables if v.causality == "structural"}
+
+    def token(self, sizes: Mapping[str, int], *, resizable: bool, mark: str = "") -> str:
+        """GUID or instantiation token: the binary reads the sizes from it, so one binary serves every grid.
 
         mark: distinguishes FMUs of one grid whose resources differ, up to 14 characters.
         """
         end = "-resizable" if resizable else f"-{mark}" if mark else ""
-        return f"{self.name}-{self.fingerprint}-{nx}x{ny}{end}"
+        return f"{self.name}-{self.fingerprint}-{'x'.join(map(str, sizes.values()))}{end}"
 
     def limits(self, variable: VariableDefinition) -> tuple[float | None, float | None]:
         """Smallest and largest value, None where there is no limit."""
@@ -105,12 +127,12 @@ class ModelDefinition:
         numbers = self.types[variable.declared].items.values()
         return min(numbers), max(numbers)
 
-    def scalar_references(self, nx: int, ny: int) -> Iterator[tuple[VariableDefinition, int]]:
+    def scalar_references(self, sizes: Mapping[str, int]) -> Iterator[tuple[VariableDefinition, int]]:
         """Each exposed variable with the first of its references where every cell has one of its own (FMI 2)."""
         reference = 0
         for variable in self.exposed:
             yield variable, reference
-            reference += nx * ny if variable.is_grid else 1
+            reference += variable.count(sizes)
 
 
 def c_causality(variable: VariableDefinition) -> str:
@@ -149,7 +171,12 @@ def _errors(variables: tuple[VariableDefinition, ...], table: Mapping[str, Any])
         yield f"variables must come in the order {', '.join((*EXPOSED, *HIDDEN))}"
     if [v.name for v in variables[:3]] != ["time", "nx", "ny"]:
         yield "the first variables must be time, nx, ny"
+    structural = [v.name for v in variables if v.causality == "structural"]
+    if len(structural) > 3:
+        yield f"structural parameters are {', '.join(structural)}; at most one comes after nx, ny"
     for v in variables:
+        if v.along is not None and (not v.is_grid or v.along not in structural[2:]):
+            yield f"{v.name}: along is {v.along!r}; a grid may name a structural parameter after nx, ny"
         if v.is_tunable and v.causality != "parameter":
             yield f"{v.name}: is_tunable is true; only a parameter can be"
         if v.emulated is not None and (v.causality != "parameter" or v.is_grid or v.type not in EMULATED_TYPES):

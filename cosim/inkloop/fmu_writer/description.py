@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -59,20 +60,23 @@ PLAIN = Baked()
 def write(
     model: ModelDefinition,
     form: str,
-    nx: int,
-    ny: int,
+    sizes: Mapping[str, int],
     sources: Sequence[str],
     release: Release,
     baked: Baked = PLAIN,
 ) -> bytes:
-    """modelDescription.xml of one of the `FORMS` of this package; `sources` are the C files that make the binary."""
+    """modelDescription.xml of one of the `FORMS` of this package.
+
+    sizes: values of structural parameters, in place of their start values; sources: the C files that make the binary.
+    """
     given = {name: getattr(baked, name) for name in ("description", "step_size", "stop_time")}
     model = replace(model, **{name: value for name, value in given.items() if value is not None})
-    starts = {**baked.starts, "nx": nx, "ny": ny}
+    starts = {**baked.starts, **model.sizes(sizes)}
     if form == "fmi2":
-        return to_bytes(_fmi2(model, starts, model.token(nx, ny, resizable=False, mark=baked.mark), sources, release))
+        token = model.token(model.sizes(starts), resizable=False, mark=baked.mark)
+        return to_bytes(_fmi2(model, starts, token, sources, release))
     is_fixed = form == "fmi3-fixed"
-    token = model.token(nx, ny, resizable=not is_fixed, mark=baked.mark)
+    token = model.token(model.sizes(starts), resizable=not is_fixed, mark=baked.mark)
     return to_bytes(_fmi3(model, starts, token, release, is_fixed=is_fixed))
 
 
@@ -91,7 +95,7 @@ def add(parent: ET.Element, tag: str, /, **attributes: object) -> ET.Element:
 def _fmi3(
     model: ModelDefinition, starts: Mapping[str, float], token: str, release: Release, *, is_fixed: bool
 ) -> ET.Element:
-    nx, ny = int(starts["nx"]), int(starts["ny"])
+    sizes = model.sizes(starts)
     root = _root(model, release, fmiVersion="3.0", instantiationToken=token)
     add(
         root,
@@ -114,12 +118,12 @@ def _fmi3(
     references = {variable.name: number for number, variable in enumerate(model.exposed)}
     for v in model.exposed:
         sized = starts.get(v.name, v.start)
-        start = _start(v, sized, nx * ny if v.is_grid else 1)
+        start = _start(v, sized, v.count(sizes))
         rest = {**_roles(v, is_fixed), **_type_attributes(v), "start": start}
         named = {"name": v.name, "valueReference": references[v.name], "description": v.description}
         element = add(variables, _FMI3_TYPES[v.type], **named, **rest)
-        for axis, size in (("nx", nx), ("ny", ny)) if v.is_grid else ():
-            add(element, "Dimension", **({"start": size} if is_fixed else {"valueReference": references[axis]}))
+        for axis in v.dimensions:
+            add(element, "Dimension", **({"start": sizes[axis]} if is_fixed else {"valueReference": references[axis]}))
     structure = add(root, "ModelStructure")
     for tag in ("Output", "InitialUnknown"):
         for v in model.exposed:
@@ -132,7 +136,7 @@ def _fmi3(
 def _fmi2(
     model: ModelDefinition, starts: Mapping[str, float], guid: str, sources: Sequence[str], release: Release
 ) -> ET.Element:
-    nx, ny = int(starts["nx"]), int(starts["ny"])
+    sizes = model.sizes(starts)
     root = _root(model, release, fmiVersion="2.0", guid=guid)
     interface = add(
         root,
@@ -156,36 +160,36 @@ def _fmi2(
                 add(element, "Item", name=item, value=number)
     _add_experiment(root, model)
     variables = add(root, "ModelVariables")
-    for v, first in model.scalar_references(nx, ny):
+    for v, first in model.scalar_references(sizes):
         if v.causality == "independent":
             continue  # optional in FMI 2, and FMI Library takes it for a fault
         sized = starts.get(v.name, v.start)
-        for offset, name in enumerate(_scalar_names(v, nx, ny)):
+        for offset, name in enumerate(_scalar_names(v, sizes)):
             named = {"name": name, "valueReference": first + offset, "description": v.description}
             scalar = add(variables, "ScalarVariable", **named, **_roles(v, True))
             add(scalar, _FMI2_TYPES[v.type], **_type_attributes(v), start=_start(v, sized, 1))
     structure = add(root, "ModelStructure")
     outputs, unknowns = add(structure, "Outputs"), add(structure, "InitialUnknowns")
-    for index, dependencies in _fmi2_outputs(model, nx, ny):
+    for index, dependencies in _fmi2_outputs(model, sizes):
         add(outputs, "Unknown", index=index, dependencies="")
         add(unknowns, "Unknown", index=index, dependencies=dependencies)
     return root
 
 
-def _fmi2_outputs(model: ModelDefinition, nx: int, ny: int) -> Iterator[tuple[int, str]]:
+def _fmi2_outputs(model: ModelDefinition, sizes: Mapping[str, int]) -> Iterator[tuple[int, str]]:
     """Index of each scalar output and the indices that its value at the start depends on.
 
     An index counts the variables from 1; it is the value reference, because time, reference 0, is not listed.
     """
-    firsts = {v.name: (v, reference) for v, reference in model.scalar_references(nx, ny)}
+    firsts = {v.name: (v, reference) for v, reference in model.scalar_references(sizes)}
     for v, first in firsts.values():
         if v.causality != "output":
             continue
-        for offset in range(nx * ny if v.is_grid else 1):
+        for offset in range(v.count(sizes)):
             dependencies = ""
             if v.initial_from:
                 known, known_first = firsts[v.initial_from]
-                whole = range(known_first, known_first + (nx * ny if known.is_grid else 1))
+                whole = range(known_first, known_first + known.count(sizes))
                 dependencies = str(whole[offset]) if v.is_grid and known.is_grid else " ".join(map(str, whole))
             yield first + offset, dependencies
 
@@ -263,13 +267,12 @@ def _number(variable: VariableDefinition, value: float) -> str:
     return repr(float(value)) if variable.type == "real" else str(int(value))
 
 
-def _scalar_names(variable: VariableDefinition, nx: int, ny: int) -> Iterator[str]:
+def _scalar_names(variable: VariableDefinition, sizes: Mapping[str, int]) -> Iterator[str]:
     if not variable.is_grid:
         yield variable.name
         return
-    for i in range(1, nx + 1):
-        for j in range(1, ny + 1):
-            yield f"{variable.name}[{i},{j}]"
+    for index in itertools.product(*(range(1, size + 1) for size in variable.shape_for(sizes))):
+        yield f"{variable.name}[{','.join(map(str, index))}]"
 
 
 def _texts(attributes: dict[str, object]) -> dict[str, str]:

@@ -100,7 +100,7 @@ def _type(model: ModelDefinition, variable: VariableDefinition) -> str:
     if variable.declared is not None:
         items = model.types[variable.declared].items
         name = ", ".join(f"{number} {item}" for item, number in items.items())
-    return f"{name} (nx, ny)" if variable.is_grid else name
+    return f"{name} ({', '.join(variable.dimensions)})" if variable.is_grid else name
 
 
 def _about(variable: VariableDefinition) -> str:

@@ -19,6 +19,15 @@ BYTES_OF_A_CELL = {"2": 20_000, "3": 100}
 """Version of FMI -> memory that an importer takes for a cell: of FMI 2 to read the description (measured, 3.0 GiB
 for 400 x 400), of FMI 3 for the maps that a model keeps and gives (assumed)."""
 
+INTERVALS = "region_intervals"
+"""The structural parameter that says how many intervals of height the region of ink A may have on a cell."""
+
+INTERVALS_MAX = 64
+"""Its largest value, as variables.toml has it."""
+
+_MAPS = 12
+"""Maps of LayerController with two intervals, by which more of them are reckoned."""
+
 LAYER_JOB = "LayerJob"
 """The model that prints what is in its resources, so that there is none without a scenario."""
 
@@ -47,16 +56,18 @@ def export_fmu(
     nx: int = 9,
     ny: int = 9,
     fmi: Literal["2", "3"] = "3",
+    intervals: int | None = None,
     fixed: bool = False,
     windows: bool = False,
 ) -> Path:
     """Write one of our FMUs for a grid of nx * ny cells to the file `out`; returns its path. Raises FmuError.
 
-    FMI 3 without `fixed` keeps structural parameters, of which nx and ny become the start values.
+    intervals: of height that the region of ink A may have on a cell, for LayerController; None: 2.
+    FMI 3 without `fixed` keeps structural parameters, of which these numbers become the start values.
     windows: a binary for 64-bit Windows too, for which mingw-w64 has to be installed.
     """
     from inkloop import __version__
-    from inkloop.fmu_writer.archive import described, pack, unpack
+    from inkloop.fmu_writer.archive import definition_in, described, pack, unpack
 
     if fmi not in ("2", "3"):
         raise FmuError(f"FMI version is {fmi!r}; expected '2' or '3'")
@@ -65,7 +76,8 @@ def export_fmu(
     if nx < 1 or ny < 1:
         raise FmuError(f"the grid is {nx} x {ny} cells; expected at least 1 x 1")
     form = "fmi2" if fmi == "2" else "fmi3-fixed" if fixed else "fmi3"
-    if reason := memory_error(nx * ny * BYTES_OF_A_CELL[fmi]):
+    further_maps = 2 * max(0, (intervals or 2) - 2)
+    if reason := memory_error(nx * ny * BYTES_OF_A_CELL[fmi] * (_MAPS + further_maps) // _MAPS):
         fits = "choose a smaller grid" + ("" if fmi == "3" else ", or FMI 3, whose description does not grow with it")
         raise FmuError(f"{model} as FMI {fmi} of {nx} x {ny} cells {reason}, for what reads and runs it; {fits}")
     if form == "fmi2" and nx * ny > FMI2_CELLS:
@@ -77,7 +89,15 @@ def export_fmu(
             ny,
             nx * ny,
         )
-    members = described(unpack(find_fmu(model, form)), form, nx, ny, __version__)
+    members = unpack(find_fmu(model, form))
+    sizes = {"nx": nx, "ny": ny}
+    if intervals is not None:
+        sizes[INTERVALS] = intervals
+        if INTERVALS not in {v.name for v in definition_in(members).exposed}:
+            raise FmuError(f"{model} has no region of ink A; leave the number of its intervals out")
+        if not 1 <= intervals <= INTERVALS_MAX:
+            raise FmuError(f"intervals of the region of ink A are {intervals}; expected 1 to {INTERVALS_MAX}")
+    members = described(members, form, sizes, __version__)
     if windows:
         from inkloop.fmu_writer.windows import with_windows_binary
 

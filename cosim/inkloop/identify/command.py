@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import tomlkit
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import Progress
 from rich.table import Table
 
 from inkloop.component import Ink
@@ -26,6 +25,7 @@ from inkloop.identify.picture import save
 from inkloop.identify.print_record import PrintRecord
 from inkloop.identify.run_record import read_run
 from inkloop.identify.volume_area_coefficients import NAMES
+from inkloop.report.terminal import Terminal
 from inkloop.results.result import RESULT_FILE, Result
 from inkloop.scenario.file import Scenario
 from inkloop.suggest import nearest
@@ -33,7 +33,7 @@ from inkloop.tables.schema import Inks
 from inkloop.units import UM_PER_M
 
 
-def run(options: argparse.Namespace, overrides: Mapping[str, Any], console: Console) -> int:
+def run(options: argparse.Namespace, overrides: Mapping[str, Any], console: Terminal) -> int:
     """Identify, show and write; returns an exit code. Raises IdentificationError and those of reading and printing."""
     out: Path = options.out or Path(f"{Path(options.sources[0]).resolve().stem}-ink.toml")
     if out.exists():
@@ -46,11 +46,12 @@ def run(options: argparse.Namespace, overrides: Mapping[str, Any], console: Cons
     for table in tables(found):
         console.print(table)
     for note in found.notes:
-        console.print(f"note: {note}", highlight=False, markup=False)
+        console.sentence(f"note: {note}")
     write_ink(found, out, date.today())
     picture = out.with_suffix(".png")
     save(found, picture)
-    console.print(f"wrote {out} and {picture}", highlight=False)
+    console.sentence(f"wrote {out} and {picture}")
+    console.result(file=out, picture=picture, notes=list(found.notes))
     return 0
 
 
@@ -122,7 +123,7 @@ def _nominal(folder: Path) -> Sequence[Ink]:
 
 def _heights(found: Identification) -> Table:
     table = Table(
-        title=r"height that a droplet adds \[um], with 95 % intervals",
+        title="height that a droplet adds [um], with 95 % intervals",
         caption=f"noise of a reading {found.noise_std * UM_PER_M:.3g} um; {found.ink.used} growths; droplets "
         f"vary by {found.ink.droplet_std:.1%}, with all that the model does not explain",
     )
@@ -176,7 +177,7 @@ def _comparison(found: Identification) -> Table:
         "relative to the measured height",
     )
     table.add_column("model")
-    table.add_column("rms [um]".replace("[", r"\["), justify="right")
+    table.add_column("rms [um]", justify="right")
     table.add_column("(21)", justify="right")
     table.add_column("fitted to everything")
     for one in found.comparisons:
@@ -199,6 +200,6 @@ class _Show:
 
 
 @contextmanager
-def _progress(console: Console) -> Iterator[_Show]:
-    with Progress(TextColumn("{task.description}"), BarColumn(24), console=console, transient=True) as progress:
+def _progress(console: Terminal) -> Iterator[_Show]:
+    with console.progress() as progress:
         yield _Show(progress)

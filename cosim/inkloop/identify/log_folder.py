@@ -13,14 +13,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import tomlkit
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError
-from tomlkit.exceptions import TOMLKitError
 
 from inkloop.component import FloatMap
 from inkloop.contract import PassOrder
 from inkloop.errors import HeightMapError, IdentificationError
+from inkloop.files import TomlError, read_toml_text, toml_tables
 from inkloop.identify.print_record import PrintRecord
 from inkloop.limits import filled
 from inkloop.metrology.cell_means import cell_means
@@ -107,12 +106,12 @@ def read_log(folder: Path) -> PrintRecord:
 def _table(folder: Path) -> PrintTable:
     path = folder / DESCRIPTION
     try:
-        raw = tomlkit.parse(path.read_text(encoding="utf-8")).unwrap()
+        raw = toml_tables(read_toml_text(path))
         table = PrintTable.model_validate(raw)
     except OSError as error:
         raise IdentificationError(f"{path}: cannot be read: {error.strerror}") from error
-    except (TOMLKitError, UnicodeDecodeError) as error:
-        raise IdentificationError(f"{path}: is not TOML: {error}") from error
+    except TomlError as error:
+        raise IdentificationError(f"{path}: {error}") from error
     except ValidationError as error:
         raise IdentificationError(_list(path, [sentence(detail, PrintTable) for detail in error.errors()])) from error
     errors = [

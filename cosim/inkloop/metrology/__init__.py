@@ -1,1 +1,6 @@
-"""Measured surfaces: height maps from files of profilers, and their placement on the grid of cells."""
+"""Measured surfaces: height maps from and to files, their placement on the grid of cells, and their texture."""
+
+F_OPERATIONS = ("plane", "mean")
+"""What is taken off a surface before its texture is evaluated: the least-squares plane, or the mean height."""
+UNITS = ("nm", "um", "mm", "m")
+"""Units of heights that a caller can give."""

@@ -8,9 +8,9 @@ from typing import Any, Literal
 from numpy.typing import NDArray
 
 from inkloop.errors import HeightMapError
-from inkloop.units import M_PER_PM, SUFFIXES
+from inkloop.units import M_PER_CM, M_PER_PM, SUFFIXES
 
-_METRES = {**SUFFIXES["m"], "pm": M_PER_PM}
+_METRES = {**SUFFIXES["m"], "pm": M_PER_PM, "cm": M_PER_CM}
 _SPELLINGS = {"\u00b5m": "um", "\u03bcm": "um", "micron": "um", "microns": "um"}  # micro sign, Greek mu
 
 

@@ -12,9 +12,9 @@ import tifffile
 from inkloop.errors import HeightMapError
 from inkloop.limits import memory_error
 from inkloop.metrology.file_contents import FileContents, length_factor
+from inkloop.units import M_PER_CM
 
 _CENTIMETRE = 3  # TIFF 6.0, tag 296; 2 is the inch, in which picture programs write 72 or 300 without meaning it
-_CENTIMETRE_M = 0.01
 _PACKED_AT_MOST = 10_000  # bytes from one byte; deflate makes 1032, other methods some more of an even surface
 
 
@@ -40,7 +40,7 @@ def read_tiff(path: Path) -> FileContents:
         return FileContents(
             *_calibrated(values, imagej), pixel=_size(resolution, length_factor(str(imagej.get("unit"))))
         )
-    return FileContents(values, pixel=_size(resolution, _CENTIMETRE_M if in_centimetres else None))
+    return FileContents(values, pixel=_size(resolution, M_PER_CM if in_centimetres else None))
 
 
 def _size_error(file: tifffile.TiffFile) -> str | None:

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import ctypes
-import os
-import sys
-import sysconfig
 from functools import cache
-from pathlib import Path
 
-from inkloop.errors import InkloopError
+from inkloop.files import c_library
 
 VARIABLE = "INKLOOP_MODELS_LIB"
 HEIGHT_COUNT = 10
@@ -86,7 +82,6 @@ class VariationStruct(ctypes.Structure):
 
 _FINE = ctypes.POINTER(FineSurfaceStruct)
 _ENTRY_POINTS = {
-    "inkloop_models_interface": (_INTEGER, ()),
     "inkloop_droplet_volumes": (None, (*_GRID, ctypes.POINTER(VariationStruct), _INTEGER, REALS)),
     "inkloop_layer_pass": (
         _REAL,
@@ -110,43 +105,4 @@ _ENTRY_POINTS = {
 @cache
 def library() -> ctypes.CDLL:
     """The loaded kernels. Raises InkloopError if they are not installed or cannot be loaded."""
-    path = _path()
-    try:
-        kernels = ctypes.CDLL(str(path))
-        for name, (result, arguments) in _ENTRY_POINTS.items():
-            function = getattr(kernels, name)
-            function.restype, function.argtypes = result, arguments
-    except (OSError, AttributeError) as error:
-        raise InkloopError(
-            f"{path}: holds no deposition models of this inkloop ({error}); install inkloop again"
-        ) from error
-    if kernels.inkloop_models_interface() != _INTERFACE:
-        raise InkloopError(
-            f"{path}: was built from other sources than this Python code; run make, or pip install again"
-        )
-    return kernels
-
-
-def _path() -> Path:
-    """The file: named by the environment, next to this one, or where an editable install puts what it builds."""
-    named = os.environ.get(VARIABLE)
-    if named:
-        if not Path(named).is_file():
-            raise InkloopError(f"{VARIABLE} is {named!r}: no such file; unset it to take the installed models")
-        return Path(named)
-    folders = [Path(__file__).parent]
-    folders += [Path(sysconfig.get_path(scheme)) / "inkloop" / "models" for scheme in ("platlib", "purelib")]
-    places = [folder / _file_name() for folder in folders]
-    found = next((place for place in places if place.is_file()), None)
-    if found is None:
-        looked = ", ".join(str(place) for place in places)
-        raise InkloopError(
-            f"the deposition models are not installed (looked for {looked}); run make, or pip install inkloop"
-        )
-    return found
-
-
-def _file_name() -> str:
-    if sys.platform == "win32":
-        return "inkloop_models.dll"
-    return "libinkloop_models.dylib" if sys.platform == "darwin" else "libinkloop_models.so"
+    return c_library("inkloop.models", "inkloop_models", VARIABLE, _INTERFACE, _ENTRY_POINTS)

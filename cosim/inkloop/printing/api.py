@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
-from inkloop.printing.lock import sole_writer
 from inkloop.printing.run import checked_run_folder, log_devices, print_part
+from inkloop.report.terminal import Terminal
+from inkloop.results.lock import sole_writer
 from inkloop.results.result import Result
 from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
@@ -38,7 +37,7 @@ def run(
         if out is None:
             return print_part(loaded)
         folder = checked_run_folder(loaded, Path(out), source.stem)
-        with sole_writer(folder), log_devices(loaded, Console(quiet=True), folder):
+        with sole_writer(folder), log_devices(loaded, Terminal(quiet=True), folder):
             notes = {"scenario_file": str(source.resolve()), "compare": False}
             Result.begin(folder, loaded.text, notes)
             return print_part(loaded, folder=folder, notes=notes)

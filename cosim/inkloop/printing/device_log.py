@@ -8,28 +8,27 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from rich.console import Console
-
 from inkloop.components.devices import LOGGER
 from inkloop.files import reason_of
+from inkloop.report.terminal import Terminal
 
 LOG_FILE = "bench.log"
 
 
 class _OnScreen(logging.Handler):
-    def __init__(self, console: Console) -> None:
-        super().__init__(logging.INFO)
+    def __init__(self, console: Terminal) -> None:
+        super().__init__(logging.INFO if console.verbose else logging.WARNING)
         self._console = console
 
     def emit(self, record: logging.LogRecord) -> None:
         style = "red" if record.levelno >= logging.WARNING else "dim"
-        self._console.print(f"  {record.getMessage()}", style=style, highlight=False, markup=False, soft_wrap=True)
+        self._console.sentence(f"  {record.getMessage()}", style)
 
 
 class _InFile(logging.FileHandler):
     """Appends to a file; where that fails, as on a full disk, one message says so and the print continues."""
 
-    def __init__(self, path: Path, console: Console) -> None:
+    def __init__(self, path: Path, console: Terminal) -> None:
         super().__init__(path, delay=True, encoding="utf-8")
         self._console, self._has_failed = console, False
 
@@ -38,7 +37,7 @@ class _InFile(logging.FileHandler):
         error = sys.exc_info()[1]
         if not self._has_failed and isinstance(error, OSError):
             lost = f"{self.baseFilename} cannot be written: {reason_of(error)}; its messages are shown here only"
-            self._console.print(f"  {lost}", style="red", highlight=False, markup=False, soft_wrap=True)
+            self._console.sentence(f"  {lost}", "red")
         self._has_failed = True
 
     def close(self) -> None:
@@ -48,8 +47,8 @@ class _InFile(logging.FileHandler):
 
 
 @contextmanager
-def live_words(console: Console, folder: Path | None) -> Iterator[None]:
-    """Within the block every sentence of a device is shown, and added with its time to the log of the folder.
+def live_words(console: Terminal, folder: Path | None) -> Iterator[None]:
+    """Within the block warnings of devices are shown, with --verbose all messages; the log of the folder gets all.
 
     The folder has to exist when the first message comes.
     """

@@ -8,9 +8,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn
-from rich.table import Column
+from rich.progress import Progress, TaskID
 
 from inkloop.components import devices
 from inkloop.components.catalog import MAP_FOLDER
@@ -21,9 +19,10 @@ from inkloop.master.pacing import sentence
 from inkloop.printing.device_log import live_words
 from inkloop.printing.first_layer import check_first_layer
 from inkloop.printing.listening import check_listening
-from inkloop.printing.lock import LOCK_FILE, sole_writer
 from inkloop.printing.print import Print
+from inkloop.report.terminal import Terminal, decimals
 from inkloop.results.checkpoint import remove_layers
+from inkloop.results.lock import LOCK_FILE, sole_writer
 from inkloop.results.recorder import LayerRow
 from inkloop.results.result import (
     COMPARE_FOLDER,
@@ -42,10 +41,10 @@ RUNS = Path("runs")
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
 
 
-def run(scenario: Scenario, out: Path | None, console: Console, *, compare: bool = True, pictures: bool = True) -> int:
+def run(scenario: Scenario, out: Path | None, console: Terminal, *, compare: bool = True, pictures: bool = True) -> int:
     """Print, compare, save and show; returns the exit code of the command. An interrupted run keeps its layers."""
     folder = checked_run_folder(scenario, out, Path(scenario.source).stem)
-    console.print(f"{folder}: {scenario.footprint}", highlight=False, soft_wrap=True)
+    console.sentence(f"{folder}: {scenario.footprint}")
     return _print_all(scenario, folder, console, compare, pictures)
 
 
@@ -55,7 +54,7 @@ def checked_run_folder(scenario: Scenario, out: Path | None, name: str) -> Path:
     return new_run_folder(out, name)
 
 
-def resume(folder: Path, console: Console, *, pictures: bool = True) -> int:
+def resume(folder: Path, console: Terminal, *, pictures: bool = True) -> int:
     """Resume a run and its comparison runs after the last layer on disk; returns the exit code as `run` does.
 
     Raises ResultError if the folder cannot be resumed, ScenarioError, ComponentError.
@@ -69,11 +68,14 @@ def resume(folder: Path, console: Console, *, pictures: bool = True) -> int:
     for place in finished:
         remove_layers(place)  # there still if it was stopped between saving and this
     if finished == places:
-        console.print(
+        from inkloop.report import run_report
+
+        console.sentence(
             f"{folder}: the run is finished ({record['stop_reason']}), nothing is changed; "
-            f"`inkloop report {folder}` shows it",
-            highlight=False,
+            f"`inkloop report {folder}` shows it"
         )
+        if console.as_json:
+            console.result(**run_report.record(folder))
         return 0
     return _print_all(scenario, folder, console, record["compare"], pictures)
 
@@ -101,42 +103,44 @@ def print_part(
 
     Raises ComponentError, also where nothing was printed for an alpha that is too small.
     """
-    job = scenario.job()
-    nominal = max(1, round(float(job.target_height.max()) / job.inks[0].layer_height))
-    bar = _LayerBar(progress, scenario.tables.label, nominal) if progress else None
+    bar = _LayerBar(progress, scenario.tables.label) if progress else None
     result = Print(scenario, folder, on_layer=bar, notes=notes).run()
+    if bar:
+        bar.finish()
     check_first_layer(scenario, result)
     return result
 
 
-def _print_all(scenario: Scenario, folder: Path, console: Console, compare: bool, pictures: bool) -> int:
+def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: bool, pictures: bool) -> int:
     """Print the unfinished runs of a scenario in `folder`, and show all of them."""
     from inkloop.report import run_report
 
     notes = {"scenario_file": str(Path(scenario.source).resolve()), "compare": compare}
-    stopped = False
-    with sole_writer(folder), deferred() as interrupted, _progress(console) as progress:
+    stopped, printed = False, dict[Path, Result]()
+    with sole_writer(folder), deferred() as interrupted, console.progress("figures", "solve") as progress:
         for place, variant in _runs(scenario, folder, compare):
             if _is_finished(place):
                 continue
-            with _alone(place, folder), log_devices(variant, progress.console, place):
+            with _alone(place, folder), log_devices(variant, console, place):
                 Result.begin(place, variant.text, notes)
-                result = print_part(variant, progress, place, notes)
+                result = printed[place] = print_part(variant, progress, place, notes)
             if "real_time" in result.run:
-                progress.console.print(f"{result.run['label']}: {sentence(result.run['real_time'])}", highlight=False)
+                console.sentence(f"{result.run['label']}: {sentence(result.run['real_time'])}")
             for remark in run_report.remarks(result):
-                progress.console.print(f"{result.run['label']}: {remark}", highlight=False)
+                console.sentence(f"{result.run['label']}: {remark}")
             stopped = interrupted() or result.stop_reason == "interrupted"
             if stopped:
                 break
-    console.print(run_report.write(folder, pictures=pictures))
+    console.print(run_report.write(folder, in_memory=printed, pictures=pictures))
     reason = "interrupted" if stopped else read_record(folder)["stop_reason"]
     written = "table, pictures and result.nc" if pictures else "table and result.nc"
-    console.print(f"{reason}: {written} are in {folder}/", highlight=False, soft_wrap=True)
+    console.sentence(f"{reason}: {written} are in {folder}/")
     if stopped:
         refusal = result.run.get("not_resumable")
         advice = f"cannot be resumed: {refusal}" if refusal else f"continue with `inkloop resume {folder}`"
-        console.print(advice, highlight=False, soft_wrap=True)
+        console.sentence(advice)
+    if console.as_json:
+        console.result(**run_report.record(folder, printed))
     return INTERRUPTED if stopped else 0
 
 
@@ -145,7 +149,7 @@ def _alone(place: Path, folder: Path) -> AbstractContextManager[None]:
     return nullcontext() if place == folder else sole_writer(place)
 
 
-def log_devices(scenario: Scenario, console: Console, folder: Path) -> AbstractContextManager[None]:
+def log_devices(scenario: Scenario, console: Terminal, folder: Path) -> AbstractContextManager[None]:
     """Shows messages of devices, if there are any. Raises ComponentError if their emulated bus is not running."""
     kinds = {table.kind for table in scenario.tables.components.values()}
     if not kinds.isdisjoint(devices.KINDS):
@@ -182,26 +186,26 @@ def _is_claimed(folder: Path) -> bool:
 
 
 class _LayerBar:
-    """Shows each finished layer: its number, the errors over the part, and what the plan for it took."""
+    """Shows each finished layer: its number, the errors over the part, and what the plan for it took.
 
-    def __init__(self, progress: Progress, label: str, nominal_layers: int) -> None:
-        self._progress = progress
-        self._task: TaskID = progress.add_task(label, total=nominal_layers, figures="")
+    The bar follows the height that is built, since a closed loop prints more layers than a nominal ink would need.
+    """
+
+    def __init__(self, progress: Progress, label: str) -> None:
+        self._progress, self._begin = progress, 0.0
+        self._task: TaskID = progress.add_task(label, total=1.0, figures="", solve="")
 
     def __call__(self, row: LayerRow) -> None:
-        figures = (
-            f"layer {row.layer:3d}  mean error {row.mean_error * UM_PER_M:7.2f} um  std {row.std * UM_PER_M:5.2f} um"
-        )
-        if "solve_time" in row.scalars:
-            figures += f"  solve {row.scalars['solve_time'] * MS_PER_S:5.1f} ms"
-        total = max(row.layer, int(self._progress.tasks[self._task].total or 0))
-        self._progress.update(self._task, completed=row.layer, total=total, figures=figures)
+        self._begin = self._begin or row.mean_error
+        mean, std = decimals(row.mean_error * UM_PER_M), decimals(row.std * UM_PER_M)
+        figures = f"layer {row.layer}: mean error {mean}, std {std} um"
+        solve = f"plan {row.scalars['solve_time'] * MS_PER_S:.1f} ms" if "solve_time" in row.scalars else ""
+        built = 1.0 - row.mean_error / self._begin if self._begin > 0.0 else 1.0
+        self._progress.update(self._task, completed=min(max(built, 0.0), 1.0), figures=figures, solve=solve)
 
-
-def _progress(console: Console) -> Progress:
-    name = TextColumn("{task.description}", table_column=Column(no_wrap=True, min_width=12))
-    figures = TextColumn("{task.fields[figures]}", table_column=Column(no_wrap=True, min_width=66))
-    return Progress(name, BarColumn(16), figures, console=console)
+    def finish(self) -> None:
+        """No layer follows."""
+        self._progress.update(self._task, completed=1.0)
 
 
 def _runs(scenario: Scenario, folder: Path, compare: bool) -> Iterator[tuple[Path, Scenario]]:

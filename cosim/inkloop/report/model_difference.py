@@ -20,6 +20,7 @@ from inkloop.components import catalog, devices
 from inkloop.components.shadow.comparison import ScannedLayer, start_surface
 from inkloop.components.shadow.replica import FollowedPlant
 from inkloop.contract import LAYER_COMMAND, MEASURED_HEIGHT, PATTERN, VALID
+from inkloop.report.terminal import number_table
 from inkloop.results.result import Result
 from inkloop.tables.job import job_of
 from inkloop.tables.schema import ScenarioFile
@@ -69,9 +70,8 @@ class ModelDifference:
     def table(self) -> Table:
         """A row for each layer [um]."""
         caption = "over the part's cells that were seen, in um; growth: rms of what the layer added to the difference"
-        table = Table(title=f"Measured less {self.model}", caption=caption)
-        for heading in ("layer", "mean", "rms", "growth", "worst", "at cell"):
-            table.add_column(heading, justify="right")
+        headings = ("mean", "rms", "growth", "worst", "at cell")
+        table = number_table("layer", *headings, title=f"Measured less {self.model}", caption=caption)
         for row in self.rows:
             growth = "-" if np.isnan(row.growth) else f"{row.growth * UM_PER_M:.2f}"
             values = (

@@ -25,8 +25,8 @@ def draw(folder: Path, runs: Mapping[str, Result], difference: ModelDifference |
     with rc_context(plot.STYLE):
         figures = pictures(runs)
         if difference:
-            name, result = next(iter(runs.items()))
-            figures["hardware-against-model"] = hardware_against_model(result.dataset, difference, name)
+            name, run = next(iter(_labelled(runs).items()))
+            figures["hardware-against-model"] = hardware_against_model(run, difference, name)
         for name, figure in figures.items():
             plot.save(figure, folder / f"{name}.png")
 
@@ -34,12 +34,12 @@ def draw(folder: Path, runs: Mapping[str, Result], difference: ModelDifference |
 def draw_comparison(runs: Mapping[str, Result], picture: Path) -> None:
     """Write one picture of several runs of one grid."""
     with rc_context(plot.STYLE):
-        plot.save(plot.comparison({name: result.dataset for name, result in runs.items()}), picture)
+        plot.save(plot.comparison(_labelled(runs)), picture)
 
 
 def pictures(runs: Mapping[str, Result]) -> dict[str, Figure]:
     """File name -> figure."""
-    labelled = {name: result.dataset for name, result in runs.items()}
+    labelled = _labelled(runs)
     name, main = next(iter(labelled.items()))
     figures = {
         "surface": plot.surfaces({name: main}),
@@ -55,6 +55,11 @@ def pictures(runs: Mapping[str, Result]) -> dict[str, Figure]:
         figures["materials"] = plot.materials(main, name)
         figures["solid"] = plot.solids(labelled)
     return figures
+
+
+def _labelled(runs: Mapping[str, Result]) -> dict[str, xr.Dataset]:
+    """The data of each run by its label; a dollar sign in it begins no formula."""
+    return {name.replace("$", r"\$"): result.dataset for name, result in runs.items()}
 
 
 MAPS = 4

@@ -5,6 +5,7 @@ Every function takes results as labelled arrays (see `inkloop.results.result`) a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import ListedColormap, Normalize, to_rgba
+from matplotlib.colors import AsinhNorm, ListedColormap, Normalize, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, MaxNLocator
@@ -27,11 +28,14 @@ from inkloop.units import MM_PER_M, UM_PER_M
 WIDTH_IN = 7.0
 COLOURS = ("#0b5fa5", "#c8541b", "#3a7d44", "#7b4b94", "#8a6d1f")
 MATERIAL_COLOURS = ListedColormap(["#ffffff00", "#0b5fa5", "#e3c9a0"])
-# The first run lies broad below, the others thin above it, so that both of two coinciding lines are visible.
+DASHES: tuple[Any, ...] = ((0, (5, 2)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)), (0, (8, 3)))
+# The first run lies broad below, the others dashed above it, so that coinciding lines are visible, in grey print too.
 LINES: tuple[dict[str, Any], ...] = (
     {"color": COLOURS[0], "linewidth": 2.4},
-    *({"color": colour, "linewidth": 1.0} for colour in COLOURS[1:]),
+    *({"color": c, "linewidth": 1.3, "linestyle": dashes} for c, dashes in zip(COLOURS[1:], DASHES, strict=True)),
 )
+PLATES = 100  # along a side of a surface's picture at most; larger maps are shown as means of blocks
+BOX_UPRIGHT = 0.45  # height of a surface's box as a share of its longer side
 WALL_COLOURS = ("0.75", "0.6")  # walls that face x and y
 FAR_UM = 10.0  # a run that misses by more than this is not drawn with the others
 SOLID_UPRIGHT = 0.45  # height of a solid's picture as a share of its width: parts are far wider than high
@@ -50,45 +54,86 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def surfaces(runs: Runs) -> Figure:
-    """Final surfaces as printed, each cell a plate, its top coloured by the error on one scale; at most three runs."""
+    """Final surfaces as printed, each cell a plate, its top coloured by the error on one scale; at most three runs.
+
+    The colours of several runs grow with the logarithm of the error, so that errors of a hundredth of the largest are
+    visible.
+    """
     shown = dict(list(runs.items())[:3])
     errors = {name: _error(run) for name, run in shown.items()}
-    limit = max(1e-3, *(float(np.nanquantile(np.abs(error), 0.99)) for error in errors.values()))
-    colours = ScalarMappable(Normalize(-limit, limit), "RdBu")
-    top = max(float(run.height[-1].max()) for run in shown.values()) * UM_PER_M
+    scales = [float(np.nanquantile(np.abs(error), 0.99)) for error in errors.values()]
+    limit, finest = max(1e-3, *scales), max(1e-3, min(scales) / 2.0)
+    norm = Normalize(-limit, limit) if len(shown) == 1 else AsinhNorm(finest, -limit, limit)
+    colours = ScalarMappable(norm, "RdBu")
+    top = max(max(float(run.height[-1].max()) for run in shown.values()) * UM_PER_M, 1e-3)
     count = len(shown)
-    figure = Figure(figsize=(WIDTH_IN, 2.5) if count > 1 else (4.6, 3.2))
-    width = (0.87 if count > 1 else 0.82) / count
+    figure = Figure(figsize=(WIDTH_IN, 2.2) if count > 1 else (4.6, 3.0))
+    width = (0.89 if count > 1 else 0.82) / count
     for place, (name, run) in enumerate(shown.items()):
-        axes = figure.add_axes((place * width, 0.0, width, 0.84), projection="3d")
+        axes = figure.add_axes((place * width, -0.06, width, 1.0), projection="3d")
         assert isinstance(axes, Axes3D)
         _plates(axes, run, errors[name], colours)
-        axes.set_zlim(0, max(top, 1e-3) * 1.02)
-        axes.set_title(f"{name}\n{_figures(run)}", y=0.94)
-    scale = figure.add_axes((0.9 if count > 1 else 0.83, 0.25, 0.012 * WIDTH_IN / figure.get_figwidth(), 0.5))
-    figure.colorbar(colours, cax=scale, label="target - height [µm]", extend="both")
+        axes.set_zlim(0, top * 1.02)
+        if count == 1:  # there is no room for it between two pictures
+            axes.set_zlabel("height [µm]", labelpad=-3)
+        figure.text((place + 0.5) * width, 0.98, f"{name}\n{_figures(run)}", ha="center", va="top", fontsize=8)
+    scale = figure.add_axes((0.91 if count > 1 else 0.83, 0.2, 0.012 * WIDTH_IN / figure.get_figwidth(), 0.5))
+    bar = figure.colorbar(colours, cax=scale, label="target - height [µm]", extend="both", format="{x:g}")
+    if len(shown) > 1:
+        decades = 10.0 ** np.arange(math.ceil(math.log10(finest)), math.floor(math.log10(limit)) + 1)
+        bar.set_ticks([*-decades[::-1], 0.0, *decades], minor=False)
+        bar.minorticks_off()
+    stretched = BOX_UPRIGHT * _longer_side(next(iter(shown.values()))) / MM_PER_M * UM_PER_M / top
+    figure.text(
+        0.99, 0.02, f"heights in µm, stretched x {float(f'{stretched:.2g}'):g}", ha="right", fontsize=7, color="0.4"
+    )
     return figure
 
 
 def _plates(axes: Axes3D, run: xr.Dataset, error: FloatMap, colours: ScalarMappable) -> None:
-    height = np.repeat(np.repeat(run.height[-1].values * UM_PER_M, 2, axis=0), 2, axis=1)
-    half = float(run.attrs["pitch"]) / 2
-    edges = [np.column_stack([axis - half, axis + half]).ravel() * MM_PER_M for axis in (run.x.values, run.y.values)]
+    block = max(1, math.ceil(max(error.shape) / PLATES))
+    height, shown = _means(run.height[-1].values * UM_PER_M, block), _means(error, block)
+    left, right, bottom, top = _extent(run)
+    edges = [
+        np.repeat(np.minimum(first + np.arange(count + 1) * block * (last - first) / cells, last), 2)[1:-1]
+        for first, last, count, cells in zip((left, bottom), (right, top), height.shape, error.shape, strict=True)
+    ]
     x, y = np.meshgrid(*edges, indexing="ij")
-    faces = np.empty((height.shape[0] - 1, height.shape[1] - 1, 4))
+    plates = np.repeat(np.repeat(height, 2, axis=0), 2, axis=1)
+    faces = np.empty((plates.shape[0] - 1, plates.shape[1] - 1, 4))
     faces[:] = to_rgba(WALL_COLOURS[0])
     faces[:, 1::2] = to_rgba(WALL_COLOURS[1])
-    faces[::2, ::2] = np.where(np.isnan(error)[..., None], to_rgba("0.96"), colours.to_rgba(np.nan_to_num(error)))
-    axes.plot_surface(x, y, height, facecolors=faces, rcount=400, ccount=400, linewidth=0, shade=False)
+    faces[::2, ::2] = np.where(np.isnan(shown)[..., None], to_rgba("0.96"), colours.to_rgba(np.nan_to_num(shown)))
+    axes.plot_surface(x, y, plates, facecolors=faces, rstride=1, cstride=1, linewidth=0, shade=False)
     axes.set_xlabel("x [mm]", labelpad=-4)
     axes.set_ylabel("y [mm]", labelpad=-4)
-    axes.set_zlabel("height [µm]", labelpad=-3)
     axes.tick_params(pad=-2)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_major_locator(MaxNLocator(4))
-    axes.set_box_aspect((1, 1, 0.6), zoom=0.82)
+    longer = _longer_side(run)
+    axes.set_box_aspect(((right - left) / longer, (top - bottom) / longer, BOX_UPRIGHT), zoom=0.88)
     axes.view_init(elev=32, azim=-60)
+    axes.patch.set_visible(False)  # it would hide labels of the picture to its left
     axes.grid(False)
+
+
+def _means(values: FloatMap, block: int) -> FloatMap:
+    """Means over blocks of cells, of those that have a number; NaN where none has."""
+    if block == 1:
+        return values
+    sides = [np.arange(0, cells, block) for cells in values.shape]
+    totals, counts = (
+        np.add.reduceat(np.add.reduceat(each, sides[0], axis=0), sides[1], axis=1)
+        for each in (np.nan_to_num(values), (~np.isnan(values)).astype(np.float64))
+    )
+    with np.errstate(invalid="ignore"):
+        return np.asarray(totals / np.where(counts > 0.0, counts, np.nan))
+
+
+def _longer_side(run: xr.Dataset) -> float:
+    """Of the grid [mm]."""
+    left, right, bottom, top = _extent(run)
+    return max(right - left, top - bottom)
 
 
 def cross_section(runs: Runs) -> Figure:
@@ -98,8 +143,10 @@ def cross_section(runs: Runs) -> Figure:
     first = next(iter(runs.values()))
     row = _middle_row(first)
     x = first.x.values * MM_PER_M
-    for layer in range(0, first.sizes["layer"] - 1, max(1, first.sizes["layer"] // 10)):
-        whole.plot(x, first.height[layer, :, row] * UM_PER_M, color="0.8", linewidth=0.7)
+    every = max(1, first.sizes["layer"] // 10)
+    for layer in range(0, first.sizes["layer"] - 1, every):
+        label = f"{next(iter(runs))}, every {every} layers" if layer == 0 and every > 1 else None
+        whole.plot(x, first.height[layer, :, row] * UM_PER_M, color="0.8", linewidth=0.7, label=label)
     target = first.target_height[:, row] * UM_PER_M
     whole.plot(x, target, color="black", linestyle="--", linewidth=1, drawstyle="steps-mid", label="target")
     errors = {name: _error(run)[:, row] for name, run in runs.items()}
@@ -158,6 +205,7 @@ def layers(runs: Runs) -> Figure:
     droplets.set(ylabel="droplets", xlabel="layer", ylim=(0, None))
     for axes in (mean, spread):
         axes.yaxis.set_major_formatter("{x:g}")
+    droplets.xaxis.set_major_locator(MaxNLocator(integer=True))
     for axes in (mean, spread, droplets):
         axes.grid(color="0.92")
     return figure
@@ -248,6 +296,8 @@ def comparison(runs: Runs) -> Figure:
     droplets.set(title="droplets of the layer", xlabel="layer", ylim=(0, None))
     names.legend(*mean.get_legend_handles_labels(), loc="center left", frameon=False)
     names.axis("off")
+    for axes in (mean, spread, droplets):
+        axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
     for axes in (mean, spread):
         axes.yaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))

@@ -5,19 +5,20 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomlkit
 import xarray as xr
-from rich.console import Console
 from rich.table import Table
 
 from inkloop.contract import LAYER_UNKNOWN
 from inkloop.errors import ResultError
 from inkloop.files import write_text
 from inkloop.report.model_difference import model_difference
+from inkloop.report.terminal import FILE_WIDTH, Terminal, decimals, number_table
 from inkloop.report.trust import untrusted_remarks
-from inkloop.results.result import COMPARE_FOLDER, Result
+from inkloop.results.result import COMPARE_FOLDER, Result, read_record
 from inkloop.tables.schema import Literature
 from inkloop.units import UM_PER_M
 
@@ -27,38 +28,42 @@ REMARKS = {
     "dead_cells": "dead cells: {}, droplets commanded there bring nothing",
 }
 SCAN = ("shift_x", "shift_y", "shift_std", "spot_radius")
+LENGTHS = ("mean_error", "mae", "std", "rms", "min", "max")
 ERRORS = {"mean error": "mean_error", "mean absolute error": "mae", "standard deviation": "std"}
 
 
-def load_runs(folder: Path) -> dict[str, Result]:
-    """The run of `folder` first, then its comparison runs, by name. Raises ResultError."""
-    main = Result.load(folder)
-    runs = {main.dataset.attrs["label"]: main}
-    for result_file in sorted((folder / COMPARE_FOLDER).glob("*/result.nc")):
-        result = Result.load(result_file.parent)
-        runs[result.dataset.attrs["label"]] = result
-    return runs
+def load_runs(folder: Path, in_memory: Mapping[Path, Result] | None = None) -> dict[str, Result]:
+    """The run of `folder` first, then its comparison runs, by name; those in memory, by folder, are not read.
+
+    Raises ResultError.
+    """
+    known = in_memory or {}
+    found = sorted(file.parent for file in (folder / COMPARE_FOLDER).glob("*/result.nc"))
+    compared = [place for place in found if read_record(place).get("stop_reason") != "running"]
+    runs = [known.get(place) or Result.load(place) for place in (folder, *compared)]
+    return {result.dataset.attrs["label"]: result for result in runs}
 
 
-def write(folder: Path, *, pictures: bool = True) -> Table:
+def write(folder: Path, *, in_memory: Mapping[Path, Result] | None = None, pictures: bool = True) -> Table:
     """Write `summary.txt` and, if asked, the pictures of the run in `folder`; returns the table for the screen.
 
-    Of a run on devices also `hardware-against-model.txt`, a row for each layer, and its picture.
+    Of a run on devices also `hardware-against-model.txt`, a row for each layer, and its picture. `in_memory` as for
+    `load_runs`.
     """
-    runs = load_runs(folder)
+    runs = load_runs(folder, in_memory)
     main = next(iter(runs.values()))
     tables = tomlkit.parse(main.scenario_text).unwrap().get("literature", {})
     literature = {name: Literature.model_validate(table) for name, table in tables.items()}
     table = comparison_table(main.dataset.attrs["title"], runs, literature)
     text = io.StringIO()
-    summary = Console(file=text, width=120)
+    summary = Terminal(text, width=FILE_WIDTH)
     summary.print(table)
     for name, result in runs.items():
         for remark in remarks(result):
-            summary.print(f"{name}: {remark}", highlight=False)
+            summary.print(f"{name}: {remark}")
     difference = model_difference(main)
     if difference:
-        summary.print(difference.sentence(), highlight=False)
+        summary.print(difference.sentence())
         write_text(folder / MODEL_TABLE, _as_text(difference.table()))
     write_text(folder / "summary.txt", text.getvalue())
     if pictures:
@@ -68,8 +73,8 @@ def write(folder: Path, *, pictures: bool = True) -> Table:
     return table
 
 
-def compare(folders: Sequence[Path], picture: Path) -> Table:
-    """The table of several run folders, and their picture written to `picture`. Raises ResultError."""
+def compare(folders: Sequence[Path], picture: Path | None) -> tuple[Table, dict[str, Any]]:
+    """The table of several run folders and the same as plain values; writes the picture. Raises ResultError."""
     loaded = {folder: Result.load(folder) for folder in folders}
     labels = [str(result.dataset.attrs["label"]) for result in loaded.values()]
     distinct = len(set(labels)) == len(labels)
@@ -83,15 +88,16 @@ def compare(folders: Sequence[Path], picture: Path) -> Table:
             raise ResultError(
                 f"{folder}: printed on {grid}, but {grids[0][0]} on {grids[0][1]}; compare runs of one grid and pitch"
             )
-    from inkloop.report.pictures import draw_comparison
+    if picture:
+        from inkloop.report.pictures import draw_comparison
 
-    draw_comparison(runs, picture)
-    return comparison_table("Comparison", runs, {})
+        draw_comparison(runs, picture)
+    return comparison_table("Comparison", runs, {}), {name: _figures(result) for name, result in runs.items()}
 
 
 def _as_text(table: Table) -> str:
     text = io.StringIO()
-    Console(file=text, width=120).print(table)
+    Terminal(text, width=FILE_WIDTH).print(table)
     return text.getvalue()
 
 
@@ -102,18 +108,20 @@ def _grid(result: Result) -> str:
 
 def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping[str, Literature]) -> Table:
     """Errors of every run over the part, next to published figures."""
-    table = Table(title=title, caption="errors over the part's cells in um; mean error = target - mean height")
-    table.add_column("run", no_wrap=True)
     in_two_inks = any("mismatch" in result.metrics() for result in runs.values())
-    mismatch = ("mismatch",) if in_two_inks else ()
-    for heading in ("mean error", "mae", "std", *mismatch, "layers", "droplets", r"wall \[s]"):
-        table.add_column(heading, justify="right")
+    mismatch = ("mis-\nmatch",) if in_two_inks else ()
+    table = number_table(
+        "run",
+        *("mean\nerror", "mae", "std", *mismatch, "layers", "droplets", "wall\n[s]"),
+        title=title,
+        caption="errors over the part's cells in um; mean error = target - mean height",
+    )
     for name, result in runs.items():
         metrics = result.metrics()
         table.add_row(
             name,
-            *(f"{metrics[key] * UM_PER_M:.2f}" for key in ("mean_error", "mae", "std")),
-            *(f"{metrics[key]:.1%}" if key in metrics else "-" for key in mismatch),
+            *(decimals(metrics[key] * UM_PER_M) for key in ("mean_error", "mae", "std")),
+            *(f"{metrics['mismatch']:.1%}" if "mismatch" in metrics else "-" for _ in mismatch),
             f"{metrics['layers']:.0f}",
             f"{metrics['droplets']:.0f}",
             f"{result.wall_s:.2f}",
@@ -123,6 +131,22 @@ def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping
         cells = ["-" if um is None else f"{um:g}" for um in shown]
         table.add_row(f"{name} ({figures.note})", *cells, *("-" for _ in mismatch), *"---")
     return table
+
+
+def record(folder: Path, in_memory: Mapping[Path, Result] | None = None) -> dict[str, Any]:
+    """The figures of a run and its comparison runs as plain values, for `--json`; as `load_runs`."""
+    runs = load_runs(folder, in_memory)
+    return {"folder": folder, "runs": {name: _figures(result) for name, result in runs.items()}}
+
+
+def _figures(result: Result) -> dict[str, Any]:
+    """Errors in um, counts, the stop reason and remarks."""
+    metrics = result.metrics()
+    lengths = {f"{key}_um": metrics[key] * UM_PER_M for key in LENGTHS}
+    counts = {key: int(metrics[key]) for key in ("layers", "droplets") if np.isfinite(metrics[key])}
+    shares = {key: metrics[key] for key in ("mismatch",) if key in metrics}
+    end = {"stop_reason": result.stop_reason, "wall_s": result.wall_s, "remarks": remarks(result)}
+    return lengths | shares | counts | end
 
 
 def remarks(result: Result) -> list[str]:
@@ -188,7 +212,7 @@ def lines(folder: Path) -> list[str]:
     """Summary of a run folder: origin, end, errors, versions, times. Raises ResultError."""
     result = Result.load(folder)
     run, metrics = result.run, result.metrics()
-    errors = ", ".join(f"{name} {metrics[key] * UM_PER_M:.2f} um" for name, key in ERRORS.items())
+    errors = ", ".join(f"{name} {decimals(metrics[key] * UM_PER_M)} um" for name, key in ERRORS.items())
     return [
         f"{folder}: {run['title']} ({run['label']})",
         f"grid: {_grid(result)}",

@@ -19,6 +19,7 @@ from inkloop.component import Component, FloatMap, Job, Port, Status, Values, is
 from inkloop.contract import (
     CONTROLLER,
     COUNTERS,
+    DROP_LEVEL,
     HEIGHT,
     LAYER_UNKNOWN,
     LAYERS_COMPARED,
@@ -56,6 +57,7 @@ LONG_NAMES = {
     VALID: "cells of the scan that were measured",
     "estimated_height": "the controller's estimate from the scan of the layer",
     PATTERN: "what was jetted in the layer: 0 none, 1 material A, 2 material B",
+    DROP_LEVEL: "drops that each droplet of the layer consists of",
     "time": "time at which the layer was complete",
     "shadow_height": "surface of the model that follows the commanded patterns",
     "shadow_status": "4: grew differently from the model, or could not be compared; 3: so much that the run ended",
@@ -84,8 +86,9 @@ class LayerRow:
 class Recorder:
     """Observer of a master; `on_layer` receives every finished layer, the start surface included.
 
-    Maps by layer: `height` when it is printed, `measured_height` and `valid` when it is scanned, `pattern` and the
-    scalars of the controller when it is commanded, `estimated_height` when the controller has answered its scan.
+    Maps by layer: `height` when it is printed, `measured_height` and `valid` when it is scanned, `pattern`,
+    `drop_level` and the scalars of the controller when it is commanded, `estimated_height` when the controller has
+    answered its scan.
     """
 
     def __init__(
@@ -208,7 +211,8 @@ class Recorder:
         return xr.Dataset(variables, coordinates, {"pitch": job.pitch})
 
     def _commanded(self, number: int, values: Values) -> None:
-        self._keep(CONTROLLER, PATTERN, number, values)
+        for name in (PATTERN, DROP_LEVEL):
+            self._keep(CONTROLLER, name, number, values)
         self._keep(CONTROLLER, "estimated_height", number - 1, values)
         self._keep_scalars(CONTROLLER, number, values)
 

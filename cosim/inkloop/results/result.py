@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import os
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ import numpy as np
 from inkloop.component import Component
 from inkloop.errors import ResultError
 from inkloop.files import is_full, reason_of, replaced, sync_folder, write_text
+from inkloop.results.lock import writer_of
 from inkloop.results.metrics import masked_error
 
 if TYPE_CHECKING:
@@ -122,7 +124,12 @@ class Result:
     @staticmethod
     def begin(folder: Path, scenario_text: str, notes: Mapping[str, Any]) -> None:
         """Write the files of a run folder that exist during the run. Raises ResultError."""
-        run = {"schema_version": SCHEMA_VERSION, "stop_reason": "running", "scenario_sha256": _sha256(scenario_text)}
+        run = {
+            "schema_version": SCHEMA_VERSION,
+            "stop_reason": "running",
+            "process": os.getpid(),
+            "scenario_sha256": _sha256(scenario_text),
+        }
         try:
             folder.mkdir(parents=True, exist_ok=True)
             sync_folder(folder.parent)
@@ -148,19 +155,18 @@ class Result:
 
     @classmethod
     def load(cls, folder: Path) -> Result:
-        """Read a run folder. Raises ResultError where it is none, or of another schema."""
+        """Read a run folder. Raises ResultError where it is none, of another schema, or of a run that has not ended."""
         folder = Path(folder)
-        for name in (RESULT_FILE, RUN_FILE):
-            if not (folder / name).is_file():
-                begun = name == RESULT_FILE and (folder / RUN_FILE).is_file()
-                advice = f"`inkloop resume {folder}` ends it" if begun else "name a folder that `inkloop run` has made"
-                raise ResultError(f"{folder}: holds no {name}; {advice}")
+        run = read_record(folder)
+        if run.get("stop_reason") == "running":
+            raise ResultError(f"{folder}: {_progress_of(folder, run)}")
         import xarray as xr
 
         try:
             with xr.open_dataset(folder / RESULT_FILE, engine="h5netcdf") as stored:
                 dataset = stored.load()
-            run = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
+        except FileNotFoundError as error:
+            raise ResultError(f"{folder}: holds no {RESULT_FILE}; `inkloop resume {folder}` continues it") from error
         except (OSError, ValueError) as error:
             raise ResultError(f"{folder}: cannot be read: {error}") from error
         _check_schema(folder, dataset.attrs.get("schema_version"))
@@ -192,6 +198,20 @@ def is_unchanged(folder: Path, record: Mapping[str, Any]) -> bool:
     """Whether the scenario in a run folder is the one that its record was begun with."""
     expected = record.get("scenario_sha256") or record.get("sha256", {}).get("scenario")
     return bool(expected == _sha256((folder / SCENARIO_FILE).read_text(encoding="utf-8")))
+
+
+def _progress_of(folder: Path, record: Mapping[str, Any]) -> str:
+    """How far a run is that has not ended, and whether its process still prints."""
+    from inkloop.results import checkpoint
+
+    state = checkpoint.last(folder)
+    done = "no layer is finished yet" if state is None else f"layer {state.layer} is finished"
+    owners = (folder, folder.parent.parent) if folder.parent.name == COMPARE_FOLDER else (folder,)
+    # to look at the lock of one's own process would release it
+    is_own = record.get("process") == os.getpid()
+    if owner := "this process" if is_own else next(filter(None, map(writer_of, owners)), ""):
+        return f"being printed by {owner}; {done}. Its result can be read when it has ended"
+    return f"was not finished, its process has ended; {done}. Continue with `inkloop resume {folder}`"
 
 
 def _check_schema(folder: Path, found: object) -> None:

@@ -16,6 +16,7 @@ from inkloop.component import Component, Job, Ports
 from inkloop.components import catalog
 from inkloop.components.kind import Checked
 from inkloop.errors import ScenarioError
+from inkloop.files import TomlError, read_toml_text, toml_tables
 from inkloop.master.events import Event
 from inkloop.master.wiring import Connection
 from inkloop.scenario.footprint import Footprint
@@ -51,18 +52,25 @@ class Scenario:
         """
         source = str(source or path)
         try:
-            text = Path(path).read_text(encoding="utf-8")
+            text = read_toml_text(Path(path))
+        except FileNotFoundError as error:
+            there = [str(other) for other in sorted(Path(path).parent.glob("*.toml"))]
+            known = nearest(str(path), there) if there else "no scenario is in that folder"
+            raise ScenarioError(source, [f"cannot be read: {error.strerror}; {known}"]) from error
         except OSError as error:
             raise ScenarioError(source, [f"cannot be read: {error.strerror}"]) from error
-        except UnicodeDecodeError as error:
-            raise ScenarioError(source, [f"is not TOML: {error}"]) from error
+        except TomlError as error:
+            raise ScenarioError(source, [str(error)]) from error
         return cls.of_text(text, source, overrides)
 
     @classmethod
     def of_text(cls, text: str, source: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
         """The scenario of a text; files that it names are relative to `source`. Raises ScenarioError."""
         try:
+            toml_tables(text)
             document = tomlkit.parse(text)
+        except TomlError as error:
+            raise ScenarioError(source, [str(error)]) from error
         except TOMLKitError as error:
             raise ScenarioError(source, [f"is not TOML: {error}"]) from error
         errors = apply_overrides(document, overrides or {})

@@ -16,7 +16,7 @@ from inkloop.limits import available_memory, free_disk, memory_error, size_text
 from inkloop.tables.schema import ScenarioFile
 
 BYTES_OF_A_CELL = 700
-BYTES_OF_A_CELL_AND_LAYER = 65
+BYTES_OF_A_CELL_AND_LAYER = 69
 MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "LayerController": 1000}
 """Kind -> memory in addition, more than a hundred bytes a cell."""
 STATE_BYTES: Mapping[str, int] = {"YoungLaplaceDeposition": 540, "LayerController": 70}

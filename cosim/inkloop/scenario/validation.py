@@ -12,14 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from inkloop.component import HasPorts, Job, Ports, is_device, is_shadow
+from inkloop.component import Geometry, HasPorts, Job, Ports, is_device, is_shadow
 from inkloop.components import catalog
 from inkloop.components.kind import Checked
 from inkloop.contract import HEIGHT, LAYERS_PRINTED, LAYERS_SCANNED, has_port
-from inkloop.geometry import cell_centers
+from inkloop.geometry import Columns, cell_centers, overhangs, resting
 from inkloop.master.wiring import Connection, find
 from inkloop.scenario.events import find_event_port
+from inkloop.tables.job import is_supported
 from inkloop.tables.schema import ScenarioFile
+from inkloop.tables.shapes import Grid
+from inkloop.units import UM_PER_M
 
 SIDE = 9
 """Cells along an edge of a grid whose own number is invalid."""
@@ -27,20 +30,39 @@ SIDE = 9
 
 def part_errors(tables: ScenarioFile, job: Job) -> list[str]:
     """Errors of the part on its grid."""
-    grid = tables.grid
-    if not job.mask.any():
-        return ["part covers no cell of the grid; make it larger, move it, or enlarge grid.nx and grid.ny"]
-    if tables.support is not None:
-        return []
+    grid, is_printed = tables.grid, bool(job.mask.any())
+    nowhere = "part covers no cell of the grid; make it larger, move it, or enlarge grid.nx and grid.ny"
+    if is_supported(tables):
+        return [] if is_printed else [nowhere]
+    geometry = tables.part.geometry(grid)
+    errors = _overhang_errors(geometry, grid) if tables.support is None or not is_printed else []
+    if not is_printed:
+        return errors or [nowhere]
     x, y = cell_centers(grid.nx + 2, grid.ny + 2, grid.pitch)
-    around = tables.part.geometry(grid).contains(x - grid.pitch, y - grid.pitch, np.zeros_like(x))
+    intervals = geometry.intervals(x - grid.pitch, y - grid.pitch)
+    around = np.any([bottom <= top for bottom, top in intervals], axis=0)
     around[1:-1, 1:-1] = False
     if around.any():
-        return [
+        errors.append(
             f"part reaches beyond the grid of {grid.nx} x {grid.ny} cells; enlarge grid.nx and grid.ny "
             "(leave 2 empty cells around the part) or make it smaller"
-        ]
-    return []
+        )
+    return errors
+
+
+def _overhang_errors(geometry: Geometry, grid: Grid) -> list[str]:
+    """The error of a part that hangs in the air, in a file that does not say what is to hold it."""
+    part = Columns.of_shape(geometry, grid.nx, grid.ny, grid.pitch)
+    found = overhangs(part)
+    if found is None:
+        return []
+    rest = int(resting(part).mask.sum())
+    alone = f', or kind = "none" to print alone what rests on the substrate ({rest} cells)' if rest else ""
+    return [
+        f"part: {found.cells} cells ({found.share:.1%}) have nothing below them, first at {found.first} from "
+        f"{found.bottom * UM_PER_M:.4g} um, up to {found.tallest * UM_PER_M:.4g} um of air; a droplet cannot hang: add "
+        f'[support] with kind = "below-overhangs" or "around", which print ink B there{alone}'
+    ]
 
 
 def known_ports(checked: Mapping[str, Checked]) -> tuple[dict[str, Ports], list[str]]:

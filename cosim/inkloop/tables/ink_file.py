@@ -12,9 +12,9 @@ from typing import Any
 
 import tomlkit
 from pydantic import Field, ValidationError
-from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import Table as TomlTable
 
+from inkloop.files import TomlError, read_toml_text, toml_tables
 from inkloop.tables.messages import sentence
 from inkloop.tables.shapes import Length, Table
 from inkloop.units import SUFFIXES
@@ -63,12 +63,12 @@ def merge_ink_file(document: tomlkit.TOMLDocument, folder: Path) -> list[str]:
 
 def _read(path: Path) -> tuple[InkFile | None, list[str]]:
     try:
-        raw = tomlkit.parse(path.read_text(encoding="utf-8")).unwrap()
+        raw = toml_tables(read_toml_text(path))
         return InkFile.model_validate(raw), []
     except OSError as error:
         return None, [f"{path} cannot be read: {error.strerror}; name an ink file, relative to the scenario"]
-    except (TOMLKitError, UnicodeDecodeError) as error:
-        return None, [f"is not TOML: {error}"]
+    except TomlError as error:
+        return None, [str(error)]
     except ValidationError as error:
         return None, [sentence(detail, InkFile) for detail in error.errors()]
 

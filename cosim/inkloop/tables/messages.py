@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import types
 import typing
 from collections.abc import Mapping
@@ -12,6 +13,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from inkloop.suggest import nearest
+
+_NUMBER = re.compile(r"['\"]\s*[+-]?[0-9.]")
 
 
 def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
@@ -27,6 +30,8 @@ def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
         found = f"is {detail['ctx']['tag']!r}" if "tag" in detail.get("ctx", {}) else "is missing"
         return f"{place}.shape {found}; expected one of {choices}"
     expected = detail["msg"].replace("Input should be", "expected", 1).replace("Value error, ", "", 1)
+    if detail["type"] in ("float_type", "int_type") and _NUMBER.match(repr(detail["input"])):
+        expected += ", without quotes and without a unit"
     return f"{place} is {_show(detail['input'])}; {expected}{_meaning(field)}"
 
 

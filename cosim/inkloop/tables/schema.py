@@ -46,8 +46,13 @@ class SubstrateTable(Table):
 
 
 class Support(Table):
-    """`[support]`: material B fills the block around the part up to the part's height."""
+    """`[support]`: where material B holds the part, since a droplet cannot hang."""
 
+    kind: Literal["around", "below-overhangs", "none"] = Field(
+        default="around",
+        description="the block around the part, up to its height; only what is empty below overhangs; or nothing: of "
+        "each cell only what rests on the substrate is printed",
+    )
     margin_cells: int = Field(default=2, ge=0, description="empty cells kept along the edge of the grid")
 
 

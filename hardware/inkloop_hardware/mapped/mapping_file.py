@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -15,6 +14,7 @@ from pydantic_core import ErrorDetails
 
 from inkloop.component import Job
 from inkloop.errors import ScenarioError
+from inkloop.files import TomlError, read_toml_text, toml_tables
 from inkloop_hardware.errors import FrameError
 from inkloop_hardware.mapped.mapped_bytes import hexadecimal, number
 from inkloop_hardware.mapped.mapping_tables import (
@@ -50,11 +50,11 @@ class RigMapping:
 def load(path: Path, job: Job) -> RigMapping:
     """The mapping for a job. Raises ScenarioError with every error of the file."""
     try:
-        tables = MappingFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        tables = MappingFile.model_validate(toml_tables(read_toml_text(path)))
     except OSError as error:
         raise ScenarioError(str(path), [f"cannot be read: {error.strerror}"]) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ScenarioError(str(path), [f"is not TOML: {error}"]) from error
+    except TomlError as error:
+        raise ScenarioError(str(path), [str(error)]) from error
     except ValidationError as error:
         raise ScenarioError(str(path), [_sentence(detail) for detail in error.errors()]) from error
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Callable, Mapping
 from ctypes import CFUNCTYPE, c_char_p, c_int, c_void_p, cast
@@ -95,7 +96,7 @@ class Driver:
 
     def __init__(self, model: str, form: str = "fmi3", nx: int = 9, ny: int = 9, folder: Path | None = None) -> None:
         self.is_fmi2 = form == "fmi2"
-        self.nx, self.ny = nx, ny
+        self.nx, self.ny, self.intervals = nx, ny, 2
         unpacked, description = (
             (folder, fmpy.read_model_description(folder)) if folder else _unpacked(model, form, nx, ny)
         )
@@ -113,7 +114,8 @@ class Driver:
             self.references.setdefault(name, []).append(variable.valueReference)
             self.types[name] = variable.type
             self.roles[name] = variable.causality
-        self.grids = {v.name.partition("[")[0] for v in description.modelVariables if v.dimensions or "[" in v.name}
+        known = [(v.name.partition("[")[0], v) for v in description.modelVariables]
+        self.ranks = {name: len(v.dimensions) or (1 + v.name.count(",")) * ("[" in v.name) for name, v in known}
         if self.is_fmi2:
             self.callbacks = callbacks(self.messages)
             self.fmu.instantiate(callbacks=self.callbacks)
@@ -132,10 +134,12 @@ class Driver:
         """The status of one of FMPy's methods."""
         return self._status(getattr(self.fmu, name), *arguments)
 
-    def resize(self, nx: int, ny: int) -> int:
+    def resize(self, nx: int, ny: int, intervals: int | None = None) -> int:
         """Set the structural parameters; the worst status."""
+        sizes = {"nx": nx, "ny": ny} | ({} if intervals is None else {"region_intervals": intervals})
         statuses = [self.call("enterConfigurationMode")]
-        statuses += [self.call("setUInt64", self.references[name], [n]) for name, n in (("nx", nx), ("ny", ny))]
+        statuses += [self.call("setUInt64", self.references[name], [size]) for name, size in sizes.items()]
+        self.intervals = intervals or self.intervals
         return max(*statuses, self.call("exitConfigurationMode"))
 
     def set(self, name: str, value: Any) -> int:
@@ -145,14 +149,15 @@ class Driver:
 
     def get(self, name: str) -> Any:
         """A variable's present value, as an array of its shape."""
-        count = self.nx * self.ny if name in self.grids else 1
+        count = math.prod(self.shape(name))
         arguments = [self.references[name]] if self.is_fmi2 else [self.references[name], count]
         values = self._accessor("get", name)(*arguments)
         return np.array(values, NUMPY_TYPES[self.types[name]]).reshape(self.shape(name))[()]
 
     def shape(self, name: str) -> tuple[int, ...]:
-        """(nx, ny) of a map, () of a scalar."""
-        return (self.nx, self.ny) if name in self.grids else ()
+        """(nx, ny) of a map, (intervals, nx, ny) of maps, () of a scalar."""
+        sizes = (self.intervals, self.nx, self.ny)
+        return sizes[len(sizes) - self.ranks[name] :]
 
     def enter(self, start: float = 0.0) -> int:
         """Enter Initialization Mode."""

@@ -33,7 +33,10 @@ NAMES = tuple(f"{model}-{form}" for model in (*MODELS, JOB) for form in FORMS)
 PARTS = ("fmu", "version_2", "version_3", "subject")
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror")
 ROLES = {"input": "i", "parameter": "p", "structural": "s"}
-WORK = {"nx": 4, "ny": 4, "horizon": 2, "annealing_sweeps": 1, "iterations": 1, "sweeps_max": 2, "cells_per_pitch": 6}
+WORK = {
+    **{"nx": 4, "ny": 4, "region_intervals": 3},
+    **{"horizon": 2, "annealing_sweeps": 1, "iterations": 1, "sweeps_max": 2, "cells_per_pitch": 6},
+}
 """Parameters that only mean more work: limits for the tests, so that thousands of inputs are tried."""
 BAKED: Any = (
     "cuboid",
@@ -124,15 +127,16 @@ def write_table(built: Library, path: Path, *, resizable: bool = True) -> Path:
         model = definition.load(fmu.read(archive.DEFINITION).decode(), built.model)
     is_fmi2 = built.form == "fmi2"
     is_resizable = resizable and not is_fmi2 and built.model != JOB
-    nx, ny = GRID
-    token, resources = model.token(nx, ny, resizable=is_resizable), built.resources
+    sizes = model.sizes(dict(zip(("nx", "ny"), GRID, strict=True)))
+    token, resources = model.token(sizes, resizable=is_resizable), built.resources
     if built.model == JOB:
         baked = layer_jobs.unpacked(archive_of(JOB, built.form).parent.name, *BAKED)
         token, resources = fmpy.read_model_description(baked).guid, baked / "resources"
-        nx, ny = map(int, re.findall(r"\d+", token.split("-")[2]))
+        sizes = dict(zip(sizes, map(int, re.findall(r"\d+", token.split("-")[2])), strict=True))
     location = resources.as_uri() if is_fmi2 else f"{resources}/"
-    lines = [f"{2 if is_fmi2 else 3} {int(is_resizable)} {nx} {ny}", str(built.library), location, token]
-    scalar = {v.name: reference for v, reference in model.scalar_references(nx, ny)}
+    grid = f"{sizes['nx']} {sizes['ny']} {sizes.get('region_intervals', 1)}"
+    lines = [f"{2 if is_fmi2 else 3} {int(is_resizable)} {grid}", str(built.library), location, token]
+    scalar = {v.name: reference for v, reference in model.scalar_references(sizes)}
     for number, variable in enumerate(model.exposed):
         if is_fmi2 and variable.causality == "independent":
             continue
@@ -147,11 +151,8 @@ def _line(model: ModelDefinition, variable: VariableDefinition, reference: int, 
     role = "t" if variable.is_tunable else ROLES.get(variable.causality, "-")
     role = "-" if role == "s" and not is_resizable else role
     limits = f"{'-inf' if low is None else repr(float(low))} {'inf' if high is None else repr(float(high))}"
-    tried = WORK.get(variable.name, "inf")
-    return (
-        f"{variable.name} {variable.type[0]} {role} {int(variable.is_grid)} {reference} "
-        f"{float(variable.start)!r} {limits} {tried}"
-    )
+    tried, shape = WORK.get(variable.name, "inf"), int(variable.is_grid) + int(variable.along is not None)
+    return f"{variable.name} {variable.type[0]} {role} {shape} {reference} {float(variable.start)!r} {limits} {tried}"
 
 
 def fuzzers(names: Sequence[str], folder: Path, compiler: str) -> tuple[Path, dict[str, Path]]:

@@ -13,25 +13,18 @@ import xarray as xr
 
 from inkloop.exchange.job import archive
 from inkloop.exchange.job.baking import bake
-from inkloop.printing.run import print_part
-from inkloop.scenario.file import Scenario
+from support import prints
 from support.fmus.fmu_driver import OK, Driver
-from support.places import SCENARIOS
 
 MODEL = "LayerJob"
 DONE = 2
+CUBOID = prints.QUICK_CUBOID
 _folders: list[tempfile.TemporaryDirectory[str]] = []
 
 
-def scenario(name: str, *overrides: tuple[str, Any]) -> Scenario:
-    """One of those that are shipped."""
-    return Scenario.load(SCENARIOS / f"{name}.toml", dict(overrides))
-
-
-@lru_cache
 def printed(name: str, *overrides: tuple[str, Any]) -> xr.Dataset:
     """What inkloop run prints."""
-    return print_part(scenario(name, *overrides)).dataset
+    return prints.printed(name, *overrides).dataset
 
 
 @lru_cache
@@ -41,7 +34,7 @@ def unpacked(form: str, name: str, *overrides: tuple[str, Any]) -> Path:
     _folders.append(folder)
     file = Path(folder.name) / "job.fmu"
     with patch.object(archive, "target_picture", return_value=b""):
-        archive.write(bake(scenario(name, *overrides)), form[3], file)  # type: ignore[arg-type]
+        archive.write(bake(prints.scenario(name, overrides)), form[3], file)  # type: ignore[arg-type]
     fmpy.extract(str(file), str(Path(folder.name) / "job"))
     return Path(folder.name) / "job"
 

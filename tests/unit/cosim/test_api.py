@@ -15,9 +15,9 @@ import xarray as xr
 import inkloop
 import inkloop_controller
 from inkloop.cli import main
-from support.places import SCENARIOS
+from support.prints import quick_cuboid
 
-CUBOID = SCENARIOS / "cuboid.toml"
+CUBOID = quick_cuboid()
 SHORT = {"run.layers_max": 2}
 
 

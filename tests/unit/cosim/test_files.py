@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from inkloop.component import Component
-from inkloop.files import replaced, write_text
+from inkloop.files import TomlError, read_toml_text, replaced, toml_tables, write_text
 from inkloop.master.master import Master
 from inkloop.master.wiring import contract_connections
 from inkloop.results.checkpoint import Checkpoints
@@ -79,3 +79,27 @@ def test_checkpoints_of_devices_outlive_a_power_failure(devices: bool, tmp_path:
     assert written >= 6
     assert happenings == ["folder", *(["file", "rename", "folder"] if devices else ["rename"]) * written]
     assert np.load(tmp_path / "run" / "layers" / "state.npz")["point"][1] == 2
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b'title = "a"\nname = "h\xf6he"\n', "line 2 is not UTF-8; byte 0xf6 is 'ö' in an older encoding of Windows"),
+        ('title = "a"\n'.encode("utf-16"), "the file is UTF-16; save it as UTF-8"),
+        ("[part]\nheight_µm = 3.0\n".encode(), "line 2, `height_µm = 3.0`: a key without quotes has no 'µ'; write um"),
+        (b"[grid]\nnx = 3\nnx = 5\n", "line 3, `nx = 5`: this key or table is there already"),
+        (b'title = "a"\ntitle = "b"\n', 'line 2, `title = "b"`: this key or table is there already'),
+        (b"[grid]\nnx = \n", "line 2, `nx =`: "),
+        (b'title = "a\n', 'line 1, `title = "a`: '),
+    ],
+)
+def test_invalid_toml_is_explained_with_its_line(content: bytes, message: str, tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_bytes(content)
+    with pytest.raises(TomlError) as caught:
+        toml_tables(read_toml_text(tmp_path / "a.toml"))
+    assert str(caught.value).startswith(f"is not TOML: {message}")
+
+
+def test_byte_order_mark_is_skipped(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_bytes(b"\xef\xbb\xbfnx = 3\r\n")
+    assert toml_tables(read_toml_text(tmp_path / "a.toml")) == {"nx": 3}

@@ -16,12 +16,11 @@ from inkloop.exchange.job import job_file
 from inkloop.exchange.job.baking import Bake
 from inkloop.exchange.job.job_file import Section
 from inkloop.exchange.job.target_picture import target_picture
-from inkloop.fmu_writer import definition
-from inkloop.fmu_writer.archive import DEFINITION, described, pack, read_definition, unpack
+from inkloop.fmu_writer.archive import definition_in, described, pack, read_definition, unpack
 from inkloop.fmu_writer.definition import ModelDefinition
 from inkloop.fmu_writer.description import Baked
 from inkloop.fmu_writer.documentation import with_section
-from inkloop.fmu_writer.export import LAYER_JOB, find_fmu
+from inkloop.fmu_writer.export import INTERVALS, LAYER_JOB, find_fmu
 from inkloop.fmu_writer.windows import with_windows_binary
 from inkloop.units import UM_PER_M
 
@@ -37,9 +36,10 @@ def write(bake: Bake, fmi: Literal["2", "3"], out: Path, *, windows: bool = Fals
     """Write the FMU whole or not at all, with a binary for 64-bit Windows where asked. Raises FmuError."""
     form, job = FORMS[fmi], bake.job
     members = unpack(find_fmu(LAYER_JOB, form))
-    model = definition.load(members[DEFINITION].decode(), DEFINITION)
+    model = definition_in(members)
     content = job_file.to_bytes(job.nx, job.ny, _sections(model, bake))
-    starts = {**bake.own, "nx": job.nx, "ny": job.ny}
+    sizes = {"nx": job.nx, "ny": job.ny, INTERVALS: bake.intervals}
+    starts = {**bake.own, **sizes}
     begun = replace(model, variables=tuple(replace(v, start=starts.get(v.name, v.start)) for v in model.variables))
     members |= {
         JOB: content,
@@ -54,7 +54,7 @@ def write(bake: Bake, fmi: Literal["2", "3"], out: Path, *, windows: bool = Fals
         step_size=bake.own["layer_period"],
         stop_time=bake.stop_s,
     )
-    members = described(members, form, job.nx, job.ny, __version__, baked)
+    members = described(members, form, sizes, __version__, baked)
     if windows:
         members = with_windows_binary(members, fmi)
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -16,6 +16,7 @@ from inkloop.components import catalog
 from inkloop.errors import ScenarioError
 from inkloop.exchange.ssp.system import CONTROLLER, PYTHON_CONTROLLER, Part, System, Wire, system_of
 from inkloop.files import temporary_folder
+from inkloop.fmu_writer.export import INTERVALS
 from inkloop.scenario.file import Scenario
 
 ROLES: Mapping[str, tuple[str, ...]] = {
@@ -32,7 +33,10 @@ CONTRACT = frozenset(
 
 @dataclass(frozen=True, eq=False)
 class Bake:
-    """What a block prints. parts: by role its model and parameters; own: start values of the block's parameters."""
+    """What a block prints. parts: by role its model and parameters; own: start values of the block's parameters.
+
+    intervals: of height that the region of ink A has room for on a cell.
+    """
 
     title: str
     scenario_text: str
@@ -40,6 +44,7 @@ class Bake:
     parts: Mapping[str, tuple[str, Mapping[str, NDArray[Any]]]]
     own: Mapping[str, float]
     stop_s: float
+    intervals: int
 
 
 def bake(scenario: Scenario) -> Bake:
@@ -62,7 +67,8 @@ def bake(scenario: Scenario) -> Bake:
         "layers_max": scenario.tables.run.layers_max,
         **{name: _value(parts[contract.CONTROLLER], name) for name in ("alpha", "time_limit")},
     }
-    return Bake(scenario.tables.title, scenario.text, scenario.job(), values, own, system.stop_s)
+    intervals = int(_value(parts[contract.CONTROLLER], INTERVALS))
+    return Bake(scenario.tables.title, scenario.text, scenario.job(), values, own, system.stop_s, intervals)
 
 
 def _roles(system: System) -> dict[str, str]:

@@ -5,20 +5,20 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rich.console import Console
-
 from inkloop.exchange.job import archive
 from inkloop.exchange.job.baking import bake
+from inkloop.report.terminal import Terminal
 from inkloop.scenario.file import Scenario
 
 
-def export(scenario: Scenario, options: argparse.Namespace, console: Console) -> int:
+def export(scenario: Scenario, options: argparse.Namespace, console: Terminal) -> int:
     """Write the file and describe it; returns the exit code. Raises ScenarioError, FmuError."""
     baked = bake(scenario)
     out = options.out or Path(f"{Path(scenario.source).stem}.fmu")
     archive.write(baked, options.fmi, out, windows=options.windows)
     models = ", ".join(model for model, _ in baked.parts.values())
-    console.print(f"wrote {out}: {models} in one block, a layer each {baked.own['layer_period']:g} s", highlight=False)
+    console.sentence(f"wrote {out}: {models} in one block, a layer each {baked.own['layer_period']:g} s")
     if scenario.tables.run.time_max_s is not None:
-        console.print("  time_max_s is not in it: the importer decides when it stops", highlight=False)
+        console.sentence("  time_max_s is not in it: the importer decides when it stops")
+    console.result(file=out)
     return 0

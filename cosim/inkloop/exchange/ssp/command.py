@@ -6,18 +6,17 @@ import argparse
 import json
 from pathlib import Path
 
-from rich.console import Console
-
 from inkloop.errors import ScenarioError
 from inkloop.exchange.ssp import VERSIONS, archive, maestro, osp, start_values
 from inkloop.exchange.ssp.system import System, system_of
 from inkloop.files import temporary_folder, write_text
 from inkloop.fmu_writer.archive import DEFINITION, pack, unpack
 from inkloop.fmu_writer.windows import with_windows_binary
+from inkloop.report.terminal import Terminal
 from inkloop.scenario.file import Scenario
 
 
-def export(scenario: Scenario, options: argparse.Namespace, console: Console) -> int:
+def export(scenario: Scenario, options: argparse.Namespace, console: Terminal) -> int:
     """Write the system and print the remaining steps; returns the exit code. Raises ScenarioError, FmuError."""
     fmi = _fmi(options)
     stem = Path(scenario.source).stem
@@ -31,10 +30,12 @@ def export(scenario: Scenario, options: argparse.Namespace, console: Console) ->
         else:
             out = options.out or Path(f"{stem}-{options.to}")
             write_folder(system, options.to, out)
-    console.print(f"wrote {out}: {', '.join(part.name for part in system.parts)}", highlight=False)
-    for note in system.notes():
-        console.print(f"  {note}", highlight=False)
-    console.print(f"  next: {next_step(options.to, out, system.step_s)}", highlight=False, soft_wrap=True)
+    notes, next_line = system.notes(), next_step(options.to, out, system.step_s)
+    console.sentence(f"wrote {out}: {', '.join(part.name for part in system.parts)}")
+    for note in notes:
+        console.sentence(f"  {note}")
+    console.sentence(f"  next: {next_line}")
+    console.result(path=out, notes=list(notes), next=next_line)
     return 0
 
 

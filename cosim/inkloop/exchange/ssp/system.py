@@ -17,7 +17,7 @@ from inkloop.components.port_tables import OPTION as PORTS
 from inkloop.errors import FmuError, ScenarioError
 from inkloop.fmu import FmuDescription, Variable, describe
 from inkloop.fmu.archive_member import fmu_file
-from inkloop.fmu_writer.export import export_fmu
+from inkloop.fmu_writer.export import INTERVALS, export_fmu
 from inkloop.master.wiring import Connection, Transfer
 from inkloop.scenario.file import Scenario
 
@@ -152,10 +152,17 @@ def _controller(name: str, job: Job, options: Mapping[str, object], fmi: str, fo
 
 
 def _model(name: str, model: str, job: Job, options: Mapping[str, object], fmi: str, folder: Path) -> Part | str:
+    parsed = fmu_parameters.parse_model(model, job, options)
     file = export_fmu(
-        model, fmi="2" if fmi == "2" else "3", nx=job.nx, ny=job.ny, fixed=True, out=folder / f"{name}.fmu"
+        model,
+        fmi="2" if fmi == "2" else "3",
+        nx=job.nx,
+        ny=job.ny,
+        intervals=parsed.structural.get(INTERVALS),
+        fixed=True,
+        out=folder / f"{name}.fmu",
     )
-    return _with_values(Part(name, file, describe(file), fmu_parameters.parse_model(model, job, options).values))
+    return _with_values(Part(name, file, describe(file), parsed.values))
 
 
 def _foreign(name: str, job: Job, options: Mapping[str, object], fmi: str, folder: Path) -> Part | str:

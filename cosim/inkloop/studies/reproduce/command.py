@@ -10,26 +10,25 @@ from pathlib import Path
 from time import perf_counter
 
 from matplotlib import rc_context
-from rich.console import Console
-from rich.progress import Progress
 
 from inkloop import __version__
 from inkloop.errors import ResultError
 from inkloop.files import write_text
 from inkloop.printing.run import INTERRUPTED, new_run_folder
 from inkloop.report import plot
+from inkloop.report.terminal import Terminal
 from inkloop.studies.reproduce import PAPERS
-from inkloop.studies.reproduce.comparison import Paper, Part, markdown, remarks, spreadsheet, terminal_table
+from inkloop.studies.reproduce.comparison import HEADINGS, Paper, Part, markdown, remarks, spreadsheet, terminal_table
 
 
-def reproduce(options: argparse.Namespace, console: Console) -> int:
+def reproduce(options: argparse.Namespace, console: Terminal) -> int:
     """The exit code of the command; after Ctrl-C the folder holds the steps that are done. Raises ResultError."""
     paper: Paper = importlib.import_module(f"inkloop.studies.reproduce.{PAPERS[options.paper]}").PAPER
     folder = new_run_folder(options.out, paper.name)
     parts: dict[str, Part] = {}
     seconds: dict[str, float] = {}
     interrupted = False
-    with Progress(console=console, transient=True) as progress:
+    with console.progress() as progress:
         task = progress.add_task(paper.name, total=len(paper.steps))
         for step in paper.steps:
             progress.update(task, description=step.name)
@@ -46,10 +45,13 @@ def reproduce(options: argparse.Namespace, console: Console) -> int:
     rows = [row for part in parts.values() for row in part.rows]
     console.print(terminal_table(f"{paper.name}: printed and ours", rows))
     for remark in remarks(rows):
-        console.print(f"- {remark}", highlight=False)
+        console.sentence(f"- {remark}")
     done = "interrupted" if interrupted else "done"
     held = "what is finished is" if interrupted else "table, pages and pictures are"
-    console.print(f"{done}: {held} in {folder}/", highlight=False)
+    console.sentence(f"{done}: {held} in {folder}/")
+    console.result(
+        folder=folder, interrupted=interrupted, rows=[dict(zip(HEADINGS, row.cells, strict=True)) for row in rows]
+    )
     return INTERRUPTED if interrupted else 0
 
 
@@ -57,10 +59,10 @@ def write(folder: Path, paper: Paper, parts: dict[str, Part], notes: dict[str, o
     """Write the table (.txt, .md, .csv), the pictures and how they came about. Raises ResultError."""
     rows = [row for part in parts.values() for row in part.rows]
     text = io.StringIO()
-    console = Console(file=text, width=140)
-    console.print(terminal_table(f"{paper.name}: printed and ours", rows))
+    page = Terminal(text, width=140)
+    page.print(terminal_table(f"{paper.name}: printed and ours", rows))
     for remark in remarks(rows):
-        console.print(f"- {remark}", highlight=False)
+        page.print(f"- {remark}")
     record = {"inkloop": __version__, "paper": paper.reference, "steps": list(parts), **notes}
     try:
         folder.mkdir(parents=True, exist_ok=True)

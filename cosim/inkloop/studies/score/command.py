@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib import rc_context
-from rich.console import Console
-from rich.progress import Progress
 
 from inkloop.errors import InkloopError, ResultError
 from inkloop.files import write_text
-from inkloop.printing.lock import sole_writer
 from inkloop.printing.run import INTERRUPTED, new_run_folder
 from inkloop.report import plot
+from inkloop.report.terminal import Terminal
+from inkloop.results.lock import sole_writer
 from inkloop.studies.score import PLANTS, tables
 from inkloop.studies.score.board import (
     AGAINST,
@@ -31,7 +30,7 @@ from inkloop.studies.score.board import (
 )
 
 
-def score(options: argparse.Namespace, overrides: Mapping[str, Any], console: Console) -> int:
+def score(options: argparse.Namespace, overrides: Mapping[str, Any], console: Terminal) -> int:
     """The exit code of the command; overrides: options of the user's controller. Raises InkloopError."""
     entries = list(ENTRIES)
     if options.controller is not None:
@@ -48,7 +47,7 @@ def score(options: argparse.Namespace, overrides: Mapping[str, Any], console: Co
 
 
 def _scored(
-    entries: Sequence[Entry], plants: Sequence[str], seeds: Sequence[int], folder: Path, console: Console
+    entries: Sequence[Entry], plants: Sequence[str], seeds: Sequence[int], folder: Path, console: Terminal
 ) -> int:
     """Print all, then write and show the tables of what is complete."""
     found, interrupted = _all(entries, plants, seeds, console)
@@ -57,21 +56,20 @@ def _scored(
         write(folder, complete, seeds)
         for version, own in tables.by_version(complete).items():
             console.print(tables.terminal_table(version, own))
-            console.print(tables.how_to_cite(version, seeds), highlight=False)
-        console.print(
-            f"{'interrupted' if interrupted else 'done'}: tables and picture are in {folder}/", highlight=False
-        )
+            console.sentence(tables.how_to_cite(version, seeds))
+        console.sentence(f"{'interrupted' if interrupted else 'done'}: tables and picture are in {folder}/")
     elif interrupted:
-        console.print("interrupted: nothing is finished", highlight=False)
+        console.sentence("interrupted: nothing is finished")
+    console.result(folder=folder, interrupted=interrupted, scores=[_record(one) for one in complete])
     return INTERRUPTED if interrupted else 0
 
 
 def _all(
-    entries: Sequence[Entry], plants: Sequence[str], seeds: Sequence[int], console: Console
+    entries: Sequence[Entry], plants: Sequence[str], seeds: Sequence[int], console: Terminal
 ) -> tuple[list[Score], bool]:
     """All scores, plant by plant, or those up to Ctrl-C."""
     found: list[Score] = []
-    with Progress(console=console, transient=True) as progress:
+    with console.progress() as progress:
         task = progress.add_task("", total=len(entries) * len(plants))
         for plant in plants:
             for entry in entries:
@@ -82,6 +80,12 @@ def _all(
                     return found, True
                 progress.advance(task)
     return found, False
+
+
+def _record(score: Score) -> dict[str, Any]:
+    """One score as plain values: means over the seeds, lengths in um."""
+    figures = {metric: score.mean(metric) for metric in score.figures}
+    return {"controller": score.entry.name, "plant": score.plant, **figures}
 
 
 def write(folder: Path, scores: Sequence[Score], seeds: Sequence[int]) -> None:

@@ -10,9 +10,11 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from rich.table import Table
+from rich.text import Text
 
 from inkloop import __version__
 from inkloop.report.plot import WIDTH_IN
+from inkloop.report.terminal import number_table
 from inkloop.studies.score.board import HIGH_UM, METRICS, OPEN_LOOP, Score, fingerprint, relative
 from inkloop.units import UM_PER_M
 
@@ -42,14 +44,12 @@ def how_to_cite(version: str, seeds: Sequence[int]) -> str:
 def terminal_table(version: str, scores: Sequence[Score]) -> Table:
     """A row for each controller, a column for each plant of a version; the best of a plant in bold."""
     plants, names, cells = _cells(scores)
-    table = Table(title=f"score board {version}", caption=CAPTION)
-    table.add_column("controller", no_wrap=True)
-    for plant in (*plants, "score"):
-        table.add_column(plant, justify="right", overflow="fold")
+    headings = [plant.replace("-", "-\n") for plant in (*plants, "score")]
+    table = number_table("controller", *headings, title=f"score board {version}", caption=CAPTION)
     best = np.nanmin(cells, axis=0)
     for name, row in zip(names, cells, strict=True):
         shown = [
-            f"[bold]{value:.2f}[/bold]" if value == least else _text(value)
+            Text(f"{value:.2f}", "bold") if value == least else _text(value)
             for value, least in zip(row, best, strict=True)
         ]
         table.add_row(name, *shown)
@@ -142,7 +142,7 @@ def spreadsheet(scores: Sequence[Score], seeds: Sequence[int]) -> str:
     writer.writerow(["plant", "controller", "kind", "seed", *(f"{m}_um" if m in lengths else m for m in METRICS)])
     for score in scores:
         for number, seed in enumerate(seeds):
-            values = [score.figures[m][number] * (1e6 if m in lengths else 1.0) for m in METRICS]
+            values = [score.figures[m][number] * (UM_PER_M if m in lengths else 1.0) for m in METRICS]
             writer.writerow([score.plant, score.entry.name, score.entry.kind, seed, *values])
     return text.getvalue()
 
@@ -156,13 +156,15 @@ def picture(scores: Sequence[Score]) -> Figure:
     for axes, (version, own) in zip(panels, versions.items(), strict=True):
         plants, names, cells = _cells(own)
         rms, reference = cells[:, :-1], cells[names.index(OPEN_LOOP.name), :-1]
-        image = axes.imshow(rms / reference, cmap="RdYlGn_r", norm=LogNorm(0.02, 50.0), aspect="auto")
+        image = axes.imshow(rms / reference, cmap="cividis", norm=LogNorm(0.02, 2.0), aspect="auto")
         for (row, column), value in np.ndenumerate(rms):
-            axes.text(column, row, _text(value), ha="center", va="center", fontsize=7)
+            red, green, blue, _ = image.to_rgba(value / reference[column])
+            ink = "black" if 0.3 * red + 0.6 * green + 0.1 * blue > 0.5 else "white"
+            axes.text(column, row, _text(value), ha="center", va="center", fontsize=7, color=ink)
         axes.set_xticks(range(len(plants)), [plant.replace("-", "-\n", 1) for plant in plants])
         axes.set_yticks(range(len(names)), names)
         axes.set_title(f"{version}: rms error [µm] by controller and plant")
-    figure.colorbar(image, ax=list(panels), label="over open loop", format="{x:g}")
+    figure.colorbar(image, ax=list(panels), label="relative to open loop", extend="both", format="{x:g}")
     return figure
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from inkloop.component import Ink
 from inkloop_controller.model.droplet_choices import DropletChoices
-from inkloop_controller.model.regions import ink_choices, nominal_layer_height
+from inkloop_controller.model.regions import InkRegions, nominal_layer_height
 from support.closed_loop import block
 from support.half_spaces import Below
 
@@ -32,12 +32,12 @@ def test_regions_of_later_layers_lie_a_nominal_layer_higher_each(test: Any, expe
     job = two_inks(0.0)
     step = nominal_layer_height(job)
     job = two_inks(1.4 * step)
-    assert ink_choices(job, np.zeros((6, 6)), 3, test)[:, 3, 3].tolist() == expected
+    assert InkRegions(job, test).choices(np.zeros((6, 6)), 3)[:, 3, 3].tolist() == expected
 
 
 def test_ends_of_the_layer_are_asked_about_where_either_ink_is_right() -> None:
     step = nominal_layer_height(two_inks(0.0))
-    assert (ink_choices(two_inks(0.5 * step), np.zeros((6, 6)), 1, "either") == 3).all()
+    assert (InkRegions(two_inks(0.5 * step), "either").choices(np.zeros((6, 6)), 1) == 3).all()
 
 
 def test_grey_kinds_are_multiples_of_the_inks() -> None:

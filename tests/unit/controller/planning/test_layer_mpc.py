@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from inkloop.component import BoolMap, FloatMap, HeightIntervals, Ink, Job
+from inkloop.geometry import contained
 from inkloop_controller.baselines.planners import OpenLoop, StochasticGreedy
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.core import bindings
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
-from inkloop_controller.model.regions import materials
+from inkloop_controller.model.regions import InkRegions
 from inkloop_controller.model.starts import full_layers, no_droplets
 from inkloop_controller.planning.horizon_planner import Finish, ending_of
 from inkloop_controller.planning.layer_mpc import LayerMpc
@@ -350,8 +351,8 @@ def test_material_is_asked_for_half_a_layer_above_the_surface() -> None:
     half_layer = (7.6e-6 + 6.7e-6) / 4
     for test, surface in (("middle", 10e-6 - half_layer), ("surface", 10e-6)):
         shape = (job.nx, job.ny)
-        assert (materials(job, np.full(shape, surface - 1e-9), test) == 1).all()  # type: ignore[arg-type]
-        assert (materials(job, np.full(shape, surface + 1e-9), test) == 0).all()  # type: ignore[arg-type]
+        assert (InkRegions(job, test).materials(np.full(shape, surface - 1e-9)) == 1).all()  # type: ignore[arg-type]
+        assert (InkRegions(job, test).materials(np.full(shape, surface + 1e-9)) == 0).all()  # type: ignore[arg-type]
 
 
 def test_region_is_asked_in_metres_from_the_first_cell() -> None:
@@ -359,14 +360,14 @@ def test_region_is_asked_in_metres_from_the_first_cell() -> None:
 
     class Asked:
         def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> BoolMap:
-            asked.extend([x, y])
-            return np.ones(z.shape, np.bool_)
+            return contained(self.intervals(x, y), z)
 
         def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
+            asked.extend([x, y])
             return ((np.full_like(x, -np.inf), np.full_like(x, np.inf)),)
 
     job = block(4 + 5, 4 + 2, inks=INKS, region=Asked())
-    materials(job, np.zeros((9, 6)), "middle")
+    InkRegions(job, "middle")
     i, j = np.indices((9, 6))
     np.testing.assert_allclose(asked[0], i * job.pitch)
     np.testing.assert_allclose(asked[1], j * job.pitch)

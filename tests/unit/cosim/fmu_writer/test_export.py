@@ -110,7 +110,22 @@ def test_fingerprint_changes_with_what_the_binary_must_know() -> None:
     same = definition.load(text.replace("Simulation time", "Time"), DEFINITION)
     other = definition.load(text.replace("max = 2, terminal", "max = 3, terminal"), DEFINITION)
     assert model.fingerprint == same.fingerprint != other.fingerprint
-    assert model.token(4, 5, resizable=False) == f"LayerDeposition-{model.fingerprint}-4x5"
+    assert model.token({"nx": 4, "ny": 5}, resizable=False) == f"LayerDeposition-{model.fingerprint}-4x5"
+
+
+def test_maps_that_lie_along_no_structural_parameter_are_an_error() -> None:
+    text = DEFINITION.read_text()
+    along = 'shape = "grid", along = "nz"'
+    with pytest.raises(
+        FmuError, match="height_start: along is 'nz'; a grid may name a structural parameter after nx, ny"
+    ):
+        definition.load(
+            text.replace(
+                'height_start = { causality = "parameter", shape = "grid"',
+                f'height_start = {{ causality = "parameter", {along}',
+            ),
+            DEFINITION,
+        )
 
 
 def test_every_error_of_a_definition_is_reported() -> None:

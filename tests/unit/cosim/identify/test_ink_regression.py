@@ -16,6 +16,7 @@ from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
 from support.logged_print import made_up, random_layers
 from support.places import SCENARIOS
+from support.prints import LITTLE_WORK
 
 TRUE = np.array([4.4, 0.6, 0.2])
 FAR = (4.4e-6, 0.6e-6, 0.2e-6, 0.15e-6, 0.1e-6, 0.05e-6)
@@ -65,7 +66,7 @@ def test_exact_scans_give_the_ink_of_other_forms(model) -> None:
 @pytest.mark.system
 def test_closed_loop_with_exact_scans_identifies_its_ink() -> None:
     """Droplets lack 10 % on average; a few nearly exact growths must not outweigh all others."""
-    size = {"grid": {"nx": 18, "ny": 18}, "part": {"radius_um": 1600.0, "height_um": 150.0}}
+    size = {"grid": {"nx": 18, "ny": 18}, "part": {"radius_um": 1600.0, "height_um": 150.0}, **dict(LITTLE_WORK)}
     result = print_part(Scenario.load(SCENARIOS / "cylinder.toml", size))
     found = identify_ink([record_of(result, "cylinder")], 0.0).heights[0] * 1e6
     assert found == pytest.approx(0.9 * TRUE, rel=0.03, abs=0.0)

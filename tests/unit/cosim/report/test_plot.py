@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from inkloop.report import plot
 from inkloop.results.metrics import masked_error
@@ -94,3 +95,51 @@ def test_layers_show_mean_and_unevenness_of_the_table() -> None:
     np.testing.assert_allclose(np.asarray(mean.lines[0].get_ydata()), np.abs(run.mean_error) * 1e6, rtol=1e-12)
     np.testing.assert_allclose(np.asarray(spread.lines[0].get_ydata()), run["std"][1:] * 1e6, rtol=1e-12)
     np.testing.assert_array_equal(np.asarray(droplets.lines[0].get_ydata()), [25])
+
+
+def slab(nx: int, ny: int) -> xr.Dataset:
+    """A slab 50 um high on all cells but two rows at the rim, 3 um too low."""
+    mask = np.zeros((nx, ny), np.bool_)
+    mask[2:-2, 2:-2] = True
+    target = np.where(mask, 50e-6, 0.0)
+    height = np.where(mask, 47e-6, 0.0)
+    errors = [masked_error(surface, target, mask) for surface in (np.zeros_like(height), height)]
+    return xr.Dataset(
+        {
+            "height": (("layer", "x", "y"), np.stack([np.zeros_like(height), height])),
+            "target_height": (("x", "y"), target),
+            "mask": (("x", "y"), mask),
+            "mean_error": ("layer", [error.mean_error for error in errors]),
+            "std": ("layer", [error.std for error in errors]),
+        },
+        coords={"layer": [0, 1], "x": np.arange(nx) * PITCH, "y": np.arange(ny) * PITCH},
+        attrs={"pitch": PITCH},
+    )
+
+
+@pytest.mark.parametrize(("nx", "ny"), [(40, 12), (250, 60), (60, 401)])
+def test_surface_of_any_grid_has_its_shape_and_coloured_tops_only(
+    nx: int, ny: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Any] = []
+
+    def plot_surface(axes: Any, *corners: Any, facecolors: Any, rstride: int, cstride: int, **_: Any) -> None:
+        assert (rstride, cstride) == (1, 1)  # every face, whatever the size
+        drawn.append((axes, corners, facecolors))
+
+    monkeypatch.setattr(Axes3D, "plot_surface", plot_surface)
+    figure = plot.surfaces({"a": slab(nx, ny)})
+    ((axes, (x, y, z), colours),) = drawn
+    width, depth, _ = axes._box_aspect
+    assert depth / width == pytest.approx(ny / nx, rel=1e-12, abs=0.0)
+    assert np.ptp(x) == pytest.approx(nx * PITCH * 1e3, rel=1e-12, abs=0.0)
+    assert np.ptp(y) == pytest.approx(ny * PITCH * 1e3, rel=1e-12, abs=0.0)
+    corners = np.stack([z[:-1, :-1], z[1:, :-1], z[:-1, 1:], z[1:, 1:]])
+    is_top = np.zeros(colours.shape[:2], np.bool_)
+    is_top[::2, ::2] = True  # plates and walls alternate
+    assert (np.ptp(corners, axis=0)[is_top] == 0.0).all()
+    is_blue = colours[..., 2] - colours[..., 0] > 0.2
+    assert is_blue[is_top & (corners[0] > 46.9)].all()
+    assert not is_blue[~is_top].any()
+    assert max(colours.shape[:2]) < 2 * plot.PLATES
+    assert figure.texts[-1].get_text().startswith("heights in µm, stretched x ")

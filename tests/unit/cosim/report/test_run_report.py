@@ -13,14 +13,14 @@ from inkloop.printing.run import print_part
 from inkloop.report.trust import untrusted_remarks
 from inkloop.scenario.file import Scenario
 from support.places import SCENARIOS
+from support.prints import quick_cuboid
 
-CUBOID = SCENARIOS / "cuboid.toml"
+CUBOID = quick_cuboid()
 
 
 def run_folder(folder: Path, **overrides: Any) -> str:
-    """Two layers of the cuboid, planned with little work."""
-    little = {"run.layers_max": 2, "components.controller.annealing_sweeps": 0}
-    print_part(Scenario.load(CUBOID, {**little, **overrides})).save(folder)
+    """Two layers of the cuboid."""
+    print_part(Scenario.load(CUBOID, {"run.layers_max": 2, **overrides})).save(folder)
     return str(folder)
 
 
@@ -70,7 +70,7 @@ def test_info_reports_how_a_run_ended(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_scans_that_were_corrected_are_reported_with_what_to_do(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    scenario = CUBOID.parent / "misaligned-scan.toml"
+    scenario = SCENARIOS / "misaligned-scan.toml"
     for name, expected in (("true", True), ("false", False)):
         settings = [
             f"components.controller.register_scans={name}",

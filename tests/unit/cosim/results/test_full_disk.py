@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from inkloop.cli import main
 from inkloop.components.devices import LOGGER
@@ -24,6 +23,7 @@ from inkloop.fmu import FmuComponent
 from inkloop.fmu_writer.export import find_fmu
 from inkloop.printing.device_log import live_words
 from inkloop.printing.print import Print
+from inkloop.report.terminal import Terminal
 from inkloop.results.checkpoint import LAYERS_FOLDER
 from inkloop.results.result import RESULT_FILE
 from inkloop.scenario.file import Scenario
@@ -123,7 +123,7 @@ def test_command_that_cannot_write_its_file_names_it(tmp_path: Path, capsys: pyt
 
 def test_log_of_devices_without_room_is_reported_once(tmp_path: Path) -> None:
     screen = io.StringIO()
-    console = Console(file=screen, width=200)
+    console = Terminal(screen, width=200, verbose=True)
     log = logging.getLogger(LOGGER)
     with files_up_to(100), live_words(console, tmp_path):
         for number in range(20):

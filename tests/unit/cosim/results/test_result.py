@@ -71,7 +71,7 @@ def test_saving_leaves_no_partial_file(result: Result, tmp_path: Path) -> None:
 
 
 def test_folder_without_a_run_is_refused_with_a_message(tmp_path: Path) -> None:
-    with pytest.raises(ResultError, match=r"holds no result\.nc; name a folder that `inkloop run` has made"):
+    with pytest.raises(ResultError, match=r"holds no run\.json; name a folder that `inkloop run` has made"):
         Result.load(tmp_path)
 
 

@@ -12,13 +12,14 @@ from inkloop.printing.run import print_part
 from inkloop.scenario import new
 from inkloop.scenario.file import Scenario
 from inkloop.tables.schema import ScenarioFile
+from support.prints import LITTLE_WORK
 
 
 @pytest.mark.system
 @pytest.mark.parametrize("shape", new.shapes())
 def test_template_prints_until_its_controller_is_done(shape: str, tmp_path: Path) -> None:
     assert main(["new", str(tmp_path / "mine"), "--shape", shape]) == 0
-    result = print_part(Scenario.load(tmp_path / "mine.toml"))
+    result = print_part(Scenario.load(tmp_path / "mine.toml", dict(LITTLE_WORK)))
     assert result.stop_reason == "done"
     assert abs(result.metrics()["mean_error"]) < 1e-6
 

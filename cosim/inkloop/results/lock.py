@@ -44,6 +44,23 @@ def sole_writer(folder: Path) -> Iterator[None]:
             folder.rmdir()
 
 
+def writer_of(folder: Path) -> str:
+    """The process other than this one that writes a run into `folder`, as it signed; "" if there is none.
+
+    Not for a folder that this process has locked: the system releases a lock when any of its files is closed.
+    """
+    try:
+        file = os.open(folder / LOCK_FILE, os.O_RDWR)
+    except OSError:
+        return ""
+    try:
+        return "" if take_lock(file) else os.read(file, 100).decode(errors="replace") or "another process"
+    except OSError:
+        return ""  # a file system without locks
+    finally:
+        os.close(file)
+
+
 def _locked(path: Path) -> int:
     """The open lock file, with the lock. Raises ResultError if another process has it, OSError."""
     while True:

@@ -3,7 +3,7 @@
 Coordinates are metres with the origin at the centre of cell (0, 0); x runs along the first index of a height map.
 A point on the surface belongs to the part: cells are often cut exactly there (a radius of 15 cells), so
 distances are compared with a tolerance far below any droplet. `contains` is `intervals` asked for one height, so that
-both agree to the last bit.
+both agree to the last bit. Walls and ends are closed here; those of `Columns`, of a mesh for example, are half open.
 """
 
 from __future__ import annotations
@@ -148,12 +148,6 @@ def contained(intervals: HeightIntervals, z: FloatMap) -> BoolMap:
     """True where the height z [m] lies in one of the intervals."""
     inside: BoolMap = np.any([(bottom <= z) & (z <= top) for bottom, top in intervals], axis=0)
     return inside
-
-
-def cell_centers(nx: int, ny: int, pitch: float) -> tuple[FloatMap, FloatMap]:
-    """x and y of every cell, each (nx, ny) [m]."""
-    x, y = np.meshgrid(np.arange(nx) * pitch, np.arange(ny) * pitch, indexing="ij")
-    return x, y
 
 
 def _up_to(top: FloatMap, inside: BoolMap) -> HeightIntervals:

@@ -1,0 +1,69 @@
+"""A height map as a closed body: its surface, a skirt around it, and a flat floor below."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from inkloop.component import FloatMap
+from inkloop.errors import ResultError
+from inkloop.files import replaced
+from inkloop.metrology.height_map import HeightMap
+from inkloop.units import MM_PER_M
+
+_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # x, y, z become x, z, -y (glTF 2.0, 3.4)
+
+
+def floor_of(map_: HeightMap) -> float:
+    """Height of the floor [m]: a pixel below the substrate, or below the lowest point where that is deeper."""
+    return min(0.0, float(map_.z.min())) - min(map_.dx, map_.dy)
+
+
+def write(path: Path, map_: HeightMap, form: str) -> None:
+    """Write the body whole or not at all: "stl" binary in mm, z up; "glb" in m, y up as glTF has it.
+
+    Raises ResultError where a pixel has no height, for a body has a surface everywhere; OSError.
+    """
+    missing = int((~map_.valid).sum())
+    if missing:
+        raise ResultError(
+            f"{map_.source}: {missing} of {map_.z.size} cells have no height, and a body needs one everywhere; "
+            "fill them with --fill-um H, or write sdf, x3p, tiff or npy"
+        )
+    if min(map_.shape) < 2:
+        raise ResultError(f"{map_.source}: has {map_.shape[0]} x {map_.shape[1]} cells; a body needs 2 x 2")
+    vertices, faces = closed_body(map_, floor_of(map_))
+    vertices = vertices * MM_PER_M if form == "stl" else vertices @ _Y_UP.T
+    body = trimesh.Trimesh(vertices, faces, process=False)
+    with replaced(path) as partial, partial.open("wb") as file:
+        body.export(file, file_type=form)
+
+
+def closed_body(map_: HeightMap, floor: float) -> tuple[FloatMap, NDArray[np.int64]]:
+    """Vertices (n, 3) [m] and triangles (k, 3) that run counterclockwise seen from outside.
+
+    The surface has a vertex in the centre of each pixel, and each square between four of them has its diagonal from
+    (i, j) to (i + 1, j + 1). floor: height of the floor [m], below the surface.
+    """
+    m, n = map_.shape
+    top = np.arange(m * n).reshape(m, n)
+    x, y = np.meshgrid(map_.x0 + np.arange(m) * map_.dx, map_.y0 + np.arange(n) * map_.dy, indexing="ij")
+    rim = np.concatenate([top[:-1, 0], top[-1, :-1], top[:0:-1, -1], top[0, :0:-1]])  # counterclockwise from above
+    foot = m * n + np.arange(rim.size)
+    surface = np.column_stack([x.ravel(), y.ravel(), map_.z.ravel()])
+    below = np.column_stack([surface[rim, :2], np.full(rim.size, floor)])
+    middle = [[x.mean(), y.mean(), floor]]
+
+    a, b, c, d = (one.ravel() for one in (top[:-1, :-1], top[1:, :-1], top[1:, 1:], top[:-1, 1:]))
+    next_rim, next_foot = np.roll(rim, -1), np.roll(foot, -1)
+    centre = np.full(rim.size, m * n + rim.size)
+    triangles = [
+        *((a, b, c), (a, c, d)),
+        *((next_rim, rim, foot), (next_rim, foot, next_foot)),
+        (centre, next_foot, foot),
+    ]
+    faces = np.concatenate([np.column_stack(corners) for corners in triangles])
+    return np.concatenate([surface, below, middle]), faces

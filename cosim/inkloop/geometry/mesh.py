@@ -1,0 +1,166 @@
+"""Meshes as columns: read, placed on the grid, filled where the winding number of the surface is above 0."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.errors import GeometryError
+from inkloop.geometry.body import Body, bounds
+from inkloop.geometry.cells import check_grid
+from inkloop.geometry.columns import Columns
+from inkloop.geometry.library import MeshReportStruct, intervals_by
+from inkloop.geometry.mesh_file import read_bodies
+from inkloop.geometry.open_columns import filled_by_neighbours
+from inkloop.geometry.placement import Placement
+from inkloop.limits import memory_error
+from inkloop.suggest import nearest
+from inkloop.units import MM_PER_M
+
+OPEN_MAX = 1e-3
+"""Share of the occupied columns that may be open where neighbours fill them, or inside out (assumed)."""
+_SHOWN = 3
+OpenColumns = Literal["refuse", "neighbours"]
+
+
+@dataclass(frozen=True, eq=False)
+class MeshColumns:
+    """Columns of a mesh, and what its surface leaves undecided.
+
+    occupied: number of columns that the mesh meets. open_cells: i ny + j of those whose winding number is not 0 above
+    the mesh, ascending, without intervals. inside_out: number of those with a winding number below 0 and none above 0;
+    inside_out_cell: the first of them, -1 without any.
+    """
+
+    columns: Columns
+    occupied: int
+    open_cells: NDArray[np.int64]
+    inside_out: int
+    inside_out_cell: int
+
+
+def mesh_columns(bodies: Sequence[Body], nx: int, ny: int, pitch: float) -> MeshColumns:
+    """All bodies as one: they may overlap. What lies outside the grid is cut off. Coordinates in metres, finite."""
+    check_grid(nx, ny, pitch)
+    triangles = np.concatenate([np.empty((0, 3, 3)), *(body.triangles for body in bodies)])
+    triangles[..., :2] /= pitch
+    open_cells = np.empty(nx * ny, dtype=np.int64)
+    report = MeshReportStruct(open_cells.ctypes.data, open_cells.size)
+    ends = intervals_by("columns_of_mesh", nx * ny, nx, ny, len(triangles), triangles, ctypes.byref(report))
+    found = open_cells[: report.open_count].copy()
+    columns = Columns(nx, ny, pitch, *ends)
+    return MeshColumns(columns, report.occupied, found, report.inside_out_count, report.inside_out_first)
+
+
+def load(
+    path: Path | str,
+    nx: int,
+    ny: int,
+    pitch: float,
+    *,
+    unit: str | None = None,
+    placement: Placement | None = None,
+    open_columns: OpenColumns = "refuse",
+) -> Columns:
+    """The part in a mesh file (STL, OBJ, PLY, 3MF), all bodies as one, over nx x ny cells of `pitch` [m].
+
+    unit: of the coordinates: um, mm, cm, m, in, ft; only 3MF states its own. open_columns: "neighbours" fills columns
+    that holes of the surface leave open, at most 0.1 % of those occupied. Raises GeometryError.
+    """
+    bodies = _placed(path, unit, placement, nx, ny, pitch)
+    return _closed(str(path), bodies, nx, ny, pitch, open_columns)
+
+
+def load_inks(
+    path: Path | str,
+    nx: int,
+    ny: int,
+    pitch: float,
+    inks: Mapping[str, str],
+    *,
+    unit: str | None = None,
+    placement: Placement | None = None,
+    open_columns: OpenColumns = "refuse",
+) -> dict[str, Columns]:
+    """The part in a mesh file as one region for each ink, placed together; otherwise as `load`.
+
+    inks: name of an object or of a material -> ink; every body needs one, the name of the object counts first.
+    """
+    bodies = _placed(path, unit, placement, nx, ny, pitch)
+    by_ink: dict[str, list[Body]] = {ink: [] for ink in inks.values()}
+    used, errors = set(), []
+    for body in bodies:
+        name = next((name for name in (body.name, body.material) if name in inks), None)
+        if name is None:
+            errors.append(f"object {body.name!r} of material {body.material!r} has no ink; name one of them in inks")
+        else:
+            used.add(name)
+            by_ink[inks[name]].append(body)
+    known = {name for body in bodies for name in (body.name, body.material) if name}
+    errors += [
+        f"inks: no object or material is called {name!r}; {nearest(name, known)}" for name in sorted(set(inks) - used)
+    ]
+    if errors:
+        raise GeometryError(f"{path}: " + "; ".join(errors))
+    return {ink: _closed(f"{path}, ink {ink}", found, nx, ny, pitch, open_columns) for ink, found in by_ink.items()}
+
+
+def _placed(
+    path: Path | str, unit: str | None, placement: Placement | None, nx: int, ny: int, pitch: float
+) -> tuple[Body, ...]:
+    """Raises GeometryError also where the part reaches over the edge of the grid."""
+    bodies = (placement or Placement()).placed(read_bodies(path, unit), nx, ny, pitch)
+    low, high = bounds(bodies)
+    errors = [
+        f"reaches from {name} = {low[axis] * MM_PER_M:.6g} mm to {high[axis] * MM_PER_M:.6g} mm; "
+        f"the cells lie between {-pitch / 2 * MM_PER_M:.6g} mm and {(count - 0.5) * pitch * MM_PER_M:.6g} mm"
+        for axis, (name, count) in enumerate((("x", nx), ("y", ny)))
+        if low[axis] < -pitch / 2 or high[axis] > (count - 0.5) * pitch
+    ]
+    if reason := memory_error(nx * ny * 16 + 2 * sum(body.triangles.nbytes for body in bodies)):
+        errors.append(f"on {nx} x {ny} cells: {reason}")
+    if errors:
+        raise GeometryError(f"{path}: " + "; ".join(errors))
+    return bodies
+
+
+def _closed(source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, open_columns: OpenColumns) -> Columns:
+    """Columns without an open one. Raises GeometryError for too many, and for bodies that are inside out."""
+    found = mesh_columns(bodies, nx, ny, pitch)
+    limit = OPEN_MAX * found.occupied
+    if found.inside_out > limit:
+        raise GeometryError(
+            f"{source}: {_share(found.inside_out, found.occupied)} are inside out, the first at "
+            f"{_places(np.array([found.inside_out_cell]), ny, pitch)}: faces point into the body; "
+            "turn them round (flip normals), or save the mesh with counterclockwise faces"
+        )
+    if found.occupied == 0:
+        raise GeometryError(f"{source}: no centre of a cell lies in the part; needs a finer pitch or another place")
+    if found.open_cells.size == 0:
+        return found.columns
+    if open_columns == "neighbours" and found.open_cells.size <= limit:
+        return filled_by_neighbours(found.columns, found.open_cells)
+    remedy = (
+        f'open_columns = "neighbours" takes at most {OPEN_MAX:.1%}: mend the mesh'
+        if found.open_cells.size > limit
+        else f'mend the mesh, or set open_columns = "neighbours", which takes up to {OPEN_MAX:.1%}'
+    )
+    raise GeometryError(
+        f"{source}: {_share(found.open_cells.size, found.occupied)} are open: a line upwards enters the surface and "
+        f"does not leave it, or the other way round; the first at {_places(found.open_cells, ny, pitch)}; {remedy}"
+    )
+
+
+def _share(count: int, occupied: int) -> str:
+    return f"{count:,} of {occupied:,} columns ({count / occupied:.2g})" if occupied else "no columns"
+
+
+def _places(cells: NDArray[np.int64], ny: int, pitch: float) -> str:
+    x, y = (index[:_SHOWN] * pitch * MM_PER_M for index in np.divmod(cells, ny))
+    return ", ".join(f"({at_x:.6g}, {at_y:.6g}) mm" for at_x, at_y in zip(x, y, strict=True))

@@ -1,0 +1,92 @@
+"""Meshes from files: the format by the suffix, the unit by the file or by the caller, never guessed."""
+
+from __future__ import annotations
+
+import importlib
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from inkloop.errors import GeometryError
+from inkloop.files import reason_of
+from inkloop.geometry.body import Body
+from inkloop.limits import memory_error, unpacked_error
+
+UNITS: Mapping[str, float] = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
+"""Metres in the units of 3MF."""
+COPIES = 12
+"""Times its size that reading a file takes (assumed): binary STL has 50 bytes for the 72 of a triangle."""
+_FORMATS: Mapping[str, tuple[str, str]] = {
+    ".stl": ("inkloop.geometry.triangle_file", "read_stl"),
+    ".obj": ("inkloop.geometry.triangle_file", "read_obj"),
+    ".ply": ("inkloop.geometry.triangle_file", "read_ply"),
+    ".3mf": ("inkloop.geometry.three_mf", "read_3mf"),
+}
+"""Suffix -> module and function."""
+
+Contents: TypeAlias = tuple[list[Body], str | None]
+"""Bodies in the unit of the file, and that unit; None where the format has none."""
+
+
+def read_bodies(path: Path | str, unit: str | None = None) -> tuple[Body, ...]:
+    """The bodies of a mesh file in metres: STL, OBJ, PLY, and with `inkloop[3mf]` 3MF.
+
+    unit: um, mm, cm, m, in or ft; may be left to 3MF, which states it. Raises GeometryError.
+    """
+    path = Path(path)
+    bodies, declared = _contents(path)
+    errors = _unit_errors(unit, declared)
+    if not bodies or not all(len(body.triangles) for body in bodies):
+        errors.append("holds no triangles; expected a closed surface")
+    for body in bodies:
+        if not np.isfinite(body.triangles).all():
+            name = f" of {body.name!r}" if body.name else ""
+            count = np.count_nonzero(~np.isfinite(body.triangles).all(axis=(1, 2)))
+            errors.append(f"{count:,} triangles{name} have a corner that is nan or infinite; expected numbers")
+    if errors:
+        raise GeometryError(f"{path}: " + "; ".join(errors))
+    factor = UNITS[declared or unit or "m"]
+    return tuple(Body(body.triangles * factor, body.name, body.material) for body in bodies)
+
+
+def _contents(path: Path) -> Contents:
+    if path.suffix.lower() not in _FORMATS:
+        raise GeometryError(f"{path}: has suffix {path.suffix!r}; expected one of {', '.join(_FORMATS)}")
+    module, name = _FORMATS[path.suffix.lower()]
+    try:
+        if reason := _size_error(path):
+            raise GeometryError(f"{path}: {reason}")
+        reader: Callable[[Path], Contents] = getattr(importlib.import_module(module), name)
+        return reader(path)
+    except GeometryError:
+        raise
+    except OSError as error:
+        raise GeometryError(f"{path}: cannot be read: {reason_of(error)}") from error
+    except Exception as error:  # each library fails in its own way on bytes that are cut off or altered
+        reason = (str(error).splitlines() or [""])[0]
+        raise GeometryError(f"{path}: is damaged, or its suffix is wrong ({type(error).__name__}: {reason})") from error
+
+
+def _size_error(path: Path) -> str | None:
+    """The reason why a file is not read: what it takes in memory, or what it unpacks to."""
+    size = path.stat().st_size
+    if path.suffix.lower() == ".3mf":
+        with zipfile.ZipFile(path) as archive:
+            if reason := unpacked_error(archive):
+                return reason
+            size = sum(member.file_size for member in archive.infolist())
+    return memory_error(COPIES * size)
+
+
+def _unit_errors(unit: str | None, declared: str | None) -> list[str]:
+    expected = ", ".join(UNITS)
+    if unit is not None and unit not in UNITS:
+        return [f"unit is {unit!r}; expected one of {expected}"]
+    if unit is None and declared is None:
+        return [f"does not state the unit of its coordinates; give unit: {expected}"]
+    if unit is not None and declared is not None and unit != declared:
+        return [f"states coordinates in {declared}, but unit is {unit!r}; leave unit out or correct it"]
+    return []

@@ -1,0 +1,177 @@
+"""3MF: the objects of its build, each with its name and its material, read by lib3mf."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.errors import GeometryError
+from inkloop.geometry.body import Body, transformed
+from inkloop.limits import memory_error
+
+_BYTES_PER_TRIANGLE = 3 * 72
+"""Three corners of three numbers, and two copies of them while they are placed."""
+_UNITS = ("um", "mm", "cm", "in", "ft", "m")
+"""In the order of lib3mf's ModelUnit."""
+_EXTENSIONS = {
+    "http://schemas.microsoft.com/3dmanufacturing/material/2015/02",
+    "http://schemas.microsoft.com/3dmanufacturing/production/2015/06",
+}
+"""Namespaces that a file may require; lib3mf reads them. Levelsets, slices and others are the geometry itself."""
+_COPIES_MAX = 1_000_000
+"""Of meshes in one assembly (assumed): lib3mf takes 10 ns for each."""
+_FOREIGN_ATTRIBUTE = 0x80A7
+"""Warning of lib3mf, "Invalid Attribute in namespace", the only one that cannot change a shape."""
+_MARKUP = (b"<!DOCTYPE", b"<!ENTITY")
+_XML = (".model", ".rels", ".xml")
+
+
+def read_3mf(path: Path) -> tuple[list[Body], str]:
+    """The bodies of the build, in the unit of the file, and that unit. Raises GeometryError, and errors of lib3mf."""
+    if errors := list(_package_errors(path)):
+        raise GeometryError(f"{path}: " + "; ".join(errors))
+    try:
+        import lib3mf
+    except ImportError as error:
+        raise GeometryError(f"{path}: 3MF needs lib3mf; pip install 'inkloop[3mf]'") from error
+    model = lib3mf.get_wrapper().CreateModel()
+    reader = model.QueryReader("3mf")
+    reader.SetStrictModeActive(False)  # slicers write attributes of their own
+    reader.ReadFromFile(str(path))
+    warnings = [reader.GetWarning(n) for n in range(reader.GetWarningCount())]
+    if texts := sorted({text for code, text in warnings if code != _FOREIGN_ATTRIBUTE}):
+        raise GeometryError(f"{path}: holds what lib3mf would leave out: {' '.join(texts)} Save it as plain 3MF")
+    found = _Model(path, model)
+    return list(found.bodies()), _UNITS[int(model.GetUnit())]
+
+
+def _package_errors(path: Path) -> Iterator[str]:
+    """What keeps a package from being read: XML entities, extensions that would be left out, copies without end."""
+    assemblies = []
+    with zipfile.ZipFile(path) as archive:
+        for member in archive.infolist():
+            if not member.filename.lower().endswith(_XML):
+                continue
+            data = archive.read(member)
+            if b"\0" in data[:4] or any(word in data for word in _MARKUP):
+                yield f"{member.filename} declares a document type or entities, or is not UTF-8; save it without"
+                return
+            if member.filename.lower().endswith(".model"):
+                for name, namespace in _required(data).items():
+                    if namespace not in _EXTENSIONS:
+                        yield f"{member.filename} requires the extension {name} ({namespace}), which is not read"
+                if b"component" in data:
+                    assemblies.append(data)
+    if (copies := _copies(assemblies)) > _COPIES_MAX:
+        yield f"its components are {copies:.3g} copies of its meshes; at most {_COPIES_MAX:,} are taken"
+
+
+def _copies(parts: list[bytes]) -> int:
+    """Meshes that the largest object consists of, copies included; lib3mf would visit each of them."""
+    meshes: dict[str, int] = {}
+    current = ""
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        nonlocal current
+        kind = name.rpartition(":")[2]
+        if kind == "object":
+            current = attributes.get("id", "")
+            meshes[current] = 0
+        elif kind == "component":
+            meshes[current] = meshes.get(current, 0) + max(1, meshes.get(attributes.get("objectid", ""), 1))
+
+    for data in (*parts, *parts):  # twice: the objects of a part may be used in one before it
+        parser = expat.ParserCreate()
+        parser.StartElementHandler = start
+        parser.Parse(data, True)
+    return max(meshes.values(), default=0)
+
+
+def _required(data: bytes) -> dict[str, str]:
+    """Prefix and namespace of the extensions that a model part requires; the prefix itself where it has none."""
+    namespaces: dict[str, str] = {}
+    for event, value in ElementTree.iterparse(io.BytesIO(data), events=("start-ns", "start")):
+        if event == "start":
+            required: list[str] = value.attrib.get("requiredextensions", "").split()
+            return {prefix: namespaces.get(prefix, prefix) for prefix in required}
+        prefix, namespace = value
+        namespaces[prefix] = namespace
+    return {}
+
+
+class _Model:
+    """A model of lib3mf; `Any` is its objects, which have no types."""
+
+    def __init__(self, path: Path, model: Any) -> None:
+        self._path, self._model = path, model
+        self._counts: dict[int, int] = {}
+        self._own: dict[int, Body] = {}
+
+    def bodies(self) -> Iterator[Body]:
+        """One for each mesh of each item that is to be built."""
+        items = list(_iterated(self._model.GetBuildItems()))
+        count = sum(self._count(item.GetObjectResource()) for item in items)
+        if reason := memory_error(_BYTES_PER_TRIANGLE * count):
+            raise GeometryError(f"{self._path}: has {count:,} triangles in all copies of its objects: {reason}")
+        for item in items:
+            yield from self._placed(item.GetObjectResource(), *_placement(item.GetObjectTransform()), "")
+
+    def _count(self, entry: Any) -> int:
+        """Triangles of an object with all that it consists of; an object is counted once, whatever refers to it."""
+        key = entry.GetUniqueResourceID()
+        if key not in self._counts:
+            if entry.IsMeshObject():
+                self._counts[key] = entry.GetTriangleCount()
+            elif entry.IsComponentsObject():
+                self._counts[key] = sum(self._count(part.GetObjectResource()) for part in _parts(entry))
+            else:
+                name = entry.GetName() or f"number {entry.GetResourceID()}"
+                raise GeometryError(f"{self._path}: object {name} is a level set, which is not read; save it as a mesh")
+        return self._counts[key]
+
+    def _placed(self, entry: Any, matrix: NDArray[Any], shift: NDArray[Any], name: str) -> Iterator[Body]:
+        name = entry.GetName() or name
+        if entry.IsMeshObject():
+            own = self._body(entry)
+            yield transformed(Body(own.triangles, name, own.material), matrix, shift)
+            return
+        for part in _parts(entry):
+            inner, offset = _placement(part.GetTransform())
+            yield from self._placed(part.GetObjectResource(), matrix @ inner, matrix @ offset + shift, name)
+
+    def _body(self, entry: Any) -> Body:
+        key = entry.GetUniqueResourceID()
+        if key not in self._own:
+            vertices = np.frombuffer(b"".join(entry.GetVertices()), dtype=np.float32).reshape(-1, 3)
+            indices = np.frombuffer(b"".join(entry.GetTriangleIndices()), dtype=np.uint32).reshape(-1, 3)
+            self._own[key] = Body(vertices[indices].astype(np.float64), "", self._material(entry))
+        return self._own[key]
+
+    def _material(self, mesh: Any) -> str:
+        """Name of the base material of the whole object, "" if it has none."""
+        group, entry, is_there = mesh.GetObjectLevelProperty()
+        groups = {one.GetUniqueResourceID(): one for one in _iterated(self._model.GetBaseMaterialGroups())}
+        return str(groups[group].GetName(entry)) if is_there and group in groups else ""
+
+
+def _parts(entry: Any) -> Iterator[Any]:
+    return (entry.GetComponent(n) for n in range(entry.GetComponentCount()))
+
+
+def _iterated(iterator: Any) -> Iterator[Any]:
+    while iterator.MoveNext():
+        yield iterator.GetCurrent()
+
+
+def _placement(transform: Any) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Matrix and shift of a transform, which 3MF writes for rows of coordinates."""
+    fields = np.array([list(row) for row in transform.Fields], dtype=np.float64)
+    return fields[:3].T, fields[3]

@@ -1,0 +1,93 @@
+"""The terminal: lines, tables that fit into a narrow window, progress, and results as JSON.
+
+Texts of users are shown as they are: brackets in a title or label are no markup.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Mapping
+from typing import IO, Any
+
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+from rich.table import Column, Table
+
+FILE_WIDTH = 120
+"""Columns of a text in a file or a pipe."""
+BAR_FROM, NOTES_FROM = 70, 100
+"""Columns from which on there is room for a bar, and for notes next to it."""
+
+
+class Terminal(Console):
+    """Where a command writes: standard output, or standard error where that is for JSON alone.
+
+    verbose: also show messages of devices that are neither warning nor error; as_json: whether `result` writes.
+    """
+
+    def __init__(
+        self,
+        file: IO[str] | None = None,
+        *,
+        width: int | None = None,
+        quiet: bool = False,
+        verbose: bool = False,
+        as_json: bool = False,
+    ) -> None:
+        stream = file or (sys.stderr if as_json else sys.stdout)
+        columns = width or (None if stream.isatty() else FILE_WIDTH)
+        super().__init__(file=stream, width=columns, quiet=quiet, markup=False, highlight=False, emoji=False)
+        self.verbose, self.as_json = verbose, as_json
+
+    def sentence(self, text: str, style: str | None = None) -> None:
+        """Write a sentence; the terminal breaks it where it has to."""
+        self.print(text, style=style, soft_wrap=True)
+
+    def result(self, **data: Any) -> None:
+        """Print the result of a command as JSON on standard output, if asked for; a number that is none is null."""
+        if self.as_json:
+            print(json.dumps(_without_nan(data), indent=2, default=str))
+
+    def progress(self, *notes: str) -> Progress:
+        """A bar for each task, with the time left; notes: names of fields to show next to it, where there is room."""
+        columns: list[ProgressColumn] = [
+            TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True, overflow="ellipsis"))
+        ]
+        if self.width >= BAR_FROM:
+            columns.append(BarColumn(10))
+        shown = notes if self.width >= NOTES_FROM else notes[:1]
+        columns += [TextColumn(f"{{task.fields[{name}]}}", markup=False, table_column=_fixed()) for name in shown]
+        return Progress(*columns, TimeRemainingColumn(compact=True, table_column=_fixed()), console=self)
+
+
+def number_table(first: str, *numbers: str, title: str, caption: str | None = None) -> Table:
+    """A table whose first column is text that wraps; the numbers to the right of it are never cut.
+
+    A heading may have several lines.
+    """
+    table = Table(title=title, caption=caption, box=box.SIMPLE_HEAD, show_edge=False, padding=0, title_justify="left")
+    table.caption_justify = "left"
+    table.add_column(first, overflow="fold")
+    for heading in numbers:
+        table.add_column(f" {heading}".replace("\n", "\n "), justify="right", no_wrap=True)
+    return table
+
+
+def decimals(value: float, count: int = 2) -> str:
+    """The number with so many decimals; what rounds to zero has no sign."""
+    return f"{round(value, count) + 0.0:.{count}f}"
+
+
+def _fixed() -> Column:
+    return Column(no_wrap=True)
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

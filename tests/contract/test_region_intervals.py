@@ -1,0 +1,254 @@
+"""Regions of ink A with many intervals of height on a cell: every controller plans them alike, in every form."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+import xarray as xr
+
+from inkloop.component import Ink, Job
+from inkloop.components import catalog
+from inkloop.components.job_parameters import region_maps
+from inkloop.errors import FmuError, ScenarioError
+from inkloop.exchange.job import archive
+from inkloop.exchange.job.baking import bake
+from inkloop.fmu import describe
+from inkloop.fmu_writer.archive import read_definition
+from inkloop.fmu_writer.export import INTERVALS, INTERVALS_MAX, export_fmu, find_fmu
+from inkloop.geometry import Columns, Cuboid, PipeJunction, cell_centers
+from inkloop.printing.run import print_part
+from inkloop.scenario.file import Scenario
+from inkloop.tables.shapes import CuboidTable
+from inkloop_controller.model.regions import InkRegions
+from support.closed_loop import block
+from support.fmus.fmu_driver import ERROR, FORMS, OK, Driver
+from support.sheets import Sheets
+
+TWO_INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
+PIPES = PipeJunction(1e-3, 1e-3, 7e-4, 30e-6, 4e-4, 16e-6, 60e-6)
+FIVE = Sheets([k * 10e-6 for k in (3, 0, 4, 1, 2)], thickness=6e-6, rise=2e-3, height=50e-6)
+"""Five intervals on every cell."""
+SCENARIO = """
+title = "five sheets"
+seed = 4
+[grid]
+nx = 9
+ny = 8
+[part]
+shape = "cuboid"
+size_x_um = 1316.28
+size_y_um = 1053.024
+height_um = 50.0
+[support]
+margin_cells = 2
+[components.controller]
+kind = "LayerMpc"
+horizon = 2
+annealing_sweeps = 0
+[components.printer]
+kind = "LayerDeposition"
+variation = 0.2
+[components.profiler]
+kind = "ProfileSensor"
+noise_std_um = 0.1
+scan_duration_s = 0.0
+"""
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A file whose part has five intervals on each cell."""
+    path = tmp_path_factory.mktemp("sheets") / "sheets.toml"
+    path.write_text(SCENARIO)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(CuboidTable, "geometry", lambda table, grid: FIVE)
+        patch.setattr(archive, "target_picture", lambda job, title: b"")
+        yield path
+
+
+def printed(path: Path, **controller: Any) -> xr.Dataset:
+    return print_part(Scenario.load(path, {"components.controller": controller} if controller else {})).dataset
+
+
+def test_five_intervals_are_printed_alike_by_every_controller(scenario: Path, tmp_path: Path) -> None:
+    run = printed(scenario)
+    assert run.sizes["layer"] > 5
+    for form in ("fmi3", "fmi2"):
+        native = printed(scenario, kind="LayerController", fmi=form)
+        for name in ("pattern", "height", "mismatch"):
+            np.testing.assert_array_equal(native[name], run[name], err_msg=f"{name} by {form}")
+    for form, fmi in (("fmi3-fixed", "3"), ("fmi2", "2")):
+        archive.write(bake(Scenario.load(scenario)), fmi, tmp_path / f"{form}.fmu")  # type: ignore[arg-type]
+        fmpy.extract(str(tmp_path / f"{form}.fmu"), str(tmp_path / form))
+        with Driver("LayerJob", form, folder=tmp_path / form) as fmu:
+            assert fmu.start().get("region_intervals") == 5
+            for layer in range(1, run.sizes["layer"]):
+                assert fmu.step(layer - 1.0) == OK
+                assert run.height.values[layer].tobytes() in fmu.save(), f"layer {layer} by {form}"
+
+
+def test_mismatch_of_five_intervals_is_what_a_voxel_by_voxel_count_gives(scenario: Path) -> None:
+    run, job = printed(scenario), Scenario.load(scenario).job()
+    x, _ = cell_centers(job.nx, job.ny, job.pitch)
+    wrong = wanted = 0
+    for i, j in np.argwhere(job.mask):
+        for k in range(int(np.ceil(max(run.height.values[-1].max(), job.target_height.max()) / 1e-6))):
+            z = (k + 0.5) * 1e-6
+            belongs = any(0.0 <= z - at - 2e-3 * x[i, j] <= 6e-6 for at in np.arange(5) * 10e-6)
+            heights = run.height.values[:, i, j]
+            layers = [n for n in range(1, heights.size) if heights[n - 1] <= z < heights[n]]
+            is_a = bool(layers) and ink_of(run.pattern.values[layers[0]], i, j) == 1
+            wrong, wanted = wrong + (is_a != belongs), wanted + belongs
+    assert float(run.mismatch) == pytest.approx(wrong / wanted, rel=1e-12, abs=0.0)
+    assert 0.0 < float(run.mismatch) < 0.7
+
+
+def ink_of(pattern: Any, i: int, j: int) -> int:
+    """The ink that brings most to a cell of a flat surface."""
+    if pattern[i, j]:
+        return int(pattern[i, j])
+    shares = [0.0, 0.0]
+    for a in (i - 1, i, i + 1):
+        for b in (j - 1, j, j + 1):
+            if 0 <= a < pattern.shape[0] and 0 <= b < pattern.shape[1] and pattern[a, b]:
+                ink = Ink()
+                shares[pattern[a, b] - 1] += ink.h2 if a == i or b == j else ink.h3
+    return 1 + int(np.argmax(shares))
+
+
+def test_controller_that_lacks_an_interval_plans_another_print(scenario: Path) -> None:
+    """The test above can fail: what it compares depends on every interval."""
+    job = Scenario.load(scenario).job()
+    for lacking in range(5):
+        others = [at for at in FIVE.bottoms if at != FIVE.bottoms[lacking]]
+        less = Job(9, 8, job.pitch, job.target_height, job.mask, TWO_INKS, Sheets(others, 6e-6, 2e-3))
+        at = np.full((9, 8), FIVE.bottoms[lacking])
+        assert (InkRegions(less, "middle").choices(at, 1) != InkRegions(job, "middle").choices(at, 1)).any()
+
+
+@pytest.mark.parametrize("region", [PIPES, Cuboid(9e-4, 9e-4, 1e-3, 1e-3, 20e-6), FIVE])
+def test_maps_of_a_region_hold_the_heights_that_it_contains(region: Any) -> None:
+    columns = Columns.of_shape(region, 20, 20, 1e-4)
+    maps, generator = region_maps(columns, 6), np.random.default_rng(0)
+    bottom, top = maps["region_bottom"], maps["region_top"]
+    x, y = cell_centers(20, 20, 1e-4)
+    for z in [*generator.uniform(-10e-6, 90e-6, (50, 20, 20)), *bottom, *top]:
+        for asked in (z, np.nextafter(z, 1.0), np.nextafter(z, -1.0)):
+            near = np.abs(asked) < 0.5
+            inside = ((bottom <= asked) & (asked <= top)).any(axis=0)
+            np.testing.assert_array_equal(inside[near], region.contains(x, y, asked)[near])
+
+
+@pytest.mark.parametrize("test", ["middle", "surface", "either"])
+def test_inks_of_a_surface_are_those_of_the_region_there(test: Any) -> None:
+    """On random heights, on the edges of the intervals, and a hair beside them."""
+    job = Job(20, 20, 1e-4, np.full((20, 20), 60e-6), np.ones((20, 20), np.bool_), TWO_INKS, FIVE)
+    step = sum(ink.h1 + 4.0 * ink.h2 + 4.0 * ink.h3 for ink in TWO_INKS) / 2
+    x, y = cell_centers(20, 20, 1e-4)
+    edges = [end for pair in FIVE.intervals(x, y) for end in pair]
+    shift = step / 2.0 if test == "middle" else 0.0
+    for edge in (*np.random.default_rng(1).uniform(-5e-6, 70e-6, (20, 20, 20)), *(edge - shift for edge in edges)):
+        for height in (edge, np.nextafter(edge, 1.0), np.nextafter(edge, -1.0)):
+            for ahead, found in enumerate(InkRegions(job, test).choices(height, 3)):
+                low = height + ahead * step
+                if test == "either":
+                    here, above = FIVE.contains(x, y, low), FIVE.contains(x, y, low + step)
+                    expected = np.where(here & above, 1, np.where(here | above, 3, 2))
+                else:
+                    expected = np.where(FIVE.contains(x, y, low + (step / 2.0 if test == "middle" else 0.0)), 1, 2)
+                np.testing.assert_array_equal(found, expected)
+
+
+def test_columns_are_the_region_that_they_were_made_of() -> None:
+    jobs = [block(inks=TWO_INKS, region=region) for region in (FIVE, Columns.of_shape(FIVE, 10, 9, 263.256e-6))]
+    shape = jobs[0].nx, jobs[0].ny
+    for height in np.random.default_rng(2).uniform(0.0, 60e-6, (20, *shape)):
+        whole, columns = (InkRegions(job, "either").choices(height, 2) for job in jobs)
+        np.testing.assert_array_equal(columns, whole)
+
+
+def test_intervals_of_the_fmu_may_overlap_and_come_in_any_order() -> None:
+    """Three maps that overlap are the one interval that they cover together; a map without one changes nothing."""
+    chosen = {"inks": 2, "has_region": True, "layers_scanned": 0, "measured_height": 6e-6, "horizon": 1}
+    ends = {"region_bottom": [8e-6, 1.0, 2e-6, 5e-6], "region_top": [20e-6, -1.0, 6e-6, 9e-6]}
+    patterns = []
+    for intervals in (4, 1):
+        with Driver("LayerController") as fmu:
+            assert fmu.resize(9, 9, intervals) == OK
+            whole = ends if intervals == 4 else {"region_bottom": [2e-6], "region_top": [20e-6]}
+            maps = {name: np.reshape(values, (intervals, 1, 1)) for name, values in whole.items()}
+            assert fmu.start(chosen | maps).step(0.0) == OK
+            patterns.append(fmu.get("pattern"))
+    np.testing.assert_array_equal(*patterns)
+    assert (patterns[0] == 1).any()
+
+
+def test_state_of_another_number_of_intervals_is_refused() -> None:
+    with Driver("LayerController") as two, Driver("LayerController") as three:
+        assert three.resize(9, 9, 3) == OK
+        saved = two.start().save()
+        assert three.start().restore(saved) == ERROR
+        assert "the state has region_intervals 2; this instance has 3" in three.messages[-1]
+
+
+@pytest.mark.parametrize("count", [0, 65, 2**40])
+def test_number_of_intervals_out_of_range_is_refused(count: int) -> None:
+    with Driver("LayerController") as fmu:
+        assert fmu.resize(9, 9, count) != OK
+        assert "region_intervals" in fmu.messages[0]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_fmu_without_a_region_has_room_for_two_intervals(form: str) -> None:
+    with Driver("LayerController", form) as fmu:
+        assert fmu.get("region_intervals") == 2
+        assert fmu.get("region_bottom").shape == (2, 9, 9)
+        assert (fmu.get("region_bottom") > fmu.get("region_top")).all()
+
+
+@pytest.mark.parametrize("fmi", ["2", "3"])
+def test_fixed_fmu_takes_as_many_intervals_as_it_was_exported_with(fmi: Any, tmp_path: Path) -> None:
+    job, file = block(inks=TWO_INKS, region=FIVE), tmp_path / "controller.fmu"
+
+    def made(intervals: int | None) -> Any:
+        export_fmu("LayerController", nx=10, ny=9, fmi=fmi, fixed=True, intervals=intervals, out=file)
+        return catalog.make("Fmu", job, {"file": str(file)})
+
+    with pytest.raises(
+        ScenarioError, match=r"has 5 intervals .*, this FMU has room for 2 .* --intervals 5 writes one that has"
+    ):
+        made(None)
+    assert describe(file).variables["region_top"].shape({}) == (2, 10, 9)
+    assert made(6).description.variables["region_top"].shape({}) == (6, 10, 9)
+
+
+def test_resizable_fmu_gets_as_many_intervals_as_the_region_has() -> None:
+    job = block(inks=TWO_INKS, region=FIVE)
+    asked = {"region_intervals": 4}
+    with pytest.raises(ScenarioError, match=r"has 5 intervals .* room for 4 .*; leave region_intervals out"):
+        catalog.make("LayerController", job, asked)
+    with pytest.raises(ScenarioError, match="region_intervals is 65; expected 1 to 64"):
+        catalog.make("LayerController", job, {"region_intervals": 65})
+    many = block(inks=TWO_INKS, region=Sheets([k * 1e-6 for k in range(65)], 0.5e-6))
+    with pytest.raises(ScenarioError, match=r"has 65 intervals .*, this FMU has room for 64 .*; take 'LayerMpc'"):
+        catalog.make("LayerController", many, {})
+
+
+@pytest.mark.parametrize(
+    ("model", "intervals", "message"), [("LayerController", 65, "expected 1 to 64"), ("ProfileSensor", 3, "no region")]
+)
+def test_export_refuses_a_number_of_intervals_that_no_fmu_has(
+    model: str, intervals: int, message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(FmuError, match=message):
+        export_fmu(model, intervals=intervals, out=tmp_path / "no.fmu")
+
+
+def test_limit_of_the_intervals_is_that_of_the_fmu() -> None:
+    known = {v.name: v for v in read_definition(find_fmu("LayerController")).variables}
+    assert known[INTERVALS].max == INTERVALS_MAX

@@ -1,0 +1,228 @@
+"""Folders of bitmaps hold exactly what a run jetted, or what its open loop plans."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.cli import main
+from inkloop.exchange.layers import archive
+from inkloop.exchange.layers.patterns import Patterns, of_open_loop, of_run
+from inkloop.printing.run import print_part
+from inkloop.results.result import Result
+from inkloop.scenario.file import Scenario
+from support.bitmap_readers import stored_bits
+from support.places import SCENARIOS
+
+LITTLE = {"components.controller.annealing_sweeps": 0, "run.layers_max": 2}
+GREY = {"components.controller.drop_levels": 5, "components.controller.horizon": 1}
+FOUR_PASSES = {"process.passes": 4, "process.pass_order": "diagonal", "process.pass_rotation": 1}
+
+
+@cache
+def printed(name: str, *changes: tuple[str, Any]) -> Result:
+    return print_part(Scenario.load(SCENARIOS / f"{name}.toml", {**LITTLE, **dict(changes)}))
+
+
+@cache
+def two_inks_in_four_passes() -> Result:
+    """Three layers of the open loop, of which the third has both inks."""
+    whole = Scenario.load(SCENARIOS / "two-materials.toml", {**FOUR_PASSES, "run.layers_max": 3})
+    return print_part(whole.variant("open loop"))
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> str:
+    folder = tmp_path_factory.mktemp("printed") / "run"
+    printed("cuboid").save(folder)
+    return str(folder)
+
+
+def manifest_of(folder: Path) -> dict[str, Any]:
+    return json.loads((folder / archive.MANIFEST).read_text())
+
+
+def planes(folder: Path, form: str = "tiff") -> list[tuple[dict[str, Any], np.ndarray]]:
+    """Each entry of the manifest with the (nx, ny) bits of its file, which has the declared hash."""
+    found = []
+    for entry in manifest_of(folder)["files"]:
+        content = (folder / entry["file"]).read_bytes()
+        assert entry["sha256"] == hashlib.sha256(content).hexdigest()
+        bits = stored_bits(content, form).T
+        assert entry["pixels"] == bits.sum()
+        found.append((entry, bits))
+    assert len(list(folder.iterdir())) == len(found) + 1
+    return found
+
+
+@pytest.mark.parametrize("form", ["tiff", "png", "bmp"])
+def test_bitmaps_are_the_pattern_and_their_sums_are_the_counted_droplets(form: str, tmp_path: Path) -> None:
+    result = two_inks_in_four_passes()
+    archive.write(of_run(result, "run"), tmp_path / "out", form=form, layers=[1, 2, 3], passes=True)
+    pattern = np.zeros_like(result.dataset.pattern.values)
+    counted = np.zeros((4, 2), int)
+    for entry, bits in planes(tmp_path / "out", form):
+        ink = "AB".index(entry["ink"])
+        assert not pattern[entry["layer"]][bits].any(), "a site in two bitmaps"
+        pattern[entry["layer"]] += (ink + 1) * bits
+        counted[entry["layer"], ink] += entry["drops"]
+    assert np.array_equal(pattern, result.dataset.pattern.values)
+    droplets = np.column_stack([result.dataset.droplets_a.values, result.dataset.droplets_b.values])
+    assert np.array_equal(np.cumsum(counted, axis=0), droplets)
+    assert droplets[-1].all()
+
+
+def test_passes_are_numbered_as_they_are_jetted(tmp_path: Path) -> None:
+    """Diagonal order 0, 3, 1, 2, each layer begins one place later: 3, 1, 2, 0 in layer 1, 1, 2, 0, 3 in layer 2."""
+    archive.write(of_run(two_inks_in_four_passes(), "run"), tmp_path / "out", form="png", layers=[1, 2], passes=True)
+    colours = {(entry["layer"], entry["pass"]): entry["colour"] for entry, _ in planes(tmp_path / "out", "png")}
+    assert [colours[1, number] for number in (1, 2, 3, 4)] == [3, 1, 2, 0]
+    assert [colours[2, number] for number in (1, 2, 3, 4)] == [1, 2, 0, 3]
+    for entry, bits in planes(tmp_path / "out", "png"):
+        i, j = np.nonzero(bits)
+        assert {(int(a) % 2, int(b) % 2) for a, b in zip(i, j, strict=True)} <= {divmod(entry["colour"], 2)}
+
+
+@pytest.mark.parametrize("split", ["planes", "bits", None])
+def test_drops_of_several_sizes_add_up(split: str | None, tmp_path: Path) -> None:
+    result = printed("cuboid", *GREY.items())
+    archive.write(of_run(result, "run"), tmp_path / "out", form="bmp", layers=[1, 2], split=split)
+    drops = np.zeros_like(result.dataset.pattern.values)
+    for entry, bits in planes(tmp_path / "out", "bmp"):
+        drops[entry["layer"]] += entry["drops_per_pixel"] * bits
+    jetted = np.where(result.dataset.pattern.values > 0, result.dataset.drop_level.values, 0)
+    assert np.array_equal(drops, jetted)
+    assert jetted.max() > 3
+    assert np.array_equal(np.cumsum(drops.sum(axis=(1, 2))), result.dataset.droplets_a.values)
+    names = {entry["file"] for entry, _ in planes(tmp_path / "out", "bmp")}
+    assert ("L0001_P1_A_b0.bmp" if split == "bits" else "L0001_P1_A_d1.bmp") in names
+    if split != "bits":
+        assert not np.logical_and.reduce([bits for entry, bits in planes(tmp_path / "out", "bmp")][:2]).any()
+
+
+def test_manifest_describes_the_folder(tmp_path: Path) -> None:
+    result = printed("cuboid")
+    archive.write(of_run(result, "run"), tmp_path / "out", form="png", layers=[2])
+    manifest = manifest_of(tmp_path / "out")
+    assert (manifest["width_pixels"], manifest["height_pixels"]) == (12, 12)
+    assert manifest["pitch_x_um"] == pytest.approx(result.dataset.attrs["pitch"] * 1e6, rel=1e-11, abs=0.0)
+    assert manifest["pitch_of_resolution_um"] == pytest.approx(1e6 / 3799, rel=1e-11, abs=0.0)
+    assert manifest["inks"]["A"]["drop_volume_pl"] == pytest.approx(263.256**2 * 7.6e-3, rel=1e-9, abs=0.0)
+    assert manifest["inks"]["A"]["layer_height_um"] == pytest.approx(7.6, rel=1e-12, abs=0.0)
+    assert manifest["scenario_sha256"] == result.run["sha256"]["scenario"]
+    assert [entry["file"] for entry in manifest["files"]] == ["L0002_P1_A.png"]
+
+
+@pytest.mark.parametrize(
+    ("name", "variant"), [("cuboid", "open loop"), ("pipe-junction", "open loop"), ("cylinder-open-loop", None)]
+)
+def test_planned_patterns_are_those_that_the_open_loop_run_jets(name: str, variant: str | None) -> None:
+    whole = Scenario.load(SCENARIOS / f"{name}.toml", {"run.layers_max": 7})
+    run = print_part(whole.variant(variant) if variant else whole)
+    planned = of_open_loop(whole)
+    assert np.array_equal(planned.pattern, run.dataset.pattern.values[1:])
+    assert len(planned.pattern) == run.metrics()["layers"]
+
+
+def test_a_scenario_without_an_open_loop_gets_full_layers_to_its_height() -> None:
+    """A cuboid of 22.8 um in layers of 7.6 um; half a layer is not printed."""
+    text = (SCENARIOS / "cuboid.toml").read_text().partition("[compare.")[0]
+    planned = of_open_loop(Scenario.of_text(text, str(SCENARIOS / "cuboid.toml"), {"part.height_um": 25.0}))
+    assert planned.pattern.shape == (3, 12, 12)
+    assert np.array_equal(planned.pattern[0], planned.pattern[2])
+    assert planned.pattern.sum() == 3 * 64
+
+
+def test_options_of_the_open_loop_count_for_the_plan() -> None:
+    """Two layers, as the comparison run has it, of the three that the height asks for."""
+    changes = {"compare": {"open loop": {"components": {"controller": {"layers": 2}}}}}
+    assert len(of_open_loop(Scenario.load(SCENARIOS / "cuboid.toml", changes)).pattern) == 2
+
+
+def small() -> Patterns:
+    return of_run(printed("cuboid"), "run")
+
+
+def test_a_failed_export_leaves_nothing(tmp_path: Path) -> None:
+    """Neither the folder nor a temporary one, whatever ends the writing."""
+
+    def interrupt(layer: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        archive.write(small(), tmp_path / "new" / "out", form="png", layers=[1, 2], on_layer=interrupt)
+    assert list((tmp_path / "new").iterdir()) == []
+
+
+def test_an_existing_folder_is_kept(run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").write_text("kept")
+    assert main(["export-layers", run_folder, "--out", str(tmp_path / "out")]) == 1
+    assert "is there already" in capsys.readouterr().err
+    with pytest.raises(FileExistsError):
+        archive.write(small(), tmp_path / "out", form="png", layers=[1])
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["mine.txt"]
+
+
+def test_command_writes_chosen_layers_of_a_run(
+    run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(["export-layers", run_folder, "--layers", "2", "--json", "--out", str(out)]) == 0
+    shown = capsys.readouterr()
+    assert "layers 2 to 2, bitmaps: 1" in shown.err
+    assert json.loads(shown.out)["files"] == ["L0002_P1_A.tif"]
+    assert sorted(path.name for path in out.iterdir()) == ["L0002_P1_A.tif", "manifest.json"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--layers", "0-1"], "within layers 1 to 2"),
+        (["--layers", "2-3"], "within layers 1 to 2"),
+        (["--layers", "2-1"], "within layers 1 to 2"),
+        (["--layers", "all"], "expected A-B"),
+        (["--passes"], "a layer is one pass here"),
+        (["--set", "seed=2"], "--set goes with a scenario"),
+    ],
+)
+def test_wrong_options_are_refused(
+    arguments: list[str], message: str, run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(["export-layers", run_folder, *arguments, "--out", str(out)]) == 1
+    assert message in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_folders_that_hold_no_patterns_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = printed("cuboid")
+    (tmp_path / "foreign").mkdir()
+    Result(result.dataset.drop_vars("pattern"), result.run).save(tmp_path / "without")
+    Result(result.dataset.isel(layer=slice(0, 1)), result.run).save(tmp_path / "begun")
+    result.save(tmp_path / "damaged")
+    content = (tmp_path / "damaged" / "result.nc").read_bytes()
+    (tmp_path / "damaged" / "result.nc").write_bytes(content[: len(content) // 2])
+    for name, message in {
+        "foreign": "holds no run.json",
+        "without": "holds no pattern",
+        "begun": "holds no pattern",
+        "damaged": "cannot be read",
+    }.items():
+        assert main(["export-layers", str(tmp_path / name), "--out", str(tmp_path / "out")]) == 1
+        shown = capsys.readouterr().err
+        assert message in shown
+        assert str(tmp_path / name) in shown
+        assert not (tmp_path / "out").exists()
+
+
+def test_an_unknown_format_names_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["export-layers", "run", "--format", "gif"])
+    assert "'tiff', 'png', 'bmp'" in capsys.readouterr().err

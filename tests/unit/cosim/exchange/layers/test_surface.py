@@ -1,0 +1,251 @@
+"""Surfaces of runs as closed bodies and as height maps that a `MapFolder` takes back."""
+
+from __future__ import annotations
+
+import json
+import struct
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.cli import main
+from inkloop.errors import ResultError
+from inkloop.exchange.layers import mesh
+from inkloop.exchange.layers.surface import surface
+from inkloop.geometry import Placement, cell_centers, load
+from inkloop.metrology.height_map import HeightMap
+from inkloop.metrology.map_folder import MapFolder
+from inkloop.printing.run import print_part
+from inkloop.results.result import Result
+from inkloop.scenario.file import Scenario
+from support.places import SCENARIOS
+
+DX, DY = 2e-4, 3e-4
+
+
+@cache
+def cuboid() -> Scenario:
+    little = {"components.controller.annealing_sweeps": 0, "run.layers_max": 2}
+    noisy = {"components.profiler.dropout_rate": 0.2, "components.profiler.noise_std_um": 0.1}
+    return Scenario.load(SCENARIOS / "cuboid.toml", {**little, **noisy})
+
+
+@cache
+def printed() -> Result:
+    return print_part(cuboid())
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> str:
+    folder = tmp_path_factory.mktemp("printed") / "run"
+    printed().save(folder)
+    return str(folder)
+
+
+def rough(shape: tuple[int, int] = (6, 4)) -> HeightMap:
+    z = np.random.default_rng(5).normal(2e-5, 1e-5, shape)
+    return HeightMap(z, DX, DY, source="rough")
+
+
+def stl_corners(path: Path) -> np.ndarray:
+    """(k, 3, 3) corners of a binary STL file, whose stored normals point outward."""
+    content = path.read_bytes()
+    count = struct.unpack_from("<I", content, 80)[0]
+    assert len(content) == 84 + 50 * count
+    triangles = np.frombuffer(content, np.dtype([("all", "<f4", (4, 3)), ("rest", "<u2")]), count, 84)["all"]
+    corners = triangles[:, 1:].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (np.einsum("ij,ij->i", normals, triangles[:, 0]) > 0.0).all()
+    return corners
+
+
+def glb_corners(path: Path) -> np.ndarray:
+    """(k, 3, 3) corners of the one mesh of a GLB file (glTF 2.0, section 4.4)."""
+    content = path.read_bytes()
+    magic, version, size, json_size, kind = struct.unpack_from("<4sII I4s", content)
+    assert (magic, version, size, kind) == (b"glTF", 2, len(content), b"JSON")
+    tree = json.loads(content[20 : 20 + json_size])
+    binary = content[20 + json_size + 8 :]
+    (primitive,) = tree["meshes"][0]["primitives"]
+
+    def numbers(accessor: int) -> np.ndarray:
+        entry = tree["accessors"][accessor]
+        view = tree["bufferViews"][entry["bufferView"]]
+        width = {"SCALAR": 1, "VEC3": 3}[entry["type"]]
+        dtype = {5125: "<u4", 5126: "<f4"}[entry["componentType"]]
+        begin = view.get("byteOffset", 0) + entry.get("byteOffset", 0)
+        return np.frombuffer(binary, dtype, entry["count"] * width, begin).reshape(-1, width)
+
+    vertices = numbers(primitive["attributes"]["POSITION"]).astype(np.float64)
+    return vertices[numbers(primitive["indices"])[:, 0].reshape(-1, 3)]
+
+
+def check_closed(corners: np.ndarray) -> None:
+    """Every directed edge once, and its reverse once."""
+    keys = [tuple(corner) for corner in corners.reshape(-1, 3)]
+    edges = [(keys[3 * k + a], keys[3 * k + b]) for k in range(len(corners)) for a, b in ((0, 1), (1, 2), (2, 0))]
+    assert len(set(edges)) == len(edges)
+    assert {(b, a) for a, b in edges} == set(edges)
+
+
+def enclosed(corners: np.ndarray) -> float:
+    """Volume by the divergence theorem, positive where the triangles look outward."""
+    return float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum()) / 6.0
+
+
+def under(map_: HeightMap, floor: float) -> float:
+    """Volume between floor and surface: each square is two triangles, a prism is its area times the mean height."""
+    z = map_.z - floor
+    a, b, c, d = z[:-1, :-1], z[1:, :-1], z[1:, 1:], z[:-1, 1:]
+    return float((map_.dx * map_.dy / 6.0 * (2.0 * a + b + 2.0 * c + d)).sum())
+
+
+@pytest.mark.parametrize(("form", "scale"), [("stl", 1e3), ("glb", 1.0)])
+@pytest.mark.parametrize("shape", [(2, 2), (2, 5), (6, 4)])
+def test_a_body_is_closed_and_has_the_volume_of_the_map(
+    form: str, scale: float, shape: tuple[int, int], tmp_path: Path
+) -> None:
+    map_ = rough(shape)
+    mesh.write(tmp_path / "body", map_, form)
+    corners = (stl_corners if form == "stl" else glb_corners)(tmp_path / "body") / scale
+    check_closed(corners)
+    assert enclosed(corners) == pytest.approx(under(map_, mesh.floor_of(map_)), rel=1e-5, abs=0.0)
+
+
+def test_the_top_of_a_body_is_the_map_to_float32(tmp_path: Path) -> None:
+    """In STL in mm with z up; in GLB in m with y up, so that the grid's y is -z."""
+    map_ = rough()
+    mesh.write(tmp_path / "body.stl", map_, "stl")
+    mesh.write(tmp_path / "body.glb", map_, "glb")
+    i, j = np.indices(map_.shape)
+    upright = np.column_stack([i.ravel() * DX, j.ravel() * DY, map_.z.ravel()])
+    turned = np.column_stack([upright[:, 0], upright[:, 2], -upright[:, 1]])
+    for corners, expected in (
+        (stl_corners(tmp_path / "body.stl"), upright * 1e3),
+        (glb_corners(tmp_path / "body.glb"), turned),
+    ):
+        found = {tuple(corner) for corner in corners.reshape(-1, 3).astype(np.float32) + np.float32(0.0)}
+        assert {tuple(corner) for corner in expected.astype(np.float32) + np.float32(0.0)} <= found
+
+
+def test_a_body_read_as_a_part_has_the_surface_as_its_top(tmp_path: Path) -> None:
+    """In every column but those on its walls, which belong to one side of it only."""
+    map_ = HeightMap(rough((9, 7)).z, DX, DX)
+    mesh.write(tmp_path / "body.stl", map_, "stl")
+    part = load(tmp_path / "body.stl", 9, 7, DX, unit="mm", placement=Placement("as-is"))
+    tops = part.top(*cell_centers(9, 7, DX))
+    assert tops[1:-1, 1:-1] == pytest.approx(map_.z[1:-1, 1:-1], rel=1e-6, abs=1e-11)
+    assert part.counts[1:-1, 1:-1].max() == part.counts[1:-1, 1:-1].min() == 1
+
+
+def test_the_floor_is_a_pixel_below_all() -> None:
+    assert mesh.floor_of(HeightMap(np.full((2, 2), 1e-5), DX, DY)) == pytest.approx(-DX, rel=1e-12, abs=0.0)
+    assert mesh.floor_of(HeightMap(np.full((2, 2), -1e-5), DX, DY)) == pytest.approx(-1e-5 - DX, rel=1e-12, abs=0.0)
+
+
+def test_a_body_with_holes_is_refused_and_writes_nothing(tmp_path: Path) -> None:
+    z = rough().z.copy()
+    z[2, 2] = np.nan
+    with pytest.raises(ResultError, match="1 of 24 cells have no height"):
+        mesh.write(tmp_path / "body.stl", HeightMap(z, DX, DY), "stl")
+    with pytest.raises(ResultError, match="needs 2 x 2"):
+        mesh.write(tmp_path / "body.stl", HeightMap(np.ones((5, 1)), DX, DY), "stl")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_surface_is_the_layer_of_the_run() -> None:
+    run = printed().dataset
+    for layer in (0, 1, 2):
+        assert np.array_equal(surface(printed(), "run", layer=layer).z, run.height.values[layer])
+    assert np.array_equal(surface(printed(), "run").z, run.height.values[2])
+    target = surface(printed(), "run", name="target", part=True)
+    assert np.array_equal(target.z, run.target_height.where(run.mask).values, equal_nan=True)
+
+
+def test_cells_that_a_scan_did_not_measure_have_no_height() -> None:
+    """Also where the run took its surface from the scans, as with a real printer."""
+    run = printed().dataset
+    scanned = surface(printed(), "run", name="measured", layer=1)
+    expected = np.where(run.valid.values[1], run.measured_height.values[1], np.nan)
+    assert np.array_equal(scanned.z, expected, equal_nan=True)
+    assert 0 < np.isnan(scanned.z).sum() < scanned.z.size
+    taken = run.height.copy(data=run.measured_height.values).assign_attrs(long_name="surface: measured_height")
+    assert np.array_equal(
+        surface(Result(run.assign(height=taken), printed().run), "run", layer=1).z, expected, equal_nan=True
+    )
+
+
+@pytest.mark.parametrize(("form", "options"), [("sdf", {}), ("x3p", {}), ("tif", {}), ("npy", {"unit": "m"})])
+def test_a_map_folder_takes_the_surface_back(
+    form: str, options: dict[str, Any], run_folder: str, tmp_path: Path
+) -> None:
+    name = "tiff" if form == "tif" else form
+    for layer in (0, 1, 2):
+        out = tmp_path / f"layer_{layer:04d}.{form}"
+        arguments = ["--format", name, "--layer", str(layer), "--out", str(out)]
+        assert main(["export-surface", run_folder, *arguments]) == 0
+    pixel = {"pixel_um": printed().dataset.attrs["pitch"] * 1e6} if form == "npy" else {}
+    folder = MapFolder(
+        cuboid().job(),
+        folder=str(tmp_path),
+        file_name=f"layer_{{layer:04d}}.{form}",
+        replay=True,
+        complete="renamed",
+        **options,
+        **pixel,
+    )
+    folder.initialize(0, {"layers_printed": np.asarray(0)})
+    for layer in (0, 1, 2):
+        outputs = folder.do_step(layer, 1, {"layers_printed": np.asarray(layer)})
+        assert outputs["layers_scanned"] == layer
+        assert outputs["valid"].all()
+        # cell means divide by shares of cells, which round; a float32 has 24 bits
+        tolerance = 1e-6 if form == "tif" else 1e-9
+        height = printed().dataset.height.values[layer]
+        assert np.abs(outputs["measured_height"] - height).max() <= tolerance * np.abs(height).max()
+
+
+def test_a_filled_part_becomes_a_body(run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["export-surface", run_folder, "--format", "stl", "--part", "--out", str(tmp_path / "part.stl")]
+    assert main(arguments) == 1
+    assert "80 of 144 cells have no height" in capsys.readouterr().err
+    assert main([*arguments, "--fill-um", "0"]) == 0
+    assert "12 x 12 cells" in capsys.readouterr().out
+    run = printed().dataset
+    filled = HeightMap(np.where(run.mask.values, run.height.values[-1], 0.0), run.attrs["pitch"], run.attrs["pitch"])
+    corners = stl_corners(tmp_path / "part.stl") * 1e-3
+    check_closed(corners)
+    assert enclosed(corners) == pytest.approx(under(filled, mesh.floor_of(filled)), rel=1e-5, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--layer", "3"], "holds no layer 3; it has layers 0 (the start surface) to 2"),
+        (["--layer", "-1"], "holds no layer -1"),
+    ],
+)
+def test_wrong_layers_are_refused(
+    arguments: list[str], message: str, run_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out.npy"
+    assert main(["export-surface", run_folder, "--format", "npy", *arguments, "--out", str(out)]) == 1
+    assert message in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_missing_map_names_those_that_exist() -> None:
+    without = Result(printed().dataset.drop_vars(["height", "estimated_height"]), printed().run)
+    with pytest.raises(ResultError, match="holds no printed surface; it has measured, target"):
+        surface(without, "run")
+
+
+def test_foreign_folders_and_unknown_formats_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export-surface", str(tmp_path), "--format", "npy"]) == 1
+    assert "holds no run.json" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["export-surface", str(tmp_path), "--format", "obj"])
+    assert "'stl', 'glb', 'sdf', 'x3p', 'tiff', 'npy'" in capsys.readouterr().err

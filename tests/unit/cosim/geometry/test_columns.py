@@ -1,0 +1,184 @@
+"""Columns of height intervals: membership, the half-open rule, set algebra, what they refuse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.component import BoolMap, FloatMap, HeightIntervals
+from inkloop.geometry import Columns, Cuboid, Cylinder, PipeJunction, Staircase, cell_centers, contained
+
+PITCH = 1e-4
+NX, NY = 9, 7
+SHAPES = (
+    Cylinder(4e-4, 3e-4, 2.5e-4, 40e-6),
+    Cuboid(4e-4, 3e-4, 4e-4, 2e-4, 30e-6),
+    Staircase(4e-4, 3e-4, 6e-4, 4e-4, 3, 60e-6),
+    PipeJunction(4e-4, 3e-4, 3e-4, 10e-6, 2e-4, 6e-6, 20e-6),
+)
+
+
+@dataclass(frozen=True)
+class Ball:
+    """Centre and radius [m]; above the substrate or not."""
+
+    x: float
+    y: float
+    z: float
+    radius: float
+
+    def contains(self, x: FloatMap, y: FloatMap, z: FloatMap) -> np.ndarray:
+        return contained(self.intervals(x, y), z)
+
+    def intervals(self, x: FloatMap, y: FloatMap) -> HeightIntervals:
+        left = self.radius**2 - (x - self.x) ** 2 - (y - self.y) ** 2
+        half = np.sqrt(np.maximum(left, 0.0))
+        return ((np.where(left >= 0.0, self.z - half, np.inf), np.where(left >= 0.0, self.z + half, -np.inf)),)
+
+
+def columns_of(offsets: list[int], bottoms: list[float], tops: list[float]) -> Columns:
+    """One row of cells."""
+    return Columns(1, len(offsets) - 1, PITCH, np.array(offsets), np.array(bottoms), np.array(tops))
+
+
+def of(shape) -> Columns:
+    return Columns.of_shape(shape, NX, NY, PITCH)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
+def test_columns_of_a_shape_contain_what_the_shape_contains(shape) -> None:
+    x, y = cell_centers(NX, NY, PITCH)
+    columns = of(shape)
+    for bottom, top in shape.intervals(x, y):
+        for ends in (bottom, top):
+            for z in (np.nextafter(ends, -np.inf), ends, np.nextafter(ends, np.inf)):
+                np.testing.assert_array_equal(columns.inside(z), shape.contains(x, y, z))
+                np.testing.assert_array_equal(columns.contains(x, y, z), shape.contains(x, y, z))
+    assert columns.height == pytest.approx(shape.height, rel=1e-6, abs=0.0)
+
+
+def test_intervals_are_the_heights_that_columns_contain() -> None:
+    columns = of(SHAPES[3])
+    x, y = cell_centers(NX, NY, PITCH)
+    for ends in (*columns.bottoms, *columns.tops):
+        for height in (np.nextafter(ends, -1.0), ends, np.nextafter(ends, 1.0)):
+            z = np.full(x.shape, height)
+            np.testing.assert_array_equal(contained(columns.intervals(x, y), z), columns.inside(z))
+
+
+def test_an_interval_holds_its_bottom_and_not_its_top() -> None:
+    columns = columns_of([0, 1, 1], [1e-6], [2e-6])
+    x, y = np.zeros(2), np.zeros(2)
+    np.testing.assert_array_equal(columns.contains(x, y, np.array([1e-6, 2e-6])), [True, False])
+
+
+def test_a_point_belongs_to_the_cell_with_the_nearest_centre() -> None:
+    columns = columns_of([0, 1, 1], [0.0], [1.0])
+    y = np.array([-0.51, -0.5, 0.0, 0.49, 0.5, 1.49, 1.5]) * PITCH
+    inside = columns.contains(np.zeros_like(y), y, np.zeros_like(y))
+    np.testing.assert_array_equal(inside, [False, True, True, True, False, False, False])
+    assert columns.top(np.zeros_like(y), y).tolist() == [0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+
+
+def test_points_that_are_no_numbers_are_outside() -> None:
+    columns = columns_of([0, 1], [-1.0], [1.0])
+    nan, zero = np.full(1, np.nan), np.zeros(1)
+    for point in ((nan, zero, zero), (zero, nan, zero), (zero, zero, nan)):
+        assert not columns.contains(*point).any()
+    assert not columns.inside(np.full((1, 1), np.nan)).any()
+
+
+def test_touching_and_overlapping_intervals_become_one() -> None:
+    cell, bottom, top = np.array([1, 1, 1, 0, 1]), np.array([2.0, 0, 5, 3, 1]), np.array([3.0, 1, 5, 2, 2.5])
+    columns = Columns.of_intervals(2, 1, 1.0, cell, bottom, top)
+    assert (columns.offsets.tolist(), columns.bottoms.tolist(), columns.tops.tolist()) == ([0, 0, 1], [0.0], [3.0])
+    assert columns.volume == pytest.approx(3.0, rel=1e-15, abs=0.0)
+    assert columns.mask.tolist() == [[False], [True]]
+
+
+def test_arrays_outlive_the_columns_and_cannot_be_written() -> None:
+    columns = of(SHAPES[0])
+    tops, volume = columns.tops, columns.volume
+    with pytest.raises(ValueError, match="read-only"):
+        tops[0] = 1.0
+    del columns
+    bottoms = [of(shape).bottoms for shape in SHAPES for _ in range(50)]
+    assert len(bottoms) == 200
+    assert float(tops.sum()) * PITCH**2 == pytest.approx(volume, rel=1e-6, abs=0.0)
+
+
+def test_columns_of_a_shape_give_back_its_intervals() -> None:
+    """To the last bit: the controller in C is given these, the one in Python asks `contains`."""
+    x, y = cell_centers(NX, NY, PITCH)
+    (low, high), (expected_low, expected_high) = ((sorted_ends(part, x, y)) for part in (of(SHAPES[3]), SHAPES[3]))
+    np.testing.assert_array_equal(low, expected_low)
+    np.testing.assert_array_equal(high, expected_high)
+
+
+def sorted_ends(part, x: FloatMap, y: FloatMap) -> tuple[np.ndarray, np.ndarray]:
+    """Bottoms and tops of the intervals that are not empty, in the order of the cells."""
+    ends = np.array([np.broadcast_arrays(*interval) for interval in part.intervals(x, y)])
+    bottom, top = ends[:, 0].reshape(len(ends), -1).T, ends[:, 1].reshape(len(ends), -1).T
+    return bottom[bottom <= top], top[bottom <= top]
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"offsets": [0, 1]}, "have shapes"),
+        ({"offsets": [0, 2, 1]}, "do not ascend from 0"),
+        ({"bottoms": [0.0, 0.5], "tops": [0.5, 1.0]}, r"cell \(0, 1\)"),
+        ({"bottoms": [0.0, 1.0], "tops": [0.5, np.nan]}, r"cell \(0, 1\)"),
+        ({"bottoms": [0.0, 1.0], "tops": [0.5, 1.0]}, r"cell \(0, 1\)"),
+        ({"pitch": 0.0}, "a length above 0"),
+    ],
+)
+def test_columns_that_do_not_ascend_are_refused(changed, reason) -> None:
+    good: dict[str, Any] = {
+        "nx": 1,
+        "ny": 2,
+        "pitch": 1.0,
+        "offsets": [0, 0, 2],
+        "bottoms": [0.0, 1.0],
+        "tops": [0.5, 2.0],
+    }
+    Columns(**good)
+    with pytest.raises(ValueError, match=reason):
+        Columns(**good | changed)
+
+
+def test_columns_on_another_grid_are_refused() -> None:
+    with pytest.raises(ValueError, match="needs one grid"):
+        _ = of(SHAPES[0]) | Columns.of_shape(SHAPES[0], NX, NY, 2 * PITCH)
+
+
+def test_algebra_of_random_trees_of_balls_is_that_of_their_points() -> None:
+    rng = np.random.default_rng(5)
+    x, y = cell_centers(NX, NY, PITCH)
+
+    def tree(depth: int) -> tuple[Columns, Callable[[FloatMap], BoolMap]]:
+        if depth == 0:
+            ball = Ball(*rng.uniform((0.0, 0.0, 0.0, 1e-4), (9e-4, 7e-4, 5e-4, 4e-4)).tolist())
+            return of(ball), lambda z: ball.contains(x, y, z)
+        (left, in_left), (right, in_right) = tree(depth - 1), tree(depth - 1)
+        match rng.integers(3):
+            case 0:
+                return left | right, lambda z: in_left(z) | in_right(z)
+            case 1:
+                return left & right, lambda z: in_left(z) & in_right(z)
+            case _:
+                return left - right, lambda z: in_left(z) & ~in_right(z)
+
+    marked = 0
+    for depth in (1, 2, 3, 4) * 5:
+        columns, is_inside = tree(depth)
+        heights = rng.uniform(-2e-4, 7e-4, (8, NX, NY))
+        for z in heights:
+            expected = is_inside(z)
+            np.testing.assert_array_equal(columns.inside(z), expected)
+            marked += int(expected.sum())
+    assert marked > 1000

@@ -1,0 +1,167 @@
+"""Meshes from files: formats, units, placement, inks, and what is refused."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.errors import GeometryError
+from inkloop.geometry import Columns, Placement, load
+from inkloop.geometry.body import Body, walls_on_centers
+from inkloop.geometry.mesh_file import read_bodies
+from support import meshes
+
+WRITERS = {
+    "binary.stl": meshes.binary_stl,
+    "solid.stl": lambda triangles: meshes.binary_stl(triangles, b"solid of a program that writes binary"),
+    "ascii.stl": meshes.ascii_stl,
+    "mesh.ply": meshes.ply,
+    "mesh.obj": meshes.obj,
+}
+WEDGE = meshes.hull(np.array([(0, 0, 0), (4, 0, 0), (0, 2, 0), (4, 2, 0), (0, 0, 1), (0, 2, 1)], dtype=np.float64))
+"""4 x 2 x 1, highest at x = 0."""
+
+
+def written(folder: Path, name: str, data: bytes) -> Path:
+    path = folder / name
+    path.write_bytes(data)
+    return path
+
+
+def loaded(path: Path, placement: Placement | None = None, **options) -> Columns:
+    """Over 60 x 50 cells of 0.1 mm."""
+    return load(path, 60, 50, 1e-4, placement=placement, **{"unit": "mm", **options})
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_formats_give_the_same_columns(tmp_path: Path, name: str) -> None:
+    found = loaded(written(tmp_path, name, WRITERS[name](WEDGE)))
+    expected = loaded(written(tmp_path, "expected.stl", meshes.binary_stl(WEDGE)))
+    np.testing.assert_array_equal(found.offsets, expected.offsets)
+    np.testing.assert_array_equal(found.tops, expected.tops)
+    assert found.mask.sum() == 40 * 20
+    assert found.height == pytest.approx(79 / 80 * 1e-3, rel=1e-6, abs=0.0)  # half a cell from the edge
+    assert found.volume == pytest.approx(4e-9, rel=0.03, abs=0.0)
+
+
+def test_polygons_of_obj_and_ply_become_triangles(tmp_path: Path) -> None:
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    faces = [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
+    obj = [f"v {x} {y} {z}" for x, y, z in corners] + ["f " + " ".join(str(n + 1) for n in face) for face in faces]
+    header = ["ply", "format ascii 1.0", "element vertex 8", *(f"property float {axis}" for axis in "xyz")]
+    header += ["element face 6", "property list uchar int vertex_indices", "end_header"]
+    ply = [*header, *(f"{x} {y} {z}" for x, y, z in corners), *("4 " + " ".join(map(str, face)) for face in faces)]
+    for name, lines in (("box.obj", obj), ("box.ply", ply)):
+        (body,) = read_bodies(written(tmp_path, name, "\n".join([*lines, ""]).encode()), "mm")
+        assert body.volume == pytest.approx(1e-9, rel=1e-12, abs=0.0)
+
+
+def test_units_scale_the_part(tmp_path: Path) -> None:
+    path = written(tmp_path, "wedge.stl", meshes.binary_stl(WEDGE))
+    (inches,) = read_bodies(path, "in")
+    assert np.ptp(inches.triangles[..., 0]) == pytest.approx(4 * 0.0254, rel=1e-12, abs=0.0)
+
+
+def test_part_stands_on_the_middle_of_the_grid(tmp_path: Path) -> None:
+    found = loaded(written(tmp_path, "wedge.stl", meshes.binary_stl(WEDGE + np.array([70.0, -3.0, 12.0]))))
+    i, j = np.nonzero(found.mask)
+    assert (i.min(), i.max(), j.min(), j.max()) == (10, 49, 15, 34)
+    assert set(found.bottoms) == {0.0}
+
+
+@pytest.mark.parametrize(
+    ("placement", "first", "size", "highest"),
+    [
+        (Placement("as-is"), (0, 0), (40, 20), (0, 0)),
+        (Placement(rotate_deg=(0, 0, 90)), (20, 5), (20, 40), (20, 5)),
+        (Placement(mirror="x"), (10, 15), (40, 20), (49, 15)),
+        (Placement(scale=0.5), (20, 20), (20, 10), (20, 20)),
+        (Placement(position=(2.55e-3, 1.05e-3)), (6, 1), (40, 20), (6, 1)),
+    ],
+)
+def test_placement_moves_turns_mirrors_and_scales(tmp_path: Path, placement, first, size, highest) -> None:
+    found = loaded(written(tmp_path, "wedge.stl", meshes.binary_stl(WEDGE)), placement)
+    i, j = np.nonzero(found.mask)
+    assert (i.min(), j.min()) == first
+    assert (np.ptp(i) + 1, np.ptp(j) + 1) == size
+    top = found.top(*(np.indices((60, 50)) * 1e-4))
+    assert top[highest] == top.max()
+    assert found.volume > 0.0
+
+
+def test_rotation_by_right_angles_keeps_walls_upright() -> None:
+    matrix = Placement(rotate_deg=(90.0, -180.0, 450.0)).matrix
+    np.testing.assert_array_equal(np.abs(matrix).sum(axis=0), 1.0)
+    np.testing.assert_allclose(Placement(rotate_deg=(30.0, 20.0, 10.0)).matrix @ matrix.T @ matrix, atol=1e-15,
+                               desired=Placement(rotate_deg=(30.0, 20.0, 10.0)).matrix)  # fmt: skip
+
+
+def test_placement_lists_all_that_is_wrong() -> None:
+    with pytest.raises(ValueError, match=r"(?s)place is.*rotate_deg.*scale.*mirror is 'w'.*position is"):
+        Placement("floating", (0.0, np.nan, 0.0), 0.0, "w", (np.inf, 0.0))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="as-is, which moves nothing"):
+        Placement("as-is", position=(0.0, 0.0))
+
+
+def test_walls_on_rows_of_centres_are_found() -> None:
+    box = Body(meshes.box((1e-3, 2.5e-3, 0.0), (4e-3, 6e-3, 1e-3)))
+    assert walls_on_centers([box], 1e-3) == pytest.approx((1e-3, 4e-3, 6e-3), rel=1e-12, abs=0.0)
+    assert walls_on_centers([Body(box.triangles + 0.5e-3)], 1e-3) == pytest.approx((3e-3,), rel=1e-12, abs=0.0)
+
+
+def holed(triangles: meshes.Triangles, count: int) -> bytes:
+    """Without the highest triangles."""
+    return meshes.binary_stl(triangles[np.argsort(triangles[..., 2].mean(axis=1))[:-count]])
+
+
+TORUS = meshes.torus(150, 60, 1.6, 0.6)
+REFUSED: dict[str, tuple[str, bytes, dict[str, Any], str]] = {
+    "no unit": ("a.stl", meshes.binary_stl(WEDGE), {"unit": None}, "does not state the unit.*give unit: um, mm"),
+    "other unit": ("a.stl", meshes.binary_stl(WEDGE), {"unit": "mile"}, "unit is 'mile'; expected one of um"),
+    "other suffix": ("a.step", b"", {}, "has suffix '.step'; expected one of .stl, .obj, .ply, .3mf"),
+    "missing bytes": ("a.stl", meshes.binary_stl(WEDGE)[:-7], {}, "is binary STL that states 8 triangles.*484 bytes"),
+    "binary solid": ("a.stl", meshes.binary_stl(WEDGE, b"solid")[:-7], {}, "begins with 'solid'.*but is binary"),
+    "word for number": ("a.stl", meshes.ascii_stl(WEDGE).replace(b"4.0", b"four"), {}, "is damaged.*could not be read"),
+    "facet lost": ("a.stl", meshes.ascii_stl(WEDGE) + b"facet normal 0 0 0", {}, "has 9 faces, of which 8 can be read"),
+    "nan": ("a.stl", meshes.binary_stl(np.where(WEDGE == 4, np.nan, WEDGE)), {}, "6 triangles.*nan or infinite"),
+    "infinite": ("a.ply", meshes.ply(WEDGE).replace(b"4.0", b"inf"), {}, "6 triangles.*nan or infinite"),
+    "no faces": ("a.ply", meshes.ply(WEDGE[:0]), {}, "holds no triangles"),
+    "empty": ("a.stl", b"", {}, "84 bytes; it has 0"),
+    "face beyond": ("a.ply", meshes.ply(WEDGE).replace(b"3 0 1 2", b"3 0 1 99"), {}, "vertices 0 to 99; needs 0 to 23"),
+    "relative": ("a.obj", meshes.obj(WEDGE).replace(b"f 1 2 3", b"f -1 -2 -3"), {}, "negative.*absolute"),
+    "too wide": ("a.stl", meshes.binary_stl(2 * WEDGE), {}, r"reaches from x = -1.05 mm to 6.95 mm; the cells"),
+    "between centres": ("a.stl", meshes.binary_stl(WEDGE / 100), {}, "no centre of a cell"),
+    "inside out": ("a.stl", meshes.binary_stl(WEDGE[:, ::-1]), {}, "800 of 800.*inside out.*flip normals"),
+    "hole": ("a.stl", holed(TORUS, 400), {}, r"columns \(0\.\d+\) are open.*first at \(.*mm, \(.*mm.*mend the mesh"),
+    "not a package": ("a.3mf", b"PK\3\4 no more", {}, "is damaged, or its suffix is wrong"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_bad_files_are_refused_by_name(tmp_path: Path, case: str) -> None:
+    name, data, options, message = REFUSED[case]
+    with pytest.raises(GeometryError, match=f"(?s){re.escape(name)}.*{message}"):
+        loaded(written(tmp_path, name, data), **options)
+
+
+def test_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(GeometryError, match=r"gone\.stl: cannot be read: No such file"):
+        loaded(tmp_path / "gone.stl")
+
+
+def test_neighbours_fill_a_small_hole_and_refuse_a_large_one(tmp_path: Path) -> None:
+    whole = load(written(tmp_path, "a.stl", meshes.binary_stl(TORUS)), 300, 300, 2e-5, unit="mm")
+    path = written(tmp_path, "b.stl", holed(TORUS, 1))
+    with pytest.raises(GeometryError, match=r"up to 0\.1%"):
+        load(path, 300, 300, 2e-5, unit="mm")
+    mended = load(path, 300, 300, 2e-5, unit="mm", open_columns="neighbours")
+    np.testing.assert_array_equal(mended.mask, whole.mask)
+    assert mended.volume == pytest.approx(whole.volume, rel=1e-4, abs=0.0)
+    changed = np.flatnonzero(mended.counts.ravel() != whole.counts.ravel())
+    assert changed.size == 0
+    with pytest.raises(GeometryError, match=r"takes at most 0\.1%"):
+        load(written(tmp_path, "c.stl", holed(TORUS, 200)), 300, 300, 2e-5, unit="mm", open_columns="neighbours")

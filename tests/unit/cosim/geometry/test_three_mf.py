@@ -1,0 +1,147 @@
+"""3MF: bodies with names, materials and transforms; inks by name; packages that are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inkloop.errors import GeometryError
+from inkloop.geometry import load, load_inks
+from inkloop.geometry.mesh_file import read_bodies
+from support import meshes
+from support.three_mf import mesh_object, model_xml, package
+
+pytest.importorskip("lib3mf")
+
+LOW, HIGH = meshes.box((0, 0, 0), (3, 2, 1)), meshes.box((0, 0, 1), (3, 2, 2))
+TWO = mesh_object(2, LOW, "ground", 0) + mesh_object(3, HIGH, "cover", 1)
+ITEMS = '<item objectid="2"/><item objectid="3"/>'
+
+
+def written(folder: Path, model: str | bytes, others: dict[str, bytes] | None = None) -> Path:
+    path = folder / "part.3mf"
+    path.write_bytes(package(model, others))
+    return path
+
+
+def test_bodies_have_names_materials_and_the_unit_of_the_file(tmp_path: Path) -> None:
+    ground, cover = read_bodies(written(tmp_path, model_xml(TWO, ITEMS, "inch", materials="stiff soft")))
+    assert (ground.name, ground.material, cover.name, cover.material) == ("ground", "stiff", "cover", "soft")
+    assert cover.volume == pytest.approx(6 * 0.0254**3, rel=1e-6, abs=0.0)
+    assert cover.triangles[..., 2].min() == pytest.approx(0.0254, rel=1e-6, abs=0.0)
+
+
+def test_components_and_transforms_place_copies(tmp_path: Path) -> None:
+    """An object twice in an assembly, once mirrored, which is moved by its item."""
+    parts = '<component objectid="2"/><component objectid="2" transform="-1 0 0 0 1 0 0 0 1 8 0 5"/>'
+    assembly = f'<object id="4" type="model" name="pair"><components>{parts}</components></object>'
+    item = '<item objectid="4" transform="0 1 0 -1 0 0 0 0 1 10 0 0"/>'
+    one, other = read_bodies(written(tmp_path, model_xml(mesh_object(2, LOW) + assembly, item)))
+    assert (one.name, other.name) == ("pair", "pair")
+    for body, low, high in ((one, (8, 0, 0), (10, 3, 1)), (other, (8, 5, 5), (10, 8, 6))):
+        np.testing.assert_allclose(body.triangles.min(axis=(0, 1)) * 1e3, low, atol=1e-6)
+        np.testing.assert_allclose(body.triangles.max(axis=(0, 1)) * 1e3, high, atol=1e-6)
+        assert body.volume == pytest.approx(6e-9, rel=1e-6, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    "inks", [{"ground": "A", "cover": "B"}, {"stiff": "A", "soft": "B"}, {"ground": "A", "soft": "B"}]
+)
+def test_inks_go_by_object_or_material(tmp_path: Path, inks: dict[str, str]) -> None:
+    path = written(tmp_path, model_xml(TWO, ITEMS, materials="stiff soft"))
+    regions = load_inks(path, 40, 30, 1e-4, inks)
+    whole = load(path, 40, 30, 1e-4)
+    assert list(regions) == ["A", "B"]
+    assert (regions["A"].height, regions["B"].height) == pytest.approx((1e-3, 2e-3), rel=1e-9, abs=0.0)
+    assert (regions["A"] & regions["B"]).volume == 0.0
+    np.testing.assert_array_equal((regions["A"] | regions["B"]).tops, whole.tops)
+
+
+def test_objects_without_ink_and_names_without_object_are_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, model_xml(TWO, ITEMS, materials="stiff soft"))
+    message = "object 'cover' of material 'soft' has no ink.*inks: no object or material is called 'grond'.*'?ground"
+    with pytest.raises(GeometryError, match=f"(?s){message}"):
+        load_inks(path, 40, 30, 1e-4, {"ground": "A", "grond": "B"})
+
+
+def test_unit_must_agree_with_that_of_the_file(tmp_path: Path) -> None:
+    with pytest.raises(GeometryError, match="states coordinates in mm, but unit is 'in'"):
+        read_bodies(written(tmp_path, model_xml(TWO, ITEMS, materials="stiff soft")), "in")
+
+
+@pytest.mark.parametrize(
+    ("attributes", "message"),
+    [
+        (
+            'xmlns:s="http://schemas.microsoft.com/3dmanufacturing/slice/2015/07" requiredextensions="s"',
+            "extension s .*slice",
+        ),
+        (
+            'xmlns:v="http://schemas.3mf.io/3dmanufacturing/volumetric/2022/01" requiredextensions="v"',
+            r"3D/3dmodel.model requires the extension v \(http.*volumetric",
+        ),
+        ('requiredextensions="q"', r"extension q \(q\), which is not read"),
+    ],
+)
+def test_required_extensions_that_are_not_read_are_refused(tmp_path: Path, attributes: str, message: str) -> None:
+    with pytest.raises(GeometryError, match=message):
+        read_bodies(written(tmp_path, model_xml(TWO, ITEMS, attributes=attributes, materials="stiff soft")))
+
+
+def test_attributes_of_a_slicer_are_skipped(tmp_path: Path) -> None:
+    model = model_xml(mesh_object(2, LOW), '<item objectid="2" printable="1"/>')
+    painted = model.replace('<triangle v1="0"', '<triangle paint_color="4" v1="0"')
+    (body,) = read_bodies(written(tmp_path, painted, {"Metadata/slicer.config": b"; layer_height = 0.2"}))
+    assert body.volume == pytest.approx(6e-9, rel=1e-6, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("found", "put", "message"),
+    [
+        ("<triangles>", "<triangles><quad/>", "would leave out: Invalid Element"),
+        ("millimeter", "parsec", "would leave out: Invalid Model Unit"),
+        ('v1="0"', 'v1="99"', "Invalid model node index"),
+        ('x="3.0"', 'x="nan"', "Invalid Model Coordinates"),
+    ],
+)
+def test_models_that_cannot_be_read_whole_are_refused(tmp_path: Path, found: str, put: str, message: str) -> None:
+    model = model_xml(mesh_object(2, LOW), '<item objectid="2"/>')
+    assert found in model
+    with pytest.raises(GeometryError, match=message):
+        read_bodies(written(tmp_path, model.replace(found, put)))
+
+
+def test_entities_are_refused_before_they_are_read(tmp_path: Path) -> None:
+    model = model_xml(TWO, ITEMS, materials="stiff soft")
+    bomb = model.replace("<model", '<!DOCTYPE m [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]><model')
+    for text in (bomb, model.encode("utf-16")):
+        with pytest.raises(
+            GeometryError, match=r"3D/3dmodel.model declares a document type or entities, or is not UTF-8"
+        ):
+            read_bodies(written(tmp_path, text))
+
+
+def test_packages_that_unpack_to_too_much_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("inkloop.limits.PLAIN_SIZE", 1 << 20)
+    path = written(tmp_path, model_xml(TWO, ITEMS, materials="stiff soft"), {"Metadata/noise.bin": bytes(4 << 20)})
+    with pytest.raises(GeometryError, match=r"unpacks to 4\.?\d* MiB, \d+ times its size"):
+        read_bodies(path)
+
+
+def test_copies_of_copies_are_counted_before_they_are_made(tmp_path: Path) -> None:
+    """Thirty objects, each ten times the one before."""
+    objects = mesh_object(2, LOW)
+    for number in range(3, 33):
+        parts = f'<component objectid="{number - 1}"/>' * 10
+        objects += f'<object id="{number}" type="model"><components>{parts}</components></object>'
+    with pytest.raises(GeometryError, match=r"its components are 1e\+30 copies of its meshes; at most 1,000,000"):
+        read_bodies(written(tmp_path, model_xml(objects, '<item objectid="32"/>')))
+
+
+def test_copies_that_memory_cannot_hold_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("inkloop.limits.available_memory", lambda: 100_000)
+    model = model_xml(mesh_object(2, LOW), '<item objectid="2"/>' * 100)
+    with pytest.raises(GeometryError, match=r"has 1,200 triangles in all copies of its objects: needs about"):
+        read_bodies(written(tmp_path, model))

@@ -1,0 +1,69 @@
+"""The terminal: text of users stays whole, numbers are never cut, results come as JSON where asked for."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from pathlib import Path
+
+import pytest
+from rich.progress import Progress
+
+from inkloop.report.terminal import Terminal, decimals, number_table
+
+HOSTILE = "run [/b] [red]5$[/] :smile:"
+
+
+def shown(width: int, name: str = "closed loop") -> str:
+    table = number_table(
+        "run", "mean\nerror", "mae", "std", "mis-\nmatch", "layers", "droplets", "wall\n[s]", title="T"
+    )
+    table.add_row(name, "-1234.56", "0.30", "0.35", "12.3%", "1792", "13579246", "98765.43")
+    text = io.StringIO()
+    Terminal(text, width=width).print(table)
+    return text.getvalue()
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_every_number_is_whole_at_any_width(width: int) -> None:
+    text = shown(width)
+    assert "…" not in text
+    for number in ("-1234.56", "0.30", "0.35", "12.3%", "1792", "13579246", "98765.43"):
+        assert number in text
+    assert max(map(len, text.splitlines())) <= width
+
+
+def test_text_of_a_user_is_no_markup() -> None:
+    assert HOSTILE in shown(120, HOSTILE)
+    text = io.StringIO()
+    terminal = Terminal(text, width=120)
+    terminal.sentence(HOSTILE)
+    with terminal.progress("figures") as progress:
+        progress.add_task(HOSTILE, figures=HOSTILE, total=1)
+    assert text.getvalue().count(HOSTILE) == 3  # the sentence, the task and its note
+
+
+def test_json_has_standard_output_for_itself(capsys: pytest.CaptureFixture[str]) -> None:
+    terminal = Terminal(as_json=True)
+    terminal.sentence("a sentence")
+    terminal.result(file=Path("a.fmu"), numbers=[1.5, math.nan, {"inf": math.inf}])
+    streams = capsys.readouterr()
+    assert json.loads(streams.out) == {"file": "a.fmu", "numbers": [1.5, None, {"inf": None}]}
+    assert "a sentence" in streams.err
+
+
+def test_quiet_terminal_writes_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    terminal = Terminal(quiet=True)
+    terminal.sentence("a sentence")
+    terminal.result(number=1)
+    progress: Progress
+    with terminal.progress() as progress:
+        progress.add_task("task", total=1)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_what_rounds_to_zero_has_no_sign() -> None:
+    assert decimals(-0.001) == "0.00"
+    assert decimals(-0.005001) == "-0.01"
+    assert decimals(math.nan) == "nan"

@@ -1,0 +1,167 @@
+"""What holds a part with overhangs: refused without a word about it, held by ink B, or printed as far as it stands."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.component import Job
+from inkloop.errors import ScenarioError
+from inkloop.geometry import PipeJunction, cell_centers, contained
+from inkloop.printing.run import print_part
+from inkloop.scenario.file import Scenario
+from inkloop.tables.shapes import PipeJunctionTable
+
+PITCH = 100e-6
+MIDDLE = 10 * PITCH
+PIPES = PipeJunction(MIDDLE, MIDDLE, 7e-4, 30e-6, 4e-4, 16e-6, 60e-6)
+TEXT = """
+title = "pipes"
+[grid]
+nx = 21
+ny = 21
+pitch_um = 100.0
+[part]
+shape = "pipe-junction"
+outer_across_um = 700.0
+outer_upright_um = 30.0
+inner_across_um = 400.0
+inner_upright_um = 16.0
+height_um = 60.0
+[components.controller]
+kind = "OpenLoop"
+[components.printer]
+kind = "LayerDeposition"
+[components.profiler]
+kind = "ProfileSensor"
+scan_duration_s = 0.0
+[run]
+layers_max = 3
+"""
+
+
+def loaded(tmp_path: Path, support: str | None) -> Scenario:
+    path = tmp_path / "pipes.toml"
+    path.write_text(TEXT + ("" if support is None else f'[support]\nkind = "{support}"\n'))
+    return Scenario.load(path)
+
+
+def ends() -> tuple[Any, Any]:
+    """Bottom of the lowest wall and top of the highest one on each cell [m], NaN where there is none."""
+    x, y = cell_centers(21, 21, PITCH)
+    across = np.minimum(np.abs(x - MIDDLE), np.abs(y - MIDDLE)) / 7e-4
+    with np.errstate(invalid="ignore"):
+        half = 30e-6 * np.sqrt(1.0 + 1e-9 - across**2)
+    return 30e-6 - half, 30e-6 + half
+
+
+def assert_is_the_pipes(job: Job) -> None:
+    """The region of ink A is the part."""
+    assert job.region is not None
+    x, y = cell_centers(21, 21, PITCH)
+    for z in np.random.default_rng(0).uniform(-5e-6, 65e-6, (20, 21, 21)):
+        np.testing.assert_array_equal(job.region.contains(x, y, z), PIPES.contains(x, y, z))
+
+
+def test_part_with_overhangs_is_refused_with_all_that_can_be_done(tmp_path: Path) -> None:
+    bottom, _ = ends()
+    x, y = cell_centers(21, 21, PITCH)
+    bored = np.minimum(np.abs(x - MIDDLE), np.abs(y - MIDDLE)) < 4.0e-4
+    hanging = (bottom > 1e-9) | bored & np.isfinite(bottom)
+    with pytest.raises(ScenarioError) as caught:
+        loaded(tmp_path, None)
+    (error,) = (text for text in caught.value.errors if "hang" in text)
+    cells, share, rest = re.search(r"(\d+) cells \(([\d.]+)%\) .* substrate \((\d+) cells\)", error).groups()
+    assert int(cells) == hanging.sum()
+    assert float(share) == pytest.approx(100 * hanging.sum() / np.isfinite(bottom).sum(), rel=1e-2, abs=0.0)
+    assert int(rest) == (bottom <= 1e-9).sum()
+    i, j = np.argwhere(hanging)[0]
+    assert f"first at ({i}, {j})" in error
+    for kind in ("below-overhangs", "around", "none"):
+        assert f'"{kind}"' in error
+
+
+def test_support_below_overhangs_reaches_up_to_the_part_and_the_part_is_whole(tmp_path: Path) -> None:
+    """The region of ink A is the part itself; cells that no part is over stay empty."""
+    job, (bottom, top) = loaded(tmp_path, "below-overhangs").job(), ends()
+    inside = np.zeros((21, 21), np.bool_)
+    inside[2:-2, 2:-2] = True
+    np.testing.assert_array_equal(job.mask, inside & np.isfinite(bottom))
+    np.testing.assert_allclose(job.target_height[job.mask], top[job.mask], rtol=1e-6)
+    assert not job.target_height[~job.mask].any()
+    assert_is_the_pipes(job)
+    assert len(job.inks) == 2
+
+
+def test_support_around_the_part_fills_the_block(tmp_path: Path) -> None:
+    for kind in ("around", None):
+        path = tmp_path / "around.toml"
+        path.write_text(TEXT + "[support]\n" + ('kind = "around"\n' if kind else ""))
+        job = Scenario.load(path).job()
+        assert int(job.mask.sum()) == 17 * 17
+        np.testing.assert_allclose(job.target_height[job.mask], 60e-6, rtol=1e-12)
+        assert_is_the_pipes(job)
+
+
+def test_every_droplet_of_a_supported_print_is_of_the_ink_that_belongs_there(tmp_path: Path) -> None:
+    run = print_part(loaded(tmp_path, "below-overhangs")).dataset
+    (bottom, _), job = ends(), loaded(tmp_path, "below-overhangs").job()
+    first = run.pattern.values[1]
+    layer = sum(ink.layer_height for ink in job.inks) / 2
+    np.testing.assert_array_equal(first[job.mask] == 2, (bottom > layer / 2)[job.mask])
+    assert not first[~job.mask].any()
+
+
+def test_without_support_only_what_rests_on_the_substrate_is_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(PipeJunctionTable, "geometry", lambda table, grid: Mushroom())
+    with pytest.raises(
+        ScenarioError, match=r"part: 72 cells \(88\.9%\) have nothing below them, first at \(6, 6\) from 20 um"
+    ):
+        loaded(tmp_path, None)
+    job = loaded(tmp_path, "none").job()
+    assert int(job.mask.sum()) == 9
+    assert (job.target_height[job.mask] == 60e-6).all()
+    assert job.region is None
+    assert len(job.inks) == 1
+
+
+def test_part_of_which_nothing_rests_on_the_substrate_needs_ink_b(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(PipeJunctionTable, "geometry", lambda table, grid: Cap())
+    for support in (None, "none"):
+        with pytest.raises(ScenarioError, match=r"81 cells \(100\.0%\) have nothing below .* print ink B there$"):
+            loaded(tmp_path, support)
+    job = loaded(tmp_path, "below-overhangs").job()
+    assert int(job.mask.sum()) == 81
+
+
+class Mushroom:
+    """A stem of 3 x 3 cells under a cap of 9 x 9, which begins at 20 um; both end at 60 um."""
+
+    height = 60e-6
+
+    def contains(self, x: Any, y: Any, z: Any) -> Any:
+        return contained(self.intervals(x, y), z)
+
+    def intervals(self, x: Any, y: Any) -> Any:
+        far = np.maximum(np.abs(x - MIDDLE), np.abs(y - MIDDLE))
+        bottom = np.where(far < 1.5 * PITCH, 0.0, np.where(far < 4.5 * PITCH, 20e-6, np.inf))
+        return ((bottom, np.full_like(x, 60e-6)),)
+
+    def top(self, x: Any, y: Any) -> Any:
+        return np.full_like(x, 60e-6)
+
+
+class Cap(Mushroom):
+    """The cap alone."""
+
+    def intervals(self, x: Any, y: Any) -> Any:
+        ((bottom, top),) = super().intervals(x, y)
+        return ((np.maximum(bottom, 20e-6), top),)
