@@ -21,6 +21,7 @@ from inkloop.geometry import Columns, load
 from inkloop.geometry.body import Body
 from inkloop.geometry.mesh import mesh_columns
 from inkloop.limits import KIB
+from inkloop.units import GIGA, MM_PER_M
 from support import meshes
 from support.meshes import Triangles
 
@@ -52,11 +53,11 @@ def measure() -> Group:
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         torus, volume = _meshes()["torus"]
-        (folder / "torus.stl").write_bytes(meshes.binary_stl(torus * 1e3))
+        (folder / "torus.stl").write_bytes(meshes.binary_stl(torus * MM_PER_M))
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:  # first: it inherits the peak so far
             peak = process.submit(_peak, folder / "torus.stl", 6000).result()
         for name, (triangles, exact) in _meshes().items():
-            (folder / f"{name}.stl").write_bytes(meshes.binary_stl(triangles * 1e3))
+            (folder / f"{name}.stl").write_bytes(meshes.binary_stl(triangles * MM_PER_M))
             table.add_row(name, *_row(folder / f"{name}.stl", triangles, exact, 1575, has_embree))
         table.add_row("torus", *_row(folder / "torus.stl", torus, volume, 6000, False))
     notes = [f"memory of a process that reads the torus and fills 6000 x 6000 columns: {peak:.2f} GB at most"]
@@ -106,10 +107,11 @@ def _trimesh(triangles: Triangles, columns: Columns, z: np.ndarray) -> float:
     from trimesh.ray.ray_pyembree import RayMeshIntersector
 
     cells = z.shape[0]
-    mesh = trimesh.Trimesh(1e3 * triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3), process=False)
+    faces = np.arange(3 * len(triangles)).reshape(-1, 3)
+    mesh = trimesh.Trimesh(MM_PER_M * triangles.reshape(-1, 3), faces, process=False)
     at = np.linspace(0, cells - 1, SAMPLED).astype(np.int64)
     i, j = (index.ravel() for index in np.meshgrid(at, at, indexing="ij"))
-    points = 1e3 * np.stack([i * columns.pitch, j * columns.pitch, z[i, j]], axis=-1)
+    points = MM_PER_M * np.stack([i * columns.pitch, j * columns.pitch, z[i, j]], axis=-1)
     ray = RayMeshIntersector(mesh)
     ray.contains_points(points[:1])  # builds its tree
     return _least(lambda: ray.contains_points(points)) * cells**2 / len(points)
@@ -127,4 +129,4 @@ def _least(call: Callable[[], object]) -> float:
 def _peak(path: Path, cells: int) -> float:
     """Most memory that this process held while it read a mesh to columns [GB]."""
     load(path, cells, cells, EDGE / cells, unit="mm")
-    return getrusage(RUSAGE_SELF).ru_maxrss * KIB / 1e9
+    return getrusage(RUSAGE_SELF).ru_maxrss * KIB / GIGA

@@ -86,7 +86,7 @@ static int32_t add_row(const Triangle *triangle, size_t row, size_t ny, size_t f
     const double slope = (right.z - left.z) / (right.y - left.y);
     const double low = smaller(left.z, right.z), high = larger(left.z, right.z);
     for (size_t j = begin; j < end; j++) {
-        const double z = left.z + ((double)j - left.y) * slope;
+        const double z = left.z + ((double)j - left.y) * slope; /* of a sliver: may round beyond, or be nan */
         if (hit_add(hits, larger(low, smaller(z, high)), first_cell + j, is_top ? -1 : 1))
             return COLUMNS_NO_MEMORY;
     }

@@ -27,6 +27,10 @@ HeightIntervals: TypeAlias = Sequence[tuple[FloatMap, FloatMap]]
 """Bottom and top of intervals of height [m], both ends included; empty where the bottom is above the top."""
 
 
+DEVICE_LOGGER = "inkloop_hardware"
+"""Logger of the devices, whose messages are shown while a part is printed."""
+
+
 class Status(IntEnum):
     """`status` of every part of the layer contract, the same codes in FMUs, Python and on the bus."""
 

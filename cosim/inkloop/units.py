@@ -12,11 +12,14 @@ from math import isclose
 UM_PER_M, M_PER_UM = 1e6, 1e-6
 MM_PER_M, NM_PER_M, M_PER_PM = 1e3, 1e9, 1e-12
 M_PER_CM, M_PER_INCH = 1e-2, 2.54e-2
-PL_PER_M3 = 1e15
+PL_PER_M3, NL_PER_M3, MM3_PER_M3 = 1e15, 1e12, 1e9
 NS_PER_S, S_PER_NS = 1_000_000_000, 1e-9
 US_PER_S, MS_PER_S, S_PER_MS = 1e6, 1e3, 1e-3
-KILO, MEGA = 1000, 1e6
-"""A value in the second unit times the factor is in the first; of counts, bits and bytes thousands and millions."""
+KILO, MEGA, GIGA = 1000, 1e6, 1e9
+"""A value in the second unit times the factor is in the first; of counts, bits and bytes powers of a thousand."""
+
+LENGTHS: Mapping[str, float] = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
+"""Metres in the units of mesh files."""
 
 SUFFIXES: Mapping[str, Mapping[str, float]] = {
     "1/m": {"per_um": 1e6, "per_mm": 1e3, "per_m": 1.0},

@@ -69,7 +69,6 @@ def assert_same_print(one: Component, other: Component, job: Job, scan: Scan = e
 @pytest.mark.parametrize(
     ("height", "scan"),
     rest_is_long([(60e-6, noisy), (400e-6, noisy), (400e-6, exact)], 1),
-    ids=lambda value: str(value),
 )
 def test_cylinder_is_the_one_of_the_python_controller(height: float, scan: Scan) -> None:
     job = cylinder(height)

@@ -16,7 +16,7 @@ import pytest
 
 from inkloop_hardware.protocol.codec import Codec
 from support.benches import node_bench
-from support.benches.stock_tools import FULL, adapter, print_and_scan, read_map
+from support.benches.stock_tools import FULL, adapter, print_and_scan, read_map, start
 
 TOOLS = ("arm-none-eabi-gcc", "qemu-system-arm")
 LIMIT_S = 60.0
@@ -97,6 +97,12 @@ def test_image_that_hangs_is_reset_by_the_watchdog_of_the_board(image: Path) -> 
         statuses(channel, 5)
 
 
+def test_machine_boots_the_image_and_its_head_clears_its_start(channel: str) -> None:
+    with adapter(channel) as bus, bus.client(0) as head:
+        assert start(head, node_bench.CLEAR, b"\0") == node_bench.DONE
+
+
+@pytest.mark.long
 def test_layer_printed_by_the_image_measures_as_on_the_host(channel: str) -> None:
     with (
         adapter(channel) as bus,

@@ -35,7 +35,8 @@ BUILD_TIME = "inkloop.fmu_writer"
 BUILD_TIME_FLOOR = ("inkloop.errors", "inkloop.files", "inkloop.limits", "inkloop.units")
 COMMAND_LINE = ("inkloop.cli", "inkloop.commands")
 PLOTS = (
-    *("inkloop.report.pictures", "inkloop.report.plot", "inkloop.report.solid_view", "inkloop.studies"),
+    *("inkloop.report.part_picture", "inkloop.report.pictures", "inkloop.report.plot", "inkloop.report.solid_view"),
+    "inkloop.studies",
     *("inkloop.identify.picture", "inkloop.exchange.job.target_picture"),
 )
 DOORS = {
@@ -43,7 +44,7 @@ DOORS = {
     "casadi": ("inkloop_controller.program", "inkloop_controller.model.symbolic_layer"),
     **dict.fromkeys(("can", "cantools", "isotp", "udsoncan", "e2e"), ("inkloop_hardware",)),
     **dict.fromkeys(("tifffile", "sdfio", "SurfaceTopography"), ("inkloop.metrology",)),
-    "PIL": ("inkloop.exchange.layers",),
+    "PIL": ("inkloop.metrology.picture_file", "inkloop.exchange.layers"),
     "trimesh": ("inkloop.geometry.triangle_file", "inkloop.exchange.layers"),
     "lib3mf": ("inkloop.geometry.three_mf",),
     "skfem": ("inkloop.studies.reproduce.finite_elements",),

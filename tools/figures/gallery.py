@@ -40,6 +40,7 @@ PICTURES = {
     "staircase": "cross-section",
     "tall-cylinder": "layers",
     "tilted-substrate": "cross-section",
+    "two-ink-3mf": "materials",
     "two-materials": "materials",
     "uneven-start": "cross-section",
 }

@@ -67,7 +67,7 @@ def _processor_s(command: Sequence[str | Path], folder: Path) -> float:
     """User and system time of a command with all that it starts. Raises CalledProcessError."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     outside = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}  # no make around it
-    subprocess.run(command, cwd=folder, check=True, env=outside, stdout=subprocess.DEVNULL)
+    subprocess.run(command, cwd=folder, check=True, env=outside, stdout=sys.stderr)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 

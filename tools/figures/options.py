@@ -19,16 +19,21 @@ from inkloop.components.python_class import options_table
 from inkloop.components.shadow.options import ShadowTable
 from inkloop.fmu_writer import definition
 from inkloop.metrology.map_folder import MapFolder
+from inkloop.tables.part import CombineTable
+from inkloop.tables.part_images import HeightMapTable, StackTable
+from inkloop.tables.part_mesh import MeshTable
 from inkloop_controller import Criterion, DropletChoices, HeightEstimator, LayerMpc, Work
 from inkloop_controller.problem.options import Keyword, keywords
 
 PAGE = DOCS / "reference" / "scenario.md"
 DEFINITION = ROOT / "fmus" / "layer_controller" / "variables.toml"
 MARKED = {each.__name__: each for each in (LayerMpc, Criterion, DropletChoices, Work, HeightEstimator)}
-TABLES = {each.__name__: each for each in (options_table(MapFolder), PortTable, ShadowTable)}
+PARTS = (MeshTable, StackTable, HeightMapTable, CombineTable)
+TABLES = {each.__name__: each for each in (options_table(MapFolder), PortTable, ShadowTable, *PARTS)}
 Row: TypeAlias = tuple[str, str, str]
 FIRST = {
     "PortTable": "key",
+    **{each.__name__: "key" for each in PARTS},
     "LayerMpc": "plan",
     "Criterion": "objective",
     "DropletChoices": "allowed droplets",
@@ -48,7 +53,7 @@ def texts() -> Texts:
     meanings = {variable.name: variable.description for variable in model.variables}
     rows = {name: [row_of_keyword(each, meanings) for each in keywords(marked)] for name, marked in MARKED.items()}
     for name, fields in TABLES.items():
-        rows[name] = [row_of_field(key, field) for key, field in fields.model_fields.items()]
+        rows[name] = [row_of_field(key, field) for key, field in fields.model_fields.items() if key != "shape"]
     heads = {name: (FIRST.get(name, "option"), "default", "meaning") for name in rows}
     return {PAGE: {f"options of {name}": table(heads[name], each) for name, each in rows.items()}}
 
@@ -72,7 +77,7 @@ def row(key: str, value: str, text: str) -> Row:
 
 def with_code(text: str) -> str:
     """The text with the values in quotes as code."""
-    return re.sub(r'("\w+")', r"`\1`", text)
+    return re.sub(r'("[\w.{}:-]+")', r"`\1`", text)
 
 
 def default(value: object, absent: str) -> str:

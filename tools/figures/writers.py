@@ -15,6 +15,7 @@ WRITERS = (
     "house",
     "bench_faults",
     "gallery",
+    "own_part",
     "cylinder_prints",
     "closed_loop",
     "layer_problem",

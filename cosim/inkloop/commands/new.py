@@ -7,24 +7,36 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import screen
-from inkloop.scenario import new as templates
+from inkloop.commands.options import add_part_options, part_file_of, screen
+
+SHAPES = ("combine", "cuboid", "cylinder", "pipe-junction", "staircase")
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
     parser: argparse.ArgumentParser = commands.add_parser("new", help="write a commented scenario to start from")
     parser.add_argument("name", type=Path, metavar="NAME", help="writes NAME.toml")
-    parser.add_argument(
-        "--shape", choices=templates.shapes(), default="cylinder", help="shape of the part (default: cylinder)"
+    either = parser.add_mutually_exclusive_group()
+    either.add_argument("--shape", choices=SHAPES, default="cylinder", help="shape of the part (default: cylinder)")
+    either.add_argument(
+        "--part", type=Path, metavar="FILE", help="mesh (STL, OBJ, PLY, 3MF) or height map to print, with a grid for it"
     )
+    add_part_options(parser)
     return parser
 
 
 def run(options: argparse.Namespace) -> int:
     """Write the scenario; the exit code."""
-    path = templates.write(options.name, options.shape)
+    from inkloop.scenario import new as templates
+
     terminal = screen(options)
+    if options.part is None:
+        path = templates.write(options.name, options.shape)
+    else:
+        path, part = templates.write_for_part(options.name, part_file_of(options, options.part), options.pitch_um)
+        size = " x ".join(f"{side:.6g}" for side in part.size_um)
+        grid = part.grid
+        terminal.sentence(f"{options.part}: {size} um on {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} um")
     terminal.sentence(f"wrote {path}; inkloop run {shlex.quote(str(path))} prints it")
     terminal.result(file=path)
     return 0

@@ -1,4 +1,4 @@
-"""Options that several commands share: a scenario with overrides, a subprocess, a binary for Windows."""
+"""Options that several commands share: a scenario with overrides, the file of a part, a subprocess, Windows."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from inkloop.errors import InkloopError, ScenarioError
 if TYPE_CHECKING:
     from inkloop.report.terminal import Terminal
     from inkloop.scenario.file import Scenario
+    from inkloop.scenario.part_file import PartFile
 
 
 def add_scenario(parser: argparse.ArgumentParser) -> None:
@@ -60,6 +61,25 @@ def add_windows(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--windows", action="store_true", help="add binaries for 64-bit Windows to inkloop's FMUs; needs mingw-w64"
     )
+
+
+def add_part_options(parser: argparse.ArgumentParser) -> None:
+    """What the file of a part may leave open, and the pitch of a grid for it."""
+    parser.add_argument("--pitch-um", type=float, metavar="P", help="size of a cell (default: by the size of the part)")
+    parser.add_argument(
+        "--unit", metavar="U", help="unit of the file: um, mm ... (default: its own; of a mesh else mm)"
+    )
+    parser.add_argument("--pixel-um", type=float, metavar="D", help="pixel spacing of a height map that states none")
+    parser.add_argument("--count-scale", type=float, metavar="H", help="height of one count, for whole-number maps")
+
+
+def part_file_of(options: argparse.Namespace, path: Path) -> PartFile:
+    """The file of a part as the command line describes it. Raises InkloopError."""
+    from inkloop.scenario.part_file import PartFile
+
+    if options.pitch_um is not None and not 0.0 < options.pitch_um < float("inf"):
+        raise InkloopError(f"--pitch-um is {options.pitch_um:g}; expected a length above 0")
+    return PartFile(path, options.unit, options.pixel_um, options.count_scale)
 
 
 def is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:

@@ -16,7 +16,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print a summary of a valid scenario; returns the exit code."""
+    """Print warnings and a summary of a valid scenario; returns the exit code."""
     from inkloop.printing.run import RUNS
 
     with scenario_of(options) as scenario:
@@ -24,7 +24,9 @@ def run(options: argparse.Namespace) -> int:
         grid = scenario.tables.grid
         printed = int(scenario.job().mask.sum())
         components = list(scenario.tables.components)
-        terminal = screen(options)
+        terminal, warnings = screen(options), [f"part: {remark}" for remark in scenario.solid.remarks]
+        for warning in warnings:
+            terminal.sentence(f"{options.scenario}: warning: {warning}")
         terminal.sentence(
             f"{options.scenario}: no errors; {grid.nx} x {grid.ny} cells, {printed} printed, "
             f"components {', '.join(components)}; {scenario.footprint}"
@@ -33,6 +35,7 @@ def run(options: argparse.Namespace) -> int:
         terminal.result(
             scenario=options.scenario,
             errors=[],
+            warnings=warnings,
             cells=[grid.nx, grid.ny],
             printed_cells=printed,
             components=components,

@@ -18,9 +18,6 @@ from inkloop.components.bench import Bench, load
 from inkloop.components.fmu_parameters import parse_model
 from inkloop.components.kind import Checked
 
-LOGGER = "inkloop_hardware"
-"""Logger of the devices."""
-
 
 @dataclass(frozen=True)
 class Device:

@@ -1,7 +1,7 @@
 """Kinds that are Python classes: `Class(job, *, option: type = default, ...)`.
 
 Options are checked against these types. A class is a component, or has a method `pattern` and becomes a controller that
-goes by it; a class with a parameter `rig` is given the bus of `[bench]`.
+goes by it; a method `use_rig(rig)` of either is given the bus of `[bench]` before the loop is initialized.
 """
 
 from __future__ import annotations
@@ -43,8 +43,7 @@ class PythonClass:
     def check(self, job: Job, options: Mapping[str, object]) -> Checked:
         """Check options against the types of the class, then by its constructor, whose ValueError is an error of them.
 
-        The component that this needs is the first one to be made; one with a rig is constructed again with that of
-        its loop.
+        The component that this needs is the first one to be made.
         """
         kind = self.entry.name
         try:
@@ -71,21 +70,24 @@ class PythonClass:
         factory = self._load()
         table = options_table(factory).model_validate_json(json.dumps(dict(options)))
         chosen = {name: getattr(table, name) for name in table.model_fields_set}
-        takes_rig = "rig" in inspect.signature(factory).parameters
 
-        def construct(bench: Bench) -> Component:
-            rig = {"rig": bench.rig} if takes_rig else {}
-            return _component(self.entry.name, job, factory(job, **rig, **copy.deepcopy(chosen)))
+        def construct() -> _Made:
+            made = factory(job, **copy.deepcopy(chosen))
+            return _Made(_component(self.entry.name, job, made), getattr(made, "use_rig", None))
 
-        component = construct(Bench())
-        ports = Ports.of(component)
-        if takes_rig:
-            component.terminate()
-            return Checked(self.entry.name, ports=ports, construct=construct)
-        return Checked(self.entry.name, ports=ports, construct=_Constructed(component, construct))
+        first = construct()
+        return Checked(self.entry.name, ports=Ports.of(first.component), construct=_Constructed(first, construct))
 
     def _load(self) -> Callable[..., Any]:
         return typing.cast(Callable[..., Any], self.entry.load())
+
+
+@dataclass(frozen=True)
+class _Made:
+    """A component, and what takes the rig of its loop, if anything does."""
+
+    component: Component
+    use_rig: Callable[[Any], None] | None
 
 
 class _Constructed:
@@ -94,18 +96,18 @@ class _Constructed:
     One that is never handed over is terminated when this is dropped.
     """
 
-    def __init__(self, component: Component, construct: Callable[[Bench], Component]) -> None:
-        self._component: Component | None = component
+    def __init__(self, first: _Made, construct: Callable[[], _Made]) -> None:
+        self._first: _Made | None = first
         self._construct = construct
-        self._terminate = weakref.finalize(self, component.terminate)
+        self._terminate = weakref.finalize(self, first.component.terminate)
 
     def __call__(self, bench: Bench) -> Component:
-        """The component at the first call, a new one at every other."""
-        component, self._component = self._component, None
-        if component is None:
-            return self._construct(bench)
+        """The component at the first call, a new one at every other; it has the rig of the bench."""
+        made, self._first = self._first or self._construct(), None
         self._terminate.detach()
-        return component
+        if made.use_rig is not None:
+            made.use_rig(bench.rig)
+        return made.component
 
 
 def options_table(factory: Callable[..., Any]) -> type[BaseModel]:

@@ -74,7 +74,7 @@ def load(
     that holes of the surface leave open, at most 0.1 % of those occupied. Raises GeometryError.
     """
     bodies = _placed(path, unit, placement, nx, ny, pitch)
-    return _closed(str(path), bodies, nx, ny, pitch, open_columns)
+    return closed_columns(str(path), bodies, nx, ny, pitch, open_columns)
 
 
 def load_inks(
@@ -93,6 +93,14 @@ def load_inks(
     inks: name of an object or of a material -> ink; every body needs one, the name of the object counts first.
     """
     bodies = _placed(path, unit, placement, nx, ny, pitch)
+    return {
+        ink: closed_columns(f"{path}, ink {ink}", found, nx, ny, pitch, open_columns)
+        for ink, found in bodies_by_ink(str(path), bodies, inks).items()
+    }
+
+
+def bodies_by_ink(source: str, bodies: Sequence[Body], inks: Mapping[str, str]) -> dict[str, list[Body]]:
+    """The bodies of each ink by the name of their object or material. Raises GeometryError."""
     by_ink: dict[str, list[Body]] = {ink: [] for ink in inks.values()}
     used, errors = set(), []
     for body in bodies:
@@ -107,8 +115,8 @@ def load_inks(
         f"inks: no object or material is called {name!r}; {nearest(name, known)}" for name in sorted(set(inks) - used)
     ]
     if errors:
-        raise GeometryError(f"{path}: " + "; ".join(errors))
-    return {ink: _closed(f"{path}, ink {ink}", found, nx, ny, pitch, open_columns) for ink, found in by_ink.items()}
+        raise GeometryError(f"{source}: " + "; ".join(errors))
+    return by_ink
 
 
 def _placed(
@@ -130,7 +138,9 @@ def _placed(
     return bodies
 
 
-def _closed(source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, open_columns: OpenColumns) -> Columns:
+def closed_columns(
+    source: str, bodies: Sequence[Body], nx: int, ny: int, pitch: float, open_columns: OpenColumns
+) -> Columns:
     """Columns without an open one. Raises GeometryError for too many, and for bodies that are inside out."""
     found = mesh_columns(bodies, nx, ny, pitch)
     limit = OPEN_MAX * found.occupied

@@ -14,9 +14,8 @@ from inkloop.errors import GeometryError
 from inkloop.files import reason_of
 from inkloop.geometry.body import Body
 from inkloop.limits import memory_error, unpacked_error
+from inkloop.units import LENGTHS
 
-UNITS: Mapping[str, float] = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
-"""Metres in the units of 3MF."""
 COPIES = 12
 """Times its size that reading a file takes (assumed): binary STL has 50 bytes for the 72 of a triangle."""
 _FORMATS: Mapping[str, tuple[str, str]] = {
@@ -48,7 +47,7 @@ def read_bodies(path: Path | str, unit: str | None = None) -> tuple[Body, ...]:
             errors.append(f"{count:,} triangles{name} have a corner that is nan or infinite; expected numbers")
     if errors:
         raise GeometryError(f"{path}: " + "; ".join(errors))
-    factor = UNITS[declared or unit or "m"]
+    factor = LENGTHS[declared or unit or "m"]
     return tuple(Body(body.triangles * factor, body.name, body.material) for body in bodies)
 
 
@@ -82,8 +81,8 @@ def _size_error(path: Path) -> str | None:
 
 
 def _unit_errors(unit: str | None, declared: str | None) -> list[str]:
-    expected = ", ".join(UNITS)
-    if unit is not None and unit not in UNITS:
+    expected = ", ".join(LENGTHS)
+    if unit is not None and unit not in LENGTHS:
         return [f"unit is {unit!r}; expected one of {expected}"]
     if unit is None and declared is None:
         return [f"does not state the unit of its coordinates; give unit: {expected}"]

@@ -62,8 +62,9 @@ def _check_ascii(path: Path, data: bytes, count: int) -> None:
 
 def _body(path: Path, count: int, reader: Any, data: bytes, **options: Any) -> Body:
     """The triangles of all meshes in a file of `count` faces. Raises GeometryError where the reader left any out."""
-    with warnings.catch_warnings():  # NumPy stops at the first word that is no number, and only warns
+    with warnings.catch_warnings():  # NumPy only warns where a word is no number, or an index is none that fits
         warnings.filterwarnings("error", "string or file could not be read to its end", DeprecationWarning)
+        warnings.simplefilter("error", RuntimeWarning)
         loaded: dict[str, Any] = reader(io.BytesIO(data), **options)
     meshes = loaded["geometry"].values() if "geometry" in loaded else [loaded]
     triangles = np.concatenate([np.empty((0, 3, 3)), *(_triangles(path, mesh) for mesh in meshes)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from inkloop.limits import filled
+from inkloop.metrology.file_names import numbered_files
 
 Complete: TypeAlias = Literal["stable", "renamed", "done"]
 """How a file is known to be complete.
@@ -19,6 +19,8 @@ programs do that write to a temporary name; "done": a file of its name and .done
 """
 
 POLL_S = 0.05
+FIELD = "layer"
+"""Field of a file name that holds the number of the layer."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class FolderWatch:
 
     def path(self, layer: int) -> Path:
         """Where the file of a layer is looked for."""
-        return self.folder / filled(self._file_name, {"layer": layer})
+        return self.folder / filled(self._file_name, {FIELD: layer})
 
     def look(self, layer: int, patience_s: float) -> Path | None:
         """The file of a layer if it is complete; waits up to `patience_s` for it, and for one in sight to settle.
@@ -81,11 +83,7 @@ class FolderWatch:
 
     def layers(self) -> dict[int, Path]:
         """Layer -> file, of all files in the folder that have the name of a layer."""
-        number = re.compile(r"\d+")
-        found: dict[int, Path] = {}
-        for path in self.folder.iterdir():
-            found |= {int(text): path for text in number.findall(path.name) if self.path(int(text)) == path}
-        return found
+        return numbered_files(self.folder, self._file_name, FIELD)
 
     def _is_complete(self, path: Path) -> bool:
         try:
@@ -102,15 +100,3 @@ class FolderWatch:
             self._sights[path] = _Sight(state.st_size, state.st_mtime_ns, self.clock())
             return False
         return state.st_size > 0 and self.clock() - sight.since >= self._settle_s
-
-
-def name_errors(file_name: str) -> list[str]:
-    """Errors of the pattern of a file name, one sentence each."""
-    expected = "expected a name of its own for each layer, such as 'layer_{layer:04d}.csv'"
-    try:
-        names = {filled(file_name, {"layer": layer}) for layer in (1, 2, 30)}
-    except ValueError as error:
-        return [f"file_name is {file_name!r} ({error}); {expected}"]
-    if len(names) < 3 or any(Path(name).name != name for name in names):
-        return [f"file_name is {file_name!r}; {expected}"]
-    return []

@@ -27,6 +27,7 @@ READERS: Mapping[str, tuple[str, str]] = {
     **dict.fromkeys((".csv", ".txt", ".tsv", ".asc"), ("inkloop.metrology.table_file", "read_table")),
     **dict.fromkeys((".npy", ".npz"), ("inkloop.metrology.array_file", "read_array")),
     **dict.fromkeys((".tif", ".tiff"), ("inkloop.metrology.tiff_file", "read_tiff")),
+    **dict.fromkeys((".png", ".bmp"), ("inkloop.metrology.picture_file", "read_picture")),
     ".sdf": ("inkloop.metrology.instrument_file", "read_sdf"),
 }
 """Suffix -> module and function; any other suffix is an instrument's own format."""
@@ -42,7 +43,7 @@ def read(
     invalid_value: float | None = None,
     rows_along: Literal["x", "y"] | None = None,
 ) -> HeightMap:
-    """The map in a file: CSV, NPY, NPZ, TIFF, SDF, and with `inkloop[metrology]` SUR, X3P and some 40 formats more.
+    """The map in a file: CSV, NPY, NPZ, TIFF, PNG, BMP, SDF; with `inkloop[metrology]` SUR, X3P and some 40 more.
 
     unit: of the heights, "nm", "um", "mm" or "m"; pixel: size, or (dx, dy) [m]; both may be left to a file that states
     them, and may not contradict it. scale: height of one count in `unit`, for files of whole-number counts.

@@ -13,12 +13,12 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from inkloop.component import Job, Status, Values
-from inkloop.components.devices import LOGGER
+from inkloop.component import DEVICE_LOGGER, Job, Status, Values
 from inkloop.contract import LAYERS_PRINTED, LAYERS_SCANNED, MEASURED_HEIGHT, STATUS, VALID, contract_ports
 from inkloop.errors import ComponentError, HeightMapError
 from inkloop.metrology import map_folder_options as options
-from inkloop.metrology.folder_watch import FolderWatch, Wait, name_errors
+from inkloop.metrology.file_names import name_errors
+from inkloop.metrology.folder_watch import FIELD, FolderWatch, Wait
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_file import read
 from inkloop.metrology.placement import Placement
@@ -31,7 +31,7 @@ NEXT_WORD_S = 30.0
 FIT_REACH_CELLS = 3
 FIDUCIAL_SHARE = 0.1  # of the pitch that fiducials may be off by (assumed)
 
-_LOG = logging.getLogger(f"{LOGGER}.map_folder")
+_LOG = logging.getLogger(f"{DEVICE_LOGGER}.map_folder")
 
 
 class MapFolder:
@@ -73,7 +73,7 @@ class MapFolder:
         timeout_s: options.Timeout = 600.0,
         replay: options.Replay = False,
     ) -> None:
-        errors = name_errors(file_name)
+        errors = name_errors("file_name", file_name, FIELD, "layer_{layer:04d}.csv")
         placed = Registration(offset_x_um * M_PER_UM, offset_y_um * M_PER_UM, math.radians(rotation_deg), mirror=mirror)
         if [fiducials_map_um is None, fiducials_grid_um is None] != [registration != "fiducials"] * 2:
             errors.append(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from inkloop.printing.run import checked_run_folder, log_devices, print_part
+from inkloop.printing.run import checked_run_folder, log_devices, origin_of, print_part
 from inkloop.report.terminal import Terminal
 from inkloop.results.lock import sole_writer
 from inkloop.results.result import Result
@@ -38,7 +38,7 @@ def run(
             return print_part(loaded)
         folder = checked_run_folder(loaded, Path(out), source.stem)
         with sole_writer(folder), log_devices(loaded, Terminal(quiet=True), folder):
-            notes = {"scenario_file": str(source.resolve()), "compare": False}
+            notes = origin_of(loaded, compare=False)
             Result.begin(folder, loaded.text, notes)
             return print_part(loaded, folder=folder, notes=notes)
 

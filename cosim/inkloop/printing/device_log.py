@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from inkloop.components.devices import LOGGER
+from inkloop.component import DEVICE_LOGGER
 from inkloop.files import reason_of
 from inkloop.report.terminal import Terminal
 
@@ -58,7 +58,7 @@ def live_words(console: Terminal, folder: Path | None) -> Iterator[None]:
         handlers[-1].setFormatter(
             logging.Formatter("%(asctime)s.%(msecs)03d %(levelname)s %(message)s", "%Y-%m-%d %H:%M:%S")
         )
-    logger = logging.getLogger(LOGGER)
+    logger = logging.getLogger(DEVICE_LOGGER)
     level = logger.level
     logger.setLevel(logging.INFO)
     for handler in handlers:

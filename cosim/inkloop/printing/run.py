@@ -63,6 +63,10 @@ def resume(folder: Path, console: Terminal, *, pictures: bool = True) -> int:
     record = read_record(folder)
     if not is_unchanged(folder, record):
         raise ResultError(f"{folder / SCENARIO_FILE}: was changed since the run began; restore it, or run it again")
+    if record.get("part_sha256") != scenario.part_sha256:
+        raise ResultError(
+            f"{folder}: the files of its part were changed since the run began; restore them, or run it again"
+        )
     places = [place for place, _ in _runs(scenario, folder, record["compare"])]
     finished = [place for place in places if _is_finished(place)]
     for place in finished:
@@ -78,6 +82,12 @@ def resume(folder: Path, console: Terminal, *, pictures: bool = True) -> int:
             console.result(**run_report.record(folder))
         return 0
     return _print_all(scenario, folder, console, record["compare"], pictures)
+
+
+def origin_of(scenario: Scenario, *, compare: bool) -> dict[str, Any]:
+    """What a run notes of its origin, to be resumed."""
+    source = str(Path(scenario.source).resolve())
+    return {"scenario_file": source, "compare": compare, "part_sha256": scenario.part_sha256}
 
 
 def scenario_file(folder: Path) -> Path:
@@ -115,7 +125,7 @@ def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: boo
     """Print the unfinished runs of a scenario in `folder`, and show all of them."""
     from inkloop.report import run_report
 
-    notes = {"scenario_file": str(Path(scenario.source).resolve()), "compare": compare}
+    notes = origin_of(scenario, compare=compare)
     stopped, printed = False, dict[Path, Result]()
     with sole_writer(folder), deferred() as interrupted, console.progress("figures", "solve") as progress:
         for place, variant in _runs(scenario, folder, compare):

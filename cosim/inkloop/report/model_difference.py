@@ -22,7 +22,7 @@ from inkloop.components.shadow.replica import FollowedPlant
 from inkloop.contract import LAYER_COMMAND, MEASURED_HEIGHT, PATTERN, VALID
 from inkloop.report.terminal import number_table
 from inkloop.results.result import Result
-from inkloop.tables.job import job_of
+from inkloop.tables.job import Target, job_of
 from inkloop.tables.schema import ScenarioFile
 from inkloop.units import NS_PER_S, UM_PER_M
 
@@ -96,7 +96,7 @@ def model_difference(result: Result) -> ModelDifference | None:
         name, surfaces = "the shadow", run.shadow_height.values
     else:
         tables = ScenarioFile.model_validate(raw)
-        job = job_of(tables, printers[0])
+        job = job_of(tables, _target(run), printers[0])
         table = tables.components[printers[0]]
         name = MODEL
         surfaces = followed(run, devices.job_with_overrides(job, table.options) if table.kind in devices.KINDS else job)
@@ -104,6 +104,11 @@ def model_difference(result: Result) -> ModelDifference | None:
     maps = np.where(seen, run.measured_height.values - surfaces, np.nan)
     rows = tuple(_rows(run, surfaces))
     return ModelDifference(name, maps, rows) if rows else None
+
+
+def _target(run: xr.Dataset) -> Target:
+    """The target that a run was printed to; the model needs no regions of ink: it is given patterns."""
+    return Target(run.mask.values.astype(bool), run.target_height.values, inks=2 if "ink" in run else 1)
 
 
 def followed(run: xr.Dataset, job: Job) -> FloatMap:

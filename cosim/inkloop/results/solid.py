@@ -55,7 +55,8 @@ def with_solid(run: xr.Dataset, job: Job) -> xr.Dataset:
     filled = run.assign(ink=(("layer", "x", "y"), ink, {"units": "1", "long_name": words}))
     printed = voxels(filled)[job.mask] == 1
     x, y = (axis[job.mask][:, None] for axis in cell_centers(job.nx, job.ny, job.pitch))
-    wanted = job.region.contains(x, y, _middles(printed.shape[1]))
+    middles, top = _middles(printed.shape[1]), job.target_height[job.mask][:, None]
+    wanted = job.region.contains(x, y, middles) & (middles <= top)
     share = float((printed ^ wanted).sum()) / max(1.0, float(wanted.sum()))
     words = "ink A too much or lacking, as a share of what is wanted"
     return filled.assign(mismatch=((), share, {"units": "1", "long_name": words}))

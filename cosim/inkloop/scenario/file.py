@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
@@ -17,6 +18,7 @@ from inkloop.components import catalog
 from inkloop.components.kind import Checked
 from inkloop.errors import ScenarioError
 from inkloop.files import TomlError, read_toml_text, toml_tables
+from inkloop.geometry import Columns
 from inkloop.master.events import Event
 from inkloop.master.wiring import Connection
 from inkloop.scenario.footprint import Footprint
@@ -25,18 +27,21 @@ from inkloop.scenario.overrides import apply_overrides
 from inkloop.scenario.validation import errors_of_invalid_file, part_errors
 from inkloop.suggest import nearest
 from inkloop.tables.ink_file import merge_ink_file
-from inkloop.tables.job import job_of
+from inkloop.tables.job import job_of, target_of
 from inkloop.tables.messages import sentence
 from inkloop.tables.schema import ComponentTable, ScenarioFile
+from inkloop.tables.shapes import PartTable
+from inkloop.tables.solid import PartError, Solid
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A valid scenario; `text` is the file as run, overrides included."""
+    """A valid scenario; `text` is the file as run, overrides included, `solid` its part."""
 
     source: str
     text: str
     tables: ScenarioFile
+    solid: Solid = field(repr=False, compare=False)
     _loop: Loop = field(repr=False, compare=False)
     _variants: Mapping[str, Loop] = field(repr=False, compare=False)
     _job: Callable[[str], Job] = field(repr=False, compare=False)
@@ -85,10 +90,18 @@ class Scenario:
         except ValidationError as error:
             errors += [sentence(detail, ScenarioFile) for detail in error.errors()]
             raise ScenarioError(source, errors + errors_of_invalid_file(raw, folder)) from error
-        if too_large := list(Footprint.of(tables).memory_errors()):
+        is_formula = isinstance(tables.part, PartTable)  # which takes no memory; other parts are laid over the grid
+        too_large = [] if is_formula else list(Footprint.of(tables, 0.0).memory_errors())
+        try:
+            solid = None if too_large else tables.part.solid(tables.grid, folder)
+        except PartError as error:
+            errors += [f"part.{wrong}" for wrong in error.errors]
+            raise ScenarioError(source, errors + errors_of_invalid_file(raw, folder)) from error
+        if solid is None or (too_large := list(Footprint.of(tables, solid.shape.height).memory_errors())):
             raise ScenarioError(source, errors + too_large + errors_of_invalid_file(raw, folder))
-        job = cache(partial(job_of, tables))
-        errors += part_errors(tables, job(""))
+        target = target_of(tables, solid)
+        job = cache(partial(job_of, tables, target))
+        errors += part_errors(tables, solid, target)
 
         def checked(place: str, components: Mapping[str, ComponentTable]) -> dict[str, Checked]:
             made = {name: _check(table, job(name), folder) for name, table in components.items()}
@@ -114,7 +127,7 @@ class Scenario:
             errors += [f"compare.{name}: {wrong}" for wrong in variants[name].errors if wrong not in loop.errors]
         if errors:
             raise ScenarioError(source, errors)
-        return cls(source, text, tables, loop, variants, job)
+        return cls(source, text, tables, solid, loop, variants, job)
 
     def variant(self, name: str) -> Scenario:
         """The scenario of `[compare.NAME]`: same job, same seed, other components."""
@@ -122,7 +135,7 @@ class Scenario:
         changes = {"label": name, "components": components, "compare": {}, "literature": {}}
         tables = self.tables.model_copy(update=changes)
         text = tomlkit.dumps(tables.model_dump(exclude_none=True))
-        return Scenario(self.source, text, tables, self._variants[name], {}, self._job)
+        return Scenario(self.source, text, tables, self.solid, self._variants[name], {}, self._job)
 
     def job(self, component: str = "") -> Job:
         """The job of a component, the same object at every call."""
@@ -136,7 +149,19 @@ class Scenario:
     @property
     def footprint(self) -> Footprint:
         """The memory and the disk that the print takes."""
-        return Footprint.of(self.tables)
+        return Footprint.of(self.tables, self.solid.shape.height)
+
+    @property
+    def part_sha256(self) -> str | None:
+        """Of the columns of a part that comes from files; None for a formula."""
+        shape = self.solid.shape
+        if not isinstance(shape, Columns):
+            return None
+        found = hashlib.sha256()
+        for columns in (shape, self.solid.region):
+            if columns is not None:
+                found.update(columns.offsets.tobytes() + columns.bottoms.tobytes() + columns.tops.tobytes())
+        return found.hexdigest()
 
     @property
     def foreign_fmus(self) -> list[str]:

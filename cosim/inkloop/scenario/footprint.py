@@ -22,6 +22,8 @@ MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "Laye
 STATE_BYTES: Mapping[str, int] = {"YoungLaplaceDeposition": 540, "LayerController": 70}
 """Kind -> part of a saved state in addition to STATE_BYTES_OF_A_CELL."""
 STATE_BYTES_OF_A_CELL = 155
+ROUNDING = 1e-6
+"""Share of a layer that files in single precision may add to a height."""
 FILE_BYTES_OF_A_CELL_AND_LAYER = 50
 """29 in the layers kept while the print runs, 21 in result.nc."""
 
@@ -37,9 +39,12 @@ class Footprint:
     disk_of_a_cell: int
 
     @classmethod
-    def of(cls, tables: ScenarioFile) -> Footprint:
-        """The footprint of a scenario: of the run that takes most memory, and of the files of all of them."""
-        layers = _layers(tables)
+    def of(cls, tables: ScenarioFile, height: float) -> Footprint:
+        """The footprint of a scenario: of the run that takes most memory, and of the files of all of them.
+
+        height: of the part [m].
+        """
+        layers = _layers(tables, height)
         kinds = [{name: table.kind for name, table in tables.components.items()}]
         kinds += [
             kinds[0] | {name: table.kind for name, table in other.components.items()}
@@ -91,8 +96,7 @@ class Footprint:
         return f"{nx} x {ny} cells would fit: choose a smaller grid or a larger pitch, or fewer layers"
 
 
-def _layers(tables: ScenarioFile) -> int:
+def _layers(tables: ScenarioFile, height: float) -> int:
     """Layers of the nominal height, at most those that the run may have."""
-    ink = tables.ink.a.ink
-    nominal = tables.part.geometry(tables.grid).height / ink.layer_height
-    return max(1, min(tables.run.layers_max, math.ceil(min(nominal, tables.run.layers_max))))
+    nominal = height / tables.ink.a.ink.layer_height
+    return max(1, min(tables.run.layers_max, math.ceil(min(nominal, tables.run.layers_max) - ROUNDING)))

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import json
+import os
 from importlib.resources import files
 from pathlib import Path
 
+import tomlkit
+
 from inkloop.errors import ScenarioError
 from inkloop.files import write_text
+from inkloop.scenario.part_file import ASSUMED_UNIT, FittedPart, PartFile, expected_layers, fit
+from inkloop.tables.schema import RunTable
 
 _TEMPLATES = files("inkloop.scenario") / "templates"
 _SCENARIO = "scenario.toml"
 """The template of all scenarios; each other one holds the part of a shape."""
+_LAYERS_FACTOR = 2
+"""Layers that a print may take, in full layers of the default ink."""
 
 
 def shapes() -> list[str]:
@@ -21,12 +29,56 @@ def shapes() -> list[str]:
 
 def write(name: Path, shape: str) -> Path:
     """Write NAME.toml with a part of that shape; returns its path. Raises ScenarioError, overwrites nothing."""
+    path = _free(name)
+    return _written(path, _titled(path).replace("# {part}\n", _template(f"{shape}.toml")))
+
+
+def write_for_part(name: Path, file: PartFile, pitch_um: float | None = None) -> tuple[Path, FittedPart]:
+    """Write NAME.toml that prints the part in a file; its path and the part. Raises ScenarioError."""
+    path = _free(name)
+    part = fit(file, pitch_um)
+    return _written(path, text_for_part(path, file, part)), part
+
+
+def text_for_part(path: Path, file: PartFile, part: FittedPart) -> str:
+    """The scenario at `path` for a part on its grid."""
+    grid, layers = part.grid, expected_layers(part.solid.shape.height)
+    size = " x ".join(f"{side:.6g}" for side in part.size_um)
+    named = Path(os.path.relpath(file.path.absolute(), path.absolute().parent)).as_posix()
+    table = tomlkit.document()
+    table["part"] = file.keys(named)
+    lines = [tomlkit.dumps(table).rstrip(), f"# {size} um, about {layers} layers of the default ink"]
+    if file.assumes_unit:
+        lines.append(f"# the file does not state its unit, {ASSUMED_UNIT} is assumed")
+    lines.append(_template(f"file/{file.keys(named)['shape']}.toml").rstrip())
+    if len(part.names) > 1:
+        lines += ["", "# [part.inks]                    # ink of each object or material; without it one ink"]
+        lines += [f'# {json.dumps(name)} = "A"' for name in part.names]
+    support = '[support]\nkind = "below-overhangs"   # or "around"' if part.hangs else "# [support]\n# margin_cells = 2"
+    lines += ["", support, ""]
+    text = _titled(path).replace("# {part}\n", "\n".join(lines))
+    text = text.replace(
+        "nx = 16\nny = 16\n# pitch_um = 263.256 ", f"nx = {grid.nx}\nny = {grid.ny}\npitch_um = {grid.pitch_um:g} "
+    )
+    enough = _LAYERS_FACTOR * layers
+    if enough > RunTable.model_fields["layers_max"].default:
+        text = text.replace("# [run]\n", f"[run]\nlayers_max = {enough}\n").replace("# layers_max = 1000\n", "")
+    return text
+
+
+def _free(name: Path) -> Path:
     path = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
     if path.exists():
         raise ScenarioError(str(path), ["is there already and is not overwritten; choose another name"])
+    return path
+
+
+def _titled(path: Path) -> str:
     title = path.stem.replace("-", " ").replace("_", " ").replace('"', "'").capitalize()
-    text = _template(_SCENARIO).replace("{title}", title).replace("{file}", path.name)
-    text = text.replace("# {part}\n", _template(f"{shape}.toml"))
+    return _template(_SCENARIO).replace("{title}", title).replace("{file}", path.name)
+
+
+def _written(path: Path, text: str) -> Path:
     try:
         write_text(path, text)
     except OSError as error:

@@ -6,53 +6,83 @@ known, and what depends on the job is checked with a stand-in where the tables o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from inkloop.component import Geometry, HasPorts, Job, Ports, is_device, is_shadow
+from inkloop.component import HasPorts, Job, Ports, is_device, is_shadow
 from inkloop.components import catalog
 from inkloop.components.kind import Checked
 from inkloop.contract import HEIGHT, LAYERS_PRINTED, LAYERS_SCANNED, has_port
-from inkloop.geometry import Columns, cell_centers, overhangs, resting
+from inkloop.geometry import Columns, overhangs, resting
 from inkloop.master.wiring import Connection, find
 from inkloop.scenario.events import find_event_port
-from inkloop.tables.job import is_supported
+from inkloop.tables.job import Target, is_supported
 from inkloop.tables.schema import ScenarioFile
 from inkloop.tables.shapes import Grid
+from inkloop.tables.solid import Bounds, Solid
 from inkloop.units import UM_PER_M
 
 SIDE = 9
 """Cells along an edge of a grid whose own number is invalid."""
+EMPTY_CELLS = 2
+"""Cells to leave empty around a part: a droplet reaches one, and the next shows the substrate."""
 
 
-def part_errors(tables: ScenarioFile, job: Job) -> list[str]:
+def part_errors(tables: ScenarioFile, solid: Solid, target: Target) -> list[str]:
     """Errors of the part on its grid."""
-    grid, is_printed = tables.grid, bool(job.mask.any())
-    nowhere = "part covers no cell of the grid; make it larger, move it, or enlarge grid.nx and grid.ny"
-    if is_supported(tables):
-        return [] if is_printed else [nowhere]
-    geometry = tables.part.geometry(grid)
-    errors = _overhang_errors(geometry, grid) if tables.support is None or not is_printed else []
-    if not is_printed:
-        return errors or [nowhere]
-    x, y = cell_centers(grid.nx + 2, grid.ny + 2, grid.pitch)
-    intervals = geometry.intervals(x - grid.pitch, y - grid.pitch)
-    around = np.any([bottom <= top for bottom, top in intervals], axis=0)
-    around[1:-1, 1:-1] = False
-    if around.any():
-        errors.append(
-            f"part reaches beyond the grid of {grid.nx} x {grid.ny} cells; enlarge grid.nx and grid.ny "
-            "(leave 2 empty cells around the part) or make it smaller"
-        )
+    grid = tables.grid
+    errors = [] if tables.support is not None else _overhang_errors(solid.columns(grid.nx, grid.ny, grid.pitch))
+    if not target.mask.any() and not errors:
+        errors.append(_why_nothing_is_printed(solid))
+    has_support, reaches = is_supported(tables), solid.bounds
+    if has_support and solid.region is not None:
+        errors.append("part has two inks, and support takes ink B for itself; leave out support, or one ink")
+    margin = tables.support.margin_cells if has_support and tables.support else 0
+    crosses_block = has_support and not np.isfinite(reaches).all()  # as pipes without end do
+    if not crosses_block and _is_beyond(grid, margin, reaches):
+        errors.append(_too_wide(grid, margin, reaches))
     return errors
 
 
-def _overhang_errors(geometry: Geometry, grid: Grid) -> list[str]:
+def _why_nothing_is_printed(solid: Solid) -> str:
+    shape = solid.shape
+    if isinstance(shape, Columns) and shape.mask.any():
+        lowest = float(shape.bottoms.min()) * UM_PER_M
+        return (
+            f"part rests nowhere on the substrate: its lowest point is at {lowest:.6g} um; write "
+            'place = "on-substrate", turn it, or add [support]'
+        )
+    return "part covers no cell of the grid; make it larger, move it, or enlarge grid.nx and grid.ny"
+
+
+def _is_beyond(grid: Grid, margin: int, bounds: Bounds) -> bool:
+    """Whether a part reaches the centre of a cell outside the grid less its margin."""
+    below = (margin - 1) * grid.pitch
+    x_above, y_above = ((count - margin) * grid.pitch for count in (grid.nx, grid.ny))
+    is_in_x = below < bounds.x_min and bounds.x_max < x_above
+    return not (is_in_x and below < bounds.y_min and bounds.y_max < y_above)
+
+
+def _too_wide(grid: Grid, margin: int, bounds: Bounds) -> str:
+    sides = bounds.x_max - bounds.x_min, bounds.y_max - bounds.y_min
+    place = f"the grid of {grid.nx} x {grid.ny} cells" + (f" less its margin of {margin}" if margin else "")
+    if not np.isfinite(sides).all():
+        return f"part reaches beyond {place}: it has no end; add [support], which fills a block around it, or cut it"
+    needed = (math.ceil(side / grid.pitch) + 2 * max(margin, EMPTY_CELLS) for side in sides)
+    size = " x ".join(f"{side * UM_PER_M:.6g}" for side in sides)
+    counts = " and ".join(f"{axis} >= {count}" for axis, count in zip(("grid.nx", "grid.ny"), needed, strict=True))
+    return (
+        f"part reaches beyond {place}: it is {size} um wide; with {counts} it fits in the middle with "
+        f"{max(margin, EMPTY_CELLS)} empty cells around it; or move it, or make it smaller"
+    )
+
+
+def _overhang_errors(part: Columns) -> list[str]:
     """The error of a part that hangs in the air, in a file that does not say what is to hold it."""
-    part = Columns.of_shape(geometry, grid.nx, grid.ny, grid.pitch)
     found = overhangs(part)
     if found is None:
         return []

@@ -3,32 +3,57 @@
 from __future__ import annotations
 
 import zlib
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import BoolMap, FloatMap, Ink, Job
+from inkloop.component import BoolMap, FloatMap, Geometry, Ink, Job
 from inkloop.contract import PassOrder
-from inkloop.geometry import Columns, Shape, cell_centers, resting, support_below
-from inkloop.tables.schema import InkTable, ScenarioFile
+from inkloop.geometry import Columns, cell_centers, resting, support_below
+from inkloop.geometry.overhang import GAP_M
+from inkloop.tables.schema import Inks, InkTable, ScenarioFile
+from inkloop.tables.solid import Solid
 
+FAR_M = 1.0
+"""Stands for no end of a region of ink."""
 T = TypeVar("T", bound=np.generic)
 
 
-def job_of(tables: ScenarioFile, component: str) -> Job:
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What is to be printed: mask and height of the top [m], each (nx, ny).
+
+    inks: their number; region: where ink A belongs, None: everywhere.
+    """
+
+    mask: BoolMap
+    height: FloatMap
+    inks: int = 1
+    region: Geometry | None = None
+
+
+def target_of(tables: ScenarioFile, solid: Solid) -> Target:
+    """The target of a part, with its support where the scenario has one."""
+    mask, top = _printed(tables, solid)
+    region: Geometry | None = solid.shape
+    if not is_supported(tables):
+        region = None if solid.region is None else _without_ends(solid.region, top)
+    return Target(_frozen(mask), _frozen(np.where(mask, top, 0.0)), 1 if region is None else 2, region)
+
+
+def job_of(tables: ScenarioFile, target: Target, component: str) -> Job:
     """The job of `component`, its maps read-only; its seed is a stream of its own, derived from the scenario's."""
     grid, process = tables.grid, tables.process
-    geometry = tables.part.geometry(grid)
-    mask, top = _printed(tables, geometry)
     return Job(
         nx=grid.nx,
         ny=grid.ny,
         pitch=grid.pitch,
-        target_height=_frozen(np.where(mask, top, 0.0)),
-        mask=_frozen(mask),
-        inks=inks_of(tables),
-        region=geometry if is_supported(tables) else None,
+        target_height=target.height,
+        mask=target.mask,
+        inks=inks_of(tables.ink, target.inks),
+        region=target.region,
         passes=process.passes,
         pass_order=PassOrder[process.pass_order.upper()].value,
         pass_rotation=process.pass_rotation,
@@ -42,21 +67,32 @@ def is_supported(tables: ScenarioFile) -> bool:
     return tables.support is not None and tables.support.kind != "none"
 
 
-def _printed(tables: ScenarioFile, geometry: Shape) -> tuple[BoolMap, FloatMap]:
+def _printed(tables: ScenarioFile, solid: Solid) -> tuple[BoolMap, FloatMap]:
     """The cells that are printed, in one ink or two, and up to where [m]; beyond them any height."""
-    grid, support = tables.grid, tables.support
+    grid, support, shape = tables.grid, tables.support, solid.shape
     x, y = cell_centers(grid.nx, grid.ny, grid.pitch)
-    part = Columns.of_shape(geometry, grid.nx, grid.ny, grid.pitch)
+    part = solid.columns(grid.nx, grid.ny, grid.pitch)
     if support is None or support.kind == "none":
         stands = resting(part)
-        return stands.mask, np.minimum(stands.top(x, y), geometry.top(x, y))
+        return stands.mask, np.minimum(stands.top(x, y), shape.top(x, y))
     mask = np.zeros((grid.nx, grid.ny), dtype=np.bool_)
     margin = support.margin_cells
     mask[margin : grid.nx - margin, margin : grid.ny - margin] = True
     if support.kind == "around":
-        return mask, np.full_like(x, geometry.height)
+        return mask, np.full_like(x, shape.height)
     held = resting(part | support_below(part))
-    return mask & held.mask, np.minimum(held.top(x, y), geometry.top(x, y))
+    return mask & held.mask, np.minimum(held.top(x, y), shape.top(x, y))
+
+
+def _without_ends(region: Columns, top: FloatMap) -> Columns:
+    """Ink A where it reaches the substrate or the target `top` (nx, ny) [m] goes on beyond them, as ink B does.
+
+    Else the last droplet on ink A, whose middle lies over the target, would be of ink B.
+    """
+    highest = np.repeat(top.ravel(), region.counts.ravel())
+    bottoms = np.where(region.bottoms <= GAP_M, -FAR_M, region.bottoms)
+    tops = np.where(region.tops >= highest - GAP_M, FAR_M, region.tops)
+    return Columns(region.nx, region.ny, region.pitch, region.offsets, bottoms, tops)
 
 
 def component_seed(seed: int, component: str) -> int:
@@ -70,10 +106,9 @@ def _height_start(tables: ScenarioFile) -> FloatMap | None:
     return None if table is None else table.substrate.height(grid.nx, grid.ny, grid.pitch, tables.seed)
 
 
-def inks_of(tables: ScenarioFile) -> tuple[Ink, ...]:
-    """The inks of the part, and of its support where it has one."""
-    inks = tables.ink
-    if inks.b is None and not is_supported(tables):
+def inks_of(inks: Inks, count: int) -> tuple[Ink, ...]:
+    """The inks of a print in one ink or two."""
+    if inks.b is None and count == 1:
         return (inks.a.ink,)
     return inks.a.ink, (inks.b or InkTable()).ink
 

@@ -19,14 +19,14 @@ _NUMBER = re.compile(r"['\"]\s*[+-]?[0-9.]")
 
 def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
     """One error of the file whose tables `root` describes."""
-    path, table, field = _locate(detail["loc"], root)
+    path, table, field, kind = _locate(detail["loc"], root)
     place = ".".join(path)
     if detail["type"] == "missing":
         return f"{place} is missing; add it{_meaning(field)}"
     if detail["type"] == "extra_forbidden":
         return f"{place} is not a key of this table; {nearest(path[-1], _keys(table))}"
     if detail["type"] in ("union_tag_invalid", "union_tag_not_found"):
-        choices = ", ".join(_tags(field))
+        choices = ", ".join(_tags(kind))
         found = f"is {detail['ctx']['tag']!r}" if "tag" in detail.get("ctx", {}) else "is missing"
         return f"{place}.shape {found}; expected one of {choices}"
     expected = detail["msg"].replace("Input should be", "expected", 1).replace("Value error, ", "", 1)
@@ -37,8 +37,8 @@ def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
 
 def _locate(
     loc: tuple[int | str, ...], root: type[BaseModel]
-) -> tuple[list[str], type[BaseModel] | None, FieldInfo | None]:
-    """Path of an error in the file, the table it stands in, and the field, as far as they are known."""
+) -> tuple[list[str], type[BaseModel] | None, FieldInfo | None, Any]:
+    """Path of an error in the file, the table it stands in, the field and its type, as far as they are known."""
     path: list[str] = []
     table: type[BaseModel] | None = root
     field: FieldInfo | None = None
@@ -46,23 +46,28 @@ def _locate(
     for key in loc:
         if _is_table(kind):
             table, field = kind, kind.model_fields.get(str(key))
-            kind = field.annotation if field else None
-        elif isinstance(key, str) and (chosen := _tags(field).get(key)):
+            kind = field and _kind_of(field)
+        elif isinstance(key, str) and (chosen := _tags(kind).get(key)):
             table = kind = chosen
             continue  # the tag of a union is no key of the file
         else:
             kind = next(iter(typing.get_args(kind)[-1:]), None)
         kind = _without_none(kind)
         path.append(str(key) if isinstance(key, str) else f"[{key}]")
-    return path, table, field
+    return path, table, field, kind
 
 
-def _tags(field: FieldInfo | None) -> Mapping[str, type[BaseModel]]:
-    """Tag -> table of a discriminated union; empty for any other field."""
-    if field is None or not isinstance(field.discriminator, str):
-        return {}
-    tables = typing.get_args(field.annotation)
-    return {typing.get_args(table.model_fields[field.discriminator].annotation)[0]: table for table in tables}
+def _kind_of(field: FieldInfo) -> Any:
+    """The type of a field; of a discriminated union with the discriminator, as a type in a list has it."""
+    return typing.Annotated[field.annotation, field] if field.discriminator else field.annotation
+
+
+def _tags(kind: Any) -> Mapping[str, type[BaseModel]]:
+    """Tag -> table of a discriminated union; empty for any other type."""
+    union, *marks = typing.get_args(kind) if typing.get_origin(kind) is typing.Annotated else (None,)
+    key = next((mark.discriminator for mark in marks if isinstance(mark, FieldInfo)), None)
+    tables = typing.get_args(union) if isinstance(key, str) else ()
+    return {typing.get_args(table.model_fields[key].annotation)[0]: table for table in tables}
 
 
 def _keys(table: type[BaseModel] | None) -> list[str]:

@@ -12,16 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from inkloop.component import Ink
 from inkloop.tables import bench_faults
-from inkloop.tables.shapes import (
-    CuboidTable,
-    CylinderTable,
-    Grid,
-    Length,
-    PipeJunctionTable,
-    Position,
-    StaircaseTable,
-    Table,
-)
+from inkloop.tables.part import Part
+from inkloop.tables.shapes import Grid, Length, Position, Table
 from inkloop.tables.substrate import Substrate
 from inkloop.units import M_PER_UM
 
@@ -209,7 +201,7 @@ class ScenarioFile(Table):
     label: str = Field(default="this run", description="short name of the run in the table and in legends")
     seed: int = Field(default=0, ge=0, le=2**31 - 1)
     grid: Grid
-    part: Annotated[CylinderTable | CuboidTable | StaircaseTable | PipeJunctionTable, Field(discriminator="shape")]
+    part: Part
     substrate: SubstrateTable | None = None
     support: Support | None = None
     ink: Inks = Inks()

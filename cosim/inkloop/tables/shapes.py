@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from inkloop.geometry import Cuboid, Cylinder, PipeJunction, Shape, Staircase
+from inkloop.tables.solid import Bounds, Solid
 from inkloop.units import M_PER_UM
 
 Length = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -38,10 +41,9 @@ class Grid(Table):
         return (self.nx - 1) / 2 * self.pitch, (self.ny - 1) / 2 * self.pitch
 
 
-class PartTable(Table):
-    """What every shape has: a top, and a centre that defaults to the middle of the grid."""
+class PlacedTable(Table):
+    """What every part has: a centre that defaults to the middle of the grid, and an ink."""
 
-    height_um: Length = Field(description="height of the flat top over the substrate")
     center_x_um: Position | None = Field(default=None, description="centre along x; default: middle of the grid")
     center_y_um: Position | None = Field(default=None, description="centre along y; default: middle of the grid")
 
@@ -53,15 +55,26 @@ class PartTable(Table):
         )
 
 
+class PartTable(PlacedTable):
+    """What every shape of a formula has: a flat top, and a box around it."""
+
+    height_um: Length = Field(description="height of the flat top over the substrate")
+
+    def _solid(self, shape: Shape, grid: Grid, half_x: float, half_y: float) -> Solid:
+        x, y = self._center(grid)
+        return Solid(shape, Bounds(x - half_x, x + half_x, y - half_y, y + half_y))
+
+
 class CylinderTable(PartTable):
     """`[part]` with `shape = "cylinder"`."""
 
     shape: Literal["cylinder"]
     radius_um: Length = Field(description="radius")
 
-    def geometry(self, grid: Grid) -> Shape:
+    def solid(self, grid: Grid, folder: Path) -> Solid:
         """The part in space."""
-        return Cylinder(*self._center(grid), self.radius_um * M_PER_UM, self.height_um * M_PER_UM)
+        radius = self.radius_um * M_PER_UM
+        return self._solid(Cylinder(*self._center(grid), radius, self.height_um * M_PER_UM), grid, radius, radius)
 
 
 class CuboidTable(PartTable):
@@ -71,11 +84,11 @@ class CuboidTable(PartTable):
     size_x_um: Length = Field(description="edge along x")
     size_y_um: Length = Field(description="edge along y")
 
-    def geometry(self, grid: Grid) -> Shape:
+    def solid(self, grid: Grid, folder: Path) -> Solid:
         """The part in space."""
-        return Cuboid(
-            *self._center(grid), self.size_x_um * M_PER_UM, self.size_y_um * M_PER_UM, self.height_um * M_PER_UM
-        )
+        edges = self.size_x_um * M_PER_UM, self.size_y_um * M_PER_UM
+        shape = Cuboid(*self._center(grid), *edges, self.height_um * M_PER_UM)
+        return self._solid(shape, grid, edges[0] / 2, edges[1] / 2)
 
 
 class StaircaseTable(PartTable):
@@ -86,10 +99,11 @@ class StaircaseTable(PartTable):
     size_y_um: Length = Field(description="edge along y")
     steps: int = Field(ge=1, description="number of steps")
 
-    def geometry(self, grid: Grid) -> Shape:
+    def solid(self, grid: Grid, folder: Path) -> Solid:
         """The part in space."""
         edges = self.size_x_um * M_PER_UM, self.size_y_um * M_PER_UM
-        return Staircase(*self._center(grid), *edges, self.steps, self.height_um * M_PER_UM)
+        shape = Staircase(*self._center(grid), *edges, self.steps, self.height_um * M_PER_UM)
+        return self._solid(shape, grid, edges[0] / 2, edges[1] / 2)
 
 
 class PipeJunctionTable(PartTable):
@@ -101,9 +115,9 @@ class PipeJunctionTable(PartTable):
     inner_across_um: Length = Field(description="inner half-axis in the plane")
     inner_upright_um: Length = Field(description="inner half-axis along z")
 
-    def geometry(self, grid: Grid) -> Shape:
+    def solid(self, grid: Grid, folder: Path) -> Solid:
         """The part in space."""
-        return PipeJunction(
+        shape = PipeJunction(
             *self._center(grid),
             outer_across=self.outer_across_um * M_PER_UM,
             outer_upright=self.outer_upright_um * M_PER_UM,
@@ -111,3 +125,4 @@ class PipeJunctionTable(PartTable):
             inner_upright=self.inner_upright_um * M_PER_UM,
             height=self.height_um * M_PER_UM,
         )
+        return self._solid(shape, grid, math.inf, math.inf)

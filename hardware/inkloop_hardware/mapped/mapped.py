@@ -42,14 +42,14 @@ _STATE = Struct(">Iii")  # job, layers printed, layers scanned
 class Mapped:
     """Printer, profiler or both, by the steps of the mapping; a step of the loop lasts until they are done.
 
-    rig: its bus settings and folder; mapping: path of the mapping file. Raises ScenarioError with every error of the
-    file; the errors of its steps are `HardwareError`s.
+    mapping: path of the mapping file. Raises ScenarioError with every error of the file; the errors of its steps are
+    `HardwareError`s.
     """
 
     is_device = True
 
-    def __init__(self, job: Job, rig: Rig, *, mapping: str) -> None:
-        self._job, self._rig, self._mapping = job, rig, load(Path(mapping), job)
+    def __init__(self, job: Job, *, mapping: str) -> None:
+        self._job, self._mapping = job, load(Path(mapping), job)
         tables, shape = self._mapping.tables, (job.nx, job.ny)
         self.inputs: tuple[Port, ...] = ()
         self.outputs: tuple[Port, ...] = contract_ports(shape, STATUS)
@@ -64,6 +64,10 @@ class Mapped:
         self._printed, self._scanned = 0, -1
         self._height, self._valid = np.zeros(shape), np.zeros(shape, np.bool_)
         self._pattern = np.zeros(shape, np.int32)
+
+    def use_rig(self, rig: Rig) -> None:
+        """Take the settings of the bus, its folder and the print job from this rig."""
+        self._rig = rig
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         """Open the bus and make the steps of the start; commands count from the present one."""

@@ -39,6 +39,7 @@ FACTORS = {10.0**exponent for exponent in (-18, -15, -12, -9, -6, -3, 3, 6, 9, 1
 UNIT_NAMES = {suffix for suffixes in SUFFIXES.values() for suffix in suffixes}
 OPERATORS = (ast.Mult, ast.Div, ast.FloorDiv)
 NO_FACTORS = {
+    "cosim/inkloop/geometry/mesh.py": "OPEN_MAX is a share of columns",
     "cosim/inkloop/identify/expected_increments.py": "the share of a width below which a variance is rounding",
     "cosim/inkloop/identify/ink_regression.py": "PERTURBATION is a share of a layer",
     "cosim/inkloop/results/solid.py": "STEP_M is the height of a voxel",

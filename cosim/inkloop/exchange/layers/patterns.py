@@ -72,7 +72,7 @@ def of_run(result: Result, source: str) -> Patterns:
         f"run: {run.attrs['title']}, {run.attrs['label']}, {result.stop_reason}",
         result.scenario_text,
         float(run.attrs["pitch"]),
-        inks_of(tables),
+        inks_of(tables.ink, 2 if "ink" in run else 1),
         tables.process,
         run[PATTERN].values[1:],
         np.maximum(run[DROP_LEVEL].values[1:], 1) if DROP_LEVEL in run else None,

@@ -118,7 +118,10 @@ class Blower:
     inputs = ()
     outputs = (Port("speed", "m/s"),)
 
-    def __init__(self, job: Job, rig: Any, *, speed: float = 1.0) -> None:
+    def __init__(self, job: Job, *, speed: float = 1.0) -> None:
+        self.rig: Any = None
+
+    def use_rig(self, rig: Any) -> None:
         self.rig = rig
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:

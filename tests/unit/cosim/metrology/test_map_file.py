@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import sdfio
 import tifffile
+from PIL import Image
 
 from inkloop.errors import HeightMapError
 from inkloop.metrology.height_map import HeightMap
@@ -245,3 +246,22 @@ def test_map_of_another_shape_than_a_surface_is_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "map.npy", np.zeros(5))
     with pytest.raises(HeightMapError, match=r"shape \(5,\); expected rows and columns"):
         read(tmp_path / "map.npy", unit="um", pixel=5e-6)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".bmp"])
+def test_picture_is_read_as_counts_that_need_their_scale(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"map{suffix}"
+    counts = np.array([[0, 10, 20], [30, 40, 255]], np.uint8)
+    Image.fromarray(counts).save(path)
+    with pytest.raises(HeightMapError, match="whole-number counts"):
+        read(path, unit="um", pixel=5e-6)
+    found = read(path, unit="um", pixel=5e-6, scale=0.5, invalid_value=255)
+    expected = np.where(counts == 255, np.nan, counts * 0.5e-6).T
+    np.testing.assert_allclose(found.z, expected, rtol=1e-12)
+
+
+def test_sixteen_bits_of_a_picture_are_kept(tmp_path: Path) -> None:
+    counts = np.array([[0, 1], [256, 65535]], np.uint16)
+    Image.fromarray(counts).save(tmp_path / "map.png")
+    found = read(tmp_path / "map.png", unit="nm", pixel=5e-6, scale=1.0)
+    np.testing.assert_allclose(found.z, counts.T * 1e-9, rtol=1e-12)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,13 @@ from inkloop.fmu import FmuComponent, reading
 from inkloop.printing.run import print_part
 from inkloop.scenario import file, loop
 from inkloop.scenario.file import Scenario
+from inkloop.tables import part_mesh
 from inkloop_controller import controllers
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
 from inkloop_hardware.link.rig import Rig
+from inkloop_hardware.mapped.mapped import Mapped
+from support.benches import foreign_rig
 from support.places import ROOT
 
 CONTROLLERS = ("LayerMpc", "OpenLoop", "StochasticGreedy")
@@ -40,6 +44,7 @@ def counts(monkeypatch: pytest.MonkeyPatch) -> dict[str, Counter[str]]:
     def count(place: Any, name: str, what: str, key: Callable[..., str]) -> None:
         original = getattr(place, name)
 
+        @wraps(original)
         def counted(*args: Any, **options: Any) -> Any:
             found.setdefault(what, Counter())[key(*args, **options)] += 1
             return original(*args, **options)
@@ -49,7 +54,7 @@ def counts(monkeypatch: pytest.MonkeyPatch) -> dict[str, Counter[str]]:
     reading._describe.cache_clear()
     for name in CONTROLLERS:
         count(controllers, name, "construct", lambda *args, name=name, **options: name)
-    for each in (Printer, Profiler, Rig):
+    for each in (Printer, Profiler, Mapped, Rig):
         count(each, "__init__", "construct", lambda self, *args, **options: type(self).__name__)
     count(FmuComponent, "__init__", "construct", lambda self, path, **options: Path(path).stem)
     count(PythonClass, "check", "check", lambda self, job, options: self.entry.name)
@@ -58,7 +63,8 @@ def counts(monkeypatch: pytest.MonkeyPatch) -> dict[str, Counter[str]]:
     for module in (fmu_parameters, fmu_kind):
         count(module, "find_fmu", "find", lambda model, form: model)
     count(fmpy, "read_model_description", "describe", lambda path, **options: Path(path).stem)
-    count(file, "job_of", "job", lambda tables, component: component)
+    count(file, "job_of", "job", lambda tables, target, component: component)
+    count(part_mesh, "read_bodies", "read", lambda path, unit: path.name)
     count(loop, "read_events", "events", lambda *args: "read")
     return found
 
@@ -76,12 +82,31 @@ def test_each_component_is_checked_once_and_constructed_once_per_print(counts: d
     assert counts["events"] == {"read": prints}
 
 
+def test_mesh_is_read_once_for_all_components_and_runs(counts: dict[str, Counter[str]]) -> None:
+    scenario = Scenario.load(ROOT / "scenarios" / "bracket.toml", {"run.layers_max": 1, "compare": {}})
+    print_part(scenario)
+    assert scenario.footprint.layers == 1
+    assert counts["read"] == once("bracket.stl")
+
+
 def test_devices_are_constructed_once_with_the_bus_of_their_loop(counts: dict[str, Counter[str]]) -> None:
     scenario = Scenario.load(ROOT / "scenarios" / "bench.toml")
     assert counts["construct"] == once("LayerMpc")
     for component in scenario.build().values():
         component.terminate()
     assert counts["construct"] == once("LayerMpc", "Printer", "Profiler", "Rig")
+
+
+def test_mapped_rig_is_constructed_once_and_has_the_bus_of_its_loop(
+    tmp_path: Path, counts: dict[str, Counter[str]]
+) -> None:
+    (tmp_path / "rig.dbc").write_text(foreign_rig.DBC)
+    (tmp_path / "rig.toml").write_text(foreign_rig.MAPPING)
+    (tmp_path / "part.toml").write_text(foreign_rig.SCENARIO)
+    components = Scenario.load(tmp_path / "part.toml").build()
+    assert counts["construct"]["Mapped"] == counts["construct"]["Rig"] == 1
+    for component in components.values():
+        component.terminate()
 
 
 def test_second_print_of_a_scenario_has_components_of_its_own() -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from inkloop.cli import main
-from inkloop.components.devices import LOGGER
+from inkloop.component import DEVICE_LOGGER
 from inkloop.errors import FmuError, ResultError
 from inkloop.files import reason_of, write_text
 from inkloop.fmu import FmuComponent
@@ -124,7 +124,7 @@ def test_command_that_cannot_write_its_file_names_it(tmp_path: Path, capsys: pyt
 def test_log_of_devices_without_room_is_reported_once(tmp_path: Path) -> None:
     screen = io.StringIO()
     console = Terminal(screen, width=200, verbose=True)
-    log = logging.getLogger(LOGGER)
+    log = logging.getLogger(DEVICE_LOGGER)
     with files_up_to(100), live_words(console, tmp_path):
         for number in range(20):
             log.info("message %d of a device", number)

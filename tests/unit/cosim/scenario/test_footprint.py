@@ -13,7 +13,7 @@ import inkloop
 from inkloop.bench.emulation import emulation_of
 from inkloop.cli import main
 from inkloop.errors import FmuError, ResultError, ScenarioError
-from inkloop.limits import GIB, KIB
+from inkloop.limits import GIB, KIB, MIB
 from inkloop.printing.run import checked_run_folder
 from inkloop.scenario import footprint
 from inkloop.scenario.file import Scenario
@@ -41,6 +41,15 @@ def test_grid_that_memory_cannot_hold_is_refused_by_every_command(
     assert "of memory, 8 GiB are available; " in error
     assert " cells would fit: choose a smaller grid or a larger pitch, or fewer layers" in error
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["bracket", "lithophane"])
+def test_grid_is_refused_before_a_part_is_laid_over_it(name: str, eight_gib: None) -> None:
+    tracemalloc.start()
+    with pytest.raises(ScenarioError, match="grid of 90000 x 90000 cells, about 1 layers, needs about"):
+        inkloop.load(ROOT / "scenarios" / f"{name}.toml", {"grid.nx": 90_000, "grid.ny": 90_000})
+    assert tracemalloc.get_traced_memory()[1] < 100 * MIB
+    tracemalloc.stop()
 
 
 def test_grid_that_is_said_to_fit_does(eight_gib: None) -> None:

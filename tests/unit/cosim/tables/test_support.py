@@ -15,6 +15,7 @@ from inkloop.geometry import PipeJunction, cell_centers, contained
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
 from inkloop.tables.shapes import PipeJunctionTable
+from inkloop.tables.solid import Bounds, Solid
 
 PITCH = 100e-6
 MIDDLE = 10 * PITCH
@@ -119,7 +120,8 @@ def test_every_droplet_of_a_supported_print_is_of_the_ink_that_belongs_there(tmp
 def test_without_support_only_what_rests_on_the_substrate_is_printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(PipeJunctionTable, "geometry", lambda table, grid: Mushroom())
+    mushroom = Solid(Mushroom(), Bounds(0.0, 0.0, 0.0, 0.0))
+    monkeypatch.setattr(PipeJunctionTable, "solid", lambda table, grid, folder: mushroom)
     with pytest.raises(
         ScenarioError, match=r"part: 72 cells \(88\.9%\) have nothing below them, first at \(6, 6\) from 20 um"
     ):

@@ -1,0 +1,90 @@
+"""`inkloop geometry`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from inkloop.commands.options import add_part_options, part_file_of, screen
+from inkloop.errors import InkloopError, ScenarioError
+
+if TYPE_CHECKING:
+    from inkloop.report.part_report import MeshReport
+    from inkloop.scenario.file import Scenario
+
+
+def add_parser(commands: Any) -> argparse.ArgumentParser:
+    """The parser of the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "geometry", help="describe a part before it is printed: size, holes, narrow walls, ink, layers"
+    )
+    parser.add_argument(
+        "file", type=Path, metavar="FILE", help="mesh (STL, OBJ, PLY, 3MF), height map, or scenario (.toml)"
+    )
+    add_part_options(parser)
+    parser.add_argument("--nozzle-um", type=float, metavar="W", help="narrowest wall or gap, if more than two cells")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="picture to write (default: NAME-geometry.png)")
+    return parser
+
+
+def run(options: argparse.Namespace) -> int:
+    """Show the figures and write the picture; the exit code, 1 where the part cannot be printed as it is."""
+    mesh, source = _mesh(options), str(options.file)
+    data: dict[str, Any] = {"file": source, **(mesh.data() if mesh else {})}
+    lines = [source, *(mesh.lines() if mesh else ())]
+    try:
+        scenario = _scenario(options)
+    except ScenarioError:
+        _show(options, lines, data)
+        raise
+    from inkloop.report.part_picture import draw
+    from inkloop.report.part_report import PartReport
+    from inkloop.units import M_PER_UM
+
+    report = PartReport.of(scenario, None if options.nozzle_um is None else options.nozzle_um * M_PER_UM)
+    picture = options.out or Path(f"{options.file.stem}-geometry.png")
+    draw(report, options.file.name, picture)
+    data |= {**report.data(), "picture": str(picture)}
+    lines += [] if mesh else [report.size_line]
+    _show(options, [*lines, *report.lines(), f"wrote {picture}"], data)
+    return 0
+
+
+def _show(options: argparse.Namespace, lines: list[str], data: dict[str, Any]) -> None:
+    terminal = screen(options)
+    for line in lines:
+        terminal.sentence(line)
+    terminal.result(**data)
+
+
+def _mesh(options: argparse.Namespace) -> MeshReport | None:
+    """The mesh in the file or of the scenario, if its part is one. Raises InkloopError."""
+    from inkloop.geometry.mesh_file import read_bodies
+    from inkloop.report.part_report import MeshReport
+    from inkloop.scenario.part_file import mesh_of_scenario
+
+    if options.file.suffix == ".toml":
+        found = mesh_of_scenario(options.file)
+        return None if found is None else MeshReport.of(found)
+    file = part_file_of(options, options.file)
+    return MeshReport.of(read_bodies(file.path, file.mesh_unit)) if file.is_mesh else None
+
+
+def _scenario(options: argparse.Namespace) -> Scenario:
+    """The scenario of the file, or one around its part. Raises ScenarioError."""
+    from inkloop.scenario import new
+    from inkloop.scenario.class_path import classes_from
+    from inkloop.scenario.file import Scenario
+    from inkloop.scenario.part_file import fit
+
+    if options.file.suffix == ".toml":
+        given = [name for name in ("pitch_um", "unit", "pixel_um", "count_scale") if getattr(options, name) is not None]
+        if given:
+            names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+            raise InkloopError(f"{names}: the scenario states its own; leave it out, or name the file of the part")
+        with classes_from(options.file.parent):
+            return Scenario.load(options.file)
+    file = part_file_of(options, options.file)
+    place = Path("part.toml")
+    return Scenario.of_text(new.text_for_part(place, file, fit(file, options.pitch_um)), str(place))

@@ -1,0 +1,68 @@
+"""Grey values of pictures: PNG, BMP and TIFF with bits, grey values or a palette, one page after the other."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageSequence, UnidentifiedImageError
+
+from inkloop.errors import HeightMapError
+from inkloop.limits import memory_error
+from inkloop.metrology.file_contents import FileContents
+
+_COLOURS = 3  # channels before the one of opacity
+_BYTES_OF_A_PIXEL = 8  # the picture, its array, and a copy; of colours 4 bytes twice
+
+
+def read_picture(path: Path) -> FileContents:
+    """The first page as whole-number counts; row 0 is the first row along y. Raises HeightMapError, OSError."""
+    return FileContents(next(grey_pages(path)))
+
+
+def grey_pages(path: Path) -> Iterator[NDArray[Any]]:
+    """The grey values of each page as stored, (rows, columns): 0 and 1 of bits, the index of a palette.
+
+    Colours are read where all of them are grey and opaque. Raises HeightMapError, OSError.
+    """
+    try:
+        with _opened(path) as picture:
+            for number, page in enumerate(ImageSequence.Iterator(picture), start=1):
+                place = f"{path}, page {number}" if number > 1 else str(path)
+                if reason := memory_error(page.width * page.height * _BYTES_OF_A_PIXEL):
+                    raise HeightMapError(f"{place}: {page.width} x {page.height} pixels: {reason}")
+                yield _grey(place, page)
+    except Image.DecompressionBombError as error:
+        raise HeightMapError(f"{path}: {error}; save it in parts, or with fewer pixels") from error
+    except UnidentifiedImageError as error:
+        raise HeightMapError(f"{path}: is no picture; expected PNG, TIFF or BMP") from error
+    except (OSError, SyntaxError, ValueError, EOFError) as error:  # of Pillow, on bytes that are cut off or altered
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        raise HeightMapError(f"{path}: is damaged ({error}); save it again") from error
+
+
+def _opened(path: Path) -> Image.Image:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # memory is checked here, page by page
+        return Image.open(path)
+
+
+def _grey(place: str, page: Image.Image) -> NDArray[Any]:
+    values = np.asarray(page)
+    if values.dtype == np.bool_:
+        return values.astype(np.uint8)
+    if values.ndim == 2:
+        return values
+    channels = len(page.getbands())
+    has_opacity = page.mode.endswith(("A", "a"))
+    is_grey = channels <= 2 or (values[..., 1:_COLOURS] == values[..., :1]).all()
+    is_opaque = not has_opacity or (values[..., -1] == np.iinfo(values.dtype).max).all()
+    if page.mode not in ("LA", "RGB", "RGBA") or not (is_grey and is_opaque):
+        found = "is partly transparent" if is_grey and not is_opaque else f"has colours ({page.mode})"
+        raise HeightMapError(f"{place}: {found}; expected grey values: save it as greyscale, or with a palette")
+    return np.ascontiguousarray(values[..., 0])

@@ -1,0 +1,219 @@
+"""What a part is before it is printed: size, holes, what is too narrow, and what its print takes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+
+from inkloop.geometry import Columns
+from inkloop.geometry.body import Body, bounds
+from inkloop.geometry.narrow import Narrow, narrow_across, narrow_upright
+from inkloop.limits import size_text
+from inkloop.report.mesh_holes import Hole, holes
+from inkloop.scenario.file import Scenario
+from inkloop.units import MM3_PER_M3, MM_PER_M, NL_PER_M3, UM_PER_M
+
+HOLES_SHOWN = 10
+LEVELS = 100
+"""Heights at which walls and gaps are looked for, at most."""
+CELLS_MIN = 2
+"""Cells of the narrowest wall or gap that is printed as such: one alone is a row of droplets."""
+WIDTH = 80
+"""Characters of a line."""
+SCAN_S = 6.0
+"""`scan_duration` of the sensor where the scenario gives none."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshReport:
+    """A mesh as it is in its file: bodies, triangles, size [m], holes, names of objects or materials."""
+
+    bodies: int
+    triangles: int
+    size: tuple[float, float, float]
+    holes: list[Hole]
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, bodies: Sequence[Body]) -> MeshReport:
+        """The report of placed bodies."""
+        low, high = bounds(bodies)
+        x, y, z = (float(side) for side in high - low)
+        names = tuple(dict.fromkeys(body.name or body.material for body in bodies if body.name or body.material))
+        count = sum(len(body.triangles) for body in bodies)
+        return cls(len(bodies), count, (x, y, z), holes(bodies), names)
+
+    def lines(self) -> Iterator[str]:
+        """For a person."""
+        yield f"mesh           {_counted(self.bodies, 'body', 'bodies')}, {self.triangles:,} triangles"
+        yield f"size           {_lengths(self.size)} mm"
+        if len(self.names) > 1:
+            yield from wrap(", ".join(self.names), WIDTH, initial_indent="objects        ", subsequent_indent=" " * 15)
+        if not self.holes:
+            yield "surface        watertight"
+            return
+        count = _counted(len(self.holes), "hole", "holes")
+        yield f"surface        not watertight: {count}" + (", the largest" if len(self.holes) > 1 else "")
+        for hole in self.holes[:HOLES_SHOWN]:
+            yield f"               {hole.size * MM_PER_M:.4g} mm across at ({_lengths(hole.center, ', ')}) mm"
+
+    def data(self) -> dict[str, Any]:
+        """For a program."""
+        return {
+            "bodies": self.bodies,
+            "triangles": self.triangles,
+            "names": list(self.names),
+            "size_mm": [side * MM_PER_M for side in self.size],
+            "watertight": not self.holes,
+            "holes": [
+                {
+                    "size_mm": hole.size * MM_PER_M,
+                    "center_mm": [value * MM_PER_M for value in hole.center],
+                    "edges": hole.edges,
+                }
+                for hole in self.holes[:HOLES_SHOWN]
+            ],
+            "hole_count": len(self.holes),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class PartReport:
+    """The part of a scenario on its grid. narrow: what is narrower than droplets make it, by name."""
+
+    scenario: Scenario
+    part: Columns
+    narrow: dict[str, Narrow]
+    cells_min: int
+
+    @classmethod
+    def of(cls, scenario: Scenario, nozzle: float | None) -> PartReport:
+        """The report of a scenario; nozzle: width of what it prints at least [m], two cells if that is less."""
+        grid = scenario.tables.grid
+        part = scenario.solid.columns(grid.nx, grid.ny, grid.pitch)
+        layer = scenario.tables.ink.a.ink.layer_height
+        cells_min = max(CELLS_MIN, math.ceil((nozzle or 0.0) / grid.pitch - 1e-9))
+        count = min(LEVELS, max(1, math.ceil(part.height / layer)))
+        levels = (np.arange(count) + 0.5) / count * part.height
+        walls, gaps = narrow_across(part, cells_min, levels.tolist())
+        sheets, slots = narrow_upright(part, layer)
+        found = {
+            "walls": walls,
+            "gaps": gaps,
+            "sheets": sheets,
+            "slots": slots,
+        }
+        return cls(scenario, part, {name: each for name, each in found.items() if each is not None}, cells_min)
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Width, depth and height [m]."""
+        box = self.scenario.solid.bounds
+        return box.x_max - box.x_min, box.y_max - box.y_min, self.part.height
+
+    @property
+    def size_line(self) -> str:
+        """The size for a person; a part without an end has that of its block."""
+        grid = self.scenario.tables.grid
+        sides = [min(side, count * grid.pitch) for side, count in zip(self.size, (grid.nx, grid.ny), strict=False)]
+        return f"size           {_lengths([*sides, self.part.height])} mm"
+
+    @property
+    def volumes(self) -> dict[str, float]:
+        """Volume of each ink in the target [m3]."""
+        job = self.scenario.job()
+        area = job.pitch**2
+        whole = float(job.target_height[job.mask].sum()) * area
+        if job.region is None:
+            return {"A": whole}
+        x, y = np.meshgrid(np.arange(job.nx) * job.pitch, np.arange(job.ny) * job.pitch, indexing="ij")
+        top = job.target_height
+        of_a = sum(
+            float(np.maximum(np.minimum(high, top) - np.maximum(low, 0.0), 0.0)[job.mask].sum())
+            for low, high in job.region.intervals(x, y)
+        )
+        return {"A": of_a * area, "B": whole - of_a * area}
+
+    @property
+    def droplets(self) -> dict[str, int]:
+        """Nominal droplets of each ink."""
+        job = self.scenario.job()
+        heights = {name: ink.layer_height for name, ink in zip("AB", job.inks, strict=False)}
+        return {name: round(volume / (heights[name] * job.pitch**2)) for name, volume in self.volumes.items()}
+
+    @property
+    def scan_time(self) -> float:
+        """Time of the scans and layers by the durations that the scenario gives [s]."""
+        options = [table.options for table in self.scenario.tables.components.values()]
+        scans = [own["scan_duration_s"] for own in options if isinstance(own.get("scan_duration_s"), int | float)]
+        layers = [own["layer_duration_s"] for own in options if isinstance(own.get("layer_duration_s"), int | float)]
+        return self.scenario.footprint.layers * (max(scans, default=SCAN_S) + max(layers, default=0.0))
+
+    def lines(self) -> Iterator[str]:
+        """For a person."""
+        grid, footprint = self.scenario.tables.grid, self.scenario.footprint
+        job = self.scenario.job()
+        width, height = self.cells_min * grid.pitch_um, self.scenario.tables.ink.a.ink.layer_height * UM_PER_M
+        yield f"grid           {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} um, {int(job.mask.sum()):,} printed"
+        yield f"volume         {self.part.volume * MM3_PER_M3:.5g} mm3 on these cells"
+        texts = {
+            "walls": f"walls below {width:g} um ({self.cells_min} cells)",
+            "gaps": f"gaps below {width:g} um ({self.cells_min} cells)",
+            "sheets": f"lower than a layer ({height:.3g} um)",
+            "slots": f"gaps lower than a layer ({height:.3g} um)",
+        }
+        if not self.narrow:
+            yield f"narrow         nothing: no wall, no gap below {width:g} um"
+        for name, each in self.narrow.items():
+            yield f"narrow         {texts[name]}: {int(each.cells.sum()):,} cells,"
+            yield f"               first at ({_lengths(each.first, ', ')}) mm"
+        for remark in self.scenario.solid.remarks:
+            yield from wrap(remark, WIDTH, initial_indent="warning        ", subsequent_indent=" " * 15)
+        droplets, volumes = self.droplets, self.volumes
+        for name in volumes:
+            yield f"ink {name}          {volumes[name] * NL_PER_M3:.5g} nl, about {droplets[name]:,} droplets"
+        yield f"layers         about {footprint.layers}"
+        if self.scan_time:
+            yield f"time           about {_duration(self.scan_time)} of layers and scans, without computing"
+        yield f"memory, disk   {size_text(footprint.memory)}, {size_text(footprint.disk)}"
+
+    def data(self) -> dict[str, Any]:
+        """For a program."""
+        grid, footprint, job = self.scenario.tables.grid, self.scenario.footprint, self.scenario.job()
+        return {
+            "grid": {"nx": grid.nx, "ny": grid.ny, "pitch_um": grid.pitch_um},
+            "cells_printed": int(job.mask.sum()),
+            "height_mm": self.part.height * MM_PER_M,
+            "volume_mm3": self.part.volume * MM3_PER_M3,
+            "narrow_below_cells": self.cells_min,
+            "narrow": {
+                name: {"cells": int(each.cells.sum()), "first_mm": [value * MM_PER_M for value in each.first]}
+                for name, each in self.narrow.items()
+            },
+            "warnings": list(self.scenario.solid.remarks),
+            "ink_nl": {name: volume * NL_PER_M3 for name, volume in self.volumes.items()},
+            "droplets": self.droplets,
+            "layers": footprint.layers,
+            "layers_and_scans_s": self.scan_time,
+            "memory_bytes": footprint.memory,
+            "disk_bytes": footprint.disk,
+        }
+
+
+def _lengths(values: Sequence[float], between: str = " x ") -> str:
+    return between.join(f"{value * MM_PER_M:.5g}" for value in values)
+
+
+def _counted(count: int, one: str, more: str) -> str:
+    return f"{count} {one if count == 1 else more}"
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 120.0:
+        return f"{seconds:.3g} s"
+    return f"{seconds / 60.0:.3g} min" if seconds < 7200.0 else f"{seconds / 3600.0:.3g} h"

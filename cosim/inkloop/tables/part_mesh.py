@@ -1,0 +1,108 @@
+"""`[part]` of a mesh: STL, OBJ, PLY, and 3MF with its objects in two inks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from inkloop.errors import GeometryError
+from inkloop.geometry import Columns
+from inkloop.geometry.body import Body, bounds, walls_on_centers
+from inkloop.geometry.mesh import OpenColumns, bodies_by_ink, closed_columns
+from inkloop.geometry.mesh_file import read_bodies
+from inkloop.geometry.placement import Placement
+from inkloop.tables.shapes import Grid, Length, PlacedTable, Position
+from inkloop.tables.solid import Bounds, PartError, Solid
+from inkloop.units import UM_PER_M
+
+_LISTED = 3
+
+
+class MeshTable(PlacedTable):
+    """`[part]` with `shape = "mesh"`: closed surfaces of triangles."""
+
+    shape: Literal["mesh"]
+    file: str = Field(description="the mesh, relative to the scenario: STL, OBJ, PLY or 3MF")
+    unit: Literal["um", "mm", "cm", "m", "in", "ft"] | None = Field(
+        default=None, description="of the coordinates; required unless the file states it, as 3MF does"
+    )
+    place: Literal["on-substrate", "as-is"] = Field(
+        default="on-substrate",
+        description='"on-substrate": the middle of its box at the centre, its lowest point at z = 0; "as-is": as the '
+        "file has it, with the origin at the centre of cell (0, 0)",
+    )
+    rotate_deg: Annotated[list[Position], Field(min_length=3, max_length=3)] = Field(
+        default=[0.0, 0.0, 0.0], description="about x, then y, then z, counterclockwise seen against the axis"
+    )
+    scale: Length = Field(default=1.0, description="factor on all coordinates")
+    mirror: Literal["none", "x", "y", "z"] = Field(default="none", description="coordinate whose sign changes")
+    inks: dict[str, Literal["A", "B"]] | None = Field(
+        default=None, description="ink of each object or material, by its name in the 3MF; none: one ink"
+    )
+    open_columns: OpenColumns = Field(
+        default="refuse",
+        description='columns of cells that holes leave open: "refuse", or "neighbours" fills up to 0.1 % of them',
+    )
+
+    def solid(self, grid: Grid, folder: Path) -> Solid:
+        """The part on the grid. Raises PartError."""
+        source = folder / self.file
+        try:
+            bodies = self.placed(read_bodies(source, self.unit), grid)
+            (x_min, y_min, _), (x_max, y_max, _) = bounds(bodies)
+            if self.inks is None:
+                whole, region = self._columns(source, bodies, grid), None
+            else:
+                by_ink = {
+                    ink: self._columns(source, found, grid)
+                    for ink, found in bodies_by_ink(str(source), bodies, self.inks).items()
+                }
+                whole, region = _joined(by_ink)
+        except GeometryError as error:
+            raise PartError([f"file: {error}"]) from error
+        box = Bounds(float(x_min), float(x_max), float(y_min), float(y_max))
+        return Solid(whole, box, region, tuple(_remarks(bodies, grid)))
+
+    def placed(self, bodies: Sequence[Body], grid: Grid) -> tuple[Body, ...]:
+        """Bodies of the file where the table puts them. Raises PartError."""
+        is_moved = self.center_x_um is not None or self.center_y_um is not None
+        if is_moved and self.place == "as-is":
+            raise PartError(['center_x_um, center_y_um: place is "as-is", which moves nothing; leave one of them out'])
+        try:
+            placement = Placement(
+                self.place,
+                (self.rotate_deg[0], self.rotate_deg[1], self.rotate_deg[2]),
+                self.scale,
+                "" if self.mirror == "none" else self.mirror,
+                self._center(grid) if is_moved else None,
+            )
+        except ValueError as error:
+            raise PartError([str(error)]) from error
+        return placement.placed(bodies, grid.nx, grid.ny, grid.pitch)
+
+    def _columns(self, source: Path, bodies: Sequence[Body], grid: Grid) -> Columns:
+        return closed_columns(str(source), bodies, grid.nx, grid.ny, grid.pitch, self.open_columns)
+
+
+def _joined(by_ink: dict[str, Columns]) -> tuple[Columns, Columns | None]:
+    """The whole, and ink A of it where there are two inks."""
+    of_a, of_b = by_ink.get("A"), by_ink.get("B")
+    if of_b is None:
+        assert of_a is not None
+        return of_a, None
+    return (of_b, of_b - of_b) if of_a is None else (of_a | of_b, of_a)
+
+
+def _remarks(bodies: Sequence[Body], grid: Grid) -> Iterator[str]:
+    walls = walls_on_centers(bodies, grid.pitch)
+    if walls:
+        shown = ", ".join(f"{wall * UM_PER_M:.6g}" for wall in walls[:_LISTED]) + (
+            ", ..." if len(walls) > _LISTED else ""
+        )
+        yield (
+            f"{len(walls)} upright walls stand on rows of cell centres, where rounding decides on which side a cell is "
+            f"(at {shown} um); shift the part by half a pitch: center_x_um, center_y_um, or grid.nx, grid.ny by 1"
+        )

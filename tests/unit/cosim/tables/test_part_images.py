@@ -1,0 +1,198 @@
+"""Slices and height maps as parts: where each pixel lands, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from inkloop.errors import ScenarioError
+from inkloop.units import M_PER_UM
+from support.parts import NX, NY, PITCH_UM, with_part
+
+F = np.array([[1, 1, 1, 1], [1, 0, 0, 0], [1, 1, 1, 0], [1, 0, 0, 0], [1, 0, 0, 0], [1, 0, 0, 0]], np.uint8)
+"""The letter as a picture shows it: the first row is at the top."""
+STACK = 'shape = "stack"\nlayer_um = 8.0\npixel_um = 100.0\nfiles = "{files}"\n'
+BITS = STACK.format(files="s_{n:03d}.png")
+
+
+def write_stack(folder: Path, *slices: np.ndarray, first: int = 1) -> None:
+    for number, each in enumerate(slices, start=first):
+        Image.fromarray(each).save(folder / f"s_{number:03d}.png")
+
+
+def on_grid(letter: np.ndarray) -> np.ndarray:
+    """The letter upright, x to the right and y up, in the middle of the grid."""
+    expected = np.zeros((NX, NY), bool)
+    expected[5:9, 3:9] = letter.T[:, ::-1]
+    return expected
+
+
+def errors_of(part: str, folder: Path) -> tuple[str, ...]:
+    with pytest.raises(ScenarioError) as caught:
+        with_part(part, folder)
+    return caught.value.errors
+
+
+@pytest.mark.parametrize(
+    ("stored", "keys"),
+    [
+        (F, 'mirror = "y"'),
+        (F[::-1], ""),
+        (F[::-1, ::-1], 'mirror = "x"'),
+        (np.ascontiguousarray(F[::-1].T), 'rows_along = "y"'),
+    ],
+)
+def test_letter_stands_upright(stored: np.ndarray, keys: str, tmp_path: Path) -> None:
+    write_stack(tmp_path, *[stored] * 3)
+    job = with_part(BITS + keys, tmp_path).job()
+    np.testing.assert_array_equal(job.mask, on_grid(F))
+    np.testing.assert_allclose(job.target_height[job.mask], 24e-6, rtol=1e-12)
+    assert len(job.inks) == 1
+    assert job.region is None
+
+
+def test_formats_and_kinds_of_picture_give_the_same_part(tmp_path: Path) -> None:
+    bits, pages = Image.fromarray(F.astype(bool)), [Image.fromarray(F.astype(bool))] * 2
+    bits.save(tmp_path / "pages.tif", compression="group4", save_all=True, append_images=pages)
+    for number in range(3):
+        bits.save(tmp_path / f"b_{number}.bmp")
+        Image.fromarray(np.repeat(F[..., None], 3, axis=2) * 255).save(tmp_path / f"rgb_{number}.png")
+    for files, full in (("pages.tif", 1), ("b_{n}.bmp", 1), ("rgb_{n}.png", 255)):
+        part = STACK.format(files=files) + f'mirror = "y"\ninks = {{ 0 = "none", {full} = "A" }}'
+        job = with_part(part, tmp_path).job()
+        np.testing.assert_array_equal(job.mask, on_grid(F), err_msg=files)
+        assert job.target_height.max() == pytest.approx(24e-6, rel=1e-12, abs=0.0)
+
+
+def test_cell_takes_the_pixel_of_its_centre(tmp_path: Path) -> None:
+    """Three pixels for two cells: centres of cells are at 0.25, 0.75 of three pixels' 1/6, 3/6, 5/6."""
+    write_stack(tmp_path, np.arange(1, 10, dtype=np.uint8).reshape(1, 9).repeat(9, axis=0))
+    greys = ", ".join(f'{grey} = "{"A" if grey % 2 else "none"}"' for grey in range(1, 10))
+    pixel = 2 / 3 * PITCH_UM
+    part = BITS.replace("pixel_um = 100.0", f"pixel_um = {pixel}") + f"inks = {{ {greys} }}"
+    mask = with_part(part, tmp_path).job().mask
+    x = (np.arange(NX) - (NX - 1) / 2) * PITCH_UM
+    nearest = np.argmin(np.abs(x[:, None] - (np.arange(9) - 4) * pixel), axis=1)
+    inside = np.abs(x) < 4.5 * pixel
+    np.testing.assert_array_equal(mask[:, NY // 2], inside & ((nearest + 1) % 2 == 1))
+
+
+def test_two_inks_of_a_stack_make_a_region_without_a_gap(tmp_path: Path) -> None:
+    write_stack(tmp_path, F + 1, F + 1, np.where(F, 1, 2).astype(np.uint8))
+    scenario = with_part(BITS + 'mirror = "y"', tmp_path)
+    job = scenario.job()
+    assert job.mask.sum() == F.size
+    assert len(job.inks) == 2
+    assert job.region is not None
+    x, y = (axis[5:9, 3:9] * PITCH_UM * M_PER_UM for axis in np.meshgrid(range(NX), range(NY), indexing="ij"))
+    letter = on_grid(F)[5:9, 3:9]
+    for z, in_a in ((0.0, ~letter), (15.999e-6, ~letter), (16e-6, letter), (23.999e-6, letter)):
+        np.testing.assert_array_equal(job.region.contains(x, y, np.full_like(x, z)), in_a)
+
+
+def test_missing_slices_are_named(tmp_path: Path) -> None:
+    write_stack(tmp_path, F)
+    write_stack(tmp_path, F, F, first=4)
+    (error,) = errors_of(BITS, tmp_path)
+    assert error.startswith("part.files is 's_{n:03d}.png': 2 of the slices 1 to 5 are missing: 2, 3; add them")
+
+
+def test_first_unexpected_grey_value_is_named_with_its_place_and_count(tmp_path: Path) -> None:
+    smoothed = F.copy()
+    smoothed[2, 3], smoothed[5, 1] = 77, 78
+    write_stack(tmp_path, F, smoothed)
+    (error,) = errors_of(BITS, tmp_path)
+    assert error.startswith("part.inks has no grey value 77, which s_002.png has first in row 2, column 3; 2 pixels")
+    assert "known are 0, 1, 2" in error
+
+
+@pytest.mark.parametrize(
+    ("part", "expected"),
+    [
+        (BITS.replace("s_", "t_"), "part.files is 't_{n:03d}.png': no file in "),
+        (BITS.replace("s_", "absent/s_"), "part.files: "),
+        (BITS.replace("{n:03d}", "{layer}"), "part.files is 's_{layer}.png' ({layer} is none of {n})"),
+        (STACK.format(files="text.png"), "part.files: "),
+        (STACK.format(files="cut.png"), "part.files: "),
+        (STACK.format(files="red.png"), "part.files: "),
+        (BITS.replace("pixel_um = 100.0", "pixel_um = 300.0"), "part reaches beyond the grid of 14 x 12 cells"),
+        (BITS + 'inks = { 0 = "clear", 1 = "A" }', "part.inks.0 is 'clear'; expected 'none', 'A' or 'B'"),
+    ],
+)
+def test_bad_stack_is_refused_by_name(part: str, expected: str, tmp_path: Path) -> None:
+    write_stack(tmp_path, F, F)
+    (tmp_path / "text.png").write_text("no picture")
+    whole = (tmp_path / "s_001.png").read_bytes()
+    (tmp_path / "cut.png").write_bytes(whole[: len(whole) // 2])
+    Image.fromarray(np.array([[[9, 0, 0]]], np.uint8)).save(tmp_path / "red.png")
+    (error,) = errors_of(part, tmp_path)
+    assert error.startswith(expected)
+    for file, reason in {
+        "text.png": "is no picture",
+        "cut.png": "is damaged",
+        "red.png": "has colours",
+        "absent": "No such file",
+    }.items():
+        assert reason in error or file not in part
+
+
+def test_slices_of_unequal_size_are_refused(tmp_path: Path) -> None:
+    write_stack(tmp_path, F, F[:, :3])
+    (error,) = errors_of(BITS, tmp_path)
+    assert "s_002.png has 3 x 6 pixels along x and y, s_001.png has 4 x 6; save all slices in one size" in error
+
+
+def test_pictures_larger_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_stack(tmp_path, F)
+    monkeypatch.setattr("inkloop.limits.available_memory", lambda: 100)
+    (error,) = errors_of(BITS, tmp_path)
+    assert "4 x 6 pixels: needs about" in error
+
+
+def test_centres_on_the_borders_of_pixels_are_remarked(tmp_path: Path) -> None:
+    write_stack(tmp_path, F)
+    assert with_part(BITS, tmp_path).solid.remarks == ()
+    (remark,) = with_part(BITS + "center_x_um = 700.0", tmp_path).solid.remarks
+    assert remark.startswith("along x, centres of cells lie between two pixels")
+
+
+HEIGHTS = 'shape = "height-map"\nfile = "map.npy"\nunit = "um"\n'
+
+
+@pytest.mark.parametrize(("pixel_um", "turn"), [(50.0, 0.0), (100.0, 90.0), (200.0, 0.0)])
+def test_volume_under_a_height_map_is_kept(pixel_um: float, turn: float, tmp_path: Path) -> None:
+    heights = np.random.default_rng(5).uniform(5.0, 60.0, (4, 4))
+    np.save(tmp_path / "map.npy", heights)
+    part = HEIGHTS + f"pixel_um = {pixel_um}\nrotation_deg = {turn}"
+    job = with_part(part, tmp_path).job()
+    expected = heights.sum() * pixel_um**2
+    assert job.target_height.sum() / M_PER_UM * PITCH_UM**2 == pytest.approx(expected, rel=1e-9, abs=0.0)
+
+
+def test_pixels_without_a_height_and_heights_below_the_substrate_are_not_printed(tmp_path: Path) -> None:
+    np.save(tmp_path / "map.npy", np.array([[10.0, np.nan, -3.0], [20.0, 0.0, 5.0]]))
+    job = with_part(HEIGHTS + "pixel_um = 200.0\nbase_um = 2.0", tmp_path, nx=14, ny=14).job()
+    expected = np.array([[12.0, 0.0, 0.0], [22.0, 2.0, 7.0]]).repeat(2, axis=0).repeat(2, axis=1)
+    np.testing.assert_allclose(job.target_height[5:9, 4:10], expected * M_PER_UM, atol=1e-15)
+    np.testing.assert_array_equal(job.mask[5:9, 4:10], expected > 0.0)
+    assert job.mask.sum() == 4 * 4
+
+
+@pytest.mark.parametrize(
+    ("part", "expected"),
+    [
+        (HEIGHTS + "pixel_um = 900.0", "part reaches beyond the grid of 14 x 12 cells: it is 1800 x 1800 um wide"),
+        (HEIGHTS, "does not declare the size of its pixels"),
+        (HEIGHTS.replace("map.npy", "absent.csv"), "absent.csv: cannot be read: No such file"),
+        (HEIGHTS.replace('"um"', '"inch"'), "part.unit is 'inch'; expected 'nm', 'um', 'mm' or 'm'"),
+        (HEIGHTS + "pixel_um = 100.0\nbase_um = -99.0", "part covers no cell of the grid"),
+    ],
+)
+def test_bad_height_map_is_refused_by_name(part: str, expected: str, tmp_path: Path) -> None:
+    np.save(tmp_path / "map.npy", np.ones((2, 2)))
+    (error,) = errors_of(part, tmp_path)
+    assert error.startswith("part")
+    assert expected in error

@@ -1,0 +1,139 @@
+"""Meshes as parts: where they land, which ink is where, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tools import parts
+
+from inkloop.errors import ScenarioError
+from inkloop.geometry import Columns
+from inkloop.units import M_PER_UM, MM_PER_M
+from support.parts import PITCH_UM, with_part
+
+MESH = 'shape = "mesh"\nfile = "part.stl"\nunit = "mm"\n'
+BOX = parts.box((10.0, 10.6), (-2.0, -1.6), 5.0, 5.03)
+"""6 x 4 cells, far from the origin and over the substrate."""
+
+
+def errors_of(part: str, folder: Path) -> tuple[str, ...]:
+    with pytest.raises(ScenarioError) as caught:
+        with_part(part, folder)
+    return caught.value.errors
+
+
+def write(folder: Path, *bodies: parts.Triangles) -> None:
+    (folder / "part.stl").write_bytes(parts.stl(np.concatenate(bodies)))
+
+
+def footprint(mask: np.ndarray) -> tuple[int, int, int, int]:
+    i, j = np.nonzero(mask)
+    assert mask.sum() == (np.ptp(i) + 1) * (np.ptp(j) + 1)
+    return int(i.min()), int(i.max()), int(j.min()), int(j.max())
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected", "height_um"),
+    [
+        ("", (4, 9, 4, 7), 30.0),
+        ("rotate_deg = [0.0, 0.0, 90.0]", (5, 8, 3, 8), 30.0),
+        ("scale = 2.0", (1, 12, 2, 9), 60.0),
+        ("center_x_um = 550.0\ncenter_y_um = 450.0", (3, 8, 3, 6), 30.0),
+        ('mirror = "z"', (4, 9, 4, 7), 30.0),
+    ],
+)
+def test_mesh_stands_on_the_substrate_where_it_is_put(
+    keys: str, expected: tuple[int, int, int, int], height_um: float, tmp_path: Path
+) -> None:
+    write(tmp_path, BOX)
+    job = with_part(MESH + keys, tmp_path).job()
+    assert footprint(job.mask) == expected
+    np.testing.assert_allclose(job.target_height[job.mask], height_um * M_PER_UM, rtol=1e-4)  # STL: single precision
+
+
+def test_mesh_as_it_is_keeps_its_coordinates(tmp_path: Path) -> None:
+    write(tmp_path, parts.box((0.25, 0.65), (0.15, 0.45), 0.0, 0.02))
+    job = with_part(MESH + 'place = "as-is"', tmp_path).job()
+    assert footprint(job.mask) == (3, 6, 2, 4)
+
+
+def test_bodies_that_touch_and_overlap_are_one_part(tmp_path: Path) -> None:
+    write(tmp_path, parts.bracket())
+    scenario = with_part(MESH, tmp_path, nx=44, ny=34)
+    shape = scenario.solid.shape
+    assert isinstance(shape, Columns)
+    assert set(np.unique(shape.counts)) == {0, 1}
+    assert shape.volume * 1e9 == pytest.approx(0.8755, rel=0.01, abs=0.0)  # 6.32 mm2 and the rib over it
+    assert scenario.solid.remarks == ()
+
+
+def test_walls_on_centres_of_cells_are_a_warning(tmp_path: Path) -> None:
+    write(tmp_path, parts.box((0.0, 0.6), (0.0, 0.4), 0.0, 0.03))
+    (remark,) = with_part(MESH, tmp_path, nx=15).solid.remarks
+    assert remark.startswith("2 upright walls stand on rows of cell centres")
+    assert "center_x_um" in remark
+
+
+@pytest.mark.parametrize(
+    ("part", "expected"),
+    [
+        (MESH.replace("part.stl", "absent.stl"), "part.file: {folder}/absent.stl: cannot be read: No such file"),
+        (MESH.replace("part.stl", "part.step"), "part.file: {folder}/part.step: has suffix '.step'; expected one of"),
+        (MESH.replace('unit = "mm"', ""), "part.file: {folder}/part.stl: does not state the unit of its coordinates"),
+        (MESH.replace('"mm"', '"inch"'), "part.unit is 'inch'; expected 'um', 'mm', 'cm', 'm', 'in' or 'ft'"),
+        (
+            MESH + "scale = 4.0",
+            "part reaches beyond the grid of 14 x 12 cells: it is 2400 x 1600 um wide; with grid.nx",
+        ),
+        (MESH + "scale = 0.0", "part.scale is 0.0; expected greater than 0"),
+        (MESH + "rotate_deg = [0.0, 90.0]", "part.rotate_deg is [0.0, 90.0]; List should have at least 3 items"),
+        (MESH + 'place = "as-is"', "part.file: {folder}/part.stl: no centre of a cell lies in the part"),
+        (MESH + 'place = "as-is"\ncenter_x_um = 0.0', 'part.center_x_um, center_y_um: place is "as-is"'),
+        (MESH + '[part.inks]\nlogo = "A"', "part.file: {folder}/part.stl: object 'part' of material ''"),
+        (MESH + "hight_um = 3.0", "part.hight_um is not a key of this table"),
+    ],
+)
+def test_bad_mesh_table_is_refused_by_name(part: str, expected: str, tmp_path: Path) -> None:
+    write(tmp_path, BOX)
+    (tmp_path / "part.step").write_text("ISO-10303-21;")
+    (error,) = errors_of(part, tmp_path)
+    assert error.startswith(expected.format(folder=tmp_path))
+
+
+def test_part_over_the_substrate_is_refused_with_what_holds_it(tmp_path: Path) -> None:
+    write(tmp_path, parts.box((0.25, 0.65), (0.15, 0.45), 0.01, 0.02))
+    (error,) = errors_of(MESH + 'place = "as-is"', tmp_path)
+    assert error.startswith("part: 12 cells (100.0%) have nothing below them")
+    (error,) = errors_of(MESH + 'place = "as-is"\n[support]\nkind = "none"', tmp_path)
+    assert error.startswith("part rests nowhere on the substrate: its lowest point is at 10 um; write place =")
+
+
+def test_open_mesh_is_refused_with_a_place(tmp_path: Path) -> None:
+    (tmp_path / "part.stl").write_bytes(parts.stl(BOX[1:]))
+    (error,) = errors_of(MESH, tmp_path)
+    assert "of 24 columns" in error
+    assert "mend the mesh" in error
+
+
+def test_names_of_a_3mf_become_inks_that_share_their_walls(tmp_path: Path) -> None:
+    pytest.importorskip("lib3mf", reason="3MF needs lib3mf: pip install 'inkloop[3mf]'")
+    parts.write_three_mf(tmp_path / "part.3mf", parts.logo())
+    part = 'shape = "mesh"\nfile = "part.3mf"\n[part.inks]\nletters = "{}"\nplate = "{}"'
+    job = with_part(part.format("A", "B"), tmp_path, nx=54, ny=33).job()
+    assert job.region is not None
+    assert len(job.inks) == 2
+    assert job.mask.sum() == 48 * 27
+    x, y = np.meshgrid(*(np.arange(count) * PITCH_UM * M_PER_UM for count in (54, 33)), indexing="ij")
+    in_a = job.region.contains(x, y, np.full_like(x, 60e-6))
+    left, low = (x * MM_PER_M - 0.25), (y * MM_PER_M - 0.25)
+    dot_of_i = (left > 0.4) & (left < 0.8) & (low > 1.9) & (low < 2.3)
+    np.testing.assert_array_equal(
+        in_a[(left < 1.1)], ((left > 0.4) & (left < 0.8) & (low > 0.4) & (low < 1.6) | dot_of_i)[left < 1.1]
+    )
+    swapped = with_part(part.format("B", "A"), tmp_path, nx=54, ny=33).job().region
+    assert swapped is not None
+    assert swapped.contains(x, y, np.full_like(x, 60e-6)).sum() == 48 * 27  # the plate is whole, and ink A counts first
+    (error,) = errors_of(part.replace("letters", "leters").format("A", "B"), tmp_path)
+    assert "no object or material is called 'leters'; did you mean letters?" in error
