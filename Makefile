@@ -94,7 +94,7 @@ benchmarks-hardware: .venv/developer
 	$(BIN)/python -m benchmarks hardware bench_faults
 
 peers: .venv/developer
-	$(PIP) 'ecospy>=0.7.2'   # of use nowhere else; it also needs libtbb12
+	$(PIP) 'ecospy>=0.7.2' 'scapy>=2.6'   # of use nowhere else; the first one also needs libtbb12
 	$(BIN)/python tests/support/masters/java_programs.py
 	$(BIN)/python -m tools.figures peers
 

@@ -19,7 +19,7 @@ from inkloop_hardware.link.rig import Rig
 from inkloop_hardware.protocol.services import Outcome
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 from support.benches.bench_run import FAST, assert_same_print, printed_with_fmus, write
-from support.benches.fault_run import BLOB, LIMIT_S, faulty, printed, wait_until
+from support.benches.fault_run import BLOB, LIMIT_S, faulty, printed, settings_of, wait_until
 
 ALL = (0, 1, 2, 3)
 EXACT = {"part.height_um": 6.0, "components.profiler": {"noise_std_um": 0.0, "dropout_rate": 0.0}}
@@ -162,7 +162,7 @@ def test_frame_that_is_not_taken_is_sent_again(plugin: str, timeout: bool, caplo
     with faulty() as run:
         run.rig.detach()
         options = {"every": 5, "timeout": timeout, "sleep_after_open": 0.0}
-        run.rig.settings = BusSettings(plugin, run.bench.channel, 500_000, options)
+        run.rig.settings = replace(settings_of(run.bench), interface=plugin, options=options)
         run.rig.attach()
         run.clear()
         run.print_layer()

@@ -35,7 +35,7 @@ def program() -> Path:
 
 def test_stock_tools_print_cure_scan_and_read_the_journal(program: Path) -> None:
     with (
-        process(program, "pass_ms=5") as (_, channel),
+        process(program, "pass_ms=5", "alive_ms=1000", "watchdog_ms=1000") as (_, channel),
         adapter(channel) as bus,
         bus.client(0) as head,
         bus.client(2) as lamp,

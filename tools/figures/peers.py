@@ -13,16 +13,24 @@ from tools.figures.pages import DOCS, Texts, block, read_json, table, write_json
 from inkloop.errors import InkloopError
 from inkloop.fmu import describe
 from inkloop.fmu_writer.export import find_fmu
+from inkloop_hardware.emulated_bench import EmulatedBench
+from inkloop_hardware.protocol.vocabulary import Node
 from support.fmus.fmu_checkers import CHECKERS
 from support.fmus.fmu_driver import FORMS, MODELS
 from support.masters.loops import ONE_BLOCK, THREE_FMUS, Loop
 from support.masters.other_masters import MASTERS, Master, layers_by
+from support.masters.other_programs import SCAPY
 from support.masters.six_by_six import STEPS_S, TEXT, difference, our_run, scenario_in
+from support.masters.uds_scanners import by_scapy
 
 PAGE = DOCS / "reference" / "peers.md"
 RECORD = PAGE.with_suffix(".json")
 HEADS = ("master", "version", "FMI", "algorithm", "starts from", *(f"step {step_s:g} s" for step_s in STEPS_S))
 CHECKER_HEADS = ("checker", "version", "FMUs", "found")
+FOUND_HEADS = ("services", "identifiers", "routines", "refusals", "wrong answers")
+SCAN_HEADS = ("scanner", "version", "node", "requests", *FOUND_HEADS)
+SCANNED_IDENTIFIERS = (*range(0x0200), *range(0xF180, 0xF1A0))
+SCANNED_ROUTINES = range(0x01FF, 0x020A)
 
 
 def outcome(master: Master, loop: Loop, fmi: str, algorithm: str, step_s: float, ours: Any) -> str:
@@ -58,17 +66,42 @@ def checks(blocks: Sequence[Path]) -> Iterator[list[str]]:
         yield [checker.name, checker.program.version, f"{len(files)}", "<br>".join(faults) or "nothing"]
 
 
-def run() -> None:
-    """Run everything and keep the outcomes."""
+def scans() -> Iterator[list[str]]:
+    """One row for each node of the emulator."""
+    if absent := SCAPY.reason_it_is_absent():
+        yield [absent, *("-" for _ in SCAN_HEADS[1:])]
+        return
+    for node in Node:
+        print(f"{node} by scapy", file=sys.stderr)
+        with EmulatedBench({}) as bench:
+            scan = by_scapy(bench.channel, node, SCANNED_IDENTIFIERS, SCANNED_ROUTINES)
+        found = (" ".join(f"{number:0{width}X}" for number in sorted(numbers)) for numbers, width in scan.found)
+        refused = ", ".join(f"{code:02X}: {count}" for code, count in sorted(scan.refused.items()))
+        wrong = "<br>".join(scan.wrong) or "none"
+        yield ["scapy, `UDS_Scanner`", SCAPY.version, node.lower(), f"{scan.asked}", *found, refused, wrong]
+
+
+def run(*parts: str) -> None:
+    """Run everything, or the loops, the checkers or the scanners ("loops", "scanners"), and keep the outcomes."""
+    record = read_json(RECORD)
+    if not parts or "loops" in parts:
+        record |= loops()
+    if not parts or "scanners" in parts:
+        record["scanners"] = [list(SCAN_HEADS), *scans()]
+    write_json(RECORD, record)
+
+
+def loops() -> dict[str, list[list[str]]]:
+    """The loops in masters of others, and what their checkers find in its FMUs."""
     with tempfile.TemporaryDirectory() as folder:
         ours = our_run(Path(folder))
         blocks = [Path(folder, version, f"{ONE_BLOCK.part}.fmu") for version in ("2", "3")]
         for version in ("2", "3"):
             Path(folder, version).mkdir()
             ONE_BLOCK.system_of(scenario_in(Path(folder)), version, Path(folder, version))
-        loops = {"three FMUs": THREE_FMUS, "one block": ONE_BLOCK}
-        found = {name: [list(HEADS), *results(loop, ours)] for name, loop in loops.items()}
-        write_json(RECORD, found | {"checkers": [list(CHECKER_HEADS), *checks(blocks)]})
+        shapes = {"three FMUs": THREE_FMUS, "one block": ONE_BLOCK}
+        found = {name: [list(HEADS), *results(loop, ours)] for name, loop in shapes.items()}
+        return found | {"checkers": [list(CHECKER_HEADS), *checks(blocks)]}
 
 
 def texts() -> Texts:

@@ -1,6 +1,6 @@
 #include "clock.h"
 
-enum { CORE_HZ = 25000000, SYSTICK_ON = 7 /* core clock, interrupt, enabled */ };
+enum { SYSTICK_ON = 7 /* core clock, interrupt, enabled */ };
 static volatile uint32_t *const SYSTICK_CONTROL = (volatile uint32_t *)0xE000E010u;
 static volatile uint32_t *const SYSTICK_RELOAD = (volatile uint32_t *)0xE000E014u;
 static volatile uint32_t *const SYSTICK_VALUE = (volatile uint32_t *)0xE000E018u;

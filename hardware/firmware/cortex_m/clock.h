@@ -4,6 +4,8 @@
 
 #include <stdint.h>
 
+enum { CORE_HZ = 25000000 }; /* of the MPS2 boards */
+
 void clock_start(void);
 
 /* Handler of the timer's interrupt: one millisecond has passed. */

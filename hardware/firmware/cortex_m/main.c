@@ -8,6 +8,7 @@
 #include "node_frames.h"
 #include "slcan.h"
 #include "uart.h"
+#include "watchdog.h"
 
 enum { BYTES_AT_ONCE = 256, FRAMES_AT_ONCE = 16 };
 
@@ -68,5 +69,7 @@ int main(void) {
         world_tick(bench_world(machine.bench), clock_ms());
         for (int node = 0; node < BENCH_NODES; node++)
             run(&machine, node);
+        if (bench_is_well(machine.bench))
+            watchdog_kick();
     }
 }

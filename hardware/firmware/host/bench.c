@@ -184,6 +184,13 @@ bool bench_watchdog_bites(Bench *bench, int node, uint32_t now) {
     return true;
 }
 
+bool bench_is_well(const Bench *bench) {
+    for (int node = 0; node < bench_node_count(bench); node++)
+        if (!bench->board[node].watched || bench->board[node].kicked_at != bench->world.now)
+            return false;
+    return true;
+}
+
 void bench_tick(Bench *bench, uint32_t now) {
     world_tick(&bench->world, now);
     for (int node = 0; node < bench_node_count(bench); node++) {

@@ -49,6 +49,9 @@ void bench_power_off(Bench *bench, int node);
  * however late this is asked; the node needs a power-up, which knows the cause. */
 bool bench_watchdog_bites(Bench *bench, int node, uint32_t now);
 
+/* Whether every node has kicked its watchdog in the present turn: a board with one watchdog for all is kicked then. */
+bool bench_is_well(const Bench *bench);
+
 /* Advances the world and every node to `now`; a node that the watchdog has switched off starts again. */
 void bench_tick(Bench *bench, uint32_t now);
 

@@ -151,6 +151,18 @@ def test_memory_that_does_not_fit_is_refused_at_the_end_of_the_configuration() -
         assert fmu.print_layer(np.ones((6, 5), dtype=np.int32)).max() > 0.0
 
 
+def test_memory_that_does_not_fit_is_refused_by_fmi_2_at_the_end_of_initialization() -> None:
+    """Its grid is fixed, so that only `cells_per_pitch` asks for more."""
+    with Driver(MODEL, "fmi2") as fmu:
+        assert max(fmu.set("cells_per_pitch", 64), fmu.enter()) == OK
+        with less_memory(100_000_000):
+            assert fmu.exit() == ERROR
+            assert "no memory for 836 x 836 points of the fine surface, 4096 a cell" in fmu.messages[-1]
+            assert "fewer cells_per_pitch" in fmu.messages[-1]
+        assert max(fmu.set("cells_per_pitch", 2), fmu.exit()) == OK
+        assert fmu.print_layer(np.ones((9, 9), dtype=np.int32)).max() > 0.0
+
+
 @contextmanager
 def less_memory(size: int) -> Iterator[None]:
     """At most so many more bytes of address space for this process."""

@@ -1,0 +1,185 @@
+"""Scanners of others that ask the nodes of the emulator for everything which ISO 14229-1 knows, and judge the answers.
+
+scapy's enumerators make the requests; they travel by can-isotp and python-can's slcan. Each answer is compared with
+what the standard demands of a server with the services of a node: that comparison is ours.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import can
+import isotp
+
+from inkloop_hardware.protocol.vocabulary import Node
+
+EVERYWHERE, TRANSFER = {0x10, 0x22, 0x31, 0x3E}, {0x36, 0x37}
+SERVICES = {
+    Node.HEAD: EVERYWHERE | TRANSFER | {0x34},
+    Node.STAGE: EVERYWHERE,
+    Node.CURE: EVERYWHERE,
+    Node.PROFILER: EVERYWHERE | TRANSFER | {0x35},
+}
+SESSIONS, SUPPRESS = {1, 3}, 0x80
+IDENTIFIERS = {0x0100, 0x0101, 0x0102, 0x0103, 0x0104, 0x0110, 0xF186, 0xF195}
+ROUTINES, ROUTINE_KINDS = set(range(0x0200, 0x0209)), {1, 3}
+NOT_SUPPORTED, NO_SUBFUNCTION, LENGTH, RANGE = 0x11, 0x12, 0x13, 0x31
+KNOWN = {0x10, 0x11, 0x12, 0x13, 0x21, 0x22, 0x24, 0x25, 0x26, 0x31, 0x33, 0x70, 0x71, 0x72, 0x73, 0x78, 0x7E, 0x7F}
+"""Negative response codes of ISO 14229-1 that a node without security may send."""
+ANSWER_LIMIT_S, SILENCE_S = 60.0, 0.05
+TESTER_PRESENT = b"\x3e\x00"
+
+
+@dataclass
+class Scan:
+    """What a scan of one node found. wrong: exchanges that ISO 14229-1 does not allow."""
+
+    node: Node
+    asked: int = 0
+    services: set[int] = field(default_factory=set)
+    identifiers: set[int] = field(default_factory=set)
+    routines: set[int] = field(default_factory=set)
+    refused: Counter[int] = field(default_factory=Counter)
+    wrong: list[str] = field(default_factory=list)
+
+    @property
+    def found(self) -> tuple[tuple[set[int], int], ...]:
+        """Services, identifiers and routines, with the digits of each."""
+        return (self.services, 2), (self.identifiers, 4), (self.routines, 4)
+
+    def take(self, request: bytes, answer: bytes | None) -> None:
+        """Count an answer and judge it."""
+        self.asked += 1
+        code = answer[2] if answer is not None and answer[0] == 0x7F else 0
+        self.refused.update([code] if code else [])
+        if code != NOT_SUPPORTED:
+            self.services.add(request[0])
+        last = int.from_bytes(request[-2:], "big")
+        if request[0] == 0x22 and len(request) == 3 and code != RANGE:
+            self.identifiers.add(last)
+        if request[0] == 0x31 and len(request) == 4 and code not in (NO_SUBFUNCTION, RANGE):
+            self.routines.add(last)
+        if (why := objection(self.node, request, answer)) is not None:
+            said = answer[:8].hex(" ") if answer is not None else "nothing"
+            self.wrong.append(f"{request.hex(' ')} -> {said}: {why}")
+
+
+def is_suppressed(request: bytes) -> bool:
+    """Whether no positive answer is wanted."""
+    return request[0] in (0x10, 0x31, 0x3E) and len(request) > 1 and bool(request[1] & SUPPRESS)
+
+
+def demanded(node: Node, request: bytes) -> int | None:
+    """The negative code that ISO 14229-1 demands (figures 5 and 6: service, shortest length, sub-function, length,
+    range), None where the state of the node decides."""
+    service, kind = request[0], request[1] & ~SUPPRESS if len(request) > 1 else 0
+    if service not in SERVICES[node]:
+        return NOT_SUPPORTED
+    if service in (0x10, 0x3E):
+        allowed = SESSIONS if service == 0x10 else {0}
+        return LENGTH if len(request) < 2 else NO_SUBFUNCTION if kind not in allowed else None
+    if service == 0x31:
+        if len(request) < 2:
+            return LENGTH
+        if kind not in ROUTINE_KINDS:
+            return NO_SUBFUNCTION
+        if len(request) < 4:
+            return LENGTH
+        return RANGE if int.from_bytes(request[2:4], "big") not in ROUTINES else None
+    if service == 0x22:
+        if len(request) != 3:
+            return LENGTH
+        return RANGE if int.from_bytes(request[1:], "big") not in IDENTIFIERS else None
+    return None
+
+
+def objection(node: Node, request: bytes, answer: bytes | None) -> str | None:
+    """What is wrong with an answer, None if it is right."""
+    expected = demanded(node, request)
+    if answer is None:
+        return None if is_suppressed(request) and expected is None else "an answer is demanded"
+    if answer[0] != 0x7F:
+        if answer[0] != request[0] + 0x40 or is_suppressed(request):
+            return "no such answer is wanted"
+        return f"expected 7f {request[0]:02x} {expected:02x}" if expected is not None else None
+    if len(answer) != 3 or answer[1] != request[0] or answer[2] not in KNOWN:
+        return "no negative response of ISO 14229-1"
+    return f"expected code {expected:02x}" if expected not in (None, answer[2]) else None
+
+
+def by_scapy(channel: str, node: Node, identifiers: Sequence[int], routines: Sequence[int]) -> Scan:
+    """Sessions, services with 0 to 2 further bytes, identifiers, and routines with every sub-function."""
+    from scapy.contrib.automotive import log_automotive, uds, uds_scan
+
+    scan = Scan(node)
+    log_automotive.setLevel(logging.ERROR)
+    with _client(channel, node) as client:
+
+        class IsoTpSocket:
+            """What the scanner needs of a socket, on can-isotp; scapy itself sees to it that one request waits."""
+
+            closed = False
+
+            def sr1(self, packet: Any, **_: Any) -> Any:
+                request = bytes(packet)
+                answer = client(request)
+                scan.take(request, answer)
+                return None if answer is None else uds.UDS(answer)
+
+            def send(self, packet: Any) -> int:
+                """Of the thread that keeps a session."""
+                client(bytes(packet))
+                return len(packet)
+
+            def close(self) -> None:
+                self.closed = True
+
+        cases = ("Service", "DSC", "TP", "RDBI", "RC")
+        made = uds_scan.UDS_Scanner(
+            IsoTpSocket(),
+            test_cases=[getattr(uds_scan, f"UDS_{case}Enumerator") for case in cases],
+            UDS_ServiceEnumerator_kwargs={"request_length": 3, "scan_range": range(256)},
+            UDS_DSCEnumerator_kwargs={"scan_range": range(256), "overwrite_timeout": False},
+            UDS_RDBIEnumerator_kwargs={"scan_range": identifiers},
+            UDS_RCEnumerator_kwargs={"scan_range": routines, "type_list": list(range(256))},
+        )
+        made.scan()
+    return scan
+
+
+@contextmanager
+def _client(channel: str, node: Node) -> Iterator[Callable[[bytes], bytes | None]]:
+    """A function that sends a request and returns the final answer, None if there is none."""
+    number = list(Node).index(node)
+    with can.Bus(interface="slcan", channel=channel, bitrate=500_000, sleep_after_open=0.0) as bus:
+        notifier = can.Notifier(bus, [])
+        ids = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=0x640 + 2 * number, rxid=0x641 + 2 * number)
+        stack = isotp.NotifierBasedCanStack(bus, notifier, address=ids, params={"tx_padding": 0xCC})
+        stack.start()
+
+        def receive(wait_s: float) -> bytes | None:
+            while (answer := stack.recv(block=True, timeout=wait_s)) is not None and answer[::2] == b"\x7f\x78":
+                pass
+            return None if answer is None else bytes(answer)
+
+        def ask(request: bytes) -> bytes | None:
+            stack.send(request)
+            if not is_suppressed(request):
+                return receive(ANSWER_LIMIT_S)
+            answer = receive(SILENCE_S)
+            if answer is None:  # what comes late comes before the answer to the next request
+                stack.send(TESTER_PRESENT)
+                while (late := receive(ANSWER_LIMIT_S)) != bytes([0x7E, 0]):
+                    answer = late
+            return answer
+
+        try:
+            yield ask
+        finally:
+            stack.stop()
+            notifier.stop()

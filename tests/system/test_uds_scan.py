@@ -1,0 +1,44 @@
+"""A scanner of others finds the services of a node, and no answer that ISO 14229-1 does not allow."""
+
+from __future__ import annotations
+
+import pytest
+
+from inkloop_hardware.emulated_bench import EmulatedBench
+from inkloop_hardware.protocol.vocabulary import Node
+from support.masters.other_programs import SCAPY
+from support.masters.uds_scanners import SERVICES, by_scapy, objection
+
+
+@pytest.mark.parametrize(
+    ("request_", "answer"),
+    [
+        ("22 02 00", "7f 22 11"),
+        ("22 01 00", None),
+        ("31 02 02 00", "7f 31 13"),
+        ("31 01 02 00", "7f 31 99"),
+        ("31 01 02", "71 01 02 00"),
+        ("10 83", "50 03"),
+        ("27 01", "7f 27 31"),
+    ],
+)
+def test_answers_that_the_standard_does_not_allow_are_found(request_: str, answer: str | None) -> None:
+    assert objection(Node.HEAD, bytes.fromhex(request_), None if answer is None else bytes.fromhex(answer))
+
+
+@pytest.mark.parametrize(
+    ("request_", "answer"),
+    [("22 02 00", "7f 22 31"), ("31 00", "7f 31 12"), ("10 83", None), ("3e 00", "7e 00"), ("35 00 44", "7f 35 11")],
+)
+def test_answers_of_the_standard_are_right(request_: str, answer: str | None) -> None:
+    assert not objection(Node.HEAD, bytes.fromhex(request_), None if answer is None else bytes.fromhex(answer))
+
+
+@pytest.mark.long
+@pytest.mark.skipif(bool(SCAPY.reason_it_is_absent()), reason="scapy is not installed; make peers")
+def test_scapy_finds_the_services_of_the_profiler_and_nothing_wrong() -> None:
+    with EmulatedBench({}) as bench:
+        scan = by_scapy(bench.channel, Node.PROFILER, range(0x0100, 0x0104), range(0x0204, 0x0207))
+    assert not scan.wrong
+    assert (scan.services, scan.identifiers) == (SERVICES[Node.PROFILER], set(range(0x0100, 0x0104)))
+    assert scan.routines == {0x0205, 0x0206}
