@@ -171,17 +171,17 @@ def test_uneven_substrate_is_not_seen_at_the_top() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "mean", "std", "ratio", "ratio_of_mae"),
-    [("no-flow", 0.5, 1.2, 3.0, 4.0), ("wide-droplets", 0.2, 0.6, 5.0, 4.0), ("wu-chiu-plant", 1.0, 2.4, 1.4, 3.0)],
+    ("name", "mean", "std", "ratio"),
+    [("no-flow", 0.5, 1.2, 3.0), ("wide-droplets", 0.2, 0.6, 5.0), ("wu-chiu-plant", 1.0, 2.2, 1.6)],
 )
 def test_controller_prints_on_plants_that_it_does_not_plan_with(
-    name: str, mean: float, std: float, ratio: float, ratio_of_mae: float
+    name: str, mean: float, std: float, ratio: float
 ) -> None:
     closed, blind = printed(name, 1).metrics(), printed(name, 1, "open loop").metrics()
     assert abs(closed["mean_error"]) * UM_PER_M <= mean
     assert closed["std"] * UM_PER_M <= std
     assert blind["std"] > ratio * closed["std"]
-    assert blind["mae"] > ratio_of_mae * closed["mae"]
+    assert blind["mae"] > 4 * closed["mae"]
 
 
 def test_scans_show_how_much_of_a_wide_droplet_arrives() -> None:

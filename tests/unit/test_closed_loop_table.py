@@ -49,6 +49,11 @@ def test_record_holds_every_print_of_the_table() -> None:
     assert {name: len(each) for name, each in found.items()} == dict.fromkeys(prints, closed_loop_page.SEEDS)
 
 
+def test_no_print_of_the_record_runs_away_without_a_warning() -> None:
+    *_, (silent,) = closed_loop.rows(closed_loop_page.kept(closed_loop_page.RUNS)).values()
+    assert silent.now == 0
+
+
 def test_highest_cell_of_the_worst_print_counts() -> None:
     assert Figure("highest", (1.0, 3.0), must=2.0, aim=1.0, worst=True).reached == "MISSED: 1.50 x"
     assert Figure("mean", (1.0, 3.0), must=2.0, aim=1.0).reached == "must"

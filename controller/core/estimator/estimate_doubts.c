@@ -45,12 +45,14 @@ void look_at_cells(const EstimatorOptions *options, const uint8_t *valid, Surfac
         }
     }
     trust->blind_share = part_cells > 0 ? (double)blind / (double)part_cells : 0.0;
-    trust->capped_cells = 0;
+    trust->capped_cells = trust->high_cells = 0;
     memset(estimate->capped, 0, options->nx * options->ny);
     if (options->take_as_read)
         return;
     const InkLimit limit = ink_limit(options, estimate);
     trust->capped_cells = (int64_t)mark_capped(&limit, estimate->height, estimate->reckoned, estimate->capped);
+    const double *ground = options->flat_ground ? limit.target : estimate->reckoned; /* a cell may begin higher */
+    trust->high_cells = (int64_t)count_high(&limit, estimate->height, ground);
 }
 
 void begin_trust(const EstimatorOptions *options, int32_t layer, const double *measured, const uint8_t *valid,

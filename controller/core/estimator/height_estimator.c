@@ -12,6 +12,7 @@
 static const double UNSURE = 0.13;  /* of a layer: error of a growth that shows neither ink nor dead cells (by trial) */
 static const double SURPRISE = 5.0; /* standard deviations off the prediction from which on the model of a cell is
                                        wrong, not the scan (by trial) */
+static const double HALF = 0.5;     /* of the part */
 
 /* Maps of one layer, and room for what others do with them. */
 typedef struct {
@@ -197,14 +198,17 @@ static void find_dead(const EstimatorOptions *options, const SurfaceEstimate *be
 static void look_at_growth(const EstimatorOptions *options, const JettedLayer *layer, const Workspace *work,
                            SurfaceEstimate *after) {
     const size_t cells = options->nx * options->ny;
-    double *added = work->scratch;
+    double *added = work->scratch, built = 0.0, wanted = 0.0;
     size_t part_cells = 0;
     for (size_t cell = 0; cell < cells; cell++) {
         part_cells += options->part[cell] != 0;
         added[cell] = work->predicted[cell] - work->registered.before[cell];
         work->marks[cell] = options->part[cell] && work->registered.clear[cell];
+        built += options->part[cell] ? work->registered.before[cell] : 0.0;
+        wanted += options->part[cell] ? options->target[cell] : 0.0;
     }
-    const LayerGrowth growth = {cells, part_cells, work->marks, layer->pattern, work->growth, added, work->total};
+    const LayerGrowth growth = {cells,        part_cells, work->marks, layer->pattern,
+                                work->growth, added,      work->total, built < HALF * wanted};
     double learnt = 0.0, nominal = 0.0;
     for (size_t k = 0; k < options->ink.inks; k++) {
         learnt += full_layer_height(&after->ink[k]);

@@ -6,11 +6,17 @@
 static const double CHANCE = 5.0;    /* standard deviations of the droplets given to a cell (assumed) */
 static const double ROUNDING = 1e-9; /* of a layer: a target of whole layers needs no further one */
 static const double RESERVE = 1.0;   /* layers: a nozzle that was cleaned or ink that fades needs no cap (by trial) */
-static const double RISEN = 1.0;     /* layers above target and reckoning: no droplets explain it (by trial) */
+static const double HIGH = 0.6;      /* layers above target: droplets that vary by 40 % show 0.3 (by trial) */
+static const double RISEN = 1.2;     /* layers above target and reckoning: no droplets explain it (by trial) */
 
 double ink_limit_at(const InkLimit *limit, size_t cell) {
     const double layers = fmax(1.0, ceil(limit->target[cell] / limit->layer - ROUNDING));
     return (layers + RESERVE) * limit->layer + CHANCE * limit->droplet_std * sqrt(layers);
+}
+
+/* How much higher a cell stands than it is to, and than something explains [layers]. */
+static double rise(const InkLimit *limit, const double *height, const double *explained, size_t cell) {
+    return (height[cell] - fmax(limit->target[cell], explained[cell])) / limit->layer;
 }
 
 static void mark_near(size_t nx, size_t ny, size_t cell, const uint8_t *part, uint8_t *marks) {
@@ -29,10 +35,17 @@ size_t mark_capped(const InkLimit *limit, const double *height, const double *re
             continue;
         if (height[cell] < limit->target[cell] && reckoned[cell] + limit->own > ink_limit_at(limit, cell))
             capped[cell] = 1;
-        if (height[cell] - fmax(limit->target[cell], reckoned[cell]) > RISEN * limit->layer)
+        if (rise(limit, height, reckoned, cell) > RISEN)
             mark_near(limit->nx, limit->ny, cell, limit->part, capped);
     }
     for (size_t cell = 0; cell < cells; cell++)
         count += capped[cell];
+    return count;
+}
+
+size_t count_high(const InkLimit *limit, const double *height, const double *ground) {
+    size_t count = 0;
+    for (size_t cell = 0; cell < limit->nx * limit->ny; cell++)
+        count += limit->part[cell] && rise(limit, height, ground, cell) > HIGH;
     return count;
 }

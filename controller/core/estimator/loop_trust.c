@@ -15,7 +15,7 @@ static const double MOST = 0.5;             /* of the part (assumed) */
 static const double WEAK = 0.5;             /* of a volume: less is ink that has run out (assumed) */
 static const double BLIND = 0.5;            /* share of the part (assumed) */
 static const double MISFIT_MAX = 5.0;       /* more is no droplet (assumed) */
-enum { TERMS = 3, LEAST_CELLS = 8, LEAST_DROPLETS = 20, EARLY_LAYERS = 3 };
+enum { TERMS = 3, LEAST_CELLS = 8, LEAST_DROPLETS = 20 };
 
 LoopTrust full_trust(void) {
     return (LoopTrust){.early = 1.0, .residual = 1.0, .volume = 1.0, .usual = 1.0};
@@ -24,7 +24,7 @@ LoopTrust full_trust(void) {
 int32_t untrusted_reasons(const LoopTrust *trust) {
     return (trust->unseen_cells > 0 ? UNTRUSTED_UNSEEN : 0) | (trust->blind_share > BLIND ? UNTRUSTED_BLIND : 0) |
            (trust->ground_wrong ? UNTRUSTED_GROUND : 0) | (trust->residual > RESIDUALS_MAX ? UNTRUSTED_RESIDUALS : 0) |
-           (trust->capped_cells > 0 ? UNTRUSTED_INK : 0);
+           (trust->capped_cells > 0 ? UNTRUSTED_INK : 0) | (trust->high_cells > 0 ? UNTRUSTED_HIGH : 0);
 }
 
 /* From -0.5 to 0.5 over the grid. */
@@ -109,7 +109,7 @@ void add_residuals(const LayerGrowth *layer, double learnt, double *scratch, Loo
     const double found = median(scratch, count) / MEDIAN_SQUARE;
     trust->layers += 1;
     trust->residual = FORGETTING * trust->residual + (1.0 - FORGETTING) * found;
-    if (trust->layers <= EARLY_LAYERS)
+    if (layer->is_early)
         trust->early += (found - trust->early) / (double)trust->layers;
 }
 

@@ -12,13 +12,14 @@ enum {
     UNTRUSTED_BLIND = 2,     /* most of the part was not measured in the last scan */
     UNTRUSTED_GROUND = 4,    /* the first scan shows an offset or a tilt of ground that is called flat */
     UNTRUSTED_RESIDUALS = 8, /* scans differ from predictions by more than droplets and sensor explain */
-    UNTRUSTED_INK = 16       /* cells are capped, ink_limit.h */
+    UNTRUSTED_INK = 16,      /* cells are capped, ink_limit.h */
+    UNTRUSTED_HIGH = 32      /* cells stand higher than they are to, ink_limit.h */
 };
 
 typedef struct {
     double ground[3];    /* of the first scan on ground called flat: height of its middle, and its rise over the grid
                             along x and y [m] */
-    double early;        /* mean square of the residuals of the first layers, in variances [1] */
+    double early;        /* mean square of the residuals until the part is half built, in variances [1] */
     double residual;     /* of all layers, recent ones more [1] */
     double volume;       /* of the droplets of the last layer, as a share of the learnt one [1] */
     double usual;        /* ... of layers over most of the part, as a share of the nominal one, recent ones more [1] */
@@ -29,6 +30,7 @@ typedef struct {
     int64_t capped_cells;
     int32_t ground_wrong; /* the ground is not the flat one beyond doubt */
     int32_t unseen_cells; /* of the part that have lived on prediction for too many layers */
+    int64_t high_cells;
 } LoopTrust;
 
 LoopTrust full_trust(void);
@@ -47,6 +49,7 @@ typedef struct {
     const double *growth;   /* that was measured [m] */
     const double *added;    /* that was expected [m] */
     const double *variance; /* of their difference [m^2] */
+    bool is_early;          /* the part was less than half built */
 } LayerGrowth;
 
 /* Adds a layer to the residuals. What it differs by as a whole is the volume of its droplets, not an error; where it
@@ -54,8 +57,8 @@ typedef struct {
  * share of the nominal one. `scratch` holds `cells` values. */
 void add_residuals(const LayerGrowth *layer, double learnt, double *scratch, LoopTrust *trust);
 
-/* By how much the first layers, which have no walls yet, show droplets to differ more from the model than they are
- * taken to: a factor on their standard deviation, at least 1. */
+/* By how much droplets differ more from the model than they are taken to: a factor on their standard deviation, at
+ * least 1. Layers up to half of the part show it: there every cell still lacks ink, whatever scans read at walls. */
 double droplet_misfit(const LoopTrust *trust);
 
 #endif

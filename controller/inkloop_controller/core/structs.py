@@ -215,6 +215,7 @@ class LoopTrustStruct(ctypes.Structure):
         ("capped_cells", ctypes.c_int64),
         ("ground_wrong", ctypes.c_int32),
         ("unseen_cells", ctypes.c_int32),
+        ("high_cells", ctypes.c_int64),
     )
 
 

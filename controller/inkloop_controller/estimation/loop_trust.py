@@ -20,6 +20,7 @@ class UntrustedReason(IntFlag):
     GROUND = 4  # the first scan shows an offset or a tilt of ground that is called flat
     RESIDUALS = 8  # scans differ from predictions by more than droplets and sensor explain
     INK = 16  # cells are capped: they ask for more ink than an open loop would give them
+    HIGH = 32  # cells stand higher than they are to
 
 
 @dataclass(frozen=True)
@@ -27,12 +28,12 @@ class LoopTrust:
     """What was seen that makes a print doubtful.
 
     ground_offset, ground_rise_x, ground_rise_y: of the first scan on ground called flat: height of its middle, its rise
-    over the grid [m]; early, residual: mean square of the residuals of the first layers, and of all with recent ones
-    counting more [variances]; volume: of the droplets of the last layer, as a share of the learnt one [1]; usual: of
-    layers over most of the part, as a share of the nominal one [1]; blind_share: of the part that the last scan did not
-    measure; excess: the most that a cell is higher by its droplets than by its scan [m], at number excess_cell in C
-    order; layers: that count in the residuals; capped_cells, unseen_cells: their numbers; ground_wrong: whether the
-    ground is not the flat one.
+    over the grid [m]; early, residual: mean square of the residuals until the part is half built, and of all with
+    recent ones counting more [variances]; volume: of the droplets of the last layer, as a share of the learnt one [1];
+    usual: of layers over most of the part, as a share of the nominal one [1]; blind_share: of the part that the last
+    scan did not measure; excess: the most that a cell is higher by its droplets than by its scan [m], at number
+    excess_cell in C order; layers: that count in the residuals; capped_cells, unseen_cells, high_cells: their numbers;
+    ground_wrong: whether the ground is not the flat one.
     """
 
     ground_offset: float
@@ -49,11 +50,12 @@ class LoopTrust:
     capped_cells: int
     ground_wrong: bool
     unseen_cells: int
+    high_cells: int
 
     @classmethod
     def full(cls) -> LoopTrust:
         """Before the first scan."""
-        return cls(0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0, 0, 0, False, 0)
+        return cls(0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0, 0, 0, False, 0, 0)
 
     @property
     def reasons(self) -> UntrustedReason:
@@ -72,10 +74,10 @@ class LoopTrust:
     @classmethod
     def of_sums(cls, sums: NDArray[np.float64]) -> LoopTrust:
         """Restore the result of `sums`, bit by bit."""
-        cell, layers, capped, wrong, unseen = (int(value) for value in sums[9:])
+        cell, layers, capped, wrong, unseen, high = (int(value) for value in sums[9:])
         offset, rise_x, rise_y, early, residual, volume, usual, blind, excess = (float(value) for value in sums[:9])
         reals = (offset, rise_x, rise_y, early, residual, volume, usual, blind, excess)
-        return cls(*reals, cell, layers, capped, bool(wrong), unseen)
+        return cls(*reals, cell, layers, capped, bool(wrong), unseen, high)
 
     def struct(self) -> LoopTrustStruct:
         """The same for C."""
@@ -101,4 +103,5 @@ class LoopTrust:
             struct.capped_cells,
             bool(struct.ground_wrong),
             struct.unseen_cells,
+            struct.high_cells,
         )

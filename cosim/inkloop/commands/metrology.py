@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
     """Show the parameters; the exit code."""
     from inkloop.errors import HeightMapError
     from inkloop.exchange.layers.surface import surface
-    from inkloop.metrology import areal_command
+    from inkloop.report import areal_report
     from inkloop.results.result import Result
 
     source, is_run = options.source, options.source.is_dir()
@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
     if given := [f"--{name.replace('_', '-')}" for name in alien if getattr(options, name) is not None]:
         raise HeightMapError(f"{source}: is a {'run' if is_run else 'map'}; leave {' and '.join(given)} out")
     if not is_run:
-        return areal_command.show(areal_command.read(options), None, options, screen(options))
+        return areal_report.show(areal_report.read(options), None, options, screen(options))
     result = Result.load(source)
     map_ = surface(result, str(source), name=options.map or SURFACES[0], layer=options.layer)
-    return areal_command.show(map_, result.dataset["mask"].values.astype(bool), options, screen(options))
+    return areal_report.show(map_, result.dataset["mask"].values.astype(bool), options, screen(options))

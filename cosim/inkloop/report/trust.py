@@ -61,6 +61,15 @@ def _ink(run: xr.Dataset, layers: NDArray[np.int64]) -> str:
     )
 
 
+def _high(run: xr.Dataset, layers: NDArray[np.int64]) -> str:
+    above = (run.estimated_height - run.target_height).where(run.mask.astype(bool)).values[layers]
+    worst, i, j = np.unravel_index(np.nanargmax(above), above.shape)
+    return (
+        f"cell ({i}, {j}) stood {above[worst, i, j] * UM_PER_M:.1f} um above its target in the scan of layer "
+        f"{layers[worst] - 1}{_and_others(layers)}; identify the ink of this printer, and check the profiler"
+    )
+
+
 def _worst(run: xr.Dataset, name: str, layers: NDArray[np.int64]) -> int:
     """The layer in which it is largest; its values are those of the scan before."""
     return int(layers[int(np.argmax(run[name].values[layers]))])
@@ -71,5 +80,5 @@ def _and_others(layers: NDArray[np.int64]) -> str:
 
 
 _Remark: TypeAlias = Callable[[xr.Dataset, NDArray[np.int64]], str]
-_REMARKS: Mapping[int, _Remark] = {2: _blind, 4: _ground, 8: _residuals, 16: _ink}
+_REMARKS: Mapping[int, _Remark] = {2: _blind, 4: _ground, 8: _residuals, 16: _ink, 32: _high}
 """By the number of the reason; untrusted cells, 1, are reported by their number in the last layer."""

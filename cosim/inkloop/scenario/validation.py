@@ -34,11 +34,13 @@ EMPTY_CELLS = 2
 
 def part_errors(tables: ScenarioFile, solid: Solid, target: Target) -> list[str]:
     """Errors of the part on its grid."""
-    grid = tables.grid
-    errors = [] if tables.support is not None else _overhang_errors(solid.columns(grid.nx, grid.ny, grid.pitch))
-    if not target.mask.any() and not errors:
-        errors.append(_why_nothing_is_printed(solid))
+    grid, is_printed = tables.grid, bool(target.mask.any())
     has_support, reaches = is_supported(tables), solid.bounds
+    errors = []
+    if tables.support is None or not (has_support or is_printed):
+        errors += _overhang_errors(solid.columns(grid.nx, grid.ny, grid.pitch))
+    if not is_printed and not errors:
+        errors.append("part covers no cell of the grid; make it larger, move it, or enlarge grid.nx and grid.ny")
     if has_support and solid.region is not None:
         errors.append("part has two inks, and support takes ink B for itself; leave out support, or one ink")
     margin = tables.support.margin_cells if has_support and tables.support else 0
@@ -46,17 +48,6 @@ def part_errors(tables: ScenarioFile, solid: Solid, target: Target) -> list[str]
     if not crosses_block and _is_beyond(grid, margin, reaches):
         errors.append(_too_wide(grid, margin, reaches))
     return errors
-
-
-def _why_nothing_is_printed(solid: Solid) -> str:
-    shape = solid.shape
-    if isinstance(shape, Columns) and shape.mask.any():
-        lowest = float(shape.bottoms.min()) * UM_PER_M
-        return (
-            f"part rests nowhere on the substrate: its lowest point is at {lowest:.6g} um; write "
-            'place = "on-substrate", turn it, or add [support]'
-        )
-    return "part covers no cell of the grid; make it larger, move it, or enlarge grid.nx and grid.ny"
 
 
 def _is_beyond(grid: Grid, margin: int, bounds: Bounds) -> bool:

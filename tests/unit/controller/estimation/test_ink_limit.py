@@ -62,17 +62,30 @@ def test_cell_that_does_not_answer_is_capped_as_soon_as_its_next_droplet_would_p
 
 def test_neighbours_of_a_cell_higher_than_droplets_explain_are_capped() -> None:
     estimator = HeightEstimator(JOB, adapt_ink="off", sensor_noise_std=0.0, register_scans=False)
-    for rise, expected in ((0.9 * LAYER, 0), (1.1 * LAYER, 6)):
+    for rise, expected in ((1.1 * LAYER, 0), (1.3 * LAYER, 6)):
         surface = np.zeros(SEEN.shape)
         surface[2, 6] = 30e-6 + rise  # at the edge of the part: six of the nine cells belong to it
         assert np.count_nonzero(estimator.first(surface, SEEN).capped) == expected
+
+
+def test_cell_higher_than_its_target_is_a_reason_before_any_is_capped() -> None:
+    estimator = HeightEstimator(JOB, adapt_ink="off", sensor_noise_std=0.0, register_scans=False)
+    for rise, expected in ((0.5, UntrustedReason(0)), (0.7, UntrustedReason.HIGH)):
+        surface = np.zeros(SEEN.shape)
+        surface[2, 6], surface[0, 0] = 30e-6 + rise * LAYER, 60e-6  # the latter lies outside the part
+        estimate = estimator.first(surface, SEEN)
+        assert estimate.trust.reasons & UntrustedReason.HIGH == expected
+        assert estimate.trust.high_cells == (expected > 0)
+        assert not estimate.capped.any()
 
 
 def test_ground_higher_than_the_target_caps_nothing_where_it_is_not_called_flat() -> None:
     estimator = HeightEstimator(JOB, flat_ground=False)
     surface = np.zeros(SEEN.shape)
     surface[2, 6] = 60e-6
-    assert not estimator.first(surface, SEEN).capped.any()
+    estimate = estimator.first(surface, SEEN)
+    assert not estimate.capped.any()
+    assert not estimate.trust.reasons
 
 
 @pytest.mark.parametrize("share", [0.4, 0.8])

@@ -87,6 +87,22 @@ def test_residuals_are_medians_of_what_a_common_volume_does_not_explain() -> Non
     assert trust.residual == pytest.approx(0.8 + 0.2 * found, rel=1e-9, abs=0.0)
 
 
+def test_misfit_of_droplets_counts_until_the_part_is_half_built() -> None:
+    """A layer is 7.6 um of 60: the fifth one begins above half."""
+    rng, pattern, plant = np.random.default_rng(2), JOB.mask.astype(np.int32), LayerModel.of(JOB)
+    estimator = HeightEstimator(JOB, adapt_ink="off", sensor_noise_std=0.0, register_scans=False)
+    height, found = np.zeros(SHAPE), []
+    estimate = estimator.first(height, SEEN)
+    for layer in range(1, 8):
+        height = plant.layer(height, pattern, layer) + JOB.mask * rng.normal(0.0, 2e-6, SHAPE)
+        estimate = estimator.next(estimate, pattern, layer, height, SEEN)
+        found.append(estimate.trust.early)
+    counted = int((np.diff(found) != 0.0).sum()) + 1
+    assert counted in (4, 5)
+    assert found[0] > 4.0
+    assert len(set(found[counted - 1 :])) == 1
+
+
 def prints(seed: int, variation: float, noise: float, surprise: float = 0.0) -> set[UntrustedReason]:
     """The reasons of all layers of a print; surprise: what a layer adds at random that no droplet explains [m]."""
     controller, plant = LayerMpcController(JOB, horizon=2, annealing_sweeps=0), LayerModel.of(JOB)

@@ -37,6 +37,7 @@ def test_single_row_and_single_gap_are_found() -> None:
 def test_gap_to_the_edge_of_the_grid_is_none_and_a_limit_of_cells_counts() -> None:
     block = (slice(1, 11), slice(1, 4), 0.0, 30.0)
     assert [marked(each) for each in narrow_across(part(block), 2, [15e-6])] == [set(), set()]
+    assert narrow_across(part(block), 3, [15e-6]) == (None, None), "three cells are not fewer than three"
     walls, gaps = narrow_across(part(block), 4, [15e-6])
     assert marked(walls) == {(i, j) for i in range(1, 11) for j in range(1, 4)}
     assert gaps is None
@@ -52,5 +53,5 @@ def test_what_is_lower_than_a_layer_is_found() -> None:
     assert marked(sheets) == {(5, 5)}
     assert marked(slots) == {(2, 2)}
     assert slots is not None
-    assert np.isclose(slots.first[2], 30e-6)
+    assert np.isclose(slots.first[2], 30e-6, rtol=1e-9, atol=0.0)
     assert narrow_upright(part(low), 7.6e-6) == (None, None)

@@ -45,12 +45,12 @@ def test_figures_of_a_file_agree_with_the_part(
     monkeypatch.chdir(tmp_path)
     assert main(["geometry", str(BRACKET), "--pitch-um", "100", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["size_mm"] == pytest.approx([4.0, 3.0, 0.228], rel=1e-6)
+    assert found["size_mm"] == pytest.approx([4.0, 3.0, 0.228], rel=1e-6, abs=0.0)
     assert found["watertight"] is True
     assert found["grid"] == {"nx": 44, "ny": 34, "pitch_um": 100.0}
     area = 4.0 * 1.2 + 1.2 * 1.8 - 2 * np.pi * 0.32**2
     rib = 4.0 * 0.2 + 2.8 * 0.2
-    assert found["volume_mm3"] == pytest.approx(area * 0.114 + rib * 0.114, rel=0.01)
+    assert found["volume_mm3"] == pytest.approx(area * 0.114 + rib * 0.114, rel=0.01, abs=0.0)
     assert found["layers"] == int(np.ceil(228 / 7.6))
     assert found["droplets"]["A"] == pytest.approx(found["volume_mm3"] * 1e9 / (100.0**2 * 7.6), abs=1.0)
     assert found["narrow"] == {}
@@ -106,8 +106,8 @@ parts = [
     { shape = "cuboid", size_x_um = 400.0, size_y_um = 600.0, height_um = 20.0, center_x_um = 850.0 },
 ]"""
     volumes = PartReport.of(with_part(part, tmp_path), None).volumes
-    assert volumes["A"] * 1e18 == pytest.approx(4 * 4 * 100**2 * 30, rel=1e-6)
-    assert volumes["B"] * 1e18 == pytest.approx(4 * 6 * 100**2 * 20, rel=1e-6)
+    assert volumes["A"] * 1e18 == pytest.approx(4 * 4 * 100**2 * 30, rel=1e-6, abs=0.0)
+    assert volumes["B"] * 1e18 == pytest.approx(4 * 6 * 100**2 * 20, rel=1e-6, abs=0.0)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_new_scenario_for_a_file_is_valid_and_holds_the_part(
     scenario = Scenario.load("mine.toml")
     box = scenario.solid.bounds
     found = (box.x_max - box.x_min, box.y_max - box.y_min, scenario.solid.shape.height)
-    assert [side * 1e6 for side in found] == pytest.approx(size_um, rel=1e-5)
+    assert [side * 1e6 for side in found] == pytest.approx(size_um, rel=1e-5, abs=0.0)
     mask = scenario.job().mask
     assert not mask[:2].any()
     assert not mask[:, -2:].any()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import xarray as xr
 
@@ -127,7 +128,7 @@ def test_reasons_for_no_trust_are_reported_with_figure_place_and_remedy(
 def test_every_reason_has_a_sentence_of_its_own() -> None:
     layers = 4
     values = {
-        "untrusted_reasons": [0, 30, 16, 0],
+        "untrusted_reasons": [0, 30, 48, 0],
         "blind_share": [0.0, 0.75, 0.1, 0.0],
         "ground_offset": [5e-6] * layers,
         "ground_rise_x": [1e-6] * layers,
@@ -138,11 +139,19 @@ def test_every_reason_has_a_sentence_of_its_own() -> None:
         "ink_excess_i": [0, 5, 6, 7],
         "ink_excess_j": [0, 1, 2, 3],
     }
-    run = xr.Dataset({name: ("layer", value) for name, value in values.items()})
-    blind, ground, residuals, ink = untrusted_remarks(run)
+    above = np.zeros((layers, 2, 3))
+    above[2, 1, 2], above[2, 0, 0] = 9e-6, 1e-3  # the latter lies outside the part
+    maps = {
+        "estimated_height": (("layer", "x", "y"), 40e-6 + above),
+        "target_height": (("x", "y"), np.full((2, 3), 40e-6)),
+        "mask": (("x", "y"), np.array([[0, 1, 1], [1, 1, 1]])),
+    }
+    run = xr.Dataset({**{name: ("layer", value) for name, value in values.items()}, **maps})
+    blind, ground, residuals, ink, high = untrusted_remarks(run)
     assert blind.startswith("75% of the part's cells were not measured in the scan of layer 0;")
     assert "at 5.0 um in the middle, rising by 1.0 um along x and -2.0 um along y" in ground
     assert "by 4.2 times what droplets and sensor explain, most in the scan of layer 0;" in residuals
     assert ink.startswith("capped cells: 7, ")
     assert "cell (6, 2) is 41.0 um higher than by the scan of layer 1" in ink
+    assert high.startswith("cell (1, 2) stood 9.0 um above its target in the scan of layer 1;")
     assert untrusted_remarks(run.assign(untrusted_reasons=("layer", [0, 1, 1, 0]))) == []

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from inkloop.cli import main
+from inkloop.commands.new import SHAPES
 from inkloop.printing.run import print_part
 from inkloop.scenario import new
 from inkloop.scenario.file import Scenario
@@ -27,6 +28,10 @@ def test_template_prints_until_its_controller_is_done(shape: str, tmp_path: Path
 def test_every_shape_without_a_file_has_a_template() -> None:
     part = ScenarioFile.model_json_schema()["properties"]["part"]
     assert set(part["discriminator"]["mapping"]) - {"mesh", "stack", "height-map"} == set(new.shapes())
+
+
+def test_command_line_offers_every_template() -> None:
+    assert list(SHAPES) == new.shapes()
 
 
 @pytest.mark.parametrize("shape", new.shapes())

@@ -147,9 +147,9 @@ def test_slices_of_unequal_size_are_refused(tmp_path: Path) -> None:
 
 def test_pictures_larger_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_stack(tmp_path, F)
-    monkeypatch.setattr("inkloop.limits.available_memory", lambda: 100)
+    monkeypatch.setattr("inkloop.metrology.picture_file.memory_error", lambda needed: f"needs about {needed} bytes")
     (error,) = errors_of(BITS, tmp_path)
-    assert "4 x 6 pixels: needs about" in error
+    assert "s_001.png: 4 x 6 pixels: needs about 192 bytes" in error
 
 
 def test_centres_on_the_borders_of_pixels_are_remarked(tmp_path: Path) -> None:

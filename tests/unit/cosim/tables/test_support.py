@@ -120,7 +120,7 @@ def test_every_droplet_of_a_supported_print_is_of_the_ink_that_belongs_there(tmp
 def test_without_support_only_what_rests_on_the_substrate_is_printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    mushroom = Solid(Mushroom(), Bounds(0.0, 0.0, 0.0, 0.0))
+    mushroom = Solid(Mushroom(), Bounds(1e-3, 1e-3, 1e-3, 1e-3))
     monkeypatch.setattr(PipeJunctionTable, "solid", lambda table, grid, folder: mushroom)
     with pytest.raises(
         ScenarioError, match=r"part: 72 cells \(88\.9%\) have nothing below them, first at \(6, 6\) from 20 um"
@@ -136,7 +136,8 @@ def test_without_support_only_what_rests_on_the_substrate_is_printed(
 def test_part_of_which_nothing_rests_on_the_substrate_needs_ink_b(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(PipeJunctionTable, "geometry", lambda table, grid: Cap())
+    cap = Solid(Cap(), Bounds(1e-3, 1e-3, 1e-3, 1e-3))
+    monkeypatch.setattr(PipeJunctionTable, "solid", lambda table, grid, folder: cap)
     for support in (None, "none"):
         with pytest.raises(ScenarioError, match=r"81 cells \(100\.0%\) have nothing below .* print ink B there$"):
             loaded(tmp_path, support)
