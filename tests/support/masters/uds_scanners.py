@@ -140,8 +140,9 @@ def by_scapy(channel: str, node: Node, identifiers: Sequence[int], routines: Seq
                 self.closed = True
 
         cases = ("Service", "DSC", "TP", "RDBI", "RC")
+        wire: Any = IsoTpSocket()
         made = uds_scan.UDS_Scanner(
-            IsoTpSocket(),
+            wire,
             test_cases=[getattr(uds_scan, f"UDS_{case}Enumerator") for case in cases],
             UDS_ServiceEnumerator_kwargs={"request_length": 3, "scan_range": range(256)},
             UDS_DSCEnumerator_kwargs={"scan_range": range(256), "overwrite_timeout": False},
