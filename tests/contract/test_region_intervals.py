@@ -24,6 +24,7 @@ from inkloop.geometry import Columns, Cuboid, PipeJunction, cell_centers
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
 from inkloop.tables.shapes import CuboidTable
+from inkloop.tables.solid import Bounds, Solid
 from inkloop_controller.model.regions import InkRegions
 from support.closed_loop import block
 from support.fmus.fmu_driver import ERROR, FORMS, OK, Driver
@@ -31,6 +32,7 @@ from support.sheets import Sheets
 
 TWO_INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
 PIPES = PipeJunction(1e-3, 1e-3, 7e-4, 30e-6, 4e-4, 16e-6, 60e-6)
+BOX = Bounds(4e-4, 17e-4, 4e-4, 14e-4)
 FIVE = Sheets([k * 10e-6 for k in (3, 0, 4, 1, 2)], thickness=6e-6, rise=2e-3, height=50e-6)
 """Five intervals on every cell."""
 SCENARIO = """
@@ -66,7 +68,7 @@ def scenario(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     path = tmp_path_factory.mktemp("sheets") / "sheets.toml"
     path.write_text(SCENARIO)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(CuboidTable, "geometry", lambda table, grid: FIVE)
+        patch.setattr(CuboidTable, "solid", lambda table, grid, folder: Solid(FIVE, BOX))
         patch.setattr(archive, "target_picture", lambda job, title: b"")
         yield path
 
