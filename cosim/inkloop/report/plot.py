@@ -6,7 +6,7 @@ Every function takes results as labelled arrays (see `inkloop.results.result`) a
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import AsinhNorm, ListedColormap, Normalize, to_rgba
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, MaxNLocator
 from mpl_toolkits.mplot3d.axes3d import Axes3D
@@ -61,10 +61,7 @@ def surfaces(runs: Runs) -> Figure:
     """
     shown = dict(list(runs.items())[:3])
     errors = {name: _error(run) for name, run in shown.items()}
-    scales = [float(np.nanquantile(np.abs(error), 0.99)) for error in errors.values()]
-    limit, finest = max(1e-3, *scales), max(1e-3, min(scales) / 2.0)
-    norm = Normalize(-limit, limit) if len(shown) == 1 else AsinhNorm(finest, -limit, limit)
-    colours = ScalarMappable(norm, "RdBu")
+    colours = ScalarMappable(_norm(list(errors.values())), "RdBu")
     top = max(max(float(run.height[-1].max()) for run in shown.values()) * UM_PER_M, 1e-3)
     count = len(shown)
     figure = Figure(figsize=(WIDTH_IN, 2.2) if count > 1 else (4.6, 3.0))
@@ -78,11 +75,7 @@ def surfaces(runs: Runs) -> Figure:
             axes.set_zlabel("height [µm]", labelpad=-3)
         figure.text((place + 0.5) * width, 0.98, f"{name}\n{_figures(run)}", ha="center", va="top", fontsize=8)
     scale = figure.add_axes((0.91 if count > 1 else 0.83, 0.2, 0.012 * WIDTH_IN / figure.get_figwidth(), 0.5))
-    bar = figure.colorbar(colours, cax=scale, label="target - height [µm]", extend="both", format="{x:g}")
-    if len(shown) > 1:
-        decades = 10.0 ** np.arange(math.ceil(math.log10(finest)), math.floor(math.log10(limit)) + 1)
-        bar.set_ticks([*-decades[::-1], 0.0, *decades], minor=False)
-        bar.minorticks_off()
+    _add_scale(figure, colours, cax=scale)
     stretched = BOX_UPRIGHT * _longer_side(next(iter(shown.values()))) / MM_PER_M * UM_PER_M / top
     figure.text(
         0.99, 0.02, f"heights in µm, stretched x {float(f'{stretched:.2g}'):g}", ha="right", fontsize=7, color="0.4"
@@ -115,6 +108,23 @@ def _plates(axes: Axes3D, run: xr.Dataset, error: FloatMap, colours: ScalarMappa
     axes.view_init(elev=32, azim=-60)
     axes.patch.set_visible(False)  # it would hide labels of the picture to its left
     axes.grid(False)
+
+
+def _norm(errors: Sequence[FloatMap]) -> Normalize:
+    """One scale for the errors of several runs [um]: up to the largest, and fine enough for the smallest."""
+    scales = [max(1e-3, float(np.nanquantile(np.abs(error), 0.99))) for error in errors]
+    limit = max(scales)
+    return Normalize(-limit, limit) if len(scales) == 1 else AsinhNorm(min(scales) / 2.0, -limit, limit)
+
+
+def _add_scale(figure: Figure | SubFigure, colours: ScalarMappable, **place: Any) -> None:
+    """The scale of `_norm`, with its decades."""
+    bar = figure.colorbar(colours, label="target - height [µm]", extend="both", format="{x:g}", **place)
+    norm = colours.norm
+    if isinstance(norm, AsinhNorm) and norm.vmax is not None:
+        decades = 10.0 ** np.arange(math.ceil(math.log10(norm.linear_width)), math.floor(math.log10(norm.vmax)) + 1)
+        bar.set_ticks([*-decades[::-1], 0.0, *decades], minor=False)
+        bar.minorticks_off()
 
 
 def _means(values: FloatMap, block: int) -> FloatMap:
@@ -266,7 +276,7 @@ def solids(runs: Runs) -> Figure:
 def comparison(runs: Runs) -> Figure:
     """Final error maps on one scale; below them error, unevenness and droplets by layer."""
     errors = {name: _error(run) for name, run in runs.items()}
-    limit = max(1e-3, *(float(np.nanquantile(np.abs(error), 0.99)) for error in errors.values()))
+    norm = _norm(list(errors.values()))
     figure = _figure(5.0)
     above, below = np.ravel(np.asarray(figure.subfigures(2, 1, height_ratios=(6, 5)), dtype=object))
     maps = above.subplots(1, len(runs), squeeze=False)[0]
@@ -277,12 +287,11 @@ def comparison(runs: Runs) -> Figure:
             extent=_extent(run),
             interpolation="nearest",
             cmap="RdBu",
-            vmin=-limit,
-            vmax=limit,
+            norm=norm,
         )
         axes.set(xlabel="x [mm]", title="\n".join((name, *_figures(run).split(", "))))
     maps[0].set_ylabel("y [mm]")
-    above.colorbar(image, ax=list(maps), label="target - height [µm]", extend="both")
+    _add_scale(above, image, ax=list(maps))
     mean, spread, droplets, names = below.subplots(1, 4)
     for number, (name, run) in enumerate(runs.items()):
         line = LINES[number % len(LINES)]

@@ -42,7 +42,7 @@ def printed(
 ) -> Print:
     """A print by a controller with `options` in which the nozzles of `line` jet droplets of `volume` in the layers
     `dead`."""
-    controller, plant = LayerMpcController(job, **options), LayerModel.of(job)
+    controller, plant = LayerMpcController(job, **{"horizon": 2, **options}), LayerModel.of(job)
     droplets, sensor = np.random.default_rng(seed), np.random.default_rng(seed + 1000)
     height, dead_cells, false_alarms = np.zeros((job.nx, job.ny)), [], 0
 
