@@ -63,6 +63,7 @@ def test_done_is_for_good(make: Any) -> None:
     assert answer(controller, FLAT, 1, 1)["status"] == Status.DONE
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("make", MAKERS)
 def test_part_is_printed_to_its_end_and_the_same_bits_again(make: Any) -> None:
     controller = make(JOB)
@@ -102,6 +103,7 @@ def test_height_that_is_no_number_is_refused_where_it_is_marked_valid() -> None:
     assert answer(started(LayerMpcController(JOB)), broken, 0, 0, valid)["layer_command"] == 1
 
 
+@pytest.mark.system
 def test_part_is_printed_through_cells_that_are_never_measured() -> None:
     """The model fills in for them: the error stays within a few droplets' spread."""
     controller, plant = started(LayerMpcController(JOB)), LayerModel.of(JOB)

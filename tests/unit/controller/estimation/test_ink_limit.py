@@ -88,6 +88,7 @@ def test_ground_higher_than_the_target_caps_nothing_where_it_is_not_called_flat(
     assert not estimate.trust.reasons
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("share", [0.4, 0.8])
 def test_profiler_that_reads_a_wall_low_raises_no_cell_above_the_limit(share: float) -> None:
     """Droplets of the nominal volume at most: what stands there is what was reckoned."""

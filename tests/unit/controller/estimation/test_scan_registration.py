@@ -72,6 +72,7 @@ def printed(job: Job, sensor: Sensor, seed: int = 0, variation: float = 0.2, **o
     return Print(outputs, (height - job.target_height)[job.mask])
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("shift", [(0.1, 0.0), (0.25, 0.0), (0.5, 0.5), (-0.6, 1.0)])
 def test_shift_is_known_after_ten_layers_and_leaves_the_part_as_good_as_without(shift: tuple[float, float]) -> None:
     job = small_cylinder()
@@ -84,6 +85,7 @@ def test_shift_is_known_after_ten_layers_and_leaves_the_part_as_good_as_without(
     assert found.error.max() < 3e-6
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("spot", [0.5, 1.0])
 def test_wide_spot_is_found_and_leaves_the_part_as_good_as_without(spot: float) -> None:
     job = small_cylinder()
@@ -96,12 +98,14 @@ def test_wide_spot_is_found_and_leaves_the_part_as_good_as_without(spot: float) 
 @pytest.mark.parametrize(
     "sensor", [Sensor(scatter=0.1), Sensor((0.25, 0.0), spot=0.5, noise=1e-6, dropout=0.1)], ids=["scatter", "all"]
 )
+@pytest.mark.system
 def test_shift_that_scatters_and_everything_at_once_do_little_harm(sensor: Sensor) -> None:
     found = printed(small_cylinder(), sensor)
     assert np.abs(found.error).mean() < 0.6e-6
     assert found.error.max() < 5e-6
 
 
+@pytest.mark.system
 def test_shift_that_is_not_looked_for_ruins_the_part_up_to_the_cap() -> None:
     """What the others would be without registration. The cap is where 20 full layers, one in reserve and five standard
     deviations of 20 droplets end; chance and what neighbours spill add to it."""
@@ -111,6 +115,7 @@ def test_shift_that_is_not_looked_for_ruins_the_part_up_to_the_cap() -> None:
     assert 10e-6 < found.error.max() < cap - 150e-6 + 3e-6
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("sensor", [Sensor(), Sensor(noise=1e-6), Sensor(dropout=0.1)], ids=["exact", "noisy", "lost"])
 def test_sensor_in_register_prints_bit_by_bit_as_if_nothing_was_looked_for(sensor: Sensor) -> None:
     looked, not_looked = (printed(small_cylinder(), sensor, register_scans=asked, horizon=2) for asked in (True, False))
