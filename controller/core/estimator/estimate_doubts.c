@@ -51,8 +51,7 @@ void look_at_cells(const EstimatorOptions *options, const uint8_t *valid, Surfac
         return;
     const InkLimit limit = ink_limit(options, estimate);
     trust->capped_cells = (int64_t)mark_capped(&limit, estimate->height, estimate->reckoned, estimate->capped);
-    const double *ground = options->flat_ground ? limit.target : estimate->reckoned; /* a cell may begin higher */
-    trust->high_cells = (int64_t)count_high(&limit, estimate->height, ground);
+    trust->high_cells = (int64_t)count_high(&limit, estimate->height, estimate->reckoned);
 }
 
 void begin_trust(const EstimatorOptions *options, int32_t layer, const double *measured, const uint8_t *valid,

@@ -6,7 +6,7 @@
 static const double CHANCE = 5.0;    /* standard deviations of the droplets given to a cell (assumed) */
 static const double ROUNDING = 1e-9; /* of a layer: a target of whole layers needs no further one */
 static const double RESERVE = 1.0;   /* layers: a nozzle that was cleaned or ink that fades needs no cap (by trial) */
-static const double HIGH = 0.6;      /* layers above target: droplets that vary by 40 % show 0.3 (by trial) */
+static const double HIGH = 0.4;      /* layers above target and reckoning: sound prints show 0.3 (by trial) */
 static const double RISEN = 1.2;     /* layers above target and reckoning: no droplets explain it (by trial) */
 
 double ink_limit_at(const InkLimit *limit, size_t cell) {
@@ -14,9 +14,9 @@ double ink_limit_at(const InkLimit *limit, size_t cell) {
     return (layers + RESERVE) * limit->layer + CHANCE * limit->droplet_std * sqrt(layers);
 }
 
-/* How much higher a cell stands than it is to, and than something explains [layers]. */
-static double rise(const InkLimit *limit, const double *height, const double *explained, size_t cell) {
-    return (height[cell] - fmax(limit->target[cell], explained[cell])) / limit->layer;
+/* How much higher a cell stands than it is to, and than the droplets given to it explain [layers]. */
+static double rise(const InkLimit *limit, const double *height, const double *reckoned, size_t cell) {
+    return (height[cell] - fmax(limit->target[cell], reckoned[cell])) / limit->layer;
 }
 
 static void mark_near(size_t nx, size_t ny, size_t cell, const uint8_t *part, uint8_t *marks) {
@@ -43,9 +43,9 @@ size_t mark_capped(const InkLimit *limit, const double *height, const double *re
     return count;
 }
 
-size_t count_high(const InkLimit *limit, const double *height, const double *ground) {
+size_t count_high(const InkLimit *limit, const double *height, const double *reckoned) {
     size_t count = 0;
     for (size_t cell = 0; cell < limit->nx * limit->ny; cell++)
-        count += limit->part[cell] && rise(limit, height, ground, cell) > HIGH;
+        count += limit->part[cell] && rise(limit, height, reckoned, cell) > HIGH;
     return count;
 }

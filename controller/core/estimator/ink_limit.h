@@ -25,7 +25,7 @@ double ink_limit_at(const InkLimit *limit, size_t cell);
 /* Marks the `capped` cells of a surface `height` [m] that by dead reckoning is `reckoned` [m]; returns their number. */
 size_t mark_capped(const InkLimit *limit, const double *height, const double *reckoned, uint8_t *capped);
 
-/* Number of cells of the part that stand higher than they are to and than the `ground` [m] explains, beyond chance. */
-size_t count_high(const InkLimit *limit, const double *height, const double *ground);
+/* Number of cells of the part that stand higher than they are to and than they are reckoned to, beyond chance. */
+size_t count_high(const InkLimit *limit, const double *height, const double *reckoned);
 
 #endif

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -70,13 +71,33 @@ def test_neighbours_of_a_cell_higher_than_droplets_explain_are_capped() -> None:
 
 def test_cell_higher_than_its_target_is_a_reason_before_any_is_capped() -> None:
     estimator = HeightEstimator(JOB, adapt_ink="off", sensor_noise_std=0.0, register_scans=False)
-    for rise, expected in ((0.5, UntrustedReason(0)), (0.7, UntrustedReason.HIGH)):
+    for rise, expected in ((0.35, UntrustedReason(0)), (0.45, UntrustedReason.HIGH)):
         surface = np.zeros(SEEN.shape)
         surface[2, 6], surface[0, 0] = 30e-6 + rise * LAYER, 60e-6  # the latter lies outside the part
         estimate = estimator.first(surface, SEEN)
         assert estimate.trust.reasons & UntrustedReason.HIGH == expected
         assert estimate.trust.high_cells == (expected > 0)
         assert not estimate.capped.any()
+
+
+def test_foot_of_a_wall_that_droplets_of_the_wall_reach_is_trusted() -> None:
+    """As in a bracket, whose plate is lower than its rib."""
+    low = replace(
+        JOB, target_height=np.where(np.arange(JOB.ny) < 6, np.minimum(JOB.target_height, 8e-6), JOB.target_height)
+    )
+    estimator = HeightEstimator(low, adapt_ink="off", sensor_noise_std=0.0, register_scans=False)
+    wall = (JOB.mask & (np.arange(JOB.ny) >= 6)).astype(np.int32)
+    height = np.zeros(SEEN.shape)
+    estimate = estimator.first(height, SEEN)
+    for layer in range(1, 9):
+        pattern = JOB.mask.astype(np.int32) if layer == 1 else wall
+        height = lu_numpy.one_pass(height, pattern)[0]
+        estimate = estimator.next(estimate, pattern, layer, height, SEEN)
+    assert (height - low.target_height)[low.mask].max() > 0.6 * LAYER
+    assert not estimate.trust.reasons
+    higher = height + np.where(np.arange(JOB.ny) == 5, 0.6 * LAYER, 0.0)
+    estimate = estimator.next(estimate, np.zeros_like(wall), 9, higher, SEEN)
+    assert estimate.trust.reasons == UntrustedReason.HIGH
 
 
 def test_ground_higher_than_the_target_caps_nothing_where_it_is_not_called_flat() -> None:
