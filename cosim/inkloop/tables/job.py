@@ -85,7 +85,7 @@ def _printed(tables: ScenarioFile, solid: Solid) -> tuple[BoolMap, FloatMap]:
 
 
 def _without_ends(region: Columns, top: FloatMap) -> Columns:
-    """Ink A where it reaches the substrate or the target `top` (nx, ny) [m] goes on beyond them, as ink B does.
+    """Ink A where it reaches the substrate or the target `top` (nx, ny) [m] continues beyond them, as ink B does.
 
     Else the last droplet on ink A, whose middle lies over the target, would be of ink B.
     """

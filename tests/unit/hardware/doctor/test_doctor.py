@@ -121,7 +121,7 @@ def test_pause_is_judged_by_the_patience_of_the_settings() -> None:
     patient.take(2.4, pack(CODEC, status(Node.HEAD), 3), CODEC)
     assert "heartbeat" in heard_errors(patient)
     with ExitStack() as stack:
-        adapter = Adapter(BusSettings("virtual", "nobody sends", silence_s=1.0))
+        adapter = Adapter(BusSettings("virtual", "silent", silence_s=1.0))
         stack.callback(adapter.close)
         seconds = count(0.0, 0.25)
         found = listen(adapter, CODEC, monotonic=lambda: next(seconds))
