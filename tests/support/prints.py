@@ -29,8 +29,7 @@ CHEAPER: Mapping[str, Overrides] = {
     "staircase": THREE_AHEAD,
     "surface-tension": (("part.height_um", 60.0),),
     "tilted-substrate": THREE_AHEAD,
-    "two-materials": (*THREE_AHEAD, ("part.height_um", 80.0)),
-    "uneven-start": THREE_AHEAD,
+    "two-materials": THREE_AHEAD,
 }
 """Scenario -> overrides with which a print of 3 to 20 s shows the same in one or two."""
 QUICK_CUBOID: Overrides = (*LITTLE_WORK, ("part.height_um", 40.0))

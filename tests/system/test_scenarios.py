@@ -112,7 +112,7 @@ def test_two_inks_stay_where_the_part_puts_them() -> None:
     """Cells as wide as these leave a tenth of the walls to the wrong ink, with any controller."""
     closed, blind = printed("two-materials", 1).metrics(), printed("two-materials", 1, "open loop").metrics()
     assert closed["mismatch"] < 0.11
-    assert blind["mismatch"] > 0.25  # of half the block
+    assert blind["mismatch"] > 0.5
     assert abs(closed["mean_error"]) * UM_PER_M < 0.3
 
 
@@ -166,7 +166,7 @@ def test_smaller_drops_make_an_evener_top_and_more_of_them_at_once_fewer_layers(
 def test_uneven_substrate_is_not_seen_at_the_top() -> None:
     uneven, flat = printed("uneven-start", 1), printed("cylinder", 1)
     assert float(uneven.dataset.height[0].std()) > 10e-6
-    assert uneven.metrics()["std"] < 1.3 * flat.metrics()["std"]  # which is planned further ahead
+    assert uneven.metrics()["std"] < 1.1 * flat.metrics()["std"]
     assert printed("uneven-start", 1, "open loop").metrics()["std"] > 10e-6
 
 
