@@ -19,7 +19,10 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     either = parser.add_mutually_exclusive_group()
     either.add_argument("--shape", choices=SHAPES, default="cylinder", help="shape of the part (default: cylinder)")
     either.add_argument(
-        "--part", type=Path, metavar="FILE", help="mesh (STL, OBJ, PLY, 3MF) or height map to print, with a grid for it"
+        "--part",
+        type=Path,
+        metavar="FILE",
+        help="mesh (STL, OBJ, PLY, 3MF), height map or manifest of layers to print, with a grid for it",
     )
     add_part_options(parser)
     return parser

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import traceback
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -80,6 +80,24 @@ def part_file_of(options: argparse.Namespace, path: Path) -> PartFile:
     if options.pitch_um is not None and not 0.0 < options.pitch_um < float("inf"):
         raise InkloopError(f"--pitch-um is {options.pitch_um:g}; expected a length above 0")
     return PartFile(path, options.unit, options.pixel_um, options.count_scale)
+
+
+def no_part_options(options: argparse.Namespace) -> None:
+    """Raises InkloopError where the command line describes a part that a scenario or a run describes itself."""
+    names = [name for name in ("pitch_um", "unit", "pixel_um", "count_scale") if getattr(options, name) is not None]
+    if names:
+        given = ", ".join(f"--{name.replace('_', '-')}" for name in names)
+        raise InkloopError(f"{given}: goes with the file of a part; leave it out, or name that file")
+
+
+def scenario_of_part(options: argparse.Namespace, path: Path, overrides: Mapping[str, Any] | None = None) -> Scenario:
+    """The scenario that `inkloop new` writes for the file of a part. Raises InkloopError."""
+    from inkloop.scenario import new
+    from inkloop.scenario.file import Scenario
+    from inkloop.scenario.part_file import fit
+
+    file, place = part_file_of(options, path), Path(path.name)
+    return Scenario.of_text(new.text_for_part(place, file, fit(file, options.pitch_um)), str(place), overrides)
 
 
 def is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:

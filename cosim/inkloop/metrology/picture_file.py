@@ -16,6 +16,7 @@ from inkloop.limits import memory_error
 from inkloop.metrology.file_contents import FileContents
 
 _COLOURS = 3  # channels before the one of opacity
+_PHOTOMETRIC, _MIN_IS_WHITE = 262, 0  # a tag of TIFF 6.0, and one of its values
 _BYTES_OF_A_PIXEL = 8  # the picture, its array, and a copy; of colours 4 bytes twice
 
 
@@ -55,9 +56,10 @@ def _opened(path: Path) -> Image.Image:
 def _grey(place: str, page: Image.Image) -> NDArray[Any]:
     values = np.asarray(page)
     if values.dtype == np.bool_:
-        return values.astype(np.uint8)
+        values = values.astype(np.uint8)
+        return 1 - values if _is_inverted(page) else values
     if values.ndim == 2:
-        return values
+        return np.iinfo(np.uint8).max - values if page.mode == "L" and _is_inverted(page) else values
     channels = len(page.getbands())
     has_opacity = page.mode.endswith(("A", "a"))
     is_grey = channels <= 2 or (values[..., 1:_COLOURS] == values[..., :1]).all()
@@ -66,3 +68,8 @@ def _grey(place: str, page: Image.Image) -> NDArray[Any]:
         found = "is partly transparent" if is_grey and not is_opaque else f"has colours ({page.mode})"
         raise HeightMapError(f"{place}: {found}; expected grey values: save it as greyscale, or with a palette")
     return np.ascontiguousarray(values[..., 0])
+
+
+def _is_inverted(page: Image.Image) -> bool:
+    """Whether Pillow inverts what is stored: TIFF whose 0 is white."""
+    return getattr(page, "tag_v2", {}).get(_PHOTOMETRIC) == _MIN_IS_WHITE

@@ -44,7 +44,7 @@ NO_FACTORS = {
     "cosim/inkloop/identify/ink_regression.py": "PERTURBATION is a share of a layer",
     "cosim/inkloop/results/solid.py": "STEP_M is the height of a voxel",
     "cosim/inkloop/studies/reproduce/finite_elements.py": "tolerances of a solver and of an area",
-    "cosim/inkloop/tables/part_images.py": "EDGE is a share of a pitch",
+    "cosim/inkloop/tables/slices.py": "EDGE is a share of a pitch",
     "hardware/inkloop_hardware/mapped/mapped_bus.py": "the share by which a reading may differ",
     "hardware/inkloop_hardware/protocol/codec.py": "the share of a step that is rounding",
 }

@@ -87,7 +87,7 @@ def test_open_mesh_is_described_before_it_is_refused(tmp_path: Path, capsys: pyt
         (["absent.toml"], "absent.toml: 1 error"),
         (["map.csv"], "map.csv"),
         ([str(BRACKET), "--pitch-um", "0"], "--pitch-um is 0; expected a length above 0"),
-        ([str(SCENARIOS / "bracket.toml"), "--unit", "mm"], "--unit: the scenario states its own"),
+        ([str(SCENARIOS / "bracket.toml"), "--unit", "mm"], "--unit: goes with the file of a part"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(
