@@ -53,7 +53,7 @@ def read_bodies(path: Path | str, unit: str | None = None) -> tuple[Body, ...]:
 
 
 def _in_metres(body: Body, factor: float) -> Body:
-    """The body with the resolution of numbers in single precision: STL and 3MF have no others, texts few more digits."""
+    """The body with the resolution of single precision: STL and 3MF have no other, texts hardly more digits."""
     corners = body.triangles * factor
     return replace(body, triangles=corners, resolution=float(np.abs(corners).max() * np.finfo(np.float32).eps))
 

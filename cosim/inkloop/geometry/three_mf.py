@@ -181,10 +181,10 @@ class _Model:
         rows = np.frombuffer(b"".join(mesh.GetAllTriangleProperties()), dtype=np.uint32).reshape(-1, 4)
         pairs = np.unique(np.stack([rows[:, [0, 0, 0]], rows[:, 1:]], axis=-1).reshape(-1, 2), axis=0).tolist()
         groups = {one.GetUniqueResourceID(): one for one in _iterated(self._model.GetBaseMaterialGroups())}
-        names = [
-            str(groups[group].GetName(entry)) if group in groups else f"colour {entry} of group {group}" if group else ""
-            for group, entry in pairs
-        ]
+        names = ["" if group == 0 else f"colour {entry} of group {group}" for group, entry in pairs]
+        for number, (group, entry) in enumerate(pairs):
+            if group in groups:
+                names[number] = str(groups[group].GetName(entry))
         is_painted = (mesh.PackagePart().GetPath(), mesh.GetModelResourceID()) in self._painted
         return [*names, "colours of a slicer"] if is_painted else names
 
