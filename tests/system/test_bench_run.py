@@ -20,10 +20,10 @@ import isotp
 import numpy as np
 import pytest
 import udsoncan
+from tools import parts
 from udsoncan.client import Client
 from udsoncan.connections import PythonIsoTpConnection
 from udsoncan.exceptions import UnexpectedResponseException
-from tools import parts
 
 import inkloop_hardware
 from inkloop.cli import main

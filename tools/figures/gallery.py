@@ -36,6 +36,7 @@ PICTURES = {
     "grey-head": COMPARISON,
     "noisy-sensor": COMPARISON,
     "pipe-junction": "solid",
+    "pipe-junction-3mf": "solid",
     "roller": COMPARISON,
     "staircase": "cross-section",
     "tall-cylinder": "layers",
