@@ -1,7 +1,8 @@
-"""What a print takes of the machine: memory and disk, estimated from its tables before anything of its size exists.
+"""What a print takes of the machine: memory, disk and computing, estimated before anything of its size exists.
 
 The figures are measured: the peak of a process that prints a part with rough droplets and noisy scans, from the slopes
 between 300 x 300 and 600 x 600 cells and between 2 and 8 layers. What a class or an FMU of others takes is not in them.
+Computing is that of the shipped scenarios, on one core of x86_64 near 2.5 GHz; single ones take half or twice as much.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from pathlib import Path
 
 from inkloop.errors import ResultError
 from inkloop.limits import available_memory, free_disk, memory_error, size_text
-from inkloop.tables.schema import ScenarioFile
+from inkloop.tables.schema import ComponentTable, ScenarioFile
 
 BYTES_OF_A_CELL = 700
 BYTES_OF_A_CELL_AND_LAYER = 69
@@ -22,6 +23,15 @@ MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "Laye
 STATE_BYTES: Mapping[str, int] = {"YoungLaplaceDeposition": 540, "LayerController": 70}
 """Kind -> part of a saved state in addition to STATE_BYTES_OF_A_CELL."""
 STATE_BYTES_OF_A_CELL = 155
+SECONDS_OF_A_CELL_AND_LAYER = 5e-6
+"""Processor time of a printed cell and a full layer: model, sensor, record, and a controller that plans no layer."""
+MORE_SECONDS: Mapping[int, float] = {1: 10e-6, 2: 10e-6, 3: 20e-6, 4: 40e-6, 5: 100e-6}
+"""Layers ahead -> what planning adds."""
+SECONDS_OF_A_MODEL: Mapping[str, float] = {"YoungLaplaceDeposition": 300e-6}
+"""Kind -> what a model adds."""
+PLANNING = ("LayerMpc", "LayerController")
+HORIZONS: Mapping[str, int] = {"even": 5, "fast": 4}
+"""`finish` of these controllers -> layers ahead, where `horizon` is not given."""
 ROUNDING = 1e-6
 """Share of a layer that files in single precision may add to a height."""
 FILE_BYTES_OF_A_CELL_AND_LAYER = 50
@@ -30,13 +40,17 @@ FILE_BYTES_OF_A_CELL_AND_LAYER = 50
 
 @dataclass(frozen=True)
 class Footprint:
-    """Cells, layers expected, and for each cell the bytes of memory and of disk, comparison runs included."""
+    """Cells, layers expected, and for each cell the bytes of memory and of disk, comparison runs included.
+
+    seconds_of_a_cell: processor time for each printed cell.
+    """
 
     nx: int
     ny: int
     layers: int
     memory_of_a_cell: int
     disk_of_a_cell: int
+    seconds_of_a_cell: float
 
     @classmethod
     def of(cls, tables: ScenarioFile, height: float) -> Footprint:
@@ -45,11 +59,8 @@ class Footprint:
         height: of the part [m].
         """
         layers = _layers(tables, height)
-        kinds = [{name: table.kind for name, table in tables.components.items()}]
-        kinds += [
-            kinds[0] | {name: table.kind for name, table in other.components.items()}
-            for other in tables.compare.values()
-        ]
+        runs = [tables.components, *(tables.components | other.components for other in tables.compare.values())]
+        kinds = [{name: table.kind for name, table in run.items()} for run in runs]
         memory = [sum(MORE_BYTES_OF_A_CELL.get(kind, 0) for kind in run.values()) for run in kinds]
         states = [sum(STATE_BYTES.get(kind, 0) for kind in run.values()) for run in kinds]
         return cls(
@@ -58,6 +69,7 @@ class Footprint:
             layers,
             BYTES_OF_A_CELL + BYTES_OF_A_CELL_AND_LAYER * layers + max(memory),
             2 * (STATE_BYTES_OF_A_CELL + max(states)) + FILE_BYTES_OF_A_CELL_AND_LAYER * (layers + 1) * len(kinds),
+            layers * sum(SECONDS_OF_A_CELL_AND_LAYER + sum(map(_seconds, run.values())) for run in runs),
         )
 
     @property
@@ -94,6 +106,14 @@ class Footprint:
     def _advice(self, share: float) -> str:
         nx, ny = (max(1, math.floor(count * math.sqrt(share))) for count in (self.nx, self.ny))
         return f"{nx} x {ny} cells would fit: choose a smaller grid or a larger pitch, or fewer layers"
+
+
+def _seconds(table: ComponentTable) -> float:
+    """Processor time that a component adds for each printed cell and layer."""
+    if table.kind not in PLANNING:
+        return SECONDS_OF_A_MODEL.get(table.kind, 0.0)
+    horizon = table.options.get("horizon", HORIZONS.get(str(table.options.get("finish", "even"))))
+    return MORE_SECONDS[horizon] if horizon in [*MORE_SECONDS] else 0.0  # the check of the component reports others
 
 
 def _layers(tables: ScenarioFile, height: float) -> int:
