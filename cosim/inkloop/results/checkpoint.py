@@ -8,6 +8,7 @@ soon as it is there, for no real sensor would repeat it to the bit: the plan mad
 
 from __future__ import annotations
 
+import gc
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
@@ -140,6 +141,7 @@ class Checkpoints:
                 f"continue with `inkloop resume {self._run_folder}`"
             ) from error
         self._last, self._scanned = layer, self._recorder.scanned
+        gc.collect(1)  # ctypes leaves maps in reference cycles; the collector counts objects, not their bytes
 
 
 def last(run_folder: Path, advice: str = "") -> Checkpoint | None:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 SCHEMA_VERSION = 1
 RESULT_FILE, RUN_FILE, SCENARIO_FILE = "result.nc", "run.json", "scenario.toml"
-READ_AT_ONCE = 1 << 28
+READ_AT_ONCE = 1 << 26
 """Bytes of the arrays of a result up to which all of them are read into memory."""
 COMPARE_FOLDER = "compare"
 """Folder of a run folder that holds its comparison runs."""
