@@ -11,8 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from inkloop.metrology.evaluation.subject import Subject
-from inkloop.metrology.evaluation.surface import Found, Refusal, Surface, Treatment, evaluated
+from inkloop.metrology.evaluation.surface import Found, Refusal, Surface, evaluated
 from inkloop.metrology.evaluation.table import found
+from inkloop.metrology.evaluation.treatment import Treatment
 from inkloop.metrology.height_map import HeightMap
 
 A, STEP, PERIOD = 2e-6, 1e-5, 40
@@ -32,6 +33,13 @@ def wave(cells: int = 2 * PERIOD, rows: int = 11) -> Map:
 def rough(shape: tuple[int, int] = (24, 17)) -> Map:
     """Heights that are correlated along x only."""
     return np.random.default_rng(2).normal(0.0, 3e-6, shape).cumsum(axis=0)
+
+
+def texture(sigma: tuple[float, float], shape: tuple[int, int] = (256, 256), seed: int = 3) -> Map:
+    """White noise under a Gaussian filter: f(t) = exp(-(t_x / 2 sigma_x)^2 - (t_y / 2 sigma_y)^2)."""
+    from scipy.ndimage import gaussian_filter
+
+    return np.asarray(A * gaussian_filter(np.random.default_rng(seed).normal(size=shape), sigma, mode="wrap"))
 
 
 def surface_of(map_: HeightMap, mask: Map | None = None, **treatment: Any) -> Surface:

@@ -12,7 +12,9 @@ from inkloop.errors import ComponentError, ResultError
 from inkloop.master.events import Event, Manipulator
 from inkloop.master.master import Master
 from inkloop.master.pacing import Pacing
+from inkloop.results.attributes import variable
 from inkloop.results.checkpoint import Checkpoint, Checkpoints, remove_layers
+from inkloop.results.evaluated_surface import with_parameters
 from inkloop.results.recorder import LayerRow, Recorder
 from inkloop.results.result import RESULT_FILE, UNFINISHED, Result
 from inkloop.results.solid import with_solid
@@ -108,6 +110,8 @@ class Print:
             notes["not_resumable"] = self._checkpoints.refusal
         manipulator = Manipulator(self._events, self._components)
         dataset = with_solid(self._recorder.dataset(), self._scenario.job())
+        if tables.metrology:
+            dataset = with_parameters(dataset, tables.metrology.evaluation)
         return Result.of(
             _marked(dataset, self._events, manipulator, self._step_ns),
             title=tables.title,
@@ -134,6 +138,5 @@ def _marked(dataset: xr.Dataset, events: Sequence[Event], manipulator: Manipulat
         return dataset
     ends_ns = np.nan_to_num(dataset["time"].values * NS_PER_S).round().astype(np.int64)
     modified = [manipulator.in_effect(max(0, int(end_ns) - step_ns), layer) for layer, end_ns in enumerate(ends_ns)]
-    attributes = {"units": "1", "long_name": "layers in which an event was in effect"}
-    marked = dataset.assign(modified=(("layer",), np.array(modified), attributes))
+    marked = dataset.assign(modified=variable("modified", ("layer",), np.array(modified), "1"))
     return marked.assign_attrs(events="\n".join(map(str, events)))

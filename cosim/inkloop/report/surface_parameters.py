@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from rich.table import Table
 
 from inkloop.component import BoolMap
 from inkloop.errors import HeightMapError
 from inkloop.metrology import map_file
 from inkloop.metrology.evaluation.definitions import DEFINITIONS, Group
 from inkloop.metrology.evaluation.subject import Subject
-from inkloop.metrology.evaluation.surface import Found, Treatment
+from inkloop.metrology.evaluation.surface import Found
 from inkloop.metrology.evaluation.table import Parameter, found, found_on_profiles, rows
+from inkloop.metrology.evaluation.treatment import Treatment
 from inkloop.metrology.height_map import HeightMap
 from inkloop.report.terminal import Terminal, number_table
+from inkloop.results.evaluated_surface import parameters_of
+from inkloop.results.result import Result
 from inkloop.units import M_PER_UM
 
 GROUPS: tuple[Group, ...] = ("areal", "form", "volume")
@@ -45,10 +49,7 @@ def show(subject: Subject, mask: str, options: argparse.Namespace, console: Term
         caption=f"{used.sum()} cells{lacking}; mask: {mask}; {treatment}" + (f"; {profiles}" if profiles else ""),
     )
     for parameter in parameters:
-        unit = "" if parameter.shown_unit == "1" else f" [{parameter.shown_unit}]"
-        value = "-" if parameter.reason else f"{parameter.shown:.6g}"
-        of_iso = DEFINITIONS[parameter.symbol].group in ("areal", "profile")
-        table.add_row(f"{parameter.symbol}, {parameter.name}{unit}" if of_iso else parameter.name + unit, value)
+        table.add_row(_label(parameter), _value(parameter))
     console.print(table)
     for symbols, reason in reasons(parameters):
         console.sentence(f"{symbols}: {reason}")
@@ -66,6 +67,32 @@ def show(subject: Subject, mask: str, options: argparse.Namespace, console: Term
         refused={parameter.symbol: parameter.reason for parameter in parameters if parameter.reason},
     )
     return int(all(parameter.reason for parameter in parameters))
+
+
+def table_of_runs(runs: Mapping[str, Result]) -> Table | None:
+    """The parameters that `[metrology]` asked for, a column for each run; None where no run holds any."""
+    columns = {name: parameters_of(result.dataset) for name, result in runs.items()}
+    first = next((column for column in columns.values() if column), None)
+    if first is None:
+        return None
+    treatment = next(iter(runs.values())).dataset[first[0].symbol].attrs["treatment"]
+    table = number_table(
+        "parameter of the surface", *columns, title="Surface", caption=f"last layer, over the part; {treatment}"
+    )
+    for k, parameter in enumerate(first):
+        table.add_row(_label(parameter), *(_value(column[k]) if column else "-" for column in columns.values()))
+    return table
+
+
+def _label(parameter: Parameter) -> str:
+    """Symbols of ISO first; the symbol of a form is its name."""
+    unit = "" if parameter.shown_unit == "1" else f" [{parameter.shown_unit}]"
+    of_iso = DEFINITIONS[parameter.symbol].group in ("areal", "profile")
+    return f"{parameter.symbol}, {parameter.name}{unit}" if of_iso else parameter.name + unit
+
+
+def _value(parameter: Parameter) -> str:
+    return "-" if parameter.reason else f"{parameter.shown:.6g}"
 
 
 def reasons(parameters: Sequence[Parameter]) -> list[tuple[str, str]]:

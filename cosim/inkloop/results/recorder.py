@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import Component, FloatMap, Job, Port, Status, Values, is_device
+from inkloop.component import Component, Job, Port, Status, Values, is_device
 from inkloop.contract import (
     CONTROLLER,
     COUNTERS,
     DROP_LEVEL,
     HEIGHT,
-    LAYER_UNKNOWN,
     LAYERS_COMPARED,
     LAYERS_FOLLOWED,
     LAYERS_PRINTED,
@@ -35,6 +34,7 @@ from inkloop.contract import (
     STATUS,
     VALID,
 )
+from inkloop.results.attributes import variable
 from inkloop.results.metrics import surface_error
 from inkloop.units import S_PER_NS
 
@@ -49,26 +49,6 @@ COUNTER_ROLES = {
 """Sequence number -> role of the component that puts it out."""
 LABELS = {(SHADOW, HEIGHT): "shadow_height", (SHADOW, STATUS): "shadow_status"}
 """Ports recorded under another name, because their values never come from a printer."""
-NOT_REPRODUCIBLE = frozenset({"solve_time"})
-LONG_NAMES = {
-    HEIGHT: "surface after the layer",
-    "area": "share of each cell that ink covers after the layer",
-    MEASURED_HEIGHT: "scan of the layer",
-    VALID: "cells of the scan that were measured",
-    "estimated_height": "the controller's estimate from the scan of the layer",
-    PATTERN: "what was jetted in the layer: 0 none, 1 material A, 2 material B",
-    DROP_LEVEL: "drops that each droplet of the layer consists of",
-    "time": "time at which the layer was complete",
-    "shadow_height": "surface of the model that follows the commanded patterns",
-    "shadow_status": "4: grew differently from the model, or could not be compared; 3: so much that the run ended",
-    "growth_divergence": "rms over the part of what was scanned to be added less what the model adds",
-    "surface_divergence": "rms over the part of scan less model",
-    LAYER_UNKNOWN: "the layer was aborted: what of its pattern was jetted is unknown",
-    "mean_error": "target minus mean height over the part",
-    "mae": "mean absolute error over the part",
-    "rms": "root mean square error over the part",
-    "std": "standard deviation of the error over the part (population)",
-}
 
 
 @dataclass(frozen=True)
@@ -179,9 +159,9 @@ class Recorder:
         import xarray as xr
 
         job, count = self._job, self.layers + 1
-        variables: dict[str, xr.Variable] = {
-            "target_height": _variable(("x", "y"), job.target_height, "m", "height that the part shall have"),
-            "mask": _variable(("x", "y"), job.mask, "1", "cells of the part"),
+        variables = {
+            "target_height": variable("target_height", ("x", "y"), job.target_height, "m"),
+            "mask": variable("mask", ("x", "y"), job.mask, "1"),
         }
         for name, rows in self._rows.items():
             port = self._ports[name]
@@ -190,23 +170,22 @@ class Recorder:
             for layer, value in rows.items():
                 if layer < count:
                     filled[layer] = value
-            variables[name] = _variable(dims, filled, port.unit, LONG_NAMES.get(name, name.replace("_", " ")))
-            if name in NOT_REPRODUCIBLE:
-                variables[name].attrs["reproducible"] = "no: wall-clock"
+            variables[name] = variable(name, dims, filled, port.unit, giver=self._giver(port))
         times = np.array([self._layer_times.get(layer, np.nan) for layer in range(count)])
-        variables["time"] = _variable(("layer",), times, "s", LONG_NAMES["time"])
+        variables["time"] = variable("time", ("layer",), times, "s")
         if HEIGHT not in variables and (surface := self._surface_label()) in variables:
             heights = _carried(variables[surface].values, self._rows[surface])
-            variables[HEIGHT] = _variable(("layer", "x", "y"), heights, "m", f"{LONG_NAMES[HEIGHT]}: {surface}")
+            variables[HEIGHT] = variable(HEIGHT, ("layer", "x", "y"), heights, "m")
+            variables[HEIGHT].attrs["source"] = surface
         if HEIGHT in variables:
             errors = [surface_error(surface, job) for surface in variables[HEIGHT].values]
             for name in ("mean_error", "mae", "rms", "std"):
                 values = np.array([getattr(error, name) for error in errors])
-                variables[name] = _variable(("layer",), values, "m", LONG_NAMES[name])
+                variables[name] = variable(name, ("layer",), values, "m")
         coordinates = {
-            "layer": _variable(("layer",), np.arange(count), "1", "layer; 0 is the start surface"),
-            "x": _variable(("x",), np.arange(job.nx) * job.pitch, "m", "position along x"),
-            "y": _variable(("y",), np.arange(job.ny) * job.pitch, "m", "position along y"),
+            "layer": variable("layer", ("layer",), np.arange(count), "1"),
+            "x": variable("x", ("x",), np.arange(job.nx) * job.pitch, "m"),
+            "y": variable("y", ("y",), np.arange(job.ny) * job.pitch, "m"),
         }
         return xr.Dataset(variables, coordinates, {"pitch": job.pitch})
 
@@ -261,6 +240,9 @@ class Recorder:
     def _surface_label(self) -> str:
         return LABELS.get((self._surface_role, self._surface_port), self._surface_port)
 
+    def _giver(self, port: Port) -> str:
+        return next((role for role, ports in self._own_ports.items() if ports.get(port.name) is port), "")
+
     def _keep_scalars(self, role: str, layer: int, values: Values) -> None:
         for name, port in self._own_ports[role].items():
             if port.shape == () and name not in COUNTER_ROLES and name != STATUS:
@@ -284,9 +266,3 @@ def _carried(maps: NDArray[Any], known: Mapping[int, object]) -> NDArray[Any]:
     last = np.maximum.accumulate(np.where(np.isin(layers, list(known)), layers, 0))
     carried: NDArray[Any] = maps[last]
     return carried
-
-
-def _variable(dims: tuple[str, ...], values: NDArray[Any] | FloatMap, unit: str, long_name: str) -> xr.Variable:
-    import xarray as xr
-
-    return xr.Variable(dims, values, {"units": str(unit), "long_name": long_name})

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from inkloop.component import FloatMap, Ink, Job
 from inkloop.geometry import cell_centers
+from inkloop.results.attributes import variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -51,15 +52,13 @@ def with_solid(run: xr.Dataset, job: Job) -> xr.Dataset:
     if job.region is None or not {"height", "pattern"} <= run.keys():
         return run
     ink = np.concatenate([np.zeros((1, job.nx, job.ny), np.int8), layer_inks(run.pattern.values[1:], job.inks)])
-    words = "ink that fills most of what the layer added: 1 A, 2 B"
-    filled = run.assign(ink=(("layer", "x", "y"), ink, {"units": "1", "long_name": words}))
+    filled = run.assign(ink=variable("ink", ("layer", "x", "y"), ink, "1"))
     printed = voxels(filled)[job.mask] == 1
     x, y = (axis[job.mask][:, None] for axis in cell_centers(job.nx, job.ny, job.pitch))
     middles, top = _middles(printed.shape[1]), job.target_height[job.mask][:, None]
     wanted = job.region.contains(x, y, middles) & (middles <= top)
     share = float((printed ^ wanted).sum()) / max(1.0, float(wanted.sum()))
-    words = "ink A too much or lacking, as a share of what is wanted"
-    return filled.assign(mismatch=((), share, {"units": "1", "long_name": words}))
+    return filled.assign(mismatch=variable("mismatch", (), share, "1"))
 
 
 def _middles(levels: int) -> FloatMap:

@@ -40,8 +40,7 @@ def surface(
         raise ResultError(f"{source}: holds no layer {number}; it has layers 0 (the start surface) to {last}")
     values = run[key]
     heights = (values[number] if "layer" in values.dims else values).values.astype(np.float64)
-    source_of_height = str(values.attrs.get("long_name")).rpartition(": ")[2]
-    if VALID in run and MEASURED_HEIGHT in (key, source_of_height):
+    if VALID in run and MEASURED_HEIGHT in (key, values.attrs.get("source")):
         heights = np.where(run[VALID].values[number].astype(bool), heights, np.nan)
     if part:
         heights = np.where(run["mask"].values.astype(bool), heights, np.nan)

@@ -1,8 +1,8 @@
 """The outline of a part in its height map: radius and roundness (ISO 12181) and the angle of the wall, by two methods.
 
 The outline is the contour at half of the step height above the plane of the substrate, interpolated between cells. Its
-circle by least squares has the smallest sum of squared radial distances, the one by minimum zone the smallest
-difference of the radii of two concentric circles that enclose all points.
+circle by least squares has the smallest sum of squared radial distances along the outline, the one by minimum zone the
+smallest difference of the radii of two concentric circles that enclose all points.
 
     radius      of the circle; by minimum zone the mean of the two radii
     roundness   largest minus smallest distance of the outline to the centre
@@ -13,7 +13,7 @@ difference of the radii of two concentric circles that enclose all points.
 
 from __future__ import annotations
 
-from math import atan2, ceil, degrees
+from math import atan2, degrees
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +47,7 @@ def outline_parameters(map_: HeightMap, step: Step | Refusal) -> Found:
     half = lines[0]
     if isinstance(half, Refusal):
         return refused((*WALLS, *CIRCLES), half.reason)
-    return {**_wall(lines[1:], half, step.ls, max(map_.dx, map_.dy)), **_circle(half, min(map_.dx, map_.dy))}
+    return {**_wall(lines[1:], half, step.ls, max(map_.dx, map_.dy)), **_circle(half)}
 
 
 def _contour(rise: FloatMap, x: NDArray[np.float64], y: NDArray[np.float64], height: float) -> Line | Refusal:
@@ -84,9 +84,9 @@ def _wall(lines: list[Line | Refusal], half: Line, height: float, pitch: float) 
     return {symbol: atan2(1.0, -float(slope)) for symbol, slope in zip(WALLS, slopes, strict=True)}
 
 
-def _circle(line: Line, pitch: float) -> Found:
-    points = evenly_spaced(line, pitch / 2.0)
-    centre, radius = least_squares_circle(points)
+def _circle(line: Line) -> Found:
+    points, lengths = line[:-1], np.hypot(*np.diff(line, axis=0).T)
+    centre, radius = least_squares_circle(points, (lengths + np.roll(lengths, 1)) / 2.0)
     roundness = float(np.ptp(_radii(points, centre)))
     if roundness > ROUND * radius:
         return refused(CIRCLES, f"the outline is no circle: its radius varies by {roundness / radius:.0%}")
@@ -99,24 +99,24 @@ def _circle(line: Line, pitch: float) -> Found:
     }
 
 
-def evenly_spaced(line: Line, spacing: float) -> NDArray[np.float64]:
-    """(K, 2) points on a closed line, at most `spacing` apart along it: many corners in a part count no more."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    places = np.linspace(0.0, along[-1], max(ceil(along[-1] / spacing), 8), endpoint=False)
-    return np.stack([np.interp(places, along, line[:, k]) for k in (0, 1)], axis=-1)
+def least_squares_circle(
+    points: NDArray[np.float64], weights: NDArray[np.float64] | None = None
+) -> tuple[NDArray[np.float64], float]:
+    """Centre (2,) and radius with the smallest sum of squared radial distances (Gauss-Newton from the mean).
 
-
-def least_squares_circle(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Centre (2,) and radius with the smallest sum of squared radial distances (Gauss-Newton from the mean)."""
+    points: (K, 2); weights: (K,), of an outline the length that belongs to each point.
+    """
+    share = np.ones(len(points)) if weights is None else weights
+    root = np.sqrt(share)
     centre = points.mean(axis=0)
     for _ in range(_ROUNDS):
         radii = _radii(points, centre)
-        terms = np.column_stack([np.ones(len(points)), (centre - points) / radii[:, None]])
-        change = np.linalg.lstsq(terms, -radii, rcond=None)[0][1:]
+        terms = np.column_stack([np.ones(len(points)), (points - centre) / radii[:, None]])
+        change = np.linalg.lstsq(terms * root[:, None], radii * root, rcond=None)[0][1:]
         centre = centre + change
         if np.abs(change).max() <= 1e-12 * radii.max():
             break
-    return centre, float(_radii(points, centre).mean())
+    return centre, float(np.average(_radii(points, centre), weights=share))
 
 
 def minimum_zone_circle(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:

@@ -16,12 +16,12 @@ from inkloop.metrology.evaluation.surface import (
     CELLS_MIN,
     Found,
     Refusal,
-    Treatment,
     asked_cells,
     cells_refusal,
     refused,
     s_filtered,
 )
+from inkloop.metrology.evaluation.treatment import Treatment
 from inkloop.metrology.height_map import HeightMap
 from inkloop.units import UM_PER_M
 

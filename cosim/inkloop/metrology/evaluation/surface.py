@@ -14,10 +14,10 @@ import numpy as np
 
 from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import HeightMapError
-from inkloop.metrology.evaluation.definitions import F_OPERATIONS, Axis, FilterOrder, FOperation
+from inkloop.metrology.evaluation.definitions import Axis, FOperation
 from inkloop.metrology.evaluation.filters import cutoff_error, gaussian
+from inkloop.metrology.evaluation.treatment import Treatment
 from inkloop.metrology.height_map import HeightMap
-from inkloop.units import UM_PER_M
 
 CELLS_MIN = 50
 MISSING_MAX = 0.2
@@ -40,25 +40,6 @@ Found: TypeAlias = Mapping[str, float | Refusal]
 def refused(symbols: Iterable[str], reason: str) -> Found:
     """All of the parameters without a figure."""
     return dict.fromkeys(symbols, Refusal(reason))
-
-
-@dataclass(frozen=True)
-class Treatment:
-    """What is done to the heights before they are evaluated; cutoffs (nesting indices) [m], None: no filter."""
-
-    f_operation: FOperation = "plane"
-    s_filter: float | None = None
-    l_filter: float | None = None
-    filter_order: FilterOrder = 1
-
-    def __str__(self) -> str:
-        names = {"S-filter": self.s_filter, "L-filter": self.l_filter}
-        used = [
-            f"{name} {cutoff * UM_PER_M:g} um (Gaussian, ISO 16610-61, regression order {self.filter_order})"
-            for name, cutoff in names.items()
-            if cutoff is not None
-        ]
-        return f"taken off: {F_OPERATIONS[self.f_operation]}; {'; '.join(used) or 'no filter'}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,8 +139,8 @@ def _without_form(z: FloatMap, used: BoolMap, operation: FOperation, target: Flo
         return z
     if operation == "target" and target is not None:
         return z - np.where(used, target, 0.0)
-    i, j = np.indices(z.shape, np.float64)
-    i, j = ((index - index[used].mean()) / max(z.shape) for index in (i, j))
+    places = np.indices(z.shape) / max(z.shape)
+    i, j = (places[axis] - places[axis][used].mean() for axis in (0, 1))
     terms = [np.ones_like(z), i, j] if operation == "plane" else [np.ones_like(z), i, j, i * i, i * j, j * j]
     columns = np.stack([term[used] for term in terms], axis=-1)
     factors, _, rank, _ = np.linalg.lstsq(columns, z[used], rcond=None)

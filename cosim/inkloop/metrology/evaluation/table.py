@@ -13,7 +13,8 @@ from inkloop.metrology.evaluation.material_ratio import material_ratio_parameter
 from inkloop.metrology.evaluation.profile import PRIMARY, ROUGHNESS, Profiles, profile_parameters
 from inkloop.metrology.evaluation.spatial import spatial_parameters
 from inkloop.metrology.evaluation.subject import Subject
-from inkloop.metrology.evaluation.surface import Found, Refusal, Treatment, evaluated, refused
+from inkloop.metrology.evaluation.surface import Found, Refusal, evaluated, refused
+from inkloop.metrology.evaluation.treatment import Evaluation, Treatment
 from inkloop.metrology.evaluation.volume import volume_parameters
 from inkloop.metrology.height_map import HeightMap
 from inkloop.units import NL_PER_M3, PL_PER_M3, UM_PER_M
@@ -85,6 +86,17 @@ def found(subject: Subject, group: Group, treatment: Treatment | None = None) ->
         return refused(symbols(group), surface.reason)
     functions = (height_parameters, hybrid_parameters, material_ratio_parameters, spatial_parameters)
     return {symbol: value for function in functions for symbol, value in function(surface).items()}
+
+
+def evaluate(subject: Subject, wanted: Evaluation) -> tuple[Parameter, ...]:
+    """The wanted parameters; only their groups are computed."""
+    values: dict[str, float | Refusal] = {}
+    for group in {DEFINITIONS[symbol].group for symbol in wanted.symbols}:
+        if group != "profile":
+            values |= found(subject, group, wanted.treatment)
+        elif wanted.axis is not None:
+            values |= found_on_profiles(subject, wanted.axis, wanted.treatment)[0]
+    return rows(values, wanted.symbols)
 
 
 def found_on_profiles(

@@ -172,7 +172,7 @@ def test_cells_that_a_scan_did_not_measure_have_no_height() -> None:
     expected = np.where(run.valid.values[1], run.measured_height.values[1], np.nan)
     assert np.array_equal(scanned.z, expected, equal_nan=True)
     assert 0 < np.isnan(scanned.z).sum() < scanned.z.size
-    taken = run.height.copy(data=run.measured_height.values).assign_attrs(long_name="surface: measured_height")
+    taken = run.height.copy(data=run.measured_height.values).assign_attrs(source="measured_height")
     assert np.array_equal(surface(run.assign(height=taken), "run", layer=1).z, expected, equal_nan=True)
 
 

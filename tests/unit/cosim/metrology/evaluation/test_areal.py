@@ -11,8 +11,8 @@ import pytest
 from inkloop.errors import HeightMapError
 from inkloop.metrology.evaluation.definitions import DEFINITIONS, FOperation, symbols
 from inkloop.metrology.evaluation.subject import Subject
-from inkloop.metrology.evaluation.surface import Treatment
 from inkloop.metrology.evaluation.table import found
+from inkloop.metrology.evaluation.treatment import Treatment
 from support.evaluated import PERIOD, STEP, A, areal, check_same, map_of, number, reason, rough, surface_of, wave
 
 OPERATIONS = ("none", "plane", "form")
@@ -140,21 +140,6 @@ def test_cells_without_a_height_are_left_out() -> None:
     assert number(found, "Sq") == pytest.approx(heights.std(), rel=1e-12, abs=0.0)
     assert number(found, "Sp") == pytest.approx(heights.max(), rel=1e-12, abs=0.0)
     assert number(found, "Sv") == pytest.approx(-heights.min(), rel=1e-12, abs=0.0)
-
-
-@pytest.mark.parametrize(
-    ("f_operation", "detrending"), [("none", "center"), ("plane", "height"), ("form", "curvature")]
-)
-def test_surface_topography_agrees_on_a_rectangle(f_operation: FOperation, detrending: str) -> None:
-    """Its gradients are those of one triangle a square, which do not matter where the map repeats itself."""
-    from SurfaceTopography import Topography
-
-    z = np.pad(rough((40, 30)), ((0, 1), (0, 1)), mode="wrap")
-    other = Topography(z, physical_sizes=(41 * STEP, 31 * STEP), unit="m").detrend(detrending)
-    found = areal(map_of(z), f_operation=f_operation)
-    assert number(found, "Sq") == pytest.approx(other.rms_height_from_area(), rel=1e-6, abs=0.0)
-    if f_operation != "form":
-        assert number(found, "Sdq") == pytest.approx(other.rms_gradient(), rel=1e-9, abs=0.0)
 
 
 def test_too_little_to_evaluate_is_refused() -> None:
