@@ -12,7 +12,9 @@ from inkloop.errors import ComponentError, ResultError
 from inkloop.master.events import Event, Manipulator
 from inkloop.master.master import Master
 from inkloop.master.pacing import Pacing
+from inkloop.results.attributes import variable
 from inkloop.results.checkpoint import Checkpoint, Checkpoints, remove_layers
+from inkloop.results.evaluated_surface import with_parameters
 from inkloop.results.recorder import LayerRow, Recorder
 from inkloop.results.result import RESULT_FILE, UNFINISHED, Result
 from inkloop.scenario.file import Scenario
@@ -107,7 +109,7 @@ class Print:
         manipulator = Manipulator(self._events, self._components)
         table = self._recorder.table()
         if not self._checkpoints:
-            table = self._recorder.maps().added_to(table)
+            table = self._evaluated(self._recorder.maps().added_to(table))
         result = Result.of(
             _marked(table, self._events, manipulator, self._step_ns),
             title=tables.title,
@@ -122,7 +124,15 @@ class Print:
         if self._folder and self._checkpoints:
             result.save(self._folder, self._checkpoints.maps())
             result = Result.load(self._folder)
+            if tables.metrology:
+                Result(self._evaluated(result.dataset), result.run).save(self._folder)
+                result = Result.load(self._folder)
         return result
+
+    def _evaluated(self, run: xr.Dataset) -> xr.Dataset:
+        """The run with the parameters that the scenario's [metrology] asks for."""
+        asked = self._scenario.tables.metrology
+        return with_parameters(run, asked.evaluation) if asked else run
 
 
 def _advice(folder: Path, checkpoints: Checkpoints) -> str:
@@ -138,6 +148,5 @@ def _marked(dataset: xr.Dataset, events: Sequence[Event], manipulator: Manipulat
         return dataset
     ends_ns = np.nan_to_num(dataset["time"].values * NS_PER_S).round().astype(np.int64)
     modified = [manipulator.in_effect(max(0, int(end_ns) - step_ns), layer) for layer, end_ns in enumerate(ends_ns)]
-    attributes = {"units": "1", "long_name": "layers in which an event was in effect"}
-    marked = dataset.assign(modified=(("layer",), np.array(modified), attributes))
+    marked = dataset.assign(modified=variable("modified", ("layer",), np.array(modified), "1"))
     return marked.assign_attrs(events="\n".join(map(str, events)))

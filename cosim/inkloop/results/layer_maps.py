@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Job
+from inkloop.results.attributes import variable
 from inkloop.results.solid import INK, mismatch
 
 if TYPE_CHECKING:
@@ -27,7 +28,6 @@ DIMENSIONS = ("layer", "x", "y")
 _CHUNK_SIDE, _CHUNK_CELLS = 256, 1 << 16
 """A chunk holds tiles of a large map, several layers of a small one: what is read is a layer, a row, or one cell."""
 _COMPRESSION = 4
-_MISMATCH = {"units": "1", "long_name": "ink A too much or lacking, as a share of what is wanted"}
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class LayerMaps:
         }
         scalars = self._fill(arrays)
         maps = {name: (DIMENSIONS, values, dict(self.variables[name][1])) for name, values in arrays.items()}
-        return table.assign({**maps, **{name: ((), value, _MISMATCH) for name, value in scalars.items()}})
+        return table.assign({**maps, **scalars})
 
     def write(self, path: Path, table: xr.Dataset) -> None:
         """Write the dataset with these maps as netCDF. Raises OSError."""
@@ -74,11 +74,11 @@ class LayerMaps:
             file.check()
             with h5netcdf.File(file, "r+") as stored:
                 arrays = {name: self._new_variable(stored, name) for name in self.variables}
-                for name, value in self._fill(arrays, file.check).items():
-                    stored.create_variable(name, (), np.float64, data=value).attrs.update(_MISMATCH)
+                for name, scalar in self._fill(arrays, file.check).items():
+                    stored.create_variable(name, (), scalar.dtype, data=scalar.values).attrs.update(scalar.attrs)
             file.check()
 
-    def _fill(self, arrays: Mapping[str, Any], check: Callable[[], None] = lambda: None) -> dict[str, float]:
+    def _fill(self, arrays: Mapping[str, Any], check: Callable[[], None] = lambda: None) -> dict[str, xr.Variable]:
         """Put every map into its place in `arrays`, with a check after each; returns what follows from all of them."""
         for name, layer, map_ in self.rows:
             if layer < self.shape[0]:
@@ -86,13 +86,13 @@ class LayerMaps:
                 check()
         if self.job is None or self.job.region is None or INK not in arrays:
             return {}
-        return {"mismatch": mismatch(arrays["height"], arrays[INK], self.job)}
+        return {"mismatch": variable("mismatch", (), mismatch(arrays["height"], arrays[INK], self.job), "1")}
 
     def _new_variable(self, stored: Any, name: str) -> Any:
         """A variable of a netCDF file as xarray would write it."""
         dtype, attributes = self.variables[name]
         count, nx, ny = self.shape
-        variable = stored.create_variable(
+        created = stored.create_variable(
             name,
             DIMENSIONS,
             np.int8 if dtype == np.bool_ else dtype,
@@ -102,22 +102,10 @@ class LayerMaps:
             shuffle=True,
             fillvalue=np.nan if dtype.kind == "f" else None,
         )
-        variable.attrs.update(attributes)
+        created.attrs.update(attributes)
         if dtype == np.bool_:
-            variable.attrs["dtype"] = "bool"
-        return variable
-
-
-def attributes(unit: str, long_name: str) -> dict[str, str]:
-    """Attributes of a variable."""
-    return {"units": unit, "long_name": long_name}
-
-
-def variable(dims: tuple[str, ...], values: NDArray[Any], unit: str, long_name: str) -> xr.Variable:
-    """A variable of a dataset with its attributes."""
-    import xarray as xr
-
-    return xr.Variable(dims, values, attributes(unit, long_name))
+            created.attrs["dtype"] = "bool"
+        return created
 
 
 def _unknown(dtype: np.dtype[Any]) -> float:

@@ -22,7 +22,6 @@ from inkloop.contract import (
     COUNTERS,
     DROP_LEVEL,
     HEIGHT,
-    LAYER_UNKNOWN,
     LAYERS_COMPARED,
     LAYERS_FOLLOWED,
     LAYERS_PRINTED,
@@ -36,7 +35,8 @@ from inkloop.contract import (
     STATUS,
     VALID,
 )
-from inkloop.results.layer_maps import LayerMaps, attributes, variable
+from inkloop.results.attributes import variable
+from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.metrics import surface_error
 from inkloop.results.solid import INK, layer_ink
 from inkloop.units import S_PER_NS
@@ -54,27 +54,6 @@ LABELS = {(SHADOW, HEIGHT): "shadow_height", (SHADOW, STATUS): "shadow_status"}
 """Ports recorded under another name, because their values never come from a printer."""
 _RUN = "run"
 """Role of recorded values of no component."""
-NOT_REPRODUCIBLE = frozenset({"solve_time"})
-LONG_NAMES = {
-    HEIGHT: "surface after the layer",
-    "area": "share of each cell that ink covers after the layer",
-    MEASURED_HEIGHT: "scan of the layer",
-    VALID: "cells of the scan that were measured",
-    "estimated_height": "the controller's estimate from the scan of the layer",
-    PATTERN: "what was jetted in the layer: 0 none, 1 material A, 2 material B",
-    DROP_LEVEL: "drops that each droplet of the layer consists of",
-    "time": "time at which the layer was complete",
-    "shadow_height": "surface of the model that follows the commanded patterns",
-    "shadow_status": "4: grew differently from the model, or could not be compared; 3: so much that the run ended",
-    "growth_divergence": "rms over the part of what was scanned to be added less what the model adds",
-    "surface_divergence": "rms over the part of scan less model",
-    LAYER_UNKNOWN: "the layer was aborted: what of its pattern was jetted is unknown",
-    "mean_error": "target minus mean height over the part",
-    "mae": "mean absolute error over the part",
-    "rms": "root mean square error over the part",
-    "std": "standard deviation of the error over the part (population)",
-    INK: "ink that fills most of what the layer added: 1 A, 2 B",
-}
 ERRORS = ("mean_error", "mae", "rms", "std")
 
 
@@ -188,8 +167,8 @@ class Recorder:
 
         job, count = self._job, self.layers + 1
         variables: dict[str, xr.Variable] = {
-            "target_height": variable(("x", "y"), job.target_height, "m", "height that the part shall have"),
-            "mask": variable(("x", "y"), job.mask, "1", "cells of the part"),
+            "target_height": variable("target_height", ("x", "y"), job.target_height, "m"),
+            "mask": variable("mask", ("x", "y"), job.mask, "1"),
         }
         for name, rows in self._scalars.items():
             port = self._ports[name]
@@ -197,37 +176,37 @@ class Recorder:
             for layer, value in rows.items():
                 if layer < count:
                     filled[layer] = value
-            variables[name] = variable(("layer",), filled, port.unit, _long_name(name))
-            if name in NOT_REPRODUCIBLE:
-                variables[name].attrs["reproducible"] = "no: wall-clock"
+            variables[name] = variable(name, ("layer",), filled, port.unit, giver=self._giver(port))
         times = np.array([self._layer_times.get(layer, np.nan) for layer in range(count)])
-        variables["time"] = variable(("layer",), times, "s", LONG_NAMES["time"])
+        variables["time"] = variable("time", ("layer",), times, "s")
         if self._errors:
             unknown = np.full(len(ERRORS), np.nan)
             errors = [self._errors.get(0, unknown)]
             for layer in range(1, count):
                 errors.append(self._errors.get(layer, errors[-1] if self._is_carried else unknown))
             for name, values in zip(ERRORS, np.transpose(errors), strict=True):
-                variables[name] = variable(("layer",), values.copy(), "m", LONG_NAMES[name])
+                variables[name] = variable(name, ("layer",), values.copy(), "m")
         coordinates = {
-            "layer": variable(("layer",), np.arange(count), "1", "layer; 0 is the start surface"),
-            "x": variable(("x",), np.arange(job.nx) * job.pitch, "m", "position along x"),
-            "y": variable(("y",), np.arange(job.ny) * job.pitch, "m", "position along y"),
+            "layer": variable("layer", ("layer",), np.arange(count), "1"),
+            "x": variable("x", ("x",), np.arange(job.nx) * job.pitch, "m"),
+            "y": variable("y", ("y",), np.arange(job.ny) * job.pitch, "m"),
         }
         return xr.Dataset(variables, coordinates, {"pitch": job.pitch})
 
     def maps(self, taken: Iterable[Mapping[str, NDArray[Any]]] = ()) -> LayerMaps:
         """All maps by layer; taken: what `take_rows` gave, in its order."""
-        ports = {label: port for label, port in self._ports.items() if port.shape}
-        variables = {
-            label: (np.dtype(port.dtype), attributes(port.unit, _long_name(label))) for label, port in ports.items()
+        job, ports = self._job, {label: port for label, port in self._ports.items() if port.shape}
+        empty = {
+            label: variable(label, (), np.zeros((), port.dtype), port.unit, giver=self._giver(port))
+            for label, port in ports.items()
         }
         if self._is_carried:
-            words = f"{LONG_NAMES[HEIGHT]}: {self._surface_label()}"
-            variables[HEIGHT] = (np.dtype(np.float64), attributes("m", words))
-        job, in_two_inks = self._job, self._job.region is not None and {HEIGHT, PATTERN} <= variables.keys()
+            empty[HEIGHT] = variable(HEIGHT, (), 0.0, "m")
+            empty[HEIGHT].attrs["source"] = self._surface_label()
+        in_two_inks = job.region is not None and {HEIGHT, PATTERN} <= empty.keys()
         if in_two_inks:
-            variables[INK] = (np.dtype(np.int8), attributes("1", LONG_NAMES[INK]))
+            empty[INK] = variable(INK, (), np.int8(0), "1")
+        variables = {name: (each.dtype, each.attrs) for name, each in empty.items()}
         rows = self._with_derived(chain(taken, [self._new_rows]), in_two_inks)
         return LayerMaps((self.layers + 1, job.nx, job.ny), variables, rows, job)
 
@@ -311,6 +290,9 @@ class Recorder:
     def _surface_label(self) -> str:
         return LABELS.get((self._surface_role, self._surface_port), self._surface_port)
 
+    def _giver(self, port: Port) -> str:
+        return next((role for role, ports in self._own_ports.items() if ports.get(port.name) is port), "")
+
     def _keep_scalars(self, role: str, layer: int, values: Values) -> None:
         for name, port in self._own_ports[role].items():
             if port.shape == () and name not in COUNTER_ROLES and name != STATUS:
@@ -348,7 +330,3 @@ def _place(key: str) -> tuple[str, str, int]:
     place, _, layer = key.rpartition("/")
     role, _, name = place.partition("/")
     return role, name, int(layer)
-
-
-def _long_name(name: str) -> str:
-    return LONG_NAMES.get(name, name.replace("_", " "))

@@ -21,6 +21,7 @@ import numpy as np
 from inkloop.component import Component
 from inkloop.errors import ResultError
 from inkloop.files import is_full, reason_of, replaced, sync_folder, write_text
+from inkloop.results.attributes import CONVENTIONS
 from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.lock import writer_of
 from inkloop.results.metrics import masked_error
@@ -65,7 +66,7 @@ class Result:
         notes: further entries of run.json.
         """
         attributes = {
-            "Conventions": "CF-1.11",
+            "Conventions": CONVENTIONS,
             "schema_version": SCHEMA_VERSION,
             "title": title,
             "label": label,
