@@ -35,6 +35,7 @@ def test_a_run_holds_what_its_scenario_asks_for(tmp_path: Path, capsys: pytest.C
         assert float(run.droplets[layer]) == float(run.droplets_a[layer])
     assert (run.Sz.attrs["units"], run.volume_error.attrs["units"]) == ("m", "m3")
     assert run.Sz.attrs["treatment"] == "taken off: least-squares plane; no filter"
+    assert run.flatness_mz.attrs["treatment"] == "nothing taken off; no filter"
     assert "positive: too little" in run.volume_error.attrs["long_name"]
     assert np.isnan(run.step_height_ls).all()
     assert run.step_height_ls.attrs["refused"].startswith("16 cells with heights lie in the central third of the part")
