@@ -47,6 +47,7 @@ DOORS = {
     "PIL": ("inkloop.metrology.picture_file", "inkloop.exchange.layers"),
     "trimesh": ("inkloop.geometry.triangle_file", "inkloop.exchange.layers"),
     "lib3mf": ("inkloop.geometry.three_mf",),
+    "contourpy": ("inkloop.metrology.evaluation.outline",),
     "skfem": ("inkloop.studies.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
 }

@@ -19,6 +19,7 @@ from inkloop.components.python_class import options_table
 from inkloop.components.shadow.options import ShadowTable
 from inkloop.fmu_writer import definition
 from inkloop.metrology.map_folder import MapFolder
+from inkloop.tables.metrology import MetrologyTable
 from inkloop.tables.part import CombineTable
 from inkloop.tables.part_images import HeightMapTable, StackTable
 from inkloop.tables.part_layers import LayersTable
@@ -30,10 +31,11 @@ PAGE = DOCS / "reference" / "scenario.md"
 DEFINITION = ROOT / "fmus" / "layer_controller" / "variables.toml"
 MARKED = {each.__name__: each for each in (LayerMpc, Criterion, DropletChoices, Work, HeightEstimator)}
 PARTS = (MeshTable, StackTable, LayersTable, HeightMapTable, CombineTable)
-TABLES = {each.__name__: each for each in (options_table(MapFolder), PortTable, ShadowTable, *PARTS)}
+TABLES = {each.__name__: each for each in (options_table(MapFolder), PortTable, ShadowTable, MetrologyTable, *PARTS)}
 Row: TypeAlias = tuple[str, str, str]
 FIRST = {
     "PortTable": "key",
+    "MetrologyTable": "key",
     **{each.__name__: "key" for each in PARTS},
     "LayerMpc": "plan",
     "Criterion": "objective",

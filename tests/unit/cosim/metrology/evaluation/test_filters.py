@@ -9,9 +9,9 @@ import pytest
 
 from inkloop.metrology.evaluation.definitions import Axis, FilterOrder
 from inkloop.metrology.evaluation.filters import gaussian
-from support.evaluated import STEP, A, Map, areal, map_of, number, reason, rough, wave
+from support.evaluated import STEP, A, Map, areal, map_of, number, reason, rough, surface_of, wave
 
-HOLES = np.random.default_rng(5).random((24, 17)) > 0.2
+HOLES = np.random.default_rng(5).random((24, 17)) > 0.15
 
 
 def by_definition(
@@ -72,6 +72,12 @@ def test_s_and_l_filters_divide_the_waves() -> None:
     high = number(areal(map_, f_operation="none", l_filter=80 * STEP), "Sq")
     assert low == pytest.approx(A / sqrt(2) * 0.926, rel=0.01, abs=0.0)  # 2^(-1/9) of the long wave
     assert high == pytest.approx(sqrt((A / 4) ** 2 + (A * 0.074) ** 2) / sqrt(2), rel=0.02, abs=0.0)
+
+
+def test_heights_are_counted_from_their_mean() -> None:
+    """Which an L-filter moves away from zero."""
+    heights = surface_of(map_of(np.where(HOLES, rough(), np.nan)), f_operation="plane", l_filter=6 * STEP).heights
+    assert heights.mean() == pytest.approx(0.0, abs=1e-18)
 
 
 def test_filters_that_do_not_fit_are_refused() -> None:
