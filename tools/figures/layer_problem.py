@@ -74,7 +74,9 @@ def of_the_ink() -> dict[str, str]:
         worth.append((label, f"{each.horizon}", f"{each.layer_worth:g}", f"{each.layer_worth * full:.3f} um"))
     return {
         "last droplet": "{:.2f} um at 20 % and {:.2f} um at 40 %".format(*floor),
-        "floor": "{:.2f} and {:.2f} um at 20 %, {:.2f} and {:.2f} um at 40 %".format(*last_layer(0.2), *last_layer(0.4)),
+        "floor": "{:.2f} and {:.2f} um at 20 %, {:.2f} and {:.2f} um at 40 %".format(
+            *last_layer(0.2), *last_layer(0.4)
+        ),
         "rim": f"{rim:.1f} um",
         "fewest layers": "{} layers at 20 % and {} at 40 %".format(*layers),
         "slope": f"{4 * h2 / (h1 + h2) + 4 * h3 / (h1 + h3):.2f}",
