@@ -62,11 +62,12 @@ def _ink(run: xr.Dataset, layers: NDArray[np.int64]) -> str:
 
 
 def _high(run: xr.Dataset, layers: NDArray[np.int64]) -> str:
-    above = (run.estimated_height - run.target_height).where(run.mask.astype(bool)).values[layers]
-    worst, i, j = np.unravel_index(np.nanargmax(above), above.shape)
+    worst = _worst(run, "height_excess", layers)
+    i, j = int(run.height_excess_i[worst]), int(run.height_excess_j[worst])
     return (
-        f"cell ({i}, {j}) stood {above[worst, i, j] * UM_PER_M:.1f} um above its target in the scan of layer "
-        f"{layers[worst] - 1}{_and_others(layers)}; identify the ink of this printer, and check the profiler"
+        f"cell ({i}, {j}) stood {float(run.height_excess[worst]) * UM_PER_M:.1f} um above its target and what its "
+        f"droplets explain in the scan of layer {worst - 1}{_and_others(layers)}; identify the ink of this printer, "
+        "and check the profiler"
     )
 
 
