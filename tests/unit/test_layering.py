@@ -35,7 +35,8 @@ BUILD_TIME = "inkloop.fmu_writer"
 BUILD_TIME_FLOOR = ("inkloop.errors", "inkloop.files", "inkloop.limits", "inkloop.units")
 COMMAND_LINE = ("inkloop.cli", "inkloop.commands")
 PLOTS = (
-    *("inkloop.report.part_picture", "inkloop.report.pictures", "inkloop.report.plot", "inkloop.report.solid_view"),
+    *(f"inkloop.report.{name}" for name in ("plot", "pictures", "part_picture", "surface_picture", "solid_picture")),
+    *(f"inkloop.report.{name}" for name in ("solid_view", "layer_curves", "error_maps", "difference_picture")),
     "inkloop.studies",
     *("inkloop.identify.picture", "inkloop.exchange.job.target_picture"),
 )

@@ -123,8 +123,8 @@ def _nominal(folder: Path) -> Sequence[Ink]:
 
 def _heights(found: Identification) -> Table:
     table = Table(
-        title="height that a droplet adds [um], with 95 % intervals",
-        caption=f"noise of a reading {found.noise_std * UM_PER_M:.3g} um; {found.ink.used} growths; droplets "
+        title="height that a droplet adds [µm], with 95 % intervals",
+        caption=f"noise of a reading {found.noise_std * UM_PER_M:.3g} µm; {found.ink.used} growths; droplets "
         f"vary by {found.ink.droplet_std:.1%}, with all that the model does not explain",
     )
     for heading in ("method", "h1", "h2", "h3"):
@@ -153,7 +153,7 @@ def _volume_area(found: Identification) -> Table:
     areas = "" if estimate.area_known else "; no area was measured: ma_plus and ma_minus are the paper's"
     table = Table(
         title="Wu and Chiu's coefficients by (17), and their error (21) by prior drops",
-        caption=f"c {estimate.coefficients['height_scale'] * UM_PER_M:.3f} um; {gains} per um{areas}",
+        caption=f"c {estimate.coefficients['height_scale'] * UM_PER_M:.3f} µm; {gains} per µm{areas}",
     )
     table.add_column("prior drops")
     for prior in estimate.rms:
@@ -173,11 +173,11 @@ def _comparison(found: Identification) -> Table:
     floor = 2.0**0.5 * found.noise_std * UM_PER_M
     table = Table(
         title="one step ahead, cells that the fit had not seen",
-        caption=f"rms of scan less prediction; the noise of two scans alone is {floor:.3g} um; (21) is "
+        caption=f"rms of scan minus prediction; the noise of two scans alone is {floor:.3g} µm; (21) is "
         "relative to the measured height",
     )
     table.add_column("model")
-    table.add_column("rms [um]", justify="right")
+    table.add_column("rms [µm]", justify="right")
     table.add_column("(21)", justify="right")
     table.add_column("fitted to everything")
     for one in found.comparisons:

@@ -32,7 +32,7 @@ def show(map_: HeightMap, part: BoolMap | None, options: argparse.Namespace, con
         caption=f"{found.cells} cells{missing}; mask: {name}; taken off: {options.f_operation}; no filter",
     )
     for symbol, value in shown.items():
-        table.add_row(f"{symbol}, {NAMES[symbol]}{' [um]' if symbol in LENGTHS else ''}", f"{value:.6g}")
+        table.add_row(f"{symbol}, {NAMES[symbol]}{' [µm]' if symbol in LENGTHS else ''}", f"{value:.6g}")
     console.print(table)
     by_key = {f"{symbol}_um" if symbol in LENGTHS else symbol: value for symbol, value in shown.items()}
     console.result(

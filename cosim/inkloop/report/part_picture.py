@@ -16,6 +16,7 @@ from inkloop.component import BoolMap, Geometry, Job
 from inkloop.geometry import Columns, cell_centers
 from inkloop.report import plot
 from inkloop.report.part_report import PartReport
+from inkloop.report.solid_picture import SOLID_UPRIGHT, draw_scales
 from inkloop.report.solid_view import view
 from inkloop.units import MM_PER_M, UM_PER_M
 
@@ -59,9 +60,11 @@ def _solid(axes: Axes, part: Columns) -> None:
     low, high = (np.array([index[end] for index in map(np.unique, np.nonzero(filled)[:2])]) for end in (0, -1))
     shown = filled[low[0] : high[0] + 1, low[1] : high[1] + 1]
     width = max(shown.shape[:2]) * part.pitch
-    upright = min(1.0, max(plot.SOLID_UPRIGHT, part.height / width))
-    axes.imshow(view(shown, upright), origin="lower", cmap="gray", vmin=0.0, vmax=1.0)
+    upright = min(1.0, max(SOLID_UPRIGHT, part.height / width))
+    seen = view(shown, upright)
+    axes.imshow(seen.brightness, origin="lower", cmap="gray", vmin=0.0, vmax=1.0)
     axes.set_axis_off()
+    draw_scales(axes, seen, width, part.height / upright)
     stretched = upright * width / part.height
     axes.set_title("solid" if stretched < 1.05 else f"solid, height x {stretched:.2g}")
 

@@ -35,7 +35,7 @@ from inkloop.contract import (
     STATUS,
     VALID,
 )
-from inkloop.results.metrics import surface_error
+from inkloop.results.metrics import SIGN, surface_error
 from inkloop.units import S_PER_NS
 
 if TYPE_CHECKING:
@@ -62,9 +62,9 @@ LONG_NAMES = {
     "shadow_height": "surface of the model that follows the commanded patterns",
     "shadow_status": "4: grew differently from the model, or could not be compared; 3: so much that the run ended",
     "growth_divergence": "rms over the part of what was scanned to be added less what the model adds",
-    "surface_divergence": "rms over the part of scan less model",
+    "surface_divergence": "rms over the part of scan minus model",
     LAYER_UNKNOWN: "the layer was aborted: what of its pattern was jetted is unknown",
-    "mean_error": "target minus mean height over the part",
+    "mean_error": f"mean error over the part: target minus height ({SIGN})",
     "mae": "mean absolute error over the part",
     "rms": "root mean square error over the part",
     "std": "standard deviation of the error over the part (population)",

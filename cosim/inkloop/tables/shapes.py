@@ -28,7 +28,7 @@ class Grid(Table):
 
     nx: int = Field(ge=1, description="cells along x")
     ny: int = Field(ge=1, description="cells along y")
-    pitch_um: Length = Field(default=263.256, description="droplet spacing; 0.6268 x 420 um in Lu et al. 2015, Table I")
+    pitch_um: Length = Field(default=263.256, description="droplet spacing; 0.6268 x 420 µm in Lu et al. 2015, Table I")
 
     @property
     def pitch(self) -> float:

@@ -224,7 +224,7 @@ def test_layer_that_was_not_jetted_is_logged_once_and_its_run_continues(caplog: 
     assert watch.surface[4] == pytest.approx(DROPLET, rel=1e-9, abs=0.0)
     message = [record.getMessage() for record in caplog.records]
     assert message == [
-        "layer 2 grew differently from the model, by 10.00 um rms over the part; more than alarm_um = 5. "
+        "layer 2 grew differently from the model, by 10.00 µm rms over the part; more than alarm_um = 5. "
         "Look at the print head and at the scan"
     ]
 
