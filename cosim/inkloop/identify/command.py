@@ -15,6 +15,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from inkloop.component import Ink
+from inkloop.components.catalog import kinds
 from inkloop.errors import IdentificationError
 from inkloop.identify.candidates import words
 from inkloop.identify.experiments import Plan, perform, plant_scenario
@@ -28,7 +29,7 @@ from inkloop.identify.volume_area_coefficients import NAMES
 from inkloop.report.terminal import Terminal
 from inkloop.results.result import RESULT_FILE, Result
 from inkloop.scenario.file import Scenario
-from inkloop.suggest import nearest
+from inkloop.suggest import near, nearest
 from inkloop.tables.schema import Inks
 from inkloop.units import UM_PER_M
 
@@ -91,11 +92,12 @@ def _records(
     source = options.sources[0]
     if source.endswith(".toml"):
         scenario = Scenario.load(source, overrides)
-    elif source.endswith(".fmu") or not any(mark in source for mark in "/\\."):
+    elif source.endswith(".fmu") or ":" in source or source in kinds():
         noise = 0.3 if options.noise_um is None else options.noise_um
         scenario = plant_scenario(source, noise, overrides)
     else:
-        raise IdentificationError(f"{source}: is not there; name a folder, a scenario, an .fmu file or a kind")
+        known = nearest(source, (kind for kind in kinds() if not kind.startswith("hardware.")))
+        raise IdentificationError(f"{source}: is no folder, no .toml or .fmu file and no kind of printer; {known}")
     plan = Plan(options.samples, options.layers, options.side, options.seed)
     records = perform(scenario, plan, options.runs, lambda done, total: show("printing experiments", done, total))
     return records, scenario.job().inks
@@ -106,10 +108,11 @@ def _read(folder: Path) -> PrintRecord:
         return read_log(folder)
     if (folder / RESULT_FILE).is_file():
         return read_run(folder)
-    there = [path.name for path in folder.iterdir()]
+    close = near(DESCRIPTION, [path.name for path in folder.glob("*.toml")])
+    known = "name a folder that `inkloop run` has made, or that holds a logged print"
+    advice = f"did you mean {close[0]}?" if close else known
     raise IdentificationError(
-        f"{folder}: holds neither {DESCRIPTION} of a logged print nor {RESULT_FILE} of a run; "
-        + (nearest(DESCRIPTION, there) if there else "it is empty")
+        f"{folder}: holds neither {DESCRIPTION} of a logged print nor {RESULT_FILE} of a run; {advice}"
     )
 
 

@@ -51,6 +51,8 @@ def run(
     """
     folder = checked_run_folder(scenario, out, Path(scenario.source).stem)
     console.sentence(f"{folder}: {scenario.footprint}")
+    for warning in scenario.warnings:
+        console.sentence(f"warning: {warning}")
     return _print_all(scenario, folder, console, compare, pictures)
 
 

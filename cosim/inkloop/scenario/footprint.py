@@ -26,15 +26,21 @@ ROUNDING = 1e-6
 """Share of a layer that files in single precision may add to a height."""
 FILE_BYTES_OF_A_CELL_AND_LAYER = 50
 """29 in the layers kept while the print runs, 21 in result.nc."""
+FAR_BEYOND = 10.0  # times as many layers as are printed: a height in other units, or a mistyped one
+HARDLY_A_LAYER = 0.3  # of its height: less than half of a droplet
 
 
 @dataclass(frozen=True)
 class Footprint:
-    """Cells, layers expected, and for each cell the bytes of memory and of disk, comparison runs included."""
+    """Cells, layers expected, and for each cell the bytes of memory and of disk, comparison runs included.
+
+    nominal: height of the part in full layers.
+    """
 
     nx: int
     ny: int
     layers: int
+    nominal: float
     memory_of_a_cell: int
     disk_of_a_cell: int
 
@@ -44,7 +50,8 @@ class Footprint:
 
         height: of the part [m].
         """
-        layers = _layers(tables, height)
+        nominal = height / tables.ink.a.ink.layer_height
+        layers = _layers(tables, nominal)
         kinds = [{name: table.kind for name, table in tables.components.items()}]
         kinds += [
             kinds[0] | {name: table.kind for name, table in other.components.items()}
@@ -56,6 +63,7 @@ class Footprint:
             tables.grid.nx,
             tables.grid.ny,
             layers,
+            nominal,
             BYTES_OF_A_CELL + BYTES_OF_A_CELL_AND_LAYER * layers + max(memory),
             2 * (STATE_BYTES_OF_A_CELL + max(states)) + FILE_BYTES_OF_A_CELL_AND_LAYER * (layers + 1) * len(kinds),
         )
@@ -74,6 +82,14 @@ class Footprint:
         """A sentence for a person."""
         memory, disk = size_text(self.memory), size_text(self.disk)
         return f"about {self.layers} layers, {memory} of memory beyond that of the program, {disk} of disk"
+
+    def warnings(self) -> Iterator[str]:
+        """A sentence where the part has far more layers than are printed, or hardly one."""
+        if self.nominal > FAR_BEYOND * self.layers:
+            found = f"the part is about {self.nominal:,.0f} layers high"
+            yield f"{found}; run.layers_max ends the print after {self.layers}"
+        if self.nominal < HARDLY_A_LAYER:
+            yield f"the part is {self.nominal:.2g} of a layer high; a droplet is higher, and nothing may be printed"
 
     def memory_errors(self) -> Iterator[str]:
         """The error of a grid that memory cannot hold, with one that it can."""
@@ -96,7 +112,6 @@ class Footprint:
         return f"{nx} x {ny} cells would fit: choose a smaller grid or a larger pitch, or fewer layers"
 
 
-def _layers(tables: ScenarioFile, height: float) -> int:
+def _layers(tables: ScenarioFile, nominal: float) -> int:
     """Layers of the nominal height, at most those that the run may have."""
-    nominal = height / tables.ink.a.ink.layer_height
     return max(1, min(tables.run.layers_max, math.ceil(min(nominal, tables.run.layers_max) - ROUNDING)))

@@ -9,7 +9,8 @@ from typing import Any
 
 from matplotlib import rc_context
 
-from inkloop.errors import InkloopError, ResultError
+from inkloop.components.catalog import kinds
+from inkloop.errors import InkloopError, ResultError, ScenarioError
 from inkloop.files import write_text
 from inkloop.printing.run import INTERRUPTED, new_run_folder
 from inkloop.report import plot
@@ -28,15 +29,23 @@ from inkloop.studies.score.board import (
     overrides_of,
     prints,
 )
+from inkloop.suggest import nearest
 
 
 def score(options: argparse.Namespace, overrides: Mapping[str, Any], console: Terminal) -> int:
     """The exit code of the command; overrides: options of the user's controller. Raises InkloopError."""
     entries = list(ENTRIES)
     if options.controller is not None:
+        known = {entry.kind for entry in ENTRIES}
+        if ":" not in options.controller and options.controller not in kinds():
+            advice = f"write MODULE:CLASS, or a kind; {nearest(options.controller, known)}"
+            raise InkloopError(f"there is no controller {options.controller!r}; {advice}")
         own = Entry(options.controller, options.controller, overrides)
         entries = [*AGAINST, own]
-        load(PLANTS[0], overrides_of(own))  # its errors are reported before anything is printed
+        try:  # its errors are reported before anything is printed
+            load(PLANTS[0], overrides_of(own))
+        except ScenarioError as error:
+            raise ScenarioError(options.controller, error.errors) from error
     elif overrides:
         raise InkloopError("--set is for a controller of your own; name it, as MODULE:CLASS or by its kind")
     plants = [named(plant) for plant in options.plants]

@@ -309,7 +309,7 @@ def test_plant_without_the_handshake_is_stepped_layer_by_layer(caplog: pytest.Lo
         ({"alarm_um": 0.0}, "alarm_um is 0.0; expected"),
         ({"start": "flat"}, "start is 'flat'; expected 'scan' or 'job'"),
         ({"variaton": 0.1}, "variaton is no option of LayerDeposition; did you mean variation?"),
-        ({"plant": "Fmu", "file": "none.fmu"}, "kind is 'Fmu'"),
+        ({"plant": "Fmu", "file": "none.fmu"}, "file: none.fmu: cannot be read"),
     ],
 )
 def test_error_of_the_options_is_reported(options: dict[str, object], message: str) -> None:
