@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_pictures, screen
+from inkloop.commands.options import add_pictures, formats_of, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -29,12 +29,9 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
 def run(options: argparse.Namespace) -> int:
     """Show the table and write the picture; the exit code."""
     from inkloop.report import run_report
-    from inkloop.report.formats import PNG, picture_formats
 
-    terminal, formats = screen(options), options.pictures
-    if formats is None:
-        formats = picture_formats([options.out.suffix.removeprefix(".") or PNG])
-    table, runs, pictures = run_report.compare(options.runs, options.out, formats)
+    terminal = screen(options)
+    table, runs, pictures = run_report.compare(options.runs, options.out, formats_of(options))
     terminal.print(table)
     for picture in pictures:
         terminal.sentence(f"wrote {picture}")

@@ -65,6 +65,13 @@ def add_pictures(parser: argparse.ArgumentParser, default: Sequence[str] | None 
     pictures.add_argument("--no-pictures", action="store_const", const=(), dest="pictures", help="write no pictures")
 
 
+def formats_of(options: argparse.Namespace) -> tuple[str, ...]:
+    """The formats asked for, else the one that the suffix of --out names, PNG without one. Raises InkloopError."""
+    if options.pictures is not None:
+        return tuple(options.pictures)
+    return picture_formats([options.out.suffix.removeprefix(".") if options.out and options.out.suffix else PNG])
+
+
 def _formats(text: str) -> tuple[str, ...]:
     try:
         return picture_formats([name.strip() for name in text.split(",")])

@@ -49,10 +49,9 @@ def run(options: argparse.Namespace, overrides: Mapping[str, Any], console: Term
     for note in found.notes:
         console.sentence(f"note: {note}")
     write_ink(found, out, date.today())
-    picture = out.with_suffix(".png")
-    save(found, picture)
-    console.sentence(f"wrote {out} and {picture}")
-    console.result(file=out, picture=picture, notes=list(found.notes))
+    pictures = save(found, out.with_suffix(""), options.pictures)
+    console.sentence(f"wrote {' and '.join(map(str, (out, *pictures)))}")
+    console.result(file=out, pictures=pictures, notes=list(found.notes))
     return 0
 
 

@@ -24,10 +24,10 @@ RESIDUAL, RESIDUAL_SIGN = "scan minus prediction", "scan higher +, lower -"
 LEAST = 30  # growths in a bin
 
 
-def save(found: Identification, path: Path) -> None:
-    """Write the picture as a PNG."""
+def save(found: Identification, path: Path, formats: Sequence[str]) -> list[Path]:
+    """Write the picture, `path` with the suffix of each format; the files."""
     with rc_context(plot.STYLE):
-        plot.save(residuals(found), path)
+        return plot.save(residuals(found), path, formats) if formats else []
 
 
 def residuals(found: Identification) -> Figure:

@@ -7,7 +7,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from inkloop.report.model_difference import SIGN, ModelDifference
-from inkloop.report.plot import COLOURS, add_scale, extent_of, new_figure
+from inkloop.report.plot import add_scale, draw_line, extent_of, new_figure
 from inkloop.units import UM_PER_M
 
 MAPS = 4
@@ -45,9 +45,9 @@ def hardware_against_model(run: xr.Dataset, found: ModelDifference, name: str) -
         "rms of the layer's growth": [row.growth for row in found.rows],
         "worst cell": [row.worst for row in found.rows],
     }
-    for (label, values), colour in zip(lines.items(), COLOURS, strict=False):
-        style = {"marker": ".", "linestyle": "none"} if label == "worst cell" else {"linewidth": 1.4}
-        axes.plot(layers, np.array(values) * UM_PER_M, label=label, color=colour, **style)
+    for number, (label, values) in enumerate(lines.items()):
+        style = {"linestyle": ""} if label == "worst cell" else {}
+        draw_line(axes, number, np.array(layers), np.array(values) * UM_PER_M, label, ends=False, **style)
     axes.axhline(0, color="black", linestyle="--", linewidth=0.8)
     axes.set(xlabel="layer", ylabel=f"hardware minus model [µm]\n({SIGN})")
     axes.legend(ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.14), frameon=False)

@@ -76,7 +76,7 @@ class ModelDifference:
         for row in self.rows:
             growth = "-" if np.isnan(row.growth) else f"{row.growth * UM_PER_M:.2f}"
             values = (
-                f"{row.mean * UM_PER_M:+.2f}",
+                f"{round(row.mean * UM_PER_M, 2) + 0.0:+.2f}",
                 f"{row.rms * UM_PER_M:.2f}",
                 growth,
                 f"{row.worst * UM_PER_M:+.2f}",

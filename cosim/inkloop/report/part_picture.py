@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +26,8 @@ _NARROW = "#c8541b"
 _INKS: dict[str, Any] = {"cmap": plot.MATERIAL_COLOURS, "vmin": 0.0, "vmax": 2.0, "interpolation": "nearest"}
 
 
-def draw(report: PartReport, title: str, path: Path) -> None:
-    """Write a PNG."""
+def draw(report: PartReport, title: str, path: Path, formats: Sequence[str]) -> list[Path]:
+    """Write `path` with the suffix of each format; the files."""
     with rc_context(plot.STYLE):
         figure = Figure(figsize=(plot.WIDTH_IN, 2.6), layout="constrained")
         above, solid, cut = figure.subplots(1, 3)
@@ -35,7 +36,7 @@ def draw(report: PartReport, title: str, path: Path) -> None:
         _solid(solid, report.part)
         _cut(cut, report.part, job)
         figure.suptitle(title, fontsize=9)
-        plot.save(figure, path)
+        return plot.save(figure, path, formats)
 
 
 def _above(axes: Axes, report: PartReport, job: Job) -> None:

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure, SubFigure
 
 from inkloop.component import FloatMap
 from inkloop.files import replaced
-from inkloop.report.formats import PNG
+from inkloop.report.formats import FORMATS, PNG
 from inkloop.report.terminal import decimals
 from inkloop.results.metrics import SIGN, TOO_HIGH, TOO_LOW
 from inkloop.units import MM_PER_M, UM_PER_M
@@ -54,7 +54,8 @@ Runs = Mapping[str, xr.Dataset]
 
 def save(figure: Figure, path: Path, formats: Sequence[str] = (PNG,)) -> list[Path]:
     """Write `path` with the suffix of each format, to a temporary name that is then put in place; the files."""
-    written = [path.with_name(f"{path.stem}.{each}") for each in formats]
+    name = path.stem if path.suffix.removeprefix(".") in FORMATS else path.name
+    written = [path.with_name(f"{name}.{each}") for each in formats]
     for each, file in zip(formats, written, strict=True):
         with rc_context(STYLE), replaced(file) as partial:
             figure.savefig(partial, dpi=200, format=each, facecolor="white", metadata=_UNDATED.get(each))

@@ -120,7 +120,7 @@ def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping
         "run",
         *("mean\nerror", "mae", "std", *mismatch, "layers", "droplets", "wall\n[s]"),
         title=title,
-        caption=f"errors over the cells of the part in µm: target minus height ({SIGN})",
+        caption=f"errors over the part in µm: target minus height ({SIGN})",
     )
     for name, result in runs.items():
         metrics = result.metrics()
