@@ -53,7 +53,7 @@ def pictures(runs: Mapping[str, Result]) -> dict[str, Figure]:
         figures["open-against-closed"] = surfaces(labelled)
     if "growth_divergence" in main:
         figures["divergence"] = divergence(labelled)
-    if "region_bottom" in main:
+    if {"ink", "region_bottom"} <= main.keys():
         figures["materials"] = materials(main, name)
         figures["solid"] = solids(labelled)
     return figures

@@ -96,7 +96,7 @@ def draw_scales(axes: Axes, seen: View, width_m: float, stretched_m: float) -> N
     axes.set_xlim(left - room, right)
     axes.set_ylim(low - max(0.0, -float(ends[:, 1].min())), up)
     words = (f"{flat * MM_PER_M:g} mm", f"{flat * MM_PER_M:g} mm", f"{high * UM_PER_M:g} µm")
-    for (x, y), word, side in zip(ends, words, ("left", "left", "center"), strict=True):
+    for (x, y), word, side in zip(ends, words, ("left", "left", "right"), strict=True):
         axes.plot([left - room, left - room + x], [low, low + y], color="black", linewidth=1.0, clip_on=False)
         place: dict[str, Any] = {"ha": side, "va": "bottom", "fontsize": 6, "annotation_clip": False}
         axes.annotate(word, (left - room + x, low + y), (1, 1), textcoords="offset points", **place)

@@ -149,7 +149,7 @@ def prose_with_um(text: str) -> list[str]:
     docstrings = {id(line.value) for body in blocks for line in body if isinstance(line, ast.Expr)}
     strings = [node for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in docstrings]
     prose = [KEY_OR_INPUT.sub("", node.value) for node in strings if isinstance(node.value, str) and node.value != "um"]
-    return [text for text in prose if re.search(r"(?<![\w.])um\b", text)]
+    return [text for text in prose if re.search(r"(?<![\w.-])um\b", text)]
 
 
 def test_messages_and_tables_write_micrometres_as_they_are_printed() -> None:
