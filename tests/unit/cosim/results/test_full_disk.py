@@ -18,7 +18,7 @@ import pytest
 from inkloop.cli import main
 from inkloop.component import DEVICE_LOGGER
 from inkloop.errors import FmuError, ResultError
-from inkloop.files import reason_of, write_text
+from inkloop.files import reason_of
 from inkloop.fmu import FmuComponent
 from inkloop.fmu_writer.export import find_fmu
 from inkloop.printing.device_log import live_words
