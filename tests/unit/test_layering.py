@@ -32,10 +32,11 @@ READERS = ("inkloop.geometry.three_mf", "inkloop.geometry.triangle_file")
 FLOOR |= {name for name in modules() if is_below(name, "inkloop.geometry")} - {*READERS}
 BUILD_TIME = "inkloop.fmu_writer"
 """These modules run while the FMUs are built, when nothing else is installed."""
-BUILD_TIME_FLOOR = ("inkloop.errors", "inkloop.files", "inkloop.limits", "inkloop.units")
+BUILD_TIME_FLOOR = ("inkloop.errors", "inkloop.files", "inkloop.limits", "inkloop.suggest", "inkloop.units")
 COMMAND_LINE = ("inkloop.cli", "inkloop.commands")
 PLOTS = (
-    *("inkloop.report.part_picture", "inkloop.report.pictures", "inkloop.report.plot", "inkloop.report.solid_view"),
+    *(f"inkloop.report.{name}" for name in ("plot", "pictures", "part_picture", "surface_picture", "solid_picture")),
+    *(f"inkloop.report.{name}" for name in ("solid_view", "layer_curves", "error_maps", "difference_picture")),
     "inkloop.studies",
     *("inkloop.identify.picture", "inkloop.exchange.job.target_picture"),
 )

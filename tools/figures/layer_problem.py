@@ -15,6 +15,7 @@ from tools.figures.pages import DOCS, Texts, read_json, table, write_json
 
 from inkloop.component import FloatMap
 from inkloop.report.plot import STYLE, WIDTH_IN, save
+from inkloop.results.metrics import SIGN
 from inkloop.units import UM_PER_M
 from inkloop_controller import LayerMpc
 from inkloop_controller.core import bindings
@@ -122,7 +123,7 @@ def rounding() -> Figure:
     for each in axes.flat:
         each.set(xticks=[], yticks=[])
     figure.colorbar(droplets, ax=axes[:LAYERS], label="droplets on a cell", shrink=0.5)
-    figure.colorbar(top, ax=axes[LAYERS], label="target - height [µm]", extend="both")
+    figure.colorbar(top, ax=axes[LAYERS], label=f"error [µm] ({SIGN})", extend="both")
     return figure
 
 

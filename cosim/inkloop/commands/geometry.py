@@ -6,8 +6,16 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inkloop.commands.options import add_part_options, no_part_options, part_file_of, scenario_of_part, screen
-from inkloop.errors import ScenarioError
+from inkloop.commands.options import (
+    add_part_options,
+    add_pictures,
+    formats_of,
+    no_part_options,
+    part_file_of,
+    scenario_of_part,
+    screen,
+)
+from inkloop.errors import InkloopError, ScenarioError
 
 if TYPE_CHECKING:
     from inkloop.report.part_report import MeshReport
@@ -28,6 +36,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     add_part_options(parser)
     parser.add_argument("--nozzle-um", type=float, metavar="W", help="narrowest wall or gap, if more than two cells")
     parser.add_argument("--out", type=Path, metavar="FILE", help="picture to write (default: NAME-geometry.png)")
+    add_pictures(parser, default=None)
     return parser
 
 
@@ -41,16 +50,18 @@ def run(options: argparse.Namespace) -> int:
     except ScenarioError:
         _show(options, lines, data)
         raise
-    from inkloop.report.part_picture import draw
     from inkloop.report.part_report import PartReport
     from inkloop.units import M_PER_UM
 
     report = PartReport.of(scenario, None if options.nozzle_um is None else options.nozzle_um * M_PER_UM)
-    picture = options.out or Path(f"{options.file.stem}-geometry.png")
-    draw(report, options.file.name, picture)
-    data |= {**report.data(), "picture": str(picture)}
+    pictures: list[Path] = []
+    if formats := formats_of(options):
+        from inkloop.report.part_picture import draw
+
+        pictures = draw(report, options.file.name, options.out or Path(f"{options.file.stem}-geometry"), formats)
+    data |= {**report.data(), "pictures": pictures}
     lines += [] if mesh else [report.size_line]
-    _show(options, [*lines, *report.lines(), f"wrote {picture}"], data)
+    _show(options, [*lines, *report.lines(), *(f"wrote {picture}" for picture in pictures)], data)
     return 0
 
 

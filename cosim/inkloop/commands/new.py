@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
         path, part = templates.write_for_part(options.name, part_file_of(options, options.part), options.pitch_um)
         size = " x ".join(f"{side:.6g}" for side in part.size_um)
         grid = part.grid
-        terminal.sentence(f"{options.part}: {size} um on {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} um")
+        terminal.sentence(f"{options.part}: {size} µm on {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} µm")
     terminal.sentence(f"wrote {path}; inkloop run {shlex.quote(str(path))} prints it")
     terminal.result(file=path)
     return 0

@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import sys
 import traceback
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inkloop.errors import InkloopError, ScenarioError
+from inkloop.report.formats import FORMATS, PNG, picture_formats
 
 if TYPE_CHECKING:
     from inkloop.report.terminal import Terminal
@@ -51,9 +52,31 @@ def add_isolate(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_no_pictures(parser: argparse.ArgumentParser) -> None:
-    """--no-pictures."""
-    parser.add_argument("--no-pictures", action="store_true", help="write no pictures; `inkloop report RUN` draws them")
+def add_pictures(parser: argparse.ArgumentParser, default: Sequence[str] | None = (PNG,)) -> None:
+    """--pictures and --no-pictures: the formats to write, none with the latter."""
+    pictures = parser.add_mutually_exclusive_group()
+    pictures.add_argument(
+        "--pictures",
+        type=_formats,
+        default=default,
+        metavar="FORMAT,...",
+        help=f"formats of the pictures: {', '.join(FORMATS)} (default: {PNG})",
+    )
+    pictures.add_argument("--no-pictures", action="store_const", const=(), dest="pictures", help="write no pictures")
+
+
+def formats_of(options: argparse.Namespace) -> tuple[str, ...]:
+    """The formats asked for, else the one that the suffix of --out names, PNG without one. Raises InkloopError."""
+    if options.pictures is not None:
+        return tuple(options.pictures)
+    return picture_formats([options.out.suffix.removeprefix(".") if options.out and options.out.suffix else PNG])
+
+
+def _formats(text: str) -> tuple[str, ...]:
+    try:
+        return picture_formats([name.strip() for name in text.split(",")])
+    except InkloopError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def add_windows(parser: argparse.ArgumentParser) -> None:

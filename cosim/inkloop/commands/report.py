@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_no_pictures, screen
+from inkloop.commands.options import add_pictures, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -15,7 +15,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
         "report", help="rewrite the tables and pictures of a run folder"
     )
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder, as written by `inkloop run`")
-    add_no_pictures(parser)
+    add_pictures(parser)
     return parser
 
 
@@ -24,7 +24,7 @@ def run(options: argparse.Namespace) -> int:
     from inkloop.report import run_report
 
     terminal = screen(options)
-    terminal.print(run_report.write(options.run, pictures=not options.no_pictures))
+    terminal.print(run_report.write(options.run, options.pictures))
     if (options.run / run_report.MODEL_TABLE).is_file():
         terminal.print((options.run / run_report.MODEL_TABLE).read_text(encoding="utf-8"))
     if terminal.as_json:

@@ -164,16 +164,16 @@ class PartReport:
         grid, footprint = self.scenario.tables.grid, self.scenario.footprint
         job = self.scenario.job()
         width, height = self.cells_min * grid.pitch_um, self.scenario.tables.ink.a.ink.layer_height * UM_PER_M
-        yield f"grid           {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} um, {int(job.mask.sum()):,} printed"
+        yield f"grid           {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} µm, {int(job.mask.sum()):,} printed"
         yield f"volume         {self.part.volume * MM3_PER_M3:.5g} mm3 on these cells"
         texts = {
-            "walls": f"walls below {width:g} um ({self.cells_min} cells)",
-            "gaps": f"gaps below {width:g} um ({self.cells_min} cells)",
-            "sheets": f"lower than a layer ({height:.3g} um)",
-            "slots": f"gaps lower than a layer ({height:.3g} um)",
+            "walls": f"walls below {width:g} µm ({self.cells_min} cells)",
+            "gaps": f"gaps below {width:g} µm ({self.cells_min} cells)",
+            "sheets": f"lower than a layer ({height:.3g} µm)",
+            "slots": f"gaps lower than a layer ({height:.3g} µm)",
         }
         if not self.narrow:
-            yield f"narrow         nothing: no wall, no gap below {width:g} um"
+            yield f"narrow         nothing: no wall, no gap below {width:g} µm"
         for name, each in self.narrow.items():
             yield f"narrow         {texts[name]}: {int(each.cells.sum()):,} cells,"
             yield f"               first at ({_lengths(each.first, ', ')}) mm"

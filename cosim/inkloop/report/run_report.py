@@ -20,6 +20,7 @@ from inkloop.report.model_difference import model_difference
 from inkloop.report.terminal import FILE_WIDTH, Terminal, decimals, number_table
 from inkloop.report.trust import untrusted_remarks
 from inkloop.results.evaluated_surface import parameters_of
+from inkloop.results.metrics import SIGN
 from inkloop.results.result import COMPARE_FOLDER, Result, read_record
 from inkloop.tables.schema import Literature
 from inkloop.units import UM_PER_M
@@ -46,8 +47,8 @@ def load_runs(folder: Path, in_memory: Mapping[Path, Result] | None = None) -> d
     return {result.dataset.attrs["label"]: result for result in runs}
 
 
-def write(folder: Path, *, in_memory: Mapping[Path, Result] | None = None, pictures: bool = True) -> Table:
-    """Write `summary.txt` and, if asked, the pictures of the run in `folder`; returns the table for the screen.
+def write(folder: Path, pictures: Sequence[str], in_memory: Mapping[Path, Result] | None = None) -> Table:
+    """Write `summary.txt` and the pictures of the run in `folder`, in each format; returns the table for the screen.
 
     Of a run on devices also `hardware-against-model.txt`, a row for each layer, and its picture. `in_memory` as for
     `load_runs`.
@@ -74,12 +75,15 @@ def write(folder: Path, *, in_memory: Mapping[Path, Result] | None = None, pictu
     if pictures:
         from inkloop.report.pictures import draw  # with Matplotlib, half the work of a short run
 
-        draw(folder, runs, difference)
+        draw(folder, runs, difference, pictures)
     return table
 
 
-def compare(folders: Sequence[Path], picture: Path | None) -> tuple[Table, dict[str, Any]]:
-    """The table of several run folders and the same as plain values; writes the picture. Raises ResultError."""
+def compare(folders: Sequence[Path], picture: Path, formats: Sequence[str]) -> tuple[Table, dict[str, Any], list[Path]]:
+    """The table of several run folders, the same as plain values, and the files of its picture, one for each format.
+
+    Raises ResultError.
+    """
     loaded = {folder: Result.load(folder) for folder in folders}
     labels = [str(result.dataset.attrs["label"]) for result in loaded.values()]
     distinct = len(set(labels)) == len(labels)
@@ -93,11 +97,13 @@ def compare(folders: Sequence[Path], picture: Path | None) -> tuple[Table, dict[
             raise ResultError(
                 f"{folder}: printed on {grid}, but {grids[0][0]} on {grids[0][1]}; compare runs of one grid and pitch"
             )
-    if picture:
+    written: list[Path] = []
+    if formats:
         from inkloop.report.pictures import draw_comparison
 
-        draw_comparison(runs, picture)
-    return comparison_table("Comparison", runs, {}), {name: _figures(result) for name, result in runs.items()}
+        written = draw_comparison(runs, picture, formats)
+    figures = {name: _figures(result) for name, result in runs.items()}
+    return comparison_table("Comparison", runs, {}), figures, written
 
 
 def _as_text(table: Table) -> str:
@@ -108,7 +114,7 @@ def _as_text(table: Table) -> str:
 
 def _grid(result: Result) -> str:
     sizes = result.dataset.sizes
-    return f"{sizes['x']} x {sizes['y']} cells of {float(result.dataset.attrs['pitch']) * UM_PER_M:g} um"
+    return f"{sizes['x']} x {sizes['y']} cells of {float(result.dataset.attrs['pitch']) * UM_PER_M:g} µm"
 
 
 def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping[str, Literature]) -> Table:
@@ -119,7 +125,7 @@ def comparison_table(title: str, runs: Mapping[str, Result], literature: Mapping
         "run",
         *("mean\nerror", "mae", "std", *mismatch, "layers", "droplets", "wall\n[s]"),
         title=title,
-        caption="errors over the part's cells in um; mean error = target - mean height",
+        caption=f"errors over the part in µm: target minus height ({SIGN})",
     )
     for name, result in runs.items():
         metrics = result.metrics()
@@ -172,10 +178,10 @@ def _corrected_scans(run: xr.Dataset) -> list[str]:
     if "scan_corrected" not in run or not run.scan_corrected[-1]:
         return []
     x, y, std, spot = (float(run[f"scan_{name}"][-1]) * UM_PER_M for name in SCAN)
-    wide = f", and the spot is {spot:.0f} um wide (standard deviation)" if spot > 0.0 else ""
+    wide = f", and the spot is {spot:.0f} µm wide (standard deviation)" if spot > 0.0 else ""
     return [
-        f"scans were corrected: the last one was shifted by {x:.1f} um along x and {y:.1f} um along y "
-        f"(+- {std:.1f} um){wide}; register the profiler with the printer"
+        f"scans were corrected: the last one was shifted by {x:.1f} µm along x and {y:.1f} µm along y "
+        f"(+- {std:.1f} µm){wide}; register the profiler with the printer"
     ]
 
 
@@ -210,7 +216,7 @@ def _alarms(run: xr.Dataset) -> list[str]:
         return unseen[:1]
     worst = max(strayed, key=lambda layer: float(growth[layer]))
     others = f"; {len(strayed)} layers in all, the first is layer {strayed[0]}" if len(strayed) > 1 else ""
-    remark = f"layer {worst} grew differently from the shadow's model, by {growth[worst] * UM_PER_M:.2f} um rms"
+    remark = f"layer {worst} grew differently from the shadow's model, by {growth[worst] * UM_PER_M:.2f} µm rms"
     return [f"{remark}{others}", *unseen[:1]]
 
 
@@ -218,13 +224,13 @@ def lines(folder: Path) -> list[str]:
     """Summary of a run folder: origin, end, errors, versions, times. Raises ResultError."""
     result = Result.load(folder)
     run, metrics = result.run, result.metrics()
-    errors = ", ".join(f"{name} {decimals(metrics[key] * UM_PER_M)} um" for name, key in ERRORS.items())
+    errors = ", ".join(f"{name} {decimals(metrics[key] * UM_PER_M)} µm" for name, key in ERRORS.items())
     return [
         f"{folder}: {run['title']} ({run['label']})",
         f"grid: {_grid(result)}",
         f"seed: {run['seed']}",
         f"ended: {result.stop_reason}, after {metrics['layers']:.0f} layers and {metrics['droplets']:.0f} droplets",
-        f"errors over the part: {errors}",
+        f"errors over the part ({SIGN}): {errors}",
         *remarks(result),
         *(f"event: {event}" for event in run.get("events", ())),
         "versions: " + ", ".join(f"{name} {number}" for name, number in run["versions"].items()),

@@ -38,7 +38,7 @@ from inkloop.contract import (
 from inkloop.results.attributes import variable
 from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.metrics import surface_error
-from inkloop.results.solid import INK, layer_ink
+from inkloop.results.solid import INK, layer_ink, region_edges
 from inkloop.units import S_PER_NS
 
 if TYPE_CHECKING:
@@ -170,6 +170,8 @@ class Recorder:
             "target_height": variable("target_height", ("x", "y"), job.target_height, "m"),
             "mask": variable("mask", ("x", "y"), job.mask, "1"),
         }
+        for name, edges in region_edges(job).items():
+            variables[name] = variable(name, ("interval", "x", "y"), edges, "m")
         for name, rows in self._scalars.items():
             port = self._ports[name]
             filled = np.full(count, np.nan if port.dtype.startswith("float") else 0, dtype=port.dtype)

@@ -1,14 +1,9 @@
 """What a print takes of the machine: memory, disk and computing, estimated before anything of its size exists.
 
-<<<<<<< HEAD
-The figures are measured: the peak of a process that prints a part with rough droplets and noisy scans, from the slopes
-between 300 x 300 and 600 x 600 cells and between 2 and 8 layers. What a class or an FMU of others takes is not in them.
-Computing is that of the shipped scenarios, on one core of x86_64 near 2.5 GHz; single ones take half or twice as much.
-=======
 The figures are measured: the peak of a process that prints a part with rough droplets and noisy scans into a folder,
 from the slope between 300 x 300 and 600 x 600 cells; it does not grow with layers, which are on disk. What a class or
-an FMU of others takes is not in them.
->>>>>>> origin/main
+an FMU of others takes is not in them. Computing is that of the shipped scenarios, on one core of x86_64 near 2.5 GHz;
+single ones take half or twice as much.
 """
 
 from __future__ import annotations
@@ -41,18 +36,21 @@ ROUNDING = 1e-6
 """Share of a layer that files in single precision may add to a height."""
 FILE_BYTES_OF_A_CELL_AND_LAYER = 50
 """29 in the layers kept while the print runs, 21 in result.nc."""
+FAR_BEYOND = 10.0  # times as many layers as are printed: a height in other units, or a mistyped one
+HARDLY_A_LAYER = 0.3  # of its height: less than half of a droplet
 
 
 @dataclass(frozen=True)
 class Footprint:
     """Cells, layers expected, and for each cell the bytes of memory and of disk, comparison runs included.
 
-    seconds_of_a_cell: processor time for each printed cell.
+    nominal: height of the part in full layers; seconds_of_a_cell: processor time for each printed cell.
     """
 
     nx: int
     ny: int
     layers: int
+    nominal: float
     memory_of_a_cell: int
     disk_of_a_cell: int
     seconds_of_a_cell: float
@@ -63,7 +61,8 @@ class Footprint:
 
         height: of the part [m].
         """
-        layers = _layers(tables, height)
+        nominal = height / tables.ink.a.ink.layer_height
+        layers = _layers(tables, nominal)
         runs = [tables.components, *(tables.components | other.components for other in tables.compare.values())]
         kinds = [{name: table.kind for name, table in run.items()} for run in runs]
         memory = [sum(MORE_BYTES_OF_A_CELL.get(kind, 0) for kind in run.values()) for run in kinds]
@@ -72,6 +71,7 @@ class Footprint:
             tables.grid.nx,
             tables.grid.ny,
             layers,
+            nominal,
             BYTES_OF_A_CELL + max(memory),
             2 * (STATE_BYTES_OF_A_CELL + max(states)) + FILE_BYTES_OF_A_CELL_AND_LAYER * (layers + 1) * len(kinds),
             layers * sum(SECONDS_OF_A_CELL_AND_LAYER + sum(map(_seconds, run.values())) for run in runs),
@@ -91,6 +91,14 @@ class Footprint:
         """A sentence for a person."""
         memory, disk = size_text(self.memory), size_text(self.disk)
         return f"about {self.layers} layers, {memory} of memory beyond that of the program, {disk} of disk"
+
+    def warnings(self) -> Iterator[str]:
+        """A sentence where the part has far more layers than are printed, or hardly one."""
+        if self.nominal > FAR_BEYOND * self.layers:
+            found = f"the part is about {self.nominal:,.0f} layers high"
+            yield f"{found}; run.layers_max ends the print after {self.layers}"
+        if self.nominal < HARDLY_A_LAYER:
+            yield f"the part is {self.nominal:.2g} of a layer high; a droplet is higher, and nothing may be printed"
 
     def memory_errors(self) -> Iterator[str]:
         """The error of a grid that memory cannot hold, with one that it can."""
@@ -121,7 +129,6 @@ def _seconds(table: ComponentTable) -> float:
     return MORE_SECONDS[horizon] if horizon in [*MORE_SECONDS] else 0.0  # the check of the component reports others
 
 
-def _layers(tables: ScenarioFile, height: float) -> int:
+def _layers(tables: ScenarioFile, nominal: float) -> int:
     """Layers of the nominal height, at most those that the run may have."""
-    nominal = height / tables.ink.a.ink.layer_height
     return max(1, min(tables.run.layers_max, math.ceil(min(nominal, tables.run.layers_max) - ROUNDING)))

@@ -114,5 +114,5 @@ def _remarks(bodies: Sequence[Body], grid: Grid) -> Iterator[str]:
         )
         yield (
             f"{len(walls)} upright walls stand on rows of cell centres, where rounding decides on which side a cell is "
-            f"(at {shown} um); shift the part by half a pitch: center_x_um, center_y_um, or grid.nx, grid.ny by 1"
+            f"(at {shown} µm); shift the part by half a pitch: center_x_um, center_y_um, or grid.nx, grid.ny by 1"
         )

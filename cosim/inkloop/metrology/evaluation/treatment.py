@@ -28,7 +28,7 @@ class Treatment:
 
     def _filters(self, s_filter: float | None, l_filter: float | None) -> str:
         names = {"S-filter": s_filter, "L-filter": l_filter}
-        used = [f"{name} {cutoff * UM_PER_M:g} um" for name, cutoff in names.items() if cutoff is not None]
+        used = [f"{name} {cutoff * UM_PER_M:g} µm" for name, cutoff in names.items() if cutoff is not None]
         return f"{', '.join(used)} (Gaussian, regression order {self.filter_order})" if used else "no filter"
 
 

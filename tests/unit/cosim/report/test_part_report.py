@@ -66,7 +66,7 @@ def test_text_fits_into_eighty_columns(
     arguments = ["geometry", "fin.stl", "--pitch-um", "200", "--nozzle-um", "500", "--out", "fin.png"]
     assert main(arguments) == 0
     text = capsys.readouterr().out
-    assert "walls below 600 um (3 cells)" in text
+    assert "walls below 600 µm (3 cells)" in text
     assert max(map(len, text.splitlines())) <= 80
     assert (tmp_path / "fin.png").exists()
 

@@ -186,7 +186,7 @@ def test_pixels_without_a_height_and_heights_below_the_substrate_are_not_printed
 @pytest.mark.parametrize(
     ("part", "expected"),
     [
-        (HEIGHTS + "pixel_um = 900.0", "part reaches beyond the grid of 14 x 12 cells: it is 1800 x 1800 um wide"),
+        (HEIGHTS + "pixel_um = 900.0", "part reaches beyond the grid of 14 x 12 cells: it is 1800 x 1800 µm wide"),
         (HEIGHTS, "does not declare the size of its pixels"),
         (HEIGHTS.replace("map.npy", "absent.csv"), "absent.csv: cannot be read: No such file"),
         (HEIGHTS.replace('"um"', '"inch"'), "part.unit is 'inch'; expected 'nm', 'um', 'mm' or 'm'"),

@@ -109,7 +109,7 @@ def test_walls_on_centres_of_cells_are_a_warning(tmp_path: Path) -> None:
         (MESH.replace('"mm"', '"inch"'), "part.unit is 'inch'; expected 'um', 'mm', 'cm', 'm', 'in' or 'ft'"),
         (
             MESH + "scale = 4.0",
-            "part reaches beyond the grid of 14 x 12 cells: it is 2400 x 1600 um wide; with grid.nx",
+            "part reaches beyond the grid of 14 x 12 cells: it is 2400 x 1600 µm wide; with grid.nx",
         ),
         (MESH + "scale = 0.0", "part.scale is 0.0; expected greater than 0"),
         (MESH + "rotate_deg = [0.0, 90.0]", "part.rotate_deg is [0.0, 90.0]; List should have at least 3 items"),

@@ -82,6 +82,6 @@ def test_heights_are_counted_from_their_mean() -> None:
 
 def test_filters_that_do_not_fit_are_refused() -> None:
     map_ = map_of(wave(60, 30))
-    assert "wider than the cells that count, 300 um" in reason(areal(map_, l_filter=31 * STEP), "Sa")
-    assert "narrower than 4 cells of 10 um" in reason(areal(map_, s_filter=3 * STEP), "Sa")
+    assert "wider than the cells that count, 300 µm" in reason(areal(map_, l_filter=31 * STEP), "Sa")
+    assert "narrower than 4 cells of 10 µm" in reason(areal(map_, s_filter=3 * STEP), "Sa")
     assert "leaves nothing between" in reason(areal(map_, s_filter=20 * STEP, l_filter=20 * STEP), "Sa")
