@@ -51,7 +51,7 @@ def add_isolate(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_no_pictures(parser: argparse.ArgumentParser) -> None:
+def add_no_pictures(parser: argparse._ActionsContainer) -> None:
     """--no-pictures."""
     parser.add_argument("--no-pictures", action="store_true", help="write no pictures; `inkloop report RUN` draws them")
 

@@ -91,7 +91,7 @@ class Checkpoints:
                 if int(path.stem) > checkpoint.layer:
                     path.unlink()  # its state was never written
                 else:
-                    self._rows = _read(path)
+                    self._rows = read_rows(path)
                     self._recorder.put_rows(self._rows)
         except _UNREADABLE as error:
             raise _unreadable(self._folder, error, advice) from error
@@ -126,7 +126,7 @@ def last(run_folder: Path, advice: str = "") -> Checkpoint | None:
     """
     folder = run_folder / LAYERS_FOLDER
     try:
-        return _unpacked(_read(folder / STATE_FILE)) if (folder / STATE_FILE).is_file() else None
+        return _unpacked(read_rows(folder / STATE_FILE)) if (folder / STATE_FILE).is_file() else None
     except _UNREADABLE as error:
         raise _unreadable(folder, error, advice or f"`inkloop resume {run_folder}` says what can be done") from error
 
@@ -188,6 +188,7 @@ def _save(path: Path, arrays: Mapping[str, NDArray[Any]], durable: bool) -> None
         np.savez(file, **arrays)  # type: ignore[arg-type]
 
 
-def _read(path: Path) -> dict[str, NDArray[Any]]:
+def read_rows(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of a file of layers by name. Raises OSError, ValueError, KeyError, BadZipFile."""
     with np.load(path, allow_pickle=False) as stored:
         return {key: stored[key] for key in stored.files}

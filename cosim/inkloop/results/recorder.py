@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import Component, FloatMap, Job, Port, Status, Values, is_device
+from inkloop.component import FloatMap, HasPorts, Job, Port, Status, Values, is_device
 from inkloop.contract import (
     CONTROLLER,
     COUNTERS,
@@ -88,11 +88,11 @@ class Recorder:
 
     Maps by layer: `height` when it is printed, `measured_height` and `valid` when it is scanned, `pattern`,
     `drop_level` and the scalars of the controller when it is commanded, `estimated_height` when the controller has
-    answered its scan.
+    answered its scan. Ports are all that it needs of the components.
     """
 
     def __init__(
-        self, job: Job, components: Mapping[str, Component], on_layer: Callable[[LayerRow], None] | None = None
+        self, job: Job, components: Mapping[str, HasPorts], on_layer: Callable[[LayerRow], None] | None = None
     ) -> None:
         self._job = job
         self._on_layer = on_layer
@@ -250,7 +250,7 @@ class Recorder:
         }
         self._on_layer(LayerRow(number, time_ns * S_PER_NS, error.mean_error, error.mae, error.std, scalars))
 
-    def _source_of_surface(self, components: Mapping[str, Component]) -> tuple[str, str]:
+    def _source_of_surface(self, components: Mapping[str, HasPorts]) -> tuple[str, str]:
         """Role and output: the printer, else a profiler that is a device, else the shadow; "" if none."""
         candidates = [(PRINTER, HEIGHT), (SHADOW, HEIGHT), (PROFILER, MEASURED_HEIGHT)]
         if PROFILER in self._roles and is_device(components[self._roles[PROFILER]]):

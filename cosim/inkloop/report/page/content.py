@@ -1,0 +1,99 @@
+"""What a page shows of a run and its comparison runs, as plain values for JSON: texts, tables, figures and maps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from inkloop.errors import HeightMapError
+from inkloop.metrology.areal import LENGTHS, NAMES, areal, values
+from inkloop.metrology.height_map import HeightMap
+from inkloop.report.page import curves, maps
+from inkloop.report.page.maps import LayerMaps
+from inkloop.report.run_report import CAPTION, Summary, grid
+from inkloop.results.result import Result
+from inkloop.units import UM_PER_M
+
+ENDS = {
+    "done": "The controller ended the print",
+    "layers_max": "The print ended at `layers_max` of the scenario",
+    "time_max": "The print ended at `time_max_s` of the scenario",
+    "interrupted": "The print was interrupted",
+    "failed": "A component failed",
+    "fault": "The print ended with a fault",
+    "running": "The print has not ended",
+}
+"""Stop reason -> a sentence about it."""
+
+
+def content(
+    runs: Mapping[str, Result], layer_maps: Sequence[LayerMaps], known: Sequence[int] = (), cells: float = 0.0
+) -> dict[str, Any]:
+    """The content of a page for runs by name, the run itself first.
+
+    layer_maps: of each run; known: layers of each run that the page has already, without which it gets all; cells: of
+    each final error map at most.
+    """
+    main, summary = next(iter(runs.values())), Summary.of(runs)
+    labelled = {name: result.dataset for name, result in runs.items()}
+    first = [max(0, count - 1) for count in known] or [0] * len(runs)
+    return {
+        "title": str(main.dataset.attrs["title"]),
+        "state": state(main),
+        "table": _table(summary),
+        "remarks": list(summary.remarks),
+        "metrology": _metrology(main),
+        "facts": _facts(main),
+        "scenario": main.scenario_text,
+        "curves": curves.by_layer(labelled),
+        "distribution": curves.distribution(labelled),
+        "runs": [
+            {
+                "name": name,
+                **own.described(run),
+                "layers": own.packed(begin),
+                "final": maps.final_errors(run, cells),
+                "inks": 2 if "mismatch" in run else 1,
+            }
+            for (name, run), own, begin in zip(labelled.items(), layer_maps, first, strict=True)
+        ],
+    }
+
+
+def state(result: Result) -> str:
+    """How far a run is, in one sentence."""
+    layers = result.dataset.sizes["layer"] - 1
+    return f"{ENDS.get(result.stop_reason, result.stop_reason)}: {layers} layer{'' if layers == 1 else 's'}."
+
+
+def _table(summary: Summary) -> dict[str, Any]:
+    headings = [" ".join(heading.replace("-\n", "").split()) for heading in summary.headings]
+    return {"headings": headings, "rows": summary.rows, "caption": CAPTION}
+
+
+def _metrology(main: Result) -> dict[str, Any]:
+    """Areal parameters of the final surface over the part, or the reason why there are none."""
+    run = main.dataset
+    pitch = float(run.attrs["pitch"])
+    surface = HeightMap(main.final_height.values, pitch, pitch, source="final surface")
+    try:
+        found = values(areal(surface, run["mask"].values.astype(bool), "plane"))
+    except HeightMapError as error:
+        return {"rows": [], "caption": str(error)}
+    rows = [
+        [symbol, NAMES[symbol], f"{value * UM_PER_M:.4g} µm" if symbol in LENGTHS else f"{value:.4g}"]
+        for symbol, value in found.items()
+    ]
+    return {"rows": rows, "caption": "ISO 25178-2 over the part; taken off: least-squares plane; no filter"}
+
+
+def _facts(main: Result) -> list[list[str]]:
+    """Seed, versions, hashes and times, as in run.json."""
+    run = main.run
+    grouped = [(group, run.get(group, {})) for group in ("versions", "sha256", "wall_s")]
+    facts = [["seed", str(run["seed"])], ["grid", grid(main)], ["platform", str(run["platform"])]]
+    for group, entries in grouped:
+        label = {"versions": "version of ", "sha256": "SHA-256 of ", "wall_s": "wall time of "}[group]
+        shown = {name: f"{value:.2f} s" if group == "wall_s" else str(value) for name, value in entries.items()}
+        facts += [[f"{label}{name}", text] for name, text in shown.items()]
+    return facts + [["event", str(event)] for event in run.get("events", ())]
