@@ -35,7 +35,13 @@ BUILD_TIME = "inkloop.fmu_writer"
 BUILD_TIME_FLOOR = ("inkloop.errors", "inkloop.files", "inkloop.limits", "inkloop.units")
 COMMAND_LINE = ("inkloop.cli", "inkloop.commands")
 PLOTS = (
-    *("inkloop.report.part_picture", "inkloop.report.pictures", "inkloop.report.plot", "inkloop.report.solid_view"),
+    *(
+        "inkloop.report.part_picture",
+        "inkloop.report.pdf",
+        "inkloop.report.pictures",
+        "inkloop.report.plot",
+        "inkloop.report.solid_view",
+    ),
     "inkloop.studies",
     *("inkloop.identify.picture", "inkloop.exchange.job.target_picture"),
 )
@@ -49,6 +55,8 @@ DOORS = {
     "lib3mf": ("inkloop.geometry.three_mf",),
     "skfem": ("inkloop.studies.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
+    "plotly": ("inkloop.report.page.page",),
+    **dict.fromkeys(("starlette", "uvicorn", "sse_starlette"), ("inkloop.report.page.server",)),
 }
 ROOT_NAMES_MAX = {"inkloop": 26, "inkloop_controller": 10, "inkloop_hardware": 10}
 CORE_LEVELS = {"problem": 0, "model": 1, "estimator": 2, "search": 2, "relaxation": 2, "planner": 3, "": 4}

@@ -8,23 +8,44 @@ from __future__ import annotations
 
 import math
 import zipfile
+from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
 from inkloop.contract import HEIGHT
 from inkloop.errors import ResultError
 from inkloop.files import reason_of
+from inkloop.printing.device_log import LOG_FILE
 from inkloop.printing.run import scenario_file, scenario_of_run
+from inkloop.report.page.feed import Feed
 from inkloop.report.run_report import load_runs
 from inkloop.results.checkpoint import LAYERS_FOLDER, read_rows
+from inkloop.results.lock import writer_of
 from inkloop.results.recorder import Recorder
-from inkloop.results.result import COMPARE_FOLDER, RESULT_FILE, RUN_FILE, Result, read_record
+from inkloop.results.result import COMPARE_FOLDER, RESULT_FILE, RUN_FILE, UNFINISHED, Result, read_record
 from inkloop.results.solid import with_solid
 from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
 
 Stamp: TypeAlias = tuple[int, int, int]
 """Of a file: which one it is, how long, and when it was written."""
+
+
+def feed_of(folder: Path) -> Feed:
+    """The content of a run folder for the live page. Raises ResultError, ScenarioError."""
+    with classes_from(scenario_file(folder).parent):
+        scenario = scenario_of_run(folder)
+    return Feed(RunFolder(folder), partial(state_of, folder), folder / LOG_FILE, scenario.footprint.layers)
+
+
+def state_of(folder: Path) -> str:
+    """A sentence on a run that has not ended, empty if it has. Raises ResultError."""
+    record = read_record(folder)
+    if record.get("stop_reason") not in UNFINISHED:
+        return ""
+    if owner := writer_of(folder):
+        return f"Being printed by {owner}."
+    return f"Stopped before its end; `inkloop resume {folder}` continues it."
 
 
 class RunFolder:

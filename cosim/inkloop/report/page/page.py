@@ -50,9 +50,12 @@ def content_within(runs: Mapping[str, Result], bytes_max: int) -> dict[str, Any]
         block += 1
 
 
-def first_block(runs: Mapping[str, Result], bytes_max: float) -> int:
-    """The smallest side of blocks with which the maps of all layers take so many bytes before they are deflated."""
-    layers = sum(result.dataset.sizes["layer"] for result in runs.values())
+def first_block(runs: Mapping[str, Result], bytes_max: float, expected: int = 0) -> int:
+    """The smallest side of blocks with which the maps of all layers take so many bytes before they are deflated.
+
+    expected: layers of all runs, where there will be more than now.
+    """
+    layers = max(expected, sum(result.dataset.sizes["layer"] for result in runs.values()))
     run = next(iter(runs.values())).dataset
     return maps.block_for(run, bytes_max / (layers * maps.BYTES_OF_A_CELL_AND_LAYER))
 
