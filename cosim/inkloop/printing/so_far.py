@@ -45,7 +45,7 @@ def state_of(folder: Path) -> str:
         return ""
     if owner := writer_of(folder):
         return f"Being printed by {owner}."
-    return f"Stopped before its end; `inkloop resume {folder}` continues it."
+    return f"No process of this machine prints it; `inkloop resume {folder}` continues it."
 
 
 class RunFolder:

@@ -14,6 +14,8 @@ from inkloop.report.page.page import MAPS_BYTES_MAX, PACKED_SHARE, first_block
 from inkloop.results.result import Result
 
 LOG_LINES = 40
+LOOKS_PER_STATE = 8
+"""Looks at the files for one at the lock of the run, which a run that begins at that moment would find taken."""
 ROOM = 1.5
 """Layers that a page has room for, for each that the scenario needs at least: the last ones are not full."""
 
@@ -41,13 +43,15 @@ class Feed:
         self._seen: object = None
         self._runs: dict[str, Result] = {}
         self._maps: dict[str, LayerMaps] = {}
-        self._epoch, self._problem = 0, ""
+        self._epoch, self._looks, self._problem, self._owner = 0, 0, "", ""
         self.version = 0
 
     def refresh(self) -> bool:
         """Read what has changed; whether anything has."""
-        state = self._state()
-        seen = (state, self._source.stamps(), _length(self._log))
+        if self._looks % LOOKS_PER_STATE == 0:
+            self._owner = self._state()
+        self._looks += 1
+        seen = (self._owner, self._source.stamps(), _length(self._log))
         if seen == self._seen:
             return False
         with self._lock:
@@ -65,17 +69,12 @@ class Feed:
         with self._lock:
             if self._problem or not self._runs:
                 return {"problem": self._problem or "No layer is finished yet."}
-            has_all_runs = len(known) == len(self._runs)
-            has_no_more = all(
-                count <= len(self._maps[name].heights) for name, count in zip(self._runs, known, strict=False)
-            )
-            is_same = epoch == str(self._epoch) and has_all_runs and has_no_more
+            is_same = (epoch, len(known)) == (str(self._epoch), len(self._runs))
             found = content(
                 self._runs, list(self._maps.values()), known if is_same else (), FINAL_CELLS / len(self._runs)
             )
-            state = self._state()
-            devices = _devices(self._log)
-        return {**found, "epoch": str(self._epoch), "state": state or found["state"], "devices": devices}
+            found["state"] = f"{found['state']} {self._owner}".rstrip()
+            return {**found, "epoch": str(self._epoch), "devices": _devices(self._log)}
 
     def _take(self, runs: dict[str, Result]) -> None:
         """Add the new layers to the maps; begin again where a run has fewer layers, or the blocks become too small."""

@@ -51,7 +51,8 @@ class Events:
         sent = -1
         while True:
             async with self._changed:
-                await self._changed.wait_for(lambda: self._feed.version != sent)
+                while self._feed.version == sent:
+                    await self._changed.wait()
             sent = self._feed.version
             yield {"data": str(sent)}
 
