@@ -56,7 +56,7 @@ DOORS = {
     "skfem": ("inkloop.studies.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
     "plotly": ("inkloop.report.page.page",),
-    **dict.fromkeys(("starlette", "uvicorn", "sse_starlette"), ("inkloop.report.page.server",)),
+    **dict.fromkeys(("anyio", "starlette", "uvicorn", "sse_starlette"), ("inkloop.report.page.server",)),
 }
 ROOT_NAMES_MAX = {"inkloop": 26, "inkloop_controller": 10, "inkloop_hardware": 10}
 CORE_LEVELS = {"problem": 0, "model": 1, "estimator": 2, "search": 2, "relaxation": 2, "planner": 3, "": 4}

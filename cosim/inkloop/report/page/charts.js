@@ -23,11 +23,12 @@ class ErrorScale {
     return Math.asinh(error / this.width);
   }
 
-  /* Colours and colour bar; plain numbers stand at the decades. */
+  /* Colours and colour bar, with at most three round numbers on either side. */
   axis() {
-    const decades = [];
-    for (let power = Math.ceil(Math.log10(this.width)); 10 ** power <= this.limit * 1.001; power++) decades.push(10 ** power);
-    const kept = decades.filter((_, place) => (decades.length - 1 - place) % Math.ceil(decades.length / 3) === 0);
+    const round = [];
+    for (let power = -3; power <= 5; power++) round.push(...[1, 2, 5].map((digit) => digit * 10 ** power));
+    const inside = round.filter((value) => value >= this.width && value <= this.limit);
+    const kept = inside.filter((_, place) => (inside.length - 1 - place) % Math.ceil(inside.length / 3) === 0);
     const values = [...kept.map((value) => -value).reverse(), 0, ...kept];
     const end = this.shown(this.limit);
     return {
@@ -39,7 +40,7 @@ class ErrorScale {
   }
 }
 
-const BAR = { orientation: "h", thickness: 10, len: 0.9, y: -0.17, yanchor: "top", outlinewidth: 0.5 };
+const BAR = { orientation: "h", thickness: 10, lenmode: "pixels", len: 240, y: -0.17, yanchor: "top", outlinewidth: 0.5 };
 
 /* A text of the user for Plotly, which knows some markup: nothing in it is any. */
 function plainText(text) {
@@ -174,7 +175,7 @@ function solidChart(run, layer, scale, isNarrow) {
     data: [
       { ...look, ...body, color: "#a8a8a8", lighting: { ambient: 0.6, diffuse: 0.6, specular: 0 } },
       { ...look, ...tops, intensitymode: "cell", cmin: zmin, cmax: zmax, colorscale,
-        colorbar: { ...colorbar, y: -0.02, len: isNarrow ? 0.9 : 0.4 }, lighting: { ambient: 0.95, diffuse: 0.1, specular: 0 } },
+        colorbar: { ...colorbar, y: -0.02 }, lighting: { ambient: 0.95, diffuse: 0.1, specular: 0 } },
     ],
     layout: {
       font: FONT, margin: { l: 0, r: 0, t: 34, b: 84 }, uirevision: "camera",

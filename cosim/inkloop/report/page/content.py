@@ -36,7 +36,8 @@ def content(
     """
     main, summary = next(iter(runs.values())), Summary.of(runs)
     labelled = {name: result.dataset for name, result in runs.items()}
-    first = [max(0, count - 1) for count in known] or [0] * len(runs)
+    first = [max(0, min(count, len(own.heights)) - 1) for count, own in zip(known, layer_maps, strict=False)]
+    first += [0] * (len(runs) - len(first))
     return {
         "title": str(main.dataset.attrs["title"]),
         "state": state(main),

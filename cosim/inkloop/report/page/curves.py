@@ -18,6 +18,8 @@ COLOURS = ("#0b5fa5", "#c8541b", "#3a7d44", "#7b4b94", "#8a6d1f")
 DASHES = ("solid", "8px,3px", "2px,2px", "8px,3px,2px,3px", "12px,4px")
 """Each run has a colour and a dash of its own, so that lines differ in grey print too."""
 BINS = 60
+TAIL = 0.005
+"""Share of the cells beyond each end of the histogram at most."""
 FAR = 20.0
 """Runs whose errors spread this much wider than those of the narrowest are not in the histogram."""
 TICKS_UM = [digit * 10.0**power for power in range(-3, 4) for digit in (1, 2, 5)]
@@ -65,8 +67,10 @@ def distribution(runs: Mapping[str, xr.Dataset]) -> Figure:
     widths = {name: float(np.quantile(np.abs(error), 0.99)) for name, error in errors.items()}
     narrow = min((width for width in widths.values() if width > 0.0), default=1.0)
     shown = {name: error for name, error in errors.items() if widths[name] <= FAR * narrow}
-    limit = max((widths[name] for name in shown), default=1.0) * 1.1 or 1.0
-    edges = np.linspace(-limit, limit, BINS + 1)
+    low = min((float(np.quantile(error, TAIL)) for error in shown.values()), default=0.0)
+    high = max((float(np.quantile(error, 1.0 - TAIL)) for error in shown.values()), default=0.0)
+    margin = 0.1 * (high - low) or 1.0
+    edges = np.linspace(low - margin, high + margin, BINS + 1)
     data = []
     for number, name in enumerate(runs):
         if name in shown:

@@ -12,6 +12,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
+import anyio
 import uvicorn
 from sse_starlette import EventSourceResponse
 from starlette.applications import Starlette
@@ -29,8 +30,10 @@ HOSTS = (HOST, "localhost")
 """Names under which a browser may ask; another one is that of a site that has itself resolved to this machine."""
 LOOK_S = 0.25
 """Between two looks at the files of the run."""
-END_S = 2
-"""For connections that are open when the server ends."""
+END_S, GRACE_S = 2, 1
+"""For connections and for streams that are open when the server ends."""
+DIGITS = 9
+"""Of a number of layers that a page may say it has."""
 
 
 class Events:
@@ -41,20 +44,20 @@ class Events:
         self._changed = asyncio.Condition()
 
     async def look(self) -> None:
-        """Read what has changed, and wake the pages if anything has."""
-        if await asyncio.to_thread(self._feed.refresh):
-            async with self._changed:
-                self._changed.notify_all()
+        """Read what has changed, and wake the streams."""
+        await asyncio.to_thread(self._feed.refresh)
+        async with self._changed:
+            self._changed.notify_all()
 
-    async def stream(self) -> AsyncIterator[dict[str, str]]:
-        """An event now, and after each change; changes during the sending of one are one event."""
+    async def stream(self, ended: anyio.Event) -> AsyncIterator[dict[str, str]]:
+        """An event now, and after each change, until the server ends; changes while one is sent are one event."""
         sent = -1
-        while True:
+        while not ended.is_set():
+            if self._feed.version != sent:
+                sent = self._feed.version
+                yield {"data": str(sent)}
             async with self._changed:
-                while self._feed.version == sent:
-                    await self._changed.wait()
-            sent = self._feed.version
-            yield {"data": str(sent)}
+                await self._changed.wait()
 
 
 def application(feed: Feed) -> Starlette:
@@ -71,12 +74,13 @@ def application(feed: Feed) -> Starlette:
 
     def content(request: Request) -> Response:
         known = request.query_params.get("known", "")
-        counts = [int(count) for count in known.split(",") if count.isdecimal()]
+        counts = [int(count) for count in known.split(",") if count.isdecimal() and len(count) < DIGITS]
         found = feed.content(request.query_params.get("epoch", ""), counts)
         return Response(page.as_json(found), media_type="application/json")
 
     async def stream(_: Request) -> Response:
-        return EventSourceResponse(events.stream())
+        ended = anyio.Event()
+        return EventSourceResponse(events.stream(ended), shutdown_event=ended, shutdown_grace_period=GRACE_S)
 
     @asynccontextmanager
     async def reading(_: Starlette) -> AsyncIterator[None]:
