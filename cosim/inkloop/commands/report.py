@@ -41,6 +41,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _write_file(options: argparse.Namespace) -> int:
     """Write one file, also of a run that has not ended, whose other files stay as they are."""
+    from inkloop.printing.device_log import LOG_FILE
     from inkloop.printing.so_far import RunFolder
     from inkloop.report import run_report
 
@@ -50,7 +51,7 @@ def _write_file(options: argparse.Namespace) -> int:
         from inkloop.report.page import page
 
         path = options.run / page.FILE
-        page.write(path, runs)
+        page.write(path, runs, options.run / LOG_FILE)
     else:
         from inkloop.report import pdf
 

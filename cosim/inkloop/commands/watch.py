@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
         terminal.sentence(f"{options.run}: open {url} in a browser; Ctrl-C ends the view, not the print")
         terminal.result(folder=options.run, url=url)
         try:
-            server.serve(feed, listening)
+            server.server(feed).run(sockets=[listening])
         except KeyboardInterrupt:
             terminal.sentence("the view has ended")
     return 0

@@ -134,7 +134,7 @@ function sectionChart(run, layer, cell, along) {
   const here = place[along === "x" ? cell.i : cell.j];
   const grid = { gridcolor: "#e4e4e4", zeroline: false, hoverformat: ".2f" };
   return { data, layout: {
-    font: FONT, margin: { l: 58, r: 10, t: 64, b: 42 }, hovermode: "x",
+    font: FONT, margin: { l: 70, r: 10, t: 64, b: 42 }, hovermode: "x",
     title: { text: `Cut at ${along === "x" ? "y" : "x"} = ${across.toFixed(2)} mm`, font: { ...FONT, size: 14 }, x: 0.02, y: 0.98, yanchor: "top" },
     legend: { orientation: "h", x: 0, y: 1.0, yanchor: "bottom" },
     xaxis: { ...grid, title: { text: `${along} [mm]`, standoff: 4 }, anchor: "y2", hoverformat: ".2f" },

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ TAIL = 0.005
 """Share of the cells beyond each end of the histogram at most."""
 FAR = 20.0
 """Runs whose errors spread this much wider than those of the narrowest are not in the histogram."""
-TICKS_UM = [digit * 10.0**power for power in range(-3, 4) for digit in (1, 2, 5)]
+DECADES = range(-4, 5)
 HEADINGS = (
     "distance of the mean from the target [µm]",
     "standard deviation over the part [µm]",
@@ -46,12 +46,11 @@ def by_layer(runs: Mapping[str, xr.Dataset]) -> Figure:
             steps = {**line, "shape": "hvh"}
             data.append({**common, "line": steps, "x": layer[1:], "y": jetted, "yaxis": "y3", "showlegend": False})
     is_printed = any((run["std"].values[1:] > 0.0).any() for run in runs.values())
-    scale = {"type": "log", "dtick": 1, "exponentformat": "none"} if is_printed else {}
-    ticks = {"tickvals": TICKS_UM, "ticktext": [f"{um:g}" for um in TICKS_UM]} if is_printed else {}
+    mean_axis, std_axis = (_axis(data, name) if is_printed else {} for name in ("y", "y2"))
     layout = {
         "xaxis": {**_GRID, "title": {"text": "layer"}, "anchor": "y3"},
-        "yaxis": {**_GRID, **scale, "domain": [0.72, 1.0]},
-        "yaxis2": {**_GRID, **scale, **ticks, "domain": [0.36, 0.64]},
+        "yaxis": {**_GRID, **mean_axis, "domain": [0.72, 1.0]},
+        "yaxis2": {**_GRID, **std_axis, "domain": [0.36, 0.64]},
         "yaxis3": {**_GRID, "domain": [0.0, 0.28], "rangemode": "tozero"},
         "annotations": [_heading(text, top) for text, top in zip(HEADINGS, (1.0, 0.64, 0.28), strict=True)],
         "hovermode": "x",
@@ -83,12 +82,20 @@ def distribution(runs: Mapping[str, xr.Dataset]) -> Figure:
     hidden = [f"{name}: {np.mean(error):+.0f} µm" for name, error in errors.items() if name not in shown]
     outside = f"<br>outside: {', '.join(map(plain, hidden))}" if hidden else ""
     layout = {
-        "xaxis": {**_GRID, "title": {"text": f"target - height [µm]: < 0 too high, > 0 too low{outside}"}},
+        "xaxis": {**_GRID, "title": {"text": f"target - height [µm]<br>- too high, + too low{outside}"}},
         "yaxis": {**_GRID, "title": {"text": "cells of the part [%]"}, "rangemode": "tozero"},
         "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0.0},
         "showlegend": True,
     }
     return {"data": data, "layout": layout}
+
+
+def _axis(data: Sequence[Mapping[str, Any]], name: str) -> dict[str, Any]:
+    """A logarithmic axis for the lines on it: with decades, or with 1, 2, 5 where there are few."""
+    values = [value for trace in data if trace["yaxis"] == name for value in trace["y"] if value is not None]
+    digits = (1,) if values and max(values) > 300.0 * min(values) else (1, 2, 5)
+    ticks = [digit * 10.0**power for power in DECADES for digit in digits]
+    return {"type": "log", "tickvals": ticks, "ticktext": [f"{um:g}" for um in ticks]}
 
 
 def _line(number: int) -> dict[str, Any]:

@@ -9,11 +9,11 @@ from typing import Any, Protocol
 
 from inkloop.errors import InkloopError
 from inkloop.report.page.content import content
+from inkloop.report.page.devices import devices
 from inkloop.report.page.maps import FINAL_CELLS, LayerMaps
 from inkloop.report.page.page import MAPS_BYTES_MAX, PACKED_SHARE, first_block
 from inkloop.results.result import Result
 
-LOG_LINES = 40
 LOOKS_PER_STATE = 8
 """Looks at the files for one at the lock of the run, which a run that begins at that moment would find taken."""
 ROOM = 1.5
@@ -74,7 +74,7 @@ class Feed:
                 self._runs, list(self._maps.values()), known if is_same else (), FINAL_CELLS / len(self._runs)
             )
             found["state"] = f"{found['state']} {self._owner}".rstrip()
-            return {**found, "epoch": str(self._epoch), "devices": _devices(self._log)}
+            return {**found, "epoch": str(self._epoch), "devices": devices(self._log)}
 
     def _take(self, runs: dict[str, Result]) -> None:
         """Add the new layers to the maps; begin again where a run has fewer layers, or the blocks become too small."""
@@ -103,20 +103,3 @@ def _length(path: Path) -> int:
         return path.stat().st_size
     except FileNotFoundError:
         return 0
-
-
-def _devices(log: Path) -> dict[str, Any] | None:
-    """The last message of each node in a log of devices, and the last lines; None without a log."""
-    try:
-        lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
-    except FileNotFoundError:
-        return None
-    nodes: dict[str, list[str]] = {}
-    for line in lines:
-        day, _, rest = line.partition(" ")
-        time, _, rest = rest.partition(" ")
-        level, _, message = rest.partition(" ")
-        node, separator, words = message.partition(": ")
-        if separator and " " not in node:
-            nodes[node] = [node, f"{day} {time}", "" if level == "INFO" else level.lower(), words]
-    return {"nodes": list(nodes.values()), "log": lines[-LOG_LINES:]}

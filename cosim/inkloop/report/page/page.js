@@ -80,7 +80,7 @@ async function showFinals() {
     await draw(place, finalChart(run, page.scale));
     choosesCell(place, () => number, () => page.runs[number].final.block);
   }));
-  await drawFigure("distribution", page.content.distribution, { l: 58, r: 10, t: 40, b: 60 });
+  await drawFigure("distribution", page.content.distribution, { l: 58, r: 10, t: 60, b: 84 });
   const curves = find("curves");
   await drawFigure("curves", page.content.curves, { l: 50, r: 10, t: 64, b: 44 });
   curves.removeAllListeners("plotly_click");

@@ -17,6 +17,7 @@ from typing import Any
 from inkloop.files import write_text
 from inkloop.report.page import maps
 from inkloop.report.page.content import content
+from inkloop.report.page.devices import devices
 from inkloop.report.page.maps import LayerMaps
 from inkloop.report.terminal import without_nan
 from inkloop.results.result import Result
@@ -32,11 +33,9 @@ PACKED_SHARE = 0.7
 """Bytes in base64 for a byte of differences: what rough layers take (measured); smooth ones take less."""
 
 
-def write(path: Path, runs: Mapping[str, Result]) -> dict[str, Any]:
-    """Write one file with runs by name, the run itself first; returns its content. Raises OSError."""
-    found = content_within(runs, MAPS_BYTES_MAX)
-    write_text(path, standalone(found))
-    return found
+def write(path: Path, runs: Mapping[str, Result], log: Path) -> None:
+    """Write one file with runs by name, the run itself first; log: of its devices, if it has any. Raises OSError."""
+    write_text(path, standalone({**content_within(runs, MAPS_BYTES_MAX), "devices": devices(log)}))
 
 
 def content_within(runs: Mapping[str, Result], bytes_max: int) -> dict[str, Any]:

@@ -7,7 +7,6 @@ layers, and delays nobody: the process that prints does not know of any of this.
 from __future__ import annotations
 
 import asyncio
-import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -105,7 +104,6 @@ def application(feed: Feed) -> Starlette:
     )
 
 
-def serve(feed: Feed, listening: socket.socket) -> None:
-    """Serve until Ctrl-C, on a socket that listens on this machine."""
-    config = uvicorn.Config(application(feed), log_level="warning", timeout_graceful_shutdown=END_S)
-    uvicorn.Server(config).run(sockets=[listening])
+def server(feed: Feed) -> uvicorn.Server:
+    """The server of a feed; `run` serves until Ctrl-C, on sockets that listen on this machine."""
+    return uvicorn.Server(uvicorn.Config(application(feed), log_level="warning", timeout_graceful_shutdown=END_S))
