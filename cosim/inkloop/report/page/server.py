@@ -52,11 +52,12 @@ class Events:
         """An event now, and after each change, until the server ends; changes while one is sent are one event."""
         sent = -1
         while not ended.is_set():
-            if self._feed.version != sent:
+            if self._feed.version == sent:
+                async with self._changed:
+                    await self._changed.wait()
+            else:
                 sent = self._feed.version
                 yield {"data": str(sent)}
-            async with self._changed:
-                await self._changed.wait()
 
 
 def application(feed: Feed) -> Starlette:
