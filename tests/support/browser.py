@@ -118,7 +118,7 @@ def browser() -> Iterator[Browser]:
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         words = [program, *WORDS, f"--user-data-dir={profile}"]
         process = subprocess.Popen(
-            ["/bin/sh", "-c", f'exec "$@" 3<&{their_in} 4>&{their_out}', "sh", *words],
+            ["bash", "-c", f'exec "$@" 3<&{their_in} 4>&{their_out}', "bash", *words],
             pass_fds=(their_in, their_out),
             stderr=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
