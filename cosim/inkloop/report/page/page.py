@@ -29,7 +29,7 @@ FILE_BYTES_MAX = 25_000_000
 OTHERS_BYTES = 6_500_000
 """Of a file: Plotly, 4.8 MB, style, scripts, texts and curves."""
 MAPS_BYTES_MAX = FILE_BYTES_MAX - OTHERS_BYTES
-PACKED_SHARE = 0.7
+PACKED_SHARE = 0.5
 """Bytes in base64 for a byte of differences: what rough layers take (measured); smooth ones take less."""
 
 
