@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import math
 import zipfile
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
+
+from numpy.typing import NDArray
 
 from inkloop.contract import HEIGHT
 from inkloop.errors import ResultError
@@ -23,7 +26,6 @@ from inkloop.results.checkpoint import LAYERS_FOLDER, read_rows
 from inkloop.results.lock import writer_of
 from inkloop.results.recorder import Recorder
 from inkloop.results.result import COMPARE_FOLDER, RESULT_FILE, RUN_FILE, UNFINISHED, Result, read_record
-from inkloop.results.solid import with_solid
 from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
 
@@ -100,30 +102,33 @@ class _Layers:
         with classes_from(scenario_file(main).parent):
             self._scenario: Scenario = scenario_of_run(place)
         self._recorder = self._new_recorder()
-        self._read: dict[Path, Stamp] = {}
+        self._rows: dict[Path, tuple[Stamp, Mapping[str, NDArray[Any]]]] = {}
 
     def read(self) -> Result | None:
         """The result of the layers on disk, None before the first surface is known."""
         stamps = _stamps(sorted((self._place / LAYERS_FOLDER).glob("[0-9]*.npz")))
         if not stamps:
             return None
-        if not self._read.keys() <= stamps.keys():  # a resumed run has removed a layer, to print it again
-            self._recorder, self._read = self._new_recorder(), {}
+        if not self._rows.keys() <= stamps.keys():  # a resumed run has removed a layer, to print it again
+            self._recorder, self._rows = self._new_recorder(), {}
         for path, stamp in stamps.items():
-            if self._read.get(path) != stamp:
-                try:
-                    self._recorder.put_rows(read_rows(path))
-                except FileNotFoundError:
-                    continue  # the run ends at this moment; its result follows
-                except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-                    reason = reason_of(error) if isinstance(error, OSError) else str(error)
-                    raise ResultError(f"{path}: cannot be read: {reason}") from error
-                self._read[path] = stamp
-        dataset, tables = self._recorder.dataset(), self._scenario.tables
+            if path in self._rows and self._rows[path][0] == stamp:
+                continue
+            try:
+                rows = read_rows(path)
+            except FileNotFoundError:
+                continue  # the run ends at this moment; its result follows
+            except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+                reason = reason_of(error) if isinstance(error, OSError) else str(error)
+                raise ResultError(f"{path}: cannot be read: {reason}") from error
+            self._recorder.put_rows(rows)
+            self._rows[path] = stamp, rows
+        taken = [self._rows[path][1] for path in sorted(self._rows, key=lambda path: int(path.stem))]
+        dataset, tables = self._recorder.maps(taken).added_to(self._recorder.table()), self._scenario.tables
         if HEIGHT not in dataset:
             return None
         return Result.of(
-            with_solid(dataset, self._scenario.job()),
+            dataset,
             title=tables.title,
             label=tables.label,
             scenario_text=self._scenario.text,

@@ -14,9 +14,11 @@ from rich.table import Table
 
 from inkloop.errors import ResultError
 from inkloop.files import write_text
+from inkloop.report import surface_parameters
 from inkloop.report.model_difference import ModelDifference, model_difference
 from inkloop.report.remarks import remarks
 from inkloop.report.terminal import FILE_WIDTH, Terminal, decimals, number_table
+from inkloop.results.evaluated_surface import parameters_of
 from inkloop.results.result import COMPARE_FOLDER, Result, read_record
 from inkloop.tables.schema import Literature
 from inkloop.units import UM_PER_M
@@ -47,13 +49,15 @@ def load_runs(folder: Path, in_memory: Mapping[Path, Result] | None = None) -> d
 class Summary:
     """What `summary.txt` says of runs: a table of errors over the part, next to published figures, and remarks.
 
-    headings: broken where a column is narrow; difference: of a run on devices that has ended, from its model.
+    headings: broken where a column is narrow; surface: the parameters that `[metrology]` asked for; difference: of a
+    run on devices that has ended, from its model.
     """
 
     title: str
     headings: Sequence[str]
     rows: Sequence[Sequence[str]]
     remarks: Sequence[str]
+    surface: Table | None = None
     difference: ModelDifference | None = None
 
     @classmethod
@@ -63,9 +67,14 @@ class Summary:
         tables = tomlkit.parse(main.scenario_text).unwrap().get("literature", {})
         literature = {name: Literature.model_validate(table) for name, table in tables.items()}
         difference = None if main.stop_reason == "running" else model_difference(main)
-        found = [f"{name}: {remark}" for name, result in runs.items() for remark in remarks(result)]
+        found = []
+        for name, result in runs.items():
+            refusals = surface_parameters.reasons(parameters_of(result.dataset))
+            found += [f"{name}: {remark}" for remark in remarks(result)]
+            found += [f"{name}: {symbols}: {reason}" for symbols, reason in refusals]
         found += [difference.sentence()] if difference else []
-        return cls(str(main.dataset.attrs["title"]), *_comparison(runs, literature), found, difference)
+        surface = surface_parameters.table_of_runs(runs)
+        return cls(str(main.dataset.attrs["title"]), *_comparison(runs, literature), found, surface, difference)
 
     @property
     def table(self) -> Table:
@@ -76,7 +85,7 @@ class Summary:
         return table
 
     def __str__(self) -> str:
-        return _as_text(self.table, *self.remarks)
+        return _as_text(self.table, *([self.surface] if self.surface else []), *self.remarks)
 
 
 def write(folder: Path, *, in_memory: Mapping[Path, Result] | None = None, pictures: bool = True) -> Table:
@@ -173,7 +182,8 @@ def _figures(result: Result) -> dict[str, Any]:
     counts = {key: int(metrics[key]) for key in ("layers", "droplets") if np.isfinite(metrics[key])}
     shares = {key: metrics[key] for key in ("mismatch",) if key in metrics}
     end = {"stop_reason": result.stop_reason, "wall_s": result.wall_s, "remarks": remarks(result)}
-    return lengths | shares | counts | end
+    surface = {parameter.key: parameter.shown for parameter in parameters_of(result.dataset)}
+    return lengths | shares | counts | end | ({"surface": surface} if surface else {})
 
 
 def lines(folder: Path) -> list[str]:

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from inkloop.errors import HeightMapError
-from inkloop.metrology.areal import LENGTHS, NAMES, areal, values
-from inkloop.metrology.height_map import HeightMap
+from inkloop.metrology.evaluation.table import Parameter, evaluate
+from inkloop.metrology.evaluation.treatment import Evaluation
 from inkloop.report.page import curves, maps
 from inkloop.report.page.maps import LayerMaps
 from inkloop.report.run_report import CAPTION, Summary, grid
+from inkloop.results.evaluated_surface import parameters_of, subject_of
 from inkloop.results.result import Result
-from inkloop.units import UM_PER_M
 
+PARAMETERS = ("Sa", "Sq", "Sp", "Sv", "Sz", "Ssk", "Sku", "Sdq", "Sdr")
+"""Of ISO 25178-2: those that need no filter and no shape of the part."""
 ENDS = {
     "done": "The controller ended the print",
     "layers_max": "The print ended at `layers_max` of the scenario",
@@ -73,19 +74,18 @@ def _table(summary: Summary) -> dict[str, Any]:
 
 
 def _metrology(main: Result) -> dict[str, Any]:
-    """Areal parameters of the final surface over the part, or the reason why there are none."""
-    run = main.dataset
-    pitch = float(run.attrs["pitch"])
-    surface = HeightMap(main.final_height.values, pitch, pitch, source="final surface")
-    try:
-        found = values(areal(surface, run["mask"].values.astype(bool), "plane"))
-    except HeightMapError as error:
-        return {"rows": [], "caption": str(error)}
-    rows = [
-        [symbol, NAMES[symbol], f"{value * UM_PER_M:.4g} µm" if symbol in LENGTHS else f"{value:.4g}"]
-        for symbol, value in found.items()
-    ]
-    return {"rows": rows, "caption": "ISO 25178-2 over the part; taken off: least-squares plane; no filter"}
+    """The parameters of the last surface over the part that `[metrology]` asked for, else the common ones."""
+    run, wanted = main.dataset, Evaluation(PARAMETERS)
+    held = parameters_of(run)
+    shown = held or evaluate(subject_of(run, "last layer"), wanted)
+    treatment = run[held[0].symbol].attrs["treatment"] if held else str(wanted.treatment)
+    rows = [[parameter.symbol, parameter.name, _value(parameter)] for parameter in shown]
+    return {"rows": rows, "caption": f"last layer, over the part; {treatment}"}
+
+
+def _value(parameter: Parameter) -> str:
+    unit = parameter.shown_unit.replace("1", "").replace("um", "µm")
+    return f"refused: {parameter.reason}" if parameter.reason else f"{parameter.shown:.4g} {unit}".rstrip()
 
 
 def _facts(main: Result) -> list[list[str]]:

@@ -51,15 +51,20 @@ class Elements(HTMLParser):
         super().__init__()
         self.found: list[tuple[str, dict[str, str | None]]] = []
         self.scripts: list[str] = []
+        self._in_script = False
         self.feed(source)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.found.append((tag, dict(attrs)))
-        if tag == "script":
+        self._in_script = tag == "script"
+        if self._in_script:
             self.scripts.append("")
 
+    def handle_endtag(self, tag: str) -> None:
+        self._in_script = False
+
     def handle_data(self, data: str) -> None:
-        if self.scripts and self.found[-1][0] == "script":
+        if self._in_script:
             self.scripts[-1] += data
 
 
