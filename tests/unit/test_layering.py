@@ -36,7 +36,7 @@ BUILD_TIME_FLOOR = ("inkloop.errors", "inkloop.files", "inkloop.limits", "inkloo
 COMMAND_LINE = ("inkloop.cli", "inkloop.commands")
 PLOTS = (
     *(f"inkloop.report.{name}" for name in ("plot", "pictures", "part_picture", "surface_picture", "solid_picture")),
-    *(f"inkloop.report.{name}" for name in ("solid_view", "layer_curves", "error_maps", "difference_picture")),
+    *(f"inkloop.report.{name}" for name in ("solid_view", "layer_curves", "error_maps", "difference_picture", "pdf")),
     "inkloop.studies",
     *("inkloop.identify.picture", "inkloop.exchange.job.target_picture"),
 )
@@ -51,6 +51,8 @@ DOORS = {
     "contourpy": ("inkloop.metrology.evaluation.outline",),
     "skfem": ("inkloop.studies.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
+    "plotly": ("inkloop.report.page.page",),
+    **dict.fromkeys(("anyio", "starlette", "uvicorn", "sse_starlette"), ("inkloop.report.page.server",)),
 }
 ROOT_NAMES_MAX = {"inkloop": 26, "inkloop_controller": 10, "inkloop_hardware": 10}
 CORE_LEVELS = {"problem": 0, "model": 1, "estimator": 2, "search": 2, "relaxation": 2, "planner": 3, "": 4}

@@ -132,6 +132,7 @@ def print_part(
 def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: bool, pictures: Sequence[str]) -> int:
     """Print the unfinished runs of a scenario in `folder`, and show all of them."""
     from inkloop.report import run_report
+    from inkloop.report.remarks import remarks
 
     notes = origin_of(scenario, compare=compare)
     stopped, printed = False, dict[Path, Result]()
@@ -144,7 +145,7 @@ def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: boo
                 result = printed[place] = print_part(variant, progress, place, notes)
             if "real_time" in result.run:
                 console.sentence(f"{result.run['label']}: {sentence(result.run['real_time'])}")
-            for remark in run_report.remarks(result):
+            for remark in remarks(result):
                 console.sentence(f"{result.run['label']}: {remark}")
             stopped = interrupted() or result.stop_reason == "interrupted"
             if stopped:

@@ -50,7 +50,7 @@ class Terminal(Console):
     def result(self, **data: Any) -> None:
         """Print the result of a command as JSON on standard output, if asked for; a number that is none is null."""
         if self.as_json:
-            print(json.dumps(_without_nan(data), indent=2, default=str))
+            print(json.dumps(without_nan(data), indent=2, default=str))
 
     def progress(self, *notes: str) -> Progress:
         """A bar for each task, with the time left; notes: names of fields to show next to it, where there is room."""
@@ -100,9 +100,10 @@ def _fixed() -> Column:
     return Column(no_wrap=True)
 
 
-def _without_nan(value: Any) -> Any:
+def without_nan(value: Any) -> Any:
+    """Plain values for JSON: a number that is none or endless becomes null."""
     if isinstance(value, Mapping):
-        return {str(key): _without_nan(item) for key, item in value.items()}
+        return {str(key): without_nan(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_without_nan(item) for item in value]
+        return [without_nan(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import Component, Job, Port, Status, Values, is_device
+from inkloop.component import HasPorts, Job, Port, Status, Values, is_device
 from inkloop.contract import (
     CONTROLLER,
     COUNTERS,
@@ -74,11 +74,12 @@ class Recorder:
 
     Maps by layer: `height` when it is printed, `measured_height` and `valid` when it is scanned, `pattern`,
     `drop_level` and the scalars of the controller when it is commanded, `estimated_height` when the controller has
-    answered its scan. Scalars stay in memory, maps until `take_rows` hands them over.
+    answered its scan. Scalars stay in memory, maps until `take_rows` hands them over. Of the components, only the
+    ports are needed.
     """
 
     def __init__(
-        self, job: Job, components: Mapping[str, Component], on_layer: Callable[[LayerRow], None] | None = None
+        self, job: Job, components: Mapping[str, HasPorts], on_layer: Callable[[LayerRow], None] | None = None
     ) -> None:
         self._job = job
         self._on_layer = on_layer
@@ -281,7 +282,7 @@ class Recorder:
         scalars = {name: float(rows[number]) for name, rows in self._scalars.items() if number in rows}
         self._on_layer(LayerRow(number, time_ns * S_PER_NS, mean, mae, std, scalars))
 
-    def _source_of_surface(self, components: Mapping[str, Component]) -> tuple[str, str]:
+    def _source_of_surface(self, components: Mapping[str, HasPorts]) -> tuple[str, str]:
         """Role and output: the printer, else a profiler that is a device, else the shadow; "" if none."""
         candidates = [(PRINTER, HEIGHT), (SHADOW, HEIGHT), (PROFILER, MEASURED_HEIGHT)]
         if PROFILER in self._roles and is_device(components[self._roles[PROFILER]]):

@@ -40,7 +40,7 @@ def test_a_run_holds_what_its_scenario_asks_for(tmp_path: Path, capsys: pytest.C
     assert np.isnan(run.step_height_ls).all()
     assert run.step_height_ls.attrs["refused"].startswith("16 cells with heights lie in the central third of the part")
 
-    run_report.write(tmp_path, pictures=False)
+    run_report.write(tmp_path, pictures=[])
     summary = " ".join((tmp_path / "summary.txt").read_text(encoding="utf-8").split())
     by_symbol = {row.symbol: row for row in parameters_of(run)}
     assert list(by_symbol) == WANTED

@@ -14,6 +14,7 @@ from inkloop.master.master import Master
 from inkloop.master.wiring import contract_connections
 from inkloop.report import run_report
 from inkloop.report.formats import PNG
+from inkloop.report.remarks import remarks
 from inkloop.results.checkpoint import Checkpoints
 from inkloop.results.recorder import LayerRow, Recorder
 from inkloop.results.result import Result
@@ -103,6 +104,6 @@ def test_report_shows_where_the_shadow_and_the_scans_disagree(tmp_path: Path) ->
     result.save(tmp_path)
     run_report.write(tmp_path, [PNG])
     message = "layer 2 grew differently from the shadow's model, by 10.00 µm rms"
-    assert run_report.remarks(result) == [message]
+    assert remarks(result) == [message]
     assert f"toy: {message}" in (tmp_path / "summary.txt").read_text()
     assert (tmp_path / "divergence.png").stat().st_size > 1000
