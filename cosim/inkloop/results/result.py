@@ -7,7 +7,6 @@ wall times, stop reason). The latter two are there from the start of the run.
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import os
 import platform
@@ -22,6 +21,7 @@ import numpy as np
 from inkloop.component import Component
 from inkloop.errors import ResultError
 from inkloop.files import is_full, reason_of, replaced, sync_folder, write_text
+from inkloop.results import netcdf
 from inkloop.results.lock import writer_of
 from inkloop.results.metrics import masked_error
 
@@ -140,13 +140,10 @@ class Result:
 
     def save(self, folder: Path) -> None:
         """Write the run folder's files, each whole or not at all. Raises ResultError."""
-        packed = {name: {"zlib": True, "complevel": 4} for name, a in self.dataset.variables.items() if a.ndim > 0}
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            image = io.BytesIO()  # HDF5 ends the process where a file that it writes itself cannot grow
-            self.dataset.to_netcdf(image, engine="h5netcdf", encoding=packed)
             with replaced(folder / RESULT_FILE) as partial:
-                partial.write_bytes(image.getbuffer())
+                partial.write_bytes(netcdf.packed(self.dataset))
             write_text(folder / SCENARIO_FILE, self.scenario_text)
             write_text(folder / RUN_FILE, json.dumps(self.run, indent=2) + "\n")
         except OSError as error:
@@ -160,14 +157,11 @@ class Result:
         run = read_record(folder)
         if run.get("stop_reason") == "running":
             raise ResultError(f"{folder}: {_progress_of(folder, run)}")
-        import xarray as xr
-
         try:
-            with xr.open_dataset(folder / RESULT_FILE, engine="h5netcdf") as stored:
-                dataset = stored.load()
+            dataset = netcdf.read(folder / RESULT_FILE)
         except FileNotFoundError as error:
             raise ResultError(f"{folder}: holds no {RESULT_FILE}; `inkloop resume {folder}` continues it") from error
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, KeyError) as error:
             raise ResultError(f"{folder}: cannot be read: {error}") from error
         _check_schema(folder, dataset.attrs.get("schema_version"))
         return cls(dataset, run)
