@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 PERCENT = "INKLOOP_EXAMPLES_PERCENT"
-"""Environment variable; `make check` sets it below 100."""
+"""Environment variable; `make check` and `make test` set it below 100, `make test-long` tries all."""
 
 
 def examples(count: int) -> int:

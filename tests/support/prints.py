@@ -17,19 +17,22 @@ from support.places import SCENARIOS
 LITTLE_WORK = (("components.controller.horizon", 2), ("components.controller.annealing_sweeps", 1))
 """For prints of which the plan is not tested: a part of the cuboid's size is printed in a thirtieth of the time."""
 Overrides = tuple[tuple[str, Any], ...]
+TWO_AHEAD: Overrides = (("components.controller.horizon", 2),)
 THREE_AHEAD: Overrides = (("components.controller.horizon", 3),)
 CHEAPER: Mapping[str, Overrides] = {
     "bench": (("part.height_um", 7.0),),
+    "bracket": LITTLE_WORK,
     "cylinder-40": THREE_AHEAD,
     "dead-nozzles": THREE_AHEAD,
     "drifting-ink": THREE_AHEAD,
     "four-passes": THREE_AHEAD,
     "nozzle-stays-dead": THREE_AHEAD,
-    "pipe-junction": (("components.controller.horizon", 2), ("part.height_um", 60.0)),
+    "pipe-junction": (*TWO_AHEAD, ("part.height_um", 60.0)),
     "pipe-junction-3mf": (("components.controller.horizon", 1), ("part.scale", 0.25)),
     "staircase": THREE_AHEAD,
-    "surface-tension": (("part.height_um", 60.0),),
+    "surface-tension": (("part.height_um", 30.0),),
     "tilted-substrate": THREE_AHEAD,
+    "two-ink-3mf": TWO_AHEAD,
     "two-materials": THREE_AHEAD,
 }
 """Scenario -> overrides with which a print of 3 to 20 s shows the same in one or two."""

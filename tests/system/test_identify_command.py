@@ -60,7 +60,7 @@ def test_experiments_on_a_scenario_give_an_ink_that_prints(tmp_path: Path, capsy
 def test_logged_prints_are_pooled(tmp_path: Path) -> None:
     model = LayerDeposition()
     for number in range(2):
-        log(tmp_path / f"p{number}", made_up(model, random_layers(20, 18, 2, number, margin=4), 0.2e-6, number))
+        log(tmp_path / f"p{number}", made_up(model, random_layers(16, 14, 2, number, margin=4), 0.2e-6, number))
     out = tmp_path / "ink.toml"
     assert main(["identify", str(tmp_path / "p0"), str(tmp_path / "p1"), "--out", str(out)]) == 0
     assert ink_of(out) == pytest.approx([4.4, 0.6, 0.2], abs=0.1)

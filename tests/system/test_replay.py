@@ -32,7 +32,7 @@ def recorded(folder: Path, text: str = BLOCK, faults: tuple[str, ...] = (), *ove
     with EmulatedBench(emulation.parameters | FAST, surface=emulation.surface, faults=faults) as bench:
         channel = f"bench.channel={bench.channel}"
         words = [word for override in (channel, *overrides) for word in ("--set", override)]
-        assert main(["run", str(path), "--out", str(folder / "run"), *words]) == 0
+        assert main(["run", str(path), "--no-pictures", "--out", str(folder / "run"), *words]) == 0
     return folder / "run"
 
 

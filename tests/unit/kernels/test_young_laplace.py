@@ -21,6 +21,7 @@ from support.fmus.young_laplace_library import (
     library,
     numbers,
 )
+from support.long_proofs import rest_is_long
 from support.numpy import young_laplace_numpy
 
 pytestmark = pytest.mark.compiled
@@ -239,7 +240,7 @@ def test_cap_is_a_solution_however_steep(per_pitch) -> None:
     assert print_.fallbacks == 0
 
 
-@pytest.mark.parametrize("per_pitch", [8, 16, 32])
+@pytest.mark.parametrize("per_pitch", rest_is_long([8, 16, 32], 2))
 @pytest.mark.parametrize(("cylinders", "fallbacks"), [(0.7, 0), (0.75, 0), (1.2, 1), (1.5, 1)])
 def test_line_with_more_liquid_than_a_half_cylinder_has_no_solution(cylinders, fallbacks, per_pitch) -> None:
     """Beyond it a circle through both edges is wider than they are apart. cylinders: cross-section, in half circles."""

@@ -10,7 +10,9 @@ import xarray as xr
 
 from inkloop.cli import main
 from inkloop.printing.run import print_part
+from inkloop.report.remarks import remarks
 from inkloop.report.trust import untrusted_remarks
+from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from support.places import SCENARIOS
 from support.prints import quick_cuboid
@@ -151,3 +153,14 @@ def test_every_reason_has_a_sentence_of_its_own() -> None:
     expected = "cell (1, 2) stood 9.0 µm above its target and what its droplets explain in the scan of layer 1;"
     assert high.startswith(expected)
     assert untrusted_remarks(run.assign(untrusted_reasons=("layer", [0, 1, 1, 0]))) == []
+
+
+@pytest.mark.parametrize(
+    ("layers", "start"),
+    [([0, 0, 0, 0], ""), ([0, 0, 1, 0], "layer 2 was aborted"), ([0, 1, 0, 1], "layers 1, 3 were aborted")],
+)
+def test_every_aborted_layer_is_named(layers: list[int], start: str) -> None:
+    dataset = xr.Dataset({"layer_unknown": ("layer", np.array(layers, bool))}, attrs={"stop_reason": "done"})
+    found = remarks(Result(dataset, {}))
+    assert len(found) == bool(start)
+    assert all(remark.startswith(start) for remark in found)

@@ -13,6 +13,7 @@ from inkloop.commands.options import overrides_of
 from inkloop.errors import ScenarioError
 from inkloop.scenario.file import Scenario
 from inkloop.tables.job import component_seed
+from support.places import SCENARIOS
 
 GOOD = """
 title = "small"
@@ -290,3 +291,10 @@ def test_offset_of_a_connection_comes_in_its_unit(tmp_path: Path) -> None:
 def test_error_of_a_gain_or_an_offset_is_named(tmp_path: Path, key: str, message: str) -> None:
     (error,) = errors_of(tmp_path, f"{GOOD}{WIRE}{key}\n")
     assert error.startswith(message)
+
+
+def test_text_of_a_variant_states_what_it_prints(tmp_path: Path) -> None:
+    path = tmp_path / "variant.toml"
+    path.write_text(Scenario.load(SCENARIOS / "cylinder.toml").variant("open loop").text, encoding="utf-8")
+    again = Scenario.load(path).tables
+    assert (again.label, again.components["controller"].kind, again.compare) == ("open loop", "OpenLoop", {})
