@@ -15,7 +15,7 @@ from inkloop.commands.options import (
     scenario_of_part,
     screen,
 )
-from inkloop.errors import InkloopError, ScenarioError
+from inkloop.errors import ScenarioError
 
 if TYPE_CHECKING:
     from inkloop.report.part_report import MeshReport
