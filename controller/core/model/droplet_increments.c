@@ -12,18 +12,6 @@ typedef struct {
     double *after;
 } IncrementPass;
 
-double ink_height(const Ink *ink, size_t order) {
-    return order == 0 ? ink->h1 : order == 1 ? ink->h2 : ink->h3;
-}
-
-double added_height(const DropletIncrements *increments, size_t cells, size_t cell, size_t inks, const Ink ink[]) {
-    double added = 0.0;
-    for (size_t k = 0; k < inks; k++)
-        for (size_t order = 0; order < ORDERS; order++)
-            added += ink_height(&ink[k], order) * increments->rates[(k * ORDERS + order) * cells + cell];
-    return added;
-}
-
 /* By kind of each cell's droplet: a value, or none. */
 static INLINED void by_kind(const CellRow *row, size_t count, double one, double other, double *restrict values) {
     for (size_t k = 0; k < count + 2; k++) {
