@@ -10,6 +10,7 @@ import sys
 from rich.console import Console
 
 NAMES = (
+    "layer_map",
     "layer_step",
     "deposition_models",
     "young_laplace",

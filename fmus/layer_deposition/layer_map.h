@@ -9,26 +9,19 @@
 #include <stdint.h>
 
 #include "cell_colour.h"
+#include "ink.h"
 
-typedef struct {
-    double h1, h2, h3; /* height added to the cell itself, to each side and to each corner neighbour [m] */
-} Ink;
-
-enum { FOOTPRINT = 9, CENTRE = 4 }; /* share[3 * (di + 1) + (dj + 1)] belongs to cell (i + di, j + dj) */
+enum {
+    FOOTPRINT = 9,
+    CENTRE = 4
+}; /* cells that a droplet reaches: number 3 * (di + 1) + (dj + 1) is (i + di, j + dj) */
 
 /* Eq. 5: the share of its part that a neighbour takes when the hit cell lies `rise` above it [m]. */
 double taken_share(double rise, double width);
 
-/* What one droplet at cell (i, j) adds to its 3x3 cells on the surface `height`; the nine sum to h1 + 4 h2 + 4 h3. */
-void droplet_shares(const double *height, size_t nx, size_t ny, size_t i, size_t j, const Ink *ink,
-                    double share[FOOTPRINT]);
-
-/* Adds a droplet's shares to `height`; returns what fell outside the grid [m]. */
-double add_shares(double *height, size_t nx, size_t ny, size_t i, size_t j, const double share[FOOTPRINT]);
-
 /* One pass: every droplet of `pattern` (0 none, 1 ink[0], 2 ink[1]) on a cell of `colour` acts on `before`, and the sum
- * of their shares is added to `after` (a copy of `before` at entry). `factor` scales each cell's droplet, NULL: all 1.
- * Returns what fell outside the grid [m]. */
+ * of their shares is added to `after` (a copy of `before` at entry; all heights are finite). `factor` scales each
+ * cell's droplet, NULL: all 1. Returns what fell outside the grid [m]. */
 double deposit_pass(const double *before, double *after, size_t nx, size_t ny, const int32_t *pattern, const Ink ink[2],
                     const double *factor, int colour);
 

@@ -29,14 +29,13 @@ static double direction(const InkPrior *prior, size_t share, size_t ink, size_t 
     return is_moved ? ink_height(&prior->nominal[ink], order) : 0.0;
 }
 
-/* What share number `share` of the inks adds to a cell [m]. */
+/* What share number `share` of the inks adds to a cell [m]: one height of an ink, or all three. */
 static double share_adds(const InkPrior *prior, const DropletIncrements *increments, size_t cells, size_t cell,
                          size_t share) {
-    double adds = 0.0;
-    for (size_t ink = 0; ink < prior->inks; ink++)
-        for (size_t order = 0; order < ORDERS; order++)
-            adds += direction(prior, share, ink, order) * increments->rates[(ink * ORDERS + order) * cells + cell];
-    return adds;
+    if (prior->model == INK_FULL)
+        return ink_height(&prior->nominal[share / ORDERS], share % ORDERS) * increments->rates[share * cells + cell];
+    const DropletIncrements of_ink = {.rates = increments->rates + share * ORDERS * cells};
+    return added_height(&of_ink, cells, cell, 1, &prior->nominal[share]);
 }
 
 static bool is_empty(const double *values, size_t count) {

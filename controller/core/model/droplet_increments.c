@@ -1,67 +1,207 @@
 #include "droplet_increments.h"
 
-#include <stdbool.h>
 #include <string.h>
 
-double ink_height(const Ink *ink, size_t order) {
-    return order == 0 ? ink->h1 : order == 1 ? ink->h2 : ink->h3;
+#include "neighbour_shares.h"
+
+/* A pass, and maps for what it adds; `after`: the surface that it leaves, NULL where nobody asks. */
+typedef struct {
+    DropletPass droplets;
+    size_t inks;
+    const DropletIncrements *increments;
+    double *after;
+} IncrementPass;
+
+/* By kind of each cell's droplet: a value, or none. */
+static INLINED void by_kind(const CellRow *row, size_t count, double one, double other, double *restrict values) {
+    for (size_t k = 0; k < count + 2; k++) {
+        const double second = row->kind[k] == 2 ? other : 0.0;
+        values[k] = row->kind[k] == 1 ? one : second;
+    }
 }
 
-double added_height(const DropletIncrements *increments, size_t cells, size_t cell, size_t inks, const Ink ink[]) {
-    double added = 0.0;
-    for (size_t k = 0; k < inks; k++)
-        for (size_t order = 0; order < ORDERS; order++)
-            added += ink_height(&ink[k], order) * increments->rates[(k * ORDERS + order) * cells + cell];
-    return added;
+/* Volumes of the droplets of a kind, 0 elsewhere. */
+static INLINED void volumes_of(const CellRow *row, size_t count, int32_t kind, double *restrict volumes) {
+    for (size_t k = 0; k < count + 2; k++) {
+        const double volume = row->volume[k];
+        volumes[k] = row->kind[k] == kind ? volume : 0.0;
+    }
 }
 
-static void add_droplet(const JettedLayer *layer, const double *before, double *after, size_t i, size_t j,
-                        const Ink ink[], const DropletIncrements *increments) {
-    const size_t nx = layer->nx, ny = layer->ny, cells = nx * ny, here = i * ny + j;
-    const size_t kind = (size_t)(layer->pattern[here] - 1);
-    const double volume = layer->factor ? layer->factor[here] : 1.0;
-    double *rates = increments->rates + kind * ORDERS * cells;
-    double kept[ORDERS] = {volume, 0.0, 0.0}, own = 0.0;
-    for (ptrdiff_t row = (ptrdiff_t)i - 1; row <= (ptrdiff_t)i + 1; row++) {
-        for (ptrdiff_t column = (ptrdiff_t)j - 1; column <= (ptrdiff_t)j + 1; column++) {
-            const bool is_inside = row >= 0 && column >= 0 && row < (ptrdiff_t)nx && column < (ptrdiff_t)ny;
-            const size_t cell = is_inside ? (size_t)row * ny + (size_t)column : here;
-            if (!is_inside || cell == here)
-                continue; /* beyond the open edge all of a share leaves: nothing is kept of it */
-            const size_t order = row == (ptrdiff_t)i || column == (ptrdiff_t)j ? 1 : 2;
-            const double spread = ink_height(&ink[kind], order) * volume;
-            const double share = taken_share(before[here] - before[cell], ink[kind].h1 * volume + spread);
-            const double given = share * volume;
-            kept[order] += volume - given;
-            rates[order * cells + cell] += given;
-            increments->squares[cell] += share * spread * (share * spread);
-            after[cell] += ink_height(&ink[kind], order) * given;
+/* Adds the rates of an ink by what is given from the next row. */
+static INLINED void add_rates_from_next(const NextRow *next, size_t count, int32_t kind, double *restrict h2,
+                                        double *restrict h3) {
+    double volume[FRAMED_BAND];
+    volumes_of(next->row, count, kind, volume);
+    for (size_t k = 1; k <= count; k++) {
+        h2[k - 1] += next->straight[k] * volume[k];
+        double corners = h3[k - 1];
+        corners += next->left[k - 1] * volume[k - 1];
+        corners += next->right[k] * volume[k + 1];
+        h3[k - 1] = corners;
+    }
+}
+
+/* Adds the rates of an ink by the droplets of a row itself; own: what each leaves on its cell. */
+static INLINED void add_rates_from_here(const Surroundings *row, size_t count, int32_t kind, const Ink *ink,
+                                        double *restrict h1, double *restrict h2, double *restrict h3,
+                                        double *restrict own) {
+    const RowShares *over = row->over, *under = row->under;
+    double volumes[FRAMED_BAND];
+    volumes_of(row->here, count, kind, volumes);
+    for (size_t k = 1; k <= count; k++) {
+        const double volume = volumes[k];
+        double side = 0.0, corner = 0.0, sides = h2[k - 1];
+        side += volume - over->up[k] * volume;
+        side += volume - under->to_left[k - 1] * volume;
+        side += volume - under->to_right[k] * volume;
+        side += volume - under->down[k] * volume;
+        corner += volume - over->up_left[k - 1] * volume;
+        corner += volume - over->up_right[k] * volume;
+        corner += volume - under->down_left[k - 1] * volume;
+        corner += volume - under->down_right[k] * volume;
+        sides += under->to_right[k - 1] * volumes[k - 1];
+        sides += side;
+        sides += under->to_left[k] * volumes[k + 1];
+        h1[k - 1] += volume;
+        h2[k - 1] = sides;
+        h3[k - 1] += corner;
+        own[k - 1] += ink->h1 * volume + ink->h2 * side + ink->h3 * corner;
+    }
+}
+
+static INLINED double square(double x) {
+    return x * x;
+}
+
+static INLINED void add_squares_from_next(const NextRow *next, size_t count, double *restrict squares) {
+    const double *side = next->row->part[SIDE_PART], *corner = next->row->part[CORNER_PART];
+    for (size_t k = 1; k <= count; k++) {
+        double sum = squares[k - 1];
+        sum += square(next->left[k - 1] * corner[k - 1]);
+        sum += square(next->straight[k] * side[k]);
+        sum += square(next->right[k] * corner[k + 1]);
+        squares[k - 1] = sum;
+    }
+}
+
+static INLINED void add_squares_from_here(const Surroundings *row, size_t count, const double *restrict own,
+                                          double *restrict squares, double *restrict owns) {
+    const double *side = row->here->part[SIDE_PART];
+    for (size_t k = 1; k <= count; k++) {
+        double sum = squares[k - 1];
+        sum += square(row->under->to_right[k - 1] * side[k - 1]);
+        sum += square(own[k - 1]);
+        sum += square(row->under->to_left[k] * side[k + 1]);
+        squares[k - 1] = sum;
+        owns[k - 1] += own[k - 1];
+    }
+}
+
+/* Adds to the surface what is given from the next row: heights of the ink times rates. */
+static INLINED void add_heights_from_next(const IncrementPass *pass, const NextRow *next, size_t count,
+                                          double *restrict after) {
+    const Ink one = pass->droplets.ink[0], other = pass->droplets.ink[1];
+    const double *volume = next->row->volume;
+    double side[FRAMED_BAND], corner[FRAMED_BAND];
+    by_kind(next->row, count, one.h2, other.h2, side);
+    by_kind(next->row, count, one.h3, other.h3, corner);
+    for (size_t k = 1; k <= count; k++) {
+        double height = after[k - 1];
+        height += corner[k - 1] * (next->left[k - 1] * volume[k - 1]);
+        height += side[k] * (next->straight[k] * volume[k]);
+        height += corner[k + 1] * (next->right[k] * volume[k + 1]);
+        after[k - 1] = height;
+    }
+}
+
+static INLINED void add_heights_from_here(const IncrementPass *pass, const Surroundings *row, size_t count,
+                                          const double *restrict own, double *restrict after) {
+    const double *volume = row->here->volume;
+    double side[FRAMED_BAND];
+    by_kind(row->here, count, pass->droplets.ink[0].h2, pass->droplets.ink[1].h2, side);
+    for (size_t k = 1; k <= count; k++) {
+        double height = after[k - 1];
+        height += side[k - 1] * (row->under->to_right[k - 1] * volume[k - 1]);
+        height += own[k - 1];
+        height += side[k + 1] * (row->under->to_left[k] * volume[k + 1]);
+        after[k - 1] = height;
+    }
+}
+
+/* Adds to the maps, from cell `cell` on, what is given from the next row. */
+static INLINED void add_from_next(const IncrementPass *pass, const NextRow *next, size_t count, size_t cell) {
+    const size_t cells = pass->droplets.nx * pass->droplets.ny;
+    if (!next->row->is_jetted)
+        return;
+    for (size_t ink = 0; ink < pass->inks; ink++) {
+        double *h2 = pass->increments->rates + (ink * ORDERS + 1) * cells + cell;
+        add_rates_from_next(next, count, (int32_t)ink + 1, h2, h2 + cells);
+    }
+    add_squares_from_next(next, count, pass->increments->squares + cell);
+    if (pass->after)
+        add_heights_from_next(pass, next, count, pass->after + cell);
+}
+
+/* The same for the droplets of the row itself. */
+static INLINED void add_from_here(const IncrementPass *pass, const Surroundings *row, size_t count, size_t cell) {
+    const size_t cells = pass->droplets.nx * pass->droplets.ny;
+    double own[BAND];
+    if (!row->here->is_jetted)
+        return;
+    memset(own, 0, count * sizeof *own);
+    for (size_t ink = 0; ink < pass->inks; ink++) {
+        double *h1 = pass->increments->rates + ink * ORDERS * cells + cell;
+        add_rates_from_here(row, count, (int32_t)ink + 1, &pass->droplets.ink[ink], h1, h1 + cells, h1 + 2 * cells,
+                            own);
+    }
+    add_squares_from_here(row, count, own, pass->increments->squares + cell, pass->increments->own + cell);
+    if (pass->after)
+        add_heights_from_here(pass, row, count, own, pass->after + cell);
+}
+
+static INLINED void add_pass(const IncrementPass *pass) {
+    Band band;
+    for (size_t first = 0; first < pass->droplets.ny; first += BAND) {
+        begin_band(&pass->droplets, first, &band);
+        for (size_t i = 0; i < pass->droplets.nx; i++) { /* in the order of the cells that a share comes from */
+            const Surroundings row = surround_row(&pass->droplets, i, &band);
+            const size_t cell = i * pass->droplets.ny + first;
+            add_from_next(pass, &row.above, band.count, cell);
+            add_from_here(pass, &row, band.count, cell);
+            add_from_next(pass, &row.below, band.count, cell);
         }
     }
-    for (size_t order = 0; order < ORDERS; order++) {
-        own += ink_height(&ink[kind], order) * kept[order];
-        rates[order * cells + here] += kept[order];
-    }
-    increments->squares[here] += own * own;
-    increments->own[here] += own;
-    after[here] += own;
+}
+
+static void add_pass_plain(const IncrementPass *pass) {
+    add_pass(pass);
+}
+
+static WITH_AVX2 void add_pass_avx2(const IncrementPass *pass) {
+    add_pass(pass);
 }
 
 void droplet_increments(const JettedLayer *layer, const double *height, size_t inks, const Ink ink[], double *scratch,
                         const DropletIncrements *increments) {
     const size_t cells = layer->nx * layer->ny, bytes = cells * sizeof(double);
     double *before = scratch, *after = scratch + cells;
+    IncrementPass pass = {{layer->nx, layer->ny, height, layer->pattern, {ink[0], ink[inks - 1]}, layer->factor, 0},
+                          inks,
+                          increments,
+                          NULL};
     memset(increments->rates, 0, inks * ORDERS * bytes);
     memset(increments->squares, 0, bytes);
     memset(increments->own, 0, bytes);
-    memcpy(after, height, bytes);
-    for (int32_t pass = 0; pass < layer->passes; pass++) {
-        const int colour = layer->passes == 1 ? COLOUR_ALL : layer->order[pass];
-        memcpy(before, after, bytes);
-        for (size_t cell = 0; cell < cells; cell++) {
-            const size_t i = cell / layer->ny, j = cell % layer->ny;
-            if (layer->pattern[cell] > 0 && (colour == COLOUR_ALL || colour == cell_colour(i, j)))
-                add_droplet(layer, before, after, i, j, ink, increments);
+    if (layer->passes > 1)
+        memcpy(after, height, bytes);
+    for (int32_t number = 0; number < layer->passes; number++) {
+        pass.droplets.colour = layer->passes == 1 ? COLOUR_ALL : layer->order[number];
+        if (layer->passes > 1) {
+            memcpy(before, after, bytes);
+            pass.droplets.before = before;
+            pass.after = after;
         }
+        (HAS_AVX2 ? add_pass_avx2 : add_pass_plain)(&pass);
     }
 }

@@ -27,9 +27,21 @@ void droplet_increments(const JettedLayer *layer, const double *height, size_t i
                         const DropletIncrements *increments);
 
 /* Height that the droplets add to a cell [m] with the heights of `ink`. */
-double added_height(const DropletIncrements *increments, size_t cells, size_t cell, size_t inks, const Ink ink[]);
+static inline double added_height(const DropletIncrements *increments, size_t cells, size_t cell, size_t inks,
+                                  const Ink ink[]) {
+    const double *rate = increments->rates + cell;
+    double added = 0.0;
+    for (size_t k = 0; k < inks; k++, rate += ORDERS * cells) {
+        added += ink[k].h1 * rate[0];
+        added += ink[k].h2 * rate[cells];
+        added += ink[k].h3 * rate[2 * cells];
+    }
+    return added;
+}
 
 /* h1, h2 or h3 by its order, 0 to 2. */
-double ink_height(const Ink *ink, size_t order);
+static inline double ink_height(const Ink *ink, size_t order) {
+    return order == 0 ? ink->h1 : order == 1 ? ink->h2 : ink->h3;
+}
 
 #endif

@@ -19,7 +19,7 @@ from inkloop.files import temporary_folder
 COMPILER = "x86_64-w64-mingw32-gcc"
 FLAGS = (
     *("-std=c11", "-O3", "-DNDEBUG", "-Wall", "-Wextra", "-Wpedantic"),
-    "-ffp-contract=off",  # no fused multiply-add, as in all of inkloop: the models give the same bits
+    *("-ffp-contract=off", "-fno-trapping-math"),  # as in all of inkloop: the same bits
     *("-shared", "-static-libgcc", "-s"),
     "-Wl,--no-insert-timestamp",  # the same sources give the same bytes
 )

@@ -1,0 +1,24 @@
+/* Clones of inner loops for instruction sets beyond the one that every processor of a kind has, chosen at run time.
+ *
+ * A clone gives the bits of the plain loop: both do the same operations in the same order, each rounded by IEEE 754,
+ * only on more cells at once; AVX2 is taken without fused multiply-add, which rounds once instead of twice.
+ * There is no clone for Windows, where gcc keeps the stack on multiples of 16 bytes and AVX2 needs 32 (GCC bug 54412).
+ * -DINKLOOP_BASELINE leaves all clones out. */
+#ifndef INKLOOP_INSTRUCTION_SETS_H
+#define INKLOOP_INSTRUCTION_SETS_H
+
+#if defined(__GNUC__)
+#define INLINED inline __attribute__((always_inline)) /* so that a clone has its own copy */
+#else
+#define INLINED inline
+#endif
+
+#if defined(__GNUC__) && defined(__x86_64__) && !defined(_WIN32) && !defined(INKLOOP_BASELINE)
+#define WITH_AVX2 __attribute__((target("avx2")))
+#define HAS_AVX2 __builtin_cpu_supports("avx2")
+#else
+#define WITH_AVX2
+#define HAS_AVX2 0
+#endif
+
+#endif

@@ -1,0 +1,9 @@
+/* An ink as the layer map knows it. */
+#ifndef INKLOOP_INK_H
+#define INKLOOP_INK_H
+
+typedef struct {
+    double h1, h2, h3; /* height added to the cell itself, to each side and to each corner neighbour [m] */
+} Ink;
+
+#endif

@@ -1,0 +1,173 @@
+/* Which share of its part every neighbour of a cell takes (eq. 5), for a row of cells at once and without a branch.
+ *
+ * Of two neighbours at most the lower one gives less than a full part, so a pair costs one division. Rows are read in
+ * bands of columns that fit into the cache, with a frame of one cell: a cell outside the grid lies infinitely low and
+ * takes everything. What a cell without a droplet would give is a product with -0.0, which changes no sum. */
+#ifndef INKLOOP_NEIGHBOUR_SHARES_H
+#define INKLOOP_NEIGHBOUR_SHARES_H
+
+#include <float.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "cell_colour.h"
+#include "ink.h"
+#include "instruction_sets.h"
+
+enum { BAND = 128, FRAMED_BAND = BAND + 2 }; /* columns; cell k of a band stands at 1 + k */
+enum { SIDE_PART, CORNER_PART, PARTS };
+
+/* The droplets of one pass and the surface on which they fall, as in deposit_pass. */
+typedef struct {
+    size_t nx, ny;
+    const double *before;
+    const int32_t *pattern;
+    Ink ink[2];
+    const double *factor;
+    int colour;
+} DropletPass;
+
+/* Cells of a row. */
+typedef struct {
+    bool is_jetted;            /* on any cell */
+    int32_t kind[FRAMED_BAND]; /* of the droplet: 0 none, 1 + index of the ink */
+    double height[FRAMED_BAND];
+    double volume[FRAMED_BAND];       /* of a droplet [1] */
+    double own[FRAMED_BAND];          /* h1 times volume [m] */
+    double part[PARTS][FRAMED_BAND];  /* h2 and h3 times volume, without a droplet -0.0 [m] */
+    double width[PARTS][FRAMED_BAND]; /* own and a part, at which a share ends [m] */
+} CellRow;
+
+/* Shares between the cells of a row and those of the next one. Number k stands for cell k and: the next cell in
+ * to_right and down_right; the cell below in down; in down_left cell k is that below. Backwards: to_left, up_left, up,
+ * up_right. */
+typedef struct {
+    double to_right[FRAMED_BAND], down_left[FRAMED_BAND], down[FRAMED_BAND], down_right[FRAMED_BAND];
+    double to_left[FRAMED_BAND], up_right[FRAMED_BAND], up[FRAMED_BAND], up_left[FRAMED_BAND];
+} RowShares;
+
+/* Some columns of a grid, three rows of them at a time. */
+typedef struct {
+    size_t first, count; /* columns */
+    CellRow row[3];
+    RowShares shares[2];
+} Band;
+
+/* A row next to another one, and the shares that its cells give there: cell k is given left[k - 1] of the part of cell
+ * k - 1, straight[k] of that of cell k, right[k] of that of cell k + 1. */
+typedef struct {
+    const CellRow *row;
+    const double *left, *straight, *right;
+} NextRow;
+
+/* A row of a band and the rows next to it. */
+typedef struct {
+    NextRow above, below;
+    const CellRow *here;
+    const RowShares *over, *under; /* of the row above and of this one */
+} Surroundings;
+
+static INLINED void clear_cell(CellRow *row, size_t k) {
+    row->height[k] = -DBL_MAX; /* not infinite: differences stay numbers */
+    row->kind[k] = 0;
+    row->volume[k] = row->own[k] = 0.0;
+    row->part[SIDE_PART][k] = row->part[CORNER_PART][k] = -0.0;
+    row->width[SIDE_PART][k] = row->width[CORNER_PART][k] = DBL_MIN;
+}
+
+/* The droplets of row i, `from` and `end` counted with the frame. */
+static INLINED void load_droplets(const DropletPass *pass, size_t i, size_t first, size_t from, size_t end,
+                                  CellRow *row) {
+    const Ink one = pass->ink[0], other = pass->ink[1];
+    const size_t corner = i * pass->ny + first;
+    int32_t any = 0; /* one loop for each step: gcc 12 does not vectorise them together */
+    for (size_t k = from; k < end; k++) {
+        row->kind[k] = pass->pattern[corner + k - 1];
+        row->volume[k] = 1.0;
+    }
+    if (pass->factor)
+        memcpy(row->volume + from, pass->factor + corner + from - 1, (end - from) * sizeof(double));
+    for (size_t k = from; pass->colour != COLOUR_ALL && k < end; k++)
+        row->kind[k] = pass->colour == cell_colour(i, first + k - 1) ? row->kind[k] : 0;
+    for (size_t k = from; k < end; k++)
+        any |= row->kind[k];
+    row->is_jetted = any != 0;
+    for (size_t k = from; k < end; k++) {
+        const int32_t kind = row->kind[k];
+        const double volume = row->volume[k], own = (kind == 1 ? one.h1 : other.h1) * volume,
+                     side = (kind == 1 ? one.h2 : other.h2) * volume,
+                     corner_part = (kind == 1 ? one.h3 : other.h3) * volume;
+        const double side_width = own + side, corner_width = own + corner_part;
+        row->own[k] = own;
+        row->part[SIDE_PART][k] = kind != 0 ? side : -0.0;
+        row->part[CORNER_PART][k] = kind != 0 ? corner_part : -0.0;
+        row->width[SIDE_PART][k] = side_width > 0.0 ? side_width : DBL_MIN; /* nothing is to be divided by 0 */
+        row->width[CORNER_PART][k] = corner_width > 0.0 ? corner_width : DBL_MIN;
+    }
+}
+
+/* Row i - 1 of the grid; 0 and nx + 1 are the frame. */
+static INLINED void load_row(const DropletPass *pass, const Band *band, size_t i, CellRow *row) {
+    const bool is_inside = i > 0 && i <= pass->nx;
+    const size_t from = band->first > 0 ? 0 : 1, end = band->count + (band->first + band->count < pass->ny ? 2 : 1);
+    row->is_jetted = false;
+    for (size_t k = 0; k < band->count + 2; k += is_inside ? band->count + 1 : 1)
+        clear_cell(row, k);
+    if (!is_inside)
+        return;
+    memcpy(row->height + from, pass->before + (i - 1) * pass->ny + band->first + from - 1,
+           (end - from) * sizeof(double));
+    load_droplets(pass, i - 1, band->first, from, end, row);
+}
+
+/* Shares of `count` pairs of cells: what one gives to the other, and what it is given. */
+static INLINED void pair_shares(size_t count, const double *one, const double *other, const double *width_one,
+                                const double *width_other, double *restrict given, double *restrict taken) {
+    for (size_t k = 0; k < count; k++) {
+        const double rise = one[k] - other[k], mine = width_one[k], its = width_other[k];
+        const double width = rise < 0.0 ? mine : its, fall = rise < 0.0 ? rise : -rise;
+        const double share = 1.0 + (fall <= -width ? -width : fall) / width;
+        given[k] = rise >= 0.0 ? 1.0 : share;
+        taken[k] = rise <= 0.0 ? 1.0 : share;
+    }
+}
+
+static INLINED void row_shares(const CellRow *row, const CellRow *next, size_t count, RowShares *shares) {
+    const double *side = row->width[SIDE_PART], *corner = row->width[CORNER_PART];
+    const double *next_side = next->width[SIDE_PART], *next_corner = next->width[CORNER_PART];
+    if (row->is_jetted)
+        pair_shares(count + 1, row->height, row->height + 1, side, side + 1, shares->to_right, shares->to_left);
+    if (!row->is_jetted && !next->is_jetted)
+        return; /* what was there counts for nothing */
+    pair_shares(count + 1, row->height + 1, next->height, corner + 1, next_corner, shares->down_left, shares->up_right);
+    pair_shares(count + 2, row->height, next->height, side, next_side, shares->down, shares->up);
+    pair_shares(count + 1, row->height, next->height + 1, corner, next_corner + 1, shares->down_right, shares->up_left);
+}
+
+/* Begins the band of columns from `first` on. */
+static INLINED void begin_band(const DropletPass *pass, size_t first, Band *band) {
+    band->first = first;
+    band->count = pass->ny - first < BAND ? pass->ny - first : BAND;
+    memset(band->shares, 0, sizeof band->shares);
+    load_row(pass, band, 0, &band->row[0]);
+    load_row(pass, band, 1, &band->row[1]);
+    row_shares(&band->row[0], &band->row[1], band->count, &band->shares[0]);
+}
+
+/* Row i, after all rows before it. */
+static INLINED Surroundings surround_row(const DropletPass *pass, size_t i, Band *band) {
+    CellRow *below = &band->row[(i + 2) % 3];
+    const CellRow *above = &band->row[i % 3], *here = &band->row[(i + 1) % 3];
+    const RowShares *over = &band->shares[i % 2];
+    RowShares *under = &band->shares[(i + 1) % 2];
+    load_row(pass, band, i + 2, below);
+    row_shares(here, below, band->count, under);
+    return (Surroundings){{above, over->down_right, over->down, over->down_left},
+                          {below, under->up_right, under->up, under->up_left},
+                          here,
+                          over,
+                          under};
+}
+
+#endif
