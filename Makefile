@@ -88,6 +88,7 @@ test-long: .venv/developer
 	$(BIN)/python -m pytest -m 'long or hypothesis' --hypothesis-profile=random -n 2 --dist loadfile
 
 benchmarks: .venv/developer
+	$(PIP) 'numba>=0.66'   # of use nowhere else
 	$(BIN)/python -m benchmarks
 
 benchmarks-hardware: .venv/developer
