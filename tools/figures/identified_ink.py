@@ -95,7 +95,9 @@ def plant() -> dict[str, Any]:
 def closed_loop() -> str:
     """What the closed loop of noisy-sensor.toml identifies."""
     record = record_of(Print(Scenario.load(ROOT / "scenarios" / "noisy-sensor.toml")).run(), "noisy-sensor")
-    found = identify_ink([record], noise_of([record]))
+    noise = noise_of([record])
+    assert noise, "its scans are noisy"
+    found = identify_ink([record], noise)
     first, second, third = (
         f"{height * UM_PER_M:.3f} +- {width * UM_PER_M:.3f}"
         for height, width in zip(found.heights[0], found.half_widths[0], strict=True)
