@@ -27,6 +27,7 @@ from inkloop.identify.volume_area_coefficients import (
 )
 from inkloop.models import DropletVolumes, LayerDeposition, VolumeAreaDeposition
 from inkloop.printing.print import Print
+from inkloop.report.formats import PNG
 from inkloop.scenario.file import Scenario
 from inkloop.units import M_PER_UM, UM_PER_M
 
@@ -88,7 +89,7 @@ def plant() -> dict[str, Any]:
     found = identify(perform(plant_scenario("YoungLaplaceDeposition", 0.1, {"grid.pitch_um": 42.3}), Plan()))
     first, *_, last = (shown(one) for one in tables(found))
     first[0][1:] = [f"{height} [um]" for height in first[0][1:]]
-    save(found, HERE / "identified-ink.png")
+    save(found, HERE / "identified-ink.png", [PNG])
     return {"heights": first, "models": last}
 
 

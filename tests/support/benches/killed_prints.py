@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from inkloop.errors import InkloopError
-from inkloop.report import run_report
+from inkloop.report.remarks import remarks
 from inkloop.results.result import Result
 from support.benches.bench_run import BLOCK
 from support.benches.kill_points import Nodes, clear, session
@@ -57,6 +57,6 @@ def assert_all_is_reported(result: Result, nodes: Nodes, person: Person) -> None
     """Every pass that was cut short was reported as unknown before the print continued, and the result records it."""
     unknown = {layer: book.unknown for layer, book in books(nodes.folder).items() if book.unknown}
     assert person.unknown == {(layer, k) for layer, mask in unknown.items() for k in range(4) if mask >> k & 1}
-    remarks = [words for words in run_report.remarks(result) if "was aborted" in words or "were aborted" in words]
-    assert len(remarks) == bool(unknown)
-    assert all(str(layer) in remarks[0] for layer in unknown)
+    aborted = [words for words in remarks(result) if "was aborted" in words or "were aborted" in words]
+    assert len(aborted) == bool(unknown)
+    assert all(str(layer) in aborted[0] for layer in unknown)
