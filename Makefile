@@ -94,8 +94,10 @@ benchmarks: .venv/developer
 benchmarks-hardware: .venv/developer
 	$(BIN)/python -m benchmarks hardware bench_faults
 
+CARINGCARIBOU := caringcaribou @ git+https://github.com/CaringCaribou/caringcaribou@092eff3c2c95bb7952a2a92ac12b6c1c29035b70
 peers: .venv/developer
 	$(PIP) 'ecospy>=0.7.2' 'scapy>=2.6'   # of use nowhere else; the first one also needs libtbb12
+	-$(PIP) '$(CARINGCARIBOU)'   # not on PyPI; what follows runs without it too
 	$(BIN)/python tests/support/masters/java_programs.py
 	$(BIN)/python -m tools.figures peers
 
@@ -129,7 +131,7 @@ upgrade: .venv/developer
 
 constraints: .venv/developer
 	@{ echo "# Versions that the tests passed with, on every Python of the project; written by make constraints."; \
-	$(PYTHON) -m pip --python $(BIN)/python freeze --all --exclude inkloop --exclude ecospy; } > constraints.txt
+	$(PYTHON) -m pip --python $(BIN)/python freeze --all $(addprefix --exclude ,inkloop ecospy scapy caringcaribou); } > constraints.txt
 
 clean:
 	rm -rf build .venv

@@ -6,39 +6,30 @@ each third one falls on a write of a journal, each third one into a pass or a cu
 
 from __future__ import annotations
 
-import re
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from tools.figures import bench_faults
+from tools.figures.pages import read_json
 
-from inkloop.errors import InkloopError
-from inkloop.report.remarks import remarks
-from inkloop.results.result import Result
-from support.benches import kill_points
-from support.benches.bench_run import BLOCK
-from support.benches.kill_points import (
-    Nodes,
-    assert_printed_once,
-    begin,
-    books,
-    clear,
-    powered,
-    session,
-    session_killed_at,
-)
+from inkloop_hardware.protocol.node_state import Happening, JournalRecord, LayerFlags, Step
+from inkloop_hardware.protocol.services import Key
+from support.benches import kill_points, passes_left
+from support.benches.kill_points import begin, powered, session_killed_at
+from support.benches.killed_prints import Person, assert_all_is_reported, part
+from support.benches.passes_left import PASSES, assert_printed_once
 
 pytestmark = [
     pytest.mark.usefixtures("without_pictures"),
     pytest.mark.skipif(sys.platform != "linux", reason="kill points are loaded by LD_PRELOAD"),
 ]
-EXACT = BLOCK.replace("variation = 0.2", "variation = 0.0").replace("noise_std_um = 0.1", "noise_std_um = 0.0")
-EXACT = EXACT.replace("dropout_rate = 0.02", "").replace("cure_ms = 2", "cure_ms = 30")
 GOLDEN = 0.618034
 LOOKS_OF_NODES = {"": 450, "j": 60, "s": 8}
 LOOKS_OF_MASTER = {"": 350, "j": 60, "s": 8}
 """In a layer, about: all, at the journal, in steps."""
-SESSIONS_MAX = 100
 SIX_AND_THIRTY = [6, pytest.param(30, marks=pytest.mark.long)]
 SIX_AND_TEN = [6, pytest.param(10, marks=pytest.mark.long)]
 
@@ -48,13 +39,6 @@ def looks() -> Path:
     return kill_points.looks()
 
 
-def part(folder: Path, deaths: int) -> Path:
-    """A block that is high enough for so many of them."""
-    path = folder / "part.toml"
-    path.write_text(EXACT.replace("height_um = 15.0", f"height_um = {6.0 * deaths}"), encoding="utf-8")
-    return path
-
-
 def places(count: int, looks_of_a_layer: dict[str, int]) -> list[str]:
     """Where each life ends: 0.4 to 1.4 layers after its start, counted in looks of one kind."""
     kinds = list(looks_of_a_layer) * count
@@ -62,42 +46,30 @@ def places(count: int, looks_of_a_layer: dict[str, int]) -> list[str]:
     return [f"{kind}{round(share * looks_of_a_layer[kind])}" for kind, share in zip(kinds, shares, strict=False)]
 
 
-class Person:
-    """Clears the nodes where one of them asks for it, and only there, and resumes the run; `unknown` are the
-    passes of unknown outcome."""
+def test_passes_begun_twice_and_left_out_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Layer 1 whole, of which pass 2 was begun again; layer 2 cut short in pass 1; layer 3 without its last pass."""
+    begun = [(1, 0), (1, 1), (1, 2), (1, 2), (1, 3), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2)]
+    ends = {1: (0b1111, 0), 2: (0b0001, 0b0010), 3: (0b0111, 0)}
 
-    def __init__(self, run: Path) -> None:
-        self._run = run
-        self.unknown: set[tuple[int, int]] = set()
+    def record(kind: Happening, layer: int, number: int, done: int, unknown: int) -> JournalRecord:
+        return JournalRecord(
+            1, kind, Step.PASS, Key(7, layer, number), 1, 0, PASSES, done, unknown, 0, LayerFlags(0), 0.0
+        )
 
-    def look(self, words: str) -> None:
-        """The message names what the person has to do."""
-        assert "inkloop resume" in words, words
-        for passes, layer in re.findall(
-            r"pass ([1-4, ]+) of layer (\d+), which was begun and whose progress is unknown", words
-        ):
-            self.unknown |= {(int(layer), int(number) - 1) for number in passes.split(", ")}
-        if f"inkloop device {self._run} clear" in words:
-            clear(self._run)
-
-    def finish(self) -> Result:
-        """Print to the end."""
-        for _ in range(SESSIONS_MAX):
-            found = session(self._run)
-            if isinstance(found, Result):
-                return found
-            assert isinstance(found, InkloopError)
-            self.look(str(found))
-        raise AssertionError("it never ends")
+    journal = [record(Happening.INTENT, layer, number, *ends[layer]) for layer, number in begun]
+    monkeypatch.setattr(passes_left, "head_journal", lambda nodes: journal)
+    result: Any = SimpleNamespace(dataset=SimpleNamespace(sizes={"layer": 4}))
+    found = passes_left.passes_left(result, tmp_path)
+    assert found == passes_left.PassesLeft(begun=10, doubled=1, unknown=1, given_up=2, skipped=1)
 
 
-def assert_all_is_reported(result: Result, nodes: Nodes, person: Person) -> None:
-    """Every pass that was cut short was reported as unknown before the print continued, and the result records it."""
-    unknown = {layer: book.unknown for layer, book in books(nodes.folder).items() if book.unknown}
-    assert person.unknown == {(layer, k) for layer, mask in unknown.items() for k in range(4) if mask >> k & 1}
-    found = [words for words in remarks(result) if "was aborted" in words or "were aborted" in words]
-    assert len(found) == bool(unknown)
-    assert all(str(layer) in found[0] for layer in unknown)
+def test_sixty_kills_at_random_moments_doubled_and_left_out_nothing() -> None:
+    heads, *rows = read_json(bench_faults.RECORD)["kills"]
+    prints = [dict(zip(heads, row, strict=True)) for row in rows]
+    assert sum(int(one["kills"]) for one in prints) >= 60
+    for one in prints:
+        assert (one["begun twice"], one["left out"], one["bed"]) == ("0", "0", "of these passes, to the bit")
+        assert one["reported"] == one["cut short"] != "0", "no kill fell into a pass"
 
 
 @pytest.mark.parametrize("count", SIX_AND_THIRTY)

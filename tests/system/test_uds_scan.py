@@ -6,8 +6,8 @@ import pytest
 
 from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.protocol.vocabulary import Node
-from support.masters.other_programs import SCAPY
-from support.masters.uds_scanners import SERVICES, by_scapy, objection
+from support.masters.other_programs import CARINGCARIBOU, SCAPY
+from support.masters.uds_scanners import SERVICES, by_caringcaribou, by_scapy, objection, servers_by_caringcaribou
 
 
 @pytest.mark.parametrize(
@@ -42,3 +42,14 @@ def test_scapy_finds_the_services_of_the_profiler_and_nothing_wrong() -> None:
     assert not scan.wrong
     assert (scan.services, scan.identifiers) == (SERVICES[Node.PROFILER], set(range(0x0100, 0x0104)))
     assert scan.routines == {0x0205, 0x0206}
+
+
+@pytest.mark.long
+@pytest.mark.skipif(bool(CARINGCARIBOU.reason_it_is_absent()), reason="caringcaribou is not installed; make peers")
+def test_caringcaribou_finds_the_nodes_and_the_services_of_the_head() -> None:
+    with EmulatedBench({}) as bench:
+        servers = servers_by_caringcaribou(bench.channel, range(0x63F, 0x649))
+        services, identifiers = by_caringcaribou(bench.channel, *servers[0], range(0x0100, 0x0112))
+    assert servers == [(request, request + 1) for request in (0x640, 0x642, 0x644, 0x646)]
+    assert set(services) == SERVICES[Node.HEAD]
+    assert identifiers == [0x0100, 0x0101, 0x0102, 0x0104, 0x0110]

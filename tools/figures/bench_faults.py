@@ -1,4 +1,4 @@
-"""Tables of bench-faults.md: what nodes record of failures and refuse, lossy buses, and how fast the lamp goes out."""
+"""Tables of bench-faults.md: what nodes record of failures and refuse, lossy buses, times to the dark lamp, kills."""
 
 from __future__ import annotations
 
@@ -40,11 +40,19 @@ def reactions() -> list[Sequence[str]]:
     return [REACTION_HEADS, *rows()]
 
 
+def kills() -> list[Sequence[str]]:
+    """Prints that are killed again and again."""
+    from benchmarks.kills import HEADS, rows
+
+    return [HEADS, *rows()]
+
+
 TABLES: dict[str, Callable[[], Iterable[Sequence[str]]]] = {
     "failures": failures,
     "refusals": refusals,
     "losses": losses,
     "reactions": reactions,
+    "kills": kills,
 }
 """Mark of the page -> its rows."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,9 @@ from support.fmus.fmu_checkers import CHECKERS
 from support.fmus.fmu_driver import FORMS, MODELS
 from support.masters.loops import ONE_BLOCK, THREE_FMUS, Loop
 from support.masters.other_masters import MASTERS, Master, layers_by
-from support.masters.other_programs import SCAPY
+from support.masters.other_programs import CARINGCARIBOU, SCAPY
 from support.masters.six_by_six import STEPS_S, TEXT, difference, our_run, scenario_in
-from support.masters.uds_scanners import by_scapy
+from support.masters.uds_scanners import by_caringcaribou, by_scapy, servers_by_caringcaribou
 
 PAGE = DOCS / "reference" / "peers.md"
 RECORD = PAGE.with_suffix(".json")
@@ -31,6 +31,8 @@ FOUND_HEADS = ("services", "identifiers", "routines", "refusals", "wrong answers
 SCAN_HEADS = ("scanner", "version", "node", "requests", *FOUND_HEADS)
 SCANNED_IDENTIFIERS = (*range(0x0200), *range(0xF180, 0xF1A0))
 SCANNED_ROUTINES = range(0x01FF, 0x020A)
+SERVER_HEADS = ("version", "requests to", "answers from", "services", "identifiers")
+DISCOVERED, DUMPED = range(0x630, 0x660), range(0x0200)
 
 
 def outcome(master: Master, loop: Loop, fmi: str, algorithm: str, step_s: float, ours: Any) -> str:
@@ -81,13 +83,24 @@ def scans() -> Iterator[list[str]]:
         yield ["scapy, `UDS_Scanner`", SCAPY.version, node.lower(), f"{scan.asked}", *found, refused, wrong]
 
 
+def servers() -> Iterator[list[str]]:
+    """One row for each server that caringcaribou discovers on the bus of the emulator."""
+    if absent := CARINGCARIBOU.reason_it_is_absent():
+        yield [absent, *("-" for _ in SERVER_HEADS[1:])]
+        return
+    with EmulatedBench({}) as bench:
+        for request_id, answer_id in servers_by_caringcaribou(bench.channel, DISCOVERED):
+            print(f"{request_id:03X} by caringcaribou", file=sys.stderr)
+            services, identifiers = by_caringcaribou(bench.channel, request_id, answer_id, DUMPED)
+            found = (" ".join(f"{each:02X}" for each in services), " ".join(f"{each:04X}" for each in identifiers))
+            yield [CARINGCARIBOU.version, f"{request_id:03X}", f"{answer_id:03X}", *found]
+
+
 def run(*parts: str) -> None:
-    """Run everything, or the loops, the checkers or the scanners ("loops", "scanners"), and keep the outcomes."""
+    """Run everything, or these parts, and keep the outcomes."""
     record = read_json(RECORD)
-    if not parts or "loops" in parts:
-        record |= loops()
-    if not parts or "scanners" in parts:
-        record["scanners"] = [list(SCAN_HEADS), *scans()]
+    for part in parts or PARTS:
+        record |= PARTS[part]()
     write_json(RECORD, record)
 
 
@@ -102,6 +115,13 @@ def loops() -> dict[str, list[list[str]]]:
         shapes = {"three FMUs": THREE_FMUS, "one block": ONE_BLOCK}
         found = {name: [list(HEADS), *results(loop, ours)] for name, loop in shapes.items()}
         return found | {"checkers": [list(CHECKER_HEADS), *checks(blocks)]}
+
+
+PARTS: dict[str, Callable[[], dict[str, list[list[str]]]]] = {
+    "loops": loops,
+    "scapy": lambda: {"scanners": [list(SCAN_HEADS), *scans()]},
+    "caringcaribou": lambda: {"servers": [list(SERVER_HEADS), *servers()]},
+}
 
 
 def texts() -> Texts:

@@ -1,4 +1,4 @@
-"""Unannounced ends: kill -9 of nodes, master or both at places that are counted, not timed, and what is left.
+"""Unannounced ends: kill -9 of nodes, master or both, at places that are counted or at a moment from outside.
 
 A session prints until it is done, ends with an error or is killed. The nodes are the installed program, which looks, by
 `tests/c/kill_points.c`, before and after each frame of a request or an answer and in the middle of each write; the
@@ -12,9 +12,9 @@ import os
 import signal
 import subprocess
 import threading
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -22,25 +22,20 @@ import numpy as np
 
 from inkloop.bench.emulation import emulation_of
 from inkloop.cli import main
-from inkloop.contract import pass_colours
 from inkloop.errors import InkloopError
 from inkloop.printing.run import print_part, scenario_of_run
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
-from inkloop_controller.model.layer_model import LayerModel
-from inkloop_hardware.devices.master_journal import Asked, Event, MasterJournal, MasterRecord
+from inkloop_hardware.devices.master_journal import MasterJournal
 from inkloop_hardware.emulated_bench import program
 from inkloop_hardware.link.node_wire import NodeWire
-from inkloop_hardware.protocol.node_state import Happening, JournalRecord, Step
 from inkloop_hardware.protocol.vocabulary import Node
 from support import compiled
 from support.benches.bench_run import FAST
 from support.places import C_SOURCES
 
-SECTOR_BYTES, RECORD_BYTES = 4096, 40
 BUSY = b"\x03\x7f\x31\x78"
 WORDS_FILE, DONE = "words.txt", "done"
-RESOLUTION = 1e-7
 
 
 def looks() -> Path:
@@ -50,9 +45,13 @@ def looks() -> Path:
 
 
 class Nodes:
-    """The nodes of a bench whose power comes back at once: killed at each of `kill_at` looks in turn, then no more."""
+    """The nodes of a bench whose power comes back at once: killed at each of `kill_at` looks in turn, then no more.
 
-    def __init__(self, folder: Path, looks: Path, parameters: dict[str, float], kill_at: Sequence[str] = ()) -> None:
+    looks: the library for `kill_at`; None: the program as it is, killed by `kill` alone."""
+
+    def __init__(
+        self, folder: Path, looks: Path | None, parameters: dict[str, float], kill_at: Sequence[str] = ()
+    ) -> None:
         self.folder, self._looks = folder, looks
         self._options = [f"{name}={value:.17g}" for name, value in parameters.items()]
         self._kill_at, self.killed, self._over = list(kill_at), 0, False
@@ -65,6 +64,10 @@ class Nodes:
     def process_id(self) -> int:
         return self._running.pid
 
+    def kill(self) -> None:
+        """Now."""
+        self._running.kill()
+
     def end(self) -> str:
         """What its last process printed at its end: looks, and those at records of a journal."""
         self._over = True
@@ -75,10 +78,10 @@ class Nodes:
 
     def _started(self, port: int) -> tuple[subprocess.Popen[str], str]:
         at = self._kill_at.pop(0) if self._kill_at else "0"
-        environment = os.environ | {"LD_PRELOAD": str(self._looks), "INKLOOP_KILL_AT": at}
+        preloaded = {"LD_PRELOAD": str(self._looks), "INKLOOP_KILL_AT": at} if self._looks else {}
         words = ["--until-stdin-closes", "--folder", str(self.folder), "--port", str(port), *self._options]
         pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-        running = subprocess.Popen([program(), *words], env=environment, text=True, **pipes)
+        running = subprocess.Popen([program(), *words], env=os.environ | preloaded, text=True, **pipes)
         assert running.stdout
         return running, running.stdout.readline().strip()
 
@@ -94,7 +97,9 @@ class Nodes:
 
 
 @contextmanager
-def powered(path: Path, folder: Path, looks: Path, kill_at: Sequence[str] = (), **times: float) -> Iterator[Nodes]:
+def powered(
+    path: Path, folder: Path, looks: Path | None, kill_at: Sequence[str] = (), **times: float
+) -> Iterator[Nodes]:
     """The nodes of a scenario. They begin to count when they have printed their channel."""
     emulation = emulation_of(Scenario.load(path))
     nodes = Nodes(folder, looks, emulation.parameters | FAST | times, kill_at)
@@ -188,9 +193,15 @@ def _watch_master(look: _Looks) -> None:
 def _master(folder: Path, kill_at: str, others: Sequence[int]) -> None:
     look = _Looks(kill_at, others)
     _watch_master(look)
-    found = session(folder)
-    words = str(found) if isinstance(found, InkloopError) else f"{DONE}: {look.counts}"
-    (folder / WORDS_FILE).write_text(words)
+    _keep_words(folder, session(folder), f": {look.counts}")
+
+
+def _undisturbed(folder: Path) -> None:
+    _keep_words(folder, session(folder))
+
+
+def _keep_words(folder: Path, found: Result | InkloopError, counts: str = "") -> None:
+    (folder / WORDS_FILE).write_text(str(found) if isinstance(found, InkloopError) else f"{DONE}{counts}")
 
 
 FORKING = multiprocessing.get_context("forkserver")
@@ -210,79 +221,26 @@ def session_killed_at(folder: Path, kill_at: str, others: Sequence[int] = ()) ->
     process = FORKING.Process(target=_master, args=(folder, kill_at, others))
     process.start()
     process.join(120)
+    return _last_words(process, folder)
+
+
+def session_killed_when(folder: Path, is_due: Callable[[], bool], nodes: Nodes | None = None) -> str | None:
+    """A session in a separate process that is killed once it is due, together with `nodes`: None if it was, else its
+    last message."""
+    process = FORKING.Process(target=_undisturbed, args=(folder,))
+    process.start()
+    while process.exitcode is None and not is_due():
+        process.join(0.01)
+    if process.exitcode is None:
+        if nodes:
+            nodes.kill()
+        process.kill()
+        process.join()
+    return _last_words(process, folder)
+
+
+def _last_words(process: BaseProcess, folder: Path) -> str | None:
     if process.exitcode == -signal.SIGKILL:
         return None
     assert process.exitcode == 0, process.exitcode
     return (folder / WORDS_FILE).read_text()
-
-
-def head_journal(folder: Path) -> list[JournalRecord]:
-    """The records of the head's memory, oldest first."""
-    storage = (folder / "journal-head.bin").read_bytes()
-    sectors = (storage[at : at + SECTOR_BYTES] for at in range(0, len(storage), SECTOR_BYTES))
-    found = (one[at : at + RECORD_BYTES] for one in sectors for at in range(0, SECTOR_BYTES - 39, RECORD_BYTES))
-    whole = [data for data in found if zlib.crc32(data[:-4]) == int.from_bytes(data[-4:], "big")]
-    records = [record for data in whole for record in JournalRecord.of(data)]
-    return sorted(records, key=lambda record: record.number)
-
-
-def surface(folder: Path) -> Any:
-    """What lies on the bed [m]."""
-    data = (folder / "surface.bin").read_bytes()
-    nx, ny = np.frombuffer(data, "=i4", 2, 8)
-    return np.frombuffer(data, np.float64, offset=20).reshape(nx, ny)
-
-
-def books(folder: Path) -> dict[int, JournalRecord]:
-    """What the head remembers of each layer in the end."""
-    return {record.key.layer: record for record in head_journal(folder) if record.passes}
-
-
-def assert_printed_once(result: Result, run: Path, nodes: Path) -> None:
-    """The part is finished; no pass was begun twice, none is missing that is not called unknown, by head and result;
-    the master had recorded each one before it requested it; no wet ink was scanned; and the surface on the bed is that
-    of the droplets jetted, to the bit."""
-    assert result.stop_reason == "done"
-    layers, known = result.dataset.sizes["layer"], books(nodes)
-    assert sorted(known) == list(range(1, layers))
-    unknown = {layer for layer, book in known.items() if book.unknown}
-    assert set(np.flatnonzero(result.dataset.layer_unknown)) == unknown
-    assert all(book.done == 0b1111 for layer, book in known.items() if layer not in unknown)
-    intents = [record for record in head_journal(nodes) if record.kind is Happening.INTENT]
-    begun = [record.key for record in intents if record.step is Step.PASS]
-    keys = {(key.layer, key.pass_) for key in begun}
-    assert len(keys) == len(begun), "a pass was begun twice"
-    assert keys == {(n, k) for n, book in known.items() for k in range(4) if (book.done | book.unknown) >> k & 1}
-    asked = {(record.key, record.pattern_crc) for record in MasterJournal(run).records if record.asked is Asked.PASS}
-    assert {(key, known[key.layer].pattern_crc) for key in begun} <= asked
-    for at, scan in enumerate(MasterJournal(run).records):
-        if scan.asked is Asked.SCAN:
-            _assert_no_ink_is_wet(scan.key.layer, MasterJournal(run).records[:at], known)
-    height = surface(nodes)
-    assert any(np.array_equal(height, one) for one in _possible(result, known)), "the surface is of other passes"
-
-
-def _assert_no_ink_is_wet(layer: int, before: Sequence[MasterRecord], known: dict[int, JournalRecord]) -> None:
-    """All that was begun in a layer is cured before it is scanned, and nothing of the next one is begun."""
-    cured = {r.key.pass_ for r in before if (r.asked, r.event, r.key.layer) == (Asked.CURE, Event.DONE, layer)}
-    begun = known[layer].done | known[layer].unknown if layer else 0
-    assert {number for number in range(4) if begun >> number & 1} <= cured, f"layer {layer} was scanned wet"
-    assert max((r.key.layer for r in before if r.asked is Asked.PASS), default=0) <= layer
-
-
-def _possible(result: Result, known: dict[int, JournalRecord]) -> list[Any]:
-    """Surfaces that fit to the scans [m]; an unknown pass may have ended at any line."""
-    job = Scenario.of_text(result.scenario_text, "run").job()
-    possible, colour_of = [np.zeros((job.nx, job.ny))], 2 * (np.indices((job.nx, job.ny))[0] % 2)
-    colour_of = colour_of + np.indices((job.nx, job.ny))[1] % 2
-    model, line = LayerModel.of(job), np.indices((job.nx, job.ny))[0]
-    for layer, book in sorted(known.items()):
-        pattern, measured = (result.dataset[name].values[layer] for name in ("pattern", "measured_height"))
-        for number, colour in enumerate(pass_colours(job.passes, job.pass_order, job.pass_rotation, layer)):
-            ends = [job.nx] if book.done >> number & 1 else range(job.nx + 1) if book.unknown >> number & 1 else []
-            jetted = [np.where((colour_of == colour) & (line < end), pattern, 0).astype(np.int32) for end in ends]
-            possible = [model.layer(height, one, layer) for height in possible for one in jetted or [0 * pattern]]
-        fitting = (height for height in possible if np.abs(height - measured).max() < 0.51 * RESOLUTION)
-        possible = list({height.tobytes(): height for height in fitting}.values())
-        assert possible, f"the scan of layer {layer} is of other passes than those in the head's journal"
-    return possible

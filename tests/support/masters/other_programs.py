@@ -20,7 +20,7 @@ class Program(Protocol):
 
 @dataclass(frozen=True)
 class PythonPackage:
-    """A package of PyPI and a module in it that loads what it stands on."""
+    """A Python package and a module in it that loads what it stands on."""
 
     package: str
     module: str
@@ -46,3 +46,4 @@ FMUTOOL = PythonPackage("fmu-manipulation-toolbox", "fmu_manipulation_toolbox")
 LIBCOSIM = PythonPackage("libcosimpy", "libcosimpy")
 ECOS = PythonPackage("ecospy", "ecospy")
 SCAPY = PythonPackage("scapy", "scapy.contrib.automotive.uds_scan")
+CARINGCARIBOU = PythonPackage("caringcaribou", "caringcaribou.modules.uds")

@@ -1,12 +1,17 @@
 """Scanners of others that ask the nodes of the emulator for everything which ISO 14229-1 knows, and judge the answers.
 
 scapy's enumerators make the requests; they travel by can-isotp and python-can's slcan. Each answer is compared with
-what the standard demands of a server with the services of a node: that comparison is ours.
+what the standard demands of a server with the services of a node: that comparison is ours. caringcaribou is a program
+with an ISO-TP of its own; it is taken at its word.
 """
 
 from __future__ import annotations
 
 import logging
+import os
+import re
+import subprocess
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -32,6 +37,8 @@ NOT_SUPPORTED, NO_SUBFUNCTION, LENGTH, RANGE = 0x11, 0x12, 0x13, 0x31
 KNOWN = {0x10, 0x11, 0x12, 0x13, 0x21, 0x22, 0x24, 0x25, 0x26, 0x31, 0x33, 0x70, 0x71, 0x72, 0x73, 0x78, 0x7E, 0x7F}
 """Negative response codes of ISO 14229-1 that a node without security may send."""
 ANSWER_LIMIT_S, SILENCE_S = 60.0, 0.05
+DISCOVERY_S = 0.5
+"""Of silence of an identifier without a server."""
 TESTER_PRESENT = b"\x3e\x00"
 
 
@@ -151,6 +158,29 @@ def by_scapy(channel: str, node: Node, identifiers: Sequence[int], routines: Seq
         )
         made.scan()
     return scan
+
+
+def servers_by_caringcaribou(channel: str, arbitration_ids: range) -> list[tuple[int, int]]:
+    """Identifiers of requests and answers of the servers that it discovers."""
+    span = ("-min", f"{arbitration_ids[0]}", "-max", f"{arbitration_ids[-1]}", "-d", f"{DISCOVERY_S}")
+    rows = re.findall(r"^\| 0x(\w+) \| 0x(\w+) \|$", _caringcaribou(channel, "discovery", *span), re.MULTILINE)
+    return [(int(request, 16), int(answer, 16)) for request, answer in rows]
+
+
+def by_caringcaribou(channel: str, request_id: int, answer_id: int, identifiers: range) -> tuple[list[int], list[int]]:
+    """Services and identifiers that it finds in a server."""
+    ids = (f"{request_id}", f"{answer_id}", "-t", f"{ANSWER_LIMIT_S}")
+    span = ("--min_did", f"{identifiers[0]}", "--max_did", f"{identifiers[-1]}")
+    services = re.findall(r"^Supported service 0x(\w+)", _caringcaribou(channel, "services", *ids), re.MULTILINE)
+    found = re.findall(r"^0x(\w{4}) \w", _caringcaribou(channel, "dump_dids", *ids, *span), re.MULTILINE)
+    return [int(each, 16) for each in services], [int(each, 16) for each in found]
+
+
+def _caringcaribou(channel: str, *words: str) -> str:
+    """What it prints. Raises CalledProcessError."""
+    bus = {"CAN_INTERFACE": "slcan", "CAN_CHANNEL": channel, "CAN_BITRATE": "500000"}
+    command = [sys.executable, "-m", "caringcaribou.caringcaribou", "uds", *words]
+    return subprocess.run(command, env=os.environ | bus, check=True, capture_output=True, text=True).stdout
 
 
 @contextmanager
