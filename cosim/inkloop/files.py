@@ -112,8 +112,10 @@ def toml_tables(text: str) -> dict[str, Any]:
         raise TomlError(f"is not TOML: line {number}, `{line}`: {reason}") from error
 
 
-def reason_of(error: OSError) -> str:
-    """Why a file cannot be read or written; a full disk is named as that."""
+def reason_of(error: OSError | MemoryError) -> str:
+    """Why a file cannot be read or written; a full disk and exhausted memory are named as that."""
+    if isinstance(error, MemoryError):
+        return "the memory is exhausted"
     return _FULL.get(error.errno or 0) or error.strerror or str(error)
 
 

@@ -28,6 +28,9 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
         "--fixed", action="store_true", help="FMI 3 with constant dimensions, for tools that cannot resize arrays"
     )
     add_windows(parser)
+    parser.add_argument(
+        "--force", action="store_true", help="FMI 2 also for a grid whose description many tools cannot read"
+    )
     parser.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: MODEL.fmu)")
     return parser
 
@@ -45,6 +48,7 @@ def run(options: argparse.Namespace) -> int:
         fixed=options.fixed,
         out=options.out or Path(f"{options.model}.fmu"),
         windows=options.windows,
+        force=options.force,
     )
     terminal = screen(options)
     terminal.sentence(f"wrote {path}")

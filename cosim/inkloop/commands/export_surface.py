@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from inkloop.commands.options import screen
-from inkloop.exchange.layers import MAP_FORMATS, MESH_FORMATS, SURFACES
+from inkloop.exchange.layers import MAP_FORMATS, MESH_FORMATS
+from inkloop.results import SURFACES
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:

@@ -88,6 +88,7 @@ def _make_model(model: str, form: str, file: Path, parsed: Parsed) -> FmuCompone
             ny=sizes["ny"],
             intervals=sizes.get(INTERVALS),
             fixed=True,
+            force=True,
             out=Path(folder) / f"{model}.fmu",
         )
         return FmuComponent(made, parameters=parsed.parameters)

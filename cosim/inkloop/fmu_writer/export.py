@@ -10,10 +10,16 @@ from typing import Literal
 
 from inkloop.errors import FmuError
 from inkloop.fmu_writer import FORMS
-from inkloop.limits import memory_error
+from inkloop.limits import memory_error, size_text
 
 FMI2_CELLS = 32 * 32
 """Cells up to which every importer that was tried reads an FMI 2 description in seconds."""
+
+FMI2_CELLS_MAX = 100 * 100
+"""Cells beyond which an FMI 2 description is only written when it is asked for by `force`."""
+
+FMI2_XML_OF_A_CELL = 1_150
+"""Bytes of an FMI 2 description for each cell (measured, 184 MB for 400 x 400)."""
 
 BYTES_OF_A_CELL = {"2": 20_000, "3": 100}
 """Version of FMI -> memory that an importer takes for a cell: of FMI 2 to read the description (measured, 3.0 GiB
@@ -59,12 +65,14 @@ def export_fmu(
     intervals: int | None = None,
     fixed: bool = False,
     windows: bool = False,
+    force: bool = False,
 ) -> Path:
     """Write one of our FMUs for a grid of nx * ny cells to the file `out`; returns its path. Raises FmuError.
 
     intervals: of height that the region of ink A may have on a cell, for LayerController; None: 2.
     FMI 3 without `fixed` keeps structural parameters, of which these numbers become the start values.
-    windows: a binary for 64-bit Windows too, for which mingw-w64 has to be installed.
+    windows: a binary for 64-bit Windows too, for which mingw-w64 has to be installed. force: also as FMI 2 for a grid
+    whose description many tools cannot read.
     """
     from inkloop import __version__
     from inkloop.fmu_writer.archive import definition_in, described, pack, unpack
@@ -80,6 +88,13 @@ def export_fmu(
     if reason := memory_error(nx * ny * BYTES_OF_A_CELL[fmi] * (_MAPS + further_maps) // _MAPS):
         fits = "choose a smaller grid" + ("" if fmi == "3" else ", or FMI 3, whose description does not grow with it")
         raise FmuError(f"{model} as FMI {fmi} of {nx} x {ny} cells {reason}, for what reads and runs it; {fits}")
+    if form == "fmi2" and nx * ny > FMI2_CELLS_MAX and not force:
+        xml, memory = (size_text(nx * ny * each) for each in (FMI2_XML_OF_A_CELL, BYTES_OF_A_CELL["2"]))
+        raise FmuError(
+            f"{model} as FMI 2 of {nx} x {ny} cells has a modelDescription.xml of about {xml}, and what reads it takes "
+            f"about {memory} of memory; use FMI 3, whose description does not grow with the grid, or at most "
+            f"{FMI2_CELLS_MAX:,} cells (`inkloop export --force` writes it all the same)"
+        )
     if form == "fmi2" and nx * ny > FMI2_CELLS:
         _log.warning(
             "%s as FMI 2 with %d x %d cells has %d scalars per map: some importers take minutes to read that; "

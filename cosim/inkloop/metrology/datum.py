@@ -44,16 +44,25 @@ def level(height: FloatMap, reference: BoolMap, datum: Datum) -> FloatMap:
         )
     if datum == "offset":
         return height - np.median(height[used])
+    return height - plane(height, used)[0]
+
+
+def plane(height: FloatMap, reference: BoolMap) -> tuple[FloatMap, BoolMap]:
+    """The least-squares plane (nx, ny) [m] of the reference cells, and those of them that are no outliers.
+
+    Raises HeightMapError if all of them lie on one line.
+    """
+    used = reference
     i, j = np.indices(height.shape)
     terms = np.stack([np.ones(height.shape), i / height.shape[0], j / height.shape[1]], axis=-1)
     for _ in range(_ROUNDS):
-        plane, _, rank, _ = np.linalg.lstsq(terms[used], height[used], rcond=1e-6)
+        factors, _, rank, _ = np.linalg.lstsq(terms[used], height[used], rcond=1e-6)
         if rank < terms.shape[-1]:
             raise HeightMapError("datum: the measured cells outside the part lie on one line and define no plane")
-        distance = np.abs(height - terms @ plane)
+        distance = np.abs(height - terms @ factors)
         limit = CLIP * _NORMAL * float(np.median(distance[used]))
         kept = used & (distance <= max(limit, 1e-12))
-        if np.count_nonzero(kept) < CELLS_MIN[datum] or np.array_equal(kept, used):
+        if np.count_nonzero(kept) < CELLS_MIN["plane"] or np.array_equal(kept, used):
             break
         used = kept
-    return np.asarray(height - terms @ plane, np.float64)
+    return np.asarray(terms @ factors, np.float64), used

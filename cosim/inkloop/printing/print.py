@@ -12,10 +12,11 @@ from inkloop.errors import ComponentError, ResultError
 from inkloop.master.events import Event, Manipulator
 from inkloop.master.master import Master
 from inkloop.master.pacing import Pacing
+from inkloop.results.attributes import variable
 from inkloop.results.checkpoint import Checkpoint, Checkpoints, remove_layers
+from inkloop.results.evaluated_surface import with_parameters
 from inkloop.results.recorder import LayerRow, Recorder
 from inkloop.results.result import RESULT_FILE, UNFINISHED, Result
-from inkloop.results.solid import with_solid
 from inkloop.scenario.file import Scenario
 from inkloop.units import NS_PER_S
 
@@ -67,15 +68,13 @@ class Print:
             reason = self._master.run(layers_max=limits.layers_max, time_max_ns=time_max_ns, resume=checkpoint)
         except ComponentError as error:
             if self._folder and self._checkpoints and self._checkpoints.layer is not None:
-                self._result("failed").save(self._folder)
+                self._result("failed")
                 message = str(error).replace("inkloop device SCENARIO", f"inkloop device {self._folder}")
                 raise ComponentError(f"{message}\n{_advice(self._folder, self._checkpoints)}") from error
             raise
         result = self._result(reason)
-        if self._folder:
-            result.save(self._folder)
-            if reason not in UNFINISHED:
-                remove_layers(self._folder)
+        if self._folder and reason not in UNFINISHED:
+            remove_layers(self._folder)
         return result
 
     def _load(self) -> Checkpoint | None:
@@ -85,7 +84,7 @@ class Print:
         try:
             checkpoint = self._checkpoints.load()
             if checkpoint and checkpoint.refusal:
-                self._result("interrupted").save(self._folder)
+                self._result("interrupted")
                 raise ResultError(
                     f"{self._folder}: cannot be resumed: {checkpoint.refusal}; its layers 0 to {checkpoint.layer} are "
                     f"in {RESULT_FILE}; run the scenario again for the others"
@@ -99,6 +98,7 @@ class Print:
         return checkpoint
 
     def _result(self, stop_reason: str) -> Result:
+        """The result so far: saved and read back if there is a folder, so that its maps need not be in memory."""
         tables, notes = self._scenario.tables, dict(self._notes)
         if self._events:
             notes["events"] = [str(event) for event in self._events]
@@ -107,9 +107,11 @@ class Print:
         if self._checkpoints and self._checkpoints.refusal:
             notes["not_resumable"] = self._checkpoints.refusal
         manipulator = Manipulator(self._events, self._components)
-        dataset = with_solid(self._recorder.dataset(), self._scenario.job())
-        return Result.of(
-            _marked(dataset, self._events, manipulator, self._step_ns),
+        table = self._recorder.table()
+        if not self._checkpoints:
+            table = self._evaluated(self._recorder.maps().added_to(table))
+        result = Result.of(
+            _marked(table, self._events, manipulator, self._step_ns),
             title=tables.title,
             label=tables.label,
             scenario_text=self._scenario.text,
@@ -119,6 +121,18 @@ class Print:
             components=self._components,
             notes=notes,
         )
+        if self._folder and self._checkpoints:
+            result.save(self._folder, self._checkpoints.maps())
+            result = Result.load(self._folder)
+            if tables.metrology:
+                Result(self._evaluated(result.dataset), result.run).save(self._folder)
+                result = Result.load(self._folder)
+        return result
+
+    def _evaluated(self, run: xr.Dataset) -> xr.Dataset:
+        """The run with the parameters that the scenario's [metrology] asks for."""
+        asked = self._scenario.tables.metrology
+        return with_parameters(run, asked.evaluation) if asked else run
 
 
 def _advice(folder: Path, checkpoints: Checkpoints) -> str:
@@ -134,6 +148,5 @@ def _marked(dataset: xr.Dataset, events: Sequence[Event], manipulator: Manipulat
         return dataset
     ends_ns = np.nan_to_num(dataset["time"].values * NS_PER_S).round().astype(np.int64)
     modified = [manipulator.in_effect(max(0, int(end_ns) - step_ns), layer) for layer, end_ns in enumerate(ends_ns)]
-    attributes = {"units": "1", "long_name": "layers in which an event was in effect"}
-    marked = dataset.assign(modified=(("layer",), np.array(modified), attributes))
+    marked = dataset.assign(modified=variable("modified", ("layer",), np.array(modified), "1"))
     return marked.assign_attrs(events="\n".join(map(str, events)))

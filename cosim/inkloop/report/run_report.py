@@ -15,9 +15,11 @@ from rich.table import Table
 from inkloop.contract import LAYER_UNKNOWN
 from inkloop.errors import ResultError
 from inkloop.files import write_text
+from inkloop.report import surface_parameters
 from inkloop.report.model_difference import model_difference
 from inkloop.report.terminal import FILE_WIDTH, Terminal, decimals, number_table
 from inkloop.report.trust import untrusted_remarks
+from inkloop.results.evaluated_surface import parameters_of
 from inkloop.results.result import COMPARE_FOLDER, Result, read_record
 from inkloop.tables.schema import Literature
 from inkloop.units import UM_PER_M
@@ -58,8 +60,11 @@ def write(folder: Path, *, in_memory: Mapping[Path, Result] | None = None, pictu
     text = io.StringIO()
     summary = Terminal(text, width=FILE_WIDTH)
     summary.print(table)
+    if surfaces := surface_parameters.table_of_runs(runs):
+        summary.print(surfaces)
     for name, result in runs.items():
-        for remark in remarks(result):
+        refusals = surface_parameters.reasons(parameters_of(result.dataset))
+        for remark in remarks(result) + [f"{symbols}: {reason}" for symbols, reason in refusals]:
             summary.print(f"{name}: {remark}")
     difference = model_difference(main)
     if difference:
@@ -146,7 +151,8 @@ def _figures(result: Result) -> dict[str, Any]:
     counts = {key: int(metrics[key]) for key in ("layers", "droplets") if np.isfinite(metrics[key])}
     shares = {key: metrics[key] for key in ("mismatch",) if key in metrics}
     end = {"stop_reason": result.stop_reason, "wall_s": result.wall_s, "remarks": remarks(result)}
-    return lengths | shares | counts | end
+    surface = {parameter.key: parameter.shown for parameter in parameters_of(result.dataset)}
+    return lengths | shares | counts | end | ({"surface": surface} if surface else {})
 
 
 def remarks(result: Result) -> list[str]:

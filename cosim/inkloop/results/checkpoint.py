@@ -8,8 +8,10 @@ soon as it is there, for no real sensor would repeat it to the bit: the plan mad
 
 from __future__ import annotations
 
+import gc
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,7 @@ from numpy.typing import NDArray
 from inkloop.component import Component, Values, is_device
 from inkloop.errors import ResultError
 from inkloop.files import reason_of, replaced, sync_folder
+from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.recorder import Recorder
 
 LAYERS_FOLDER, STATE_FILE = "layers", "state.npz"
@@ -49,8 +52,9 @@ class Checkpoints:
     """Observer of a master that writes a checkpoint per printed layer, and per scan, into the run folder `folder`.
 
     It stands after `recorder`, whose rows it writes. Where a component cannot save its state, the layers are written
-    all the same, and the checkpoint states why it cannot be resumed. With a device, whose layers cannot be printed
-    again, a checkpoint outlives a power failure too.
+    all the same; the last state that could be saved stays, and the layers after it are printed again by a resumed run.
+    Without one the checkpoint states why it cannot be resumed, so does any with a device, whose layers cannot be
+    printed again and whose checkpoints outlive a power failure too.
     """
 
     def __init__(self, folder: Path, components: Mapping[str, Component], recorder: Recorder) -> None:
@@ -62,6 +66,7 @@ class Checkpoints:
         self._last: int | None = None
         self._scanned = -1
         self._rows: dict[str, NDArray[Any]] = {}
+        self._holds_state = False
         self.refusal = ""
 
     @property
@@ -87,21 +92,38 @@ class Checkpoints:
         if checkpoint is None:
             return None
         try:
-            for path in sorted(self._folder.glob("[0-9]*.npz")):
+            for path in self._files():
                 if int(path.stem) > checkpoint.layer:
                     path.unlink()  # its state was never written
-                else:
-                    self._rows = _read(path)
-                    self._recorder.put_rows(self._rows)
+                    continue
+                with _opened(path) as rows:
+                    self._recorder.put_rows(rows)
+                    if int(path.stem) == checkpoint.layer:
+                        self._rows = dict(rows)
         except _UNREADABLE as error:
             raise _unreadable(self._folder, error, advice) from error
         self._last, self.refusal = checkpoint.layer, checkpoint.refusal
+        self._holds_state = not checkpoint.refusal
         return checkpoint
+
+    def maps(self) -> LayerMaps:
+        """The maps of all layers on disk, of which one file at a time is open."""
+
+        def parts() -> Iterator[Mapping[str, NDArray[Any]]]:
+            for path in self._files():
+                with _opened(path) as rows:
+                    yield rows
+
+        return self._recorder.maps(parts())
+
+    def _files(self) -> list[Path]:
+        return sorted(self._folder.glob("[0-9]*.npz"), key=lambda path: int(path.stem))
 
     def _write(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         layer = self._recorder.layers
         self._rows = (self._rows if layer == self._last else {}) | self._recorder.take_rows()
-        states, self.refusal = _states(self._components)
+        states, refusal = _states(self._components)
+        stays = bool(refusal) and self._holds_state and not self._durable
         path = self._folder / f"{layer:04d}.npz"
         try:
             if not self._folder.is_dir():
@@ -109,14 +131,17 @@ class Checkpoints:
                 sync_folder(self._run_folder)
             _save(path, self._rows, self._durable)
             path = self._folder / STATE_FILE
-            _save(path, _packed(Checkpoint(time_ns, layer, outputs, states, self.refusal)), self._durable)
-        except OSError as error:
+            if not stays:
+                _save(path, _packed(Checkpoint(time_ns, layer, outputs, states, refusal)), self._durable)
+                self.refusal, self._holds_state = refusal, not refusal
+        except (OSError, MemoryError) as error:
             kept = "no layer was finished" if self._last is None else f"layers 0 to {self._last} are kept"
             raise ResultError(
                 f"{path}: cannot be written: {reason_of(error)}; {kept}; make room, then "
                 f"continue with `inkloop resume {self._run_folder}`"
             ) from error
         self._last, self._scanned = layer, self._recorder.scanned
+        gc.collect(1)  # ctypes leaves maps in reference cycles; the collector counts objects, not their bytes
 
 
 def last(run_folder: Path, advice: str = "") -> Checkpoint | None:
@@ -188,6 +213,12 @@ def _save(path: Path, arrays: Mapping[str, NDArray[Any]], durable: bool) -> None
         np.savez(file, **arrays)  # type: ignore[arg-type]
 
 
+def _opened(path: Path) -> AbstractContextManager[Mapping[str, NDArray[Any]]]:
+    """The arrays of a file, each read when it is asked for."""
+    opened: AbstractContextManager[Mapping[str, NDArray[Any]]] = np.load(path, allow_pickle=False)
+    return opened
+
+
 def _read(path: Path) -> dict[str, NDArray[Any]]:
-    with np.load(path, allow_pickle=False) as stored:
-        return {key: stored[key] for key in stored.files}
+    with _opened(path) as stored:
+        return dict(stored)

@@ -36,20 +36,41 @@ def packed(dataset: xr.Dataset) -> memoryview:
             file[dimension].make_scale(dimension)
             file[dimension].attrs["_Netcdf4Dimid"] = np.int32(number)
         for name, variable in variables.items():
-            for axis, dimension in zip(file[name].dims, map(str, variable.dims), strict=True):
-                if dimension != name:
-                    axis.attach_scale(file[dimension])
+            _attach(file, name, tuple(map(str, variable.dims)))
     return image.getbuffer()
 
 
-def read(path: Path) -> xr.Dataset:
-    """What `packed` or xarray wrote. Raises OSError, ValueError or KeyError for a file that is not whole."""
+def read(path: Path, bytes_at_once: int | None = None) -> xr.Dataset:
+    """What `packed` or xarray wrote; a dataset with more bytes than this is read by xarray when it is used.
+
+    Raises OSError, ValueError or KeyError for a file that is not whole.
+    """
     import h5py
     import xarray as xr
 
     with h5py.File(path, "r") as file:
-        variables = {name: xr.Variable(*_restored(file, name)) for name in file}
-        return xr.Dataset(variables, attrs=_attributes(file))
+        if bytes_at_once is None or sum(stored.nbytes for stored in file.values()) <= bytes_at_once:
+            variables = {name: xr.Variable(*_restored(file, name)) for name in file}
+            return xr.Dataset(variables, attrs=_attributes(file))
+    return xr.open_dataset(path, engine="h5netcdf", cache=False)
+
+
+def add(
+    file: h5py.File,
+    name: str,
+    dimensions: tuple[str, ...],
+    dtype: np.dtype[Any],
+    attributes: Mapping[str, Any],
+    **options: Any,
+) -> h5py.Dataset:
+    """A variable without its values, which are NaN or 0 until they are put in. options: of `h5py.create_dataset`."""
+    shape, is_bool = tuple(len(file[dimension]) for dimension in dimensions), dtype == np.bool_
+    if dtype.kind == "f":
+        options |= {"fillvalue": np.nan}
+    stored = file.create_dataset(name, shape, np.int8 if is_bool else dtype, **options)
+    _describe(stored, dtype, attributes, is_coordinate=False)
+    _attach(file, name, dimensions)
+    return stored
 
 
 def _store(file: h5py.File, name: str, variable: xr.Variable) -> None:
@@ -60,9 +81,19 @@ def _store(file: h5py.File, name: str, variable: xr.Variable) -> None:
         options |= {"fillvalue": np.nan}
     is_bool = values.dtype == np.bool_
     stored = file.create_dataset(name, data=values.astype(np.int8) if is_bool else values, **options)
-    if values.dtype.kind == "f" and variable.dims != (name,):
-        stored.attrs["_FillValue"] = np.full(1, np.nan, values.dtype)
-    _annotate(stored, {**variable.attrs, **({"dtype": "bool"} if is_bool else {})})
+    _describe(stored, values.dtype, variable.attrs, is_coordinate=variable.dims == (name,))
+
+
+def _describe(stored: h5py.Dataset, dtype: np.dtype[Any], attributes: Mapping[Any, Any], is_coordinate: bool) -> None:
+    if dtype.kind == "f" and not is_coordinate:
+        stored.attrs["_FillValue"] = np.full(1, np.nan, dtype)
+    _annotate(stored, {**attributes, **({"dtype": "bool"} if dtype == np.bool_ else {})})
+
+
+def _attach(file: h5py.File, name: str, dimensions: tuple[str, ...]) -> None:
+    for axis, dimension in zip(file[name].dims, dimensions, strict=True):
+        if dimension != name:
+            axis.attach_scale(file[dimension])
 
 
 def _annotate(place: h5py.File | h5py.Dataset, attributes: Mapping[Any, Any]) -> None:

@@ -8,20 +8,20 @@ real profiler, else by its shadow.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import Component, FloatMap, Job, Port, Status, Values, is_device
+from inkloop.component import Component, Job, Port, Status, Values, is_device
 from inkloop.contract import (
     CONTROLLER,
     COUNTERS,
     DROP_LEVEL,
     HEIGHT,
-    LAYER_UNKNOWN,
     LAYERS_COMPARED,
     LAYERS_FOLLOWED,
     LAYERS_PRINTED,
@@ -35,7 +35,10 @@ from inkloop.contract import (
     STATUS,
     VALID,
 )
+from inkloop.results.attributes import variable
+from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.metrics import surface_error
+from inkloop.results.solid import INK, layer_ink
 from inkloop.units import S_PER_NS
 
 if TYPE_CHECKING:
@@ -49,26 +52,9 @@ COUNTER_ROLES = {
 """Sequence number -> role of the component that puts it out."""
 LABELS = {(SHADOW, HEIGHT): "shadow_height", (SHADOW, STATUS): "shadow_status"}
 """Ports recorded under another name, because their values never come from a printer."""
-NOT_REPRODUCIBLE = frozenset({"solve_time"})
-LONG_NAMES = {
-    HEIGHT: "surface after the layer",
-    "area": "share of each cell that ink covers after the layer",
-    MEASURED_HEIGHT: "scan of the layer",
-    VALID: "cells of the scan that were measured",
-    "estimated_height": "the controller's estimate from the scan of the layer",
-    PATTERN: "what was jetted in the layer: 0 none, 1 material A, 2 material B",
-    DROP_LEVEL: "drops that each droplet of the layer consists of",
-    "time": "time at which the layer was complete",
-    "shadow_height": "surface of the model that follows the commanded patterns",
-    "shadow_status": "4: grew differently from the model, or could not be compared; 3: so much that the run ended",
-    "growth_divergence": "rms over the part of what was scanned to be added less what the model adds",
-    "surface_divergence": "rms over the part of scan less model",
-    LAYER_UNKNOWN: "the layer was aborted: what of its pattern was jetted is unknown",
-    "mean_error": "target minus mean height over the part",
-    "mae": "mean absolute error over the part",
-    "rms": "root mean square error over the part",
-    "std": "standard deviation of the error over the part (population)",
-}
+_RUN = "run"
+"""Role of recorded values of no component."""
+ERRORS = ("mean_error", "mae", "rms", "std")
 
 
 @dataclass(frozen=True)
@@ -88,7 +74,7 @@ class Recorder:
 
     Maps by layer: `height` when it is printed, `measured_height` and `valid` when it is scanned, `pattern`,
     `drop_level` and the scalars of the controller when it is commanded, `estimated_height` when the controller has
-    answered its scan.
+    answered its scan. Scalars stay in memory, maps until `take_rows` hands them over.
     """
 
     def __init__(
@@ -98,8 +84,10 @@ class Recorder:
         self._on_layer = on_layer
         self._roles: dict[str, str] = {}
         self._ports: dict[str, Port] = {}
-        self._rows: dict[str, dict[int, NDArray[Any]]] = {}
+        self._scalars: dict[str, dict[int, NDArray[Any]]] = {}
         self._layer_times: dict[int, float] = {}
+        self._errors: dict[int, NDArray[np.float64]] = {}
+        self._of_run: dict[str, dict[int, Any]] = {"time": self._layer_times, "errors": self._errors}
         self._seen: dict[str, int] = {}
         self._new_rows: dict[str, NDArray[Any]] = {}
         for counter, role in COUNTER_ROLES.items():
@@ -165,50 +153,94 @@ class Recorder:
 
     def put_rows(self, rows: Mapping[str, NDArray[Any]]) -> None:
         """Record what `take_rows` of an earlier part of the run gave; all of its calls in their order."""
-        for key, value in rows.items():
-            place, _, layer = key.rpartition("/")
-            role, _, name = place.partition("/")
-            if role == "run":
-                self._layer_times[int(layer)] = float(value)
-            else:
-                self._keep(role, name, int(layer), {name: value})
+        for key in rows:
+            role, name, layer = _place(key)
+            if role == _RUN:
+                self._of_run[name][layer] = rows[key]
+            elif (label := self._label(role, name)) and not self._ports[label].shape:
+                self._scalars.setdefault(label, {})[layer] = rows[key]
         self._new_rows = {}
 
-    def dataset(self) -> xr.Dataset:
-        """Everything recorded, as labelled arrays with units; layers that were jumped over hold NaN or 0."""
+    def table(self) -> xr.Dataset:
+        """Everything recorded but the maps by layer, with units; layers that were jumped over hold NaN or 0."""
         import xarray as xr
 
         job, count = self._job, self.layers + 1
         variables: dict[str, xr.Variable] = {
-            "target_height": _variable(("x", "y"), job.target_height, "m", "height that the part shall have"),
-            "mask": _variable(("x", "y"), job.mask, "1", "cells of the part"),
+            "target_height": variable("target_height", ("x", "y"), job.target_height, "m"),
+            "mask": variable("mask", ("x", "y"), job.mask, "1"),
         }
-        for name, rows in self._rows.items():
+        for name, rows in self._scalars.items():
             port = self._ports[name]
-            dims = ("layer", "x", "y")[: 1 + len(port.shape)]
-            filled = np.full((count, *port.shape), np.nan if port.dtype.startswith("float") else 0, dtype=port.dtype)
+            filled = np.full(count, np.nan if port.dtype.startswith("float") else 0, dtype=port.dtype)
             for layer, value in rows.items():
                 if layer < count:
                     filled[layer] = value
-            variables[name] = _variable(dims, filled, port.unit, LONG_NAMES.get(name, name.replace("_", " ")))
-            if name in NOT_REPRODUCIBLE:
-                variables[name].attrs["reproducible"] = "no: wall-clock"
+            variables[name] = variable(name, ("layer",), filled, port.unit, giver=self._giver(port))
         times = np.array([self._layer_times.get(layer, np.nan) for layer in range(count)])
-        variables["time"] = _variable(("layer",), times, "s", LONG_NAMES["time"])
-        if HEIGHT not in variables and (surface := self._surface_label()) in variables:
-            heights = _carried(variables[surface].values, self._rows[surface])
-            variables[HEIGHT] = _variable(("layer", "x", "y"), heights, "m", f"{LONG_NAMES[HEIGHT]}: {surface}")
-        if HEIGHT in variables:
-            errors = [surface_error(surface, job) for surface in variables[HEIGHT].values]
-            for name in ("mean_error", "mae", "rms", "std"):
-                values = np.array([getattr(error, name) for error in errors])
-                variables[name] = _variable(("layer",), values, "m", LONG_NAMES[name])
+        variables["time"] = variable("time", ("layer",), times, "s")
+        if self._errors:
+            unknown = np.full(len(ERRORS), np.nan)
+            errors = [self._errors.get(0, unknown)]
+            for layer in range(1, count):
+                errors.append(self._errors.get(layer, errors[-1] if self._is_carried else unknown))
+            for name, values in zip(ERRORS, np.transpose(errors), strict=True):
+                variables[name] = variable(name, ("layer",), values.copy(), "m")
         coordinates = {
-            "layer": _variable(("layer",), np.arange(count), "1", "layer; 0 is the start surface"),
-            "x": _variable(("x",), np.arange(job.nx) * job.pitch, "m", "position along x"),
-            "y": _variable(("y",), np.arange(job.ny) * job.pitch, "m", "position along y"),
+            "layer": variable("layer", ("layer",), np.arange(count), "1"),
+            "x": variable("x", ("x",), np.arange(job.nx) * job.pitch, "m"),
+            "y": variable("y", ("y",), np.arange(job.ny) * job.pitch, "m"),
         }
         return xr.Dataset(variables, coordinates, {"pitch": job.pitch})
+
+    def maps(self, taken: Iterable[Mapping[str, NDArray[Any]]] = ()) -> LayerMaps:
+        """All maps by layer; taken: what `take_rows` gave, in its order."""
+        job, ports = self._job, {label: port for label, port in self._ports.items() if port.shape}
+        empty = {
+            label: variable(label, (), np.zeros((), port.dtype), port.unit, giver=self._giver(port))
+            for label, port in ports.items()
+        }
+        if self._is_carried:
+            empty[HEIGHT] = variable(HEIGHT, (), 0.0, "m")
+            empty[HEIGHT].attrs["source"] = self._surface_label()
+        in_two_inks = job.region is not None and {HEIGHT, PATTERN} <= empty.keys()
+        if in_two_inks:
+            empty[INK] = variable(INK, (), np.int8(0), "1")
+        variables = {name: (each.dtype, each.attrs) for name, each in empty.items()}
+        rows = self._with_derived(chain(taken, [self._new_rows]), in_two_inks)
+        return LayerMaps((self.layers + 1, job.nx, job.ny), variables, rows, job)
+
+    def dataset(self) -> xr.Dataset:
+        """Everything recorded whose maps `take_rows` has not handed over, as labelled arrays with units."""
+        return self.maps().added_to(self.table())
+
+    @property
+    def _is_carried(self) -> bool:
+        """Whether the surface is that of a scan or a shadow, which lacks layers: those keep the one before them."""
+        return self._surface_label() in self._ports and self._surface_label() != HEIGHT
+
+    def _with_derived(
+        self, parts: Iterable[Mapping[str, NDArray[Any]]], in_two_inks: bool
+    ) -> Iterator[tuple[str, int, NDArray[Any]]]:
+        """Recorded maps, the surface where no printer reports one, and the ink of each layer."""
+        carried = self._surface_label() if self._is_carried else ""
+        known, after = np.full((self._job.nx, self._job.ny), np.nan), 0
+        for part in parts:
+            for key in part:
+                role, name, layer = _place(key)
+                label = "" if role == _RUN else self._label(role, name)
+                if not label or not self._ports[label].shape:
+                    continue
+                map_ = part[key]
+                yield label, layer, map_
+                if label == carried:
+                    yield from ((HEIGHT, between, known) for between in range(after, layer))
+                    yield HEIGHT, layer, map_
+                    known, after = map_, layer + 1
+                if in_two_inks and label == PATTERN and layer > 0:
+                    yield INK, layer, layer_ink(map_, self._job.inks)
+        if carried:
+            yield from ((HEIGHT, layer, known) for layer in range(after, self.layers + 1))
 
     def _commanded(self, number: int, values: Values) -> None:
         for name in (PATTERN, DROP_LEVEL):
@@ -217,18 +249,17 @@ class Recorder:
         self._keep_scalars(CONTROLLER, number, values)
 
     def _printed(self, number: int, time_ns: int, values: Values) -> None:
-        self._layer_times[number] = time_ns * S_PER_NS
-        self._new_rows[f"run/time/{number}"] = np.asarray(time_ns * S_PER_NS)
+        self._keep_of_run("time", number, np.asarray(time_ns * S_PER_NS))
         for name in (HEIGHT, "area"):
             self._keep(PRINTER, name, number, values)
         self._keep_scalars(PRINTER, number, values)
-        self._report(PRINTER, number, time_ns, values)
+        self._report(PRINTER, number, time_ns)
 
     def _scanned(self, number: int, time_ns: int, values: Values) -> None:
         for name in (MEASURED_HEIGHT, VALID):
             self._keep(PROFILER, name, number, values)
         self._keep_scalars(PROFILER, number, values)
-        self._report(PROFILER, number, time_ns, values)
+        self._report(PROFILER, number, time_ns)
 
     def _followed(self, counter: str, number: int, time_ns: int, values: Values) -> None:
         """The shadow has deposited a layer, or was compared with a scan; the scan of layer 0 may move its surface."""
@@ -238,17 +269,15 @@ class Recorder:
         if number == int(values[LAYERS_FOLLOWED]):
             self._keep(SHADOW, HEIGHT, number, values)
         if counter == LAYERS_FOLLOWED:
-            self._report(SHADOW, number, time_ns, values)
+            self._report(SHADOW, number, time_ns)
 
-    def _report(self, role: str, number: int, time_ns: int, values: Values) -> None:
+    def _report(self, role: str, number: int, time_ns: int) -> None:
         """Report a layer when its surface is known."""
         if self._on_layer is None or role != self._surface_role:
             return
-        error = surface_error(values[self._surface_port], self._job)
-        scalars = {
-            name: float(rows[number]) for name, rows in self._rows.items() if number in rows and rows[number].ndim == 0
-        }
-        self._on_layer(LayerRow(number, time_ns * S_PER_NS, error.mean_error, error.mae, error.std, scalars))
+        mean, mae, _, std = map(float, self._errors[number])
+        scalars = {name: float(rows[number]) for name, rows in self._scalars.items() if number in rows}
+        self._on_layer(LayerRow(number, time_ns * S_PER_NS, mean, mae, std, scalars))
 
     def _source_of_surface(self, components: Mapping[str, Component]) -> tuple[str, str]:
         """Role and output: the printer, else a profiler that is a device, else the shadow; "" if none."""
@@ -261,32 +290,43 @@ class Recorder:
     def _surface_label(self) -> str:
         return LABELS.get((self._surface_role, self._surface_port), self._surface_port)
 
+    def _giver(self, port: Port) -> str:
+        return next((role for role, ports in self._own_ports.items() if ports.get(port.name) is port), "")
+
     def _keep_scalars(self, role: str, layer: int, values: Values) -> None:
         for name, port in self._own_ports[role].items():
             if port.shape == () and name not in COUNTER_ROLES and name != STATUS:
                 self._keep(role, name, layer, values)
 
     def _keep(self, role: str, name: str, layer: int, values: Values) -> None:
-        """Store one value under its name; if two components share a name, the second one is prefixed by its role."""
-        port = self._own_ports[role].get(name)
-        if port is None or layer < 0:
+        """Store one value under its name, and the errors of a surface."""
+        label = self._label(role, name)
+        if not label or layer < 0:
             return
+        value = self._new_rows[f"{role}/{name}/{layer}"] = np.array(values[name])
+        if not value.shape:
+            self._scalars.setdefault(label, {})[layer] = value
+        if (role, name) == (self._surface_role, self._surface_port):
+            error = surface_error(value, self._job)
+            self._keep_of_run("errors", layer, np.array([getattr(error, each) for each in ERRORS]))
+
+    def _keep_of_run(self, name: str, layer: int, value: NDArray[np.float64]) -> None:
+        self._of_run[name][layer] = self._new_rows[f"{_RUN}/{name}/{layer}"] = value
+
+    def _label(self, role: str, name: str) -> str:
+        """The name in the dataset; if two components share one, the second is prefixed by its role. "" for no port."""
+        port = self._own_ports[role].get(name)
+        if port is None:
+            return ""
         label = LABELS.get((role, name), name)
         if self._ports.setdefault(label, port) is not port:
             label = f"{role}_{name}"
             self._ports.setdefault(label, port)
-        self._rows.setdefault(label, {})[layer] = self._new_rows[f"{role}/{name}/{layer}"] = np.array(values[name])
+        return label
 
 
-def _carried(maps: NDArray[Any], known: Mapping[int, object]) -> NDArray[Any]:
-    """Maps by layer, unknown ones as the known one before them: a layer may be printed and not yet scanned."""
-    layers = np.arange(len(maps))
-    last = np.maximum.accumulate(np.where(np.isin(layers, list(known)), layers, 0))
-    carried: NDArray[Any] = maps[last]
-    return carried
-
-
-def _variable(dims: tuple[str, ...], values: NDArray[Any] | FloatMap, unit: str, long_name: str) -> xr.Variable:
-    import xarray as xr
-
-    return xr.Variable(dims, values, {"units": str(unit), "long_name": long_name})
+def _place(key: str) -> tuple[str, str, int]:
+    """Role, name and layer of a recorded value; the role `_RUN` is that of values of no component."""
+    place, _, layer = key.rpartition("/")
+    role, _, name = place.partition("/")
+    return role, name, int(layer)

@@ -22,6 +22,8 @@ from inkloop.component import Component
 from inkloop.errors import ResultError
 from inkloop.files import is_full, reason_of, replaced, sync_folder, write_text
 from inkloop.results import netcdf
+from inkloop.results.attributes import CONVENTIONS
+from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.lock import writer_of
 from inkloop.results.metrics import masked_error
 
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 
 SCHEMA_VERSION = 1
 RESULT_FILE, RUN_FILE, SCENARIO_FILE = "result.nc", "run.json", "scenario.toml"
+READ_AT_ONCE = 1 << 26
+"""Bytes of the arrays of a result up to which all of them are read into memory."""
 COMPARE_FOLDER = "compare"
 """Folder of a run folder that holds its comparison runs."""
 UNFINISHED = ("running", "interrupted", "failed")
@@ -63,7 +67,7 @@ class Result:
         notes: further entries of run.json.
         """
         attributes = {
-            "Conventions": "CF-1.11",
+            "Conventions": CONVENTIONS,
             "schema_version": SCHEMA_VERSION,
             "title": title,
             "label": label,
@@ -138,27 +142,35 @@ class Result:
         except OSError as error:
             raise ResultError(f"{folder}: the run cannot be written there: {reason_of(error)}") from error
 
-    def save(self, folder: Path) -> None:
-        """Write the run folder's files, each whole or not at all. Raises ResultError."""
+    def save(self, folder: Path, maps: LayerMaps | None = None) -> None:
+        """Write the run folder's files, each whole or not at all. Raises ResultError.
+
+        maps: those by layer, where `dataset` does not hold them.
+        """
+        table, maps = (self.dataset, maps) if maps else LayerMaps.taken_from(self.dataset)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with replaced(folder / RESULT_FILE) as partial:
-                partial.write_bytes(netcdf.packed(self.dataset))
+                maps.write(partial, table)
             write_text(folder / SCENARIO_FILE, self.scenario_text)
             write_text(folder / RUN_FILE, json.dumps(self.run, indent=2) + "\n")
-        except OSError as error:
-            advice = f"; make room, then continue with `inkloop resume {folder}`" if is_full(error) else ""
+        except (OSError, MemoryError) as error:
+            has_no_room = isinstance(error, MemoryError) or is_full(error)
+            advice = f"; make room, then continue with `inkloop resume {folder}`" if has_no_room else ""
             raise ResultError(f"{folder}: the run cannot be saved: {reason_of(error)}{advice}") from error
 
     @classmethod
     def load(cls, folder: Path) -> Result:
-        """Read a run folder. Raises ResultError where it is none, of another schema, or of a run that has not ended."""
+        """Read a run folder; maps of a large run are read when they are used, and have to be kept until then.
+
+        Raises ResultError where it is none, of another schema, or of a run that has not ended.
+        """
         folder = Path(folder)
         run = read_record(folder)
         if run.get("stop_reason") == "running":
             raise ResultError(f"{folder}: {_progress_of(folder, run)}")
         try:
-            dataset = netcdf.read(folder / RESULT_FILE)
+            dataset = netcdf.read(folder / RESULT_FILE, READ_AT_ONCE)
         except FileNotFoundError as error:
             raise ResultError(f"{folder}: holds no {RESULT_FILE}; `inkloop resume {folder}` continues it") from error
         except (OSError, ValueError, KeyError) as error:
@@ -171,7 +183,9 @@ class Result:
         counts = [self.dataset[name] for name in ("droplets_a", "droplets_b") if name in self.dataset]
         if counts:
             return float(sum(int(count[-1]) for count in counts))
-        return float(np.count_nonzero(self.dataset["pattern"])) if "pattern" in self.dataset else float("nan")
+        if "pattern" not in self.dataset:
+            return float("nan")
+        return float(sum(np.count_nonzero(pattern) for pattern in self.dataset["pattern"]))
 
 
 def read_record(folder: Path) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +14,16 @@ from inkloop.geometry import cell_centers
 if TYPE_CHECKING:
     import xarray as xr
 
+INK = "ink"
 STEP_M = 1e-6  # height of a voxel: a droplet brings several times that (assumed)
+_BYTES_AT_ONCE = 1 << 28
 
 
-def layer_inks(pattern: NDArray[np.int32], inks: Sequence[Ink]) -> NDArray[np.int8]:
-    """(layers, nx, ny): the ink that fills most of what each layer adds to each cell: 1 A, 2 B, 0 nothing near.
+def layer_ink(pattern: NDArray[np.int32], inks: Sequence[Ink]) -> NDArray[np.int8]:
+    """(nx, ny): the ink that fills most of what a layer adds to each cell: 1 A, 2 B, 0 nothing near.
 
-    pattern: (layers, nx, ny), 0 none, 1 A, 2 B. Shares are those of the flat surface, where a cell's own droplet brings
-    more than all its neighbours together.
+    pattern: (nx, ny), 0 none, 1 A, 2 B. Shares are those of the flat surface, where a cell's own droplet brings more
+    than all its neighbours together.
     """
     shares = [_shares(pattern == number, ink) for number, ink in enumerate(inks, start=1)]
     filled = np.argmax(shares, axis=0) + 1
@@ -31,35 +33,43 @@ def layer_inks(pattern: NDArray[np.int32], inks: Sequence[Ink]) -> NDArray[np.in
 def voxels(run: xr.Dataset) -> NDArray[np.int8]:
     """(nx, ny, levels): the ink at the middle of each voxel of STEP_M up to the target or the top, 0 above the surface.
 
-    run: dataset with height, target_height and ink (see `with_solid`).
+    run: dataset with height, target_height and ink.
     """
-    height = run.height.values
-    top = max(float(height[-1].max()), float(run.target_height.max()))
-    middles = _middles(int(np.ceil(top / STEP_M)))
-    solid = np.zeros((*height.shape[1:], middles.size), np.int8)
-    for layer, filling in enumerate(run.ink.values[1:]):
+    return _filled(run.height.values, run.ink.values, _levels(run.height[-1].values, run.target_height.values))
+
+
+def mismatch(height: Any, ink: Any, job: Job) -> float:
+    """Voxels of ink A where it is not wanted plus wanted ones without it, as a share of the wanted ones.
+
+    height, ink: (layers, nx, ny) as in a run, arrays or variables of a file, of which some rows at a time are read.
+    """
+    assert job.region is not None
+    levels = _levels(np.asarray(height[-1]), job.target_height)
+    x, y = cell_centers(job.nx, job.ny, job.pitch)
+    rows = max(1, _BYTES_AT_ONCE // (job.ny * (6 * levels + 9 * height.shape[0])))
+    differing, wanted = 0, 0
+    for first in range(0, job.nx, rows):
+        block = slice(first, first + rows)
+        part = job.mask[block]
+        printed = _filled(np.asarray(height[:, block]), np.asarray(ink[:, block]), levels)[part] == 1
+        middles, top = _middles(levels), job.target_height[block][part][:, None]
+        asked = job.region.contains(x[block][part][:, None], y[block][part][:, None], middles) & (middles <= top)
+        differing += int((printed ^ asked).sum())
+        wanted += int(asked.sum())
+    return differing / max(1, wanted)
+
+
+def _levels(top_surface: FloatMap, target: FloatMap) -> int:
+    return int(np.ceil(max(float(top_surface.max()), float(target.max())) / STEP_M))
+
+
+def _filled(height: FloatMap, ink: NDArray[np.int8], levels: int) -> NDArray[np.int8]:
+    middles = _middles(levels)
+    solid = np.zeros((*height.shape[1:], levels), np.int8)
+    for layer, filling in enumerate(ink[1:]):
         below, above = (surface[..., None] for surface in height[layer : layer + 2])
         solid += filling[..., None] * ((middles >= below) & (middles < above))
     return solid
-
-
-def with_solid(run: xr.Dataset, job: Job) -> xr.Dataset:
-    """The run of a job in two inks with `ink` (layer, x, y), see `layer_inks`, and the scalar `mismatch`.
-
-    mismatch: voxels of ink A where it is not wanted plus wanted ones without it, as a share of the wanted ones.
-    """
-    if job.region is None or not {"height", "pattern"} <= run.keys():
-        return run
-    ink = np.concatenate([np.zeros((1, job.nx, job.ny), np.int8), layer_inks(run.pattern.values[1:], job.inks)])
-    words = "ink that fills most of what the layer added: 1 A, 2 B"
-    filled = run.assign(ink=(("layer", "x", "y"), ink, {"units": "1", "long_name": words}))
-    printed = voxels(filled)[job.mask] == 1
-    x, y = (axis[job.mask][:, None] for axis in cell_centers(job.nx, job.ny, job.pitch))
-    middles, top = _middles(printed.shape[1]), job.target_height[job.mask][:, None]
-    wanted = job.region.contains(x, y, middles) & (middles <= top)
-    share = float((printed ^ wanted).sum()) / max(1.0, float(wanted.sum()))
-    words = "ink A too much or lacking, as a share of what is wanted"
-    return filled.assign(mismatch=((), share, {"units": "1", "long_name": words}))
 
 
 def _middles(levels: int) -> FloatMap:
@@ -67,12 +77,12 @@ def _middles(levels: int) -> FloatMap:
 
 
 def _shares(droplets: NDArray[np.bool_], ink: Ink) -> FloatMap:
-    """(layers, nx, ny) height that the droplets of one ink bring to each cell of a flat surface [m]."""
-    framed = np.pad(droplets, ((0, 0), (1, 1), (1, 1)))
-    nx, ny = droplets.shape[1:]
+    """(nx, ny) height that the droplets of one ink bring to each cell of a flat surface [m]."""
+    framed = np.pad(droplets, 1)
+    nx, ny = droplets.shape
     spread = {0: ink.h1, 1: ink.h2, 2: ink.h3}
     total = np.zeros(droplets.shape)
     for di in (-1, 0, 1):
         for dj in (-1, 0, 1):
-            total += spread[abs(di) + abs(dj)] * framed[:, 1 + di : 1 + di + nx, 1 + dj : 1 + dj + ny]
+            total += spread[abs(di) + abs(dj)] * framed[1 + di : 1 + di + nx, 1 + dj : 1 + dj + ny]
     return total

@@ -1,7 +1,8 @@
 """What a print takes of the machine: memory and disk, estimated from its tables before anything of its size exists.
 
-The figures are measured: the peak of a process that prints a part with rough droplets and noisy scans, from the slopes
-between 300 x 300 and 600 x 600 cells and between 2 and 8 layers. What a class or an FMU of others takes is not in them.
+The figures are measured: the peak of a process that prints a part with rough droplets and noisy scans into a folder,
+from the slope between 300 x 300 and 600 x 600 cells; it does not grow with layers, which are on disk. What a class or
+an FMU of others takes is not in them.
 """
 
 from __future__ import annotations
@@ -15,8 +16,7 @@ from inkloop.errors import ResultError
 from inkloop.limits import available_memory, free_disk, memory_error, size_text
 from inkloop.tables.schema import ScenarioFile
 
-BYTES_OF_A_CELL = 700
-BYTES_OF_A_CELL_AND_LAYER = 69
+BYTES_OF_A_CELL = 480
 MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "LayerController": 1000}
 """Kind -> memory in addition, more than a hundred bytes a cell."""
 STATE_BYTES: Mapping[str, int] = {"YoungLaplaceDeposition": 540, "LayerController": 70}
@@ -56,7 +56,7 @@ class Footprint:
             tables.grid.nx,
             tables.grid.ny,
             layers,
-            BYTES_OF_A_CELL + BYTES_OF_A_CELL_AND_LAYER * layers + max(memory),
+            BYTES_OF_A_CELL + max(memory),
             2 * (STATE_BYTES_OF_A_CELL + max(states)) + FILE_BYTES_OF_A_CELL_AND_LAYER * (layers + 1) * len(kinds),
         )
 
@@ -85,7 +85,7 @@ class Footprint:
         free = free_disk(folder)
         if free is not None and self.disk > free:
             found = f"needs about {size_text(self.disk)} of disk, {size_text(free)} are free there"
-            advice = f"{self._advice(free / self.disk)}, or take another disk (--out)"
+            advice = f"{self._advice(free / self.disk)}, fewer layers, or another disk (--out)"
             raise ResultError(f"{folder}: {self._grid()} {found}; {advice}")
 
     def _grid(self) -> str:
@@ -93,7 +93,7 @@ class Footprint:
 
     def _advice(self, share: float) -> str:
         nx, ny = (max(1, math.floor(count * math.sqrt(share))) for count in (self.nx, self.ny))
-        return f"{nx} x {ny} cells would fit: choose a smaller grid or a larger pitch, or fewer layers"
+        return f"{nx} x {ny} cells would fit: choose a smaller grid or a larger pitch"
 
 
 def _layers(tables: ScenarioFile, height: float) -> int:

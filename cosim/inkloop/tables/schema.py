@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from inkloop.component import Ink
 from inkloop.tables import bench_faults
+from inkloop.tables.metrology import MetrologyTable
 from inkloop.tables.part import Part
 from inkloop.tables.shapes import Grid, Length, Position, Table
 from inkloop.tables.substrate import Substrate
@@ -207,6 +208,7 @@ class ScenarioFile(Table):
     ink: Inks = Inks()
     process: Process = Process()
     run: RunTable = RunTable()
+    metrology: MetrologyTable | None = None
     bench: BenchTable = BenchTable()
     components: dict[str, ComponentTable] = Field(min_length=1)
     connections: list[ConnectionTable] = Field(default=[])

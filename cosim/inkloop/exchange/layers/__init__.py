@@ -6,5 +6,3 @@ DROP_SPLITS = ("planes", "bits")
 """How drops of several sizes become bitmaps of one bit: a bitmap for each size, or for each bit of the level."""
 MESH_FORMATS = ("stl", "glb")
 MAP_FORMATS = ("sdf", "x3p", "tiff", "npy")
-SURFACES = ("printed", "measured", "estimated", "target")
-"""Maps of a run that `inkloop export-surface` writes."""

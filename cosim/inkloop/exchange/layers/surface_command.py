@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from inkloop.exchange.layers import MESH_FORMATS, mesh
-from inkloop.exchange.layers.surface import surface
 from inkloop.metrology import map_writing
 from inkloop.metrology.height_map import HeightMap
 from inkloop.report.terminal import Terminal
 from inkloop.results.result import Result
+from inkloop.results.surface import surface
 from inkloop.units import M_PER_UM, UM_PER_M
 
 SUFFIXES: Mapping[str, str] = {"tiff": ".tif"}
@@ -24,7 +24,7 @@ SUFFIXES: Mapping[str, str] = {"tiff": ".tif"}
 def export(options: argparse.Namespace, console: Terminal) -> int:
     """Write the file and describe it; returns the exit code. Raises ResultError, OSError."""
     result = Result.load(options.run)
-    map_ = surface(result, str(options.run), name=options.map, layer=options.layer, part=options.part)
+    map_ = surface(result.dataset, str(options.run), name=options.map, layer=options.layer, part=options.part)
     if options.fill_um is not None:
         map_ = replace(map_, z=np.where(map_.valid, map_.z, options.fill_um * M_PER_UM))
     form: str = options.format

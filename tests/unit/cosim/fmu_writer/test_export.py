@@ -12,7 +12,7 @@ import pytest
 
 from inkloop.errors import ComponentError, FmuError
 from inkloop.fmu import FmuComponent
-from inkloop.fmu_writer import c_tables, definition
+from inkloop.fmu_writer import c_tables, definition, export
 from inkloop.fmu_writer.archive import pack, unpack
 from inkloop.fmu_writer.export import export_fmu, find_fmu
 from support.places import ROOT
@@ -65,6 +65,19 @@ def test_large_fmi_2_grid_is_written_with_a_warning(tmp_path, caplog) -> None:
         assert not caplog.messages
         export_fmu("ProfileSensor", fmi="2", nx=33, ny=32, fixed=True, out=tmp_path / "it.fmu")
     assert "1056 scalars per map" in caplog.text
+
+
+def test_fmi_2_grid_that_many_tools_cannot_read_is_refused_unless_forced(tmp_path, monkeypatch) -> None:
+    out = tmp_path / "it.fmu"
+    message = r"400 x 400 cells has a modelDescription\.xml of about 175 MiB.* 2\.98 GiB .*use FMI 3.*--force"
+    with pytest.raises(FmuError, match=message):
+        export_fmu("ProfileSensor", fmi="2", nx=400, ny=400, out=out)
+    assert not out.exists()
+    monkeypatch.setattr(export, "FMI2_CELLS_MAX", 9)
+    with pytest.raises(FmuError, match="5 x 2 cells has"):
+        export_fmu("ProfileSensor", fmi="2", nx=5, ny=2, out=out)
+    assert export_fmu("ProfileSensor", fmi="2", nx=3, ny=3, out=out) == out
+    assert export_fmu("ProfileSensor", fmi="2", nx=5, ny=2, out=out, force=True) == out
 
 
 def test_message_of_a_missing_set_gives_a_remedy(tmp_path, monkeypatch) -> None:

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from inkloop.component import Ink, Job
-from inkloop.results.solid import layer_inks, voxels, with_solid
+from inkloop.results.solid import layer_ink, mismatch, voxels
 from support.half_spaces import Below
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
@@ -20,20 +20,21 @@ def printed(heights: list[float], inks: list[int], boundary: float) -> xr.Datase
     arrays = {"height": (("layer", "x", "y"), height), "pattern": (("layer", "x", "y"), pattern)}
     run = xr.Dataset({**arrays, "target_height": (("x", "y"), height[-1])}, attrs={"pitch": 263.256e-6})
     job = Job(4, 4, 263.256e-6, height[-1], np.ones((4, 4), np.bool_), INKS, Below(boundary * 1e-6))
-    return with_solid(run, job)
+    ink = np.array([layer_ink(layer, INKS) for layer in pattern])
+    return run.assign(ink=(("layer", "x", "y"), ink), mismatch=mismatch(height, ink, job))
 
 
 def test_a_cell_belongs_to_its_own_droplet_whatever_surrounds_it() -> None:
-    pattern = np.full((1, 3, 3), 1, np.int32)
-    pattern[0, 1, 1] = 2
-    assert layer_inks(pattern, INKS)[0, 1, 1] == 2
+    pattern = np.full((3, 3), 1, np.int32)
+    pattern[1, 1] = 2
+    assert layer_ink(pattern, INKS)[1, 1] == 2
 
 
 def test_a_cell_without_droplet_belongs_to_the_ink_that_spreads_most_into_it() -> None:
-    pattern = np.zeros((1, 3, 3), np.int32)
-    pattern[0, 0, 1], pattern[0, 0, 0] = 2, 1  # B from a side, A from a corner
-    assert layer_inks(pattern, INKS)[0, 1, 1] == 2
-    assert layer_inks(pattern, INKS)[0, 2, 2] == 0  # nothing near
+    pattern = np.zeros((3, 3), np.int32)
+    pattern[0, 1], pattern[0, 0] = 2, 1  # B from a side, A from a corner
+    assert layer_ink(pattern, INKS)[1, 1] == 2
+    assert layer_ink(pattern, INKS)[2, 2] == 0  # nothing near
 
 
 def test_voxels_hold_the_ink_of_the_layer_that_reaches_them() -> None:

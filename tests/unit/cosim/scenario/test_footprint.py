@@ -39,7 +39,7 @@ def test_grid_that_memory_cannot_hold_is_refused_by_every_command(
     error = capsys.readouterr().err
     assert f"grid of {side} x {side} cells, about 3 layers, needs about" in error
     assert "of memory, 8 GiB are available; " in error
-    assert " cells would fit: choose a smaller grid or a larger pitch, or fewer layers" in error
+    assert " cells would fit: choose a smaller grid or a larger pitch" in error
     assert list(tmp_path.iterdir()) == []
 
 
@@ -64,14 +64,14 @@ def test_grid_that_is_said_to_fit_does(eight_gib: None) -> None:
     assert of_a_cell * nx * ny <= 8 * GIB < of_a_cell * (nx + 2) * (ny + 2)
 
 
-def test_layers_and_kinds_that_keep_more_count(eight_gib: None) -> None:
+def test_kinds_that_keep_more_count_and_layers_do_not(eight_gib: None) -> None:
     def memory(**overrides: object) -> int:
         loaded = inkloop.load(CUBOID, {key.replace("__", "."): value for key, value in overrides.items()})
         assert isinstance(loaded, Scenario)
         return loaded.footprint.memory_of_a_cell
 
     plain = memory()
-    assert memory(part__height_um=1e9) == plain + (1000 - 3) * footprint.BYTES_OF_A_CELL_AND_LAYER  # layers_max
+    assert memory(part__height_um=1e9) == plain
     assert memory(components__controller__kind="LayerController") == plain + 1000
 
 

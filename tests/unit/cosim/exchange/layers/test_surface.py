@@ -14,12 +14,12 @@ import pytest
 from inkloop.cli import main
 from inkloop.errors import ResultError
 from inkloop.exchange.layers import mesh
-from inkloop.exchange.layers.surface import surface
 from inkloop.geometry import Placement, cell_centers, load
 from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_folder import MapFolder
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
+from inkloop.results.surface import surface
 from inkloop.scenario.file import Scenario
 from support.places import SCENARIOS
 
@@ -159,23 +159,21 @@ def test_a_body_with_holes_is_refused_and_writes_nothing(tmp_path: Path) -> None
 def test_the_surface_is_the_layer_of_the_run() -> None:
     run = printed().dataset
     for layer in (0, 1, 2):
-        assert np.array_equal(surface(printed(), "run", layer=layer).z, run.height.values[layer])
-    assert np.array_equal(surface(printed(), "run").z, run.height.values[2])
-    target = surface(printed(), "run", name="target", part=True)
+        assert np.array_equal(surface(printed().dataset, "run", layer=layer).z, run.height.values[layer])
+    assert np.array_equal(surface(printed().dataset, "run").z, run.height.values[2])
+    target = surface(printed().dataset, "run", name="target", part=True)
     assert np.array_equal(target.z, run.target_height.where(run.mask).values, equal_nan=True)
 
 
 def test_cells_that_a_scan_did_not_measure_have_no_height() -> None:
     """Also where the run took its surface from the scans, as with a real printer."""
     run = printed().dataset
-    scanned = surface(printed(), "run", name="measured", layer=1)
+    scanned = surface(printed().dataset, "run", name="measured", layer=1)
     expected = np.where(run.valid.values[1], run.measured_height.values[1], np.nan)
     assert np.array_equal(scanned.z, expected, equal_nan=True)
     assert 0 < np.isnan(scanned.z).sum() < scanned.z.size
-    taken = run.height.copy(data=run.measured_height.values).assign_attrs(long_name="surface: measured_height")
-    assert np.array_equal(
-        surface(Result(run.assign(height=taken), printed().run), "run", layer=1).z, expected, equal_nan=True
-    )
+    taken = run.height.copy(data=run.measured_height.values).assign_attrs(source="measured_height")
+    assert np.array_equal(surface(run.assign(height=taken), "run", layer=1).z, expected, equal_nan=True)
 
 
 @pytest.mark.parametrize(("form", "options"), [("sdf", {}), ("x3p", {}), ("tif", {}), ("npy", {"unit": "m"})])
@@ -238,7 +236,7 @@ def test_wrong_layers_are_refused(
 
 
 def test_a_missing_map_names_those_that_exist() -> None:
-    without = Result(printed().dataset.drop_vars(["height", "estimated_height"]), printed().run)
+    without = printed().dataset.drop_vars(["height", "estimated_height"])
     with pytest.raises(ResultError, match="holds no printed surface; it has measured, target"):
         surface(without, "run")
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from inkloop.contract import HEIGHT, MEASURED_HEIGHT, VALID
 from inkloop.errors import ResultError
-from inkloop.exchange.layers import SURFACES
 from inkloop.metrology.height_map import HeightMap
-from inkloop.results.result import Result
+from inkloop.results import SURFACES
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _MAPS: Mapping[str, str] = dict(
     zip(SURFACES, (HEIGHT, MEASURED_HEIGHT, "estimated_height", "target_height"), strict=True)
@@ -19,16 +22,15 @@ _MAPS: Mapping[str, str] = dict(
 
 
 def surface(
-    result: Result, source: str, *, name: str = SURFACES[0], layer: int | None = None, part: bool = False
+    run: xr.Dataset, source: str, *, name: str = SURFACES[0], layer: int | None = None, part: bool = False
 ) -> HeightMap:
     """The surface `name` of a run after `layer` layers, None for the last one; NaN in cells that have no height there.
 
-    name: one of SURFACES.
-
-    These are cells that the scan did not measure, where the map is a scan or was taken from one, and, if `part`, those
-    outside the part. Raises ResultError that names the maps and layers that exist.
+    name: one of SURFACES. Cells without a height are those that the scan did not measure, where the map is a scan or
+    was taken from one, and, if `part`, those outside the part. Raises ResultError that names the maps and layers that
+    exist.
     """
-    run, key = result.dataset, _MAPS[name]
+    key = _MAPS[name]
     if key not in run:
         known = ", ".join(one for one in SURFACES if _MAPS[one] in run)
         raise ResultError(f"{source}: holds no {name} surface; it has {known or 'none'}")
@@ -38,8 +40,7 @@ def surface(
         raise ResultError(f"{source}: holds no layer {number}; it has layers 0 (the start surface) to {last}")
     values = run[key]
     heights = (values[number] if "layer" in values.dims else values).values.astype(np.float64)
-    source_of_height = str(values.attrs.get("long_name")).rpartition(": ")[2]
-    if VALID in run and MEASURED_HEIGHT in (key, source_of_height):
+    if VALID in run and MEASURED_HEIGHT in (key, values.attrs.get("source")):
         heights = np.where(run[VALID].values[number].astype(bool), heights, np.nan)
     if part:
         heights = np.where(run["mask"].values.astype(bool), heights, np.nan)

@@ -1,0 +1,34 @@
+"""What is done to the heights before they are evaluated, and which parameters are wanted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from inkloop.metrology.evaluation.definitions import F_OPERATIONS, Axis, FilterOrder, FOperation
+from inkloop.units import UM_PER_M
+
+
+@dataclass(frozen=True)
+class Treatment:
+    """Filters and F-operation; cutoffs (nesting indices) [m], None: no filter."""
+
+    f_operation: FOperation = "plane"
+    s_filter: float | None = None
+    l_filter: float | None = None
+    filter_order: FilterOrder = 1
+
+    def __str__(self) -> str:
+        names = {"S-filter": self.s_filter, "L-filter": self.l_filter}
+        used = [f"{name} {cutoff * UM_PER_M:g} um" for name, cutoff in names.items() if cutoff is not None]
+        filters = f"{', '.join(used)} (Gaussian, regression order {self.filter_order})" if used else "no filter"
+        return f"taken off: {F_OPERATIONS[self.f_operation]}; {filters}"
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The parameters that are wanted, by symbol; axis: of the profiles, which need one; each layer, or the last one."""
+
+    symbols: tuple[str, ...]
+    treatment: Treatment = Treatment()
+    axis: Axis | None = None
+    every_layer: bool = False

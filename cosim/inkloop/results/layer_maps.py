@@ -1,0 +1,155 @@
+"""The maps of a print by layer: put together in memory, or written to a netCDF file one at a time.
+
+A file takes a few maps of memory, whatever the number of layers.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from io import FileIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.component import Job
+from inkloop.results import netcdf
+from inkloop.results.attributes import variable
+from inkloop.results.solid import INK, mismatch
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from typing_extensions import Buffer
+
+DIMENSIONS = ("layer", "x", "y")
+_CHUNK_SIDE, _CHUNK_CELLS = 256, 1 << 16
+"""A chunk holds tiles of a large map, several layers of a small one: what is read is a layer, a row, or one cell."""
+_COMPRESSION = 4
+
+
+@dataclass(frozen=True)
+class LayerMaps:
+    """Maps (nx, ny) of a number of layers, each at most once in memory.
+
+    variables: name -> NumPy dtype and attributes; rows: (name, layer, map) in the order of recording, where the last
+    one of a layer counts. Layers without a map hold NaN or 0. job: of a part in two inks, whose `mismatch` is added.
+    """
+
+    shape: tuple[int, int, int]
+    variables: Mapping[str, tuple[np.dtype[Any], Mapping[str, Any]]]
+    rows: Iterable[tuple[str, int, NDArray[Any]]]
+    job: Job | None = None
+
+    @classmethod
+    def taken_from(cls, run: xr.Dataset) -> tuple[xr.Dataset, LayerMaps]:
+        """A dataset without its maps by layer, and these."""
+        found = {str(name): values for name, values in run.data_vars.items() if values.dims == DIMENSIONS}
+        count, nx, ny = (int(run.sizes[name]) for name in DIMENSIONS)
+        variables = {name: (values.dtype, values.attrs) for name, values in found.items()}
+        rows = ((name, layer, found[name][layer].values) for name in found for layer in range(count))
+        return run.drop_vars(list(found)), cls((count, nx, ny), variables, rows)
+
+    def added_to(self, table: xr.Dataset) -> xr.Dataset:
+        """The dataset with these maps, in memory."""
+        arrays = {
+            name: np.full(self.shape, _unknown(dtype), dtype=dtype) for name, (dtype, _) in self.variables.items()
+        }
+        scalars = self._fill(arrays)
+        maps = {name: (DIMENSIONS, values, dict(self.variables[name][1])) for name, values in arrays.items()}
+        return table.assign({**maps, **scalars})
+
+    def write(self, path: Path, table: xr.Dataset) -> None:
+        """Write the dataset with these maps as netCDF. Raises OSError."""
+        import h5py
+
+        with path.open("w+b", buffering=0) as raw:
+            file = _FileOfHdf5(raw)
+            file.write(netcdf.packed(table))
+            file.check()
+            with h5py.File(file, "r+") as stored:
+                arrays = {name: self._new_variable(stored, name) for name in self.variables}
+                for name, scalar in self._fill(arrays, file.check).items():
+                    netcdf.add(stored, name, (), scalar.dtype, scalar.attrs)[()] = scalar.values
+            file.check()
+
+    def _fill(self, arrays: Mapping[str, Any], check: Callable[[], None] = lambda: None) -> dict[str, xr.Variable]:
+        """Put every map into its place in `arrays`, with a check after each; returns what follows from all of them."""
+        for name, layer, map_ in self.rows:
+            if layer < self.shape[0]:
+                arrays[name][layer] = map_
+                check()
+        if self.job is None or self.job.region is None or INK not in arrays:
+            return {}
+        return {"mismatch": variable("mismatch", (), mismatch(arrays["height"], arrays[INK], self.job), "1")}
+
+    def _new_variable(self, stored: Any, name: str) -> Any:
+        """A variable of a netCDF file as xarray would write it."""
+        dtype, attributes = self.variables[name]
+        count, nx, ny = self.shape
+        return netcdf.add(
+            stored,
+            name,
+            DIMENSIONS,
+            np.dtype(dtype),
+            attributes,
+            chunks=(min(count, max(1, _CHUNK_CELLS // (nx * ny))), min(nx, _CHUNK_SIDE), min(ny, _CHUNK_SIDE)),
+            compression="gzip",
+            compression_opts=_COMPRESSION,
+            shuffle=True,
+        )
+
+
+def _unknown(dtype: np.dtype[Any]) -> float:
+    return np.nan if dtype.kind == "f" else 0
+
+
+class _FileOfHdf5:
+    """A file for HDF5, which ends the process where its file cannot grow: the first error is kept for `check`."""
+
+    def __init__(self, raw: FileIO) -> None:
+        self._raw = raw
+        self._error: OSError | None = None
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        return self._raw.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._raw.tell()
+
+    def read(self, size: int = -1) -> bytes:
+        return self._raw.read(size)
+
+    def readinto(self, into: memoryview) -> int:
+        """Fill `into`; what could not be written reads as zeros."""
+        found = self._raw.readinto(into)
+        into[found:] = bytes(len(into) - found)
+        return len(into)
+
+    def write(self, content: Buffer) -> int:
+        """Write all of it; nothing after an error."""
+        left = memoryview(content).cast("B")
+        size = len(left)
+        try:
+            while len(left) and self._error is None:
+                left = left[self._raw.write(left) :]
+        except OSError as error:
+            self._error = error
+        return size
+
+    def truncate(self, size: int) -> int:
+        try:
+            return self._raw.truncate(size)
+        except OSError as error:
+            self._error = self._error or error
+        return size
+
+    def flush(self) -> None:
+        """Nothing is held back."""
+
+    def check(self) -> None:
+        """Raises the first OSError, if there was one."""
+        if self._error is not None:
+            raise self._error

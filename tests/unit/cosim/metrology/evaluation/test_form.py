@@ -1,0 +1,184 @@
+"""Flatness, parallelism, step height, outline and volume of bodies whose figures are known."""
+
+from __future__ import annotations
+
+from math import atan, degrees, pi, radians, sqrt, tan
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from inkloop.metrology.evaluation.definitions import symbols
+from inkloop.metrology.evaluation.outline import least_squares_circle, minimum_zone_circle
+from inkloop.metrology.evaluation.subject import Subject
+from inkloop.metrology.evaluation.surface import Found
+from inkloop.metrology.evaluation.table import found
+from inkloop.metrology.evaluation.treatment import Treatment
+from support.evaluated import STEP, Map, check_same, map_of, number, reason, rough
+
+H = 50e-6
+RADIUS = 20.3 * STEP
+
+
+def form(subject: Subject, **treatment: Any) -> Found:
+    return found(subject, "form", Treatment(**treatment))
+
+
+def frustum(angle_deg: float = 60.0, shape: tuple[int, int] = (70, 64)) -> tuple[Map, Map]:
+    """Heights of a cone's frustum whose radius at half height is RADIUS, and its cells."""
+    i, j = np.indices(shape)
+    distance = np.hypot((i - 34.4) * STEP, (j - 31.7) * STEP)
+    return np.clip((RADIUS - distance) * tan(radians(angle_deg)) + H / 2, 0.0, H), distance < RADIUS
+
+
+def test_flatness_by_both_methods() -> None:
+    """The plane of a dome k (x^2 + y^2) over a square is level by symmetry, and the zone is its whole height; the zone
+    of rough cells is that of the linear program over all of them.
+    """
+    places = np.indices((31, 31)) - 15
+    dome, i = 1e-9 * (places**2).sum(axis=0), places[0]
+    level = form(Subject(map_of(dome + 1e-3 * i * STEP)))
+    cosine = 1.0 / sqrt(1.0 + 1e-6)
+    assert number(level, "flatness_ls") == pytest.approx(450e-9 * cosine, rel=1e-9, abs=0.0)
+    assert number(level, "flatness_mz") == pytest.approx(450e-9 * cosine, rel=1e-6, abs=0.0)
+
+    z = rough()
+    terms = np.column_stack([np.ones(z.size), *np.indices(z.shape).reshape(2, -1), np.full(z.size, -1.0)])
+    others = terms * (-1.0, -1.0, -1.0, 1.0)
+    values = z.ravel() * 1e6
+    solved = linprog(
+        [0, 0, 0, 1], A_ub=np.vstack([terms, others]), b_ub=np.concatenate([values, -values]), bounds=[(None, None)] * 4
+    )
+    tilt = 1.0 / sqrt(1.0 + (solved.x[1] ** 2 + solved.x[2] ** 2) * (1e-6 / STEP) ** 2)
+    uneven = form(Subject(map_of(z)))
+    assert number(uneven, "flatness_mz") == pytest.approx(2e-6 * solved.x[3] * tilt, rel=1e-6, abs=0.0)
+    assert number(uneven, "flatness_mz") < number(uneven, "flatness_ls")
+
+
+def test_a_tilted_top_is_flat_and_not_parallel() -> None:
+    """A slope s over the width w of the top rises by s w above the substrate, which is tilted itself."""
+    z, slope = np.zeros((60, 50)), 0.01
+    mask = np.zeros(z.shape, bool)
+    mask[15:45, 10:40] = True
+    i = np.indices(z.shape)[0]
+    z = np.where(mask, H + slope * i * STEP, 0.0) + 0.02 * i * STEP
+    values = form(Subject(map_of(z), mask))
+    cosine = 1.0 / sqrt(1.0 + 0.02**2)
+    assert number(values, "flatness_ls") == pytest.approx(0.0, abs=1e-12)
+    for method in ("ls", "mz"):
+        assert number(values, f"parallelism_{method}") == pytest.approx(29 * STEP * slope * cosine, rel=1e-6, abs=0.0)
+
+
+def test_a_step_on_tilted_ground_has_its_height() -> None:
+    z, mask = frustum(89.9)
+    start = np.tensordot([0.003 * STEP, -0.002 * STEP], np.indices(z.shape), axes=1)
+    tilted = z + start
+    values = form(Subject(map_of(tilted), mask))
+    for method in ("ls", "mz"):
+        assert number(values, f"step_height_{method}") == pytest.approx(H, rel=1e-4, abs=0.0)
+    of_run = form(Subject(map_of(tilted), mask, target=np.where(mask, H, 0.0), start=start))
+    assert number(of_run, "step_height_ls") == pytest.approx(H, rel=1e-4, abs=0.0)
+
+
+@pytest.mark.parametrize("angle_deg", [35.0, 60.0])
+def test_a_frustum_has_its_wall_and_its_circle(angle_deg: float) -> None:
+    z, mask = frustum(angle_deg)
+    values = form(Subject(map_of(z), mask))
+    for method in ("ls", "mz"):
+        assert degrees(number(values, f"wall_angle_{method}")) == pytest.approx(angle_deg, abs=0.5)
+        assert number(values, f"radius_{method}") == pytest.approx(RADIUS, rel=2e-3, abs=0.0)
+        assert number(values, f"roundness_{method}") < 0.1 * STEP
+    turned = form(Subject(map_of(np.rot90(z)), np.rot90(mask)))
+    check_same(turned, values, rel=1e-6)
+
+
+def test_a_wall_that_cells_cannot_resolve_has_no_angle() -> None:
+    z, mask = frustum(89.0)
+    values = form(Subject(map_of(z), mask))
+    assert f"steeper than {degrees(atan(0.6 * H / STEP)):.1f} deg" in reason(values, "wall_angle_ls")
+    assert number(values, "radius_ls") == pytest.approx(RADIUS, rel=0.01, abs=0.0)
+
+
+def test_an_oval_outline_has_its_roundness_and_a_square_is_no_circle() -> None:
+    i, j = np.indices((80, 80))
+    x, y = (i - 40) * STEP, (j - 40) * STEP
+    distance = np.hypot(x / 1.05, y)
+    z = np.clip((30 * STEP - distance) + H / 2, 0.0, H)
+    oval = form(Subject(map_of(z), z > H / 2))
+    for method in ("ls", "mz"):
+        assert number(oval, f"roundness_{method}") == pytest.approx(1.5 * STEP, rel=0.03, abs=0.0)
+        assert number(oval, f"radius_{method}") == pytest.approx(30.75 * STEP, rel=5e-3, abs=0.0)
+    square = np.clip(20 * STEP - np.maximum(abs(x), abs(y)) + H / 2, 0.0, H)
+    assert "is no circle" in reason(form(Subject(map_of(square), square > H / 2)), "radius_mz")
+
+
+def test_the_minimum_zone_circle_is_the_best_of_all_centres() -> None:
+    """Against a search of the plane on ever finer grids; the mean square has another centre."""
+    rng = np.random.default_rng(9)
+    for _ in range(4):
+        angle = rng.uniform(0.0, 2 * pi, 9)
+        points = (10.0 + rng.uniform(-0.8, 0.8, 9))[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]) + (
+            3.0,
+            -7.0,
+        )
+        best, width, size = points.mean(axis=0), np.inf, 6.0
+        for _ in range(40):
+            grid = best + np.stack(np.meshgrid(*[np.linspace(-size, size, 21)] * 2), axis=-1).reshape(-1, 2)
+            radii = np.hypot(*np.moveaxis(points - grid[:, None], -1, 0))
+            zones = np.ptp(radii, axis=1)
+            best, width, size = grid[np.argmin(zones)], float(zones.min()), size * 0.6
+        centre, radius = minimum_zone_circle(points)
+        radii = np.hypot(*(points - centre).T)
+        assert np.ptp(radii) == pytest.approx(width, rel=1e-5, abs=0.0)
+        assert radius == pytest.approx((radii.min() + radii.max()) / 2, rel=1e-12, abs=0.0)
+        mean = least_squares_circle(points)[0]
+        assert np.ptp(np.hypot(*(points - mean).T)) >= np.ptp(radii)
+
+
+def test_the_least_squares_circle_is_exact_on_an_arc() -> None:
+    angle = np.linspace(0.0, 2.0, 50)
+    points = np.column_stack([5e-3 + 2e-3 * np.cos(angle), -1e-3 + 2e-3 * np.sin(angle)])
+    centre, radius = least_squares_circle(points)
+    assert centre == pytest.approx([5e-3, -1e-3], rel=1e-9, abs=0.0)
+    assert radius == pytest.approx(2e-3, rel=1e-9, abs=0.0)
+
+
+def test_form_that_is_not_there_is_refused() -> None:
+    z, mask = frustum()
+    flat = form(Subject(map_of(np.zeros_like(z)), mask))
+    assert "no step stands out" in reason(flat, "step_height_ls")
+    assert "no outline without a step" in reason(flat, "wall_angle_mz")
+    alone = form(Subject(map_of(z)))
+    assert "0 cells with heights lie more than 2 cells outside the mask" in reason(alone, "parallelism_ls")
+    sloping = np.where(mask, H + np.indices(z.shape)[0] * 1e-6, 0.0)
+    domed = form(Subject(map_of(z), mask, target=sloping))
+    assert "the target is not flat" in reason(domed, "step_height_mz")
+    cut = form(Subject(map_of(z[15:]), mask[15:]))
+    assert "is not closed" in reason(cut, "radius_ls")
+    two = np.concatenate([z, z])
+    pair = form(Subject(map_of(two), np.concatenate([mask, mask])))
+    assert "has 2 pieces" in reason(pair, "wall_angle_ls")
+    block = form(Subject(map_of(z + np.where(mask | (z > 0), 0.0, H)), mask, start=np.zeros_like(z)))
+    assert "no wall is free" in reason(block, "roundness_mz")
+    assert set(flat) == set(symbols("form"))
+    few = form(Subject(map_of(z[:5, :5])))
+    assert "25 cells have a height" in reason(few, "flatness_ls")
+
+
+def test_volumes_are_sums_and_their_error_is_target_minus_printed() -> None:
+    z, mask = frustum()
+    start, target = np.full_like(z, 1e-6), np.where(mask, H, 0.0)
+    subject = Subject(map_of(z + start), mask, target, start, droplets=40)
+    values = found(subject, "volume")
+    printed = z[mask].sum() * STEP**2
+    wanted = (H - 1e-6) * mask.sum() * STEP**2
+    expected = {"volume_printed": printed, "volume_target": wanted, "volume_error": wanted - printed, "droplets": 40.0}
+    for symbol, value in (expected | {"droplet_volume": z.sum() * STEP**2 / 40}).items():
+        assert number(values, symbol) == pytest.approx(value, rel=1e-9, abs=0.0), symbol
+    cone = pi * H * (RADIUS**2 + (H / 2 / tan(radians(60))) ** 2 / 3)  # frustum with that radius at half height
+    assert z.sum() * STEP**2 == pytest.approx(cone, rel=2e-3, abs=0.0)
+    holed = z.copy()
+    holed[34, 31] = np.nan
+    assert "1 cells have no height" in reason(found(Subject(map_of(holed), mask, target), "volume"), "volume_error")
+    assert "no droplet landed" in reason(found(Subject(map_of(z), mask, droplets=0), "volume"), "droplet_volume")

@@ -1,0 +1,101 @@
+"""Profile parameters on rows: closed forms, sections and evaluation length, gaps."""
+
+from __future__ import annotations
+
+from math import log, pi, sqrt, tan
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.metrology.evaluation.definitions import Axis
+from inkloop.metrology.evaluation.profile import Profiles
+from inkloop.metrology.evaluation.subject import Subject
+from inkloop.metrology.evaluation.surface import Found
+from inkloop.metrology.evaluation.table import found_on_profiles
+from inkloop.metrology.evaluation.treatment import Treatment
+from support.evaluated import PERIOD, STEP, A, Map, check_same, map_of, number, reason, rough, wave
+
+
+def profiles(z: Map, axis: Axis = "x", mask: Map | None = None, **treatment: Any) -> tuple[Found, Profiles]:
+    values, evaluated = found_on_profiles(Subject(map_of(z), mask), axis, Treatment(**treatment))
+    assert evaluated is not None
+    return values, evaluated
+
+
+def test_a_sinusoid_has_its_closed_forms() -> None:
+    """Along the other axis the rows are level."""
+    values, evaluated = profiles(wave(), f_operation="none")
+    expected = {"Pa": 2 * A / (PERIOD * tan(pi / PERIOD)), "Pq": A / sqrt(2), "Pp": A, "Pv": A, "Pt": 2 * A}
+    for symbol, value in expected.items():
+        assert number(values, symbol) == pytest.approx(value, rel=1e-12, abs=0.0), symbol
+    assert (evaluated.count, evaluated.rows, evaluated.sections) == (11, 11, 0)
+    assert evaluated.length == pytest.approx(2 * PERIOD * STEP, rel=1e-12, abs=0.0)
+    level, _ = profiles(wave(), "y", f_operation="none")
+    assert number(level, "Pt") == pytest.approx(0.0, abs=1e-18)
+
+
+def test_roughness_is_what_the_filter_leaves_over_five_sections() -> None:
+    """A wave of half the cutoff keeps 1 - 2^-4 of its amplitude; a wave of four times the cutoff 1 - 2^(-1/16)."""
+    n = np.arange(800)
+    cutoff = 2 * PERIOD * STEP
+    for length in (PERIOD, 8 * PERIOD):
+        z = np.repeat(A * np.sin(2 * pi * n / length)[:, None], 3, axis=1)
+        values, evaluated = profiles(z, f_operation="none", l_filter=cutoff)
+        kept = 1.0 - np.exp(-log(2) * (2 * PERIOD / length) ** 2)
+        assert (evaluated.sections, evaluated.length) == (5, pytest.approx(5 * cutoff, rel=1e-12, abs=0.0))
+        if length == PERIOD:
+            for symbol, value in {"Rq": A / sqrt(2), "Rp": A, "Rv": A, "Rz": 2 * A, "Rt": 2 * A}.items():
+                assert number(values, symbol) == pytest.approx(kept * value, rel=2e-3, abs=0.0), symbol
+        else:
+            assert number(values, "Rt") == pytest.approx(2 * A * kept, rel=0.05, abs=0.0)
+
+
+def test_sections_have_their_own_peaks() -> None:
+    """One spike in one of five sections: Rp is a fifth of it, Rt all of it."""
+    z = np.zeros((1000, 60))
+    z[500] = A
+    values, _ = profiles(z, f_operation="none", l_filter=200 * STEP, filter_order=0)
+    assert number(values, "Rt") == pytest.approx(A, rel=0.02, abs=0.0)
+    assert number(values, "Rp") == pytest.approx(A / 5, rel=0.02, abs=0.0)
+
+
+def test_rows_end_at_gaps_and_short_ones_are_left_out() -> None:
+    """On a disc half of the rows hold the evaluation length; each is evaluated in its middle."""
+    i, j = np.indices((61, 61)) - 30
+    z, mask = 1e-9 * i.astype(float) ** 2, np.hypot(i, j) < 30
+    values, evaluated = profiles(z, mask=mask, f_operation="none")
+    cells = round(evaluated.length / STEP)
+    half = (cells - 1) / 2
+    assert 0.5 <= evaluated.count / evaluated.rows < 0.6
+    assert number(values, "Pt") == pytest.approx(1e-9 * half**2, rel=0.1, abs=0.0)
+    z = np.where(j == 5, np.nan, wave(61, 61))
+    one, of = profiles(z, "y", f_operation="none")
+    assert (of.count, of.length) == (61, pytest.approx(35 * STEP, rel=1e-12, abs=0.0))
+    assert number(one, "Pt") == pytest.approx(0.0, abs=1e-18)
+
+
+def test_offset_mirror_and_transposition_change_nothing() -> None:
+    z = rough((60, 40))
+    filters: tuple[dict[str, Any], ...] = ({}, {"l_filter": 8 * STEP})
+    for treatment in filters:
+        values, _ = profiles(z, **treatment)
+        check_same(profiles(z + 1e-4, **treatment)[0], values, rel=1e-7)
+        check_same(profiles(z[::-1], **treatment)[0], values, rel=1e-7)
+        check_same(profiles(z.T, "y", **treatment)[0], values, rel=1e-7)
+        cut, mask = rough((60, 40)), np.zeros((60, 40), bool)
+        mask[10:50, 5:30] = True
+        check_same(profiles(cut[10:50, 5:30], **treatment)[0], profiles(cut, mask=mask, **treatment)[0], rel=1e-7)
+
+
+def test_profiles_that_are_too_short_are_refused() -> None:
+    values, evaluated = found_on_profiles(Subject(map_of(rough((9, 40)))), "x", Treatment())
+    assert evaluated is None
+    assert "less than 10 cells" in reason(values, "Pa")
+    values, _ = found_on_profiles(Subject(map_of(rough((60, 40)))), "y", Treatment(l_filter=41 * STEP))
+    assert "wider than the cells" in reason(values, "Rz")
+    i, j = np.indices((60, 40))
+    values, _ = found_on_profiles(
+        Subject(map_of(np.where((i + j) % 12 == 0, np.nan, rough((60, 40))))), "y", Treatment(l_filter=30 * STEP)
+    )
+    assert "too few for an evaluation length" in reason(values, "Rz")

@@ -1,0 +1,122 @@
+"""Maps by layer: the same in memory and in a file, one at a time; a state that cannot be saved costs no earlier one."""
+
+from __future__ import annotations
+
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from inkloop.component import Ink, Job
+from inkloop.printing.print import Print
+from inkloop.results import layer_maps, result, solid
+from inkloop.results.checkpoint import Checkpoints, last
+from inkloop.results.layer_maps import LayerMaps
+from inkloop.results.result import Result
+from inkloop.scenario.file import Scenario
+from support.half_spaces import Below
+from support.places import ROOT
+
+LAYERS, SIDE = 40, 300
+TABLE = xr.Dataset(coords={"layer": np.arange(LAYERS), "x": np.arange(SIDE), "y": np.arange(SIDE)})
+
+
+def random_maps(layers: int, seed: int = 3) -> Any:
+    """One map a layer, with noise that no compression takes away, made when it is asked for."""
+    numbers = np.random.default_rng(seed)
+    return (("height", layer, numbers.random((SIDE, SIDE))) for layer in range(layers))
+
+
+def test_file_takes_the_memory_of_few_maps(tmp_path: Path) -> None:
+    variables = {"height": (np.dtype(np.float64), {"units": "m"})}
+    LayerMaps((LAYERS, SIDE, SIDE), variables, random_maps(2)).write(tmp_path / "first.nc", TABLE)  # imports
+    tracemalloc.start()
+    LayerMaps((LAYERS, SIDE, SIDE), variables, random_maps(LAYERS)).write(tmp_path / "result.nc", TABLE)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 6 * 8 * SIDE * SIDE
+    with xr.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as stored:
+        for _, layer, expected in random_maps(LAYERS):
+            np.testing.assert_array_equal(stored.height[layer], expected)
+
+
+def test_maps_of_a_large_result_are_read_when_they_are_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = Scenario.load(ROOT / "scenarios" / "cuboid.toml", {"run.layers_max": 2})
+    small = Print(scenario, tmp_path).run()
+    assert small.dataset.height.variable._in_memory
+    monkeypatch.setattr(result, "READ_AT_ONCE", 1000)
+    large = Result.load(tmp_path)
+    assert not large.dataset.height.variable._in_memory
+    assert large.metrics() == small.metrics()
+    np.testing.assert_array_equal(large.dataset.height, small.dataset.height)
+
+
+def test_maps_that_a_run_hands_over_and_those_in_memory_give_the_same_result(tmp_path: Path) -> None:
+    """With layers that a scan lacks, in two inks: the print in memory is the one that has all of them at once."""
+    scenario = Scenario.load(ROOT / "scenarios" / "cuboid.toml", {"run.layers_max": 3, "part.height_um": 20.0})
+    written, kept = Print(scenario, tmp_path).run().dataset, Print(scenario).run().dataset
+    assert set(written) == set(kept)
+    xr.testing.assert_identical(written.drop_vars("solve_time"), kept.drop_vars("solve_time"))
+
+
+def test_mismatch_read_in_parts_is_that_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    numbers = np.random.default_rng(5)
+    height = np.cumsum(numbers.uniform(0.0, 9e-6, (6, 7, 5)), axis=0)
+    ink = numbers.integers(0, 3, height.shape).astype(np.int8)
+    job = Job(7, 5, 1e-4, height[-1], numbers.random((7, 5)) < 0.8, (Ink(), Ink()), Below(13e-6))
+    whole = solid.mismatch(height, ink, job)
+    monkeypatch.setattr(solid, "_BYTES_AT_ONCE", 1)
+    assert solid.mismatch(height, ink, job) == whole > 0.0
+
+
+def test_chunk_of_a_file_holds_tiles_of_a_layer_or_layers_of_a_small_map(tmp_path: Path) -> None:
+    import h5netcdf
+
+    found = {}
+    for shape in ((40, 12, 12), (3, 1000, 700)):
+        maps = LayerMaps(shape, {"height": (np.dtype(np.float64), {})}, [])
+        table = xr.Dataset(coords=dict(zip(("layer", "x", "y"), map(np.arange, shape), strict=True)))
+        maps.write(tmp_path / "a.nc", table)
+        with h5netcdf.File(tmp_path / "a.nc") as stored:
+            found[shape] = stored["height"].chunks
+    side = layer_maps._CHUNK_SIDE
+    assert found == {(40, 12, 12): (40, 12, 12), (3, 1000, 700): (1, side, side)}
+
+
+@pytest.mark.parametrize("failing", [{2}, {2, 3}])
+def test_state_that_cannot_be_saved_leaves_the_last_good_one(
+    failing: set[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As for lack of memory in layers 2, or 2 and 3; the run is stopped there, and resumes with the layers before."""
+    scenario = Scenario.load(ROOT / "scenarios" / "cuboid.toml", {"run.layers_max": 4, "part.height_um": 40.0})
+    whole = Print(scenario).run()
+    printing = Print(scenario, tmp_path)
+    printer = printing._components["printer"]
+    save = printer.save  # type: ignore[attr-defined]
+
+    def saved() -> bytes:
+        if printing._recorder.layers in failing:
+            raise MemoryError
+        return bytes(save())
+
+    def stopped(self: Checkpoints, *arguments: Any) -> None:
+        stepped(self, *arguments)
+        if self._recorder.layers == max(failing) and self._recorder.scanned == max(failing):
+            raise KeyboardInterrupt
+
+    stepped = Checkpoints.stepped
+    with monkeypatch.context() as patched:
+        patched.setattr(printer, "save", saved)
+        patched.setattr(Checkpoints, "stepped", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            printing.run()
+    point = last(tmp_path)
+    assert point is not None
+    assert (point.layer, point.refusal) == (1, "")
+    resumed = Print(scenario, tmp_path).run()
+    assert resumed.run["resumed_after_layer"] == 1
+    for name in ("height", "pattern", "measured_height", "estimated_height", "std"):
+        np.testing.assert_array_equal(resumed.dataset[name], whole.dataset[name], err_msg=name)
