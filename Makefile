@@ -109,9 +109,9 @@ firmware-cortex-m: .venv/developer
 	else echo "arm-none-eabi-gcc is not installed: the firmware was not compiled for a Cortex-M; make tools"; fi
 
 # what some tests use and skip without: the firmware on a Cortex-M, libFuzzer, binaries for Windows, masters of others,
-# a kernel with SocketCAN as a process
+# a kernel with SocketCAN as a process, a browser
 TOOLS := gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm clang \
-         gcc-mingw-w64-x86-64 wine64 libtbb12 default-jre-headless user-mode-linux can-utils iproute2 kmod
+         gcc-mingw-w64-x86-64 wine64 libtbb12 default-jre-headless user-mode-linux can-utils iproute2 kmod chromium
 tools:
 	@if command -v apt-get >/dev/null; then apt-get install --yes --no-install-recommends $(TOOLS); \
 	else echo "install with your own package manager what Debian calls: $(TOOLS)"; fi

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 FOLDER = Path(__file__).parents[1] / "scenarios" / "parts"
-HOLE_CORNERS = 48
+HOLE_CORNERS, PIPE_CORNERS = 48, 64
+PIPES = (2.63256, 0.18), (1.711164, 0.117)
+"""Half-axes of the pipes in scenarios/pipe-junction.toml, half of them across."""
 ARCHIVE_DATE = (1980, 1, 1, 0, 0, 0)  # the earliest of a zip: the same part gives the same bytes
 Triangles: TypeAlias = NDArray[np.float64]
 """(n, 3 corners, x y z) [mm], counterclockwise from outside."""
@@ -82,6 +84,20 @@ def logo() -> Mapping[str, list[Triangles]]:
     return {"letters": letters, "plate": [box((0.0, 4.8), (0.0, 2.7), 0.0, height)]}
 
 
+def pipe_junction(
+    outer: tuple[float, float], inner: tuple[float, float], width: float, height: float
+) -> Mapping[str, list[Triangles]]:
+    """Two elliptic pipes that cross in the middle of a block, by material, about the z axis; the bores are open.
+
+    outer, inner: half-axes across and upright; width: edge of the block, which holds the walls and their surroundings.
+    """
+    arm = _arm(_ellipse(*outer), _ellipse(*inner), width / 2)
+    x, y, z = np.moveaxis(arm, -1, 0)
+    turned = [np.stack([*plane, z + height / 2], axis=-1) for plane in ((x, y), (-y, x), (-x, -y), (y, -x))]
+    block = box((-width / 2, width / 2), (-width / 2, width / 2), 0.0, height)
+    return {"walls": [np.concatenate(turned)], "support": [block]}
+
+
 def lithophane() -> NDArray[np.uint8]:
     """A moon over water in grey values, the first row at the top: thick where light shall not pass."""
     rows, columns = 40, 48
@@ -140,6 +156,7 @@ def write_three_mf(path: Path, parts: Mapping[str, list[Triangles]]) -> None:
 FILES: Mapping[str, Callable[[Path], object]] = {
     "bracket.stl": lambda path: path.write_bytes(stl(bracket())),
     "lithophane.png": lambda path: Image.fromarray(lithophane()).save(path),
+    "pipe-junction.3mf": lambda path: write_three_mf(path, pipe_junction(*PIPES, 12.109776, 0.4)),
     "two-inks.3mf": lambda path: write_three_mf(path, logo()),
 }
 """File name -> what writes it."""
@@ -170,6 +187,25 @@ def _corner(
     if np.isclose(first, second, rtol=0.0, atol=1e-12).any():
         return []
     return [np.where(np.abs(first - center) > np.abs(second - center), first, second)]
+
+
+def _ellipse(across: float, upright: float) -> NDArray[np.float64]:
+    """Corners of an outline (corners, 2), counterclockwise; mirrored ones are equal to the last bit."""
+    angle = np.arange(PIPE_CORNERS) / PIPE_CORNERS * 2 * np.pi
+    return np.round(np.stack([np.cos(angle), np.sin(angle)], axis=1), 12) * (across, upright)
+
+
+def _arm(outer: NDArray[np.float64], inner: NDArray[np.float64], end: float) -> Triangles:
+    """A quarter of a junction: the pipe along x from its mitres, |y| = x, to its end, with the outlines (y, z)."""
+    near = [np.column_stack([np.abs(outline[:, 0]), outline]) for outline in (outer, inner)]
+    far = [np.column_stack([np.full(len(outline), end), outline]) for outline in (outer, inner)]
+    return np.concatenate([_band(near[0], far[0]), _band(far[1], near[1]), _band(far[0], far[1])])
+
+
+def _band(one: NDArray[np.float64], other: NDArray[np.float64]) -> Triangles:
+    """Between two closed lines of as many corners, which go counterclockwise seen from the second one."""
+    next_one, next_other = (np.roll(line, -1, axis=0) for line in (one, other))
+    return np.concatenate([np.stack([one, next_one, next_other], axis=1), np.stack([one, next_other, other], axis=1)])
 
 
 def _object(number: int, name: str, triangles: Triangles) -> str:

@@ -105,6 +105,10 @@ int32_t inkloop_untrusted_reasons(const LoopTrust *trust) {
     return untrusted_reasons(trust);
 }
 
+double inkloop_droplet_std(const LoopTrust *trust) {
+    return droplet_deviation(trust, DROPLET_STD);
+}
+
 int32_t inkloop_estimate_first(const EstimatorOptions *options, int32_t layer, const double *measured,
                                const uint8_t *valid, SurfaceEstimate *estimate) {
     return estimate_first(options, layer, measured, valid, estimate) ? CORE_DONE : CORE_NO_MEMORY;

@@ -19,7 +19,7 @@
 #define INKLOOP_CORE_API __attribute__((visibility("default")))
 #endif
 
-enum { CORE_INTERFACE = 8 }; /* counts up with every change of a signature or struct below */
+enum { CORE_INTERFACE = 9 }; /* counts up with every change of a signature or struct below */
 
 /* CORE_INTERFACE of the library: the caller can refuse one that was built for other sources. */
 INKLOOP_CORE_API int32_t inkloop_core_interface(void);
@@ -77,6 +77,9 @@ INKLOOP_CORE_API void inkloop_displacement(const Registration *registration, Sca
 
 /* The reasons why the loop is not trusted, UNTRUSTED_... added up (loop_trust.h). */
 INKLOOP_CORE_API int32_t inkloop_untrusted_reasons(const LoopTrust *trust);
+
+/* Standard deviation of a droplet's volume, as a share of it, as the residuals show; 0 before there are any. */
+INKLOOP_CORE_API double inkloop_droplet_std(const LoopTrust *trust);
 
 /* The estimate after the first scan, after each one that follows a layer, and after one that follows a layer that was
  * abandoned midway (height_estimator.h). CORE_DONE or CORE_NO_MEMORY. */

@@ -89,6 +89,9 @@ class LayerController:
             Port("ink_excess", "m"),
             Port("ink_excess_i", dtype="int32"),
             Port("ink_excess_j", dtype="int32"),
+            Port("height_excess", "m"),
+            Port("height_excess_i", dtype="int32"),
+            Port("height_excess_j", dtype="int32"),
             Port("scan_corrected", dtype="bool"),
             *(Port(f"scan_{field.name}", "m") for field in fields(ScanDisplacement)),
         )
@@ -185,6 +188,9 @@ class LayerController:
             "ink_excess": trust.excess,
             "ink_excess_i": trust.excess_cell // self._job.ny,
             "ink_excess_j": trust.excess_cell % self._job.ny,
+            "height_excess": trust.rise,
+            "height_excess_i": trust.rise_cell // self._job.ny,
+            "height_excess_j": trust.rise_cell % self._job.ny,
             "scan_corrected": estimate.registration.is_applied,
             **{f"scan_{name}": pitch * value for name, value in displacement.items()},
         }

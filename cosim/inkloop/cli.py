@@ -31,6 +31,7 @@ from inkloop.commands import (
     schema,
     score,
     validate,
+    watch,
 )
 from inkloop.commands.options import add_output, show_error
 from inkloop.errors import InkloopError
@@ -41,6 +42,7 @@ COMMANDS = (
     resume,
     validate,
     report,
+    watch,
     compare,
     new,
     geometry,

@@ -39,10 +39,12 @@ _FULL = {
 def replaced(path: Path, *, durable: bool = False) -> Iterator[Path]:
     """A temporary name in the same folder, renamed to `path` when the block ends well, removed when it fails.
 
-    durable: when the block has ended well, not even a power failure takes the file back. An OSError names `path`.
+    The folder is made if it is missing. durable: when the block has ended well, not even a power failure takes the file
+    back. An OSError names `path`.
     """
     partial = path.with_name(f".{path.name}.part")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         yield partial
         if durable:
             with partial.open("rb+") as file:
@@ -106,9 +108,12 @@ def toml_tables(text: str) -> dict[str, Any]:
         key = line.partition("=")[0].strip()
         odd = next((letter for letter in key if not letter.isascii()), None)
         if odd and '"' not in key:
-            reason = f"a key without quotes has no {odd!r}{'; write um' if odd in 'µμ' else ''}"
+            advice = "write um" if odd in "µμ" else "keys have the letters a to z, digits, _ and -"
+            reason = f"a key without quotes has no {odd!r}; {advice}"
         elif reason.startswith("Cannot"):  # declare twice, overwrite a value, mutate
             reason = "this key or table is there already; keep one of them"
+        elif reason == "Invalid value":
+            reason = f'a value is a number, true, false, [...] or a text in quotes: {key} = "..."'
         raise TomlError(f"is not TOML: line {number}, `{line}`: {reason}") from error
 
 

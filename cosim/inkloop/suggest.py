@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+OFFERED_MAX = 3  # more words than this are alike by chance
 SHORT = 3  # letters of a word in which one wrong letter is already a third
 
 
@@ -12,8 +13,8 @@ def nearest(found: str, known: Iterable[str], listed: Iterable[str] | None = Non
     """Suggestion instead of `found`: the nearest known words that are equally near, else all, or `listed`."""
     words = sorted(known)
     if close := near(found, words):
-        return f"did you mean {' or '.join(close)}?"
-    return f"known: {', '.join(words if listed is None else sorted(listed))}"
+        return f"did you mean {' or '.join(close[:OFFERED_MAX])}?"
+    return f"known: {', '.join(words if listed is None else sorted(listed)) or 'none'}"
 
 
 def near(found: str, known: Iterable[str]) -> list[str]:

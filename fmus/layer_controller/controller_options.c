@@ -71,6 +71,7 @@ PlannerOptions planner_options(const LayerControllerVariables *v, InkRegions reg
                             .overshoot_limit = *v->overshoot_limit < NO_LIMIT ? *v->overshoot_limit : INFINITY,
                             .chance_margin = *v->chance_margin,
                             .fringe_weight = *v->fringe_weight,
+                            .droplet_std = *v->droplet_std,
                             .layer_worth =
                                 *v->layer_worth < 0.0 ? finish_of((int32_t)*v->finish).layer_worth : *v->layer_worth,
                             .sweeps = *v->sweeps_max,

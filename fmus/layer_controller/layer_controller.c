@@ -146,6 +146,9 @@ static void publish_trust(const LayerControllerVariables *v, const LoopTrust *tr
     *v->ink_excess = trust->excess;
     *v->ink_excess_i = (int32_t)(trust->excess_cell / (int64_t)*v->ny);
     *v->ink_excess_j = (int32_t)(trust->excess_cell % (int64_t)*v->ny);
+    *v->height_excess = trust->rise;
+    *v->height_excess_i = (int32_t)(trust->rise_cell / (int64_t)*v->ny);
+    *v->height_excess_j = (int32_t)(trust->rise_cell % (int64_t)*v->ny);
 }
 
 static void keep_estimate(const LayerControllerVariables *v, Kept *kept, const SurfaceEstimate *estimate) {

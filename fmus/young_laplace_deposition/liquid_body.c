@@ -196,11 +196,13 @@ static double largest(const double *values, size_t count) {
     return found;
 }
 
-/* From the present depths to equilibrium. */
+/* From the present depths to equilibrium. A nonlinear body without one would go on to pin all nodes but one, and carry
+ * its volume there: it gets only the steps in which the liquid may pull nodes off the solid again. */
 static bool iterate(LiquidBody *body, SurfaceForm form, double volume) {
+    const int steps = form == LINEAR ? STEPS : FREE_STEPS;
     assemble(body, form);
     size_t changed = 0;
-    for (int step = 0; step < STEPS; step++) {
+    for (int step = 0; step < steps; step++) {
         if (!find_step(body, volume))
             return false;
         changed = take_step(body, form);

@@ -78,7 +78,7 @@ def test_cylinder_is_the_one_of_the_python_controller(height: float, scan: Scan)
 FEW_SWEEPS: dict[str, Any] = {"annealing_sweeps": 5}
 LIMITS: dict[str, Any] = {
     **{"overshoot": 3.0, "overshoot_limit_um": 0.5, "chance_margin": 1.0, "fringe_weight": 0.3, "layer_worth": 0.01},
-    **{"horizon": 3, "annealing_sweeps": 1},
+    **{"horizon": 3, "annealing_sweeps": 1, "droplet_std": 0.2},
 }
 CASES: dict[str, tuple[Job, dict[str, Any], dict[str, Any]]] = {
     "one layer ahead": (block(), {"horizon": 1}, {"horizon": 1}),

@@ -10,6 +10,7 @@ import fmpy
 import numpy as np
 import pytest
 import xarray as xr
+from tools import parts
 
 from inkloop.component import Ink, Job
 from inkloop.components import catalog
@@ -23,8 +24,6 @@ from inkloop.fmu_writer.export import INTERVALS, INTERVALS_MAX, export_fmu, find
 from inkloop.geometry import Columns, Cuboid, PipeJunction, cell_centers
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
-from inkloop.tables.shapes import CuboidTable
-from inkloop.tables.solid import Bounds, Solid
 from inkloop_controller.model.regions import InkRegions
 from support.closed_loop import block
 from support.fmus.fmu_driver import ERROR, FORMS, OK, Driver
@@ -32,7 +31,6 @@ from support.sheets import Sheets
 
 TWO_INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
 PIPES = PipeJunction(1e-3, 1e-3, 7e-4, 30e-6, 4e-4, 16e-6, 60e-6)
-BOX = Bounds(4e-4, 17e-4, 4e-4, 14e-4)
 FIVE = Sheets([k * 10e-6 for k in (3, 0, 4, 1, 2)], thickness=6e-6, rise=2e-3, height=50e-6)
 """Five intervals on every cell."""
 SCENARIO = """
@@ -42,10 +40,10 @@ seed = 4
 nx = 9
 ny = 8
 [part]
-shape = "cuboid"
-size_x_um = 1316.28
-size_y_um = 1053.024
-height_um = 50.0
+shape = "mesh"
+file = "sheets.stl"
+unit = "mm"
+place = "as-is"
 [support]
 margin_cells = 2
 [components.controller]
@@ -64,11 +62,14 @@ scan_duration_s = 0.0
 
 @pytest.fixture(scope="module")
 def scenario(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A file whose part has five intervals on each cell."""
+    """A file whose part is the mesh of five sheets over 5 x 4 cells, which rise along x."""
     path = tmp_path_factory.mktemp("sheets") / "sheets.toml"
     path.write_text(SCENARIO)
+    x, y = ((low * 0.263256, high * 0.263256) for low, high in ((1.5, 6.5), (1.5, 5.5)))
+    sheets = np.concatenate([parts.box(x, y, at * 1e3, (at + FIVE.thickness) * 1e3) for at in FIVE.bottoms])
+    sheets[..., 2] += FIVE.rise * sheets[..., 0]
+    path.with_name("sheets.stl").write_bytes(parts.stl(sheets))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(CuboidTable, "solid", lambda table, grid, folder: Solid(FIVE, BOX))
         patch.setattr(archive, "target_picture", lambda job, title: b"")
         yield path
 
@@ -101,7 +102,8 @@ def test_mismatch_of_five_intervals_is_what_a_voxel_by_voxel_count_gives(scenari
     for i, j in np.argwhere(job.mask):
         for k in range(int(np.ceil(max(run.height.values[-1].max(), job.target_height.max()) / 1e-6))):
             z = (k + 0.5) * 1e-6
-            belongs = any(0.0 <= z - at - 2e-3 * x[i, j] <= 6e-6 for at in np.arange(5) * 10e-6)
+            is_over = 2 <= i <= 6 and 2 <= j <= 5
+            belongs = is_over and any(0.0 <= z - at - 2e-3 * x[i, j] <= 6e-6 for at in np.arange(5) * 10e-6)
             heights = run.height.values[:, i, j]
             layers = [n for n in range(1, heights.size) if heights[n - 1] <= z < heights[n]]
             is_a = bool(layers) and ink_of(run.pattern.values[layers[0]], i, j) == 1
@@ -126,9 +128,10 @@ def ink_of(pattern: Any, i: int, j: int) -> int:
 def test_controller_that_lacks_an_interval_plans_another_print(scenario: Path) -> None:
     """The test above can fail: what it compares depends on every interval."""
     job = Scenario.load(scenario).job()
+    assert isinstance(job.region, Columns)
     for lacking in range(5):
-        others = [at for at in FIVE.bottoms if at != FIVE.bottoms[lacking]]
-        less = Job(9, 8, job.pitch, job.target_height, job.mask, TWO_INKS, Sheets(others, 6e-6, 2e-3))
+        sheet = Columns.of_shape(Sheets([FIVE.bottoms[lacking]], 6.1e-6, 2e-3), 9, 8, job.pitch)
+        less = Job(9, 8, job.pitch, job.target_height, job.mask, TWO_INKS, job.region - sheet)
         at = np.full((9, 8), FIVE.bottoms[lacking])
         assert (InkRegions(less, "middle").choices(at, 1) != InkRegions(job, "middle").choices(at, 1)).any()
 

@@ -39,27 +39,50 @@ def problems(draw: st.DrawFn) -> tuple[HorizonProblem, Any]:
         draw(st.sampled_from([0.0, 0.1, 0.5, 0.8, 1.0])),
         overshoot=draw(st.sampled_from([1.0, 4.0])),
         colours=colours,
+        droplet_std=draw(st.sampled_from([0.0, 0.1, 0.3])),
     )
     wished = rng.integers(0, 1 + len(kinds), choices.shape, dtype=np.int32)
     return problem, np.where((2 * choices.astype(np.int32) + 1) >> wished & 1, wished, 0).astype(np.int32)
 
 
+def kept(height: Any, jetted: Any, kinds: tuple[Ink, ...]) -> Any:
+    """What each droplet of a step leaves on its own cell, (nx, ny) [m]: it is printed alone."""
+    found = np.zeros(height.shape)
+    for cell in zip(*np.nonzero(jetted), strict=True):
+        alone = np.zeros(height.shape, np.int32)
+        alone[cell] = 1
+        found[cell] = (bindings.layer(height, alone, (kinds[jetted[cell] - 1],)) - height)[cell]
+    return found
+
+
+def mean_cost(over: Any, bound: Any, overshoot: float) -> Any:
+    """Mean cost of errors that are uniform between over - bound and over + bound, from its integral."""
+    if not bound.all():
+        return np.maximum(-over, overshoot * over)
+    high, low = (0.5 * each**2 * np.where(each > 0.0, overshoot, -1.0) for each in (over + bound, over - bound))
+    return (high - low) / (2.0 * bound)
+
+
 def evaluated(problem: HorizonProblem, plan: Any) -> float:
     """The objective from the predicted surface, without the core's sums."""
-    height = problem.height
+    height, own = problem.height, np.zeros(problem.height.shape)
     i, j = np.indices(height.shape)
     for layer, pattern in enumerate(plan):
         passes = [[colour] for colour in problem.colours[layer]] if problem.colours else [[0, 1, 2, 3]]
         for colours in passes:
             jetted = np.where(np.isin(2 * (i % 2) + j % 2, colours), pattern, 0)
+            own = kept(height, jetted, problem.kinds)
             added = [
                 bindings.layer(height, (jetted == 1 + k).astype(np.int32), (kind,)) - height
                 for k, kind in enumerate(problem.kinds)
             ]
             height = height + sum(added)
     over = (height - problem.target)[problem.part]
-    error = np.maximum(-over, problem.overshoot * over).mean()
-    return float(problem.alpha * error + (1.0 - problem.alpha) * height[problem.part].std())
+    least = min(kind.h1 for kind in problem.kinds)
+    bound = np.sqrt(3.0) * problem.droplet_std * np.maximum(own, least)[problem.part]
+    error = mean_cost(over, bound, problem.overshoot).mean()
+    deviation = np.sqrt(height[problem.part].var() + (bound**2 / 3.0).mean())
+    return float(problem.alpha * error + (1.0 - problem.alpha) * deviation)
 
 
 @given(problems())

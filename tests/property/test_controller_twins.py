@@ -109,6 +109,7 @@ def options(draw: st.DrawFn) -> dict[str, Any]:
         "overshoot_limit_um": st.sampled_from([0.0, 2.0]),
         "chance_margin": st.sampled_from([0.0, 2.0]),
         "fringe_weight": st.sampled_from([0.0, 0.4, 1.0]),
+        "droplet_std": st.sampled_from([0.0, 0.3]),
         "layer_worth": st.sampled_from([0.0, 0.05]),
         "region_test": st.sampled_from(["middle", "surface", "either"]),
         "drop_levels": st.integers(1, 3),

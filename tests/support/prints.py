@@ -28,6 +28,7 @@ CHEAPER: Mapping[str, Overrides] = {
     "four-passes": THREE_AHEAD,
     "nozzle-stays-dead": THREE_AHEAD,
     "pipe-junction": (*TWO_AHEAD, ("part.height_um", 60.0)),
+    "pipe-junction-3mf": (("components.controller.horizon", 1), ("part.scale", 0.25)),
     "staircase": THREE_AHEAD,
     "surface-tension": (("part.height_um", 30.0),),
     "tilted-substrate": THREE_AHEAD,

@@ -7,6 +7,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from inkloop.component import Job, Port, Status, Values
+from inkloop.master.master import Master
+from inkloop.master.wiring import contract_connections
+from inkloop.results.recorder import Recorder
+from inkloop.results.result import Result
 
 DROPLET = 10e-6
 """Height that a toy droplet adds to its cell [m]."""
@@ -195,3 +199,22 @@ def toy_loop(
         "printer": ToyPrinter(job, printer_ns),
         "profiler": ToyProfiler(job, profiler_ns),
     }
+
+
+def toy_result() -> Result:
+    """Three layers of the toy loop."""
+    job = toy_job(layers=3)
+    parts = toy_loop(job)
+    recorder = Recorder(job, parts)
+    master = Master(parts, contract_connections(parts), step_ns=1_000_000_000, observers=[recorder])
+    reason = master.run(layers_max=10)
+    return Result.of(
+        recorder.dataset(),
+        title="Block",
+        label="closed loop",
+        scenario_text="title = 'Block'  # µm\n",
+        seed=7,
+        stop_reason=reason,
+        wall_s=master.wall_s,
+        components=parts,
+    )

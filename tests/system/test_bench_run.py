@@ -20,6 +20,7 @@ import isotp
 import numpy as np
 import pytest
 import udsoncan
+from tools import parts
 from udsoncan.client import Client
 from udsoncan.connections import PythonIsoTpConnection
 from udsoncan.exceptions import UnexpectedResponseException
@@ -46,17 +47,26 @@ from support.benches.stock_tools import Raw
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
+BRIDGE = TWO_INKS.replace(
+    BLOCK[BLOCK.index('shape = "cuboid"') : BLOCK.index("[process]")],
+    'shape = "mesh"\nfile = "bridge.stl"\nunit = "mm"\n',
+)
 DBC = Path(inkloop_hardware.__file__).parent / "protocol" / "inkloop.dbc"
 
 
-@pytest.mark.parametrize("text", [BLOCK, TWO_INKS], ids=["one ink", "two inks"])
+@pytest.mark.parametrize("text", [BLOCK, BRIDGE], ids=["one ink", "two inks, part from a file"])
 def test_run_on_a_bench_is_the_run_with_fmus_to_the_bit(text: str, tmp_path: Path) -> None:
     path = write(tmp_path, text)
+    legs = [parts.box((at, at + 0.55), (0.0, 1.7), 0.0, 0.0076) for at in (0.0, 1.15)]
+    deck = parts.box((0.0, 1.7), (0.0, 1.7), 0.0076, 0.015)
+    (tmp_path / "bridge.stl").write_bytes(parts.stl(np.concatenate([*legs, deck])))
     with emulated(path) as (_, channel):
         bench = print_part(Scenario.load(path, {"bench.channel": channel}), folder=tmp_path / "run")
     fmus = printed_with_fmus(path)
     assert fmus.dataset.sizes["layer"] > 3
     assert np.count_nonzero(~fmus.dataset.valid.values) > 0
+    pattern = fmus.dataset.pattern.values
+    assert ((pattern[1] == 2) & (pattern[2:] == 1).any(axis=0)).any() == (text == BRIDGE), "the deck is on support"
     assert_same_print(bench, fmus)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from inkloop.errors import InkloopError
-from inkloop.report import run_report
+from inkloop.report.remarks import remarks
 from inkloop.results.result import Result
 from support.benches import kill_points
 from support.benches.bench_run import BLOCK
@@ -95,9 +95,9 @@ def assert_all_is_reported(result: Result, nodes: Nodes, person: Person) -> None
     """Every pass that was cut short was reported as unknown before the print continued, and the result records it."""
     unknown = {layer: book.unknown for layer, book in books(nodes.folder).items() if book.unknown}
     assert person.unknown == {(layer, k) for layer, mask in unknown.items() for k in range(4) if mask >> k & 1}
-    remarks = [words for words in run_report.remarks(result) if "was aborted" in words or "were aborted" in words]
-    assert len(remarks) == bool(unknown)
-    assert all(str(layer) in remarks[0] for layer in unknown)
+    found = [words for words in remarks(result) if "was aborted" in words or "were aborted" in words]
+    assert len(found) == bool(unknown)
+    assert all(str(layer) in found[0] for layer in unknown)
 
 
 @pytest.mark.parametrize("count", SIX_AND_THIRTY)

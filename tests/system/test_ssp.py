@@ -273,9 +273,11 @@ def test_file_of_maestro_names_scalars_of_the_fmus(tmp_path: Path) -> None:
     assert tables[maestro.CONFIGURATION]["algorithm"] == {"type": "fixed-step", "size": 1.0}
 
 
-def test_fmus_of_a_folder_begin_with_the_parameters(tmp_path: Path) -> None:
+def test_fmus_of_a_folder_begin_with_the_parameters(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scenario_in(tmp_path)
     assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", "osp", "-o", str(tmp_path / "out")]) == 0
+    assert main(["export-ssp", str(tmp_path / "block.toml"), "--to", "osp", "-o", str(tmp_path / "out")]) == 1
+    assert "out: is there already; name another place, or remove it" in capsys.readouterr().err
     printer = describe(tmp_path / "out" / "printer.fmu").variables
     controller = describe(tmp_path / "out" / "controller.fmu").variables
     assert (printer["variation"].start, printer["passes"].start) == (("0.2",), ("4",))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from tools.figures import cylinder_prints, gallery, scenario_quotes
+from tools.figures import cylinder_prints, gallery, house, scenario_quotes
 from tools.figures.pages import filled, marks, read_json, table
 from tools.figures.writers import ALONE, WRITERS, writer
 
@@ -66,3 +66,9 @@ def test_altered_or_new_figure_of_a_comment_is_found() -> None:
     assert scenario_quotes.errors(comment, {"45 um low": [44.3], "53 layers": [53.0]})
     assert scenario_quotes.errors(comment, {"45 um low": [44.85]})
     assert scenario_quotes.errors(comment.replace("45", "46"), record)
+
+
+def test_circle_of_rooms_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(house, "rooms", lambda: {"cellar": set(), "hall": {"stairs", "cellar"}, "stairs": {"hall"}})
+    with pytest.raises(ValueError, match="in a circle: hall and stairs; move what they share to a room below"):
+        house.storeys()

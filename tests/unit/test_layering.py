@@ -32,10 +32,11 @@ READERS = ("inkloop.geometry.three_mf", "inkloop.geometry.triangle_file")
 FLOOR |= {name for name in modules() if is_below(name, "inkloop.geometry")} - {*READERS}
 BUILD_TIME = "inkloop.fmu_writer"
 """These modules run while the FMUs are built, when nothing else is installed."""
-BUILD_TIME_FLOOR = ("inkloop.errors", "inkloop.files", "inkloop.limits", "inkloop.units")
+BUILD_TIME_FLOOR = ("inkloop.errors", "inkloop.files", "inkloop.limits", "inkloop.suggest", "inkloop.units")
 COMMAND_LINE = ("inkloop.cli", "inkloop.commands")
 PLOTS = (
-    *("inkloop.report.part_picture", "inkloop.report.pictures", "inkloop.report.plot", "inkloop.report.solid_view"),
+    *(f"inkloop.report.{name}" for name in ("plot", "pictures", "part_picture", "surface_picture", "solid_picture")),
+    *(f"inkloop.report.{name}" for name in ("solid_view", "layer_curves", "error_maps", "difference_picture", "pdf")),
     "inkloop.studies",
     *("inkloop.identify.picture", "inkloop.exchange.job.target_picture"),
 )
@@ -47,8 +48,11 @@ DOORS = {
     "PIL": ("inkloop.metrology.picture_file", "inkloop.exchange.layers"),
     "trimesh": ("inkloop.geometry.triangle_file", "inkloop.exchange.layers"),
     "lib3mf": ("inkloop.geometry.three_mf",),
+    "contourpy": ("inkloop.metrology.evaluation.outline",),
     "skfem": ("inkloop.studies.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
+    "plotly": ("inkloop.report.page.page",),
+    **dict.fromkeys(("anyio", "starlette", "uvicorn", "sse_starlette"), ("inkloop.report.page.server",)),
 }
 ROOT_NAMES_MAX = {"inkloop": 26, "inkloop_controller": 10, "inkloop_hardware": 10}
 CORE_LEVELS = {"problem": 0, "model": 1, "estimator": 2, "search": 2, "relaxation": 2, "planner": 3, "": 4}

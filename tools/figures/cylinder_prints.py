@@ -21,6 +21,7 @@ from tools.figures.pages import DOCS, ROOT, Texts, read_csv, table, write_csv
 from inkloop.component import Ink
 from inkloop.printing.run import print_part
 from inkloop.report.plot import COLOURS, STYLE, WIDTH_IN, save
+from inkloop.results.metrics import TOO_HIGH, TOO_LOW
 from inkloop.scenario.file import Scenario
 from inkloop.units import MS_PER_S, UM_PER_M
 
@@ -271,7 +272,7 @@ def alpha_sweep() -> Figure:
         axes.grid(color="0.92")
     first = figure.axes[0]
     first.axhline(0, color="black", linestyle="--", linewidth=1)
-    first.set_ylabel("too high      too low")
+    first.set_ylabel(f"{TOO_HIGH} -      {TOO_LOW} +")
     first.legend(loc="lower right")
     return figure
 

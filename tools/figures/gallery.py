@@ -15,6 +15,8 @@ from inkloop.bench.emulation import emulation_of
 from inkloop.cli import main
 from inkloop.components.devices import KINDS
 from inkloop.report import run_report
+from inkloop.report.formats import PNG
+from inkloop.results.metrics import SIGN
 from inkloop.results.result import COMPARE_FOLDER, Result
 from inkloop.scenario.file import Scenario
 from inkloop.units import UM_PER_M
@@ -36,6 +38,7 @@ PICTURES = {
     "grey-head": COMPARISON,
     "noisy-sensor": COMPARISON,
     "pipe-junction": "solid",
+    "pipe-junction-3mf": "solid",
     "roller": COMPARISON,
     "staircase": "cross-section",
     "tall-cylinder": "layers",
@@ -68,7 +71,7 @@ def draw(path: Path) -> Mapping[str, Result]:
     picture = HERE / f"{path.stem}.png"
     name = PICTURES.get(path.stem, DEFAULT_PICTURE)
     if name == COMPARISON:
-        run_report.compare([folder, *sorted((folder / COMPARE_FOLDER).iterdir())], picture)
+        run_report.compare([folder, *sorted((folder / COMPARE_FOLDER).iterdir())], picture, [PNG])
     else:
         shutil.copyfile(folder / f"{name}.png", picture)
     runs, compare = run_report.load_runs(folder), Scenario.load(path).tables.compare
@@ -127,7 +130,7 @@ def entry(path: Path, record: Mapping[str, Any]) -> str:
     link = f"[{path.name}](../../scenarios/{path.name})"
     return (
         f"## {title}\n\n{link}: {comment(path)}\n\n![{title}]({path.stem}.png)\n\n"
-        f"Seed {record['seed']}, errors in um:\n{table(heads, rows)}"
+        f"Seed {record['seed']}, errors in um ({SIGN}):\n{table(heads, rows)}"
     )
 
 

@@ -73,17 +73,20 @@ def rooms() -> dict[str, set[str]]:
 
 
 def storeys() -> dict[str, int]:
-    """Room -> its storey: one above the highest room that it imports."""
-    found: dict[str, int] = {}
+    """Room -> its storey: one above the highest room that it imports. Raises ValueError where there is none."""
+    if found_circles := circles(rooms()):
+        found = "; ".join(sorted(" and ".join(sorted(circle)) for circle in found_circles))
+        raise ValueError(f"rooms import each other in a circle: {found}; move what they share to a room below")
+    known: dict[str, int] = {}
 
     def storey(name: str) -> int:
-        if name not in found:
-            found[name] = 1 + max((storey(below) for below in rooms()[name]), default=-1)
-        return found[name]
+        if name not in known:
+            known[name] = 1 + max((storey(below) for below in rooms()[name]), default=-1)
+        return known[name]
 
     for name in rooms():
         storey(name)
-    return found
+    return known
 
 
 def places() -> dict[str, tuple[float, float, float]]:

@@ -17,6 +17,7 @@ from inkloop.identify.ink_regression import identify_ink
 from inkloop.identify.picture import save
 from inkloop.identify.print_record import PrintRecord
 from inkloop.models import DropletVolumes, LayerDeposition
+from inkloop.report.formats import PNG
 from inkloop.units import UM_PER_M
 
 HERE = DOCS / "how-to"
@@ -75,7 +76,7 @@ def run() -> None:
     found = identify(perform(plant_scenario("YoungLaplaceDeposition", 0.1, {"grid.pitch_um": 42.3}), Plan()))
     first, *_, last = (shown(one) for one in tables(found))
     first[0][1:] = [f"{height} [um]" for height in first[0][1:]]
-    save(found, HERE / "identified-ink.png")
+    save(found, HERE / "identified-ink.png", [PNG])
     noise = [["print", "noise", "method", "h1", "h2", "h3"], *bias()]
     write_json(RECORD, {"noise": noise, "coverage": coverage(), "heights": first, "models": last})
 

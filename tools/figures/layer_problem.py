@@ -15,6 +15,7 @@ from tools.figures.pages import DOCS, Texts, read_json, table, write_json
 
 from inkloop.component import FloatMap
 from inkloop.report.plot import STYLE, WIDTH_IN, save
+from inkloop.results.metrics import SIGN
 from inkloop.units import UM_PER_M
 from inkloop_controller import LayerMpc
 from inkloop_controller.core import bindings
@@ -74,12 +75,25 @@ def of_the_ink() -> dict[str, str]:
         worth.append((label, f"{each.horizon}", f"{each.layer_worth:g}", f"{each.layer_worth * full:.3f} um"))
     return {
         "last droplet": "{:.2f} um at 20 % and {:.2f} um at 40 %".format(*floor),
+        "floor": "{:.2f} and {:.2f} um at 20 %, {:.2f} and {:.2f} um at 40 %".format(
+            *last_layer(0.2), *last_layer(0.4)
+        ),
         "rim": f"{rim:.1f} um",
         "fewest layers": "{} layers at 20 % and {} at 40 %".format(*layers),
         "slope": f"{4 * h2 / (h1 + h2) + 4 * h3 / (h1 + h3):.2f}",
         "pit": f"{h1 + 8 * h2 + 8 * h3:.1f} um",
         "worth": table(("`finish`", "horizon", "worth of a layer", f"of {full:.1f} um"), worth),
     }
+
+
+def last_layer(variation: float) -> tuple[float, float]:
+    """Mean absolute error and standard deviation [um] that one full layer on level ground leaves, its mean removed."""
+    volume = np.random.default_rng(1).uniform(1.0 - variation, 1.0, (500, 500))
+    sides = sum(np.roll(volume, step, axis) for axis in (0, 1) for step in (-1, 1))
+    corners = sum(np.roll(volume, (i, j), (0, 1)) for i in (-1, 1) for j in (-1, 1))
+    height = (INK.h1 * volume + INK.h2 * sides + INK.h3 * corners) * UM_PER_M
+    rest = height - height.mean()
+    return float(np.abs(rest).mean()), float(rest.std())
 
 
 def rounding() -> Figure:
@@ -109,7 +123,7 @@ def rounding() -> Figure:
     for each in axes.flat:
         each.set(xticks=[], yticks=[])
     figure.colorbar(droplets, ax=axes[:LAYERS], label="droplets on a cell", shrink=0.5)
-    figure.colorbar(top, ax=axes[LAYERS], label="target - height [µm]", extend="both")
+    figure.colorbar(top, ax=axes[LAYERS], label=f"error [µm] ({SIGN})", extend="both")
     return figure
 
 

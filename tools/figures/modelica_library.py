@@ -44,7 +44,7 @@ def picture() -> Figure:
         panels = figure.subplots(1, 2, sharey=True)
         for axes, (example, (stop, title)) in zip(panels, EXAMPLES.items(), strict=True):
             draw(axes, section_by_layer(example, stop), title)
-        panels[0].set_ylabel("height [um]")
+        panels[0].set_ylabel("height [µm]")
         panels[0].legend(loc="upper right", bbox_to_anchor=(1.0, 0.93))
         return figure
 

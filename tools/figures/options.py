@@ -19,8 +19,10 @@ from inkloop.components.python_class import options_table
 from inkloop.components.shadow.options import ShadowTable
 from inkloop.fmu_writer import definition
 from inkloop.metrology.map_folder import MapFolder
+from inkloop.tables.metrology import MetrologyTable
 from inkloop.tables.part import CombineTable
 from inkloop.tables.part_images import HeightMapTable, StackTable
+from inkloop.tables.part_layers import LayersTable
 from inkloop.tables.part_mesh import MeshTable
 from inkloop_controller import Criterion, DropletChoices, HeightEstimator, LayerMpc, Work
 from inkloop_controller.problem.options import Keyword, keywords
@@ -28,11 +30,12 @@ from inkloop_controller.problem.options import Keyword, keywords
 PAGE = DOCS / "reference" / "scenario.md"
 DEFINITION = ROOT / "fmus" / "layer_controller" / "variables.toml"
 MARKED = {each.__name__: each for each in (LayerMpc, Criterion, DropletChoices, Work, HeightEstimator)}
-PARTS = (MeshTable, StackTable, HeightMapTable, CombineTable)
-TABLES = {each.__name__: each for each in (options_table(MapFolder), PortTable, ShadowTable, *PARTS)}
+PARTS = (MeshTable, StackTable, LayersTable, HeightMapTable, CombineTable)
+TABLES = {each.__name__: each for each in (options_table(MapFolder), PortTable, ShadowTable, MetrologyTable, *PARTS)}
 Row: TypeAlias = tuple[str, str, str]
 FIRST = {
     "PortTable": "key",
+    "MetrologyTable": "key",
     **{each.__name__: "key" for each in PARTS},
     "LayerMpc": "plan",
     "Criterion": "objective",

@@ -9,6 +9,7 @@ from tools.figures.pages import DOCS, ROOT, Texts, block, read_json, table, writ
 
 from inkloop.printing.run import print_part
 from inkloop.report import part_picture
+from inkloop.report.formats import PNG
 from inkloop.report.part_report import MeshReport, PartReport
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
@@ -28,7 +29,7 @@ def run() -> None:
     others = {name: print_part(scenario.variant(name)) for name in scenario.tables.compare}
     runs = {scenario.tables.label: print_part(scenario), **others}
     write_json(RECORD, {label: measured(result) for label, result in runs.items()})
-    part_picture.draw(PartReport.of(scenario, None), SCENARIO.name, PICTURE)
+    part_picture.draw(PartReport.of(scenario, None), SCENARIO.name, PICTURE, [PNG])
 
 
 def measured(result: Result) -> dict[str, Any]:

@@ -43,9 +43,15 @@ size_t mark_capped(const InkLimit *limit, const double *height, const double *re
     return count;
 }
 
-size_t count_high(const InkLimit *limit, const double *height, const double *reckoned) {
-    size_t count = 0;
-    for (size_t cell = 0; cell < limit->nx * limit->ny; cell++)
-        count += limit->part[cell] && rise(limit, height, reckoned, cell) > HIGH;
-    return count;
+HighCells find_high(const InkLimit *limit, const double *height, const double *reckoned) {
+    HighCells found = {0, 0.0, 0};
+    for (size_t cell = 0; cell < limit->nx * limit->ny; cell++) {
+        const double layers = limit->part[cell] ? rise(limit, height, reckoned, cell) : 0.0;
+        found.count += layers > HIGH;
+        if (layers * limit->layer > found.highest) {
+            found.highest = layers * limit->layer;
+            found.cell = cell;
+        }
+    }
+    return found;
 }

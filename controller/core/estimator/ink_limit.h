@@ -25,7 +25,13 @@ double ink_limit_at(const InkLimit *limit, size_t cell);
 /* Marks the `capped` cells of a surface `height` [m] that by dead reckoning is `reckoned` [m]; returns their number. */
 size_t mark_capped(const InkLimit *limit, const double *height, const double *reckoned, uint8_t *capped);
 
-/* Number of cells of the part that stand higher than they are to and than they are reckoned to, beyond chance. */
-size_t count_high(const InkLimit *limit, const double *height, const double *reckoned);
+/* How far cells stand above their target and above what their droplets explain. */
+typedef struct {
+    size_t count;   /* of the cells of the part that do so beyond chance */
+    double highest; /* the most that one does [m]; 0: none does */
+    size_t cell;    /* that one */
+} HighCells;
+
+HighCells find_high(const InkLimit *limit, const double *height, const double *reckoned);
 
 #endif

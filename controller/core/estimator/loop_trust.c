@@ -11,10 +11,11 @@ static const double GROUND_DOUBT = 6.0;     /* standard errors of the plane (ass
 static const double RESIDUALS_MAX = 9.0;    /* droplets that vary by 40 % show 3.3, surface tension 18 (by trial) */
 static const double FORGETTING = 0.8;       /* weight of a layer against the next, as of the ink */
 static const double MEDIAN_SQUARE = 0.4549; /* of a normal variable of variance 1 */
-static const double MOST = 0.5;             /* of the part (assumed) */
-static const double WEAK = 0.5;             /* of a volume: less is ink that has run out (assumed) */
-static const double BLIND = 0.5;            /* share of the part (assumed) */
-static const double MISFIT_MAX = 5.0;       /* more is no droplet (assumed) */
+static const double UNIFORM_MEDIAN_SQUARE = 0.75; /* of a uniform one */
+static const double MOST = 0.5;                   /* of the part (assumed) */
+static const double WEAK = 0.5;                   /* of a volume: less is ink that has run out (assumed) */
+static const double BLIND = 0.5;                  /* share of the part (assumed) */
+static const double MISFIT_MAX = 5.0;             /* more is no droplet (assumed) */
 enum { TERMS = 3, LEAST_CELLS = 8, LEAST_DROPLETS = 20 };
 
 LoopTrust full_trust(void) {
@@ -115,4 +116,8 @@ void add_residuals(const LayerGrowth *layer, double learnt, double *scratch, Loo
 
 double droplet_misfit(const LoopTrust *trust) {
     return fmin(MISFIT_MAX, fmax(1.0, sqrt(trust->early)));
+}
+
+double droplet_deviation(const LoopTrust *trust, double assumed) {
+    return trust->layers > 0 ? assumed * sqrt(trust->residual * MEDIAN_SQUARE / UNIFORM_MEDIAN_SQUARE) : 0.0;
 }

@@ -25,7 +25,9 @@ typedef struct {
     double usual;        /* ... of layers over most of the part, as a share of the nominal one, recent ones more [1] */
     double blind_share;  /* of the part that the last scan did not measure */
     double excess;       /* of ink: the most that a cell is above its scan by its droplets [m] */
-    int64_t excess_cell; /* there */
+    double rise;         /* the most that a cell stands above its target and what its droplets explain [m] */
+    int64_t excess_cell; /* where there is the most excess */
+    int64_t rise_cell;   /* where there is the most rise */
     int64_t layers;      /* that count in the residuals */
     int64_t capped_cells;
     int32_t ground_wrong; /* the ground is not the flat one beyond doubt */
@@ -60,5 +62,9 @@ void add_residuals(const LayerGrowth *layer, double learnt, double *scratch, Loo
 /* By how much droplets differ more from the model than they are taken to: a factor on their standard deviation, at
  * least 1. Layers up to half of the part show it: there every cell still lacks ink, whatever scans read at walls. */
 double droplet_misfit(const LoopTrust *trust);
+
+/* Standard deviation of a droplet's volume, as a share of it, where it was taken to be `assumed`: what the residuals of
+ * the layers show, the recent ones more. 0 before there are any. */
+double droplet_deviation(const LoopTrust *trust, double assumed);
 
 #endif

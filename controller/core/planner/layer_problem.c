@@ -7,6 +7,7 @@
 #include "near_cells.h"
 
 static const double CEILING_COST = 100.0; /* a metre above the ceiling for 100 below the target (assumed) */
+static const double CAUTION = 2.0;        /* overshoot above 1 for a droplet_std of 1 (by trial) */
 static const double NO_CEILING = 0.4;     /* [m], higher than anything printed from droplets */
 
 static void allow_droplets(const PlannerOptions *options, const SurfaceEstimate *estimate, int32_t layer,
@@ -47,6 +48,8 @@ HorizonProblem layer_problem(const PlannerOptions *options, int32_t colours[HORI
                              const SurfaceEstimate *estimate, int32_t layer, const ProblemMaps *maps) {
     allow_droplets(options, estimate, layer, maps->choices);
     weigh_cells(options, estimate, maps);
+    const double droplet_std =
+        options->droplet_std < 0.0 ? droplet_deviation(&estimate->trust, DROPLET_STD) : options->droplet_std;
     HorizonProblem problem = {.nx = options->nx,
                               .ny = options->ny,
                               .layers = options->horizon,
@@ -58,8 +61,9 @@ HorizonProblem layer_problem(const PlannerOptions *options, int32_t colours[HORI
                               .choices = maps->choices,
                               .kinds = (size_t)options->drop_levels * options->inks,
                               .alpha = options->alpha,
-                              .overshoot = options->overshoot,
+                              .overshoot = options->overshoot > 0.0 ? options->overshoot : 1.0 + CAUTION * droplet_std,
                               .ceiling_cost = CEILING_COST,
+                              .droplet_std = droplet_std,
                               .passes = options->passes};
     for (size_t kind = 0; kind < problem.kinds; kind++) {
         const Ink ink = estimate->ink[kind % options->inks];

@@ -17,10 +17,12 @@ typedef struct {
     int32_t drop_levels;      /* largest number of whole drops of a droplet; inks times as many are at most KINDS_MAX */
     int32_t passes;           /* 1 or 4 */
     double alpha;             /* weight of the mean error against the standard deviation, 0 to 1 */
-    double overshoot;         /* what a metre above the target costs when a metre below costs 1 */
+    double overshoot;         /* what a metre above the target costs when a metre below costs 1; 0: the more, the less
+                                 sure the droplets are */
     double overshoot_limit;   /* height above the target that is not to be exceeded [m]; infinite: none */
     double chance_margin;     /* ... kept with so many standard deviations of the predicted height */
     double fringe_weight;     /* weight of the ring of cells around the part */
+    double droplet_std;       /* of a droplet's volume, in what plans cost (horizon_problem.h); below 0: as learnt */
     double layer_worth;       /* what a layer must gain (shortest_plan.h) */
     int64_t sweeps;           /* of the repair of one start */
     int64_t annealing_sweeps; /* of one more start that is annealed first; below 0: by the size of the problem */

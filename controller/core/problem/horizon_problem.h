@@ -27,6 +27,8 @@ typedef struct {
     double alpha;            /* weight of the mean error against the standard deviation, 0 to 1 */
     double overshoot;        /* what a metre above the target costs when a metre below costs 1; > 0 */
     double ceiling_cost;     /* what a metre above the ceiling costs in addition; >= 0 */
+    double droplet_std;      /* of a droplet's volume, as a share of it: what the last droplets leave to chance counts
+                                (plan_surface.h); 0: the prediction alone */
     int32_t passes;          /* 1, or 4 in a 2x2 colouring, each on the surface that the last one left */
     int32_t colours[HORIZON_MAX][4]; /* for 4 passes: the cell_colour of each pass of each layer */
 } HorizonProblem;
@@ -35,9 +37,10 @@ typedef struct {
  * value = alpha * (error + over_ceiling) + (1 - alpha) * deviation. */
 typedef struct {
     double value;
-    double error;        /* weighted mean of what lies below the target and `overshoot` times what lies above it */
+    double error; /* weighted mean of what lies below the target and `overshoot` times what lies above it, as it is
+                     to be expected */
     double over_ceiling; /* weighted mean of what lies above the ceiling, times ceiling_cost */
-    double deviation;    /* population standard deviation over the part */
+    double deviation;    /* population standard deviation over the part, as it is to be expected */
 } Objective;
 
 enum { MOVE_FLIPS = 1, MOVE_SWAPS = 2, MOVE_SHIFTS = 4, MOVES_ALL = 7 };

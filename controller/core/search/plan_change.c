@@ -16,7 +16,7 @@ typedef struct {
 bool window_open(Window *window, const PlanSurface *surface) {
     const size_t side = 2 * surface->steps + 6; /* a 4x4 box, one more cell each way for every step and for reading */
     const size_t cells = side * side;
-    *window = (Window){.side = side, .memory = calloc(1, cells * (6 * sizeof(double) + 1))};
+    *window = (Window){.side = side, .memory = calloc(1, cells * (7 * sizeof(double) + 1))};
     if (!window->memory)
         return false;
     window->after = window->memory;
@@ -25,7 +25,8 @@ bool window_open(Window *window, const PlanSurface *surface) {
         window->spread[place] = window->after + (2 + place) * cells;
         window->slope[place] = window->after + (4 + place) * cells;
     }
-    window->value = (uint8_t *)(window->after + 6 * cells);
+    window->kept = window->after + 6 * cells;
+    window->value = (uint8_t *)(window->kept + cells);
     return true;
 }
 
@@ -40,6 +41,10 @@ static size_t in_window(const Trial *trial, ptrdiff_t row, ptrdiff_t column) {
 
 static size_t in_map(const Trial *trial, ptrdiff_t row, ptrdiff_t column) {
     return (size_t)row * trial->surface->stride + (size_t)column;
+}
+
+static bool keeps(const Trial *trial, size_t step) {
+    return step + 1 == trial->surface->steps && trial->surface->chance > 0.0;
 }
 
 static bool is_in_step(const Trial *trial, const Change *change, size_t step) {
@@ -71,6 +76,8 @@ static void begin(const Trial *trial, const Box *box, size_t step) {
     const double *before = surface_height(surface, step);
     double *after = trial->window->after;
     copy_rows(trial, surface_height(surface, step + 1), after, box);
+    if (keeps(trial, step))
+        copy_rows(trial, surface->kept, trial->window->kept, box);
     for (size_t k = 0; k < trial->count; k++) {
         const Change *change = &trial->change[k];
         if (!is_in_step(trial, change, step))
@@ -80,8 +87,9 @@ static void begin(const Trial *trial, const Box *box, size_t step) {
         const unsigned value = surface_layer(surface, change->layer)[cell];
         if (value)
             surface_add_droplet(surface, before, cell, value, -1.0, after, there, trial->window->side);
-        if (change->value)
-            surface_add_droplet(surface, before, cell, change->value, 1.0, after, there, trial->window->side);
+        trial->window->kept[there] = change->value ? surface_add_droplet(surface, before, cell, change->value, 1.0,
+                                                                         after, there, trial->window->side)
+                                                   : 0.0;
     }
 }
 
@@ -147,6 +155,32 @@ static void print_window(const Trial *trial, const Box *box) {
     }
 }
 
+/* Takes from a row of droplets what the neighbours `one` and `other` cells before and behind take of them. */
+static void take_shares(double *restrict kept, const double *restrict before, const double *restrict spread,
+                        const double *restrict slope, ptrdiff_t one, ptrdiff_t other, ptrdiff_t columns) {
+    for (ptrdiff_t k = 0; k < columns; k++)
+        kept[k] -= flow(spread[k], slope[k], before[k] - before[k - one]) +
+                   flow(spread[k], slope[k], before[k] - before[k + one]) +
+                   flow(spread[k], slope[k], before[k] - before[k - other]) +
+                   flow(spread[k], slope[k], before[k] - before[k + other]);
+}
+
+/* What the droplets of the step leave on their own cells. */
+static void keep_droplets(const Trial *trial, const Box *box) {
+    const Window *window = trial->window;
+    const ptrdiff_t side = (ptrdiff_t)window->side, columns = box->right - box->left + 1;
+    for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
+        const size_t first = in_window(trial, row, box->left);
+        const double *before = window->before + first;
+        double *kept = window->kept + first;
+        for (ptrdiff_t k = 0; k < columns; k++)
+            kept[k] = trial->surface->droplet[window->value[first + (size_t)k]].volume;
+        take_shares(kept, before, window->spread[SIDE] + first, window->slope[SIDE] + first, 1, side, columns);
+        take_shares(kept, before, window->spread[CORNER] + first, window->slope[CORNER] + first, side + 1, side - 1,
+                    columns);
+    }
+}
+
 /* One more step: the surface in `after`, which differs in `box`, becomes the one before it. */
 static void carry(const Trial *trial, const Box *box, const Box *next, size_t step) {
     Window *window = trial->window;
@@ -159,6 +193,8 @@ static void carry(const Trial *trial, const Box *box, const Box *next, size_t st
     }
     load_droplets(trial, &read, step);
     print_window(trial, next);
+    if (keeps(trial, step))
+        keep_droplets(trial, next);
 }
 
 /* The part of the box that holds all cells whose height after the step differs. */
@@ -185,18 +221,27 @@ static Sums change_of_sums(const Trial *trial, const Box *box) {
     for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
         for (ptrdiff_t column = box->left; column <= box->right; column++) {
             const size_t cell = in_map(trial, row, column);
-            const double was = last[cell], is = trial->window->after[in_window(trial, row, column)];
-            const double raised = surface->goal[cell].inside * (is - was);
-            change.cost += surface_cost(surface, cell, is) - surface_cost(surface, cell, was);
+            const size_t there = in_window(trial, row, column);
+            const double was = last[cell], is = trial->window->after[there], inside = surface->goal[cell].inside;
+            const double raised = inside * (is - was), chance_was = surface_chance(surface, surface->kept[cell]);
+            const double chance = surface_chance(surface, trial->window->kept[there]);
+            change.cost += surface_cost(surface, cell, is, chance) - surface_cost(surface, cell, was, chance_was);
             change.height += raised;
-            change.squared_height += raised * ((is - surface->reference) + (was - surface->reference));
+            change.squared_height += raised * ((is - surface->reference) + (was - surface->reference)) +
+                                     inside * (chance * chance - chance_was * chance_was) / 3.0;
         }
     }
     return change;
 }
 
-/* Carries the changes through all steps, to the maps in `kept` if that is not NULL; returns where the last differs. */
-static Box carry_through(const Trial *trial, double *kept) {
+static void write_rows(const Trial *trial, const double *local, double *map, const Box *box) {
+    const size_t columns = (size_t)(box->right - box->left + 1);
+    for (ptrdiff_t row = box->top; row <= box->bottom; row++)
+        memcpy(map + in_map(trial, row, box->left), local + in_window(trial, row, box->left), columns * sizeof(double));
+}
+
+/* Carries the changes through all steps, to the maps in `made` if that is not NULL; returns where the last differs. */
+static Box carry_through(const Trial *trial, PlanSurface *made) {
     const PlanSurface *surface = trial->surface;
     Box box = {1, 0, 1, 0};
     for (size_t step = 0; step < surface->steps; step++) {
@@ -211,10 +256,10 @@ static Box carry_through(const Trial *trial, double *kept) {
         else
             carry(trial, &box, &next, step);
         box = step + 1 < surface->steps ? differing(trial, &next, step) : next;
-        for (ptrdiff_t row = next.top; kept && row <= next.bottom; row++)
-            memcpy(kept + (step + 1) * surface->framed + in_map(trial, row, next.left),
-                   trial->window->after + in_window(trial, row, next.left),
-                   (size_t)(next.right - next.left + 1) * sizeof(double));
+        if (made)
+            write_rows(trial, trial->window->after, surface_height(made, step + 1), &next);
+        if (made && keeps(trial, step))
+            write_rows(trial, trial->window->kept, made->kept, &next);
     }
     return box;
 }
@@ -232,7 +277,7 @@ Sums plan_trial(const PlanSurface *surface, const Change *change, size_t count, 
 
 void plan_apply(PlanSurface *surface, const Change *change, size_t count, Window *window) {
     const Trial trial = trial_of(surface, change, count, window);
-    carry_through(&trial, surface->height);
+    carry_through(&trial, surface);
     for (size_t k = 0; k < count; k++)
         surface_layer(surface, change[k].layer)[surface_cell(surface, change[k].i, change[k].j)] =
             (uint8_t)change[k].value;

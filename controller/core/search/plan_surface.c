@@ -6,18 +6,22 @@
 /* Gains below this share of a droplet's height are rounding, and chasing them would never end (assumed). */
 static const double LEAST_SHARE_OF_DROPLET = 1e-9;
 
+/* Bound of a uniform distribution whose standard deviation is 1: the square root of 3. */
+static const double UNIFORM_BOUND = 1.7320508075688772;
+
 /* Height of the frame [m]: below every cell by more than any droplet spreads. */
 static const double ABYSS = -1.0;
 
 static bool take_memory(PlanSurface *surface) {
-    const size_t reals = (surface->steps + 1 + (surface->problem->ceiling != NULL)) * surface->framed;
+    const size_t reals = (surface->steps + 2 + (surface->problem->ceiling != NULL)) * surface->framed;
     const size_t bytes = surface->problem->layers * surface->framed;
     surface->memory = calloc(1, surface->framed * sizeof(Goal) + reals * sizeof(double) + bytes);
     if (!surface->memory)
         return false;
     surface->goal = surface->memory;
     surface->height = (double *)(surface->goal + surface->framed);
-    double *next = surface->height + (surface->steps + 1) * surface->framed;
+    surface->kept = surface->height + (surface->steps + 1) * surface->framed;
+    double *next = surface->kept + surface->framed;
     if (surface->problem->ceiling) {
         surface->ceiling = next;
         next += surface->framed;
@@ -57,11 +61,14 @@ bool surface_open(PlanSurface *surface, const HorizonProblem *problem, const int
                              .skew = 0.5 * (problem->overshoot - 1.0)};
     if (!take_memory(surface))
         return false;
-    double tallest = 0.0;
+    double tallest = 0.0, smallest = problem->kind[0].h1;
     for (size_t k = 0; k < problem->kinds; k++) {
         surface->droplet[1 + k] = droplet_of(&problem->kind[k]);
         tallest = fmax(tallest, problem->kind[k].h1);
+        smallest = fmin(smallest, problem->kind[k].h1);
     }
+    surface->chance = UNIFORM_BOUND * problem->droplet_std;
+    surface->least_chance = surface->chance * smallest;
     surface->weighting = (Weighting){problem->alpha, copy_maps(surface)};
     surface->droplet_worth = tallest / surface->weighting.count;
     surface->least_gain = LEAST_SHARE_OF_DROPLET * surface->droplet_worth;
@@ -89,8 +96,8 @@ void surface_plan(const PlanSurface *surface, int32_t *plan) {
                 *plan++ = surface_layer(surface, layer)[surface_cell(surface, i, j)];
 }
 
-void surface_add_droplet(const PlanSurface *surface, const double *before, size_t cell, unsigned value, double sign,
-                         double *after, size_t there, size_t stride) {
+double surface_add_droplet(const PlanSurface *surface, const double *before, size_t cell, unsigned value, double sign,
+                           double *after, size_t there, size_t stride) {
     const Droplet *droplet = &surface->droplet[value];
     const double here = before[cell];
     double kept = droplet->volume;
@@ -107,6 +114,7 @@ void surface_add_droplet(const PlanSurface *surface, const double *before, size_
         }
     }
     after[there] += sign * kept;
+    return kept;
 }
 
 static void print_step(PlanSurface *surface, size_t step) {
@@ -114,12 +122,14 @@ static void print_step(PlanSurface *surface, size_t step) {
     const double *before = surface_height(surface, step);
     double *after = surface_height(surface, step + 1);
     memcpy(after, before, surface->framed * sizeof(double));
+    memset(surface->kept, 0, surface->framed * sizeof(double));
     const uint8_t *values = surface_layer(surface, layer);
     for (size_t i = 0; i < surface->nx; i++) {
         for (size_t j = 0; j < surface->ny; j++) {
             const size_t cell = surface_cell(surface, i, j);
             if (values[cell] && surface_step(surface, layer, i, j) == step)
-                surface_add_droplet(surface, before, cell, values[cell], 1.0, after, cell, surface->stride);
+                surface->kept[cell] =
+                    surface_add_droplet(surface, before, cell, values[cell], 1.0, after, cell, surface->stride);
         }
     }
     for (size_t i = 0; i < surface->nx + 2; i++)
@@ -139,8 +149,10 @@ void surface_evaluate(PlanSurface *surface) {
     surface->reference = height_on_lattice(mean / surface->weighting.count);
     surface->sums = (Sums){0.0, 0.0, 0.0};
     for (size_t cell = 0; cell < surface->framed; cell++) {
-        const double height = surface->goal[cell].inside * (last[cell] - surface->reference);
-        const Sums own = {surface_cost(surface, cell, last[cell]), height, height * height};
+        const double inside = surface->goal[cell].inside, height = inside * (last[cell] - surface->reference);
+        const double chance = surface_chance(surface, surface->kept[cell]);
+        const Sums own = {surface_cost(surface, cell, last[cell], chance), height,
+                          height * height + inside * chance * chance / 3.0};
         surface->sums = sums_after(&surface->sums, &own);
     }
 }

@@ -1,7 +1,13 @@
 /* The surfaces that a plan gives, one before every step of printing and one after the last, and their objective.
  *
  * A plan is printed in steps: one for each layer, or one for each of its four passes. Every map has a frame of one
- * cell, so that no edge need be checked: nothing falls there, and it lies so deep that it takes every share. */
+ * cell, so that no edge need be checked: nothing falls there, and it lies so deep that it takes every share.
+ *
+ * Nothing corrects the last droplet of a cell. Its volume is uniform between bounds, so the height of the cell is too,
+ * and errors and squares count as their means: an error e under +-w as |e| or, within w, as (e^2 / w + w) / 2, and the
+ * square as w^2 / 3 more. w is what the droplet leaves on its own cell times the bound of its volume: a droplet that
+ * fills a pit keeps what its neighbours do not take, and is the least sure. For a cell without a droplet in the last
+ * step w is that of a droplet on level ground: it had one before. */
 #ifndef INKLOOP_PLAN_SURFACE_H
 #define INKLOOP_PLAN_SURFACE_H
 
@@ -29,6 +35,9 @@ typedef struct {
     Goal *goal;                     /* a map */
     uint8_t *plan;                  /* a map for each layer: 0 nothing, 1 + k a droplet of kind k */
     double upward, skew;            /* cost of an error e: weight * (upward |e| + skew e) */
+    double chance;                  /* bound of what a droplet's volume differs by, as a share of it; 0: not counted */
+    double least_chance;            /* w of the smallest droplet on level ground [m] */
+    double *kept;                   /* what each droplet of the last step leaves on its own cell [m], a map */
     double reference;               /* what heights count from in the sums [m] */
     Weighting weighting;
     Sums sums;
@@ -81,18 +90,25 @@ static inline size_t surface_step(const PlanSurface *surface, size_t layer, size
     return 4 * layer + pass;
 }
 
-/* What the height of a cell after the last step costs [m]. */
-static inline double surface_cost(const PlanSurface *surface, size_t cell, double height) {
-    const double error = height - surface->goal[cell].target;
-    double cost = surface->upward * fabs(error) + surface->skew * error;
+/* What a cell's last droplet leaves to chance, +-w [m]. */
+static inline double surface_chance(const PlanSurface *surface, double kept) {
+    const double own = surface->chance * kept;
+    return own > surface->least_chance ? own : surface->least_chance;
+}
+
+/* What the height of a cell after the last step costs [m], left to `chance`. */
+static inline double surface_cost(const PlanSurface *surface, size_t cell, double height, double chance) {
+    const double error = height - surface->goal[cell].target, size = fabs(error);
+    const double expected = size < chance ? 0.5 * (error * error / chance + chance) : size;
+    double cost = surface->upward * expected + surface->skew * error;
     if (surface->ceiling && height > surface->ceiling[cell])
         cost += surface->problem->ceiling_cost * (height - surface->ceiling[cell]);
     return surface->goal[cell].weight * cost;
 }
 
 /* Adds `sign` times the shares of a droplet at `cell` on the surface `before` to `after`, where `cell` is `there` and
- * rows are `stride` apart. */
-void surface_add_droplet(const PlanSurface *surface, const double *before, size_t cell, unsigned value, double sign,
-                         double *after, size_t there, size_t stride);
+ * rows are `stride` apart. Returns what it leaves on its own cell [m]. */
+double surface_add_droplet(const PlanSurface *surface, const double *before, size_t cell, unsigned value, double sign,
+                           double *after, size_t there, size_t stride);
 
 #endif

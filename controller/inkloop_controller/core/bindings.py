@@ -202,6 +202,7 @@ def problem_struct(problem: HorizonProblem) -> ProblemStruct:
         problem.alpha,
         problem.overshoot,
         problem.ceiling_cost,
+        problem.droplet_std,
         problem.passes,
         (ctypes.c_int32 * 4 * HORIZON_MAX)(*orders),
     )

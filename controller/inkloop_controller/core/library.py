@@ -30,7 +30,7 @@ from inkloop_controller.core.structs import (
 )
 
 VARIABLE = "INKLOOP_CORE_LIB"
-_INTERFACE = 8  # CORE_INTERFACE of inkloop_core.h
+_INTERFACE = 9  # CORE_INTERFACE of inkloop_core.h
 _GRID = (ctypes.c_size_t, ctypes.c_size_t)
 
 
@@ -71,6 +71,7 @@ _ENTRY_POINTS = {
     "inkloop_no_registration": (None, (ctypes.POINTER(RegistrationStruct),)),
     "inkloop_displacement": (None, (ctypes.POINTER(RegistrationStruct), ctypes.POINTER(ScanDisplacementStruct))),
     "inkloop_untrusted_reasons": (ctypes.c_int32, (ctypes.POINTER(LoopTrustStruct),)),
+    "inkloop_droplet_std": (ctypes.c_double, (ctypes.POINTER(LoopTrustStruct),)),
     "inkloop_estimate_first": (ctypes.c_int32, (_ESTIMATOR, ctypes.c_int32, REALS, MARKS, _ESTIMATE)),
     **dict.fromkeys(
         ("inkloop_estimate_next", "inkloop_estimate_unknown"),

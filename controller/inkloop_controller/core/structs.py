@@ -39,6 +39,7 @@ class ProblemStruct(ctypes.Structure):
         ("alpha", ctypes.c_double),
         ("overshoot", ctypes.c_double),
         ("ceiling_cost", ctypes.c_double),
+        ("droplet_std", ctypes.c_double),
         ("passes", ctypes.c_int32),
         ("colours", ctypes.c_int32 * 4 * HORIZON_MAX),
     )
@@ -210,7 +211,9 @@ class LoopTrustStruct(ctypes.Structure):
         ("usual", ctypes.c_double),
         ("blind_share", ctypes.c_double),
         ("excess", ctypes.c_double),
+        ("rise", ctypes.c_double),
         ("excess_cell", ctypes.c_int64),
+        ("rise_cell", ctypes.c_int64),
         ("layers", ctypes.c_int64),
         ("capped_cells", ctypes.c_int64),
         ("ground_wrong", ctypes.c_int32),

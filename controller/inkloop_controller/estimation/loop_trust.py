@@ -32,7 +32,8 @@ class LoopTrust:
     recent ones counting more [variances]; volume: of the droplets of the last layer, as a share of the learnt one [1];
     usual: of layers over most of the part, as a share of the nominal one [1]; blind_share: of the part that the last
     scan did not measure; excess: the most that a cell is higher by its droplets than by its scan [m], at number
-    excess_cell in C order; layers: that count in the residuals; capped_cells, unseen_cells, high_cells: their numbers;
+    excess_cell in C order; rise: the most that a cell stands above its target and what its droplets explain [m], at
+    rise_cell; layers: that count in the residuals; capped_cells, unseen_cells, high_cells: their numbers;
     ground_wrong: whether the ground is not the flat one.
     """
 
@@ -45,7 +46,9 @@ class LoopTrust:
     usual: float
     blind_share: float
     excess: float
+    rise: float
     excess_cell: int
+    rise_cell: int
     layers: int
     capped_cells: int
     ground_wrong: bool
@@ -55,7 +58,7 @@ class LoopTrust:
     @classmethod
     def full(cls) -> LoopTrust:
         """Before the first scan."""
-        return cls(0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0, 0, 0, False, 0, 0)
+        return cls(0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0, 0, 0, 0, False, 0, 0)
 
     @property
     def reasons(self) -> UntrustedReason:
@@ -67,6 +70,11 @@ class LoopTrust:
         """By how much scans differ from predictions, in standard deviations."""
         return float(np.sqrt(self.residual))
 
+    @property
+    def droplet_std(self) -> float:
+        """Standard deviation of a droplet's volume, as a share of it, as the residuals show; 0 before there are any."""
+        return float(library().inkloop_droplet_std(self.struct()))
+
     def sums(self) -> NDArray[np.float64]:
         """All of it in one array."""
         return np.array([float(value) for value in vars(self).values()])
@@ -74,10 +82,8 @@ class LoopTrust:
     @classmethod
     def of_sums(cls, sums: NDArray[np.float64]) -> LoopTrust:
         """Restore the result of `sums`, bit by bit."""
-        cell, layers, capped, wrong, unseen, high = (int(value) for value in sums[9:])
-        offset, rise_x, rise_y, early, residual, volume, usual, blind, excess = (float(value) for value in sums[:9])
-        reals = (offset, rise_x, rise_y, early, residual, volume, usual, blind, excess)
-        return cls(*reals, cell, layers, capped, bool(wrong), unseen, high)
+        types = [type(value) for value in vars(cls.full()).values()]
+        return cls(*(kind(value) for kind, value in zip(types, sums, strict=True)))
 
     def struct(self) -> LoopTrustStruct:
         """The same for C."""
@@ -98,7 +104,9 @@ class LoopTrust:
             struct.usual,
             struct.blind_share,
             struct.excess,
+            struct.rise,
             struct.excess_cell,
+            struct.rise_cell,
             struct.layers,
             struct.capped_cells,
             bool(struct.ground_wrong),

@@ -85,6 +85,8 @@ class LayerMpc:
         self._layer_worth = ending.layer_worth if criterion.layer_worth is None else criterion.layer_worth
         self._choices = choices or DropletChoices(job)
         self._relaxation, self._work, self._certified = relaxation, work, certified
+        has_bound = certified or relaxation == "highs"  # of the predicted surface
+        self._droplet_std = 0.0 if has_bound else criterion.droplet_std  # None: as learnt
         self._after_sweep, self._model = after_sweep, LayerModel.of(job)
         self._weight = criterion.weight(job.mask)
         self._programs: dict[bool, HorizonProgram] = {}  # by whether alpha is 1, where the deviation falls out
@@ -101,6 +103,7 @@ class LayerMpc:
         choices = self._choices.allowed(estimate.height, self._horizon)
         choices[1 if is_probe(layer + 1) else 0 :, estimate.dead] = 0
         choices[:, estimate.capped] = 0
+        droplet_std = estimate.trust.droplet_std if self._droplet_std is None else self._droplet_std
         return HorizonProblem(
             height=estimate.height,
             target=job.target_height,
@@ -109,9 +112,10 @@ class LayerMpc:
             kinds=self._choices.kinds(estimate.inks),
             alpha=self._criterion.alpha_of(layer + 1),
             weight=self._weight,
-            overshoot=self._criterion.overshoot,
+            overshoot=self._criterion.overshoot_for(droplet_std),
             ceiling=self._criterion.ceiling(job.target_height, np.sqrt(estimate.predicted_variance), job.mask),
             ceiling_cost=CEILING_COST,
+            droplet_std=droplet_std,
             colours=tuple(self._model.colours(number) for number in numbers) if job.passes > 1 else (),
         )
 

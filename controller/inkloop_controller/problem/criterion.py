@@ -25,7 +25,17 @@ LAYER_WORTH = Option(
     "of the smallest drops; 0: every layer that gains anything",
     absent="by `finish`",
 )
+DROPLET_STD = Option(
+    meaning="standard deviation of a droplet's volume, as a share of it: what the last droplets leave to chance "
+    "counts; 0: plans go by the predicted surface alone",
+    absent="as learnt",
+)
+OVERSHOOT = Option(
+    meaning="cost of a height above the target relative to the same height below it: jetted ink cannot be removed",
+    absent="1 + 2 `droplet_std`",
+)
 OVERSHOOT_LIMIT = Option("um", "height above the target that the part must not exceed", form=NotNegative)
+CAUTION = 2.0  # overshoot above 1 for a droplet_std of 1 (by trial)
 CEILING_COST = 100.0  # a metre above the ceiling for 100 below the target: no gain elsewhere is worth it (assumed)
 NO_CEILING_M = 0.4  # higher than anything printed from droplets, and within what the search core takes
 
@@ -34,9 +44,12 @@ NO_CEILING_M = 0.4  # higher than anything printed from droplets, and within wha
 class Criterion:
     """alpha * mean error + (1 - alpha) * standard deviation (Lu, Zheng, Mishra 2015, eq. 8), and what it may not do.
 
-    overshoot: what a metre above the target costs when a metre below costs 1 (what was jetted stays);
+    overshoot: what a metre above the target costs when a metre below costs 1 (what was jetted stays; None: the more,
+    the less sure the droplets are, 1 + 2 droplet_std);
     overshoot_limit: height above the target that is not to be exceeded [m], kept with a probability of `chance_margin`
     standard deviations of the predicted height (0: by the prediction itself);
+    droplet_std: standard deviation of a droplet's volume, as a share of it: what the last droplets leave to chance
+    counts (None: as learnt from the scans; 0: plans go by the predicted surface alone, as where a bound is asked for);
     fringe_weight: weight, 0 to 1, of the ring of cells around the part: what spills there counts against target_height;
     layer_worth: what each layer must gain to be printed, as a share of the height of a full layer of the smallest drops
     (None: as `finish` of LayerMpc has it; 0: every layer that gains anything).
@@ -44,10 +57,11 @@ class Criterion:
     """
 
     alpha: Annotated[AlphaSchedule, ALPHA] = 0.8
-    overshoot: Annotated[float, Option()] = 1.0
+    overshoot: Annotated[float | None, OVERSHOOT] = None
     overshoot_limit: Annotated[float, OVERSHOOT_LIMIT] = inf
     chance_margin: Annotated[float, Option()] = 0.0
     fringe_weight: Annotated[float, Option()] = 0.0
+    droplet_std: Annotated[float | None, DROPLET_STD] = None
     layer_worth: Annotated[float | None, LAYER_WORTH] = None
 
     def __post_init__(self) -> None:
@@ -57,11 +71,11 @@ class Criterion:
             for weight in self._weights()
             if not 0.0 <= weight <= 1.0
         ]
-        if not 0.0 < self.overshoot < inf:
+        if self.overshoot is not None and not 0.0 < self.overshoot < inf:
             errors.append(f"overshoot is {self.overshoot}; needs a cost above 0 (1: like what is lacking)")
         errors += [
             f"{name} is {getattr(self, name)}; needs a value of at least 0"
-            for name in ("overshoot_limit", "chance_margin", "layer_worth")
+            for name in ("overshoot_limit", "chance_margin", "layer_worth", "droplet_std")
             if (value := getattr(self, name)) is not None and not value >= 0.0
         ]
         if not 0.0 <= self.fringe_weight <= 1.0:
@@ -74,6 +88,10 @@ class Criterion:
         if isinstance(self.alpha, int | float):
             return float(self.alpha)
         return next((weight for start, weight in reversed(self.alpha) if start <= layer), self.alpha[0][1])
+
+    def overshoot_for(self, droplet_std: float) -> float:
+        """What a metre above the target costs, where droplets vary by `droplet_std`."""
+        return 1.0 + CAUTION * droplet_std if self.overshoot is None else self.overshoot
 
     def ceiling(self, target: FloatMap, height_std: FloatMap, part: BoolMap) -> FloatMap | None:
         """The height that the surface is not to exceed, (nx, ny) [m], where the prediction is off by `height_std`.

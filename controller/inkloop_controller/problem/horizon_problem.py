@@ -33,8 +33,10 @@ class HorizonProblem:
     where a droplet of kinds[k] may fall in that layer; alpha: weight of the mean error against the standard deviation
     (Lu, Zheng, Mishra 2015, eq. 8); weight: (nx, ny) of each cell's error (None: 1 in the part, 0 outside);
     overshoot: what a metre above the target costs when a metre below costs 1; ceiling: (nx, ny) [m], a metre above it
-    costs ceiling_cost in addition (None: no ceiling); colours: of each layer, in the order jetted, the four colours
-    2 (i % 2) + j % 2 of its passes, each on the surface that the last one left (empty: layers of one pass).
+    costs ceiling_cost in addition (None: no ceiling); droplet_std: standard deviation of a droplet's volume, as a share
+    of it: what the last droplets leave to chance counts in the objective (0: the prediction alone); colours: of each
+    layer, in the order jetted, the four colours 2 (i % 2) + j % 2 of its passes, each on the surface that the last one
+    left (empty: layers of one pass).
     Raises ValueError, all errors in one sentence, for invalid values.
     """
 
@@ -48,6 +50,7 @@ class HorizonProblem:
     overshoot: float = 1.0
     ceiling: FloatMap | None = None
     ceiling_cost: float = 0.0
+    droplet_std: float = 0.0
     colours: tuple[tuple[int, ...], ...] = ()
 
     def __post_init__(self) -> None:
@@ -106,6 +109,8 @@ class HorizonProblem:
             errors.append(f"overshoot is {self.overshoot}; needs a cost above 0")
         if not 0.0 <= self.ceiling_cost < inf:
             errors.append(f"ceiling_cost is {self.ceiling_cost}; needs a cost of at least 0")
+        if not 0.0 <= self.droplet_std < inf:
+            errors.append(f"droplet_std is {self.droplet_std}; needs a share of a droplet of at least 0")
         if self.colours and [sorted(order) for order in self.colours] != [[0, 1, 2, 3]] * len(self.choices):
             errors.append(
                 f"colours is {self.colours}; needs for each of {len(self.choices)} layers the colours 0 to 3 once"

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import screen
+from inkloop.commands.options import add_pictures, formats_of, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -16,9 +16,13 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folder, as written by `inkloop run`")
     parser.add_argument(
-        "--out", type=Path, default=Path("compare.png"), metavar="FILE", help="picture to write (default: compare.png)"
+        "--out",
+        type=Path,
+        default=Path("compare"),
+        metavar="FILE",
+        help="picture to write (default: compare.png); its suffix is a format, as of --pictures",
     )
-    parser.add_argument("--no-pictures", action="store_true", help="write no picture")
+    add_pictures(parser, default=None)
     return parser
 
 
@@ -26,10 +30,10 @@ def run(options: argparse.Namespace) -> int:
     """Show the table and write the picture; the exit code."""
     from inkloop.report import run_report
 
-    terminal, picture = screen(options), None if options.no_pictures else options.out
-    table, runs = run_report.compare(options.runs, picture)
+    terminal = screen(options)
+    table, runs, pictures = run_report.compare(options.runs, options.out, formats_of(options))
     terminal.print(table)
-    if picture:
+    for picture in pictures:
         terminal.sentence(f"wrote {picture}")
-    terminal.result(runs=runs, picture=picture)
+    terminal.result(runs=runs, pictures=pictures)
     return 0

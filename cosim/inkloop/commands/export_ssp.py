@@ -21,7 +21,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
         "--out",
         type=Path,
         metavar="PATH",
-        help="file to write, a folder for osp and maestro (default: NAME.ssp, NAME-osp, ...)",
+        help="file to write, for osp and maestro a new folder (default: NAME.ssp, NAME-osp, ...)",
     )
     parser.add_argument("--to", choices=FORMATS, default="ssp", help="format to write (default: ssp)")
     parser.add_argument(

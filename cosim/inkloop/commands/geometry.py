@@ -6,8 +6,16 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inkloop.commands.options import add_part_options, part_file_of, screen
-from inkloop.errors import InkloopError, ScenarioError
+from inkloop.commands.options import (
+    add_part_options,
+    add_pictures,
+    formats_of,
+    no_part_options,
+    part_file_of,
+    scenario_of_part,
+    screen,
+)
+from inkloop.errors import ScenarioError
 
 if TYPE_CHECKING:
     from inkloop.report.part_report import MeshReport
@@ -20,11 +28,15 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
         "geometry", help="describe a part before it is printed: size, holes, narrow walls, ink, layers"
     )
     parser.add_argument(
-        "file", type=Path, metavar="FILE", help="mesh (STL, OBJ, PLY, 3MF), height map, or scenario (.toml)"
+        "file",
+        type=Path,
+        metavar="FILE",
+        help="mesh (STL, OBJ, PLY, 3MF), height map, manifest of layers, or scenario (.toml)",
     )
     add_part_options(parser)
     parser.add_argument("--nozzle-um", type=float, metavar="W", help="narrowest wall or gap, if more than two cells")
     parser.add_argument("--out", type=Path, metavar="FILE", help="picture to write (default: NAME-geometry.png)")
+    add_pictures(parser, default=None)
     return parser
 
 
@@ -38,16 +50,18 @@ def run(options: argparse.Namespace) -> int:
     except ScenarioError:
         _show(options, lines, data)
         raise
-    from inkloop.report.part_picture import draw
     from inkloop.report.part_report import PartReport
     from inkloop.units import M_PER_UM
 
     report = PartReport.of(scenario, None if options.nozzle_um is None else options.nozzle_um * M_PER_UM)
-    picture = options.out or Path(f"{options.file.stem}-geometry.png")
-    draw(report, options.file.name, picture)
-    data |= {**report.data(), "picture": str(picture)}
+    pictures: list[Path] = []
+    if formats := formats_of(options):
+        from inkloop.report.part_picture import draw
+
+        pictures = draw(report, options.file.name, options.out or Path(f"{options.file.stem}-geometry"), formats)
+    data |= {**report.data(), "pictures": pictures}
     lines += [] if mesh else [report.size_line]
-    _show(options, [*lines, *report.lines(), f"wrote {picture}"], data)
+    _show(options, [*lines, *report.lines(), *(f"wrote {picture}" for picture in pictures)], data)
     return 0
 
 
@@ -72,19 +86,12 @@ def _mesh(options: argparse.Namespace) -> MeshReport | None:
 
 
 def _scenario(options: argparse.Namespace) -> Scenario:
-    """The scenario of the file, or one around its part. Raises ScenarioError."""
-    from inkloop.scenario import new
+    """The scenario of the file, or one around its part. Raises InkloopError."""
     from inkloop.scenario.class_path import classes_from
     from inkloop.scenario.file import Scenario
-    from inkloop.scenario.part_file import fit
 
-    if options.file.suffix == ".toml":
-        given = [name for name in ("pitch_um", "unit", "pixel_um", "count_scale") if getattr(options, name) is not None]
-        if given:
-            names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
-            raise InkloopError(f"{names}: the scenario states its own; leave it out, or name the file of the part")
-        with classes_from(options.file.parent):
-            return Scenario.load(options.file)
-    file = part_file_of(options, options.file)
-    place = Path("part.toml")
-    return Scenario.of_text(new.text_for_part(place, file, fit(file, options.pitch_um)), str(place))
+    if options.file.suffix != ".toml":
+        return scenario_of_part(options, options.file)
+    no_part_options(options)
+    with classes_from(options.file.parent):
+        return Scenario.load(options.file)

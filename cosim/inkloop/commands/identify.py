@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_overrides, overrides_of, screen
+from inkloop.commands.options import add_overrides, add_pictures, overrides_of, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -46,6 +46,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
         help="seed of the experiments and of the groups of samples (default: 0)",
     )
     parser.add_argument("--runs", type=Path, metavar="DIR", help="experiments: keep the run folders there")
+    add_pictures(parser)
     add_overrides(parser)
     return parser
 

@@ -19,7 +19,10 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     either = parser.add_mutually_exclusive_group()
     either.add_argument("--shape", choices=SHAPES, default="cylinder", help="shape of the part (default: cylinder)")
     either.add_argument(
-        "--part", type=Path, metavar="FILE", help="mesh (STL, OBJ, PLY, 3MF) or height map to print, with a grid for it"
+        "--part",
+        type=Path,
+        metavar="FILE",
+        help="mesh (STL, OBJ, PLY, 3MF), height map or manifest of layers to print, with a grid for it",
     )
     add_part_options(parser)
     return parser
@@ -36,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
         path, part = templates.write_for_part(options.name, part_file_of(options, options.part), options.pitch_um)
         size = " x ".join(f"{side:.6g}" for side in part.size_um)
         grid = part.grid
-        terminal.sentence(f"{options.part}: {size} um on {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} um")
+        terminal.sentence(f"{options.part}: {size} µm on {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} µm")
     terminal.sentence(f"wrote {path}; inkloop run {shlex.quote(str(path))} prints it")
     terminal.result(file=path)
     return 0

@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import sys
 import traceback
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inkloop.errors import InkloopError, ScenarioError
+from inkloop.report.formats import FORMATS, PNG, picture_formats
 
 if TYPE_CHECKING:
     from inkloop.report.terminal import Terminal
@@ -51,9 +52,31 @@ def add_isolate(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_no_pictures(parser: argparse.ArgumentParser) -> None:
-    """--no-pictures."""
-    parser.add_argument("--no-pictures", action="store_true", help="write no pictures; `inkloop report RUN` draws them")
+def add_pictures(parser: argparse.ArgumentParser, default: Sequence[str] | None = (PNG,)) -> None:
+    """--pictures and --no-pictures: the formats to write, none with the latter."""
+    pictures = parser.add_mutually_exclusive_group()
+    pictures.add_argument(
+        "--pictures",
+        type=_formats,
+        default=default,
+        metavar="FORMAT,...",
+        help=f"formats of the pictures: {', '.join(FORMATS)} (default: {PNG})",
+    )
+    pictures.add_argument("--no-pictures", action="store_const", const=(), dest="pictures", help="write no pictures")
+
+
+def formats_of(options: argparse.Namespace) -> tuple[str, ...]:
+    """The formats asked for, else the one that the suffix of --out names, PNG without one. Raises InkloopError."""
+    if options.pictures is not None:
+        return tuple(options.pictures)
+    return picture_formats([options.out.suffix.removeprefix(".") if options.out and options.out.suffix else PNG])
+
+
+def _formats(text: str) -> tuple[str, ...]:
+    try:
+        return picture_formats([name.strip() for name in text.split(",")])
+    except InkloopError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def add_windows(parser: argparse.ArgumentParser) -> None:
@@ -80,6 +103,24 @@ def part_file_of(options: argparse.Namespace, path: Path) -> PartFile:
     if options.pitch_um is not None and not 0.0 < options.pitch_um < float("inf"):
         raise InkloopError(f"--pitch-um is {options.pitch_um:g}; expected a length above 0")
     return PartFile(path, options.unit, options.pixel_um, options.count_scale)
+
+
+def no_part_options(options: argparse.Namespace) -> None:
+    """Raises InkloopError where the command line describes a part that a scenario or a run describes itself."""
+    names = [name for name in ("pitch_um", "unit", "pixel_um", "count_scale") if getattr(options, name) is not None]
+    if names:
+        given = ", ".join(f"--{name.replace('_', '-')}" for name in names)
+        raise InkloopError(f"{given}: goes with the file of a part; leave it out, or name that file")
+
+
+def scenario_of_part(options: argparse.Namespace, path: Path, overrides: Mapping[str, Any] | None = None) -> Scenario:
+    """The scenario that `inkloop new` writes for the file of a part. Raises InkloopError."""
+    from inkloop.scenario import new
+    from inkloop.scenario.file import Scenario
+    from inkloop.scenario.part_file import fit
+
+    file, place = part_file_of(options, path), Path(path.name)
+    return Scenario.of_text(new.text_for_part(place, file, fit(file, options.pitch_um)), str(place), overrides)
 
 
 def is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import screen
+from inkloop.commands.options import add_pictures, screen
 from inkloop.studies.reproduce import PAPERS
 
 
@@ -20,6 +20,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="new folder for tables and pictures (default: runs/PAPER)"
     )
+    add_pictures(parser)
     return parser
 
 

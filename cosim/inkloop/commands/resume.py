@@ -6,14 +6,14 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_isolate, add_no_pictures, is_isolated, screen
+from inkloop.commands.options import add_isolate, add_pictures, is_isolated, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
     parser: argparse.ArgumentParser = commands.add_parser("resume", help="resume an interrupted run")
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder of the interrupted run")
-    add_no_pictures(parser)
+    add_pictures(parser)
     add_isolate(parser)
     return parser
 
@@ -26,7 +26,7 @@ def run(options: argparse.Namespace) -> int:
     with classes_from(printing.scenario_file(options.run).parent):
         scenario = printing.scenario_of_run(options.run)
         if not is_isolated(options, scenario):
-            return printing.resume(options.run, screen(options), pictures=not options.no_pictures)
+            return printing.resume(options.run, screen(options), pictures=options.pictures)
         from inkloop.printing.isolation import run_isolated
 
         return run_isolated([*options.words, "--no-isolate"], options.run, scenario.foreign_fmus)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_isolate, add_no_pictures, add_scenario, is_isolated, scenario_of, screen
+from inkloop.commands.options import add_isolate, add_pictures, add_scenario, is_isolated, scenario_of, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -22,7 +22,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
         help="new run folder (default: runs/NAME, or runs/NAME-2, ... if that exists)",
     )
     parser.add_argument("--no-compare", action="store_true", help="skip the comparison runs of the scenario")
-    add_no_pictures(parser)
+    add_pictures(parser)
     add_isolate(parser)
     return parser
 
@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
                 options.out,
                 screen(options),
                 compare=not options.no_compare,
-                pictures=not options.no_pictures,
+                pictures=options.pictures,
             )
         from inkloop.printing.isolation import run_isolated
 

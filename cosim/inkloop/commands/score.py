@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import overrides_of, screen
+from inkloop.commands.options import add_pictures, overrides_of, screen
 from inkloop.studies.score import PLANTS
 
 
@@ -41,6 +41,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="new folder for tables and picture (default: runs/score)"
     )
+    add_pictures(parser)
     return parser
 
 

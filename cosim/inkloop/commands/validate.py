@@ -24,7 +24,7 @@ def run(options: argparse.Namespace) -> int:
         grid = scenario.tables.grid
         printed = int(scenario.job().mask.sum())
         components = list(scenario.tables.components)
-        terminal, warnings = screen(options), [f"part: {remark}" for remark in scenario.solid.remarks]
+        terminal, warnings = screen(options), list(scenario.warnings)
         for warning in warnings:
             terminal.sentence(f"{options.scenario}: warning: {warning}")
         terminal.sentence(

@@ -13,6 +13,7 @@ from inkloop.components.fmu_parameters import FORMS, JOB_PARAMETERS, Parsed, par
 from inkloop.components.kind import Checked
 from inkloop.components.port_mapping import MappedPort, MappedPorts, ports_of
 from inkloop.components.port_tables import OPTION, mapped_ports
+from inkloop.errors import FmuError
 from inkloop.files import temporary_folder
 from inkloop.fmu import FmuComponent, FmuDescription, archive_error, describe, platform_error
 from inkloop.fmu.archive_member import fmu_file
@@ -52,9 +53,13 @@ class FmuFile:
         if not isinstance(options.get("file"), str):
             return Checked("Fmu", ["file is missing; name the .fmu file"])
         file = Path(str(options["file"]))
-        with fmu_file(file) as path:
-            parsed = parse_file(describe(path), job, options)
-            errors = _binary_errors(path, f"file is {options['file']!r}, which")
+        try:
+            with fmu_file(file) as path:
+                parsed = parse_file(describe(path), job, options)
+                errors = _binary_errors(path, f"file is {options['file']!r}, which")
+        except FmuError as error:
+            advice = "" if file.exists() else "; give its path from the scenario's folder"
+            return Checked("Fmu", [f"file: {error}{advice}"])
         if not isinstance(asked := options.get(JOB_PARAMETERS, True), bool):
             errors.append(f"{JOB_PARAMETERS} is {asked!r}; expected true or false")
         inputs: list[MappedPort] = []

@@ -59,10 +59,13 @@ class PythonClass:
         except ValueError as error:
             return Checked(kind, [str(error)])
         except (ImportError, AttributeError) as error:
-            return Checked(kind, [f"kind is {kind!r}, which cannot be loaded: {error}{own_line(error)}"])
+            place = f"; looked for modules in {Path.cwd()}, next to the scenario, and in the installed packages"
+            looked = place if isinstance(error, ModuleNotFoundError) else ""
+            return Checked(kind, [f"kind is {kind!r}, which cannot be loaded: {error}{own_line(error)}{looked}"])
         except Exception as error:  # anything may go wrong in a class of others
             if isinstance(error, TypeError) and not own_line(error):
-                return Checked(kind, [f"kind is {kind!r}: its options are not what a scenario file can hold: {error}"])
+                takes = "a class takes the job, then options by keyword with types of TOML"
+                return Checked(kind, [f"kind is {kind!r}, which cannot be constructed: {error}; {takes}"])
             return Checked(kind, [f"kind is {kind!r}, which cannot be constructed: {message_of(error)}"])
 
     def _constructed(self, job: Job, options: Mapping[str, object]) -> Checked:

@@ -47,6 +47,9 @@ def _describe(path: Path, changed_ns: int) -> FmuDescription:
         model = read_model_description(str(path), validate=False)
     except (OSError, FmuError):
         raise
+    except zipfile.BadZipFile as error:
+        found = f"{path}: is not a readable FMU: {error}"
+        raise FmuError(f"{found}; name an .fmu file, or export or copy it again") from error
     except Exception as error:  # the parser raises bare exceptions
         raise FmuError(f"{path}: is not a readable FMU: {error}") from error
     if model.fmiVersion[:1] not in ("2", "3"):

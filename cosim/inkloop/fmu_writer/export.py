@@ -11,6 +11,7 @@ from typing import Literal
 from inkloop.errors import FmuError
 from inkloop.fmu_writer import FORMS
 from inkloop.limits import memory_error, size_text
+from inkloop.suggest import near
 
 FMI2_CELLS = 32 * 32
 """Cells up to which every importer that was tried reads an FMI 2 description in seconds."""
@@ -50,8 +51,9 @@ def find_fmu(model: str, form: str = "fmi3") -> Path:
     folder = _folder()
     path = folder / form / f"{model}.fmu"
     if not path.is_file():
-        there = ", ".join(sorted(found.stem for found in (folder / form).glob("*.fmu"))) or "none"
-        raise FmuError(f"there is no FMU {model!r} in {folder / form}; models there: {there}")
+        there = sorted(found.stem for found in (folder / form).glob("*.fmu"))
+        models = f"did you mean {' or '.join(close)}? Models" if (close := near(model, there)) else "models"
+        raise FmuError(f"there is no FMU {model!r} in {folder / form}; {models} there: {', '.join(there) or 'none'}")
     return path
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,16 @@ from inkloop.component import BoolMap, FloatMap
 class Body:
     """Triangles with the names that the file gives them, "" for none.
 
-    triangles: (n, 3 corners, x y z), counterclockwise from outside; in metres, or in the unit of the file.
+    triangles: (n, 3 corners, x y z), counterclockwise from outside; in metres, or in the unit of the file. paint: names
+    of the materials of its triangles where they have several; `material` is "" then. resolution: of the coordinates,
+    as their file rounds them, in their unit.
     """
 
     triangles: NDArray[np.float64]
     name: str = ""
     material: str = ""
+    paint: tuple[str, ...] = ()
+    resolution: float = 0.0
 
     @property
     def volume(self) -> float:
@@ -38,7 +42,7 @@ def transformed(body: Body, matrix: FloatMap, shift: FloatMap) -> Body:
     corners = np.stack([row[0] * x + row[1] * y + row[2] * z + add for row, add in zip(matrix, shift, strict=True)], -1)
     if np.linalg.det(matrix) < 0.0:
         corners = corners[:, ::-1]
-    return Body(corners, body.name, body.material)
+    return replace(body, triangles=corners, resolution=body.resolution * float(np.abs(matrix).sum(axis=1).max()))
 
 
 def bounds(bodies: Sequence[Body]) -> tuple[FloatMap, FloatMap]:
@@ -49,15 +53,17 @@ def bounds(bodies: Sequence[Body]) -> tuple[FloatMap, FloatMap]:
 
 
 def walls_on_centers(bodies: Sequence[Body], pitch: float, tolerance: float = 1e-6) -> tuple[float, ...]:
-    """Where upright walls along x or y stand on a row of cell centres, within `tolerance` of a pitch [m], ascending.
+    """Where upright walls along x or y stand on a row of cell centres [m], ascending.
 
-    Rounding of the coordinates decides there which side of the row is inside.
+    Rounding of the coordinates decides there which side of the row is inside: within their resolution, or `tolerance`
+    of a pitch where that is more.
     """
     found: set[float] = set()
     for body in bodies:
+        near = max(tolerance, body.resolution / pitch)
         for axis in (0, 1):
             at = body.triangles[:, :, axis] / pitch
-            is_wall: BoolMap = np.ptp(at, axis=1) <= tolerance
+            is_wall: BoolMap = np.ptp(at, axis=1) <= near
             row = np.round(at[is_wall, 0])
-            found |= {float(n) * pitch for n in np.unique(row[np.abs(at[is_wall, 0] - row) <= tolerance])}
+            found |= {float(n) * pitch for n in np.unique(row[np.abs(at[is_wall, 0] - row) <= near])}
     return tuple(sorted(found))

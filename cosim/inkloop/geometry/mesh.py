@@ -105,7 +105,10 @@ def bodies_by_ink(source: str, bodies: Sequence[Body], inks: Mapping[str, str]) 
     used, errors = set(), []
     for body in bodies:
         name = next((name for name in (body.name, body.material) if name in inks), None)
-        if name is None:
+        if name is None and body.paint:
+            errors.append(f"{painted(body)}: make each material an object of its own, or name this one in inks")
+            used |= {*body.paint}
+        elif name is None:
             errors.append(f"object {body.name!r} of material {body.material!r} has no ink; name one of them in inks")
         else:
             used.add(name)
@@ -117,6 +120,12 @@ def bodies_by_ink(source: str, bodies: Sequence[Body], inks: Mapping[str, str]) 
     if errors:
         raise GeometryError(f"{source}: " + "; ".join(errors))
     return by_ink
+
+
+def painted(body: Body) -> str:
+    """What a body is whose triangles have several materials, for a person."""
+    names = ", ".join(repr(name) if name else "none" for name in body.paint)
+    return f"object {body.name!r} has triangles of several materials ({names}), but an object is of one ink"
 
 
 def _placed(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import zipfile
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -48,7 +49,13 @@ def read_bodies(path: Path | str, unit: str | None = None) -> tuple[Body, ...]:
     if errors:
         raise GeometryError(f"{path}: " + "; ".join(errors))
     factor = LENGTHS[declared or unit or "m"]
-    return tuple(Body(body.triangles * factor, body.name, body.material) for body in bodies)
+    return tuple(_in_metres(body, factor) for body in bodies)
+
+
+def _in_metres(body: Body, factor: float) -> Body:
+    """The body with the resolution of single precision: STL and 3MF have no other, texts hardly more digits."""
+    corners = body.triangles * factor
+    return replace(body, triangles=corners, resolution=float(np.abs(corners).max() * np.finfo(np.float32).eps))
 
 
 def _contents(path: Path) -> Contents:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+import re
 import zipfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -30,6 +32,9 @@ _COPIES_MAX = 1_000_000
 """Of meshes in one assembly (assumed): lib3mf takes 10 ns for each."""
 _FOREIGN_ATTRIBUTE = 0x80A7
 """Warning of lib3mf, "Invalid Attribute in namespace", the only one that cannot change a shape."""
+_PAINT = re.compile(rb'\b(?:mmu_segmentation|paint_color)="[^"]')
+"""What PrusaSlicer, Bambu Studio and their relatives write for painted triangles."""
+_OBJECT_OR_PAINT = re.compile(rb'<(?:\w+:)?object\b[^>]*?\bid="(\d+)"|' + _PAINT.pattern)
 _MARKUP = (b"<!DOCTYPE", b"<!ENTITY")
 _XML = (".model", ".rels", ".xml")
 
@@ -107,11 +112,25 @@ def _required(data: bytes) -> dict[str, str]:
     return {}
 
 
+def _painted_by_slicer(path: Path) -> Iterator[tuple[str, int]]:
+    """Part and number of the objects with triangles that a slicer has painted, which lib3mf leaves out."""
+    with zipfile.ZipFile(path) as archive:
+        for member in archive.infolist():
+            data = archive.read(member) if member.filename.lower().endswith(".model") else b""
+            number = 0
+            for found in _OBJECT_OR_PAINT.finditer(data) if _PAINT.search(data) else ():
+                if found[1]:
+                    number = int(found[1])
+                else:
+                    yield f"/{member.filename}", number
+
+
 class _Model:
     """A model of lib3mf; `Any` is its objects, which have no types."""
 
     def __init__(self, path: Path, model: Any) -> None:
         self._path, self._model = path, model
+        self._painted = set(_painted_by_slicer(path))
         self._counts: dict[int, int] = {}
         self._own: dict[int, Body] = {}
 
@@ -141,7 +160,7 @@ class _Model:
         name = entry.GetName() or name
         if entry.IsMeshObject():
             own = self._body(entry)
-            yield transformed(Body(own.triangles, name, own.material), matrix, shift)
+            yield transformed(replace(own, name=name), matrix, shift)
             return
         for part in _parts(entry):
             inner, offset = _placement(part.GetTransform())
@@ -152,14 +171,22 @@ class _Model:
         if key not in self._own:
             vertices = np.frombuffer(b"".join(entry.GetVertices()), dtype=np.float32).reshape(-1, 3)
             indices = np.frombuffer(b"".join(entry.GetTriangleIndices()), dtype=np.uint32).reshape(-1, 3)
-            self._own[key] = Body(vertices[indices].astype(np.float64), "", self._material(entry))
+            names = self._materials(entry)
+            material, paint = (names[0], ()) if len(names) == 1 else ("", tuple(names))
+            self._own[key] = Body(vertices[indices].astype(np.float64), "", material, paint)
         return self._own[key]
 
-    def _material(self, mesh: Any) -> str:
-        """Name of the base material of the whole object, "" if it has none."""
-        group, entry, is_there = mesh.GetObjectLevelProperty()
+    def _materials(self, mesh: Any) -> list[str]:
+        """Names of the materials of its triangles; what is no base material is numbered."""
+        rows = np.frombuffer(b"".join(mesh.GetAllTriangleProperties()), dtype=np.uint32).reshape(-1, 4)
+        pairs = np.unique(np.stack([rows[:, [0, 0, 0]], rows[:, 1:]], axis=-1).reshape(-1, 2), axis=0).tolist()
         groups = {one.GetUniqueResourceID(): one for one in _iterated(self._model.GetBaseMaterialGroups())}
-        return str(groups[group].GetName(entry)) if is_there and group in groups else ""
+        names = ["" if group == 0 else f"colour {entry} of group {group}" for group, entry in pairs]
+        for number, (group, entry) in enumerate(pairs):
+            if group in groups:
+                names[number] = str(groups[group].GetName(entry))
+        is_painted = (mesh.PackagePart().GetPath(), mesh.GetModelResourceID()) in self._painted
+        return [*names, "colours of a slicer"] if is_painted else names
 
 
 def _parts(entry: Any) -> Iterator[Any]:

@@ -77,15 +77,15 @@ def candidates(
 def words(model: Model) -> str:
     """The coefficients of a model for people."""
     if isinstance(model, LayerDeposition):
-        return " | ".join(" ".join(f"{h * UM_PER_M:.3g}" for h in ink) for ink in model.heights) + " um"
+        return " | ".join(" ".join(f"{h * UM_PER_M:.3g}" for h in ink) for ink in model.heights) + " µm"
     if isinstance(model, SuperpositionDeposition):
         radius, height = model.caps[0]
-        return f"r {radius * UM_PER_M:.4g}, a {height * UM_PER_M:.3g} um"
+        return f"r {radius * UM_PER_M:.4g}, a {height * UM_PER_M:.3g} µm"
     if isinstance(model, VolumeAreaDeposition):
         gains = " ".join(
             f"{gain / UM_PER_M:.3g}" for gain in (model.mv_plus, model.mv_minus, model.ma_plus, model.ma_minus)
         )
-        return f"c {model.height_scale * UM_PER_M:.3g} um, {gains} /um"
+        return f"c {model.height_scale * UM_PER_M:.3g} µm, {gains} /µm"
     return f"{model.droplet_volume * PL_PER_M3:.4g} pl, {np.degrees(model.contact_angle):.0f} degrees"
 
 

@@ -15,6 +15,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from inkloop.component import Ink
+from inkloop.components.catalog import kinds
 from inkloop.errors import IdentificationError
 from inkloop.identify.candidates import words
 from inkloop.identify.experiments import Plan, perform, plant_scenario
@@ -28,7 +29,7 @@ from inkloop.identify.volume_area_coefficients import NAMES
 from inkloop.report.terminal import Terminal
 from inkloop.results.result import RESULT_FILE, Result
 from inkloop.scenario.file import Scenario
-from inkloop.suggest import nearest
+from inkloop.suggest import near, nearest
 from inkloop.tables.schema import Inks
 from inkloop.units import UM_PER_M
 
@@ -48,10 +49,9 @@ def run(options: argparse.Namespace, overrides: Mapping[str, Any], console: Term
     for note in found.notes:
         console.sentence(f"note: {note}")
     write_ink(found, out, date.today())
-    picture = out.with_suffix(".png")
-    save(found, picture)
-    console.sentence(f"wrote {out} and {picture}")
-    console.result(file=out, picture=picture, notes=list(found.notes))
+    pictures = save(found, out.with_suffix(""), options.pictures)
+    console.sentence(f"wrote {' and '.join(map(str, (out, *pictures)))}")
+    console.result(file=out, pictures=pictures, notes=list(found.notes))
     return 0
 
 
@@ -91,11 +91,12 @@ def _records(
     source = options.sources[0]
     if source.endswith(".toml"):
         scenario = Scenario.load(source, overrides)
-    elif source.endswith(".fmu") or not any(mark in source for mark in "/\\."):
+    elif source.endswith(".fmu") or ":" in source or source in kinds():
         noise = 0.3 if options.noise_um is None else options.noise_um
         scenario = plant_scenario(source, noise, overrides)
     else:
-        raise IdentificationError(f"{source}: is not there; name a folder, a scenario, an .fmu file or a kind")
+        known = nearest(source, (kind for kind in kinds() if not kind.startswith("hardware.")))
+        raise IdentificationError(f"{source}: is no folder, no .toml or .fmu file and no kind of printer; {known}")
     plan = Plan(options.samples, options.layers, options.side, options.seed)
     records = perform(scenario, plan, options.runs, lambda done, total: show("printing experiments", done, total))
     return records, scenario.job().inks
@@ -106,10 +107,11 @@ def _read(folder: Path) -> PrintRecord:
         return read_log(folder)
     if (folder / RESULT_FILE).is_file():
         return read_run(folder)
-    there = [path.name for path in folder.iterdir()]
+    close = near(DESCRIPTION, [path.name for path in folder.glob("*.toml")])
+    known = "name a folder that `inkloop run` has made, or that holds a logged print"
+    advice = f"did you mean {close[0]}?" if close else known
     raise IdentificationError(
-        f"{folder}: holds neither {DESCRIPTION} of a logged print nor {RESULT_FILE} of a run; "
-        + (nearest(DESCRIPTION, there) if there else "it is empty")
+        f"{folder}: holds neither {DESCRIPTION} of a logged print nor {RESULT_FILE} of a run; {advice}"
     )
 
 
@@ -123,8 +125,8 @@ def _nominal(folder: Path) -> Sequence[Ink]:
 
 def _heights(found: Identification) -> Table:
     table = Table(
-        title="height that a droplet adds [um], with 95 % intervals",
-        caption=f"noise of a reading {found.noise_std * UM_PER_M:.3g} um; {found.ink.used} growths; droplets "
+        title="height that a droplet adds [µm], with 95 % intervals",
+        caption=f"noise of a reading {found.noise_std * UM_PER_M:.3g} µm; {found.ink.used} growths; droplets "
         f"vary by {found.ink.droplet_std:.1%}, with all that the model does not explain",
     )
     for heading in ("method", "h1", "h2", "h3"):
@@ -153,7 +155,7 @@ def _volume_area(found: Identification) -> Table:
     areas = "" if estimate.area_known else "; no area was measured: ma_plus and ma_minus are the paper's"
     table = Table(
         title="Wu and Chiu's coefficients by (17), and their error (21) by prior drops",
-        caption=f"c {estimate.coefficients['height_scale'] * UM_PER_M:.3f} um; {gains} per um{areas}",
+        caption=f"c {estimate.coefficients['height_scale'] * UM_PER_M:.3f} µm; {gains} per µm{areas}",
     )
     table.add_column("prior drops")
     for prior in estimate.rms:
@@ -173,11 +175,11 @@ def _comparison(found: Identification) -> Table:
     floor = 2.0**0.5 * found.noise_std * UM_PER_M
     table = Table(
         title="one step ahead, cells that the fit had not seen",
-        caption=f"rms of scan less prediction; the noise of two scans alone is {floor:.3g} um; (21) is "
+        caption=f"rms of scan minus prediction; the noise of two scans alone is {floor:.3g} µm; (21) is "
         "relative to the measured height",
     )
     table.add_column("model")
-    table.add_column("rms [um]", justify="right")
+    table.add_column("rms [µm]", justify="right")
     table.add_column("(21)", justify="right")
     table.add_column("fitted to everything")
     for one in found.comparisons:

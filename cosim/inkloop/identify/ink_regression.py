@@ -144,7 +144,7 @@ def first_guess(records: Sequence[PrintRecord]) -> float:
         raise IdentificationError("no layer has a droplet; log the patterns as they were jetted")
     if growth <= 0.0:
         raise IdentificationError(
-            f"the surface sank by {-growth / droplets * UM_PER_M:.3g} um per droplet; expected it to grow; check the "
+            f"the surface sank by {-growth / droplets * UM_PER_M:.3g} µm per droplet; expected it to grow; check the "
             "sign of the heights, the level of the scans (datum), and that each scan belongs to its pattern"
         )
     return growth / droplets

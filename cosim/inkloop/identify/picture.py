@@ -20,13 +20,14 @@ from inkloop.units import UM_PER_M
 SHOWN = 4  # models, the best ones
 BINS = 60
 QUANTILES = 16
+RESIDUAL, RESIDUAL_SIGN = "scan minus prediction", "scan higher +, lower -"
 LEAST = 30  # growths in a bin
 
 
-def save(found: Identification, path: Path) -> None:
-    """Write the picture as a PNG."""
+def save(found: Identification, path: Path, formats: Sequence[str]) -> list[Path]:
+    """Write the picture, `path` with the suffix of each format; the files."""
     with rc_context(plot.STYLE):
-        plot.save(residuals(found), path)
+        return plot.save(residuals(found), path, formats) if formats else []
 
 
 def residuals(found: Identification) -> Figure:
@@ -64,7 +65,7 @@ def _densities(axes: Axes, shown: Sequence[Comparison], noise_std: float) -> Non
         x, spread = np.linspace(-limit, limit, 300), np.sqrt(2.0) * noise_std * UM_PER_M
         normal = np.exp(-0.5 * (x / spread) ** 2) / (spread * np.sqrt(2.0 * np.pi))
         axes.plot(x, normal, color="0.4", linewidth=0.8, linestyle="--", label="noise of two scans")
-    axes.set(title="scan - prediction", xlabel="[µm]", yticks=[])
+    axes.set(title="residuals", xlabel=f"{RESIDUAL} [µm]\n({RESIDUAL_SIGN})", ylabel="density", yticks=[])
 
 
 def _by_rise(axes: Axes, shown: Sequence[Comparison], found: Identification) -> None:
@@ -84,7 +85,7 @@ def _by_rise(axes: Axes, shown: Sequence[Comparison], found: Identification) -> 
         of_rise, of_error = (np.bincount(place, v[known], len(edges) - 1) / np.maximum(count, 1) for v in (rise, error))
         axes.plot(of_rise[enough], of_error[enough], color=colour, marker=".", markersize=3, linewidth=1.0)
     axes.axhline(0.0, color="0.7", linewidth=0.6)
-    axes.set(title="mean by step of the surface", xlabel="height above its sides [µm]", ylabel="[µm]")
+    axes.set(title="mean by the step of a cell", xlabel="height above its sides [µm]", ylabel=f"{RESIDUAL} [µm]")
 
 
 def _rises(surface: NDArray[np.float64]) -> NDArray[np.float64]:

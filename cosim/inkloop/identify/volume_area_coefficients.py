@@ -174,7 +174,7 @@ def _sums(
     if lacking:
         raise IdentificationError(
             f"{' and '.join(lacking)}: next to two prior drops, fewer than {LEAST_GROUPS} groups of {GROUP} drops have "
-            f"cells that differ by more than {level * UM_PER_M:.3g} um from those around them; needs less noise"
+            f"cells that differ by more than {level * UM_PER_M:.3g} µm from those around them; needs less noise"
         )
     return {name: (np.array(sums)[:, 0], np.array(sums)[:, 1]) for name, sums in found.items()}
 

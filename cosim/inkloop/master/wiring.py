@@ -10,9 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import HasPorts, Port, Values, is_shadow
-from inkloop.contract import HEIGHT, LAYERS_FOLLOWED, LAYERS_PRINTED, REQUIRED_INPUTS
+from inkloop.contract import (
+    CONTROLLER,
+    HEIGHT,
+    LAYERS_FOLLOWED,
+    LAYERS_PRINTED,
+    PRINTER,
+    PROFILER,
+    REQUIRED_INPUTS,
+    SIGNALS,
+)
 from inkloop.suggest import nearest
 from inkloop.units import conversion, is_known
+
+EXAMPLES = {CONTROLLER: "LayerMpc", PRINTER: "LayerDeposition", PROFILER: "ProfileSensor"}
+"""Role -> a kind that takes it."""
 
 
 @dataclass(frozen=True)
@@ -143,8 +155,13 @@ def _open_inputs(components: Mapping[str, HasPorts], fed: Mapping[str, str]) -> 
             elif port.name in REQUIRED_INPUTS.difference(getattr(component, "optional_inputs", ())):
                 yield (
                     f"{place} is not connected: no other component has an output {port.name}; "
-                    "add one that has, or name a source under [[connections]]"
+                    f"add {_giver_of(port.name)}, or name a source under [[connections]]"
                 )
+
+
+def _giver_of(signal: str) -> str:
+    role = SIGNALS[signal].giver if signal in SIGNALS else None
+    return f'a {role}, e.g. [components.{role}] with kind = "{EXAMPLES[role]}"' if role in EXAMPLES else "one that has"
 
 
 def _mismatches(connection: Connection, source: Port, target: Port) -> Iterator[str]:

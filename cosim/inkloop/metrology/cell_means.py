@@ -43,8 +43,8 @@ def cell_means(map_: HeightMap, registration: Registration, nx: int, ny: int, pi
     width, depth = _box(map_, registration)
     if max(width, depth) > pitch * (1.0 + _ROUNDING):
         raise HeightMapError(
-            f"{map_.source}: a pixel is {max(width, depth) * UM_PER_M:.4g} um on the grid, a cell "
-            f"{pitch * UM_PER_M:.4g} um; expected finer pixels than cells; check the size of the pixels"
+            f"{map_.source}: a pixel is {max(width, depth) * UM_PER_M:.4g} µm on the grid, a cell "
+            f"{pitch * UM_PER_M:.4g} µm; expected finer pixels than cells; check the size of the pixels"
         )
     is_upright = abs(math.remainder(registration.rotation, math.pi / 2)) < _UPRIGHT
     parts = 1 if is_upright else math.ceil(max(width, depth) * PIXELS_PER_CELL / pitch)

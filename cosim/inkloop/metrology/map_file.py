@@ -131,5 +131,5 @@ def _pixel(contents: FileContents, pixel: float | tuple[float, float] | None, er
         return 1.0, 1.0
     if asked and contents.pixel and not np.allclose(asked, contents.pixel, rtol=PIXEL_TOLERANCE, atol=0.0):
         declared, given = (" x ".join(f"{size * UM_PER_M:g}" for size in sizes) for sizes in (contents.pixel, asked))
-        errors.append(f"declares pixels of {declared} um, but pixel is {given} um; leave pixel out or correct it")
+        errors.append(f"declares pixels of {declared} µm, but pixel is {given} µm; leave pixel out or correct it")
     return contents.pixel or asked or (1.0, 1.0)

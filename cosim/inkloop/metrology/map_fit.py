@@ -77,12 +77,12 @@ def fit_to_surface(
     if explained < EXPLAINED_MIN or fine.gain(move) <= 0.0:
         raise HeightMapError(
             f"{map_.source}: the part explains {max(explained, 0.0):.0%} of its relief and leaves "
-            f"{rms * UM_PER_M:.3g} um rms; needs {EXPLAINED_MIN:.0%}: check offset, rotation, mirror and pixel size, "
+            f"{rms * UM_PER_M:.3g} µm rms; needs {EXPLAINED_MIN:.0%}: check offset, rotation, mirror and pixel size, "
             "or give fiducials"
         )
     if max(abs(move[0]), abs(move[1])) > reach or abs(move[2]) > rotation_reach * 1.2 + 1e-12:
         raise HeightMapError(
-            f"{map_.source}: the part seems to lie {move[0] * UM_PER_M:.0f}, {move[1] * UM_PER_M:.0f} um and "
+            f"{map_.source}: the part seems to lie {move[0] * UM_PER_M:.0f}, {move[1] * UM_PER_M:.0f} µm and "
             f"{math.degrees(move[2]):.2f} deg from the given registration; beyond what is searched: correct "
             "offset and rotation, or search wider"
         )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from inkloop.limits import memory_error
 from inkloop.metrology.file_contents import FileContents
 
 _COLOURS = 3  # channels before the one of opacity
+_PHOTOMETRIC, _MIN_IS_WHITE = 262, 0  # a tag of TIFF 6.0, and one of its values
 _BYTES_OF_A_PIXEL = 8  # the picture, its array, and a copy; of colours 4 bytes twice
 
 
@@ -30,12 +33,16 @@ def grey_pages(path: Path) -> Iterator[NDArray[Any]]:
     Colours are read where all of them are grey and opaque. Raises HeightMapError, OSError.
     """
     try:
-        with _opened(path) as picture:
-            for number, page in enumerate(ImageSequence.Iterator(picture), start=1):
-                place = f"{path}, page {number}" if number > 1 else str(path)
-                if reason := memory_error(page.width * page.height * _BYTES_OF_A_PIXEL):
-                    raise HeightMapError(f"{place}: {page.width} x {page.height} pixels: {reason}")
-                yield _grey(place, page)
+        with _quietly():
+            picture = Image.open(path)
+        with picture:
+            for number in count(1):
+                with _quietly():  # not while the caller has the page
+                    page = _page(picture, number)
+                    if page is None:
+                        return
+                    values = _values(f"{path}, page {number}" if number > 1 else str(path), page)
+                yield values
     except Image.DecompressionBombError as error:
         raise HeightMapError(f"{path}: {error}; save it in parts, or with fewer pixels") from error
     except UnidentifiedImageError as error:
@@ -46,18 +53,35 @@ def grey_pages(path: Path) -> Iterator[NDArray[Any]]:
         raise HeightMapError(f"{path}: is damaged ({error}); save it again") from error
 
 
-def _opened(path: Path) -> Image.Image:
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Without Pillow's warnings: memory is checked here, page by page, and what it cannot read is an error."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # memory is checked here, page by page
-        return Image.open(path)
+        warnings.simplefilter("ignore")
+        yield
+
+
+def _page(picture: Image.Image, number: int) -> Image.Image | None:
+    """Page `number` from 1 on, None behind the last."""
+    try:
+        return ImageSequence.Iterator(picture)[number - 1]
+    except IndexError:
+        return None
+
+
+def _values(place: str, page: Image.Image) -> NDArray[Any]:
+    if reason := memory_error(page.width * page.height * _BYTES_OF_A_PIXEL):
+        raise HeightMapError(f"{place}: {page.width} x {page.height} pixels: {reason}")
+    return _grey(place, page)
 
 
 def _grey(place: str, page: Image.Image) -> NDArray[Any]:
     values = np.asarray(page)
     if values.dtype == np.bool_:
-        return values.astype(np.uint8)
+        values = values.astype(np.uint8)
+        return 1 - values if _is_inverted(page) else values
     if values.ndim == 2:
-        return values
+        return np.iinfo(np.uint8).max - values if page.mode == "L" and _is_inverted(page) else values
     channels = len(page.getbands())
     has_opacity = page.mode.endswith(("A", "a"))
     is_grey = channels <= 2 or (values[..., 1:_COLOURS] == values[..., :1]).all()
@@ -66,3 +90,8 @@ def _grey(place: str, page: Image.Image) -> NDArray[Any]:
         found = "is partly transparent" if is_grey and not is_opaque else f"has colours ({page.mode})"
         raise HeightMapError(f"{place}: {found}; expected grey values: save it as greyscale, or with a palette")
     return np.ascontiguousarray(values[..., 0])
+
+
+def _is_inverted(page: Image.Image) -> bool:
+    """Whether Pillow inverts what is stored: TIFF whose 0 is white."""
+    return getattr(page, "tag_v2", {}).get(_PHOTOMETRIC) == _MIN_IS_WHITE

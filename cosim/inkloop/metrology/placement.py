@@ -60,7 +60,7 @@ class Placement:
             fit = fit_to_surface(map_, printed, job.pitch, registration, reach=reach, rotation_reach=rotation_reach)
             registration = fit.registration
             words.append(
-                f"fitted to {fit.offset_std * UM_PER_M:.2g} um, {fit.explained:.0%} of its relief is the part's"
+                f"fitted to {fit.offset_std * UM_PER_M:.2g} µm, {fit.explained:.0%} of its relief is the part's"
             )
         cells = cell_means(map_, registration, job.nx, job.ny, job.pitch)
         valid = cells.valid(self.share_min)

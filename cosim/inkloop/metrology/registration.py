@@ -87,9 +87,9 @@ def from_fiducials(
     mirrored = _rigid(source, target, other, with_scale)
     hint = "check that they are given in the same order and in the same unit"
     if mirrored.residual < MIRROR_SUSPECTED * fit.residual:
-        hint = f"with mirror = {other!r} it is {mirrored.residual * UM_PER_M:.3g} um: the map is mirrored"
+        hint = f"with mirror = {other!r} it is {mirrored.residual * UM_PER_M:.3g} µm: the map is mirrored"
     raise HeightMapError(
-        f"fiducials: the best fit leaves {fit.residual * UM_PER_M:.3g} um rms, {residual_max * UM_PER_M:.3g} um are "
+        f"fiducials: the best fit leaves {fit.residual * UM_PER_M:.3g} µm rms, {residual_max * UM_PER_M:.3g} µm are "
         f"allowed; {hint}"
     )
 

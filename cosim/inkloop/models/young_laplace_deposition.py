@@ -120,5 +120,5 @@ class YoungLaplaceDeposition:
         if radius > WIDEST_SPREAD * self.pitch:
             raise ValueError(
                 f"a droplet of {drops:g} x {self.droplet_volume:g} m3 spreads to a radius of {radius * UM_PER_M:.1f} "
-                f"um; needs at most {WIDEST_SPREAD} pitches, {WIDEST_SPREAD * self.pitch * UM_PER_M:.1f} um"
+                f"µm; needs at most {WIDEST_SPREAD} pitches, {WIDEST_SPREAD * self.pitch * UM_PER_M:.1f} µm"
             )

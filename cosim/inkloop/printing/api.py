@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from inkloop.printing.run import checked_run_folder, log_devices, origin_of, print_part
+from inkloop.report.formats import picture_formats
 from inkloop.report.terminal import Terminal
 from inkloop.results.lock import sole_writer
 from inkloop.results.result import Result
@@ -19,28 +20,37 @@ def run(
     overrides: Mapping[str, Any] | None = None,
     *,
     out: Path | str | None = None,
+    pictures: Sequence[str] = (),
     **keys: Any,
 ) -> Result:
     """Print a scenario and return its result.
 
     scenario: a .toml or .ssp file, or a loaded Scenario; overrides and keys: values that replace those of the file, see
     `load`; out: new folder for the run (None: the result stays in memory). In the folder each layer is saved as soon as
-    it is printed, so that `inkloop resume` can continue; `inkloop report` adds tables and pictures. Comparison runs of
-    the scenario are not printed. Ctrl-C ends the print after a layer: `stop_reason` is then "interrupted".
+    it is printed, so that `inkloop resume` can continue. pictures: formats ("png", "svg", "pdf") of the pictures to
+    write there with the table; without any, `inkloop report` writes them later. Comparison runs of the scenario are
+    not printed. Ctrl-C ends the print after a layer: `stop_reason` is then "interrupted".
 
     Raises ScenarioError for errors of the scenario, ComponentError where a component fails, ResultError where the
     folder exists or cannot be written.
     """
     loaded = _scenario(scenario, {**(overrides or {}), **keys})
-    source = Path(loaded.source)
+    source, formats = Path(loaded.source), picture_formats(pictures)
     with classes_from(source.parent):
         if out is None:
+            if formats:
+                raise ValueError(f"pictures = {pictures!r} have no folder to be written to; give out")
             return print_part(loaded)
         folder = checked_run_folder(loaded, Path(out), source.stem)
         with sole_writer(folder), log_devices(loaded, Terminal(quiet=True), folder):
             notes = origin_of(loaded, compare=False)
             Result.begin(folder, loaded.text, notes)
-            return print_part(loaded, folder=folder, notes=notes)
+            result = print_part(loaded, folder=folder, notes=notes)
+            if formats:
+                from inkloop.report import run_report
+
+                run_report.write(folder, formats, {folder: result})
+            return result
 
 
 def load(path: Path | str, overrides: Mapping[str, Any] | None = None, **keys: Any) -> Scenario | Result:

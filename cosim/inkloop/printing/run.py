@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from inkloop.printing.device_log import live_words
 from inkloop.printing.first_layer import check_first_layer
 from inkloop.printing.listening import check_listening
 from inkloop.printing.print import Print
+from inkloop.report.formats import PNG
 from inkloop.report.terminal import Terminal, decimals
 from inkloop.results.checkpoint import remove_layers
 from inkloop.results.lock import LOCK_FILE, sole_writer
@@ -41,10 +42,17 @@ RUNS = Path("runs")
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended
 
 
-def run(scenario: Scenario, out: Path | None, console: Terminal, *, compare: bool = True, pictures: bool = True) -> int:
-    """Print, compare, save and show; returns the exit code of the command. An interrupted run keeps its layers."""
+def run(
+    scenario: Scenario, out: Path | None, console: Terminal, *, compare: bool = True, pictures: Sequence[str] = (PNG,)
+) -> int:
+    """Print, compare, save and show; returns the exit code of the command. An interrupted run keeps its layers.
+
+    pictures: their formats, none without pictures.
+    """
     folder = checked_run_folder(scenario, out, Path(scenario.source).stem)
     console.sentence(f"{folder}: {scenario.footprint}")
+    for warning in scenario.warnings:
+        console.sentence(f"warning: {warning}")
     return _print_all(scenario, folder, console, compare, pictures)
 
 
@@ -54,7 +62,7 @@ def checked_run_folder(scenario: Scenario, out: Path | None, name: str) -> Path:
     return new_run_folder(out, name)
 
 
-def resume(folder: Path, console: Terminal, *, pictures: bool = True) -> int:
+def resume(folder: Path, console: Terminal, *, pictures: Sequence[str] = (PNG,)) -> int:
     """Resume a run and its comparison runs after the last layer on disk; returns the exit code as `run` does.
 
     Raises ResultError if the folder cannot be resumed, ScenarioError, ComponentError.
@@ -121,9 +129,10 @@ def print_part(
     return result
 
 
-def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: bool, pictures: bool) -> int:
+def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: bool, pictures: Sequence[str]) -> int:
     """Print the unfinished runs of a scenario in `folder`, and show all of them."""
     from inkloop.report import run_report
+    from inkloop.report.remarks import remarks
 
     notes = origin_of(scenario, compare=compare)
     stopped, printed = False, dict[Path, Result]()
@@ -136,12 +145,12 @@ def _print_all(scenario: Scenario, folder: Path, console: Terminal, compare: boo
                 result = printed[place] = print_part(variant, progress, place, notes)
             if "real_time" in result.run:
                 console.sentence(f"{result.run['label']}: {sentence(result.run['real_time'])}")
-            for remark in run_report.remarks(result):
+            for remark in remarks(result):
                 console.sentence(f"{result.run['label']}: {remark}")
             stopped = interrupted() or result.stop_reason == "interrupted"
             if stopped:
                 break
-    console.print(run_report.write(folder, in_memory=printed, pictures=pictures))
+    console.print(run_report.write(folder, pictures, printed))
     reason = "interrupted" if stopped else read_record(folder)["stop_reason"]
     written = "table, pictures and result.nc" if pictures else "table and result.nc"
     console.sentence(f"{reason}: {written} are in {folder}/")
@@ -208,7 +217,7 @@ class _LayerBar:
     def __call__(self, row: LayerRow) -> None:
         self._begin = self._begin or row.mean_error
         mean, std = decimals(row.mean_error * UM_PER_M), decimals(row.std * UM_PER_M)
-        figures = f"layer {row.layer}: mean error {mean}, std {std} um"
+        figures = f"layer {row.layer}: mean error {mean}, std {std} µm"
         solve = f"plan {row.scalars['solve_time'] * MS_PER_S:.1f} ms" if "solve_time" in row.scalars else ""
         built = 1.0 - row.mean_error / self._begin if self._begin > 0.0 else 1.0
         self._progress.update(self._task, completed=min(max(built, 0.0), 1.0), figures=figures, solve=solve)

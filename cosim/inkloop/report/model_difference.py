@@ -1,4 +1,4 @@
-"""Hardware against model, layer by layer: scanned surface of a device less the model's.
+"""Hardware against model, layer by layer: scanned surface of a device minus the model's.
 
 The model is the shadow of the run where it had one, else `LayerDeposition` with the inks and passes of the scenario and
 none of its variations, begun on the scan of layer 0 and fed with the commanded patterns.
@@ -28,12 +28,13 @@ from inkloop.units import NS_PER_S, UM_PER_M
 
 MODEL = "LayerDeposition"
 DEVICE = "hardware."
+SIGN = "hardware higher +, lower -"
 _STEP_NS = NS_PER_S  # a step of the plant is a layer of any length
 
 
 @dataclass(frozen=True)
 class LayerDifference:
-    """Measured less model over the cells of the part that were seen [m]; growth: rms of what the layer added to it.
+    """Hardware minus model over the cells of the part that were seen [m]; growth: rms of what the layer added.
 
     worst: the largest in amount, at `cell` (i, j).
     """
@@ -48,7 +49,7 @@ class LayerDifference:
 
 @dataclass(frozen=True, eq=False)
 class ModelDifference:
-    """model: its name; maps: (layer, x, y) measured less model [m], NaN where nothing was seen; a row for each scan."""
+    """model: its name; maps: (layer, x, y) hardware minus model [m], NaN where not seen; a row for each scan."""
 
     model: str
     maps: NDArray[np.float64]
@@ -63,19 +64,19 @@ class ModelDifference:
         """A sentence on the layer with the largest difference."""
         row = self.farthest
         return (
-            f"hardware against {self.model}: farthest in layer {row.layer}, mean {row.mean * UM_PER_M:+.2f}, rms "
-            f"{row.rms * UM_PER_M:.2f} um, worst cell {row.cell} {row.worst * UM_PER_M:+.2f} um"
+            f"hardware minus {self.model} ({SIGN}): farthest in layer {row.layer}, mean {row.mean * UM_PER_M:+.2f}, "
+            f"rms {row.rms * UM_PER_M:.2f} µm, worst cell {row.cell} {row.worst * UM_PER_M:+.2f} µm"
         )
 
     def table(self) -> Table:
         """A row for each layer [um]."""
-        caption = "over the part's cells that were seen, in um; growth: rms of what the layer added to the difference"
+        caption = "over the part's cells that were seen, in µm; growth: rms of what the layer added to the difference"
         headings = ("mean", "rms", "growth", "worst", "at cell")
-        table = number_table("layer", *headings, title=f"Measured less {self.model}", caption=caption)
+        table = number_table("layer", *headings, title=f"Hardware minus {self.model} ({SIGN})", caption=caption)
         for row in self.rows:
             growth = "-" if np.isnan(row.growth) else f"{row.growth * UM_PER_M:.2f}"
             values = (
-                f"{row.mean * UM_PER_M:+.2f}",
+                f"{round(row.mean * UM_PER_M, 2) + 0.0:+.2f}",
                 f"{row.rms * UM_PER_M:.2f}",
                 growth,
                 f"{row.worst * UM_PER_M:+.2f}",

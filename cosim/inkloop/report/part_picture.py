@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from inkloop.component import BoolMap, Geometry, Job
 from inkloop.geometry import Columns, cell_centers
 from inkloop.report import plot
 from inkloop.report.part_report import PartReport
+from inkloop.report.solid_picture import SOLID_UPRIGHT, draw_scales
 from inkloop.report.solid_view import view
 from inkloop.units import MM_PER_M, UM_PER_M
 
@@ -24,8 +26,8 @@ _NARROW = "#c8541b"
 _INKS: dict[str, Any] = {"cmap": plot.MATERIAL_COLOURS, "vmin": 0.0, "vmax": 2.0, "interpolation": "nearest"}
 
 
-def draw(report: PartReport, title: str, path: Path) -> None:
-    """Write a PNG."""
+def draw(report: PartReport, title: str, path: Path, formats: Sequence[str]) -> list[Path]:
+    """Write `path` with the suffix of each format; the files."""
     with rc_context(plot.STYLE):
         figure = Figure(figsize=(plot.WIDTH_IN, 2.6), layout="constrained")
         above, solid, cut = figure.subplots(1, 3)
@@ -34,7 +36,7 @@ def draw(report: PartReport, title: str, path: Path) -> None:
         _solid(solid, report.part)
         _cut(cut, report.part, job)
         figure.suptitle(title, fontsize=9)
-        plot.save(figure, path)
+        return plot.save(figure, path, formats)
 
 
 def _above(axes: Axes, report: PartReport, job: Job) -> None:
@@ -59,9 +61,11 @@ def _solid(axes: Axes, part: Columns) -> None:
     low, high = (np.array([index[end] for index in map(np.unique, np.nonzero(filled)[:2])]) for end in (0, -1))
     shown = filled[low[0] : high[0] + 1, low[1] : high[1] + 1]
     width = max(shown.shape[:2]) * part.pitch
-    upright = min(1.0, max(plot.SOLID_UPRIGHT, part.height / width))
-    axes.imshow(view(shown, upright), origin="lower", cmap="gray", vmin=0.0, vmax=1.0)
+    upright = min(1.0, max(SOLID_UPRIGHT, part.height / width))
+    seen = view(shown, upright)
+    axes.imshow(seen.brightness, origin="lower", cmap="gray", vmin=0.0, vmax=1.0)
     axes.set_axis_off()
+    draw_scales(axes, seen, width, part.height / upright)
     stretched = upright * width / part.height
     axes.set_title("solid" if stretched < 1.05 else f"solid, height x {stretched:.2g}")
 

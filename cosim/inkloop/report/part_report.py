@@ -154,21 +154,26 @@ class PartReport:
         layers = [own["layer_duration_s"] for own in options if isinstance(own.get("layer_duration_s"), int | float)]
         return self.scenario.footprint.layers * (max(scans, default=SCAN_S) + max(layers, default=0.0))
 
+    @property
+    def computing(self) -> float:
+        """Processor time of the print and its comparison runs, roughly [s]."""
+        return self.scenario.footprint.seconds_of_a_cell * int(self.scenario.job().mask.sum())
+
     def lines(self) -> Iterator[str]:
         """For a person."""
         grid, footprint = self.scenario.tables.grid, self.scenario.footprint
         job = self.scenario.job()
         width, height = self.cells_min * grid.pitch_um, self.scenario.tables.ink.a.ink.layer_height * UM_PER_M
-        yield f"grid           {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} um, {int(job.mask.sum()):,} printed"
+        yield f"grid           {grid.nx} x {grid.ny} cells of {grid.pitch_um:g} µm, {int(job.mask.sum()):,} printed"
         yield f"volume         {self.part.volume * MM3_PER_M3:.5g} mm3 on these cells"
         texts = {
-            "walls": f"walls below {width:g} um ({self.cells_min} cells)",
-            "gaps": f"gaps below {width:g} um ({self.cells_min} cells)",
-            "sheets": f"lower than a layer ({height:.3g} um)",
-            "slots": f"gaps lower than a layer ({height:.3g} um)",
+            "walls": f"walls below {width:g} µm ({self.cells_min} cells)",
+            "gaps": f"gaps below {width:g} µm ({self.cells_min} cells)",
+            "sheets": f"lower than a layer ({height:.3g} µm)",
+            "slots": f"gaps lower than a layer ({height:.3g} µm)",
         }
         if not self.narrow:
-            yield f"narrow         nothing: no wall, no gap below {width:g} um"
+            yield f"narrow         nothing: no wall, no gap below {width:g} µm"
         for name, each in self.narrow.items():
             yield f"narrow         {texts[name]}: {int(each.cells.sum()):,} cells,"
             yield f"               first at ({_lengths(each.first, ', ')}) mm"
@@ -179,7 +184,8 @@ class PartReport:
             yield f"ink {name}          {volumes[name] * NL_PER_M3:.5g} nl, about {droplets[name]:,} droplets"
         yield f"layers         about {footprint.layers}"
         if self.scan_time:
-            yield f"time           about {_duration(self.scan_time)} of layers and scans, without computing"
+            yield f"time           about {_duration(self.scan_time)} of layers and scans"
+        yield f"computing      about {_duration(float(f'{self.computing:.1g}'))} on one core, half or twice as much"
         yield f"memory, disk   {size_text(footprint.memory)}, {size_text(footprint.disk)}"
 
     def data(self) -> dict[str, Any]:
@@ -200,6 +206,7 @@ class PartReport:
             "droplets": self.droplets,
             "layers": footprint.layers,
             "layers_and_scans_s": self.scan_time,
+            "computing_s": self.computing,
             "memory_bytes": footprint.memory,
             "disk_bytes": footprint.disk,
         }

@@ -2,26 +2,42 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 Image = NDArray[np.float32]
-"""(rows, columns) brightness 0 to 1, NaN where nothing is seen; row 0 at the bottom."""
+"""(rows, columns), NaN where nothing is seen; row 0 at the bottom."""
 
 STEPS = 320  # along a ray: less than a cell of the usual grids each
 PIXELS = 360  # along the diagonal of the box
+FRAME = 3  # empty voxels around the solid
 SMOOTHING_VOXELS = (1.0, 1.0, 3.0)  # a cell is far wider than a voxel is high
 LIGHT = (-0.5, -0.4, 0.77)  # from where light falls, in the box of the solid
 
 
-def view(solid: NDArray[np.bool_], upright: float, *, azimuth_deg: float = -60.0, elevation_deg: float = 32.0) -> Image:
+@dataclass(frozen=True, eq=False)
+class View:
+    """A solid as it is seen.
+
+    brightness: 0 to 1; voxel: (rows, columns, 3) index of the voxel that each pixel shows, 0 where nothing is seen;
+    axes: (3, 2) pixels to the right and upwards of a step of one along each side of the box, whose longer side is 1.
+    """
+
+    brightness: Image
+    voxel: NDArray[np.int64]
+    axes: NDArray[np.float64]
+
+
+def view(solid: NDArray[np.bool_], upright: float, *, azimuth_deg: float = -60.0, elevation_deg: float = 32.0) -> View:
     """The solid (nx, ny, nz) as seen along a direction, in parallel rays.
 
     upright: height of the box as a share of its longer side; azimuth and elevation as in Matplotlib.
     """
     from scipy.ndimage import gaussian_filter, map_coordinates  # a quarter of a second that other reports need not wait
 
-    density = gaussian_filter(np.pad(solid, 3).astype(np.float32), SMOOTHING_VOXELS)
+    density = gaussian_filter(np.pad(solid, FRAME).astype(np.float32), SMOOTHING_VOXELS)
     size = np.array([*(np.array(solid.shape[:2]) / max(solid.shape[:2])), upright])
     scale = (np.array(density.shape) - 1) / size
     to_camera, right, up = _axes(np.radians(azimuth_deg), np.radians(elevation_deg))
@@ -29,14 +45,18 @@ def view(solid: NDArray[np.bool_], upright: float, *, azimuth_deg: float = -60.0
     rows, columns = np.meshgrid(*2 * [np.linspace(-half, half, PIXELS)], indexing="ij")
     on_screen = size / 2 + columns[..., None] * right + rows[..., None] * up
     image = np.full(rows.shape, np.nan, np.float32)
+    voxel = np.zeros((*rows.shape, 3), np.int64)
     seen = np.zeros(rows.shape, np.bool_)
     for depth in np.linspace(half, -half, STEPS):
         open_rays = np.flatnonzero(~seen)
         points = (on_screen.reshape(-1, 3)[open_rays] + depth * to_camera) * scale
         hit = map_coordinates(density, points.T, order=1, cval=0.0) > 0.5
         image.ravel()[open_rays[hit]] = _brightness(density, points[hit], scale)
+        voxel.reshape(-1, 3)[open_rays[hit]] = points[hit].round() - FRAME
         seen.ravel()[open_rays[hit]] = True
-    return image
+    axes = np.stack([right, up], axis=1) * (PIXELS - 1) / (2.0 * half)
+    inner = (np.array(solid.shape) - 1) / (np.array(density.shape) - 1)  # the frame takes its share of the box
+    return View(image, voxel.clip(0, np.array(solid.shape) - 1), axes * inner[:, None])
 
 
 def _axes(azimuth: float, elevation: float) -> tuple[NDArray[np.float64], ...]:

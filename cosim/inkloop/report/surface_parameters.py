@@ -32,12 +32,14 @@ def show(subject: Subject, mask: str, options: argparse.Namespace, console: Term
     mask: the name of the cells that count.
     """
     treatment, profiles = treatment_of(options), None
+    steps = f"{treatment} | form: {treatment.of('form')} | volume: {treatment.of('volume')}"
     if options.profile is None:
         values: Found = {
             symbol: value for group in GROUPS for symbol, value in found(subject, group, treatment).items()
         }
     else:
         values, profiles = found_on_profiles(subject, options.profile, treatment)
+        steps = f"{treatment}; {profiles}" if profiles else str(treatment)
     parameters = rows(values)
     used = subject.cells & subject.map_.valid
     missing = int(subject.cells.sum() - used.sum())
@@ -46,7 +48,7 @@ def show(subject: Subject, mask: str, options: argparse.Namespace, console: Term
         "parameter",
         "value",
         title=subject.map_.source,
-        caption=f"{used.sum()} cells{lacking}; mask: {mask}; {treatment}" + (f"; {profiles}" if profiles else ""),
+        caption=f"{used.sum()} cells{lacking}; mask: {mask}; {steps}",
     )
     for parameter in parameters:
         table.add_row(_label(parameter), _value(parameter))
@@ -72,10 +74,11 @@ def show(subject: Subject, mask: str, options: argparse.Namespace, console: Term
 def table_of_runs(runs: Mapping[str, Result]) -> Table | None:
     """The parameters that `[metrology]` asked for, a column for each run; None where no run holds any."""
     columns = {name: parameters_of(result.dataset) for name, result in runs.items()}
-    first = next((column for column in columns.values() if column), None)
-    if first is None:
+    name = next((name for name, column in columns.items() if column), None)
+    if name is None:
         return None
-    treatment = next(iter(runs.values())).dataset[first[0].symbol].attrs["treatment"]
+    first, dataset = columns[name], runs[name].dataset
+    treatment = " | ".join(dict.fromkeys(str(dataset[each.symbol].attrs["treatment"]) for each in first))
     table = number_table(
         "parameter of the surface", *columns, title="Surface", caption=f"last layer, over the part; {treatment}"
     )

@@ -12,9 +12,10 @@ from collections.abc import Mapping
 from typing import IO, Any
 
 from rich import box
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderResult
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Column, Table
+from rich.text import Text
 
 FILE_WIDTH = 120
 """Columns of a text in a file or a pipe."""
@@ -49,7 +50,7 @@ class Terminal(Console):
     def result(self, **data: Any) -> None:
         """Print the result of a command as JSON on standard output, if asked for; a number that is none is null."""
         if self.as_json:
-            print(json.dumps(_without_nan(data), indent=2, default=str))
+            print(json.dumps(without_nan(data), indent=2, default=str))
 
     def progress(self, *notes: str) -> Progress:
         """A bar for each task, with the time left; notes: names of fields to show next to it, where there is room."""
@@ -63,13 +64,27 @@ class Terminal(Console):
         return Progress(*columns, TimeRemainingColumn(compact=True, table_column=_fixed()), console=self)
 
 
-def number_table(first: str, *numbers: str, title: str, caption: str | None = None) -> Table:
+class NumberTable(Table):
+    """A table between its title and its caption, which may be wider than the table."""
+
+    def __init__(self, heading: str, note: str | None) -> None:
+        super().__init__(box=box.SIMPLE_HEAD, show_edge=False, padding=0)
+        self.heading, self.note = heading, note
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Each of the three in the whole width of the terminal."""
+        yield Text(self.heading, style="table.title")
+        yield from super().__rich_console__(console, options)
+        if self.note:
+            yield Text(self.note, style="table.caption")
+
+
+def number_table(first: str, *numbers: str, title: str, caption: str | None = None) -> NumberTable:
     """A table whose first column is text that wraps; the numbers to the right of it are never cut.
 
     A heading may have several lines.
     """
-    table = Table(title=title, caption=caption, box=box.SIMPLE_HEAD, show_edge=False, padding=0, title_justify="left")
-    table.caption_justify = "left"
+    table = NumberTable(title, caption)
     table.add_column(first, overflow="fold")
     for heading in numbers:
         table.add_column(f" {heading}".replace("\n", "\n "), justify="right", no_wrap=True)
@@ -85,9 +100,10 @@ def _fixed() -> Column:
     return Column(no_wrap=True)
 
 
-def _without_nan(value: Any) -> Any:
+def without_nan(value: Any) -> Any:
+    """Plain values for JSON: a number that is none or endless becomes null."""
     if isinstance(value, Mapping):
-        return {str(key): _without_nan(item) for key, item in value.items()}
+        return {str(key): without_nan(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_without_nan(item) for item in value]
+        return [without_nan(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

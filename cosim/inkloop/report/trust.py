@@ -36,8 +36,8 @@ def _ground(run: xr.Dataset, layers: NDArray[np.int64]) -> str:
     last = layers[-1]
     offset, rise_x, rise_y = (float(run[f"ground_{name}"][last]) * UM_PER_M for name in ("offset", "rise_x", "rise_y"))
     return (
-        f"the first scan shows ground that the scenario calls flat at {offset:.1f} um in the middle, rising by "
-        f"{rise_x:.1f} um along x and {rise_y:.1f} um along y over the grid; check the datum and the level of the "
+        f"the first scan shows ground that the scenario calls flat at {offset:.1f} µm in the middle, rising by "
+        f"{rise_x:.1f} µm along x and {rise_y:.1f} µm along y over the grid; check the datum and the level of the "
         "profiler, or describe the ground in [substrate]"
     )
 
@@ -56,17 +56,18 @@ def _ink(run: xr.Dataset, layers: NDArray[np.int64]) -> str:
     i, j = int(run.ink_excess_i[worst]), int(run.ink_excess_j[worst])
     return (
         f"capped cells: {int(run.capped_cells[layers].max())}, given no more ink than an open loop would jet there; by "
-        f"its droplets cell ({i}, {j}) is {float(run.ink_excess[worst]) * UM_PER_M:.1f} um higher than by the scan of "
+        f"its droplets cell ({i}, {j}) is {float(run.ink_excess[worst]) * UM_PER_M:.1f} µm higher than by the scan of "
         f"layer {worst - 1}; register the profiler with the printer, and check the nozzles there"
     )
 
 
 def _high(run: xr.Dataset, layers: NDArray[np.int64]) -> str:
-    above = (run.estimated_height - run.target_height).where(run.mask.astype(bool)).values[layers]
-    worst, i, j = np.unravel_index(np.nanargmax(above), above.shape)
+    worst = _worst(run, "height_excess", layers)
+    i, j = int(run.height_excess_i[worst]), int(run.height_excess_j[worst])
     return (
-        f"cell ({i}, {j}) stood {above[worst, i, j] * UM_PER_M:.1f} um above its target in the scan of layer "
-        f"{layers[worst] - 1}{_and_others(layers)}; identify the ink of this printer, and check the profiler"
+        f"cell ({i}, {j}) stood {float(run.height_excess[worst]) * UM_PER_M:.1f} µm above its target and what its "
+        f"droplets explain in the scan of layer {worst - 1}{_and_others(layers)}; identify the ink of this printer, "
+        "and check the profiler"
     )
 
 

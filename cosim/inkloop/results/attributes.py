@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from inkloop.component import Status
 from inkloop.contract import DROP_LEVEL, HEIGHT, LAYER_UNKNOWN, MEASURED_HEIGHT, PATTERN, VALID
+from inkloop.results.metrics import SIGN
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -78,15 +79,17 @@ MEANINGS: Mapping[str, Meaning] = {
     PATTERN: Meaning("ink that was commanded on each cell in the layer", flags=_INKS),
     DROP_LEVEL: Meaning("drops that each droplet of the layer consists of", limits=_COUNT),
     "ink": Meaning("ink that fills most of what the layer added to each cell", flags=_INKS),
+    "region_bottom": Meaning("lower end of each interval of height in which ink A is wanted"),
+    "region_top": Meaning("upper end of each interval of height in which ink A is wanted"),
     "mismatch": Meaning("volume of ink A that is misplaced or missing, as a share of the volume wanted", limits=_COUNT),
     "modified": _yes("an event was in effect in the layer"),
     LAYER_UNKNOWN: _yes("the layer was aborted, and which droplets of its pattern were jetted is unknown"),
-    "mean_error": _error("mean error: target minus height (positive: too low)", "mean"),
+    "mean_error": _error(f"mean error: target minus height ({SIGN})", "mean"),
     "mae": _error("mean absolute error, of target minus height", "mean_absolute_value"),
     "rms": _error("root mean square error, of target minus height", "root_mean_square"),
     "std": _error("standard deviation of the error, of target minus height (population)", "standard_deviation"),
-    "growth_divergence": _error("scanned growth of the layer less growth by the model", "root_mean_square"),
-    "surface_divergence": _error("scan of the layer less surface by the model", "root_mean_square"),
+    "growth_divergence": _error("scanned growth of the layer minus growth by the model", "root_mean_square"),
+    "surface_divergence": _error("scan of the layer minus surface by the model", "root_mean_square"),
     "droplets_a": Meaning("drops of ink A that landed in all layers so far", limits=_COUNT),
     "droplets_b": Meaning("drops of ink B that landed in all layers so far", limits=_COUNT),
     "height_mean": Meaning(

@@ -50,7 +50,7 @@ def with_parameters(run: xr.Dataset, wanted: Evaluation) -> xr.Dataset:
     for column in zip(*table, strict=True):
         last = column[-1]
         values = np.array([parameter.value for parameter in column]) if dims else np.float64(last.value)
-        others = {"treatment": str(wanted.treatment)}
+        others = {"treatment": wanted.treatment.of(DEFINITIONS[last.symbol].group)}
         meaning = Meaning(f"{last.name} of the printed surface over the part", others=others)
         added[last.symbol] = variable(last.symbol, dims, values, last.unit, meaning)
         if last.reason:

@@ -1,4 +1,8 @@
-"""How far a surface is from its target, over the cells of the part."""
+"""How far a surface is from its target, over the cells of the part.
+
+An error is target minus height everywhere: what is still to be printed, as in control. Where it is positive, the part
+is too low.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap, Job
+
+TOO_LOW, TOO_HIGH = "too low", "too high"
+SIGN = f"{TOO_LOW} +, {TOO_HIGH} -"
+"""What the sign of an error means, for labels and headings."""
 
 
 @dataclass(frozen=True)

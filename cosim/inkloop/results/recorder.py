@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inkloop.component import Component, Job, Port, Status, Values, is_device
+from inkloop.component import HasPorts, Job, Port, Status, Values, is_device
 from inkloop.contract import (
     CONTROLLER,
     COUNTERS,
@@ -38,7 +38,7 @@ from inkloop.contract import (
 from inkloop.results.attributes import variable
 from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.metrics import surface_error
-from inkloop.results.solid import INK, layer_ink
+from inkloop.results.solid import INK, layer_ink, region_edges
 from inkloop.units import S_PER_NS
 
 if TYPE_CHECKING:
@@ -74,11 +74,12 @@ class Recorder:
 
     Maps by layer: `height` when it is printed, `measured_height` and `valid` when it is scanned, `pattern`,
     `drop_level` and the scalars of the controller when it is commanded, `estimated_height` when the controller has
-    answered its scan. Scalars stay in memory, maps until `take_rows` hands them over.
+    answered its scan. Scalars stay in memory, maps until `take_rows` hands them over. Of the components, only the
+    ports are needed.
     """
 
     def __init__(
-        self, job: Job, components: Mapping[str, Component], on_layer: Callable[[LayerRow], None] | None = None
+        self, job: Job, components: Mapping[str, HasPorts], on_layer: Callable[[LayerRow], None] | None = None
     ) -> None:
         self._job = job
         self._on_layer = on_layer
@@ -170,6 +171,8 @@ class Recorder:
             "target_height": variable("target_height", ("x", "y"), job.target_height, "m"),
             "mask": variable("mask", ("x", "y"), job.mask, "1"),
         }
+        for name, edges in region_edges(job).items():
+            variables[name] = variable(name, ("interval", "x", "y"), edges, "m")
         for name, rows in self._scalars.items():
             port = self._ports[name]
             filled = np.full(count, np.nan if port.dtype.startswith("float") else 0, dtype=port.dtype)
@@ -279,7 +282,7 @@ class Recorder:
         scalars = {name: float(rows[number]) for name, rows in self._scalars.items() if number in rows}
         self._on_layer(LayerRow(number, time_ns * S_PER_NS, mean, mae, std, scalars))
 
-    def _source_of_surface(self, components: Mapping[str, Component]) -> tuple[str, str]:
+    def _source_of_surface(self, components: Mapping[str, HasPorts]) -> tuple[str, str]:
         """Role and output: the printer, else a profiler that is a device, else the shadow; "" if none."""
         candidates = [(PRINTER, HEIGHT), (SHADOW, HEIGHT), (PROFILER, MEASURED_HEIGHT)]
         if PROFILER in self._roles and is_device(components[self._roles[PROFILER]]):

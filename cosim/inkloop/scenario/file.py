@@ -25,7 +25,7 @@ from inkloop.scenario.footprint import Footprint
 from inkloop.scenario.loop import Loop
 from inkloop.scenario.overrides import apply_overrides
 from inkloop.scenario.validation import errors_of_invalid_file, part_errors
-from inkloop.suggest import nearest
+from inkloop.suggest import OFFERED_MAX, nearest
 from inkloop.tables.ink_file import merge_ink_file
 from inkloop.tables.job import job_of, target_of
 from inkloop.tables.messages import sentence
@@ -62,6 +62,10 @@ class Scenario:
             there = [str(other) for other in sorted(Path(path).parent.glob("*.toml"))]
             known = nearest(str(path), there) if there else "no scenario is in that folder"
             raise ScenarioError(source, [f"cannot be read: {error.strerror}; {known}"]) from error
+        except IsADirectoryError as error:
+            there = [other.name for other in sorted(Path(path).glob("*.toml"))]
+            known = f"a scenario in it: {', '.join(there[:OFFERED_MAX])}" if there else "a scenario file (.toml)"
+            raise ScenarioError(source, [f"is a folder; name {known}"]) from error
         except OSError as error:
             raise ScenarioError(source, [f"cannot be read: {error.strerror}"]) from error
         except TomlError as error:
@@ -150,6 +154,11 @@ class Scenario:
     def footprint(self) -> Footprint:
         """The memory and the disk that the print takes."""
         return Footprint.of(self.tables, self.solid.shape.height)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user should know before a print, one sentence each."""
+        return (*(f"part: {remark}" for remark in self.solid.remarks), *self.footprint.warnings())
 
     @property
     def part_sha256(self) -> str | None:

@@ -1,8 +1,9 @@
-"""What a print takes of the machine: memory and disk, estimated from its tables before anything of its size exists.
+"""What a print takes of the machine: memory, disk and computing, estimated before anything of its size exists.
 
 The figures are measured: the peak of a process that prints a part with rough droplets and noisy scans into a folder,
 from the slope between 300 x 300 and 600 x 600 cells; it does not grow with layers, which are on disk. What a class or
-an FMU of others takes is not in them.
+an FMU of others takes is not in them. Computing is that of the shipped scenarios, on one core of x86_64 near 2.5 GHz;
+single ones take half or twice as much.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from pathlib import Path
 
 from inkloop.errors import ResultError
 from inkloop.limits import available_memory, free_disk, memory_error, size_text
-from inkloop.tables.schema import ScenarioFile
+from inkloop.tables.schema import ComponentTable, ScenarioFile
 
 BYTES_OF_A_CELL = 480
 MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "LayerController": 1000}
@@ -22,21 +23,37 @@ MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "Laye
 STATE_BYTES: Mapping[str, int] = {"YoungLaplaceDeposition": 540, "LayerController": 70}
 """Kind -> part of a saved state in addition to STATE_BYTES_OF_A_CELL."""
 STATE_BYTES_OF_A_CELL = 155
+SECONDS_OF_A_CELL_AND_LAYER = 5e-6
+"""Processor time of a printed cell and a full layer: model, sensor, record, and a controller that plans no layer."""
+MORE_SECONDS: Mapping[int, float] = {1: 10e-6, 2: 10e-6, 3: 20e-6, 4: 40e-6, 5: 100e-6}
+"""Layers ahead -> what planning adds."""
+SECONDS_OF_A_MODEL: Mapping[str, float] = {"YoungLaplaceDeposition": 300e-6}
+"""Kind -> what a model adds."""
+PLANNING = ("LayerMpc", "LayerController")
+HORIZONS: Mapping[str, int] = {"even": 5, "fast": 4}
+"""`finish` of these controllers -> layers ahead, where `horizon` is not given."""
 ROUNDING = 1e-6
 """Share of a layer that files in single precision may add to a height."""
 FILE_BYTES_OF_A_CELL_AND_LAYER = 50
 """29 in the layers kept while the print runs, 21 in result.nc."""
+FAR_BEYOND = 10.0  # times as many layers as are printed: a height in other units, or a mistyped one
+HARDLY_A_LAYER = 0.3  # of its height: less than half of a droplet
 
 
 @dataclass(frozen=True)
 class Footprint:
-    """Cells, layers expected, and for each cell the bytes of memory and of disk, comparison runs included."""
+    """Cells, layers expected, and for each cell the bytes of memory and of disk, comparison runs included.
+
+    nominal: height of the part in full layers; seconds_of_a_cell: processor time for each printed cell.
+    """
 
     nx: int
     ny: int
     layers: int
+    nominal: float
     memory_of_a_cell: int
     disk_of_a_cell: int
+    seconds_of_a_cell: float
 
     @classmethod
     def of(cls, tables: ScenarioFile, height: float) -> Footprint:
@@ -44,20 +61,20 @@ class Footprint:
 
         height: of the part [m].
         """
-        layers = _layers(tables, height)
-        kinds = [{name: table.kind for name, table in tables.components.items()}]
-        kinds += [
-            kinds[0] | {name: table.kind for name, table in other.components.items()}
-            for other in tables.compare.values()
-        ]
+        nominal = height / tables.ink.a.ink.layer_height
+        layers = _layers(tables, nominal)
+        runs = [tables.components, *(tables.components | other.components for other in tables.compare.values())]
+        kinds = [{name: table.kind for name, table in run.items()} for run in runs]
         memory = [sum(MORE_BYTES_OF_A_CELL.get(kind, 0) for kind in run.values()) for run in kinds]
         states = [sum(STATE_BYTES.get(kind, 0) for kind in run.values()) for run in kinds]
         return cls(
             tables.grid.nx,
             tables.grid.ny,
             layers,
+            nominal,
             BYTES_OF_A_CELL + max(memory),
             2 * (STATE_BYTES_OF_A_CELL + max(states)) + FILE_BYTES_OF_A_CELL_AND_LAYER * (layers + 1) * len(kinds),
+            layers * sum(SECONDS_OF_A_CELL_AND_LAYER + sum(map(_seconds, run.values())) for run in runs),
         )
 
     @property
@@ -74,6 +91,14 @@ class Footprint:
         """A sentence for a person."""
         memory, disk = size_text(self.memory), size_text(self.disk)
         return f"about {self.layers} layers, {memory} of memory beyond that of the program, {disk} of disk"
+
+    def warnings(self) -> Iterator[str]:
+        """A sentence where the part has far more layers than are printed, or hardly one."""
+        if self.nominal > FAR_BEYOND * self.layers:
+            found = f"the part is about {self.nominal:,.0f} layers high"
+            yield f"{found}; run.layers_max ends the print after {self.layers}"
+        if self.nominal < HARDLY_A_LAYER:
+            yield f"the part is {self.nominal:.2g} of a layer high; a droplet is higher, and nothing may be printed"
 
     def memory_errors(self) -> Iterator[str]:
         """The error of a grid that memory cannot hold, with one that it can."""
@@ -96,7 +121,14 @@ class Footprint:
         return f"{nx} x {ny} cells would fit: choose a smaller grid or a larger pitch"
 
 
-def _layers(tables: ScenarioFile, height: float) -> int:
+def _seconds(table: ComponentTable) -> float:
+    """Processor time that a component adds for each printed cell and layer."""
+    if table.kind not in PLANNING:
+        return SECONDS_OF_A_MODEL.get(table.kind, 0.0)
+    horizon = table.options.get("horizon", HORIZONS.get(str(table.options.get("finish", "even"))))
+    return MORE_SECONDS[horizon] if horizon in [*MORE_SECONDS] else 0.0  # the check of the component reports others
+
+
+def _layers(tables: ScenarioFile, nominal: float) -> int:
     """Layers of the nominal height, at most those that the run may have."""
-    nominal = height / tables.ink.a.ink.layer_height
     return max(1, min(tables.run.layers_max, math.ceil(min(nominal, tables.run.layers_max) - ROUNDING)))

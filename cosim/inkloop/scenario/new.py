@@ -47,7 +47,7 @@ def text_for_part(path: Path, file: PartFile, part: FittedPart) -> str:
     named = Path(os.path.relpath(file.path.absolute(), path.absolute().parent)).as_posix()
     table = tomlkit.document()
     table["part"] = file.keys(named)
-    lines = [tomlkit.dumps(table).rstrip(), f"# {size} um, about {layers} layers of the default ink"]
+    lines = [tomlkit.dumps(table).rstrip(), f"# {size} µm, about {layers} layers of the default ink"]
     if file.assumes_unit:
         lines.append(f"# the file does not state its unit, {ASSUMED_UNIT} is assumed")
     lines.append(_template(f"file/{file.keys(named)['shape']}.toml").rstrip())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from inkloop.scenario.footprint import ROUNDING
 from inkloop.scenario.validation import EMPTY_CELLS
 from inkloop.tables.messages import sentence
 from inkloop.tables.part_images import HeightMapTable
+from inkloop.tables.part_layers import LayersTable
 from inkloop.tables.part_mesh import MeshTable
 from inkloop.tables.schema import ScenarioFile
 from inkloop.tables.shapes import Grid
@@ -27,6 +29,14 @@ from inkloop.tables.solid import PartError, Solid
 from inkloop.units import M_PER_UM, UM_PER_M
 
 MESHES = (".stl", ".obj", ".ply", ".3mf")
+LAYERS = ".json"
+"""The manifest of a folder of layers."""
+TABLES: Mapping[str, type[MeshTable | LayersTable | HeightMapTable]] = {
+    "mesh": MeshTable,
+    "layers": LayersTable,
+    "height-map": HeightMapTable,
+}
+"""Shape -> its table."""
 ASSUMED_UNIT = "mm"
 """Of meshes in formats that state none, as programs that write them assume."""
 PITCHES_UM = (Grid.model_fields["pitch_um"].default, 127.0, 84.667, 42.333, 21.167)
@@ -48,9 +58,15 @@ class PartFile:
     count_scale: float | None = None
 
     @property
+    def shape(self) -> str:
+        """`shape` of `[part]`, by the suffix; what is neither a mesh nor a manifest is a height map."""
+        suffix = self.path.suffix.lower()
+        return "mesh" if suffix in MESHES else "layers" if suffix == LAYERS else "height-map"
+
+    @property
     def is_mesh(self) -> bool:
-        """Whether it is read as a mesh; anything else is a height map."""
-        return self.path.suffix.lower() in MESHES
+        """Whether it is read as a mesh."""
+        return self.shape == "mesh"
 
     @property
     def assumes_unit(self) -> bool:
@@ -64,9 +80,8 @@ class PartFile:
 
     def keys(self, file: str) -> dict[str, Any]:
         """The keys of `[part]`; file: its path as the scenario names it."""
-        shape = "mesh" if self.is_mesh else "height-map"
         keys = {
-            "shape": shape,
+            "shape": self.shape,
             "file": file,
             "unit": self.mesh_unit,
             "pixel_um": self.pixel_um,
@@ -74,9 +89,9 @@ class PartFile:
         }
         return {key: value for key, value in keys.items() if value is not None}
 
-    def table(self) -> MeshTable | HeightMapTable:
+    def table(self) -> MeshTable | LayersTable | HeightMapTable:
         """The table of the part. Raises ScenarioError."""
-        table = MeshTable if self.is_mesh else HeightMapTable
+        table = TABLES[self.shape]
         try:
             return table.model_validate(self.keys(str(self.path.absolute())))
         except ValidationError as error:
@@ -99,9 +114,7 @@ def fit(file: PartFile, pitch_um: float | None) -> FittedPart:
     table = file.table()
     try:
         width, depth, names = _extent(table)
-        pitch_um = pitch_um or next(
-            (pitch for pitch in PITCHES_UM if max(width, depth) >= CELLS_MIN * pitch), PITCHES_UM[-1]
-        )
+        pitch_um = pitch_um or _pitch_um(table, max(width, depth))
         nx, ny = (math.ceil(side / pitch_um - 1e-6) + 2 * EMPTY_CELLS for side in (width, depth))
         grid = Grid(nx=nx, ny=ny, pitch_um=pitch_um)
         solid = table.solid(grid, Path())
@@ -127,10 +140,17 @@ def expected_layers(height: float) -> int:
     return math.ceil(height / ink.layer_height - ROUNDING)
 
 
-def _extent(table: MeshTable | HeightMapTable) -> tuple[float, float, tuple[str, ...]]:
+def _pitch_um(table: MeshTable | LayersTable | HeightMapTable, side: float) -> float:
+    """That of the layers, else the first that shows a part of that longer side [um]. Raises PartError."""
+    if isinstance(table, LayersTable):
+        return table.manifest(Path()).pitch_x_um
+    return next((pitch for pitch in PITCHES_UM if side >= CELLS_MIN * pitch), PITCHES_UM[-1])
+
+
+def _extent(table: MeshTable | LayersTable | HeightMapTable) -> tuple[float, float, tuple[str, ...]]:
     """Width and depth of a part [um], and the names in its file. Raises PartError."""
     nowhere = Grid(nx=1, ny=1)
-    if isinstance(table, HeightMapTable):
+    if not isinstance(table, MeshTable):
         box = table.solid(nowhere, Path()).bounds
         return (box.x_max - box.x_min) / M_PER_UM, (box.y_max - box.y_min) / M_PER_UM, ()
     try:

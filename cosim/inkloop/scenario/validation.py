@@ -67,7 +67,7 @@ def _too_wide(grid: Grid, margin: int, bounds: Bounds) -> str:
     size = " x ".join(f"{side * UM_PER_M:.6g}" for side in sides)
     counts = " and ".join(f"{axis} >= {count}" for axis, count in zip(("grid.nx", "grid.ny"), needed, strict=True))
     return (
-        f"part reaches beyond {place}: it is {size} um wide; with {counts} it fits in the middle with "
+        f"part reaches beyond {place}: it is {size} µm wide; with {counts} it fits in the middle with "
         f"{max(margin, EMPTY_CELLS)} empty cells around it; or move it, or make it smaller"
     )
 
@@ -81,7 +81,7 @@ def _overhang_errors(part: Columns) -> list[str]:
     alone = f', or kind = "none" to print alone what rests on the substrate ({rest} cells)' if rest else ""
     return [
         f"part: {found.cells} cells ({found.share:.1%}) have nothing below them, first at {found.first} from "
-        f"{found.bottom * UM_PER_M:.4g} um, up to {found.tallest * UM_PER_M:.4g} um of air; a droplet cannot hang: add "
+        f"{found.bottom * UM_PER_M:.4g} µm, up to {found.tallest * UM_PER_M:.4g} µm of air; a droplet cannot hang: add "
         f'[support] with kind = "below-overhangs" or "around", which print ink B there{alone}'
     ]
 

@@ -28,8 +28,11 @@ def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
     if detail["type"] in ("union_tag_invalid", "union_tag_not_found"):
         choices = ", ".join(_tags(kind))
         found = f"is {detail['ctx']['tag']!r}" if "tag" in detail.get("ctx", {}) else "is missing"
-        return f"{place}.shape {found}; expected one of {choices}"
+        is_file = "." in str(detail.get("ctx", {}).get("tag", ""))
+        advice = '; a file is printed with shape = "mesh", "stack" or "height-map" and file = "..."' if is_file else ""
+        return f"{place}.shape {found}; expected one of {choices}{advice}"
     expected = detail["msg"].replace("Input should be", "expected", 1).replace("Value error, ", "", 1)
+    expected = expected.replace("a valid integer", "a whole number").replace("a valid number", "a number")
     if detail["type"] in ("float_type", "int_type") and _NUMBER.match(repr(detail["input"])):
         expected += ", without quotes and without a unit"
     return f"{place} is {_show(detail['input'])}; {expected}{_meaning(field)}"

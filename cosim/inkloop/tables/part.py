@@ -10,6 +10,7 @@ from pydantic import Field
 
 from inkloop.geometry import Columns
 from inkloop.tables.part_images import HeightMapTable, StackTable
+from inkloop.tables.part_layers import LayersTable
 from inkloop.tables.part_mesh import MeshTable
 from inkloop.tables.shapes import CuboidTable, CylinderTable, Grid, PipeJunctionTable, StaircaseTable, Table
 from inkloop.tables.solid import Bounds, PartError, Solid, nothing
@@ -59,6 +60,7 @@ Part: TypeAlias = Annotated[
     | PipeJunctionTable
     | MeshTable
     | StackTable
+    | LayersTable
     | HeightMapTable
     | CombineTable,
     Field(discriminator="shape"),

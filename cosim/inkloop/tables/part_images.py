@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,7 +13,7 @@ from pydantic import Field
 
 from inkloop.errors import HeightMapError
 from inkloop.geometry import Columns
-from inkloop.geometry.layer_runs import columns_of_layers
+from inkloop.geometry.layer_runs import Labels
 from inkloop.metrology import map_folder_options as options
 from inkloop.metrology.cell_means import cell_means
 from inkloop.metrology.file_names import name_errors, numbered_files
@@ -21,17 +21,15 @@ from inkloop.metrology.height_map import HeightMap
 from inkloop.metrology.map_file import read
 from inkloop.metrology.registration import Registration
 from inkloop.tables.shapes import Grid, Length, PlacedTable, Position
+from inkloop.tables.slices import Slices
 from inkloop.tables.solid import Bounds, PartError, Solid
 from inkloop.units import M_PER_UM
 
 NUMBER = "n"
 """Field of a file name that holds the number of a slice."""
 INKS = {"none": 0, "A": 1, "B": 2}
-EDGE = 1e-6
-"""Share of the pitch within which a wall counts as being on the centres of cells."""
 _LISTED = 5
 Grey = Annotated[str, Field(pattern=r"^\d{1,10}$")]
-Labels = NDArray[np.int8]
 
 
 class StackTable(PlacedTable):
@@ -52,17 +50,13 @@ class StackTable(PlacedTable):
 
     def solid(self, grid: Grid, folder: Path) -> Solid:
         """The part on the grid. Raises PartError."""
-        pages = _Pages(self, grid, self._center(grid))
+        slices = Slices(grid, self._center(grid), (self.pixel_um * M_PER_UM,) * 2)
         try:
-            columns, *by_ink = columns_of_layers(
-                pages.labels(self._files(folder)), grid.nx, grid.ny, grid.pitch, self.layer_um * M_PER_UM, labels=2
-            )
+            return slices.solid(_labelled(self, self._files(folder)), self.layer_um * M_PER_UM)
         except HeightMapError as error:
             raise PartError([f"files: {error}"]) from error
         except OSError as error:
             raise PartError([f"files: {error.filename} cannot be read: {error.strerror or error}"]) from error
-        of_a, of_b = by_ink
-        return Solid(columns, pages.bounds(), of_a if of_b.mask.any() else None, tuple(pages.remarks()))
 
     def _files(self, folder: Path) -> list[Path]:
         """The files in order. Raises PartError, OSError."""
@@ -86,99 +80,38 @@ class StackTable(PlacedTable):
         return [found[number] for number in sorted(found)]
 
 
-class _Pages:
-    """Reads the slices of a stack; `bounds` and `remarks` are of use when all are read."""
+def _labelled(table: StackTable, paths: Sequence[Path]) -> Iterator[tuple[str, Labels]]:
+    """Every slice with its place: (pixels along x, along y), 0 none, 1 ink A, 2 ink B.
 
-    def __init__(self, table: StackTable, grid: Grid, center: tuple[float, float]) -> None:
-        self._table, self._grid, self._center = table, grid, center
-        self._known = {int(grey): INKS[ink] for grey, ink in table.inks.items()}
-        self._first = ""
-        self._shape: tuple[int, ...] = ()
-        self._filled = [np.zeros(0, np.bool_), np.zeros(0, np.bool_)]
+    Raises PartError, HeightMapError, OSError.
+    """
+    from inkloop.metrology.picture_file import grey_pages
 
-    def labels(self, paths: list[Path]) -> Iterator[Labels]:
-        """(nx, ny) of each slice: 0 none, 1 ink A, 2 ink B. Raises PartError, HeightMapError, OSError."""
-        from inkloop.metrology.picture_file import grey_pages
+    known = {int(grey): INKS[ink] for grey, ink in table.inks.items()}
+    for path in paths:
+        for number, page in enumerate(grey_pages(path), start=1):
+            place = path.name if len(paths) > 1 or number == 1 else f"{path.name}, page {number}"
+            labels = _inks_of(known, place, page)
+            labels = labels.T if table.rows_along == "x" else labels
+            yield place, labels[:: -1 if table.mirror == "x" else 1, :: -1 if table.mirror == "y" else 1]
 
-        for path in paths:
-            for number, page in enumerate(grey_pages(path), start=1):
-                place = path.name if len(paths) > 1 or number == 1 else f"{path.name}, page {number}"
-                labels = self._labelled(place, page)
-                labels = labels.T if self._table.rows_along == "x" else labels
-                labels = labels[:: -1 if self._table.mirror == "x" else 1, :: -1 if self._table.mirror == "y" else 1]
-                self._note(place, labels)
-                i, j = (self._pixels(axis) for axis in (0, 1))
-                slice_ = labels[np.ix_(i.clip(0, labels.shape[0] - 1), j.clip(0, labels.shape[1] - 1))]
-                off = [(k < 0) | (k >= count) for k, count in zip((i, j), labels.shape, strict=True)]
-                yield np.where(off[0][:, None] | off[1], np.int8(0), slice_)
 
-    def bounds(self) -> Bounds:
-        """The box around the filled pixels."""
-        edges: list[float] = []
-        for axis, filled in enumerate(self._filled):
-            used = np.flatnonzero(filled)
-            first, last = (int(used[0]), int(used[-1]) + 1) if used.size else (0, 0)
-            edges += [self._start(axis) + first * self._pixel, self._start(axis) + last * self._pixel]
-        return Bounds(*edges)
-
-    def remarks(self) -> Iterator[str]:
-        """A sentence for each direction in which centres of cells lie between two pixels."""
-        for axis, name in enumerate("xy"):
-            position = self._positions(axis)
-            if np.any(np.abs(position - np.round(position)) * self._pixel < EDGE * self._grid.pitch):
-                yield (
-                    f"along {name}, centres of cells lie between two pixels, which rounding decides; shift the part by "
-                    f"a fraction of a pixel (center_{name}_um)"
-                )
-
-    @property
-    def _pixel(self) -> float:
-        return self._table.pixel_um * M_PER_UM
-
-    def _start(self, axis: int) -> float:
-        """Where the pictures begin on the grid [m]."""
-        return self._center[axis] - self._shape[axis] / 2 * self._pixel
-
-    def _positions(self, axis: int) -> NDArray[np.float64]:
-        """Centres of the cells, in pixels from the first edge."""
-        count = (self._grid.nx, self._grid.ny)[axis]
-        return np.asarray((np.arange(count) * self._grid.pitch - self._start(axis)) / self._pixel, np.float64)
-
-    def _pixels(self, axis: int) -> NDArray[np.intp]:
-        return np.floor(self._positions(axis)).astype(np.intp)
-
-    def _labelled(self, place: str, page: NDArray[np.generic]) -> Labels:
-        """Inks instead of grey values. Raises PartError."""
-        labels = np.full(page.shape, -1, np.int8)
-        for grey, ink in self._known.items():
-            labels[page == grey] = ink
-        unknown = np.argwhere(labels < 0)
-        if unknown.size:
-            row, column = (int(index) for index in unknown[0])
-            raise PartError(
-                [
-                    f"inks has no grey value {page[row, column]}, which {place} has first in row {row}, column "
-                    f"{column}; {len(unknown):,} pixels of it have unknown values, known are "
-                    f"{', '.join(map(str, self._known))}; add it to inks, or save the pictures without smoothing"
-                ]
-            )
-        return labels
-
-    def _note(self, place: str, labels: Labels) -> None:
-        """Check the size of a slice and widen the box around what is filled. Raises PartError."""
-        if not self._first:
-            self._first, self._shape = place, labels.shape
-            self._filled = [np.zeros(count, np.bool_) for count in labels.shape]
-        if labels.shape != self._shape:
-            sizes = [" x ".join(map(str, shape)) for shape in (labels.shape, self._shape)]
-            raise PartError(
-                [
-                    f"files: {place} has {sizes[0]} pixels along x and y, {self._first} has {sizes[1]}; "
-                    "save all slices in one size"
-                ]
-            )
-        for axis in (0, 1):
-            self._filled[axis] |= labels.any(axis=1 - axis)
+def _inks_of(known: Mapping[int, int], place: str, page: NDArray[np.generic]) -> Labels:
+    """Inks instead of grey values. Raises PartError."""
+    labels = np.full(page.shape, -1, np.int8)
+    for grey, ink in known.items():
+        labels[page == grey] = ink
+    unknown = np.argwhere(labels < 0)
+    if unknown.size:
+        row, column = (int(index) for index in unknown[0])
+        raise PartError(
+            [
+                f"inks has no grey value {page[row, column]}, which {place} has first in row {row}, column "
+                f"{column}; {len(unknown):,} pixels of it have unknown values, known are "
+                f"{', '.join(map(str, known))}; add it to inks, or save the pictures without smoothing"
+            ]
+        )
+    return labels
 
 
 class HeightMapTable(PlacedTable):

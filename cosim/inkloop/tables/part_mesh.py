@@ -11,13 +11,15 @@ from pydantic import Field
 from inkloop.errors import GeometryError
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body, bounds, walls_on_centers
-from inkloop.geometry.mesh import OpenColumns, bodies_by_ink, closed_columns
+from inkloop.geometry.mesh import OpenColumns, bodies_by_ink, closed_columns, painted
 from inkloop.geometry.mesh_file import read_bodies
 from inkloop.geometry.placement import Placement
 from inkloop.tables.shapes import Grid, Length, PlacedTable, Position
 from inkloop.tables.solid import Bounds, PartError, Solid
 from inkloop.units import UM_PER_M
 
+COARSE = 0.01
+"""Share of the pitch beyond which rounded coordinates show in the part (assumed)."""
 _LISTED = 3
 
 
@@ -64,7 +66,8 @@ class MeshTable(PlacedTable):
         except GeometryError as error:
             raise PartError([f"file: {error}"]) from error
         box = Bounds(float(x_min), float(x_max), float(y_min), float(y_max))
-        return Solid(whole, box, region, tuple(_remarks(bodies, grid)))
+        remarks = [] if self.inks else [f"{painted(body)}: all of it is ink A" for body in bodies if body.paint]
+        return Solid(whole, box, region, (*remarks, *_remarks(bodies, grid)))
 
     def placed(self, bodies: Sequence[Body], grid: Grid) -> tuple[Body, ...]:
         """Bodies of the file where the table puts them. Raises PartError."""
@@ -97,6 +100,13 @@ def _joined(by_ink: dict[str, Columns]) -> tuple[Columns, Columns | None]:
 
 
 def _remarks(bodies: Sequence[Body], grid: Grid) -> Iterator[str]:
+    resolution = max(body.resolution for body in bodies)
+    if resolution > COARSE * grid.pitch:
+        yield (
+            f"so far from the origin the coordinates of the file resolve {resolution * UM_PER_M:.3g} um, which moves "
+            "walls by parts of a cell; move the part to the origin and save it again"
+        )
+        return
     walls = walls_on_centers(bodies, grid.pitch)
     if walls:
         shown = ", ".join(f"{wall * UM_PER_M:.6g}" for wall in walls[:_LISTED]) + (
@@ -104,5 +114,5 @@ def _remarks(bodies: Sequence[Body], grid: Grid) -> Iterator[str]:
         )
         yield (
             f"{len(walls)} upright walls stand on rows of cell centres, where rounding decides on which side a cell is "
-            f"(at {shown} um); shift the part by half a pitch: center_x_um, center_y_um, or grid.nx, grid.ny by 1"
+            f"(at {shown} µm); shift the part by half a pitch: center_x_um, center_y_um, or grid.nx, grid.ny by 1"
         )

@@ -13,6 +13,7 @@ from inkloop.tables.solid import Bounds, Solid
 from inkloop.units import M_PER_UM
 
 Length = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+PITCH_MIN_UM = 1.0  # no head is that fine (assumed); a smaller number was meant in other units
 Position = Annotated[float, Field(allow_inf_nan=False)]
 
 
@@ -28,7 +29,9 @@ class Grid(Table):
 
     nx: int = Field(ge=1, description="cells along x")
     ny: int = Field(ge=1, description="cells along y")
-    pitch_um: Length = Field(default=263.256, description="droplet spacing; 0.6268 x 420 um in Lu et al. 2015, Table I")
+    pitch_um: Length = Field(
+        default=263.256, ge=PITCH_MIN_UM, description="droplet spacing; 0.6268 x 420 µm in Lu et al. 2015, Table I"
+    )
 
     @property
     def pitch(self) -> float:

@@ -152,5 +152,6 @@ def _advice(settings: BusSettings) -> str:
     if str(settings.channel).startswith("socket://"):
         return "Is a program listening there? `inkloop bench` starts the emulator"
     if settings.interface is None:
-        return "Set interface and channel, or configure python-can (CAN_INTERFACE and CAN_CHANNEL, or ~/.canrc)"
+        known = "CAN_INTERFACE and CAN_CHANNEL, or ~/.canrc"
+        return f"Set interface and channel of [bench] in the scenario, or configure python-can ({known})"
     return "Is the adapter plugged in, its driver installed, its interface up, and may this user open it?"

@@ -25,6 +25,8 @@ MODEL = definition.load(DEFINITION.read_text(encoding="utf-8"), DEFINITION)
 NO_VALUE = {
     "horizon": 0,
     "layer_worth": -1.0,
+    "droplet_std": -1.0,
+    "overshoot": 0.0,
     "overshoot_limit": 1.0,
     "annealing_sweeps": -1,
     "time_limit": 0.0,

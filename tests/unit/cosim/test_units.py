@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from inkloop import units
 from inkloop.units import QUANTITIES, SUFFIXES, defined_unit, key_of, missing_suffix, spellings, unit_of
 from support.places import ROOT
-from support.source_tree import parsed
+from support.source_tree import modules, parsed
 
 
 def test_key_carries_its_unit() -> None:
@@ -44,7 +45,7 @@ NO_FACTORS = {
     "cosim/inkloop/identify/ink_regression.py": "PERTURBATION is a share of a layer",
     "cosim/inkloop/results/solid.py": "STEP_M is the height of a voxel",
     "cosim/inkloop/studies/reproduce/finite_elements.py": "tolerances of a solver and of an area",
-    "cosim/inkloop/tables/part_images.py": "EDGE is a share of a pitch",
+    "cosim/inkloop/tables/slices.py": "EDGE is a share of a pitch",
     "hardware/inkloop_hardware/mapped/mapped_bus.py": "the share by which a reading may differ",
     "hardware/inkloop_hardware/protocol/codec.py": "the share of a step that is rounding",
 }
@@ -132,3 +133,30 @@ def test_factors_of_both_directions_agree() -> None:
 def test_key_of_a_unit_gives_it_back(unit: str, key: str, factor: float) -> None:
     assert key_of("x", unit) == (key, pytest.approx(factor, rel=1e-14, abs=0.0))
     assert spellings("x", unit)[key] * factor == pytest.approx(1.0, rel=1e-14, abs=0.0)
+
+
+KEY_OR_INPUT = re.compile(r"--\w+-um|1/um|nm[,|]\s?um|um, mm|write um")
+"""Where `um` is what a user types, or a unit of FMI."""
+PAPERS = "inkloop.studies"
+"""Its tables are pages in Markdown and LaTeX."""
+
+
+def prose_with_um(text: str) -> list[str]:
+    """Strings of a module, not its docstrings, in which a micrometre is not written as µm."""
+    tree = ast.parse(text)
+    bodies = [getattr(node, "body", None) for node in ast.walk(tree)]
+    blocks = [body for body in bodies if isinstance(body, list)]
+    docstrings = {id(line.value) for body in blocks for line in body if isinstance(line, ast.Expr)}
+    strings = [node for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in docstrings]
+    prose = [KEY_OR_INPUT.sub("", node.value) for node in strings if isinstance(node.value, str) and node.value != "um"]
+    return [text for text in prose if re.search(r"(?<![\w.-])um\b", text)]
+
+
+def test_messages_and_tables_write_micrometres_as_they_are_printed() -> None:
+    found = {
+        name: prose
+        for name, path in modules().items()
+        if not name.startswith(PAPERS) and (prose := prose_with_um(path.read_text(encoding="utf-8")))
+    }
+    assert found == {}
+    assert prose_with_um('"""5 um."""\nerror = f"is {x:g} um high; write --pitch-um"') == [" um high; write "]

@@ -159,7 +159,7 @@ class Shadow:
                 layer,
             )
             return Status.UNTRUSTED
-        message = f"layer {layer} grew differently from the model, by {growth * UM_PER_M:.2f} um rms over the part"
+        message = f"layer {layer} grew differently from the model, by {growth * UM_PER_M:.2f} µm rms over the part"
         if growth > self._stop:
             _LOG.error(
                 "%s; more than stop_um = %g: the run ends. Look at the part and at the print head",

@@ -71,8 +71,8 @@ def _section(bake: Bake) -> str:
     job = bake.job
     lines = [
         "<h2>What this block prints</h2>",
-        f"<p>{escape(bake.title)}: {job.nx} x {job.ny} cells of {job.pitch * UM_PER_M:g} um, {int(job.mask.sum())} "
-        f"of them printed, up to {job.target_height.max() * UM_PER_M:g} um high. The scenario as it was exported: "
+        f"<p>{escape(bake.title)}: {job.nx} x {job.ny} cells of {job.pitch * UM_PER_M:g} µm, {int(job.mask.sum())} "
+        f"of them printed, up to {job.target_height.max() * UM_PER_M:g} µm high. The scenario as it was exported: "
         f'<a href="{Path(SCENARIO).name}">{Path(SCENARIO).name}</a>.</p>',
         f'<p><img src="{Path(PICTURE).name}" alt="target" width="700"></p>',
         "<table><tr><th>part</th><th>model</th><th>parameter</th><th>value, SI</th></tr>",

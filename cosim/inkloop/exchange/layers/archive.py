@@ -14,10 +14,9 @@ from inkloop.exchange.layers import bitmap
 from inkloop.exchange.layers.patterns import Patterns
 from inkloop.exchange.layers.separations import INKS, Separation, separations
 from inkloop.files import new_folder, write_text
+from inkloop.tables import layer_manifest
 from inkloop.units import PL_PER_M3, UM_PER_M
 
-MANIFEST = "manifest.json"
-FORMAT, FORMAT_VERSION = "inkloop layers", 1
 SUFFIXES: Mapping[str, str] = {"tiff": ".tif", "png": ".png", "bmp": ".bmp"}
 _LIBRARIES = ("inkloop", "numpy", "pillow")
 
@@ -48,7 +47,8 @@ def write(
                 (folder / name).write_bytes(content)
                 files.append(_entry(name, layer, one, content))
             on_layer(layer)
-        write_text(folder / MANIFEST, json.dumps(_manifest(patterns, form, split, passes, files), indent=1) + "\n")
+        manifest = _manifest(patterns, form, split, passes, files)
+        write_text(folder / layer_manifest.NAME, json.dumps(manifest, indent=1) + "\n")
     return files
 
 
@@ -88,8 +88,8 @@ def _manifest(
     pitch_um = float(bitmap.pitch_text(patterns.pitch))
     stored_um = float(bitmap.pitch_text(bitmap.stored_pitch(patterns.pitch, form)))
     return {
-        "format": FORMAT,
-        "format_version": FORMAT_VERSION,
+        "format": layer_manifest.FORMAT,
+        "format_version": layer_manifest.FORMAT_VERSION,
         "origin_of_patterns": patterns.origin,
         "image_format": form,
         "width_pixels": nx,
@@ -97,10 +97,10 @@ def _manifest(
         "pitch_x_um": pitch_um,
         "pitch_y_um": pitch_um,
         "pitch_of_resolution_um": stored_um,
-        "origin": "x = 0, y = 0 is the centre of the first pixel of the first row",
-        "first_row": "y = 0; rows follow along +y",
-        "first_column": "x = 0; columns follow along +x",
-        "polarity": "a set bit is a droplet, shown black; a clear bit is none, shown white",
+        "origin": layer_manifest.ORIGIN,
+        "first_row": layer_manifest.FIRST_ROW,
+        "first_column": layer_manifest.FIRST_COLUMN,
+        "polarity": layer_manifest.POLARITY,
         "passes": patterns.process.passes if passes else 1,
         "pass_numbers": "in the order of jetting; colour = 2 (column mod 2) + row mod 2, null for all pixels",
         "drop_levels": patterns.levels,
@@ -114,6 +114,7 @@ def _manifest(
         },
         "first_layer": files[0]["layer"],
         "last_layer": files[-1]["layer"],
+        "unknown_layers": sorted({one["layer"] for one in files} & set(patterns.unknown_layers)),
         "scenario_sha256": hashlib.sha256(patterns.scenario_text.encode()).hexdigest(),
         "versions": {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}},
         "files": list(files),

@@ -10,6 +10,7 @@ from inkloop.errors import ResultError, ScenarioError
 from inkloop.exchange.layers import archive
 from inkloop.exchange.layers.patterns import Patterns
 from inkloop.report.terminal import Terminal
+from inkloop.tables import layer_manifest
 
 
 def export(patterns: Patterns, source: Path, options: argparse.Namespace, console: Terminal) -> int:
@@ -35,7 +36,10 @@ def export(patterns: Patterns, source: Path, options: argparse.Namespace, consol
     console.sentence(
         f"wrote {out}: layers {layers[0]} to {layers[-1]}, bitmaps: {len(files)}, drops: {drops}; {patterns.origin}"
     )
-    console.sentence(f"  the first row is y = 0, a set bit (black) is a droplet; {archive.MANIFEST} has the rest")
+    console.sentence(f"  the first row is y = 0, a set bit (black) is a droplet; {layer_manifest.NAME} has the rest")
+    if unknown := [layer for layer in layers if layer in patterns.unknown_layers]:
+        shown = ", ".join(map(str, unknown))
+        console.sentence(f"  layers that were aborted, what of them was jetted is unknown: {shown}")
     console.result(folder=out, layers=[layers[0], layers[-1]], drops=drops, files=[entry["file"] for entry in files])
     return 0
 

@@ -13,6 +13,7 @@ from inkloop.component import Ink, Status
 from inkloop.components import catalog
 from inkloop.contract import (
     DROP_LEVEL,
+    LAYER_UNKNOWN,
     LAYERS_PRINTED,
     LAYERS_SCANNED,
     PATTERN,
@@ -35,7 +36,8 @@ OPEN_LOOP = "OpenLoop"
 class Patterns:
     """What layers 1, 2, ... jet. pattern: (layers, nx, ny), 0 none, 1 A, 2 B; drop_level: the same shape, None for 1.
 
-    origin: what the patterns are of, for a person; pitch [m].
+    origin: what the patterns are of, for a person; pitch [m]; unknown_layers: those of a run that were aborted, so that
+    what of their pattern was jetted is unknown.
     """
 
     origin: str
@@ -45,6 +47,7 @@ class Patterns:
     process: Process
     pattern: NDArray[np.integer]
     drop_level: NDArray[np.integer] | None = None
+    unknown_layers: tuple[int, ...] = ()
 
     @property
     def levels(self) -> int:
@@ -76,6 +79,7 @@ def of_run(result: Result, source: str) -> Patterns:
         tables.process,
         run[PATTERN].values[1:],
         np.maximum(run[DROP_LEVEL].values[1:], 1) if DROP_LEVEL in run else None,
+        tuple(np.flatnonzero(run[LAYER_UNKNOWN].values).tolist()) if LAYER_UNKNOWN in run else (),
     )
 
 

@@ -45,18 +45,18 @@ def _name(options: argparse.Namespace, result: Result) -> str:
 def _size(map_: HeightMap) -> str:
     missing = int((~map_.valid).sum())
     lacking = f", {missing} of them without a height" if missing else ""
-    return f"{map_.shape[0]} x {map_.shape[1]} cells of {map_.dx * UM_PER_M:.12g} um{lacking}"
+    return f"{map_.shape[0]} x {map_.shape[1]} cells of {map_.dx * UM_PER_M:.12g} µm{lacking}"
 
 
 def _reading(map_: HeightMap, form: str) -> str:
     """What a reader has to know of the file."""
     pixel = f"pixel_um = {map_.dx * UM_PER_M:.12g}"
-    floor = f"closed body over the centres of the cells, floor at z = {mesh.floor_of(map_) * UM_PER_M:g} um"
+    floor = f"closed body over the centres of the cells, floor at z = {mesh.floor_of(map_) * UM_PER_M:g} µm"
     return {
         "stl": f"{floor}; lengths in mm, z up",
         "glb": f"{floor}; lengths in m, y up, y of the grid is -z",
         "sdf": "heights in m, rows along x, the first row is y = 0",
         "x3p": "heights in m, rows along x, the first row is y = 0",
-        "tiff": "heights in um as float32, rows along x, the first row is y = 0",
+        "tiff": "heights in µm as float32, rows along x, the first row is y = 0",
         "npy": f"heights in m, the first index is along x; unit = m and {pixel} are not in it",
     }[form]

@@ -9,7 +9,7 @@ from pathlib import Path
 from inkloop.errors import ScenarioError
 from inkloop.exchange.ssp import VERSIONS, archive, maestro, osp, start_values
 from inkloop.exchange.ssp.system import System, system_of
-from inkloop.files import temporary_folder, write_text
+from inkloop.files import new_folder, temporary_folder, write_text
 from inkloop.fmu_writer.archive import DEFINITION, pack, unpack
 from inkloop.fmu_writer.windows import with_windows_binary
 from inkloop.report.terminal import Terminal
@@ -68,13 +68,16 @@ def _add_windows_binaries(system: System) -> None:
 
 
 def write_folder(system: System, to: str, out: Path) -> None:
-    """Write the FMUs of a system and, in the same folder, the files of "osp" or "maestro". Raises ScenarioError."""
+    """Write the FMUs of a system and, in the same new folder, the files of "osp" or "maestro"; all of them or nothing.
+
+    Raises ScenarioError, FileExistsError where something is at `out`.
+    """
     if to == "osp":
         texts = {osp.FILE: osp.structure(system).decode()}
     else:
         texts = {name: json.dumps(table, indent=1) + "\n" for name, table in maestro.tables(system).items()}
-    out.mkdir(parents=True, exist_ok=True)
-    for part in system.parts:  # libcosim sets no enumerations
-        start_values.write(part, out / f"{part.name}.fmu", enumerations=to != "maestro")
-    for name, text in texts.items():
-        write_text(out / name, text)
+    with new_folder(out) as folder:
+        for part in system.parts:  # libcosim sets no enumerations
+            start_values.write(part, folder / f"{part.name}.fmu", enumerations=to != "maestro")
+        for name, text in texts.items():
+            write_text(folder / name, text)

@@ -30,11 +30,11 @@ def cutoff_error(used: BoolMap, steps: tuple[float, float], cutoff: float, axis:
     """Why a cutoff [m] does not fit the cells that count, along one axis or both."""
     axes = (0, 1) if axis is None else ("xy".index(axis),)
     narrowest = min((np.ptp(np.nonzero(used)[axis]) + 1) * steps[axis] for axis in axes)
-    widest_step, text = max(steps[axis] for axis in axes), f"a filter of {cutoff * UM_PER_M:g} um"
+    widest_step, text = max(steps[axis] for axis in axes), f"a filter of {cutoff * UM_PER_M:g} µm"
     if not cutoff >= STEPS_MIN * widest_step * (1.0 - 1e-9):
-        return f"{text} is narrower than {STEPS_MIN} cells of {widest_step * UM_PER_M:g} um, which cannot sample it"
+        return f"{text} is narrower than {STEPS_MIN} cells of {widest_step * UM_PER_M:g} µm, which cannot sample it"
     if cutoff > narrowest:
-        return f"{text} is wider than the cells that count, {narrowest * UM_PER_M:g} um"
+        return f"{text} is wider than the cells that count, {narrowest * UM_PER_M:g} µm"
     return None
 
 

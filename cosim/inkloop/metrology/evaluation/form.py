@@ -79,7 +79,7 @@ def parallelism(top: Points, substrate: Points | Refusal) -> Found:
     return dict(zip(symbols, map(float, rises), strict=True))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Step:
     """Heights of a step by both methods [m], and the plane of the substrate (1, x, y) by least squares."""
 

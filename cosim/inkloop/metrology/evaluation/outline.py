@@ -56,7 +56,7 @@ def _contour(rise: FloatMap, x: NDArray[np.float64], y: NDArray[np.float64], hei
 
     generator = contour_generator(x, y, np.ma.masked_invalid(rise.T), line_type=LineType.Separate)
     lines = generator.lines(height)
-    where = f"the contour {height * UM_PER_M:.4g} um above the substrate"
+    where = f"the contour {height * UM_PER_M:.4g} µm above the substrate"
     if len(lines) != 1:
         return Refusal(f"{where} has {len(lines)} pieces; an outline has one")
     line = np.asarray(lines[0], np.float64)
@@ -76,7 +76,7 @@ def _wall(lines: list[Line | Refusal], half: Line, height: float, pitch: float) 
         steepest = degrees(atan2(heights[-1] - heights[0], pitch))
         return refused(
             WALLS,
-            f"the wall is narrower than one pitch of {pitch * UM_PER_M:.4g} um, which cannot resolve it: it is steeper "
+            f"the wall is narrower than one pitch of {pitch * UM_PER_M:.4g} µm, which cannot resolve it: it is steeper "
             f"than {steepest:.1f} deg",
         )
     terms = np.stack([np.ones_like(heights), heights], axis=-1)

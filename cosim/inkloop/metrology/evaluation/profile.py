@@ -47,7 +47,7 @@ class Profiles:
         parts = f", {self.sections} section lengths" if self.sections else ", primary profiles"
         return (
             f"{self.count} of {self.rows} rows along {self.axis}, "
-            f"evaluation length {self.length * UM_PER_M:.4g} um{parts}"
+            f"evaluation length {self.length * UM_PER_M:.4g} µm{parts}"
         )
 
 

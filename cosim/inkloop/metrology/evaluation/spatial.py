@@ -93,7 +93,7 @@ def _decays(
 def _lengths(lengths: NDArray[np.float64], ends: NDArray[np.float64], surface: Surface) -> dict[str, float | Refusal]:
     open_ = np.isnan(lengths)
     if open_.all():
-        longest = f"{ends.max() * UM_PER_M:.4g} um, the longest lag"
+        longest = f"{ends.max() * UM_PER_M:.4g} µm, the longest lag"
         reason = f"the autocorrelation does not fall to {DECAY:g} within {longest}"
         return {"Sal": Refusal(reason), "Str": Refusal(reason)}
     shortest = float(np.nanmin(lengths))
@@ -108,7 +108,7 @@ def _lengths(lengths: NDArray[np.float64], ends: NDArray[np.float64], surface: S
         ray = int(np.flatnonzero(open_)[np.argmax(ends[open_])])
         reason = (
             f"along {ray * 180 // RAYS} deg the autocorrelation does not fall to {DECAY:g} within "
-            f"{reach * UM_PER_M:.4g} um, the longest lag: Str is below {shortest / reach:.2g}"
+            f"{reach * UM_PER_M:.4g} µm, the longest lag: Str is below {shortest / reach:.2g}"
         )
         return {"Sal": shortest, "Str": Refusal(reason)}
     return {"Sal": shortest, "Str": shortest / float(np.nanmax(lengths))}

@@ -111,7 +111,7 @@ class Subject:
         rise = float(np.median((self.map_.z - below)[self._around]))
         if abs(rise) <= SUPPORT * height:
             return None
-        return Refusal(f"the cells around the part stand {rise * UM_PER_M:.4g} um above the substrate: no wall is free")
+        return Refusal(f"the cells around the part stand {rise * UM_PER_M:.4g} µm above the substrate: no wall is free")
 
     @property
     def _around(self) -> BoolMap:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from inkloop.metrology.evaluation.definitions import F_OPERATIONS, Axis, FilterOrder, FOperation
+from inkloop.metrology.evaluation.definitions import F_OPERATIONS, Axis, FilterOrder, FOperation, Group
 from inkloop.units import UM_PER_M
 
 
@@ -18,10 +18,18 @@ class Treatment:
     filter_order: FilterOrder = 1
 
     def __str__(self) -> str:
-        names = {"S-filter": self.s_filter, "L-filter": self.l_filter}
-        used = [f"{name} {cutoff * UM_PER_M:g} um" for name, cutoff in names.items() if cutoff is not None]
-        filters = f"{', '.join(used)} (Gaussian, regression order {self.filter_order})" if used else "no filter"
-        return f"taken off: {F_OPERATIONS[self.f_operation]}; {filters}"
+        return f"taken off: {F_OPERATIONS[self.f_operation]}; {self._filters(self.s_filter, self.l_filter)}"
+
+    def of(self, group: Group) -> str:
+        """What is done before the parameters of a group are evaluated: form keeps its form, a volume its heights."""
+        if group == "form":
+            return f"nothing taken off; {self._filters(self.s_filter, None)}"
+        return "nothing taken off; no filter" if group == "volume" else str(self)
+
+    def _filters(self, s_filter: float | None, l_filter: float | None) -> str:
+        names = {"S-filter": s_filter, "L-filter": l_filter}
+        used = [f"{name} {cutoff * UM_PER_M:g} µm" for name, cutoff in names.items() if cutoff is not None]
+        return f"{', '.join(used)} (Gaussian, regression order {self.filter_order})" if used else "no filter"
 
 
 @dataclass(frozen=True)

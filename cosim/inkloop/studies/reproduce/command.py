@@ -6,6 +6,7 @@ import argparse
 import importlib
 import io
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
 
@@ -41,7 +42,7 @@ def reproduce(options: argparse.Namespace, console: Terminal) -> int:
                 break
             seconds[step.name] = perf_counter() - begin
             progress.advance(task)
-            write(folder, paper, parts, {"quick": options.quick, "seconds": seconds})
+            write(folder, paper, parts, {"quick": options.quick, "seconds": seconds}, options.pictures)
     rows = [row for part in parts.values() for row in part.rows]
     console.print(terminal_table(f"{paper.name}: printed and ours", rows))
     for remark in remarks(rows):
@@ -55,7 +56,9 @@ def reproduce(options: argparse.Namespace, console: Terminal) -> int:
     return INTERRUPTED if interrupted else 0
 
 
-def write(folder: Path, paper: Paper, parts: dict[str, Part], notes: dict[str, object]) -> None:
+def write(
+    folder: Path, paper: Paper, parts: dict[str, Part], notes: dict[str, object], pictures: Sequence[str]
+) -> None:
     """Write the table (.txt, .md, .csv), the pictures and how they came about. Raises ResultError."""
     rows = [row for part in parts.values() for row in part.rows]
     text = io.StringIO()
@@ -71,6 +74,6 @@ def write(folder: Path, paper: Paper, parts: dict[str, Part], notes: dict[str, o
         write_text(folder / "table.csv", spreadsheet(rows))
         write_text(folder / "reproduce.json", json.dumps(record, indent=2) + "\n")
         for name, figure in list(parts.values())[-1].pictures.items():
-            plot.save(figure, folder / f"{name}.png")
+            plot.save(figure, folder / name, pictures)
     except OSError as error:
         raise ResultError(f"{folder}: the tables cannot be written there: {error}") from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from inkloop.component import FloatMap
-from inkloop.report import plot
+from inkloop.report import layer_curves
 from inkloop.results.result import Result
 from inkloop.studies.reproduce import prints
 from inkloop.studies.reproduce.comparison import Part, Row
@@ -37,7 +37,7 @@ def find(quick: bool) -> Part:
             rows += _rows(where, label, results, side, of_paper=(side, passes) == (8, 4))
         if (side, passes) == (8, 4):
             shown = {label: results[0].dataset for label, results in runs.items()}
-    return Part(rows, {"cuboid": plot.cross_section(shown)})
+    return Part(rows, {"cuboid": layer_curves.cross_section(shown)})
 
 
 def _rows(where: str, label: str, results: list[Result], side: int, *, of_paper: bool) -> list[Row]:

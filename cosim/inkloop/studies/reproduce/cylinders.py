@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
-from inkloop.report import plot
+from inkloop.report.layer_curves import cross_section
+from inkloop.report.surface_picture import surfaces
 from inkloop.studies.reproduce import prints
 from inkloop.studies.reproduce.comparison import Part, Row, Step
 from inkloop.units import UM_PER_M
@@ -45,7 +46,7 @@ def find(quick: bool, *, variation: float) -> Part:
         ]
     shown = {label: results[0].dataset for label, results in runs.items()}
     name = f"cylinder-{variation * 100:.0f}"
-    return Part(rows, {name: plot.cross_section(shown), f"{name}-surfaces": plot.surfaces(shown)})
+    return Part(rows, {name: cross_section(shown), f"{name}-surfaces": surfaces(shown)})
 
 
 STEPS = tuple(Step(where, partial(find, variation=variation)) for variation, (where, _, _) in FIGURES.items())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from inkloop.report import plot
+from inkloop.report.solid_picture import solids
 from inkloop.studies.reproduce import prints
 from inkloop.studies.reproduce.comparison import Part, Row
 from inkloop.units import UM_PER_M
@@ -21,4 +21,4 @@ def find(quick: bool) -> Part:
             Row(WHERE, f"{label}: geometry mismatch", "%", None, 100.0 * metrics["mismatch"], remark=BY_EYE),
             Row(WHERE, f"{label}: mean absolute error of the top", "um", None, metrics["mae"] * UM_PER_M),
         ]
-    return Part(rows, {"pipe-junction": plot.solids({label: result.dataset for label, (result,) in runs.items()})})
+    return Part(rows, {"pipe-junction": solids({label: result.dataset for label, (result,) in runs.items()})})

@@ -67,6 +67,7 @@ def test_fringe_is_the_ring_around_the_part() -> None:
         ({"overshoot": 0.0}, "overshoot is 0.0"),
         ({"overshoot_limit": -1e-6}, "overshoot_limit is -1e-06"),
         ({"chance_margin": nan}, "chance_margin is nan"),
+        ({"droplet_std": -0.1}, "droplet_std is -0.1"),
         ({"layer_worth": -0.1}, "layer_worth is -0.1"),
         ({"fringe_weight": 2.0}, "fringe_weight is 2.0"),
     ],

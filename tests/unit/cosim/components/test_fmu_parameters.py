@@ -152,7 +152,10 @@ def test_damaged_file_is_an_error_before_anything_runs(tmp_path: Path) -> None:
     ("options", "message"),
     [
         ({}, "file is missing; name the .fmu file"),
-        ({"file": "nowhere.fmu"}, "kind is 'Fmu': nowhere.fmu: cannot be read: No such file or directory"),
+        (
+            {"file": "nowhere.fmu"},
+            "file: nowhere.fmu: cannot be read: No such file or directory; give its path from the scenario's folder",
+        ),
     ],
 )
 def test_missing_file_is_an_error_of_the_scenario(options: dict[str, object], message: str) -> None:

@@ -41,9 +41,8 @@ def test_fixed_fmu_has_as_many_cells_as_asked_for(fmi, tmp_path) -> None:
 
 
 def test_unknown_model_is_answered_with_those_there_are(tmp_path) -> None:
-    with pytest.raises(
-        FmuError, match=r"no FMU 'Deposition' .*; models there: LayerController, LayerDeposition, ProfileSensor"
-    ):
+    known = "LayerController, LayerDeposition, ProfileSensor"
+    with pytest.raises(FmuError, match=rf"no FMU 'Deposition' .*; did you mean .*\? Models there: {known}"):
         export_fmu("Deposition", fmi="3", nx=3, ny=3, fixed=False, out=tmp_path / "it.fmu")
     assert not list(tmp_path.iterdir())
 

@@ -66,6 +66,43 @@ def test_objects_without_ink_and_names_without_object_are_refused(tmp_path: Path
         load_inks(path, 40, 30, 1e-4, {"ground": "A", "grond": "B"})
 
 
+def painted(triangles: str, found: int, attribute: str) -> str:
+    """The XML of an object whose triangle `found` has another attribute."""
+    first, *others = triangles.split("<triangle ")
+    return "<triangle ".join([first, *(f"{attribute} {one}" if n == found else one for n, one in enumerate(others))])
+
+
+@pytest.mark.parametrize(
+    ("attribute", "materials", "names"),
+    [
+        ('pid="1" p1="1"', 0, "'stiff', 'soft'"),
+        ('pid="1" p1="1"', None, "none, 'soft'"),
+        ('pid="1" p1="0" p2="1" p3="0"', 0, "'stiff', 'soft'"),
+        ('s:mmu_segmentation="8"', 0, "'stiff', 'colours of a slicer'"),
+        ('paint_color="8"', 0, "'stiff', 'colours of a slicer'"),
+    ],
+)
+def test_objects_with_painted_triangles_are_named(
+    attribute: str, materials: int | None, names: str, tmp_path: Path
+) -> None:
+    """Unless they are given an ink as a whole."""
+    objects = mesh_object(2, LOW, "ground", 0) + painted(mesh_object(3, HIGH, "cover", materials), 4, attribute)
+    slicer = 'xmlns:s="http://schemas.slic3r.org/3mf/2017/06"'
+    path = written(tmp_path, model_xml(objects, ITEMS, attributes=slicer, materials="stiff soft"))
+    with pytest.raises(GeometryError) as caught:
+        load_inks(path, 40, 30, 1e-4, {"stiff": "A", "soft": "B"})
+    message = f"object 'cover' has triangles of several materials ({names}), but an object is of one ink: make each"
+    assert message in str(caught.value)
+    assert "'ground'" not in str(caught.value)
+    assert list(load_inks(path, 40, 30, 1e-4, {"ground": "A", "cover": "B"})) == ["A", "B"]
+
+
+def test_object_painted_all_over_is_of_that_material(tmp_path: Path) -> None:
+    cover = mesh_object(3, HIGH, "cover").replace("<triangle ", '<triangle pid="1" p1="1" ')
+    path = written(tmp_path, model_xml(mesh_object(2, LOW, "ground", 0) + cover, ITEMS, materials="stiff soft"))
+    assert [(body.material, body.paint) for body in read_bodies(path)] == [("stiff", ()), ("soft", ())]
+
+
 def test_unit_must_agree_with_that_of_the_file(tmp_path: Path) -> None:
     with pytest.raises(GeometryError, match="states coordinates in mm, but unit is 'in'"):
         read_bodies(written(tmp_path, model_xml(TWO, ITEMS, materials="stiff soft")), "in")

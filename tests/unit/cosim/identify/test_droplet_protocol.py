@@ -98,7 +98,7 @@ def test_neighbours_that_gain_unequally_count_all() -> None:
 
 
 def test_differences_hidden_by_noise_are_refused_with_a_message() -> None:
-    with pytest.raises(IdentificationError, match=r"mv_plus and .* differ by more than 24 um .*; needs less noise"):
+    with pytest.raises(IdentificationError, match=r"mv_plus and .* differ by more than 24 µm .*; needs less noise"):
         identify_volume_area([motif_print(VolumeAreaDeposition(), 9)], 8e-6)
 
 

@@ -173,7 +173,7 @@ HEADER = "dx = 5 um\ndy = 4 um\nunit = um\n"
 FAULTS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "nothing declared": ("1 2 3\n4 5 6\n", "does not declare the unit .* does not declare the size of its pixels", {}),
     "unit against unit": (HEADER + "1 2\n3 4\n", "heights in um, but unit is 'mm'", {"unit": "mm"}),
-    "pixel against pixel": (HEADER + "1 2\n3 4\n", "pixels of 5 x 4 um, but pixel is 5000 x 5000 um", {"pixel": 5e-3}),
+    "pixel against pixel": (HEADER + "1 2\n3 4\n", "pixels of 5 x 4 µm, but pixel is 5000 x 5000 µm", {"pixel": 5e-3}),
     "unknown unit": ("1 2\n3 4\n", "unit is 'inch'; expected one of nm, um", {"unit": "inch", "pixel": 5e-6}),
     "a word": (HEADER + "1 2 3\n4 five 6\n", "line 5, column 2 is 'five'; expected a height", {}),
     "cut off": (HEADER + "1 2 3\n4 5\n", "line 5 has 2 fields, the rows before it 3; the file may be cut off", {}),

@@ -198,7 +198,7 @@ def test_folder_has_to_be_there(tmp_path: Path) -> None:
                 "fiducials_map_um": [[0, 0], [1000, 0]],
                 "fiducials_grid_um": [[0, 0], [1100, 0]],
             },
-            r"the best fit leaves 50 um rms, 26\.3 um are allowed",
+            r"the best fit leaves 50 µm rms, 26\.3 µm are allowed",
         ),
         ({"unit": "inch"}, "unit is 'inch'"),
         ({"valid_share_min": 0.0}, "valid_share_min is 0.0"),

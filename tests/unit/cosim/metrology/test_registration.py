@@ -105,7 +105,7 @@ def test_cells_outside_the_map_are_not_measured() -> None:
 
 
 def test_pixels_larger_than_cells_are_refused() -> None:
-    with pytest.raises(HeightMapError, match=r"a pixel is 300 um on the grid, a cell 263\.3 um"):
+    with pytest.raises(HeightMapError, match=r"a pixel is 300 µm on the grid, a cell 263\.3 µm"):
         cell_means(HeightMap(np.ones((9, 9)), 300e-6, 300e-6), Registration(), 5, 5, PITCH)
 
 
@@ -137,7 +137,7 @@ def test_residual_of_fiducials_is_their_distance() -> None:
     on_grid = [[0.0, 0.0], [1e-3, 3e-6], [2e-3, 0.0]]
     fit = from_fiducials(on_map, on_grid, residual_max=1e-5)
     assert fit.residual == pytest.approx(math.sqrt((4 + 1 + 1) / 3) * M_PER_UM, rel=1e-3, abs=0.0)
-    with pytest.raises(HeightMapError, match=r"leaves 1.41 um rms, 1 um are allowed; check that they are given"):
+    with pytest.raises(HeightMapError, match=r"leaves 1.41 µm rms, 1 µm are allowed; check that they are given"):
         from_fiducials(on_map, on_grid, residual_max=1e-6)
 
 

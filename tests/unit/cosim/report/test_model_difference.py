@@ -86,11 +86,11 @@ def test_report_of_a_run_on_devices_has_a_row_for_each_layer(
     surface = run.dataset.assign(height=run.dataset.measured_height)  # as the recorder has it of a run on devices
     replace(run, dataset=surface).save(tmp_path)
     assert main(["report", str(tmp_path)]) == 0
-    assert "Measured less LayerDeposition" in capsys.readouterr().out
+    assert "Hardware minus LayerDeposition" in capsys.readouterr().out
     rows = re.findall(r"^ *\d+ .*,", (tmp_path / run_report.MODEL_TABLE).read_text(), re.MULTILINE)
     assert len(rows) == run.dataset.sizes["layer"]
     assert (tmp_path / "hardware-against-model.png").stat().st_size > 10_000
-    assert "hardware against LayerDeposition" in (tmp_path / "summary.txt").read_text()
+    assert "hardware minus LayerDeposition" in (tmp_path / "summary.txt").read_text()
 
 
 def test_print_of_models_has_no_such_table(tmp_path: Path) -> None:

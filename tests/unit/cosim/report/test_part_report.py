@@ -66,7 +66,7 @@ def test_text_fits_into_eighty_columns(
     arguments = ["geometry", "fin.stl", "--pitch-um", "200", "--nozzle-um", "500", "--out", "fin.png"]
     assert main(arguments) == 0
     text = capsys.readouterr().out
-    assert "walls below 600 um (3 cells)" in text
+    assert "walls below 600 µm (3 cells)" in text
     assert max(map(len, text.splitlines())) <= 80
     assert (tmp_path / "fin.png").exists()
 
@@ -87,7 +87,7 @@ def test_open_mesh_is_described_before_it_is_refused(tmp_path: Path, capsys: pyt
         (["absent.toml"], "absent.toml: 1 error"),
         (["map.csv"], "map.csv"),
         ([str(BRACKET), "--pitch-um", "0"], "--pitch-um is 0; expected a length above 0"),
-        ([str(SCENARIOS / "bracket.toml"), "--unit", "mm"], "--unit: the scenario states its own"),
+        ([str(SCENARIOS / "bracket.toml"), "--unit", "mm"], "--unit: goes with the file of a part"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(

@@ -1,7 +1,8 @@
-"""Pictures show an error as tables do: target minus height, red where the part is too high."""
+"""Pictures show an error as tables do: target minus height, red where the part is too high, which every label says."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,22 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from inkloop.report import plot
+from inkloop.report import plot, surface_picture
+from inkloop.report.difference_picture import hardware_against_model
+from inkloop.report.error_maps import comparison, error_map
+from inkloop.report.layer_curves import cross_section, layers
+from inkloop.report.model_difference import LayerDifference, ModelDifference
+from inkloop.report.pictures import pictures
+from inkloop.report.solid_picture import SOLID_UPRIGHT, solids
+from inkloop.report.solid_view import view
+from inkloop.report.surface_picture import surfaces
 from inkloop.results.metrics import masked_error
+from inkloop.results.result import Result
+from inkloop.results.solid import voxels
 
 PITCH = 100e-6
-SIGN = "target - height [µm]"
+SIGN = "too low +, too high -"
+ENDS = (("too low", "too high"), ("missing", "too much"), ("hardware\nhigher", "hardware\nlower"))
 
 
 def printed(error_um: float, high_cell: tuple[int, int] | None = None) -> xr.Dataset:
@@ -41,31 +53,50 @@ def printed(error_um: float, high_cell: tuple[int, int] | None = None) -> xr.Dat
     )
 
 
-def labels(figure: Figure) -> list[str]:
-    return [text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel()) if "target - h" in text]
+def texts(figure: Figure) -> list[str]:
+    return [
+        text.get_text()
+        for axes in figure.axes
+        for text in (axes.xaxis.label, axes.yaxis.label, axes.title, *axes.texts)
+    ]
+
+
+def without_sign(figure: Figure) -> list[str]:
+    """Labels of axes and colour bars that are an error or a difference, and do not say what its sign means.
+
+    An axis says it in brackets, a colour bar at its ends.
+    """
+    found = []
+    for axes in figure.axes:
+        around = " ".join(text.get_text() for text in axes.texts)
+        for text in (axes.get_xlabel(), axes.get_ylabel(), axes.get_title()):
+            if "[µm]" in text and ("error" in text or "minus" in text):
+                found += [text] if " +, " not in text and not any(a in around and b in around for a, b in ENDS) else []
+    return found
 
 
 @pytest.mark.parametrize("error_um", [-3.0, 4.0])
 def test_maps_have_the_mean_error_of_the_table(error_um: float) -> None:
     run = printed(error_um, high_cell=(2, 3))
     reported = float(run.mean_error[-1]) * 1e6
-    for figure in (plot.error_map(run, "a"), plot.comparison({"a": run})):
+    for figure in (error_map(run, "a"), comparison({"a": run})):
         (image,) = [image for axes in figure.axes for image in axes.get_images()]
         assert np.nanmean(np.ma.filled(np.ma.asarray(image.get_array()), np.nan)) == pytest.approx(
             reported, rel=1e-9, abs=0.0
         )
-        assert SIGN in labels(figure)
+        assert not without_sign(figure)
+        assert any(SIGN in text for text in texts(figure))
 
 
 def test_too_high_is_red_on_every_map() -> None:
     run = printed(1.0, high_cell=(2, 3))
-    for figure in (plot.error_map(run, "a"), plot.comparison({"a": run})):
+    for figure in (error_map(run, "a"), comparison({"a": run})):
         (image,) = [image for axes in figure.axes for image in axes.get_images()]
         red, _, blue, _ = image.to_rgba(np.ma.asarray(image.get_array()))[3, 2]
         assert red > blue
     (solid,) = [
         each
-        for axes in plot.surfaces({"a": run}).axes
+        for axes in surfaces({"a": run}).axes
         for each in axes.collections
         if isinstance(each, PolyCollection) and len(each.get_facecolor()) > 25
     ]
@@ -77,13 +108,14 @@ def test_too_high_is_red_on_every_map() -> None:
 
 def test_cut_has_the_mean_error_of_the_table() -> None:
     run = printed(4.0)
-    figure = plot.cross_section({"a": run})
+    figure = cross_section({"a": run})
     top = figure.axes[1]
     assert np.nanmean(np.asarray(top.lines[0].get_ydata())) == pytest.approx(
         float(run.mean_error[-1]) * 1e6, rel=1e-9, abs=0.0
     )
-    assert labels(figure) == [SIGN]
-    assert SIGN in labels(plot.surfaces({"a": run}))
+    assert top.get_ylabel() == f"error [µm]\n({SIGN})"
+    words = [text.get_text() for text in surfaces({"a": run}).axes[-1].texts]
+    assert words == ["too low", "too high"]  # at the upper and the lower end
     (above,) = [line for line in figure.axes[0].lines if line.get_label() == "a"]
     np.testing.assert_allclose(np.asarray(above.get_ydata()), run.height[-1, :, 2] * 1e6, rtol=1e-12)
 
@@ -91,8 +123,8 @@ def test_cut_has_the_mean_error_of_the_table() -> None:
 def test_layers_show_mean_and_unevenness_of_the_table() -> None:
     run = printed(-4.0, high_cell=(2, 3))
     run["pattern"] = (("layer", "x", "y"), np.ones((2, 5, 5), np.int32))
-    mean, spread, droplets = plot.layers({"a": run}).axes
-    np.testing.assert_allclose(np.asarray(mean.lines[0].get_ydata()), np.abs(run.mean_error) * 1e6, rtol=1e-12)
+    mean, spread, droplets = layers({"a": run}).axes
+    np.testing.assert_allclose(np.asarray(mean.lines[0].get_ydata()), run.mean_error * 1e6, rtol=1e-12)
     np.testing.assert_allclose(np.asarray(spread.lines[0].get_ydata()), run["std"][1:] * 1e6, rtol=1e-12)
     np.testing.assert_array_equal(np.asarray(droplets.lines[0].get_ydata()), [25])
 
@@ -128,7 +160,7 @@ def test_surface_of_any_grid_has_its_shape_and_coloured_tops_only(
         drawn.append((axes, corners, facecolors))
 
     monkeypatch.setattr(Axes3D, "plot_surface", plot_surface)
-    figure = plot.surfaces({"a": slab(nx, ny)})
+    figure = surfaces({"a": slab(nx, ny)})
     ((axes, (x, y, z), colours),) = drawn
     width, depth, _ = axes._box_aspect
     assert depth / width == pytest.approx(ny / nx, rel=1e-12, abs=0.0)
@@ -141,5 +173,80 @@ def test_surface_of_any_grid_has_its_shape_and_coloured_tops_only(
     is_blue = colours[..., 2] - colours[..., 0] > 0.2
     assert is_blue[is_top & (corners[0] > 46.9)].all()
     assert not is_blue[~is_top].any()
-    assert max(colours.shape[:2]) < 2 * plot.PLATES
+    assert max(colours.shape[:2]) < 2 * surface_picture.PLATES
     assert figure.texts[-1].get_text().startswith("heights in µm, stretched x ")
+
+
+def in_two_inks() -> xr.Dataset:
+    """A print of layers of A and B, 20 um each, where A is wanted up to 24 um."""
+    run = slab(12, 8)
+    height = np.cumsum([np.zeros((12, 8)), *[np.where(run.mask, 20e-6, 0.0)] * 2], axis=0)
+    ink = np.broadcast_to(np.array([0, 1, 2], np.int8)[:, None, None], height.shape)
+    bounds = np.broadcast_to(np.array([0.0, 24e-6])[:, None, None, None], (2, 1, 12, 8))
+    arrays = {"height": height, "ink": ink, "pattern": ink.astype(np.int32)}
+    run = run.drop_dims("layer").assign({name: (("layer", "x", "y"), values) for name, values in arrays.items()})
+    regions = dict(zip(("region_bottom", "region_top"), bounds, strict=True))
+    run = run.assign({name: (("interval", "x", "y"), values) for name, values in regions.items()})
+    figures = {"mean_error": [50e-6, 30e-6, 10e-6], "std": [0.0, 0.0, 1e-6]}
+    run = run.assign({name: ("layer", values) for name, values in figures.items()})
+    return run.assign(mismatch=0.2).assign_coords(layer=[0, 1, 2])
+
+
+def difference() -> ModelDifference:
+    rows = tuple(LayerDifference(layer, 1e-6, 2e-6, 1e-6, 3e-6, (3, 3)) for layer in range(3))
+    return ModelDifference("model", np.full((3, 12, 8), 1e-6), rows)
+
+
+@pytest.fixture
+def coarse_view(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Solids are seen in fewer pixels than in print."""
+    monkeypatch.setattr("inkloop.report.solid_view.PIXELS", 60)
+    monkeypatch.setattr("inkloop.report.solid_view.STEPS", 60)
+
+
+@pytest.mark.usefixtures("coarse_view")
+def test_every_label_of_an_error_says_what_its_sign_means() -> None:
+    run = in_two_inks()
+    figures = pictures({"a": Result(run, {}), "b": Result(run, {})})
+    assert {"error-map", "layers", "cross-section", "surface", "materials", "solid"} < set(figures)
+    figures |= {"comparison": comparison({"a": run}), "hardware": hardware_against_model(run, difference(), "a")}
+    assert {name: found for name, figure in figures.items() if (found := without_sign(figure))} == {}
+    assert any("error of ink A" in text for text in texts(figures["solid"]))
+    bare = error_map(run, "a")
+    bare.axes[1].set_xlabel("error [µm]")
+    assert without_sign(bare) == ["error [µm]"]
+
+
+@pytest.mark.usefixtures("coarse_view")
+def test_solid_shows_how_long_its_sides_are() -> None:
+    run = in_two_inks()
+    figure, levels = solids({"a": run}), voxels(run).shape[2]
+    words = [text.get_text() for text in figure.axes[0].texts]
+    assert words == ["0.2 mm", "0.2 mm", "10 µm"]  # 12 cells of 0.1 mm, 48 um
+    bars = [np.ptp(np.array(line.get_data()), axis=1) for line in figure.axes[0].lines]
+    assert bars[2][0] == pytest.approx(0.0, abs=1e-9)  # upright
+    share = np.hypot(*bars[2]) / (view(np.ones((12, 8, levels), np.bool_), SOLID_UPRIGHT).axes[2, 1] * SOLID_UPRIGHT)
+    assert share == pytest.approx(10.0 / levels, rel=1e-6, abs=0.0)
+
+
+def test_runs_that_coincide_are_told_apart_by_their_marks() -> None:
+    axes = Figure().subplots()
+    for number in range(len(plot.MARKS)):
+        plot.draw_line(axes, number, np.arange(60), np.ones(60))
+    lines, ends = axes.lines[::2], axes.lines[1::2]
+    assert len({line.get_marker() for line in lines}) == len({line.get_color() for line in lines}) == len(lines)
+    places = [place for line in lines for place in np.atleast_1d(np.asarray(line.get_markevery()))]
+    assert len(places) == len(set(places)) > len(plot.MARKS)
+    assert [np.asarray(end.get_xdata()).tolist() for end in ends] == [[59]] * len(plot.MARKS)
+
+
+def test_picture_is_written_in_each_format_with_the_same_bytes_each_time(tmp_path: Path) -> None:
+    for folder in ("first", "second"):
+        (tmp_path / folder).mkdir()
+        plot.save(Figure((1.0, 1.0)), tmp_path / folder / "cut", ["svg", "pdf", "png"])
+    files = sorted(path.name for path in (tmp_path / "first").iterdir())
+    assert files == ["cut.pdf", "cut.png", "cut.svg"]
+    for name, magic in zip(files, (b"%PDF", b"\x89PNG", b"<?xml"), strict=True):
+        content = (tmp_path / "first" / name).read_bytes()
+        assert content.startswith(magic)
+        assert content == (tmp_path / "second" / name).read_bytes()

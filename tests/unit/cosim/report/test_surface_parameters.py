@@ -26,7 +26,7 @@ def test_the_command_evaluates_a_map_under_a_mask(tmp_path: Path, capsys: pytest
     assert (found["cells"], found["f_operation"], found["s_filter_um"]) == (99, "plane", 50.0)
     assert found["volume_target_nl"] is None
     assert "knows no target" in found["refused"]["volume_target"]
-    for words in ("root mean square gradient", "S-filter 50 um", "regression order 1", "least-squares plane"):
+    for words in ("root mean square gradient", "S-filter 50 µm", "regression order 1", "least-squares plane"):
         assert words in " ".join(shown.err.split())
     for wrong, message in (
         (["--mask", "part"], "only a run knows its part"),
@@ -43,7 +43,7 @@ def test_the_command_evaluates_profiles(tmp_path: Path, capsys: pytest.CaptureFi
     command = ["metrology", str(tmp_path / "map.npy"), "--unit", "m", "--pixel-um", "10", "--json", "--profile", "x"]
     assert main(command) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["profiles"] == "17 of 17 rows along x, evaluation length 600 um, primary profiles"
+    assert found["profiles"] == "17 of 17 rows along x, evaluation length 600 µm, primary profiles"
     assert found["Pt_um"] > found["Pp_um"] > found["Pq_um"] > found["Pa_um"] > 0.0
     assert main([*command, "--l-filter-um", "700"]) == 1
-    assert json.loads(capsys.readouterr().out)["refused"]["Ra"].startswith("a filter of 700 um is wider than")
+    assert json.loads(capsys.readouterr().out)["refused"]["Ra"].startswith("a filter of 700 µm is wider than")

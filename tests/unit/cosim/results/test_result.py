@@ -9,30 +9,13 @@ import pytest
 import xarray as xr
 
 from inkloop.errors import ResultError
-from inkloop.master.master import Master
-from inkloop.master.wiring import contract_connections
-from inkloop.results.recorder import Recorder
 from inkloop.results.result import Result
-from support.toys import DROPLET, toy_job, toy_loop
+from support.toys import DROPLET, toy_job, toy_result
 
 
 @pytest.fixture
 def result() -> Result:
-    job = toy_job(layers=3)
-    parts = toy_loop(job)
-    recorder = Recorder(job, parts)
-    master = Master(parts, contract_connections(parts), step_ns=1_000_000_000, observers=[recorder])
-    reason = master.run(layers_max=10)
-    return Result.of(
-        recorder.dataset(),
-        title="Block",
-        label="closed loop",
-        scenario_text="title = 'Block'  # µm\n",
-        seed=7,
-        stop_reason=reason,
-        wall_s=master.wall_s,
-        components=parts,
-    )
+    return toy_result()
 
 
 def test_saved_run_reads_back_the_same(result: Result, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from inkloop.component import Ink, Job
-from inkloop.results.solid import layer_ink, mismatch, voxels
+from inkloop.results.solid import ink_error, layer_ink, mismatch, region_edges, voxels, wanted
 from support.half_spaces import Below
 
 INKS = (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6))
@@ -18,10 +18,12 @@ def printed(heights: list[float], inks: list[int], boundary: float) -> xr.Datase
     height = np.broadcast_to(np.array([0.0, *heights])[:, None, None] * 1e-6, (len(heights) + 1, 4, 4))
     pattern = np.broadcast_to(np.array([0, *inks], np.int32)[:, None, None], height.shape)
     arrays = {"height": (("layer", "x", "y"), height), "pattern": (("layer", "x", "y"), pattern)}
-    run = xr.Dataset({**arrays, "target_height": (("x", "y"), height[-1])}, attrs={"pitch": 263.256e-6})
+    part = {"target_height": (("x", "y"), height[-1]), "mask": (("x", "y"), np.ones((4, 4), np.bool_))}
+    run = xr.Dataset({**arrays, **part}, attrs={"pitch": 263.256e-6})
     job = Job(4, 4, 263.256e-6, height[-1], np.ones((4, 4), np.bool_), INKS, Below(boundary * 1e-6))
     ink = np.array([layer_ink(layer, INKS) for layer in pattern])
-    return run.assign(ink=(("layer", "x", "y"), ink), mismatch=mismatch(height, ink, job))
+    regions = {name: (("interval", "x", "y"), edges) for name, edges in region_edges(job).items()}
+    return run.assign(regions).assign(ink=(("layer", "x", "y"), ink), mismatch=mismatch(height, ink, job))
 
 
 def test_a_cell_belongs_to_its_own_droplet_whatever_surrounds_it() -> None:
@@ -48,3 +50,12 @@ def test_solid_as_wanted_has_no_mismatch() -> None:
 @pytest.mark.parametrize("boundary", [8.0, 12.0])
 def test_mismatch_is_the_share_that_is_too_much_or_lacking(boundary: float) -> None:
     assert float(printed([10.0, 20.0], [1, 2], boundary).mismatch) == pytest.approx(2.0 / boundary, rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize("boundary", [16.0, 24.0])
+def test_error_of_ink_a_is_what_is_missing_or_too_much_at_its_top(boundary: float) -> None:
+    run = printed([20.0, 40.0], [1, 2], boundary)
+    assert wanted(run)[1, 1].sum() == boundary
+    error = ink_error(run, reach_m=3e-6)[1, 1] * 1e6
+    assert error[19] == pytest.approx(boundary - 20.0, rel=1e-6, abs=0.0)  # missing is positive
+    assert error[10] == 0.0  # far below

@@ -17,6 +17,7 @@ from inkloop.limits import GIB, KIB, MIB
 from inkloop.printing.run import checked_run_folder
 from inkloop.scenario import footprint
 from inkloop.scenario.file import Scenario
+from inkloop_controller.planning.horizon_planner import ending_of
 from support.places import ROOT
 
 CUBOID = ROOT / "scenarios" / "cuboid.toml"
@@ -122,3 +123,23 @@ def test_estimate_covers_what_the_arrays_of_a_print_take(tmp_path: Path) -> None
         tracemalloc.stop()
     of_a_cell = (peaks[80] - peaks[40]) / (80**2 - 40**2)
     assert 0.3 * loaded.footprint.memory_of_a_cell < of_a_cell < loaded.footprint.memory_of_a_cell
+
+
+def test_computing_grows_with_cells_layers_horizon_and_runs() -> None:
+    alone, _, compared = CUBOID.read_text().partition("[compare.")
+
+    def seconds(text: str = alone, **changes: object) -> float:
+        keys = {name.replace("__", "."): value for name, value in changes.items()}
+        return Scenario.of_text(text, str(CUBOID), keys).footprint.seconds_of_a_cell
+
+    planning = [seconds(components__controller__horizon=ahead) for ahead in (2, 3, 4, 5)]
+    assert planning == sorted(set(planning))
+    assert seconds() == planning[-1]
+    open_loop = seconds(f"{alone}[compare.{compared}") - seconds()
+    assert open_loop == pytest.approx(3 * 5e-6, rel=1e-9, abs=0.0), "three layers without planning"
+    assert seconds(part__height_um=45.6) == pytest.approx(2 * seconds(), rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize("finish", footprint.HORIZONS)
+def test_layers_ahead_are_those_of_the_controller(finish: Literal["even", "fast"]) -> None:
+    assert footprint.HORIZONS[finish] == ending_of(finish).horizon

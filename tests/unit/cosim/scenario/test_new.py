@@ -27,7 +27,7 @@ def test_template_prints_until_its_controller_is_done(shape: str, tmp_path: Path
 
 def test_every_shape_without_a_file_has_a_template() -> None:
     part = ScenarioFile.model_json_schema()["properties"]["part"]
-    assert set(part["discriminator"]["mapping"]) - {"mesh", "stack", "height-map"} == set(new.shapes())
+    assert set(part["discriminator"]["mapping"]) - {"mesh", "stack", "layers", "height-map"} == set(new.shapes())
 
 
 def test_command_line_offers_every_template() -> None:

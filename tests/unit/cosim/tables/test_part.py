@@ -117,7 +117,7 @@ def test_part_beyond_the_grid_or_its_margin_is_refused_with_the_grid_that_it_nee
     with pytest.raises(ScenarioError) as caught:
         with_part(moved, tmp_path)
     (error,) = caught.value.errors
-    assert "it is 480 x 400 um wide; with grid.nx >= 9 and grid.ny >= 8 it fits in the middle" in error
+    assert "it is 480 x 400 µm wide; with grid.nx >= 9 and grid.ny >= 8 it fits in the middle" in error
     with_part(BOX.replace("520.0", "350.0").replace(", ", "\n"), tmp_path)
-    with pytest.raises(ScenarioError, match="the grid of 14 x 12 cells less its margin of 3: it is 480 x 400 um"):
+    with pytest.raises(ScenarioError, match="the grid of 14 x 12 cells less its margin of 3: it is 480 x 400 µm"):
         with_part(BOX.replace("520.0", "350.0").replace(", ", "\n") + "\n[support]\nmargin_cells = 3", tmp_path)

@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 from inkloop.errors import ScenarioError
+from inkloop.exchange.layers import bitmap
 from inkloop.units import M_PER_UM
 from support.parts import NX, NY, PITCH_UM, with_part
 
@@ -60,7 +61,8 @@ def test_formats_and_kinds_of_picture_give_the_same_part(tmp_path: Path) -> None
     for number in range(3):
         bits.save(tmp_path / f"b_{number}.bmp")
         Image.fromarray(np.repeat(F[..., None], 3, axis=2) * 255).save(tmp_path / f"rgb_{number}.png")
-    for files, full in (("pages.tif", 1), ("b_{n}.bmp", 1), ("rgb_{n}.png", 255)):
+        (tmp_path / f"head_{number}.tif").write_bytes(bitmap.encode(F.T == 1, 1e-4, "tiff", "F"))  # 0 is white
+    for files, full in (("pages.tif", 1), ("b_{n}.bmp", 1), ("rgb_{n}.png", 255), ("head_{n}.tif", 1)):
         part = STACK.format(files=files) + f'mirror = "y"\ninks = {{ 0 = "none", {full} = "A" }}'
         job = with_part(part, tmp_path).job()
         np.testing.assert_array_equal(job.mask, on_grid(F), err_msg=files)
@@ -184,7 +186,7 @@ def test_pixels_without_a_height_and_heights_below_the_substrate_are_not_printed
 @pytest.mark.parametrize(
     ("part", "expected"),
     [
-        (HEIGHTS + "pixel_um = 900.0", "part reaches beyond the grid of 14 x 12 cells: it is 1800 x 1800 um wide"),
+        (HEIGHTS + "pixel_um = 900.0", "part reaches beyond the grid of 14 x 12 cells: it is 1800 x 1800 µm wide"),
         (HEIGHTS, "does not declare the size of its pixels"),
         (HEIGHTS.replace("map.npy", "absent.csv"), "absent.csv: cannot be read: No such file"),
         (HEIGHTS.replace('"um"', '"inch"'), "part.unit is 'inch'; expected 'nm', 'um', 'mm' or 'm'"),

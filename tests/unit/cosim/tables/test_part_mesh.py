@@ -12,10 +12,34 @@ from inkloop.errors import ScenarioError
 from inkloop.geometry import Columns
 from inkloop.units import M_PER_UM, MM_PER_M
 from support.parts import PITCH_UM, with_part
+from support.three_mf import mesh_object, model_xml, package
 
 MESH = 'shape = "mesh"\nfile = "part.stl"\nunit = "mm"\n'
 BOX = parts.box((10.0, 10.6), (-2.0, -1.6), 5.0, 5.03)
 """6 x 4 cells, far from the origin and over the substrate."""
+
+
+@pytest.mark.parametrize("away", [0.0, 100.0, 1e6])
+def test_walls_on_centres_are_seen_as_far_as_the_coordinates_resolve_them(away: float, tmp_path: Path) -> None:
+    """From 0.3 mm to 0.9 mm and 0.2 mm to 0.6 mm; at 100 mm single precision resolves 0.012 um, at 1 km 120 um."""
+    box = parts.box((away + 0.3, away + 0.9), (away + 0.2, away + 0.6), 0.0, 0.03)
+    write(tmp_path, box)
+    remarks = with_part(MESH, tmp_path, nx=15).solid.remarks
+    if away == 1e6:
+        assert "the coordinates of the file resolve 119 um" in remarks[0]
+        return
+    assert "upright walls stand on rows of cell centres" in remarks[0]
+    assert with_part(MESH, tmp_path).solid.remarks == ()
+
+
+def test_object_of_several_materials_in_one_ink_is_a_remark(tmp_path: Path) -> None:
+    pytest.importorskip("lib3mf", reason="3MF needs lib3mf: pip install 'inkloop[3mf]'")
+    painted = mesh_object(2, BOX, "box", 0).replace("<triangle ", '<triangle pid="1" p1="1" ', 1)
+    model = model_xml(painted, '<item objectid="2"/>', materials="stiff soft")
+    (tmp_path / "part.3mf").write_bytes(package(model))
+    (remark,) = with_part('shape = "mesh"\nfile = "part.3mf"', tmp_path).solid.remarks
+    assert remark.startswith("object 'box' has triangles of several materials ('stiff', 'soft')")
+    assert remark.endswith("all of it is ink A")
 
 
 def errors_of(part: str, folder: Path) -> tuple[str, ...]:
@@ -85,7 +109,7 @@ def test_walls_on_centres_of_cells_are_a_warning(tmp_path: Path) -> None:
         (MESH.replace('"mm"', '"inch"'), "part.unit is 'inch'; expected 'um', 'mm', 'cm', 'm', 'in' or 'ft'"),
         (
             MESH + "scale = 4.0",
-            "part reaches beyond the grid of 14 x 12 cells: it is 2400 x 1600 um wide; with grid.nx",
+            "part reaches beyond the grid of 14 x 12 cells: it is 2400 x 1600 µm wide; with grid.nx",
         ),
         (MESH + "scale = 0.0", "part.scale is 0.0; expected greater than 0"),
         (MESH + "rotate_deg = [0.0, 90.0]", "part.rotate_deg is [0.0, 90.0]; List should have at least 3 items"),

@@ -123,7 +123,7 @@ def test_without_support_only_what_rests_on_the_substrate_is_printed(
     mushroom = Solid(Mushroom(), Bounds(1e-3, 1e-3, 1e-3, 1e-3))
     monkeypatch.setattr(PipeJunctionTable, "solid", lambda table, grid, folder: mushroom)
     with pytest.raises(
-        ScenarioError, match=r"part: 72 cells \(88\.9%\) have nothing below them, first at \(6, 6\) from 20 um"
+        ScenarioError, match=r"part: 72 cells \(88\.9%\) have nothing below them, first at \(6, 6\) from 20 µm"
     ):
         loaded(tmp_path, None)
     job = loaded(tmp_path, "none").job()

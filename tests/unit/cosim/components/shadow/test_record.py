@@ -13,6 +13,8 @@ from inkloop.components.shadow.shadow import Shadow
 from inkloop.master.master import Master
 from inkloop.master.wiring import contract_connections
 from inkloop.report import run_report
+from inkloop.report.formats import PNG
+from inkloop.report.remarks import remarks
 from inkloop.results.checkpoint import Checkpoints
 from inkloop.results.recorder import LayerRow, Recorder
 from inkloop.results.result import Result
@@ -100,8 +102,8 @@ def test_report_shows_where_the_shadow_and_the_scans_disagree(tmp_path: Path) ->
         components={},
     )
     result.save(tmp_path)
-    run_report.write(tmp_path)
-    message = "layer 2 grew differently from the shadow's model, by 10.00 um rms"
-    assert run_report.remarks(result) == [message]
+    run_report.write(tmp_path, [PNG])
+    message = "layer 2 grew differently from the shadow's model, by 10.00 µm rms"
+    assert remarks(result) == [message]
     assert f"toy: {message}" in (tmp_path / "summary.txt").read_text()
     assert (tmp_path / "divergence.png").stat().st_size > 1000

@@ -224,7 +224,7 @@ def test_layer_that_was_not_jetted_is_logged_once_and_its_run_continues(caplog: 
     assert watch.surface[4] == pytest.approx(DROPLET, rel=1e-9, abs=0.0)
     message = [record.getMessage() for record in caplog.records]
     assert message == [
-        "layer 2 grew differently from the model, by 10.00 um rms over the part; more than alarm_um = 5. "
+        "layer 2 grew differently from the model, by 10.00 µm rms over the part; more than alarm_um = 5. "
         "Look at the print head and at the scan"
     ]
 
@@ -309,7 +309,7 @@ def test_plant_without_the_handshake_is_stepped_layer_by_layer(caplog: pytest.Lo
         ({"alarm_um": 0.0}, "alarm_um is 0.0; expected"),
         ({"start": "flat"}, "start is 'flat'; expected 'scan' or 'job'"),
         ({"variaton": 0.1}, "variaton is no option of LayerDeposition; did you mean variation?"),
-        ({"plant": "Fmu", "file": "none.fmu"}, "kind is 'Fmu'"),
+        ({"plant": "Fmu", "file": "none.fmu"}, "file: none.fmu: cannot be read"),
     ],
 )
 def test_error_of_the_options_is_reported(options: dict[str, object], message: str) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tools import parts
 
 from inkloop.cli import main
 from inkloop.exchange.layers import archive
@@ -17,6 +18,7 @@ from inkloop.exchange.layers.patterns import Patterns, of_open_loop, of_run
 from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
+from inkloop.tables import layer_manifest
 from support.bitmap_readers import stored_bits
 from support.places import SCENARIOS
 
@@ -45,7 +47,7 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def manifest_of(folder: Path) -> dict[str, Any]:
-    return json.loads((folder / archive.MANIFEST).read_text())
+    return json.loads((folder / layer_manifest.NAME).read_text())
 
 
 def planes(folder: Path, form: str = "tiff") -> list[tuple[dict[str, Any], np.ndarray]]:
@@ -119,6 +121,28 @@ def test_manifest_describes_the_folder(tmp_path: Path) -> None:
     assert [entry["file"] for entry in manifest["files"]] == ["L0002_P1_A.png"]
 
 
+def test_layers_that_were_aborted_are_marked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = printed("cuboid")
+    whole = result.dataset.assign(layer_unknown=("layer", np.array([False, False, True])))
+    Result(whole, result.run).save(tmp_path / "run")
+    for layers, unknown in (("1", []), ("1-2", [2])):
+        out = tmp_path / layers
+        assert main(["export-layers", str(tmp_path / "run"), "--layers", layers, "--out", str(out)]) == 0
+        assert manifest_of(out)["unknown_layers"] == unknown
+        assert ("what of them was jetted is unknown: 2" in capsys.readouterr().out) == bool(unknown)
+
+
+def test_a_part_becomes_layers_without_a_scenario(tmp_path: Path) -> None:
+    """A box of 6 x 4 cells and three layers."""
+    (tmp_path / "box.stl").write_bytes(parts.stl(parts.box((0.0, 0.6), (0.0, 0.4), 0.0, 0.0228)))
+    out = tmp_path / "out"
+    command = ["export-layers", str(tmp_path / "box.stl"), "--pitch-um", "100", "--format", "png", "--out", str(out)]
+    assert main(command) == 0
+    found = planes(out, "png")
+    assert [(entry["layer"], entry["drops"]) for entry, _ in found] == [(1, 24), (2, 24), (3, 24)]
+    assert manifest_of(out)["pitch_x_um"] == 100.0
+
+
 @pytest.mark.parametrize(
     ("name", "variant"), [("cuboid", "open loop"), ("pipe-junction", "open loop"), ("cylinder-open-loop", None)]
 )
@@ -190,6 +214,7 @@ def test_command_writes_chosen_layers_of_a_run(
         (["--layers", "all"], "expected A-B"),
         (["--passes"], "a layer is one pass here"),
         (["--set", "seed=2"], "--set goes with a scenario"),
+        (["--pitch-um", "50"], "--pitch-um: goes with the file of a part"),
     ],
 )
 def test_wrong_options_are_refused(

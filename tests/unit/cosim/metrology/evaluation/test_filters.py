@@ -9,9 +9,9 @@ import pytest
 
 from inkloop.metrology.evaluation.definitions import Axis, FilterOrder
 from inkloop.metrology.evaluation.filters import gaussian
-from support.evaluated import STEP, A, Map, areal, map_of, number, reason, rough, wave
+from support.evaluated import STEP, A, Map, areal, map_of, number, reason, rough, surface_of, wave
 
-HOLES = np.random.default_rng(5).random((24, 17)) > 0.2
+HOLES = np.random.default_rng(5).random((24, 17)) > 0.15
 
 
 def by_definition(
@@ -74,8 +74,14 @@ def test_s_and_l_filters_divide_the_waves() -> None:
     assert high == pytest.approx(sqrt((A / 4) ** 2 + (A * 0.074) ** 2) / sqrt(2), rel=0.02, abs=0.0)
 
 
+def test_heights_are_counted_from_their_mean() -> None:
+    """Which an L-filter moves away from zero."""
+    heights = surface_of(map_of(np.where(HOLES, rough(), np.nan)), f_operation="plane", l_filter=6 * STEP).heights
+    assert heights.mean() == pytest.approx(0.0, abs=1e-18)
+
+
 def test_filters_that_do_not_fit_are_refused() -> None:
     map_ = map_of(wave(60, 30))
-    assert "wider than the cells that count, 300 um" in reason(areal(map_, l_filter=31 * STEP), "Sa")
-    assert "narrower than 4 cells of 10 um" in reason(areal(map_, s_filter=3 * STEP), "Sa")
+    assert "wider than the cells that count, 300 µm" in reason(areal(map_, l_filter=31 * STEP), "Sa")
+    assert "narrower than 4 cells of 10 µm" in reason(areal(map_, s_filter=3 * STEP), "Sa")
     assert "leaves nothing between" in reason(areal(map_, s_filter=20 * STEP, l_filter=20 * STEP), "Sa")

@@ -68,7 +68,9 @@ def test_volumes_add_up() -> None:
     assert found["Vvc"] + found["Vvv"] - found["Vmp"] == pytest.approx(c10, rel=1e-9, abs=0.0)
     assert found["Vvv"] - found["Vmp"] - found["Vmc"] == pytest.approx(c80, rel=1e-9, abs=0.0)
     over = np.clip(z, c80, c10).mean()  # the core alone: material from c80 to c10
-    assert found["Vmc"] == pytest.approx(z[z > c80].sum() / z.size - found["Vmp"] - c80 * (z > c80).mean(), rel=1e-9)
+    assert found["Vmc"] == pytest.approx(
+        z[z > c80].sum() / z.size - found["Vmp"] - c80 * (z > c80).mean(), rel=1e-9, abs=0.0
+    )
     assert found["Vvc"] == pytest.approx(c10 - over, rel=1e-9, abs=0.0)
 
 

@@ -21,13 +21,17 @@ def of_all_points(terms: np.ndarray, values: np.ndarray) -> float:
     return float(solved.x[-1])
 
 
-@pytest.mark.parametrize("kind", ["rough", "dome", "saddle", "few"])
+@pytest.mark.parametrize("kind", ["rough", "dome", "saddle", "waves", "few"])
 def test_the_zone_is_that_of_the_linear_program(kind: str) -> None:
     rng = np.random.default_rng(7)
-    x, y = rng.uniform(-1.0, 1.0, (2, 5 if kind == "few" else 400))
-    z = {"rough": rng.normal(size=x.size), "few": rng.normal(size=x.size), "dome": -x * x - y * y, "saddle": x * y}[
-        kind
-    ]
+    x, y = rng.uniform(-1.0, 1.0, (2, 5 if kind == "few" else 1000))
+    z = {
+        "rough": rng.normal(size=x.size),
+        "few": rng.normal(size=x.size),
+        "dome": -x * x - y * y,
+        "saddle": x * y,
+        "waves": np.sin(9 * x) * np.cos(7 * y) + 0.4 * x**3,
+    }[kind]
     terms = np.column_stack([np.ones_like(x), x, y])
     factors, half = minimax(terms, z + 3.0 * x - 50.0)
     assert half == pytest.approx(of_all_points(terms, z), rel=1e-6, abs=0.0)

@@ -1,0 +1,81 @@
+"""Maps of the error over the part: of one run with its distribution, and of several runs on one scale."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from inkloop.report.layer_curves import draw_layers
+from inkloop.report.plot import (
+    COLOURS,
+    ERROR_COLOURS,
+    ERROR_LABEL,
+    WIDTH_IN,
+    Runs,
+    add_scale,
+    error_norm,
+    error_of,
+    extent_of,
+    figures_of,
+    new_figure,
+)
+
+MAP_IN = 2.3  # height of a map
+SCALE_IN = 1.3  # what ticks, labels and the colour scale take of its width
+
+
+def error_map(run: xr.Dataset, name: str) -> Figure:
+    """The final error over the part, and how it is distributed."""
+    error, (left, right, bottom, top) = error_of(run), extent_of(run)
+    figure = new_figure(3.2)
+    width = min(max(MAP_IN * (right - left) / (top - bottom) + SCALE_IN, 2.2), 0.62 * WIDTH_IN)
+    plane, counts = figure.subplots(1, 2, width_ratios=(width, WIDTH_IN - width))
+    image = plane.imshow(
+        error.T,
+        origin="lower",
+        extent=(left, right, bottom, top),
+        interpolation="nearest",
+        cmap=ERROR_COLOURS,
+        norm=error_norm([error]),
+    )
+    add_scale(figure, image, ax=plane)
+    plane.set(xlabel="x [mm]", ylabel="y [mm]")
+    figure.suptitle(f"{name}: {figures_of(run)}")
+    limit = max(float(np.nanmax(np.abs(error))), 1e-3)
+    counts.hist(error[~np.isnan(error)], bins=41, range=(-limit, limit), color=COLOURS[0])
+    counts.axvline(0, color="black", linestyle="--", linewidth=1)
+    counts.set(xlabel=ERROR_LABEL.replace("\n", " "), ylabel="cells")
+    counts.yaxis.set_major_locator(MaxNLocator("auto", integer=True))
+    return figure
+
+
+def comparison(runs: Runs) -> Figure:
+    """Final error maps on one scale; below them mean error, unevenness and droplets by layer."""
+    errors = {name: error_of(run) for name, run in runs.items()}
+    norm = error_norm(list(errors.values()))
+    figure = new_figure(5.2)
+    above, below = np.ravel(np.asarray(figure.subfigures(2, 1, height_ratios=(6, 5)), dtype=object))
+    maps = above.subplots(1, len(runs), squeeze=False)[0]
+    for axes, (name, run) in zip(maps, runs.items(), strict=True):
+        image = axes.imshow(
+            errors[name].T,
+            origin="lower",
+            extent=extent_of(run),
+            interpolation="nearest",
+            cmap=ERROR_COLOURS,
+            norm=norm,
+        )
+        axes.set(xlabel="x [mm]", title="\n".join((name, *figures_of(run).split(", "))))
+    maps[0].set_ylabel("y [mm]")
+    add_scale(above, image, ax=list(maps))
+    mean, spread, droplets = below.subplots(1, 3)
+    draw_layers(mean, spread, droplets, runs)
+    mean.set(title=f"mean {ERROR_LABEL}", xlabel="layer")
+    spread.set(title="std over the part [µm]", xlabel="layer")
+    droplets.set(title="droplets of the layer", xlabel="layer")
+    for axes in (mean, spread, droplets):
+        axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
+    below.legend(*mean.get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
+    return figure

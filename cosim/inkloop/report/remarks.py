@@ -1,0 +1,76 @@
+"""What a run could not make good, and where a model and the scans disagree: one sentence each."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from inkloop.contract import LAYER_UNKNOWN
+from inkloop.report.trust import untrusted_remarks
+from inkloop.results.result import Result
+from inkloop.units import UM_PER_M
+
+REMARKS = {
+    "untrusted_cells": "untrusted cells: {}, unseen for too long, their heights are predictions",
+    "dead_cells": "dead cells: {}, droplets commanded there bring nothing",
+}
+SCAN = ("shift_x", "shift_y", "shift_std", "spot_radius")
+
+
+def remarks(result: Result) -> list[str]:
+    """What the controller could not make good in its last layer, and where a shadow's model and the scans disagree.
+
+    A sentence each; none where all is well.
+    """
+    counts = [(text, result.dataset[name]) for name, text in REMARKS.items() if name in result.dataset]
+    found = [text.format(cells[-1].item()) for text, cells in counts if cells.dims == ("layer",) and cells[-1] > 0]
+    run = result.dataset
+    found += untrusted_remarks(run)
+    return found + _corrected_scans(run) + _nothing_printed(result) + _unknown_layers(run) + _alarms(run)
+
+
+def _corrected_scans(run: xr.Dataset) -> list[str]:
+    """One sentence where the controller found that the sensor does not look where it should."""
+    if "scan_corrected" not in run or not run.scan_corrected[-1]:
+        return []
+    x, y, std, spot = (float(run[f"scan_{name}"][-1]) * UM_PER_M for name in SCAN)
+    wide = f", and the spot is {spot:.0f} µm wide (standard deviation)" if spot > 0.0 else ""
+    return [
+        f"scans were corrected: the last one was shifted by {x:.1f} µm along x and {y:.1f} µm along y "
+        f"(+- {std:.1f} µm){wide}; register the profiler with the printer"
+    ]
+
+
+def _nothing_printed(result: Result) -> list[str]:
+    """One sentence where the controller was done before the first layer."""
+    if result.stop_reason != "done" or result.dataset.sizes["layer"] > 1:
+        return []
+    return [
+        "nothing was printed: no layer would improve what the first scan shows. Where it shows an earlier part, "
+        "clear the machine, or restart `inkloop bench`"
+    ]
+
+
+def _unknown_layers(run: xr.Dataset) -> list[str]:
+    """One sentence on the layers that were aborted."""
+    if LAYER_UNKNOWN not in run or not run.layer_unknown.any():
+        return []
+    layers = [str(layer) for layer in np.flatnonzero(run.layer_unknown.values)]
+    which = f"layer {layers[0]} was" if len(layers) == 1 else f"layers {', '.join(layers)} were"
+    return [f"{which} aborted, and what of it was jetted is unknown; the next one was planned from the scan"]
+
+
+def _alarms(run: xr.Dataset) -> list[str]:
+    """One sentence on the layers in which the shadow's status was untrusted or a fault."""
+    if "shadow_status" not in run:
+        return []
+    growth = run.growth_divergence.values
+    layers = np.flatnonzero(run.shadow_status.values > 0)
+    unseen = [f"layer {layer} could not be compared with the model" for layer in layers if np.isnan(growth[layer])]
+    strayed = [layer for layer in layers if not np.isnan(growth[layer])]
+    if not strayed:
+        return unseen[:1]
+    worst = max(strayed, key=lambda layer: float(growth[layer]))
+    others = f"; {len(strayed)} layers in all, the first is layer {strayed[0]}" if len(strayed) > 1 else ""
+    remark = f"layer {worst} grew differently from the shadow's model, by {growth[worst] * UM_PER_M:.2f} µm rms"
+    return [f"{remark}{others}", *unseen[:1]]

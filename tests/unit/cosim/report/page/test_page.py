@@ -1,0 +1,198 @@
+"""The page of a run as a file: maps to half a step, numbers as in summary.txt, nothing that loads or runs by itself."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inkloop.cli import main
+from inkloop.printing.run import print_part
+from inkloop.printing.so_far import RunFolder
+from inkloop.report import run_report
+from inkloop.report.page import page
+from inkloop.report.page.maps import LayerMaps, block_for
+from inkloop.results.result import COMPARE_FOLDER, Result
+from inkloop.scenario.file import Scenario
+from support.once_per_run import once
+from support.pages import HOSTILE, content_of, heights_of, unfinished, unpacked
+from support.prints import quick_cuboid
+
+HALF_A_STEP_UM = 0.005 * (1.0 + 1e-9)
+
+
+def print_two(folder: Path) -> None:
+    """Four layers of the cuboid and of an open loop, with a title and a label that are markup; and its page."""
+    scenario = Scenario.load(quick_cuboid(), {"run.layers_max": 4, "title": HOSTILE, "label": f"closed {HOSTILE}"})
+    print_part(scenario).save(folder)
+    print_part(scenario.variant("open loop")).save(folder / COMPARE_FOLDER / "open-loop")
+    run_report.write(folder, pictures=[])
+    assert main(["report", str(folder), "--html", "--quiet"]) == 0
+
+
+def run_folder() -> Path:
+    return once(print_two)
+
+
+def text() -> str:
+    return (run_folder() / page.FILE).read_text(encoding="utf-8")
+
+
+class Elements(HTMLParser):
+    """Names and attributes of all elements, and the texts of scripts."""
+
+    def __init__(self, source: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+        self._in_script = False
+        self.feed(source)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+        self._in_script = tag == "script"
+        if self._in_script:
+            self.scripts.append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        self._in_script = False
+
+    def handle_data(self, data: str) -> None:
+        if self._in_script:
+            self.scripts[-1] += data
+
+
+def test_maps_are_those_of_the_run_to_half_a_step() -> None:
+    runs = run_report.load_runs(run_folder())
+    shown = content_of(text())["runs"]
+    assert len(shown) == len(runs) == 2
+    for run, result in zip(shown, runs.values(), strict=True):
+        dataset = result.dataset
+        assert np.abs(heights_of(run) - dataset.height.values * 1e6).max() <= HALF_A_STEP_UM
+        assert np.array_equal(unpacked(run["layers"]["droplets"]), dataset.pattern.values)
+        mask = dataset["mask"].values.astype(bool)
+        assert np.array_equal(unpacked(run["final"]["part"]).astype(bool), mask)
+        errors = unpacked(run["final"]["errors"]) * run["step_um"]
+        assert np.abs(errors - result.error_map.values * 1e6)[mask].max() <= HALF_A_STEP_UM
+        assert np.allclose(unpacked(run["target"]), dataset.target_height.values * 1e6, rtol=1e-6, atol=0.0)
+
+
+@pytest.mark.parametrize("block", [2, 5])
+def test_blocks_hold_the_means_of_their_cells_and_on_its_edge_those_of_the_part(block: int) -> None:
+    run = run_report.load_runs(run_folder()).popitem()[1].dataset
+    mask = run["mask"].values.astype(bool)
+    maps = LayerMaps(run, block)
+    nx, ny = maps.blocks.shape
+    assert (nx, ny) == tuple(int(np.ceil(cells / block)) for cells in mask.shape)
+    for i, j in np.ndindex(nx, ny):
+        cells = np.s_[i * block : (i + 1) * block, j * block : (j + 1) * block]
+        counted = mask[cells] if mask[cells].any() else np.ones_like(mask[cells])
+        assert maps.part[i, j] == mask[cells].any()
+        for layer in (0, 3):
+            mean = run.height.values[layer][cells][counted].mean() * 1e6
+            assert abs(maps.heights[layer, i, j] * maps.step_um - mean) <= HALF_A_STEP_UM
+        share = (run.pattern.values[2][cells] != 0).mean() * 100.0
+        assert abs(maps.droplets[2, i, j] - share) <= 0.5
+
+
+def test_maps_that_take_too_much_become_means_of_blocks() -> None:
+    runs = run_report.load_runs(run_folder())
+    whole = page.bytes_of_maps(page.content_within(runs, 10_000_000))
+    small = page.content_within(runs, whole // 2)
+    assert [run["block"] for run in small["runs"]] == [3, 3]
+    assert page.bytes_of_maps(small) <= whole // 2 < whole
+    assert block_for(runs.popitem()[1].dataset, 36) == 2
+
+
+def test_numbers_are_those_of_the_summary() -> None:
+    shown = content_of(text())
+    summary = (run_folder() / "summary.txt").read_text(encoding="utf-8")
+    numbers = [line.split() for line in summary.splitlines()]
+    rows = shown["table"]["rows"]
+    assert len(rows) >= 2
+    for row in rows:
+        assert row[1:] in [line[-len(row) + 1 :] for line in numbers]
+    assert all(" ".join(remark.split()) in " ".join(summary.split()) for remark in shown["remarks"])
+
+
+def test_page_loads_nothing_and_runs_its_own_scripts_only() -> None:
+    elements = Elements(text())
+    policy = next(attrs["content"] for _, attrs in elements.found if attrs.get("http-equiv"))
+    assert policy is not None
+    rules = {rule.split()[0]: set(rule.split()[1:]) for rule in policy.split(";")}
+    assert rules["default-src"] == {"'none'"}
+    assert "connect-src" not in rules
+    data, *scripts = elements.scripts
+    assert data.startswith("{")
+    digests = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
+    assert rules["script-src"] == {f"'sha256-{digest}'" for digest in digests}
+    assert len(scripts) == 1 + len(page.SCRIPTS)
+    handlers = [name for _, attrs in elements.found for name in attrs if name.startswith("on")]
+    places = [attrs for _, attrs in elements.found if attrs.keys() & {"src", "href"}]
+    assert (handlers, places) == ([], [])
+    for name in ("page.html", "page.css", *page.SCRIPTS):
+        assert not re.search(
+            r"https?:|@import|url\(|innerHTML|insertAdjacentHTML|eval\(|new Function", page.own_file(name)
+        )
+
+
+def test_markup_in_titles_and_labels_stays_text() -> None:
+    assert HOSTILE not in text()
+    shown = content_of(text())
+    assert shown["title"] == HOSTILE
+    assert shown["runs"][0]["name"] == f"closed {HOSTILE}"
+    names = {trace["name"] for figure in ("curves", "distribution") for trace in shown[figure]["data"]}
+    assert not [name for name in names if "<" in name]  # Plotly knows some markup
+
+
+def test_figures_are_of_plotly_s_schema() -> None:
+    from plotly.graph_objects import Figure
+
+    shown = content_of(text())
+    for name in ("curves", "distribution"):
+        assert Figure(shown[name]).data
+    with pytest.raises(ValueError, match="lengend"):
+        Figure({"layout": {"lengend": {}}})
+
+
+@pytest.mark.parametrize("form", ["html", pytest.param("pdf", marks=pytest.mark.long)])
+def test_run_that_has_not_ended_is_reported_with_the_layers_it_has(form: str, tmp_path: Path) -> None:
+    unfinished(quick_cuboid(), tmp_path / "run", 2)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert main(["report", str(tmp_path / "run"), f"--{form}", "--quiet"]) == 0
+    written = tmp_path / "run" / f"report.{form}"
+    assert {path: path.read_bytes() for path in before} == before
+    assert {path for path in tmp_path.rglob("*") if path.is_file()} - before.keys() == {written}
+    if form == "html":
+        shown = content_of(written.read_text(encoding="utf-8"))
+        whole = print_part(Scenario.load(quick_cuboid(), {"run.layers_max": 2})).dataset
+        assert np.abs(heights_of(shown["runs"][0])[:3] - whole.height.values * 1e6).max() <= HALF_A_STEP_UM
+        assert "has not ended" in shown["state"]
+    else:
+        assert written.read_bytes().startswith(b"%PDF")
+
+
+def test_folder_that_is_no_run_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", str(tmp_path), "--html"]) == 1
+    assert "holds no run.json" in capsys.readouterr().err
+
+
+def test_result_of_a_run_that_has_not_ended_is_that_of_its_layers(tmp_path: Path) -> None:
+    unfinished(quick_cuboid(), tmp_path, 2)
+    reader = RunFolder(tmp_path)
+    found = reader.runs()
+    assert reader.runs()[next(iter(found))] is next(iter(found.values()))  # nothing has changed, nothing is read
+    result: Any = next(iter(found.values()))
+    whole: Result = print_part(Scenario.load(quick_cuboid()))
+    shared = result.dataset.sizes["layer"]
+    assert shared >= 3
+    for name in ("height", "measured_height", "pattern", "target_height", "mask", "mean_error"):
+        known, expected = result.dataset[name], whole.dataset[name]
+        rows = slice(None, shared) if "layer" in known.dims else slice(None)
+        assert np.array_equal(known.values, expected.values[rows]), name

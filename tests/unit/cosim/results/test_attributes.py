@@ -1,0 +1,68 @@
+"""Every variable of `result.nc` says what it is: CF attributes that fit the values, and the codes of their sources."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+
+import h5netcdf
+import numpy as np
+
+from inkloop.components.shadow.shadow import shadow_ports
+from inkloop.contract import COUNTERS, STATUS
+from inkloop.results.attributes import MEANINGS, variable
+from inkloop.results.recorder import COUNTER_ROLES
+from inkloop.testing import job
+from inkloop_controller import PlanStatus
+from inkloop_controller.controllers import LayerMpcController
+from inkloop_controller.estimation.loop_trust import UntrustedReason
+from support.places import ROOT
+from support.toys import toy_result
+
+
+def spelled(words: Iterable[str]) -> str:
+    return " ".join(word.replace(" ", "_") for word in words)
+
+
+def test_codes_and_limits_have_the_type_of_the_values_in_the_file(tmp_path: Path) -> None:
+    toy_result().save(tmp_path)
+    coded = set()
+    with h5netcdf.File(tmp_path / "result.nc") as stored:
+        assert stored.attrs["Conventions"].startswith("CF-1.")
+        for name, array in stored.variables.items():
+            assert array.attrs["units"], name
+            assert len(str(array.attrs["long_name"]).split()) > 1, name
+            for key in {"flag_values", "flag_masks", "valid_range", "valid_min"} & set(array.attrs):
+                values = np.asarray(array.attrs[key])
+                assert values.dtype == array.dtype, (name, key)
+                if key.startswith("flag"):
+                    coded.add(name)
+                    assert len(str(array.attrs["flag_meanings"]).split()) == values.size, name
+                    assert not np.setdiff1d(array[...], values).size, name
+    assert coded >= {"mask", "pattern", "valid"}
+
+
+def test_long_names_of_errors_say_their_sign() -> None:
+    assert MEANINGS["mean_error"].long_name == "mean error: target minus height (positive: too low)"
+    for name in ("mae", "rms", "std"):
+        assert "target minus height" in MEANINGS[name].long_name
+
+
+def test_codes_are_those_of_the_parts_that_put_them_out() -> None:
+    assert spelled(MEANINGS["plan_status"].flags) == spelled(status.value for status in PlanStatus)
+    bits = [1 << bit for bit in range(len(MEANINGS["untrusted_reasons"].masks))]
+    assert bits == [reason.value for reason in UntrustedReason]
+
+
+def test_every_output_of_our_models_and_controllers_has_a_meaning() -> None:
+    outputs = {port.name for port in (*LayerMpcController(job()).outputs, *shadow_ports((), (2, 2))[1])}
+    for path in ROOT.glob("fmus/*_deposition/variables.toml"):
+        variables = tomllib.loads(path.read_text(encoding="utf-8"))["variables"]
+        outputs |= {name for name, about in variables.items() if about["causality"] == "output"}
+    assert len(outputs) > 20
+    assert not outputs - {STATUS, *COUNTERS, *COUNTER_ROLES} - set(MEANINGS)
+
+
+def test_outputs_of_others_name_their_component() -> None:
+    assert variable("wetness", (), 1.0, "1", giver="printer").attrs["long_name"] == "output wetness of the printer"

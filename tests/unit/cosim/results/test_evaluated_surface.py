@@ -1,0 +1,60 @@
+"""`[metrology]` of a scenario: its parameters in the result and in the summary, and what the command finds in a run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inkloop.cli import main
+from inkloop.metrology.evaluation.table import parameters
+from inkloop.printing.run import print_part
+from inkloop.report import run_report
+from inkloop.results.evaluated_surface import parameters_of, subject_of
+from inkloop.results.result import Result
+from inkloop.scenario.file import Scenario
+from support.prints import quick_cuboid
+
+WANTED = ["Sz", "flatness_mz", "step_height_ls", "volume_error", "droplets"]
+
+
+def test_a_run_holds_what_its_scenario_asks_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = {"parameters": WANTED, "every_layer": True}
+    scenario = Scenario.load(quick_cuboid(), {"run.layers_max": 2, "metrology": table})
+    print_part(scenario).save(tmp_path)
+    run = Result.load(tmp_path).dataset
+    mask, pitch = run.mask.values.astype(bool), float(run.attrs["pitch"])
+    for layer in (0, 1, 2):
+        z = run.height.values[layer]
+        expected = {row.symbol: row for row in parameters(z, mask, pitch, target=run.target_height.values)}
+        assert float(run.Sz[layer]) == pytest.approx(expected["Sz"].value, rel=1e-9, abs=0.0)
+        error = (run.target_height.values - z)[mask].sum() * pitch**2
+        assert float(run.volume_error[layer]) == pytest.approx(error, rel=1e-9, abs=0.0)
+        assert float(run.droplets[layer]) == float(run.droplets_a[layer])
+    assert (run.Sz.attrs["units"], run.volume_error.attrs["units"]) == ("m", "m3")
+    assert run.Sz.attrs["treatment"] == "taken off: least-squares plane; no filter"
+    assert run.flatness_mz.attrs["treatment"] == "nothing taken off; no filter"
+    assert "positive: too little" in run.volume_error.attrs["long_name"]
+    assert np.isnan(run.step_height_ls).all()
+    assert run.step_height_ls.attrs["refused"].startswith("16 cells with heights lie in the central third of the part")
+
+    run_report.write(tmp_path, pictures=[])
+    summary = " ".join((tmp_path / "summary.txt").read_text(encoding="utf-8").split())
+    by_symbol = {row.symbol: row for row in parameters_of(run)}
+    assert list(by_symbol) == WANTED
+    for symbol in ("Sz", "flatness_mz", "volume_error"):
+        assert f"{by_symbol[symbol].shown:.6g}" in summary
+    assert "step_height_ls: 16 cells with heights" in summary
+    surface = run_report.record(tmp_path)["runs"]["closed loop"]["surface"]
+    assert set(surface) >= {"Sz_um", "volume_error_nl", "droplets"}
+
+    assert main(["metrology", str(tmp_path), "--layer", "1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["Sz_um"] == pytest.approx(float(run.Sz[1]) * 1e6, rel=1e-9, abs=0.0)
+    assert found["volume_error_nl"] == pytest.approx(float(run.volume_error[1]) * 1e12, rel=1e-9, abs=0.0)
+    assert found["mask"] == "part"
+    subject = subject_of(run, "run", layer=1)
+    assert subject.start is not None
+    assert np.array_equal(subject.start, run.height.values[0])

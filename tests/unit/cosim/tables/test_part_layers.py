@@ -1,0 +1,123 @@
+"""Layers for a print head go back in as a part: the same cells in the same ink, or a refusal that names the file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+
+from inkloop.cli import main
+from inkloop.component import Ink
+from inkloop.errors import ScenarioError
+from inkloop.exchange.layers import archive
+from inkloop.exchange.layers.patterns import Patterns
+from inkloop.scenario.file import Scenario
+from inkloop.tables.schema import Process
+from support.parts import PITCH_UM, with_part
+
+PART = 'shape = "layers"\nfile = "out/manifest.json"\n'
+INK, THINNER = Ink(4.4e-6, 0.6e-6, 0.2e-6), Ink(3.9e-6, 0.55e-6, 0.15e-6)
+F = np.array([[1, 1, 1, 1], [1, 0, 0, 0], [1, 1, 1, 0], [1, 0, 0, 0], [1, 0, 0, 0], [1, 0, 0, 0]], bool).T[:, ::-1]
+"""The letter with x to the right and y up, in ink B on ink A in the second layer."""
+SLICES = np.array([np.ones(F.shape), 1 + F, np.ones(F.shape)], np.int8)
+
+
+def export(
+    folder: Path, *, form: str = "png", passes: Literal[1, 4] = 1, inks: tuple[Ink, ...] = (INK, INK), **options: Any
+) -> dict[str, Any]:
+    """Write the slices as layers; returns the manifest."""
+    patterns = Patterns("test", "", PITCH_UM * 1e-6, inks, Process(passes=passes), SLICES, **options)
+    archive.write(patterns, folder / "out", form=form, layers=[1, 2, 3], passes=passes > 1)
+    found: dict[str, Any] = json.loads((folder / "out" / "manifest.json").read_text())
+    return found
+
+
+@pytest.mark.parametrize(("form", "passes"), [("tiff", 1), ("png", 1), ("bmp", 1), ("tiff", 4)])
+def test_slices_come_back_in_their_inks(form: str, passes: Literal[1, 4], tmp_path: Path) -> None:
+    export(tmp_path, form=form, passes=passes)
+    job = with_part(PART, tmp_path).job()
+    expected = np.zeros((job.nx, job.ny), bool)
+    expected[5:9, 3:9] = True
+    np.testing.assert_array_equal(job.mask, expected)
+    np.testing.assert_allclose(job.target_height[expected], 3 * 7.6e-6, rtol=1e-12)
+    x, y = (axis[5:9, 3:9] * PITCH_UM * 1e-6 for axis in np.meshgrid(range(job.nx), range(job.ny), indexing="ij"))
+    assert job.region is not None
+    for number, each in enumerate(SLICES):
+        in_a = job.region.contains(x, y, np.full(F.shape, (number + 0.5) * 7.6e-6))
+        np.testing.assert_array_equal(in_a, each == 1, err_msg=f"layer {number + 1}")
+
+
+def test_inks_of_unequal_layers_need_the_height_of_a_slice(tmp_path: Path) -> None:
+    export(tmp_path, inks=(INK, THINNER))
+    with pytest.raises(ScenarioError, match=r"part\.layer_um is missing: full layers of the inks are 6.7 and 7.6 um"):
+        with_part(PART, tmp_path)
+    assert with_part(PART + "layer_um = 7.0", tmp_path).solid.shape.height == pytest.approx(21e-6, rel=1e-12, abs=0.0)
+
+
+def test_layers_that_were_aborted_are_remarked(tmp_path: Path) -> None:
+    export(tmp_path, unknown_layers=(2,))
+    (remark,) = with_part(PART, tmp_path).solid.remarks
+    assert remark == "layer 2 of the run was aborted; the part has it as it was commanded"
+
+
+def test_new_scenario_for_a_manifest_has_its_cells(tmp_path: Path) -> None:
+    export(tmp_path)
+    assert main(["new", str(tmp_path / "back"), "--part", str(tmp_path / "out" / "manifest.json")]) == 0
+    scenario = Scenario.load(tmp_path / "back.toml")
+    grid = scenario.tables.grid
+    assert (grid.nx, grid.ny, grid.pitch_um) == (F.shape[0] + 4, F.shape[1] + 4, PITCH_UM)
+    assert scenario.job().mask.sum() == F.size
+
+
+def without_layer_2(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    return {"files": [one for one in manifest["files"] if one["layer"] != 2]}
+
+
+def with_twice_the_first(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    first, *others = manifest["files"]
+    return {"files": [first, {**others[0], "file": first["file"], "sha256": first["sha256"]}, *others[1:]]}
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda manifest: {"format": "other"}, "is no manifest of `inkloop export-layers`: format is 'other'"),
+        (lambda manifest: {"format_version": 2}, "format_version is 2; expected 1"),
+        (lambda manifest: {"polarity": "white"}, "polarity is 'white'; expected 'a set bit is a droplet"),
+        (lambda manifest: {"first_row": "top"}, "first_row is 'top'; expected 'y = 0; rows"),
+        (lambda manifest: {"drop_levels": 3}, "drop_levels is 3: drops of several sizes"),
+        (lambda manifest: {"pitch_x_um": 0.0}, "pitch_x_um is 0.0; expected greater than 0"),
+        (lambda manifest: {"width_pixels": 5}, "L0001_P1_A.png has 4 x 6 pixels with values up to 1; expected 5 x 6"),
+        (lambda manifest: {"inks": {"A": manifest["inks"]["A"]}}, "files are of ink B, which inks lacks"),
+        (without_layer_2, "has layer 3, but not layer 2; a part needs all of them from layer 1"),
+        (with_twice_the_first, "L0001_P1_A.png has a droplet in column 0, row 0, as another file of layer 1"),
+        (lambda manifest: {"files": [{**manifest["files"][0], "file": "../x.png"}]}, "files.[0].file is '../x.png'"),
+        (lambda manifest: {"files": [{**manifest["files"][0], "file": "x.png"}]}, "x.png cannot be read: No such file"),
+        (lambda manifest: {"files": []}, "files is []; "),
+    ],
+)
+def test_bad_manifests_are_refused_by_name(
+    change: Callable[[Mapping[str, Any]], dict[str, Any]], expected: str, tmp_path: Path
+) -> None:
+    manifest = export(tmp_path)
+    (tmp_path / "out" / "manifest.json").write_text(json.dumps({**manifest, **change(manifest)}))
+    with pytest.raises(ScenarioError) as caught:
+        with_part(PART, tmp_path)
+    (error,) = caught.value.errors
+    assert error.startswith("part.file: ")
+    assert expected in error
+
+
+def test_changed_bitmaps_and_damaged_manifests_are_refused(tmp_path: Path) -> None:
+    export(tmp_path)
+    changed = tmp_path / "out" / "L0002_P1_B.png"
+    changed.write_bytes((tmp_path / "out" / "L0001_P1_A.png").read_bytes())
+    with pytest.raises(ScenarioError, match=r"L0002_P1_B\.png was changed: its SHA-256 is"):
+        with_part(PART, tmp_path)
+    (tmp_path / "out" / "manifest.json").write_bytes(b'{"format": "inkl')
+    with pytest.raises(ScenarioError, match=r"manifest\.json: is not JSON"):
+        with_part(PART, tmp_path)

@@ -1,0 +1,155 @@
+"""What a user may get wrong: each input ends with a message on place, finding and remedy, and writes nothing."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import pytest
+
+from inkloop.cli import main
+from support.places import SCENARIOS
+
+CUBOID = (SCENARIOS / "cuboid.toml").read_text(encoding="utf-8").partition("[compare.")[0]
+CUBOID = CUBOID[CUBOID.index("title =") :]
+PROFILER = CUBOID[CUBOID.index("[components.profiler]") :]
+
+SCENARIO_ERRORS = {
+    "key misspelt": ("alpha = 0.8", "alhpa = 0.8", "components.controller.alhpa is not a key of this table; did you m"),
+    "key in another unit": ("height_um = 22.8", "height_mm = 0.0228", "part.height_mm is not a key of this table; did"),
+    "key without unit": ("height_um = 22.8", "height = 22.8", "part.height_um is missing; add it (height of"),
+    "kind misspelt": ('"LayerMpc"', '"LayerMcp"', "components.controller.kind is 'LayerMcp'; did you mean LayerMpc?"),
+    "option too large": ("variation = 0.2", "variation = 20", "variation is 20; expected a number in 0.0 .. 1.0"),
+    "weight too large": ("alpha = 0.8", "alpha = 1.8", "alpha is 1.8; needs a weight between 0"),
+    "no horizon": ("alpha = 0.8", "horizon = 0", "horizon is 0; needs 1 to 5 layers ahead"),
+    "choice misspelt": ('"per_droplet"', '"per_drop"', "variation_kind is 'per_drop'; expected one of 'per_droplet'"),
+    "not a number": ("height_um = 22.8", "height_um = nan", "part.height_um is nan; expected a finite number"),
+    "infinite": ("height_um = 22.8", "height_um = inf", "part.height_um is inf; expected a finite number"),
+    "negative": ("size_x_um = 2106.048", "size_x_um = -2106.0", "part.size_x_um is -2106.0; expected greater than 0"),
+    "text for a number": ("height_um = 22.8", 'height_um = "22.8 um"', "expected a number, without quotes and without"),
+    "word for a number": ("seed = 1", 'seed = "one"', "seed is 'one'; expected a whole number"),
+    "half a cell": ("nx = 12", "nx = 12.5", "grid.nx is 12.5; expected a whole number (cells along x)"),
+    "missing key": ("nx = 12\n", "", "grid.nx is missing; add it (cells along x)"),
+    "missing table": ("[grid]", "[gird]", "gird is not a key of this table; did you mean grid?"),
+    "part off the grid": ("size_x_um = 2106.048", "size_x_um = 9e3", "it is 9000 x 2106.05 µm wide; with grid.nx >= 3"),
+    "part without a cell": ("size_x_um = 2106.048", "size_x_um = 20.0", "part covers no cell of the grid; make it lar"),
+    "pitch in metres": ("nx = 12", "nx = 12\npitch_um = 0.000263", "grid.pitch_um is 0.000263; expected greater than "),
+    "giant grid": ("nx = 12", "nx = 1000000000", "GiB are available; |would fit: choose a smaller grid"),
+    "mesh as shape": ('"cuboid"', '"my_part.stl"', 'a file is printed with shape = "mesh", "stack" or "height-map"'),
+    "no profiler": (PROFILER, "", 'add a profiler, e.g. [components.profiler] with kind = "ProfileSensor"'),
+    "missing module": ('"LayerMpc"', '"nowhere:Control"', "No module named 'nowhere'; looked for modules in |next to "),
+    "missing class": ('"LayerMpc"', '"shlex:Control"', "which cannot be loaded: module 'shlex' has no attribute 'Cont"),
+    "class without job": ('"LayerMpc"\nalpha = 0.8', '"string:Formatter"',
+                          "Formatter() takes no arguments; |a class takes the job, then options by keyword"),
+    "missing FMU": ("[components.printer]", '[components.lamp]\nkind = "Fmu"\nfile = "lamp.fmu"\n[components.printer]',
+                    "components.lamp.file: |lamp.fmu: cannot be read: |give its path from the scenario's folder"),
+    "port of a connection": ("[grid]", '[[connections]]\nsource = "printer.hight"\ntarget = "profiler.height"\n[grid]',
+                             "printer.hight: printer has no output 'hight'; did you mean height?"),
+    "port of an event": ("[grid]", '[[events]]\nport = "printer.hight"\naction = "bias"\nat_layer = 1\nvalue_um = 1.0',
+                         "events.[0].port is 'printer.hight': printer has no port 'hight'; did you mean height?"),
+    "action of an event": ("[grid]", '[[events]]\nport = "printer.height"\naction = "bais"\nat_layer = 1\n[grid]',
+                           "events.[0].action is 'bais'; expected 'override', 'bias' or 'reset'"),
+    "negative ink": ("[grid]", "[ink.a]\nh1_um = 4.4\nh2_um = -0.6\nh3_um = 0.2\n[grid]", "ink.a.h2_um is -0.6; expec"),
+    "letter that no key has": ("height_um", "höhe_um", "line 13, `höhe_um = 22.8`: a key without quotes has no 'ö'; k"),
+    "micro sign in a key": ("height_um", "height_µm", "a key without quotes has no 'µ'; write um"),
+    "key twice": ("nx = 12", "nx = 12\nnx = 13", "line 7, `nx = 13`: this key or table is there already; keep one of"),
+    "text without quotes": ('"closed loop"', "closed loop", 'line 2, |or a text in quotes: label = "..."'),
+    "open bracket": ("[grid]", "[grid", "line 5, `[grid`: Expected ']'"),
+}  # fmt: skip
+"""Name -> what of the cuboid is replaced, by what, and pieces of the message, joined by |."""
+
+COMMANDS = {
+    "validate missing.toml": "missing.toml: |cannot be read: No such file or directory; known: cube.toml",
+    "validate cub.toml": "did you mean cube.toml?",
+    "validate .": "is a folder; name a scenario in it: cube.toml",
+    "validate cube.toml --set grid.nx": "--set grid.nx: expected KEY=VALUE, e.g. --set components.controller.alpha=0.5",
+    "validate cube.toml --set grid.nxx=12": "grid.nxx is not a key of this table; did you mean nx?",
+    "validate cube.toml --set grid.nx=abc": "grid.nx is 'abc'; expected a whole number (cells along x)",
+    "run cube.toml --out full": "full: is there already and not empty; name another --out, nothing is overwritten",
+    "run cube.toml --ouut x": "2 inkloop run: error: unknown arguments: --ouut x",
+    "run cube.toml --pictures jpg": "2 there is no picture format 'jpg'; expected png, svg, pdf, or several with comma",
+    "runn cube.toml": "2 there is no command 'runn'; did you mean run?",
+    "report full": "full: holds no run.json; name a folder that `inkloop run` has made",
+    "resume full": "full: holds no run.json; name a folder that `inkloop run` has made",
+    "compare full": "full: holds no run.json; name a folder that `inkloop run` has made",
+    "replay full": "full: holds no run.json; name a folder that `inkloop run` has made",
+    "export-layers full": "full: holds no run.json; name a folder that `inkloop run` has made",
+    "export-surface full --format stl": "full: holds no run.json; name a folder that `inkloop run` has made",
+    "info full": "full: holds no run.json; name a folder that `inkloop run` has made",
+    "info full/notes.txt": "notes.txt: is not a readable FMU: |name an .fmu file, or export or copy it again",
+    "export LayerDepositoin": "there is no FMU 'LayerDepositoin' in |did you mean LayerDeposition?",
+    "export LayerDeposition --nx 0": "the grid is 0 x 9 cells; expected at least 1 x 1",
+    "export LayerDeposition --nx many": "2 argument --nx: invalid int value: 'many'",
+    "export LayerDeposition --fmi 4": "2 argument --fmi: invalid choice: '4' (choose from",
+    "export LayerDeposition --fmi 2 --nx 50000 --ny 50000": "as FMI 2 of 50000 x 50000 cells needs about |choose a sma",
+    "export-ssp cube.toml --fmi 3": "--fmi 3: SSP 1.0 takes FMI 2 only; add --ssp 2.0, or leave --fmi out",
+    "export-job missing.toml": "missing.toml: |No such file or directory; known: cube.toml",
+    "export-layers cube.toml --layers 5-2": "--layers 5-2: expected A-B within layers 1 to 3, for example 1-3",
+    "identify full": "holds neither print.toml of a logged print nor result.nc of a run; name a folder that",
+    "identify nope": "nope: is no folder, no .toml or .fmu file and no kind of printer; known: |LayerDeposition",
+    "score nope": "there is no controller 'nope'; write MODULE:CLASS, or a kind; known: |LayerMpc",
+    "score nope:Class": "nope:Class: 1 error|No module named 'nope'; looked for modules in",
+    "score LayerMcp": "there is no controller 'LayerMcp'; |did you mean LayerMpc?",
+    "device cube.toml status": "Set interface and channel of [bench] in the scenario, or configure python-can",
+    "bench cube.toml": "bench.interface and bench.channel are not set, |[bench]\n    interface = |or use --port N or -",
+    "bench cube.toml --port 0 --fault explode": "--fault explode: kind is 'explode'; expected 'loss', ",
+    "metrology full/map.csv": "does not declare the unit of its heights; |does not declare the size of its pixels",
+    "metrology nope.tif": "nope.tif: cannot be read: No such file or directory",
+    "geometry full/part.stl": "part.stl: holds no triangles; expected a closed surface",
+    "geometry full/notes.txt": "notes.txt: has no row of numbers in its 1 lines; expected heights",
+    "new cube": "cube.toml: |is there already and is not overwritten; choose another name",
+    "new p --shape ball": "2 argument --shape: invalid choice: 'ball' (choose from 'combine', 'cuboid'",
+    "reproduce lou": "2 argument PAPER: invalid choice: 'lou' (choose from 'lu'",
+}
+"""Command line -> pieces of the message, joined by |; an exit code other than 1 in front."""
+
+ENCODINGS = {
+    "Latin-1": (CUBOID.replace("Cuboid", "Höhe").encode("latin-1"), "line 1 is not UTF-8; byte 0xf6 is 'ö' in |save t"),
+    "UTF-16": (CUBOID.encode("utf-16"), "the file is UTF-16; save it as UTF-8"),
+    "byte order mark": (b"\xef\xbb\xbf" + CUBOID.replace("nx = 12", "nx = 0").encode(), "grid.nx is 0; expected"),
+}
+WARNINGS = {
+    "height_um = 1e9": "0 warning: the part is about 131,578,947 layers high; run.layers_max ends the print after 1000",
+    "height_um = 1e-6": "0 warning: the part is 1.3e-07 of a layer high; a droplet is higher, and nothing may be print",
+}
+
+
+def replaced(old: str, new: str) -> bytes:
+    assert old in CUBOID
+    return CUBOID.replace(old, new, 1).encode()
+
+
+CASES: list[tuple[str, bytes, str]] = [
+    *((f"validate cube.toml # {name}", replaced(old, new), said) for name, (old, new, said) in SCENARIO_ERRORS.items()),
+    *((f"validate cube.toml # {name}", content, said) for name, (content, said) in ENCODINGS.items()),
+    *((f"validate cube.toml # {new}", replaced("height_um = 22.8", new), said) for new, said in WARNINGS.items()),
+    *((words, CUBOID.encode(), said) for words, said in COMMANDS.items()),
+]
+
+
+@pytest.mark.parametrize(("line", "scenario", "message"), CASES, ids=[line for line, *_ in CASES])
+def test_input_is_answered_with_place_finding_and_remedy(
+    line: str,
+    scenario: bytes,
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cube.toml").write_bytes(scenario)
+    (tmp_path / "full").mkdir()
+    for name, content in (("notes.txt", "hello"), ("map.csv", "1 2\n3 4\n"), ("part.stl", "solid x\nendsolid x\n")):
+        (tmp_path / "full" / name).write_text(content)
+    before = sorted(tmp_path.rglob("*"))
+    code, pieces = (int(message[0]), message[2:]) if message[:1].isdigit() and message[1:2] == " " else (1, message)
+    try:
+        ended = main(shlex.split(line, comments=True))
+    except SystemExit as end:
+        ended = int(str(end.code))
+    streams = capsys.readouterr()
+    assert ended == code
+    shown = streams.err if code else streams.out
+    assert not [piece for piece in pieces.split("|") if piece not in shown], shown
+    assert "Traceback" not in streams.err
+    assert sorted(tmp_path.rglob("*")) == before
