@@ -5,7 +5,6 @@ A file takes a few maps of memory, whatever the number of layers.
 
 from __future__ import annotations
 
-import io
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Job
+from inkloop.results import netcdf
 from inkloop.results.attributes import variable
 from inkloop.results.solid import INK, mismatch
 
@@ -63,19 +63,16 @@ class LayerMaps:
 
     def write(self, path: Path, table: xr.Dataset) -> None:
         """Write the dataset with these maps as netCDF. Raises OSError."""
-        import h5netcdf
+        import h5py
 
-        image = io.BytesIO()
-        packed = {name: {"zlib": True, "complevel": _COMPRESSION} for name, a in table.variables.items() if a.ndim > 0}
-        table.to_netcdf(image, engine="h5netcdf", encoding=packed)
         with path.open("w+b", buffering=0) as raw:
             file = _FileOfHdf5(raw)
-            file.write(image.getbuffer())
+            file.write(netcdf.packed(table))
             file.check()
-            with h5netcdf.File(file, "r+") as stored:
+            with h5py.File(file, "r+") as stored:
                 arrays = {name: self._new_variable(stored, name) for name in self.variables}
                 for name, scalar in self._fill(arrays, file.check).items():
-                    stored.create_variable(name, (), scalar.dtype, data=scalar.values).attrs.update(scalar.attrs)
+                    netcdf.add(stored, name, (), scalar.dtype, scalar.attrs)[()] = scalar.values
             file.check()
 
     def _fill(self, arrays: Mapping[str, Any], check: Callable[[], None] = lambda: None) -> dict[str, xr.Variable]:
@@ -92,20 +89,17 @@ class LayerMaps:
         """A variable of a netCDF file as xarray would write it."""
         dtype, attributes = self.variables[name]
         count, nx, ny = self.shape
-        created = stored.create_variable(
+        return netcdf.add(
+            stored,
             name,
             DIMENSIONS,
-            np.int8 if dtype == np.bool_ else dtype,
+            np.dtype(dtype),
+            attributes,
             chunks=(min(count, max(1, _CHUNK_CELLS // (nx * ny))), min(nx, _CHUNK_SIDE), min(ny, _CHUNK_SIDE)),
             compression="gzip",
             compression_opts=_COMPRESSION,
             shuffle=True,
-            fillvalue=np.nan if dtype.kind == "f" else None,
         )
-        created.attrs.update(attributes)
-        if dtype == np.bool_:
-            created.attrs["dtype"] = "bool"
-        return created
 
 
 def _unknown(dtype: np.dtype[Any]) -> float:

@@ -21,6 +21,7 @@ import numpy as np
 from inkloop.component import Component
 from inkloop.errors import ResultError
 from inkloop.files import is_full, reason_of, replaced, sync_folder, write_text
+from inkloop.results import netcdf
 from inkloop.results.attributes import CONVENTIONS
 from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.lock import writer_of
@@ -168,16 +169,11 @@ class Result:
         run = read_record(folder)
         if run.get("stop_reason") == "running":
             raise ResultError(f"{folder}: {_progress_of(folder, run)}")
-        import xarray as xr
-
         try:
-            dataset = xr.open_dataset(folder / RESULT_FILE, engine="h5netcdf", cache=False)
-            if dataset.nbytes <= READ_AT_ONCE:
-                with dataset:
-                    dataset = dataset.load()
+            dataset = netcdf.read(folder / RESULT_FILE, READ_AT_ONCE)
         except FileNotFoundError as error:
             raise ResultError(f"{folder}: holds no {RESULT_FILE}; `inkloop resume {folder}` continues it") from error
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, KeyError) as error:
             raise ResultError(f"{folder}: cannot be read: {error}") from error
         _check_schema(folder, dataset.attrs.get("schema_version"))
         return cls(dataset, run)

@@ -211,7 +211,8 @@ FORKING.set_forkserver_preload(
         "inkloop.bench.emulation",
         "inkloop_controller.controllers",
         "inkloop_hardware.devices.printer",
-        "h5netcdf.legacyapi",
+        "h5py",
+        "xarray",
     ]
 )  # what takes long to import is there when a session is forked
 

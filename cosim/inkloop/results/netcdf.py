@@ -1,0 +1,121 @@
+"""NetCDF-4 files of labelled arrays, by h5py alone: HDF5 files whose dimensions are dimension scales.
+
+xarray reads and writes the same files through h5netcdf, which takes ten times as long: it looks each name up again and
+again. Format: NetCDF-4 File Format, Unidata, and the conventions of xarray for what NetCDF has no type for (bool).
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import h5py
+    import xarray as xr
+
+_PLUMBING = {"CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "DIMENSION_LABELS", "_FillValue"}
+_PLUMBING |= {"_NCProperties", "_Netcdf4Coordinates", "_Netcdf4Dimid"}
+"""Attributes of HDF5 and NetCDF themselves; a missing value of ours is NaN."""
+
+
+def packed(dataset: xr.Dataset) -> memoryview:
+    """The file as bytes; maps are compressed. Each dimension has its coordinates, else KeyError."""
+    import h5py
+
+    image = io.BytesIO()  # HDF5 ends the process where a file that it writes itself cannot grow
+    with h5py.File(image, "w", track_order=True) as file:
+        _annotate(file, dataset.attrs)
+        variables = {str(name): variable for name, variable in dataset.variables.items()}
+        for name, variable in variables.items():
+            _store(file, name, variable)
+        for number, dimension in enumerate(map(str, dataset.sizes)):
+            file[dimension].make_scale(dimension)
+            file[dimension].attrs["_Netcdf4Dimid"] = np.int32(number)
+        for name, variable in variables.items():
+            _attach(file, name, tuple(map(str, variable.dims)))
+    return image.getbuffer()
+
+
+def read(path: Path, bytes_at_once: int | None = None) -> xr.Dataset:
+    """What `packed` or xarray wrote; a dataset with more bytes than this is read by xarray when it is used.
+
+    Raises OSError, ValueError or KeyError for a file that is not whole.
+    """
+    import h5py
+    import xarray as xr
+
+    with h5py.File(path, "r") as file:
+        if bytes_at_once is None or sum(stored.nbytes for stored in file.values()) <= bytes_at_once:
+            variables = {name: xr.Variable(*_restored(file, name)) for name in file}
+            return xr.Dataset(variables, attrs=_attributes(file))
+    return xr.open_dataset(path, engine="h5netcdf", cache=False)
+
+
+def add(
+    file: h5py.File,
+    name: str,
+    dimensions: tuple[str, ...],
+    dtype: np.dtype[Any],
+    attributes: Mapping[str, Any],
+    **options: Any,
+) -> h5py.Dataset:
+    """A variable without its values, which are NaN or 0 until they are put in. options: of `h5py.create_dataset`."""
+    shape, is_bool = tuple(len(file[dimension]) for dimension in dimensions), dtype == np.bool_
+    if dtype.kind == "f":
+        options |= {"fillvalue": np.nan}
+    stored = file.create_dataset(name, shape, np.int8 if is_bool else dtype, **options)
+    _describe(stored, dtype, attributes, is_coordinate=False)
+    _attach(file, name, dimensions)
+    return stored
+
+
+def _store(file: h5py.File, name: str, variable: xr.Variable) -> None:
+    values, options = variable.values, dict[str, Any]()
+    if variable.ndim > 1 and values.size:
+        options |= {"compression": "gzip", "compression_opts": 4}
+    if values.dtype.kind == "f":
+        options |= {"fillvalue": np.nan}
+    is_bool = values.dtype == np.bool_
+    stored = file.create_dataset(name, data=values.astype(np.int8) if is_bool else values, **options)
+    _describe(stored, values.dtype, variable.attrs, is_coordinate=variable.dims == (name,))
+
+
+def _describe(stored: h5py.Dataset, dtype: np.dtype[Any], attributes: Mapping[Any, Any], is_coordinate: bool) -> None:
+    if dtype.kind == "f" and not is_coordinate:
+        stored.attrs["_FillValue"] = np.full(1, np.nan, dtype)
+    _annotate(stored, {**attributes, **({"dtype": "bool"} if dtype == np.bool_ else {})})
+
+
+def _attach(file: h5py.File, name: str, dimensions: tuple[str, ...]) -> None:
+    for axis, dimension in zip(file[name].dims, dimensions, strict=True):
+        if dimension != name:
+            axis.attach_scale(file[dimension])
+
+
+def _annotate(place: h5py.File | h5py.Dataset, attributes: Mapping[Any, Any]) -> None:
+    """Texts as texts, numbers as arrays of one dimension, as NetCDF has them."""
+    for name, value in attributes.items():
+        place.attrs[name] = value if isinstance(value, str) else np.atleast_1d(value)
+
+
+def _restored(file: h5py.File, name: str) -> tuple[tuple[str, ...], Any, dict[str, Any]]:
+    """Dimensions, values and attributes of a variable."""
+    stored = file[name]
+    attributes = _attributes(stored)
+    values = stored[()]
+    if attributes.get("dtype") == "bool":
+        del attributes["dtype"]
+        values = values.astype(np.bool_)
+    if stored.is_scale:
+        return (name,), values, attributes
+    scales = stored.attrs["DIMENSION_LIST"] if stored.ndim else ()
+    return tuple(file[references[0]].name.removeprefix("/") for references in scales), values, attributes
+
+
+def _attributes(place: h5py.File | h5py.Dataset) -> dict[str, Any]:
+    found = {name: place.attrs[name] for name in place.attrs if name not in _PLUMBING}
+    return {name: value[0] if getattr(value, "shape", None) == (1,) else value for name, value in found.items()}
