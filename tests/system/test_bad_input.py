@@ -74,7 +74,10 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
             CUBOID.replace('"LayerMpc"', '"LayerMcp"'),
             "components.controller.kind is 'LayerMcp'; did you mean LayerMpc?",
         ),
-        (CUBOID.replace("nx = 12", "nx = 12\npitch_um = -263"), "grid.pitch_um is -263; expected greater than 0"),
+        (
+            CUBOID.replace("nx = 12", "nx = 12\npitch_um = -263"),
+            "grid.pitch_um is -263; expected greater than or equal to 1",
+        ),
         (
             lamp(AMPLIFIER, "n = 1") + wire("controller.solve_time", "lamp.x"),
             "controller.solve_time gives [s], lamp.x takes [m]: same quantity needed",

@@ -106,7 +106,7 @@ def test_experiments_are_the_same_for_the_same_seed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["nowhere/"], "is not there"),
+        (["nowhere/"], "is no folder"),
         (["LayerDepositon"], "did you mean LayerDeposition"),
         (["LayerDeposition", "--side", "4", "--layers", "0"], "--side is 4"),
         (["a.toml", "b.toml"], "name folders, or one plant"),

@@ -7,7 +7,7 @@
 #include "near_cells.h"
 
 static const double CEILING_COST = 100.0; /* a metre above the ceiling for 100 below the target (assumed) */
-static const double CAUTION = 2.0;        /* overshoot above 1 for a droplet_std of 1 (by trial) */
+static const double CAUTION = 1.2;        /* overshoot above 1 for a droplet_std of 1 (by trial) */
 static const double NO_CEILING = 0.4;     /* [m], higher than anything printed from droplets */
 
 static void allow_droplets(const PlannerOptions *options, const SurfaceEstimate *estimate, int32_t layer,

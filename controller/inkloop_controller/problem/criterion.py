@@ -32,10 +32,10 @@ DROPLET_STD = Option(
 )
 OVERSHOOT = Option(
     meaning="cost of a height above the target relative to the same height below it: jetted ink cannot be removed",
-    absent="1 + 2 `droplet_std`",
+    absent="1 + 1.2 `droplet_std`",
 )
 OVERSHOOT_LIMIT = Option("um", "height above the target that the part must not exceed", form=NotNegative)
-CAUTION = 2.0  # overshoot above 1 for a droplet_std of 1 (by trial)
+CAUTION = 1.2  # overshoot above 1 for a droplet_std of 1 (by trial)
 CEILING_COST = 100.0  # a metre above the ceiling for 100 below the target: no gain elsewhere is worth it (assumed)
 NO_CEILING_M = 0.4  # higher than anything printed from droplets, and within what the search core takes
 
@@ -45,7 +45,7 @@ class Criterion:
     """alpha * mean error + (1 - alpha) * standard deviation (Lu, Zheng, Mishra 2015, eq. 8), and what it may not do.
 
     overshoot: what a metre above the target costs when a metre below costs 1 (what was jetted stays; None: the more,
-    the less sure the droplets are, 1 + 2 droplet_std);
+    the less sure the droplets are, 1 + 1.2 droplet_std);
     overshoot_limit: height above the target that is not to be exceeded [m], kept with a probability of `chance_margin`
     standard deviations of the predicted height (0: by the prediction itself);
     droplet_std: standard deviation of a droplet's volume, as a share of it: what the last droplets leave to chance

@@ -41,6 +41,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _write_file(options: argparse.Namespace) -> int:
     """Write one file, also of a run that has not ended, whose other files stay as they are."""
+    from inkloop.limits import size_text
     from inkloop.printing.device_log import LOG_FILE
     from inkloop.printing.so_far import RunFolder
     from inkloop.report import run_report
@@ -58,6 +59,6 @@ def _write_file(options: argparse.Namespace) -> int:
         path = options.run / pdf.FILE
         pdf.write(path, runs, str(summary))
     terminal.print(summary.table)
-    terminal.sentence(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
+    terminal.sentence(f"{path}: {size_text(path.stat().st_size)}")
     terminal.result(folder=options.run, file=path, runs=run_report.figures(runs))
     return 0

@@ -47,7 +47,13 @@ def grey_pages(path: Path) -> Iterator[NDArray[Any]]:
         raise HeightMapError(f"{path}: {error}; save it in parts, or with fewer pixels") from error
     except UnidentifiedImageError as error:
         raise HeightMapError(f"{path}: is no picture; expected PNG, TIFF or BMP") from error
-    except (OSError, SyntaxError, ValueError, EOFError) as error:  # of Pillow, on bytes that are cut off or altered
+    except (
+        OSError,
+        SyntaxError,
+        TypeError,
+        ValueError,
+        EOFError,
+    ) as error:  # of Pillow, on bytes that are cut off or altered
         if isinstance(error, OSError) and error.errno is not None:
             raise
         raise HeightMapError(f"{path}: is damaged ({error}); save it again") from error

@@ -30,7 +30,7 @@ _CHUNK_SIDE, _CHUNK_CELLS = 256, 1 << 16
 _COMPRESSION = 4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LayerMaps:
     """Maps (nx, ny) of a number of layers, each at most once in memory.
 

@@ -57,7 +57,7 @@ class LayersTable(PlacedTable):
         heights = {manifest.inks[one.ink].layer_height_um for one in manifest.files}
         if self.layer_um is None and len(heights) > 1:
             shown = " and ".join(f"{height:g}" for height in sorted(heights))
-            raise PartError([f"layer_um is missing: full layers of the inks are {shown} um; give that of a slice"])
+            raise PartError([f"layer_um is missing: full layers of the inks are {shown} µm; give that of a slice"])
         return self.layer_um or heights.pop()
 
 

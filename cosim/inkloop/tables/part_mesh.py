@@ -103,7 +103,7 @@ def _remarks(bodies: Sequence[Body], grid: Grid) -> Iterator[str]:
     resolution = max(body.resolution for body in bodies)
     if resolution > COARSE * grid.pitch:
         yield (
-            f"so far from the origin the coordinates of the file resolve {resolution * UM_PER_M:.3g} um, which moves "
+            f"so far from the origin the coordinates of the file resolve {resolution * UM_PER_M:.3g} µm, which moves "
             "walls by parts of a cell; move the part to the origin and save it again"
         )
         return

@@ -22,7 +22,7 @@ from inkloop.units import UM_PER_M
 ALPHA = sqrt(log(2.0) / pi)
 STEPS_MIN = 4
 """Steps in a cutoff, from which on the sampled weights pass half of a wave of that length (to 0.4 %)."""
-_RIDGE = 1e-12
+_RIDGE = 1e-11
 """Of the second moments: where the used cells lie on one line, the slope across it is taken as zero."""
 
 

@@ -96,7 +96,7 @@ def step(inner: Points, substrate: Points | Refusal, target: NDArray[np.float64]
         return Refusal(
             f"{inner.z.size} cells with heights lie in the central third of the part; a step needs {CELLS_MIN}"
         )
-    if target is not None and np.ptp(target) > 1e-6 * np.abs(target).max():
+    if target is not None and np.ptp(target) > 1e-5 * np.abs(target).max():
         return Refusal("the target is not flat: its top has no single height above the substrate")
     terms = np.concatenate([substrate.plane_terms, inner.plane_terms])
     is_top = np.concatenate([np.zeros(substrate.z.size), np.ones(inner.z.size)])

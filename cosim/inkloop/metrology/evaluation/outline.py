@@ -114,7 +114,7 @@ def least_squares_circle(
         terms = np.column_stack([np.ones(len(points)), (points - centre) / radii[:, None]])
         change = np.linalg.lstsq(terms * root[:, None], radii * root, rcond=None)[0][1:]
         centre = centre + change
-        if np.abs(change).max() <= 1e-12 * radii.max():
+        if np.abs(change).max() <= 1e-11 * radii.max():
             break
     return centre, float(np.average(_radii(points, centre), weights=share))
 

@@ -53,7 +53,7 @@ def test_slices_come_back_in_their_inks(form: str, passes: Literal[1, 4], tmp_pa
 
 def test_inks_of_unequal_layers_need_the_height_of_a_slice(tmp_path: Path) -> None:
     export(tmp_path, inks=(INK, THINNER))
-    with pytest.raises(ScenarioError, match=r"part\.layer_um is missing: full layers of the inks are 6.7 and 7.6 um"):
+    with pytest.raises(ScenarioError, match=r"part\.layer_um is missing: full layers of the inks are 6.7 and 7.6 µm"):
         with_part(PART, tmp_path)
     assert with_part(PART + "layer_um = 7.0", tmp_path).solid.shape.height == pytest.approx(21e-6, rel=1e-12, abs=0.0)
 

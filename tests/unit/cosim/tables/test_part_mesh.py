@@ -26,7 +26,7 @@ def test_walls_on_centres_are_seen_as_far_as_the_coordinates_resolve_them(away: 
     write(tmp_path, box)
     remarks = with_part(MESH, tmp_path, nx=15).solid.remarks
     if away == 1e6:
-        assert "the coordinates of the file resolve 119 um" in remarks[0]
+        assert "the coordinates of the file resolve 119 µm" in remarks[0]
         return
     assert "upright walls stand on rows of cell centres" in remarks[0]
     assert with_part(MESH, tmp_path).solid.remarks == ()
