@@ -96,7 +96,7 @@ def test_retries_and_repeats_of_the_recorded_run_are_gone(
 def test_other_controller_is_reported_with_the_first_differing_cell(
     run: Path, replayed: Callable[..., tuple[int, str]]
 ) -> None:
-    code, output = replayed(run, "--set", "components.controller.horizon=1")
+    code, output = replayed(run, "--set", "components.controller.alpha=0.2")
     assert code == 1
     assert "the pattern of layer" in output
     assert "differs at byte" in output

@@ -20,6 +20,8 @@ from inkloop.metrology.file_contents import FileContents
 _COLOURS = 3  # channels before the one of opacity
 _PHOTOMETRIC, _MIN_IS_WHITE = 262, 0  # a tag of TIFF 6.0, and one of its values
 _BYTES_OF_A_PIXEL = 8  # the picture, its array, and a copy; of colours 4 bytes twice
+_DAMAGED = (OSError, SyntaxError, TypeError, ValueError, EOFError)
+"""Of Pillow, on bytes that are cut off or altered."""
 
 
 def read_picture(path: Path) -> FileContents:
@@ -47,13 +49,7 @@ def grey_pages(path: Path) -> Iterator[NDArray[Any]]:
         raise HeightMapError(f"{path}: {error}; save it in parts, or with fewer pixels") from error
     except UnidentifiedImageError as error:
         raise HeightMapError(f"{path}: is no picture; expected PNG, TIFF or BMP") from error
-    except (
-        OSError,
-        SyntaxError,
-        TypeError,
-        ValueError,
-        EOFError,
-    ) as error:  # of Pillow, on bytes that are cut off or altered
+    except _DAMAGED as error:
         if isinstance(error, OSError) and error.errno is not None:
             raise
         raise HeightMapError(f"{path}: is damaged ({error}); save it again") from error
