@@ -79,6 +79,7 @@ MEANINGS: Mapping[str, Meaning] = {
     PATTERN: Meaning("ink that was commanded on each cell in the layer", flags=_INKS),
     DROP_LEVEL: Meaning("drops that each droplet of the layer consists of", limits=_COUNT),
     "ink": Meaning("ink that fills most of what the layer added to each cell", flags=_INKS),
+    "interval": Meaning("number of the interval of height, from below"),
     "region_bottom": Meaning("lower end of each interval of height in which ink A is wanted"),
     "region_top": Meaning("upper end of each interval of height in which ink A is wanted"),
     "mismatch": Meaning("volume of ink A that is misplaced or missing, as a share of the volume wanted", limits=_COUNT),

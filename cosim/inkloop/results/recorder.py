@@ -194,6 +194,9 @@ class Recorder:
             "x": variable("x", ("x",), np.arange(job.nx) * job.pitch, "m"),
             "y": variable("y", ("y",), np.arange(job.ny) * job.pitch, "m"),
         }
+        if "region_bottom" in variables:
+            intervals = np.arange(variables["region_bottom"].shape[0])
+            coordinates["interval"] = variable("interval", ("interval",), intervals, "1")
         return xr.Dataset(variables, coordinates, {"pitch": job.pitch})
 
     def maps(self, taken: Iterable[Mapping[str, NDArray[Any]]] = ()) -> LayerMaps:

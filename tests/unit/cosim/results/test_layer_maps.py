@@ -54,9 +54,11 @@ def test_maps_of_a_large_result_are_read_when_they_are_used(tmp_path: Path, monk
     np.testing.assert_array_equal(large.dataset.height, small.dataset.height)
 
 
-def test_maps_that_a_run_hands_over_and_those_in_memory_give_the_same_result(tmp_path: Path) -> None:
-    """With layers that a scan lacks, in two inks: the print in memory is the one that has all of them at once."""
-    scenario = Scenario.load(ROOT / "scenarios" / "cuboid.toml", {"run.layers_max": 3, "part.height_um": 20.0})
+@pytest.mark.parametrize("name", ["cuboid", "two-materials"])
+def test_maps_that_a_run_hands_over_and_those_in_memory_give_the_same_result(name: str, tmp_path: Path) -> None:
+    """The print in memory has all maps at once; a file keeps the regions of ink, too."""
+    changed = {"run.layers_max": 2, "components.controller.horizon": 1}
+    scenario = Scenario.load(ROOT / "scenarios" / f"{name}.toml", changed)
     written, kept = Print(scenario, tmp_path).run().dataset, Print(scenario).run().dataset
     assert set(written) == set(kept)
     xr.testing.assert_identical(written.drop_vars("solve_time"), kept.drop_vars("solve_time"))
