@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from tools.figures.pages import DOCS, ROOT, Texts, read_csv, table, write_csv
 
 from inkloop.component import Ink
-from inkloop.printing.run import print_part
+from inkloop.printing import print as printing
 from inkloop.report.plot import COLOURS, STYLE, WIDTH_IN, save
 from inkloop.results.metrics import TOO_HIGH, TOO_LOW
 from inkloop.scenario.file import Scenario
@@ -100,11 +100,11 @@ def planned() -> Iterator[tuple[str, int, int]]:
 
 
 def printed(name: str, variation: int, seed: int) -> Print:
-    """One print."""
+    """One print, also of a case in which nothing is printed."""
     case, file = CASES[name], ROOT / "scenarios" / f"{SCENARIOS[variation]}.toml"
     scenario = Scenario.load(file, {"seed": seed, "run.layers_max": LAYERS_MAX, **case.keys})
     began = process_time()
-    result = print_part(scenario.variant(case.run) if case.run else scenario)
+    result = printing.Print(scenario.variant(case.run) if case.run else scenario).run()
     seconds = process_time() - began
     metrics = result.metrics()
     mean_error, mae, std = (float(metrics[key]) * UM_PER_M for key in ("mean_error", "mae", "std"))

@@ -106,8 +106,15 @@ def add_scale(
     norm = colours.norm
     if isinstance(norm, AsinhNorm) and norm.vmax is not None:
         decades = 10.0 ** np.arange(math.ceil(math.log10(norm.linear_width)), math.floor(math.log10(norm.vmax)) + 1)
-        bar.set_ticks([*-decades[::-1], 0.0, *decades], minor=False)
+        ticks = decades if decades.size else np.array([_round_below(norm.vmax)])
+        bar.set_ticks([*-ticks[::-1], 0.0, *ticks], minor=False)
         bar.minorticks_off()
+
+
+def _round_below(value: float) -> float:
+    """The largest 1, 2 or 5 of a decade that is not above a value."""
+    decade = 10.0 ** math.floor(math.log10(value))
+    return max(each * decade for each in (1.0, 2.0, 5.0) if each * decade <= value)
 
 
 def error_of(run: xr.Dataset) -> FloatMap:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
@@ -250,3 +251,19 @@ def test_picture_is_written_in_each_format_with_the_same_bytes_each_time(tmp_pat
         content = (tmp_path / "first" / name).read_bytes()
         assert content.startswith(magic)
         assert content == (tmp_path / "second" / name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("scales", "shown"),
+    [
+        ((0.1, 0.6), [-0.5, 0.0, 0.5]),
+        ((0.4, 20.0), [-10.0, -1.0, 0.0, 1.0, 10.0]),
+        ((150.0, 260.0), [-100.0, 0.0, 100.0]),
+    ],
+)
+def test_scale_of_errors_of_several_sizes_has_ticks_besides_zero(scales: tuple[float, ...], shown: list[float]) -> None:
+    figure, numbers = Figure(), np.random.default_rng(2)
+    norm = plot.error_norm([numbers.uniform(-scale, scale, (30, 30)) for scale in scales])
+    axes = figure.subplots()
+    plot.add_scale(figure, ScalarMappable(norm, plot.ERROR_COLOURS), ax=axes)
+    assert figure.axes[1].get_yticks().tolist() == pytest.approx(shown, rel=1e-9, abs=0.0)
