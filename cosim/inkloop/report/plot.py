@@ -106,7 +106,7 @@ def add_scale(
     norm = colours.norm
     if isinstance(norm, AsinhNorm) and norm.vmax is not None:
         decades = 10.0 ** np.arange(math.ceil(math.log10(norm.linear_width)), math.floor(math.log10(norm.vmax)) + 1)
-        ticks = decades if decades.size else np.array([_round_below(norm.vmax)])
+        ticks = np.union1d(decades, _round_below(norm.vmax))
         bar.set_ticks([*-ticks[::-1], 0.0, *ticks], minor=False)
         bar.minorticks_off()
 

@@ -256,9 +256,9 @@ def test_picture_is_written_in_each_format_with_the_same_bytes_each_time(tmp_pat
 @pytest.mark.parametrize(
     ("scales", "shown"),
     [
-        ((0.1, 0.6), [-0.5, 0.0, 0.5]),
-        ((0.4, 20.0), [-10.0, -1.0, 0.0, 1.0, 10.0]),
-        ((150.0, 260.0), [-100.0, 0.0, 100.0]),
+        ((0.3, 0.6), [-0.5, 0.0, 0.5]),
+        ((0.4, 60.0), [-50.0, -10.0, -1.0, 0.0, 1.0, 10.0, 50.0]),
+        ((150.0, 260.0), [-200.0, -100.0, 0.0, 100.0, 200.0]),
     ],
 )
 def test_scale_of_errors_of_several_sizes_has_ticks_besides_zero(scales: tuple[float, ...], shown: list[float]) -> None:
