@@ -4,7 +4,7 @@
 
 #include "neighbour_shares.h"
 
-/* A pass, and maps for what it adds; `after`: the surface that it leaves, NULL where nobody asks. */
+/* A pass, and maps for what it adds; `after`: the surface that it leaves, NULL if it is not wanted. */
 typedef struct {
     DropletPass droplets;
     size_t inks;

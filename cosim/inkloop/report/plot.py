@@ -72,7 +72,7 @@ def draw_line(
 ) -> None:
     """The line of a run, with some hollow marks, and if it `ends` a full one at its end.
 
-    The marks of several runs stand at different places, so that lines that coincide are told apart.
+    The marks of several runs stand at different places, so that lines that coincide can be distinguished.
     """
     line = LINES[number % len(LINES)] | {"marker": MARKS[number % len(MARKS)], "markersize": 4.0} | style
     count = len(np.atleast_1d(x))

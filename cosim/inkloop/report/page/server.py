@@ -1,7 +1,7 @@
 """Serve the live page on this machine: the page, its scripts, the content, and a stream of events.
 
 An event says that there is something new; the page then asks for what it does not have. A slow page misses events, not
-layers, and delays nobody: the process that prints does not know of any of this.
+layers and delays no other: the process that prints does not know of any of this.
 """
 
 from __future__ import annotations
