@@ -100,13 +100,13 @@ QUOTES: Mapping[str, Mapping[str, tuple[Quote, ...]]] = {
     "misaligned-scan": {
         "0.39 um uneven": (uneven(),),
         "highest cell 1.5 um": (highest(),),
-        "23 um above the target, after 21 layers more": (highest(BELIEVED), beyond(layers(BELIEVED), layers())),
+        "23 um above the target, after 13 layers more": (highest(BELIEVED), beyond(layers(BELIEVED), layers())),
     },
     "noisy-sensor": {
         "flat to 0.4 um": (uneven(),),
         "ends 0.3 um too high": (high("scans taken as exact"),),
-        "1.1 um uneven": (uneven("scans taken as exact"),),
-        "after 11 more layers": (beyond(layers("scans taken as exact"), layers()),),
+        "0.9 um uneven": (uneven("scans taken as exact"),),
+        "after 3 more layers": (beyond(layers("scans taken as exact"), layers()),),
     },
     "pipe-junction": {"Open loop it is 49 %": (mismatch(OPEN),), "mismatch is 3.6 %": (mismatch(),)},
     "roller": {
@@ -143,11 +143,11 @@ QUOTES: Mapping[str, Mapping[str, tuple[Quote, ...]]] = {
         "stops 1.0 um low": (low("ink not adapted"),),
     },
     "wu-chiu-plant": {
-        "ends 0.2 um high": (high(),),
-        "2.3 um uneven": (uneven(),),
+        "ends 0.6 um high": (high(),),
+        "2.2 um uneven": (uneven(),),
         "ends 5.6 um low": (low(OPEN),),
         "3.5 um uneven": (uneven(OPEN),),
-        "up to 9.4 um high": (highest(),),
+        "up to 11.3 um high": (highest(),),
     },
 }
 """Scenario -> piece of its comment -> the numbers in it, in their order."""
