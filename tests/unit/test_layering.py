@@ -49,6 +49,8 @@ DOORS = {
     "trimesh": ("inkloop.geometry.triangle_file", "inkloop.exchange.layers"),
     "lib3mf": ("inkloop.geometry.three_mf",),
     "contourpy": ("inkloop.metrology.evaluation.outline",),
+    **dict.fromkeys(("dask", "distributed"), ("inkloop.studies.sweep.cluster",)),
+    "optuna": ("inkloop.studies.sweep.optimise",),
     "skfem": ("inkloop.studies.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
     "plotly": ("inkloop.report.page.page",),

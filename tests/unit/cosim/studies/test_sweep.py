@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -182,6 +183,18 @@ def test_sweep_is_labelled_by_keys_and_failing_prints_are_rows_with_their_error(
         assert sweep["status"].attrs["flag_meanings"].split()[5] == "failed"
         assert sweep["std"].attrs["units"] == "m"
         assert sweep["seed"].values.tolist() == [7, 8, 9]
+
+
+def test_last_surfaces_are_kept_where_asked(tmp_path: Path) -> None:
+    def surface(task: Task) -> Record:
+        return replace(record(task, std=1e-6), height=np.full((12, 12), 1.0 * task.point))
+
+    own = study(tmp_path, f'{TWO_KEYS}[keep]\nmaps = "final"\n')
+    swept(own, tmp_path / "out", Shuffled(surface, interrupted_after=3))
+    swept(own, tmp_path / "out", Shuffled(surface))
+    height = netcdf.read(tmp_path / "out/sweep.nc")["height"]
+    assert height.dims[-2:] == ("x", "y")
+    np.testing.assert_array_equal(height[..., 4, 5].values.ravel(), np.arange(6.0))
 
 
 def test_record_that_a_kill_has_cut_short_is_printed_again(tmp_path: Path) -> None:
