@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from gymnasium import Wrapper
+from gymnasium import Env, Wrapper
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from inkloop.component import BoolMap
 from inkloop.printing.controller_policy import ControllerPolicy
-
-if TYPE_CHECKING:
-    from inkloop.printing.environment import LayerEnv
 
 RIM, INSIDE = 0, 1
 
@@ -24,13 +21,16 @@ class TargetOffset(Wrapper[Any, Any, Any, Any]):
     """An environment in which a controller plans each layer, for a target that the action shifts.
 
     Action (2,): offset of the target on the rim of the part and inside it, in full layers from -1 to 1; 0 leaves the
-    controller as it is. The rim is the cells of the part that lack a neighbour. `controller_of(target offset [m])`
-    makes the controller anew for each layer; what it has learnt is handed on.
+    controller as it is. The rim is the cells of the part that lack a neighbour. The controller is made for each layer,
+    with the state that it was left in.
+
+    env: a LayerEnv; kind, options: of the controller, see LayerEnv.controller.
     """
 
-    def __init__(self, env: LayerEnv, kind: str | None, options: Mapping[str, Any]) -> None:
+    def __init__(self, env: Env[Any, Any], kind: str | None, options: Mapping[str, Any]) -> None:
         super().__init__(env)
-        self._env, self._kind, self._options = env, kind, dict(options)
+        self._env: Any = env
+        self._kind, self._options = kind, dict(options)
         self.action_space = Box(-1.0, 1.0, (2,), np.float64)
         self._state: bytes | None = None
         self._layer, self._observation = 0, dict[str, NDArray[Any]]()
