@@ -48,7 +48,7 @@ class TargetOffset(Wrapper[Any, Any, Any, Any]):
         planned = self.planned(np.asarray(action, np.float64))
         self._observation, *others = self._env.step(planned)
         self._layer += 1
-        return self._observation, *others  # type: ignore[return-value]
+        return self._observation, *others
 
     def planned(self, offsets: NDArray[np.float64]) -> NDArray[np.int32]:
         """The layer for these offsets (2,)."""

@@ -45,4 +45,5 @@ def test_plan_shows_each_layer_ahead() -> None:
     figure = plan.plot()
     titles = [axes.get_title() for axes in figure.axes]
     assert titles[:2] == [f"layer {k}: {np.count_nonzero(plan.plan[k - 1])} droplets" for k in (1, 2)]
-    np.testing.assert_allclose(figure.axes[2].images[0].get_array(), plan.predicted_height.T * 1e6, rtol=1e-15)
+    shown_um = np.asarray(figure.axes[2].images[0].get_array(), np.float64)
+    np.testing.assert_allclose(shown_um, plan.predicted_height.T * 1e6, rtol=1e-15, atol=0.0)
