@@ -119,9 +119,15 @@ def treatment_of(options: argparse.Namespace) -> Treatment:
 
 
 def read(options: argparse.Namespace) -> HeightMap:
-    """The map of a file, with the unit and the pixel size of the command line. Raises HeightMapError."""
+    """The map of a file, with what the command line says of it. Raises HeightMapError."""
     pixel = None if options.pixel_um is None else options.pixel_um * M_PER_UM
-    return map_file.read(options.source, unit=options.unit, pixel=pixel)
+    return map_file.read(
+        options.source,
+        unit=options.unit,
+        pixel=pixel,
+        scale=options.count_scale,
+        invalid_value=options.invalid_value,
+    )
 
 
 def mask_of(map_: HeightMap, part: BoolMap | None, name: str) -> BoolMap | None:
