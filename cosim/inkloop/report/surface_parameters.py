@@ -15,7 +15,7 @@ from inkloop.metrology import map_file
 from inkloop.metrology.evaluation.definitions import DEFINITIONS, Group
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.surface import Found
-from inkloop.metrology.evaluation.table import Parameter, found, found_on_profiles, rows
+from inkloop.metrology.evaluation.table import PRINTED_UNITS, Parameter, found, found_on_profiles, rows
 from inkloop.metrology.evaluation.treatment import Treatment
 from inkloop.metrology.height_map import HeightMap
 from inkloop.report.terminal import Terminal, number_table
@@ -89,7 +89,7 @@ def table_of_runs(runs: Mapping[str, Result]) -> Table | None:
 
 def _label(parameter: Parameter) -> str:
     """Symbols of ISO first; the symbol of a form is its name."""
-    unit = "" if parameter.shown_unit == "1" else f" [{parameter.shown_unit}]"
+    unit = "" if parameter.shown_unit == "1" else f" [{PRINTED_UNITS.get(parameter.shown_unit, parameter.shown_unit)}]"
     of_iso = DEFINITIONS[parameter.symbol].group in ("areal", "profile")
     return f"{parameter.symbol}, {parameter.name}{unit}" if of_iso else parameter.name + unit
 

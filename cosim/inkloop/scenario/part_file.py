@@ -118,8 +118,8 @@ def fit(file: PartFile, pitch_um: float | None) -> FittedPart:
         pitch_um = pitch_um or _pitch_um(table, max(width, depth))
         nx, ny = (math.ceil(side / pitch_um - 1e-6) + 2 * EMPTY_CELLS for side in (width, depth))
         if reason := memory_error(BYTES_OF_A_CELL * nx * ny):
-            grid = f"a grid of {nx} x {ny} cells of {pitch_um:g} µm {reason}"
-            raise PartError([f"file: {grid}; {_too_wide(file, width, depth)}"])
+            found = f"a grid of {nx} x {ny} cells of {pitch_um:g} µm {reason}"
+            raise PartError([f"file: {found}; {_too_wide(file, width, depth)}"])
         grid = Grid(nx=nx, ny=ny, pitch_um=pitch_um)
         solid = table.solid(grid, Path())
     except PartError as error:

@@ -179,7 +179,7 @@ FAULTS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "cut off": (HEADER + "1 2 3\n4 5\n", "line 5 has 2 fields, the rows before it 3; the file may be cut off", {}),
     "two decimal signs": (HEADER + "1.5;2\n1,5;2\n", "numbers with , and numbers with .", {}),
     "points": (HEADER + "0 0 1\n5 0 1\n0 4 1\n5 4 1\n", "4 rows of 3 columns, .* a list of points", {}),
-    "empty": ("", "no row of numbers (lines read: 0)", {}),
+    "empty": ("", r"no row of numbers \(lines read: 0\)", {}),
     "scale of nothing": (HEADER + "1 2\n3 4\n", "count_scale is 0.0; expected a height per count", {"scale": 0.0}),
 }
 
