@@ -151,7 +151,7 @@ def last(run_folder: Path, advice: str = "") -> Checkpoint | None:
     """
     folder = run_folder / LAYERS_FOLDER
     try:
-        return _unpacked(read_rows(folder / STATE_FILE)) if (folder / STATE_FILE).is_file() else None
+        return _unpacked(_rows_of(folder / STATE_FILE)) if (folder / STATE_FILE).is_file() else None
     except _UNREADABLE as error:
         raise _unreadable(folder, error, advice or f"`inkloop resume {run_folder}` says what can be done") from error
 
@@ -219,7 +219,7 @@ def _opened(path: Path) -> AbstractContextManager[Mapping[str, NDArray[Any]]]:
     return opened
 
 
-def read_rows(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of a file of layers by name. Raises OSError, ValueError, KeyError, BadZipFile."""
+def _rows_of(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of a file by name, in memory. Raises OSError, ValueError, KeyError, BadZipFile."""
     with _opened(path) as stored:
         return dict(stored)
