@@ -25,8 +25,8 @@ bool window_open(Window *window, const PlanSurface *surface) {
         window->spread[place] = window->after + (2 + place) * cells;
         window->slope[place] = window->after + (4 + place) * cells;
     }
-    window->kept = window->after + 6 * cells;
-    window->value = (uint8_t *)(window->kept + cells);
+    window->chance = window->after + 6 * cells;
+    window->value = (uint8_t *)(window->chance + cells);
     return true;
 }
 
@@ -77,7 +77,7 @@ static void begin(const Trial *trial, const Box *box, size_t step) {
     double *after = trial->window->after;
     copy_rows(trial, surface_height(surface, step + 1), after, box);
     if (keeps(trial, step))
-        copy_rows(trial, surface->kept, trial->window->kept, box);
+        copy_rows(trial, surface->left_to_chance, trial->window->chance, box);
     for (size_t k = 0; k < trial->count; k++) {
         const Change *change = &trial->change[k];
         if (!is_in_step(trial, change, step))
@@ -87,9 +87,10 @@ static void begin(const Trial *trial, const Box *box, size_t step) {
         const unsigned value = surface_layer(surface, change->layer)[cell];
         if (value)
             surface_add_droplet(surface, before, cell, value, -1.0, after, there, trial->window->side);
-        trial->window->kept[there] = change->value ? surface_add_droplet(surface, before, cell, change->value, 1.0,
-                                                                         after, there, trial->window->side)
-                                                   : 0.0;
+        const double kept = change->value ? surface_add_droplet(surface, before, cell, change->value, 1.0, after, there,
+                                                                trial->window->side)
+                                          : 0.0;
+        trial->window->chance[there] = surface_chance(surface, kept);
     }
 }
 
@@ -165,19 +166,21 @@ static void take_shares(double *restrict kept, const double *restrict before, co
                    flow(spread[k], slope[k], before[k] - before[k + other]);
 }
 
-/* What the droplets of the step leave on their own cells. */
+/* What the droplets of the step leave on their own cells, and so to chance. */
 static void keep_droplets(const Trial *trial, const Box *box) {
     const Window *window = trial->window;
     const ptrdiff_t side = (ptrdiff_t)window->side, columns = box->right - box->left + 1;
     for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
         const size_t first = in_window(trial, row, box->left);
         const double *before = window->before + first;
-        double *kept = window->kept + first;
+        double *kept = window->chance + first;
         for (ptrdiff_t k = 0; k < columns; k++)
             kept[k] = trial->surface->droplet[window->value[first + (size_t)k]].volume;
         take_shares(kept, before, window->spread[SIDE] + first, window->slope[SIDE] + first, 1, side, columns);
         take_shares(kept, before, window->spread[CORNER] + first, window->slope[CORNER] + first, side + 1, side - 1,
                     columns);
+        for (ptrdiff_t k = 0; k < columns; k++)
+            kept[k] = surface_chance(trial->surface, kept[k]);
     }
 }
 
@@ -222,10 +225,10 @@ static Sums change_of_sums(const Trial *trial, const Box *box) {
         for (ptrdiff_t column = box->left; column <= box->right; column++) {
             const size_t cell = in_map(trial, row, column);
             const size_t there = in_window(trial, row, column);
-            const double was = last[cell], is = trial->window->after[there], inside = surface->goal[cell].inside;
-            const double raised = inside * (is - was), chance_was = surface_chance(surface, surface->kept[cell]);
-            const double chance = surface_chance(surface, trial->window->kept[there]);
-            change.cost += surface_cost(surface, cell, is, chance) - surface_cost(surface, cell, was, chance_was);
+            const double was = last[cell], is = trial->window->after[there], inside = surface->inside[cell];
+            const double raised = inside * (is - was), chance_was = surface->left_to_chance[cell];
+            const double chance = keeps(trial, surface->steps - 1) ? trial->window->chance[there] : 0.0;
+            change.cost += surface_cost(surface, cell, is, chance) - surface->cost[cell];
             change.height += raised;
             change.squared_height += raised * ((is - surface->reference) + (was - surface->reference)) +
                                      inside * (chance * chance - chance_was * chance_was) / 3.0;
@@ -238,6 +241,15 @@ static void write_rows(const Trial *trial, const double *local, double *map, con
     const size_t columns = (size_t)(box->right - box->left + 1);
     for (ptrdiff_t row = box->top; row <= box->bottom; row++)
         memcpy(map + in_map(trial, row, box->left), local + in_window(trial, row, box->left), columns * sizeof(double));
+}
+
+static void take_costs(PlanSurface *surface, const Box *box) {
+    const double *last = surface_height(surface, surface->steps);
+    for (ptrdiff_t row = box->top; row <= box->bottom; row++)
+        for (ptrdiff_t column = box->left; column <= box->right; column++) {
+            const size_t cell = (size_t)row * surface->stride + (size_t)column;
+            surface->cost[cell] = surface_cost(surface, cell, last[cell], surface->left_to_chance[cell]);
+        }
 }
 
 /* Carries the changes through all steps, to the maps in `made` if that is not NULL; returns where the last differs. */
@@ -259,7 +271,9 @@ static Box carry_through(const Trial *trial, PlanSurface *made) {
         if (made)
             write_rows(trial, trial->window->after, surface_height(made, step + 1), &next);
         if (made && keeps(trial, step))
-            write_rows(trial, trial->window->kept, made->kept, &next);
+            write_rows(trial, trial->window->chance, made->left_to_chance, &next);
+        if (made && step + 1 == surface->steps)
+            take_costs(made, &next);
     }
     return box;
 }

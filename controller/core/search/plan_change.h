@@ -22,7 +22,7 @@ typedef struct {
     double *before;
     double *spread[2]; /* what its droplet gives to a neighbour at most: side, corner [m] */
     double *slope[2];
-    double *kept;   /* in the last step, what each droplet leaves on its own cell [m] */
+    double *chance; /* in the last step, what each cell's droplet leaves to chance [m] */
     uint8_t *value; /* of the droplet jetted on each cell in the step */
     int64_t work;   /* cells printed so far, in all trials */
     void *memory;
