@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "box.h"
+#include "one_step.h"
 
 typedef struct {
     const PlanSurface *surface;
@@ -284,6 +285,10 @@ static Trial trial_of(const PlanSurface *surface, const Change *change, size_t c
 }
 
 Sums plan_trial(const PlanSurface *surface, const Change *change, size_t count, Window *window) {
+    if (surface->steps == 1) {
+        window->work += FOOTPRINT;
+        return one_step_trial(surface, change, count);
+    }
     const Trial trial = trial_of(surface, change, count, window);
     const Box box = carry_through(&trial, NULL);
     return change_of_sums(&trial, &box);
@@ -291,7 +296,10 @@ Sums plan_trial(const PlanSurface *surface, const Change *change, size_t count, 
 
 void plan_apply(PlanSurface *surface, const Change *change, size_t count, Window *window) {
     const Trial trial = trial_of(surface, change, count, window);
-    carry_through(&trial, surface);
+    if (surface->steps == 1)
+        one_step_apply(surface, change, count);
+    else
+        carry_through(&trial, surface);
     for (size_t k = 0; k < count; k++)
         surface_layer(surface, change[k].layer)[surface_cell(surface, change[k].i, change[k].j)] =
             (uint8_t)change[k].value;

@@ -15,19 +15,19 @@ static const double UNIFORM_BOUND = 1.7320508075688772;
 static const double ABYSS = -1.0;
 
 static bool take_memory(PlanSurface *surface) {
-    const size_t maps = surface->steps + 6 + (surface->problem->ceiling != NULL);
+    const size_t maps = surface->steps + 7, length = surface->framed + MAP_MARGIN;
     const size_t bytes = surface->problem->layers * surface->framed;
-    surface->memory = take_maps(1, (maps * surface->framed + MAP_MARGIN) * sizeof(double) + bytes);
+    surface->memory = take_maps(1, maps * length * sizeof(double) + bytes);
     if (!surface->memory)
         return false;
     double *next = surface->memory;
     double **single[] = {&surface->target, &surface->weight, &surface->inside, &surface->left_to_chance,
                          &surface->cost};
-    for (size_t k = 0; k < sizeof single / sizeof *single; k++, next += surface->framed)
+    for (size_t k = 0; k < sizeof single / sizeof *single; k++, next += length)
         *single[k] = next;
     if (surface->problem->ceiling) {
         surface->ceiling = next;
-        next += surface->framed;
+        next += length;
     }
     surface->height = next;
     surface->plan = (uint8_t *)(next + (surface->steps + 1) * surface->framed + MAP_MARGIN);

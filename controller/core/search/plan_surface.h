@@ -18,7 +18,7 @@
 #include "objective.h"
 
 enum { STEPS_MAX = 4 * HORIZON_MAX };
-enum { MAP_MARGIN = 4 }; /* cells behind the last map, so that four from any cell on can be read */
+enum { MAP_MARGIN = 4 }; /* cells behind a map, so that four from any cell on can be read */
 
 typedef struct {
     const HorizonProblem *problem;
