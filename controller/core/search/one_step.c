@@ -22,27 +22,28 @@ static INLINED void load_cells(const double *map, size_t stride, size_t rows, do
             cells[row * LANES + k] = map[row * stride + k];
 }
 
-/* Adds the droplet `value` in the middle of the box at (row, column) `sign` times; returns what it leaves there. Shares
- * are multiples of one length (lattice.h): they add up to the same in any order. */
-static INLINED double add_droplet(const PlanSurface *surface, unsigned value, double sign, size_t row, size_t column,
-                                  StepBox *box) {
+/* Of three rows of five cells, 1 for the one in the middle. */
+static const double MIDDLE_LANES[3][LANES + 1] = {{0.0}, {0.0, 0.0, 1.0, 0.0, 0.0}, {0.0}};
+
+/* Adds the droplet `value` in the middle of three rows of the box `sign` times, to the heights raised from there on;
+ * middle: 1 there, 0 elsewhere. Returns what it leaves there. Shares are multiples of one length (lattice.h): they add
+ * up to the same in any order. */
+static INLINED double add_droplet(const PlanSurface *surface, unsigned value, double sign, size_t first, size_t column,
+                                  const double *middle, double *raised) {
     const Droplet *droplet = &surface->droplet[value];
-    const double *before = surface_height(surface, 0) + box->first + (row - 1) * surface->stride;
+    const double *before = surface_height(surface, 0) + first;
     const double here = before[surface->stride + column];
-    const size_t skipped = 2 - column; /* so that the droplet is in the middle */
     double its[THREE], spread[THREE], slope[THREE], taken[THREE], sums[LANES];
-    double *raised = box->raised + (row - 1) * LANES;
     load_cells(before, surface->stride, 3, its);
-    load_cells(&droplet->spread_lanes[0][skipped], LANES + 1, 3, spread);
-    load_cells(&droplet->slope_lanes[0][skipped], LANES + 1, 3, slope);
+    load_cells(&droplet->spread_lanes[0][2 - column], LANES + 1, 3, spread);
+    load_cells(&droplet->slope_lanes[0][2 - column], LANES + 1, 3, slope);
     for (size_t k = 0; k < THREE; k++)
         taken[k] = flow(spread[k], slope[k], here - its[k]);
-    for (size_t k = 0; k < THREE; k++)
-        raised[k] += sign * taken[k];
     for (size_t k = 0; k < LANES; k++)
         sums[k] = taken[k] + taken[LANES + k] + taken[2 * LANES + k];
     const double kept = droplet->volume - (sums[0] + sums[1] + (sums[2] + sums[3]));
-    raised[LANES + column] += sign * kept;
+    for (size_t k = 0; k < THREE; k++) /* whole vectors: a number written into one would hold up its next reader */
+        raised[k] += sign * (taken[k] + middle[k] * kept);
     return kept;
 }
 
@@ -60,14 +61,18 @@ static INLINED void look_at_changes(const PlanSurface *surface, const Change *ch
     for (size_t k = 0; k < FOUR; k++)
         box->raised[k] = 0.0;
     for (size_t k = 0; k < count; k++) {
-        const size_t row = change[k].i - top + 1, column = change[k].j - left + 1;
-        const unsigned value = surface_layer(surface, 0)[surface_cell(surface, change[k].i, change[k].j)];
-        double kept = 0.0;
+        const size_t row = change[k].i - top, column = change[k].j - left + 1; /* row: the one above it */
+        const size_t first = box->first + row * surface->stride;
+        const unsigned value = surface_layer(surface, 0)[first + surface->stride + column];
+        double kept = 0.0, middle[THREE];
+        load_cells(&MIDDLE_LANES[0][2 - column], LANES + 1, 3, middle);
         if (value)
-            add_droplet(surface, value, -1.0, row, column, box);
+            add_droplet(surface, value, -1.0, first, column, middle, box->raised + row * LANES);
         if (change[k].value)
-            kept = add_droplet(surface, change[k].value, 1.0, row, column, box);
-        box->chance[row * LANES + column] = surface_chance(surface, kept);
+            kept = add_droplet(surface, change[k].value, 1.0, first, column, middle, box->raised + row * LANES);
+        const double chance = surface_chance(surface, kept);
+        for (size_t c = 0; surface->chance > 0.0 && c < THREE; c++)
+            box->chance[row * LANES + c] = middle[c] > 0.0 ? chance : box->chance[row * LANES + c];
     }
 }
 
@@ -98,9 +103,26 @@ static INLINED void cell_costs(const PlanSurface *surface, const StepBox *box, s
         cost[k] *= weight[k];
 }
 
-static INLINED Sums sums_of_rows(const PlanSurface *surface, const StepBox *box, const size_t rows) {
+/* The change of the sums of heights and their squares. */
+static INLINED void add_heights(const PlanSurface *surface, const StepBox *box, size_t rows, const double *was,
+                                const double *is, Sums *sums) {
     const double reference = surface->reference;
-    double was[FOUR], is[FOUR], cost[FOUR], cost_was[FOUR], chance_was[FOUR], inside[FOUR], height[FOUR], square[FOUR];
+    double chance_was[FOUR], inside[FOUR], height[FOUR], square[FOUR];
+    load_cells(surface->left_to_chance + box->first, surface->stride, rows, chance_was);
+    load_cells(surface->inside + box->first, surface->stride, rows, inside);
+    for (size_t k = 0; k < rows * LANES; k++) {
+        height[k] = inside[k] * (is[k] - was[k]);
+        square[k] = height[k] * ((is[k] - reference) + (was[k] - reference)) +
+                    inside[k] * (box->chance[k] * box->chance[k] - chance_was[k] * chance_was[k]) / 3.0;
+    }
+    for (size_t k = 0; k < rows * LANES; k++) {
+        sums->height += height[k];
+        sums->squared_height += square[k];
+    }
+}
+
+static INLINED Sums sums_of_rows(const PlanSurface *surface, const StepBox *box, const size_t rows, bool cost_alone) {
+    double was[FOUR], is[FOUR], cost[FOUR], cost_was[FOUR];
     Sums sums = {0.0, 0.0, 0.0};
     load_cells(surface_height(surface, 1) + box->first, surface->stride, rows, was);
     load_cells(surface->cost + box->first, surface->stride, rows, cost_was);
@@ -109,37 +131,29 @@ static INLINED Sums sums_of_rows(const PlanSurface *surface, const StepBox *box,
     cell_costs(surface, box, rows, is, cost);
     for (size_t k = 0; k < rows * LANES; k++)
         cost[k] -= cost_was[k];
-    load_cells(surface->left_to_chance + box->first, surface->stride, rows, chance_was);
-    load_cells(surface->inside + box->first, surface->stride, rows, inside);
-    for (size_t k = 0; k < rows * LANES; k++) {
-        height[k] = inside[k] * (is[k] - was[k]);
-        square[k] = height[k] * ((is[k] - reference) + (was[k] - reference)) +
-                    inside[k] * (box->chance[k] * box->chance[k] - chance_was[k] * chance_was[k]) / 3.0;
-    }
-    for (size_t k = 0; k < rows * LANES; k++) { /* in the order of the cells */
+    for (size_t k = 0; k < rows * LANES; k++) /* in the order of the cells */
         sums.cost += cost[k];
-        sums.height += height[k];
-        sums.squared_height += square[k];
-    }
+    if (!cost_alone)
+        add_heights(surface, box, rows, was, is, &sums);
     return sums;
 }
 
-static INLINED Sums trial(const PlanSurface *surface, const Change *change, size_t count) {
+static INLINED Sums trial(const PlanSurface *surface, const Change *change, size_t count, bool cost_alone) {
     StepBox box;
     look_at_changes(surface, change, count, &box);
-    return box.rows == 3 ? sums_of_rows(surface, &box, 3) : sums_of_rows(surface, &box, 4);
+    return box.rows == 3 ? sums_of_rows(surface, &box, 3, cost_alone) : sums_of_rows(surface, &box, 4, cost_alone);
 }
 
-static Sums trial_plain(const PlanSurface *surface, const Change *change, size_t count) {
-    return trial(surface, change, count);
+static Sums trial_plain(const PlanSurface *surface, const Change *change, size_t count, bool cost_alone) {
+    return trial(surface, change, count, cost_alone);
 }
 
-static WITH_AVX2 Sums trial_avx2(const PlanSurface *surface, const Change *change, size_t count) {
-    return trial(surface, change, count);
+static WITH_AVX2 Sums trial_avx2(const PlanSurface *surface, const Change *change, size_t count, bool cost_alone) {
+    return trial(surface, change, count, cost_alone);
 }
 
-Sums one_step_trial(const PlanSurface *surface, const Change *change, size_t count) {
-    return (HAS_AVX2 ? trial_avx2 : trial_plain)(surface, change, count);
+Sums one_step_trial(const PlanSurface *surface, const Change *change, size_t count, bool cost_alone) {
+    return (HAS_AVX2 ? trial_avx2 : trial_plain)(surface, change, count, cost_alone);
 }
 
 void one_step_apply(PlanSurface *surface, const Change *change, size_t count) {

@@ -7,8 +7,8 @@
 
 #include "plan_change.h"
 
-/* As plan_trial, for a surface of one step. */
-Sums one_step_trial(const PlanSurface *surface, const Change *change, size_t count);
+/* As plan_trial, for a surface of one step; cost_alone: the other sums stay 0. */
+Sums one_step_trial(const PlanSurface *surface, const Change *change, size_t count, bool cost_alone);
 
 /* As plan_apply without the plan: the surface alone. */
 void one_step_apply(PlanSurface *surface, const Change *change, size_t count);

@@ -287,11 +287,18 @@ static Trial trial_of(const PlanSurface *surface, const Change *change, size_t c
 Sums plan_trial(const PlanSurface *surface, const Change *change, size_t count, Window *window) {
     if (surface->steps == 1) {
         window->work += FOOTPRINT;
-        return one_step_trial(surface, change, count);
+        return one_step_trial(surface, change, count, false);
     }
     const Trial trial = trial_of(surface, change, count, window);
     const Box box = carry_through(&trial, NULL);
     return change_of_sums(&trial, &box);
+}
+
+Sums plan_trial_worth(const PlanSurface *surface, const Change *change, size_t count, Window *window) {
+    if (!is_cost_enough(surface))
+        return plan_trial(surface, change, count, window);
+    window->work += FOOTPRINT;
+    return one_step_trial(surface, change, count, true);
 }
 
 void plan_apply(PlanSurface *surface, const Change *change, size_t count, Window *window) {
