@@ -17,8 +17,7 @@ typedef struct {
 
 /* `reach` cells more on every side, as far as the grid goes. */
 static inline Patch patch_widened(const Patch *patch, size_t nx, size_t ny, size_t reach) {
-    return (Patch){patch->top > reach ? patch->top - reach : 0,
-                   patch->bottom + reach < nx ? patch->bottom + reach : nx,
+    return (Patch){patch->top > reach ? patch->top - reach : 0, patch->bottom + reach < nx ? patch->bottom + reach : nx,
                    patch->left > reach ? patch->left - reach : 0,
                    patch->right + reach < ny ? patch->right + reach : ny};
 }

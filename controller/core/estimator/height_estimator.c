@@ -57,9 +57,9 @@ static bool workspace_open(Workspace *work, size_t cells, size_t inks) {
     work->memory = next;
     if (!next)
         return false;
-    double **single[] = {&work->scan,       &work->growth,           &work->spread,         &work->total,
-                         &work->predicted,  &work->gain,             &work->known_room,     &work->corrected.before,
-                         &work->corrected.scan, &work->corrected.variance};
+    double **single[] = {
+        &work->scan, &work->growth,     &work->spread,           &work->total,          &work->predicted,
+        &work->gain, &work->known_room, &work->corrected.before, &work->corrected.scan, &work->corrected.variance};
     for (size_t k = 0; k < sizeof single / sizeof *single; k++)
         *single[k] = next_maps(&next, 1, cells);
     work->increments.rates = next_maps(&next, rates, cells);

@@ -118,8 +118,7 @@ static double fit_robustly(const References *cells, size_t terms, double coeffic
 }
 
 /* Variance that a fit brings to a cell, in variances of a reading. */
-static double leverage_at(size_t nx, size_t ny, size_t cell, size_t terms,
-                          double inverse[PLANE_TERMS][PLANE_TERMS]) {
+static double leverage_at(size_t nx, size_t ny, size_t cell, size_t terms, double inverse[PLANE_TERMS][PLANE_TERMS]) {
     double term[PLANE_TERMS], leverage = 0.0;
     place_of_cell(nx, ny, cell, term);
     for (size_t i = 0; i < terms; i++)

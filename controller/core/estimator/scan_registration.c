@@ -207,8 +207,8 @@ static void correct_scan(const ScanEvidence *evidence, const Registration *regis
 }
 
 /* Marks the cells that were seen and whose growth the displacement leaves sure. */
-static void mark_clear(const ScanEvidence *evidence, const Registration *registration,
-                       const RegisteredScan *registered, uint8_t *clear) {
+static void mark_clear(const ScanEvidence *evidence, const Registration *registration, const RegisteredScan *registered,
+                       uint8_t *clear) {
     const size_t cells = evidence->nx * evidence->ny;
     const double limit = evidence->unsure * evidence->unsure;
     for (size_t cell = 0; cell < cells; cell++) {
@@ -262,8 +262,8 @@ static bool learn(const ScanEvidence *evidence, bool is_iterated, Room *room, do
 }
 
 /* A displacement that the linear step finds is to stand the iteration, else nothing is corrected. */
-static bool learn_and_confirm(const ScanEvidence *evidence, Room *room, double x[UNKNOWNS],
-                              Registration *registration, RegisteredScan *registered) {
+static bool learn_and_confirm(const ScanEvidence *evidence, Room *room, double x[UNKNOWNS], Registration *registration,
+                              RegisteredScan *registered) {
     const Registration before = *registration;
     if (is_displaced(&before))
         return learn(evidence, true, room, x, registration, registered);

@@ -61,8 +61,8 @@ bool is_displaced(const Registration *registration);
 /* The scan taken as it was read; it points to the maps of the evidence. */
 void take_as_read(const ScanEvidence *evidence, const CorrectedMaps *maps, RegisteredScan *registered);
 
-/* Learns from a scan, and corrects it. `sensitivity` and `slopes` are the columns of `room`. False if the unknowns cannot
- * be solved for. */
+/* Learns from a scan, and corrects it. `sensitivity` and `slopes` are the columns of `room`. False if the unknowns
+ * cannot be solved for. */
 bool register_scan(const ScanEvidence *evidence, const CorrectedMaps *maps, Room *room, Registration *registration,
                    RegisteredScan *registered);
 

@@ -233,7 +233,7 @@ void flat_rates(const JettedLayer *layer, size_t inks, double *rates) {
             for (size_t i = 0; i < layer->nx; i++) {
                 const double *above = rows[i % 3], *here = rows[(i + 1) % 3], *below = rows[(i + 2) % 3];
                 double *restrict h1 = rates + i * layer->ny + first, *restrict h2 = h1 + cells,
-                       *restrict h3 = h2 + cells;
+                                 *restrict h3 = h2 + cells;
                 load_volumes(layer, i + 2, first, count, (int32_t)ink + 1, rows[(i + 2) % 3]);
                 for (size_t k = 1; k <= count; k++) {
                     h1[k - 1] = here[k];

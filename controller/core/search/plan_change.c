@@ -4,7 +4,10 @@
 #include <string.h>
 
 #include "box.h"
+#include "instruction_sets.h"
 #include "one_step.h"
+
+enum { LANES = 4 }; /* cells that are calculated at once: rows are rounded up to them, and what is there goes nowhere */
 
 typedef struct {
     const PlanSurface *surface;
@@ -15,7 +18,8 @@ typedef struct {
 } Trial;
 
 bool window_open(Window *window, const PlanSurface *surface) {
-    const size_t side = 2 * surface->steps + 6; /* a 4x4 box, one more cell each way for every step and for reading */
+    const size_t side = 2 * surface->steps + 6 + LANES; /* a 4x4 box, one more cell each way for every step and for
+                                                           reading, and what rows are rounded up by */
     const size_t cells = side * side;
     *window = (Window){.side = side, .memory = calloc(1, cells * (7 * sizeof(double) + 1))};
     if (!window->memory)
@@ -126,14 +130,14 @@ static void load_droplets(const Trial *trial, const Box *box, size_t step) {
 }
 
 /* What a cell loses to a neighbour less what it gets from it, `rise` above it. */
-static inline double loss(double spread, double slope, double its_spread, double its_slope, double rise) {
+static INLINED double loss(double spread, double slope, double its_spread, double its_slope, double rise) {
     return flow(spread, slope, rise) - flow(its_spread, its_slope, -rise);
 }
 
 /* Takes from a row of cells what they lose to the neighbours `one` and `other` cells before and behind. The arrays do
  * not overlap: a compiler may do several cells at once. */
-static void take_losses(double *restrict after, const double *restrict before, const double *restrict spread,
-                        const double *restrict slope, ptrdiff_t one, ptrdiff_t other, ptrdiff_t columns) {
+static INLINED void take_losses(double *restrict after, const double *restrict before, const double *restrict spread,
+                                const double *restrict slope, ptrdiff_t one, ptrdiff_t other, ptrdiff_t columns) {
     for (ptrdiff_t k = 0; k < columns; k++)
         after[k] -= loss(spread[k], slope[k], spread[k - one], slope[k - one], before[k] - before[k - one]) +
                     loss(spread[k], slope[k], spread[k + one], slope[k + one], before[k] - before[k + one]) +
@@ -142,9 +146,9 @@ static void take_losses(double *restrict after, const double *restrict before, c
 }
 
 /* Prints the step on the surface in `before`. */
-static void print_window(const Trial *trial, const Box *box) {
+static INLINED void print_window(const Trial *trial, const Box *box) {
     const Window *window = trial->window;
-    const ptrdiff_t side = (ptrdiff_t)window->side, columns = box->right - box->left + 1;
+    const ptrdiff_t side = (ptrdiff_t)window->side, columns = (box->right - box->left + LANES) / LANES * LANES;
     for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
         const size_t first = in_window(trial, row, box->left);
         const double *before = window->before + first;
@@ -158,8 +162,8 @@ static void print_window(const Trial *trial, const Box *box) {
 }
 
 /* Takes from a row of droplets what the neighbours `one` and `other` cells before and behind take of them. */
-static void take_shares(double *restrict kept, const double *restrict before, const double *restrict spread,
-                        const double *restrict slope, ptrdiff_t one, ptrdiff_t other, ptrdiff_t columns) {
+static INLINED void take_shares(double *restrict kept, const double *restrict before, const double *restrict spread,
+                                const double *restrict slope, ptrdiff_t one, ptrdiff_t other, ptrdiff_t columns) {
     for (ptrdiff_t k = 0; k < columns; k++)
         kept[k] -= flow(spread[k], slope[k], before[k] - before[k - one]) +
                    flow(spread[k], slope[k], before[k] - before[k + one]) +
@@ -168,9 +172,9 @@ static void take_shares(double *restrict kept, const double *restrict before, co
 }
 
 /* What the droplets of the step leave on their own cells, and so to chance. */
-static void keep_droplets(const Trial *trial, const Box *box) {
+static INLINED void keep_droplets(const Trial *trial, const Box *box) {
     const Window *window = trial->window;
-    const ptrdiff_t side = (ptrdiff_t)window->side, columns = box->right - box->left + 1;
+    const ptrdiff_t side = (ptrdiff_t)window->side, columns = (box->right - box->left + LANES) / LANES * LANES;
     for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
         const size_t first = in_window(trial, row, box->left);
         const double *before = window->before + first;
@@ -185,6 +189,20 @@ static void keep_droplets(const Trial *trial, const Box *box) {
     }
 }
 
+static INLINED void print_box(const Trial *trial, const Box *box, size_t step) {
+    print_window(trial, box);
+    if (keeps(trial, step))
+        keep_droplets(trial, box);
+}
+
+static void print_box_plain(const Trial *trial, const Box *box, size_t step) {
+    print_box(trial, box, step);
+}
+
+static WITH_AVX2 void print_box_avx2(const Trial *trial, const Box *box, size_t step) {
+    print_box(trial, box, step);
+}
+
 /* One more step: the surface in `after`, which differs in `box`, becomes the one before it. */
 static void carry(const Trial *trial, const Box *box, const Box *next, size_t step) {
     Window *window = trial->window;
@@ -196,9 +214,7 @@ static void carry(const Trial *trial, const Box *box, const Box *next, size_t st
         memcpy(window->before + first, window->after + first, columns * sizeof(double));
     }
     load_droplets(trial, &read, step);
-    print_window(trial, next);
-    if (keeps(trial, step))
-        keep_droplets(trial, next);
+    (HAS_AVX2 ? print_box_avx2 : print_box_plain)(trial, next, step);
 }
 
 /* The part of the box that holds all cells whose height after the step differs. */

@@ -143,8 +143,7 @@ static INLINED void load_row(const PlanSurface *surface, size_t step, size_t row
     const uint8_t *values = surface_layer(surface, layer) + row * surface->stride + left - 1;
     const Droplet *droplet = surface->droplet;
     for (size_t k = 0; k < count + 2; k++) {
-        const bool falls =
-            values[k] && (passes == 1 || surface_step(surface, layer, row - 1, left + k - 2) == step);
+        const bool falls = values[k] && (passes == 1 || surface_step(surface, layer, row - 1, left + k - 2) == step);
         const Droplet *own = &droplet[falls ? values[k] : 0];
         droplets->volume[k] = own->volume;
         for (int place = SIDE; place <= CORNER; place++) {
@@ -154,8 +153,8 @@ static INLINED void load_row(const PlanSurface *surface, size_t step, size_t row
     }
 }
 
-/* Takes from the cells of a row what flows to the neighbours `ahead` columns further in another row, and adds what comes
- * from there. */
+/* Takes from the cells of a row what flows to the neighbours `ahead` columns further in another row, and adds what
+ * comes from there. */
 static INLINED void exchange(const DropletRow *here, const DropletRow *there, int place, size_t ahead, size_t count,
                              const double *restrict before, const double *restrict its, double *restrict left,
                              double *restrict after) {

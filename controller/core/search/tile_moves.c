@@ -58,8 +58,7 @@ static void wake(Work *work, size_t i, size_t j) {
 
 static void make(Work *work, const Best *best) {
     const bool is_whole = !is_cost_enough(work->surface);
-    const Sums added =
-        is_whole ? best->worth : plan_trial(work->surface, best->change, best->count, work->window);
+    const Sums added = is_whole ? best->worth : plan_trial(work->surface, best->change, best->count, work->window);
     plan_apply(work->surface, best->change, best->count, work->window);
     work->tally->change = sums_after(&work->tally->change, &added);
     for (size_t k = 0; k < best->count; k++)
