@@ -87,12 +87,16 @@ def _printed(tables: ScenarioFile, solid: Solid) -> tuple[BoolMap, FloatMap]:
 def _without_ends(region: Columns, top: FloatMap) -> Columns:
     """Ink A where it reaches the substrate or the target `top` (nx, ny) [m] continues beyond them, as ink B does.
 
-    Else the last droplet on ink A, whose middle lies over the target, would be of ink B.
+    Else the last droplet on ink A, whose middle lies over the target, would be of ink B. Ink A that begins above the
+    target, as what hangs over the part that is printed, is left out.
     """
-    highest = np.repeat(top.ravel(), region.counts.ravel())
+    cells = region.nx * region.ny
+    cell, highest = (np.repeat(values, region.counts.ravel()) for values in (np.arange(cells), top.ravel()))
+    kept = (region.bottoms < highest - GAP_M).nonzero()[0]
+    offsets = np.concatenate([[0], np.cumsum(np.bincount(cell[kept], minlength=cells))])
     bottoms = np.where(region.bottoms <= GAP_M, -FAR_M, region.bottoms)
     tops = np.where(region.tops >= highest - GAP_M, FAR_M, region.tops)
-    return Columns(region.nx, region.ny, region.pitch, region.offsets, bottoms, tops)
+    return Columns(region.nx, region.ny, region.pitch, offsets, bottoms[kept], tops[kept])
 
 
 def component_seed(seed: int, component: str) -> int:

@@ -194,7 +194,8 @@ def test_override_changes_the_run_and_its_record(tmp_path: Path) -> None:
 
 def test_empty_mapping_empties_a_table_in_python_and_on_the_command_line() -> None:
     assert Scenario.load(SCENARIOS / "cuboid.toml").tables.compare
-    for overrides in ({"compare": {}}, overrides_of(["compare={}"], "command line")):
+    empty: list[Mapping[str, Any]] = [{"compare": {}}, overrides_of(["compare={}"], "command line")]
+    for overrides in empty:
         assert not Scenario.load(SCENARIOS / "cuboid.toml", overrides).tables.compare
 
 
