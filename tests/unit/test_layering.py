@@ -50,7 +50,7 @@ DOORS = {
     "trimesh": ("inkloop.geometry.triangle_file", "inkloop.exchange.layers"),
     "lib3mf": ("inkloop.geometry.three_mf",),
     "contourpy": ("inkloop.metrology.evaluation.outline",),
-    "gymnasium": ("inkloop.printing.environment", "inkloop.printing.target_offset"),
+    "gymnasium": tuple(f"inkloop.printing.{name}" for name in ("environment", "spaces", "target_offset")),
     "skfem": ("inkloop.studies.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
     "plotly": ("inkloop.report.page.page",),
