@@ -19,7 +19,9 @@ class Local:
 
     def act(self, observation):
         mask = observation["mask"] > 0
-        lacking = np.where(mask, observation["target"] - observation["measured_height"], 0.0) / self.layer_height
+        seen = mask & (observation["valid"] > 0)
+        lacking = np.where(seen, observation["target"] - observation["measured_height"], 0.0) / self.layer_height
+        lacking = np.where(mask & ~seen, mean_around(lacking, seen), lacking)
         sides, corners = around(lacking)
         colour = self.colour * (-1) ** self.layer
         cell, side, corner, constant, board = self.weights
@@ -27,6 +29,12 @@ class Local:
         near = np.clip(lacking, -2.0, 2.0)
         score = cell * near + side * np.clip(sides, -2.0, 2.0) + corner * np.clip(corners, -2.0, 2.0) + constant
         return (score + board * colour > 0.0) & mask
+
+
+def mean_around(values, seen):
+    """Mean over those of the eight neighbours that were seen; 0 where none was."""
+    total, count = (4.0 * sum(around(np.where(seen, part, 0.0))) for part in (values, np.ones(seen.shape)))
+    return np.divide(total, count, out=np.zeros_like(total), where=count > 0.0)
 
 
 def around(values):

@@ -52,7 +52,7 @@ DOORS = {
     "contourpy": ("inkloop.metrology.evaluation.outline",),
     **dict.fromkeys(("dask", "distributed"), ("inkloop.studies.sweep.cluster",)),
     "optuna": ("inkloop.studies.sweep.optimise",),
-    "gymnasium": ("inkloop.printing.environment", "inkloop.printing.target_offset"),
+    "gymnasium": tuple(f"inkloop.printing.{name}" for name in ("environment", "spaces", "target_offset")),
     "skfem": ("inkloop.studies.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
     "plotly": ("inkloop.report.page.page",),

@@ -1,4 +1,4 @@
-"""Processor time of a layer and of a reset in `LayerEnv`, for learn-a-policy.md."""
+"""Times of `LayerEnv`, and the policy of the notebook on plants of the score board, for learn-a-policy.md."""
 
 from __future__ import annotations
 
@@ -6,18 +6,23 @@ from statistics import median
 from time import process_time
 
 import numpy as np
-from tools.figures.pages import DOCS, ROOT, Texts, read_json, write_json
+from tools.figures.pages import DOCS, ROOT, Texts, read_json, table, write_json
 
 import inkloop
+from inkloop.scenario.class_path import classes_from
+from inkloop.studies.score.board import OPEN_LOOP, OURS, PAPERS, Entry, prints
 from inkloop.units import MS_PER_S
 
 PAGE = DOCS / "how-to" / "learn-a-policy.md"
 RECORD = PAGE.with_suffix(".json")
 EPISODES, LAYERS = 9, 40
+PLANTS, SEED = ("lu", "lu-wide", "caps", "lu-dropout"), 1
+LEARNT = Entry("five learned weights", "env:local_policy:Local")
+ENTRIES = (OPEN_LOOP, PAPERS, LEARNT, OURS)
 
 
 def run() -> None:
-    """Print layers with random droplets on the cylinder; the medians over episodes."""
+    """Print layers with random droplets on the cylinder, the medians over episodes; then the plants."""
     env, rng = inkloop.LayerEnv(ROOT / "scenarios" / "cylinder.toml"), np.random.default_rng(0)
     mask, layers, resets = env.job.mask, [], []
     patterns = [(rng.random(mask.shape) < 0.8) & mask for _ in range(LAYERS)]
@@ -30,11 +35,14 @@ def run() -> None:
             env.step(pattern)
         layers.append((process_time() - begin) / LAYERS)
     env.close()
-    write_json(RECORD, {"layer_ms": median(layers) * MS_PER_S, "reset_ms": median(resets) * MS_PER_S})
+    times = {"layer_ms": median(layers) * MS_PER_S, "reset_ms": median(resets) * MS_PER_S}
+    with classes_from(DOCS / "notebooks"):
+        rms = {entry.name: [prints(entry, plant, [SEED]).mean("rms") for plant in PLANTS] for entry in ENTRIES}
+    write_json(RECORD, {**times, "rms_um": rms})
 
 
 def texts() -> Texts:
-    """Both times, in milliseconds."""
+    """The times in milliseconds, the errors in micrometres."""
     record = read_json(RECORD)
     layer, reset = record["layer_ms"], record["reset_ms"]
     return {
@@ -43,5 +51,9 @@ def texts() -> Texts:
             "layers a second": f"{round(MS_PER_S / layer, -2):,.0f}",
             "reset": f"{reset:.0f} ms",
             "layers of a reset": f"{reset / layer:.0f}",
+            "plants": table(
+                ("rms [um]", *PLANTS),
+                [(name, *(f"{each:.2f}" for each in rms)) for name, rms in record["rms_um"].items()],
+            ),
         }
     }

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from inkloop.component import FloatMap, Job, Values
 from inkloop.components import catalog
-from inkloop.components.policy import MASK, TARGET, ActionCode, Observation, PolicyController, observation_of
-from inkloop.contract import HEIGHT, LAYERS_SCANNED, MEASURED_HEIGHT, VALID
+from inkloop.components.policy import ActionCode, Observation, PolicyController, observation_of
+from inkloop.contract import HEIGHT, LAYERS_SCANNED, MEASURED_HEIGHT
 from inkloop.errors import InkloopError
 from inkloop.master.master import Master, StopReason, Turns
 from inkloop.printing.controller_policy import ControllerPolicy
@@ -43,8 +43,6 @@ else:
                 raise InkloopError("inkloop.LayerEnv needs gymnasium; pip install 'inkloop[env]'")
 
 
-HEIGHT_MAX_M = 1.0
-"""Bound of heights in the observation space: no print is as high (assumed)."""
 SEEDS = 2**31
 
 
@@ -86,7 +84,9 @@ class LayerEnv(Env):
         self._scenario = self._freed.seeded(self._freed.own.tables.seed)
         job = self.job
         self._code = ActionCode((job.nx, job.ny), len(job.inks), self._freed.drop_levels)
-        self.observation_space, self.action_space = _spaces(self._code)
+        from inkloop.printing.spaces import action_space, observation_space
+
+        self.observation_space, self.action_space = observation_space(self._code.shape), action_space(self._code)
         self._turns: Turns | None = None
         self._inputs: Values = {}
         self._action = _Action(np.zeros(self._code.shape, np.int32))
@@ -252,16 +252,6 @@ class _Newest:
         """The next point."""
         self.time_ns = time_ns
         self.height = next((values[HEIGHT] for values in outputs.values() if HEIGHT in values), None)
-
-
-def _spaces(code: ActionCode) -> tuple[Any, Any]:
-    """Of observations and of actions."""
-    from gymnasium.spaces import Box, Dict, MultiBinary, MultiDiscrete
-
-    heights = Box(-HEIGHT_MAX_M, HEIGHT_MAX_M, code.shape, np.float64)
-    marks = MultiBinary(code.shape)
-    actions = MultiBinary(code.shape) if code.values == 2 else MultiDiscrete(np.full(code.shape, code.values))
-    return Dict({MEASURED_HEIGHT: heights, VALID: marks, TARGET: heights, MASK: marks}), actions
 
 
 def _of_text(text: str, source: str, options: Mapping[str, Any]) -> LayerEnv:

@@ -156,6 +156,7 @@ def test_users_controller_stands_in_a_row_next_to_ours(tmp_path, monkeypatch, ca
         (["--plant", "lou"], "there is no plant 'lou'"),
         (["--set", "alpha=0.5"], "a controller of your own"),
         (["nowhere:Nothing", "--plant", "lu"], "nowhere:Nothing"),
+        (["env:nowhere:Policy", "--plant", "lu"], "No module named 'nowhere'"),
     ],
 )
 def test_what_cannot_be_scored_is_refused_with_a_message(arguments, message, tmp_path, monkeypatch, capsys) -> None:
