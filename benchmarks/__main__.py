@@ -21,6 +21,7 @@ NAMES = (
     "time_limit",
     "columns",
     "controller_step",
+    "controller_time",
     "footprint",
     "sweep",
     "peers",
