@@ -1,4 +1,5 @@
-/* Invariants of plan_change.h on random problems; prints the first one that does not hold and ends with 1. */
+/* Invariants of plan_change.h on random problems; prints the first one that does not hold and ends with 1, or else the
+ * bits of all that was calculated. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -30,6 +31,7 @@ static HorizonProblem random_problem(uint64_t seed) {
                               .alpha = 0.3,
                               .overshoot = 1.0 + (double)(seed % 5),
                               .ceiling_cost = 10.0,
+                              .droplet_std = (seed / 6) % 2 ? 0.2 : 0.0,
                               .passes = (seed / 3) % 2 ? 4 : 1};
     memcpy(problem.kind, KINDS, sizeof KINDS);
     uint64_t drawn = 0;
@@ -50,8 +52,18 @@ static HorizonProblem random_problem(uint64_t seed) {
     return problem;
 }
 
+static uint64_t bits = 1; /* of all sums and surfaces so far */
+
+static void add_bits(const void *of, size_t bytes) {
+    const uint8_t *byte = of;
+    for (size_t k = 0; k < bytes; k++)
+        bits = mix64(bits + byte[k]);
+}
+
 static bool same_surfaces(const PlanSurface *one, const PlanSurface *other) {
     return memcmp(one->height, other->height, (one->steps + 1) * one->framed * sizeof(double)) == 0 &&
+           memcmp(one->cost, other->cost, one->framed * sizeof(double)) == 0 &&
+           memcmp(one->left_to_chance, other->left_to_chance, one->framed * sizeof(double)) == 0 &&
            memcmp(one->plan, other->plan, one->problem->layers * one->framed) == 0;
 }
 
@@ -91,7 +103,12 @@ static const char *broken_invariant(uint64_t seed) {
         const size_t layer = random_below(seed, draw, problem.layers), i = random_below(seed, draw + 1, NX);
         const size_t j = random_below(seed, draw + 2, NY);
         Change change[2] = {{layer, i, j, (unsigned)random_below(seed, draw + 3, 1 + problem.kinds)},
-                            {layer, i + 1 < NX ? i + 1 : i - 1, j, (unsigned)random_below(seed, draw + 4, 2)}};
+                            {layer, i, j, (unsigned)random_below(seed, draw + 4, 2)}};
+        const uint64_t way = draw / 12 % 4; /* to a neighbour: below, beside, or in between */
+        if (way < 3 && way != 1)
+            change[1].i = i + 1 < NX ? i + 1 : i - 1;
+        if (way > 0)
+            change[1].j = way == 3 || j + 1 == NY ? (j > 0 ? j - 1 : 1) : j + 1;
         if (problem.layers > 1 && random_below(seed, draw + 5, 2))
             change[1] = (Change){(layer + 1) % problem.layers, i, j, change[1].value};
         const size_t count = 1 + draw / 6 % 2;
@@ -100,6 +117,10 @@ static const char *broken_invariant(uint64_t seed) {
             undo[k].value = surface_layer(&changed, undo[k].layer)[surface_cell(&changed, undo[k].i, undo[k].j)];
 
         const Sums added = plan_trial(&changed, change, count, &window);
+        const Sums worth = plan_trial_worth(&changed, change, count, &window);
+        add_bits(&added, sizeof added);
+        if (worth.cost != added.cost)
+            broken = "what a trial is worth is its cost";
         if (!same_surfaces(&kept, &changed))
             broken = "a trial leaves no trace";
         plan_apply(&changed, change, count, &window);
@@ -112,6 +133,8 @@ static const char *broken_invariant(uint64_t seed) {
         const double found = objective_change(&kept.sums, &added, &kept.weighting);
         if (fabs(found - expected) > 1e-12 * objective(&kept.sums, &kept.weighting))
             broken = "a trial gives the change of the objective";
+        add_bits(changed.height, (changed.steps + 1) * changed.framed * sizeof(double));
+        add_bits(&fresh.sums, sizeof fresh.sums);
         surface_close(&fresh);
         plan_apply(&changed, undo, count, &window);
         if (!same_surfaces(&kept, &changed))
@@ -135,5 +158,6 @@ int main(void) {
             return 1;
         }
     }
+    printf("%016llx\n", (unsigned long long)bits);
     return 0;
 }

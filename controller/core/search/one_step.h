@@ -5,7 +5,7 @@
 #ifndef INKLOOP_ONE_STEP_H
 #define INKLOOP_ONE_STEP_H
 
-#include "plan_change.h"
+#include "plan_surface.h"
 
 /* As plan_trial, for a surface of one step; cost_alone: the other sums stay 0. */
 Sums one_step_trial(const PlanSurface *surface, const Change *change, size_t count, bool cost_alone);

@@ -8,13 +8,6 @@
 
 #include "plan_surface.h"
 
-enum { CHANGES_MAX = 2 };
-
-typedef struct {
-    size_t layer, i, j;
-    unsigned value; /* of the plan from now on */
-} Change;
-
 /* Room for the window of one thread. */
 typedef struct {
     size_t side;   /* from row to row */

@@ -42,6 +42,13 @@ typedef struct {
     void *memory;
 } PlanSurface;
 
+enum { CHANGES_MAX = 2 };
+
+typedef struct {
+    size_t layer, i, j;
+    unsigned value; /* of the plan there from now on */
+} Change;
+
 /* Takes memory and evaluates the plan (layers * nx * ny). False if there is no memory. */
 bool surface_open(PlanSurface *surface, const HorizonProblem *problem, const int32_t *plan);
 void surface_close(PlanSurface *surface);

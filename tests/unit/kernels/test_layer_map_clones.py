@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -196,3 +196,16 @@ def test_bits_are_those_of_a_plain_loop(build: str, calculated: Callable[..., An
     """By AVX2 where the processor has it, by the instructions of every x86-64, and however gcc optimises."""
     loaded = compiled_library(build)
     assert [seed for seed in range(12) if bits(calculated(loaded, case(seed))) != plain_bits(plain, seed)] == []
+
+
+def test_rates_on_a_flat_surface_are_those_of_its_increments() -> None:
+    """Whatever the ink: there every neighbour takes its full part."""
+    loaded = compiled_library("as shipped")
+    for seed in range(12):
+        drawn = case(seed)
+        flat = replace(drawn, height=np.zeros_like(drawn.height), colours=(ALL,), inks=np.array(INKS))
+        nx, ny = flat.height.shape
+        rates, none = np.full((6, nx, ny), np.nan), np.zeros(1, np.int32)
+        layer = JettedLayer(nx, ny, of(flat.pattern), of(flat.factor), 1, of(none))
+        loaded.flat_rates(ctypes.byref(layer), SIZE(2), of(rates))
+        assert np.array_equal(rates, increments(loaded, flat)[0]), seed
