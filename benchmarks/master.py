@@ -135,6 +135,8 @@ class _Ready:
     def __init__(self, outputs: tuple[Port, ...], inputs: tuple[Port, ...] = (), counts: str = "") -> None:
         self.inputs, self.outputs, self._counts = inputs, outputs, counts
         self._values: Values = {port.name: port.start_value() for port in outputs}
+        for value in self._values.values():
+            value.flags.writeable = False
 
     def initialize(self, time_ns: int, inputs: Values) -> Values:
         return self._values

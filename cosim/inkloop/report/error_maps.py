@@ -10,6 +10,7 @@ from matplotlib.ticker import MaxNLocator
 from inkloop.report.layer_curves import draw_layers
 from inkloop.report.plot import (
     COLOURS,
+    DRAWN,
     ERROR_COLOURS,
     ERROR_LABEL,
     WIDTH_IN,
@@ -20,6 +21,7 @@ from inkloop.report.plot import (
     extent_of,
     figures_of,
     new_figure,
+    thinned,
 )
 
 MAP_IN = 2.3  # height of a map
@@ -33,7 +35,7 @@ def error_map(run: xr.Dataset, name: str) -> Figure:
     width = min(max(MAP_IN * (right - left) / (top - bottom) + SCALE_IN, 2.2), 0.62 * WIDTH_IN)
     plane, counts = figure.subplots(1, 2, width_ratios=(width, WIDTH_IN - width))
     image = plane.imshow(
-        error.T,
+        thinned(error, DRAWN).T,
         origin="lower",
         extent=(left, right, bottom, top),
         interpolation="nearest",
@@ -60,7 +62,7 @@ def comparison(runs: Runs) -> Figure:
     maps = above.subplots(1, len(runs), squeeze=False)[0]
     for axes, (name, run) in zip(maps, runs.items(), strict=True):
         image = axes.imshow(
-            errors[name].T,
+            thinned(errors[name], DRAWN).T,
             origin="lower",
             extent=extent_of(run),
             interpolation="nearest",

@@ -122,3 +122,22 @@ def test_state_that_cannot_be_saved_leaves_the_last_good_one(
     assert resumed.run["resumed_after_layer"] == 1
     for name in ("height", "pattern", "measured_height", "estimated_height", "std"):
         np.testing.assert_array_equal(resumed.dataset[name], whole.dataset[name], err_msg=name)
+
+
+def test_heights_of_large_maps_are_rounded_below_a_picometre(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Noise is most of a file that keeps every digit; small maps, and what is no height, keep all of them."""
+    sizes = {}
+    variables = {name: (np.dtype(np.float64), {"units": unit}) for name, unit in (("height", "m"), ("area", "m2"))}
+    exact = np.random.default_rng(5).normal(3e-4, 1e-6, (SIDE, SIDE))
+    for limit in (SIDE * SIDE, SIDE * SIDE - 1):
+        monkeypatch.setattr(layer_maps, "ROUNDED_CELLS", limit)
+        rows = [("height", 0, exact), ("area", 0, exact)]
+        path = tmp_path / f"{limit}.nc"
+        LayerMaps((1, SIDE, SIDE), variables, rows).write(path, TABLE.isel(layer=[0]))
+        sizes[limit] = path.stat().st_size
+        with xr.open_dataset(path, engine="h5netcdf") as stored:
+            error = np.abs(stored.height[0].values - exact).max()
+            assert 0.0 <= error <= layer_maps.ROUNDED_M / 2.0
+            assert (error > 0.0) == (limit < SIDE * SIDE) == ("rounded_to" in stored.height.attrs)
+            np.testing.assert_array_equal(stored.area[0], exact)
+    assert sizes[SIDE * SIDE - 1] < 0.8 * sizes[SIDE * SIDE]
