@@ -111,13 +111,14 @@ firmware-cortex-m: .venv/developer
 	@if command -v arm-none-eabi-gcc >/dev/null; then $(MAKE) --no-print-directory -C hardware/firmware/cortex_m; \
 	else echo "arm-none-eabi-gcc is not installed: the firmware was not compiled for a Cortex-M; make tools"; fi
 
-# what some tests use and skip without: the firmware on a Cortex-M, libFuzzer, binaries for Windows, masters of others,
+# what some tests use and skip without: the firmware on a Cortex-M, libFuzzer, binaries for other platforms, masters of others,
 # a kernel with SocketCAN as a process, a browser
 TOOLS := gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm clang \
-         gcc-mingw-w64-x86-64 wine64 libtbb12 default-jre-headless user-mode-linux can-utils iproute2 kmod chromium
-tools:
+         qemu-user-static libc6-arm64-cross wine64 libtbb12 default-jre-headless user-mode-linux can-utils iproute2 kmod chromium
+tools: .venv/developer
 	@if command -v apt-get >/dev/null; then apt-get install --yes --no-install-recommends $(TOOLS); \
 	else echo "install with your own package manager what Debian calls: $(TOOLS)"; fi
+	$(PIP) 'inkloop[cross]'
 	$(PYTHON) tests/support/masters/java_programs.py
 
 # NAMES="house gallery/cylinder" takes some of them; NAMES="--written" runs nothing and writes the pages from the records

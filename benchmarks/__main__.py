@@ -22,6 +22,7 @@ NAMES = (
     "columns",
     "controller_step",
     "footprint",
+    "sweep",
     "peers",
     "targets",
     "closed_loop",

@@ -9,9 +9,9 @@
     inkloop.load("runs/mine")                                           # a Result; of a .toml file, a Scenario
 
 `run`, `load`, `Scenario` and `Result` print and read. A class of your own needs `Component`, `Port`, `Job`, `Ink`
-and `Status` to take part. `FmuComponent`, `describe`, `find_fmu` and `export_fmu` handle FMUs. All errors derive from
-`InkloopError`. Only these names are public (`inkloop.__all__`); anything else may change. The controller is in
-`inkloop_controller`. docs/reference/api.md lists all public names.
+and `Status` to take part. `FmuComponent`, `describe`, `find_fmu` and `export_fmu` handle FMUs. `LayerEnv` is a scenario
+as an environment to learn in. All errors derive from `InkloopError`. Only these names are public (`inkloop.__all__`);
+anything else may change. The controller is in `inkloop_controller`. docs/reference/api.md lists all public names.
 """
 
 from importlib import import_module
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from inkloop.fmu.reading import describe
     from inkloop.fmu_writer.export import export_fmu, find_fmu
     from inkloop.printing.api import load, run
+    from inkloop.printing.environment import LayerEnv
     from inkloop.results.result import Result
     from inkloop.scenario.file import Scenario
 
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "inkloop.printing.api": ("run", "load"),
+    "inkloop.printing.environment": ("LayerEnv",),
     "inkloop.scenario.file": ("Scenario",),
     "inkloop.results.result": ("Result",),
     "inkloop.component": ("Component", "Port", "Job", "Ink", "Status"),
@@ -64,6 +66,7 @@ __all__ = [
     "Ink",
     "InkloopError",
     "Job",
+    "LayerEnv",
     "Port",
     "Result",
     "ResultError",

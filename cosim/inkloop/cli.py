@@ -30,6 +30,7 @@ from inkloop.commands import (
     run,
     schema,
     score,
+    sweep,
     validate,
     watch,
 )
@@ -56,6 +57,7 @@ COMMANDS = (
     metrology,
     reproduce,
     score,
+    sweep,
     identify,
     bench,
     device,
@@ -63,7 +65,10 @@ COMMANDS = (
     replay,
 )
 """The modules of the commands, in the order of `inkloop --help`."""
-EXIT_CODES = "exit codes: 0 done; 1 an error, or a check that failed; 2 wrong arguments; 130 interrupted with Ctrl-C"
+EXIT_CODES = (
+    "exit codes: 0 done; 1 an error, or a check that failed; 2 wrong arguments; 3 prints of a sweep failed; "
+    "130 interrupted with Ctrl-C"
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -205,7 +205,7 @@ static void calculate(Instance *instance) {
         v.drop_level[cell] = 1;
         v.estimated_height[cell] = 0.0;
     }
-    *v.layer_command = *v.layers_printed;
+    *v.layer_command = 0; /* not layers_printed, which the printer derives from this command: that is a loop */
     *v.status = IDLE;
     *v.objective = *v.objective_error = *v.objective_deviation = *v.bound = *v.solve_time = 0.0;
     *v.bound_valid = false;
@@ -230,6 +230,7 @@ static Outcome initialize(Instance *instance) {
         return refuse(instance, "no memory for the plan of %lu cells", (unsigned long)cell_count(&v));
     memset(kept_plan(&v, kept), 0, (size_t)horizon_of(&v) * cell_count(&v) * sizeof(int32_t));
     calculate(instance);
+    *v.layer_command = *v.layers_printed;
     *v.answered = NO_SCAN;
     return ACCEPTED;
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 import zipfile
 from pathlib import Path
@@ -18,7 +19,7 @@ from pyssp_standard.standard import ModelicaStandard
 
 from inkloop.cli import main
 from inkloop.errors import ScenarioError
-from inkloop.exchange.ssp import archive, maestro, osp
+from inkloop.exchange.ssp import archive, maestro, omsimulator, osp, ssd
 from inkloop.exchange.ssp.reading import scenario_of
 from inkloop.exchange.ssp.system import System, system_of
 from inkloop.fmu import describe
@@ -77,6 +78,37 @@ def test_files_are_valid_by_the_schemas_of_their_version(version: str, text: str
         for member, kind in (("SystemStructure.ssd", "ssd"), ("resources/parameters.ssv", "ssv")):
             schema = ModelicaStandard.schemas[kind if version == "1.0" else f"{kind}2"]
             etree.XMLSchema(file=str(schema)).assertValid(etree.fromstring(opened.read(member)))
+
+
+@EVERY_VERSION
+def test_omsimulator_finds_identifiers_and_its_master(version: str, tmp_path: Path) -> None:
+    """Its rules: identifiers as names (ComRef), and the annotation of oms.xsd of its sources, from which it takes the
+    kind of a system. The title is the description."""
+    path, system = exported(tmp_path, version, TEXT.replace("a small block", "Block, 6 x 5 droplets"))
+    with zipfile.ZipFile(path) as opened:
+        roots = {name: etree.fromstring(opened.read(name)) for name in ("SystemStructure.ssd", ssd.PARAMETERS)}
+    for root in roots.values():
+        assert re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", root.get("name"))
+        assert (root.get("name"), root.get("description")) == ("block", "Block, 6 x 5 droplets")
+    (top,) = roots["SystemStructure.ssd"].iterfind("{*}System")
+    names = [top.get("name"), *(element.get("name") for element in top.iterfind("{*}Elements/{*}Component"))]
+    assert omsimulator.refused(names) == []
+    (annotation,) = top.iterfind("{*}Annotations/{*}Annotation")
+    (own,) = annotation
+    (master,) = own.iterfind("{*}SimulationInformation/{*}FixedStepMaster")
+    assert annotation.get("type") == "org.openmodelica"
+    assert (own.prefix, etree.QName(own).namespace) == ("oms", omsimulator.NAMESPACE)
+    assert float(master.get("stepSize")) == system.step_s
+    assert set(master.attrib) == {"description", "stepSize", "relativeTolerance"}
+    assert "e" not in master.get("stepSize")
+
+
+@pytest.mark.parametrize(
+    ("text", "name"), [("cuboid", "cuboid"), ("two-ink 3", "two_ink_3"), ("3d", "system_3d"), ("ä", "system")]
+)
+def test_any_text_has_an_identifier(text: str, name: str) -> None:
+    assert omsimulator.identifier(text) == name
+    assert omsimulator.refused([name, "print-head"]) == ["print-head"]
 
 
 @EVERY_VERSION

@@ -39,6 +39,8 @@ def python_blocks() -> Iterator[object]:
 @pytest.mark.system
 @pytest.mark.parametrize("block", list(python_blocks()))
 def test_python_of_the_pages_runs(block: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if "LayerEnv" in block:
+        pytest.importorskip("gymnasium", reason="needs gymnasium: pip install 'inkloop[env]'")
     monkeypatch.chdir(ROOT)
     exec(compile(block, "page.py", "exec"), {"__name__": "__main__"})
 

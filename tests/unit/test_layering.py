@@ -39,6 +39,7 @@ PLOTS = (
     *(f"inkloop.report.{name}" for name in ("solid_view", "layer_curves", "error_maps", "difference_picture", "pdf")),
     "inkloop.studies",
     *("inkloop.identify.picture", "inkloop.exchange.job.target_picture"),
+    *("inkloop_controller.planning.plan_picture", "inkloop_controller.planning.layer_plan"),
 )
 DOORS = {
     "fmpy": ("inkloop.fmu",),
@@ -49,6 +50,9 @@ DOORS = {
     "trimesh": ("inkloop.geometry.triangle_file", "inkloop.exchange.layers"),
     "lib3mf": ("inkloop.geometry.three_mf",),
     "contourpy": ("inkloop.metrology.evaluation.outline",),
+    **dict.fromkeys(("dask", "distributed"), ("inkloop.studies.sweep.cluster",)),
+    "optuna": ("inkloop.studies.sweep.optimise",),
+    "gymnasium": ("inkloop.printing.environment", "inkloop.printing.target_offset"),
     "skfem": ("inkloop.studies.reproduce.finite_elements",),
     **dict.fromkeys(("matplotlib", "mpl_toolkits"), PLOTS),
     "plotly": ("inkloop.report.page.page",),

@@ -19,6 +19,7 @@ WIDTH = 110  # of a signature on one line
 GROUPS = {
     "Print and read": ("run", "load", "Scenario", "Result"),
     "Components of your own": ("Component", "Port", "Job", "Ink", "Status"),
+    "Learning": ("LayerEnv",),
     "FMUs": ("FmuComponent", "describe", "find_fmu", "export_fmu"),
     "Errors": (
         *("InkloopError", "ScenarioError", "FmuError", "ComponentError"),

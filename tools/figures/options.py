@@ -1,4 +1,4 @@
-"""Rows of options in scenario.md, one table for each class.
+"""Rows of options in scenario.md and sweep-settings.md, one table for each class.
 
 The rows of `LayerMpc` and its parts come from the options that the class marks; a class that gives no meaning has that
 of the parameter in fmus/layer_controller/variables.toml. The other rows come from the fields of a table.
@@ -19,6 +19,7 @@ from inkloop.components.python_class import options_table
 from inkloop.components.shadow.options import ShadowTable
 from inkloop.fmu_writer import definition
 from inkloop.metrology.map_folder import MapFolder
+from inkloop.studies.sweep.tables import KeepTable, OptimiseTable, SampleTable, SeedsTable
 from inkloop.tables.metrology import MetrologyTable
 from inkloop.tables.part import CombineTable
 from inkloop.tables.part_images import HeightMapTable, StackTable
@@ -28,6 +29,8 @@ from inkloop_controller import Criterion, DropletChoices, HeightEstimator, Layer
 from inkloop_controller.problem.options import Keyword, keywords
 
 PAGE = DOCS / "reference" / "scenario.md"
+STUDY_PAGE = DOCS / "how-to" / "sweep-settings.md"
+STUDY_TABLES = (SampleTable, SeedsTable, OptimiseTable, KeepTable)
 DEFINITION = ROOT / "fmus" / "layer_controller" / "variables.toml"
 MARKED = {each.__name__: each for each in (LayerMpc, Criterion, DropletChoices, Work, HeightEstimator)}
 PARTS = (MeshTable, StackTable, LayersTable, HeightMapTable, CombineTable)
@@ -57,8 +60,15 @@ def texts() -> Texts:
     rows = {name: [row_of_keyword(each, meanings) for each in keywords(marked)] for name, marked in MARKED.items()}
     for name, fields in TABLES.items():
         rows[name] = [row_of_field(key, field) for key, field in fields.model_fields.items() if key != "shape"]
+    study = {
+        f"options of {each.__name__}": table(
+            ("key", "default", "meaning"), [row_of_field(key, field) for key, field in each.model_fields.items()]
+        )
+        for each in STUDY_TABLES
+    }
     heads = {name: (FIRST.get(name, "option"), "default", "meaning") for name in rows}
-    return {PAGE: {f"options of {name}": table(heads[name], each) for name, each in rows.items()}}
+    own = {f"options of {name}": table(heads[name], each) for name, each in rows.items()}
+    return {PAGE: own, STUDY_PAGE: study}
 
 
 def row_of_keyword(keyword: Keyword, meanings: dict[str, str]) -> Row:

@@ -54,7 +54,7 @@ the last line of the table, inkloop as given in [CITATION.cff](../../CITATION.cf
 | plant | the printer | the sensor |
 |---|---|---|
 | `plant-v1/lu` | layer-to-layer model, up to 20 % of a droplet missing (Lu, Zheng, Mishra 2015) | exact |
-| `plant-v1/lu-laser` | the same, up to 40 % | laser line, 1 um |
+| `plant-v1/lu-laser` | the same, up to 40 % | laser line, 1 µm |
 | `plant-v1/lu-wide` | droplets that spread over two cells | exact |
 | `plant-v1/caps` | spherical caps, no flow | exact |
 | `plant-v1/volume-area` | volume and area propagation (Wu, Chiu 2024), guarded | exact |
@@ -63,7 +63,7 @@ the last line of the table, inkloop as given in [CITATION.cff](../../CITATION.cf
 | `plant-v2/lu-shift` | that of `lu` | shifted by 0.3 cells along x, 0.2 along y, 0.1 more or less from scan to scan |
 | `plant-v2/lu-spot` | that of `lu` | spot with a standard deviation of one cell |
 | `plant-v2/lu-dropout` | that of `lu` | loses one reading in ten, and all on walls |
-| `plant-v2/lu-scans` | that of `lu` | shift 0.25 cells, spot 0.5 cells, noise 1 um, steps 0.1 um, 10 % lost |
+| `plant-v2/lu-scans` | that of `lu` | shift 0.25 cells, spot 0.5 cells, noise 1 µm, steps 0.1 µm, 10 % lost |
 | `plant-v2/caps-scans` | that of `caps` | the same |
 | `plant-v2/young-laplace-shift` | that of `young-laplace` | shifted by 0.25 cells along x |
 
@@ -73,7 +73,7 @@ printed on the plant beforehand. "Single droplet" is what one droplet leaves on 
 flow knows, and what "superposition" (greedy geometric feedback, Cohen and Lipson 2010) adds up. "Learning" also fits
 `h1`, `h2` and `h3` during the print (`adapt_ink = "full"`). That can make things worse if no ink of this model
 describes the plant, as on `volume-area` and `young-laplace`; by how much is then chance (with an ink that differs by
-1e-4 of a droplet it ended at 5.75 instead of 7.68 um on `young-laplace`).
+1e-4 of a droplet it ended at 5.75 instead of 7.68 µm on `young-laplace`).
 
 With a sensor in register no controller here leaves a larger rms error than printing open loop. With the scans of
 version 2 some do, and the highest cells show it first: superposition, error diffusion and the paper's search believe

@@ -8,7 +8,6 @@ static const double SHIFT_STEP = 0.02;   /* of the difference quotients [cells]:
 static const double SPREAD_STEP = 0.02;  /* ... [cells^2] */
 static const double SPREAD_LEAST = 1e-9; /* [cells^2] below which a spot is a point */
 enum { BISECTIONS = 48 };                /* of a radius: to the last digit that matters */
-enum { TAPS_MAX = 64 };                  /* to each side; wider spots are cut off */
 
 static double within(double value, double least, double most) {
     return value < least ? least : value > most ? most : value;
@@ -56,19 +55,38 @@ static double line_mean(const double *line, size_t length, size_t stride, size_t
     return sum / total;
 }
 
-static void average(size_t nx, size_t ny, const double *height, double spread, double *lines, double *mean) {
-    double weights[TAPS_MAX + 1];
-    if (spread < SPREAD_LEAST) {
-        memcpy(mean, height, nx * ny * sizeof *mean);
+static Spot spot_of(double spread) {
+    Spot spot = {.reach = 0};
+    if (spread >= SPREAD_LEAST)
+        spot.reach = spot_weights(spot_radius(spread), spot.weights);
+    return spot;
+}
+
+DisplacedView displaced_view(Displacement displacement) {
+    const double less = fmax(0.0, displacement.spread - SPREAD_STEP), wider = displacement.spread + SPREAD_STEP;
+    return (DisplacedView){displacement, spot_of(displacement.spread), spot_of(less), spot_of(wider), wider - less};
+}
+
+static void copy_patch(size_t ny, const double *map, const Patch *patch, double *copy) {
+    for (size_t i = patch->top; i < patch->bottom; i++)
+        memcpy(copy + i * ny + patch->left, map + i * ny + patch->left, (patch->right - patch->left) * sizeof *copy);
+}
+
+/* The mean of the spot on the cells of `patch`, from `height`; what stands in `lines` and `mean` elsewhere is of no
+ * account. */
+static void average(size_t nx, size_t ny, const double *height, const Spot *spot, const Patch *patch, double *lines,
+                    double *mean) {
+    if (spot->reach == 0) {
+        copy_patch(ny, height, patch, mean);
         return;
     }
-    const size_t reach = spot_weights(spot_radius(spread), weights);
-    for (size_t i = 0; i < nx; i++)
-        for (size_t j = 0; j < ny; j++)
-            lines[i * ny + j] = line_mean(height + i * ny, ny, 1, j, weights, reach);
-    for (size_t i = 0; i < nx; i++)
-        for (size_t j = 0; j < ny; j++)
-            mean[i * ny + j] = line_mean(lines + j, nx, ny, i, weights, reach);
+    const Patch read = patch_widened(patch, nx, ny, spot->reach);
+    for (size_t i = read.top; i < read.bottom; i++)
+        for (size_t j = patch->left; j < patch->right; j++)
+            lines[i * ny + j] = line_mean(height + i * ny, ny, 1, j, spot->weights, spot->reach);
+    for (size_t i = patch->top; i < patch->bottom; i++)
+        for (size_t j = patch->left; j < patch->right; j++)
+            mean[i * ny + j] = line_mean(lines + j, nx, ny, i, spot->weights, spot->reach);
 }
 
 /* The cell before a place on a line of `length` cells, and how far beyond it the place is. */
@@ -79,11 +97,11 @@ static size_t cell_before(double place, size_t length, double *beyond) {
     return cell;
 }
 
-static void move(size_t nx, size_t ny, const double *height, double x, double y, double *moved) {
-    for (size_t i = 0; i < nx; i++) {
+static void move(size_t nx, size_t ny, const double *height, double x, double y, const Patch *patch, double *moved) {
+    for (size_t i = patch->top; i < patch->bottom; i++) {
         double right, up;
         const size_t row = cell_before((double)i + x, nx, &up), next_row = row + 1 < nx ? row + 1 : row;
-        for (size_t j = 0; j < ny; j++) {
+        for (size_t j = patch->left; j < patch->right; j++) {
             const size_t column = cell_before((double)j + y, ny, &right), next = column + 1 < ny ? column + 1 : column;
             const double near = (1.0 - right) * height[row * ny + column] + right * height[row * ny + next];
             const double far = (1.0 - right) * height[next_row * ny + column] + right * height[next_row * ny + next];
@@ -92,32 +110,49 @@ static void move(size_t nx, size_t ny, const double *height, double x, double y,
     }
 }
 
-void displaced_scan(size_t nx, size_t ny, const double *height, Displacement displacement, double *scratch,
-                    double *reading) {
-    average(nx, ny, height, displacement.spread, scratch, scratch + nx * ny);
-    move(nx, ny, scratch + nx * ny, displacement.x, displacement.y, reading);
+/* What a move by less than a cell and the step of the difference quotients reads. */
+static Patch patch_moved(const Patch *patch, size_t nx, size_t ny, double x, double y) {
+    const double further = fmax(fabs(x), fabs(y)) + SHIFT_STEP;
+    return patch_widened(patch, nx, ny, (size_t)ceil(further));
+}
+
+static void scan_with(size_t nx, size_t ny, const double *height, const Spot *spot, double x, double y,
+                      const Patch *patch, double *scratch, double *reading) {
+    const Patch read = patch_moved(patch, nx, ny, x, y);
+    if (x == 0.0 && y == 0.0) {
+        average(nx, ny, height, spot, patch, scratch, reading);
+        return;
+    }
+    average(nx, ny, height, spot, &read, scratch, scratch + nx * ny);
+    move(nx, ny, scratch + nx * ny, x, y, patch, reading);
+}
+
+void displaced_scan(size_t nx, size_t ny, const double *height, const DisplacedView *view, const Patch *patch,
+                    double *scratch, double *reading) {
+    scan_with(nx, ny, height, &view->spot, view->displacement.x, view->displacement.y, patch, scratch, reading);
 }
 
 /* (more - less) / step in `less`. */
-static void difference(size_t cells, const double *more, double step, double *less) {
-    for (size_t cell = 0; cell < cells; cell++)
-        less[cell] = (more[cell] - less[cell]) / step;
+static void difference(size_t ny, const double *more, double step, const Patch *patch, double *less) {
+    for (size_t i = patch->top; i < patch->bottom; i++)
+        for (size_t cell = i * ny + patch->left; cell < i * ny + patch->right; cell++)
+            less[cell] = (more[cell] - less[cell]) / step;
 }
 
-void displaced_scan_slopes(size_t nx, size_t ny, const double *height, Displacement displacement, double *scratch,
-                           double *slopes) {
+void displaced_scan_slopes(size_t nx, size_t ny, const double *height, const DisplacedView *view, const Patch *patch,
+                           double *scratch, double *slopes) {
     const size_t cells = nx * ny;
     double *mean = scratch + cells, *more = scratch + 2 * cells;
-    const double x = displacement.x, y = displacement.y, spread = displacement.spread;
-    average(nx, ny, height, spread, scratch, mean);
-    move(nx, ny, mean, x + SHIFT_STEP, y, more);
-    move(nx, ny, mean, x - SHIFT_STEP, y, slopes);
-    difference(cells, more, 2.0 * SHIFT_STEP, slopes);
-    move(nx, ny, mean, x, y + SHIFT_STEP, more);
-    move(nx, ny, mean, x, y - SHIFT_STEP, slopes + cells);
-    difference(cells, more, 2.0 * SHIFT_STEP, slopes + cells);
-    const Displacement less = {x, y, fmax(0.0, spread - SPREAD_STEP)}, wider = {x, y, spread + SPREAD_STEP};
-    displaced_scan(nx, ny, height, less, scratch, slopes + 2 * cells);
-    displaced_scan(nx, ny, height, wider, scratch, more);
-    difference(cells, more, wider.spread - less.spread, slopes + 2 * cells);
+    const double x = view->displacement.x, y = view->displacement.y;
+    const Patch read = patch_moved(patch, nx, ny, x, y);
+    average(nx, ny, height, &view->spot, &read, scratch, mean);
+    move(nx, ny, mean, x + SHIFT_STEP, y, patch, more);
+    move(nx, ny, mean, x - SHIFT_STEP, y, patch, slopes);
+    difference(ny, more, 2.0 * SHIFT_STEP, patch, slopes);
+    move(nx, ny, mean, x, y + SHIFT_STEP, patch, more);
+    move(nx, ny, mean, x, y - SHIFT_STEP, patch, slopes + cells);
+    difference(ny, more, 2.0 * SHIFT_STEP, patch, slopes + cells);
+    scan_with(nx, ny, height, &view->less, x, y, patch, scratch, slopes + 2 * cells);
+    scan_with(nx, ny, height, &view->wider, x, y, patch, scratch, more);
+    difference(ny, more, view->step, patch, slopes + 2 * cells);
 }

@@ -10,15 +10,44 @@ typedef struct {
     double x, y, spread;
 } Displacement;
 
-/* A scan of the surface `height` [m], maps of nx * ny cells in C order; beyond the border the surface continues as it
- * is there. `scratch` holds 2 * nx * ny. */
-void displaced_scan(size_t nx, size_t ny, const double *height, Displacement displacement, double *scratch,
-                    double *reading);
+/* Cells of a grid, ends excluded. */
+typedef struct {
+    size_t top, bottom, left, right;
+} Patch;
 
-/* How a scan of `height` changes with x, y [m per cell] and spread [m per cell^2]: 3 * nx * ny. `scratch` holds
- * 4 * nx * ny. */
-void displaced_scan_slopes(size_t nx, size_t ny, const double *height, Displacement displacement, double *scratch,
-                           double *slopes);
+/* `reach` cells more on every side, as far as the grid goes. */
+static inline Patch patch_widened(const Patch *patch, size_t nx, size_t ny, size_t reach) {
+    return (Patch){patch->top > reach ? patch->top - reach : 0, patch->bottom + reach < nx ? patch->bottom + reach : nx,
+                   patch->left > reach ? patch->left - reach : 0,
+                   patch->right + reach < ny ? patch->right + reach : ny};
+}
+
+enum { TAPS_MAX = 64 }; /* of a spot to each side; wider spots are cut off */
+
+/* Weights of the cells 0, 1, ... `reach` away in a spot; reach 0: a point. */
+typedef struct {
+    size_t reach;
+    double weights[TAPS_MAX + 1];
+} Spot;
+
+/* The spots of a displacement, and of those that the slopes are taken between. */
+typedef struct {
+    Displacement displacement;
+    Spot spot, less, wider;
+    double step; /* between the latter two [cells^2] */
+} DisplacedView;
+
+DisplacedView displaced_view(Displacement displacement);
+
+/* The cells of `patch` of a scan of the surface `height` [m], maps of nx * ny cells in C order; beyond the border the
+ * surface continues as it is there. `scratch` holds 2 * nx * ny. */
+void displaced_scan(size_t nx, size_t ny, const double *height, const DisplacedView *view, const Patch *patch,
+                    double *scratch, double *reading);
+
+/* How a scan of `height` changes there with x, y [m per cell] and spread [m per cell^2]: 3 * nx * ny. `scratch` holds
+ * 3 * nx * ny. */
+void displaced_scan_slopes(size_t nx, size_t ny, const double *height, const DisplacedView *view, const Patch *patch,
+                           double *scratch, double *slopes);
 
 /* Standard deviation of the Gaussian spot [cells] whose weights over the cells have this variance [cells^2]. */
 double spot_radius(double spread);

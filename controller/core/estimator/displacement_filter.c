@@ -1,7 +1,6 @@
 #include "displacement_filter.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "small_algebra.h"
@@ -20,30 +19,21 @@ static const double CONVERGED = 1e-4; /* [cells] */
 enum { ROUNDS = 8, REWEIGHTINGS = 2, ROUNDS_WITH_OUTLIERS = 3 };
 _Static_assert((int)UNKNOWNS <= (int)UNKNOWNS_MAX, "they are solved for together");
 
-bool room_open(Room *room, size_t cells) {
-    double *next = room->memory = calloc(cells, (6 + UNKNOWNS + 4) * sizeof(double) + 1);
-    if (!next)
-        return false;
-    double **single[] = {&room->surface, &room->growth, &room->reading, &room->weight, &room->rest, &room->curvature};
-    for (size_t k = 0; k < sizeof single / sizeof *single; k++, next += cells)
-        *single[k] = next;
-    for (size_t k = 0; k < UNKNOWNS; k++, next += cells)
-        room->columns[k] = next;
-    room->scratch = next;
-    room->is_wall = (uint8_t *)(next + 4 * cells);
-    return true;
-}
-
 static double within(double value, double least, double most) {
     return value < least ? least : value > most ? most : value;
 }
 
-double curvature_at(size_t nx, size_t ny, const double *height, size_t cell) {
-    const size_t i = cell / ny, j = cell % ny;
-    const double here = height[cell];
-    const double along_x = (i > 0 ? height[cell - ny] : here) + (i + 1 < nx ? height[cell + ny] : here) - 2.0 * here;
-    const double along_y = (j > 0 ? height[cell - 1] : here) + (j + 1 < ny ? height[cell + 1] : here) - 2.0 * here;
-    return sqrt(along_x * along_x + along_y * along_y);
+void curvature_of_row(size_t nx, size_t ny, const double *height, size_t i, double *curvature) {
+    const double *here = height + i * ny, *above = i > 0 ? here - ny : here, *below = i + 1 < nx ? here + ny : here;
+    for (size_t j = 0; j < ny; j += ny > 1 ? ny - 1 : 1) { /* the ends of the row */
+        const double left = here[j > 0 ? j - 1 : j], right = here[j + 1 < ny ? j + 1 : j];
+        const double along_x = above[j] + below[j] - 2.0 * here[j], along_y = left + right - 2.0 * here[j];
+        curvature[j] = sqrt(along_x * along_x + along_y * along_y);
+    }
+    for (size_t j = 1; j + 1 < ny; j++) {
+        const double along_x = above[j] + below[j] - 2.0 * here[j], along_y = here[j - 1] + here[j + 1] - 2.0 * here[j];
+        curvature[j] = sqrt(along_x * along_x + along_y * along_y);
+    }
 }
 
 bool scanned_cell(size_t nx, size_t ny, size_t cell, const double whole[SHIFTS], size_t *scanned) {
@@ -60,11 +50,13 @@ Displacement split_displacement(const double displacement[DISPLACEMENTS], double
 
 void surface_by(const ScanEvidence *evidence, const double moved[DISPLACEMENTS], double growth, double *surface) {
     const size_t cells = evidence->nx * evidence->ny;
-    for (size_t cell = 0; cell < cells; cell++) {
-        double height = evidence->predicted[cell] + growth * (evidence->predicted[cell] - evidence->before[cell]);
-        for (size_t k = 0; k < DISPLACEMENTS; k++)
-            height += moved[k] * evidence->response[k * cells + cell];
-        surface[cell] = height;
+    const double *before = evidence->before, *predicted = evidence->predicted;
+    for (size_t cell = 0; cell < cells; cell++)
+        surface[cell] = predicted[cell] + growth * (predicted[cell] - before[cell]);
+    for (size_t k = 0; k < DISPLACEMENTS; k++) {
+        const double *response = evidence->response + k * cells, move = moved[k];
+        for (size_t cell = 0; move != 0.0 && cell < cells; cell++)
+            surface[cell] += move * response[cell];
     }
 }
 
@@ -74,65 +66,186 @@ void displacement_now(const double x[UNKNOWNS], double now[DISPLACEMENTS]) {
         now[k] += x[STEP + k];
 }
 
-/* The scan linearised about `x`: columns, what is left of each reading, and its weight without that of outliers. */
-static void linearise(const ScanEvidence *evidence, const Registration *registration, const double x[UNKNOWNS],
-                      const Room *room) {
-    const size_t nx = evidence->nx, ny = evidence->ny, cells = nx * ny;
-    double moved[DISPLACEMENTS], now[DISPLACEMENTS], whole[SHIFTS];
-    displacement_now(x, now);
-    const Displacement left = split_displacement(now, whole);
-    for (size_t k = 0; k < DISPLACEMENTS; k++)
-        moved[k] = x[k] - registration->applied[k];
-    surface_by(evidence, moved, x[GROWTH], room->surface);
-    displaced_scan(nx, ny, room->surface, left, room->scratch, room->reading);
-    displaced_scan_slopes(nx, ny, room->surface, left, room->scratch, room->columns[0]); /* they lie side by side */
-    for (size_t k = 0; k < SHIFTS; k++)
-        memcpy(room->columns[STEP + k], room->columns[k], cells * sizeof(double));
-    for (size_t k = 0; k < DISPLACEMENTS; k++) {
-        displaced_scan(nx, ny, evidence->response + k * cells, left, room->scratch, room->rest);
-        for (size_t cell = 0; cell < cells; cell++)
-            room->columns[k][cell] += room->rest[cell];
-    }
-    displaced_scan(nx, ny, room->growth, left, room->scratch, room->columns[GROWTH]);
-    for (size_t cell = 0; cell < cells; cell++) {
-        size_t scanned;
-        const bool is_seen = scanned_cell(nx, ny, cell, whole, &scanned) && evidence->valid[scanned];
-        const double curvature = room->curvature[cell] = curvature_at(nx, ny, room->surface, cell);
-        const double sure = evidence->spread[cell] + evidence->noise_variance + READING_STD * READING_STD;
-        const double variance = sure + registration->misfit * curvature * curvature;
-        room->is_wall[cell] = curvature * curvature > WALL * WALL * sure;
-        for (size_t k = 0; k < GROWTH && !room->is_wall[cell]; k++)
-            room->columns[k][cell] = 0.0;
-        room->rest[cell] = is_seen ? evidence->scan[scanned] - room->reading[cell] : 0.0;
-        room->weight[cell] = is_seen ? 1.0 / variance : 0.0;
+/* What is left of each reading, and its weight without that of outliers. */
+static void take_readings(const ScanEvidence *evidence, const double *readings, const double whole[SHIFTS],
+                          const Room *room) {
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    const ptrdiff_t down = (ptrdiff_t)whole[0], right = (ptrdiff_t)whole[1];
+    const size_t from = right > 0 ? (size_t)right : 0, end = right < 0 ? ny - (size_t)-right : ny;
+    for (size_t i = 0; i < nx; i++) {
+        const ptrdiff_t scanned = (ptrdiff_t)i - down;
+        double *restrict rest = room->rest + i * ny, *restrict weight = room->weight + i * ny;
+        const double *reading = readings + i * ny;
+        size_t j = 0;
+        if (scanned >= 0 && scanned < (ptrdiff_t)nx && right > -(ptrdiff_t)ny && right < (ptrdiff_t)ny) {
+            for (; j < from; j++)
+                rest[j] = weight[j] = 0.0;
+            const double *scan = evidence->scan + scanned * (ptrdiff_t)ny - right;
+            const uint8_t *valid = evidence->valid + scanned * (ptrdiff_t)ny - right;
+            for (; j < end; j++) {
+                rest[j] = valid[j] ? scan[j] - reading[j] : 0.0;
+                weight[j] = valid[j] ? 1.0 : 0.0;
+            }
+        }
+        for (; j < ny; j++)
+            rest[j] = weight[j] = 0.0;
     }
 }
 
-double rest_after(const Room *room, const double move[UNKNOWNS], size_t cell) {
+/* Marks the walls, and turns the weights of readings that count 1 into those by their variance. */
+static void weigh_readings(const ScanEvidence *evidence, const Registration *registration, Room *room) {
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    const double misfit = registration->misfit;
+    for (size_t i = 0; i < nx; i++) {
+        double *curved = room->curvature + i * ny, *restrict weight = room->weight + i * ny;
+        const double *spread = evidence->spread + i * ny, noise = evidence->noise_variance;
+        uint8_t *restrict is_wall = room->is_wall + i * ny;
+        curvature_of_row(nx, ny, room->surface, i, curved);
+        for (size_t j = 0; j < ny; j++) {
+            const double sure = spread[j] + noise + READING_STD * READING_STD;
+            const double variance = sure + misfit * curved[j] * curved[j];
+            weight[j] = weight[j] == 0.0 ? 0.0 : 1.0 / variance;
+        }
+        for (size_t j = 0; j < ny; j++)
+            is_wall[j] = curved[j] * curved[j] > WALL * WALL * (spread[j] + noise + READING_STD * READING_STD);
+    }
+}
+
+/* The columns of the displacement in a patch. */
+static void take_columns(const ScanEvidence *evidence, const DisplacedView *left, const Patch *patch, Room *room) {
+    const size_t nx = evidence->nx, ny = evidence->ny, cells = nx * ny;
+    double *moved = room->scratch + 3 * cells;
+    displaced_scan_slopes(nx, ny, room->surface, left, patch, room->scratch, room->columns[0]); /* side by side */
+    for (size_t k = 0; k < DISPLACEMENTS; k++) {
+        displaced_scan(nx, ny, evidence->response + k * cells, left, patch, room->scratch, moved);
+        for (size_t i = patch->top; i < patch->bottom; i++)
+            for (size_t cell = i * ny + patch->left; cell < i * ny + patch->right; cell++) {
+                if (k < SHIFTS)
+                    room->columns[STEP + k][cell] = room->columns[k][cell];
+                room->columns[k][cell] += moved[cell];
+            }
+    }
+}
+
+/* The first wall of a row from column `from` on; ny if there is none. */
+static size_t next_wall(const Room *room, size_t ny, size_t i, size_t from) {
+    const uint8_t *row = room->is_wall + i * ny, *found = memchr(row + from, 1, ny - from);
+    return found ? (size_t)(found - row) : ny;
+}
+
+/* Walls one after the other: what is read about them is little while the scan is not displaced. */
+static void take_columns_of_walls(const ScanEvidence *evidence, const DisplacedView *left, Room *room) {
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    for (size_t i = 0; i < nx; i++)
+        for (size_t j = next_wall(room, ny, i, 0), end; j < ny; j = next_wall(room, ny, i, end)) {
+            for (end = j + 1; end < ny && room->is_wall[i * ny + end];)
+                end++;
+            const Patch run = {i, i + 1, j, end};
+            take_columns(evidence, left, &run, room);
+            if (end == ny)
+                break;
+        }
+}
+
+static bool has_wall(const Room *room, size_t ny, const Patch *patch) {
+    for (size_t i = patch->top; i < patch->bottom; i++)
+        if (memchr(room->is_wall + i * ny + patch->left, 1, patch->right - patch->left))
+            return true;
+    return false;
+}
+
+/* Walls together with their surroundings, which overlap. */
+static void take_columns_of_patches(const ScanEvidence *evidence, const DisplacedView *left, Room *room) {
+    enum { SIDE = 32 };
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    for (size_t i = 0; i < nx; i += SIDE)
+        for (size_t j = 0; j < ny; j += SIDE) {
+            const Patch patch = {i, i + SIDE < nx ? i + SIDE : nx, j, j + SIDE < ny ? j + SIDE : ny};
+            if (has_wall(room, ny, &patch))
+                take_columns(evidence, left, &patch, room);
+        }
+}
+
+/* The scan linearised about `x`: columns, what is left of each reading, and its weight without that of outliers. */
+static void linearise(const ScanEvidence *evidence, const Registration *registration, const double x[UNKNOWNS],
+                      Room *room) {
+    const size_t nx = evidence->nx, ny = evidence->ny;
+    const Patch grid = {0, nx, 0, ny};
+    double moved[DISPLACEMENTS], now[DISPLACEMENTS], whole[SHIFTS];
+    displacement_now(x, now);
+    const Displacement left = split_displacement(now, whole);
+    const DisplacedView view = displaced_view(left);
+    const bool is_still = left.x == 0.0 && left.y == 0.0 && view.spot.reach == 0;
+    for (size_t k = 0; k < DISPLACEMENTS; k++)
+        moved[k] = x[k] - registration->applied[k];
+    surface_by(evidence, moved, x[GROWTH], room->surface);
+    room->columns[GROWTH] = is_still ? room->growth : room->displaced_growth;
+    const double *reading = room->surface;
+    if (!is_still) {
+        displaced_scan(nx, ny, room->growth, &view, &grid, room->scratch, room->displaced_growth);
+        displaced_scan(nx, ny, room->surface, &view, &grid, room->scratch, room->scratch + 3 * nx * ny);
+        reading = room->scratch + 3 * nx * ny;
+    }
+    take_readings(evidence, reading, whole, room);
+    weigh_readings(evidence, registration, room);
+    (is_still ? take_columns_of_walls : take_columns_of_patches)(evidence, &view, room);
+}
+
+/* What a move of the unknowns leaves of the reading of a cell. */
+static double rest_after(const Room *room, const double move[UNKNOWNS], size_t cell) {
     double rest = room->rest[cell];
-    for (size_t k = 0; k < UNKNOWNS; k++)
+    for (size_t k = room->is_wall[cell] ? 0 : GROWTH; k < UNKNOWNS; k++)
         rest -= move[k] * room->columns[k][cell];
     return rest;
 }
 
 /* Weight of a reading that a move leaves so far off, in standard deviations. */
 static double robust_weight(double off, bool with_strange) {
-    return off > STRANGE && !with_strange ? 0.0 : off > OUTLIER ? OUTLIER / off : 1.0;
+    const double kept = off > OUTLIER ? OUTLIER / off : 1.0;
+    return off > STRANGE && !with_strange ? 0.0 : kept;
+}
+
+/* Adds a cell to the normal equations. */
+static void add_cell(const Room *room, size_t cell, double weight, double *matrix, double side[UNKNOWNS]) {
+    for (size_t i = room->is_wall[cell] ? 0 : GROWTH; i < UNKNOWNS; i++) {
+        const double weighted = weight * room->columns[i][cell];
+        side[i] += weighted * room->rest[cell];
+        for (size_t j = room->is_wall[cell] ? 0 : GROWTH; j <= i; j++)
+            matrix[i * UNKNOWNS + j] += weighted * room->columns[j][cell];
+    }
+}
+
+/* Adds cells that no displacement moves: their growth is the only unknown. */
+static void add_block(const Room *room, size_t first, size_t count, double move, bool with_strange, double *matrix,
+                      double *side) {
+    const double *growth = room->columns[GROWTH] + first, *rest = room->rest + first, *weights = room->weight + first;
+    double off[BLOCK], product[BLOCK], square[BLOCK];
+    for (size_t k = 0; k < count; k++)
+        off[k] = fabs(rest[k] - move * growth[k]) * sqrt(weights[k]);
+    for (size_t k = 0; k < count; k++) {
+        const double weighted = weights[k] * robust_weight(off[k], with_strange) * growth[k];
+        product[k] = weighted * rest[k];
+        square[k] = weighted * growth[k];
+    }
+    for (size_t k = 0; k < count; k++) {
+        *side += product[k];
+        *matrix += square[k];
+    }
 }
 
 /* The normal equations of a move with robust weights after the move `last`. */
 static void normal_equations(size_t cells, const Room *room, const double last[UNKNOWNS], bool with_strange,
                              double *matrix, double side[UNKNOWNS]) {
-    for (size_t cell = 0; cell < cells; cell++) {
-        const double off = fabs(rest_after(room, last, cell)) * sqrt(room->weight[cell]);
-        const double weight = room->weight[cell] * robust_weight(off, with_strange);
-        if (weight == 0.0)
+    for (size_t first = 0; first < cells; first += BLOCK) {
+        const size_t count = cells - first < BLOCK ? cells - first : BLOCK;
+        if (!memchr(room->is_wall + first, 1, count)) {
+            add_block(room, first, count, last[GROWTH], with_strange, &matrix[GROWTH * UNKNOWNS + GROWTH],
+                      &side[GROWTH]);
             continue;
-        for (size_t i = 0; i < UNKNOWNS; i++) {
-            const double weighted = weight * room->columns[i][cell];
-            side[i] += weighted * room->rest[cell];
-            for (size_t j = 0; j <= i; j++)
-                matrix[i * UNKNOWNS + j] += weighted * room->columns[j][cell];
+        }
+        for (size_t cell = first; cell < first + count; cell++) {
+            const double off = fabs(rest_after(room, last, cell)) * sqrt(room->weight[cell]);
+            add_cell(room, cell, room->weight[cell] * robust_weight(off, with_strange), matrix, side);
         }
     }
     for (size_t i = 0; i < UNKNOWNS; i++)
@@ -167,7 +280,7 @@ static void keep_within(double x[UNKNOWNS]) {
 }
 
 bool likeliest_displacement(const ScanEvidence *evidence, const Registration *registration, bool is_iterated,
-                            const Room *room, double x[UNKNOWNS], double *covariance) {
+                            Room *room, double x[UNKNOWNS], double *covariance) {
     double precision[UNKNOWNS * UNKNOWNS], matrix[UNKNOWNS * UNKNOWNS], before[UNKNOWNS] = {0.0};
     if (!prior_precision(evidence, registration, precision))
         return false;

@@ -47,20 +47,20 @@ enum { STEP = DISPLACEMENTS, SHIFTS = 2, GROWTH = STEP + SHIFTS, UNKNOWNS };
 
 #define READING_STD 2e-8 /* least error of a reading at a wall [m] (assumed) */
 
-/* Maps of one registration. */
+enum { BLOCK = 64 }; /* cells that are looked at together, so that what is calculated of them stays in the cache */
+
+/* Maps of one registration, all of the caller. */
 typedef struct {
-    double *surface, *growth, *reading;
-    double *columns[UNKNOWNS]; /* how the reading of each cell goes with each unknown */
-    double *weight, *rest, *curvature, *scratch;
-    uint8_t *is_wall; /* cells that a displacement moves beyond their noise */
-    void *memory;
+    double *surface, *growth;
+    double *columns[UNKNOWNS]; /* how the reading of each cell goes with each unknown: three maps side by side, two, and
+                                  one; away from walls only the last one is to be read: the others would be 0 */
+    double *displaced_growth, *weight, *rest, *curvature;
+    double *scratch;  /* 4 maps */
+    uint8_t *is_wall; /* cells that a displacement moves beyond their noise: 1 or 0 */
 } Room;
 
-/* False if there is no memory; `memory` is the caller's to free. */
-bool room_open(Room *room, size_t cells);
-
-/* Size of the second differences at a cell [m]. */
-double curvature_at(size_t nx, size_t ny, const double *height, size_t cell);
+/* Size of the second differences at the cells of row i [m]. */
+void curvature_of_row(size_t nx, size_t ny, const double *height, size_t i, double *curvature);
 
 /* The cell of the scan that measures a cell of the plant with a shift of whole cells; false if it is not on the grid.
  */
@@ -76,13 +76,10 @@ void surface_by(const ScanEvidence *evidence, const double moved[DISPLACEMENTS],
 /* The displacement of this scan, from the unknowns. */
 void displacement_now(const double x[UNKNOWNS], double now[DISPLACEMENTS]);
 
-/* What a move of the unknowns leaves of the reading of a cell. */
-double rest_after(const Room *room, const double move[UNKNOWNS], size_t cell);
-
 /* The likeliest unknowns and their covariance: by an iterated extended Kalman filter, or by one linear step from what
  * is applied. Between cells a displaced scan averages noise, which makes any displacement likelier than none; the
  * linear step is free of that. False if they cannot be solved for. */
 bool likeliest_displacement(const ScanEvidence *evidence, const Registration *registration, bool is_iterated,
-                            const Room *room, double x[UNKNOWNS], double *covariance);
+                            Room *room, double x[UNKNOWNS], double *covariance);
 
 #endif

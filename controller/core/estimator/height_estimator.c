@@ -1,12 +1,12 @@
 #include "height_estimator.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "dead_cells.h"
 #include "estimate_doubts.h"
 #include "layer_surface.h"
+#include "map_memory.h"
 #include "scan_drift.h"
 
 static const double UNSURE = 0.13;  /* of a layer: error of a growth that shows neither ink nor dead cells (by trial) */
@@ -16,36 +16,62 @@ static const double HALF = 0.5;     /* of the part */
 
 /* Maps of one layer, and room for what others do with them. */
 typedef struct {
-    double *scan, *growth, *known, *spread, *total; /* total: spread and noise of a reading */
+    double *scan, *growth, *spread, *total; /* total: spread and noise of a reading */
     double *predicted, *gain;
+    double *known_room;  /* a map for `known`, */
+    const double *known; /* which is often that of the estimate before: variance of its heights */
     DropletIncrements increments, flat;
     RegisteredScan registered;
+    CorrectedMaps corrected;
+    Room room;
     double *scratch; /* DRIFT_MAPS maps */
     uint8_t *marks;  /* two maps */
     void *memory;
 } Workspace;
 
+/* The next maps of the memory. */
+static double *next_maps(double **next, size_t count, size_t cells) {
+    double *maps = *next;
+    *next += count * cells;
+    return maps;
+}
+
+/* The maps of the registration, by those whose turn comes after it; is_wall: a map. */
+static Room room_in(const Workspace *work, double *columns, uint8_t *is_wall, size_t cells) {
+    Room room = {.surface = work->total,
+                 .growth = work->growth,
+                 .displaced_growth = work->flat.rates,
+                 .weight = work->gain,
+                 .rest = work->flat.rates + cells,
+                 .curvature = work->flat.rates + 2 * cells,
+                 .scratch = work->scratch,
+                 .is_wall = is_wall};
+    for (size_t k = 0; k < GROWTH; k++)
+        room.columns[k] = columns + k * cells;
+    return room;
+}
+
 static bool workspace_open(Workspace *work, size_t cells, size_t inks) {
-    const size_t rates = inks * ORDERS, maps = 15 + 2 * (rates + 2) + DRIFT_MAPS;
-    RegisteredScan *registered = &work->registered;
-    double *next = calloc(cells, maps * sizeof(double) + 4);
+    const size_t rates = inks * ORDERS, maps = 10 + 2 * rates + 2 + GROWTH + DRIFT_MAPS;
+    double *next = take_maps(cells, maps * sizeof(double) + 5);
     work->memory = next;
     if (!next)
         return false;
-    double **single[] = {&work->scan,       &work->growth,        &work->known, &work->spread,
-                         &work->total,      &work->predicted,     &work->gain,  &registered->before,
-                         &registered->scan, &registered->variance};
-    for (size_t k = 0; k < sizeof single / sizeof *single; k++, next += cells)
-        *single[k] = next;
-    DropletIncrements *both[] = {&work->increments, &work->flat};
-    for (size_t k = 0; k < 2; k++, next += (rates + 2) * cells)
-        *both[k] = (DropletIncrements){next, next + rates * cells, next + (rates + 1) * cells};
-    registered->sensitivity = next;
-    registered->slopes = next + DISPLACEMENTS * cells;
-    work->scratch = next + 5 * cells;
-    work->marks = (uint8_t *)(work->scratch + DRIFT_MAPS * cells);
-    registered->seen = work->marks + 2 * cells;
-    registered->clear = work->marks + 3 * cells;
+    double **single[] = {
+        &work->scan, &work->growth,     &work->spread,           &work->total,          &work->predicted,
+        &work->gain, &work->known_room, &work->corrected.before, &work->corrected.scan, &work->corrected.variance};
+    for (size_t k = 0; k < sizeof single / sizeof *single; k++)
+        *single[k] = next_maps(&next, 1, cells);
+    work->increments.rates = next_maps(&next, rates, cells);
+    work->increments.squares = next_maps(&next, 1, cells);
+    work->increments.own = next_maps(&next, 1, cells);
+    work->flat.rates = next_maps(&next, rates, cells);
+    double *columns = next_maps(&next, GROWTH, cells);
+    work->scratch = next_maps(&next, DRIFT_MAPS, cells);
+    work->marks = (uint8_t *)next;
+    work->corrected.seen = work->marks + 2 * cells;
+    work->corrected.clear = work->marks + 3 * cells;
+    work->room = room_in(work, columns, work->marks + 4 * cells, cells);
     return true;
 }
 
@@ -91,13 +117,13 @@ static double level_scan(const EstimatorOptions *options, const SurfaceEstimate 
     const size_t nx = options->nx, ny = options->ny;
     const double *known = before->height;
     if (is_displaced(&before->registration)) { /* walls reach further in such a scan */
-        displaced_scan(nx, ny, work->predicted, expected_displacement(&before->registration), work->scratch,
-                       work->total);
+        const Patch grid = {0, nx, 0, ny};
+        const DisplacedView view = displaced_view(expected_displacement(&before->registration));
+        displaced_scan(nx, ny, work->predicted, &view, &grid, work->scratch, work->total);
         known = work->total;
     }
     const ScanDrift drift = scan_drift(nx, ny, options->part, work->scan, known, valid, work->scratch);
-    for (size_t cell = 0; cell < nx * ny; cell++)
-        work->scan[cell] -= drift_at(&drift, nx, ny, cell);
+    take_drift_off(&drift, nx, ny, work->scan);
     return reading_noise(options, before, drift.residual_variance);
 }
 
@@ -112,8 +138,9 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
     layer_surface(layer, before->height, both, work->scratch, work->predicted);
     *noise = options->take_as_read ? 0.0 : level_scan(options, before, valid, work);
     const bool is_second = before->scans == 1 && options->noise_variance < 0.0;
-    for (size_t cell = 0; cell < cells; cell++) /* only the second scan shows what the first was worth */
-        work->known[cell] = is_second && before->unseen[cell] == 0 ? *noise : before->variance[cell];
+    work->known = is_second ? work->known_room : before->variance;
+    for (size_t cell = 0; is_second && cell < cells; cell++) /* it shows what the first was worth */
+        work->known_room[cell] = before->unseen[cell] == 0 ? *noise : before->variance[cell];
     after->registration = before->registration;
     const ScanEvidence evidence = {.nx = options->nx,
                                    .ny = options->ny,
@@ -130,13 +157,13 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
                                    .is_unknown = is_unknown,
                                    .has_spot = options->ink.model != INK_FULL};
     if (!registers(options)) {
-        take_as_read(&evidence, &work->registered);
+        take_as_read(&evidence, &work->corrected, &work->registered);
         return true;
     }
     droplet_increments(layer, before->height, inks, before->ink, work->scratch, &work->increments);
     for (size_t cell = 0; cell < cells; cell++)
         work->spread[cell] = work->known[cell] + DROPLET_STD * DROPLET_STD * work->increments.squares[cell];
-    return register_scan(&evidence, &after->registration, &work->registered);
+    return register_scan(&evidence, &work->corrected, &work->room, &after->registration, &work->registered);
 }
 
 /* The ink after a scan; its increments are those of `widths`. */
@@ -145,6 +172,9 @@ static void take_ink(const EstimatorOptions *options, const SurfaceEstimate *bef
     const RegisteredScan *scan = &work->registered;
     for (size_t cell = 0; cell < options->nx * options->ny; cell++)
         work->growth[cell] = scan->scan[cell] - scan->before[cell];
+    Ink held[INKS_MAX] = {{0.0, 0.0, 0.0}};
+    if (registers(options) && !is_displaced(&after->registration)) /* the registration has taken them */
+        memcpy(held, before->ink, sizeof held);
     const LearntLayer learnt = {.layer = layer,
                                 .part = options->part,
                                 .clear = scan->clear,
@@ -158,25 +188,28 @@ static void take_ink(const EstimatorOptions *options, const SurfaceEstimate *bef
                                 .total = work->total,
                                 .increments = work->increments,
                                 .flat = work->flat,
+                                .held = held,
                                 .scratch = work->scratch,
                                 .predicted = work->predicted,
                                 .marks = work->marks};
     learn_ink(&options->ink, &before->learnt, &learnt, DROPLET_STD, &after->learnt, after->ink, widths);
 }
 
-/* Kalman correction of a cell that was seen; returns its gain. */
-static double correct(double predicted, double spread, double scan, double noise, double *height, double *variance) {
-    const double surprise = (scan - predicted) * (scan - predicted);
-    if (noise == 0.0) {
-        *height = scan;
-        *variance = 0.0;
-        return 1.0;
+/* Kalman correction of the cells that were seen; leaves their gains, 0 for the others. */
+static void correct(size_t cells, const double *predicted, const double *spread, const RegisteredScan *scan,
+                    double noise, double *restrict gains, double *restrict height, double *restrict variance) {
+    const double *reading = scan->scan, *misread = scan->variance;
+    const uint8_t *seen = scan->seen;
+    for (size_t cell = 0; cell < cells; cell++) {
+        const double off = reading[cell] - predicted[cell], surprise = off * off, error = noise + misread[cell];
+        const double known = spread[cell];
+        const double wide = surprise > SURPRISE * SURPRISE * (known + error) ? surprise : known;
+        const double share = wide / (wide + error), gain = error == 0.0 ? 1.0 : share;
+        const double corrected = predicted[cell] + gain * off, left = (1.0 - gain) * wide;
+        gains[cell] = seen[cell] ? gain : 0.0;
+        height[cell] = seen[cell] ? (error == 0.0 ? reading[cell] : corrected) : predicted[cell];
+        variance[cell] = seen[cell] ? (error == 0.0 ? 0.0 : left) : known;
     }
-    const double wide = surprise > SURPRISE * SURPRISE * (spread + noise) ? surprise : spread;
-    const double gain = wide / (wide + noise);
-    *height = predicted + gain * (scan - predicted);
-    *variance = (1.0 - gain) * wide;
-    return gain;
 }
 
 /* Which cells' droplets do not come, by the increments in the proportions of `ink`. */
@@ -228,7 +261,7 @@ static bool estimate_after(const EstimatorOptions *options, const SurfaceEstimat
     if (!workspace_open(&work, cells, inks))
         return false;
     if (!take_scan(options, before, layer, is_unknown, measured, valid, &work, after, &noise)) {
-        free(work.memory);
+        give_maps(work.memory);
         return false;
     }
     const RegisteredScan *scan = &work.registered;
@@ -240,14 +273,9 @@ static bool estimate_after(const EstimatorOptions *options, const SurfaceEstimat
     after->trust.volume = 1.0;
     if (!is_unknown)
         look_at_growth(options, layer, &work, after);
-    for (size_t cell = 0; cell < cells; cell++) {
-        after->height[cell] = work.predicted[cell];
-        after->variance[cell] = work.spread[cell];
+    for (size_t cell = 0; cell < cells; cell++)
         after->unseen[cell] = scan->seen[cell] ? 0 : before->unseen[cell] + 1;
-        if (scan->seen[cell])
-            work.gain[cell] = correct(work.predicted[cell], work.spread[cell], scan->scan[cell],
-                                      noise + scan->variance[cell], &after->height[cell], &after->variance[cell]);
-    }
+    correct(cells, work.predicted, work.spread, scan, noise, work.gain, after->height, after->variance);
     if (registers(options))
         carry_response(cells, scan, before->response, work.gain, after->response,
                        is_displaced(&after->registration) ? after->variance : NULL);
@@ -261,7 +289,7 @@ static bool estimate_after(const EstimatorOptions *options, const SurfaceEstimat
             before->reckoned[cell] + after->trust.volume * (after->reckoned[cell] - before->reckoned[cell]);
     forgive_dead(options, before, work.marks, after);
     look_at_cells(options, valid, after);
-    free(work.memory);
+    give_maps(work.memory);
     return true;
 }
 
@@ -290,7 +318,7 @@ static void expect_anything(const EstimatorOptions *options, const SurfaceEstima
 bool estimate_unknown(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                       const double *measured, const uint8_t *valid, SurfaceEstimate *after) {
     const size_t cells = options->nx * options->ny;
-    double *memory = calloc(cells, 4 * sizeof(double) + 2 * sizeof(int32_t));
+    double *memory = take_maps(cells, 4 * sizeof(double) + 2 * sizeof(int32_t));
     if (!memory)
         return false;
     SurfaceEstimate begun = *before;
@@ -304,6 +332,6 @@ bool estimate_unknown(const EstimatorOptions *options, const SurfaceEstimate *be
     memcpy(after->ink, before->ink, sizeof after->ink);
     memcpy(after->dead_evidence, before->dead_evidence, cells * sizeof(double));
     after->learnt = before->learnt;
-    free(memory);
+    give_maps(memory);
     return is_done;
 }

@@ -29,13 +29,33 @@ static double direction(const InkPrior *prior, size_t share, size_t ink, size_t 
     return is_moved ? ink_height(&prior->nominal[ink], order) : 0.0;
 }
 
-/* What share number `share` of the inks adds to a cell [m]: one height of an ink, or all three. */
-static double share_adds(const InkPrior *prior, const DropletIncrements *increments, size_t cells, size_t cell,
-                         size_t share) {
-    if (prior->model == INK_FULL)
-        return ink_height(&prior->nominal[share / ORDERS], share % ORDERS) * increments->rates[share * cells + cell];
+enum { BLOCK = 64 }; /* cells, so that what is calculated of them stays in the cache */
+
+/* Height that the droplets add to some cells [m]. */
+static void added_heights(const DropletIncrements *increments, size_t cells, size_t first, size_t count, size_t inks,
+                          const Ink ink[], double *restrict added) {
+    const double *rate = increments->rates + first;
+    for (size_t k = 0; k < count; k++)
+        added[k] = 0.0;
+    for (size_t number = 0; number < inks; number++, rate += ORDERS * cells) {
+        const Ink one = ink[number];
+        for (size_t k = 0; k < count; k++)
+            added[k] = added[k] + one.h1 * rate[k] + one.h2 * rate[cells + k] + one.h3 * rate[2 * cells + k];
+    }
+}
+
+/* What share number `share` of the inks adds to some cells [m]: one height of an ink, or all three. */
+static void share_adds(const InkPrior *prior, const DropletIncrements *increments, size_t cells, size_t first,
+                       size_t count, size_t share, double *restrict adds) {
+    if (prior->model == INK_FULL) {
+        const double height = ink_height(&prior->nominal[share / ORDERS], share % ORDERS);
+        const double *rate = increments->rates + share * cells + first;
+        for (size_t k = 0; k < count; k++)
+            adds[k] = height * rate[k];
+        return;
+    }
     const DropletIncrements of_ink = {.rates = increments->rates + share * ORDERS * cells};
-    return added_height(&of_ink, cells, cell, 1, &prior->nominal[share]);
+    added_heights(&of_ink, cells, first, count, 1, &prior->nominal[share], adds);
 }
 
 static bool is_empty(const double *values, size_t count) {
@@ -86,16 +106,15 @@ void likeliest_inks(const InkPrior *prior, const InkEvidence *evidence, Ink ink[
     }
 }
 
-/* Whether a layer adds enough to the cells that were seen to show something about its ink. */
-static bool says_enough(const InkPrior *prior, const ObservedLayer *layer, const Ink ink[INKS_MAX]) {
+/* Whether a layer adds enough to the cells that were seen to show something about its ink; added: what it adds. */
+static bool says_enough(const InkPrior *prior, const ObservedLayer *layer, const double *added) {
     size_t droplets = 0, counted = 0;
     double sum = 0.0, full = 0.0;
     for (size_t cell = 0; cell < layer->cells; cell++) {
-        if (!layer->part[cell] || !layer->seen[cell])
-            continue;
-        droplets += layer->pattern[cell] > 0;
-        sum += added_height(&layer->increments, layer->cells, cell, prior->inks, ink);
-        counted++;
+        const bool counts = layer->part[cell] && layer->seen[cell];
+        droplets += counts && layer->pattern[cell] > 0;
+        sum += counts ? added[cell] : 0.0;
+        counted += counts;
     }
     for (size_t k = 0; k < prior->inks; k++)
         full += prior->nominal[k].h1 + 4.0 * prior->nominal[k].h2 + 4.0 * prior->nominal[k].h3;
@@ -103,33 +122,37 @@ static bool says_enough(const InkPrior *prior, const ObservedLayer *layer, const
 }
 
 static bool is_hit(const ObservedLayer *layer, size_t cell) {
-    return layer->part[cell] && layer->seen[cell] && layer->pattern[cell] > 0;
+    return (layer->part[cell] != 0) & (layer->seen[cell] != 0) & (layer->pattern[cell] > 0);
 }
 
 /* What the hit cells grew by as a share of what was expected, in the middle. */
-static double usual_share(const InkPrior *prior, const ObservedLayer *layer, const Ink ink[INKS_MAX], double *values) {
+static double usual_share(const ObservedLayer *layer, const double *added, double *values) {
     size_t count = 0;
     for (size_t cell = 0; cell < layer->cells; cell++)
         if (is_hit(layer, cell))
-            values[count++] =
-                layer->growth[cell] / added_height(&layer->increments, layer->cells, cell, prior->inks, ink);
+            values[count++] = layer->growth[cell] / added[cell];
     return median(values, count);
 }
 
 /* Marks in `used` the cells of the part that were seen and grew as usual, with no strange neighbour; their number.
  */
-static size_t mark_usual(const InkPrior *prior, const ObservedLayer *layer, const Ink ink[INKS_MAX], double usual,
-                         uint8_t *strange, uint8_t *used) {
+static size_t mark_usual(const ObservedLayer *layer, const double *added, double usual, uint8_t *restrict strange,
+                         uint8_t *restrict used) {
+    const size_t ny = layer->ny;
     size_t count = 0;
     for (size_t cell = 0; cell < layer->cells; cell++) {
-        const double expected = usual * added_height(&layer->increments, layer->cells, cell, prior->inks, ink);
-        const double limit = fmax(STRANGE * fabs(expected), STRANGE_NOISE * sqrt(layer->variance[cell]));
-        strange[cell] = is_hit(layer, cell) && fabs(layer->growth[cell] - expected) > limit;
+        const double expected = usual * added[cell], far = STRANGE * fabs(expected);
+        const double noise = STRANGE_NOISE * sqrt(layer->variance[cell]), limit = far > noise ? far : noise;
+        strange[cell] = is_hit(layer, cell) & (fabs(layer->growth[cell] - expected) > limit);
     }
-    for (size_t cell = 0; cell < layer->cells; cell++) {
-        used[cell] = layer->part[cell] && layer->seen[cell] &&
-                     !is_near_marked(strange, layer->cells / layer->ny, layer->ny, cell);
-        count += used[cell];
+    for (size_t i = 0; i < layer->cells / ny; i++) {
+        const uint8_t *part = layer->part + i * ny, *seen = layer->seen + i * ny;
+        uint8_t *row = used + i * ny;
+        mark_near_row(strange, layer->cells / ny, ny, i, row);
+        for (size_t j = 0; j < ny; j++) {
+            row[j] = (part[j] != 0) & (seen[j] != 0) & (row[j] == 0);
+            count += row[j];
+        }
     }
     return count;
 }
@@ -137,11 +160,77 @@ static size_t mark_usual(const InkPrior *prior, const ObservedLayer *layer, cons
 /* Mean over the used cells and the shares: the instrument of volumes, for all cells that an ink reaches alike. */
 static double mean_instrument(const InkPrior *prior, const ObservedLayer *layer, const uint8_t *used, size_t count) {
     const size_t n = ink_shares(prior);
-    double sum = 0.0;
-    for (size_t cell = 0; cell < layer->cells; cell++)
-        for (size_t k = 0; used[cell] && k < n; k++)
-            sum += share_adds(prior, &layer->flat, layer->cells, cell, k);
+    double sum = 0.0, adds[SHARES_MAX][BLOCK];
+    for (size_t first = 0; first < layer->cells; first += BLOCK) {
+        const size_t some = layer->cells - first < BLOCK ? layer->cells - first : BLOCK;
+        for (size_t k = 0; k < n; k++) {
+            share_adds(prior, &layer->flat, layer->cells, first, some, k, adds[k]);
+            for (size_t c = 0; c < some; c++)
+                adds[k][c] = used[first + c] ? adds[k][c] : 0.0;
+        }
+        for (size_t c = 0; c < some; c++)
+            for (size_t k = 0; k < n; k++)
+                sum += adds[k][c];
+    }
     return sum / (double)(count * n);
+}
+
+/* What some cells show: what each share adds, its instrument, and the growth beyond the nominal. */
+typedef struct {
+    double adds[SHARES_MAX][BLOCK], instrument[SHARES_MAX][BLOCK], surplus[BLOCK];
+} CellEvidence;
+
+static void look_at(const InkPrior *prior, const ObservedLayer *layer, const uint8_t *used, double mean, size_t first,
+                    size_t count, CellEvidence *found) {
+    for (size_t k = 0; k < ink_shares(prior); k++) {
+        double *instrument = found->instrument[k];
+        share_adds(prior, &layer->increments, layer->cells, first, count, k, found->adds[k]);
+        share_adds(prior, &layer->flat, layer->cells, first, count, k, instrument);
+        for (size_t c = 0; prior->model == INK_SCALE && c < count; c++) /* what flows from cell to cell cancels */
+            instrument[c] = instrument[c] > 0.0 ? mean : 0.0;
+        for (size_t c = 0; c < count; c++)
+            instrument[c] = used[first + c] ? instrument[c] : 0.0;
+    }
+    added_heights(&layer->increments, layer->cells, first, count, prior->inks, prior->nominal, found->surplus);
+    for (size_t c = 0; c < count; c++)
+        found->surplus[c] = layer->growth[first + c] - found->surplus[c];
+}
+
+static void add_cells(const ObservedLayer *layer, size_t n, const CellEvidence *found, size_t first, size_t count,
+                      InkEvidence *evidence) {
+    for (size_t c = 0; c < count; c++)
+        for (size_t i = 0; i < n; i++) {
+            const double instrument = found->instrument[i][c];
+            evidence->surplus[i] += instrument * found->surplus[c];
+            for (size_t j = 0; j < n; j++) {
+                evidence->response[i * n + j] += instrument * found->adds[j][c];
+                evidence->covariance[i * n + j] += instrument * layer->variance[first + c] * found->instrument[j][c];
+            }
+        }
+}
+
+/* The same for one share, whose sums stay in registers. */
+static void add_cells_of_one(const ObservedLayer *layer, const CellEvidence *found, size_t first, size_t count,
+                             InkEvidence *evidence) {
+    double surplus = evidence->surplus[0], response = evidence->response[0], covariance = evidence->covariance[0];
+    for (size_t c = 0; c < count; c++) {
+        const double instrument = found->instrument[0][c];
+        surplus += instrument * found->surplus[c];
+        response += instrument * found->adds[0][c];
+        covariance += instrument * layer->variance[first + c] * instrument;
+    }
+    evidence->surplus[0] = surplus;
+    evidence->response[0] = response;
+    evidence->covariance[0] = covariance;
+}
+
+static void forget(size_t n, InkEvidence *evidence) {
+    for (size_t k = 0; k < n * n; k++) {
+        evidence->response[k] *= FORGETTING;
+        evidence->covariance[k] *= FORGETTING * FORGETTING;
+    }
+    for (size_t k = 0; k < n; k++)
+        evidence->surplus[k] *= FORGETTING;
 }
 
 void add_ink_evidence(const InkPrior *prior, const ObservedLayer *layer, double *values, uint8_t *marks,
@@ -149,38 +238,26 @@ void add_ink_evidence(const InkPrior *prior, const ObservedLayer *layer, double 
     const size_t n = ink_shares(prior), cells = layer->cells;
     Ink ink[INKS_MAX];
     uint8_t *strange = marks, *used = marks + cells;
+    double *added = values + cells;
+    CellEvidence found;
     likeliest_inks(prior, evidence, ink);
-    if (prior->model == INK_OFF || !says_enough(prior, layer, ink))
+    if (prior->model == INK_OFF)
         return;
-    const double usual = is_empty(evidence->response, n * n) ? usual_share(prior, layer, ink, values) : 1.0;
-    const size_t count = mark_usual(prior, layer, ink, usual, strange, used);
+    added_heights(&layer->increments, cells, 0, cells, prior->inks, ink, added);
+    if (!says_enough(prior, layer, added))
+        return;
+    const double usual = is_empty(evidence->response, n * n) ? usual_share(layer, added, values) : 1.0;
+    const size_t count = mark_usual(layer, added, usual, strange, used);
     if (count == 0)
         return;
     const double mean = prior->model == INK_SCALE ? mean_instrument(prior, layer, used, count) : 0.0;
-    for (size_t k = 0; k < n * n; k++) {
-        evidence->response[k] *= FORGETTING;
-        evidence->covariance[k] *= FORGETTING * FORGETTING;
-    }
-    for (size_t k = 0; k < n; k++)
-        evidence->surplus[k] *= FORGETTING;
-    for (size_t cell = 0; cell < cells; cell++) {
-        double adds[SHARES_MAX], instrument[SHARES_MAX];
-        if (!used[cell])
-            continue;
-        for (size_t k = 0; k < n; k++) {
-            adds[k] = share_adds(prior, &layer->increments, cells, cell, k);
-            instrument[k] = share_adds(prior, &layer->flat, cells, cell, k);
-            if (prior->model == INK_SCALE) /* what flows from one cell to the other cancels */
-                instrument[k] = instrument[k] > 0.0 ? mean : 0.0;
-        }
-        const double surplus =
-            layer->growth[cell] - added_height(&layer->increments, cells, cell, prior->inks, prior->nominal);
-        for (size_t i = 0; i < n; i++) {
-            evidence->surplus[i] += instrument[i] * surplus;
-            for (size_t j = 0; j < n; j++) {
-                evidence->response[i * n + j] += instrument[i] * adds[j];
-                evidence->covariance[i * n + j] += instrument[i] * layer->variance[cell] * instrument[j];
-            }
-        }
+    forget(n, evidence);
+    for (size_t first = 0; first < cells; first += BLOCK) {
+        const size_t some = cells - first < BLOCK ? cells - first : BLOCK;
+        look_at(prior, layer, used, mean, first, some, &found);
+        if (n == 1)
+            add_cells_of_one(layer, &found, first, some, evidence);
+        else
+            add_cells(layer, n, &found, first, some, evidence);
     }
 }

@@ -35,7 +35,7 @@ typedef struct {
     const uint8_t *part;
     const uint8_t *seen;                /* cells whose growth was measured */
     const int32_t *pattern;             /* 0 none, 1 + index of the ink */
-    DropletIncrements increments, flat; /* of its droplets on the surface before, and on a flat one */
+    DropletIncrements increments, flat; /* of its droplets on the surface before, and on a flat one (rates only) */
     const double *growth;               /* that was measured [m] */
     const double *variance;             /* of it [m^2] */
 } ObservedLayer;
@@ -46,8 +46,8 @@ size_t ink_shares(const InkPrior *prior);
 /* The inks that are likeliest after the evidence. */
 void likeliest_inks(const InkPrior *prior, const InkEvidence *evidence, Ink ink[INKS_MAX]);
 
-/* Adds a layer to the evidence, or leaves it unchanged if the layer contains too little. `values` and `marks` hold a
- * map each; `marks` two. */
+/* Adds a layer to the evidence, or leaves it unchanged if the layer contains too little. `values` and `marks` hold
+ * two maps each. */
 void add_ink_evidence(const InkPrior *prior, const ObservedLayer *layer, double *values, uint8_t *marks,
                       InkEvidence *evidence);
 

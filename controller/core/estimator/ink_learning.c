@@ -30,21 +30,27 @@ static void of_volumes(const InkPrior *prior, const Ink learnt[], Ink ink[INKS_M
     }
 }
 
+/* The increments of the layer with the widths of saturation of these inks, unless they are there. */
+static void take_increments(const LearntLayer *learnt, const Ink ink[], size_t inks) {
+    if (memcmp(learnt->held, ink, inks * sizeof *ink) == 0)
+        return;
+    droplet_increments(learnt->layer, learnt->before, inks, ink, learnt->scratch, &learnt->increments);
+    memcpy(learnt->held, ink, inks * sizeof *ink);
+}
+
 /* The ink and the increments of the layer, by turns until they agree; the widths of saturation that were taken last. */
 static void learn(const InkPrior *prior, const InkEvidence *before, const LearntLayer *learnt, double droplet_std,
                   InkEvidence *after, Ink ink[INKS_MAX], Ink widths[INKS_MAX]) {
     const JettedLayer *layer = learnt->layer;
     const size_t cells = layer->nx * layer->ny, inks = prior->inks;
-    const JettedLayer at_once = {layer->nx, layer->ny, layer->pattern, layer->factor, 1, NULL};
     const ObservedLayer observed = {cells,         layer->ny,      learnt->part,
                                     learnt->clear, layer->pattern, learnt->increments,
                                     learnt->flat,  learnt->growth, learnt->total};
     likeliest_inks(prior, before, ink);
-    memset(learnt->predicted, 0, cells * sizeof(double));
-    droplet_increments(&at_once, learnt->predicted, inks, ink, learnt->scratch, &learnt->flat);
+    flat_rates(layer, inks, learnt->flat.rates);
     for (int round = 0; round < ROUNDS; round++) {
         memcpy(widths, ink, INKS_MAX * sizeof *ink);
-        droplet_increments(layer, learnt->before, inks, widths, learnt->scratch, &learnt->increments);
+        take_increments(learnt, widths, inks);
         for (size_t cell = 0; cell < cells; cell++) {
             learnt->spread[cell] = learnt->known[cell] + droplet_std * droplet_std * learnt->increments.squares[cell];
             learnt->total[cell] = learnt->spread[cell] + learnt->noise + learnt->misread[cell];
@@ -95,5 +101,5 @@ void learn_ink(const InkPrior *prior, const InkKnowledge *before, const LearntLa
     if (after->errors[FULL] > after->errors[SCALE]) /* the last one learnt leaves the increments */
         learn(&volumes, &before->volumes, layer, droplet_std, &after->volumes, ink, widths);
     of_volumes(prior, ink, widths); /* what droplets spill is surer by the nominal proportions */
-    droplet_increments(layer->layer, layer->before, prior->inks, widths, layer->scratch, &layer->increments);
+    take_increments(layer, widths, prior->inks);
 }

@@ -24,9 +24,11 @@ typedef struct {
     double noise;                       /* of a reading [m^2], */
     const double *misread;              /* and what a displacement of the scan adds to it [m^2] */
     double *spread, *total;             /* out: variance of the prediction, and with that of its reading [m^2] */
-    DropletIncrements increments, flat; /* out: of the layer on the surface before, and on a flat one */
-    double *scratch, *predicted;        /* 2 maps, and one */
-    uint8_t *marks;                     /* two maps */
+    DropletIncrements increments, flat; /* out: of the layer on the surface before, and on a flat one (rates only) */
+    Ink *held;                   /* the inks whose widths the increments on the surface before have; of no volume:
+                                    they are still to be taken */
+    double *scratch, *predicted; /* 2 maps, and one */
+    uint8_t *marks;              /* two maps */
 } LearntLayer;
 
 /* The ink after a layer, and the ink whose widths of saturation its increments were taken with. */

@@ -4,7 +4,7 @@
 
 #include <stddef.h>
 
-/* The value in the middle, or the mean of the two that are, of at least one; reorders `values`. */
+/* The value in the middle, or the mean of the two that are, of at least one; what is left in `values` is of no use. */
 double median(double *values, size_t count);
 
 #endif

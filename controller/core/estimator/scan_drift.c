@@ -33,27 +33,48 @@ static double plane_at(const double coefficients[PLANE_TERMS], const double term
     return coefficients[0] + coefficients[1] * term[1] + coefficients[2] * term[2];
 }
 
-double drift_at(const ScanDrift *drift, size_t nx, size_t ny, size_t cell) {
-    double term[PLANE_TERMS];
-    place_of_cell(nx, ny, cell, term);
-    return plane_at(drift->coefficients, term);
+void take_drift_off(const ScanDrift *drift, size_t nx, size_t ny, double *scan) {
+    const double longer = (double)(nx > ny ? nx : ny);
+    const double *coefficients = drift->coefficients;
+    for (size_t i = 0; i < nx; i++) {
+        const double along_row = coefficients[0] + coefficients[1] * ((double)i / longer - 0.5);
+        double *row = scan + i * ny;
+        for (int32_t j = 0; j < (int32_t)ny; j++)
+            row[j] -= along_row + coefficients[2] * ((double)j / longer - 0.5);
+    }
+}
+
+enum { BLOCK = 64 }; /* cells, so that their weights stay in the cache */
+
+/* Weights of some cells. */
+static void weigh(const References *cells, size_t first, size_t count, double least, double furthest,
+                  double weight[BLOCK]) {
+    const double *distance = cells->distance + first;
+    for (size_t k = 0; k < count; k++)
+        weight[k] = least > 0.0 ? least / (distance[k] > least ? distance[k] : least) : 1.0;
+    for (size_t k = 0; k < count; k++)
+        weight[k] = distance[k] > furthest ? 0.0 : weight[k];
 }
 
 /* The normal equations of weights 1 / max(distance, least), or of all cells within `furthest` alike. */
 static void normal_equations(const References *cells, size_t terms, double least, double furthest, double *matrix,
                              double *side) {
-    memset(matrix, 0, terms * terms * sizeof(double));
-    memset(side, 0, terms * sizeof(double));
-    for (size_t k = 0; k < cells->count; k++) {
-        const double term[PLANE_TERMS] = {1.0, cells->x[k], cells->y[k]};
-        if (cells->distance[k] > furthest)
-            continue;
-        const double weight = least > 0.0 ? least / fmax(cells->distance[k], least) : 1.0;
-        for (size_t i = 0; i < terms; i++) {
-            side[i] += weight * term[i] * cells->rise[k];
-            for (size_t j = 0; j < terms; j++)
-                matrix[i * terms + j] += weight * term[i] * term[j];
+    double sums[PLANE_TERMS][PLANE_TERMS + 1] = {{0.0}}, weight[BLOCK];
+    for (size_t first = 0; first < cells->count; first += BLOCK) {
+        const size_t count = cells->count - first < BLOCK ? cells->count - first : BLOCK;
+        weigh(cells, first, count, least, furthest, weight);
+        for (size_t k = 0; k < count; k++) {
+            const double term[PLANE_TERMS + 1] = {1.0, cells->x[first + k], cells->y[first + k],
+                                                  cells->rise[first + k]};
+            for (size_t i = 0; i < PLANE_TERMS; i++)
+                for (size_t j = 0; j <= PLANE_TERMS; j++)
+                    sums[i][j] += weight[k] * term[i] * term[j];
         }
+    }
+    for (size_t i = 0; i < terms; i++) {
+        side[i] = sums[i][PLANE_TERMS];
+        for (size_t j = 0; j < terms; j++)
+            matrix[i * terms + j] = sums[i][j];
     }
 }
 
@@ -73,6 +94,14 @@ static double median_distance(const References *cells) {
     return median(cells->sorted, cells->count);
 }
 
+static void take_distances(const References *cells, const double coefficients[PLANE_TERMS]) {
+    const double c0 = coefficients[0], c1 = coefficients[1], c2 = coefficients[2];
+    const double *x = cells->x, *y = cells->y, *rise = cells->rise;
+    double *restrict distance = cells->distance;
+    for (size_t k = 0; k < cells->count; k++)
+        distance[k] = fabs(rise[k] - (c0 + c1 * x[k] + c2 * y[k]));
+}
+
 /* Least absolute values by reweighting, then least squares without the outliers; returns the limit of those kept. */
 static double fit_robustly(const References *cells, size_t terms, double coefficients[PLANE_TERMS]) {
     double least = 0.0;
@@ -80,15 +109,22 @@ static double fit_robustly(const References *cells, size_t terms, double coeffic
         cells->distance[k] = 0.0;
     for (int round = 0; round < ROUNDS; round++) {
         fit(cells, terms, least, INFINITY, coefficients);
-        for (size_t k = 0; k < cells->count; k++) {
-            const double term[PLANE_TERMS] = {1.0, cells->x[k], cells->y[k]};
-            cells->distance[k] = fabs(cells->rise[k] - plane_at(coefficients, term));
-        }
+        take_distances(cells, coefficients);
         least = fmax(0.1 * median_distance(cells), ROUNDING);
     }
     const double furthest = fmax(OUTLIER * MAD * median_distance(cells), ROUNDING);
     fit(cells, terms, 0.0, furthest, coefficients);
     return furthest;
+}
+
+/* Variance that a fit brings to a cell, in variances of a reading. */
+static double leverage_at(size_t nx, size_t ny, size_t cell, size_t terms, double inverse[PLANE_TERMS][PLANE_TERMS]) {
+    double term[PLANE_TERMS], leverage = 0.0;
+    place_of_cell(nx, ny, cell, term);
+    for (size_t i = 0; i < terms; i++)
+        for (size_t j = 0; j < terms; j++)
+            leverage += term[i] * inverse[i][j] * term[j];
+    return leverage;
 }
 
 /* Whether a fit holds for the part: far cells in one corner constrain it little. */
@@ -102,15 +138,17 @@ static bool carries(const References *cells, size_t terms, size_t nx, size_t ny,
         if (!solve_definite(terms, matrix, inverse[k]))
             return false;
     }
-    for (size_t cell = 0; cell < nx * ny; cell++) {
-        double term[PLANE_TERMS], leverage = 0.0;
-        if (!part[cell])
+    for (size_t i = 0; i < nx; i++) {
+        const uint8_t *row = part + i * ny;
+        size_t first = 0, last = ny; /* the leverage is convex: greatest at one of the ends of a row */
+        while (first < ny && !row[first])
+            first++;
+        if (first == ny)
             continue;
-        place_of_cell(nx, ny, cell, term);
-        for (size_t i = 0; i < terms; i++)
-            for (size_t j = 0; j < terms; j++)
-                leverage += term[i] * inverse[i][j] * term[j];
-        if (leverage > LEVERAGE_MAX)
+        while (!row[last - 1])
+            last--;
+        if (leverage_at(nx, ny, i * ny + first, terms, inverse) > LEVERAGE_MAX ||
+            leverage_at(nx, ny, i * ny + last - 1, terms, inverse) > LEVERAGE_MAX)
             return false;
     }
     return true;
@@ -131,19 +169,29 @@ static double variance_about(const References *cells, size_t terms, const double
     return kept >= LEAST_CELLS ? sum / (double)(kept - terms) : -1.0;
 }
 
+/* Adds the reference cells of row i: they were seen, and lie beyond the reach of droplets. */
+static void collect_row(size_t nx, size_t ny, size_t i, const uint8_t *part, const double *scan, const double *known,
+                        const uint8_t *valid, References *cells) {
+    uint8_t *near = (uint8_t *)cells->sorted + i * ny; /* free so far, and a byte to a cell */
+    mark_near_row(part, nx, ny, i, near);
+    for (size_t j = 0; j < ny; j++) {
+        const size_t cell = i * ny + j;
+        double term[PLANE_TERMS];
+        if (!valid[cell] || near[j])
+            continue;
+        place_of_cell(nx, ny, cell, term);
+        cells->x[cells->count] = term[1];
+        cells->y[cells->count] = term[2];
+        cells->rise[cells->count++] = scan[cell] - known[cell];
+    }
+}
+
 ScanDrift scan_drift(size_t nx, size_t ny, const uint8_t *part, const double *scan, const double *known,
                      const uint8_t *valid, double *scratch) {
     const size_t count = nx * ny;
     References cells = {0, scratch, scratch + count, scratch + 2 * count, scratch + 3 * count, scratch + 4 * count};
-    for (size_t cell = 0; cell < count; cell++) {
-        double term[PLANE_TERMS];
-        if (!valid[cell] || is_near_marked(part, nx, ny, cell))
-            continue;
-        place_of_cell(nx, ny, cell, term);
-        cells.x[cells.count] = term[1];
-        cells.y[cells.count] = term[2];
-        cells.rise[cells.count++] = scan[cell] - known[cell];
-    }
+    for (size_t i = 0; i < nx; i++)
+        collect_row(nx, ny, i, part, scan, known, valid, &cells);
     ScanDrift drift = {{0.0}, -1.0};
     for (size_t k = 0; k < cells.count; k++)
         cells.distance[k] = 0.0;

@@ -22,7 +22,7 @@ typedef struct {
 ScanDrift scan_drift(size_t nx, size_t ny, const uint8_t *part, const double *scan, const double *known,
                      const uint8_t *valid, double *scratch);
 
-/* What is to be taken off a reading of the cell [m]. */
-double drift_at(const ScanDrift *drift, size_t nx, size_t ny, size_t cell);
+/* Takes the drift off a scan [m]. */
+void take_drift_off(const ScanDrift *drift, size_t nx, size_t ny, double *scan);
 
 #endif

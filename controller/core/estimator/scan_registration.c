@@ -1,9 +1,9 @@
 #include "scan_registration.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
+#include "map_memory.h"
 #include "near_cells.h"
 #include "small_algebra.h"
 
@@ -41,17 +41,25 @@ ScanDisplacement reported_displacement(const Registration *registration) {
 
 bool first_response(size_t nx, size_t ny, const double *scan, const uint8_t *valid, double *response) {
     const size_t cells = nx * ny;
-    double *scratch = malloc(cells * (4 * sizeof(double) + 1));
+    double *scratch = take_maps(cells, 3 * sizeof(double) + 1);
     if (!scratch)
         return false;
-    uint8_t *unseen = (uint8_t *)(scratch + 4 * cells);
+    uint8_t *unseen = (uint8_t *)(scratch + 3 * cells);
+    const Patch whole = {0, nx, 0, ny};
     for (size_t cell = 0; cell < cells; cell++)
         unseen[cell] = !valid[cell];
-    displaced_scan_slopes(nx, ny, scan, (Displacement){0.0, 0.0, 0.0}, scratch, response);
-    for (size_t cell = 0; cell < cells; cell++)
-        for (size_t k = 0; k < DISPLACEMENTS; k++)
-            response[k * cells + cell] = is_near_marked(unseen, nx, ny, cell) ? 0.0 : -response[k * cells + cell];
-    free(scratch);
+    const DisplacedView view = displaced_view((Displacement){0.0, 0.0, 0.0});
+    displaced_scan_slopes(nx, ny, scan, &view, &whole, scratch, response);
+    for (size_t i = 0; i < nx; i++) {
+        uint8_t *near = (uint8_t *)scratch; /* of the row */
+        mark_near_row(unseen, nx, ny, i, near);
+        for (size_t k = 0; k < DISPLACEMENTS; k++) {
+            double *row = response + k * cells + i * ny;
+            for (size_t j = 0; j < ny; j++)
+                row[j] = near[j] ? 0.0 : -row[j];
+        }
+    }
+    give_maps(scratch);
     return true;
 }
 
@@ -93,6 +101,8 @@ static double unexplained(size_t cells, const Room *room, const double displacem
     double sum = 0.0, total = 0.0;
     for (size_t cell = 0; cell < cells; cell++) {
         double moved = 0.0;
+        if (!room->is_wall[cell])
+            continue;
         for (size_t k = 0; k < DISPLACEMENTS; k++)
             moved += displacement[k] * room->columns[k][cell];
         const double weight = room->weight[cell] * moved * moved;
@@ -105,8 +115,8 @@ static double unexplained(size_t cells, const Room *room, const double displacem
 /* Adds what a spot spreads beyond the reach of droplets; wider droplets look like a spot everywhere else. */
 static void look_far(const ScanEvidence *evidence, const Room *room, double spread, Registration *registration) {
     for (size_t cell = 0; cell < evidence->nx * evidence->ny; cell++) {
-        if (is_near_marked(evidence->part, evidence->nx, evidence->ny, cell))
-            continue;
+        if (!room->is_wall[cell] || is_near_marked(evidence->part, evidence->nx, evidence->ny, cell))
+            continue; /* away from walls the slope is 0 */
         const double slope = room->columns[SPREAD][cell], rest = room->rest[cell] + spread * slope;
         registration->far_product += room->weight[cell] * slope * rest;
         registration->far_information += room->weight[cell] * slope * slope;
@@ -152,14 +162,19 @@ static void learn_steps(Registration *registration, const double x[UNKNOWNS], co
 }
 
 static void learn_misfit(size_t cells, const Room *room, Registration *registration) {
-    const double none[UNKNOWNS] = {0.0};
-    double product = 0.0, squares = 0.0;
-    for (size_t cell = 0; cell < cells; cell++) {
-        if (room->weight[cell] == 0.0)
-            continue;
-        const double rest = rest_after(room, none, cell), curvature = room->curvature[cell] * room->curvature[cell];
-        product += rest * rest * curvature;
-        squares += curvature * curvature;
+    double product = 0.0, squares = 0.0, products[BLOCK], quartics[BLOCK];
+    for (size_t first = 0; first < cells; first += BLOCK) {
+        const size_t count = cells - first < BLOCK ? cells - first : BLOCK;
+        const double *rest = room->rest + first, *curved = room->curvature + first, *weight = room->weight + first;
+        for (size_t k = 0; k < count; k++) {
+            const double curvature = curved[k] * curved[k];
+            products[k] = weight[k] == 0.0 ? 0.0 : rest[k] * rest[k] * curvature;
+            quartics[k] = weight[k] == 0.0 ? 0.0 : curvature * curvature;
+        }
+        for (size_t k = 0; k < count; k++) {
+            product += products[k];
+            squares += quartics[k];
+        }
     }
     const double found = squares > 0.0 ? fmax(product / squares, MISFIT_LEAST * MISFIT_LEAST) : registration->misfit;
     registration->misfit = MISFIT_KEPT * registration->misfit + (1.0 - MISFIT_KEPT) * found;
@@ -168,34 +183,37 @@ static void learn_misfit(size_t cells, const Room *room, Registration *registrat
 /* The scan as it would be in register: what the displacement that is applied changes in the predicted scan, taken off.
  */
 static void correct_scan(const ScanEvidence *evidence, const Registration *registration, const double x[UNKNOWNS],
-                         const double before[DISPLACEMENTS], const Room *room, RegisteredScan *registered) {
+                         const double before[DISPLACEMENTS], const Room *room, const CorrectedMaps *maps) {
     const size_t nx = evidence->nx, ny = evidence->ny, cells = nx * ny;
-    double moved[DISPLACEMENTS], whole[SHIFTS];
-    const Displacement left = split_displacement(registration->applied, whole);
+    const Patch grid = {0, nx, 0, ny};
+    double moved[DISPLACEMENTS], whole[SHIFTS], *reading = room->scratch + 3 * cells;
+    const DisplacedView left = displaced_view(split_displacement(registration->applied, whole));
     for (size_t k = 0; k < DISPLACEMENTS; k++)
         moved[k] = is_applied(registration, k) ? x[k] - before[k] : 0.0;
     surface_by(evidence, moved, x[GROWTH], room->surface);
-    displaced_scan(nx, ny, room->surface, left, room->scratch, room->reading);
+    for (size_t i = 0; i < nx; i++)
+        curvature_of_row(nx, ny, room->surface, i, room->curvature + i * ny);
+    displaced_scan(nx, ny, room->surface, &left, &grid, room->scratch, reading);
     for (size_t cell = 0; cell < cells; cell++) {
         size_t scanned;
-        registered->seen[cell] = scanned_cell(nx, ny, cell, whole, &scanned) && evidence->valid[scanned];
-        registered->scan[cell] =
-            registered->seen[cell] ? evidence->scan[scanned] - room->reading[cell] + room->surface[cell] : 0.0;
-        registered->before[cell] = evidence->before[cell];
+        maps->seen[cell] = scanned_cell(nx, ny, cell, whole, &scanned) && evidence->valid[scanned];
+        maps->scan[cell] = maps->seen[cell] ? evidence->scan[scanned] - reading[cell] + room->surface[cell] : 0.0;
+        maps->before[cell] = evidence->before[cell];
         for (size_t k = 0; k < DISPLACEMENTS; k++)
-            registered->before[cell] += moved[k] * evidence->response[k * cells + cell];
-        const double curvature = curvature_at(nx, ny, room->surface, cell);
-        registered->variance[cell] = READING_STD * READING_STD + registration->misfit * curvature * curvature;
+            maps->before[cell] += moved[k] * evidence->response[k * cells + cell];
+        const double curvature = room->curvature[cell];
+        maps->variance[cell] = READING_STD * READING_STD + registration->misfit * curvature * curvature;
     }
 }
 
 /* Marks the cells that were seen and whose growth the displacement leaves sure. */
-static void mark_clear(const ScanEvidence *evidence, const Registration *registration, RegisteredScan *registered) {
+static void mark_clear(const ScanEvidence *evidence, const Registration *registration, const RegisteredScan *registered,
+                       uint8_t *clear) {
     const size_t cells = evidence->nx * evidence->ny;
     const double limit = evidence->unsure * evidence->unsure;
     for (size_t cell = 0; cell < cells; cell++) {
         const double error = displacement_variance(registration, registered->sensitivity, cells, cell);
-        registered->clear[cell] = registered->seen[cell] && error + registered->variance[cell] < limit;
+        clear[cell] = registered->seen[cell] && error + registered->variance[cell] < limit;
     }
 }
 
@@ -203,13 +221,11 @@ bool is_displaced(const Registration *registration) {
     return registration->has_shift || registration->has_wide_spot;
 }
 
-void take_as_read(const ScanEvidence *evidence, RegisteredScan *registered) {
-    const size_t cells = evidence->nx * evidence->ny;
-    memcpy(registered->before, evidence->before, cells * sizeof(double));
-    memcpy(registered->scan, evidence->scan, cells * sizeof(double));
-    memset(registered->variance, 0, cells * sizeof(double));
-    memcpy(registered->seen, evidence->valid, cells);
-    memcpy(registered->clear, evidence->valid, cells);
+void take_as_read(const ScanEvidence *evidence, const CorrectedMaps *maps, RegisteredScan *registered) {
+    registered->before = evidence->before;
+    registered->scan = evidence->scan;
+    registered->variance = maps->variance;
+    registered->seen = registered->clear = evidence->valid;
 }
 
 /* The estimate after the scan, from the likeliest unknowns. */
@@ -228,7 +244,7 @@ static bool update(const double x[UNKNOWNS], const double *covariance, Registrat
 }
 
 /* Learns from a scan, iterated or not. False if the unknowns cannot be solved for. */
-static bool learn(const ScanEvidence *evidence, bool is_iterated, const Room *room, double x[UNKNOWNS],
+static bool learn(const ScanEvidence *evidence, bool is_iterated, Room *room, double x[UNKNOWNS],
                   Registration *registration, RegisteredScan *registered) {
     const size_t cells = evidence->nx * evidence->ny;
     double covariance[UNKNOWNS * UNKNOWNS];
@@ -246,8 +262,8 @@ static bool learn(const ScanEvidence *evidence, bool is_iterated, const Room *ro
 }
 
 /* A displacement that the linear step finds is to stand the iteration, else nothing is corrected. */
-static bool learn_and_confirm(const ScanEvidence *evidence, const Room *room, double x[UNKNOWNS],
-                              Registration *registration, RegisteredScan *registered) {
+static bool learn_and_confirm(const ScanEvidence *evidence, Room *room, double x[UNKNOWNS], Registration *registration,
+                              RegisteredScan *registered) {
     const Registration before = *registration;
     if (is_displaced(&before))
         return learn(evidence, true, room, x, registration, registered);
@@ -266,53 +282,70 @@ static bool learn_and_confirm(const ScanEvidence *evidence, const Room *room, do
     return is_learnt;
 }
 
-bool register_scan(const ScanEvidence *evidence, Registration *registration, RegisteredScan *registered) {
+/* Away from walls the innovations go with the displacement by the response alone. */
+static void complete_slopes(size_t cells, const Room *room, const double *response, RegisteredScan *registered) {
+    for (size_t k = 0; k < DISPLACEMENTS; k++) {
+        double *restrict sensitivity = registered->sensitivity + k * cells;
+        for (size_t cell = 0; cell < cells; cell++)
+            sensitivity[cell] = room->is_wall[cell] ? sensitivity[cell] : response[k * cells + cell];
+    }
+    for (size_t k = 0; k < SHIFTS; k++) {
+        double *restrict slopes = registered->slopes + k * cells;
+        for (size_t cell = 0; cell < cells; cell++)
+            slopes[cell] = room->is_wall[cell] ? slopes[cell] : 0.0;
+    }
+}
+
+bool register_scan(const ScanEvidence *evidence, const CorrectedMaps *maps, Room *room, Registration *registration,
+                   RegisteredScan *registered) {
     const size_t cells = evidence->nx * evidence->ny;
     const Registration before = *registration;
     double x[UNKNOWNS];
-    Room room;
-    if (!room_open(&room, cells))
-        return false;
     for (size_t cell = 0; cell < cells; cell++)
-        room.growth[cell] = evidence->predicted[cell] - evidence->before[cell];
-    if (!learn_and_confirm(evidence, &room, x, registration, registered)) {
-        free(room.memory); /* singular to rounding: with the prior in them these equations never are */
-        return false;
-    }
-    for (size_t k = 0; k < DISPLACEMENTS; k++)
-        for (size_t cell = 0; cell < cells; cell++)
-            registered->sensitivity[k * cells + cell] =
-                room.is_wall[cell] ? room.columns[k][cell] : evidence->response[k * cells + cell];
-    memcpy(registered->slopes, room.columns[STEP], SHIFTS * cells * sizeof(double));
+        room->growth[cell] = evidence->predicted[cell] - evidence->before[cell];
+    if (!learn_and_confirm(evidence, room, x, registration, registered))
+        return false; /* singular to rounding: with the prior in them these equations never are */
+    registered->sensitivity = room->columns[0];
+    registered->slopes = room->columns[STEP];
+    complete_slopes(cells, room, evidence->response, registered);
     for (size_t k = 0; k < DISPLACEMENTS; k++)
         registration->applied[k] = is_applied(registration, k) ? registration->estimate[k] : 0.0;
-    if (is_displaced(registration)) {
-        correct_scan(evidence, registration, x, before.applied, &room, registered);
-        mark_clear(evidence, registration, registered);
-    } else
-        take_as_read(evidence, registered);
-    free(room.memory);
+    if (!is_displaced(registration)) {
+        take_as_read(evidence, maps, registered);
+        return true;
+    }
+    correct_scan(evidence, registration, x, before.applied, room, maps);
+    registered->before = maps->before;
+    registered->scan = maps->scan;
+    registered->variance = maps->variance;
+    registered->seen = maps->seen;
+    registered->clear = maps->clear;
+    mark_clear(evidence, registration, registered, maps->clear);
     return true;
 }
 
 void carry_response(size_t cells, const RegisteredScan *registered, const double *before, const double *gain,
-                    double *response, double *variance) {
+                    double *restrict response, double *restrict variance) {
+    const double *previous = registered->previous, *rest = registered->rest;
+    const double *sensitivity = registered->sensitivity, *slopes = registered->slopes;
+    double *restrict x = response, *restrict y = response + cells, *restrict spread = response + 2 * cells;
     for (size_t cell = 0; cell < cells; cell++) {
-        double old[DISPLACEMENTS], step[DISPLACEMENTS] = {0.0}, left[DISPLACEMENTS];
+        const double share = gain[cell], step_x = -share * slopes[cell], step_y = -share * slopes[cells + cell];
+        const double left_x = before[cell] - share * sensitivity[cell] - step_x;
+        const double left_y = before[cells + cell] - share * sensitivity[cells + cell] - step_y;
+        const double left_spread = before[2 * cells + cell] - share * sensitivity[2 * cells + cell];
+        x[cell] = step_x + left_x * previous[0] + left_y * previous[3] + left_spread * previous[6];
+        y[cell] = step_y + left_x * previous[1] + left_y * previous[4] + left_spread * previous[7];
+        spread[cell] = 0.0 + left_x * previous[2] + left_y * previous[5] + left_spread * previous[8];
+    }
+    for (size_t cell = 0; variance && cell < cells; cell++) {
+        double left[DISPLACEMENTS];
         for (size_t k = 0; k < DISPLACEMENTS; k++)
-            old[k] = before[k * cells + cell] - gain[cell] * registered->sensitivity[k * cells + cell];
-        for (size_t k = 0; k < SHIFTS; k++)
-            step[k] = -gain[cell] * registered->slopes[k * cells + cell];
-        for (size_t k = 0; k < DISPLACEMENTS; k++) {
-            left[k] = old[k] - step[k];
-            response[k * cells + cell] = step[k];
-        }
+            left[k] = before[k * cells + cell] - gain[cell] * sensitivity[k * cells + cell] +
+                      (k < SHIFTS ? gain[cell] * slopes[k * cells + cell] : 0.0);
         for (size_t i = 0; i < DISPLACEMENTS; i++)
-            for (size_t j = 0; j < DISPLACEMENTS; j++) {
-                response[j * cells + cell] += left[i] * registered->previous[i * DISPLACEMENTS + j];
-                if (variance)
-                    variance[cell] += left[i] * registered->rest[i * DISPLACEMENTS + j] * left[j];
-            }
+            for (size_t j = 0; j < DISPLACEMENTS; j++)
+                variance[cell] += left[i] * rest[i * DISPLACEMENTS + j] * left[j];
     }
 }
 

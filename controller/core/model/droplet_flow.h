@@ -11,13 +11,20 @@ typedef struct {
     double volume;    /* what it adds in all: h1 + 4 h2 + 4 h3 [m] */
     double spread[2]; /* what a side and a corner neighbour take at most: h2 and h3 [m] */
     double slope[2];  /* how much less they take per metre that they lie above the cell hit */
+    /* The same row by row, of five cells with the droplet in the middle; 0 there and further away. */
+    double spread_lanes[3][5], slope_lanes[3][5];
 } Droplet;
 
 static inline Droplet droplet_of(const Ink *ink) {
     const double side = on_lattice(ink->h2), corner = on_lattice(ink->h3);
+    const double side_slope = ink->h2 / (ink->h1 + ink->h2), corner_slope = ink->h3 / (ink->h1 + ink->h3);
     return (Droplet){on_lattice(ink->h1) + 4.0 * side + 4.0 * corner,
                      {side, corner},
-                     {ink->h2 / (ink->h1 + ink->h2), ink->h3 / (ink->h1 + ink->h3)}};
+                     {side_slope, corner_slope},
+                     {{0.0, corner, side, corner, 0.0}, {0.0, side, 0.0, side, 0.0}, {0.0, corner, side, corner, 0.0}},
+                     {{0.0, corner_slope, side_slope, corner_slope, 0.0},
+                      {0.0, side_slope, 0.0, side_slope, 0.0},
+                      {0.0, corner_slope, side_slope, corner_slope, 0.0}}};
 }
 
 static inline double between(double low, double value, double high) {

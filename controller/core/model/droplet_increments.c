@@ -205,3 +205,41 @@ void droplet_increments(const JettedLayer *layer, const double *height, size_t i
         (HAS_AVX2 ? add_pass_avx2 : add_pass_plain)(&pass);
     }
 }
+
+/* Volumes of the droplets of a kind in a row of the grid, with the frame; 0 outside. */
+static void load_volumes(const JettedLayer *layer, size_t row, size_t first, size_t count, int32_t kind,
+                         double *restrict volumes) {
+    const bool is_inside = row > 0 && row <= layer->nx;
+    const size_t from = first > 0 ? 0 : 1, end = count + (first + count < layer->ny ? 2 : 1);
+    memset(volumes, 0, (count + 2) * sizeof *volumes);
+    if (!is_inside)
+        return;
+    const int32_t *pattern = layer->pattern + (row - 1) * layer->ny + first + from - 1;
+    const double *factor = layer->factor ? layer->factor + (row - 1) * layer->ny + first + from - 1 : NULL;
+    for (size_t k = from; k < end; k++)
+        volumes[k] = pattern[k - from] == kind ? 1.0 : 0.0;
+    for (size_t k = from; factor && k < end; k++)
+        volumes[k] = volumes[k] == 0.0 ? 0.0 : factor[k - from];
+}
+
+void flat_rates(const JettedLayer *layer, size_t inks, double *rates) {
+    const size_t cells = layer->nx * layer->ny;
+    double rows[3][FRAMED_BAND];
+    for (size_t ink = 0; ink < inks; ink++, rates += ORDERS * cells)
+        for (size_t first = 0; first < layer->ny; first += BAND) {
+            const size_t count = layer->ny - first < BAND ? layer->ny - first : BAND;
+            for (size_t row = 0; row < 2; row++)
+                load_volumes(layer, row, first, count, (int32_t)ink + 1, rows[row]);
+            for (size_t i = 0; i < layer->nx; i++) {
+                const double *above = rows[i % 3], *here = rows[(i + 1) % 3], *below = rows[(i + 2) % 3];
+                double *restrict h1 = rates + i * layer->ny + first, *restrict h2 = h1 + cells,
+                                 *restrict h3 = h2 + cells;
+                load_volumes(layer, i + 2, first, count, (int32_t)ink + 1, rows[(i + 2) % 3]);
+                for (size_t k = 1; k <= count; k++) {
+                    h1[k - 1] = here[k];
+                    h2[k - 1] = above[k] + here[k - 1] + here[k + 1] + below[k];
+                    h3[k - 1] = above[k - 1] + above[k + 1] + below[k - 1] + below[k + 1];
+                }
+            }
+        }
+}

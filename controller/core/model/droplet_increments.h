@@ -26,6 +26,9 @@ typedef struct {
 void droplet_increments(const JettedLayer *layer, const double *height, size_t inks, const Ink ink[], double *scratch,
                         const DropletIncrements *increments);
 
+/* The rates alone on a flat surface, all droplets at once: whatever the ink, every neighbour takes its full part. */
+void flat_rates(const JettedLayer *layer, size_t inks, double *rates);
+
 /* Height that the droplets add to a cell [m] with the heights of `ink`. */
 static inline double added_height(const DropletIncrements *increments, size_t cells, size_t cell, size_t inks,
                                   const Ink ink[]) {

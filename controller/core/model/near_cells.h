@@ -16,4 +16,22 @@ static inline bool is_near_marked(const uint8_t *marks, size_t nx, size_t ny, si
     return false;
 }
 
+enum { NEAR_COLUMNS = 256 };
+
+/* The same for all cells of row i: 1 or 0 in `near`, ny of them. */
+static inline void mark_near_row(const uint8_t *marks, size_t nx, size_t ny, size_t i, uint8_t *near) {
+    uint8_t any[NEAR_COLUMNS + 2]; /* cell k of these columns or the cell above or below it: at 1 + k */
+    for (size_t first = 0; first < ny; first += NEAR_COLUMNS) {
+        const size_t count = ny - first < NEAR_COLUMNS ? ny - first : NEAR_COLUMNS;
+        const size_t from = first > 0 ? 0 : 1, end = count + (first + count < ny ? 2 : 1);
+        const uint8_t *here = marks + i * ny + first + from - 1;
+        const uint8_t *above = i > 0 ? here - ny : here, *below = i + 1 < nx ? here + ny : here;
+        any[0] = any[count + 1] = 0;
+        for (size_t k = from; k < end; k++)
+            any[k] = above[k - from] | here[k - from] | below[k - from];
+        for (size_t k = 0; k < count; k++)
+            near[first + k] = (any[k] | any[k + 1] | any[k + 2]) != 0;
+    }
+}
+
 #endif

@@ -4,6 +4,10 @@
 #include <string.h>
 
 #include "box.h"
+#include "instruction_sets.h"
+#include "one_step.h"
+
+enum { LANES = 4 }; /* cells that are calculated at once: rows are rounded up to them, and what is there goes nowhere */
 
 typedef struct {
     const PlanSurface *surface;
@@ -14,7 +18,8 @@ typedef struct {
 } Trial;
 
 bool window_open(Window *window, const PlanSurface *surface) {
-    const size_t side = 2 * surface->steps + 6; /* a 4x4 box, one more cell each way for every step and for reading */
+    const size_t side = 2 * surface->steps + 6 + LANES; /* a 4x4 box, one more cell each way for every step and for
+                                                           reading, and what rows are rounded up by */
     const size_t cells = side * side;
     *window = (Window){.side = side, .memory = calloc(1, cells * (7 * sizeof(double) + 1))};
     if (!window->memory)
@@ -25,8 +30,8 @@ bool window_open(Window *window, const PlanSurface *surface) {
         window->spread[place] = window->after + (2 + place) * cells;
         window->slope[place] = window->after + (4 + place) * cells;
     }
-    window->kept = window->after + 6 * cells;
-    window->value = (uint8_t *)(window->kept + cells);
+    window->chance = window->after + 6 * cells;
+    window->value = (uint8_t *)(window->chance + cells);
     return true;
 }
 
@@ -77,7 +82,7 @@ static void begin(const Trial *trial, const Box *box, size_t step) {
     double *after = trial->window->after;
     copy_rows(trial, surface_height(surface, step + 1), after, box);
     if (keeps(trial, step))
-        copy_rows(trial, surface->kept, trial->window->kept, box);
+        copy_rows(trial, surface->left_to_chance, trial->window->chance, box);
     for (size_t k = 0; k < trial->count; k++) {
         const Change *change = &trial->change[k];
         if (!is_in_step(trial, change, step))
@@ -87,9 +92,10 @@ static void begin(const Trial *trial, const Box *box, size_t step) {
         const unsigned value = surface_layer(surface, change->layer)[cell];
         if (value)
             surface_add_droplet(surface, before, cell, value, -1.0, after, there, trial->window->side);
-        trial->window->kept[there] = change->value ? surface_add_droplet(surface, before, cell, change->value, 1.0,
-                                                                         after, there, trial->window->side)
-                                                   : 0.0;
+        const double kept = change->value ? surface_add_droplet(surface, before, cell, change->value, 1.0, after, there,
+                                                                trial->window->side)
+                                          : 0.0;
+        trial->window->chance[there] = surface_chance(surface, kept);
     }
 }
 
@@ -124,14 +130,14 @@ static void load_droplets(const Trial *trial, const Box *box, size_t step) {
 }
 
 /* What a cell loses to a neighbour less what it gets from it, `rise` above it. */
-static inline double loss(double spread, double slope, double its_spread, double its_slope, double rise) {
+static INLINED double loss(double spread, double slope, double its_spread, double its_slope, double rise) {
     return flow(spread, slope, rise) - flow(its_spread, its_slope, -rise);
 }
 
 /* Takes from a row of cells what they lose to the neighbours `one` and `other` cells before and behind. The arrays do
  * not overlap: a compiler may do several cells at once. */
-static void take_losses(double *restrict after, const double *restrict before, const double *restrict spread,
-                        const double *restrict slope, ptrdiff_t one, ptrdiff_t other, ptrdiff_t columns) {
+static INLINED void take_losses(double *restrict after, const double *restrict before, const double *restrict spread,
+                                const double *restrict slope, ptrdiff_t one, ptrdiff_t other, ptrdiff_t columns) {
     for (ptrdiff_t k = 0; k < columns; k++)
         after[k] -= loss(spread[k], slope[k], spread[k - one], slope[k - one], before[k] - before[k - one]) +
                     loss(spread[k], slope[k], spread[k + one], slope[k + one], before[k] - before[k + one]) +
@@ -140,9 +146,9 @@ static void take_losses(double *restrict after, const double *restrict before, c
 }
 
 /* Prints the step on the surface in `before`. */
-static void print_window(const Trial *trial, const Box *box) {
+static INLINED void print_window(const Trial *trial, const Box *box) {
     const Window *window = trial->window;
-    const ptrdiff_t side = (ptrdiff_t)window->side, columns = box->right - box->left + 1;
+    const ptrdiff_t side = (ptrdiff_t)window->side, columns = (box->right - box->left + LANES) / LANES * LANES;
     for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
         const size_t first = in_window(trial, row, box->left);
         const double *before = window->before + first;
@@ -156,8 +162,8 @@ static void print_window(const Trial *trial, const Box *box) {
 }
 
 /* Takes from a row of droplets what the neighbours `one` and `other` cells before and behind take of them. */
-static void take_shares(double *restrict kept, const double *restrict before, const double *restrict spread,
-                        const double *restrict slope, ptrdiff_t one, ptrdiff_t other, ptrdiff_t columns) {
+static INLINED void take_shares(double *restrict kept, const double *restrict before, const double *restrict spread,
+                                const double *restrict slope, ptrdiff_t one, ptrdiff_t other, ptrdiff_t columns) {
     for (ptrdiff_t k = 0; k < columns; k++)
         kept[k] -= flow(spread[k], slope[k], before[k] - before[k - one]) +
                    flow(spread[k], slope[k], before[k] - before[k + one]) +
@@ -165,20 +171,36 @@ static void take_shares(double *restrict kept, const double *restrict before, co
                    flow(spread[k], slope[k], before[k] - before[k + other]);
 }
 
-/* What the droplets of the step leave on their own cells. */
-static void keep_droplets(const Trial *trial, const Box *box) {
+/* What the droplets of the step leave on their own cells, and so to chance. */
+static INLINED void keep_droplets(const Trial *trial, const Box *box) {
     const Window *window = trial->window;
-    const ptrdiff_t side = (ptrdiff_t)window->side, columns = box->right - box->left + 1;
+    const ptrdiff_t side = (ptrdiff_t)window->side, columns = (box->right - box->left + LANES) / LANES * LANES;
     for (ptrdiff_t row = box->top; row <= box->bottom; row++) {
         const size_t first = in_window(trial, row, box->left);
         const double *before = window->before + first;
-        double *kept = window->kept + first;
+        double *kept = window->chance + first;
         for (ptrdiff_t k = 0; k < columns; k++)
             kept[k] = trial->surface->droplet[window->value[first + (size_t)k]].volume;
         take_shares(kept, before, window->spread[SIDE] + first, window->slope[SIDE] + first, 1, side, columns);
         take_shares(kept, before, window->spread[CORNER] + first, window->slope[CORNER] + first, side + 1, side - 1,
                     columns);
+        for (ptrdiff_t k = 0; k < columns; k++)
+            kept[k] = surface_chance(trial->surface, kept[k]);
     }
+}
+
+static INLINED void print_box(const Trial *trial, const Box *box, size_t step) {
+    print_window(trial, box);
+    if (keeps(trial, step))
+        keep_droplets(trial, box);
+}
+
+static void print_box_plain(const Trial *trial, const Box *box, size_t step) {
+    print_box(trial, box, step);
+}
+
+static WITH_AVX2 void print_box_avx2(const Trial *trial, const Box *box, size_t step) {
+    print_box(trial, box, step);
 }
 
 /* One more step: the surface in `after`, which differs in `box`, becomes the one before it. */
@@ -192,9 +214,7 @@ static void carry(const Trial *trial, const Box *box, const Box *next, size_t st
         memcpy(window->before + first, window->after + first, columns * sizeof(double));
     }
     load_droplets(trial, &read, step);
-    print_window(trial, next);
-    if (keeps(trial, step))
-        keep_droplets(trial, next);
+    (HAS_AVX2 ? print_box_avx2 : print_box_plain)(trial, next, step);
 }
 
 /* The part of the box that holds all cells whose height after the step differs. */
@@ -222,10 +242,10 @@ static Sums change_of_sums(const Trial *trial, const Box *box) {
         for (ptrdiff_t column = box->left; column <= box->right; column++) {
             const size_t cell = in_map(trial, row, column);
             const size_t there = in_window(trial, row, column);
-            const double was = last[cell], is = trial->window->after[there], inside = surface->goal[cell].inside;
-            const double raised = inside * (is - was), chance_was = surface_chance(surface, surface->kept[cell]);
-            const double chance = surface_chance(surface, trial->window->kept[there]);
-            change.cost += surface_cost(surface, cell, is, chance) - surface_cost(surface, cell, was, chance_was);
+            const double was = last[cell], is = trial->window->after[there], inside = surface->inside[cell];
+            const double raised = inside * (is - was), chance_was = surface->left_to_chance[cell];
+            const double chance = keeps(trial, surface->steps - 1) ? trial->window->chance[there] : 0.0;
+            change.cost += surface_cost(surface, cell, is, chance) - surface->cost[cell];
             change.height += raised;
             change.squared_height += raised * ((is - surface->reference) + (was - surface->reference)) +
                                      inside * (chance * chance - chance_was * chance_was) / 3.0;
@@ -238,6 +258,15 @@ static void write_rows(const Trial *trial, const double *local, double *map, con
     const size_t columns = (size_t)(box->right - box->left + 1);
     for (ptrdiff_t row = box->top; row <= box->bottom; row++)
         memcpy(map + in_map(trial, row, box->left), local + in_window(trial, row, box->left), columns * sizeof(double));
+}
+
+static void take_costs(PlanSurface *surface, const Box *box) {
+    const double *last = surface_height(surface, surface->steps);
+    for (ptrdiff_t row = box->top; row <= box->bottom; row++)
+        for (ptrdiff_t column = box->left; column <= box->right; column++) {
+            const size_t cell = (size_t)row * surface->stride + (size_t)column;
+            surface->cost[cell] = surface_cost(surface, cell, last[cell], surface->left_to_chance[cell]);
+        }
 }
 
 /* Carries the changes through all steps, to the maps in `made` if that is not NULL; returns where the last differs. */
@@ -259,7 +288,9 @@ static Box carry_through(const Trial *trial, PlanSurface *made) {
         if (made)
             write_rows(trial, trial->window->after, surface_height(made, step + 1), &next);
         if (made && keeps(trial, step))
-            write_rows(trial, trial->window->kept, made->kept, &next);
+            write_rows(trial, trial->window->chance, made->left_to_chance, &next);
+        if (made && step + 1 == surface->steps)
+            take_costs(made, &next);
     }
     return box;
 }
@@ -270,14 +301,28 @@ static Trial trial_of(const PlanSurface *surface, const Change *change, size_t c
 }
 
 Sums plan_trial(const PlanSurface *surface, const Change *change, size_t count, Window *window) {
+    if (surface->steps == 1) {
+        window->work += FOOTPRINT;
+        return one_step_trial(surface, change, count, false);
+    }
     const Trial trial = trial_of(surface, change, count, window);
     const Box box = carry_through(&trial, NULL);
     return change_of_sums(&trial, &box);
 }
 
+Sums plan_trial_worth(const PlanSurface *surface, const Change *change, size_t count, Window *window) {
+    if (!is_cost_enough(surface))
+        return plan_trial(surface, change, count, window);
+    window->work += FOOTPRINT;
+    return one_step_trial(surface, change, count, true);
+}
+
 void plan_apply(PlanSurface *surface, const Change *change, size_t count, Window *window) {
     const Trial trial = trial_of(surface, change, count, window);
-    carry_through(&trial, surface);
+    if (surface->steps == 1)
+        one_step_apply(surface, change, count);
+    else
+        carry_through(&trial, surface);
     for (size_t k = 0; k < count; k++)
         surface_layer(surface, change[k].layer)[surface_cell(surface, change[k].i, change[k].j)] =
             (uint8_t)change[k].value;

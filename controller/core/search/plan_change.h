@@ -22,7 +22,7 @@ typedef struct {
     double *before;
     double *spread[2]; /* what its droplet gives to a neighbour at most: side, corner [m] */
     double *slope[2];
-    double *kept;   /* in the last step, what each droplet leaves on its own cell [m] */
+    double *chance; /* in the last step, what each cell's droplet leaves to chance [m] */
     uint8_t *value; /* of the droplet jetted on each cell in the step */
     int64_t work;   /* cells printed so far, in all trials */
     void *memory;
@@ -33,6 +33,14 @@ void window_close(Window *window);
 
 /* What the changes add to the sums. They are on cells that touch or are the same. */
 Sums plan_trial(const PlanSurface *surface, const Change *change, size_t count, Window *window);
+
+/* Whether nothing but the cost counts, and plan_trial_worth leaves out the sums of heights. */
+static inline bool is_cost_enough(const PlanSurface *surface) {
+    return surface->steps == 1 && surface->weighting.alpha == 1.0;
+}
+
+/* As plan_trial, as far as the objective depends on it. */
+Sums plan_trial_worth(const PlanSurface *surface, const Change *change, size_t count, Window *window);
 
 /* Makes the changes: plan and surfaces, not the sums. */
 void plan_apply(PlanSurface *surface, const Change *change, size_t count, Window *window);

@@ -1,7 +1,9 @@
 #include "plan_surface.h"
 
-#include <stdlib.h>
 #include <string.h>
+
+#include "instruction_sets.h"
+#include "map_memory.h"
 
 /* Gains below this share of a droplet's height are rounding, and chasing them would never end (assumed). */
 static const double LEAST_SHARE_OF_DROPLET = 1e-9;
@@ -13,37 +15,47 @@ static const double UNIFORM_BOUND = 1.7320508075688772;
 static const double ABYSS = -1.0;
 
 static bool take_memory(PlanSurface *surface) {
-    const size_t reals = (surface->steps + 2 + (surface->problem->ceiling != NULL)) * surface->framed;
+    const size_t maps = surface->steps + 7, length = surface->framed + MAP_MARGIN;
     const size_t bytes = surface->problem->layers * surface->framed;
-    surface->memory = calloc(1, surface->framed * sizeof(Goal) + reals * sizeof(double) + bytes);
+    surface->memory = take_maps(1, maps * length * sizeof(double) + bytes);
     if (!surface->memory)
         return false;
-    surface->goal = surface->memory;
-    surface->height = (double *)(surface->goal + surface->framed);
-    surface->kept = surface->height + (surface->steps + 1) * surface->framed;
-    double *next = surface->kept + surface->framed;
+    double *next = surface->memory;
+    double **single[] = {&surface->target, &surface->weight, &surface->inside, &surface->left_to_chance,
+                         &surface->cost};
+    for (size_t k = 0; k < sizeof single / sizeof *single; k++, next += length)
+        *single[k] = next;
     if (surface->problem->ceiling) {
         surface->ceiling = next;
-        next += surface->framed;
+        next += length;
     }
-    surface->plan = (uint8_t *)next;
+    surface->height = next;
+    surface->plan = (uint8_t *)(next + (surface->steps + 1) * surface->framed + MAP_MARGIN);
     return true;
+}
+
+static void set_frame(const PlanSurface *surface, double *height) {
+    for (size_t i = 0; i < surface->nx + 2; i++)
+        height[i * surface->stride] = height[i * surface->stride + surface->ny + 1] = ABYSS;
+    for (size_t j = 0; j < surface->stride; j++)
+        height[j] = height[surface->framed - 1 - j] = ABYSS;
 }
 
 /* Copies the problem's data of each cell into the maps. Returns the number of cells of the part. */
 static double copy_maps(PlanSurface *surface) {
     const HorizonProblem *problem = surface->problem;
     double count = 0.0;
-    for (size_t k = 0; k < (surface->steps + 1) * surface->framed; k++)
-        surface->height[k] = ABYSS;
+    set_frame(surface, surface->height);
     for (size_t i = 0; i < surface->nx; i++) {
+        const size_t given = i * surface->ny, cell = surface_cell(surface, i, 0);
+        memcpy(surface->target + cell, problem->target + given, surface->ny * sizeof(double));
+        memcpy(surface->weight + cell, problem->weight + given, surface->ny * sizeof(double));
+        if (surface->ceiling)
+            memcpy(surface->ceiling + cell, problem->ceiling + given, surface->ny * sizeof(double));
         for (size_t j = 0; j < surface->ny; j++) {
-            const size_t given = i * surface->ny + j, cell = surface_cell(surface, i, j);
-            surface->height[cell] = height_on_lattice(problem->height[given]);
-            surface->goal[cell] = (Goal){problem->target[given], problem->weight[given], problem->part[given] ? 1 : 0};
-            if (surface->ceiling)
-                surface->ceiling[cell] = problem->ceiling[given];
-            count += surface->goal[cell].inside;
+            surface->height[cell + j] = height_on_lattice(problem->height[given + j]);
+            surface->inside[cell + j] = problem->part[given + j] ? 1.0 : 0.0;
+            count += surface->inside[cell + j];
         }
     }
     return count;
@@ -78,7 +90,7 @@ bool surface_open(PlanSurface *surface, const HorizonProblem *problem, const int
 }
 
 void surface_close(PlanSurface *surface) {
-    free(surface->memory);
+    give_maps(surface->memory);
     surface->memory = NULL;
 }
 
@@ -117,42 +129,112 @@ double surface_add_droplet(const PlanSurface *surface, const double *before, siz
     return kept;
 }
 
-static void print_step(PlanSurface *surface, size_t step) {
-    const size_t layer = step / (size_t)surface->problem->passes;
-    const double *before = surface_height(surface, step);
-    double *after = surface_height(surface, step + 1);
-    memcpy(after, before, surface->framed * sizeof(double));
-    memset(surface->kept, 0, surface->framed * sizeof(double));
-    const uint8_t *values = surface_layer(surface, layer);
-    for (size_t i = 0; i < surface->nx; i++) {
-        for (size_t j = 0; j < surface->ny; j++) {
-            const size_t cell = surface_cell(surface, i, j);
-            if (values[cell] && surface_step(surface, layer, i, j) == step)
-                surface->kept[cell] =
-                    surface_add_droplet(surface, before, cell, values[cell], 1.0, after, cell, surface->stride);
+enum { BAND = 128, FRAMED_BAND = BAND + 2 }; /* columns that are printed together; cell k of a band is at 1 + k */
+
+/* Droplets of a row of a band, jetted in one step. */
+typedef struct {
+    double volume[FRAMED_BAND], spread[2][FRAMED_BAND], slope[2][FRAMED_BAND];
+} DropletRow;
+
+/* Row `row` of the map, columns from `left` - 1 to `left` + count, without the droplets of other steps. */
+static INLINED void load_row(const PlanSurface *surface, size_t step, size_t row, size_t left, size_t count,
+                             DropletRow *droplets) {
+    const size_t passes = (size_t)surface->problem->passes, layer = step / passes;
+    const uint8_t *values = surface_layer(surface, layer) + row * surface->stride + left - 1;
+    const Droplet *droplet = surface->droplet;
+    for (size_t k = 0; k < count + 2; k++) {
+        const bool falls = values[k] && (passes == 1 || surface_step(surface, layer, row - 1, left + k - 2) == step);
+        const Droplet *own = &droplet[falls ? values[k] : 0];
+        droplets->volume[k] = own->volume;
+        for (int place = SIDE; place <= CORNER; place++) {
+            droplets->spread[place][k] = own->spread[place];
+            droplets->slope[place][k] = own->slope[place];
         }
     }
-    for (size_t i = 0; i < surface->nx + 2; i++)
-        after[i * surface->stride] = after[i * surface->stride + surface->ny + 1] = ABYSS;
-    for (size_t j = 0; j < surface->stride; j++)
-        after[j] = after[surface->framed - 1 - j] = ABYSS;
+}
+
+/* Takes from the cells of a row what flows to the neighbours `ahead` columns further in another row, and adds what
+ * comes from there. */
+static INLINED void exchange(const DropletRow *here, const DropletRow *there, int place, size_t ahead, size_t count,
+                             const double *restrict before, const double *restrict its, double *restrict left,
+                             double *restrict after) {
+    const double *spread = here->spread[place] + 1, *slope = here->slope[place] + 1;
+    const double *its_spread = there->spread[place] + ahead, *its_slope = there->slope[place] + ahead;
+    for (size_t k = 0; k < count; k++) {
+        const double rise = before[k] - its[k], lost = flow(spread[k], slope[k], rise);
+        left[k] -= lost;
+        after[k] += flow(its_spread[k], its_slope[k], -rise) - lost;
+    }
+}
+
+/* Prints a step on some columns; `kept`: what each droplet leaves on its own cell. */
+static INLINED void print_band(const PlanSurface *surface, size_t step, size_t left, size_t count) {
+    const size_t stride = surface->stride;
+    const double *before = surface_height(surface, step);
+    double *after = surface_height(surface, step + 1), kept[BAND];
+    const bool is_last = step + 1 == surface->steps;
+    DropletRow rows[3];
+    load_row(surface, step, 0, left, count, &rows[0]);
+    load_row(surface, step, 1, left, count, &rows[1]);
+    for (size_t row = 1; row <= surface->nx; row++) {
+        const DropletRow *above = &rows[(row - 1) % 3], *here = &rows[row % 3];
+        DropletRow *below = &rows[(row + 1) % 3];
+        const size_t cell = row * stride + left;
+        const double *own = before + cell, *over = own - stride, *under = own + stride;
+        load_row(surface, step, row + 1, left, count, below);
+        for (size_t k = 0; k < count; k++) {
+            kept[k] = here->volume[1 + k];
+            after[cell + k] = own[k] + here->volume[1 + k];
+        }
+        exchange(here, above, CORNER, 0, count, own, over - 1, kept, after + cell);
+        exchange(here, above, SIDE, 1, count, own, over, kept, after + cell);
+        exchange(here, above, CORNER, 2, count, own, over + 1, kept, after + cell);
+        exchange(here, here, SIDE, 0, count, own, own - 1, kept, after + cell);
+        exchange(here, here, SIDE, 2, count, own, own + 1, kept, after + cell);
+        exchange(here, below, CORNER, 0, count, own, under - 1, kept, after + cell);
+        exchange(here, below, SIDE, 1, count, own, under, kept, after + cell);
+        exchange(here, below, CORNER, 2, count, own, under + 1, kept, after + cell);
+        for (size_t k = 0; is_last && k < count; k++)
+            surface->left_to_chance[cell + k] = surface_chance(surface, kept[k]);
+    }
+}
+
+static INLINED void print_bands(const PlanSurface *surface, size_t step) {
+    for (size_t first = 0; first < surface->ny; first += BAND)
+        print_band(surface, step, first + 1, surface->ny - first < BAND ? surface->ny - first : BAND);
+    set_frame(surface, surface_height(surface, step + 1));
+}
+
+static void print_step_plain(const PlanSurface *surface, size_t step) {
+    print_bands(surface, step);
+}
+
+static WITH_AVX2 void print_step_avx2(const PlanSurface *surface, size_t step) {
+    print_bands(surface, step);
+}
+
+/* What the heights after the last step cost, cell by cell. */
+static void take_costs(PlanSurface *surface) {
+    const double *last = surface_height(surface, surface->steps);
+    for (size_t cell = 0; cell < surface->framed; cell++)
+        surface->cost[cell] = surface_cost(surface, cell, last[cell], surface->left_to_chance[cell]);
 }
 
 /* The reference of the heights is the mean that they have after the last step. */
 void surface_evaluate(PlanSurface *surface) {
     for (size_t step = 0; step < surface->steps; step++)
-        print_step(surface, step);
+        (HAS_AVX2 ? print_step_avx2 : print_step_plain)(surface, step);
     const double *last = surface_height(surface, surface->steps);
     double mean = 0.0;
     for (size_t cell = 0; cell < surface->framed; cell++)
-        mean += surface->goal[cell].inside * last[cell];
+        mean += surface->inside[cell] * last[cell];
     surface->reference = height_on_lattice(mean / surface->weighting.count);
     surface->sums = (Sums){0.0, 0.0, 0.0};
+    take_costs(surface);
     for (size_t cell = 0; cell < surface->framed; cell++) {
-        const double inside = surface->goal[cell].inside, height = inside * (last[cell] - surface->reference);
-        const double chance = surface_chance(surface, surface->kept[cell]);
-        const Sums own = {surface_cost(surface, cell, last[cell], chance), height,
-                          height * height + inside * chance * chance / 3.0};
+        const double inside = surface->inside[cell], height = inside * (last[cell] - surface->reference);
+        const double chance = surface->left_to_chance[cell];
+        const Sums own = {surface->cost[cell], height, height * height + inside * chance * chance / 3.0};
         surface->sums = sums_after(&surface->sums, &own);
     }
 }
@@ -161,7 +243,7 @@ Objective surface_objective(const PlanSurface *surface) {
     const double *last = surface_height(surface, surface->steps);
     double over_ceiling = 0.0;
     for (size_t cell = 0; surface->ceiling && cell < surface->framed; cell++)
-        over_ceiling += surface->goal[cell].weight * fmax(last[cell] - surface->ceiling[cell], 0.0);
+        over_ceiling += surface->weight[cell] * fmax(last[cell] - surface->ceiling[cell], 0.0);
     over_ceiling *= surface->problem->ceiling_cost;
     const double count = surface->weighting.count;
     return (Objective){objective(&surface->sums, &surface->weighting), (surface->sums.cost - over_ceiling) / count,

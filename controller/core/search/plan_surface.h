@@ -18,12 +18,7 @@
 #include "objective.h"
 
 enum { STEPS_MAX = 4 * HORIZON_MAX };
-
-typedef struct {
-    double target; /* [m] */
-    double weight; /* of the cell's error */
-    double inside; /* 1 in the part, 0 outside */
-} Goal;
+enum { MAP_MARGIN = 4 }; /* cells behind a map, so that four from any cell on can be read */
 
 typedef struct {
     const HorizonProblem *problem;
@@ -31,13 +26,14 @@ typedef struct {
     size_t steps;
     Droplet droplet[1 + KINDS_MAX]; /* of each value of a plan */
     double *height;                 /* steps + 1 maps [m] */
+    double *target, *weight;        /* maps: of the last surface [m]; of the cells' errors */
+    double *inside;                 /* a map: 1 in the part, 0 outside */
     double *ceiling;                /* a map [m]; NULL: none */
-    Goal *goal;                     /* a map */
+    double *left_to_chance, *cost;  /* maps: w of each cell [m], and what its height after the last step costs [m] */
     uint8_t *plan;                  /* a map for each layer: 0 nothing, 1 + k a droplet of kind k */
     double upward, skew;            /* cost of an error e: weight * (upward |e| + skew e) */
     double chance;                  /* bound of what a droplet's volume differs by, as a share of it; 0: not counted */
     double least_chance;            /* w of the smallest droplet on level ground [m] */
-    double *kept;                   /* what each droplet of the last step leaves on its own cell [m], a map */
     double reference;               /* what heights count from in the sums [m] */
     Weighting weighting;
     Sums sums;
@@ -98,12 +94,12 @@ static inline double surface_chance(const PlanSurface *surface, double kept) {
 
 /* What the height of a cell after the last step costs [m], left to `chance`. */
 static inline double surface_cost(const PlanSurface *surface, size_t cell, double height, double chance) {
-    const double error = height - surface->goal[cell].target, size = fabs(error);
+    const double error = height - surface->target[cell], size = fabs(error);
     const double expected = size < chance ? 0.5 * (error * error / chance + chance) : size;
     double cost = surface->upward * expected + surface->skew * error;
     if (surface->ceiling && height > surface->ceiling[cell])
         cost += surface->problem->ceiling_cost * (height - surface->ceiling[cell]);
-    return surface->goal[cell].weight * cost;
+    return surface->weight[cell] * cost;
 }
 
 /* Adds `sign` times the shares of a droplet at `cell` on the surface `before` to `after`, where `cell` is `there` and

@@ -26,19 +26,19 @@ typedef struct {
 typedef struct {
     Change change[CHANGES_MAX];
     size_t count;
-    Sums sums;
+    Sums worth;  /* see plan_trial_worth */
     double cost; /* what it does to the objective [m] */
 } Best;
 
 static void consider(Work *work, const Change *change, size_t count, Best *best) {
     const Sums sums = sums_after(work->before, &work->tally->change);
-    const Sums added = plan_trial(work->surface, change, count, work->window);
+    const Sums added = plan_trial_worth(work->surface, change, count, work->window);
     const double cost = objective_change(&sums, &added, &work->surface->weighting);
     work->tally->evaluations++;
     if (cost >= best->cost)
         return;
     best->count = count;
-    best->sums = added;
+    best->worth = added;
     best->cost = cost;
     memcpy(best->change, change, count * sizeof(Change));
 }
@@ -57,8 +57,10 @@ static void wake(Work *work, size_t i, size_t j) {
 }
 
 static void make(Work *work, const Best *best) {
+    const bool is_whole = !is_cost_enough(work->surface);
+    const Sums added = is_whole ? best->worth : plan_trial(work->surface, best->change, best->count, work->window);
     plan_apply(work->surface, best->change, best->count, work->window);
-    work->tally->change = sums_after(&work->tally->change, &best->sums);
+    work->tally->change = sums_after(&work->tally->change, &added);
     for (size_t k = 0; k < best->count; k++)
         wake(work, best->change[k].i, best->change[k].j);
 }

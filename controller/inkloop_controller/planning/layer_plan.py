@@ -6,13 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from math import inf, isfinite, nan
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from inkloop.component import BoolMap, FloatMap
+from inkloop.units import UM_PER_M
 from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.problem.horizon_problem import IntMap, IntPlan, Objective
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class PlanStatus(StrEnum):
@@ -68,6 +72,28 @@ class LayerPlan:
             return nan
         excess = max(0.0, self.objective.value - self.bound)
         return excess / self.objective.value if self.objective.value > 0.0 else (0.0 if excess == 0.0 else inf)
+
+    def plot(self) -> Figure:
+        """A picture (matplotlib) of the droplets of each planned layer, and the surface expected after the first."""
+        from inkloop_controller.planning.plan_picture import plan_picture
+
+        title = f"{self.status}, objective {self.objective.value * UM_PER_M:.3g} µm"
+        return plan_picture(self.plan, self.predicted_height, title)
+
+    def _repr_html_(self) -> str:
+        """Its figures, for notebooks."""
+        rows = {
+            "status": str(self.status),
+            "layers ahead": str(len(self.plan)),
+            "droplets by layer": ", ".join(str(np.count_nonzero(droplets)) for droplets in self.plan),
+            "objective after the last layer": f"{self.objective.value * UM_PER_M:.4g} µm",
+            "start": self.start,
+            "sweeps": str(self.sweeps),
+        }
+        if isfinite(self.bound):
+            rows["no plan is below"] = f"{self.bound * UM_PER_M:.4g} µm (gap {self.gap:.2%})"
+        cells = "".join(f"<tr><th>{name}</th><td>{value}</td></tr>" for name, value in rows.items())
+        return f"<table><caption><b>layer plan</b></caption><tbody>{cells}</tbody></table>"
 
 
 class Planner(Protocol):

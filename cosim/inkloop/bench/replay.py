@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from inkloop.components import devices
 from inkloop.contract import MEASURED_HEIGHT, PATTERN, VALID
@@ -50,8 +51,9 @@ def replay(options: argparse.Namespace, overrides: Mapping[str, Any], console: T
     console.result(same=not found, differences=found)
     if found:
         return DIFFERS
-    layers = again.dataset.sizes["layer"] - 1 if again else 0
-    summary = f"{layers} layers replayed: every request of the master is that of {log}"
+    summary = (
+        f"{_layers(again.dataset) if again else '0 layers'} replayed: every request of the master is that of {log}"
+    )
     if recorded:
         summary += f"; {', '.join(COMPARED.values())} are those of {folder / RESULT_FILE}"
     console.sentence(summary)
@@ -63,7 +65,7 @@ def differences(recorded: Result, again: Result) -> list[str]:
     found = []
     left, right = recorded.dataset, again.dataset
     if left.sizes["layer"] > right.sizes["layer"]:
-        found.append(f"the replay has {right.sizes['layer'] - 1} layers, the run {left.sizes['layer'] - 1}")
+        found.append(f"the replay has {_layers(right)}, the run {_layers(left)}")
     layers = min(left.sizes["layer"], right.sizes["layer"])
     for name, words in COMPARED.items():
         if name not in left or name not in right:
@@ -79,6 +81,11 @@ def differences(recorded: Result, again: Result) -> list[str]:
                 )
                 break
     return found
+
+
+def _layers(run: xr.Dataset) -> str:
+    count = run.sizes["layer"] - 1
+    return f"{count} layer{'' if count == 1 else 's'}"
 
 
 def _scenario(folder: Path, overrides: Mapping[str, Any], other_log: Path | None) -> Scenario:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_windows, screen
+from inkloop.commands.options import add_platforms, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -27,7 +27,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--fixed", action="store_true", help="FMI 3 with constant dimensions, for tools that cannot resize arrays"
     )
-    add_windows(parser)
+    add_platforms(parser)
     parser.add_argument(
         "--force", action="store_true", help="FMI 2 also for a grid whose description many tools cannot read"
     )
@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
         intervals=options.intervals,
         fixed=options.fixed,
         out=options.out or Path(f"{options.model}.fmu"),
-        windows=options.windows,
+        platforms=options.platforms,
         force=options.force,
     )
     terminal = screen(options)

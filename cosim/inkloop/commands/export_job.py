@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_overrides, add_windows, scenario_of, screen
+from inkloop.commands.options import add_overrides, add_platforms, scenario_of, screen
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -16,7 +16,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="scenario file (.toml)")
     parser.add_argument("--fmi", choices=("2", "3"), default="2", help="FMI version (default: 2)")
-    add_windows(parser)
+    add_platforms(parser)
     parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="file to write (default: NAME.fmu)")
     add_overrides(parser)
     return parser

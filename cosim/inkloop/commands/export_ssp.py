@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inkloop.commands.options import add_overrides, add_windows, scenario_of, screen
+from inkloop.commands.options import add_overrides, add_platforms, scenario_of, screen
 from inkloop.exchange.ssp import FORMATS, VERSIONS
 
 
@@ -31,7 +31,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
         help="SSP version: 1.0 with FMI 2 and scalars (default), 2.0 with FMI 3 and arrays",
     )
     parser.add_argument("--fmi", choices=("2", "3"), help="FMI version of inkloop's FMUs in the system")
-    add_windows(parser)
+    add_platforms(parser)
     add_overrides(parser)
     return parser
 

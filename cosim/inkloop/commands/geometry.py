@@ -76,13 +76,14 @@ def _mesh(options: argparse.Namespace) -> MeshReport | None:
     """The mesh in the file or of the scenario, if its part is one. Raises InkloopError."""
     from inkloop.geometry.mesh_file import read_bodies
     from inkloop.report.part_report import MeshReport
-    from inkloop.scenario.part_file import mesh_of_scenario
+    from inkloop.scenario.part_file import ASSUMED_UNIT, mesh_of_scenario
 
     if options.file.suffix == ".toml":
         found = mesh_of_scenario(options.file)
         return None if found is None else MeshReport.of(found)
     file = part_file_of(options, options.file)
-    return MeshReport.of(read_bodies(file.path, file.mesh_unit)) if file.is_mesh else None
+    assumed_unit = ASSUMED_UNIT if file.assumes_unit else ""
+    return MeshReport.of(read_bodies(file.path, file.mesh_unit), assumed_unit) if file.is_mesh else None
 
 
 def _scenario(options: argparse.Namespace) -> Scenario:

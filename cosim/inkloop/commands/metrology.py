@@ -42,6 +42,8 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
     parser.add_argument("--profile", choices=("x", "y"), help="profile parameters of the rows along this axis instead")
     parser.add_argument("--unit", choices=UNITS, help="of the heights of a map that does not give it")
     parser.add_argument("--pixel-um", type=float, metavar="P", help="pixel spacing of a map that does not give it")
+    parser.add_argument("--count-scale", type=float, metavar="H", help="height of one count, for whole-number maps")
+    parser.add_argument("--invalid-value", type=float, metavar="V", help="number of a pixel without a height")
     return parser
 
 
@@ -56,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
     from inkloop.results.result import Result
 
     source, is_run = options.source, options.source.is_dir()
-    alien = ("unit", "pixel_um") if is_run else ("layer", "map")
+    alien = ("unit", "pixel_um", "count_scale", "invalid_value") if is_run else ("layer", "map")
     if given := [f"--{name.replace('_', '-')}" for name in alien if getattr(options, name) is not None]:
         raise HeightMapError(f"{source}: is a {'run' if is_run else 'map'}; leave {' and '.join(given)} out")
     mask = options.mask or ("part" if is_run else "all")

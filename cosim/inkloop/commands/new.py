@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from inkloop.commands.options import add_part_options, part_file_of, screen
+from inkloop.errors import InkloopError
 
 SHAPES = ("combine", "cuboid", "cylinder", "pipe-junction", "staircase")
 
@@ -15,8 +16,9 @@ SHAPES = ("combine", "cuboid", "cylinder", "pipe-junction", "staircase")
 def add_parser(commands: Any) -> argparse.ArgumentParser:
     """The parser of the command."""
     parser: argparse.ArgumentParser = commands.add_parser("new", help="write a commented scenario to start from")
-    parser.add_argument("name", type=Path, metavar="NAME", help="writes NAME.toml")
+    parser.add_argument("name", type=Path, nargs="?", metavar="NAME", help="writes NAME.toml")
     either = parser.add_mutually_exclusive_group()
+    either.add_argument("--list", action="store_true", help="list the scenarios that `inkloop run` knows by name")
     either.add_argument("--shape", choices=SHAPES, default="cylinder", help="shape of the part (default: cylinder)")
     either.add_argument(
         "--part",
@@ -33,6 +35,17 @@ def run(options: argparse.Namespace) -> int:
     from inkloop.scenario import new as templates
 
     terminal = screen(options)
+    if options.list:
+        from inkloop.scenario.packaged import titles
+
+        listed = titles()
+        width = max(map(len, listed), default=0)
+        for name, title in listed.items():
+            terminal.sentence(f"{name:{width}}  {title}")
+        terminal.result(scenarios=listed)
+        return 0
+    if options.name is None:
+        raise InkloopError("new needs the NAME of the scenario to write; --list lists those of inkloop")
     if options.part is None:
         path = templates.write(options.name, options.shape)
     else:

@@ -1,4 +1,4 @@
-"""Options that several commands share: a scenario with overrides, the file of a part, a subprocess, Windows."""
+"""Options that several commands share: a scenario with overrides, the file of a part, a subprocess, platforms."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 def add_scenario(parser: argparse.ArgumentParser) -> None:
     """SCENARIO, --job and --set; `scenario_of` reads them."""
     parser.add_argument(
-        "scenario", type=Path, metavar="SCENARIO", help="scenario file (.toml), or system of FMUs (.ssp)"
+        "scenario",
+        type=Path,
+        metavar="SCENARIO",
+        help="scenario file (.toml), name of one of inkloop (`inkloop new --list`), or system of FMUs (.ssp)",
     )
     parser.add_argument(
         "--job", type=Path, metavar="FILE", help="scenario to combine with the .ssp (default: the one embedded in it)"
@@ -79,10 +82,14 @@ def _formats(text: str) -> tuple[str, ...]:
         raise argparse.ArgumentTypeError(str(error)) from error
 
 
-def add_windows(parser: argparse.ArgumentParser) -> None:
-    """--windows of the commands that write FMUs."""
+def add_platforms(parser: argparse.ArgumentParser) -> None:
+    """--platforms of the commands that write FMUs."""
     parser.add_argument(
-        "--windows", action="store_true", help="add binaries for 64-bit Windows to inkloop's FMUs; needs mingw-w64"
+        "--platforms",
+        type=lambda text: tuple(name.strip() for name in text.split(",")),
+        metavar="NAME,...",
+        help="binaries of inkloop's FMUs: x86_64-linux, aarch64-linux, x86_64-windows, aarch64-windows, x86_64-darwin, "
+        "aarch64-darwin, or all; missing ones are compiled by ziglang (default: those of the installed FMUs)",
     )
 
 
@@ -131,10 +138,13 @@ def is_isolated(options: argparse.Namespace, scenario: Scenario) -> bool:
 @contextmanager
 def scenario_of(options: argparse.Namespace) -> Iterator[Scenario]:
     """The scenario of the command line. Classes next to it may be its components. Raises ScenarioError."""
+    from inkloop.scenario import packaged
     from inkloop.scenario.class_path import classes_from
     from inkloop.scenario.file import Scenario
 
-    path: Path = options.scenario
+    path = packaged.resolve(options.scenario)
+    if reason := packaged.hint(path):
+        raise ScenarioError(str(path), [reason])
     job: Path | None = getattr(options, "job", None)
     overrides = overrides_of(options.overrides, str(path))
     with classes_from((job or path).parent):

@@ -19,7 +19,7 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
         "controller",
         nargs="?",
         metavar="MODULE:CLASS",
-        help="your controller, as `kind` in a scenario (default: all of inkloop's)",
+        help="your controller, as `kind` in a scenario; env:MODULE:CLASS: a policy (default: all of inkloop's)",
     )
     parser.add_argument(
         "--set",

@@ -1,6 +1,7 @@
 """Registry of component kinds: inkloop's FMUs, any FMU file, devices, Python classes.
 
-A third party's class is named by an entry point of the group "inkloop.components", or as "package.module:Class".
+A third party's class is named by an entry point of the group "inkloop.components", or as "package.module:Class", a
+policy also as "env:package.module:Class".
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from inkloop.components.fmu_kind import FmuFile, FmuModel
 from inkloop.components.fmu_parameters import CONTROLLER
 from inkloop.components.kind import Checked, Kind
 from inkloop.components.plain_plant import PlainPlantKind
+from inkloop.components.policy import PREFIX
 from inkloop.components.python_class import PythonClass
 from inkloop.components.shadow import options as shadow_options
 from inkloop.components.shadow.options import ShadowKind
@@ -67,7 +69,7 @@ def find_kind(name: str) -> Kind:
     if name in KINDS:
         return KINDS[name]
     if ":" in name:
-        return PythonClass(EntryPoint(name, name, GROUP))
+        return PythonClass(EntryPoint(name, name.removeprefix(PREFIX), GROUP))
     for point in entry_points(group=GROUP, name=name):
         return PythonClass(point)
     raise KeyError(name)

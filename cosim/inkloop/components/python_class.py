@@ -1,7 +1,7 @@
 """Kinds that are Python classes: `Class(job, *, option: type = default, ...)`.
 
-Options are checked against these types. A class is a component, or has a method `pattern` and becomes a controller that
-goes by it; a method `use_rig(rig)` of either is given the bus of `[bench]` before the loop is initialized.
+Options are checked against these types. A class is a component, or has a method `pattern` or `act` and becomes a
+controller that goes by it; a method `use_rig(rig)` is given the bus of `[bench]` before the loop is initialized.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from inkloop.component import MEMBERS, Component, Job, Ports
 from inkloop.components.bench import Bench, load
 from inkloop.components.kind import Checked
+from inkloop.components.policy import PREFIX, policy_controller
 from inkloop.errors import ScenarioError, message_of, own_line
 from inkloop.suggest import near
 from inkloop.tables.messages import sentence
@@ -150,10 +151,12 @@ def without_invalid_keys(
 
 
 def _component(kind: str, job: Job, made: Any) -> Component:
-    """An instance of a user's class as a component. Raises ValueError if it is neither one nor a rule for patterns."""
+    """An instance of a user's class as a component. Raises ValueError if it is none, and neither rule nor policy."""
     if isinstance(made, Component):
         return made
+    if kind.startswith(PREFIX) or callable(getattr(made, "act", None)):
+        return policy_controller(kind, job, made)
     if callable(getattr(made, "pattern", None)):
         return typing.cast(Component, load(*_RULE_CONTROLLER)(job, made))
     missing = [name for name in MEMBERS if not hasattr(made, name)]
-    raise ValueError(f"kind is {kind!r}, which has no {', '.join(missing)}; needs those, or a method pattern")
+    raise ValueError(f"kind is {kind!r}, which has no {', '.join(missing)}; needs those, or a method pattern or act")

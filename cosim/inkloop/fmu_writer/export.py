@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import logging
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -38,6 +39,9 @@ _MAPS = 12
 LAYER_JOB = "LayerJob"
 """The model that prints what is in its resources, so that there is none without a scenario."""
 
+JOB_TEMPLATE = f"{LAYER_JOB}.template"
+"""All of its archive but the job; not named as an FMU, because no importer can instantiate it."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -50,10 +54,20 @@ def find_fmu(model: str, form: str = "fmi3") -> Path:
         raise FmuError(f"form of an FMU is {form!r}; expected one of {', '.join(FORMS)}")
     folder = _folder()
     path = folder / form / f"{model}.fmu"
+    if model == LAYER_JOB:
+        raise FmuError(f"{LAYER_JOB} prints a scenario: inkloop export-job SCENARIO writes it")
     if not path.is_file():
         there = sorted(found.stem for found in (folder / form).glob("*.fmu"))
         models = f"did you mean {' or '.join(close)}? Models" if (close := near(model, there)) else "models"
         raise FmuError(f"there is no FMU {model!r} in {folder / form}; {models} there: {', '.join(there) or 'none'}")
+    return path
+
+
+def job_template(form: str) -> Path:
+    """The archive that `inkloop export-job` puts a job into, `form` being "fmi3-fixed" or "fmi2". Raises FmuError."""
+    path = _folder() / form / JOB_TEMPLATE
+    if not path.is_file():
+        raise FmuError(f"there is no {path}; run `make`, or install inkloop again")
     return path
 
 
@@ -66,23 +80,22 @@ def export_fmu(
     fmi: Literal["2", "3"] = "3",
     intervals: int | None = None,
     fixed: bool = False,
-    windows: bool = False,
+    platforms: Sequence[str] | None = None,
     force: bool = False,
 ) -> Path:
     """Write one of our FMUs for a grid of nx * ny cells to the file `out`; returns its path. Raises FmuError.
 
     intervals: of height that the region of ink A may have on a cell, for LayerController; None: 2.
     FMI 3 without `fixed` keeps structural parameters, of which these numbers become the start values.
-    windows: a binary for 64-bit Windows too, for which mingw-w64 has to be installed. force: also as FMI 2 for a grid
-    whose description many tools cannot read.
+    platforms: exactly these (`inkloop.fmu_writer.targets.TARGETS`) or "all"; None: those of the installed FMU. Binaries
+    that it lacks are compiled by the package ziglang. force: also as FMI 2 for a grid whose description many tools
+    cannot read.
     """
     from inkloop import __version__
     from inkloop.fmu_writer.archive import definition_in, described, pack, unpack
 
     if fmi not in ("2", "3"):
         raise FmuError(f"FMI version is {fmi!r}; expected '2' or '3'")
-    if model == LAYER_JOB:
-        raise FmuError(f"{LAYER_JOB} prints a scenario: inkloop export-job SCENARIO writes it")
     if nx < 1 or ny < 1:
         raise FmuError(f"the grid is {nx} x {ny} cells; expected at least 1 x 1")
     form = "fmi2" if fmi == "2" else "fmi3-fixed" if fixed else "fmi3"
@@ -115,10 +128,10 @@ def export_fmu(
         if not 1 <= intervals <= INTERVALS_MAX:
             raise FmuError(f"intervals of the region of ink A are {intervals}; expected 1 to {INTERVALS_MAX}")
     members = described(members, form, sizes, __version__)
-    if windows:
-        from inkloop.fmu_writer.windows import with_windows_binary
+    if platforms is not None:
+        from inkloop.fmu_writer.cross import with_platforms
 
-        members = with_windows_binary(members, fmi)
+        members = with_platforms(members, fmi, platforms)
     path = Path(out)
     path.parent.mkdir(parents=True, exist_ok=True)
     pack(path, members)

@@ -166,7 +166,7 @@ def closed_columns(
     if open_columns == "neighbours" and found.open_cells.size <= limit:
         return filled_by_neighbours(found.columns, found.open_cells)
     remedy = (
-        f'open_columns = "neighbours" takes at most {OPEN_MAX:.1%}: mend the mesh'
+        f'mend the mesh; open_columns = "neighbours" takes at most {OPEN_MAX:.1%}'
         if found.open_cells.size > limit
         else f'mend the mesh, or set open_columns = "neighbours", which takes up to {OPEN_MAX:.1%}'
     )
@@ -177,7 +177,7 @@ def closed_columns(
 
 
 def _share(count: int, occupied: int) -> str:
-    return f"{count:,} of {occupied:,} columns ({count / occupied:.2g})" if occupied else "no columns"
+    return f"{count:,} of {occupied:,} columns ({100.0 * count / occupied:.2g}%)" if occupied else "no columns"
 
 
 def _places(cells: NDArray[np.int64], ny: int, pitch: float) -> str:

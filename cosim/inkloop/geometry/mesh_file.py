@@ -45,7 +45,9 @@ def read_bodies(path: Path | str, unit: str | None = None) -> tuple[Body, ...]:
         if not np.isfinite(body.triangles).all():
             name = f" of {body.name!r}" if body.name else ""
             count = np.count_nonzero(~np.isfinite(body.triangles).all(axis=(1, 2)))
-            errors.append(f"{count:,} triangles{name} have a corner that is nan or infinite; expected numbers")
+            errors.append(
+                f"has corners{name} that are nan or infinite, in {count:,} of its triangles; expected numbers"
+            )
     if errors:
         raise GeometryError(f"{path}: " + "; ".join(errors))
     factor = LENGTHS[declared or unit or "m"]

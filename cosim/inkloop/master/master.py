@@ -6,10 +6,10 @@ observers see the newest outputs of all. Components are always terminated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
 from time import perf_counter_ns
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ from inkloop.units import S_PER_NS
 
 Algorithm = Literal["gauss-seidel", "jacobi"]
 StopReason = Literal["done", "layers_max", "time_max", "fault", "interrupted"]
+Turns: TypeAlias = Generator[tuple[str, Values], None, StopReason]
+"""Pauses before each step of a component: its name and its inputs; ends with the stop reason."""
 
 
 _FAULT, _DONE = int(Status.FAULT), int(Status.DONE)
@@ -110,29 +112,45 @@ class Master:
         if a component scans. "fault": a component's status is fault. "interrupted": Ctrl-C; all observers saw the last
         communication point.
         """
-        if time_max_ns is None and not (layers_max is not None and self._find(LAYERS_PRINTED)):
-            raise ScenarioError("run", ["nothing ends this run: no component counts layers; set time_max_s"])
         begin = perf_counter_ns()
         try:
             with ExitStack() as stack, deferred() as interrupted:
-                for component in self._components.values():
-                    stack.callback(component.terminate)
-                self._initialize()
-                time_ns = self._restore(resume) if resume else 0
-                step = time_ns // self._step_ns
-                self._observe("initialized", time_ns)
-                if self._pacing:
-                    self._pacing.start(time_ns)
-                while (reason := self._end(time_ns, layers_max, time_max_ns)) is None:
-                    if interrupted():
-                        return "interrupted"
-                    time_ns += self._step_ns
-                    step += 1
-                    self._step(time_ns, step)
-                    self._wait(time_ns, interrupted)
-                return reason
+                turns = stack.enter_context(closing(self.turns(layers_max, time_max_ns, resume, interrupted)))
+                return _ended(turns)
         finally:
             self._wall_ns["total"] += perf_counter_ns() - begin
+
+    def turns(
+        self,
+        layers_max: int | None = None,
+        time_max_ns: int | None = None,
+        resume: Checkpoint | None = None,
+        interrupted: Callable[[], bool] = lambda: False,
+    ) -> Turns:
+        """The run of `run`, which pauses before each step of a component; to close it terminates the components."""
+        if time_max_ns is None and not (layers_max is not None and self._find(LAYERS_PRINTED)):
+            raise ScenarioError("run", ["nothing ends this run: no component counts layers; set time_max_s"])
+        with ExitStack() as stack:
+            for component in self._components.values():
+                stack.callback(component.terminate)
+            self._initialize()
+            time_ns = self._restore(resume) if resume else 0
+            step = time_ns // self._step_ns
+            self._observe("initialized", time_ns)
+            if self._pacing:
+                self._pacing.start(time_ns)
+            while (reason := self._end(time_ns, layers_max, time_max_ns)) is None:
+                if interrupted():
+                    return "interrupted"
+                time_ns += self._step_ns
+                step += 1
+                yield from self._step(time_ns, step)
+                self._wait(time_ns, interrupted)
+            return reason
+
+    def inputs(self, name: str, time_ns: int) -> Values:
+        """What a component would read in a step that begins at `time_ns`, from the newest outputs."""
+        return self._gather(name, self._outputs, time_ns)
 
     @property
     def wall_s(self) -> dict[str, float]:
@@ -166,8 +184,8 @@ class Master:
         self._outputs = {name: dict(checkpoint.outputs[name]) for name in self._components}
         return checkpoint.time_ns
 
-    def _step(self, time_ns: int, step: int) -> None:
-        """Bring every component whose turn it is to `time_ns`, then inform the observers."""
+    def _step(self, time_ns: int, step: int) -> Iterator[tuple[str, Values]]:
+        """Bring every component whose turn it is to `time_ns`, then inform the observers; pauses before each."""
         before = dict(self._outputs) if self._jacobi else self._outputs
         for name, component in self._components.items():
             if step % self._every[name]:
@@ -176,7 +194,9 @@ class Master:
             begin_ns = time_ns - own_step_ns
             begin = perf_counter_ns()
             try:
-                outputs = component.do_step(begin_ns, own_step_ns, self._gather(name, before, begin_ns))
+                inputs = self._gather(name, before, begin_ns)
+                yield name, inputs
+                outputs = component.do_step(begin_ns, own_step_ns, inputs)
                 self._publish(name, outputs, begin_ns)
             except Exception as error:
                 place = f"at t = {begin_ns * S_PER_NS:.9g} s{self._layer()}"
@@ -259,6 +279,16 @@ class Master:
     def _layer(self) -> str:
         printer = self._find(LAYERS_PRINTED)
         return f", after layer {int(printer[LAYERS_PRINTED])}" if printer else ""
+
+
+def _ended(turns: Turns) -> StopReason:
+    """The stop reason of a run that is never paused."""
+    while True:
+        try:
+            next(turns)
+        except StopIteration as end:
+            reason: StopReason = end.value
+            return reason
 
 
 def checked_output(port: Port, outputs: Values, must_be_finite: bool) -> NDArray[Any]:

@@ -49,7 +49,8 @@ def read(
     them, and may not contradict it. scale: height of one count in `unit`, for files of whole-number counts.
     invalid_value: the number that marks a pixel without a height, as stored. rows_along: "x" where a stored row lies
     along x (default of tables and pictures), "y" where the first index goes along x (default of NPY and NPZ).
-    Raises HeightMapError with everything that is wrong.
+    Raises HeightMapError with everything that is wrong; it calls pixel and scale `pixel_um` and `count_scale`, as
+    scenarios do.
     """
     path = Path(path)
     contents = _contents(path)
@@ -62,9 +63,11 @@ def read(
     elif values.dtype.kind not in "iuf":
         errors.append(f"holds values of type {values.dtype}; expected numbers")
     elif values.dtype.kind in "iu" and scale is None:
-        errors.append(f"holds whole-number counts ({values.dtype}); give scale, the height of one count in the unit")
+        errors.append(
+            f"holds whole-number counts ({values.dtype}); give count_scale, the height of one count in the unit"
+        )
     if scale is not None and not (np.isfinite(scale) and scale > 0):
-        errors.append(f"scale is {scale}; expected a height per count above 0")
+        errors.append(f"count_scale is {scale}; expected a height per count above 0")
     if reason := memory_error(2 * 8 * values.size):
         errors.append(f"holds {values.size:,} pixels: {reason}")
     if errors:
@@ -125,11 +128,16 @@ def _pixel(contents: FileContents, pixel: float | tuple[float, float] | None, er
     """Size of a pixel along x and y [m]; file and option must agree."""
     asked = (float(pixel), float(pixel)) if isinstance(pixel, int | float) else pixel
     if asked is None and contents.pixel is None:
-        errors.append("does not declare the size of its pixels; give pixel, the distance of two pixels")
+        errors.append("does not declare the size of its pixels; give pixel_um, the distance of two pixels")
     if asked is not None and not all(np.isfinite(size) and size > 0 for size in asked):
-        errors.append(f"pixel is {asked} m; expected lengths above 0")
+        errors.append(f"pixel_um is {_um(asked)}; expected lengths above 0")
         return 1.0, 1.0
     if asked and contents.pixel and not np.allclose(asked, contents.pixel, rtol=PIXEL_TOLERANCE, atol=0.0):
-        declared, given = (" x ".join(f"{size * UM_PER_M:g}" for size in sizes) for sizes in (contents.pixel, asked))
-        errors.append(f"declares pixels of {declared} µm, but pixel is {given} µm; leave pixel out or correct it")
+        declared = " x ".join(f"{size * UM_PER_M:g}" for size in contents.pixel)
+        errors.append(f"declares pixels of {declared} µm, but pixel_um is {_um(asked)}; leave it out or correct it")
     return contents.pixel or asked or (1.0, 1.0)
+
+
+def _um(sizes: tuple[float, float]) -> str:
+    """As `pixel_um` has it: one number, or two."""
+    return " x ".join(f"{size * UM_PER_M:g}" for size in dict.fromkeys(sizes))

@@ -62,7 +62,7 @@ def _first_row(path: Path, lines: Sequence[str]) -> tuple[int, str]:
         if len(fields) > 1 and any(re.search(r"\d", field) for field in fields) and all(map(_FIELD.fullmatch, fields)):
             return index, separator
     raise HeightMapError(
-        f"{path}: has no row of numbers in its {len(lines)} lines; expected heights, separated by ; tab , or spaces"
+        f"{path}: has no row of numbers (lines read: {len(lines)}); expected heights, separated by ; tab , or spaces"
     )
 
 

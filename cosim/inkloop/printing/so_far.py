@@ -22,11 +22,11 @@ from inkloop.printing.device_log import LOG_FILE
 from inkloop.printing.run import scenario_file, scenario_of_run
 from inkloop.report.page.feed import Feed
 from inkloop.report.run_report import load_runs
-from inkloop.results.array_file import read_arrays
 from inkloop.results.checkpoint import layer_files
 from inkloop.results.lock import writer_of
 from inkloop.results.recorder import Recorder
 from inkloop.results.result import COMPARE_FOLDER, RESULT_FILE, RUN_FILE, UNFINISHED, Result, read_record
+from inkloop.results.stored_maps import mapped_rows
 from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
 
@@ -96,7 +96,7 @@ class RunFolder:
 
 
 class _Layers:
-    """The layers of one run that has not ended."""
+    """The layers of one run that has not ended; their maps stay on disk until they are used."""
 
     def __init__(self, place: Path, main: Path) -> None:
         self._place = place
@@ -116,7 +116,7 @@ class _Layers:
             if path in self._rows and self._rows[path][0] == stamp:
                 continue
             try:
-                rows = read_arrays(path)
+                rows = mapped_rows(path)
             except FileNotFoundError:
                 continue  # the run ends at this moment; its result follows
             except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
@@ -125,7 +125,7 @@ class _Layers:
             self._recorder.put_rows(rows)
             self._rows[path] = stamp, rows
         taken = [self._rows[path][1] for path in layer_files(self._place) if path in self._rows]
-        dataset, tables = self._recorder.maps(taken).added_to(self._recorder.table()), self._scenario.tables
+        dataset, tables = self._recorder.maps(taken).laid_over(self._recorder.table()), self._scenario.tables
         if HEIGHT not in dataset:
             return None
         return Result.of(

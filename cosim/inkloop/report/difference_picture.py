@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from inkloop.report.model_difference import SIGN, ModelDifference
-from inkloop.report.plot import add_scale, draw_line, extent_of, new_figure
+from inkloop.report.plot import DOTTED, add_scale, draw_error, draw_line, extent_of, new_figure
 from inkloop.units import UM_PER_M
 
 MAPS = 4
@@ -25,19 +26,13 @@ def hardware_against_model(run: xr.Dataset, found: ModelDifference, name: str) -
     above, below = np.ravel(np.asarray(figure.subfigures(2, 1, height_ratios=(5, 6)), dtype=object))
     maps = above.subplots(1, len(shown), squeeze=False)[0]
     for axes, layer in zip(maps, shown, strict=True):
-        image = axes.imshow(
-            found.maps[layer].T * UM_PER_M,
-            origin="lower",
-            extent=extent_of(run),
-            interpolation="nearest",
-            cmap="RdBu_r",
-            vmin=-limit,
-            vmax=limit,
-        )
+        image = draw_error(axes, found.maps[layer] * UM_PER_M, extent_of(run), Normalize(-limit, limit), "RdBu_r")
         axes.set(title=f"layer {layer}", xlabel="x [mm]")
     maps[0].set_ylabel("y [mm]")
     above.suptitle(f"{name}: hardware minus {found.model}", fontsize=8)
-    add_scale(above, image, "hardware minus model [µm]", ("hardware\nhigher", "hardware\nlower"), ax=list(maps))
+    add_scale(
+        above, image, "hardware minus model [µm]", ("hardware\nhigher" + DOTTED, "hardware\nlower"), ax=list(maps)
+    )
     axes = below.subplots()
     lines = {
         "mean": [row.mean for row in found.rows],

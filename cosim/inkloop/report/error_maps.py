@@ -10,19 +10,19 @@ from matplotlib.ticker import MaxNLocator
 from inkloop.report.layer_curves import draw_layers
 from inkloop.report.plot import (
     COLOURS,
-    DRAWN,
-    ERROR_COLOURS,
+    DOTTED,
     ERROR_LABEL,
     WIDTH_IN,
     Runs,
     add_scale,
+    draw_error,
     error_norm,
     error_of,
     extent_of,
     figures_of,
     new_figure,
-    thinned,
 )
+from inkloop.results.metrics import TOO_HIGH, TOO_LOW
 
 MAP_IN = 2.3  # height of a map
 SCALE_IN = 1.3  # what ticks, labels and the colour scale take of its width
@@ -34,15 +34,8 @@ def error_map(run: xr.Dataset, name: str) -> Figure:
     figure = new_figure(3.2)
     width = min(max(MAP_IN * (right - left) / (top - bottom) + SCALE_IN, 2.2), 0.62 * WIDTH_IN)
     plane, counts = figure.subplots(1, 2, width_ratios=(width, WIDTH_IN - width))
-    image = plane.imshow(
-        thinned(error, DRAWN).T,
-        origin="lower",
-        extent=(left, right, bottom, top),
-        interpolation="nearest",
-        cmap=ERROR_COLOURS,
-        norm=error_norm([error]),
-    )
-    add_scale(figure, image, ax=plane)
+    image = draw_error(plane, error, (left, right, bottom, top), error_norm([error]))
+    add_scale(figure, image, words=(TOO_LOW, TOO_HIGH + DOTTED), ax=plane)
     plane.set(xlabel="x [mm]", ylabel="y [mm]")
     figure.suptitle(f"{name}: {figures_of(run)}")
     limit = max(float(np.nanmax(np.abs(error))), 1e-3)
@@ -61,17 +54,10 @@ def comparison(runs: Runs) -> Figure:
     above, below = np.ravel(np.asarray(figure.subfigures(2, 1, height_ratios=(6, 5)), dtype=object))
     maps = above.subplots(1, len(runs), squeeze=False)[0]
     for axes, (name, run) in zip(maps, runs.items(), strict=True):
-        image = axes.imshow(
-            thinned(errors[name], DRAWN).T,
-            origin="lower",
-            extent=extent_of(run),
-            interpolation="nearest",
-            cmap=ERROR_COLOURS,
-            norm=norm,
-        )
+        image = draw_error(axes, errors[name], extent_of(run), norm)
         axes.set(xlabel="x [mm]", title="\n".join((name, *figures_of(run).split(", "))))
     maps[0].set_ylabel("y [mm]")
-    add_scale(above, image, ax=list(maps))
+    add_scale(above, image, words=(TOO_LOW, TOO_HIGH + DOTTED), ax=list(maps))
     mean, spread, droplets = below.subplots(1, 3)
     draw_layers(mean, spread, droplets, runs)
     mean.set(title=f"mean {ERROR_LABEL}", xlabel="layer")

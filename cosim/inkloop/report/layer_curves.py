@@ -45,7 +45,8 @@ def cross_section(runs: Runs) -> Figure:
         mean = float(np.nanmean(errors[name]))
         if abs(mean) > limit:
             text = f"{name}: {abs(mean):.0f} µm {TOO_LOW if mean > 0 else TOO_HIGH}, outside the frame"
-            top.text(0.01, 0.9 if mean > 0 else 0.05, text, transform=top.transAxes)
+            plate = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.85}
+            top.text(0.01, 0.9 if mean > 0 else 0.05, text, transform=top.transAxes, bbox=plate)
     whole.set(ylabel="height [µm]", ylim=(0, None), title=f"cut at y = {float(first.y[row]) * MM_PER_M:.2f} mm")
     figure.legend(*whole.get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
     top.axhline(0, color="black", linestyle="--", linewidth=1)

@@ -31,27 +31,32 @@ SCAN_S = 6.0
 
 @dataclass(frozen=True, eq=False)
 class MeshReport:
-    """A mesh as it is in its file: bodies, triangles, size [m], holes, names of objects or materials."""
+    """A mesh as it is in its file: bodies, triangles, size [m], holes, names of objects or materials.
+
+    assumed_unit: of the coordinates, where nothing states it.
+    """
 
     bodies: int
     triangles: int
     size: tuple[float, float, float]
     holes: list[Hole]
     names: tuple[str, ...]
+    assumed_unit: str = ""
 
     @classmethod
-    def of(cls, bodies: Sequence[Body]) -> MeshReport:
+    def of(cls, bodies: Sequence[Body], assumed_unit: str = "") -> MeshReport:
         """The report of placed bodies."""
         low, high = bounds(bodies)
         x, y, z = (float(side) for side in high - low)
         names = tuple(dict.fromkeys(body.name or body.material for body in bodies if body.name or body.material))
         count = sum(len(body.triangles) for body in bodies)
-        return cls(len(bodies), count, (x, y, z), holes(bodies), names)
+        return cls(len(bodies), count, (x, y, z), holes(bodies), names, assumed_unit)
 
     def lines(self) -> Iterator[str]:
         """For a person."""
         yield f"mesh           {_counted(self.bodies, 'body', 'bodies')}, {self.triangles:,} triangles"
-        yield f"size           {_lengths(self.size)} mm"
+        assumed = f", if the unit of the file is {self.assumed_unit}: --unit" if self.assumed_unit else ""
+        yield f"size           {_lengths(self.size)} mm{assumed}"
         if len(self.names) > 1:
             yield from wrap(", ".join(self.names), WIDTH, initial_indent="objects        ", subsequent_indent=" " * 15)
         if not self.holes:
@@ -175,7 +180,7 @@ class PartReport:
         if not self.narrow:
             yield f"narrow         nothing: no wall, no gap below {width:g} µm"
         for name, each in self.narrow.items():
-            yield f"narrow         {texts[name]}: {int(each.cells.sum()):,} cells,"
+            yield f"narrow         {texts[name]}: {_counted(int(each.cells.sum()), 'cell', 'cells')},"
             yield f"               first at ({_lengths(each.first, ', ')}) mm"
         for remark in self.scenario.solid.remarks:
             yield from wrap(remark, WIDTH, initial_indent="warning        ", subsequent_indent=" " * 15)
@@ -217,7 +222,7 @@ def _lengths(values: Sequence[float], between: str = " x ") -> str:
 
 
 def _counted(count: int, one: str, more: str) -> str:
-    return f"{count} {one if count == 1 else more}"
+    return f"{count:,} {one if count == 1 else more}"
 
 
 def _duration(seconds: float) -> str:

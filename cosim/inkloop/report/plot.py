@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import AsinhNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.image import AxesImage
 
 from inkloop.component import FloatMap
 from inkloop.files import replaced
@@ -38,6 +39,12 @@ MARKS = ("o", "s", "^", "D", "v")
 MARKS_ON_A_LINE = 7
 ERROR_COLOURS = "RdBu"
 """Red is too high, blue too low."""
+DOTTED = "\n(dots)"
+"""Said of the red end of a scale: red and blue are equally dark in grey print."""
+DOTS = 64
+"""Along the longer side of a map, at most; on finer grids a dot marks a block of cells."""
+CLEARLY_RED, DARK = 0.2, 0.4
+"""Red less blue, and brightness, from 0 to 1: from where on a colour is marked, and with a white dot."""
 ERROR_LABEL = f"error [µm]\n({SIGN})"
 STYLE: dict[Any, Any] = {
     **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 8),
@@ -99,6 +106,35 @@ def thinned(values: FloatMap, side: int) -> FloatMap:
     """Every so many cells of a map, at most about `side` along each of its sides; a view."""
     step = max(1, math.ceil(max(values.shape) / side))
     return values[step // 2 :: step, step // 2 :: step]
+
+
+def draw_error(
+    axes: Axes,
+    error: FloatMap,
+    extent: tuple[float, float, float, float],
+    norm: Normalize,
+    colours: str = ERROR_COLOURS,
+) -> AxesImage:
+    """A map of errors or differences [um], with dots where it is red, so that the sign survives grey print."""
+    error = thinned(error, DRAWN)
+    image = axes.imshow(
+        error.T, origin="lower", extent=extent, interpolation="nearest", cmap=colours, norm=norm, aspect="equal"
+    )
+    (left, right, bottom, top), block = extent, math.ceil(max(error.shape) / DOTS)
+    m, n = (math.ceil(count / block) for count in error.shape)
+    padded = np.full((m * block, n * block), np.nan)
+    padded[: error.shape[0], : error.shape[1]] = error
+    blocks = padded.reshape(m, block, n, block)
+    seen = np.isfinite(blocks).sum((1, 3))
+    mean = np.divide(np.nansum(blocks, (1, 3)), seen, out=np.full((m, n), np.nan), where=seen > 0)
+    colour = image.to_rgba(np.ma.masked_invalid(mean))[..., :3]
+    i, j = np.nonzero((seen > 0) & (colour[..., 0] - colour[..., 2] > CLEARLY_RED))
+    x = left + (i + 0.5) * block * (right - left) / error.shape[0]
+    y = bottom + (j + 0.5) * block * (top - bottom) / error.shape[1]
+    dots = np.where(colour[i, j].mean(axis=-1) < DARK, "white", "black")
+    axes.scatter(x, y, s=0.6, c=dots.tolist(), marker="o", linewidths=0)
+    axes.set(xlim=(left, right), ylim=(bottom, top))
+    return image
 
 
 def add_scale(

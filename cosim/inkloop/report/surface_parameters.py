@@ -15,7 +15,7 @@ from inkloop.metrology import map_file
 from inkloop.metrology.evaluation.definitions import DEFINITIONS, Group
 from inkloop.metrology.evaluation.subject import Subject
 from inkloop.metrology.evaluation.surface import Found
-from inkloop.metrology.evaluation.table import Parameter, found, found_on_profiles, rows
+from inkloop.metrology.evaluation.table import PRINTED_UNITS, Parameter, found, found_on_profiles, rows
 from inkloop.metrology.evaluation.treatment import Treatment
 from inkloop.metrology.height_map import HeightMap
 from inkloop.report.terminal import Terminal, number_table
@@ -89,7 +89,7 @@ def table_of_runs(runs: Mapping[str, Result]) -> Table | None:
 
 def _label(parameter: Parameter) -> str:
     """Symbols of ISO first; the symbol of a form is its name."""
-    unit = "" if parameter.shown_unit == "1" else f" [{parameter.shown_unit}]"
+    unit = "" if parameter.shown_unit == "1" else f" [{PRINTED_UNITS.get(parameter.shown_unit, parameter.shown_unit)}]"
     of_iso = DEFINITIONS[parameter.symbol].group in ("areal", "profile")
     return f"{parameter.symbol}, {parameter.name}{unit}" if of_iso else parameter.name + unit
 
@@ -119,9 +119,15 @@ def treatment_of(options: argparse.Namespace) -> Treatment:
 
 
 def read(options: argparse.Namespace) -> HeightMap:
-    """The map of a file, with the unit and the pixel size of the command line. Raises HeightMapError."""
+    """The map of a file, with what the command line says of it. Raises HeightMapError."""
     pixel = None if options.pixel_um is None else options.pixel_um * M_PER_UM
-    return map_file.read(options.source, unit=options.unit, pixel=pixel)
+    return map_file.read(
+        options.source,
+        unit=options.unit,
+        pixel=pixel,
+        scale=options.count_scale,
+        invalid_value=options.invalid_value,
+    )
 
 
 def mask_of(map_: HeightMap, part: BoolMap | None, name: str) -> BoolMap | None:

@@ -67,6 +67,20 @@ class LayerMaps:
         maps = {name: (DIMENSIONS, values, dict(self.variables[name][1])) for name, values in arrays.items()}
         return table.assign({**maps, **scalars})
 
+    def laid_over(self, table: xr.Dataset) -> xr.Dataset:
+        """The dataset with these maps where they are: each is read when it is used."""
+        from inkloop.results.stored_maps import stacked
+
+        layers: dict[str, list[NDArray[Any] | None]] = {name: [None] * self.shape[0] for name in self.variables}
+        for name, layer, map_ in self.rows:
+            if layer < self.shape[0]:
+                layers[name][layer] = map_
+        maps = {
+            name: stacked(layers[name], np.full(self.shape[1:], _unknown(dtype), dtype), attributes)
+            for name, (dtype, attributes) in self.variables.items()
+        }
+        return table.assign({**maps, **self._derived(maps)})
+
     def write(self, path: Path, table: xr.Dataset) -> None:
         """Write the dataset with these maps as netCDF. Raises OSError."""
         import h5py
@@ -89,6 +103,10 @@ class LayerMaps:
             for rows in _bands(map_.shape):
                 arrays[name][layer, rows] = self._stored(name, map_[rows])
                 check()
+        return self._derived(arrays)
+
+    def _derived(self, arrays: Mapping[str, Any]) -> dict[str, xr.Variable]:
+        """What follows from all maps."""
         if self.job is None or self.job.region is None or INK not in arrays:
             return {}
         return {"mismatch": variable("mismatch", (), mismatch(arrays["height"], arrays[INK], self.job), "1")}

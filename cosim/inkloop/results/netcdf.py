@@ -75,6 +75,9 @@ def add(
 
 def _store(file: h5py.File, name: str, variable: xr.Variable) -> None:
     values, options = variable.values, dict[str, Any]()
+    if values.dtype.kind in "OU":  # texts, of any length each
+        _describe(file.create_dataset(name, data=values.astype(object), dtype=_text()), _text(), variable.attrs)
+        return
     if variable.ndim > 1 and values.size:
         options |= {"compression": "gzip", "compression_opts": 4}
     if values.dtype.kind == "f":
@@ -84,7 +87,16 @@ def _store(file: h5py.File, name: str, variable: xr.Variable) -> None:
     _describe(stored, values.dtype, variable.attrs, is_coordinate=variable.dims == (name,))
 
 
-def _describe(stored: h5py.Dataset, dtype: np.dtype[Any], attributes: Mapping[Any, Any], is_coordinate: bool) -> None:
+def _text() -> np.dtype[Any]:
+    import h5py
+
+    found: np.dtype[Any] = np.dtype(h5py.string_dtype())
+    return found
+
+
+def _describe(
+    stored: h5py.Dataset, dtype: np.dtype[Any], attributes: Mapping[Any, Any], is_coordinate: bool = False
+) -> None:
     if dtype.kind == "f" and not is_coordinate:
         stored.attrs["_FillValue"] = np.full(1, np.nan, dtype)
     _annotate(stored, {**attributes, **({"dtype": "bool"} if dtype == np.bool_ else {})})
@@ -106,7 +118,7 @@ def _restored(file: h5py.File, name: str) -> tuple[tuple[str, ...], Any, dict[st
     """Dimensions, values and attributes of a variable."""
     stored = file[name]
     attributes = _attributes(stored)
-    values = stored[()]
+    values = stored.asstr()[()] if stored.dtype == _text() else stored[()]
     if attributes.get("dtype") == "bool":
         del attributes["dtype"]
         values = values.astype(np.bool_)

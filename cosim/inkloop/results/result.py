@@ -26,6 +26,8 @@ from inkloop.results.attributes import CONVENTIONS
 from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.lock import writer_of
 from inkloop.results.metrics import masked_error
+from inkloop.tables.html import html_table
+from inkloop.units import UM_PER_M
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -124,6 +126,15 @@ class Result:
         figures = {name: getattr(error, name) for name in ("mean_error", "mae", "rms", "std", "min", "max")}
         figures |= {"layers": float(self.dataset.sizes["layer"] - 1), "droplets": self._droplets()}
         return figures | ({"mismatch": float(self.dataset.mismatch)} if "mismatch" in self.dataset else {})
+
+    def _repr_html_(self) -> str:
+        """Its figures, for notebooks."""
+        figures, dims = self.metrics(), self.dataset.sizes
+        rows = {f"{name} [µm]": f"{figures[name] * UM_PER_M:.3g}" for name in ("mean_error", "mae", "rms", "std")}
+        rows |= {name: f"{figures[name]:.0f}" for name in ("layers", "droplets")}
+        rows |= {"mismatch": f"{figures['mismatch']:.1%}"} if "mismatch" in figures else {}
+        rows |= {"ended": self.stop_reason, "seed": str(self.run["seed"]), "cells": f"{dims['x']} x {dims['y']}"}
+        return html_table(f"{self.run['title']} ({self.run['label']})", rows)
 
     @staticmethod
     def begin(folder: Path, scenario_text: str, notes: Mapping[str, Any]) -> None:

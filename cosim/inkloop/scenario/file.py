@@ -26,12 +26,14 @@ from inkloop.scenario.loop import Loop
 from inkloop.scenario.overrides import apply_overrides
 from inkloop.scenario.validation import errors_of_invalid_file, part_errors
 from inkloop.suggest import OFFERED_MAX, nearest
+from inkloop.tables.html import html_table
 from inkloop.tables.ink_file import merge_ink_file
 from inkloop.tables.job import job_of, target_of
 from inkloop.tables.messages import sentence
 from inkloop.tables.schema import ComponentTable, ScenarioFile
 from inkloop.tables.shapes import PartTable
 from inkloop.tables.solid import PartError, Solid
+from inkloop.units import MM_PER_M, UM_PER_M
 
 
 @dataclass(frozen=True)
@@ -198,6 +200,21 @@ class Scenario:
     def events(self) -> list[Event]:
         """The events in the order of the file."""
         return self._loop.events
+
+    def _repr_html_(self) -> str:
+        """Part, grid and components, for notebooks."""
+        grid, job = self.tables.grid, self.job()
+        side = " x ".join(f"{count * grid.pitch * MM_PER_M:.3g}" for count in (grid.nx, grid.ny))
+        rows = {
+            "file": self.source,
+            "grid": f"{grid.nx} x {grid.ny} cells, {side} mm",
+            "part": f"{int(job.mask.sum())} cells, {job.target_height.max() * UM_PER_M:.4g} µm high",
+            "inks": str(len(job.inks)),
+        }
+        for name, table in self.tables.components.items():
+            rows[name] = ", ".join((table.kind, *(f"{key} = {value!r}" for key, value in table.options.items())))
+        rows |= {"events": "; ".join(map(str, self.events))} if self.events else {}
+        return html_table(self.tables.title, rows | {"seed": str(self.tables.seed)})
 
     def build(self, folder: Path | None = None) -> dict[str, Component]:
         """The components in file order, for the caller to terminate. Raises FmuError.

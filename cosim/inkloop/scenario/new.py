@@ -54,8 +54,7 @@ def text_for_part(path: Path, file: PartFile, part: FittedPart) -> str:
     if len(part.names) > 1:
         lines += ["", "# [part.inks]                    # ink of each object or material; without it one ink"]
         lines += [f'# {json.dumps(name)} = "A"' for name in part.names]
-    support = '[support]\nkind = "below-overhangs"   # or "around"' if part.hangs else "# [support]\n# margin_cells = 2"
-    lines += ["", support, ""]
+    lines += ["", _support(part), ""]
     text = _titled(path).replace("# {part}\n", "\n".join(lines))
     text = text.replace(
         "nx = 16\nny = 16\n# pitch_um = 263.256 ", f"nx = {grid.nx}\nny = {grid.ny}\npitch_um = {grid.pitch_um:g} "
@@ -64,6 +63,14 @@ def text_for_part(path: Path, file: PartFile, part: FittedPart) -> str:
     if enough > RunTable.model_fields["layers_max"].default:
         text = text.replace("# [run]\n", f"[run]\nlayers_max = {enough}\n").replace("# layers_max = 1000\n", "")
     return text
+
+
+def _support(part: FittedPart) -> str:
+    if not part.hangs:
+        return "# [support]\n# margin_cells = 2"
+    if part.solid.region is None:
+        return '[support]\nkind = "below-overhangs"   # or "around"'
+    return '[support]\nkind = "none"   # prints what rests on the substrate; a support would need an ink of its own'
 
 
 def _free(name: Path) -> Path:

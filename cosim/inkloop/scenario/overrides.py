@@ -21,9 +21,9 @@ def apply_overrides(document: tomlkit.TOMLDocument, overrides: Mapping[str, Any]
 
 
 def _leaves(overrides: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted key and value of all that is not a table; an inline table of TOML is a value and replaces the whole."""
+    """Dotted key and value of all that is not a table; an inline table of TOML and an empty one replace the whole."""
     for key, value in overrides.items():
-        if isinstance(value, Mapping) and not isinstance(value, Item):
+        if isinstance(value, Mapping) and value and not isinstance(value, Item):
             yield from _leaves(value, f"{path}{key}.")
         else:
             yield f"{path}{key}", value
@@ -53,4 +53,6 @@ def _plain(value: Any) -> Any:
     """A value as TOML can hold it: NumPy's numbers and arrays as Python's, a path as a string."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
+    if isinstance(value, Mapping) and not isinstance(value, Item):
+        return dict(value)
     return str(value) if isinstance(value, Path) else value

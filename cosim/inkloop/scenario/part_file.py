@@ -17,7 +17,8 @@ from inkloop.errors import GeometryError, ScenarioError
 from inkloop.geometry import overhangs
 from inkloop.geometry.body import Body, bounds
 from inkloop.geometry.mesh_file import read_bodies
-from inkloop.scenario.footprint import ROUNDING
+from inkloop.limits import memory_error
+from inkloop.scenario.footprint import BYTES_OF_A_CELL, ROUNDING
 from inkloop.scenario.validation import EMPTY_CELLS
 from inkloop.tables.messages import sentence
 from inkloop.tables.part_images import HeightMapTable
@@ -26,7 +27,7 @@ from inkloop.tables.part_mesh import MeshTable
 from inkloop.tables.schema import ScenarioFile
 from inkloop.tables.shapes import Grid
 from inkloop.tables.solid import PartError, Solid
-from inkloop.units import M_PER_UM, UM_PER_M
+from inkloop.units import M_PER_UM, MM_PER_M, UM_PER_M
 
 MESHES = (".stl", ".obj", ".ply", ".3mf")
 LAYERS = ".json"
@@ -116,12 +117,22 @@ def fit(file: PartFile, pitch_um: float | None) -> FittedPart:
         width, depth, names = _extent(table)
         pitch_um = pitch_um or _pitch_um(table, max(width, depth))
         nx, ny = (math.ceil(side / pitch_um - 1e-6) + 2 * EMPTY_CELLS for side in (width, depth))
+        if reason := memory_error(BYTES_OF_A_CELL * nx * ny):
+            found = f"a grid of {nx} x {ny} cells of {pitch_um:g} µm {reason}"
+            raise PartError([f"file: {found}; {_too_wide(file, width, depth)}"])
         grid = Grid(nx=nx, ny=ny, pitch_um=pitch_um)
         solid = table.solid(grid, Path())
     except PartError as error:
         raise ScenarioError(str(file.path), error.errors) from error
     hangs = overhangs(solid.columns(nx, ny, grid.pitch)) is not None
     return FittedPart(grid, solid, (width, depth, solid.shape.height * UM_PER_M), names, hangs)
+
+
+def _too_wide(file: PartFile, width: float, depth: float) -> str:
+    """What to do where no grid for the part fits into memory; lengths in um."""
+    unit = f" if its unit is {ASSUMED_UNIT}, which is assumed" if file.assumes_unit else ""
+    sides = f"{width * MM_PER_M / UM_PER_M:g} x {depth * MM_PER_M / UM_PER_M:g} mm"
+    return f"the part is {sides} wide{unit}; correct --unit, or take a larger --pitch-um"
 
 
 def mesh_of_scenario(path: Path) -> tuple[Body, ...] | None:

@@ -38,11 +38,13 @@ def part_errors(tables: ScenarioFile, solid: Solid, target: Target) -> list[str]
     has_support, reaches = is_supported(tables), solid.bounds
     errors = []
     if tables.support is None or not (has_support or is_printed):
-        errors += _overhang_errors(solid.columns(grid.nx, grid.ny, grid.pitch))
+        errors += _overhang_errors(solid.columns(grid.nx, grid.ny, grid.pitch), solid.region is not None)
     if not is_printed and not errors:
         errors.append("part covers no cell of the grid; make it larger, move it, or enlarge grid.nx and grid.ny")
     if has_support and solid.region is not None:
-        errors.append("part has two inks, and support takes ink B for itself; leave out support, or one ink")
+        errors.append(
+            'part has two inks, and support takes ink B for itself; set support.kind = "none", or leave out one ink'
+        )
     margin = tables.support.margin_cells if has_support and tables.support else 0
     crosses_block = has_support and not np.isfinite(reaches).all()  # as pipes without end do
     if not crosses_block and _is_beyond(grid, margin, reaches):
@@ -72,17 +74,22 @@ def _too_wide(grid: Grid, margin: int, bounds: Bounds) -> str:
     )
 
 
-def _overhang_errors(part: Columns) -> list[str]:
+def _overhang_errors(part: Columns, in_two_inks: bool) -> list[str]:
     """The error of a part that hangs in the air, in a file that does not say what is to hold it."""
     found = overhangs(part)
     if found is None:
         return []
     rest = int(resting(part).mask.sum())
-    alone = f', or kind = "none" to print alone what rests on the substrate ({rest} cells)' if rest else ""
+    alone = f'kind = "none" to print alone what rests on the substrate ({rest} cells)' if rest else ""
+    below = 'kind = "below-overhangs" or "around", which print ink B there'
+    advice = f"[support] with {below}" + (f", or {alone}" if rest else "")
+    if in_two_inks:
+        rests = f"[support] with {alone}" if rest else "ink below them to the part"
+        advice = f"{rests}; other supports need ink B, which is the part's here"
     return [
         f"part: {found.cells} cells ({found.share:.1%}) have nothing below them, first at {found.first} from "
         f"{found.bottom * UM_PER_M:.4g} µm, up to {found.tallest * UM_PER_M:.4g} µm of air; a droplet cannot hang: add "
-        f'[support] with kind = "below-overhangs" or "around", which print ink B there{alone}'
+        f"{advice}"
     ]
 
 

@@ -19,7 +19,7 @@ import fmpy
 
 from inkloop.fmu_writer import archive, definition
 from inkloop.fmu_writer.definition import ModelDefinition, VariableDefinition
-from inkloop.fmu_writer.export import find_fmu
+from inkloop.fmu_writer.export import find_fmu, job_template
 from support.benches.node_bench import FIRMWARE, ROOT
 from support.compiled import run
 from support.fmus import layer_jobs
@@ -63,7 +63,9 @@ class Library:
 
 def archive_of(model: str, form: str) -> Path:
     """The FMU with a library; a print in one block has a fixed grid only."""
-    return find_fmu(model, "fmi3-fixed" if (model, form) == (JOB, "fmi3") else form)
+    if model == JOB:
+        return job_template("fmi3-fixed" if form == "fmi3" else form)
+    return find_fmu(model, form)
 
 
 def described(path: Path) -> ElementTree.Element:

@@ -41,7 +41,9 @@ def _block(scenario: Scenario, fmi: str, folder: Path) -> System:
     file = folder / f"{JOB}.fmu"
     archive.write(baked, "2" if fmi == "2" else "3", file)
     step_s = scenario.tables.run.step_s
-    return System(baked.title, [Part(JOB, file, describe(file), {})], [], {}, step_s, baked.stop_s, baked.scenario_text)
+    return System(
+        JOB, baked.title, [Part(JOB, file, describe(file), {})], [], {}, step_s, baked.stop_s, baked.scenario_text
+    )
 
 
 THREE_FMUS = Loop("three FMUs", "printer", ("height",), system_of)

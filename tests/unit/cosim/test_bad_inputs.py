@@ -96,7 +96,7 @@ COMMANDS = {
     "metrology full/map.csv": "does not declare the unit of its heights; |does not declare the size of its pixels",
     "metrology nope.tif": "nope.tif: cannot be read: No such file or directory",
     "geometry full/part.stl": "part.stl: holds no triangles; expected a closed surface",
-    "geometry full/notes.txt": "notes.txt: has no row of numbers in its 1 lines; expected heights",
+    "geometry full/notes.txt": "notes.txt: has no row of numbers (lines read: 1); expected heights",
     "new cube": "cube.toml: |is there already and is not overwritten; choose another name",
     "new p --shape ball": "2 argument --shape: invalid choice: 'ball' (choose from 'combine', 'cuboid'",
     "reproduce lou": "2 argument PAPER: invalid choice: 'lou' (choose from 'lu'",

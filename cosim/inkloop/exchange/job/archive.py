@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -17,11 +17,11 @@ from inkloop.exchange.job.baking import Bake
 from inkloop.exchange.job.job_file import Section
 from inkloop.exchange.job.target_picture import target_picture
 from inkloop.fmu_writer.archive import definition_in, described, pack, read_definition, unpack
+from inkloop.fmu_writer.cross import with_platforms
 from inkloop.fmu_writer.definition import ModelDefinition
 from inkloop.fmu_writer.description import Baked
 from inkloop.fmu_writer.documentation import with_section
-from inkloop.fmu_writer.export import INTERVALS, LAYER_JOB, find_fmu
-from inkloop.fmu_writer.windows import with_windows_binary
+from inkloop.fmu_writer.export import INTERVALS, find_fmu, job_template
 from inkloop.units import UM_PER_M
 
 FORMS: Mapping[str, str] = {"2": "fmi2", "3": "fmi3-fixed"}
@@ -32,10 +32,10 @@ PICTURE = "documentation/target.png"
 INDEX = "documentation/index.html"
 
 
-def write(bake: Bake, fmi: Literal["2", "3"], out: Path, *, windows: bool = False) -> None:
-    """Write the FMU whole or not at all, with a binary for 64-bit Windows where asked. Raises FmuError."""
+def write(bake: Bake, fmi: Literal["2", "3"], out: Path, *, platforms: Sequence[str] | None = None) -> None:
+    """Write the FMU whole or not at all; platforms: as in `export_fmu`. Raises FmuError."""
     form, job = FORMS[fmi], bake.job
-    members = unpack(find_fmu(LAYER_JOB, form))
+    members = unpack(job_template(form))
     model = definition_in(members)
     content = job_file.to_bytes(job.nx, job.ny, _sections(model, bake))
     sizes = {"nx": job.nx, "ny": job.ny, INTERVALS: bake.intervals}
@@ -55,8 +55,8 @@ def write(bake: Bake, fmi: Literal["2", "3"], out: Path, *, windows: bool = Fals
         stop_time=bake.stop_s,
     )
     members = described(members, form, sizes, __version__, baked)
-    if windows:
-        members = with_windows_binary(members, fmi)
+    if platforms is not None:
+        members = with_platforms(members, fmi, platforms)
     out.parent.mkdir(parents=True, exist_ok=True)
     pack(out, members)
 

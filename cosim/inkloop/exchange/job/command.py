@@ -15,7 +15,7 @@ def export(scenario: Scenario, options: argparse.Namespace, console: Terminal) -
     """Write the file and describe it; returns the exit code. Raises ScenarioError, FmuError."""
     baked = bake(scenario)
     out = options.out or Path(f"{Path(scenario.source).stem}.fmu")
-    archive.write(baked, options.fmi, out, windows=options.windows)
+    archive.write(baked, options.fmi, out, platforms=options.platforms)
     models = ", ".join(model for model, _ in baked.parts.values())
     console.sentence(f"wrote {out}: {models} in one block, a layer each {baked.own['layer_period']:g} s")
     if scenario.tables.run.time_max_s is not None:

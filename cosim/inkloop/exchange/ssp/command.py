@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 from inkloop.errors import ScenarioError
@@ -11,7 +12,7 @@ from inkloop.exchange.ssp import VERSIONS, archive, maestro, osp, start_values
 from inkloop.exchange.ssp.system import System, system_of
 from inkloop.files import new_folder, temporary_folder, write_text
 from inkloop.fmu_writer.archive import DEFINITION, pack, unpack
-from inkloop.fmu_writer.windows import with_windows_binary
+from inkloop.fmu_writer.cross import with_platforms
 from inkloop.report.terminal import Terminal
 from inkloop.scenario.file import Scenario
 
@@ -22,8 +23,8 @@ def export(scenario: Scenario, options: argparse.Namespace, console: Terminal) -
     stem = Path(scenario.source).stem
     with temporary_folder("export") as folder:
         system = system_of(scenario, fmi, Path(folder))
-        if options.windows:
-            _add_windows_binaries(system)
+        if options.platforms is not None:
+            _set_platforms(system, options.platforms)
         if options.to == "ssp":
             out = options.out or Path(f"{stem}.ssp")
             archive.write(system, options.ssp, out)
@@ -59,12 +60,12 @@ def _fmi(options: argparse.Namespace) -> str:
     return wanted
 
 
-def _add_windows_binaries(system: System) -> None:
-    """To the FMUs that are ours; those of others stay as they are. Raises FmuError."""
+def _set_platforms(system: System, platforms: Sequence[str]) -> None:
+    """Of the FMUs that are ours; those of others stay as they are. Raises FmuError."""
     for part in system.parts:
         members = unpack(part.file)
         if DEFINITION in members:
-            pack(part.file, with_windows_binary(members, str(part.description.fmi)))
+            pack(part.file, with_platforms(members, str(part.description.fmi), platforms))
 
 
 def write_folder(system: System, to: str, out: Path) -> None:

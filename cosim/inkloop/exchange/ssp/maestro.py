@@ -38,7 +38,7 @@ def multi_model(system: System) -> dict[str, Any]:
         for source, target in system.pairs(wire):
             connections.setdefault(_place(wire.source[0], source), []).append(_place(wire.target[0], target))
     if errors:
-        raise ScenarioError(system.name, errors)
+        raise ScenarioError(system.title, errors)
     return {
         "fmus": {f"{{{part.name}}}": f"{part.name}.fmu" for part in system.parts},
         "connections": connections,

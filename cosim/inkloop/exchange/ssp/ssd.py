@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from inkloop import __version__
+from inkloop.exchange.ssp import omsimulator
 from inkloop.exchange.ssp.system import Part, System
 from inkloop.fmu import Variable
 from inkloop.fmu_writer.description import add, to_bytes
@@ -22,7 +23,7 @@ NAMESPACE = "http://ssp-standard.org/SSP1/SystemStructure"
 
 def description(system: System, version: str) -> bytes:
     """SystemStructure.ssd."""
-    root = _root("ssd", "SystemStructureDescription", system.name, version)
+    root = _root("ssd", "SystemStructureDescription", system, version)
     notes = [f"Made for communication steps of {system.step_s} s.", *(f"{note}." for note in system.notes())]
     top = add(root, "ssd:System", name="system", description=" ".join(notes))
     outside = list(_outside_connectors(system))
@@ -39,6 +40,7 @@ def description(system: System, version: str) -> bytes:
         connections = add(top, "ssd:Connections")
         for element in _connections(system):
             connections.append(element)
+    top.append(omsimulator.settings(system.step_s))
     _add_units(root, "ssd", (port.unit for part in system.parts for port in _connected(system, part)))
     add(root, "ssd:DefaultExperiment", startTime=0.0, stopTime=system.stop_s)
     return to_bytes(root)
@@ -46,7 +48,7 @@ def description(system: System, version: str) -> bytes:
 
 def parameters(system: System, version: str) -> bytes:
     """The parameter set: values that differ from the FMUs' start values, as "part.parameter"."""
-    root = _root("ssv", "ParameterSet", system.name, version)
+    root = _root("ssv", "ParameterSet", system, version)
     entries = add(root, "ssv:Parameters")
     variables = []
     for part in system.parts:
@@ -65,12 +67,11 @@ def parameters(system: System, version: str) -> bytes:
     return to_bytes(root)
 
 
-def _root(prefix: str, tag: str, name: str, version: str) -> ET.Element:
+def _root(prefix: str, tag: str, system: System, version: str) -> ET.Element:
     kind = {"ssd": "Description", "ssv": "ParameterValues"}
     names = {f"xmlns:{short}": NAMESPACE + ending for short, ending in (("ssc", "Common"), (prefix, kind[prefix]))}
-    return ET.Element(
-        f"{prefix}:{tag}", {**names, "version": version, "name": name, "generationTool": f"inkloop {__version__}"}
-    )
+    named = {"version": version, "name": system.name, "description": system.title}
+    return ET.Element(f"{prefix}:{tag}", {**names, **named, "generationTool": f"inkloop {__version__}"})
 
 
 def _add_component(elements: ET.Element, system: System, part: Part) -> None:

@@ -15,6 +15,7 @@ from inkloop.component import HasPorts, Job
 from inkloop.components import catalog, fmu_parameters
 from inkloop.components.port_tables import OPTION as PORTS
 from inkloop.errors import FmuError, ScenarioError
+from inkloop.exchange.ssp import omsimulator
 from inkloop.fmu import FmuDescription, Variable, describe
 from inkloop.fmu.archive_member import fmu_file
 from inkloop.fmu_writer.export import INTERVALS, export_fmu
@@ -65,9 +66,10 @@ class Wire:
 
 @dataclass(frozen=True)
 class System:
-    """The system of a scenario. outside: parts that are no FMU, with the reason; times in seconds."""
+    """The system of a scenario; times in seconds. name: an identifier; outside: what is no FMU, with the reason."""
 
     name: str
+    title: str
     parts: Sequence[Part]
     wires: Sequence[Wire]
     outside: Mapping[str, str]
@@ -93,9 +95,11 @@ class System:
     def notes(self) -> list[str]:
         """Remaining tasks of the user, one sentence for each part outside."""
         notes = [f"{name} is not in it: {reason}" for name, reason in self.outside.items()]
-        return notes + (
-            ["the events of the scenario are not in it: inkloop alone knows them"] if self.has_events else []
-        )
+        if self.has_events:
+            notes.append("the events of the scenario are not in it: inkloop alone knows them")
+        if refused := omsimulator.refused(part.name for part in self.parts):
+            notes.append(f"OMSimulator takes letters, digits and _ in names: rename {', '.join(refused)} for it")
+        return notes
 
 
 def system_of(scenario: Scenario, fmi: str, folder: Path) -> System:
@@ -121,7 +125,8 @@ def system_of(scenario: Scenario, fmi: str, folder: Path) -> System:
     wires = _wires(scenario.connections, scenario.ports, parts)
     title, step_s, has_events = scenario.tables.title, scenario.tables.run.step_s, bool(scenario.tables.events)
     stop_s = _stop_s(scenario, parts)
-    system = System(title, list(parts.values()), wires, outside, step_s, stop_s, scenario.text, has_events)
+    name = omsimulator.identifier(Path(scenario.source).stem)
+    system = System(name, title, list(parts.values()), wires, outside, step_s, stop_s, scenario.text, has_events)
     if errors := list(_form_errors(system)):
         raise ScenarioError(scenario.source, errors)
     return system

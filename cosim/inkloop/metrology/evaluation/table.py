@@ -20,7 +20,9 @@ from inkloop.metrology.height_map import HeightMap
 from inkloop.units import NL_PER_M3, PL_PER_M3, UM_PER_M
 
 SHOWN: Mapping[str, float] = {"um": UM_PER_M, "nl": NL_PER_M3, "pl": PL_PER_M3, "deg": 180.0 / pi, "1": 1.0}
-"""Unit in tables and in keys -> factor from SI."""
+"""Unit in keys -> factor from SI."""
+PRINTED_UNITS: Mapping[str, str] = {"um": "µm", "deg": "°"}
+"""Unit in keys -> unit for a person, where it differs."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Parameter:
 
     @property
     def shown_unit(self) -> str:
-        """The unit in tables: "um", "nl", "pl", "deg" or "1"."""
+        """The unit in tables, as keys have it: "um", "nl", "pl", "deg" or "1"."""
         return DEFINITIONS[self.symbol].shown
 
     @property

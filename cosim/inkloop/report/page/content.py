@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from inkloop.metrology.evaluation.table import Parameter, evaluate
+from inkloop.metrology.evaluation.table import PRINTED_UNITS, Parameter, evaluate
 from inkloop.metrology.evaluation.treatment import Evaluation
 from inkloop.report.page import curves, maps
 from inkloop.report.page.maps import LayerMaps
@@ -84,7 +84,7 @@ def _metrology(main: Result) -> dict[str, Any]:
 
 
 def _value(parameter: Parameter) -> str:
-    unit = parameter.shown_unit.replace("1", "").replace("um", "µm")
+    unit = "" if parameter.shown_unit == "1" else PRINTED_UNITS.get(parameter.shown_unit, parameter.shown_unit)
     return f"refused: {parameter.reason}" if parameter.reason else f"{parameter.shown:.4g} {unit}".rstrip()
 
 

@@ -42,7 +42,7 @@ def by_layer(runs: Mapping[str, xr.Dataset]) -> Figure:
         data.append({**common, "line": line, "x": layer, "y": _numbers(np.abs(mean)), "yaxis": "y"})
         data.append({**common, "line": line, "x": layer[1:], "y": _numbers(std), "yaxis": "y2", "showlegend": False})
         if PATTERN in run:
-            jetted = np.count_nonzero(run[PATTERN].values[1:], axis=(1, 2)).tolist()
+            jetted = [int(np.count_nonzero(pattern.values)) for pattern in run[PATTERN][1:]]
             steps = {**line, "shape": "hvh"}
             data.append({**common, "line": steps, "x": layer[1:], "y": jetted, "yaxis": "y3", "showlegend": False})
     is_printed = any((run["std"].values[1:] > 0.0).any() for run in runs.values())

@@ -92,12 +92,12 @@ class LayerMaps:
         first = max(0, len(self.heights) - 1)
         heights, droplets = list(self.heights[:first]), list(self.droplets[:first])
         for layer in range(first, run.sizes["layer"]):
-            height = run[HEIGHT].values[layer]
+            height = run[HEIGHT][layer].values
             if np.isnan(height).any():  # jumped over, or not yet scanned
                 heights.append(heights[-1] if heights else np.zeros(self.blocks.shape, np.int32))
             else:
                 heights.append(np.rint(self._means.of(height) * (UM_PER_M / self.step_um)).astype(np.int32))
-            pattern = run[PATTERN].values[layer] if PATTERN in run else np.zeros((self.blocks.nx, self.blocks.ny))
+            pattern = run[PATTERN][layer].values if PATTERN in run else np.zeros((self.blocks.nx, self.blocks.ny))
             droplets.append(self._droplets(pattern))
         self.heights, self.droplets = np.array(heights), np.array(droplets)
 

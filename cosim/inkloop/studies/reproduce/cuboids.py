@@ -53,8 +53,8 @@ def _rows(where: str, label: str, results: list[Result], side: int, *, of_paper:
     growth = 10.0 if of_paper and label == "paper's search" else None
     within, note = (3.0, NO_GROWTH) if growth else (None, "")
     return [
-        Row(where, f"{label}: average height", "um", printed[0], average, remark=remark, scatter=scatter),
-        Row(where, f"{label}: standard deviation", "um", printed[1], std, remark=remark, scatter=std_scatter),
+        Row(where, f"{label}: average height", "µm", printed[0], average, remark=remark, scatter=scatter),
+        Row(where, f"{label}: standard deviation", "µm", printed[1], std, remark=remark, scatter=std_scatter),
         *(
             Row(where, f"{label}: growth in {'xy'[axis]}", "%", growth, mean, within, note, spread)
             for axis, (mean, spread) in enumerate(grown)
@@ -63,7 +63,7 @@ def _rows(where: str, label: str, results: list[Result], side: int, *, of_paper:
 
 
 def width(height: FloatMap, axis: int, half: float = 11.4) -> float:
-    """Width of a block in cells where it is `half` [um] high, mean over its inner lines along `axis`."""
+    """Width of a block in cells where it is `half` [µm] high, mean over its inner lines along `axis`."""
     lines = np.moveaxis(height, axis, 1)
     inner = lines[4:-4]
     found = []

@@ -14,7 +14,7 @@ FIGURES = {
     0.2: ("Fig. 11: cylinder, 20 %", (44.1, 15.0), (0.7, 4.1)),
     0.4: ("Fig. 12: cylinder, 40 %", (84.7, 16.6), (1.9, 4.5)),
 }
-"""Variation -> place, mean error and standard deviation as printed [um], open and closed loop."""
+"""Variation -> place, mean error and standard deviation as printed [µm], open and closed loop."""
 NO_SPREAD = (
     "the printed unevenness of the open loop does not follow from the paper's own model with independent droplets: "
     "missing volume averages out over 53 layers and the rim loses a known amount"
@@ -41,8 +41,8 @@ def find(quick: bool, *, variation: float) -> Part:
         near, remark = (1.0, NO_SPREAD) if is_open else (None, "" if printed[0] is None else OTHER_PLANT)
         remark_of_mean = SIGNS if printed[0] is None else "" if is_open else remark
         rows += [
-            Row(where, f"{label}: absolute mean error", "um", printed[0], bias, near, remark_of_mean, scatter),
-            Row(where, f"{label}: standard deviation", "um", printed[1], std, near, remark, std_scatter),
+            Row(where, f"{label}: absolute mean error", "µm", printed[0], bias, near, remark_of_mean, scatter),
+            Row(where, f"{label}: standard deviation", "µm", printed[1], std, near, remark, std_scatter),
         ]
     shown = {label: results[0].dataset for label, results in runs.items()}
     name = f"cylinder-{variation * 100:.0f}"

@@ -49,7 +49,7 @@ def find(quick: bool) -> Part:
 
 
 def _inner(gamma: float) -> FloatMap:
-    """The fine surface over the inner 5 x 5 cells [um]."""
+    """The fine surface over the inner 5 x 5 cells [µm]."""
     radius = DIAMETER / 2.0
     volume = math.pi * HEIGHT * (3.0 * radius**2 + HEIGHT**2) / 6.0
     model = YoungLaplaceDeposition(

@@ -14,12 +14,12 @@ H1, H2 = 4.4, 0.6
 R = H1 * H2 / (H1 + H2)
 LINE, LAYERS = 21, 6
 DOME = (27.343, 29.592, 30.273, 30.391, 30.4)
-"""Middle row of the cuboid from its edge inwards [um], from an independent reading of the equations (the paper: a
+"""Middle row of the cuboid from its edge inwards [µm], from an independent reading of the equations (the paper: a
 picture).
 """
 EXPRESSIONS = "the paper prints expressions; printed are their values for h1 and h2 of Table I, r = h1 h2 / (h1 + h2)"
 LAYER_COUNT = "the caption says six layers, the text ten; ten are shown"
-ADDITIVE = "the traditional model: sum of caps 413 um wide and 4.4 um high; the paper says constant height everywhere"
+ADDITIVE = "the traditional model: sum of caps 413 µm wide and 4.4 µm high; the paper says constant height everywhere"
 
 
 def find(quick: bool) -> Part:
@@ -34,11 +34,11 @@ def find(quick: bool) -> Part:
     inside = (slice(3, 10), slice(3, 10))
     spread, spread_added = (float(np.ptp(surface[inside])) for surface in (dome, added))
     where = "Fig. 21, 22: cuboid, 4 layers"
-    rows += [Row(where, f"middle row, droplet {k + 1}", "um", None, float(dome[2 + k, 6])) for k in range(5)]
+    rows += [Row(where, f"middle row, droplet {k + 1}", "µm", None, float(dome[2 + k, 6])) for k in range(5)]
     rows += [
-        Row(where, "corner droplet", "um", None, float(dome[2, 2])),
-        Row(where, "highest less lowest, inner 7 x 7", "um", None, spread),
-        Row(where, "the same, traditional model", "um", None, spread_added, remark=ADDITIVE),
+        Row(where, "corner droplet", "µm", None, float(dome[2, 2])),
+        Row(where, "highest less lowest, inner 7 x 7", "µm", None, spread),
+        Row(where, "the same, traditional model", "µm", None, spread_added, remark=ADDITIVE),
     ]
     i, j = np.indices((35, 35))
     disc = ((i - 17) ** 2 + (j - 17) ** 2 <= 225).astype(np.int32)
@@ -46,7 +46,7 @@ def find(quick: bool) -> Part:
     where = "Fig. 8: cylinder"
     for n in (6, 10):
         rise = float(tower[n - 1][17, 17] - tower[n - 1][2, 17])
-        rows.append(Row(where, f"centre less edge, {n} layers", "um", None, rise, remark=LAYER_COUNT))
+        rows.append(Row(where, f"centre less edge, {n} layers", "µm", None, rise, remark=LAYER_COUNT))
     figure = pictures.growth([surface[:, 0] for surface in line], dome[2:11, 6], added[2:11, 6], tower[-1][:, 17])
     return Part(rows, {"edges-shrink": figure})
 
@@ -61,7 +61,7 @@ def _line_rows(line: list[FloatMap]) -> list[Row]:
         "layer 2, others: 2 h1 + 4 h2": (2 * H1 + 4 * H2, second[LINE // 2]),
     }
     rows = [
-        Row("III-C, Fig. 7: line", name, "um", printed, float(ours), 1e-9, EXPRESSIONS)
+        Row("III-C, Fig. 7: line", name, "µm", printed, float(ours), 1e-9, EXPRESSIONS)
         for name, (printed, ours) in expected.items()
     ]
     for layers, surface in enumerate(line, start=1):
@@ -85,7 +85,7 @@ def _layers(
     pattern: np.ndarray[tuple[int, ...], np.dtype[np.int32]],
     count: int,
 ) -> list[FloatMap]:
-    """Surfaces after each of `count` layers of one pattern [um]."""
+    """Surfaces after each of `count` layers of one pattern [µm]."""
     surface, found = model.start(np.zeros(pattern.shape)), []
     for layer in range(count):
         surface = model.layer(surface, pattern, layer + 1)

@@ -30,8 +30,8 @@ def find(quick: bool) -> Part:
             beyond = added[:, EDGE * per_pitch :].sum() / added.sum()
             where = f"Fig. 3 to 5, {name}, {form}"
             rows += [
-                Row(where, "highest point over the plate", "um", None, float(after.over_grid.max()) * UM_PER_M),
-                Row(where, "thickest place of the line", "um", None, float(added.max())),
+                Row(where, "highest point over the plate", "µm", None, float(after.over_grid.max()) * UM_PER_M),
+                Row(where, "thickest place of the line", "µm", None, float(added.max())),
                 Row(where, "volume beyond the edge", "%", None, 100.0 * float(beyond)),
                 Row(where, "volume kept, of five droplets", "%", None, kept),
             ]

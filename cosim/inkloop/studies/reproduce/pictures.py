@@ -100,7 +100,7 @@ def square_walls(profiles: Mapping[str, tuple[FloatMap, FloatMap, float]]) -> Fi
 
 
 def growth(line: Sequence[FloatMap], dome: FloatMap, added: FloatMap, tower: FloatMap) -> Figure:
-    """A line layer by layer, the cuboid of four layers by two models, and a cut of the cylinder of ten layers [um]."""
+    """A line layer by layer, the cuboid of four layers by two models, and a cut of the cylinder of ten layers [µm]."""
     figure = Figure(figsize=(WIDTH_IN, 2.6), layout="constrained")
     lines, cuboid, cylinder = figure.subplots(1, 3)
     for surface in line:

@@ -19,6 +19,6 @@ def find(quick: bool) -> Part:
         metrics = result.metrics()
         rows += [
             Row(WHERE, f"{label}: geometry mismatch", "%", None, 100.0 * metrics["mismatch"], remark=BY_EYE),
-            Row(WHERE, f"{label}: mean absolute error of the top", "um", None, metrics["mae"] * UM_PER_M),
+            Row(WHERE, f"{label}: mean absolute error of the top", "µm", None, metrics["mae"] * UM_PER_M),
         ]
     return Part(rows, {"pipe-junction": solids({label: result.dataset for label, (result,) in runs.items()})})

@@ -16,7 +16,7 @@ from inkloop.units import NS_PER_S
 
 SIDE, COUNT, ROUGHNESS = 20, 50, 8e-6
 FOUND = 1e-15
-SURFACES = "start surfaces are uniform over 0 to 8 um, a layer height; the paper only says that they are random"
+SURFACES = "start surfaces are uniform over 0 to 8 µm, a layer height; the paper only says that they are random"
 PAPERS_OWN = "paper's search"
 CONTROLLERS: Mapping[str, tuple[str, dict[str, object]]] = {
     PAPERS_OWN: ("StochasticGreedy", {"alpha": 1.0}),

@@ -29,7 +29,7 @@ PRINTED: Mapping[str, tuple[tuple[float, float, float], ...]] = {
     "nonlinear, 1st order": ((0.177, 0.230, 8.78), (0.114, 0.209, 8.33), (0.100, 0.185, 11.57)),
     "linear, 1st order": ((0.273, 1.012, 0.99), (0.305, 0.945, 1.19), (0.321, 0.941, 1.88)),
 }
-"""Table 2: mean error, error of the centre [um] and time [s], for each size of `SIZES_UM`."""
+"""Table 2: mean error, error of the centre [µm] and time [s], for each size of `SIZES_UM`."""
 
 FLOOR = (
     "the printed errors level off where ours fall to zero; the paper does not give the number of points of its "
@@ -39,15 +39,15 @@ FITTED = "22 points were chosen so that the printed errors come out: a possible 
 COARSE_OUTLINE = 22
 """Points of an outline on the circle with which the printed errors come out: found by trial."""
 ANOTHER_COMPUTER = "on one core of this computer; the paper used another, with MATLAB"
-PARABOLOID = "the linear form has a different surface on this base: its centre is 0.834 um higher, whatever the mesh"
+PARABOLOID = "the linear form has a different surface on this base: its centre is 0.834 µm higher, whatever the mesh"
 
 
 def find(quick: bool) -> Part:
     """The cap, Table 2 by scikit-fem if it is there, and the same errors of our kernel."""
     rows = [
-        Row("Validation", "base radius of the droplet", "um", 35.2, _base_radius(), 0.05),
-        Row("Validation", "height of its centre", "um", 14.6, _centre(33, "nonlinear"), 0.05),
-        Row("Validation", "the same, linear form", "um", None, _centre(33, "linear")),
+        Row("Validation", "base radius of the droplet", "µm", 35.2, _base_radius(), 0.05),
+        Row("Validation", "height of its centre", "µm", 14.6, _centre(33, "nonlinear"), 0.05),
+        Row("Validation", "the same, linear form", "µm", None, _centre(33, "linear")),
     ]
     by_triangles: dict[str, list[tuple[float, float]]] = {}
     if finite_elements.is_installed():
@@ -55,9 +55,9 @@ def find(quick: bool) -> Part:
             for size, printed in zip(SIZES_UM, PRINTED[name], strict=True):
                 mean, centre, seconds = _by_triangles(form, order, size)
                 by_triangles.setdefault(name, []).append((mean, centre))
-                rows += _table_2(f"Table 2, {name}, {size:g} um", printed, (mean, centre, seconds))
+                rows += _table_2(f"Table 2, {name}, {size:g} µm", printed, (mean, centre, seconds))
         rows += _table_2(
-            f"Table 2, nonlinear, 2nd order, 2.5 um, outline of {COARSE_OUTLINE} points",
+            f"Table 2, nonlinear, 2nd order, 2.5 µm, outline of {COARSE_OUTLINE} points",
             PRINTED["nonlinear, 2nd order"][-1],
             _by_triangles("nonlinear", 2, 2.5, COARSE_OUTLINE),
             share=None,
@@ -69,11 +69,11 @@ def find(quick: bool) -> Part:
     for form in ("nonlinear", "linear"):
         errors = [_by_kernel(form, per_pitch) for per_pitch in spacings]
         ours[f"{form}, our kernel"] = [(42.3 / n, *error[:2]) for n, error in zip(spacings, errors, strict=True)]
-        where = f"our kernel, {form}, dx {42.3 / 17:.2g} um"
+        where = f"our kernel, {form}, dx {42.3 / 17:.2g} µm"
         mean, centre, seconds = errors[spacings.index(17)]
         rows += [
-            Row(where, "mean error", "um", None, mean),
-            Row(where, "error of the centre", "um", None, centre, remark=PARABOLOID if form == "linear" else ""),
+            Row(where, "mean error", "µm", None, mean),
+            Row(where, "error of the centre", "µm", None, centre, remark=PARABOLOID if form == "linear" else ""),
             Row(where, "processor time", "ms", None, seconds * MS_PER_S),
         ]
     figure = pictures.droplet_errors(SIZES_UM, PRINTED, by_triangles, ours)
@@ -81,7 +81,7 @@ def find(quick: bool) -> Part:
 
 
 def _base_radius() -> float:
-    """Of the spherical cap with the volume and the contact angle [um]."""
+    """Of the spherical cap with the volume and the contact angle [µm]."""
     cos, sin = float(np.cos(ANGLE)), float(np.sin(ANGLE))
     return float((3.0 * VOLUME * sin**3 / (np.pi * (2.0 - 3.0 * cos + cos**3))) ** (1 / 3)) * UM_PER_M
 
@@ -96,21 +96,21 @@ def _table_2(
     """Three rows of a size; errors are the printed ones if they are within a share of them. None: fitted to them."""
     within = [None if share is None else share * error for error in printed]
     return [
-        Row(where, "mean error", "um", printed[0], ours[0], within[0], remark),
-        Row(where, "error of the centre", "um", printed[1], ours[1], within[1], remark),
+        Row(where, "mean error", "µm", printed[0], ours[0], within[0], remark),
+        Row(where, "error of the centre", "µm", printed[1], ours[1], within[1], remark),
         Row(where, "time", "s", printed[2], ours[2], remark=ANOTHER_COMPUTER),
     ]
 
 
 def exact(radius_um: FloatMap) -> FloatMap:
-    """Height of the spherical cap at a distance from its middle [um]."""
+    """Height of the spherical cap at a distance from its middle [µm]."""
     sphere = RADIUS_UM / np.sin(ANGLE)
     found: FloatMap = np.sqrt(sphere**2 - np.minimum(radius_um, RADIUS_UM) ** 2) - sphere * np.cos(ANGLE)
     return found
 
 
 def _by_triangles(form: Form, order: Literal[1, 2], size_um: float, points: int = 64) -> tuple[float, float, float]:
-    """Mean error over the nodes, error of the centre [um], processor time [s].
+    """Mean error over the nodes, error of the centre [µm], processor time [s].
 
     points: of the outline; 64 have the area of the circle, as our kernel's, others lie on it.
     """
@@ -133,7 +133,7 @@ def _printed(form: Form, per_pitch: int) -> tuple[FloatMap, float]:
 
 
 def _centre(per_pitch: int, form: Form) -> float:
-    """An odd number of points has one in the middle [um]."""
+    """An odd number of points has one in the middle [µm]."""
     return float(_printed(form, per_pitch)[0].max()) * UM_PER_M
 
 

@@ -16,7 +16,7 @@ from inkloop.units import UM_PER_M
 
 SIDE, MARGIN, LAYERS, PAPER_S = 25, 2, 10, 900.0
 SHORT_OF_IT = (
-    "200 um is the thickness that the paper specifies; 30 pl every 42.3 um are 16.8 um per layer, 168 um in ten; "
+    "200 µm is the thickness that the paper specifies; 30 pl every 42.3 µm are 16.8 µm per layer, 168 µm in ten; "
     "the inner square is higher because the lines contract and draw ink away from their ends"
 )
 ANOTHER_COMPUTER = "on one core of this computer; the paper used another"
@@ -29,7 +29,7 @@ def find(quick: bool) -> Part:
     for form in ("nonlinear", "linear"):
         for per_pitch in (6,) if quick else (8, 16):
             surface, seconds = printed(form, per_pitch)
-            rows += _rows(f"Fig. 7 and 8, {form}, dx {surface.spacing * UM_PER_M:.2g} um", surface, seconds)
+            rows += _rows(f"Fig. 7 and 8, {form}, dx {surface.spacing * UM_PER_M:.2g} µm", surface, seconds)
             shown[form] = surface
     walls = {name: (end_wall(surface), side_wall(surface), surface.spacing) for name, surface in shown.items()}
     return Part(rows, {"square": pictures.square(shown["nonlinear"]), "square-walls": pictures.square_walls(walls)})
@@ -47,19 +47,19 @@ def printed(form: Literal["linear", "nonlinear"], per_pitch: int, layers: int = 
 
 
 def end_wall(surface: FineSurface) -> FloatMap:
-    """Profile along the lines [um], mean over the inner 15 of them."""
+    """Profile along the lines [µm], mean over the inner 15 of them."""
     fine, n = surface.over_grid, _per_pitch(surface)
     return np.asarray(fine[:, 7 * n : 22 * n].mean(axis=1)) * UM_PER_M
 
 
 def side_wall(surface: FineSurface) -> FloatMap:
-    """Profile across the lines [um], mean over the inner 15 droplets of each."""
+    """Profile across the lines [µm], mean over the inner 15 droplets of each."""
     fine, n = surface.over_grid, _per_pitch(surface)
     return np.asarray(fine[7 * n : 22 * n].mean(axis=0)) * UM_PER_M
 
 
 def wall(profile: FloatMap, spacing_um: float) -> tuple[float, float]:
-    """Width from 10 to 90 % of the highest [um] and mean angle [degrees] of the wall where a profile begins."""
+    """Width from 10 to 90 % of the highest [µm] and mean angle [degrees] of the wall where a profile begins."""
     half = profile[: len(profile) // 2]
     top, rising = half.max(), half[: half.argmax() + 1]
     low, high = (np.interp(share * top, rising, np.arange(len(rising)) * spacing_um) for share in (0.1, 0.9))
@@ -67,7 +67,7 @@ def wall(profile: FloatMap, spacing_um: float) -> tuple[float, float]:
 
 
 def corner(surface: FineSurface) -> float:
-    """Mean height over the four corner droplets [um]: at their sites."""
+    """Mean height over the four corner droplets [µm]: at their sites."""
     fine, n = surface.over_grid, _per_pitch(surface)
     sites = [MARGIN * n + n // 2, (MARGIN + SIDE - 1) * n + n // 2]
     low = (n + 1) % 2  # an even number of points has its site between two
@@ -82,7 +82,7 @@ def outside(surface: FineSurface) -> float:
 
 
 def ridge(surface: FineSurface) -> float:
-    """Highest of the inner droplets' sites, mean along the lines [um]."""
+    """Highest of the inner droplets' sites, mean along the lines [µm]."""
     fine, n = surface.over_grid, _per_pitch(surface)
     sites = fine[n // 2 :: n, n // 2 :: n]
     return float(sites[7:22].mean(axis=0).max()) * UM_PER_M
@@ -95,13 +95,13 @@ def _rows(where: str, surface: FineSurface, seconds: float) -> list[Row]:
     )
     inner = float(surface.height[7:22, 7:22].mean()) * UM_PER_M
     return [
-        Row(where, "inner 15 x 15 droplets, mean", "um", 200.0, inner, remark=SHORT_OF_IT),
-        Row(where, "end walls, 10 to 90 %", "um", None, end_width, remark=NO_NUMBERS),
+        Row(where, "inner 15 x 15 droplets, mean", "µm", 200.0, inner, remark=SHORT_OF_IT),
+        Row(where, "end walls, 10 to 90 %", "µm", None, end_width, remark=NO_NUMBERS),
         Row(where, "end walls, angle", "deg", None, end_angle),
-        Row(where, "side walls, 10 to 90 %", "um", None, side_width),
+        Row(where, "side walls, 10 to 90 %", "µm", None, side_width),
         Row(where, "side walls, angle", "deg", None, side_angle),
-        Row(where, "ridge along the side walls", "um", None, ridge(surface)),
-        Row(where, "corner droplet", "um", None, corner(surface)),
+        Row(where, "ridge along the side walls", "µm", None, ridge(surface)),
+        Row(where, "corner droplet", "µm", None, corner(surface)),
         Row(where, "volume outside the square", "%", None, 100.0 * outside(surface)),
         Row(where, "bodies solved linearly", "%", None, 100.0 * surface.fallbacks / (SIDE * LAYERS)),
         Row(where, "time", "s", PAPER_S, seconds, remark=ANOTHER_COMPUTER),

@@ -20,10 +20,10 @@ from inkloop.units import UM_PER_M
 GAINED_VOLUME = np.array([[1.65, 8.96, 3.93], [5.02, 63.46, 5.00], [2.34, 7.94, 1.71]])
 GAINED_AREA = np.array([[10.05, 21.07, 9.94], [0.0, np.nan, 0.0], [10.09, 18.59, 9.57]])
 DIFFERENCES = np.array([[-1.50, -3.41, -1.55], [6.24, -1.03, 6.12], [-1.42, -3.77, -1.40]])
-"""Equations 18 [%] and 19 [um]."""
+"""Equations 18 [%] and 19 [µm]."""
 NEIGHBOURS = np.array([[True, True, True], [True, False, True], [True, True, True]])
 COEFFICIENTS = {"mv_plus": 0.0067, "mv_minus": -0.0201, "ma_plus": 0.0, "ma_minus": -0.0634}
-"""Equation 20 [1/um]."""
+"""Equation 20 [1/µm]."""
 TABLE_1 = {"3": 4.54, "4": 6.25, "6": 3.35, "7": 6.77, "8": 5.84}
 TABLE_2 = 5.11
 SAMPLES, FEW = 75, 12
@@ -32,11 +32,11 @@ ONE_SAMPLE = (
     "(20) comes from resampled groups, (18) and (19) are printed for one group; no estimator gives (20) from them"
 )
 RADIUS = (
-    "the height differences (19) need a cap of 0.6 pitches; with the 1.5 to 2 pitches in the text they are 3 um off"
+    "the height differences (19) need a cap of 0.6 pitches; with the 1.5 to 2 pitches in the text they are 3 µm off"
 )
 NO_PROFILES = (
     "measured on printed drops whose profiles are not given; ours is the same resampling (8 patterns, 75 samples, "
-    "groups of 3) on synthetic profiles, with a standard deviation of 3 % in drop volume and 0.04 um per pixel"
+    "groups of 3) on synthetic profiles, with a standard deviation of 3 % in drop volume and 0.04 µm per pixel"
 )
 CIRCULAR = "the coefficients were put into these profiles; the rows show that (17), with weights, finds them"
 OTHER_INK = "drops under surface tension spread less than the paper's ink: a small share goes to the neighbours"
@@ -50,7 +50,7 @@ def printed_sample(quick: bool) -> Part:
             cells = NEIGHBOURS & chosen
             ratio = float(np.mean(gained[cells] / DIFFERENCES[cells])) / 100.0
             printed = COEFFICIENTS[f"{name}_{sign}"]
-            rows.append(Row("(17) on (18), (19)", f"{name}_{sign}", "1/um", printed, ratio, 5e-5, ONE_SAMPLE))
+            rows.append(Row("(17) on (18), (19)", f"{name}_{sign}", "1/µm", printed, ratio, 5e-5, ONE_SAMPLE))
     predicted = np.where(DIFFERENCES > 0.0, COEFFICIENTS["mv_plus"], COEFFICIENTS["mv_minus"]) * DIFFERENCES * 100.0
     off = (predicted - GAINED_VOLUME)[NEIGHBOURS]
     rows += [
@@ -59,7 +59,7 @@ def printed_sample(quick: bool) -> Part:
     ]
     for pitches, text in ((0.6, ", default"), (1.5, ", the text"), (2.0, ", the text")):
         rms = float(np.sqrt(np.mean((_differences(pitches) - DIFFERENCES) ** 2)))
-        rows.append(Row("(19)", f"cap of {pitches:g} pitches{text}: rms error", "um", None, rms, remark=RADIUS))
+        rows.append(Row("(19)", f"cap of {pitches:g} pitches{text}: rms error", "µm", None, rms, remark=RADIUS))
     return Part(rows)
 
 
@@ -85,7 +85,7 @@ def _coefficient_rows(where: str, found: VolumeAreaEstimate, *, known: bool) -> 
     for name in NAMES:
         ours, scatter = found.coefficients[name] / UM_PER_M, found.half_widths[name] / UM_PER_M
         printed, remark = (COEFFICIENTS[name], CIRCULAR) if known else (None, OTHER_INK)
-        rows.append(Row(where, name, "1/um", printed, ours, remark=remark, scatter=scatter))
+        rows.append(Row(where, name, "1/µm", printed, ours, remark=remark, scatter=scatter))
     return rows
 
 
@@ -96,7 +96,7 @@ def _error_row(where: str, prior: str, printed: float, found: VolumeAreaEstimate
 
 
 def _differences(pitches: float) -> FloatMap:
-    """Equation 7 around a cell with a drop on either side, each as it lies on flat ground [um]."""
+    """Equation 7 around a cell with a drop on either side, each as it lies on flat ground [µm]."""
     model = VolumeAreaDeposition(cap_radius=pitches * PITCH)
     drop = np.zeros((9, 9), dtype=np.int32)
     drop[4, 4] = 1

@@ -98,7 +98,7 @@ def _all(
 
 
 def _record(score: Score) -> dict[str, Any]:
-    """One score as plain values: means over the seeds, lengths in um."""
+    """One score as plain values: means over the seeds, lengths in µm."""
     figures = {metric: score.mean(metric) for metric in score.figures}
     return {"controller": score.entry.name, "plant": score.plant, **figures}
 

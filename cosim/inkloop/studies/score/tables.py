@@ -18,10 +18,10 @@ from inkloop.report.terminal import number_table
 from inkloop.studies.score.board import HIGH_UM, METRICS, OPEN_LOOP, Score, fingerprint, relative
 from inkloop.units import UM_PER_M
 
-CAPTION = "rms error over the part in um, mean over the seeds; score: geometric mean of rms over that of the open loop"
+CAPTION = "rms error over the part in µm, mean over the seeds; score: geometric mean of rms over that of the open loop"
 HIGHEST = (
-    "Highest cell above the target in um, of all seeds; **bold**: higher than every cell of the open loop, and more "
-    f"than {HIGH_UM:g} um above the target."
+    "Highest cell above the target in µm, of all seeds; **bold**: higher than every cell of the open loop, and more "
+    f"than {HIGH_UM:g} µm above the target."
 )
 
 
@@ -85,7 +85,7 @@ def _page(scores: Sequence[Score], version: str, seeds: Sequence[int]) -> list[s
         HIGHEST,
         "",
         *_rows(plants, shown(_highest), right=True),
-        "Ink assumed by each controller, h1, h2, h3 in um:",
+        "Ink assumed by each controller, h1, h2, h3 in µm:",
         "",
         *_rows(plants, shown(_ink), right=False),
     ]
@@ -169,7 +169,7 @@ def picture(scores: Sequence[Score]) -> Figure:
 
 
 def _cells(scores: Sequence[Score]) -> tuple[list[str], list[str], np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
-    """Plants of a version, controllers, and rms [um] of each on each, the score last; NaN where it was not printed."""
+    """Plants of a version, controllers, and rms [µm] of each on each, the score last; NaN where it was not printed."""
     plants = list(dict.fromkeys(score.plant for score in scores))
     names = list(dict.fromkeys(score.entry.name for score in scores))
     rms = {(score.entry.name, score.plant): score.mean("rms") for score in scores}

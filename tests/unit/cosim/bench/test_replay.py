@@ -39,5 +39,5 @@ def test_value_in_place_of_none_differs() -> None:
 
 
 def test_replay_that_ends_too_early_is_reported() -> None:
-    assert differences(run(3), run(2)) == ["the replay has 1 layers, the run 2"]
+    assert differences(run(3), run(2)) == ["the replay has 1 layer, the run 2 layers"]
     assert differences(run(2), run(3)) == []

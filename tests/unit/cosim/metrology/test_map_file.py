@@ -173,14 +173,14 @@ HEADER = "dx = 5 um\ndy = 4 um\nunit = um\n"
 FAULTS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "nothing declared": ("1 2 3\n4 5 6\n", "does not declare the unit .* does not declare the size of its pixels", {}),
     "unit against unit": (HEADER + "1 2\n3 4\n", "heights in um, but unit is 'mm'", {"unit": "mm"}),
-    "pixel against pixel": (HEADER + "1 2\n3 4\n", "pixels of 5 x 4 µm, but pixel is 5000 x 5000 µm", {"pixel": 5e-3}),
+    "pixel against pixel": (HEADER + "1 2\n3 4\n", "pixels of 5 x 4 µm, but pixel_um is 5000", {"pixel": 5e-3}),
     "unknown unit": ("1 2\n3 4\n", "unit is 'inch'; expected one of nm, um", {"unit": "inch", "pixel": 5e-6}),
     "a word": (HEADER + "1 2 3\n4 five 6\n", "line 5, column 2 is 'five'; expected a height", {}),
     "cut off": (HEADER + "1 2 3\n4 5\n", "line 5 has 2 fields, the rows before it 3; the file may be cut off", {}),
     "two decimal signs": (HEADER + "1.5;2\n1,5;2\n", "numbers with , and numbers with .", {}),
     "points": (HEADER + "0 0 1\n5 0 1\n0 4 1\n5 4 1\n", "4 rows of 3 columns, .* a list of points", {}),
-    "empty": ("", "no row of numbers in its 0 lines", {}),
-    "scale of nothing": (HEADER + "1 2\n3 4\n", "scale is 0.0; expected a height per count", {"scale": 0.0}),
+    "empty": ("", r"no row of numbers \(lines read: 0\)", {}),
+    "scale of nothing": (HEADER + "1 2\n3 4\n", "count_scale is 0.0; expected a height per count", {"scale": 0.0}),
 }
 
 
@@ -197,7 +197,9 @@ def test_faulty_table_is_refused_with_a_message(
 
 def test_counts_without_their_height_are_refused(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "map.tif", np.ones((3, 4), np.uint16))
-    with pytest.raises(HeightMapError, match=r"whole-number counts \(uint16\); give scale, the height of one count"):
+    with pytest.raises(
+        HeightMapError, match=r"whole-number counts \(uint16\); give count_scale, the height of one count"
+    ):
         read(tmp_path / "map.tif", unit="um", pixel=5e-6)
 
 

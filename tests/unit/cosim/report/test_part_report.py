@@ -80,6 +80,20 @@ def test_open_mesh_is_described_before_it_is_refused(tmp_path: Path, capsys: pyt
     assert "mend the mesh" in shown.err
 
 
+def test_assumed_unit_is_named_and_a_part_too_wide_for_memory_is_refused_at_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mesh = tmp_path / "part.stl"
+    mesh.write_bytes(parts.stl(parts.box((0.0, 2000.0), (0.0, 1000.0), 0.0, 300.0)))
+    assert main(["geometry", str(mesh), "--no-pictures", "--pitch-um", "1"]) == 1
+    shown = capsys.readouterr()
+    assert "2000 x 1000 x 300 mm, if the unit of the file is mm: --unit" in " ".join(shown.out.split())
+    for words in ("2000004 x 1000004 cells of 1 µm needs", "mm, which is assumed; correct --unit, or take a larger"):
+        assert words in " ".join(shown.err.split())
+    assert main(["geometry", str(mesh), "--no-pictures", "--pitch-um", "100", "--unit", "um"]) == 0
+    assert "if the unit" not in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [

@@ -107,6 +107,30 @@ def test_too_high_is_red_on_every_map() -> None:
     assert (redder < -0.01).sum() == 8
 
 
+def test_dots_tell_too_high_from_too_low_in_grey_print() -> None:
+    """One dot in the middle of each cell that is clearly red, whatever the map; on fine grids one for a block."""
+    run = printed(1.0, high_cell=(2, 3))
+    for figure in (error_map(run, "a"), comparison({"a": run})):
+        (axes,) = [axes for axes in figure.axes if axes.get_images()]
+        (dots,) = axes.collections
+        np.testing.assert_allclose(
+            np.asarray(dots.get_offsets()), [[run.x[2] * 1e3, run.y[3] * 1e3]], rtol=1e-9, atol=1e-12
+        )
+        assert any("(dots)" in text for text in texts(figure))
+    hardware = hardware_against_model(in_two_inks(), difference(), "a")
+    for axes in hardware.axes:
+        if axes.get_images():
+            (dots,) = axes.collections
+            assert len(np.asarray(dots.get_offsets())) == 12 * 8
+    fine = np.full((4 * plot.DOTS, plot.DOTS), np.nan)
+    fine[8:16, :8] = -1.0
+    fine[20:24, :8] = 1.0
+    axes = Figure().subplots()
+    plot.draw_error(axes, fine, (0.0, 4.0, 0.0, 1.0), plot.error_norm([fine]))
+    found = np.asarray(axes.collections[0].get_offsets()) * plot.DOTS
+    assert found.tolist() == [[10.0, 2.0], [10.0, 6.0], [14.0, 2.0], [14.0, 6.0]]
+
+
 def test_cut_has_the_mean_error_of_the_table() -> None:
     run = printed(4.0)
     figure = cross_section({"a": run})

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from inkloop.cli import main
 from support.evaluated import areal, map_of, number, rough
@@ -36,6 +37,19 @@ def test_the_command_evaluates_a_map_under_a_mask(tmp_path: Path, capsys: pytest
     ):
         assert main([*command, *wrong]) == 1
         assert message in capsys.readouterr().err
+
+
+def test_the_command_evaluates_the_counts_of_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    counts = np.arange(1, 241, dtype=np.uint8).reshape(15, 16)
+    counts[3, 4] = 255
+    Image.fromarray(counts).save(tmp_path / "map.png")
+    command = ["metrology", str(tmp_path / "map.png"), "--unit", "um", "--pixel-um", "10", "--f-operation", "none"]
+    assert main([*command, "--json"]) == 1
+    assert "give count_scale" in capsys.readouterr().err
+    assert main([*command, "--json", "--count-scale", "0.5", "--invalid-value", "255"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["cells"] == 239
+    assert found["Sz_um"] == pytest.approx(0.5 * 239, rel=1e-9, abs=0.0)
 
 
 def test_the_command_evaluates_profiles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -56,7 +56,8 @@ def test_large_state_is_written_for_a_tenth_of_the_time(tmp_path: Path, monkeypa
     assert saved == [0, 3, 6], "18 s of printing for the 2 s of a state"
     assert [path.name for path in layer_files(tmp_path)] == [f"{layer:04d}.npz" for layer in range(8)]
     found = last(tmp_path)
-    assert found is not None and (found.layer, found.file, found.time_ns) == (6, (6, 0), 6)
+    assert found is not None
+    assert (found.layer, found.file, found.time_ns) == (6, (6, 0), 6)
     recorder.put_rows = lambda rows: None
     Checkpoints(tmp_path, {"part": part}, recorder).load()
     assert [path.name for path in layer_files(tmp_path)] == [f"{layer:04d}.npz" for layer in range(7)]
@@ -75,4 +76,5 @@ def test_one_state_at_a_time_is_in_memory(tmp_path: Path) -> None:
     tracemalloc.stop()
     assert size < peak < 2.5 * size + 2**20
     found = last(tmp_path)
-    assert found is not None and {len(state) for state in found.states.values()} == {size}
+    assert found is not None
+    assert {len(state) for state in found.states.values()} == {size}

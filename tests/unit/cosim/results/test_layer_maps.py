@@ -16,6 +16,7 @@ from inkloop.results import layer_maps, result, solid
 from inkloop.results.checkpoint import Checkpoints, last
 from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.result import Result
+from inkloop.results.stored_maps import mapped_rows
 from inkloop.scenario.file import Scenario
 from support.half_spaces import Below
 from support.places import ROOT
@@ -41,6 +42,27 @@ def test_file_takes_the_memory_of_few_maps(tmp_path: Path) -> None:
     with xr.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as stored:
         for _, layer, expected in random_maps(LAYERS):
             np.testing.assert_array_equal(stored.height[layer], expected)
+
+
+def test_maps_on_disk_take_the_memory_of_what_is_used(tmp_path: Path) -> None:
+    for _, layer, map_ in random_maps(LAYERS):
+        np.savez(tmp_path / f"{layer}.npz", **{"height": map_, "number": np.asarray(layer), "row": map_[0]})
+    np.savez_compressed(tmp_path / "compressed.npz", number=np.asarray(1))
+    with pytest.raises(ValueError, match="compressed"):
+        mapped_rows(tmp_path / "compressed.npz")
+    variables = {"height": (np.dtype(np.float64), {"units": "m"}), "none": (np.dtype(np.int32), {})}
+    tracemalloc.start()
+    rows = [("height", layer, mapped_rows(tmp_path / f"{layer}.npz")) for layer in range(LAYERS)]
+    assert [int(found["number"]) for _, _, found in rows] == [*range(LAYERS)]
+    maps = LayerMaps((LAYERS, SIDE, SIDE), variables, [(name, n, found["height"]) for name, n, found in rows])
+    run = maps.laid_over(TABLE)
+    last = run.height[-1].values
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 4 * 8 * SIDE * SIDE
+    *_, (_, _, expected) = random_maps(LAYERS)
+    np.testing.assert_array_equal(last, expected)
+    xr.testing.assert_identical(run.load(), maps.added_to(TABLE))
 
 
 def test_maps_of_a_large_result_are_read_when_they_are_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -192,6 +192,12 @@ def test_override_changes_the_run_and_its_record(tmp_path: Path) -> None:
     assert Scenario.load(again).tables == scenario.tables
 
 
+def test_empty_mapping_empties_a_table_in_python_and_on_the_command_line() -> None:
+    assert Scenario.load(SCENARIOS / "cuboid.toml").tables.compare
+    for overrides in ({"compare": {}}, overrides_of(["compare={}"], "command line")):
+        assert not Scenario.load(SCENARIOS / "cuboid.toml", overrides).tables.compare
+
+
 def test_mapping_overrides_its_keys_and_an_inline_table_the_whole_part(tmp_path: Path) -> None:
     (tmp_path / "case.toml").write_text(GOOD)
     higher = Scenario.load(tmp_path / "case.toml", {"part": {"height_um": 30.4}})

@@ -43,16 +43,16 @@ def ours(part: Part) -> dict[str, float]:
     ],
 )
 def test_a_figure_is_reproduced_within_what_is_asked(printed, found, within, word) -> None:
-    assert Row("Table I", "height", "um", printed, found, within).reproduced == word
+    assert Row("Table I", "height", "µm", printed, found, within).reproduced == word
 
 
 def test_every_row_is_in_the_page_and_in_the_spreadsheet_and_every_remark_appears_once() -> None:
     rows = [
-        Row("Table I", "height", "um", 5.0, 5.1, 0.2, "a remark"),
-        Row("Table I", "width", "um", None, 2.0, None, "a remark", 0.31),
+        Row("Table I", "height", "µm", 5.0, 5.1, 0.2, "a remark"),
+        Row("Table I", "width", "µm", None, 2.0, None, "a remark", 0.31),
     ]
     assert remarks(rows) == ["Table I: a remark"]
-    assert "| Table I | width | um | - | 2.00 ± 0.31 | - |" in markdown("A paper", rows)
+    assert "| Table I | width | µm | - | 2.00 ± 0.31 | - |" in markdown("A paper", rows)
     table = list(csv.DictReader(io.StringIO(spreadsheet(rows))))
     assert [(line["printed"], line["ours"]) for line in table] == [("5.0", "5.1"), ("", "2.0")]
 
@@ -110,7 +110,7 @@ NOT_PRINTED_OR_PUT_IN = {
     "(18)": "",
     "(20), profiles made with (20)": "",
     "Theory": "",
-    "Table 2, nonlinear, 2nd order, 2.5 um, outline of 22 points": "",
+    "Table 2, nonlinear, 2nd order, 2.5 µm, outline of 22 points": "",
     "Table 1": "t_dep, at 8 kHz",
     "IV-C: recoverability": "LayerMpc, one layer ahead",
 }

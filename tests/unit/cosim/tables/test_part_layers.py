@@ -27,10 +27,16 @@ SLICES = np.array([np.ones(F.shape), 1 + F, np.ones(F.shape)], np.int8)
 
 
 def export(
-    folder: Path, *, form: str = "png", passes: Literal[1, 4] = 1, inks: tuple[Ink, ...] = (INK, INK), **options: Any
+    folder: Path,
+    *,
+    form: str = "png",
+    passes: Literal[1, 4] = 1,
+    inks: tuple[Ink, ...] = (INK, INK),
+    slices: Any = SLICES,
+    **options: Any,
 ) -> dict[str, Any]:
     """Write the slices as layers; returns the manifest."""
-    patterns = Patterns("test", "", PITCH_UM * 1e-6, inks, Process(passes=passes), SLICES, **options)
+    patterns = Patterns("test", "", PITCH_UM * 1e-6, inks, Process(passes=passes), slices, **options)
     archive.write(patterns, folder / "out", form=form, layers=[1, 2, 3], passes=passes > 1)
     found: dict[str, Any] = json.loads((folder / "out" / "manifest.json").read_text())
     return found
@@ -71,6 +77,22 @@ def test_new_scenario_for_a_manifest_has_its_cells(tmp_path: Path) -> None:
     grid = scenario.tables.grid
     assert (grid.nx, grid.ny, grid.pitch_um) == (F.shape[0] + 4, F.shape[1] + 4, PITCH_UM)
     assert scenario.job().mask.sum() == F.size
+
+
+def test_new_scenario_for_layers_in_two_inks_with_gaps_prints_what_rests_on_the_substrate(tmp_path: Path) -> None:
+    """As a closed loop leaves them: a support needs an ink of its own, and would make the scenario invalid."""
+    export(tmp_path, slices=SLICES * np.array([np.ones_like(F), F, np.ones_like(F)], np.int8))
+    assert main(["new", str(tmp_path / "back"), "--part", str(tmp_path / "out" / "manifest.json")]) == 0
+    back = tmp_path / "back.toml"
+    top = np.unique((Scenario.load(back).job().target_height / 7.6e-6).round(6), return_counts=True)
+    assert dict(zip(*(values.tolist() for values in top), strict=True))[3.0] == F.sum()
+    text = back.read_text()
+    for support, words in (("", 'add [support] with kind = "none"'), ("[support]", 'set support.kind = "none"')):
+        back.write_text(text.replace('[support]\nkind = "none"', support))
+        with pytest.raises(ScenarioError) as found:
+            Scenario.load(back)
+        assert words in str(found.value)
+        assert "which print ink B there" not in str(found.value)
 
 
 def without_layer_2(manifest: Mapping[str, Any]) -> dict[str, Any]:

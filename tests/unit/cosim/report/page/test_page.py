@@ -18,6 +18,7 @@ from inkloop.printing.so_far import RunFolder
 from inkloop.report import run_report
 from inkloop.report.page import page
 from inkloop.report.page.maps import LayerMaps, block_for
+from inkloop.results.checkpoint import LAYERS_FOLDER
 from inkloop.results.result import COMPARE_FOLDER, Result
 from inkloop.scenario.file import Scenario
 from support.once_per_run import once
@@ -196,3 +197,18 @@ def test_result_of_a_run_that_has_not_ended_is_that_of_its_layers(tmp_path: Path
         known, expected = result.dataset[name], whole.dataset[name]
         rows = slice(None, shared) if "layer" in known.dims else slice(None)
         assert np.array_equal(known.values, expected.values[rows]), name
+
+
+def test_layers_of_a_run_that_has_not_ended_stay_on_disk_until_they_are_used(tmp_path: Path) -> None:
+    """Also where the run ends meanwhile, and removes them."""
+    unfinished(quick_cuboid(), tmp_path, 2)
+    (result,) = RunFolder(tmp_path).runs().values()
+    maps = [values for values in result.dataset.data_vars.values() if values.dims == ("layer", "x", "y")]
+    assert len(maps) >= 4
+    assert not any(values.variable._in_memory for values in maps)
+    before = [values.values for values in maps]
+    for path in (tmp_path / LAYERS_FOLDER).glob("[0-9]*.npz"):
+        path.unlink()
+    for values, expected in zip(maps, before, strict=True):
+        np.testing.assert_array_equal(values[-1, 2:5], expected[-1, 2:5])
+        np.testing.assert_array_equal(values[:, 3, [1, 4]], expected[:, 3, [1, 4]])

@@ -1,4 +1,4 @@
-"""An FMU's binary called from a small C program, natively and, for a DLL, under Wine: tests/c/fmu_calls.c."""
+"""An FMU's binary called from a small C program, here, in qemu-user or under Wine: tests/c/fmu_calls.c."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import os
 import shutil
 import struct
 import subprocess
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,13 +13,16 @@ from typing import Any
 
 import fmpy
 
-from inkloop.fmu_writer.windows import COMPILER
+from inkloop.fmu_writer.cross import compiler_command
+from inkloop.fmu_writer.targets import Target
 from support.places import C_SOURCES
 
 SOURCE = C_SOURCES / "fmu_calls.c"
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 _DEBIAN = Path("/usr/lib/wine")  # where its package wine64 leaves the programs, out of the path
 WINE = shutil.which("wine64", path=os.pathsep.join((os.environ.get("PATH", ""), str(_DEBIAN))))
+QEMU = shutil.which("qemu-aarch64-static") or shutil.which("qemu-aarch64")
+AARCH64_LIBRARIES = Path("/usr/aarch64-linux-gnu")  # of Debian's package libc6-arm64-cross
 NAMES = {"real": ("Real", "Float64"), "integer": ("Integer", "Int32")}
 
 
@@ -63,11 +65,12 @@ def _size(description: Any, variable: Any) -> int:
     return count
 
 
-def compiled(compiler: str, fmi: int, out: Path) -> Path:
-    """The calling program, made by gcc or by mingw-w64."""
+def compiled(target: Target | None, fmi: int, out: Path) -> Path:
+    """The calling program, made by gcc for this machine or by zig for a target."""
     warnings = ("-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-DFMI_VERSION={fmi}")
-    libraries = [] if compiler == COMPILER or sys.platform == "darwin" else ["-ldl"]
-    subprocess.run([compiler, *warnings, "-isystem", HEADERS, "-o", out, SOURCE, *libraries], check=True)
+    compiler = ["gcc"] if target is None else [*compiler_command(), "cc", "-target", target.triple]
+    libraries = ["-ldl"] if target is None or target.system == "Linux" else []
+    subprocess.run([*compiler, *warnings, "-isystem", HEADERS, "-o", out, SOURCE, *libraries], check=True)
     return out
 
 

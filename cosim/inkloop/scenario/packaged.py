@@ -1,0 +1,41 @@
+"""The scenarios that are installed with inkloop, by name: `inkloop run cylinder` needs no file."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+from inkloop.files import read_toml_text
+from inkloop.suggest import near
+
+PACKAGE = "inkloop.scenarios"
+
+
+def scenarios() -> dict[str, Path]:
+    """Name -> file, sorted; empty where the package is not installed."""
+    package = importlib.util.find_spec(PACKAGE)
+    folders = [Path(place) for place in (package.submodule_search_locations or [])] if package else []
+    return {path.stem: path for folder in folders for path in sorted(folder.glob("*.toml"))}
+
+
+def titles() -> dict[str, str]:
+    """Name -> title of each scenario."""
+    import tomlkit
+
+    return {name: str(tomlkit.parse(read_toml_text(path)).get("title", "")) for name, path in scenarios().items()}
+
+
+def resolve(path: Path) -> Path:
+    """The packaged scenario whose name `path` is, if there is no such file and no suffix; else the path itself."""
+    if path.suffix or len(path.parts) != 1 or path.exists():
+        return path
+    return scenarios().get(path.name, path)
+
+
+def hint(path: Path) -> str | None:
+    """What to say to a name without a suffix that is neither a file nor a packaged scenario; None for a file."""
+    if path.suffix or len(path.parts) != 1 or path.exists():
+        return None
+    close = near(path.name, scenarios())
+    meant = f"did you mean {' or '.join(close)}? " if close else ""
+    return f"is neither a file nor a scenario of inkloop; {meant}`inkloop new --list` lists them"

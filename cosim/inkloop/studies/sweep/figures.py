@@ -1,0 +1,116 @@
+"""The figures of a print that studies compare, their units, and expressions of them."""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from inkloop.results.attributes import Meaning
+from inkloop.results.metrics import SIGN
+from inkloop.suggest import nearest
+from inkloop.units import UM_PER_M
+
+_OVER = "over the part, at the end of a print"
+METRICS: Mapping[str, tuple[str, Meaning]] = {
+    "mean_error": ("m", Meaning(f"mean error {_OVER} ({SIGN})")),
+    "mae": ("m", Meaning(f"mean absolute error {_OVER}")),
+    "rms": ("m", Meaning(f"root mean square error {_OVER}")),
+    "std": ("m", Meaning(f"standard deviation of the error {_OVER}")),
+    "min": ("m", Meaning(f"smallest error {_OVER}: of the cell that stands highest above its target")),
+    "max": ("m", Meaning(f"largest error {_OVER}: of the cell that lies lowest below its target")),
+    "layers": ("1", Meaning("printed layers")),
+    "droplets": ("1", Meaning("droplets that landed")),
+    "mismatch": ("1", Meaning("volume of ink A that is misplaced or missing, as a share of the volume wanted")),
+}
+"""Metric of `Result.metrics` -> unit and meaning; the last one of parts in two inks only."""
+
+VARIABLES: Mapping[str, str] = {f"{name}_um" if unit == "m" else name: name for name, (unit, _) in METRICS.items()}
+"""Name in an expression, with its unit -> metric."""
+
+FUNCTIONS: Mapping[str, Callable[..., float]] = {
+    **{"abs": abs, "min": min, "max": max, "sqrt": math.sqrt, "exp": math.exp, "log": math.log},
+}
+_OPERATORS: Mapping[type[ast.AST], Callable[..., float]] = {
+    **{ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv},
+    **{ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos},
+}
+LENGTH_MAX = 500
+"""Characters of an expression; more is no objective but a program (assumed)."""
+
+
+def scaled(metric: str, value: float) -> float:
+    """The value of a metric as people read it: lengths in micrometres."""
+    return value * UM_PER_M if METRICS[metric][0] == "m" else value
+
+
+@dataclass(frozen=True)
+class Expression:
+    """Arithmetic of metrics, such as "mae_um + 0.001 * layers"; nothing else can be written in it.
+
+    Lengths carry their unit in the name. Raises ValueError with the part that is no arithmetic.
+    """
+
+    text: str
+
+    def __post_init__(self) -> None:
+        self._tree()
+
+    def __call__(self, metrics: Mapping[str, float]) -> float:
+        """The value for the metrics of a print [m]; NaN where it has none: a root of a negative number, n / 0."""
+        values = {name: scaled(metric, metrics[metric]) for name, metric in VARIABLES.items() if metric in metrics}
+        try:
+            found = _value(self._tree(), values)
+        except (ArithmeticError, ValueError, KeyError):
+            return math.nan
+        return found if isinstance(found, float) else math.nan  # a power of a negative number is complex
+
+    def _tree(self) -> ast.expr:
+        if len(self.text) > LENGTH_MAX:
+            raise ValueError(f"has {len(self.text)} characters; at most {LENGTH_MAX}")
+        try:
+            tree = ast.parse(self.text.strip(), mode="eval").body
+        except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+            raise ValueError(f"is no expression ({error.args[0]}); expected such as mae_um + 0.001 * layers") from error
+        _check(tree)
+        return tree
+
+
+def _check(node: ast.AST) -> None:
+    """Raises ValueError for anything but numbers, metrics, arithmetic and the functions above."""
+    match node:
+        case ast.BinOp(left, operation, right) if type(operation) in _OPERATORS:
+            _check(left)
+            _check(right)
+        case ast.UnaryOp(operation, operand) if type(operation) in _OPERATORS:
+            _check(operand)
+        case ast.Constant(value) if isinstance(value, int | float) and not isinstance(value, bool):
+            pass
+        case ast.Name(name) if name in VARIABLES:
+            pass
+        case ast.Name(name):
+            unit = f"; write {name}_um" if name in METRICS else f"; {nearest(name, VARIABLES)}"
+            raise ValueError(f"has {name}, which is no metric with its unit{unit}")
+        case ast.Call(ast.Name(name), arguments, []) if name in FUNCTIONS and arguments:
+            for argument in arguments:
+                _check(argument)
+        case _:
+            functions = ", ".join(FUNCTIONS)
+            raise ValueError(f"has {ast.unparse(node)!r}; expected + - * / **, brackets and {functions}")
+
+
+def _value(node: ast.AST, values: Mapping[str, float]) -> float:
+    match node:
+        case ast.BinOp(left, operation, right):
+            return _OPERATORS[type(operation)](_value(left, values), _value(right, values))
+        case ast.UnaryOp(operation, operand):
+            return _OPERATORS[type(operation)](_value(operand, values))
+        case ast.Constant(value) if isinstance(value, int | float):
+            return float(value)
+        case ast.Name(name):
+            return values[name]
+        case ast.Call(ast.Name(name), arguments):
+            return FUNCTIONS[name](*(_value(argument, values) for argument in arguments))
+    raise TypeError(ast.dump(node))  # _check has refused it

@@ -1,0 +1,126 @@
+"""One print of a study: what it is to print, and the record that is left of it.
+
+`perform` runs in a process or on a machine of its own. It knows no other print, and what it returns is all that there
+is of the print, but for its run folder where runs are kept.
+"""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inkloop.errors import ResultError, ScenarioError, message_of
+from inkloop.files import reason_of
+from inkloop.printing.run import origin_of, print_part
+from inkloop.results import checkpoint
+from inkloop.results.lock import sole_writer, writer_of
+from inkloop.results.result import RUN_FILE, UNFINISHED, Result, read_record
+from inkloop.scenario.class_path import classes_from
+from inkloop.scenario.file import Scenario
+
+FAILED, INTERRUPTED = "failed", "interrupted"
+OWNER_S = 10.0
+"""For a process to end whose study was killed."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A point of a study with a seed. replicate: which of the seeds of the point it is, from 0."""
+
+    point: int
+    replicate: int
+    seed: int
+    overrides: Mapping[str, Any]
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """What tells it from every other task of the study."""
+        return self.point, self.replicate
+
+    @property
+    def name(self) -> str:
+        """Of its run folder and of its map."""
+        return f"{self.point:05d}-{self.replicate:04d}"
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What a print has come to. status: its stop reason, or failed; metrics [m]; height: last surface (x, y) [m]."""
+
+    point: int
+    replicate: int
+    status: str
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    wall_s: float = float("nan")
+    error: str = ""
+    height: NDArray[np.float64] | None = None
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """That of its task."""
+        return self.point, self.replicate
+
+
+@dataclass(frozen=True)
+class Order:
+    """What all prints of a study have in common.
+
+    text, source: of the scenario; runs: folder of the run folders of prints, None: they are printed in memory;
+    with_height: the last surface goes into the record.
+    """
+
+    text: str
+    source: str
+    runs: str | None
+    with_height: bool
+
+
+def failed(task: Task, message: str) -> Record:
+    """The record of a print that failed."""
+    return Record(task.point, task.replicate, FAILED, error=message)
+
+
+def perform(order: Order, task: Task) -> Record:
+    """Print a task, or resume it after its last layer; a print that fails leaves a record with its error.
+
+    Raises ResultError where the run folder cannot be written: that is no error of the point.
+    """
+    try:
+        with classes_from(Path(order.source).parent):
+            scenario = Scenario.of_text(order.text, order.source, {**task.overrides, "seed": task.seed})
+            result = _printed(scenario, Path(order.runs, task.name)) if order.runs else print_part(scenario)
+    except ResultError:
+        raise
+    except ScenarioError as error:  # without the place of the file, which differs on a cluster
+        return failed(task, "\n".join(error.errors))
+    except (OSError, MemoryError) as error:
+        raise ResultError(f"print {task.name}: {reason_of(error)}") from error
+    except Exception as error:  # of a scenario, a component, or anything in a class of others
+        cause = error.__cause__ if order.runs and isinstance(error.__cause__, type(error)) else error
+        return failed(task, message_of(cause if isinstance(cause, Exception) else error))
+    height = np.array(result.final_height.values, np.float64) if order.with_height else None
+    return Record(task.point, task.replicate, result.stop_reason, result.metrics(), result.wall_s, "", height)
+
+
+def _printed(scenario: Scenario, folder: Path) -> Result:
+    """The result of a run folder, which is begun, resumed, or only read where it is finished."""
+    end = time.monotonic() + OWNER_S
+    while writer_of(folder) and time.monotonic() < end:
+        time.sleep(0.05)
+    with sole_writer(folder):
+        if (folder / RUN_FILE).is_file():
+            if read_record(folder).get("stop_reason") not in UNFINISHED:
+                return Result.load(folder)
+            last = checkpoint.last(folder)
+            if last is not None and last.refusal:  # a component that cannot save its state: from the start again
+                shutil.rmtree(folder / checkpoint.LAYERS_FOLDER)
+        notes = origin_of(scenario, compare=False)
+        Result.begin(folder, scenario.text, notes)
+        return print_part(scenario, folder=folder, notes=notes)

@@ -1,0 +1,1 @@
+"""The scenarios that come with inkloop, and the files of their parts."""

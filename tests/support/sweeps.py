@@ -1,0 +1,87 @@
+"""Studies without prints: an engine that ends tasks in any order and forgets some, and plants that are functions."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from inkloop.studies.sweep import dataset
+from inkloop.studies.sweep.bundle import Bundle
+from inkloop.studies.sweep.engine import carry_out
+from inkloop.studies.sweep.journal import Journal
+from inkloop.studies.sweep.optimise import OptimisePlan
+from inkloop.studies.sweep.plan import Plan, PointsPlan
+from inkloop.studies.sweep.report import sweep_of
+from inkloop.studies.sweep.study import Study
+from inkloop.studies.sweep.task import Record, Task
+from support.places import SCENARIOS
+
+SCENARIO = SCENARIOS / "cuboid.toml"
+Work = Callable[[Task], Record]
+
+
+class Shuffled:
+    """An engine that ends its tasks in a random order; it is interrupted after so many of them."""
+
+    def __init__(self, work: Work, slots: int = 3, seed: int = 0, interrupted_after: int = -1) -> None:
+        self._work, self._slots, self._rng = work, slots, np.random.default_rng(seed)
+        self._tasks: list[Task] = []
+        self.left = interrupted_after
+        self.begun: list[tuple[int, int]] = []
+
+    @property
+    def slots(self) -> int:
+        return self._slots - len(self._tasks)
+
+    def submit(self, task: Task) -> None:
+        self.begun.append(task.key)
+        self._tasks.append(task)
+
+    def completed(self, timeout_s: float) -> Sequence[Record]:
+        self.left -= 1
+        return [self._work(self._tasks.pop(self._rng.integers(len(self._tasks))))]
+
+    def interrupted(self) -> bool:
+        return self.left == 0
+
+
+def record(task: Task, **metrics: float) -> Record:
+    return Record(task.point, task.replicate, "done", metrics, wall_s=1.0)
+
+
+def study(folder: Path, text: str) -> Study:
+    """A study of the cuboid; text: of the file, without its scenario."""
+    path = folder / "study.toml"
+    path.write_text(f"scenario = {json.dumps(str(SCENARIO))}\n{text}")
+    return Study.load(path)
+
+
+def swept(own: Study, folder: Path, engine: Shuffled) -> tuple[xr.Dataset, Plan, list[Record]]:
+    """What an engine leaves of a study in a folder, which may hold a part of it already; the records that it saw."""
+    plan: Plan = OptimisePlan(own, own.tables.optimise) if own.tables.optimise else PointsPlan(own)
+    folder.mkdir(exist_ok=True)
+    seen: list[Record] = []
+    with Journal(folder, own, Bundle.of(own.scenario.text, SCENARIO)) as journal:
+        carry_out(plan, engine, journal, engine.interrupted, seen.append)
+        found = sweep_of(own, journal, plan)
+    dataset.write(found, folder)
+    return found, plan, seen
+
+
+def ishigami(values: Sequence[Any]) -> float:
+    """Ishigami and Homma (1990) with a = 7, b = 0.1; its variance and indices are known (below)."""
+    x, y, z = values
+    return math.sin(x) + 7.0 * math.sin(y) ** 2 + 0.1 * z**4 * math.sin(x)
+
+
+_A, _B = 7.0, 0.1
+_ALONE = 0.5 * (1.0 + _B * math.pi**4 / 5.0) ** 2, _A**2 / 8.0, 0.0
+_TOGETHER = 8.0 * _B**2 * math.pi**8 / 225.0
+ISHIGAMI = np.array([_ALONE, np.add(_ALONE, [_TOGETHER, 0.0, _TOGETHER])]) / (sum(_ALONE) + _TOGETHER)
+"""First order and total of the three keys."""
