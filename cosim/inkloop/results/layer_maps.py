@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Job
+from inkloop.limits import ROUNDED_CELLS
 from inkloop.results import netcdf
 from inkloop.results.attributes import variable
 from inkloop.results.solid import INK, mismatch
@@ -30,10 +31,8 @@ _CHUNK_SIDE, _CHUNK_CELLS = 256, 1 << 16
 _BAND_CELLS = 1 << 21
 _COMPRESSION = 1
 """Higher levels take up to twice the time; noise in the heights leaves them one hundredth less."""
-ROUNDED_CELLS = 1 << 18
-"""Maps with more cells are rounded in the file: digits of noise beyond any sensor would be most of it."""
 ROUNDED_M = 2.0**-40
-"""To a multiple of this, 0.9 pm: an error of 0.46 pm at most, whatever the height."""
+"""Heights of maps with more than ROUNDED_CELLS are multiples of this, 0.9 pm: an error of 0.46 pm at most."""
 
 
 @dataclass(frozen=True, eq=False)
