@@ -52,7 +52,7 @@ class Binding:
         self._description = description
         self._grouped: dict[tuple[str, ...], list[ValueGroup]] = {}
         self._recent: tuple[Sequence[Port] | None, list[ValueGroup]] = (None, [])
-        self._before = self._recent
+        self._before: tuple[Sequence[Port] | None, list[ValueGroup]] = (None, [])
         self._set_last: list[ValueGroup] = []
         self._messages: deque[tuple[int, str]] = deque(maxlen=_MESSAGES_KEPT)
         self._environment = next(_environments)
