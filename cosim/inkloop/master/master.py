@@ -238,11 +238,11 @@ class Master:
 
     def _checked(self, name: str, outputs: Values) -> Values:
         """The outputs as arrays of the declared shape and type; finite where another component reads them."""
-        checked = {}
+        checked: dict[str, NDArray[Any]] = {}
         for port, key, shape, dtype, must_be_finite in self._checked_ports[name]:
             value = outputs.get(key)
             is_ready = type(value) is np.ndarray and value.dtype == dtype and value.shape == shape
-            if not is_ready or value.flags.writeable or (must_be_finite and not np.isfinite(value).all()):
+            if value is None or not is_ready or value.flags.writeable or must_be_finite:
                 value = checked_output(port, outputs, must_be_finite)
             checked[key] = value
         return checked

@@ -316,7 +316,7 @@ def test_small_values_and_large_maps_arrive_alike(monkeypatch: pytest.MonkeyPatc
         values = {port.name: port.start_value() for port in part.inputs}
         part.initialize(0, values)
         values |= {"pattern": pattern.T.astype(np.int32), "layer_command": np.int32(1)}
-        found[limit] = part.do_step(0, SECOND, values) | {"state": np.frombuffer(part.save(), np.uint8)}
+        found[limit] = {**part.do_step(0, SECOND, values), "state": np.frombuffer(part.save(), np.uint8)}
         part.terminate()
     for name in found[1]:
         np.testing.assert_array_equal(found[1][name], found[1 << 20][name], err_msg=name)
