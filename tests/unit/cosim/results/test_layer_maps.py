@@ -50,7 +50,7 @@ def test_maps_on_disk_take_the_memory_of_what_is_used(tmp_path: Path) -> None:
     np.savez_compressed(tmp_path / "compressed.npz", number=np.asarray(1))
     with pytest.raises(ValueError, match="compressed"):
         mapped_rows(tmp_path / "compressed.npz")
-    variables = {"height": (np.dtype(np.float64), {"units": "m"}), "none": (np.dtype(np.int32), {})}
+    variables: dict[str, Any] = {"height": (np.dtype(np.float64), {"units": "m"}), "none": (np.dtype(np.int32), {})}
     tracemalloc.start()
     rows = [("height", layer, mapped_rows(tmp_path / f"{layer}.npz")) for layer in range(LAYERS)]
     assert [int(found["number"]) for _, _, found in rows] == [*range(LAYERS)]
