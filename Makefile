@@ -2,7 +2,7 @@
 # make check      format, types, and every test that needs no compiler, process, bench or whole print: minutes
 # make test       everything that continuous integration runs; names each test that is skipped
 # make test-long  the proofs that take minutes, and the properties with random examples
-# make benchmarks measured comparisons, printed as ratios
+# make benchmarks measured comparisons, next to floors and peers, for docs/reference/performance.md
 # make benchmarks-hardware  a layer on the emulator, relative to the time of its frames on a real bus
 # make peers      docs/reference/peers.md: the loop in masters of other people
 # make fuzz       twenty minutes of libFuzzer on the inputs of the firmware and the calls of the FMUs
@@ -89,7 +89,7 @@ test-long: .venv/developer
 
 benchmarks: .venv/developer
 	$(PIP) 'numba>=0.66'   # of use nowhere else
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m tools.figures performance
 
 benchmarks-hardware: .venv/developer
 	$(BIN)/python -m benchmarks hardware bench_faults

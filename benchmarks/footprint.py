@@ -17,7 +17,7 @@ from inkloop.printing.run import print_part
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 
-SIDES = (300, 600)
+SIDES = (600, 1200)
 """Cells along an edge; figures are slopes between the two, so that what every print takes does not count."""
 PITCH_UM, LAYER_UM = 100.0, 7.6
 CASES = (

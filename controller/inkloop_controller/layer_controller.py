@@ -144,7 +144,8 @@ class LayerController:
         if before.answered < 0:
             estimate = self._estimator.first(measured, valid, scan)
         else:
-            drops = before.drop_level.astype(np.float64)
+            is_plain = bool((before.drop_level == 1).all())
+            drops = None if is_plain else before.drop_level.astype(np.float64)
             seen = (before.estimate, before.pattern, scan, measured, valid, drops)
             estimate = self._estimator.after_unknown(*seen) if is_unknown else self._estimator.next(*seen)
         started = perf_counter()
@@ -221,9 +222,9 @@ def _start(job: Job, layer_command: int) -> _State:
 
 
 def _check_finite(scan: int, measured: FloatMap, valid: BoolMap) -> None:
-    wrong = np.argwhere(valid & ~np.isfinite(measured))
-    if wrong.size:
-        i, j = (int(index) for index in wrong[0])
+    wrong = valid & ~np.isfinite(measured)
+    if wrong.any():
+        i, j = (int(index) for index in np.argwhere(wrong)[0])
         raise ComponentError(
             f"layer controller: measured_height is {measured[i, j]} at cell ({i}, {j}) of scan {scan}, which is marked "
             "valid; needs a finite height there, or valid = false"

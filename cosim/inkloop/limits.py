@@ -17,6 +17,8 @@ PLAIN_SIZE = 256 * MIB
 PACKED_AT_MOST = 200
 """Bytes from one byte of an archive that unpacks to more than PLAIN_SIZE; descriptions of FMUs reach 30, noise in
 measured maps leaves 2, and what is made to fill a disk 1000 (deflate)."""
+ROUNDED_CELLS = 1 << 18
+"""Maps with more cells are rounded in result.nc: digits of noise beyond any sensor would be most of it."""
 _FILLED_MAX = 64
 _FORMAT = re.compile(r"0?(\d{0,2})[bdoxX]?")
 _PROC = Path("/proc")
@@ -45,6 +47,13 @@ def size_text(count: float) -> str:
             number = count / size
             return f"{number:.3g} {unit}" if number < 100 else f"{number:,.0f} {unit}"
     return f"{count / KIB:.3g} KiB"
+
+
+def duration_text(seconds: float) -> str:
+    """A time for a person, "3.5 min"."""
+    if seconds < 120.0:
+        return f"{seconds:.3g} s"
+    return f"{seconds / 60.0:.3g} min" if seconds < 7200.0 else f"{seconds / 3600.0:.3g} h"
 
 
 def memory_error(needed: float) -> str | None:

@@ -26,8 +26,9 @@ WRITERS = (
     "the_papers",
 )
 """Modules of this folder."""
-ALONE = ("peers", "house_times")
-"""Run only when named: `make peers` installs the masters of others that it needs; `make test` tests what others do."""
+ALONE = ("peers", "house_times", "performance")
+"""Run only when named: `make peers` installs the masters of others that it needs; `make test` tests what others do;
+`make benchmarks` wants the machine for itself."""
 
 
 def writer(name: str) -> Writer:

@@ -238,7 +238,8 @@ class HeightEstimator:
     def _scan(self, measured: FloatMap, valid: BoolMap) -> tuple[FloatMap, BoolMap]:
         """A scan for C; what was not seen is never looked at, and may be no number."""
         seen = checked("valid", valid, "?", self._part.shape)
-        return checked("measured", np.where(seen, measured, 0.0), "f8", self._part.shape), seen
+        heights = measured if seen.all() else np.where(seen, measured, 0.0)
+        return checked("measured", heights, "f8", self._part.shape), seen
 
     def _estimate(self, maps: _Maps, found: EstimateStruct) -> Estimate:
         inks = tuple(Ink(ink.h1, ink.h2, ink.h3) for ink in found.ink[: len(self._job.inks)])

@@ -42,5 +42,6 @@ def run(options: argparse.Namespace) -> int:
             layers=footprint.layers,
             memory_bytes=footprint.memory,
             disk_bytes=footprint.disk,
+            processor_s=footprint.seconds,
         )
     return 0

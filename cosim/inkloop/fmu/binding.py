@@ -9,14 +9,12 @@ from __future__ import annotations
 import ctypes
 import itertools
 import logging
-import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from fmpy import fmi2, fmi3
 from fmpy.fmi1 import FMICallException, printLogMessage
 from fmpy.logging import addLoggerProxy
@@ -25,6 +23,7 @@ from numpy.typing import NDArray
 from inkloop.component import Port, Values
 from inkloop.errors import ComponentError
 from inkloop.fmu.description import FmuDescription
+from inkloop.fmu.value_group import Accessor, ValueGroup, is_large
 
 WARNING, ERROR, FATAL = 1, 3, 4
 _STATUS = ("OK", "a warning", "discard", "an error", "a fatal error", "pending")
@@ -51,7 +50,10 @@ class Binding:
             instanceName=description.name,
         )
         self._description = description
-        self._grouped: dict[tuple[str, ...], list[_Group]] = {}
+        self._grouped: dict[tuple[str, ...], list[ValueGroup]] = {}
+        self._recent: tuple[Sequence[Port] | None, list[ValueGroup]] = (None, [])
+        self._before: tuple[Sequence[Port] | None, list[ValueGroup]] = (None, [])
+        self._set_last: list[ValueGroup] = []
         self._messages: deque[tuple[int, str]] = deque(maxlen=_MESSAGES_KEPT)
         self._environment = next(_environments)
         self.worst = 0
@@ -89,25 +91,20 @@ class Binding:
 
     def set(self, ports: Sequence[Port], values: Values) -> None:
         """Hand over a value for each port, of the port's shape; one call for all of one type."""
-        for group in self._groups(ports):
-            for port, place in group.places:
-                value = np.asarray(values[port.name])
-                if value.shape != port.shape:
-                    expected, found = (" x ".join(map(str, n)) or "a scalar" for n in (port.shape, value.shape))
-                    raise ComponentError(f"{port.name} takes {expected}, found {found}")
-                group.buffer[place] = value.reshape(-1)
-            pointer = group.array_type.from_buffer(group.buffer)
-            self._call(group.names, group.setter, self._fmu.component, *group.references, pointer, *group.length)
+        groups = self._groups(ports)
+        if groups is not self._set_last:
+            self._forget()  # other ports, of which some may be the same
+            self._set_last = groups
+        for group in groups:
+            self._check(group.set(self._fmu.component, values), group.names, group.setter.name)
 
     def get(self, ports: Sequence[Port]) -> dict[str, NDArray[Any]]:
-        """The present value of each port, in fresh memory; one call for all of one type."""
-        values = {}
+        """The present value of each port, in memory of its own; one call for all of one type."""
+        values: dict[str, NDArray[Any]] = {}
         for group in self._groups(ports):
-            buffer: NDArray[Any] = np.empty_like(group.buffer)
-            pointer = group.array_type.from_buffer(buffer)
-            self._call(group.names, group.getter, self._fmu.component, *group.references, pointer, *group.length)
-            for port, place in group.places:
-                values[port.name] = buffer[place].reshape(port.shape).astype(port.dtype, copy=False)
+            status, found = group.get(self._fmu.component)
+            self._check(status, group.names, group.getter.name)
+            values.update(found)
         return values
 
     def do_step(self, time: float, step: float) -> None:
@@ -135,13 +132,25 @@ class Binding:
     def save(self) -> bytes:
         """The serialized state."""
         state = self._call(None, self._fmu.getFMUState)
+        measure, serialize = (
+            (self._fmu.fmi2SerializedFMUstateSize, self._fmu.fmi2SerializeFMUstate)
+            if self._fmi == 2
+            else (self._fmu.fmi3SerializedFMUStateSize, self._fmu.fmi3SerializeFMUState)
+        )
+        size = ctypes.c_size_t()
         try:
-            return bytes(self._call(None, self._fmu.serializeFMUState, state))
+            self._call(None, measure, self._fmu.component, state, ctypes.byref(size))
+            content = _new_bytes(size.value)
+            byte = fmi2.fmi2Byte if self._fmi == 2 else fmi3.fmi3Byte
+            pointer = ctypes.cast(ctypes.c_char_p(content), ctypes.POINTER(byte))
+            self._call(None, serialize, self._fmu.component, state, pointer, size.value)
         finally:
             self._fmu.freeFMUState(state)
+        return content
 
     def restore(self, serialized: bytes) -> None:
         """Put the instance into a saved state."""
+        self._forget()
         state = self._call(None, self._fmu.deserializeFMUState, serialized)
         try:
             self._call(None, self._fmu.setFMUState, state)
@@ -168,12 +177,17 @@ class Binding:
         try:
             return function(*arguments)
         except FMICallException as error:
-            self.worst = max(self.worst, error.status)
-            status = _STATUS[error.status] if error.status < len(_STATUS) else f"status {error.status}"
-            place = f"{variables}: " if variables else ""
-            raise ComponentError(
-                f"{place}{error.function} returned {status}{self._recent_messages(error.function)}"
-            ) from error
+            raise self._error(error.status, variables, error.function) from error
+
+    def _check(self, status: int, variables: str, function: str) -> None:
+        if status > WARNING:
+            raise self._error(status, variables, function)
+
+    def _error(self, status: int, variables: str | None, function: str) -> ComponentError:
+        self.worst = max(self.worst, status)
+        returned = _STATUS[status] if status < len(_STATUS) else f"status {status}"
+        place = f"{variables}: " if variables else ""
+        return ComponentError(f"{place}{function} returned {returned}{self._recent_messages(function)}")
 
     def _has_terminated(self) -> bool:
         """Whether a step that FMI 2 returned with discard has ended the simulation."""
@@ -182,13 +196,26 @@ class Binding:
         except FMICallException:  # an FMU without the inquiry discards it too
             return False
 
-    def _groups(self, ports: Sequence[Port]) -> list[_Group]:
+    def _forget(self) -> None:
+        for group in chain.from_iterable(self._grouped.values()):
+            group.forget()
+
+    def _groups(self, ports: Sequence[Port]) -> list[ValueGroup]:
+        if ports is self._recent[0] or ports is self._before[0]:  # those of a step: inputs, outputs
+            return self._recent[1] if ports is self._recent[0] else self._before[1]
+        groups = self._groups_by_name(ports)
+        self._recent, self._before = (ports, groups), self._recent
+        return groups
+
+    def _groups_by_name(self, ports: Sequence[Port]) -> list[ValueGroup]:
         key = tuple(port.name for port in ports)
         if key not in self._grouped:
-            by_function: dict[str, list[Port]] = {}
+            by_function: dict[tuple[str, str], list[Port]] = {}
             for port in ports:
-                by_function.setdefault(self._function(port), []).append(port)
-            self._grouped[key] = [self._group(function, members) for function, members in by_function.items()]
+                alone = port.name if is_large(port) else ""
+                by_function.setdefault((self._function(port), alone), []).append(port)
+            groups = by_function.items()
+            self._grouped[key] = [self._group(function, members) for (function, _), members in groups]
         return self._grouped[key]
 
     def _function(self, port: Port) -> str:
@@ -196,22 +223,12 @@ class Binding:
         kind = self._description.variables[port.name].type
         return (_FMI2_FUNCTION if self._fmi == 2 else _FMI3_FUNCTION).get(kind, kind)
 
-    def _group(self, function: str, ports: Sequence[Port]) -> _Group:
+    def _group(self, function: str, ports: Sequence[Port]) -> ValueGroup:
         variables = [self._description.variables[port.name] for port in ports]
         references = [reference for variable in variables for reference in variable.references]
-        ends = list(itertools.accumulate(math.prod(port.shape) for port in ports))
         dtype = _FMI2_WIRE[variables[0].type] if self._fmi == 2 else ports[0].dtype
-        buffer: NDArray[Any] = np.empty(ends[-1], dtype)
-        return _Group(
-            names=", ".join(port.name for port in ports),
-            setter=getattr(self._fmu, f"fmi{self._fmi}Set{function}"),
-            getter=getattr(self._fmu, f"fmi{self._fmi}Get{function}"),
-            references=((ctypes.c_uint * len(references))(*references), len(references)),
-            places=[(port, slice(begin, end)) for port, begin, end in zip(ports, [0, *ends], ends, strict=False)],
-            buffer=buffer,
-            array_type=np.ctypeslib.as_ctypes_type(buffer.dtype) * buffer.size,
-            length=() if self._fmi == 2 else (buffer.size,),
-        )
+        setter, getter = (Accessor.of(self._fmu.dll, f"fmi{self._fmi}{verb}{function}") for verb in ("Set", "Get"))
+        return ValueGroup(ports, dtype, references, setter, getter)
 
     def _hear(self, status: int, message: bytes | None) -> None:
         text = (message or b"").decode("utf-8", "replace").strip()
@@ -230,20 +247,15 @@ class Binding:
         return f": {'; '.join(texts)}" if texts else " without a message"
 
 
-@dataclass(frozen=True, eq=False)
-class _Group:
-    """Variables of one FMI type and what it takes to hand them over in one call, their values end to end."""
-
-    names: str
-    setter: Callable[..., Any]
-    getter: Callable[..., Any]
-    references: tuple[ctypes.Array[Any], int]
-    places: Sequence[tuple[Port, slice]]
-    buffer: NDArray[Any]
-    array_type: Any
-    length: tuple[()] | tuple[int]
+def _new_bytes(size: int) -> bytes:
+    """Bytes that C code is still to write: a large state is neither cleared before nor copied."""
+    content: bytes = _from_string_and_size(None, size)
+    return content
 
 
+_from_string_and_size = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_char_p, ctypes.c_ssize_t)(
+    ("PyBytes_FromStringAndSize", ctypes.pythonapi)
+)
 _listeners: dict[int, Callable[[int, bytes | None], None]] = {}
 _environments = itertools.count(1)
 

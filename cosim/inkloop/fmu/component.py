@@ -190,4 +190,7 @@ class FmuComponent:
         return self._running()
 
     def _set(self, binding: Binding, inputs: Values) -> None:
-        binding.set([port for port in self._inputs if port.name in inputs], inputs)
+        if len(inputs) == len(self._inputs):
+            binding.set(self._inputs, inputs)
+        else:
+            binding.set([port for port in self._inputs if port.name in inputs], inputs)

@@ -62,12 +62,13 @@ class Columns:
         """What a shape fills over the centres of the cells; points of its closed skin stay part of it."""
         if isinstance(shape, Columns) and (shape.nx, shape.ny, shape.pitch) == (nx, ny, pitch):
             return shape
-        columns = cls.of_intervals(nx, ny, pitch, np.empty(0), np.empty(0), np.empty(0))
+        columns = None
         for bottom, top in shape.intervals(*cell_centers(nx, ny, pitch)):
             is_filled = np.ravel(bottom <= top)
             ends = np.ravel(bottom)[is_filled], np.nextafter(np.ravel(top)[is_filled], np.inf)
-            columns |= cls.of_intervals(nx, ny, pitch, np.flatnonzero(is_filled), *ends)
-        return columns
+            further = cls.of_intervals(nx, ny, pitch, np.flatnonzero(is_filled), *ends)
+            columns = further if columns is None else columns | further
+        return columns or cls.of_intervals(nx, ny, pitch, np.empty(0), np.empty(0), np.empty(0))
 
     @property
     def counts(self) -> NDArray[np.int64]:

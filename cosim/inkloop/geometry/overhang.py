@@ -32,6 +32,8 @@ class Overhangs:
 def overhangs(part: Columns) -> Overhangs | None:
     """The overhangs of a part on the substrate, z = 0; None where every interval rests on something."""
     part = _solid(part)
+    if not (part.bottoms > _SUBSTRATE).any():
+        return None
     below = _below(part)
     cells, hangs = _cells(part), part.bottoms > below
     if not hangs.any():
@@ -50,6 +52,8 @@ def resting(part: Columns) -> Columns:
     """What can be printed without support: on each cell the interval that rests on the substrate, if there is one."""
     part = _solid(part)
     kept = part.bottoms == _SUBSTRATE
+    if kept.all():
+        return part
     cells, bottoms, tops = _cells(part)[kept], part.bottoms[kept], part.tops[kept]
     return Columns.of_intervals(part.nx, part.ny, part.pitch, cells, bottoms, tops)
 
@@ -63,6 +67,8 @@ def support_below(part: Columns) -> Columns:
 def _solid(part: Columns) -> Columns:
     """The part over the substrate, without gaps that count as none."""
     above = part.tops > _SUBSTRATE
+    if above.all() and (part.bottoms == _SUBSTRATE).all():
+        return part
     cells, tops = _cells(part)[above], part.tops[above]
     bottoms = np.where(part.bottoms[above] <= GAP_M, _SUBSTRATE, part.bottoms[above])
     joined = (cells[1:] == cells[:-1]) & (bottoms[1:] - tops[:-1] <= GAP_M)

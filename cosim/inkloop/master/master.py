@@ -30,6 +30,9 @@ Turns: TypeAlias = Generator[tuple[str, Values], None, StopReason]
 """Pauses before each step of a component: its name and its inputs; ends with the stop reason."""
 
 
+_FAULT, _DONE = int(Status.FAULT), int(Status.DONE)
+
+
 class Observer(Protocol):
     """Watches the run. The arrays are read-only views of what components gave; an observer copies what it keeps."""
 
@@ -78,12 +81,14 @@ class Master:
         self._every = {name: (every or {}).get(name, 1) for name in components}
         self._observers = tuple(observers)
         self._feeds = feeds(components, connections)
-        self._manipulator = Manipulator(events, components)
+        self._manipulator, self._has_events = Manipulator(events, components), bool(events)
         self._pacing = pacing
         read = {connection.source for connection in connections}
         self._checked_ports = {
             name: [
-                (port, f"{name}.{port.name}" in read and port.dtype.startswith("float")) for port in component.outputs
+                (port, port.name, port.shape, dtype, f"{name}.{port.name}" in read and dtype.kind == "f")
+                for port in component.outputs
+                for dtype in [np.dtype(port.dtype)]
             ]
             for name, component in components.items()
         }
@@ -214,11 +219,15 @@ class Master:
     def _gather(self, name: str, outputs: Mapping[str, Values], time_ns: int) -> Values:
         """The inputs of a step that begins at `time_ns`."""
         inputs = {port: transfer(outputs[source][output]) for port, source, output, transfer in self._feeds[name]}
+        if not self._has_events:
+            return inputs
         return self._manipulator.inputs(name, inputs, time_ns, self._commanded(outputs))
 
     def _publish(self, name: str, outputs: Values, time_ns: int) -> None:
         """Let all components see the outputs of a step that began at `time_ns`."""
         self._outputs[name] = self._checked(name, outputs)
+        if not self._has_events:
+            return
         self._outputs[name] = self._manipulator.outputs(
             name, self._outputs[name], time_ns, self._commanded(self._outputs)
         )
@@ -229,10 +238,14 @@ class Master:
 
     def _checked(self, name: str, outputs: Values) -> Values:
         """The outputs as arrays of the declared shape and type; finite where another component reads them."""
-        return {
-            port.name: checked_output(port, outputs, must_be_finite)
-            for port, must_be_finite in self._checked_ports[name]
-        }
+        checked: dict[str, NDArray[Any]] = {}
+        for port, key, shape, dtype, must_be_finite in self._checked_ports[name]:
+            value = outputs.get(key)
+            is_ready = type(value) is np.ndarray and value.dtype == dtype and value.shape == shape
+            if value is None or not is_ready or value.flags.writeable or must_be_finite:
+                value = checked_output(port, outputs, must_be_finite)
+            checked[key] = value
+        return checked
 
     def _initial_order(self) -> list[str]:
         """Sources before those they feed; where that goes in a circle, the order of the scenario."""
@@ -245,10 +258,11 @@ class Master:
         return order
 
     def _end(self, time_ns: int, layers_max: int | None, time_max_ns: int | None) -> StopReason | None:
-        if any(outputs[STATUS] == Status.FAULT for outputs in self._outputs.values() if STATUS in outputs):
-            return "fault"
+        for outputs in self._outputs.values():
+            if STATUS in outputs and int(outputs[STATUS]) == _FAULT:
+                return "fault"
         controller = self._find(LAYER_COMMAND)
-        if controller and controller.get(STATUS) == Status.DONE:
+        if controller and STATUS in controller and int(controller[STATUS]) == _DONE:
             return "done"
         counters = [part[count] for count in (LAYERS_PRINTED, LAYERS_SCANNED) if (part := self._find(count))]
         if layers_max is not None and counters and min(counters) >= layers_max:
@@ -257,7 +271,10 @@ class Master:
 
     def _find(self, output: str) -> Values | None:
         """Outputs of the first component that has `output`."""
-        return next((outputs for outputs in self._outputs.values() if output in outputs), None)
+        for outputs in self._outputs.values():
+            if output in outputs:
+                return outputs
+        return None
 
     def _layer(self) -> str:
         printer = self._find(LAYERS_PRINTED)
@@ -290,6 +307,7 @@ def checked_output(port: Port, outputs: Values, must_be_finite: bool) -> NDArray
         raise ComponentError(
             f"output {port.name} is {value[cell]} in cell {cell}" if cell else f"output {port.name} is {value}"
         )
-    value = value.view()
-    value.flags.writeable = False  # consumers share it
+    if value.flags.writeable:
+        value = value.view()
+        value.flags.writeable = False  # consumers share it
     return value

@@ -22,7 +22,7 @@ from inkloop.printing.device_log import LOG_FILE
 from inkloop.printing.run import scenario_file, scenario_of_run
 from inkloop.report.page.feed import Feed
 from inkloop.report.run_report import load_runs
-from inkloop.results.checkpoint import LAYERS_FOLDER
+from inkloop.results.checkpoint import layer_files
 from inkloop.results.lock import writer_of
 from inkloop.results.recorder import Recorder
 from inkloop.results.result import COMPARE_FOLDER, RESULT_FILE, RUN_FILE, UNFINISHED, Result, read_record
@@ -63,7 +63,7 @@ class RunFolder:
         """The files that `runs` reads, as they are now; equal if nothing has changed."""
         found: dict[Path, Stamp] = {}
         for place in self._places():
-            found |= _stamps([place / RUN_FILE, place / RESULT_FILE, *(place / LAYERS_FOLDER).glob("[0-9]*.npz")])
+            found |= _stamps([place / RUN_FILE, place / RESULT_FILE, *layer_files(place)])
         return found
 
     def runs(self) -> dict[str, Result]:
@@ -79,7 +79,7 @@ class RunFolder:
 
     def _result(self, place: Path) -> Result | None:
         """The run of one folder, None before its first layer."""
-        stamps = _stamps([place / RUN_FILE, place / RESULT_FILE, *(place / LAYERS_FOLDER).glob("[0-9]*.npz")])
+        stamps = _stamps([place / RUN_FILE, place / RESULT_FILE, *layer_files(place)])
         if place in self._known and self._known[place][0] == stamps:
             return self._known[place][1]
         record = read_record(place)
@@ -107,7 +107,7 @@ class _Layers:
 
     def read(self) -> Result | None:
         """The result of the layers on disk, None before the first surface is known."""
-        stamps = _stamps(sorted((self._place / LAYERS_FOLDER).glob("[0-9]*.npz")))
+        stamps = _stamps(layer_files(self._place))
         if not stamps:
             return None
         if not self._rows.keys() <= stamps.keys():  # a resumed run has removed a layer, to print it again
@@ -124,7 +124,7 @@ class _Layers:
                 raise ResultError(f"{path}: cannot be read: {reason}") from error
             self._recorder.put_rows(rows)
             self._rows[path] = stamp, rows
-        taken = [self._rows[path][1] for path in sorted(self._rows, key=lambda path: int(path.stem))]
+        taken = [self._rows[path][1] for path in layer_files(self._place) if path in self._rows]
         dataset, tables = self._recorder.maps(taken).laid_over(self._recorder.table()), self._scenario.tables
         if HEIGHT not in dataset:
             return None

@@ -13,7 +13,7 @@ import numpy as np
 from inkloop.geometry import Columns
 from inkloop.geometry.body import Body, bounds
 from inkloop.geometry.narrow import Narrow, narrow_across, narrow_upright
-from inkloop.limits import size_text
+from inkloop.limits import duration_text, size_text
 from inkloop.report.mesh_holes import Hole, holes
 from inkloop.scenario.file import Scenario
 from inkloop.units import MM3_PER_M3, MM_PER_M, NL_PER_M3, UM_PER_M
@@ -189,8 +189,8 @@ class PartReport:
             yield f"ink {name}          {volumes[name] * NL_PER_M3:.5g} nl, about {droplets[name]:,} droplets"
         yield f"layers         about {footprint.layers}"
         if self.scan_time:
-            yield f"time           about {_duration(self.scan_time)} of layers and scans"
-        yield f"computing      about {_duration(float(f'{self.computing:.1g}'))} on one core, half or twice as much"
+            yield f"time           about {duration_text(self.scan_time)} of layers and scans"
+        yield f"computing      about {duration_text(float(f'{self.computing:.1g}'))} on one core, half or twice as much"
         yield f"memory, disk   {size_text(footprint.memory)}, {size_text(footprint.disk)}"
 
     def data(self) -> dict[str, Any]:
@@ -223,9 +223,3 @@ def _lengths(values: Sequence[float], between: str = " x ") -> str:
 
 def _counted(count: int, one: str, more: str) -> str:
     return f"{count:,} {one if count == 1 else more}"
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 120.0:
-        return f"{seconds:.3g} s"
-    return f"{seconds / 60.0:.3g} min" if seconds < 7200.0 else f"{seconds / 3600.0:.3g} h"

@@ -57,6 +57,10 @@ STYLE: dict[Any, Any] = {
 }
 _UNDATED: Mapping[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 Runs = Mapping[str, xr.Dataset]
+SAMPLED = 1000
+"""Cells along a side of which the scale of a large map is taken."""
+DRAWN = 1400
+"""Cells along a side of a map that are drawn: more than there are pixels."""
 
 
 def save(figure: Figure, path: Path, formats: Sequence[str] = (PNG,)) -> list[Path]:
@@ -93,9 +97,15 @@ def draw_line(
 
 def error_norm(errors: Sequence[FloatMap]) -> Normalize:
     """One scale for the errors of several runs [um]: up to the largest, and fine enough for the smallest."""
-    scales = [max(1e-3, float(np.nanquantile(np.abs(error), 0.99))) for error in errors]
+    scales = [max(1e-3, float(np.nanquantile(np.abs(thinned(error, SAMPLED)), 0.99))) for error in errors]
     limit = max(scales)
     return Normalize(-limit, limit) if len(scales) == 1 else AsinhNorm(min(scales) / 2.0, -limit, limit)
+
+
+def thinned(values: FloatMap, side: int) -> FloatMap:
+    """Every so many cells of a map, at most about `side` along each of its sides; a view."""
+    step = max(1, math.ceil(max(values.shape) / side))
+    return values[step // 2 :: step, step // 2 :: step]
 
 
 def draw_error(
@@ -106,6 +116,7 @@ def draw_error(
     colours: str = ERROR_COLOURS,
 ) -> AxesImage:
     """A map of errors or differences [um], with dots where it is red, so that the sign survives grey print."""
+    error = thinned(error, DRAWN)
     image = axes.imshow(
         error.T, origin="lower", extent=extent, interpolation="nearest", cmap=colours, norm=norm, aspect="equal"
     )
@@ -154,7 +165,9 @@ def _round_below(value: float) -> float:
 
 def error_of(run: xr.Dataset) -> FloatMap:
     """Target minus final height [um] as in inkloop.results.metrics, NaN outside the part."""
-    error: FloatMap = ((run.target_height - run.height[-1]) * UM_PER_M).where(run.mask.astype(bool)).values
+    error: FloatMap = run.target_height.values - run.height[-1].values
+    error *= UM_PER_M
+    error[~run.mask.values.astype(bool)] = np.nan
     return error
 
 

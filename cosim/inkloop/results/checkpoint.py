@@ -1,21 +1,22 @@
 """Layers on disk during a run, so that Ctrl-C, a crash or a full disk costs no finished layer.
 
-`layers/0007.npz` holds what was recorded up to layer 7 since the file before it, `layers/state.npz` the communication
-point after the last of these files: time, outputs and states of all components. Each file is there whole or not at all,
-and the state comes after its layer: a run resumes from the state, no matter when it was stopped. A scan is kept as
-soon as it is there, for no real sensor would repeat it to the bit: the plan made from it is made again.
+`layers/0007.npz` holds what was recorded up to layer 7 since the file before it, `layers/0007_1.npz` what followed
+before layer 8, as its scan. `layers/state.npz` is the communication point after one of these files: time, outputs and
+states of all components. Each file is there whole or not at all, and the state comes after its layer: a run resumes
+from the state, no matter when it was stopped. A scan is kept as soon as it is there, for no real sensor would repeat it
+to the bit: the plan made from it is made again.
 """
 
 from __future__ import annotations
 
 import gc
 import shutil
-from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
+from time import perf_counter
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,22 +24,27 @@ from numpy.typing import NDArray
 from inkloop.component import Component, Values, is_device
 from inkloop.errors import ResultError
 from inkloop.files import reason_of, replaced, sync_folder
+from inkloop.results import array_file
 from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.recorder import Recorder
 
 LAYERS_FOLDER, STATE_FILE = "layers", "state.npz"
+LARGE_STATE = 1 << 26
+"""Bytes from which on a state is not written for every layer."""
+_STATE_SHARE = 9.0
+"""Seconds of printing for each second of writing such a state."""
 _NEW_PART = (
     "its layers lie on the stage and cannot be printed again, and what was measured of them is lost: take the part "
     "off, `inkloop device SCENARIO clear --give-up`, and begin a new part in a new folder. Keep this one as it is"
 )
-_UNREADABLE = (OSError, ValueError, KeyError, BadZipFile)
 
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
     """A communication point: `outputs` of all components as the others see them, `states` as they saved them.
 
-    layer: the last one printed by then; refusal: why no run can be resumed from here, empty if it can.
+    layer: the last one printed by then; refusal: why no run can be resumed from here, empty if it can; file: the last
+    file of layers by then, its layer and which one of that.
     """
 
     time_ns: int
@@ -46,6 +52,7 @@ class Checkpoint:
     outputs: Mapping[str, Values]
     states: Mapping[str, bytes]
     refusal: str = ""
+    file: tuple[int, int] = (0, 0)
 
 
 class Checkpoints:
@@ -53,36 +60,46 @@ class Checkpoints:
 
     It stands after `recorder`, whose rows it writes. Where a component cannot save its state, the layers are written
     all the same; the last state that could be saved stays, and the layers after it are printed again by a resumed run.
+    So does a state of LARGE_STATE bytes or more, as long as writing one would take more than a tenth of the time.
     Without one the checkpoint states why it cannot be resumed, so does any with a device, whose layers cannot be
     printed again and whose checkpoints outlive a power failure too.
+
+    clock: seconds, of which only differences count.
     """
 
-    def __init__(self, folder: Path, components: Mapping[str, Component], recorder: Recorder) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        components: Mapping[str, Component],
+        recorder: Recorder,
+        clock: Callable[[], float] = perf_counter,
+    ) -> None:
         self._run_folder = folder
         self._folder = folder / LAYERS_FOLDER
         self._components = components
         self._recorder = recorder
+        self._clock = clock
         self._durable = any(is_device(component) for component in components.values())
-        self._last: int | None = None
+        self._file: tuple[int, int] | None = None  # the last one: layer, and which one of it
         self._scanned = -1
-        self._rows: dict[str, NDArray[Any]] = {}
         self._holds_state = False
+        self._state_size, self._state_s, self._state_at = 0, 0.0, 0.0
         self.refusal = ""
 
     @property
     def layer(self) -> int | None:
         """The last layer that is on disk, None if there is none."""
-        return self._last
+        return self._file[0] if self._file else None
 
     def initialized(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         """Write layer 0, or nothing if the run resumes from a checkpoint."""
         self._scanned = self._recorder.scanned
-        if self._last is None:
+        if self._file is None:
             self._write(time_ns, outputs)
 
     def stepped(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         """Write a checkpoint if a layer has been printed or scanned."""
-        if (self._recorder.layers, self._recorder.scanned) != (self._last, self._scanned):
+        if (self._recorder.layers, self._recorder.scanned) != (self.layer, self._scanned):
             self._write(time_ns, outputs)
 
     def load(self) -> Checkpoint | None:
@@ -92,56 +109,80 @@ class Checkpoints:
         if checkpoint is None:
             return None
         try:
-            for path in self._files():
-                if int(path.stem) > checkpoint.layer:
+            for path in layer_files(self._run_folder):
+                if _place(path) > checkpoint.file:
                     path.unlink()  # its state was never written
                     continue
-                with _opened(path) as rows:
+                with array_file.opened(path) as rows:
                     self._recorder.put_rows(rows)
-                    if int(path.stem) == checkpoint.layer:
-                        self._rows = dict(rows)
-        except _UNREADABLE as error:
+        except array_file.UNREADABLE as error:
             raise _unreadable(self._folder, error, advice) from error
-        self._last, self.refusal = checkpoint.layer, checkpoint.refusal
-        self._holds_state = not checkpoint.refusal
+        self._file, self.refusal = checkpoint.file, checkpoint.refusal
+        self._holds_state, self._state_at = not checkpoint.refusal, self._clock()
         return checkpoint
 
     def maps(self) -> LayerMaps:
         """The maps of all layers on disk, of which one file at a time is open."""
 
         def parts() -> Iterator[Mapping[str, NDArray[Any]]]:
-            for path in self._files():
-                with _opened(path) as rows:
+            for path in layer_files(self._run_folder):
+                with array_file.opened(path) as rows:
                     yield rows
 
         return self._recorder.maps(parts())
 
-    def _files(self) -> list[Path]:
-        return sorted(self._folder.glob("[0-9]*.npz"), key=lambda path: int(path.stem))
-
     def _write(self, time_ns: int, outputs: Mapping[str, Values]) -> None:
         layer = self._recorder.layers
-        self._rows = (self._rows if layer == self._last else {}) | self._recorder.take_rows()
-        states, refusal = _states(self._components)
-        stays = bool(refusal) and self._holds_state and not self._durable
-        path = self._folder / f"{layer:04d}.npz"
+        file = (layer, self._file[1] + 1) if self._file and self._file[0] == layer else (layer, 0)
+        path = self._folder / (f"{layer:04d}_{file[1]}.npz" if file[1] else f"{layer:04d}.npz")
         try:
             if not self._folder.is_dir():
                 self._folder.mkdir(parents=True)
                 sync_folder(self._run_folder)
-            _save(path, self._rows, self._durable)
+            _save(path, self._recorder.take_rows().items(), self._durable)
             path = self._folder / STATE_FILE
-            if not stays:
-                _save(path, _packed(Checkpoint(time_ns, layer, outputs, states, refusal)), self._durable)
-                self.refusal, self._holds_state = refusal, not refusal
+            if self._state_is_due():
+                self._write_state(path, Checkpoint(time_ns, layer, outputs, {}, file=file))
         except (OSError, MemoryError) as error:
-            kept = "no layer was finished" if self._last is None else f"layers 0 to {self._last} are kept"
+            kept = "no layer was finished" if self.layer is None else f"layers 0 to {self.layer} are kept"
             raise ResultError(
                 f"{path}: cannot be written: {reason_of(error)}; {kept}; make room, then "
                 f"continue with `inkloop resume {self._run_folder}`"
             ) from error
-        self._last, self._scanned = layer, self._recorder.scanned
+        self._file, self._scanned = file, self._recorder.scanned
         gc.collect(1)  # ctypes leaves maps in reference cycles; the collector counts objects, not their bytes
+
+    def _state_is_due(self) -> bool:
+        is_cheap = self._state_size < LARGE_STATE or self._durable or not self._holds_state
+        return is_cheap or self._clock() - self._state_at >= _STATE_SHARE * self._state_s
+
+    def _write_state(self, path: Path, point: Checkpoint) -> None:
+        """Write the states, one of them in memory at a time; without them the reason, if there are none on disk."""
+        begin = self._clock()
+        try:
+            _save(path, chain(_packed(point), _states(self._components)), self._durable)
+        except _NoStateError as error:
+            if not self._holds_state or self._durable:
+                _save(path, _packed(replace(point, refusal=str(error))), self._durable)
+                self.refusal, self._holds_state = str(error), False
+            return
+        self.refusal, self._holds_state = "", True
+        self._state_size, self._state_at = path.stat().st_size, self._clock()
+        self._state_s = self._state_at - begin
+
+
+class _NoStateError(Exception):
+    """A component has no state to save; the message is the reason."""
+
+
+def layer_files(run_folder: Path) -> list[Path]:
+    """The files of the layers of a run that has not ended, in the order in which they were written."""
+    return sorted((run_folder / LAYERS_FOLDER).glob("[0-9]*.npz"), key=_place)
+
+
+def _place(path: Path) -> tuple[int, int]:
+    layer, _, number = path.stem.partition("_")
+    return int(layer), int(number or 0)
 
 
 def last(run_folder: Path, advice: str = "") -> Checkpoint | None:
@@ -151,8 +192,8 @@ def last(run_folder: Path, advice: str = "") -> Checkpoint | None:
     """
     folder = run_folder / LAYERS_FOLDER
     try:
-        return _unpacked(_rows_of(folder / STATE_FILE)) if (folder / STATE_FILE).is_file() else None
-    except _UNREADABLE as error:
+        return _unpacked(array_file.read_arrays(folder / STATE_FILE)) if (folder / STATE_FILE).is_file() else None
+    except array_file.UNREADABLE as error:
         raise _unreadable(folder, error, advice or f"`inkloop resume {run_folder}` says what can be done") from error
 
 
@@ -169,31 +210,29 @@ def _unreadable(folder: Path, error: Exception, advice: str) -> ResultError:
     return ResultError(f"{folder}: cannot be read ({error}); {advice}")
 
 
-def _states(components: Mapping[str, Component]) -> tuple[dict[str, bytes], str]:
-    """States by component; why there is none, if one of them has none."""
-    states: dict[str, bytes] = {}
+def _states(components: Mapping[str, Component]) -> Iterator[tuple[str, NDArray[Any]]]:
+    """States of the components, each made when it is asked for. Raises _NoStateError for one that has none."""
     for name, component in components.items():
         lacking = [member for member in ("save", "restore") if not hasattr(component, member)]
         if lacking:
-            return {}, f"{name} has no {' and no '.join(lacking)}"
+            raise _NoStateError(f"{name} has no {' and no '.join(lacking)}")
         try:
-            states[name] = component.save()  # type: ignore[attr-defined]
+            state = np.frombuffer(component.save(), np.uint8)  # type: ignore[attr-defined]
         except Exception as error:  # a third-party component may raise anything; the run continues without it
-            return {}, f"{name} cannot save its state: {error}"
-    return states, ""
+            raise _NoStateError(f"{name} cannot save its state: {error}") from error
+        yield f"state/{name}", state
 
 
-def _packed(checkpoint: Checkpoint) -> dict[str, NDArray[Any]]:
-    point = np.array([checkpoint.time_ns, checkpoint.layer], np.int64)
-    packed = {"point": point, "refusal": np.array(checkpoint.refusal)}
-    packed |= {f"state/{name}": np.frombuffer(state, np.uint8) for name, state in checkpoint.states.items()}
+def _packed(checkpoint: Checkpoint) -> Iterator[tuple[str, NDArray[Any]]]:
+    """All but the states."""
+    yield "point", np.array([checkpoint.time_ns, checkpoint.layer, *checkpoint.file], np.int64)
+    yield "refusal", np.array(checkpoint.refusal)
     for name, values in checkpoint.outputs.items():
-        packed |= {f"output/{name}/{port}": np.asarray(value) for port, value in values.items()}
-    return packed
+        yield from ((f"output/{name}/{port}", np.asarray(value)) for port, value in values.items())
 
 
 def _unpacked(packed: Mapping[str, NDArray[Any]]) -> Checkpoint:
-    time_ns, layer = (int(number) for number in packed["point"])
+    time_ns, layer, *file = (int(number) for number in packed["point"])
     states: dict[str, bytes] = {}
     outputs: dict[str, dict[str, NDArray[Any]]] = {}
     for key, value in packed.items():
@@ -205,21 +244,9 @@ def _unpacked(packed: Mapping[str, NDArray[Any]]) -> Checkpoint:
             name, _, port = rest.partition("/")
             value.flags.writeable = False  # consumers share it
             outputs.setdefault(name, {})[port] = value
-    return Checkpoint(time_ns, layer, outputs, states, str(packed["refusal"]))
+    return Checkpoint(time_ns, layer, outputs, states, str(packed["refusal"]), (file[0], file[1]))
 
 
-def _save(path: Path, arrays: Mapping[str, NDArray[Any]], durable: bool) -> None:
+def _save(path: Path, arrays: Iterable[tuple[str, NDArray[Any]]], durable: bool) -> None:
     with replaced(path, durable=durable) as partial, partial.open("wb") as file:
-        np.savez(file, **arrays)  # type: ignore[arg-type]
-
-
-def _opened(path: Path) -> AbstractContextManager[Mapping[str, NDArray[Any]]]:
-    """The arrays of a file, each read when it is asked for."""
-    opened: AbstractContextManager[Mapping[str, NDArray[Any]]] = np.load(path, allow_pickle=False)
-    return opened
-
-
-def _rows_of(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of a file by name, in memory. Raises OSError, ValueError, KeyError, BadZipFile."""
-    with _opened(path) as stored:
-        return dict(stored)
+        array_file.write_arrays(file, arrays)

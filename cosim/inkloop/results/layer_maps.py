@@ -6,7 +6,7 @@ A file takes a few maps of memory, whatever the number of layers.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inkloop.component import Job
+from inkloop.limits import ROUNDED_CELLS
 from inkloop.results import netcdf
 from inkloop.results.attributes import variable
 from inkloop.results.solid import INK, mismatch
@@ -27,7 +28,11 @@ if TYPE_CHECKING:
 DIMENSIONS = ("layer", "x", "y")
 _CHUNK_SIDE, _CHUNK_CELLS = 256, 1 << 16
 """A chunk holds tiles of a large map, several layers of a small one: what is read is a layer, a row, or one cell."""
-_COMPRESSION = 4
+_BAND_CELLS = 1 << 21
+_COMPRESSION = 1
+"""Higher levels take up to twice the time; noise in the heights leaves them one hundredth less."""
+ROUNDED_M = 2.0**-40
+"""Heights of maps with more than ROUNDED_CELLS are multiples of this, 0.9 pm: an error of 0.46 pm at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +97,10 @@ class LayerMaps:
     def _fill(self, arrays: Mapping[str, Any], check: Callable[[], None] = lambda: None) -> dict[str, xr.Variable]:
         """Put every map into its place in `arrays`, with a check after each; returns what follows from all of them."""
         for name, layer, map_ in self.rows:
-            if layer < self.shape[0]:
-                arrays[name][layer] = map_
+            if layer >= self.shape[0]:
+                continue
+            for rows in _bands(map_.shape):
+                arrays[name][layer, rows] = self._stored(name, map_[rows])
                 check()
         return self._derived(arrays)
 
@@ -103,10 +110,20 @@ class LayerMaps:
             return {}
         return {"mismatch": variable("mismatch", (), mismatch(arrays["height"], arrays[INK], self.job), "1")}
 
+    def _is_rounded(self, name: str) -> bool:
+        _, nx, ny = self.shape
+        dtype, attributes = self.variables[name]
+        return nx * ny > ROUNDED_CELLS and dtype.kind == "f" and attributes.get("units") == "m"
+
+    def _stored(self, name: str, values: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(np.round(values / ROUNDED_M) * ROUNDED_M) if self._is_rounded(name) else values
+
     def _new_variable(self, stored: Any, name: str) -> Any:
         """A variable of a netCDF file as xarray would write it."""
         dtype, attributes = self.variables[name]
         count, nx, ny = self.shape
+        if self._is_rounded(name):
+            attributes = {**attributes, "rounded_to": ROUNDED_M}
         return netcdf.add(
             stored,
             name,
@@ -118,6 +135,12 @@ class LayerMaps:
             compression_opts=_COMPRESSION,
             shuffle=True,
         )
+
+
+def _bands(shape: tuple[int, ...]) -> Iterator[slice]:
+    """Rows of a map that are compressed together, in whole chunks: what is done to them takes little memory."""
+    rows = max(_CHUNK_SIDE, _BAND_CELLS // shape[1] // _CHUNK_SIDE * _CHUNK_SIDE)
+    yield from (slice(first, first + rows) for first in range(0, shape[0], rows))
 
 
 def _unknown(dtype: np.dtype[Any]) -> float:

@@ -54,6 +54,10 @@ LABELS = {(SHADOW, HEIGHT): "shadow_height", (SHADOW, STATUS): "shadow_status"}
 """Ports recorded under another name, because their values never come from a printer."""
 _RUN = "run"
 """Role of recorded values of no component."""
+DROPLETS = ("droplets_a", "droplets_b")
+"""Droplets of each ink so far, by a printer that counts them."""
+COUNTER_END = 2**31 - 1
+"""Where the counter of a printer stays: after 59 full layers of 36 million cells."""
 ERRORS = ("mean_error", "mae", "rms", "std")
 
 
@@ -91,6 +95,7 @@ class Recorder:
         self._of_run: dict[str, dict[int, Any]] = {"time": self._layer_times, "errors": self._errors}
         self._seen: dict[str, int] = {}
         self._new_rows: dict[str, NDArray[Any]] = {}
+        self._commanded_drops = [0, 0]
         for counter, role in COUNTER_ROLES.items():
             for name, component in components.items():
                 if role not in self._roles and any(port.name == counter for port in component.outputs):
@@ -175,7 +180,8 @@ class Recorder:
             variables[name] = variable(name, ("interval", "x", "y"), edges, "m")
         for name, rows in self._scalars.items():
             port = self._ports[name]
-            filled = np.full(count, np.nan if port.dtype.startswith("float") else 0, dtype=port.dtype)
+            dtype = np.result_type(port.dtype, *{value.dtype for value in rows.values()})
+            filled = np.full(count, np.nan if port.dtype.startswith("float") else 0, dtype=dtype)
             for layer, value in rows.items():
                 if layer < count:
                     filled[layer] = value
@@ -249,6 +255,10 @@ class Recorder:
             yield from ((HEIGHT, layer, known) for layer in range(after, self.layers + 1))
 
     def _commanded(self, number: int, values: Values) -> None:
+        if PATTERN in values:
+            pattern = values[PATTERN]
+            drops = np.broadcast_to(values.get(DROP_LEVEL, np.int32(1)), pattern.shape)
+            self._commanded_drops = [int(drops.sum(where=pattern == ink, dtype=np.int64)) for ink in (1, 2)]
         for name in (PATTERN, DROP_LEVEL):
             self._keep(CONTROLLER, name, number, values)
         self._keep(CONTROLLER, "estimated_height", number - 1, values)
@@ -311,10 +321,18 @@ class Recorder:
             return
         value = self._new_rows[f"{role}/{name}/{layer}"] = np.array(values[name])
         if not value.shape:
+            value = self._new_rows[f"{role}/{name}/{layer}"] = self._counted_on(label, layer, value)
             self._scalars.setdefault(label, {})[layer] = value
         if (role, name) == (self._surface_role, self._surface_port):
             error = surface_error(value, self._job)
             self._keep_of_run("errors", layer, np.array([getattr(error, each) for each in ERRORS]))
+
+    def _counted_on(self, label: str, layer: int, value: NDArray[Any]) -> NDArray[Any]:
+        """Droplets so far beyond the end of the printer's counter, which stays there: those commanded are added."""
+        if label not in DROPLETS or value < COUNTER_END:
+            return value
+        before = int(self._scalars.get(label, {}).get(layer - 1, 0))
+        return np.asarray(max(COUNTER_END, before + self._commanded_drops[DROPLETS.index(label)]), np.int64)
 
     def _keep_of_run(self, name: str, layer: int, value: NDArray[np.float64]) -> None:
         self._of_run[name][layer] = self._new_rows[f"{_RUN}/{name}/{layer}"] = value

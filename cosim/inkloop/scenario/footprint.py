@@ -1,7 +1,7 @@
 """What a print takes of the machine: memory, disk and computing, estimated before anything of its size exists.
 
 The figures are measured: the peak of a process that prints a part with rough droplets and noisy scans into a folder,
-from the slope between 300 x 300 and 600 x 600 cells; it does not grow with layers, which are on disk. What a class or
+from the slope between 600 x 600 and 1200 x 1200 cells; it does not grow with layers, which are on disk. What a class or
 an FMU of others takes is not in them. Computing is that of the shipped scenarios, on one core of x86_64 near 2.5 GHz;
 single ones take half or twice as much.
 """
@@ -14,15 +14,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from inkloop.errors import ResultError
-from inkloop.limits import available_memory, free_disk, memory_error, size_text
+from inkloop.limits import ROUNDED_CELLS, available_memory, duration_text, free_disk, memory_error, size_text
 from inkloop.tables.schema import ComponentTable, ScenarioFile
 
-BYTES_OF_A_CELL = 480
+BYTES_OF_A_CELL = 500
 MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "LayerController": 1000}
 """Kind -> memory in addition, more than a hundred bytes a cell."""
 STATE_BYTES: Mapping[str, int] = {"YoungLaplaceDeposition": 540, "LayerController": 70}
 """Kind -> part of a saved state in addition to STATE_BYTES_OF_A_CELL."""
-STATE_BYTES_OF_A_CELL = 155
+STATE_BYTES_OF_A_CELL = 165
 SECONDS_OF_A_CELL_AND_LAYER = 5e-6
 """Processor time of a printed cell and a full layer: model, sensor, record, and a controller that plans no layer."""
 MORE_SECONDS: Mapping[int, float] = {1: 10e-6, 2: 10e-6, 3: 20e-6, 4: 40e-6, 5: 100e-6}
@@ -34,8 +34,8 @@ HORIZONS: Mapping[str, int] = {"even": 5, "fast": 4}
 """`finish` of these controllers -> layers ahead, where `horizon` is not given."""
 ROUNDING = 1e-6
 """Share of a layer that files in single precision may add to a height."""
-FILE_BYTES_OF_A_CELL_AND_LAYER = 50
-"""29 in the layers kept while the print runs, 21 in result.nc."""
+LAYER_BYTES, RESULT_BYTES, ROUNDED_RESULT_BYTES = 33, 21, 9
+"""Of a cell and layer: in the layers kept while the print runs; in result.nc, with every digit or rounded."""
 FAR_BEYOND = 10.0  # times as many layers as are printed: a height in other units, or a mistyped one
 HARDLY_A_LAYER = 0.3  # of its height: less than half of a droplet
 
@@ -73,7 +73,7 @@ class Footprint:
             layers,
             nominal,
             BYTES_OF_A_CELL + max(memory),
-            2 * (STATE_BYTES_OF_A_CELL + max(states)) + FILE_BYTES_OF_A_CELL_AND_LAYER * (layers + 1) * len(kinds),
+            _disk(tables, layers, STATE_BYTES_OF_A_CELL + max(states), len(kinds)),
             layers * sum(SECONDS_OF_A_CELL_AND_LAYER + sum(map(_seconds, run.values())) for run in runs),
         )
 
@@ -84,13 +84,21 @@ class Footprint:
 
     @property
     def disk(self) -> int:
-        """Bytes of disk in the run folder at most; the saved state is there twice while it is replaced."""
+        """Bytes of disk in the run folder at most: the saved state is there twice while it is replaced."""
         return self.disk_of_a_cell * self.nx * self.ny
+
+    @property
+    def seconds(self) -> float:
+        """Processor time, if every cell is printed [s]."""
+        return self.seconds_of_a_cell * self.nx * self.ny
 
     def __str__(self) -> str:
         """A sentence for a person."""
         memory, disk = size_text(self.memory), size_text(self.disk)
-        return f"about {self.layers} layers, {memory} of memory beyond that of the program, {disk} of disk"
+        return (
+            f"about {self.layers} layers, {memory} of memory beyond that of the program, {disk} of disk, "
+            f"{duration_text(self.seconds)} of computing on one core"
+        )
 
     def warnings(self) -> Iterator[str]:
         """A sentence where the part has far more layers than are printed, or hardly one."""
@@ -119,6 +127,13 @@ class Footprint:
     def _advice(self, share: float) -> str:
         nx, ny = (max(1, math.floor(count * math.sqrt(share))) for count in (self.nx, self.ny))
         return f"{nx} x {ny} cells would fit: choose a smaller grid or a larger pitch"
+
+
+def _disk(tables: ScenarioFile, layers: int, state: int, runs: int) -> int:
+    """Of a cell, when most is there: all layers, and the state twice or with the results."""
+    is_rounded = tables.grid.nx * tables.grid.ny > ROUNDED_CELLS
+    result = (ROUNDED_RESULT_BYTES if is_rounded else RESULT_BYTES) * (layers + 1)
+    return LAYER_BYTES * (layers + 1) + state + max(state, result) + result * (runs - 1)
 
 
 def _seconds(table: ComponentTable) -> float:

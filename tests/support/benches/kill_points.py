@@ -18,12 +18,11 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from inkloop.bench.emulation import emulation_of
 from inkloop.cli import main
 from inkloop.errors import InkloopError
 from inkloop.printing.run import print_part, scenario_of_run
+from inkloop.results import array_file
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
 from inkloop_hardware.devices.master_journal import MasterJournal
@@ -156,15 +155,16 @@ class _Looks:
 
 def _watch_master(look: _Looks) -> None:
     """Look around messages, renamings and syncs, and in the middle of a line of the journal and of a checkpoint."""
-    savez, write, receive = np.savez, MasterJournal._write, NodeWire.receive
+    write_arrays, write, receive = array_file.write_arrays, MasterJournal._write, NodeWire.receive
 
-    def savez_by_halves(file: Any, **arrays: Any) -> None:
-        savez(file, **dict(list(arrays.items())[: len(arrays) // 2]))
+    def arrays_by_halves(file: Any, arrays: Any) -> None:
+        arrays = list(arrays)
+        write_arrays(file, arrays[: len(arrays) // 2])
         file.flush()
         look()
         file.seek(0)
         file.truncate()
-        savez(file, **arrays)
+        write_arrays(file, arrays)
 
     def write_by_halves(journal: MasterJournal, path: Path, line: bytes) -> None:
         look("j")
@@ -183,7 +183,7 @@ def _watch_master(look: _Looks) -> None:
             look(*["s"] * is_step)
         return found
 
-    np.savez = savez_by_halves  # type: ignore[assignment]
+    array_file.write_arrays = arrays_by_halves
     MasterJournal._write = write_by_halves  # type: ignore[assignment]
     NodeWire.receive = receive_and_look  # type: ignore[assignment]
     NodeWire.send = look.around(NodeWire.send)

@@ -10,6 +10,7 @@ import pytest
 from inkloop.component import Component, Values
 from inkloop.errors import ComponentError, FmuError
 from inkloop.fmu import FmuComponent, describe
+from inkloop.fmu_writer.export import find_fmu
 from support.fmus.amplifier import altered, build
 
 pytestmark = pytest.mark.compiled
@@ -286,3 +287,37 @@ def test_description_for_a_person_names_every_variable(folder: Path, fmi: int) -
         assert f"\n  {name} " in text
     assert "[m]" in text
     assert "{1 plain, 2 squared}" in text
+
+
+@BOTH
+def test_input_that_stays_is_handed_over_again_after_others_and_after_a_restored_state(folder: Path, fmi: int) -> None:
+    """An input is not set again while the FMU has it; what it has changes with part of the inputs, and with a state."""
+    part = FmuComponent(build(folder, fmi), parameters={"gain": 1})
+    part.initialize(0, inputs(0.0, 0.0, 0.0))
+    state = part.save()
+    steps = [inputs(1.0, 2.0, 3.0), {"on": np.array(False)}, inputs(1.0, 2.0, 3.0), None, inputs(1.0, 2.0, 3.0)]
+    found = []
+    for number, values in enumerate(steps):
+        if values is None:
+            part.restore(state)
+        else:
+            found.append(part.do_step(number * SECOND, SECOND, values)["y"].tolist())
+    assert found == [[1.0, 2.0, 3.0], [0.0, 0.0, 0.0], [1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]
+    part.terminate()
+
+
+def test_small_values_and_large_maps_arrive_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A large map goes by its own pointer, a small one through a record."""
+    pattern = (np.arange(81).reshape(9, 9) % 3).astype(np.int32)
+    found = {}
+    for limit in (1, 1 << 20):
+        monkeypatch.setattr("inkloop.fmu.value_group.LARGE_BYTES", limit)
+        part = FmuComponent(find_fmu("LayerDeposition"), parameters={"h1_b": 1e-5, "height_start": pattern * 1e-6})
+        values = {port.name: port.start_value() for port in part.inputs}
+        part.initialize(0, values)
+        values |= {"pattern": pattern.T.astype(np.int32), "layer_command": np.int32(1)}
+        found[limit] = {**part.do_step(0, SECOND, values), "state": np.frombuffer(part.save(), np.uint8)}
+        part.terminate()
+    for name in found[1]:
+        np.testing.assert_array_equal(found[1][name], found[1 << 20][name], err_msg=name)
+    assert found[1]["height"][1, 0] > found[1]["height"][0, 0]

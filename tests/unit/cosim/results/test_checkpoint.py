@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from inkloop.errors import ResultError
-from inkloop.results.checkpoint import LAYERS_FOLDER, STATE_FILE, Checkpoints, last
+from inkloop.results import checkpoint
+from inkloop.results.checkpoint import LAYERS_FOLDER, STATE_FILE, Checkpoints, last, layer_files
 
 
 @pytest.mark.parametrize("is_device", [False, True])
@@ -31,3 +34,47 @@ def test_reader_that_does_not_know_of_devices_gives_no_advice_of_its_own(tmp_pat
     (tmp_path / LAYERS_FOLDER / STATE_FILE).write_bytes(b"PK cut off")
     with pytest.raises(ResultError, match=r"`inkloop resume .*` says what can be done$"):
         last(tmp_path)
+
+
+def test_large_state_is_written_for_a_tenth_of_the_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Layers between two states are on disk, and are printed again by a run that is resumed."""
+    monkeypatch.setattr(checkpoint, "LARGE_STATE", 1)
+    time, saved = [0.0], list[int]()
+
+    def save() -> bytes:
+        time[0] += 2.0
+        saved.append(recorder.layers)
+        return b"state"
+
+    part: Any = SimpleNamespace(save=save, restore=None, is_device=False)
+    recorder: Any = SimpleNamespace(layers=0, scanned=-1, take_rows=lambda: {"row": np.array(recorder.layers)})
+    written = Checkpoints(tmp_path, {"part": part}, recorder, clock=lambda: time[0])
+    written.initialized(0, {})
+    for layer in range(1, 8):
+        recorder.layers, time[0] = layer, time[0] + 7.0
+        written.stepped(layer, {})
+    assert saved == [0, 3, 6], "18 s of printing for the 2 s of a state"
+    assert [path.name for path in layer_files(tmp_path)] == [f"{layer:04d}.npz" for layer in range(8)]
+    found = last(tmp_path)
+    assert found is not None
+    assert (found.layer, found.file, found.time_ns) == (6, (6, 0), 6)
+    recorder.put_rows = lambda rows: None
+    Checkpoints(tmp_path, {"part": part}, recorder).load()
+    assert [path.name for path in layer_files(tmp_path)] == [f"{layer:04d}.npz" for layer in range(7)]
+
+
+def test_one_state_at_a_time_is_in_memory(tmp_path: Path) -> None:
+    size = 4_000_000
+    parts: Any = {
+        f"part {k}": SimpleNamespace(save=lambda: bytes(size), restore=None, is_device=False) for k in range(5)
+    }
+    recorder: Any = SimpleNamespace(layers=0, scanned=-1, take_rows=lambda: {})
+    written = Checkpoints(tmp_path, parts, recorder)
+    tracemalloc.start()
+    written.initialized(0, {})
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert size < peak < 2.5 * size + 2**20
+    found = last(tmp_path)
+    assert found is not None
+    assert {len(state) for state in found.states.values()} == {size}

@@ -24,6 +24,7 @@ from inkloop.fmu_writer.export import find_fmu
 from inkloop.printing.device_log import live_words
 from inkloop.printing.print import Print
 from inkloop.report.terminal import Terminal
+from inkloop.results import array_file
 from inkloop.results.checkpoint import LAYERS_FOLDER
 from inkloop.results.result import RESULT_FILE
 from inkloop.scenario.file import Scenario
@@ -86,15 +87,15 @@ def test_disk_that_fills_at_any_file_is_named_and_the_run_resumes(scenario: Scen
 def test_checkpoint_without_room_names_the_disk(
     number: int, reason: str, scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    save, calls = np.savez, []
+    write, calls = array_file.write_arrays, []
 
-    def filling(file: Any, **arrays: Any) -> None:
+    def filling(file: Any, arrays: Any) -> None:
         calls.append("state.npz" in str(getattr(file, "name", "")))
         if sum(calls) == 3:  # the first two are those after the start and after its scan
             raise OSError(number, "of the system")
-        save(file, **arrays)
+        write(file, arrays)
 
-    monkeypatch.setattr(np, "savez", filling)
+    monkeypatch.setattr(array_file, "write_arrays", filling)
     with pytest.raises(ResultError, match=rf"state\.npz: cannot be written: {reason}; layers 0 to 0 are kept; make"):
         Print(scenario, tmp_path).run()
     monkeypatch.undo()

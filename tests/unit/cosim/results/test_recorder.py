@@ -150,3 +150,20 @@ def test_same_name_from_two_components_is_kept_apart() -> None:
     run = recorder.dataset()
     assert (float(run.temperature[-1]), float(run.profiler_temperature[-1])) == (300.0, 310.0)
     assert run.profiler_temperature.attrs["units"] == temperature.unit
+
+
+def test_droplets_are_counted_on_where_the_counter_of_the_printer_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The counter of a printer has 32 bits, and stays at its end."""
+    whole = printed_loop(layers=6)[0].dataset().droplets_a.values
+    monkeypatch.setattr("inkloop.results.recorder.COUNTER_END", int(whole[2]) + 1)
+    keep = Recorder._keep
+
+    def saturated(self: Recorder, role: str, name: str, layer: int, values: Values) -> None:
+        if name == "droplets_a":
+            values = {name: np.minimum(values[name], int(whole[2]) + 1).astype(np.int32)}
+        keep(self, role, name, layer, values)
+
+    monkeypatch.setattr(Recorder, "_keep", saturated)
+    found = printed_loop(layers=6)[0].dataset().droplets_a
+    np.testing.assert_array_equal(found, whole)
+    assert found.dtype == np.int64

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import gc
+import json
+import shutil
+import subprocess
+import sys
 import tracemalloc
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 
@@ -14,9 +18,13 @@ from inkloop.bench.emulation import emulation_of
 from inkloop.cli import main
 from inkloop.errors import FmuError, ResultError, ScenarioError
 from inkloop.limits import GIB, KIB, MIB
+from inkloop.printing.print import Print
 from inkloop.printing.run import checked_run_folder
+from inkloop.results import array_file
+from inkloop.results.layer_maps import LayerMaps
 from inkloop.scenario import footprint
 from inkloop.scenario.file import Scenario
+from inkloop.scenario.footprint import Footprint
 from inkloop_controller.planning.horizon_planner import ending_of
 from support.places import ROOT
 
@@ -143,3 +151,49 @@ def test_computing_grows_with_cells_layers_horizon_and_runs() -> None:
 @pytest.mark.parametrize("finish", footprint.HORIZONS)
 def test_layers_ahead_are_those_of_the_controller(finish: Literal["even", "fast"]) -> None:
     assert footprint.HORIZONS[finish] == ending_of(finish).horizon
+
+
+def test_disk_is_what_a_print_takes_when_most_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The run folder while a file is replaced, and while the result is written, for each cell beyond a small grid."""
+    peaks: dict[int, int] = {}
+
+    def watched(write: Any) -> Any:
+        def write_and_look(*arguments: Any, **options: Any) -> None:
+            write(*arguments, **options)
+            found = sum(path.stat().st_size for path in tmp_path.rglob("*") if path.is_file())
+            peaks[side] = max(peaks.get(side, 0), found)
+
+        return write_and_look
+
+    monkeypatch.setattr(array_file, "write_arrays", watched(array_file.write_arrays))
+    monkeypatch.setattr(LayerMaps, "write", watched(LayerMaps.write))
+    for side in (20, 60):
+        cells = {"grid.nx": side, "grid.ny": side}
+        size = {f"part.size_{axis}_um": 263.256 * (side - 4) for axis in "xy"}
+        kind = {"components.controller.horizon": 1, "run.layers_max": 3, "components.profiler.noise_std_um": 0.3}
+        loaded = Scenario.load(CUBOID, cells | size | kind)
+        Print(loaded, tmp_path / "run").run()
+        shutil.rmtree(tmp_path / "run")
+    of_a_cell = (peaks[60] - peaks[20]) / (60**2 - 20**2)
+    alone = Footprint.of(loaded.tables.model_copy(update={"compare": {}}), loaded.solid.shape.height)
+    assert of_a_cell == pytest.approx(alone.disk_of_a_cell, rel=0.25, abs=0.0)
+
+
+@pytest.mark.long
+def test_memory_is_within_a_quarter_of_what_a_print_takes() -> None:
+    """Processes that print grids between those from which the estimate was taken."""
+    case = ("LayerDeposition", "LayerMpc", {"horizon": 1}, 2)
+    found = {}
+    for side in (500, 900):
+        code = f"from benchmarks.footprint import peak; print(peak({case}, {side}))"
+        done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT)
+        found[side] = json.loads(done.stdout)["memory"]
+    of_a_cell = (found[900] - found[500]) / (900**2 - 500**2)
+    assert of_a_cell == pytest.approx(footprint.BYTES_OF_A_CELL, rel=0.25, abs=0.0)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "scenarios" / "large").glob("*.toml")), ids=lambda path: path.stem)
+def test_large_scenarios_are_valid_on_a_small_grid(path: Path) -> None:
+    """As they are, they take too long for a test."""
+    small = {"grid.nx": 12, "grid.ny": 12, "part.size_x_um": 500.0, "part.size_y_um": 500.0}
+    assert Scenario.load(path, small).footprint.layers == 10

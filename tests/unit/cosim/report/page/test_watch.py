@@ -172,7 +172,7 @@ def layers_at(port: int) -> int:
 def resume_one_layer(folder: Path) -> None:
     """Print one more layer of a run, and end as a crash does."""
     scenario = Scenario.load(folder / "scenario.toml")
-    count = len(list((folder / "layers").glob("[0-9]*.npz")))
+    count = len({path.stem[:4] for path in (folder / "layers").glob("[0-9]*.npz")})
 
     def stop(row: LayerRow) -> None:
         if row.layer > count:

@@ -1,0 +1,72 @@
+"""What a layer of a whole print takes: plant, sensor, plan and record together, in processor time of one core."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from time import process_time
+
+from rich.console import Group
+from rich.progress import track
+from rich.table import Table
+
+from benchmarks.timing import scaled
+from inkloop.printing.run import print_part
+from inkloop.results.result import Result
+from inkloop.scenario.file import Scenario
+
+SIDE = 300
+LAYERS = (2, 5)
+"""A figure is the slope between prints of as many layers: start and end of a print do not count."""
+PITCH_UM, LAYER_UM = 63.5, 7.6
+CONTROLLERS: Mapping[str, Mapping[str, object]] = {
+    "open loop": {"kind": "OpenLoop"},
+    "N = 1": {"kind": "LayerMpc", "horizon": 1},
+    "N = 2": {"kind": "LayerMpc", "horizon": 2},
+    "N = 3": {"kind": "LayerMpc", "horizon": 3},
+}
+PRINTERS = (
+    ("25 x 25 mm, 100 dpi", 98 * 98),
+    ("100 x 100 mm, 150 dpi", 590 * 590),
+    ("100 x 100 mm, 400 dpi", 1575 * 1575),
+    ("380 x 380 mm, 400 dpi", 6000 * 6000),
+)
+"""Printed area and resolution, cells."""
+
+
+def measure() -> Group:
+    """Processor time per cell and layer, and what follows for printers, on one core."""
+    per_cell = {name: _per_cell(options) for name, options in track(CONTROLLERS.items(), "layer", transient=True)}
+    table = Table(title=f"a layer of a print of {SIDE} x {SIDE} cells into a folder, processor time of one core")
+    for heading in ("controller", "per cell", *(f"{name}\n{cells:,} cells" for name, cells in PRINTERS)):
+        table.add_column(heading, justify="left" if heading == "controller" else "right")
+    for name, seconds in per_cell.items():
+        table.add_row(name, scaled(seconds), *(scaled(seconds * cells) for _, cells in PRINTERS))
+    return Group(table)
+
+
+def _per_cell(options: Mapping[str, object]) -> float:
+    few, many = (_processor_s(options, layers) for layers in LAYERS)
+    return max(many - few, 1e-9) / (LAYERS[1] - LAYERS[0]) / SIDE**2
+
+
+def _processor_s(options: Mapping[str, object], layers: int) -> float:
+    size = (SIDE - 4) * PITCH_UM
+    tables = {
+        "grid": {"nx": SIDE, "ny": SIDE, "pitch_um": PITCH_UM},
+        "part": {"shape": "cuboid", "size_x_um": size, "size_y_um": size, "height_um": (LAYERS[1] + 1) * LAYER_UM},
+        "run": {"layers_max": layers},
+        "components": {
+            "printer": {"kind": "LayerDeposition", "variation": 0.2},
+            "profiler": {"kind": "ProfileSensor", "noise_std_um": 0.3},
+            "controller": dict(options),
+        },
+    }
+    scenario = Scenario.of_text('title = "Whole layers"', "whole-layer.toml", tables)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "run"
+        Result.begin(folder, scenario.text, {})
+        begin = process_time()
+        print_part(scenario, folder=folder)
+        return process_time() - begin

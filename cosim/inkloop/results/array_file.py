@@ -1,0 +1,35 @@
+"""Arrays by name in a file, as NumPy's npz, of which one at a time is in memory."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterable, Mapping
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+UNREADABLE = (OSError, ValueError, KeyError, zipfile.BadZipFile)
+"""What reading such a file raises."""
+
+
+def write_arrays(file: IO[bytes], arrays: Iterable[tuple[str, NDArray[Any]]]) -> None:
+    """Write arrays, each taken when it is its turn. Raises OSError, and what taking them raises."""
+    with zipfile.ZipFile(file, "w", allowZip64=True) as archive:
+        for name, array in arrays:
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
+
+
+def opened(path: Path) -> AbstractContextManager[Mapping[str, NDArray[Any]]]:
+    """The arrays of a file, each read when it is asked for."""
+    found: AbstractContextManager[Mapping[str, NDArray[Any]]] = np.load(path, allow_pickle=False)
+    return found
+
+
+def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """All arrays of a file."""
+    with opened(path) as stored:
+        return dict(stored)

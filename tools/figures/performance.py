@@ -1,0 +1,57 @@
+"""Speed and size, measured: docs/reference/performance.md from the record of `make benchmarks`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from tools.figures.pages import DOCS, Texts, block, read_json, table, write_json
+
+PAGE = DOCS / "reference" / "performance.md"
+RECORD = PAGE.with_suffix(".json")
+PRINTERS = "whole_layer"
+
+
+def run(*parts: str) -> None:
+    """Measure everything, or these benchmarks; keep the other tables of the record."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from benchmarks.record import RECORDED, measured
+    from rich.console import Console
+
+    found = measured(parts or RECORDED, Console(width=140))
+    if parts and RECORD.exists():
+        kept = [each for each in read_json(RECORD)["tables"] if each["benchmark"] not in parts]
+        found["tables"] = sorted([*kept, *found["tables"]], key=lambda each: _place(each["benchmark"]))
+    write_json(RECORD, found)
+
+
+def _place(name: str) -> int:
+    from benchmarks.record import RECORDED
+
+    return RECORDED.index(name) if name in RECORDED else len(RECORDED)
+
+
+def texts() -> Texts:
+    """The machine, the versions, what a layer takes on printers of several sizes, and every other table."""
+    record = read_json(RECORD)
+    others = [each for each in record["tables"] if each["benchmark"] != PRINTERS]
+    own = [each for each in record["tables"] if each["benchmark"] == PRINTERS]
+    return {
+        PAGE: {
+            "machine": table(("machine", "measured or read"), [list(pair) for pair in record["machine"].items()]),
+            "versions": table(("package", "version"), [list(pair) for pair in record["versions"].items()]),
+            "printers": _tables(own),
+            "tables": _tables(others),
+        }
+    }
+
+
+def _tables(tables: Sequence[Mapping[str, Any]]) -> str:
+    lines: list[str] = []
+    for each in tables:
+        command = f"`python -m benchmarks {each['benchmark']}`, {each['processor_s']:g} s of processor time."
+        lines += ["", f"**{each['title'][:1].upper()}{each['title'][1:]}.** {command}", ""]
+        lines += table(each["headings"], each["rows"]).strip("\n").splitlines()
+        lines += [line for note in each["notes"] for line in ("", f"{note[:1].upper()}{note[1:]}.")]
+    return block([*lines[1:], ""])
