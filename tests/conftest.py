@@ -31,7 +31,11 @@ settings.load_profile("same")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """The process that starts the workers owns the folder of the run; Ctrl-C works in all that it starts."""
+    """The process that starts the workers owns the folder of the run; Ctrl-C works in all that it starts.
+
+    BLAS gets one thread: threads that wait for each other count as processor time.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # NumPy reads it when a worker loads it
     if RUN_FOLDER not in os.environ:
         folder = os.environ[RUN_FOLDER] = tempfile.mkdtemp(prefix="inkloop-tests-")
         config.add_cleanup(lambda: shutil.rmtree(folder))

@@ -175,7 +175,7 @@ def test_print_resumes_once_the_crashing_fmu_is_repaired(
     assert main(["resume", str(folder / "run")]) == 1
     assert f"the print was ended by {signal_name}" in capfd.readouterr().err
     build(folder, 3)
-    assert main(["resume", str(folder / "run")]) == 0
+    assert main(["resume", str(folder / "run"), "--no-pictures"]) == 0
     assert main(["run", str(path), "--out", str(folder / "whole"), "--no-isolate"]) == 0
     one, other = (Result.load(folder / name) for name in ("run", "whole"))
     np.testing.assert_array_equal(one.dataset["height"], other.dataset["height"])
@@ -278,7 +278,7 @@ def test_print_that_a_component_exits_silently_is_no_success(
 def test_ctrl_c_of_an_isolated_print_keeps_its_layers(tmp_path: Path) -> None:
     path, folder = tmp_path / "slow.toml", tmp_path / "run"
     path.write_text(CUBOID, encoding="utf-8")
-    words = ["run", str(path), "--isolate", "--out", str(folder), "--set", "run.real_time_factor=5.0"]
+    words = ["run", str(path), "--isolate", "--out", str(folder), "--set", "run.real_time_factor=5.0", "--no-pictures"]
     print_it = subprocess.Popen([sys.executable, "-c", COMMAND, *words], start_new_session=True)
     while not (folder / "layers" / "0001.npz").exists():
         assert print_it.poll() is None
@@ -293,7 +293,7 @@ def test_isolated_run_is_the_same_run(fmus: Path, tmp_path: Path) -> None:
     path = fmus / "good.toml"
     path.write_text(CUBOID, encoding="utf-8")
     for name, flags in (("plain", []), ("isolated", ["--isolate"])):
-        assert main(["run", str(path), *flags, "--out", str(tmp_path / name)]) == 0
+        assert main(["run", str(path), *flags, "--no-pictures", "--out", str(tmp_path / name)]) == 0
     one, other = (Result.load(tmp_path / name) for name in ("plain", "isolated"))
     np.testing.assert_array_equal(one.dataset["height"], other.dataset["height"])
 

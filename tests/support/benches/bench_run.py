@@ -97,8 +97,9 @@ def assert_same_print(bench: Result, fmus: Result) -> None:
 
 
 def started(*words: str) -> subprocess.Popen[str]:
-    """An inkloop command in a process of its own."""
-    return subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    """An inkloop command in a process of its own; a run draws no pictures."""
+    plain = ["--no-pictures"] if words[0] == "run" else []
+    return subprocess.Popen([*COMMAND, *words, *plain], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
 def wait_for_word(log: Path, word: str, running: subprocess.Popen[str]) -> None:
