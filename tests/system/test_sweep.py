@@ -145,11 +145,11 @@ def test_study_killed_at_random_moments_resumes_to_the_same_file(workers: int, t
         with begun(*words) as process:
             wait_until((out / "study.json").is_file, process)
             if kill % 2 == 0:
-                wait_for_changes(out, rng.integers(0, 12), process)
+                wait_for_changes(out, int(rng.integers(0, 12)), process)
                 process.kill()
                 continue
             for _ in range(2):
-                wait_for_changes(out, rng.integers(1, 6), process)
+                wait_for_changes(out, int(rng.integers(1, 6)), process)
                 for worker in workers_of(process)[:1]:
                     end(worker)
             process.send_signal(signal.SIGINT)
@@ -174,7 +174,7 @@ def test_any_number_of_workers_gives_the_same_file(workers: int, keep: str, tmp_
 
 
 @pytest.fixture
-def dask_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str, list[int]]]:
+def dask_workers(tmp_path: Path) -> Iterator[tuple[str, list[int]]]:
     """Address and processes of a cluster of two workers that share no folder with this process."""
     distributed = pytest.importorskip("distributed", reason="inkloop[dask] is not installed")
     folder = tmp_path / "workers"
@@ -188,7 +188,7 @@ def test_cluster_of_which_a_worker_is_killed_gives_the_same_file(
     dask_workers: tuple[str, list[int]], tmp_path: Path
 ) -> None:
     address, processes = dask_workers
-    path, out = study_file(tmp_path, seeds=5, keep='maps = "none"'), tmp_path / "out"
+    path, out = study_file(tmp_path, seeds=2, keep='maps = "none"'), tmp_path / "out"
     expected = undisturbed(path, tmp_path / "undisturbed")
     with begun(str(path), "--out", str(out), "--scheduler", address) as process:
         wait_until(lambda: (out / "records.jsonl").is_file() and (out / "records.jsonl").stat().st_size > 0, process)
