@@ -42,7 +42,7 @@ class DaskCluster:
         except ImportError as error:
             raise InkloopError(f"--scheduler needs Dask: {INSTALL}") from error
         try:
-            self._client: Any = connect(address, timeout=CONNECT_S, set_as_default=False)
+            self._client: Any = connect(address, timeout=CONNECT_S)
         except (OSError, ValueError) as error:
             raise InkloopError(
                 f"--scheduler {address}: no scheduler answers there; start one with `dask scheduler`, and workers with "

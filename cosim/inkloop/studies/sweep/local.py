@@ -85,7 +85,8 @@ class LocalProcesses:
         kills = sum(-each in _KILLS for each in deaths)
         if len(deaths) - kills >= CRASHES_MAX:
             crash = next(each for each in deaths if -each not in _KILLS)
-            return failed(task, f"its process was ended by {_name(crash)} every time: native code crashed")
+            cause = ": native code crashed" if crash < 0 else ""
+            return failed(task, f"its process was ended by {_name(crash)} every time{cause}")
         if kills >= KILLS_MAX:
             return failed(task, f"its process was killed {KILLS_MAX} times; the memory may be exhausted: --workers 1")
         return None

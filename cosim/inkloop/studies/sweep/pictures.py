@@ -22,6 +22,8 @@ BINS = 8
 """Groups of sampled values whose means show an effect."""
 PANELS = 4
 """In a row."""
+NAMED_MAX = 3
+"""Keys up to which the points of the front carry their setting."""
 Points = Sequence[Mapping[str, Any]]
 
 
@@ -151,7 +153,7 @@ def _front(points: Points, keys: Sequence[str]) -> Figure:
     axes.plot(at[:, 0], at[:, 1], "o", color="0.7", markersize=4, label="points")
     axes.plot(at[best, 0], at[best, 1], "o-", color=plot.COLOURS[1], markersize=5, label="Pareto front")
     middle = (at[:, 0].min() + at[:, 0].max()) / 2
-    for n in best[:: max(1, len(best) // 6)]:
+    for n in best[:: max(1, len(best) // 6)] if len(keys) <= NAMED_MAX else ():
         setting = ", ".join(f"{names[key]} {_short(points[n]['keys'][key])}" for key in keys)
         side: dict[str, Any] = {"ha": "left"} if at[n, 0] <= middle else {"ha": "right"}
         shift = (5 if side["ha"] == "left" else -5, 4)

@@ -14,6 +14,8 @@ from inkloop.studies.sweep.distributions import Distribution
 SOBOL_INDICES = "sobol-indices"
 BALANCED = ("sobol", SOBOL_INDICES)
 """Methods whose points are balanced only where their number is a power of two."""
+LEAST = 8
+"""Points of a block below which no index is computed."""
 
 
 @dataclass(frozen=True)

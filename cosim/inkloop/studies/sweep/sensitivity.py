@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from inkloop.results.attributes import Meaning, variable
 from inkloop.studies.sweep.dataset import SAMPLE, SEED
 from inkloop.studies.sweep.figures import METRICS
+from inkloop.studies.sweep.sampling import LEAST
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
 RESAMPLES = 1000
 LEVEL = 0.95
 """Of the intervals."""
-LEAST = 8
-"""Points of a block below which no index is computed."""
 Array = NDArray[np.float64]
 
 

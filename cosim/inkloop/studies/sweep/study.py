@@ -17,7 +17,7 @@ from inkloop.scenario.class_path import classes_from
 from inkloop.scenario.file import Scenario
 from inkloop.studies.sweep.distributions import KINDS, Distribution, distribution
 from inkloop.studies.sweep.override_check import errors_of_values
-from inkloop.studies.sweep.sampling import BALANCED, Samples, sampled
+from inkloop.studies.sweep.sampling import BALANCED, LEAST, SOBOL_INDICES, Samples, sampled
 from inkloop.studies.sweep.tables import SampleTable, StudyFile
 from inkloop.suggest import near, nearest
 from inkloop.tables.messages import sentence
@@ -184,6 +184,8 @@ def _errors_of_keys(tables: StudyFile, axes: Mapping[str, Any], spreads: Mapping
         elif sample.method in BALANCED and sample.points & (sample.points - 1):
             below = 1 << (sample.points.bit_length() - 1)
             yield f"sample.points is {sample.points}; Sobol' points are balanced for {below} or {2 * below}"
+        if sample.method == SOBOL_INDICES and sample.points and sample.points < LEAST:
+            yield f"sample.points is {sample.points}; expected at least {LEAST} for {SOBOL_INDICES}"
         if not spreads:
             yield 'sample has no key; give one, such as "components.printer.variation" = { uniform = [0.0, 0.4] }'
     if tables.keep.maps == "final" and (grid := [key for key in keys if key == "grid" or key.startswith("grid.")]):

@@ -18,9 +18,14 @@ class SampleTable(Table):
     """`[sample]`: points that fill the space of some keys evenly. Besides these keys: a distribution for each key."""
 
     method: Literal["sobol", "halton", "latin-hypercube", "random", "sobol-indices"] | None = Field(
-        default=None, description="sobol-indices: the points of Saltelli, for sensitivities"
+        default=None, description='"sobol", "halton", "latin-hypercube", "random", or "sobol-indices" for sensitivities'
     )
-    points: int | None = Field(default=None, ge=1, le=1_000_000, description="points; of Sobol' a power of two")
+    points: int | None = Field(
+        default=None,
+        ge=1,
+        le=1_000_000,
+        description="number of points, of Sobol' a power of two; of sobol-indices that of each of its keys + 2 blocks",
+    )
     seed: int = Field(default=0, ge=0, le=2**31 - 1, description="of the sequence of points, not of the prints")
 
 

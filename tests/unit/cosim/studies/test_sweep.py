@@ -18,6 +18,7 @@ from inkloop.scenario.file import Scenario
 from inkloop.studies.sweep.bundle import Bundle
 from inkloop.studies.sweep.distributions import Distribution, distribution
 from inkloop.studies.sweep.figures import Expression
+from inkloop.studies.sweep.optimise import OptimisePlan
 from inkloop.studies.sweep.plan import standard_error
 from inkloop.studies.sweep.sensitivity import indices
 from inkloop.studies.sweep.study import Study
@@ -85,8 +86,8 @@ def test_keys_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
 "seed" = [1, 2]
 "components.printer.variation" = [0.1, 0.2]
 [sample]
-method = "sobol"
-points = 12
+method = "sobol-indices"
+points = 6
 "components.printer.variation" = { uniform = [0.0, 0.4] }
 [keep]
 maps = "final"
@@ -96,7 +97,8 @@ maps = "final"
     assert [error.partition(";")[0] for error in caught.value.errors] == [
         '"components.printer.variation" is in vary and in sample',
         '"seed" is what [seeds] gives to each print',
-        "sample.points is 12",
+        "sample.points is 6",
+        "sample.points is 6",
         'keep.maps is "final", in one array, but grid.nx changes the grid',
     ]
 
@@ -293,6 +295,8 @@ count = 2
     for engine in (Shuffled(valley, 5, 1, interrupted_after=13), Shuffled(valley, 3, 2)):
         again, _, _ = swept(own, tmp_path / "parts", engine)
     xr.testing.assert_identical(whole, again)
+    assert isinstance(plan, OptimisePlan)
+    assert plan.best is not None
     alphas = whole["components.controller.alpha"].values
     assert len(np.unique(alphas)) == 16
     assert plan.settings[plan.best]["components.controller.horizon"] == 2
