@@ -113,7 +113,7 @@ firmware-cortex-m: .venv/developer
 
 # what some tests use and skip without: the firmware on a Cortex-M, libFuzzer, binaries for other platforms, masters of others,
 # a kernel with SocketCAN as a process, a browser
-TOOLS := gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm clang \
+TOOLS := gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm clang libclang-rt-dev \
          qemu-user-static libc6-arm64-cross wine64 libtbb12 default-jre-headless user-mode-linux can-utils iproute2 kmod chromium
 tools: .venv/developer
 	@if command -v apt-get >/dev/null; then apt-get install --yes --no-install-recommends $(TOOLS); \

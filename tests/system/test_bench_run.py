@@ -91,7 +91,8 @@ def test_stock_tools_watch_a_run_and_read_a_journal_in_it(tmp_path: Path) -> Non
         notifier = can.Notifier(bus, [])
         ids = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=0x640, rxid=0x641)
         stack = isotp.NotifierBasedCanStack(bus, notifier, address=ids, params={"tx_padding": 0xCC})
-        settings: Any = dict(udsoncan.configs.default_client_config) | {"data_identifiers": {"default": Raw()}}
+        settings: Any = dict(udsoncan.configs.default_client_config)
+        settings |= {"data_identifiers": {"default": Raw()}, "request_timeout": 600, "p2_timeout": 60}
 
         def read_journal(row: LayerRow) -> None:
             """The answers of the head to the run have the same id; those that are read late are not this one."""
