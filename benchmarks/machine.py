@@ -13,6 +13,7 @@ from time import process_time
 import numpy as np
 
 from inkloop.limits import GIB
+from inkloop.units import GIGA
 
 PACKAGES = ("inkloop", "numpy", "numba", "scipy", "casadi", "highspy", "fmpy", "libcosimpy", "trimesh")
 LEVELS = (("avx512f", "AVX-512"), ("avx2", "AVX2"), ("sse4_2", "SSE4.2"))
@@ -26,9 +27,9 @@ def described() -> dict[str, str]:
         "processor": f"{platform.machine()}, {_level()}",
         "cores": str(os.cpu_count()),
         "memory": f"{os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') / GIB:.0f} GiB",
-        "copy, one core": f"{copy / 1e9:.1f} GB/s",
-        "triad, one core": f"{triad / 1e9:.1f} GB/s",
-        "product of matrices, one core": f"{arithmetic() / 1e9:.1f} Gflop/s",
+        "copy, one core": f"{copy / GIGA:.1f} GB/s",
+        "triad, one core": f"{triad / GIGA:.1f} GB/s",
+        "product of matrices, one core": f"{arithmetic() / GIGA:.1f} Gflop/s",
         "system": platform.system(),
         "Python": platform.python_version(),
     }

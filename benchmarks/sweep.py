@@ -15,6 +15,7 @@ from inkloop.studies.sweep.local import LocalProcesses
 from inkloop.studies.sweep.plan import PointsPlan
 from inkloop.studies.sweep.study import Study
 from inkloop.studies.sweep.task import Order, Record
+from inkloop.units import MS_PER_S
 
 SCENARIO = Path(__file__).parents[1] / "scenarios" / "cuboid.toml"
 PRINTS, WORKERS = 60, 2
@@ -39,8 +40,8 @@ def measure() -> Table:
         table.add_column(heading, justify="left" if heading == "kept of a print" else "right")
     for name, keep in CASES.items():
         parent_s, wall_s = _study(keep)
-        is_kept = "yes" if 1e3 * parent_s <= LIMIT_MS else "NO"
-        table.add_row(name, f"{1e3 * parent_s:.1f} ms", f"{LIMIT_MS:g} ms", is_kept, f"{1e3 * wall_s:.0f} ms")
+        is_kept = "yes" if MS_PER_S * parent_s <= LIMIT_MS else "NO"
+        table.add_row(name, f"{MS_PER_S * parent_s:.1f} ms", f"{LIMIT_MS:g} ms", is_kept, f"{MS_PER_S * wall_s:.0f} ms")
     return table
 
 

@@ -19,9 +19,8 @@ import pytest
 from fmpy import fmi2, fmi3
 from lxml import etree
 
-from inkloop.fmu_writer.export import find_fmu
 from support.fmus.fmu_driver import DISCARD, ERROR, FIXED_REALS, FORMS, MODELS, OK, Driver, callbacks
-from support.fmus.fmu_library import BAKED, HEADERS, JOB, described
+from support.fmus.fmu_library import BAKED, HEADERS, JOB, archive_of, described
 from support.fmus.fmu_life import EVERY_FORM, EVERY_MODEL, offer, started
 from support.fmus.layer_jobs import block
 
@@ -67,7 +66,7 @@ def output_of(fmu: Driver) -> list[int]:
 
 
 def it_is_the_name_of_the_binary(model: str, form: str) -> None:
-    root = described(find_fmu(model, form))
+    root = described(archive_of(model, form))
     assert root.find("CoSimulation").get("modelIdentifier") == model
     opened(model, form).fmu.freeInstance()
 
@@ -240,7 +239,7 @@ def defaults(version: int) -> dict[str, str]:
 @EVERY_FMU
 def test_every_flag_has_a_check(model: str, form: str) -> None:
     version = int(form[3])
-    declared = dict(described(find_fmu(model, form)).find("CoSimulation").attrib)
+    declared = dict(described(archive_of(model, form)).find("CoSimulation").attrib)
     assert declared.pop("modelIdentifier") == model
     flags = {**defaults(version), **declared, "modelIdentifier": "the model"}
     assert set(flags.items()) == set(CHECKS[version])
@@ -267,7 +266,7 @@ def test_flag_that_is_shown_elsewhere_is_shown_for_every_model_and_form(check: s
 @EVERY_FMU
 def test_co_simulation_is_the_only_interface_and_others_are_refused_with_a_message(model: str, form: str) -> None:
     interfaces = {"CoSimulation", "ModelExchange", "ScheduledExecution"}
-    assert [e.tag for e in described(find_fmu(model, form)) if e.tag in interfaces] == ["CoSimulation"]
+    assert [e.tag for e in described(archive_of(model, form)) if e.tag in interfaces] == ["CoSimulation"]
     messages: list[str] = []
     with opened(model, form) as driver:
         own = driver.fmu

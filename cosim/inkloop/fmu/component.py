@@ -190,7 +190,5 @@ class FmuComponent:
         return self._running()
 
     def _set(self, binding: Binding, inputs: Values) -> None:
-        if len(inputs) == len(self._inputs):
-            binding.set(self._inputs, inputs)
-        else:
-            binding.set([port for port in self._inputs if port.name in inputs], inputs)
+        given = [port for port in self._inputs if port.name in inputs]
+        binding.set(self._inputs if len(given) == len(self._inputs) else given, inputs)
