@@ -21,6 +21,7 @@ from pygments.lexers.special import TextLexer
 from pygments.util import ClassNotFound
 from sphinx.addnodes import download_reference, pending_xref
 from sphinx.application import Sphinx
+from sphinx.builders.html import StandaloneHTMLBuilder
 from sphinx.util.osutil import relative_uri
 
 ROOT = Path(__file__).parents[2]
@@ -155,6 +156,7 @@ def _text(app: Sphinx, path: Path) -> str:
         language = get_lexer_for_filename(path.name).aliases[0]
     except ClassNotFound:
         language = "text"
+    assert isinstance(app.builder, StandaloneHTMLBuilder)
     return body + str(app.builder.highlighter.highlight_block(text, language, opts={}, location=path.as_posix()))
 
 
