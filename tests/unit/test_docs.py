@@ -166,7 +166,7 @@ def test_toml_of_the_pages_has_known_keys_and_valid_values(block: str) -> None:
 @pytest.mark.parametrize("block", list(toml_blocks("how-to/sweep-settings.md")))
 def test_studies_of_the_how_to_are_valid(block: str, tmp_path: Path) -> None:
     scenario = f'scenario = "{(ROOT / "scenarios/cuboid.toml").as_posix()}"\n'
-    rest = re.sub(r"^scenario = .*\n", "", block).replace("points = 64 ", "points = 2 ")  # each point is checked
+    rest = re.sub(r"^scenario = .*\n", "", block)
     varied = "" if "[vary]" in block or "[sample]" in block else "[vary]\nlabel = ['a', 'b']\n"
     (tmp_path / "study.toml").write_text(scenario + rest + varied)
     assert Study.load(tmp_path / "study.toml").count > 1
