@@ -9,6 +9,7 @@
 # make sanitize   all FMUs under sanitizers (about ten minutes)
 # make firmware-cortex-m  the emulator as an image for a Cortex-M3, with its size
 # make tools      compilers, emulators and masters of others that some tests use and skip without (Debian)
+# make site       build/site: all pages as HTML with search, to be read without a network; a warning or a dead link is an error
 # make figures    tables, figures and pictures of all pages, from runs; the runs are kept in records next to the pages
 # make upgrade    the newest packages that pyproject.toml allows, into .venv; then make check test test-long constraints
 # make constraints  constraints.txt: the versions in .venv, which make installs
@@ -31,7 +32,7 @@ C_FILES := $(shell find controller cosim fmus hardware tests -name '*.[ch]')
 # Compiled modules are kept, whatever the environment says: the tests start hundreds of processes that import them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: run check test lint format test-long benchmarks benchmarks-hardware peers fuzz sanitize firmware-cortex-m tools figures \
+.PHONY: run check test lint format test-long benchmarks benchmarks-hardware peers fuzz sanitize firmware-cortex-m tools site figures \
         upgrade constraints clean
 run: .venv/installed
 	@echo "inkloop: printing scenarios/cylinder.toml (about ten seconds) ..."
@@ -120,6 +121,13 @@ tools: .venv/developer
 	else echo "install with your own package manager what Debian calls: $(TOOLS)"; fi
 	$(PIP) 'inkloop[cross]'
 	$(PYTHON) tests/support/masters/java_programs.py
+
+# Everything is read and written afresh: a page that is gone leaves nothing.
+site: .venv/developer
+	rm -rf build/site
+	$(BIN)/python -m sphinx --fresh-env --fail-on-warning --keep-going --quiet \
+	--conf-dir tools/site --doctree-dir build/site-doctrees . build/site
+	@echo "inkloop: open build/site/index.html"
 
 # NAMES="house gallery/cylinder" takes some of them; NAMES="--written" runs nothing and writes the pages from the records
 figures: .venv/developer

@@ -6,18 +6,21 @@ import dataclasses
 import inspect
 import os
 import re
+import shlex
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import get_args
 
 import pytest
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
-from inkloop.cli import main
+from inkloop.cli import main, parser
 from inkloop.components import catalog
 from inkloop.results.result import Result
+from inkloop.studies.sweep.study import Study
 from inkloop.tables import schema
 from inkloop.testing import CONTRACT_CHECKS, job
 from inkloop_controller.baselines.planners import OpenLoop
@@ -107,6 +110,66 @@ def test_links_lead_to_a_file(page: Path) -> None:
     targets = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text())
     missing = [target for target in targets if not (page.parent / target).exists()]
     assert not missing
+
+
+COMMAND = re.compile(r"^    inkloop (.+)$", re.MULTILINE)
+SYNOPSIS = re.compile(r" \[--| \| ")
+
+
+def commands() -> list[tuple[str, str]]:
+    """The command lines of the pages, without those that show the form of a command."""
+    pages = [page for page in PAGES if page.parent != ROOT]
+    found = [(page.stem, line) for page in pages for line in COMMAND.findall(page.read_text(encoding="utf-8"))]
+    return [(page, line) for page, line in found if not SYNOPSIS.search(line)]
+
+
+def test_commands_of_the_pages_have_known_options_and_files(capsys: pytest.CaptureFixture[str]) -> None:
+    whole = parser()
+    refused = []
+    for page, line in commands():
+        words = shlex.split(line, comments=True)
+        try:
+            whole.parse_args(words)
+        except SystemExit:
+            refused.append(f"{page}: {line}: {capsys.readouterr().err}")
+        refused += [f"{page}: {word}" for word in words if word.startswith("scenarios/") and not (ROOT / word).exists()]
+    assert len(commands()) > 60
+    assert not refused
+
+
+def toml_blocks(*pages: str) -> Iterator[object]:
+    for page in pages:
+        text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+        for number, block in enumerate(re.findall(r"```toml\n(.*?)```", text, re.DOTALL)):
+            yield pytest.param(block, id=f"{Path(page).stem}-{number}")
+
+
+PARTS = (
+    "how-to/bring-your-own-component.md",
+    "reference/bench-faults.md",
+    "reference/peers.md",
+    "reference/scenario.md",
+)
+
+
+@pytest.mark.parametrize("block", list(toml_blocks(*PARTS, "tutorial/your-own-plant.md")))
+def test_toml_of_the_pages_has_known_keys_and_valid_values(block: str) -> None:
+    """A block may be part of a scenario: keys may be missing, nothing else may be wrong."""
+    errors: list[object] = []
+    try:
+        schema.ScenarioFile.model_validate(tomllib.loads(block))
+    except ValidationError as error:
+        errors = [each for each in error.errors() if each["type"] != "missing"]
+    assert not errors
+
+
+@pytest.mark.parametrize("block", list(toml_blocks("how-to/sweep-settings.md")))
+def test_studies_of_the_how_to_are_valid(block: str, tmp_path: Path) -> None:
+    scenario = f'scenario = "{(ROOT / "scenarios/cuboid.toml").as_posix()}"\n'
+    rest = re.sub(r"^scenario = .*\n", "", block)
+    varied = "" if "[vary]" in block or "[sample]" in block else "[vary]\nlabel = ['a', 'b']\n"
+    (tmp_path / "study.toml").write_text(scenario + rest + varied)
+    assert Study.load(tmp_path / "study.toml").count > 1
 
 
 def test_scenario_page_names_every_key_and_kind() -> None:
