@@ -3,7 +3,9 @@
  * The relaxed problem is solved and rounded by ordered error diffusion; that start, the rest of the last plan, full
  * layers and none are repaired by flips, swaps and shifts: the best of them, or where annealing is worth its time all
  * of them and once more the best one, annealed. The best result is taken. It is compared with printing nothing:
- * otherwise a small alpha would trade height for evenness forever. */
+ * otherwise a small alpha would trade height for evenness forever.
+ *
+ * A time limit leaves out stages; nothing, and the missing height rounded in equal shares, are always compared. */
 #ifndef INKLOOP_HORIZON_PLANNER_H
 #define INKLOOP_HORIZON_PLANNER_H
 
@@ -14,6 +16,9 @@ enum { PLAN_REPAIRED = 1, PLAN_BUDGET = 2, PLAN_TIME_LIMIT = 3, PLAN_STOPPED = 4
 
 /* Plans to begin from, in the order in which equal ones win. */
 enum { START_NOTHING, START_FULL_LAYERS, START_LAST_PLAN, START_RELAXATION, STARTS };
+
+/* What a time limit has left out or cut short, as a sum. In the order of LeftOut in layer_plan.py. */
+enum { LEFT_RELAXATION = 1, LEFT_STARTS = 2, LEFT_REPAIR = 4, LEFT_FEWER_LAYERS = 8 };
 
 enum { RELAX_HERE, RELAX_GIVEN, RELAX_NOTHING };
 enum { PHASE_RELAXATION, PHASE_ROUNDING, PHASE_REPAIR, PHASES };
@@ -39,8 +44,10 @@ typedef struct {
     int32_t status; /* PLAN_... */
     int32_t start;  /* START_...: what the plan was made from */
     int32_t is_annealed;
-    int64_t sweeps; /* of all repairs together */
-    Objective objective;
+    int32_t left_out;             /* LEFT_... */
+    int64_t sweeps;               /* of all repairs together */
+    Objective objective, nothing; /* of the plan; of printing nothing */
+    double evaluation;            /* what that of a plan took [s] */
     double seconds[PHASES];
 } PlanReport;
 

@@ -115,8 +115,11 @@ class PlanReportStruct(ctypes.Structure):
         ("status", ctypes.c_int32),
         ("start", ctypes.c_int32),
         ("is_annealed", ctypes.c_int32),
+        ("left_out", ctypes.c_int32),
         ("sweeps", ctypes.c_int64),
         ("objective", ObjectiveStruct),
+        ("nothing", ObjectiveStruct),
+        ("evaluation", ctypes.c_double),
         ("seconds", ctypes.c_double * 3),
     )
 
