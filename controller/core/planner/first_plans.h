@@ -6,7 +6,7 @@
 
 #include <stdbool.h>
 
-#include "horizon_planner.h"
+#include "plan_work.h"
 
 typedef struct {
     const HorizonProblem *problem;

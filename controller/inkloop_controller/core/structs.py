@@ -89,7 +89,7 @@ class SearchOptionsStruct(ctypes.Structure):
 
 
 class PlanWorkStruct(ctypes.Structure):
-    """`PlanWork` of horizon_planner.h."""
+    """`PlanWork` of plan_work.h."""
 
     _fields_ = (
         ("relaxation", ctypes.c_int32),

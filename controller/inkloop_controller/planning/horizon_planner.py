@@ -25,7 +25,7 @@ Finish: TypeAlias = Literal["even", "fast"]
 _FINISHES = ("even", "fast")  # from 1 on, as in shortest_plan.h
 _STARTS = ("nothing", "full layers", "last plan", "relaxation")
 _PHASES = ("relaxation", "rounding", "repair")
-_RELAX_HERE, _RELAX_GIVEN, _RELAX_NOTHING = range(3)  # of horizon_planner.h
+_RELAX_HERE, _RELAX_GIVEN, _RELAX_NOTHING = range(3)  # of plan_work.h
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,8 @@ class Work:
 
     sweeps: of the repair of one start; annealing_sweeps: of one more start that is annealed first (None: 50 for
     a single layer, up to 200 for a small plan of several, none for a large one), with it every start;
-    iterations: of the relaxation; threads: does not change the answer; time_limit: guard by the clock, from the scan
-    on [s].
+    iterations: of the relaxation; threads: does not change the answer; time_limit: guard by the clock [s],
+    from the scan on.
     Raises ValueError, all errors in one sentence, for invalid budgets.
     """
 
