@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import shutil
 import sys
 from collections.abc import Iterator
@@ -31,6 +32,7 @@ SOURCES = (
 PLACES = sorted({f"-I{path.parent}" for path in (*CORE.rglob("*.h"), *SOURCES, ROOT / "fmus/deposition/passes.h")})
 FLAGS = ("-std=c11", "-O1", "-ffp-contract=off", "-fPIC", *PLACES)
 ALL = LeftOut.RELAXATION | LeftOut.STARTS | LeftOut.REPAIR | LeftOut.FEWER_LAYERS
+FIRST_PLAN = 19.0  # looks at the stopwatch, with two evaluations and a rounding
 WORK = Work(sweeps=4, annealing_sweeps=0, iterations=3)
 
 pytestmark = [
@@ -59,6 +61,13 @@ def problem() -> HorizonProblem:
 def found(limit: float) -> FoundPlan:
     last = np.random.default_rng(4).integers(0, 2, (3, 14, 13), dtype=np.int32)
     return best_plan(problem(), WORK, last=last, layer_worth=0.001, seed=1, seconds_max=limit)
+
+
+def looks() -> float:
+    """How many looks at the stopwatch there were; this is one."""
+    look = library().stopwatch_seconds
+    look.restype = ctypes.c_double
+    return float(look())
 
 
 def same(left: FoundPlan, right: FoundPlan) -> bool:
@@ -96,3 +105,13 @@ def test_every_limit_gives_a_plan_better_than_nothing_and_more_time_leaves_out_l
         assert 0 < first < len(plans)
     assert plans[-1].left_out == LeftOut.NOTHING
     assert same(plans[-1], found(inf))
+
+
+@pytest.mark.usefixtures("counting")
+def test_time_beyond_the_limit_is_that_of_the_first_sound_plan_at_most() -> None:
+    taken = []
+    for limit in range(0, 400, 4):
+        began = looks()
+        found(float(limit))
+        taken.append(looks() - began - limit)
+    assert taken[0] == max(taken) == FIRST_PLAN
