@@ -1,4 +1,4 @@
-"""Run all benchmarks, or those named: python -m benchmarks [--seeds N] [layer_step master ...]."""
+"""Run all benchmarks, or those named: python -m benchmarks [--seeds N] [--sides N ...] [layer_step master ...]."""
 
 from __future__ import annotations
 
@@ -40,6 +40,7 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"default: {', '.join(NAMES)}")
     parser.add_argument("--seeds", type=int, default=10, help="of whole prints (default: 10)")
+    parser.add_argument("--sides", type=int, nargs="+", help="cells a side, of time_limit (default: 100 300 1000)")
     options = parser.parse_args(arguments)
     names = options.names
     unknown = sorted(set(names) - {*NAMES, *ALONE})
@@ -50,7 +51,8 @@ def main(arguments: list[str]) -> int:
     console = Console(width=140)
     for name in names or NAMES:
         seeds = {"seeds": options.seeds} if name in PRINTING else {}
-        console.print(importlib.import_module(f"benchmarks.{name}").measure(**seeds))
+        sides = {"sides": tuple(options.sides)} if name == "time_limit" and options.sides else {}
+        console.print(importlib.import_module(f"benchmarks.{name}").measure(**seeds, **sides))
     return 0
 
 

@@ -50,6 +50,7 @@ class _State:
     solve_time: float
     sweeps: int
     estimate: Estimate
+    left_out: int = 0
 
 
 class LayerController:
@@ -75,6 +76,7 @@ class LayerController:
             Port("plan_status", dtype="int32"),
             Port("solve_time", "s"),
             Port("sweeps", dtype="int32"),
+            Port("left_out", dtype="int32"),
             Port("estimated_height", "m", shape),
             Port("volume_scale"),
             Port("untrusted_cells", dtype="int32"),
@@ -139,6 +141,7 @@ class LayerController:
         self._state = state
 
     def _answer(self, scan: int, measured: FloatMap, valid: BoolMap, is_unknown: bool) -> None:
+        scanned = perf_counter()
         _check_finite(scan, measured, valid)
         before = self._state
         if before.answered < 0:
@@ -148,8 +151,7 @@ class LayerController:
             drops = None if is_plain else before.drop_level.astype(np.float64)
             seen = (before.estimate, before.pattern, scan, measured, valid, drops)
             estimate = self._estimator.after_unknown(*seen) if is_unknown else self._estimator.next(*seen)
-        started = perf_counter()
-        plan = self._planner.plan(estimate, scan, before.plan)
+        plan = self._planner.plan(estimate, scan, before.plan, perf_counter() - scanned)
         done = plan.status is PlanStatus.DONE
         self._state = replace(
             before,
@@ -168,8 +170,9 @@ class LayerController:
             bound_confidence=plan.bound_confidence,
             gap=plan.gap,
             plan_status=list(PlanStatus).index(plan.status),
-            solve_time=perf_counter() - started,
+            solve_time=perf_counter() - scanned,
             sweeps=plan.sweeps,
+            left_out=int(plan.left_out),
         )
 
     def _outputs(self) -> Values:

@@ -35,7 +35,7 @@ class RulePlanner:
     def __init__(self, job: Job, rule: PatternRule) -> None:
         self._job, self._rule, self._model = job, rule, LayerModel.of(job)
 
-    def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """The pattern of the rule, DONE for None. Raises ComponentError for an invalid pattern."""
         pattern = self._checked(np.asarray(self._rule.pattern(estimate.height.copy(), layer)), layer)
         status = PlanStatus.FIXED if pattern.any() else PlanStatus.DONE

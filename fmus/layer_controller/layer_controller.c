@@ -109,12 +109,13 @@ static Outcome check_heights(Instance *instance, const LayerControllerVariables 
     return ACCEPTED;
 }
 
-/* The plan for the layers after the scan; false if there is no memory. */
-static bool plan(Instance *instance, const LayerControllerVariables *v, Kept *kept, Answer *answer) {
+/* The plan for the layers after the scan, which was taken `elapsed` seconds ago; false if there is no memory. */
+static bool plan(Instance *instance, const LayerControllerVariables *v, Kept *kept, Answer *answer, double elapsed) {
     InkRegions regions;
     if (!region_columns(instance, v, &regions))
         return false;
-    const PlannerOptions options = planner_options(v, regions);
+    PlannerOptions options = planner_options(v, regions);
+    options.seconds_max -= elapsed;
     const Passes passes = passes_of(v);
     int32_t colours[HORIZON_MAX][4];
     for (int32_t ahead = 0; ahead < HORIZON_MAX; ahead++)
@@ -191,6 +192,7 @@ static void publish_plan(const LayerControllerVariables *v, Kept *kept, const An
     *v->objective_deviation = answer->report.objective.deviation;
     *v->plan_status = answer->report.status;
     *v->sweeps = (int32_t)answer->report.sweeps;
+    *v->left_out = answer->report.left_out;
     *v->solve_time = *v->is_timed ? seconds : 0.0;
 }
 
@@ -211,7 +213,7 @@ static void calculate(Instance *instance) {
     *v.bound_valid = false;
     *v.scan_corrected = false;
     *v.scan_shift_x = *v.scan_shift_y = *v.scan_shift_std = *v.scan_spot_radius = *v.scan_spot_std = 0.0;
-    *v.plan_status = *v.sweeps = *v.untrusted_cells = *v.dead_cells = 0;
+    *v.plan_status = *v.sweeps = *v.left_out = *v.untrusted_cells = *v.dead_cells = 0;
     *v.volume_scale = 1.0;
 }
 
@@ -242,6 +244,7 @@ static Outcome do_step(Instance *instance, double start, double end) {
     (void)start, (void)end;
     if (*v.status == DONE || !is_new)
         return ACCEPTED;
+    const double began = stopwatch_seconds();
     Kept *kept = kept_of(instance, &v);
     Answer answer;
     if (!kept || !answer_open(&answer, &v))
@@ -251,8 +254,7 @@ static Outcome do_step(Instance *instance, double start, double end) {
         outcome = refuse(instance, "no memory to estimate %lu cells", (unsigned long)cell_count(&v));
     if (outcome == ACCEPTED)
         outcome = check_heights(instance, &v, answer.estimate.height);
-    const double began = stopwatch_seconds();
-    if (outcome == ACCEPTED && !plan(instance, &v, kept, &answer))
+    if (outcome == ACCEPTED && !plan(instance, &v, kept, &answer, stopwatch_seconds() - began))
         outcome = refuse(instance, "no memory to plan %lu cells", (unsigned long)cell_count(&v));
     if (outcome == ACCEPTED && !keep_values(instance))
         outcome = refuse(instance, "no memory to keep the last plan until the next one is whole");

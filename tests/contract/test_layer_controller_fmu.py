@@ -276,7 +276,7 @@ def test_alpha_and_the_time_limit_can_be_tuned_between_steps_and_nothing_else(fo
 def test_plan_that_ran_out_of_time_is_still_one(form: str) -> None:
     with Driver("LayerController", form, 12, 12).start({"layers_scanned": 0, "time_limit": 1e-9}) as fmu:
         assert fmu.step(0.0) == OK
-        assert fmu.get("plan_status") == 5
+        assert (fmu.get("plan_status"), fmu.get("left_out")) == (5, 15)
         assert fmu.get("layer_command") == 1
         assert fmu.get("pattern").all()
 

@@ -31,10 +31,13 @@ int32_t improve_plan(const HorizonProblem *problem, const SearchOptions *options
 int32_t relax_droplets(const HorizonProblem *problem, const RelaxationOptions *options, double *droplets,
                        RelaxationReport *report) {
     RelaxedSurface surface;
+    RelaxationOptions rest = *options;
+    const double began = stopwatch_seconds();
     *report = (RelaxationReport){0};
     if (!relaxed_open(&surface, problem))
         return CORE_NO_MEMORY;
-    const int32_t status = projected_gradient(&surface, options, droplets, report);
+    rest.seconds_max -= stopwatch_seconds() - began;
+    const int32_t status = projected_gradient(&surface, &rest, droplets, report);
     relaxed_close(&surface);
     return status;
 }

@@ -1,12 +1,15 @@
 #include "layer_planner.h"
 
+#include <math.h>
 #include <stdlib.h>
 
 #include "shortest_plan.h"
+#include "stopwatch.h"
 
 int32_t plan_layers(const PlannerOptions *options, int32_t colours[HORIZON_MAX][4], const SurfaceEstimate *estimate,
                     int32_t layer, const int32_t *last, int32_t *plan, PlanReport *report) {
     const size_t cells = options->nx * options->ny;
+    const double began = stopwatch_seconds();
     double *memory = malloc(cells * (2 * sizeof(double) + options->horizon * sizeof(uint16_t)));
     if (!memory)
         return CORE_NO_MEMORY;
@@ -19,7 +22,7 @@ int32_t plan_layers(const PlannerOptions *options, int32_t colours[HORIZON_MAX][
                            .annealing_sweeps = options->annealing_sweeps,
                            .iterations = options->iterations,
                            .seed = ((uint64_t)options->seed << 32) + (uint64_t)layer,
-                           .seconds_max = options->seconds_max,
+                           .seconds_max = fmax(0.0, options->seconds_max - (stopwatch_seconds() - began)),
                            .threads = 1};
     const int32_t status = plan_shortest(&problem, &work, plan, report);
     free(memory);

@@ -12,6 +12,9 @@
 /* Of what a full layer adds to the mean error far from the target: nothing makes up for leaving that out (by trial). */
 static const double FULL_LAYER = 0.75;
 
+/* Time that a plan for fewer layers is not begun without, in evaluations of a plan (assumed). */
+static const double LEAST_TIME = 10.0;
+
 typedef struct {
     const PlanWork *work;
     bool is_stopped; /* by after_sweep */
@@ -45,6 +48,7 @@ static double tallest_layer(const HorizonProblem *problem) {
 }
 
 static void add_work(PlanReport *report, const PlanReport *earlier) {
+    report->left_out |= earlier->left_out;
     report->sweeps += earlier->sweeps;
     for (int phase = 0; phase < PHASES; phase++)
         report->seconds[phase] += earlier->seconds[phase];
@@ -76,8 +80,11 @@ static int32_t shorten(const HorizonProblem *problem, const PlanWork *work, doub
         PlanReport found;
         rest.last_layers = fewer.layers + 1;
         rest.seconds_max = fmin(work->seconds_max, ends_at - stopwatch_seconds());
-        if (rest.seconds_max <= 0.0 ||
-            !plan_fewer(&fewer, &rest, plan, report->objective.value, shorter, &found, &status))
+        if (rest.seconds_max < LEAST_TIME * report->evaluation) {
+            report->left_out |= LEFT_FEWER_LAYERS;
+            break;
+        }
+        if (!plan_fewer(&fewer, &rest, plan, report->objective.value, shorter, &found, &status))
             break;
         if (found.status == PLAN_DONE || found.objective.value > report->objective.value + price) {
             add_work(report, &found);
@@ -106,12 +113,10 @@ int32_t plan_shortest(const HorizonProblem *problem, const PlanWork *work, int32
     if (status != CORE_DONE || report->status == PLAN_DONE || price == 0.0)
         return status;
     int32_t *other = calloc(places, sizeof(int32_t));
-    Objective nothing;
+    const Objective nothing = report->nothing;
     if (!other)
         return CORE_NO_MEMORY;
-    status = plan_objective(problem, other, &nothing);
-    if (status == CORE_DONE)
-        status = shorten(problem, &watched, price, ends_at, &stop, plan, other, report);
+    status = shorten(problem, &watched, price, ends_at, &stop, plan, other, report);
     const double gain = nothing.value - report->objective.value;
     if (status == CORE_DONE && gain <= (double)layers_used(problem, plan) * price) {
         memset(plan, 0, places * sizeof(int32_t));

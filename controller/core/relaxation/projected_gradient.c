@@ -69,9 +69,12 @@ int32_t projected_gradient(RelaxedSurface *surface, const RelaxationOptions *opt
     }
     memcpy(descent.start, droplets, bytes);
     memcpy(descent.ahead, droplets, bytes);
-    double smoothing = SMOOTHING_FIRST * unit;
+    const double opened = stopwatch_seconds(), before = relaxed_value(surface, descent.start, last);
+    const double valued = stopwatch_seconds(), ends_at = began + options->seconds_max - (valued - opened);
+    double smoothing = SMOOTHING_FIRST * unit, latest = valued,
+           iteration = 2.0 * (valued - opened); /* the first guess */
     for (; report->iterations < options->iterations_max; report->iterations++) {
-        if (stopwatch_seconds() - began > options->seconds_max) {
+        if (latest + iteration > ends_at) { /* one more would end too late for the value at the end */
             status = CORE_TIME;
             break;
         }
@@ -81,8 +84,10 @@ int32_t projected_gradient(RelaxedSurface *surface, const RelaxationOptions *opt
         const double step = smoothing * surface->count / (unit * unit * (double)problem->layers);
         take_step(&descent, step, droplets, places);
         smoothing *= shrink;
+        const double now = stopwatch_seconds();
+        iteration = fmax(iteration, now - latest);
+        latest = now;
     }
-    const double before = relaxed_value(surface, descent.start, last);
     report->value = relaxed_value(surface, droplets, last);
     if (before < report->value) {
         memcpy(droplets, descent.start, bytes);

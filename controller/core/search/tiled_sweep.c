@@ -93,6 +93,13 @@ static Sums joined_sums(const Tiling *tiling, size_t colour) {
     return sums;
 }
 
+static bool is_out_of_time(const Tiling *tiling, size_t colour) {
+    bool found = false;
+    for (size_t k = 0; k < tiles_of_colour(tiling, colour); k++)
+        found = found || tiling->tally[tile_index(tiling, colour, k)].out_of_time;
+    return found;
+}
+
 static void sweep_in_turn(Tiling *tiling, const Sweep *sweep, size_t colour) {
     PlanSurface *surface = tiling->surface;
     for (size_t k = 0; k < tiles_of_colour(tiling, colour); k++) {
@@ -117,6 +124,8 @@ static void sweep_colour(Tiling *tiling, const Sweep *sweep, size_t colour) {
         return;
     }
     memcpy(surface->plan, tiling->kept, values);
+    if (is_out_of_time(tiling, colour)) /* the search ends, and evaluates its plan */
+        return;
     surface_evaluate(surface);
     wake_all(surface, tiling->awake);
     sweep_in_turn(tiling, sweep, colour);

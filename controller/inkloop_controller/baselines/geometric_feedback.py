@@ -40,7 +40,7 @@ class CohenLipson:
             raise ValueError(f"threshold is {threshold}; needs a height of at least 0")
         self._job, self._threshold, self._regions = job, threshold, InkRegions(job, region_test)
 
-    def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """All droplets that the greedy choice drops on the surface; DONE if that is none."""
         material = self._regions.materials(estimate.height)
         dropped = self.droplets(estimate.height, ink_maps(estimate.inks, material))
@@ -76,7 +76,7 @@ class ErrorDiffusion:
     def __init__(self, job: Job, *, region_test: Annotated[RegionTest, Option()] = "middle") -> None:
         self._job, self._choices = job, DropletChoices(job, region_test=region_test)
 
-    def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """Droplets as dense as the share of a layer that is lacking; DONE if that is none."""
         job, choices = self._job, self._choices.allowed(estimate.height, 1)
         problem = HorizonProblem(

@@ -35,7 +35,7 @@ class OpenLoop:
         self._job, self._regions = job, InkRegions(job, "middle")
         self._layers = np.where(job.mask, nominal if layers is None else layers, 0)
 
-    def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """A droplet on every cell of the part that is to be higher, DONE after the last layer."""
         lacking = layer < self._layers
         nominal_surface = np.full(lacking.shape, layer * nominal_layer_height(self._job))
@@ -68,7 +68,7 @@ class StochasticGreedy:
         self._choices = DropletChoices(job, region_test="surface")
         self._batch, self._iterations_max = batch, iterations_max
 
-    def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """The pattern that the search ends with; DONE if printing nothing is better."""
         job = self._job
         problem = HorizonProblem(

@@ -89,7 +89,7 @@ class SearchOptionsStruct(ctypes.Structure):
 
 
 class PlanWorkStruct(ctypes.Structure):
-    """`PlanWork` of horizon_planner.h."""
+    """`PlanWork` of plan_work.h."""
 
     _fields_ = (
         ("relaxation", ctypes.c_int32),
@@ -115,8 +115,11 @@ class PlanReportStruct(ctypes.Structure):
         ("status", ctypes.c_int32),
         ("start", ctypes.c_int32),
         ("is_annealed", ctypes.c_int32),
+        ("left_out", ctypes.c_int32),
         ("sweeps", ctypes.c_int64),
         ("objective", ObjectiveStruct),
+        ("nothing", ObjectiveStruct),
+        ("evaluation", ctypes.c_double),
         ("seconds", ctypes.c_double * 3),
     )
 

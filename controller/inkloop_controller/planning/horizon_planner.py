@@ -12,7 +12,7 @@ from inkloop.component import FloatMap
 from inkloop_controller.core.bindings import answered, checked, objective_of, pointer, problem_struct
 from inkloop_controller.core.library import library
 from inkloop_controller.core.structs import AfterSweep, FinishStruct, PlanReportStruct, PlanWorkStruct
-from inkloop_controller.planning.layer_plan import PlanStatus
+from inkloop_controller.planning.layer_plan import LeftOut, PlanStatus
 from inkloop_controller.problem.horizon_problem import KINDS_MAX, HorizonProblem, IntPlan, Objective, SearchProgress
 from inkloop_controller.problem.work import Work
 
@@ -25,7 +25,7 @@ Finish: TypeAlias = Literal["even", "fast"]
 _FINISHES = ("even", "fast")  # from 1 on, as in shortest_plan.h
 _STARTS = ("nothing", "full layers", "last plan", "relaxation")
 _PHASES = ("relaxation", "rounding", "repair")
-_RELAX_HERE, _RELAX_GIVEN, _RELAX_NOTHING = range(3)  # of horizon_planner.h
+_RELAX_HERE, _RELAX_GIVEN, _RELAX_NOTHING = range(3)  # of plan_work.h
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,9 @@ def ending_of(finish: Finish) -> Ending:
 
 @dataclass(frozen=True, eq=False)
 class FoundPlan:
-    """A plan (layers, nx, ny), empty if nothing is better; start: what it was made from; seconds: time by phase."""
+    """A plan (layers, nx, ny), empty if nothing is better; start: what it was made from; seconds: time by phase;
+    left_out: by the time limit.
+    """
 
     plan: IntPlan
     objective: Objective
@@ -55,6 +57,7 @@ class FoundPlan:
     start: str
     sweeps: int
     seconds: Mapping[str, float]
+    left_out: LeftOut
 
 
 def best_plan(
@@ -101,6 +104,7 @@ def best_plan(
         start=_STARTS[report.start] + (", annealed" if report.is_annealed else ""),
         sweeps=report.sweeps,
         seconds=dict(zip(_PHASES, report.seconds, strict=True)),
+        left_out=LeftOut(report.left_out),
     )
 
 

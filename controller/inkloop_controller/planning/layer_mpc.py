@@ -16,7 +16,7 @@ from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.model.starts import even_droplets
 from inkloop_controller.planning.horizon_planner import Finish, RelaxedStart, best_plan, ending_of
-from inkloop_controller.planning.layer_plan import PROVEN, LayerPlan, PlanStatus
+from inkloop_controller.planning.layer_plan import PROVEN, LayerPlan, LeftOut, PlanStatus
 from inkloop_controller.problem.criterion import CEILING_COST, PLAIN, Criterion
 from inkloop_controller.problem.horizon_problem import HORIZON_MAX, HorizonProblem, IntPlan, SearchProgress
 from inkloop_controller.problem.options import Option
@@ -119,9 +119,9 @@ class LayerMpc:
             colours=tuple(self._model.colours(number) for number in numbers) if job.passes > 1 else (),
         )
 
-    def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
-        """The best plan found; DONE if that is to print nothing."""
-        watch, problem = Stopwatch(self._work.time_limit), self.problem(estimate, layer)
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
+        """The best plan found; DONE if that is to print nothing. elapsed: time since the scan [s]."""
+        watch, problem = Stopwatch(self._work.time_limit - elapsed), self.problem(estimate, layer)
         relaxed = self._relaxed(problem, watch)
         found = best_plan(
             problem,
@@ -133,6 +133,7 @@ class LayerMpc:
             seconds_max=watch.remaining,
             after_sweep=self._after_sweep,
         )
+        is_uncertified = self._certified and watch.remaining == 0.0
         bound, confidence = self._bound(problem, found.plan, relaxed.bound, watch)
         is_proven = found.objective.value - bound <= PROVEN * problem.kinds[0].layer_height
         pattern, drop_level = self._choices.split(found.plan[0])
@@ -149,6 +150,7 @@ class LayerMpc:
             bound=bound,
             bound_confidence=confidence,
             seconds={**found.seconds, **watch.seconds},
+            left_out=found.left_out | (LeftOut.CERTIFICATE if is_uncertified else LeftOut.NOTHING),
         )
 
     def _relaxed(self, problem: HorizonProblem, watch: Stopwatch) -> _Relaxed:

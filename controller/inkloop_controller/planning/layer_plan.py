@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
+from enum import IntFlag, StrEnum
 from math import inf, isfinite, nan
 from typing import TYPE_CHECKING, Protocol
 
@@ -32,6 +32,17 @@ class PlanStatus(StrEnum):
     DONE = "done"  # printing nothing is best: the print is finished
 
 
+class LeftOut(IntFlag):
+    """What a time limit has left out of a plan, or cut short."""
+
+    NOTHING = 0
+    RELAXATION = 1
+    STARTS = 2
+    REPAIR = 4
+    FEWER_LAYERS = 8
+    CERTIFICATE = 16
+
+
 PROVEN = 1e-6  # of a layer's height: an objective this near its bound differs by the rounding of the solvers
 
 
@@ -42,7 +53,8 @@ class LayerPlan:
     plan: (layers, nx, ny), 0 nothing, 1 + kind of droplet; pattern: (nx, ny) its first layer, 0 none, 1 material A,
     2 material B; drop_level: (nx, ny) drops per site of it; objective of the surface after the last layer [m];
     predicted_height: (nx, ny) after the first one [m]; start: the candidate that won; bound: no plan can have a lower
-    objective [m], NaN: none; bound_confidence: probability that the bound holds, 1 if proven; seconds: time by phase.
+    objective [m], NaN: none; bound_confidence: probability that the bound holds, 1 if proven; seconds: time by phase;
+    left_out: by a time limit.
     """
 
     plan: IntPlan
@@ -56,6 +68,7 @@ class LayerPlan:
     bound: float = nan
     bound_confidence: float = 1.0
     seconds: Mapping[str, float] = field(default_factory=dict)
+    left_out: LeftOut = LeftOut.NOTHING
 
     @classmethod
     def of_pattern(
@@ -90,6 +103,8 @@ class LayerPlan:
             "start": self.start,
             "sweeps": str(self.sweeps),
         }
+        if self.left_out:
+            rows["left out by the time limit"] = ", ".join(str(stage.name).lower() for stage in self.left_out)
         if isfinite(self.bound):
             rows["no plan is below"] = f"{self.bound * UM_PER_M:.4g} µm (gap {self.gap:.2%})"
         cells = "".join(f"<tr><th>{name}</th><td>{value}</td></tr>" for name, value in rows.items())
@@ -99,9 +114,10 @@ class LayerPlan:
 class Planner(Protocol):
     """Anything that decides on a layer."""
 
-    def plan(self, estimate: Estimate, layer: int, last: IntPlan) -> LayerPlan:
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
         """The plan for the surface after `layer` layers, `last`: the plan (layers, nx, ny) made for it.
 
+        elapsed: time since the scan [s], which a time limit counts from; nothing else may depend on it.
         All inputs of a plan are arguments, so that a resumed print continues bit by bit.
         """
 

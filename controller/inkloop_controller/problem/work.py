@@ -19,8 +19,8 @@ ANNEALING_SWEEPS = Option(
 THREADS = Option(meaning="the plan is the same for any number")
 TIME_LIMIT = Option(
     unit="s",
-    meaning="limit on the clock; the best plan so far is printed. If it takes effect, a run is no longer the same on "
-    "every machine",
+    meaning="limit on the clock from the scan to the pattern; the best plan so far is printed. If it takes effect, a "
+    "run is no longer the same on every machine",
     form=Positive,
 )
 
@@ -31,7 +31,8 @@ class Work:
 
     sweeps: of the repair of one start; annealing_sweeps: of one more start that is annealed first (None: 50 for
     a single layer, up to 200 for a small plan of several, none for a large one), with it every start;
-    iterations: of the relaxation; threads: does not change the answer; time_limit: guard by the clock [s].
+    iterations: of the relaxation; threads: does not change the answer; time_limit: guard by the clock [s],
+    from the scan on.
     Raises ValueError, all errors in one sentence, for invalid budgets.
     """
 

@@ -7,6 +7,7 @@ import xarray as xr
 
 from inkloop.contract import LAYER_UNKNOWN
 from inkloop.report.trust import untrusted_remarks
+from inkloop.results.attributes import LEFT_OUT
 from inkloop.results.result import Result
 from inkloop.units import UM_PER_M
 
@@ -26,7 +27,24 @@ def remarks(result: Result) -> list[str]:
     found = [text.format(cells[-1].item()) for text, cells in counts if cells.dims == ("layer",) and cells[-1] > 0]
     run = result.dataset
     found += untrusted_remarks(run)
-    return found + _corrected_scans(run) + _nothing_printed(result) + _unknown_layers(run) + _alarms(run)
+    return (
+        found + _left_out(run) + _corrected_scans(run) + _nothing_printed(result) + _unknown_layers(run) + _alarms(run)
+    )
+
+
+def _left_out(run: xr.Dataset) -> list[str]:
+    """One sentence where a time limit left stages of plans out, with the layers of each stage."""
+    if "left_out" not in run or run.left_out.dims != ("layer",):
+        return []
+    sums = np.nan_to_num(run.left_out.values).astype(np.int64)
+    layers = {stage: np.count_nonzero(sums & (1 << bit)) for bit, stage in enumerate(LEFT_OUT)}
+    stages = [f"{stage.replace('_', ' ')} {count}" for stage, count in layers.items() if count]
+    if not stages:
+        return []
+    return [
+        f"the time limit left out or cut short, in how many of {np.count_nonzero(sums)} layers: {', '.join(stages)}; "
+        "allow more time, or a smaller horizon"
+    ]
 
 
 def _corrected_scans(run: xr.Dataset) -> list[str]:

@@ -9,8 +9,13 @@ import pytest
 
 from inkloop.component import Component, Ink, Status
 from inkloop.errors import ComponentError
+from inkloop_controller.baselines.planners import OpenLoop
 from inkloop_controller.controllers import LayerMpcController, OpenLoopController, StochasticGreedyController
+from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
+from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.model.layer_model import LayerModel
+from inkloop_controller.planning.layer_plan import LayerPlan
+from inkloop_controller.problem.horizon_problem import IntPlan
 from support.closed_loop import SECOND, block, inputs_of, print_part
 from support.half_spaces import Below
 
@@ -45,6 +50,21 @@ def test_repeated_scan_changes_nothing() -> None:
     second = answer(controller, FLAT + 5e-6, 0, 0)
     for name, value in first.items():
         np.testing.assert_array_equal(second[name], value, err_msg=name)
+
+
+def test_time_limit_counts_from_the_scan(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    planner, estimator = OpenLoop(JOB), HeightEstimator(JOB)
+
+    class Listening:
+        def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
+            seen.append(elapsed)
+            return planner.plan(estimate, layer, last)
+
+    clock = iter([5.0, 7.0, 10.0])  # at the scan, before the plan, after it
+    monkeypatch.setattr("inkloop_controller.layer_controller.perf_counter", lambda: next(clock))
+    found = answer(started(LayerController(JOB, Listening(), estimator)), FLAT, 0, 0)
+    assert (seen, found["solve_time"]) == ([2.0], 5.0)
 
 
 @pytest.mark.parametrize("make", MAKERS)

@@ -19,7 +19,7 @@ from inkloop_controller.model.regions import InkRegions
 from inkloop_controller.model.starts import full_layers, no_droplets
 from inkloop_controller.planning.horizon_planner import Finish, ending_of
 from inkloop_controller.planning.layer_mpc import LayerMpc
-from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus, surface_objective
+from inkloop_controller.planning.layer_plan import LayerPlan, LeftOut, PlanStatus, surface_objective
 from inkloop_controller.problem.criterion import Criterion
 from inkloop_controller.problem.work import Work
 from support.closed_loop import block
@@ -257,6 +257,16 @@ def test_budget_and_clock_end_a_repair_and_the_plan_reports_it() -> None:
     hurried = planned(job, height, work=Work(time_limit=1e-9))
     assert hurried.status in (PlanStatus.FALLBACK, PlanStatus.TIME_LIMIT)
     assert hurried.pattern.any()
+
+
+def test_estimate_that_took_all_the_time_leaves_the_first_sound_plan() -> None:
+    job, height = rough_job(6, 30)
+    planner = LayerMpc(job, work=Work(time_limit=1e9))
+    late = planner.plan(known(height), 0, none(job), elapsed=2e9)
+    assert late.status is PlanStatus.FALLBACK
+    assert late.pattern.any()
+    assert late.left_out >= LeftOut.RELAXATION | LeftOut.STARTS | LeftOut.REPAIR
+    assert planner.plan(known(height), 0, none(job), elapsed=2.0).left_out == LeftOut.NOTHING
 
 
 def test_interruption_gives_the_best_plan_so_far() -> None:

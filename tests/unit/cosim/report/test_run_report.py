@@ -156,6 +156,14 @@ def test_every_reason_has_a_sentence_of_its_own() -> None:
     assert untrusted_remarks(run.assign(untrusted_reasons=("layer", [0, 1, 1, 0]))) == []
 
 
+def test_what_a_time_limit_left_out_is_counted_by_stage() -> None:
+    dataset = xr.Dataset({"left_out": ("layer", [0, 4, 13, 4])}, attrs={"stop_reason": "done"})
+    (found,) = remarks(Result(dataset, {}))
+    expected = "the time limit left out or cut short, in how many of 3 layers: relaxation 1, repair 3, fewer layers 1;"
+    assert found.startswith(expected)
+    assert remarks(Result(dataset.assign(left_out=("layer", [0, 0, 0, 0])), {})) == []
+
+
 @pytest.mark.parametrize(
     ("layers", "start"),
     [([0, 0, 0, 0], ""), ([0, 0, 1, 0], "layer 2 was aborted"), ([0, 1, 0, 1], "layers 1, 3 were aborted")],

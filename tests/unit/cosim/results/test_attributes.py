@@ -17,6 +17,7 @@ from inkloop.testing import job
 from inkloop_controller import PlanStatus
 from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.estimation.loop_trust import UntrustedReason
+from inkloop_controller.planning.layer_plan import LeftOut
 from support.places import ROOT
 from support.toys import toy_result
 
@@ -54,6 +55,8 @@ def test_codes_are_those_of_the_parts_that_put_them_out() -> None:
     assert spelled(MEANINGS["plan_status"].flags) == spelled(status.value for status in PlanStatus)
     bits = [1 << bit for bit in range(len(MEANINGS["untrusted_reasons"].masks))]
     assert bits == [reason.value for reason in UntrustedReason]
+    assert spelled(MEANINGS["left_out"].masks) == spelled(str(stage.name).lower() for stage in LeftOut)
+    assert [stage.value for stage in LeftOut] == [1 << bit for bit in range(len(LeftOut))]
 
 
 def test_every_output_of_our_models_and_controllers_has_a_meaning() -> None:

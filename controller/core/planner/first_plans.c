@@ -1,0 +1,142 @@
+#include "first_plans.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "error_diffusion.h"
+#include "horizon_solver.h"
+#include "plan_starts.h"
+#include "plan_surface.h"
+#include "stopwatch.h"
+
+static const double RELAXATION_SHARE = 0.3; /* of a time limit, at most (assumed) */
+static const double ENDING = 1.0;           /* copies of the plan and its first layer's surface, in evaluations */
+static const double LEAST_RELAXATION = 6.0; /* memory, one iteration and two values, in evaluations (by trial) */
+
+double seconds_left(const FirstPlans *first) {
+    return first->ends_at - stopwatch_seconds() - ENDING * first->evaluation;
+}
+
+static bool is_limited(const FirstPlans *first) {
+    return !isinf(first->ends_at);
+}
+
+static Objective evaluate(FirstPlans *first, PlanSurface *surface, const int32_t *plan) {
+    const double began = stopwatch_seconds();
+    surface_set_plan(surface, plan);
+    surface_evaluate(surface);
+    const Objective value = surface_objective(surface);
+    first->evaluation = fmax(first->evaluation, stopwatch_seconds() - began);
+    return value;
+}
+
+static void take(FirstPlans *first, PlanSurface *surface, int start) {
+    first->value[start] = evaluate(first, surface, first->plan[start]);
+    first->is_there[start] = true;
+}
+
+/* Whether there is time for one more of the plans that are easily made. */
+static bool has_time(FirstPlans *first) {
+    const bool found = seconds_left(first) >= first->evaluation;
+    first->left_out |= found ? 0 : LEFT_STARTS;
+    return found;
+}
+
+/* Droplets of any size: one layer in one pass gains nothing by more than an even share (by trial). */
+static bool can_relax(const FirstPlans *first) {
+    return first->work->relaxation == RELAX_HERE && (first->problem->layers > 1 || first->problem->passes > 1);
+}
+
+static void set_droplets(FirstPlans *first) {
+    if (first->work->relaxation == RELAX_GIVEN)
+        memcpy(first->droplets, first->work->relaxed, first->places * sizeof(double));
+    if (first->work->relaxation == RELAX_HERE)
+        even_droplets(first->problem, first->droplets);
+}
+
+static int32_t relax(FirstPlans *first) {
+    const double began = stopwatch_seconds(), seconds = RELAXATION_SHARE * fmax(0.0, seconds_left(first));
+    int32_t status = CORE_TIME;
+    if (seconds >= LEAST_RELAXATION * first->evaluation) {
+        const RelaxationOptions options = {first->work->iterations, seconds};
+        RelaxationReport report;
+        status = relax_droplets(first->problem, &options, first->droplets, &report);
+    }
+    if (status == CORE_TIME)
+        first->left_out |= LEFT_RELAXATION;
+    first->seconds[PHASE_RELAXATION] = stopwatch_seconds() - began;
+    return status;
+}
+
+/* Instead of the even shares the relaxed droplets, rounded, if they were relaxed to the end or are better. */
+static int32_t take_relaxed(FirstPlans *first, PlanSurface *surface, double rounding) {
+    const int32_t relaxed = relax(first);
+    if (relaxed == CORE_NO_MEMORY)
+        return CORE_NO_MEMORY;
+    if (seconds_left(first) < rounding + first->evaluation) {
+        first->left_out |= LEFT_RELAXATION;
+        return CORE_DONE;
+    }
+    if (diffuse_droplets(first->problem, first->droplets, first->trial) == CORE_NO_MEMORY)
+        return CORE_NO_MEMORY;
+    const Objective value = evaluate(first, surface, first->trial);
+    if (relaxed == CORE_DONE || value.value < first->value[START_RELAXATION].value) {
+        memcpy(first->plan[START_RELAXATION], first->trial, first->places * sizeof(int32_t));
+        first->value[START_RELAXATION] = value;
+    }
+    return CORE_DONE;
+}
+
+static int32_t take_all(FirstPlans *first, PlanSurface *surface) {
+    const bool is_rounded = first->work->relaxation != RELAX_NOTHING;
+    const double began = stopwatch_seconds();
+    if (is_rounded &&
+        diffuse_droplets(first->problem, first->droplets, first->plan[START_RELAXATION]) == CORE_NO_MEMORY)
+        return CORE_NO_MEMORY;
+    const double rounding = stopwatch_seconds() - began;
+    if (!is_rounded)
+        full_layers(first->problem, first->plan[START_FULL_LAYERS]);
+    take(first, surface, is_rounded ? START_RELAXATION : START_FULL_LAYERS);
+    if (first->work->last && has_time(first)) {
+        shift_plan(first->problem, first->work->last, first->work->last_layers, first->plan[START_LAST_PLAN]);
+        take(first, surface, START_LAST_PLAN);
+    }
+    if (is_limited(first) && can_relax(first) && take_relaxed(first, surface, rounding) == CORE_NO_MEMORY)
+        return CORE_NO_MEMORY;
+    if (is_rounded && has_time(first)) {
+        full_layers(first->problem, first->plan[START_FULL_LAYERS]);
+        take(first, surface, START_FULL_LAYERS);
+    }
+    return CORE_DONE;
+}
+
+/* Without a limit the droplets are relaxed at once, before the memory of a surface is taken. */
+int32_t make_first_plans(FirstPlans *first) {
+    const double began = stopwatch_seconds();
+    PlanSurface surface;
+    set_droplets(first);
+    if (!is_limited(first) && can_relax(first) && relax(first) == CORE_NO_MEMORY)
+        return CORE_NO_MEMORY;
+    memset(first->plan[START_NOTHING], 0, first->places * sizeof(int32_t));
+    if (!surface_open(&surface, first->problem, first->plan[START_NOTHING]))
+        return CORE_NO_MEMORY;
+    first->value[START_NOTHING] = surface_objective(&surface);
+    first->is_there[START_NOTHING] = true;
+    const int32_t status = take_all(first, &surface);
+    surface_close(&surface);
+    first->seconds[PHASE_ROUNDING] = stopwatch_seconds() - began - first->seconds[PHASE_RELAXATION];
+    return status;
+}
+
+int rank_first_plans(const FirstPlans *first, int rank[STARTS]) {
+    int count = 0;
+    for (int k = 0; k < STARTS; k++) {
+        if (!first->is_there[k])
+            continue;
+        int place = count++;
+        for (; place > 0 && first->value[k].value < first->value[rank[place - 1]].value; place--)
+            rank[place] = rank[place - 1];
+        rank[place] = k;
+    }
+    return count;
+}

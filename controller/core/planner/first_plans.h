@@ -1,0 +1,35 @@
+/* The plans that a repair can begin from, made and evaluated: nothing and a sound plan first, then what time allows.
+ *
+ * Each stage is begun only if as much time is left as its like took before, and an ending besides. */
+#ifndef INKLOOP_FIRST_PLANS_H
+#define INKLOOP_FIRST_PLANS_H
+
+#include <stdbool.h>
+
+#include "plan_work.h"
+
+typedef struct {
+    const HorizonProblem *problem;
+    const PlanWork *work;
+    size_t places;     /* values of a plan */
+    double ends_at;    /* by the stopwatch [s]; infinite: no limit */
+    double evaluation; /* of a plan, the longest yet [s] */
+    bool is_there[STARTS];
+    int32_t *plan[STARTS];
+    Objective value[STARTS];
+    double *droplets; /* of any size, in `places` */
+    int32_t *trial;   /* holds a plan */
+    int32_t left_out; /* LEFT_... */
+    double seconds[PHASES];
+} FirstPlans;
+
+/* Fills is_there, plan and value; `nothing` is always there, and another one too. CORE_DONE or CORE_NO_MEMORY. */
+int32_t make_first_plans(FirstPlans *first);
+
+/* Time that is left for more than the ending [s]. */
+double seconds_left(const FirstPlans *first);
+
+/* The plans there by their objectives, the lowest first; equal ones stay as they are. Their number. */
+int rank_first_plans(const FirstPlans *first, int rank[STARTS]);
+
+#endif

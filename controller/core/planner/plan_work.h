@@ -1,0 +1,33 @@
+/* What a plan may begin from, the work that it may take, and what a time limit may leave out of it. */
+#ifndef INKLOOP_PLAN_WORK_H
+#define INKLOOP_PLAN_WORK_H
+
+#include "horizon_problem.h"
+
+/* Plans to begin from, in the order in which equal ones win. */
+enum { START_NOTHING, START_FULL_LAYERS, START_LAST_PLAN, START_RELAXATION, STARTS };
+
+/* What a time limit has left out or cut short, as a sum. In the order of LeftOut in layer_plan.py. */
+enum { LEFT_RELAXATION = 1, LEFT_STARTS = 2, LEFT_REPAIR = 4, LEFT_FEWER_LAYERS = 8 };
+
+enum { RELAX_HERE, RELAX_GIVEN, RELAX_NOTHING };
+enum { PHASE_RELAXATION, PHASE_ROUNDING, PHASE_REPAIR, PHASES };
+
+/* The work that a plan may take, and what there is to begin from. */
+typedef struct {
+    int32_t relaxation;       /* RELAX_...: by projected gradients, in `relaxed`, or no such start */
+    const double *relaxed;    /* droplets of any size, layers * nx * ny */
+    const int32_t *last;      /* the last plan, last_layers * nx * ny; NULL: none */
+    size_t last_layers;       /* 1 or more */
+    double layer_worth;       /* see shortest_plan.h; of no meaning for a single horizon */
+    int64_t sweeps;           /* of the repair of one start */
+    int64_t annealing_sweeps; /* of one more start that is annealed first; below 0: by the size of the problem */
+    int64_t iterations;       /* of the relaxation */
+    uint64_t seed;            /* of the annealing */
+    double seconds_max;       /* guard by the clock; infinite: none */
+    int32_t threads;          /* 1 or more; the bits of the answer do not depend on it */
+    int32_t (*after_sweep)(void *caller, const SearchReport *so_far); /* not 0: stop the repairs; NULL: none */
+    void *caller;
+} PlanWork;
+
+#endif

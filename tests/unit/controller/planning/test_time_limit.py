@@ -1,0 +1,117 @@
+"""A time limit leaves out stages and still gives a plan: a second passes at every look at the stopwatch."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import sys
+from collections.abc import Iterator
+from math import inf
+
+import numpy as np
+import pytest
+
+from inkloop.component import Ink
+from inkloop_controller.core import bindings
+from inkloop_controller.core.library import VARIABLE, library
+from inkloop_controller.model.starts import no_droplets
+from inkloop_controller.planning.horizon_planner import FoundPlan, best_plan
+from inkloop_controller.planning.layer_plan import LeftOut, PlanStatus
+from inkloop_controller.problem.horizon_problem import HorizonProblem
+from inkloop_controller.problem.work import Work
+from support import compiled
+from support.places import ROOT
+
+CORE = ROOT / "controller" / "core"
+ELSEWHERE = ("layer_planner.c", "layer_problem.c", "parallel_pthread.c", "stopwatch.c")
+SOURCES = (
+    *(path for path in sorted(CORE.rglob("*.c")) if path.name not in ELSEWHERE),
+    ROOT / "fmus" / "layer_deposition" / "layer_map.c",
+    ROOT / "tests" / "c" / "counting_stopwatch.c",
+)
+PLACES = sorted({f"-I{path.parent}" for path in (*CORE.rglob("*.h"), *SOURCES, ROOT / "fmus/deposition/passes.h")})
+FLAGS = ("-std=c11", "-O1", "-ffp-contract=off", "-fPIC", *PLACES)
+ALL = LeftOut.RELAXATION | LeftOut.STARTS | LeftOut.REPAIR | LeftOut.FEWER_LAYERS
+FIRST_PLAN = 19.0  # looks at the stopwatch, with two evaluations and a rounding
+WORK = Work(sweeps=4, annealing_sweeps=0, iterations=3)
+
+pytestmark = [
+    pytest.mark.compiled,
+    pytest.mark.skipif(sys.platform != "linux" or not shutil.which("gcc"), reason="gcc for Linux is not installed"),
+]
+
+
+@pytest.fixture
+def counting(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The core with the counting stopwatch."""
+    objects = [compiled.object_of(source, FLAGS) for source in SOURCES]
+    monkeypatch.setenv(VARIABLE, str(compiled.linked("counting_core.so", objects, ("-shared",))))
+    library.cache_clear()
+    yield
+    library.cache_clear()
+
+
+def problem() -> HorizonProblem:
+    """Little is lacking, and unevenly: fewer layers than the horizon's are worth a try."""
+    height = np.random.default_rng(3).uniform(0.0, 8e-6, (14, 13))
+    target, everywhere = np.full(height.shape, height.mean() + 12e-6), np.ones(height.shape, np.bool_)
+    return HorizonProblem(height, target, everywhere, np.ones((3, *height.shape), np.uint16), (Ink(),), 0.8)
+
+
+def found(limit: float) -> FoundPlan:
+    last = np.random.default_rng(4).integers(0, 2, (3, 14, 13), dtype=np.int32)
+    return best_plan(problem(), WORK, last=last, layer_worth=0.001, seed=1, seconds_max=limit)
+
+
+def looks() -> float:
+    """How many looks at the stopwatch there were; this is one."""
+    look = library().stopwatch_seconds
+    look.restype = ctypes.c_double
+    return float(look())
+
+
+def same(left: FoundPlan, right: FoundPlan) -> bool:
+    outcome = [(plan.objective, plan.status, plan.start, plan.sweeps, plan.left_out) for plan in (left, right)]
+    return outcome[0] == outcome[1] and np.array_equal(left.plan, right.plan)
+
+
+def test_limit_that_does_not_take_effect_changes_no_bit(request: pytest.FixtureRequest) -> None:
+    usual = found(inf)
+    request.getfixturevalue("counting")
+    assert same(found(inf), usual)
+    assert same(found(1e9), usual)
+    assert usual.left_out == LeftOut.NOTHING
+
+
+@pytest.mark.usefixtures("counting")
+def test_plan_without_time_is_sound_and_reports_what_was_left_out() -> None:
+    plan = found(0.0)
+    assert (plan.status, plan.sweeps, plan.left_out) == (PlanStatus.FALLBACK, 0, ALL)
+    assert plan.plan[0].any()
+    assert plan.objective.value < bindings.objective(problem(), no_droplets(problem())).value
+
+
+@pytest.mark.usefixtures("counting")
+def test_every_limit_gives_a_plan_better_than_nothing_and_more_time_leaves_out_less() -> None:
+    nothing = bindings.objective(problem(), no_droplets(problem())).value
+    plans = [found(float(limit)) for limit in range(0, 400, 4)]
+    for plan in plans:
+        assert plan.plan[0].any()
+        assert plan.objective == bindings.objective(problem(), plan.plan)
+        assert plan.objective.value < nothing
+        assert (plan.status is PlanStatus.FALLBACK) <= bool(plan.left_out & LeftOut.REPAIR)
+    for stage in ALL:
+        first = next(index for index, plan in enumerate(plans) if not plan.left_out & stage)
+        assert 0 < first < len(plans)
+    assert plans[-1].left_out == LeftOut.NOTHING
+    assert same(plans[-1], found(inf))
+
+
+@pytest.mark.usefixtures("counting")
+def test_time_beyond_the_limit_is_that_of_the_first_sound_plan_at_most() -> None:
+    taken = []
+    for limit in range(0, 400, 4):
+        began = looks()
+        found(float(limit))
+        taken.append(looks() - began - limit)
+    assert taken[0] == max(taken) == FIRST_PLAN
