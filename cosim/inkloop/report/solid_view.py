@@ -46,17 +46,40 @@ def view(solid: NDArray[np.bool_], upright: float, *, azimuth_deg: float = -60.0
     on_screen = size / 2 + columns[..., None] * right + rows[..., None] * up
     image = np.full(rows.shape, np.nan, np.float32)
     voxel = np.zeros((*rows.shape, 3), np.int64)
-    seen = np.zeros(rows.shape, np.bool_)
+    may_hit = _cells_with_a_dense_corner(density)
+    dense = np.argwhere(may_hit) if may_hit.any() else np.zeros((1, 3))
+    starts = on_screen.reshape(-1, 3)
+    near, far = _depths_in_box(starts, to_camera, dense.min(axis=0) / scale, (dense.max(axis=0) + 1) / scale)
     for depth in np.linspace(half, -half, STEPS):
-        open_rays = np.flatnonzero(~seen)
-        points = (on_screen.reshape(-1, 3)[open_rays] + depth * to_camera) * scale
+        rays = np.flatnonzero((depth <= near) & (depth >= far))
+        points = (starts[rays] + depth * to_camera) * scale
+        within = may_hit[tuple(points.astype(np.int64).clip(0, np.array(may_hit.shape) - 1).T)]
+        rays, points = rays[within], points[within]
         hit = map_coordinates(density, points.T, order=1, cval=0.0) > 0.5
-        image.ravel()[open_rays[hit]] = _brightness(density, points[hit], scale)
-        voxel.reshape(-1, 3)[open_rays[hit]] = points[hit].round() - FRAME
-        seen.ravel()[open_rays[hit]] = True
+        image.ravel()[rays[hit]] = _brightness(density, points[hit], scale)
+        voxel.reshape(-1, 3)[rays[hit]] = points[hit].round() - FRAME
+        near[rays[hit]] = -np.inf  # what is seen hides the rest of its ray
     axes = np.stack([right, up], axis=1) * (PIXELS - 1) / (2.0 * half)
     inner = (np.array(solid.shape) - 1) / (np.array(density.shape) - 1)  # the frame takes its share of the box
     return View(image, voxel.clip(0, np.array(solid.shape) - 1), axes * inner[:, None])
+
+
+def _cells_with_a_dense_corner(density: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Cells between eight voxels in which an interpolated density can exceed one half, by their lowest voxel."""
+    found = density > 0.5
+    for axis in range(3):
+        low, high = (found.take(range(start, found.shape[axis] - 1 + start), axis) for start in (0, 1))
+        found = low | high
+    return found
+
+
+def _depths_in_box(
+    starts: NDArray[np.float64], along: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Largest and least depth of each ray (rays, 3) in a box, widened against rounding; the least is larger outside."""
+    along = np.where(np.abs(along) < 1e-12, 1e-12, along)  # a ray along a side of the box
+    ends = np.stack([(low - 1e-9 - starts) / along, (high + 1e-9 - starts) / along])
+    return ends.max(axis=0).min(axis=-1), ends.min(axis=0).max(axis=-1)
 
 
 def _axes(azimuth: float, elevation: float) -> tuple[NDArray[np.float64], ...]:

@@ -22,9 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Self
 
-from inkloop_hardware.protocol.c_codec import write_codec
-from inkloop_hardware.protocol.codec import BENCH_DBC
-from support.benches.node_bench import CORE, FIRMWARE, PLACES, ROOT, WIRE
+from support.benches.node_bench import CORE, FIRMWARE, PLACES, ROOT, WIRE, codec
 from support.compiled import run
 
 TARGETS = ("frames", "isotp", "services", "slcan")
@@ -32,7 +30,7 @@ PARTS = ("asking", "board", "invariants", "requests", "wire")
 FUZZ = FIRMWARE / "fuzz"
 CORPUS = FUZZ / "corpus"
 CLANGS = ("clang", *(f"clang-{version}" for version in range(22, 13, -1)))
-FLAGS = ("-std=c11", "-g", "-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror", "-ffp-contract=off")
+FLAGS = ("-std=c11", "-g1", "-Wall", "-Wextra", "-Wconversion", "-Wpedantic", "-Werror", "-ffp-contract=off")
 SANITIZERS = "-fsanitize=address,undefined"
 LONGEST_INPUT = 400
 INPUT_SECONDS = 20  # one input that takes longer hangs
@@ -54,11 +52,10 @@ def clang() -> str | None:
 
 def build(folder: Path, compiler: str = "gcc", *, fuzzer: bool = False) -> dict[str, Path]:
     """The program of every target: with libFuzzer in it, or with `replay.c`; RuntimeError with the compiler's words."""
-    write_codec(BENCH_DBC, folder)
     sanitizers = (f"{SANITIZERS},fuzzer-no-link" if fuzzer else SANITIZERS, "-fno-sanitize-recover=all")
     optimized = ("-O1",) if fuzzer else ("-O0",)  # a replay is compiled longer than it runs
-    flags = (compiler, *FLAGS, *optimized, *sanitizers, f"-I{FUZZ}", *PLACES, f"-isystem{folder}")
-    shared = [*CORE, *WIRE, folder / "inkloop.c", *(FUZZ / f"{name}.c" for name in PARTS)]
+    flags = (compiler, *FLAGS, *optimized, *sanitizers, f"-I{FUZZ}", *PLACES, f"-isystem{codec()}")
+    shared = [*CORE, *WIRE, codec() / "inkloop.c", *(FUZZ / f"{name}.c" for name in PARTS)]
     driver = () if fuzzer else (FUZZ / "replay.c",)
     own = [FUZZ / f"{target}.c" for target in TARGETS]
 
