@@ -48,7 +48,7 @@ def measure(*, sides: tuple[int, ...] = SIDES, scans: int = SCANS) -> Table:
     for heading in ("grid", "limit", "wall, median", "wall, worst", "processor, worst", "plans", "left out"):
         table.add_column(heading, justify="right")
     for side in sides:
-        limit = LIMITS_S.get(side, LIMITS_S[1000] * (side / 1000) ** 2)
+        limit = LIMITS_S.get(side, LIMITS_S[SIDES[-1]] * (side / SIDES[-1]) ** 2)
         found = list(track(answers(side, limit, scans), description=f"{side} x {side}", total=scans, transient=True))
         walls = np.array([answer.wall_s for answer in found])
         processor = max(answer.processor_s for answer in found)

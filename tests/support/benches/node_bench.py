@@ -35,7 +35,7 @@ KERNELS = [
 EMULATED = [FMUS / name / "variables.toml" for name in ("layer_deposition", "profile_sensor")]
 SANITIZERS = os.environ.get("INKLOOP_SANITIZERS", "").split()
 """More flags for everything that is compiled here; test_firmware_sanitized.py sets them."""
-STRICT = ("-std=c11", "-O1", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror", *SANITIZERS)
+STRICT = ("-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror", *SANITIZERS)
 PLACES = (
     *(f"-I{FIRMWARE / name}" for name in ("node", "can", "host", "host/faults")),
     *(f"-isystem{FMUS / name}" for name in ("deposition", "layer_deposition", "profile_sensor", "common")),
