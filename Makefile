@@ -119,7 +119,7 @@ TOOLS := gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm clang libclan
 tools: .venv/developer
 	@if command -v apt-get >/dev/null; then apt-get install --yes --no-install-recommends $(TOOLS); \
 	else echo "install with your own package manager what Debian calls: $(TOOLS)"; fi
-	$(PIP) 'inkloop[cross]'
+	$(PIP) 'inkloop[cross,dask]'
 	$(PYTHON) tests/support/masters/java_programs.py
 
 # Everything is read and written afresh: a page that is gone leaves nothing.
