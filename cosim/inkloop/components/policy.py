@@ -171,7 +171,7 @@ def policy_controller(kind: str, job: Job, policy: Any) -> PolicyController:
 def free_seat(job: Job, *, drop_levels: int = 1) -> PolicyController:
     """A controller whose actions come from outside, set as `act`; `inkloop.LayerEnv` sits there."""
 
-    def nobody(observation: Observation) -> ArrayLike:
+    def no_action(observation: Observation) -> ArrayLike:
         raise ComponentError("the controller's place is free; step an inkloop.LayerEnv, which acts there")
 
-    return PolicyController(job, nobody, drop_levels)
+    return PolicyController(job, no_action, drop_levels)

@@ -73,7 +73,7 @@ def compiler_command() -> list[str]:
     if importlib.util.find_spec(COMPILER) is None:
         raise FmuError(
             "a binary for another platform needs the compiler of the Python package ziglang, which is not installed: "
-            "pip install 'inkloop[cross]' (100 MB); the FMUs of a released inkloop have the binaries already"
+            "pip install 'inkloop[cross]' (100 MB)"
         )
     return [sys.executable, "-m", COMPILER]
 

@@ -1,6 +1,6 @@
 """The maps of layers where they are on disk: mapped into memory, so that only what is used takes any.
 
-A file that is removed or replaced meanwhile stays readable for whoever has mapped it.
+A mapped file stays readable after it was removed or replaced.
 """
 
 from __future__ import annotations

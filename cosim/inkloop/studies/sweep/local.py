@@ -19,7 +19,7 @@ from inkloop.errors import InkloopError
 from inkloop.studies.sweep.task import Order, Record, Task, failed, perform
 
 CRASHES_MAX, KILLS_MAX = 2, 10
-"""Deaths of its process after which a print has failed: by a fault of native code, and by somebody's kill."""
+"""A print has failed after so many crashes of native code in its process, or kills of its process from outside."""
 _KILL, _TERMINATE = 9, 15
 _KILLS = (_KILL, _TERMINATE)
 """Signals that no fault of native code raises."""
@@ -100,7 +100,7 @@ class _Worker:
         self._process: multiprocessing.process.BaseProcess | None = None
 
     def submit(self, work: Perform, order: Order, task: Task) -> Future[Record]:
-        """Begin a task; in a process that has died meanwhile the future raises BrokenProcessPool."""
+        """Begin a task; if the process has died, the future raises BrokenProcessPool."""
         if self._pool is None:
             others = {child.pid for child in multiprocessing.active_children()}
             context = multiprocessing.get_context("spawn")

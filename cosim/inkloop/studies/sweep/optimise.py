@@ -1,7 +1,7 @@
-"""The best setting by Optuna, which is asked for trials and told what they came to.
+"""Search the best setting with Optuna, by its ask-and-tell interface.
 
-A sampler is made anew for each trial, seeded by the seed of the search and the number of the trial: a search that is
-resumed asks for the same points.
+Each trial has a sampler of its own, seeded by the seed of the search and the number of the trial: a resumed search
+asks for the same points.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class OptimisePlan:
 
     @property
     def values(self) -> Sequence[float]:
-        """What each finished trial came to, the mean over its seeds; NaN of a trial that failed."""
+        """The objective of each finished trial, the mean over its seeds; NaN of a trial that failed."""
         return self._values
 
     @property
