@@ -133,16 +133,21 @@ static bool shows_far(const Registration *registration, bool is_iterated) {
            fabs(product / information - spread) < SAME_SPOT * spread + SAME_SPOT_STD / sqrt(information);
 }
 
-/* What the evidence says beyond doubt; once it did, it stays. */
+/* What the evidence says beyond doubt. A shift that leaves readings unexplained (doubt above the least) is to say so
+ * again in each scan: droplets that differ from the model look like a shift in one layer, and like another in the next.
+ */
 static void decide(bool has_spot, bool is_iterated, double doubt, Registration *registration) {
     const double *shift = registration->estimate, *covariance = registration->covariance;
     double block[SHIFTS * SHIFTS], solved[SHIFTS] = {shift[0], shift[1]};
     for (size_t i = 0; i < SHIFTS; i++)
         for (size_t j = 0; j < SHIFTS; j++)
             block[i * SHIFTS + j] = covariance[i * DISPLACEMENTS + j];
-    if (solve_definite(SHIFTS, block, solved) && shift[0] * solved[0] + shift[1] * solved[1] > doubt &&
-        hypot(shift[0], shift[1]) > SHIFT_VISIBLE)
+    const bool is_solved = solve_definite(SHIFTS, block, solved);
+    const bool is_beyond = is_solved && shift[0] * solved[0] + shift[1] * solved[1] > doubt;
+    if (is_beyond && hypot(shift[0], shift[1]) > SHIFT_VISIBLE)
         registration->has_shift = 1;
+    if (!is_beyond && doubt > BEYOND_DOUBT && !registration->has_wide_spot)
+        registration->has_shift = 0;
     const double spread = registration->estimate[SPREAD];
     if (has_spot && shows_far(registration, is_iterated) && spread > SPREAD_VISIBLE &&
         spread * spread > doubt * covariance[SPREAD * DISPLACEMENTS + SPREAD])

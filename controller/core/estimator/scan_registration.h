@@ -10,7 +10,8 @@
  * leaves unexplained grows with the curvature of the surface; its size is learnt, and takes weight from readings at
  * walls, where the prediction then counts.
  *
- * Scans are taken as they are until the evidence is beyond doubt: a sensor in register stays one. */
+ * Scans are taken as they are until the evidence is beyond doubt: a sensor in register stays one. A shift that leaves
+ * readings unexplained must stay beyond doubt: else it is the droplets that differ, and scans are taken as they are. */
 #ifndef INKLOOP_SCAN_REGISTRATION_H
 #define INKLOOP_SCAN_REGISTRATION_H
 
