@@ -20,6 +20,7 @@ from inkloop_controller.model.layer_model import LayerModel
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from inkloop_controller.problem.criterion import Criterion
 from inkloop_controller.problem.horizon_problem import IntMap
+from inkloop_controller.problem.work import Work
 
 CYLINDER = SCENARIOS / "cylinder.toml"
 VARIATION = 0.2  # of each droplet, at most
@@ -27,6 +28,7 @@ LAYERS_MAX = 120
 FIRST_VERSION = "horizon 3, every layer, no chance (as in version 0.1.0)"
 PLANNERS: dict[str, Callable[[Job], LayerMpc]] = {
     'finish = "even"': LayerMpc,
+    'finish = "even", sweeps = 12': partial(LayerMpc, work=Work(sweeps=12)),
     'finish = "fast"': partial(LayerMpc, finish="fast"),
     FIRST_VERSION: partial(LayerMpc, horizon=3, criterion=Criterion(layer_worth=0.0, droplet_std=0.0, overshoot=1.0)),
 }

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from benchmarks import machine
 
-RECORDED = ("layer_map", "layer_step", "master", "whole_layer", "time_limit", "columns", "startup")
+RECORDED = ("layer_map", "layer_step", "master", "whole_layer", "controller_time", "time_limit", "columns", "startup")
 """What `make benchmarks` measures for the page: minutes together."""
 
 
