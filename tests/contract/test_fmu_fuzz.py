@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from support.examples import examples
 from support.fmus import fmu_library, fuzzed_calls, fuzzing
 from support.fmus.fmu_driver import DEPOSITION_MODELS, DISCARD, ERROR, OK, Driver
 from support.fmus.fmu_library import NAMES
@@ -45,7 +46,7 @@ def test_calls_follow_the_standard_or_change_nothing(name, resizable, calls, fol
         pytest.skip("this FMU has no structural parameters")
     table = folder / f"{name}-{resizable}.txt"
     fmu_library.write_table(fmu_library.shipped(model, form, folder), table, resizable=resizable)
-    inputs = drawn(name)
+    inputs = drawn(name, examples(fuzzed_calls.INPUTS))
     counts = re.findall(r"^steps (\d+) layers (\d+) refusals (\d+)$", feed(calls, table, inputs), re.MULTILINE)
     steps, layers, refusals = np.array(counts, int).sum(axis=0)
     assert len(counts) == len(inputs)

@@ -68,7 +68,7 @@ def assert_same_print(one: Component, other: Component, job: Job, scan: Scan = e
 @pytest.mark.system
 @pytest.mark.parametrize(
     ("height", "scan"),
-    rest_is_long([(60e-6, noisy), (400e-6, noisy), (400e-6, exact)], 1),
+    rest_is_long([(30e-6, noisy), (400e-6, noisy), (400e-6, exact)], 1),
 )
 def test_cylinder_is_the_one_of_the_python_controller(height: float, scan: Scan) -> None:
     job = cylinder(height)
@@ -311,7 +311,7 @@ def pipes(**fields: Any) -> Job:
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("test", ["middle", "surface", "either"])
+@pytest.mark.parametrize("test", rest_is_long(["middle", "surface", "either"], 1))
 def test_two_inks_in_their_regions_are_those_of_the_python_controller(test: str) -> None:
     job = pipes()
     assert assert_same_print(*twins(job, {"region_test": test, "horizon": 2, "annealing_sweeps": 1}), job, noisy) > 6

@@ -11,6 +11,7 @@ import rumoca
 
 from support.fmus.fmu_driver import OK, Driver, random_patterns
 from support.fmus.modelica_library import LIBRARY, compiled, literal, simulate_text
+from support.long_proofs import rest_is_long
 from support.numpy.philox_numpy import normal, philox, uniforms
 
 pytestmark = pytest.mark.system
@@ -65,7 +66,8 @@ def test_parameters_have_the_names_units_and_values_of_the_fmu(model, part, fmu)
 
 
 @pytest.mark.parametrize(
-    ("passes", "order", "rotation"), [(1, "raster", 0), (4, "raster", 0), (4, "diagonal", 1), (4, "raster", 3)]
+    ("passes", "order", "rotation"),
+    rest_is_long([(1, "raster", 0), (4, "diagonal", 1), (4, "raster", 0), (4, "raster", 3)], 2),
 )
 def test_two_materials_give_the_surfaces_of_the_fmu(passes, order, rotation) -> None:
     text, patterns = printed(

@@ -12,6 +12,7 @@ import pytest
 
 from inkloop_controller.controllers import LayerMpcController
 from support.closed_loop import cylinder, print_part
+from support.long_proofs import rest_is_long
 
 SEEDS = range(2)
 
@@ -31,7 +32,7 @@ def mean_errors(variation: float, drift: float = 0.0, **options: Any) -> Any:
     return np.abs(np.mean([errors(seed) for seed in SEEDS], axis=0))
 
 
-@pytest.mark.parametrize(("variation", "mae", "std"), [(0.2, 0.50, 0.65), (0.4, 0.66, 0.85)])
+@pytest.mark.parametrize(("variation", "mae", "std"), rest_is_long([(0.4, 0.66, 0.85), (0.2, 0.50, 0.65)], 1))
 def test_laser_costs_little_against_an_exact_sensor(variation: float, mae: float, std: float) -> None:
     bias, found_mae, found_std = mean_errors(variation)
     assert bias < 0.2
@@ -46,6 +47,7 @@ def test_drift_of_the_sensor_does_not_reach_the_part() -> None:
     assert std < 0.65
 
 
+@pytest.mark.long
 def test_readings_taken_for_the_truth_end_too_high() -> None:
     bias, *_ = mean_errors(0.2, sensor_noise_std_um=0.0, layer_worth=0.0, overshoot=1.0)
     assert bias > 1.0

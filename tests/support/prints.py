@@ -20,13 +20,18 @@ Overrides = tuple[tuple[str, Any], ...]
 TWO_AHEAD: Overrides = (("components.controller.horizon", 2),)
 THREE_AHEAD: Overrides = (("components.controller.horizon", 3),)
 CHEAPER: Mapping[str, Overrides] = {
-    "bench": (("part.height_um", 7.0),),
+    "bench": (("part.height_um", 4.0),),
+    "blurred-scan": THREE_AHEAD,
     "bracket": LITTLE_WORK,
+    "cylinder": THREE_AHEAD,
     "cylinder-40": THREE_AHEAD,
     "dead-nozzles": THREE_AHEAD,
     "drifting-ink": THREE_AHEAD,
     "four-passes": THREE_AHEAD,
     "grey-head": TWO_AHEAD,
+    "misaligned-scan": THREE_AHEAD,
+    "no-flow": THREE_AHEAD,
+    "noisy-sensor": THREE_AHEAD,
     "nozzle-stays-dead": THREE_AHEAD,
     "pipe-junction": (*TWO_AHEAD, ("part.height_um", 60.0)),
     "pipe-junction-3mf": (("components.controller.horizon", 1), ("part.scale", 0.25)),
@@ -35,6 +40,8 @@ CHEAPER: Mapping[str, Overrides] = {
     "tilted-substrate": THREE_AHEAD,
     "two-ink-3mf": TWO_AHEAD,
     "two-materials": THREE_AHEAD,
+    "uneven-start": THREE_AHEAD,
+    "wide-droplets": THREE_AHEAD,
 }
 """Scenario -> overrides with which a print of 3 to 20 s shows the same in one or two."""
 QUICK_CUBOID: Overrides = (*LITTLE_WORK, ("part.height_um", 40.0))

@@ -89,6 +89,7 @@ def statuses(channel: str, count: int) -> None:
             count -= message.arbitration_id == codec.message("HeadStatus").frame_id
 
 
+@pytest.mark.long
 def test_image_that_hangs_is_reset_by_the_watchdog_of_the_board(image: Path) -> None:
     port = free_port()
     with machine(image, "-gdb", f"tcp:127.0.0.1:{port}") as channel:

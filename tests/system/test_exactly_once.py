@@ -21,6 +21,7 @@ from support.benches import kill_points, passes_left
 from support.benches.kill_points import begin, powered, session_killed_at
 from support.benches.killed_prints import Person, assert_all_is_reported, part
 from support.benches.passes_left import PASSES, assert_printed_once
+from support.long_proofs import rest_is_long
 
 pytestmark = [
     pytest.mark.usefixtures("without_pictures"),
@@ -30,8 +31,6 @@ GOLDEN = 0.618034
 LOOKS_OF_NODES = {"": 450, "j": 60, "s": 8}
 LOOKS_OF_MASTER = {"": 350, "j": 60, "s": 8}
 """In a layer, about: all, at the journal, in steps."""
-SIX_AND_THIRTY = [6, pytest.param(30, marks=pytest.mark.long)]
-SIX_AND_TEN = [6, pytest.param(10, marks=pytest.mark.long)]
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +71,8 @@ def test_sixty_kills_at_random_moments_doubled_and_left_out_nothing() -> None:
         assert one["reported"] == one["cut short"] != "0", "no kill fell into a pass"
 
 
-@pytest.mark.parametrize("count", SIX_AND_THIRTY)
+@pytest.mark.long
+@pytest.mark.parametrize("count", [6, 30])
 def test_killed_nodes_print_every_pass_once(count: int, looks: Path, tmp_path: Path) -> None:
     """Power fails and comes back at once: the run continues automatically where nothing is unknown."""
     path, run = part(tmp_path, count), tmp_path / "run"
@@ -100,11 +100,12 @@ def killed_masters(path: Path, folder: Path, looks: Path, count: int, *, with_no
         assert_all_is_reported(result, nodes, person)
 
 
-@pytest.mark.parametrize("count", SIX_AND_THIRTY)
+@pytest.mark.long
+@pytest.mark.parametrize("count", [6, 30])
 def test_killed_master_prints_every_pass_once(count: int, looks: Path, tmp_path: Path) -> None:
     killed_masters(part(tmp_path, count), tmp_path, looks, count, with_nodes=False)
 
 
-@pytest.mark.parametrize("count", SIX_AND_TEN)
+@pytest.mark.parametrize("count", rest_is_long([6, 10], 1))
 def test_killed_master_and_nodes_print_every_pass_once(count: int, looks: Path, tmp_path: Path) -> None:
     killed_masters(part(tmp_path, count), tmp_path, looks, count, with_nodes=True)

@@ -57,6 +57,7 @@ def test_experiments_on_a_scenario_give_an_ink_that_prints(tmp_path: Path, capsy
     assert ink_of(again) == pytest.approx([3.9, 0.5, 0.25], rel=1e-3, abs=0.0)
 
 
+@pytest.mark.long
 def test_logged_prints_are_pooled(tmp_path: Path) -> None:
     model = LayerDeposition()
     for number in range(2):

@@ -16,6 +16,7 @@ from inkloop.printing.print import Print
 from inkloop.scenario.file import Scenario
 from inkloop.units import UM_PER_M
 from support.file_profiler import METHODS, PITCH, PIXEL, SHAPE, TRUTH
+from support.long_proofs import rest_is_long
 from support.places import ROOT
 
 FIDUCIALS = ((0.4e-3, 0.3e-3), (3.1e-3, 0.5e-3), (1.5e-3, 3.4e-3))
@@ -95,7 +96,7 @@ def profiler(folder: Path, method: str) -> Iterator[subprocess.Popen[bytes]]:
         assert process.wait(60) == 0
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", rest_is_long(METHODS, 1))
 def test_part_is_printed_as_with_a_sensor_though_only_files_are_seen(method: str, tmp_path: Path) -> None:
     with profiler(tmp_path, method):
         run = Print(Scenario.load(scenario(tmp_path, method))).run()

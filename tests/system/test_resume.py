@@ -112,7 +112,7 @@ def kill_and_resume(whole: tuple[Path, int], share: float, folder: Path) -> None
         assert not (folder / place / "layers").exists()
 
 
-@pytest.mark.parametrize("share", rest_is_long([0.1, 0.8, 0.45, 0.0, 0.3, 1.0], 2))
+@pytest.mark.parametrize("share", rest_is_long([0.8, 0.1, 0.45, 0.0, 0.3, 1.0], 1))
 def test_killed_run_resumes_to_the_same_end(whole: tuple[Path, int], share: float, tmp_path: Path) -> None:
     kill_and_resume(whole, share, tmp_path / "run")
 
@@ -125,6 +125,7 @@ def test_run_killed_at_thirty_places_resumes_to_the_same_end(
     kill_and_resume(whole, (place + 0.5) / 30, tmp_path / "run")
 
 
+@pytest.mark.long
 def test_run_killed_twice_resumes_to_the_same_end(whole: tuple[Path, int], tmp_path: Path) -> None:
     folder = tmp_path / "run"
     assert run_killed_at(whole[1] // 5, "run", str(CUBOID), "--out", str(folder), *SLOW).returncode == KILLED
@@ -168,7 +169,7 @@ def test_events_continue_with_the_run(tmp_path: Path, monkeypatch: pytest.Monkey
     assert Result.load(tmp_path / "run").dataset.modified[[9, 10, -1]].values.tolist() == [False, True, True]
 
 
-@pytest.mark.parametrize("fmi", ["2", "3"])
+@pytest.mark.parametrize("fmi", rest_is_long(["3", "2"], 1))
 def test_fmu_of_a_file_resumes_from_its_state(fmi: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The FMUs stand next to the scenario, not in the run folder."""
     assert (

@@ -17,6 +17,7 @@ from inkloop.cli import main
 from inkloop.errors import ResultError
 from inkloop.results.lock import sole_writer
 from inkloop.results.result import RESULT_FILE, Result
+from support.long_proofs import rest_is_long
 from support.other_process import HOLDING, other_process
 
 SCENARIO = Path(__file__).parents[2] / "scenarios" / "cuboid.toml"
@@ -33,7 +34,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals of this kind")
-@pytest.mark.parametrize("columns", [60, 80, 120])
+@pytest.mark.parametrize("columns", rest_is_long([60, 80, 120], 1))
 def test_table_of_a_run_is_whole_in_a_window(folder: Path, columns: int) -> None:
     text = in_a_window(columns, "compare", "--no-pictures", str(folder))
     lines = text.splitlines()
@@ -85,6 +86,7 @@ def test_process_that_prints_can_ask_for_its_own_run_and_keeps_the_lock(tmp_path
 from pathlib import Path
 from inkloop.results.lock import sole_writer
 from inkloop.results.result import Result
+from support.long_proofs import rest_is_long
 folder = Path({str(tmp_path)!r})
 with sole_writer(folder):
     Result.begin(folder, "", {{}})

@@ -30,13 +30,16 @@ from inkloop_controller.planning.horizon_planner import Finish, ending_of
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
 from support.places import ROOT
 
+WHOLE_PRINTS = {"one-block-job-1"}
+"""Blocks of pages that print for many seconds."""
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 
 
 def python_blocks() -> Iterator[object]:
     for page in PAGES:
         for number, block in enumerate(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)):
-            yield pytest.param(block, id=f"{page.stem}-{number}")
+            name = f"{page.stem}-{number}"
+            yield pytest.param(block, id=name, marks=[pytest.mark.long] if name in WHOLE_PRINTS else [])
 
 
 @pytest.mark.system

@@ -14,10 +14,10 @@ from support.fmus import fmu_library
 INPUTS = 300
 
 
-def drawn(name: str) -> list[bytes]:
+def drawn(name: str, count: int = INPUTS) -> list[bytes]:
     """The inputs of one FMU."""
     generator = random.Random(name)
-    return [generator.randbytes(400) for _ in range(INPUTS)]
+    return [generator.randbytes(400) for _ in range(count)]
 
 
 def calls(folder: Path, flags: Sequence[str] = ()) -> Path:

@@ -183,7 +183,7 @@ def test_restored_controller_continues_with_the_same_bits_on_noisy_scans() -> No
 @pytest.mark.parametrize(
     ("fields", "options"),
     [
-        ({"passes": 4, "pass_rotation": 1}, {}),
+        pytest.param({"passes": 4, "pass_rotation": 1}, {}, marks=pytest.mark.long),
         ({"inks": (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6)), "region": Below(20e-6)}, {"region_test": "either"}),
         ({}, {"drop_levels": 3}),
     ],

@@ -14,6 +14,7 @@ from inkloop_controller.estimation.height_estimator import Estimate, HeightEstim
 from inkloop_controller.estimation.loop_trust import UntrustedReason
 from inkloop_controller.planning.layer_mpc import LayerMpc
 from support.closed_loop import SECOND, block, inputs_of
+from support.long_proofs import rest_is_long
 from support.numpy import lu_numpy
 
 LAYER, DROPLET = 7.6e-6, 0.1 * np.sqrt(4.4**2 + 4 * 0.6**2 + 4 * 0.2**2) * 1e-6
@@ -110,7 +111,7 @@ def test_ground_higher_than_the_target_caps_nothing_where_it_is_not_called_flat(
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("share", [0.4, 0.8])
+@pytest.mark.parametrize("share", rest_is_long([0.4, 0.8], 1))
 def test_profiler_that_reads_a_wall_low_raises_no_cell_above_the_limit(share: float) -> None:
     """Droplets of the nominal volume at most: what stands there is what was reckoned."""
     job = block(14, 13, height=60e-6)

@@ -16,6 +16,7 @@ from inkloop_controller.controllers import LayerMpcController
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import SECOND, block, inputs_of
+from support.long_proofs import rest_is_long
 
 LAYERS_MAX = 60
 
@@ -74,7 +75,7 @@ def printed(job: Job, sensor: Sensor, seed: int = 0, variation: float = 0.2, **o
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("shift", [(0.1, 0.0), (0.25, 0.0), (0.5, 0.5), (-0.6, 1.0)])
+@pytest.mark.parametrize("shift", rest_is_long([(-0.6, 1.0), (0.1, 0.0), (0.25, 0.0), (0.5, 0.5)], 1))
 def test_shift_is_known_after_ten_layers_and_leaves_the_part_as_good_as_without(shift: tuple[float, float]) -> None:
     job = small_cylinder()
     found = printed(job, Sensor(shift))
@@ -87,7 +88,7 @@ def test_shift_is_known_after_ten_layers_and_leaves_the_part_as_good_as_without(
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("spot", [0.5, 1.0])
+@pytest.mark.parametrize("spot", rest_is_long([0.5, 1.0], 1))
 def test_wide_spot_is_found_and_leaves_the_part_as_good_as_without(spot: float) -> None:
     job = small_cylinder()
     found = printed(job, Sensor(spot=spot))

@@ -15,6 +15,7 @@ from inkloop_controller.core import bindings
 from inkloop_controller.core.bindings import HorizonProblem, IntPlan
 from inkloop_controller.program.certificate import Certificate, certify, student_t
 from inkloop_controller.program.program import HorizonProgram
+from support.long_proofs import rest_is_long
 
 
 def rough(shape: tuple[int, int], seed: int = 0, **values: Any) -> HorizonProblem:
@@ -104,7 +105,7 @@ class Remembering(HorizonProgram):
         return self.known[key]
 
 
-@pytest.mark.parametrize("confidence", [0.8, 0.95])
+@pytest.mark.parametrize("confidence", rest_is_long([0.95, 0.8], 1))
 def test_sampled_bound_holds_as_often_as_it_claims(confidence: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Against the bound of all tiles, over 200 draws of 6 among 36; with a standard error of 2 to 3 %."""
     monkeypatch.setattr("inkloop_controller.program.certificate.HorizonProgram", Remembering)

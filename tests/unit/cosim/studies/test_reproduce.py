@@ -25,6 +25,7 @@ from inkloop.studies.reproduce.comparison import Part, Row, markdown, remarks, s
 from inkloop.studies.reproduce.finite_elements import solve, triangles
 from inkloop.studies.reproduce.hume_rosen import time_scales
 from inkloop.studies.reproduce.liquid import Liquid
+from support.long_proofs import rest_is_long
 from support.places import ROOT
 
 
@@ -237,7 +238,7 @@ def test_resampling_gives_back_the_coefficients_that_made_the_profiles() -> None
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("paper", ["hume-rosen", "wu-chiu"])
+@pytest.mark.parametrize("paper", rest_is_long(["wu-chiu", "hume-rosen"], 1))
 def test_command_leaves_tables_and_pictures(paper, tmp_path, capsys) -> None:
     assert main(["reproduce", paper, "--quick", "--out", str(tmp_path / "run")]) == 0
     assert "printed" in capsys.readouterr().out

@@ -55,6 +55,7 @@ def test_single_droplet_gives_what_it_leaves_and_no_more() -> None:
 
 
 @pytest.mark.system
+@pytest.mark.long
 def test_lines_under_surface_tension_are_held_by_a_controller_that_does_not_know_of_them() -> None:
     """25 x 25 droplets, 150.9 µm."""
     assert prints(OPEN_LOOP, "young-laplace", [1]).mean("rms") == pytest.approx(28.0, abs=1.0)
