@@ -21,13 +21,11 @@ static int32_t resize(IntervalList *list, size_t capacity) {
     return COLUMNS_DONE;
 }
 
-int32_t interval_add(IntervalList *list, double bottom, double top) {
-    if (list->count == list->capacity && resize(list, list->capacity + list->capacity / 2 + 1024))
-        return COLUMNS_NO_MEMORY;
-    list->bottom[list->count] = bottom;
-    list->top[list->count] = top;
-    list->count += 1;
-    return COLUMNS_DONE;
+int32_t interval_reserve(IntervalList *list, size_t more) {
+    if (list->capacity - list->count >= more)
+        return COLUMNS_DONE;
+    const size_t grown = list->capacity + list->capacity / 2 + 1024;
+    return resize(list, grown - list->count >= more ? grown : list->count + more);
 }
 
 void interval_trim(IntervalList *list) {
