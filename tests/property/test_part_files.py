@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import importlib.util
+import io
 from collections.abc import Callable
 from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from inkloop.component import Ink
 from inkloop.errors import GeometryError
 from inkloop.exchange.layers import BITMAP_FORMATS, archive, bitmap
 from inkloop.exchange.layers.patterns import Patterns
 from inkloop.geometry import Columns, load
+from inkloop.limits import KIB, MIB
 from inkloop.tables.part_images import StackTable
 from inkloop.tables.part_layers import LayersTable
 from inkloop.tables.schema import Process
@@ -25,12 +30,15 @@ from support import meshes
 from support.examples import examples
 from support.three_mf import mesh_object, model_xml, package
 
+MEMORY_MAX = 256 * MIB
+"""More than the libraries and a picture of 2^24 pixels take."""
 GRID = Grid(nx=14, ny=12, pitch_um=100.0)
 BOX = meshes.box((1.0, 2.0, 0.5), (3.5, 4.25, 1.5))
 FILES = {
     "box.stl": meshes.binary_stl(BOX),
     "text.stl": meshes.ascii_stl(BOX),
     "box.ply": meshes.ply(BOX),
+    "binary.ply": meshes.binary_ply(BOX),
     "box.obj": meshes.obj(BOX),
     "box.3mf": package(model_xml(mesh_object(2, BOX, "box"), '<item objectid="2"/>')),
 }
@@ -49,7 +57,9 @@ WORDS = [
     b"f 1 2",
     b"<a>",
 ]
+LABELS = np.random.default_rng(1).integers(0, 3, (9, 11)).astype(np.uint8)
 EDITS = st.lists(st.tuples(st.floats(0, 1), st.integers(0, 12), st.sampled_from(WORDS)), max_size=4)
+FLIPS = st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 7)), max_size=4)
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -59,6 +69,39 @@ def test_altered_mesh_files_are_read_or_refused(name: str, tmp_path: Path) -> No
     path = tmp_path / name
     refusals = refusals_of(path, FILES[name], lambda: load(path, 12, 12, 0.5e-3, unit="mm"), GeometryError)
     assert all(refusal.startswith(str(path)) for refusal in refusals)
+
+
+def picture(form: str, mode: str, **options: Any) -> bytes:
+    """A picture of labels, as Pillow writes it."""
+    file = io.BytesIO()
+    image = Image.fromarray(LABELS.astype(np.uint16) if mode == "I;16" else LABELS)
+    if mode == "P":
+        image.putpalette([0, 0, 0, 255, 0, 0, 0, 0, 255])
+    elif mode != "I;16":
+        image = image.convert(mode)
+    image.save(file, form, **options)
+    return file.getvalue()
+
+
+PICTURES = {
+    "grey.png": picture("PNG", "L"),
+    "opaque.png": picture("PNG", "RGBA"),
+    "deep.png": picture("PNG", "I;16"),
+    "palette.png": picture("PNG", "P", bits=2, transparency=0),
+    "grey.bmp": picture("BMP", "L"),
+    "palette.bmp": picture("BMP", "P"),
+    "deep.tif": picture("TIFF", "I;16"),
+    "packed.tif": picture("TIFF", "L", compression="tiff_lzw"),
+    "pages.tif": picture("TIFF", "P", save_all=True, append_images=[Image.fromarray(LABELS)]),
+}
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_altered_pictures_are_read_or_refused(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    table = StackTable(shape="stack", files=name, layer_um=8.0, pixel_um=100.0)
+    refusals = refusals_of(path, PICTURES[name], lambda: table.solid(GRID, tmp_path).shape, PartError)
+    assert all("files" in refusal or "inks" in refusal for refusal in refusals)
 
 
 @pytest.mark.parametrize("form", [*BITMAP_FORMATS, "json"])
@@ -77,14 +120,20 @@ def test_altered_slices_and_manifests_are_read_or_refused(form: str, tmp_path: P
 
 
 def refusals_of(path: Path, content: bytes, make: Callable[[], object], refusal: type[Exception]) -> list[str]:
-    """Bytes cut out and put in; one file in thirty at least is read, and some are refused, by these messages."""
+    """Bytes cut out, put in and bits turned; one file in thirty at least is read, some are refused, by these messages.
+
+    Nothing takes much memory, whatever a count in the file says.
+    """
     taken, refusals = 0, list[str]()
 
     @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=examples(80))
-    @given(edits=EDITS, length=st.none() | st.floats(0, 1))
-    def check(edits: list[tuple[float, int, bytes]], length: float | None) -> None:
+    @given(edits=EDITS, flips=FLIPS, length=st.none() | st.floats(0, 1))
+    def check(edits: list[tuple[float, int, bytes]], flips: list[tuple[float, int]], length: float | None) -> None:
         nonlocal taken
-        data = content
+        turned = bytearray(content)
+        for place, bit in flips:
+            turned[int(place * len(turned))] ^= 1 << bit
+        data = bytes(turned)
         for place, cut, word in edits:
             at = int(place * len(data))
             data = data[:at] + word + data[at + cut :]
@@ -99,6 +148,8 @@ def refusals_of(path: Path, content: bytes, make: Callable[[], object], refusal:
             assert isinstance(columns, Columns)
             taken += 1
 
+    before = getrusage(RUSAGE_SELF).ru_maxrss
     check()
+    assert (getrusage(RUSAGE_SELF).ru_maxrss - before) * KIB < MEMORY_MAX
     assert min(taken, len(refusals)) >= (taken + len(refusals)) / 30
     return refusals
