@@ -157,10 +157,12 @@ def closed_columns(
         raise GeometryError(f"{source}: {_inside_out(found, ny, pitch)}")
     if found.occupied == 0:
         low, high = bounds(bodies)
-        width, depth, height = ((high - low) * MM_PER_M).tolist()
+        size, room = (
+            " x ".join(f"{MM_PER_M * each:.4g}" for each in box) for box in (high - low, (nx * pitch, ny * pitch))
+        )
         raise GeometryError(
-            f"{source}: no centre of a cell lies in the part, which is {width:.4g} x {depth:.4g} x {height:.4g} mm, a "
-            f"cell {pitch * MM_PER_M:.4g} mm; needs another unit, a finer pitch or another place"
+            f"{source}: no centre of a cell lies in the part, which is {size} mm; the grid is {room} mm, a cell "
+            f"{pitch * MM_PER_M:.4g} mm; needs another unit, another place or a finer pitch"
         )
     if found.open_cells.size == 0:
         return found.columns
