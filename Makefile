@@ -90,6 +90,7 @@ test-long: .venv/developer
 
 benchmarks: .venv/developer
 	$(PIP) 'numba>=0.66'   # of use nowhere else
+	-$(PIP) 'embreex>=4.4'   # nor is this; there are wheels for some platforms only, and what follows runs without it
 	$(BIN)/python -m tools.figures performance
 
 benchmarks-hardware: .venv/developer

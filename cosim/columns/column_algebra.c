@@ -20,7 +20,8 @@ static double next_end(const Ends *ends) {
     return ends->next % 2 ? ends->top[ends->next / 2] : ends->bottom[ends->next / 2];
 }
 
-static int32_t combine_column(Ends a, Ends b, int32_t rule, IntervalList *list) {
+/* `list` has room for as many intervals as the two columns have. */
+static void combine_column(Ends a, Ends b, int32_t rule, IntervalList *list) {
     bool is_open = false;
     double bottom = 0.0;
     while (a.next < a.end || b.next < b.end) {
@@ -34,19 +35,20 @@ static int32_t combine_column(Ends a, Ends b, int32_t rule, IntervalList *list) 
         const bool is_in = (rule & point) != 0;
         if (is_in && !is_open)
             bottom = z;
-        if (!is_in && is_open && interval_add(list, bottom, z))
-            return COLUMNS_NO_MEMORY;
+        if (!is_in && is_open)
+            interval_append(list, bottom, z);
         is_open = is_in;
     }
-    return COLUMNS_DONE;
 }
 
 int32_t columns_combine(size_t cells, const Columns *first, const Columns *second, int32_t rule, int64_t *offsets,
                         IntervalList *list) {
     offsets[0] = 0;
     for (size_t cell = 0; cell < cells; cell++) {
-        if (combine_column(ends_of(first, cell), ends_of(second, cell), rule, list))
+        const Ends a = ends_of(first, cell), b = ends_of(second, cell);
+        if (interval_reserve(list, (a.end - a.next + b.end - b.next) / 2))
             return COLUMNS_NO_MEMORY;
+        combine_column(a, b, rule, list);
         offsets[cell + 1] = (int64_t)list->count;
     }
     interval_trim(list);

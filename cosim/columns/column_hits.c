@@ -28,6 +28,12 @@ static void sort(Hit *hits, size_t count) {
 }
 
 ColumnState column_close(Hit *hits, size_t count, IntervalList *list) {
+    if (count == 2 && hits[0].step + hits[1].step == 0) { /* most columns: in and out once */
+        const Hit *enter = &hits[hits[0].step == -1], *leave = &hits[hits[0].step == 1];
+        if (enter->z < leave->z)
+            interval_append(list, enter->z, leave->z);
+        return enter->z <= leave->z ? COLUMN_CLOSED : COLUMN_INSIDE_OUT;
+    }
     int64_t winding = 0;
     for (size_t n = 0; n < count; n++)
         winding += hits[n].step;
@@ -44,23 +50,22 @@ ColumnState column_close(Hit *hits, size_t count, IntervalList *list) {
         winding += hits[n].step;
         if (winding == 1 && hits[n].step == 1)
             bottom = z;
-        if (winding == 0 && hits[n].step == -1 && bottom < z && interval_add(list, bottom, z))
-            return COLUMN_NO_MEMORY;
+        if (winding == 0 && hits[n].step == -1 && bottom < z)
+            interval_append(list, bottom, z);
         below = z;
     }
     return list->count > added ? COLUMN_CLOSED : state;
 }
 
-int32_t hit_add(HitList *list, double z, size_t cell, int32_t step) {
-    if (list->count == list->capacity) {
-        const size_t capacity = 2 * list->capacity + 1024;
-        Hit *hit = realloc(list->hit, capacity * sizeof *hit);
-        if (!hit)
-            return COLUMNS_NO_MEMORY;
-        list->hit = hit;
-        list->capacity = capacity;
-    }
-    list->hit[list->count++] = (Hit){z, (uint32_t)cell, step};
+int32_t hit_reserve(HitList *list, size_t more) {
+    if (list->capacity - list->count >= more)
+        return COLUMNS_DONE;
+    const size_t capacity = 2 * list->capacity + more + 1024;
+    Hit *hit = realloc(list->hit, capacity * sizeof *hit);
+    if (!hit)
+        return COLUMNS_NO_MEMORY;
+    list->hit = hit;
+    list->capacity = capacity;
     return COLUMNS_DONE;
 }
 
@@ -90,22 +95,24 @@ int32_t hit_sort(const HitList *list, size_t cells, size_t *begin, HitList *sort
 }
 
 static int32_t add_ends(size_t count, const int64_t *cell, const double *bottom, const double *top, HitList *hits) {
+    if (hit_reserve(hits, 2 * count))
+        return COLUMNS_NO_MEMORY;
     for (size_t n = 0; n < count; n++)
-        if (bottom[n] < top[n] &&
-            (hit_add(hits, bottom[n], (size_t)cell[n], 1) || hit_add(hits, top[n], (size_t)cell[n], -1)))
-            return COLUMNS_NO_MEMORY;
+        if (bottom[n] < top[n]) {
+            hit_append(hits, bottom[n], (size_t)cell[n], 1);
+            hit_append(hits, top[n], (size_t)cell[n], -1);
+        }
     return COLUMNS_DONE;
 }
 
 static int32_t close_all(size_t cells, const HitList *hits, size_t *begin, HitList *sorted, int64_t *offsets,
                          IntervalList *list) {
-    if (hit_sort(hits, cells, begin, sorted))
+    if (hit_sort(hits, cells, begin, sorted) || interval_reserve(list, hits->count / 2))
         return COLUMNS_NO_MEMORY;
     offsets[0] = 0;
     for (size_t cell = 0; cell < cells; cell++) {
         const size_t first = begin[cell];
-        if (column_close(&sorted->hit[first], begin[cell + 1] - first, list) == COLUMN_NO_MEMORY)
-            return COLUMNS_NO_MEMORY;
+        (void)column_close(&sorted->hit[first], begin[cell + 1] - first, list);
         offsets[cell + 1] = (int64_t)list->count;
     }
     interval_trim(list);

@@ -21,13 +21,11 @@ static int32_t resize(IntervalList *list, size_t capacity) {
     return COLUMNS_DONE;
 }
 
-int32_t interval_add(IntervalList *list, double bottom, double top) {
-    if (list->count == list->capacity && resize(list, list->capacity + list->capacity / 2 + 1024))
-        return COLUMNS_NO_MEMORY;
-    list->bottom[list->count] = bottom;
-    list->top[list->count] = top;
-    list->count += 1;
-    return COLUMNS_DONE;
+int32_t interval_reserve(IntervalList *list, size_t more) {
+    if (list->capacity - list->count >= more)
+        return COLUMNS_DONE;
+    const size_t grown = list->capacity + list->capacity / 2 + 1024;
+    return resize(list, grown - list->count >= more ? grown : list->count + more);
 }
 
 void interval_trim(IntervalList *list) {
@@ -51,13 +49,19 @@ int64_t columns_check(size_t cells, size_t count, const Columns *columns) {
     return offsets[cells] == (int64_t)count ? -1 : (int64_t)cells - 1;
 }
 
+/* Without a branch on z, which no processor can predict. */
+static uint8_t column_holds(const Columns *columns, int64_t cell, double z) {
+    uint8_t is_in = 0;
+    for (int64_t k = columns->offsets[cell], end = columns->offsets[cell + 1]; k < end; k++)
+        is_in |= (uint8_t)((columns->bottom[k] <= z) & (z < columns->top[k]));
+    return is_in;
+}
+
 void columns_inside(const Columns *columns, size_t points, const int64_t *cell, const double *z, uint8_t *inside) {
-    for (size_t n = 0; n < points; n++) {
-        const int64_t c = cell ? cell[n] : (int64_t)n;
-        uint8_t is_in = 0;
-        if (c >= 0)
-            for (int64_t k = columns->offsets[c]; k < columns->offsets[c + 1] && columns->bottom[k] <= z[n]; k++)
-                is_in |= (uint8_t)(z[n] < columns->top[k]);
-        inside[n] = is_in;
-    }
+    if (cell)
+        for (size_t n = 0; n < points; n++)
+            inside[n] = cell[n] >= 0 ? column_holds(columns, cell[n], z[n]) : 0;
+    else
+        for (size_t n = 0; n < points; n++)
+            inside[n] = column_holds(columns, (int64_t)n, z[n]);
 }

@@ -35,8 +35,15 @@ COLUMNS_API int32_t inkloop_columns_interface(void);
 /* Frees an array that a function of this library allocated, or does nothing with NULL. */
 COLUMNS_API void columns_release(void *array);
 
-/* Appends bottom <= z < top. COLUMNS_DONE or COLUMNS_NO_MEMORY. */
-int32_t interval_add(IntervalList *list, double bottom, double top);
+/* Makes room for `more` intervals. COLUMNS_DONE or COLUMNS_NO_MEMORY. */
+int32_t interval_reserve(IntervalList *list, size_t more);
+
+/* Appends bottom <= z < top, for which there is room. */
+static inline void interval_append(IntervalList *list, double bottom, double top) {
+    list->bottom[list->count] = bottom;
+    list->top[list->count] = top;
+    list->count += 1;
+}
 
 /* Gives back what the list does not need. */
 void interval_trim(IntervalList *list);

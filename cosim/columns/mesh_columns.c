@@ -5,7 +5,7 @@
 
 #include "column_hits.h"
 
-enum { BAND_CELLS = 1 << 15 }; /* cells whose hits are collected and sorted together, at least a row: fits a cache */
+enum { BAND_CELLS = 1 << 14 }; /* cells whose hits are collected and sorted together, at least a row: fits a cache */
 static const uint32_t NONE = UINT32_MAX;
 
 /* Where an edge crosses a row. */
@@ -59,36 +59,45 @@ static Crossing crossing(const Corner *low, const Corner *high, double row) {
     return (Crossing){low->y + share * (high->y - low->y), low->z + share * (high->z - low->z)};
 }
 
-/* The crossings of a row by the edge that goes up (+x) around the triangle, and by the one that goes down. */
-static void cross_row(const Triangle *triangle, double row, Crossing *up, Crossing *down) {
+/* The corners in the order of their rows; the long edge goes from the first to the last, beside the middle. */
+typedef struct {
+    const Corner *low, *middle, *high;
+    bool long_goes_up; /* (+x) around the triangle */
+} Edges;
+
+static Edges edges_of(const Triangle *triangle) {
     const Corner *c = triangle->corner;
-    for (int n = 0; n < 3; n++) {
-        const Corner *from = &c[n], *to = &c[(n + 1) % 3];
-        if (from->x <= row && row < to->x)
-            *up = crossing(from, to, row);
-        else if (to->x <= row && row < from->x)
-            *down = crossing(to, from, row);
-    }
+    int low = 0, high = 2;
+    for (int n = 1; n < 3; n++)
+        low = c[n].x < c[low].x ? n : low;
+    for (int n = 1; n >= 0; n--)
+        high = c[n].x > c[high].x ? n : high;
+    if (low == high) /* all in one row, or not numbers */
+        high = (low + 1) % 3;
+    return (Edges){&c[low], &c[3 - low - high], &c[high], high == (low + 1) % 3};
 }
 
 /* Hits of one triangle in one row of cells, which are numbered from `first_cell`. The heights depend on the three
  * corners alone: two bodies that share a triangle, the other way round, have it at the same heights. */
-static int32_t add_row(const Triangle *triangle, size_t row, size_t ny, size_t first_cell, HitList *hits) {
-    Crossing up = {0}, down = {0};
-    cross_row(triangle, (double)row, &up, &down);
-    const size_t from_up = ceiling(up.y, ny), from_down = ceiling(down.y, ny);
-    if (from_up == from_down)
+static int32_t add_row(const Edges *edges, double row, size_t ny, size_t first_cell, HitList *hits) {
+    const Crossing of_long = crossing(edges->low, edges->high, row);
+    const Crossing of_short =
+        row < edges->middle->x ? crossing(edges->low, edges->middle, row) : crossing(edges->middle, edges->high, row);
+    const size_t from_long = ceiling(of_long.y, ny), from_short = ceiling(of_short.y, ny);
+    if (from_long == from_short)
         return COLUMNS_DONE;
+    const bool long_is_left = from_long < from_short;
+    const Crossing left = long_is_left ? of_long : of_short, right = long_is_left ? of_short : of_long;
+    const size_t begin = long_is_left ? from_long : from_short, end = long_is_left ? from_short : from_long;
     /* counterclockwise from above, the edge that goes up has the triangle on its +y side: a top, where lines leave */
-    const bool is_top = from_up < from_down;
-    const Crossing left = is_top ? up : down, right = is_top ? down : up;
-    const size_t begin = is_top ? from_up : from_down, end = is_top ? from_down : from_up;
+    const int32_t step = edges->long_goes_up == long_is_left ? -1 : 1;
     const double slope = (right.z - left.z) / (right.y - left.y);
     const double low = smaller(left.z, right.z), high = larger(left.z, right.z);
+    if (hit_reserve(hits, end - begin))
+        return COLUMNS_NO_MEMORY;
     for (size_t j = begin; j < end; j++) {
         const double z = left.z + ((double)j - left.y) * slope; /* of a sliver: may round beyond, or be nan */
-        if (hit_add(hits, larger(low, smaller(z, high)), first_cell + j, is_top ? -1 : 1))
-            return COLUMNS_NO_MEMORY;
+        hit_append(hits, larger(low, smaller(z, high)), first_cell + j, step);
     }
     return COLUMNS_DONE;
 }
@@ -119,8 +128,9 @@ static int32_t hit_band(size_t nx, size_t ny, const Triangle *triangles, Bands *
     for (uint32_t n = bands->head[band], next; n != NONE; n = next) {
         const Triangle *triangle = &triangles[n];
         const size_t from = first_row(triangle, nx), to = end_row(triangle, nx);
+        const Edges edges = edges_of(triangle);
         for (size_t row = from > first ? from : first; row < to && row < limit; row++)
-            if (add_row(triangle, row, ny, (row - first) * ny, hits))
+            if (add_row(&edges, (double)row, ny, (row - first) * ny, hits))
                 return COLUMNS_NO_MEMORY;
         next = bands->next[n];
         if (to > limit) {
@@ -148,15 +158,12 @@ static void count_column(ColumnState state, size_t cell, MeshReport *report) {
 /* Intervals of the cells of a band, the first of which is `first`. */
 static int32_t close_band(size_t first, size_t cells, Workspace *work, int64_t *offsets, IntervalList *list,
                           MeshReport *report) {
-    if (hit_sort(&work->hits, cells, work->begin, &work->sorted))
+    if (hit_sort(&work->hits, cells, work->begin, &work->sorted) || interval_reserve(list, work->hits.count / 2))
         return COLUMNS_NO_MEMORY;
     for (size_t cell = 0; cell < cells; cell++) {
         const size_t begin = work->begin[cell], count = work->begin[cell + 1] - begin;
         if (count > 0) {
-            const ColumnState state = column_close(&work->sorted.hit[begin], count, list);
-            if (state == COLUMN_NO_MEMORY)
-                return COLUMNS_NO_MEMORY;
-            count_column(state, first + cell, report);
+            count_column(column_close(&work->sorted.hit[begin], count, list), first + cell, report);
         }
         offsets[first + cell + 1] = (int64_t)list->count;
     }

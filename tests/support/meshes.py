@@ -187,6 +187,16 @@ def ply(triangles: Triangles) -> bytes:
     return "\n".join([*header, *(f"{x!r} {y!r} {z!r}" for x, y, z in points), *faces, ""]).encode()
 
 
+def binary_ply(triangles: Triangles) -> bytes:
+    """A binary PLY file in which triangles share no corners."""
+    faces = np.zeros(len(triangles), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, np.arange(3 * len(triangles)).reshape(-1, 3)
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {3 * len(triangles)}"]
+    header += [*(f"property double {a}" for a in "xyz"), f"element face {len(triangles)}"]
+    header += ["property list uchar int vertex_indices", "end_header", ""]
+    return "\n".join(header).encode() + triangles.astype("<f8").tobytes() + faces.tobytes()
+
+
 def obj(triangles: Triangles) -> bytes:
     """An OBJ file in which triangles share no corners."""
     points = triangles.reshape(-1, 3).tolist()

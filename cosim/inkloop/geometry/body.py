@@ -38,6 +38,8 @@ def transformed(body: Body, matrix: FloatMap, shift: FloatMap) -> Body:
 
     Equal corners of two triangles stay equal to the last bit, which a library's product of matrices does not promise.
     """
+    if (matrix == np.eye(3)).all() and not shift.any():
+        return body
     x, y, z = np.moveaxis(body.triangles, -1, 0)
     corners = np.stack([row[0] * x + row[1] * y + row[2] * z + add for row, add in zip(matrix, shift, strict=True)], -1)
     if np.linalg.det(matrix) < 0.0:

@@ -49,7 +49,7 @@ def mesh_columns(bodies: Sequence[Body], nx: int, ny: int, pitch: float) -> Mesh
     """All bodies as one: they may overlap. What lies outside the grid is cut off. Coordinates in metres, finite."""
     check_grid(nx, ny, pitch)
     triangles = np.concatenate([np.empty((0, 3, 3)), *(body.triangles for body in bodies)])
-    triangles[..., :2] /= pitch
+    triangles /= (pitch, pitch, 1.0)
     open_cells = np.empty(nx * ny, dtype=np.int64)
     report = MeshReportStruct(open_cells.ctypes.data, open_cells.size)
     ends = intervals_by("columns_of_mesh", nx * ny, nx, ny, len(triangles), triangles, ctypes.byref(report))
@@ -154,13 +154,16 @@ def closed_columns(
     found = mesh_columns(bodies, nx, ny, pitch)
     limit = OPEN_MAX * found.occupied
     if found.inside_out > limit:
-        raise GeometryError(
-            f"{source}: {_share(found.inside_out, found.occupied)} are inside out, the first at "
-            f"{_places(np.array([found.inside_out_cell]), ny, pitch)}: faces point into the body; "
-            "turn them round (flip normals), or save the mesh with counterclockwise faces"
-        )
+        raise GeometryError(f"{source}: {_inside_out(found, ny, pitch)}")
     if found.occupied == 0:
-        raise GeometryError(f"{source}: no centre of a cell lies in the part; needs a finer pitch or another place")
+        low, high = bounds(bodies)
+        size, room = (
+            " x ".join(f"{MM_PER_M * each:.4g}" for each in box) for box in (high - low, (nx * pitch, ny * pitch))
+        )
+        raise GeometryError(
+            f"{source}: no centre of a cell lies in the part, which is {size} mm; the grid is {room} mm, a cell "
+            f"{pitch * MM_PER_M:.4g} mm; needs another unit, another place or a finer pitch"
+        )
     if found.open_cells.size == 0:
         return found.columns
     if open_columns == "neighbours" and found.open_cells.size <= limit:
@@ -176,8 +179,25 @@ def closed_columns(
     )
 
 
+def _inside_out(found: MeshColumns, ny: int, pitch: float) -> str:
+    place = _places(np.array([found.inside_out_cell]), ny, pitch)
+    columns = f"{_share(found.inside_out, found.occupied)} are inside out, the first at {place}"
+    if found.open_cells.size == 0:
+        return (
+            f"{columns}: faces point into the body; turn them round (flip normals), or save the mesh with "
+            "counterclockwise faces"
+        )
+    return (
+        f"{columns}, and {found.open_cells.size:,} are open, the first at {_places(found.open_cells, ny, pitch)}: some "
+        "faces point into the body, or are missing; make the normals consistent, and close the holes"
+    )
+
+
 def _share(count: int, occupied: int) -> str:
-    return f"{count:,} of {occupied:,} columns ({100.0 * count / occupied:.2g}%)" if occupied else "no columns"
+    share = 100.0 * count / occupied
+    return (
+        f"{count:,} of {occupied:,} columns ({share if share < 99.5 else round(share):.{2 if share < 99.5 else 3}g}%)"
+    )
 
 
 def _places(cells: NDArray[np.int64], ny: int, pitch: float) -> str:

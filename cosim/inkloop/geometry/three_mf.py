@@ -137,6 +137,8 @@ class _Model:
     def bodies(self) -> Iterator[Body]:
         """One for each mesh of each item that is to be built."""
         items = list(_iterated(self._model.GetBuildItems()))
+        if not items:
+            raise GeometryError(f"{self._path}: its build lists no object; save it with the objects to be printed")
         count = sum(self._count(item.GetObjectResource()) for item in items)
         if reason := memory_error(_BYTES_PER_TRIANGLE * count):
             raise GeometryError(f"{self._path}: has {count:,} triangles in all copies of its objects: {reason}")

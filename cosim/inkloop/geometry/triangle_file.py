@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from trimesh.exchange.obj import load_obj
 from trimesh.exchange.ply import load_ply
 from trimesh.exchange.stl import load_stl
@@ -25,9 +26,10 @@ def read_stl(path: Path) -> tuple[list[Body], None]:
     """Binary where the number of triangles agrees with the length, whatever the header says; else ASCII."""
     data = path.read_bytes()
     count = int.from_bytes(data[_HEADER - 4 : _HEADER], "little")
-    if len(data) != _HEADER + count * _TRIANGLE:
-        _check_ascii(path, data, count)
-        count = len(re.findall(rb"\bfacet\s+normal\b", data, re.IGNORECASE))
+    if len(data) == _HEADER + count * _TRIANGLE:
+        return [Body(_consecutive(load_stl(io.BytesIO(data))), path.stem)], None
+    _check_ascii(path, data, count)
+    count = len(re.findall(rb"\bfacet\s+normal\b", data, re.IGNORECASE))
     return [_body(path, count, load_stl, data)], None
 
 
@@ -37,7 +39,13 @@ def read_obj(path: Path) -> tuple[list[Body], None]:
     if re.search(rb"^[ \t]*f[ \t][^\n]*-", data, re.MULTILINE):
         raise GeometryError(f"{path}: has faces with relative (negative) indices; save it with absolute ones")
     count = len(re.findall(rb"^[ \t]*f[ \t]", data, re.MULTILINE))
-    return [_body(path, count, load_obj, data, skip_materials=True)], None
+    try:
+        return [_body(path, count, load_obj, data, skip_materials=True)], None
+    except IndexError as error:
+        vertices = len(re.findall(rb"^[ \t]*v[ \t]", data, re.MULTILINE))
+        raise GeometryError(
+            f"{path}: has faces of vertices that it does not hold ({error}); needs 1 to {vertices}: save it again"
+        ) from error
 
 
 def read_ply(path: Path) -> tuple[list[Body], None]:
@@ -52,11 +60,17 @@ def _check_ascii(path: Path, data: bytes, count: int) -> None:
     begins_as_text = data.lstrip()[:5].lower() == b"solid"
     if begins_as_text and b"\0" not in data:
         return
+    if len(data) < _HEADER:
+        found = f"has {len(data)} bytes" if data else "is empty"
+        raise GeometryError(
+            f"{path}: {found}; expected 'solid', as ASCII STL begins, or binary STL of {_HEADER} bytes at least; "
+            "save it again"
+        )
     expected = _HEADER + count * _TRIANGLE
     found = "begins with 'solid' as ASCII STL does, but is binary, and" if begins_as_text else "is binary STL that"
     raise GeometryError(
         f"{path}: {found} states {count:,} triangles in its header, {expected:,} bytes; it has {len(data):,}; "
-        "the file is cut off or damaged: save it again"
+        "the file is cut off, damaged or no STL: save it again"
     )
 
 
@@ -71,6 +85,11 @@ def _body(path: Path, count: int, reader: Any, data: bytes, **options: Any) -> B
     if len(triangles) < count:
         raise GeometryError(f"{path}: has {count:,} faces, of which {len(triangles):,} can be read; save it again")
     return Body(triangles, path.stem)
+
+
+def _consecutive(loaded: dict[str, Any]) -> NDArray[np.float64]:
+    """Triangles of binary STL, whose corners trimesh gives in their order."""
+    return np.asarray(loaded.get("vertices", np.empty((0, 3))), dtype=np.float64).reshape(-1, 3, 3)
 
 
 def _triangles(path: Path, mesh: dict[str, Any]) -> Any:

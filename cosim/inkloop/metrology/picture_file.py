@@ -17,8 +17,13 @@ from inkloop.errors import HeightMapError
 from inkloop.limits import memory_error
 from inkloop.metrology.file_contents import FileContents
 
+FORMATS = ("PNG", "TIFF", "BMP")
+"""Those that keep every value; JPEG and others change them."""
 _COLOURS = 3  # channels before the one of opacity
-_PHOTOMETRIC, _MIN_IS_WHITE = 262, 0  # a tag of TIFF 6.0, and one of its values
+_BITS_PER_SAMPLE = 258  # a tag of TIFF 6.0
+_PHOTOMETRIC, _MIN_IS_WHITE = 262, 0  # another, and one of its values
+_PACKED_MODES = ("LA", "RGB", "RGBA")
+"""Of pictures of which Pillow keeps 8 bits for each channel, also where the file has 16."""
 _BYTES_OF_A_PIXEL = 8  # the picture, its array, and a copy; of colours 4 bytes twice
 _DAMAGED = (OSError, SyntaxError, TypeError, ValueError, EOFError)
 """Of Pillow, on bytes that are cut off or altered."""
@@ -36,7 +41,7 @@ def grey_pages(path: Path) -> Iterator[NDArray[Any]]:
     """
     try:
         with _quietly():
-            picture = Image.open(path)
+            picture = Image.open(path, formats=FORMATS)
         with picture:
             for number in count(1):
                 with _quietly():  # not while the caller has the page
@@ -48,7 +53,9 @@ def grey_pages(path: Path) -> Iterator[NDArray[Any]]:
     except Image.DecompressionBombError as error:
         raise HeightMapError(f"{path}: {error}; save it in parts, or with fewer pixels") from error
     except UnidentifiedImageError as error:
-        raise HeightMapError(f"{path}: is no picture; expected PNG, TIFF or BMP") from error
+        raise HeightMapError(
+            f"{path}: is no picture that can be read; expected PNG, BMP, or TIFF of 32 bits for a pixel at most"
+        ) from error
     except _DAMAGED as error:
         if isinstance(error, OSError) and error.errno is not None:
             raise
@@ -74,6 +81,8 @@ def _page(picture: Image.Image, number: int) -> Image.Image | None:
 def _values(place: str, page: Image.Image) -> NDArray[Any]:
     if reason := memory_error(page.width * page.height * _BYTES_OF_A_PIXEL):
         raise HeightMapError(f"{place}: {page.width} x {page.height} pixels: {reason}")
+    if page.mode in _PACKED_MODES and _has_16_bits(page):
+        raise HeightMapError(f"{place}: has colours of 16 bits; expected grey values: save it as greyscale")
     return _grey(place, page)
 
 
@@ -88,10 +97,18 @@ def _grey(place: str, page: Image.Image) -> NDArray[Any]:
     has_opacity = page.mode.endswith(("A", "a"))
     is_grey = channels <= 2 or (values[..., 1:_COLOURS] == values[..., :1]).all()
     is_opaque = not has_opacity or (values[..., -1] == np.iinfo(values.dtype).max).all()
-    if page.mode not in ("LA", "RGB", "RGBA") or not (is_grey and is_opaque):
+    if page.mode not in _PACKED_MODES or not (is_grey and is_opaque):
         found = "is partly transparent" if is_grey and not is_opaque else f"has colours ({page.mode})"
         raise HeightMapError(f"{place}: {found}; expected grey values: save it as greyscale, or with a palette")
     return np.ascontiguousarray(values[..., 0])
+
+
+def _has_16_bits(page: Image.Image) -> bool:
+    """Whether a channel has 16 bits: by a tag of TIFF, in PNG by the mode that the decoder is given."""
+    arguments = [tile[3] for tile in getattr(page, "tile", ())]
+    raw_modes = [each[0] if isinstance(each, tuple) and each else each for each in arguments]
+    bits = getattr(page, "tag_v2", {}).get(_BITS_PER_SAMPLE, ())
+    return max(bits, default=0) > 8 or any(";16" in str(mode) for mode in raw_modes)
 
 
 def _is_inverted(page: Image.Image) -> bool:

@@ -62,10 +62,15 @@ class MeshReport:
         if not self.holes:
             yield "surface        watertight"
             return
-        count = _counted(len(self.holes), "hole", "holes")
-        yield f"surface        not watertight: {count}" + (", the largest" if len(self.holes) > 1 else "")
+        seams = sum(hole.is_seam for hole in self.holes)
+        counts = [(len(self.holes) - seams, "hole", "holes"), (seams, "seam", "seams")]
+        found = " and ".join(_counted(*each) for each in counts if each[0])
+        yield f"surface        not watertight: {found}" + (", the largest" if len(self.holes) > 1 else "")
         for hole in self.holes[:HOLES_SHOWN]:
-            yield f"               {hole.size * MM_PER_M:.4g} mm across at ({_lengths(hole.center, ', ')}) mm"
+            kind = ", a seam" if hole.is_seam else ""
+            yield f"               {hole.size * MM_PER_M:.4g} mm across at ({_lengths(hole.center, ', ')}) mm{kind}"
+        if seams:
+            yield "               (seam: no face is missing, but one side of it is turned over)"
 
     def data(self) -> dict[str, Any]:
         """For a program."""
@@ -80,6 +85,7 @@ class MeshReport:
                     "size_mm": hole.size * MM_PER_M,
                     "center_mm": [value * MM_PER_M for value in hole.center],
                     "edges": hole.edges,
+                    "seam": hole.is_seam,
                 }
                 for hole in self.holes[:HOLES_SHOWN]
             ],

@@ -118,6 +118,14 @@ def holed(triangles: meshes.Triangles, count: int) -> bytes:
     return meshes.binary_stl(triangles[np.argsort(triangles[..., 2].mean(axis=1))[:-count]])
 
 
+def partly_turned(triangles: meshes.Triangles) -> meshes.Triangles:
+    """All faces but a flat one point into the body."""
+    kept = np.argmax(np.abs(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])[:, 2]))
+    turned = triangles[:, ::-1].copy()
+    turned[kept] = triangles[kept]
+    return turned
+
+
 TORUS = meshes.torus(150, 60, 1.6, 0.6)
 REFUSED: dict[str, tuple[str, bytes, dict[str, Any], str]] = {
     "no unit": ("a.stl", meshes.binary_stl(WEDGE), {"unit": None}, "does not state the unit.*give unit: um, mm"),
@@ -130,12 +138,15 @@ REFUSED: dict[str, tuple[str, bytes, dict[str, Any], str]] = {
     "nan": ("a.stl", meshes.binary_stl(np.where(WEDGE == 4, np.nan, WEDGE)), {}, "nan or infinite, in 6 of"),
     "infinite": ("a.ply", meshes.ply(WEDGE).replace(b"4.0", b"inf"), {}, "nan or infinite, in 6 of"),
     "no faces": ("a.ply", meshes.ply(WEDGE[:0]), {}, "holds no triangles"),
-    "empty": ("a.stl", b"", {}, "84 bytes; it has 0"),
+    "empty": ("a.stl", b"", {}, "is empty; expected 'solid'"),
+    "no mesh": ("a.stl", b"hello", {}, "has 5 bytes; expected 'solid'.*or binary STL of 84 bytes at least"),
+    "vertex beyond": ("a.obj", meshes.obj(WEDGE).replace(b"f 1 2 3", b"f 1 2 99"), {}, "does not hold.*needs 1 to 24"),
     "face beyond": ("a.ply", meshes.ply(WEDGE).replace(b"3 0 1 2", b"3 0 1 99"), {}, "vertices 0 to 99; needs 0 to 23"),
     "relative": ("a.obj", meshes.obj(WEDGE).replace(b"f 1 2 3", b"f -1 -2 -3"), {}, "negative.*absolute"),
     "too wide": ("a.stl", meshes.binary_stl(2 * WEDGE), {}, r"reaches from x = -1.05 mm to 6.95 mm; the cells"),
-    "between centres": ("a.stl", meshes.binary_stl(WEDGE / 100), {}, "no centre of a cell"),
-    "inside out": ("a.stl", meshes.binary_stl(WEDGE[:, ::-1]), {}, "800 of 800.*inside out.*flip normals"),
+    "between centres": ("a.stl", meshes.binary_stl(WEDGE / 100), {}, "no centre.*0.04 x .*another unit"),
+    "inside out": ("a.stl", meshes.binary_stl(WEDGE[:, ::-1]), {}, r"800 of 800 columns \(100%\).*flip normals"),
+    "partly turned": ("a.stl", meshes.binary_stl(partly_turned(WEDGE)), {}, "are open, the.*consistent"),
     "hole": ("a.stl", holed(TORUS, 400), {}, r"columns \(7\.\d%\) are open.*first at \(.*mm, \(.*mm.*mend the mesh"),
     "not a package": ("a.3mf", b"PK\3\4 no more", {}, "is damaged, or its suffix is wrong"),
 }  # fmt: skip

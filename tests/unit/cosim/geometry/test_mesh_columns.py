@@ -15,6 +15,8 @@ MESHES = {
     "torus": meshes.torus(60, 30, 0.35, 0.12),
     "ball": meshes.ball(40, 0.45),
     "gyroid": meshes.gyroid(24, 1.5, 0.5),
+    "overlapping balls": np.concatenate([meshes.ball(30, 0.3), meshes.ball(26, 0.28) + np.array([0.2, 0.1, 0.05])]),
+    "stacked boxes": np.concatenate([meshes.box((0, 0, 0), (0.6, 0.5, 0.3)), meshes.box((0, 0, 0.3), (0.6, 0.5, 0.7))]),
     "thin shell": np.concatenate([meshes.ball(40, 0.45), meshes.ball(40, 0.4499)[:, ::-1]]),
 }
 """Within a cube of edge 1, in metres."""

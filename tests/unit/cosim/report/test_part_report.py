@@ -13,7 +13,7 @@ from tools import parts
 from inkloop.cli import main
 from inkloop.geometry.body import Body
 from inkloop.report.mesh_holes import holes
-from inkloop.report.part_report import PartReport
+from inkloop.report.part_report import MeshReport, PartReport
 from inkloop.scenario.file import Scenario
 from support.parts import with_part
 from support.places import SCENARIOS
@@ -30,6 +30,16 @@ def test_watertight_bodies_have_no_hole_and_a_missing_face_is_one() -> None:
     assert hole.edges == 4
     assert hole.center == (1.5, 2.0, 1.0)
     assert hole.size == pytest.approx(5.0, rel=1e-12, abs=0.0)
+
+
+def test_faces_turned_over_are_seams_and_no_holes() -> None:
+    box = parts.box((0.0, 3.0), (0.0, 4.0), 0.0, 1.0)
+    turned = np.concatenate([box[:2, ::-1], box[2:]])  # the upper face points down
+    (seam,) = holes([Body(turned)])
+    assert (seam.edges, seam.is_seam) == (4, True)
+    both = MeshReport.of([Body(turned), Body(box[2:] + 100.0)])
+    assert sorted(hole.is_seam for hole in both.holes) == [False, True]
+    assert "surface        not watertight: 1 hole and 1 seam, the largest" in both.lines()
 
 
 def test_holes_come_with_the_largest_first() -> None:

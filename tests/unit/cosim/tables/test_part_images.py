@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import imagecodecs
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 
 from inkloop.errors import ScenarioError
@@ -120,6 +122,9 @@ def test_first_unexpected_grey_value_is_named_with_its_place_and_count(tmp_path:
         (STACK.format(files="text.png"), "part.files: "),
         (STACK.format(files="cut.png"), "part.files: "),
         (STACK.format(files="red.png"), "part.files: "),
+        (STACK.format(files="lossy.jpg"), "part.files: "),
+        (STACK.format(files="deep.tif"), "part.files: "),
+        (STACK.format(files="deep.png"), "part.files: "),
         (BITS.replace("pixel_um = 100.0", "pixel_um = 300.0"), "part reaches beyond the grid of 14 x 12 cells"),
         (BITS + 'inks = { 0 = "clear", 1 = "A" }', "part.inks.0 is 'clear'; expected 'none', 'A' or 'B'"),
     ],
@@ -130,9 +135,15 @@ def test_bad_stack_is_refused_by_name(part: str, expected: str, tmp_path: Path) 
     whole = (tmp_path / "s_001.png").read_bytes()
     (tmp_path / "cut.png").write_bytes(whole[: len(whole) // 2])
     Image.fromarray(np.array([[[9, 0, 0]]], np.uint8)).save(tmp_path / "red.png")
+    Image.fromarray(F).save(tmp_path / "lossy.jpg")
+    deep = np.repeat(F[..., None], 3, axis=2).astype(np.uint16)  # Pillow drops the lower 8 bits of colours
+    (tmp_path / "deep.png").write_bytes(imagecodecs.png_encode(deep))
+    tifffile.imwrite(tmp_path / "deep.tif", np.moveaxis(deep, -1, 0), photometric="rgb", planarconfig="separate")
     (error,) = errors_of(part, tmp_path)
     assert error.startswith(expected)
     for file, reason in {
+        "lossy.jpg": "is no picture that can be read; expected PNG, BMP, or TIFF",
+        "deep": "has colours of 16 bits",
         "text.png": "is no picture",
         "cut.png": "is damaged",
         "red.png": "has colours",
