@@ -17,6 +17,8 @@ from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeR
 from rich.table import Column, Table
 from rich.text import Text
 
+from inkloop.report.wrapping import wrapped
+
 FILE_WIDTH = 120
 """Columns of a text in a file or a pipe."""
 BAR_FROM, NOTES_FROM = 70, 100
@@ -44,8 +46,8 @@ class Terminal(Console):
         self.verbose, self.as_json = verbose, as_json
 
     def sentence(self, text: str, style: str | None = None) -> None:
-        """Write a sentence; the terminal breaks it where it has to."""
-        self.print(text, style=style, soft_wrap=True)
+        """Write a sentence, in a terminal broken between words; in a pipe or a file it is one line."""
+        self.print(wrapped(text, self.width) if self.is_terminal else text, style=style, soft_wrap=True)
 
     def result(self, **data: Any) -> None:
         """Print the result of a command as JSON on standard output, if asked for; a number that is none is null."""
