@@ -127,10 +127,10 @@ class Footprint:
         return f"grid of {self.nx} x {self.ny} cells, about {self.layers} layers,"
 
     def _advice(self, share: float) -> str:
-        cells = share * self.nx * self.ny
-        short = max(1, min(self.nx, self.ny, math.floor(math.sqrt(cells))))
-        long = min(max(self.nx, self.ny), math.floor(cells / short))
-        nx, ny = (short, long) if self.nx < self.ny else (long, short)
+        nx, ny = (math.floor(count * math.sqrt(share)) for count in (self.nx, self.ny))
+        if min(nx, ny) < 1:  # one side is far too long: only that is cut
+            cells, short = share * self.nx * self.ny, min(self.nx, self.ny)
+            nx, ny = (count if count == short else max(1, math.floor(cells / short)) for count in (self.nx, self.ny))
         return f"{nx} x {ny} cells would fit: choose a smaller grid or a larger pitch"
 
 
