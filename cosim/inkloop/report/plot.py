@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib import rc_context
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import AsinhNorm, ListedColormap, Normalize
-from matplotlib.figure import Figure, SubFigure
+from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.image import AxesImage
 
 from inkloop.component import FloatMap
@@ -76,6 +77,15 @@ def save(figure: Figure, path: Path, formats: Sequence[str] = (PNG,)) -> list[Pa
 def new_figure(height_in: float) -> Figure:
     """A figure as wide as a page."""
     return Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+
+
+def outside_legend(figure: FigureBase, handles: Sequence[Artist], labels: Sequence[str], place: str = "lower") -> None:
+    """A legend below the axes, or above them ("upper"), in as few rows as fit into the width of the figure."""
+    for columns in range(max(1, len(labels)), 0, -1):
+        legend = figure.legend(handles, labels, loc=f"outside {place} center", ncols=columns, frameon=False)
+        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            return
+        legend.remove()
 
 
 def draw_line(
