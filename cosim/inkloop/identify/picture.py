@@ -41,7 +41,8 @@ def residuals(found: Identification) -> Figure:
     _map(figure, by_cell, shown[0])
     _densities(densities, shown, found.noise_std)
     _by_rise(by_rise, shown, found)
-    plot.outside_legend(figure, *densities.get_legend_handles_labels())
+    handles, labels = densities.get_legend_handles_labels()
+    plot.outside_legend(figure, handles, labels)
     return figure
 
 

@@ -66,5 +66,6 @@ def comparison(runs: Runs) -> Figure:
     droplets.set(title="droplets of the layer", xlabel="layer")
     for axes in (mean, spread, droplets):
         axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
-    outside_legend(below, *mean.get_legend_handles_labels())
+    handles, labels = mean.get_legend_handles_labels()
+    outside_legend(below, handles, labels)
     return figure

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -17,7 +17,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import AsinhNorm, ListedColormap, Normalize
-from matplotlib.figure import Figure, FigureBase, SubFigure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.image import AxesImage
 
 from inkloop.component import FloatMap
@@ -79,10 +79,14 @@ def new_figure(height_in: float) -> Figure:
     return Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
 
 
-def outside_legend(figure: FigureBase, handles: Sequence[Artist], labels: Sequence[str], place: str = "lower") -> None:
-    """A legend below the axes, or above them ("upper"), in as few rows as fit into the width of the figure."""
+def outside_legend(
+    figure: Figure | SubFigure, handles: Sequence[Artist], labels: Sequence[str], *, above: bool = False
+) -> None:
+    """A legend below the axes, or above them, in as few rows as fit into the width of the figure."""
+    place: Literal["outside upper center", "outside lower center"]
+    place = "outside upper center" if above else "outside lower center"
     for columns in range(max(1, len(labels)), 0, -1):
-        legend = figure.legend(handles, labels, loc=f"outside {place} center", ncols=columns, frameon=False)
+        legend = figure.legend(handles, labels, loc=place, ncols=columns, frameon=False)
         if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
             return
         legend.remove()

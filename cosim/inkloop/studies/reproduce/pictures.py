@@ -41,7 +41,8 @@ def droplet_errors(
         axes.xaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_formatter("")
-    outside_legend(figure, *axes.get_legend_handles_labels())
+    handles, labels = axes.get_legend_handles_labels()
+    outside_legend(figure, handles, labels)
     return figure
 
 
