@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -34,7 +35,7 @@ from inkloop.commands import (
     validate,
     watch,
 )
-from inkloop.commands.options import add_output, show_error
+from inkloop.commands.options import add_output, number, show_error, whole_number
 from inkloop.errors import InkloopError
 from inkloop.files import reason_of
 
@@ -98,14 +99,27 @@ def parser() -> argparse.ArgumentParser:
 def _parsed(words: list[str]) -> argparse.Namespace:
     """The options of a command; ends the program with the usage of that command where they are wrong."""
     whole, commands = _parser()
-    if words and not words[0].startswith("-") and words[0] not in commands.choices:
+    if not words:
+        whole.error("name a command; `inkloop --help` lists them")
+    if not words[0].startswith("-") and words[0] not in commands.choices:
         from inkloop.suggest import nearest
 
         whole.error(f"there is no command {words[0]!r}; {nearest(words[0], commands.choices)}")
     options, unknown = whole.parse_known_args(words, argparse.Namespace(words=words))
     if unknown:
-        commands.choices[options.command_name].error(f"unknown arguments: {' '.join(unknown)}")
+        command = commands.choices[options.command_name]
+        command.error(f"unknown arguments: {' '.join(unknown)}{_suggestion(unknown, command.format_help())}")
     return options
+
+
+def _suggestion(unknown: Sequence[str], shown: str) -> str:
+    """The options of a help text that are nearest to unknown ones; "" if none is alike."""
+    from inkloop.suggest import near
+
+    options = set(re.findall(r"--[a-z][a-z-]*", shown))
+    words = (word.partition("=")[0] for word in unknown if word.startswith("-"))
+    close = sorted({option for word in words for option in near(word, options)})
+    return f"; did you mean {' or '.join(close)}?" if close else ""
 
 
 def _parser() -> tuple[argparse.ArgumentParser, Any]:
@@ -124,6 +138,8 @@ def _parser() -> tuple[argparse.ArgumentParser, Any]:
     for module in COMMANDS:
         one = module.add_parser(commands)
         add_output(one)
+        one.register("type", int, whole_number)
+        one.register("type", float, number)
         one.set_defaults(command=module.run)
     return whole, commands
 

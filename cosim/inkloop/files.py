@@ -45,6 +45,10 @@ def replaced(path: Path, *, durable: bool = False) -> Iterator[Path]:
     partial = path.with_name(f".{path.name}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = "a file is in the way" if isinstance(error, FileExistsError | NotADirectoryError) else reason_of(error)
+        raise OSError(error.errno, f"its folder cannot be made: {reason}; name another place", str(path)) from error
+    try:
         yield partial
         if durable:
             with partial.open("rb+") as file:

@@ -61,10 +61,10 @@ def test_comment_of_a_scenario_quotes_the_figures_of_its_runs(name: str) -> None
 
 
 def test_altered_or_new_figure_of_a_comment_is_found() -> None:
-    comment, record = "Open loop it ends 45 um low after 53 layers.", {"45 um low": [44.85], "53 layers": [53.0]}
+    comment, record = "Open loop it ends 45 µm low after 53 layers.", {"45 µm low": [44.85], "53 layers": [53.0]}
     assert not scenario_quotes.errors(comment, record)
-    assert scenario_quotes.errors(comment, {"45 um low": [44.3], "53 layers": [53.0]})
-    assert scenario_quotes.errors(comment, {"45 um low": [44.85]})
+    assert scenario_quotes.errors(comment, {"45 µm low": [44.3], "53 layers": [53.0]})
+    assert scenario_quotes.errors(comment, {"45 µm low": [44.85]})
     assert scenario_quotes.errors(comment.replace("45", "46"), record)
 
 

@@ -196,8 +196,8 @@ def result_table() -> str:
 def one_layer_ahead() -> dict[str, str]:
     """What the horizon is worth."""
     return {
-        "one layer ahead": f"{mean('mae_um', 'horizon 1'):.2f} um and a standard deviation of "
-        f"{mean('std_um', 'horizon 1'):.2f} um"
+        "one layer ahead": f"{mean('mae_um', 'horizon 1'):.2f} µm and a standard deviation of "
+        f"{mean('std_um', 'horizon 1'):.2f} µm"
     }
 
 
@@ -234,9 +234,9 @@ def alpha_figures() -> dict[str, str]:
     highest = max((-each.mean_error_um for each in wild), key=abs)
     more = mean("layers", "horizon 3, alpha 0.05") / mean("layers", "horizon 3", seeds=THREE) - 1.0
     return {
-        "evenness at alpha 0.1": f"{low:.2f} instead of {usual:.2f} um",
-        "too high at alpha 0.1": f"{high:.1f} um",
-        "alpha 0.05": f"{abs(highest):.1f} um too {'high' if highest > 0.0 else 'low'}, "
+        "evenness at alpha 0.1": f"{low:.2f} instead of {usual:.2f} µm",
+        "too high at alpha 0.1": f"{high:.1f} µm",
+        "alpha 0.05": f"{abs(highest):.1f} µm too {'high' if highest > 0.0 else 'low'}, "
         f"after {more * 100.0:.0f} % more layers",
     }
 

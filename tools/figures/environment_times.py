@@ -52,7 +52,7 @@ def texts() -> Texts:
             "reset": f"{reset:.0f} ms",
             "layers of a reset": f"{reset / layer:.0f}",
             "plants": table(
-                ("rms [um]", *PLANTS),
+                ("rms [µm]", *PLANTS),
                 [(name, *(f"{each:.2f}" for each in rms)) for name, rms in record["rms_um"].items()],
             ),
         }

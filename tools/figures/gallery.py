@@ -130,7 +130,7 @@ def entry(path: Path, record: Mapping[str, Any]) -> str:
     link = f"[{path.name}](../../scenarios/{path.name})"
     return (
         f"## {title}\n\n{link}: {comment(path)}\n\n![{title}]({path.stem}.png)\n\n"
-        f"Seed {record['seed']}, errors in um ({SIGN}):\n{table(heads, rows)}"
+        f"Seed {record['seed']}, errors in µm ({SIGN}):\n{table(heads, rows)}"
     )
 
 

@@ -64,7 +64,7 @@ def bias() -> Iterator[list[str]]:
             error = (found / LayerDeposition().heights[0] - 1.0) * 100
             means, worst = error.mean(axis=0), np.abs(error).max(axis=0)
             figures = (f"{m:+.1f} ({w:.1f}) %" for m, w in zip(means, worst, strict=True))
-            yield [label, f"{noise * UM_PER_M:g} um", method, *figures]
+            yield [label, f"{noise * UM_PER_M:g} µm", method, *figures]
 
 
 def coverage() -> str:
@@ -88,7 +88,7 @@ def plant() -> dict[str, Any]:
     """The tables of a plant that none of the droplet models describes; draws the picture."""
     found = identify(perform(plant_scenario("YoungLaplaceDeposition", 0.1, {"grid.pitch_um": 42.3}), Plan()))
     first, *_, last = (shown(one) for one in tables(found))
-    first[0][1:] = [f"{height} [um]" for height in first[0][1:]]
+    first[0][1:] = [f"{height} [µm]" for height in first[0][1:]]
     save(found, HERE / "identified-ink.png", [PNG])
     return {"heights": first, "models": last}
 
@@ -103,7 +103,7 @@ def closed_loop() -> str:
         f"{height * UM_PER_M:.3f} +- {width * UM_PER_M:.3f}"
         for height, width in zip(found.heights[0], found.half_widths[0], strict=True)
     )
-    return f"{first}, {second} and {third} um"
+    return f"{first}, {second} and {third} µm"
 
 
 def gains() -> Iterator[list[str]]:

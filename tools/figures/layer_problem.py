@@ -53,7 +53,7 @@ def texts() -> Texts:
     climbs = {alpha: f"{climb:.1f}" for alpha, climb in record["runaway_um"].items()}
     return {
         HERE / "the-layer-problem.md": {
-            "runaway": table(("alpha", *climbs), [("um", *climbs.values())]),
+            "runaway": table(("alpha", *climbs), [("µm", *climbs.values())]),
             "gain": f"{record['largest_gain']:.3f}",
             "certificates": certificate_table(record["certificates"]),
             **of_the_ink(),
@@ -72,17 +72,17 @@ def of_the_ink() -> dict[str, str]:
     worth = []
     for name in get_args(Finish):
         each, label = ending_of(name), f'`"{name}"`' + (" (default)" if name == default else "")
-        worth.append((label, f"{each.horizon}", f"{each.layer_worth:g}", f"{each.layer_worth * full:.3f} um"))
+        worth.append((label, f"{each.horizon}", f"{each.layer_worth:g}", f"{each.layer_worth * full:.3f} µm"))
     return {
-        "last droplet": "{:.2f} um at 20 % and {:.2f} um at 40 %".format(*floor),
-        "floor": "{:.2f} and {:.2f} um at 20 %, {:.2f} and {:.2f} um at 40 %".format(
+        "last droplet": "{:.2f} µm at 20 % and {:.2f} µm at 40 %".format(*floor),
+        "floor": "{:.2f} and {:.2f} µm at 20 %, {:.2f} and {:.2f} µm at 40 %".format(
             *last_layer(0.2), *last_layer(0.4)
         ),
-        "rim": f"{rim:.1f} um",
+        "rim": f"{rim:.1f} µm",
         "fewest layers": "{} layers at 20 % and {} at 40 %".format(*layers),
         "slope": f"{4 * h2 / (h1 + h2) + 4 * h3 / (h1 + h3):.2f}",
-        "pit": f"{h1 + 8 * h2 + 8 * h3:.1f} um",
-        "worth": table(("`finish`", "horizon", "worth of a layer", f"of {full:.1f} um"), worth),
+        "pit": f"{h1 + 8 * h2 + 8 * h3:.1f} µm",
+        "worth": table(("`finish`", "horizon", "worth of a layer", f"of {full:.1f} µm"), worth),
     }
 
 
@@ -163,7 +163,7 @@ def certificates() -> list[dict[str, Any]]:
 
 def certificate_table(found: list[dict[str, Any]]) -> str:
     """One row for each surface."""
-    heads = ("surface", "J [um]", "bound", "gap", "confidence", "tiles proven")
+    heads = ("surface", "J [µm]", "bound", "gap", "confidence", "tiles proven")
     rows = [
         (
             each["surface"],

@@ -39,6 +39,7 @@ def examine(scenario: Scenario | None, options: argparse.Namespace, console: Ter
     code = ERRORS if errors else WELL
     console.print(_table(found))
     console.sentence(_verdict(errors))
+    console.failures(f"{each.check}: {each.found}; {each.advice}" for each in found if each.grade == "error")
     console.result(exit_code=code, findings=[finding.to_json() for finding in found])
     return code
 

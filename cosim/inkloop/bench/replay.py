@@ -48,6 +48,7 @@ def replay(options: argparse.Namespace, overrides: Mapping[str, Any], console: T
         found = differences(recorded, again)
     for words in found:
         console.sentence(words)
+    console.failures(found)
     console.result(same=not found, differences=found)
     if found:
         return DIFFERS

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from inkloop.commands.options import screen
+from inkloop.errors import InkloopError
 
 
 def add_parser(commands: Any) -> argparse.ArgumentParser:
@@ -22,6 +23,10 @@ def run(options: argparse.Namespace) -> int:
         from inkloop.report.run_report import lines
 
         shown = lines(options.path)
+    elif options.path.suffix == ".toml" and options.path.is_file():
+        raise InkloopError(f"{options.path}: is a scenario; `inkloop validate` describes it")
+    elif not options.path.exists():
+        raise InkloopError(f"{options.path}: is not there; name an .fmu file, or a folder that `inkloop run` has made")
     else:
         from inkloop.fmu.reading import describe
 

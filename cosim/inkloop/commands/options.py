@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
 import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from inkloop.errors import InkloopError, ScenarioError
 from inkloop.report.formats import FORMATS, PNG, picture_formats
+from inkloop.report.wrapping import wrapped
 
 if TYPE_CHECKING:
     from inkloop.report.terminal import Terminal
@@ -179,6 +181,22 @@ def overrides_of(pairs: Iterable[str], source: str) -> dict[str, Any]:
     return overrides
 
 
+def whole_number(text: str) -> int:
+    """The value of an option. Raises ArgumentTypeError."""
+    try:
+        return int(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"is {text!r}; expected a whole number") from error
+
+
+def number(text: str) -> float:
+    """The value of an option. Raises ArgumentTypeError."""
+    try:
+        return float(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"is {text!r}; expected a number, without a unit") from error
+
+
 def add_output(parser: argparse.ArgumentParser) -> None:
     """--quiet, --verbose, --json and --traceback, which every command has."""
     output = parser.add_argument_group("output")
@@ -205,5 +223,7 @@ def show_error(error: InkloopError, options: argparse.Namespace, raised: Excepti
         screen(options).result(errors=list(error.errors) if isinstance(error, ScenarioError) else [str(error)])
     if options.traceback:
         traceback.print_exception(raised or error)
+    elif sys.stderr.isatty():
+        print(wrapped(str(error), shutil.get_terminal_size().columns), file=sys.stderr)
     else:
         print(error, file=sys.stderr)

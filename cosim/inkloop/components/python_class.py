@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 import inspect
 import json
+import types
 import typing
 import weakref
 from collections.abc import Callable, Mapping
@@ -24,7 +25,7 @@ from inkloop.components.bench import Bench, load
 from inkloop.components.kind import Checked
 from inkloop.components.policy import PREFIX, policy_controller
 from inkloop.errors import ScenarioError, message_of, own_line
-from inkloop.suggest import near
+from inkloop.suggest import near, nearest
 from inkloop.tables.messages import sentence
 
 _RULE_CONTROLLER = ("inkloop_controller.pattern_rule", "rule_controller")
@@ -60,9 +61,9 @@ class PythonClass:
         except ValueError as error:
             return Checked(kind, [str(error)])
         except (ImportError, AttributeError) as error:
-            place = f"; looked for modules in {Path.cwd()}, next to the scenario, and in the installed packages"
-            looked = place if isinstance(error, ModuleNotFoundError) else ""
-            return Checked(kind, [f"kind is {kind!r}, which cannot be loaded: {error}{own_line(error)}{looked}"])
+            return Checked(
+                kind, [f"kind is {kind!r}, which cannot be loaded: {error}{own_line(error)}{_advice(error)}"]
+            )
         except Exception as error:  # anything may go wrong in a class of others
             if isinstance(error, TypeError) and not own_line(error):
                 takes = "a class takes the job, then options by keyword with types of TOML"
@@ -148,6 +149,21 @@ def without_invalid_keys(
             left[meant[0]] = options[key]
     is_whole = all(name in left for name, field in table.model_fields.items() if field.is_required())
     return left if is_whole else None
+
+
+def _advice(error: ImportError | AttributeError) -> str:
+    """Where a missing module was looked for, or the classes of the module that lacks one."""
+    if isinstance(error, ModuleNotFoundError):
+        return f"; looked for modules in {Path.cwd()}, next to the scenario, and in the installed packages"
+    if isinstance(error, AttributeError) and isinstance(error.obj, types.ModuleType):
+        classes = [name for name, found in vars(error.obj).items() if _is_own_class(found, error.obj)]
+        name = str(error.name)
+        return f"; {nearest(name, classes)}" if classes else "; it defines no class"
+    return ""
+
+
+def _is_own_class(found: object, module: types.ModuleType) -> bool:
+    return isinstance(found, type) and found.__module__ == module.__name__
 
 
 def _component(kind: str, job: Job, made: Any) -> Component:

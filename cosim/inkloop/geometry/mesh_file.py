@@ -94,7 +94,7 @@ def _unit_errors(unit: str | None, declared: str | None) -> list[str]:
     if unit is not None and unit not in LENGTHS:
         return [f"unit is {unit!r}; expected one of {expected}"]
     if unit is None and declared is None:
-        return [f"does not state the unit of its coordinates; give unit: {expected}"]
+        return [f"does not state the unit of its coordinates; give unit (--unit): {expected}"]
     if unit is not None and declared is not None and unit != declared:
         return [f"states coordinates in {declared}, but unit is {unit!r}; leave unit out or correct it"]
     return []

@@ -15,7 +15,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from inkloop.component import Ink
-from inkloop.components.catalog import kinds
+from inkloop.components.catalog import DEPOSITION_MODELS, kinds
 from inkloop.errors import IdentificationError
 from inkloop.identify.candidates import words
 from inkloop.identify.experiments import Plan, perform, plant_scenario
@@ -95,7 +95,7 @@ def _records(
         noise = 0.3 if options.noise_um is None else options.noise_um
         scenario = plant_scenario(source, noise, overrides)
     else:
-        known = nearest(source, (kind for kind in kinds() if not kind.startswith("hardware.")))
+        known = nearest(source, kinds(), DEPOSITION_MODELS)
         raise IdentificationError(f"{source}: is no folder, no .toml or .fmu file and no kind of printer; {known}")
     plan = Plan(options.samples, options.layers, options.side, options.seed)
     records = perform(scenario, plan, options.runs, lambda done, total: show("printing experiments", done, total))

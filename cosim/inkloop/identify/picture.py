@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from inkloop.identify.cross_validation import Comparison
 from inkloop.identify.identification import Identification
 from inkloop.report import plot
-from inkloop.report.plot import COLOURS, WIDTH_IN
+from inkloop.report.plot import WIDTH_IN
 from inkloop.units import UM_PER_M
 
 SHOWN = 4  # models, the best ones
 BINS = 60
+THIN = {"linewidth": 1.0}
 QUANTILES = 16
 RESIDUAL, RESIDUAL_SIGN = "scan minus prediction", "scan higher +, lower -"
 LEAST = 30  # growths in a bin
@@ -41,7 +42,7 @@ def residuals(found: Identification) -> Figure:
     _densities(densities, shown, found.noise_std)
     _by_rise(by_rise, shown, found)
     handles, labels = densities.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
+    plot.outside_legend(figure, handles, labels)
     return figure
 
 
@@ -57,15 +58,14 @@ def _map(figure: Figure, axes: Axes, best: Comparison) -> None:
 def _densities(axes: Axes, shown: Sequence[Comparison], noise_std: float) -> None:
     errors = [_flat(comparison) * UM_PER_M for comparison in shown]
     limit = float(max(np.quantile(np.abs(error), 0.99) for error in errors))
-    for error, comparison, colour in zip(errors, shown, COLOURS, strict=False):
-        axes.hist(
-            error, bins=BINS, range=(-limit, limit), density=True, histtype="step", color=colour, label=comparison.name
-        )
+    for error, comparison, line in zip(errors, shown, plot.LINES, strict=False):
+        density, edges = np.histogram(error, BINS, (-limit, limit), density=True)
+        axes.stairs(density, edges, label=comparison.name, **line | THIN)
     if noise_std > 0.0:
         x, spread = np.linspace(-limit, limit, 300), np.sqrt(2.0) * noise_std * UM_PER_M
         normal = np.exp(-0.5 * (x / spread) ** 2) / (spread * np.sqrt(2.0 * np.pi))
         axes.plot(x, normal, color="0.4", linewidth=0.8, linestyle="--", label="noise of two scans")
-    axes.set(title="residuals", xlabel=f"{RESIDUAL} [µm]\n({RESIDUAL_SIGN})", ylabel="density", yticks=[])
+    axes.set(title="residuals", xlabel=f"{RESIDUAL} [µm]\n({RESIDUAL_SIGN})", ylabel="density [1/µm]")
 
 
 def _by_rise(axes: Axes, shown: Sequence[Comparison], found: Identification) -> None:
@@ -75,7 +75,7 @@ def _by_rise(axes: Axes, shown: Sequence[Comparison], found: Identification) -> 
     if rise.size == 0:
         axes.set_axis_off()
         return
-    for comparison, colour in zip(shown, COLOURS, strict=False):
+    for comparison, line, mark in zip(shown, plot.LINES, plot.MARKS, strict=False):
         error = np.concatenate([part[1:].ravel() for part in comparison.errors]) * UM_PER_M
         known = np.isfinite(error) & np.isfinite(rise)
         edges = np.unique(np.quantile(rise[known], np.linspace(0.0, 1.0, QUANTILES + 1)))
@@ -83,7 +83,7 @@ def _by_rise(axes: Axes, shown: Sequence[Comparison], found: Identification) -> 
         count = np.bincount(place, minlength=len(edges) - 1)
         enough = count >= LEAST
         of_rise, of_error = (np.bincount(place, v[known], len(edges) - 1) / np.maximum(count, 1) for v in (rise, error))
-        axes.plot(of_rise[enough], of_error[enough], color=colour, marker=".", markersize=3, linewidth=1.0)
+        axes.plot(of_rise[enough], of_error[enough], marker=mark, markersize=3, **line | THIN)
     axes.axhline(0.0, color="0.7", linewidth=0.6)
     axes.set(title="mean by the step of a cell", xlabel="height above its sides [µm]", ylabel=f"{RESIDUAL} [µm]")
 

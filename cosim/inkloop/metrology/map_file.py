@@ -64,7 +64,8 @@ def read(
         errors.append(f"holds values of type {values.dtype}; expected numbers")
     elif values.dtype.kind in "iu" and scale is None:
         errors.append(
-            f"holds whole-number counts ({values.dtype}); give count_scale, the height of one count in the unit"
+            f"holds whole-number counts ({values.dtype}); give count_scale (--count-scale), the height of one count in "
+            "the unit"
         )
     if scale is not None and not (np.isfinite(scale) and scale > 0):
         errors.append(f"count_scale is {scale}; expected a height per count above 0")
@@ -116,7 +117,7 @@ def _factor(path: Path, contents: FileContents, unit: str | None, errors: list[s
         errors.append(f"unit is {unit!r}; expected one of nm, um, mm, m")
         return 1.0
     if unit is None and contents.unit is None:
-        errors.append("does not declare the unit of its heights; give unit: nm, um, mm or m")
+        errors.append("does not declare the unit of its heights; give unit (--unit): nm, um, mm or m")
         return 1.0
     declared = required_factor(str(path), contents.unit if contents.unit is not None else str(unit))
     if unit is not None and length_factor(unit) != declared:
@@ -128,7 +129,7 @@ def _pixel(contents: FileContents, pixel: float | tuple[float, float] | None, er
     """Size of a pixel along x and y [m]; file and option must agree."""
     asked = (float(pixel), float(pixel)) if isinstance(pixel, int | float) else pixel
     if asked is None and contents.pixel is None:
-        errors.append("does not declare the size of its pixels; give pixel_um, the distance of two pixels")
+        errors.append("does not declare the size of its pixels; give pixel_um (--pixel-um), the distance of two pixels")
     if asked is not None and not all(np.isfinite(size) and size > 0 for size in asked):
         errors.append(f"pixel_um is {_um(asked)}; expected lengths above 0")
         return 1.0, 1.0

@@ -58,7 +58,7 @@ class LayerEnv(Env):
 
     Observation: `measured_height`, `target` [m], `valid`, `mask` (0 or 1), each (nx, ny). Action (nx, ny): 0 no
     droplet, 1 + ink + inks * (drops - 1) a droplet; no droplet at all ends the print. Reward: by how much the objective
-    of the true surface falls [um]. Terminated: ended by the action, or by the status fault of a component; truncated:
+    of the true surface falls [µm]. Terminated: ended by the action, or by the status fault of a component; truncated:
     by `layers_max` or `time_max_s`. Info: `layer`, `objective` and true `height` [m], `seed`, `stop_reason` at the end.
 
     Needs the extra `inkloop[env]`. Raises ScenarioError; InkloopError without the extra.

@@ -21,6 +21,7 @@ from inkloop.report.plot import (
     extent_of,
     figures_of,
     new_figure,
+    outside_legend,
 )
 from inkloop.results.metrics import TOO_HIGH, TOO_LOW
 
@@ -65,5 +66,6 @@ def comparison(runs: Runs) -> Figure:
     droplets.set(title="droplets of the layer", xlabel="layer")
     for axes in (mean, spread, droplets):
         axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
-    below.legend(*mean.get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
+    handles, labels = mean.get_legend_handles_labels()
+    outside_legend(below, handles, labels)
     return figure

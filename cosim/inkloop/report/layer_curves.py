@@ -14,6 +14,7 @@ from inkloop.report.plot import (
     error_of,
     middle_row,
     new_figure,
+    outside_legend,
 )
 from inkloop.results.metrics import TOO_HIGH, TOO_LOW
 from inkloop.units import MM_PER_M, UM_PER_M
@@ -48,7 +49,8 @@ def cross_section(runs: Runs) -> Figure:
             plate = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.85}
             top.text(0.01, 0.9 if mean > 0 else 0.05, text, transform=top.transAxes, bbox=plate)
     whole.set(ylabel="height [µm]", ylim=(0, None), title=f"cut at y = {float(first.y[row]) * MM_PER_M:.2f} mm")
-    figure.legend(*whole.get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
+    handles, labels = whole.get_legend_handles_labels()
+    outside_legend(figure, handles, labels)
     top.axhline(0, color="black", linestyle="--", linewidth=1)
     top.set(xlabel="x [mm]", ylabel=ERROR_LABEL, ylim=(-limit, limit))
     return figure
@@ -62,7 +64,8 @@ def layers(runs: Runs) -> Figure:
     mean.set(ylabel=f"mean {ERROR_LABEL}")
     spread.set(ylabel="std over the part [µm]")
     droplets.set(ylabel="droplets", xlabel="layer")
-    figure.legend(*mean.get_legend_handles_labels(), loc="outside upper center", ncols=5, frameon=False)
+    handles, labels = mean.get_legend_handles_labels()
+    outside_legend(figure, handles, labels, above=True)
     return figure
 
 

@@ -8,11 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
 from matplotlib import rc_context
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import AsinhNorm, ListedColormap, Normalize
@@ -76,6 +77,19 @@ def save(figure: Figure, path: Path, formats: Sequence[str] = (PNG,)) -> list[Pa
 def new_figure(height_in: float) -> Figure:
     """A figure as wide as a page."""
     return Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+
+
+def outside_legend(
+    figure: Figure | SubFigure, handles: Sequence[Artist], labels: Sequence[str], *, above: bool = False
+) -> None:
+    """A legend below the axes, or above them, in as few rows as fit into the width of the figure."""
+    place: Literal["outside upper center", "outside lower center"]
+    place = "outside upper center" if above else "outside lower center"
+    for columns in range(max(1, len(labels)), 0, -1):
+        legend = figure.legend(handles, labels, loc=place, ncols=columns, frameon=False)
+        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            return
+        legend.remove()
 
 
 def draw_line(

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import IO, Any
 
 from rich import box
@@ -16,6 +16,8 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Column, Table
 from rich.text import Text
+
+from inkloop.report.wrapping import wrapped
 
 FILE_WIDTH = 120
 """Columns of a text in a file or a pipe."""
@@ -44,8 +46,14 @@ class Terminal(Console):
         self.verbose, self.as_json = verbose, as_json
 
     def sentence(self, text: str, style: str | None = None) -> None:
-        """Write a sentence; the terminal breaks it where it has to."""
-        self.print(text, style=style, soft_wrap=True)
+        """Write a sentence, in a terminal broken between words; in a pipe or a file it is one line."""
+        self.print(wrapped(text, self.width) if self.is_terminal else text, style=style, soft_wrap=True)
+
+    def failures(self, sentences: Iterable[str]) -> None:
+        """Print what a check found wrong where nothing else is shown (--quiet); on standard error, as errors are."""
+        if self.quiet:
+            for sentence in sentences:
+                print(sentence, file=sys.stderr)
 
     def result(self, **data: Any) -> None:
         """Print the result of a command as JSON on standard output, if asked for; a number that is none is null."""

@@ -38,6 +38,7 @@ LAYER_BYTES, RESULT_BYTES, ROUNDED_RESULT_BYTES = 33, 21, 9
 """Of a cell and layer: in the layers kept while the print runs; in result.nc, with every digit or rounded."""
 FAR_BEYOND = 10.0  # times as many layers as are printed: a height in other units, or a mistyped one
 HARDLY_A_LAYER = 0.3  # of its height: less than half of a droplet
+_CHECK_HEIGHT = "; check the heights of [part], which are in µm"
 
 
 @dataclass(frozen=True)
@@ -104,9 +105,10 @@ class Footprint:
         """A sentence where the part has far more layers than are printed, or hardly one."""
         if self.nominal > FAR_BEYOND * self.layers:
             found = f"the part is about {self.nominal:,.0f} layers high"
-            yield f"{found}; run.layers_max ends the print after {self.layers}"
+            yield f"{found}; run.layers_max ends the print after {self.layers}{_CHECK_HEIGHT}"
         if self.nominal < HARDLY_A_LAYER:
-            yield f"the part is {self.nominal:.2g} of a layer high; a droplet is higher, and nothing may be printed"
+            found = f"the part is {self.nominal:.2g} of a layer high"
+            yield f"{found}; a droplet is higher, and nothing may be printed{_CHECK_HEIGHT}"
 
     def memory_errors(self) -> Iterator[str]:
         """The error of a grid that memory cannot hold, with one that it can."""
@@ -125,7 +127,10 @@ class Footprint:
         return f"grid of {self.nx} x {self.ny} cells, about {self.layers} layers,"
 
     def _advice(self, share: float) -> str:
-        nx, ny = (max(1, math.floor(count * math.sqrt(share))) for count in (self.nx, self.ny))
+        nx, ny = (math.floor(count * math.sqrt(share)) for count in (self.nx, self.ny))
+        if min(nx, ny) < 1:  # one side is far too long: only that is cut
+            cells, short = share * self.nx * self.ny, min(self.nx, self.ny)
+            nx, ny = (count if count == short else max(1, math.floor(cells / short)) for count in (self.nx, self.ny))
         return f"{nx} x {ny} cells would fit: choose a smaller grid or a larger pitch"
 
 

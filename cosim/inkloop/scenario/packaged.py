@@ -36,6 +36,7 @@ def hint(path: Path) -> str | None:
     """What to say to a name without a suffix that is neither a file nor a packaged scenario; None for a file."""
     if path.suffix or len(path.parts) != 1 or path.exists():
         return None
-    close = near(path.name, scenarios())
+    beside = path.with_name(f"{path.name}.toml")
+    close = [str(beside)] if beside.is_file() else near(path.name, scenarios())
     meant = f"did you mean {' or '.join(close)}? " if close else ""
     return f"is neither a file nor a scenario of inkloop; {meant}`inkloop new --list` lists them"

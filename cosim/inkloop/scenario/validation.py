@@ -30,6 +30,7 @@ SIDE = 9
 """Cells along an edge of a grid whose own number is invalid."""
 EMPTY_CELLS = 2
 """Cells to leave empty around a part: a droplet reaches one, and the next shows the substrate."""
+_MORE_CELLS = "change grid.pitch_um, grid.nx and grid.ny"
 
 
 def part_errors(tables: ScenarioFile, solid: Solid, target: Target) -> list[str]:
@@ -40,7 +41,9 @@ def part_errors(tables: ScenarioFile, solid: Solid, target: Target) -> list[str]
     if tables.support is None or not (has_support or is_printed):
         errors += _overhang_errors(solid.columns(grid.nx, grid.ny, grid.pitch), solid.region is not None)
     if not is_printed and not errors:
-        errors.append("part covers no cell of the grid; make it larger, move it, or enlarge grid.nx and grid.ny")
+        errors.append(
+            f"part covers no cell of the grid{_found(grid, reaches)}; make it larger, move it, or {_MORE_CELLS}"
+        )
     if has_support and solid.region is not None:
         errors.append(
             'part has two inks, and support takes ink B for itself; set support.kind = "none", or leave out one ink'
@@ -50,6 +53,15 @@ def part_errors(tables: ScenarioFile, solid: Solid, target: Target) -> list[str]
     if not crosses_block and _is_beyond(grid, margin, reaches):
         errors.append(_too_wide(grid, margin, reaches))
     return errors
+
+
+def _found(grid: Grid, bounds: Bounds) -> str:
+    """Size of a part and of a cell, where the part has an end."""
+    sides = bounds.x_max - bounds.x_min, bounds.y_max - bounds.y_min
+    if not np.isfinite(sides).all():
+        return ""
+    size = " x ".join(f"{side * UM_PER_M:.6g}" for side in sides)
+    return f": it is {size} µm wide, a cell {grid.pitch * UM_PER_M:.6g} µm"
 
 
 def _is_beyond(grid: Grid, margin: int, bounds: Bounds) -> bool:

@@ -14,6 +14,14 @@ from pydantic_core import ErrorDetails
 
 from inkloop.suggest import nearest
 
+_PLAIN = {
+    "a valid integer": "a whole number",
+    "a valid number": "a number",
+    "a valid boolean": "true or false",
+    "a valid string": "a text in quotes",
+    "a valid list": "a list, [..., ...]",
+}
+"""What pydantic calls a type, and what a file calls it."""
 _NUMBER = re.compile(r"['\"]\s*[+-]?[0-9.]")
 
 
@@ -32,7 +40,10 @@ def sentence(detail: ErrorDetails, root: type[BaseModel]) -> str:
         advice = '; a file is printed with shape = "mesh", "stack" or "height-map" and file = "..."' if is_file else ""
         return f"{place}.shape {found}; expected one of {choices}{advice}"
     expected = detail["msg"].replace("Input should be", "expected", 1).replace("Value error, ", "", 1)
-    expected = expected.replace("a valid integer", "a whole number").replace("a valid number", "a number")
+    for theirs, ours in _PLAIN.items():
+        expected = expected.replace(theirs, ours)
+    if detail["type"] in ("model_type", "model_attributes_type", "dict_type"):
+        expected = f"expected a table, [[{path[-2]}]]" if path[-1].startswith("[") else f"expected a table, [{place}]"
     if detail["type"] in ("float_type", "int_type") and _NUMBER.match(repr(detail["input"])):
         expected += ", without quotes and without a unit"
     return f"{place} is {_show(detail['input'])}; {expected}{_meaning(field)}"

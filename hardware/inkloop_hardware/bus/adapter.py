@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import can
 from can.util import load_config
@@ -139,13 +140,26 @@ def has_carrier(interface: str, network: Path = NETWORK) -> bool:
 
 def _open(settings: BusSettings) -> can.BusABC:
     arguments = settings.arguments()
-    if (settings.interface or load_config(config=dict(arguments)).get("interface")) != "slcan":
+    if (settings.interface or _configured(arguments)) != "slcan":
         return can.Bus(**arguments)
     found = {name: value for name, value in load_config(config=arguments).items() if value is not None}
     del found["interface"]
     if "channel" not in found:
         raise ValueError("an slcan adapter needs a channel, such as /dev/ttyACM0 or socket://127.0.0.1:29536")
     return BulkSlcanBus(str(found.pop("channel")), **found)
+
+
+def _configured(arguments: Mapping[str, Any]) -> str | None:
+    """The interface that python-can's own configuration names. Raises ValueError where it names none."""
+    try:
+        name: str | None = load_config(config=dict(arguments)).get("interface")
+    except NotImplementedError as error:
+        if '"None"' not in str(error):
+            raise
+        name = None
+    if name is None:
+        raise ValueError("it names none")
+    return name
 
 
 def _advice(settings: BusSettings) -> str:

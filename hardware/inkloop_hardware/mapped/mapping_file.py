@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from cantools.database.can import Message
 from pydantic import ValidationError
@@ -15,11 +16,13 @@ from pydantic_core import ErrorDetails
 from inkloop.component import Job
 from inkloop.errors import ScenarioError
 from inkloop.files import TomlError, read_toml_text, toml_tables
+from inkloop.suggest import nearest
 from inkloop_hardware.errors import FrameError
 from inkloop_hardware.mapped.mapped_bytes import hexadecimal, number
 from inkloop_hardware.mapped.mapping_tables import (
     METRES,
     SECONDS,
+    STEPS,
     Download,
     MappingFile,
     Memory,
@@ -49,14 +52,17 @@ class RigMapping:
 
 def load(path: Path, job: Job) -> RigMapping:
     """The mapping for a job. Raises ScenarioError with every error of the file."""
+    raw: dict[str, Any] = {}
     try:
-        tables = MappingFile.model_validate(toml_tables(read_toml_text(path)))
+        raw = toml_tables(read_toml_text(path))
+        tables = MappingFile.model_validate(raw)
     except OSError as error:
         raise ScenarioError(str(path), [f"cannot be read: {error.strerror}"]) from error
     except TomlError as error:
         raise ScenarioError(str(path), [str(error)]) from error
     except ValidationError as error:
-        raise ScenarioError(str(path), [_sentence(detail) for detail in error.errors()]) from error
+        errors = [_sentence(detail) for detail in error.errors()]
+        raise ScenarioError(str(path), [*errors, *_missing_dbc(path.parent, raw.get("dbc"))]) from error
     try:
         codec = Codec(path.parent / tables.dbc)
     except FrameError as error:
@@ -232,6 +238,11 @@ def _nearest(found: str, known: Iterable[str]) -> str:
     return f"known: {', '.join(names)}" if names else "there is none"
 
 
+def _missing_dbc(folder: Path, name: object) -> list[str]:
+    """The error of a DBC that is not there, for a file whose other errors keep it from being read."""
+    return [f"dbc: {folder / name} is not there"] if isinstance(name, str) and not (folder / name).is_file() else []
+
+
 def _sentence(detail: ErrorDetails) -> str:
     """Message of one error of pydantic."""
     place = ".".join(str(part + 1) if isinstance(part, int) else part for part in detail["loc"])
@@ -239,5 +250,9 @@ def _sentence(detail: ErrorDetails) -> str:
         return f"{place} is missing; add it"
     if detail["type"] == "extra_forbidden":
         return f"{place} is not a key of this table"
+    if detail["type"] == "union_tag_invalid":
+        return f"{place}.do is {detail['ctx']['tag']!r}; {nearest(str(detail['ctx']['tag']), STEPS)}"
+    if detail["type"] == "union_tag_not_found":
+        return f"{place}.do is missing; add one of {', '.join(STEPS)}"
     expected = detail["msg"].replace("Input should be", "expected", 1)
     return f"{place} is {detail['input']!r}; {expected}"

@@ -130,6 +130,8 @@ class Wait(StepBase):
     unless: Value | None = Field(default=None, description="value that ends the run instead of the expected one")
 
 
+STEPS = ("download", "upload", "routine", "read", "send", "wait")
+"""What `do` may be."""
 Step = Annotated[Download | Upload | RoutineStep | Read | Send | Wait, Field(discriminator="do")]
 
 

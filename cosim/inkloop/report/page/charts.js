@@ -40,6 +40,9 @@ class ErrorScale {
   }
 }
 
+/* From above and the right, so that ground and walls differ. */
+const LIGHT = { x: 70000, y: -20000, z: 100000 };
+
 const BAR = { orientation: "h", thickness: 10, lenmode: "pixels", len: 240, y: -0.17, yanchor: "top", outlinewidth: 0.5 };
 
 /* A text of the user for Plotly, which knows some markup: nothing in it is any. */
@@ -170,22 +173,30 @@ function solidChart(run, layer, scale, isNarrow) {
   const { zmin, zmax, colorscale, colorbar } = scale.axis();
   const look = { type: "mesh3d", ...corners, flatshading: true, hovertemplate: "x %{x:.2f} mm, y %{y:.2f} mm<br>height %{z:.1f} µm<extra></extra>" };
   const sides = run.grid.map((cells) => cells / Math.max(...run.grid));
-  const away = isNarrow ? 1.5 : 1.0;
+  const away = isNarrow ? 1.8 : 1.1;
+  const finite = [...heights, ...run.target].filter(Number.isFinite);
+  const [bottom, top] = [Math.min(0, ...extremes(finite)), Math.max(1, ...extremes(finite))];
+  const stretched = 0.5 / (top - bottom) / (1.2 * sides[0] / ((xs.at(-1) - xs[0]) * 1000));
   return {
     data: [
-      { ...look, ...body, color: "#a8a8a8", lighting: { ambient: 0.6, diffuse: 0.6, specular: 0 } },
+      { ...look, ...body, color: "#b4b4b4", lighting: { ambient: 0.45, diffuse: 0.65, specular: 0 }, lightposition: LIGHT },
       { ...look, ...tops, intensitymode: "cell", cmin: zmin, cmax: zmax, colorscale,
         colorbar: { ...colorbar, y: -0.02 }, lighting: { ambient: 0.95, diffuse: 0.1, specular: 0 } },
     ],
     layout: {
       font: FONT, margin: { l: 0, r: 0, t: 34, b: 84 }, uirevision: "camera",
-      title: { text: "Surface in 3D, heights stretched", font: { ...FONT, size: 14 }, x: 0.01, y: 0.98, yanchor: "top" },
+      title: { text: `Surface in 3D, heights × ${stretched.toPrecision(2)}`, font: { ...FONT, size: 14 }, x: 0.01, y: 0.98, yanchor: "top" },
       scene: { aspectmode: "manual", aspectratio: { x: 1.2 * sides[0], y: 1.2 * sides[1], z: 0.5 },
         camera: { eye: { x: 0.85 * away, y: -1.25 * away, z: 0.9 * away }, center: { x: 0, y: 0, z: -0.15 } },
-        xaxis: { title: { text: "x [mm]" } }, yaxis: { title: { text: "y [mm]" } },
-        zaxis: { title: { text: "height [µm]" }, rangemode: "tozero" } },
+        xaxis: { title: { text: "x [mm]" }, range: [xs[0], xs.at(-1)] }, yaxis: { title: { text: "y [mm]" }, range: [ys[0], ys.at(-1)] },
+        zaxis: { title: { text: "height [µm]" }, nticks: 5, range: [bottom, top] } },
     },
   };
+}
+
+/* Least and greatest of many numbers; a million arguments are too many for Math.max. */
+function extremes(values) {
+  return values.reduce(([least, greatest], value) => [Math.min(least, value), Math.max(greatest, value)], [Infinity, -Infinity]);
 }
 
 /* Means over squares of blocks, of those that have a number. */

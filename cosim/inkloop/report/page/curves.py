@@ -23,6 +23,7 @@ TAIL = 0.005
 FAR = 20.0
 """Runs whose errors spread this much wider than those of the narrowest are not in the histogram."""
 DECADES = range(-4, 5)
+FEW = 12  # layers that get a tick each: Plotly puts ticks between fewer
 HEADINGS = (
     "distance of the mean from the target [µm]",
     "standard deviation over the part [µm]",
@@ -47,8 +48,9 @@ def by_layer(runs: Mapping[str, xr.Dataset]) -> Figure:
             data.append({**common, "line": steps, "x": layer[1:], "y": jetted, "yaxis": "y3", "showlegend": False})
     is_printed = any((run["std"].values[1:] > 0.0).any() for run in runs.values())
     mean_axis, std_axis = (_axis(data, name) if is_printed else {} for name in ("y", "y2"))
+    whole = {"dtick": 1} if max((run.sizes["layer"] for run in runs.values()), default=0) <= FEW else {}
     layout = {
-        "xaxis": {**_GRID, "title": {"text": "layer"}, "anchor": "y3"},
+        "xaxis": {**_GRID, **whole, "title": {"text": "layer"}, "anchor": "y3"},
         "yaxis": {**_GRID, **mean_axis, "domain": [0.72, 1.0]},
         "yaxis2": {**_GRID, **std_axis, "domain": [0.36, 0.64]},
         "yaxis3": {**_GRID, "domain": [0.0, 0.28], "rangemode": "tozero"},

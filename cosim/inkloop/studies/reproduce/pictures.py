@@ -11,7 +11,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from inkloop.component import FloatMap
 from inkloop.models.young_laplace_deposition import FineSurface
-from inkloop.report.plot import COLOURS, WIDTH_IN
+from inkloop.report.plot import COLOURS, WIDTH_IN, outside_legend
 from inkloop.units import UM_PER_M
 
 MARKS = ("o", "s", "^", "D", "v")
@@ -41,7 +41,8 @@ def droplet_errors(
         axes.xaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_formatter("")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+    handles, labels = axes.get_legend_handles_labels()
+    outside_legend(figure, handles, labels)
     return figure
 
 

@@ -51,6 +51,9 @@ class Study:
             raise ScenarioError(str(path), [f"cannot be read: {error.strerror}; expected a study file"]) from error
         except TomlError as error:
             raise ScenarioError(str(path), [str(error)]) from error
+        if "components" in raw:
+            table = 'title = "..." and scenario = "..."'
+            raise ScenarioError(str(path), [f"is a scenario; name it in a study file, which has {table}"])
         errors: list[str] = []
         axes = dict(_axes(raw.get("vary", {}), errors))
         spreads = dict(_distributions(raw, errors))

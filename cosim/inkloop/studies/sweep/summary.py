@@ -37,7 +37,7 @@ def short_names(keys: Sequence[str]) -> dict[str, str]:
 
 def unit_words(metric: str) -> str:
     """The unit of a metric as people read it, in brackets; nothing where it has none."""
-    return " [um]" if METRICS[metric][0] == "m" else ""
+    return " [µm]" if METRICS[metric][0] == "m" else ""
 
 
 def keys_of(study: Study) -> list[str]:

@@ -128,7 +128,7 @@ def partly_turned(triangles: meshes.Triangles) -> meshes.Triangles:
 
 TORUS = meshes.torus(150, 60, 1.6, 0.6)
 REFUSED: dict[str, tuple[str, bytes, dict[str, Any], str]] = {
-    "no unit": ("a.stl", meshes.binary_stl(WEDGE), {"unit": None}, "does not state the unit.*give unit: um, mm"),
+    "no unit": ("a.stl", meshes.binary_stl(WEDGE), {"unit": None}, "not state the unit.*give unit .--unit.: um, mm"),
     "other unit": ("a.stl", meshes.binary_stl(WEDGE), {"unit": "mile"}, "unit is 'mile'; expected one of um"),
     "other suffix": ("a.step", b"", {}, "has suffix '.step'; expected one of .stl, .obj, .ply, .3mf"),
     "missing bytes": ("a.stl", meshes.binary_stl(WEDGE)[:-7], {}, "is binary STL that states 8 triangles.*484 bytes"),

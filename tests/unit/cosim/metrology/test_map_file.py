@@ -198,7 +198,7 @@ def test_faulty_table_is_refused_with_a_message(
 def test_counts_without_their_height_are_refused(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "map.tif", np.ones((3, 4), np.uint16))
     with pytest.raises(
-        HeightMapError, match=r"whole-number counts \(uint16\); give count_scale, the height of one count"
+        HeightMapError, match=r"whole-number counts \(uint16\); give count_scale \(--count-scale\), the height"
     ):
         read(tmp_path / "map.tif", unit="um", pixel=5e-6)
 

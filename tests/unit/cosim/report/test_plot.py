@@ -291,3 +291,14 @@ def test_scale_of_errors_of_several_sizes_has_ticks_besides_zero(scales: tuple[f
     axes = figure.subplots()
     plot.add_scale(figure, ScalarMappable(norm, plot.ERROR_COLOURS), ax=axes)
     assert figure.axes[1].get_yticks().tolist() == pytest.approx(shown, rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize("count", [1, 5, 9])
+def test_legend_fits_into_the_width_of_its_figure(count: int) -> None:
+    figure = plot.new_figure(2.0)
+    axes = figure.subplots()
+    lines = [axes.plot([0, 1], label=f"closed loop, a long label of run {k}")[0] for k in range(count)]
+    plot.outside_legend(figure, lines, [str(line.get_label()) for line in lines])
+    [legend] = figure.legends
+    assert legend.get_window_extent().width <= figure.bbox.width
+    assert len(legend.get_texts()) == count

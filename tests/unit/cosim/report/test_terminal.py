@@ -67,3 +67,9 @@ def test_what_rounds_to_zero_has_no_sign() -> None:
     assert decimals(-0.001) == "0.00"
     assert decimals(-0.005001) == "-0.01"
     assert decimals(math.nan) == "nan"
+
+
+def test_failed_check_is_printed_even_if_quiet(capsys: pytest.CaptureFixture[str]) -> None:
+    for quiet, expected in ((True, "the bus is off\n"), (False, "")):
+        Terminal(quiet=quiet).failures(["the bus is off"])
+        assert capsys.readouterr().err == expected

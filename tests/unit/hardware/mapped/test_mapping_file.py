@@ -97,7 +97,7 @@ def test_names_of_messages_become_the_ids_of_peers(tmp_path: Path) -> None:
         ('answer = "01"', 'answer = "0{x}"', "profiler step 1 (routine): answer is '0{x}'; expected pairs"),
         ("[map]", "[mapp]", "mapp is not a key of this table"),
         ("bits = 2", "bits = 3", "pattern.bits is 3; expected 1, 2, 4 or 8"),
-        ('do = "send"', 'do = "sent"', "printer.2 is "),
+        ('do = "send"', 'do = "sent"', "printer.2.do is 'sent'; did you mean send?"),
         (
             "limit_s = 10.0",
             'limit_s = 10.0\nenables = ["lamp"]',
