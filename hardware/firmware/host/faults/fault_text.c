@@ -19,7 +19,8 @@ static const char *const STEP_NAMES[] = {"none", "home",      "move",     "purge
 
 static const char *const PART_NAMES[] = {"gate-stays-open", "gate-stays-closed", "lamp-stays-on",
                                          "not-ready",       "work-fails",        "work-hangs",
-                                         "storage-full",    "end-switches",      NULL};
+                                         "storage-full",    "lamp-stays-off",    "end-switches",
+                                         NULL};
 
 typedef struct {
     const char *name;
