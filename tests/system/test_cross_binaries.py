@@ -97,10 +97,10 @@ def declared(fmi: str) -> set[str]:
 def parsed(binary: bytes) -> list[Any]:
     """The binary as LIEF reads it, one for each processor."""
     lief = pytest.importorskip("lief", reason="needs lief")
-    found = lief.parse(list(binary))
-    if platforms_in(binary)[0].endswith("darwin"):
-        return list(lief.MachO.parse(list(binary)))
-    return [found]
+    if not platforms_in(binary)[0].endswith("darwin"):
+        return [lief.parse(list(binary))]
+    fat = lief.MachO.parse(list(binary))
+    return [fat.take(processor) for processor in [image.header.cpu_type for image in fat]]  # they outlive `fat`
 
 
 def exports(image: Any) -> set[str]:

@@ -32,6 +32,7 @@ from support.benches.node_bench import (
     NRC_FAILED,
     NRC_PENDING,
     NRC_RANGE,
+    NRC_SEQUENCE,
     PASS,
     PROFILER,
     SCAN,
@@ -208,6 +209,15 @@ def test_lamp_that_stays_on_is_a_fault(bench: NodeBench) -> None:
     bench.broken(LAMP_STAYS_ON)
     bench.tick(1000)
     assert (bench.state(CURE).state, bench.state(CURE).cause) == ("FAULT", STEP_EXPIRED)
+
+
+def test_pattern_is_sent_again_after_whatever_ended_a_layer(bench: NodeBench) -> None:
+    begin_pass(bench)
+    bench.stop(True)
+    bench.stop(False)
+    assert bench.clear(option=1) == DONE
+    assert not bench.state().pattern_loaded
+    assert bench.run(PASS, layer=1, option=b"\x00") == -NRC_SEQUENCE
 
 
 def test_cure_whose_lamp_stays_dark_is_not_done_and_is_repeated(bench: NodeBench) -> None:
