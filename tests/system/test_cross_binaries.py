@@ -72,6 +72,8 @@ SYSTEM_LIBRARIES = {
     "windows": r"KERNEL32\.dll|api-ms-win-crt-\S+\.dll",  # the universal C runtime, part of Windows 10
     "darwin": r"/usr/lib/libSystem\.B\.dylib",
 }
+MACHO_LINKER = {"_mh_dylib_header", "__dso_handle"}
+"""Addresses of the file itself, which zig's linker adds to every dynamic library."""
 LAYERS, SIDE = 20, 30
 
 pytestmark = [pytest.mark.compiled, pytest.mark.system]
@@ -107,7 +109,7 @@ def exports(image: Any) -> set[str]:
     """Names that a library offers, without the underscore of macOS."""
     names = {str(function.name) for function in image.exported_functions}
     is_macho = type(image).__module__.endswith("MachO")
-    return {name.removeprefix("_") for name in names} if is_macho else names
+    return {name.removeprefix("_") for name in names} - MACHO_LINKER if is_macho else names
 
 
 def newest_glibc(image: Any) -> tuple[int, ...]:
