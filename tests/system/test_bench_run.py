@@ -243,6 +243,7 @@ def test_large_grids_cross_the_bus_whole(size: int, inks: int, tmp_path: Path) -
         "run.layers_max": 1,
         "process.passes": 1,
         "components.controller.kind": "OpenLoop",
+        "bench.silence_s": 10.0,  # a million cells are scanned in one go; a second scan would have other noise
     }
     text = (TWO_INKS if inks == 2 else BLOCK).replace("horizon = 1\n", "")
     path = write(tmp_path, text)

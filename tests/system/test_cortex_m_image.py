@@ -29,9 +29,8 @@ pytestmark = pytest.mark.skipif(bool(absent), reason=f"{' and '.join(absent)} no
 def image(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("image")
     place = node_bench.FIRMWARE / "cortex_m"
-    subprocess.run(
-        ["make", "-C", place, f"OUT={folder}", f"PYTHON={sys.executable}"], check=True, stdout=subprocess.DEVNULL
-    )
+    options = [f"OUT={folder}", f"PYTHON={sys.executable}", f"ALIVE_MS={1e3 * LIMIT_S:.0f}"]
+    subprocess.run(["make", "-C", place, *options], check=True, stdout=subprocess.DEVNULL)
     return folder / "inkloop_bench.elf"
 
 

@@ -72,6 +72,8 @@ SYSTEM_LIBRARIES = {
     "windows": r"KERNEL32\.dll|api-ms-win-crt-\S+\.dll",  # the universal C runtime, part of Windows 10
     "darwin": r"/usr/lib/libSystem\.B\.dylib",
 }
+MACHO_LINKER = {"_mh_dylib_header", "__dso_handle"}
+"""Addresses of the file itself, which zig's linker adds to every dynamic library."""
 LAYERS, SIDE = 20, 30
 
 pytestmark = [pytest.mark.compiled, pytest.mark.system]
@@ -97,17 +99,17 @@ def declared(fmi: str) -> set[str]:
 def parsed(binary: bytes) -> list[Any]:
     """The binary as LIEF reads it, one for each processor."""
     lief = pytest.importorskip("lief", reason="needs lief")
-    found = lief.parse(list(binary))
-    if platforms_in(binary)[0].endswith("darwin"):
-        return list(lief.MachO.parse(list(binary)))
-    return [found]
+    if not platforms_in(binary)[0].endswith("darwin"):
+        return [lief.parse(list(binary))]
+    fat = lief.MachO.parse(list(binary))
+    return [fat.take(processor) for processor in [image.header.cpu_type for image in fat]]  # they outlive `fat`
 
 
 def exports(image: Any) -> set[str]:
     """Names that a library offers, without the underscore of macOS."""
     names = {str(function.name) for function in image.exported_functions}
     is_macho = type(image).__module__.endswith("MachO")
-    return {name.removeprefix("_") for name in names} if is_macho else names
+    return {name.removeprefix("_") for name in names} - MACHO_LINKER if is_macho else names
 
 
 def newest_glibc(image: Any) -> tuple[int, ...]:

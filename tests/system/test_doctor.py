@@ -7,6 +7,7 @@ import json
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -125,21 +126,23 @@ def test_self_test_energises_nothing_while_an_error_stands(path: Path, doctor: D
         assert not was_energised(channel)
 
 
-def test_self_test_energises_nothing_when_a_master_has_begun_since(
-    path: Path, doctor: Doctor, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("since", "found"), [({"sessions": {77: 5}}, "another master"), ({"stopped": True}, "a stop request")]
+)
+def test_self_test_energises_nothing_where_a_master_or_a_stop_request_came_since(
+    since: dict[str, Any], found: str, path: Path, doctor: Doctor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The checks take seconds: a run may begin in them."""
+    """The checks take seconds: a run may begin in them, or a person may ask for a stop."""
     times = list[Heard]()
 
     def later(*arguments: Any) -> Heard:
         times.append(listen(*arguments))
-        times[-1].sessions |= {77: 5} if len(times) == 2 else {}
-        return times[-1]
+        return replace(times[-1], **since) if len(times) == 2 else times[-1]
 
     monkeypatch.setattr("inkloop_hardware.doctor.doctor.listen", later)
     with bench(path) as channel:
         code, errors = doctor(channel, "--self-test", "--yes")
-        assert (code, errors) == (1, {"self test": "another master is active: nothing is energised"})
+        assert (code, errors) == (1, {"self test": f"{found} is active: nothing is energised"})
         assert not was_energised(channel)
 
 

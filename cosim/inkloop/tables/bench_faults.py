@@ -40,6 +40,7 @@ Parts = Literal[
     "work-fails",
     "work-hangs",
     "storage-full",
+    "lamp-stays-off",
     "end-switches",
 ]
 Count = Annotated[int, Field(ge=1, lt=2**32)]

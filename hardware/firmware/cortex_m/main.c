@@ -55,7 +55,10 @@ static void run(Machine *machine, int node) {
 
 int main(void) {
     static Machine machine;
-    const BenchOptions options = bench_defaults();
+    BenchOptions options = bench_defaults();
+#ifdef ALIVE_MS
+    options.limits.alive = ALIVE_MS;
+#endif
     char why[80];
     uart_init();
     slcan_init(&machine.slcan);

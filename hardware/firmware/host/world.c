@@ -60,7 +60,8 @@ uint32_t world_lines(const World *world) {
         lines |= LINE_GATE_OPEN;
     if (stays_closed || (!world->gate_driven && gate_has_arrived(world) && !stays_open))
         lines |= LINE_GATE_CLOSED;
-    if (world->lamp_driven || world->broken & BROKEN_LAMP_STAYS_ON)
+    const bool stays_off = world->broken & BROKEN_LAMP_STAYS_OFF;
+    if ((world->lamp_driven && !stays_off) || world->broken & BROKEN_LAMP_STAYS_ON)
         lines |= LINE_LAMP_ON;
     if (!(world->broken & BROKEN_NOT_READY))
         lines |= LINE_READY;

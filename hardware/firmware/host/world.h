@@ -22,7 +22,8 @@ enum { /* defects, one bit each; a gate that stays open and closed has end switc
        BROKEN_NOT_READY = 8,
        BROKEN_WORK_FAILS = 16,
        BROKEN_WORK_HANGS = 32,
-       BROKEN_STORAGE_FULL = 64 /* what a step has made cannot be kept */
+       BROKEN_STORAGE_FULL = 64, /* what a step has made cannot be kept */
+       BROKEN_LAMP_STAYS_OFF = 128
 };
 
 typedef struct {

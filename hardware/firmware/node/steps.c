@@ -170,6 +170,8 @@ static Cause continue_pass(Node *node, WorkProgress work) {
 
 static Cause continue_cure(Node *node) {
     if (node->step.phase == STEP_WORKING && node->now - node->step.phase_began >= node->step.lamp_ms) {
+        if (!node->dry && !interlocks_line(node, LINE_LAMP_ON)) /* the ink is not cured */
+            return CAUSE_LAMP_TIME;
         interlocks_lamp_off(node);
         enter(node, STEP_CLOSING);
         return note_done(node);

@@ -20,6 +20,7 @@ from support.benches.node_bench import (
     GATE_STAYS_OPEN,
     HEAD,
     LAMP,
+    LAMP_STAYS_OFF,
     MOTION,
     PASS,
     SCAN,
@@ -110,6 +111,12 @@ def of_gates() -> Iterator[Row]:
             yield what, name, *under_way(made, lambda: made.broken(CONTRADICTION), node)
 
 
+def of_lamps() -> Iterator[Row]:
+    with bench() as made:
+        made.broken(LAMP_STAYS_OFF)
+        yield "the lamp stays dark", "cure", *under_way(made, lambda: made.tick(LONG_MS), CURE)
+
+
 def of_one_node() -> Iterator[Row]:
     what = "no motion enable, head and stage one node"
     with bench(one_node=True) as made:
@@ -148,4 +155,4 @@ def of_storage() -> Iterator[Row]:
 
 def rows() -> list[Row]:
     """The rows, each on nodes of its own."""
-    return [*of_masters(), *of_gates(), *of_one_node(), *of_watchdogs(), *of_storage()]
+    return [*of_masters(), *of_gates(), *of_lamps(), *of_one_node(), *of_watchdogs(), *of_storage()]

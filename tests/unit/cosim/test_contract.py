@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import tomllib
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 
 from inkloop.component import Port
 from inkloop.contract import (
+    COUNTERS,
     LAYER_COMMAND,
     SIGNALS,
     PassOrder,
@@ -97,6 +99,18 @@ def test_a_map_has_the_shape_of_the_grid_and_a_number_has_none(signal: Signal) -
     port = Port(signal.name, signal.unit, (3, 4) if signal.is_map else (), signal.dtype, signal.start)
     assert signal.port((3, 4)) == port
     assert contract_ports((3, 4), signal.name, LAYER_COMMAND) == (port, SIGNALS[LAYER_COMMAND].port((3, 4)))
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "fmus").glob("*/variables.toml")), ids=lambda path: path.parent.name)
+def test_fmus_declare_the_signals_as_the_table_does(path: Path) -> None:
+    """Sequence numbers and optional signals also start from the same value; a map without a connection may differ."""
+    variables = tomllib.loads(path.read_text(encoding="utf-8"))["variables"]
+    for name in variables.keys() & SIGNALS.keys():
+        found, signal = variables[name], SIGNALS[name]
+        form = (found.get("type", "real"), found.get("unit", "1"), found.get("shape") == "grid")
+        assert form == (TYPES[signal.dtype], signal.unit, signal.is_map), name
+        if "start" in found and (name in COUNTERS or signal.is_optional):
+            assert found["start"] == signal.start, name
 
 
 def test_controller_has_the_ports_that_the_table_gives_its_role() -> None:

@@ -21,6 +21,7 @@ from support.benches.node_bench import (
     HOME,
     LAMP,
     LAMP_PULSES,
+    LAMP_STAYS_OFF,
     LAMP_STAYS_ON,
     LAMP_TIME,
     LAMP_WITH_GATE,
@@ -31,6 +32,7 @@ from support.benches.node_bench import (
     NRC_FAILED,
     NRC_PENDING,
     NRC_RANGE,
+    NRC_SEQUENCE,
     PASS,
     PROFILER,
     SCAN,
@@ -207,6 +209,26 @@ def test_lamp_that_stays_on_is_a_fault(bench: NodeBench) -> None:
     bench.broken(LAMP_STAYS_ON)
     bench.tick(1000)
     assert (bench.state(CURE).state, bench.state(CURE).cause) == ("FAULT", STEP_EXPIRED)
+
+
+def test_pattern_is_sent_again_after_whatever_ended_a_layer(bench: NodeBench) -> None:
+    begin_pass(bench)
+    bench.stop(True)
+    bench.stop(False)
+    assert bench.clear(option=1) == DONE
+    assert not bench.state().pattern_loaded
+    assert bench.run(PASS, layer=1, option=b"\x00") == -NRC_SEQUENCE
+
+
+def test_cure_whose_lamp_stays_dark_is_not_done_and_is_repeated(bench: NodeBench) -> None:
+    bench.broken(LAMP_STAYS_OFF)
+    assert bench.cure(1) == -NRC_FAILED
+    state = bench.state(CURE)
+    assert (state.state, state.cause, state.needs_operator, state.cured) == ("FAULT", LAMP_TIME, True, 0)
+    bench.broken(0)
+    assert bench.clear(CURE, 1) == DONE
+    assert bench.cure(1) == DONE
+    assert bench.state(CURE).cured == 1
 
 
 def test_gate_that_does_not_open_ends_the_pass_before_a_droplet(bench: NodeBench) -> None:

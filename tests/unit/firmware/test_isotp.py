@@ -144,6 +144,16 @@ def test_sender_that_stops_is_given_up_after_a_second_even_where_the_clock_wraps
     assert not node.take(Frame(0x123, b"\0"), 0)
 
 
+def test_each_frame_of_a_slow_sender_gives_a_new_second() -> None:
+    message, node = payload(100), IsotpEnd()
+    first, *rest = segments(message)
+    node.take(first, 0)
+    assert node.next(0) is not None
+    for number, frame in enumerate(rest, start=1):
+        node.take(frame, 900 * number)
+    assert (node.state.received, node.receive()) == ("done", message)
+
+
 def test_missing_flow_control_is_given_up_after_a_second_and_sending_is_free_again() -> None:
     node = IsotpEnd()
     assert node.send(payload(100))

@@ -255,6 +255,10 @@ def test_scan_of_another_attempt_waits_until_this_one_is_over(bench: NodeBench) 
     assert bench.raw(bench.routine(SCAN, attempt=1), profiler)[2] == NRC_PENDING
     bench.tick(8000)
     assert bench.scan(0, attempt=1) == DONE_BEFORE
+    assert bench.raw(bench.routine(SCAN, attempt=2), profiler)[2] == NRC_PENDING
+    assert bench.raw(bench.routine(SCAN, attempt=1), profiler)[2] == NRC_BUSY, "its map is being overwritten"
+    bench.tick(8000)
+    assert bench.scan(0, attempt=2) == DONE_BEFORE
     assert bench.run(SCAN, profiler, which=4) == -NRC_RANGE, "what could not be known as done before"
 
 

@@ -17,6 +17,7 @@ from support.benches.node_bench import (
     GATE_STAYS_OPEN,
     HEAD,
     LAMP_PULSES,
+    LAMP_STAYS_OFF,
     LAMP_STAYS_ON,
     LAMP_TIME,
     LAMP_WITH_GATE,
@@ -75,6 +76,7 @@ def test_layer_under_way_and_journals_do_not_know_of_it(bench: NodeBench) -> Non
         (GATE_STAYS_CLOSED, HEAD, OF_THE_GATE, GATE_NOT_CONFIRMED),
         (GATE_STAYS_OPEN, HEAD, OF_THE_GATE, GATE_NOT_CONFIRMED),
         (LAMP_STAYS_ON, CURE, OF_THE_LAMP, LAMP_TIME),
+        (LAMP_STAYS_OFF, CURE, OF_THE_LAMP, LAMP_TIME),
     ],
 )
 def test_what_is_not_confirmed_is_a_fault_with_everything_off(

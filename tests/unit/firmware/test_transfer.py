@@ -95,6 +95,13 @@ def test_pattern_of_another_length_than_its_header_states_is_refused(bench: Node
     assert bench.state().state == "IDLE"
 
 
+@pytest.mark.parametrize("begun", [b"\x05", b"\x90"], ids=["literal bytes", "a run"])
+def test_coded_pattern_that_ends_before_its_last_code_is_refused(bench: NodeBench, begun: bytes) -> None:
+    coded = run_length(pattern_blob(np.eye(9)))
+    assert bench.download(coded + begun, 1, coded=0x10) == -RANGE
+    assert bench.download(coded, 1, coded=0x10) == 0
+
+
 def test_material_that_does_not_exist_is_refused(bench: NodeBench) -> None:
     assert bench.download(pattern_blob(np.full((9, 9), 3)), 1) == -RANGE
 

@@ -40,7 +40,7 @@ typedef enum {
 
 typedef enum { TO_NODES, FROM_NODES, WAYS } Way;
 
-enum { END_SWITCHES = 7 /* part, after those of the defects of a world */ };
+enum { END_SWITCHES = 8 /* part, after those of the defects of a world */ };
 enum { ANY = -1, FAULTS_MAX = 16, STANDARD_IDS = CAN_ID_MAX + 1 };
 
 typedef struct {

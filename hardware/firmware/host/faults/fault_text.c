@@ -17,9 +17,9 @@ static const char *const NODE_NAMES[] = {"head", "stage", "cure", "profiler", NU
 static const char *const STEP_NAMES[] = {"none", "home",      "move",     "purge",  "pass", "cure",
                                          "scan", "self-test", "download", "upload", NULL};
 
-static const char *const PART_NAMES[] = {"gate-stays-open", "gate-stays-closed", "lamp-stays-on",
-                                         "not-ready",       "work-fails",        "work-hangs",
-                                         "storage-full",    "end-switches",      NULL};
+static const char *const PART_NAMES[] = {
+    "gate-stays-open", "gate-stays-closed", "lamp-stays-on",  "not-ready",    "work-fails",
+    "work-hangs",      "storage-full",      "lamp-stays-off", "end-switches", NULL};
 
 typedef struct {
     const char *name;

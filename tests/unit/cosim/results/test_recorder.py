@@ -9,7 +9,7 @@ from inkloop.component import Port, Values
 from inkloop.master.master import Master
 from inkloop.master.wiring import contract_connections
 from inkloop.results.metrics import masked_error
-from inkloop.results.recorder import LayerRow, Recorder
+from inkloop.results.recorder import COUNTER_END, LayerRow, Recorder
 from support.toys import DROPLET, FunctionComponent, ToyPrinter, toy_job, toy_loop
 
 SECOND = 1_000_000_000
@@ -86,12 +86,18 @@ def test_layers_that_were_jumped_over_are_empty() -> None:
     run = recorder.dataset()
     assert np.isfinite(run.height).all(("x", "y")).values.tolist() == [True, False, True, False, False, True]
     np.testing.assert_array_equal(run.height[5], 5 * height)
+    assert np.isfinite(run.mean_error).values.tolist() == [True, False, True, False, False, True]
 
 
 @pytest.mark.parametrize(
     ("scans", "found"),
-    [((0, 0, 2, 2), (0, 0, 2, 2)), ((0, 1, 1, 3), (0, 1, 1, 3)), ((-1, 1, 1, 3), (np.nan, 1, 1, 3))],
-    ids=["layer 1 is not scanned", "layer 2 is not scanned", "the start surface is not scanned"],
+    [
+        ((0, 0, 2, 2), (0, 0, 2, 2)),
+        ((0, 1, 1, 3), (0, 1, 1, 3)),
+        ((-1, 1, 1, 3), (np.nan, 1, 1, 3)),
+        ((-1, -1, 2, 2), (np.nan, np.nan, 2, 2)),
+    ],
+    ids=["layer 1 is not scanned", "layer 2 is not scanned", "the start surface is not scanned", "both are not"],
 )
 def test_layer_that_was_not_scanned_has_the_surface_of_the_scan_before_it(
     scans: tuple[int, ...], found: tuple[float, ...]
@@ -167,3 +173,38 @@ def test_droplets_are_counted_on_where_the_counter_of_the_printer_ends(monkeypat
     found = printed_loop(layers=6)[0].dataset().droplets_a
     np.testing.assert_array_equal(found, whole)
     assert found.dtype == np.int64
+
+
+def test_droplets_beyond_the_end_of_a_counter_are_those_of_their_ink() -> None:
+    job = toy_job()
+    shape = (job.nx, job.ny)
+    controller = FunctionComponent(outputs=[Port("layer_command"), Port("pattern", "1", shape, "int32")])
+    printer = FunctionComponent(outputs=[Port("layers_printed"), Port("droplets_a"), Port("droplets_b")])
+    recorder = Recorder(job, {"controller": controller, "printer": printer})
+    pattern = np.zeros(shape, np.int32)
+    pattern.flat[:3], pattern.flat[3:8] = 1, 2
+    for layer, count in enumerate((COUNTER_END - 1, COUNTER_END)):
+        counted = np.asarray(count, np.int32)
+        values: dict[str, Values] = {
+            "controller": {"layer_command": np.asarray(layer), "pattern": pattern},
+            "printer": {"layers_printed": np.asarray(layer), "droplets_a": counted, "droplets_b": counted},
+        }
+        (recorder.stepped if layer else recorder.initialized)(layer * SECOND, values)
+    run = recorder.dataset()
+    assert (int(run.droplets_a[1]), int(run.droplets_b[1])) == (COUNTER_END + 2, COUNTER_END + 4)
+
+
+def test_resumed_run_keeps_the_rows_it_has() -> None:
+    """The layer that it resumes at was printed earlier, and is neither recorded nor reported again."""
+    job = toy_job()
+    height = Port("height", "m", (job.nx, job.ny))
+    parts = {"printer": FunctionComponent(outputs=[height, Port("layers_printed")])}
+    first = Recorder(job, parts)
+    values: dict[str, Values] = {"printer": {"height": np.ones(height.shape), "layers_printed": np.asarray(2)}}
+    first.initialized(SECOND, values)
+    reported: list[LayerRow] = []
+    resumed = Recorder(job, parts, reported.append)
+    resumed.put_rows(first.take_rows())
+    resumed.initialized(9 * SECOND, values)
+    assert (resumed.take_rows(), reported) == ({}, [])
+    assert float(resumed.table().time[2]) == 1.0

@@ -59,7 +59,10 @@ def test_another_master_is_one_that_is_heard_twice_and_not_for_long() -> None:
     assert watch.other_master(0.0) is None, "the last word of a run that ended"
     watch.take_master(0.1, OTHER)
     assert "session 5" in (watch.other_master(0.1) or "")
-    assert watch.other_master(0.1 + OVER_AFTER + 0.01) is None
+    later = 0.1 + OVER_AFTER + 0.01
+    assert watch.other_master(later) is None
+    watch.take_master(later, OTHER)
+    assert watch.other_master(later) is None, "again a single one"
 
 
 def test_own_frames_are_no_other_master() -> None:

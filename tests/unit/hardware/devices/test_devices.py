@@ -15,6 +15,7 @@ import pytest
 from inkloop.component import Component, Ink, Job, is_device
 from inkloop.errors import ComponentError
 from inkloop.testing import CONTRACT_CHECKS, ContractCheck, job
+from inkloop_hardware.devices.commands import dry_run
 from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
 from inkloop_hardware.devices.readiness import NotReady
@@ -269,6 +270,17 @@ def test_restored_profiler_repeats_the_last_scan_without_scanning() -> None:
         again = second.do_step(0, SECOND, {"layers_printed": np.int32(0)})
         for name, value in found.items():
             np.testing.assert_array_equal(again[name], value)
+
+
+def test_dry_run_enables_nothing_but_motion() -> None:
+    """A node in a dry run moves neither gate nor lamp; the master does not allow it either."""
+    with bench() as nodes:
+        rig = NodeRig(nodes)
+        rig.attach()
+        assert list(dry_run(rig, FOUR, cure_ms=5))
+        assert set(rig.enables) == {0, MOTION}
+        assert nodes.counted(node_bench.GATE_OPENINGS) == nodes.counted(node_bench.LAMP_PULSES) == 0
+        assert not nodes.surface.any()
 
 
 def test_dry_run_left_over_is_ended_before_a_real_layer() -> None:

@@ -18,6 +18,7 @@ from inkloop_hardware.protocol.records import NodeStatus, StopRequest, pack, unp
 from inkloop_hardware.protocol.vocabulary import Fault, Node, Source, State
 
 CODEC = Codec()
+PRINTING = (State.PRINTING, Fault.NONE)
 
 
 def status(node: Node, state: State, fault: Fault, counter: int) -> can.Message:
@@ -27,8 +28,11 @@ def status(node: Node, state: State, fault: Fault, counter: int) -> can.Message:
 
 
 @contextmanager
-def bus(channel: str, *deaf: Node) -> Iterator[list[Frame]]:
-    """Nodes that go SAFE with the first stop request, but those that are deaf; the frames that they received."""
+def bus(channel: str, *deaf: Node, stays: tuple[State, Fault] = PRINTING) -> Iterator[list[Frame]]:
+    """Nodes that go SAFE with the first stop request, but those that are deaf, which stay as they are.
+
+    Yields the frames that they received.
+    """
     received, over, stopped = list[Frame](), Event(), False
     with ExitStack() as stack:
         nodes = stack.enter_context(can.Bus(interface="virtual", channel=channel))
@@ -47,7 +51,7 @@ def bus(channel: str, *deaf: Node) -> Iterator[list[Frame]]:
                 counter += 1
                 for node in Node:
                     safe = stopped and node not in deaf
-                    found = (State.SAFE, Fault.STOP_REQUEST) if safe else (State.PRINTING, Fault.NONE)
+                    found = (State.SAFE, Fault.STOP_REQUEST) if safe else stays
                     nodes.send(status(node, *found, counter))
             take()
 
@@ -80,10 +84,15 @@ def test_stop_is_sent_until_every_node_confirms() -> None:
     assert set(requests(received)) == {True}
 
 
-def test_node_that_does_not_confirm_in_the_time_of_the_settings_is_an_error_that_names_it() -> None:
+@pytest.mark.parametrize(
+    "stays", [PRINTING, (State.SAFE, Fault.MASTER_LOST)], ids=["printing", "safe for another cause"]
+)
+def test_node_that_does_not_confirm_in_the_time_of_the_settings_is_an_error_that_names_it(
+    stays: tuple[State, Fault],
+) -> None:
     lines: list[str] = []
     words = r": cure did not confirm the stop request within 0\.7 s.*hard-wired"
-    with bus("deaf", Node.CURE) as received, pytest.raises(HardwareError, match=words):
+    with bus("deaf", Node.CURE, stays=stays) as received, pytest.raises(HardwareError, match=words):
         lines.extend(request_stop(BusSettings("virtual", "deaf", silence_s=0.1)))
     assert len(requests(received)) >= FRAMES_MIN
 

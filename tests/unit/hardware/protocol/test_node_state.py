@@ -149,6 +149,15 @@ def test_restart_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     assert logged(NodeWatch(Node.HEAD), caplog, {}, off, off) == ["head: idle", "head: restarted", "head: off"]
 
 
+@pytest.mark.parametrize("counter", [1, 9], ids=["repeated", "jumped"])
+def test_status_with_a_wrong_counter_says_nothing_of_the_node(counter: int) -> None:
+    watch = NodeWatch(Node.HEAD)
+    for number in range(2):
+        watch.take_status(number / 10, STATUS, number)
+    watch.take_status(0.2, replace(STATUS, state=State.FAULT, fault=Fault.LAMP_TIME), counter)
+    assert (watch.status, watch.at, watch.falls, watch.fault) == (STATUS, 0.1, 0, Fault.NONE)
+
+
 def test_fall_is_counted_once_whether_seen_in_status_or_fault_frame() -> None:
     fault = NodeFault(Node.HEAD, Fault.LAMP_TIME, 0, 3, 1.0)
     for by_frame in (True, False):
