@@ -130,7 +130,7 @@ site: .venv/developer
 	--conf-dir tools/site --doctree-dir build/site-doctrees . build/site
 	@echo "inkloop: open build/site/index.html"
 
-# All C by zig, on this machine, for every platform; twenty minutes the first time, when zig compiles C libraries too.
+# All C by zig, on this machine, for every platform; the first time zig also compiles the C library of each, which takes minutes.
 release: .venv/developer
 	$(PIP) --quiet 'inkloop[release]'
 	$(BIN)/python -m tools.release $(PLATFORMS)
