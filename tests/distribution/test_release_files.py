@@ -221,7 +221,9 @@ def test_wheel_exports_for_another_platform_or_names_the_extra(clean_root: Path)
     """A whole release has binaries for all platforms in each wheel; one for this platform only needs the compiler."""
     (folder,) = (clean_root / "venv/lib").glob("python3.*/site-packages/inkloop_fmus/fmi3")
     platforms = describe(folder / "LayerDeposition.fmu").platforms
-    done = called(clean_root, "inkloop", "export", "LayerDeposition", "--platforms", "aarch64-linux", "-o", "other.fmu")
+    done = called(
+        clean_root, "inkloop", "export", "LayerDeposition", "--platforms", "aarch64-linux", "--out", "other.fmu"
+    )
     if "aarch64-linux" in platforms:
         assert done.returncode == 0, done.stderr
         assert describe(clean_root / "other.fmu").platforms == ("aarch64-linux",)

@@ -61,7 +61,8 @@ class TwentyLayers:
     def _of(self, binary: bytes, target: Target | None, environment: Mapping[str, str]) -> str:
         folder = self._folder / (target.name if target else "native")
         folder.mkdir(exist_ok=True)
-        library, program = folder / MODEL, compiled(target, 3, folder / "calls.exe")
+        suffix = target.suffix if target else ".so"  # Windows appends .dll to a name without one
+        library, program = folder / f"{MODEL}{suffix}", compiled(target, 3, folder / "calls.exe")
         library.write_bytes(binary)
         before = runner(target) if target else []
         assert before is not None, target
