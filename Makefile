@@ -10,6 +10,7 @@
 # make firmware-cortex-m  the emulator as an image for a Cortex-M3, with its size
 # make tools      compilers, emulators and masters of others that some tests use and skip without (Debian)
 # make site       build/site: all pages as HTML with search, to be read without a network; a warning or a dead link is an error
+# make release    build/release: sdist, a wheel for each platform, SHA-256 sums, SBOM; PLATFORMS="x86_64-linux ..." for some
 # make figures    tables, figures and pictures of all pages, from runs; the runs are kept in records next to the pages
 # make upgrade    the newest packages that pyproject.toml allows, into .venv; then make check test test-long constraints
 # make constraints  constraints.txt: the versions in .venv, which make installs
@@ -32,7 +33,7 @@ C_FILES := $(shell find controller cosim fmus hardware tests -name '*.[ch]')
 # Compiled modules are kept, whatever the environment says: the tests start hundreds of processes that import them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: run check test lint format test-long benchmarks benchmarks-hardware peers fuzz sanitize firmware-cortex-m tools site figures \
+.PHONY: run check test lint format test-long benchmarks benchmarks-hardware peers fuzz sanitize firmware-cortex-m tools site release figures \
         upgrade constraints clean
 run: .venv/installed
 	@echo "inkloop: printing scenarios/cylinder.toml (about ten seconds) ..."
@@ -129,6 +130,11 @@ site: .venv/developer
 	$(BIN)/python -m sphinx --fresh-env --fail-on-warning --keep-going --quiet \
 	--conf-dir tools/site --doctree-dir build/site-doctrees . build/site
 	@echo "inkloop: open build/site/index.html"
+
+# All C by zig, on this machine, for every platform; the first time zig also compiles the C library of each, which takes minutes.
+release: .venv/developer
+	$(PIP) --quiet 'inkloop[release]'
+	$(BIN)/python -m tools.release $(PLATFORMS)
 
 # NAMES="house gallery/cylinder" takes some of them; NAMES="--written" runs nothing and writes the pages from the records
 figures: .venv/developer

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
 import logging
 import re
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 from urllib.parse import quote
 
 import fmpy
@@ -25,13 +24,10 @@ from inkloop.fmu_writer import cross
 from inkloop.fmu_writer.archive import unpack
 from inkloop.fmu_writer.cross import with_platforms
 from inkloop.fmu_writer.export import LAYER_JOB, export_fmu
-from inkloop.fmu_writer.targets import TARGETS, Target, platforms_in
+from inkloop.fmu_writer.targets import TARGETS, platforms_in
 from support.fmus import amplifier
 from support.fmus.fmu_driver import MODELS
 from support.fmus.foreign_run import (
-    AARCH64_LIBRARIES,
-    HEADERS,
-    QEMU,
     WINE,
     answers,
     compiled,
@@ -39,6 +35,8 @@ from support.fmus.foreign_run import (
     script_of,
     wine_in,
 )
+from support.fmus.library_symbols import declared, exports, newest_glibc, parsed
+from support.fmus.twenty_layers import HAS_QEMU, HAS_WINE, TwentyLayers
 from support.masters.six_by_six import TEXT, scenario_in
 
 FOLDERS = {
@@ -52,10 +50,6 @@ FORMATS = {
 }
 HAS_COMPILER = pytest.mark.skipif(
     importlib.util.find_spec(cross.COMPILER) is None, reason="needs ziglang (make tools, or pip install ziglang)"
-)
-HAS_WINE = pytest.mark.skipif(WINE is None, reason="needs wine64 (make tools)")
-HAS_QEMU = pytest.mark.skipif(
-    QEMU is None or not AARCH64_LIBRARIES.is_dir(), reason="needs qemu-user and libc6-arm64-cross (make tools)"
 )
 VALUES = {
     "ProfileSensor": {"noise_std": 1e-6, "drift_rate": 1e-7, "scan_duration": 0.0},
@@ -72,9 +66,6 @@ SYSTEM_LIBRARIES = {
     "windows": r"KERNEL32\.dll|api-ms-win-crt-\S+\.dll",  # the universal C runtime, part of Windows 10
     "darwin": r"/usr/lib/libSystem\.B\.dylib",
 }
-MACHO_LINKER = {"_mh_dylib_header", "__dso_handle"}
-"""Addresses of the file itself, which zig's linker adds to every dynamic library."""
-LAYERS, SIDE = 20, 30
 
 pytestmark = [pytest.mark.compiled, pytest.mark.system]
 
@@ -85,41 +76,6 @@ def exported(model: str, fmi: Literal["2", "3"], folder: Path, *platforms: str, 
         archive.write(bake(scenario_in(folder)), fmi, path, platforms=platforms or None)
         return path
     return export_fmu(model, fmi=fmi, nx=side, ny=side, fixed=True, platforms=platforms or None, out=path)
-
-
-def declared(fmi: str) -> set[str]:
-    """The functions of the standard for co-simulation, and in FMI 3 for all kinds."""
-    header = (HEADERS / f"fmi{fmi}Functions.h").read_text()
-    if fmi == "2":
-        *_, co_simulation = header.split("Functions for FMI2 for Co-Simulation")
-        header = header.split("Functions for FMI2 for Model Exchange")[1] + co_simulation
-    return set(re.findall(rf"FMI{fmi}_Export fmi\w+TYPE\s+(fmi\w+);", header))
-
-
-def parsed(binary: bytes) -> list[Any]:
-    """The binary as LIEF reads it, one for each processor."""
-    lief = pytest.importorskip("lief", reason="needs lief")
-    if not platforms_in(binary)[0].endswith("darwin"):
-        return [lief.parse(list(binary))]
-    fat = lief.MachO.parse(list(binary))
-    return [fat.take(processor) for processor in [image.header.cpu_type for image in fat]]  # they outlive `fat`
-
-
-def exports(image: Any) -> set[str]:
-    """Names that a library offers, without the underscore of macOS."""
-    names = {str(function.name) for function in image.exported_functions}
-    is_macho = type(image).__module__.endswith("MachO")
-    return {name.removeprefix("_") for name in names} - MACHO_LINKER if is_macho else names
-
-
-def newest_glibc(image: Any) -> tuple[int, ...]:
-    """The newest version of a symbol of the C library that a Linux binary asks for."""
-    versions = [
-        tuple(int(number) for number in version.name.removeprefix("GLIBC_").split("."))
-        for requirement in image.symbols_version_requirement
-        for version in requirement.get_auxiliary_symbols()
-    ]
-    return max(versions)
 
 
 @pytest.mark.long
@@ -153,40 +109,9 @@ def test_every_platform_has_its_binary_of_the_standards_functions(
                 assert newest_glibc(image) <= OLDEST_GLIBC
 
 
-def heights(library: Path, description: Any, command: list[str | Path], environment: Mapping[str, str]) -> str:
-    """SHA-256 of what the model puts out over twenty layers."""
-    script = script_of(description, {**DEPOSITION, "seed": 7}, 1.0, LAYERS)
-    text = answers([*command, library, description.instantiationToken, ""], script, environment)
-    assert len(set(text.split())) > LAYERS * SIDE
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
 @pytest.fixture(scope="module")
-def twenty(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, dict[str, Path]]:
-    """The layer map by gcc ("gcc") and by zig for each platform that can be run somewhere."""
-    folder = tmp_path_factory.mktemp("twenty")
-    members = unpack(exported("LayerDeposition", "3", folder, side=SIDE))
-    built = {name: content for name, content in members.items() if name.startswith("binaries/")}
-    bare = {name: content for name, content in members.items() if name not in built}
-    names = [name for name, target in TARGETS.items() if runner(target) is not None]
-    made = with_platforms(bare, "3", names)
-    libraries = {"gcc": next(iter(built.values()))}
-    libraries |= {name.split("/")[1]: made[name] for name in made if name.startswith("binaries/")}
-    paths = {}
-    for name, content in libraries.items():
-        paths[name] = folder / name / "LayerDeposition"
-        paths[name].parent.mkdir()
-        paths[name].write_bytes(content)
-    return fmpy.read_model_description(str(folder / "LayerDeposition.fmu")), paths
-
-
-def runner(target: Target) -> list[str] | None:
-    """What goes before a program for a target, to run it on this machine; None: nothing here does."""
-    if target.name == fmpy.platform_tuple:
-        return []
-    if target.name == "aarch64-linux" and QEMU and AARCH64_LIBRARIES.is_dir():
-        return [QEMU, "-L", str(AARCH64_LIBRARIES)]
-    return [WINE] if target.name == "x86_64-windows" and WINE else None
+def twenty(tmp_path_factory: pytest.TempPathFactory) -> TwentyLayers:
+    return TwentyLayers(tmp_path_factory.mktemp("twenty"))
 
 
 @pytest.mark.long
@@ -200,15 +125,9 @@ def runner(target: Target) -> list[str] | None:
     ],
 )
 def test_twenty_layers_have_the_bits_of_the_native_compiler(
-    name: str, twenty: tuple[Any, dict[str, Path]], tmp_path: Path, wine: dict[str, str]
+    name: str, twenty: TwentyLayers, wine: dict[str, str]
 ) -> None:
-    description, paths = twenty
-    expected = heights(paths["gcc"], description, [compiled(None, 3, tmp_path / "native")], wine)
-    target = TARGETS[name]
-    program = compiled(target, 3, tmp_path / "calls.exe")
-    before = runner(target)
-    assert before is not None
-    assert heights(paths[name], description, [*before, program], wine) == expected
+    assert twenty.by_zig(name, wine) == twenty.by_gcc(wine)
 
 
 @HAS_COMPILER

@@ -86,7 +86,6 @@ def test_process_that_prints_can_ask_for_its_own_run_and_keeps_the_lock(tmp_path
 from pathlib import Path
 from inkloop.results.lock import sole_writer
 from inkloop.results.result import Result
-from support.long_proofs import rest_is_long
 folder = Path({str(tmp_path)!r})
 with sole_writer(folder):
     Result.begin(folder, "", {{}})

@@ -26,9 +26,10 @@ WRITERS = (
     "the_papers",
 )
 """Modules of this folder."""
-ALONE = ("peers", "house_times", "performance")
+ALONE = ("peers", "house_times", "performance", "platforms")
 """Run only when named: `make peers` installs the masters of others that it needs; `make test` tests what others do;
-`make benchmarks` wants the machine for itself."""
+`make benchmarks` wants the machine for itself; `platforms` asks the package index, and runs what `make tools` brings.
+"""
 
 
 def writer(name: str) -> Writer:

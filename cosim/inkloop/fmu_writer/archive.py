@@ -20,6 +20,7 @@ from inkloop.files import replaced, write_text
 from inkloop.fmu_writer import FORMS, c_tables, definition, description, documentation
 from inkloop.fmu_writer.definition import ModelDefinition
 from inkloop.fmu_writer.description import PLAIN, Baked, Release
+from inkloop.fmu_writer.targets import ALL, platforms_in, targets_of, universal
 from inkloop.limits import unpacked_error
 
 DEFINITION = "sources/variables.toml"
@@ -89,7 +90,7 @@ def _members(model: ModelDefinition, options: argparse.Namespace) -> dict[str, b
     """Everything in an FMU but its modelDescription.xml."""
     members = {f"sources/{path.name}": path.read_bytes() for path in options.sources}
     members[DEFINITION] = options.definition.read_bytes()
-    members[f"binaries/{options.platform}/{model.name}{options.binary.suffix}"] = options.binary.read_bytes()
+    members |= _binaries(model.name, options)
     members["documentation/index.html"] = documentation.index_html(model, options.readme.read_text("utf-8"))
     members["documentation/licenses/license.txt"] = options.license.read_bytes()
     if options.form == "fmi2":
@@ -100,6 +101,21 @@ def _members(model: ModelDefinition, options: argparse.Namespace) -> dict[str, b
         build = documentation.build_description_xml(model, _sources(members))
         members["sources/buildDescription.xml"] = build
     return members
+
+
+def _binaries(name: str, options: argparse.Namespace) -> dict[str, bytes]:
+    """The binary of --platform, or several, each of which says in its header what it is for."""
+    if len(options.binary) == 1:
+        (path,) = options.binary
+        return {f"binaries/{options.platform}/{name}{path.suffix}": path.read_bytes()}
+    fmi = "2" if options.form == "fmi2" else "3"
+    by_platform = {platform: path for path in options.binary for platform in platforms_in(path.read_bytes())}
+    found = {}
+    for folder, targets in targets_of([ALL], fmi).items():
+        own = [by_platform[target.name] for target in targets if target.name in by_platform]
+        if own:
+            found[f"binaries/{folder}/{name}{targets[0].suffix}"] = universal([path.read_bytes() for path in own])
+    return found
 
 
 def _write_variables(options: argparse.Namespace) -> None:
@@ -134,10 +150,11 @@ def _parser() -> argparse.ArgumentParser:
     packing = commands.add_parser("pack", help="pack one FMU of the default set")
     packing.set_defaults(command=_pack)
     packing.add_argument("--form", choices=FORMS, required=True)
-    packing.add_argument("--platform", required=True, help="folder below binaries/")
+    packing.add_argument("--platform", required=True, help="folder below binaries/ of a single binary")
+    packing.add_argument("--binary", type=Path, nargs="+", required=True)
     packing.add_argument("--version", required=True)
     packing.add_argument("--sources", type=Path, nargs="+", required=True)
-    for name in ("binary", "readme", "icon", "license"):
+    for name in ("readme", "icon", "license"):
         packing.add_argument(f"--{name}", type=Path, required=True)
     for command in (variables, packing):
         command.add_argument("--definition", type=Path, required=True, help="variables.toml of the model")

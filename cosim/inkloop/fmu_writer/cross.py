@@ -58,8 +58,10 @@ def _compiled(members: Mapping[str, bytes], sources: list[str], identifier: str,
                 file.write_bytes(content)
         out = Path(folder, f"{identifier}{target.suffix}")
         mathematics = () if target.system == "Windows" else ("-lm",)
+        # else the path of this temporary folder is the name of the library
+        identity = ("-install_name", f"@rpath/{out.name}") if target.system == "Darwin" else ()
         options = ("-target", target.triple, *FLAGS, "-isystem", headers, "-o", str(out))
-        command = [*compiler, "cc", *options, *sources, *mathematics]
+        command = [*compiler, "cc", *options, *sources, *mathematics, *identity]
         done = subprocess.run(command, cwd=Path(folder, "sources"), capture_output=True, text=True, check=False)
         if done.returncode != 0:
             raise FmuError(f"zig cc refuses the sources of {identifier} for {target.name}:\n{done.stderr.rstrip()}")

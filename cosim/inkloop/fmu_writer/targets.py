@@ -37,8 +37,8 @@ TARGETS = {
         Target("aarch64-linux", None, "aarch64-linux-gnu.2.17", "Linux", ".so", "manylinux_2_17_aarch64"),
         Target("x86_64-windows", "win64", "x86_64-windows-gnu", "Windows", ".dll", "win_amd64"),
         Target("aarch64-windows", None, "aarch64-windows-gnu", "Windows", ".dll", "win_arm64"),
-        Target("x86_64-darwin", "darwin64", "x86_64-macos.13.0", "Darwin", ".dylib", "macosx_13_0_x86_64"),
-        Target("aarch64-darwin", "darwin64", "aarch64-macos.13.0", "Darwin", ".dylib", "macosx_13_0_arm64"),
+        Target("x86_64-darwin", "darwin64", "x86_64-macos.11.0", "Darwin", ".dylib", "macosx_11_0_x86_64"),
+        Target("aarch64-darwin", "darwin64", "aarch64-macos.11.0", "Darwin", ".dylib", "macosx_11_0_arm64"),
     )
 }
 """Name -> target. In FMI 2 linux64 and win64 mean x86_64, and darwin64 holds one binary for both processors."""

@@ -3,7 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
-static const char MAGIC[8] = "INKSURF1";
+static const char MAGIC[8] = {'I', 'N', 'K', 'S', 'U', 'R', 'F', '1'}; /* without a terminating zero */
 
 static size_t height_bytes(const World *world) {
     return (size_t)world->options.nx * world->options.ny * sizeof(double);

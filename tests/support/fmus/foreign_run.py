@@ -67,7 +67,7 @@ def _size(description: Any, variable: Any) -> int:
 
 def compiled(target: Target | None, fmi: int, out: Path) -> Path:
     """The calling program, made by gcc for this machine or by zig for a target."""
-    warnings = ("-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-DFMI_VERSION={fmi}")
+    warnings = ("-std=c11", "-s", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-DFMI_VERSION={fmi}")
     compiler = ["gcc"] if target is None else [*compiler_command(), "cc", "-target", target.triple]
     libraries = ["-ldl"] if target is None or target.system == "Linux" else []
     subprocess.run([*compiler, *warnings, "-isystem", HEADERS, "-o", out, SOURCE, *libraries], check=True)

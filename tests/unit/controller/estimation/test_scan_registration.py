@@ -75,7 +75,10 @@ def printed(job: Job, sensor: Sensor, seed: int = 0, variation: float = 0.2, **o
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("shift", rest_is_long([(-0.6, 1.0), (0.1, 0.0), (0.25, 0.0), (0.5, 0.5)], 1))
+@pytest.mark.parametrize(
+    "shift",
+    [(-0.6, 1.0), *(pytest.param(shift, marks=pytest.mark.long) for shift in ((0.1, 0.0), (0.25, 0.0), (0.5, 0.5)))],
+)
 def test_shift_is_known_after_ten_layers_and_leaves_the_part_as_good_as_without(shift: tuple[float, float]) -> None:
     job = small_cylinder()
     found = printed(job, Sensor(shift))

@@ -11,11 +11,12 @@ import pytest
 from inkloop.cli import main
 from inkloop.errors import FmuError
 from inkloop.fmu import describe
-from inkloop.fmu_writer import cross
+from inkloop.fmu_writer import archive, cross
 from inkloop.fmu_writer.archive import unpack
 from inkloop.fmu_writer.cross import with_platforms
 from inkloop.fmu_writer.export import find_fmu
 from inkloop.fmu_writer.targets import TARGETS, platforms_in, targets_of, universal
+from support.places import ROOT
 
 NATIVE = fmpy.platform_tuple
 
@@ -65,6 +66,43 @@ def test_binaries_of_the_built_set_are_for_the_platform_of_their_folder(form: st
         if folder in folders:
             assert platforms_in(content) == [target.name for target in folders[folder]]
     assert platforms_in(b"no binary") == []
+
+
+@pytest.mark.parametrize("form", ["fmi2", "fmi3"])
+def test_each_of_several_binaries_is_packed_into_the_folder_of_its_platform(form: str, tmp_path: Path) -> None:
+    elf = b"\x7fELF" + bytes(14)
+    contents = {
+        "a.so": elf + struct.pack("<H", 62) + bytes(20),
+        "b.so": elf + struct.pack("<H", 183) + bytes(20),
+        "c.dylib": mach_o(0x0100000C, 512),
+        "d.dylib": mach_o(0x01000007, 512),
+    }
+    for name, content in contents.items():
+        (tmp_path / name).write_bytes(content)
+    model = ROOT / "fmus/layer_deposition"
+    (tmp_path / "it.c").write_text("", encoding="utf-8")
+    words = ["--form", form, "--platform", "unused", "--version", "1", "--out", str(tmp_path / "it.fmu")]
+    words += ["--definition", str(model / "variables.toml"), "--readme", str(model / "readme.md")]
+    words += [
+        "--icon",
+        str(model / "icon.png"),
+        "--license",
+        str(ROOT / "LICENSE"),
+        "--sources",
+        str(tmp_path / "it.c"),
+    ]
+    assert archive.main(["pack", *words, "--binary", *(str(tmp_path / name) for name in contents)]) == 0
+    members = unpack(tmp_path / "it.fmu")
+    found = {name: platforms_in(content) for name, content in members.items() if name.startswith("binaries/")}
+    both = ["x86_64-darwin", "aarch64-darwin"]
+    expected = {
+        "fmi2": {"linux64/LayerDeposition.so": ["x86_64-linux"], "darwin64/LayerDeposition.dylib": both},
+        "fmi3": {
+            **{f"{name}/LayerDeposition.so": [name] for name in ("x86_64-linux", "aarch64-linux")},
+            **{f"{name}/LayerDeposition.dylib": [name] for name in both},
+        },
+    }
+    assert found == {f"binaries/{name}": platforms for name, platforms in expected[form].items()}
 
 
 def test_export_holds_the_named_platforms_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

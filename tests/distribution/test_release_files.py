@@ -1,0 +1,233 @@
+"""The files of a release: every binary for its platform, only the standard's functions, the same bytes twice."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import io
+import json
+import os
+import re
+import shutil
+import struct
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inkloop import __version__
+from inkloop.component import Status
+from inkloop.fmu import describe
+from inkloop.fmu_writer.targets import TARGETS, platforms_in
+from inkloop.results.result import Result
+from support.fmus.library_symbols import declared, exports, newest_glibc, parsed
+from support.places import ROOT
+
+HERE = "x86_64-linux"
+NAMED = "INKLOOP_RELEASE"
+"""Variable of the environment: the folder of a release that was built before, for all platforms or some."""
+HAS_TOOLS = pytest.mark.skipif(
+    any(importlib.util.find_spec(name) is None for name in ("ziglang", "cyclonedx")),
+    reason="needs the extra `release` (pip install 'inkloop[release]')",
+)
+ELF, PE = b"\x7fELF" + bytes(14) + struct.pack("<H", 62), b"MZ" + bytes(58) + struct.pack("<I", 64) + b"PE\0\0\x64\x86"
+MACH_O = b"\xcf\xfa\xed\xfe" + struct.pack("<I", 0x01000007)
+
+
+def zipped(members: dict[str, bytes]) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return packed.getvalue()
+
+
+def whole_wheel() -> dict[str, bytes]:
+    """A wheel for Linux with FMUs for Linux and Windows."""
+    fmi2 = zipped({"binaries/linux64/A.so": ELF, "binaries/win64/A.dll": PE})
+    fmi3 = zipped({"binaries/x86_64-linux/A.so": ELF, "binaries/x86_64-windows/A.dll": PE})
+    return {
+        **{f"inkloop/{name}.so": ELF for name in ("geometry/libinkloop_columns", "models/libinkloop_models")},
+        "inkloop_controller/libinkloop_core.so": ELF,
+        "inkloop_hardware/inkloop_bench_nodes": ELF,
+        "inkloop_fmus/fmi2/A.fmu": fmi2,
+        "inkloop_fmus/fmi3/A.fmu": fmi3,
+        "inkloop_fmus/fmi3-fixed/A.template": fmi3,
+    }
+
+
+@HAS_TOOLS
+def test_wheel_is_refused_for_a_part_that_is_missing_or_of_another_platform(tmp_path: Path) -> None:
+    from tools.release.contents import check_wheel
+
+    targets = [TARGETS[HERE], TARGETS["x86_64-windows"]]
+    path = tmp_path / "it.whl"
+    path.write_bytes(zipped(whole_wheel()))
+    check_wheel(path, TARGETS[HERE], targets)
+    faulty = whole_wheel()
+    del faulty["inkloop_hardware/inkloop_bench_nodes"]
+    faulty["inkloop_controller/libinkloop_core.so"] = MACH_O
+    faulty["inkloop_fmus/fmi2/A.fmu"] = zipped({"binaries/linux64/A.so": ELF})
+    faulty["inkloop_fmus/fmi3/A.fmu"] = zipped(
+        {"binaries/x86_64-linux/A.so": ELF, "binaries/x86_64-windows/A.dll": ELF}
+    )
+    path.write_bytes(zipped(faulty))
+    with pytest.raises(Exception, match=r"it\.whl is not whole") as raised:
+        check_wheel(path, TARGETS[HERE], targets)
+    said = str(raised.value)
+    assert "inkloop_bench_nodes is missing" in said
+    assert "libinkloop_core.so is for ['x86_64-darwin']; expected x86_64-linux" in said
+    assert "fmi2/A.fmu: has binaries for x86_64-linux; expected x86_64-linux, x86_64-windows" in said
+    assert "fmi3/A.fmu: has binaries for x86_64-linux, x86_64-linux; expected" in said
+
+
+def built(out: Path) -> dict[str, str]:
+    """The files of a release for this platform, built in a folder and with an object cache of its own: name -> sum."""
+    environment = {**os.environ, "SOURCE_DATE_EPOCH": "1700000000"}
+    command = [sys.executable, "-m", "tools.release", "--out", str(out), HERE]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in out.iterdir()}
+
+
+@pytest.fixture(scope="module")
+def release(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a release: what NAMED says, else one for this platform, built here."""
+    if named := os.environ.get(NAMED):
+        return Path(named).resolve()
+    out = tmp_path_factory.mktemp("release")
+    built(out)
+    return out
+
+
+@HAS_TOOLS
+@pytest.mark.long
+@pytest.mark.compiled
+def test_release_has_the_same_bytes_when_repeated(release: Path, tmp_path: Path) -> None:
+    if NAMED in os.environ:
+        pytest.skip(f"compares two releases that it builds, not the one that {NAMED} names")
+    again = built(tmp_path / "again")
+    assert len(again) == 4
+    assert again == {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in release.iterdir()}
+
+
+@HAS_TOOLS
+@pytest.mark.long
+@pytest.mark.compiled
+def test_sums_and_bill_of_materials_are_of_the_files(release: Path) -> None:
+    program = shutil.which("sha256sum")
+    assert program is not None
+    checked = subprocess.run(
+        [program, "--check", "SHA256SUMS"], cwd=release, capture_output=True, text=True, check=True
+    )
+    assert checked.stdout.count(": OK") == len(list(release.iterdir())) - 1 >= 3
+    bill = json.loads((release / f"inkloop-{__version__}.cdx.json").read_text("utf-8"))
+    files = {each["url"]: each["hashes"][0]["content"] for each in bill["metadata"]["component"]["externalReferences"]}
+    wheel = wheel_name(HERE)
+    assert set(files) >= {wheel, f"inkloop-{__version__}.tar.gz"}
+    assert files[wheel] == hashlib.sha256((release / wheel).read_bytes()).hexdigest()
+    scopes = {each["name"]: each["scope"] for each in bill["components"]}
+    assert (scopes["casadi"], scopes["numpy"], scopes["ziglang"]) == ("required", "required", "excluded")
+    assert "pytest" not in scopes
+    needed = {each["ref"]: each.get("dependsOn", []) for each in bill["dependencies"]}
+    assert any(
+        name.startswith("pyserial==") for ref in needed if ref.startswith("python-can==") for name in needed[ref]
+    )
+
+
+@HAS_TOOLS
+@pytest.mark.long
+@pytest.mark.compiled
+def test_binaries_offer_their_own_functions_and_need_an_old_system_only(release: Path) -> None:
+    path = release / wheel_name(HERE)
+    with zipfile.ZipFile(path) as wheel:
+        own = {name: content for name in wheel.namelist() if platforms_in(content := wheel.read(name))}
+        fmus = {name: wheel.read(name) for name in wheel.namelist() if name.endswith(".fmu")}
+    assert (len(own), len(fmus)) == (4, 18)
+    for name, content in own.items():
+        (image,) = parsed(content)
+        assert newest_glibc(image) <= (2, 17), name
+        assert all(re.match("inkloop_|columns_", each) for each in exports(image)) or "bench_nodes" in name, name
+    for name, content in fmus.items():
+        with zipfile.ZipFile(io.BytesIO(content)) as fmu:
+            binaries = {each: fmu.read(each) for each in fmu.namelist() if each.startswith("binaries/")}
+        assert any("linux" in place for place in binaries), name
+        for place, binary in binaries.items():
+            for image in parsed(binary):
+                assert exports(image) == declared("2" if "/fmi2/" in name else "3"), (name, place)
+                assert not place.endswith(".so") or newest_glibc(image) <= (2, 17), (name, place)
+
+
+def wheel_name(platform: str) -> str:
+    return f"inkloop-{__version__}-py3-none-{TARGETS[platform].wheel}.whl"
+
+
+@pytest.fixture(scope="module")
+def clean_root(release: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with an environment that holds the wheel for this platform and what it requires, nothing else."""
+    folder = tmp_path_factory.mktemp("clean")
+    base = sys._base_executable  # type: ignore[attr-defined]
+    subprocess.run([base, "-m", "venv", "--without-pip", folder / "venv"], check=True)
+    wheel = release / wheel_name(HERE)
+    pip = [base, "-m", "pip", "--python", str(folder / "venv/bin/python"), "--disable-pip-version-check", "install"]
+    options = ["--quiet", "--only-binary=:all:", "--constraint", str(ROOT / "constraints.txt")]
+    done = subprocess.run([*pip, *options, str(wheel)], capture_output=True, text=True, check=False)
+    if done.returncode != 0 and re.search("Connection|Temporary failure|No matching distribution", done.stderr):
+        pytest.skip("needs the packages that inkloop requires, from the network or the cache of pip")
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def called(clean_root: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """A program of the environment, where there is no other: no compiler, no make."""
+    programs = clean_root / "venv/bin"
+    environment = {"PATH": str(programs), "HOME": str(clean_root), "LANG": "C.UTF-8"}
+    command = [str(programs / words[0]), *words[1:]]
+    return subprocess.run(command, cwd=clean_root, env=environment, capture_output=True, text=True, check=False)
+
+
+@HAS_TOOLS
+@pytest.mark.long
+@pytest.mark.compiled
+def test_wheel_prints_a_shipped_scenario_with_the_bits_of_the_native_build(clean_root: Path, tmp_path: Path) -> None:
+    done = called(clean_root, "inkloop", "run", "cylinder", "--out", "run")
+    assert done.returncode == 0, done.stderr
+    here = [str(Path(sys.executable).parent / "inkloop"), "run", "cylinder", "--out", str(tmp_path / "run")]
+    subprocess.run(here, check=True, capture_output=True)
+    ours, native = Result.load(clean_root / "run").dataset, Result.load(tmp_path / "run").dataset
+    assert native.height.size > 1000
+    np.testing.assert_array_equal(ours.height, native.height)
+    np.testing.assert_array_equal(ours.pattern, native.pattern)
+
+
+@HAS_TOOLS
+@pytest.mark.long
+@pytest.mark.compiled
+def test_shipped_fmus_make_a_loop_in_another_master(clean_root: Path) -> None:
+    done = called(clean_root, "python", str(ROOT / "tests/support/masters/loop_in_fmpy.py"))
+    assert done.returncode == 0, done.stderr
+    status, layers, lowest, highest = (float(word) for word in done.stdout.split())
+    assert (status, layers) == (Status.DONE, 9)
+    assert 19e-6 < lowest < highest < 21e-6  # the target is 20 um
+
+
+@HAS_TOOLS
+@pytest.mark.long
+@pytest.mark.compiled
+def test_wheel_exports_for_another_platform_or_names_the_extra(clean_root: Path) -> None:
+    """A whole release has binaries for all platforms in each wheel; one for this platform only needs the compiler."""
+    (folder,) = (clean_root / "venv/lib").glob("python3.*/site-packages/inkloop_fmus/fmi3")
+    platforms = describe(folder / "LayerDeposition.fmu").platforms
+    done = called(
+        clean_root, "inkloop", "export", "LayerDeposition", "--platforms", "aarch64-linux", "--out", "other.fmu"
+    )
+    if "aarch64-linux" in platforms:
+        assert done.returncode == 0, done.stderr
+        assert describe(clean_root / "other.fmu").platforms == ("aarch64-linux",)
+    else:
+        assert done.returncode != 0
+        assert "pip install 'inkloop[cross]'" in done.stderr
+        assert "Traceback" not in done.stderr

@@ -1,0 +1,18 @@
+# CMake toolchain: every C file by `zig cc` for one target of inkloop.fmu_writer.targets. tools.release passes
+# INKLOOP_ZIG (the program), INKLOOP_TRIPLE, INKLOOP_SYSTEM and INKLOOP_PROCESSOR.
+set(CMAKE_TRY_COMPILE_PLATFORM_VARIABLES INKLOOP_ZIG INKLOOP_TRIPLE INKLOOP_SYSTEM INKLOOP_PROCESSOR)
+set(CMAKE_SYSTEM_NAME "${INKLOOP_SYSTEM}")
+set(CMAKE_SYSTEM_PROCESSOR "${INKLOOP_PROCESSOR}")
+set(CMAKE_C_COMPILER "${INKLOOP_ZIG}" cc -target "${INKLOOP_TRIPLE}")
+
+foreach(kind EXE SHARED MODULE)
+  set(CMAKE_${kind}_LINKER_FLAGS_INIT "-s")
+endforeach()
+set(CMAKE_SKIP_RPATH TRUE)
+set(CMAKE_MACOSX_RPATH FALSE)
+
+set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER) # Python and Ninja are of the building machine
+foreach(kind INCLUDE LIBRARY PACKAGE)
+  set(CMAKE_FIND_ROOT_PATH_MODE_${kind} ONLY)
+endforeach()
+set(CMAKE_USER_MAKE_RULES_OVERRIDE "${CMAKE_CURRENT_LIST_DIR}/zig_rules.cmake")
