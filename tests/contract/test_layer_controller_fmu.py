@@ -68,7 +68,7 @@ def assert_same_print(one: Component, other: Component, job: Job, scan: Scan = e
 @pytest.mark.system
 @pytest.mark.parametrize(
     ("height", "scan"),
-    rest_is_long([(30e-6, noisy), (400e-6, noisy), (400e-6, exact)], 1),
+    rest_is_long([(60e-6, noisy), (400e-6, noisy), (400e-6, exact)], 0),
 )
 def test_cylinder_is_the_one_of_the_python_controller(height: float, scan: Scan) -> None:
     job = cylinder(height)

@@ -49,10 +49,11 @@ def test_longer_horizons_end_flatter(horizon: int, variation: float, mae: float,
     np.testing.assert_allclose(scales, 1.0 - variation / 2, atol=0.01)
 
 
-@pytest.mark.parametrize("seeds", rest_is_long([range(1), SEEDS], 1))
+@pytest.mark.long
+@pytest.mark.parametrize("seeds", [range(1), SEEDS])
 @pytest.mark.parametrize(
     ("finish", "variation", "mae", "std", "layers"),
-    rest_is_long([("even", 0.2, 0.33, 0.42, 75), ("fast", 0.2, 0.35, 0.50, 73), ("even", 0.4, 0.57, 0.71, 85)], 1),
+    [("even", 0.2, 0.33, 0.42, 75), ("fast", 0.2, 0.35, 0.50, 73), ("even", 0.4, 0.57, 0.71, 85)],
 )
 def test_finish_ends_flat_in_few_layers(
     finish: str, variation: float, mae: float, std: float, layers: float, seeds: range
@@ -66,6 +67,7 @@ def test_finish_ends_flat_in_few_layers(
     assert 70 <= np.mean([len(one.patterns) for one in prints]) <= layers
 
 
+@pytest.mark.long
 def test_ours_is_flatter_than_the_papers_search_on_the_same_plant() -> None:
     job = cylinder()
     ours, papers = (

@@ -17,6 +17,7 @@ from inkloop.cli import main
 from inkloop.fmu_writer.export import export_fmu, find_fmu
 from support.fmus.fmu_checkers import by_fmutool, by_vdm_check
 from support.fmus.fmu_driver import FORMS, MODELS
+from support.long_proofs import rest_is_long
 from support.masters.java_programs import MAESTRO, VDM_CHECK
 from support.masters.loops import ONE_BLOCK, THREE_FMUS, Loop
 from support.masters.other_masters import MASTERS, Master, layers_by
@@ -74,7 +75,7 @@ def test_difference_of_prints_is_reported() -> None:
 
 
 @pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", rest_is_long(MODELS, 2))
 def test_fmutool_finds_nothing_wrong(model: str, form: str, tmp_path: Path) -> None:
     assert by_fmutool(find_fmu(model, form)) == []
     if form == "fmi2":

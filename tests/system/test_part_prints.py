@@ -82,7 +82,7 @@ def test_pipe_junction_cut_out_of_meshes_is_that_of_the_formula(tmp_path: Path) 
 
 
 @pytest.mark.skipif(find_spec("lib3mf") is None, reason="3MF needs lib3mf: pip install 'inkloop[3mf]'")
-@pytest.mark.parametrize("size", rest_is_long(["small", "as shipped"], 1))
+@pytest.mark.parametrize("size", rest_is_long(["small", "as shipped"], 0))
 def test_pipe_junction_of_a_3mf_has_the_mismatch_of_the_formula(size: str, tmp_path: Path) -> None:
     if size == "small":
         junction = parts.pipe_junction(OUTER, INNER, (CELLS - 2 * MARGIN) * PITCH_MM, HEIGHT_MM)

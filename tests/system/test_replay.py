@@ -141,6 +141,7 @@ def test_run_that_was_interrupted_and_resumed_is_replayed_from_both_logs(
     assert "3 layers replayed" in output
 
 
+@pytest.mark.long
 def test_run_that_was_killed_and_resumed_is_replayed_from_both_logs(
     tmp_path: Path, replayed: Callable[..., tuple[int, str]]
 ) -> None:

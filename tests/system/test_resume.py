@@ -159,6 +159,7 @@ def test_interrupted_run_resumes_to_the_same_end(
     assert_same_print(folder, whole[0])
 
 
+@pytest.mark.long
 def test_events_continue_with_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scenario, short = SCENARIOS / "drifting-ink.toml", ["--no-compare", "--set", "part.height_um=150.0"]
     short += ["--set", "components.controller.horizon=2"]

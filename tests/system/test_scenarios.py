@@ -22,6 +22,12 @@ from support.places import SCENARIOS as FOLDER
 from support.prints import overrides_of, quick_cuboid
 
 SCENARIOS = sorted(FOLDER.glob("*.toml"))
+WHOLE = (
+    *("bench", "cuboid", "cylinder", "cylinder-40", "cylinder-open-loop", "noisy-sensor", "roller", "staircase"),
+    *("two-ink-3mf", "two-materials"),
+)
+"""Scenarios that `make test` prints to their end; the others begin there and end in `make test-long`."""
+OTHERS = [path.stem for path in SCENARIOS if path.stem not in WHOLE]
 SEEDS = pytest.mark.parametrize("seeds", rest_is_long([range(1, 2), range(1, 11)], 1), ids=["one", "ten"])
 
 
@@ -58,9 +64,17 @@ def test_scenario_names_what_to_look_at(path: Path) -> None:
     assert "What to look at:" in " ".join(comment)
 
 
-@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
-def test_scenario_prints_until_its_controller_is_done(path: Path) -> None:
-    result = printed(path.stem, seed=1)
+@pytest.mark.parametrize("name", OTHERS)
+def test_scenario_begins_to_print(name: str) -> None:
+    scenario = Scenario.load(FOLDER / f"{name}.toml", {"run.layers_max": 2, **dict(overrides_of(name, 1))})
+    result = print_part(scenario)
+    assert result.dataset.sizes["layer"] == 3
+    assert float(result.dataset.height[2].mean()) > float(result.dataset.height[0].mean())
+
+
+@pytest.mark.parametrize("name", [*WHOLE, *(pytest.param(name, marks=pytest.mark.long) for name in OTHERS)])
+def test_scenario_prints_until_its_controller_is_done(name: str) -> None:
+    result = printed(name, seed=1)
     assert result.stop_reason == "done"
     assert result.dataset.sizes["layer"] > 1
     assert np.isfinite(result.dataset.height).all()
@@ -143,6 +157,7 @@ def test_roller_reaches_the_height_for_more_ink_and_leaves_the_rim_low() -> None
     assert closed.metrics()["std"] < rolled.metrics()["std"] / 3
 
 
+@pytest.mark.long
 def test_four_passes_weave_the_middle_and_lift_the_rim() -> None:
     """The same droplets, 8 cells around the middle and the ring outside 13 cells."""
     four, one = printed("four-passes", 1, "open loop"), printed("four-passes", 1, "open loop, one pass")
@@ -156,6 +171,7 @@ def test_four_passes_weave_the_middle_and_lift_the_rim() -> None:
     assert printed("four-passes", 1).final_height.values[middle].std() < four_top[middle].std() / 2
 
 
+@pytest.mark.long
 def test_smaller_drops_make_an_evener_top_and_more_of_them_at_once_fewer_layers() -> None:
     grey, single = printed("grey-head", 1).metrics(), printed("grey-head", 1, "single drops").metrics()
     assert abs(grey["mean_error"]) < 0.3e-6
@@ -163,6 +179,7 @@ def test_smaller_drops_make_an_evener_top_and_more_of_them_at_once_fewer_layers(
     assert single["layers"] > 2 * grey["layers"]
 
 
+@pytest.mark.long
 def test_uneven_substrate_is_not_seen_at_the_top() -> None:
     uneven, flat = printed("uneven-start", 1), printed("cylinder", 1)
     assert float(uneven.dataset.height[0].std()) > 10e-6
@@ -170,6 +187,7 @@ def test_uneven_substrate_is_not_seen_at_the_top() -> None:
     assert printed("uneven-start", 1, "open loop").metrics()["std"] > 10e-6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "mean", "std", "ratio"),
     [("no-flow", 0.5, 1.2, 3.0), ("wide-droplets", 0.2, 0.6, 5.0), ("wu-chiu-plant", 1.0, 2.2, 1.6)],
@@ -184,6 +202,7 @@ def test_controller_prints_on_plants_that_it_does_not_plan_with(
     assert blind["mae"] > 4 * closed["mae"]
 
 
+@pytest.mark.long
 def test_scans_show_how_much_of_a_wide_droplet_arrives() -> None:
     adapted, kept = printed("wide-droplets", 1), printed("wide-droplets", 1, "ink not adapted")
     assert kept.metrics()["mean_error"] * UM_PER_M > 0.7 > 5 * abs(adapted.metrics()["mean_error"]) * UM_PER_M
@@ -197,6 +216,7 @@ def test_every_step_of_the_staircase_ends_at_its_height() -> None:
         assert float(run.height[-1].values[step].mean()) == pytest.approx(top, abs=2e-6)
 
 
+@pytest.mark.long
 def test_error_of_the_closed_loop_does_not_grow_with_the_height() -> None:
     tall, cylinder = printed("tall-cylinder", 1).metrics(), printed("cylinder", 1).metrics()
     assert tall["mae"] < 1.2 * cylinder["mae"]

@@ -120,6 +120,7 @@ def end(pid: int) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
+@pytest.mark.long
 def test_study_whose_process_is_killed_in_a_print_resumes_to_the_same_file(tmp_path: Path) -> None:
     path, out = study_file(tmp_path, keep='maps = "all"'), tmp_path / "out"
     expected = undisturbed(path, tmp_path / "undisturbed")

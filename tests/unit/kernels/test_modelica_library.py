@@ -219,6 +219,7 @@ def test_a_validation_stops_when_the_model_is_wrong(file, right, wrong, model, m
 
 
 @pytest.mark.system
+@pytest.mark.long
 def test_threshold_feedback_evens_out_what_open_loop_leaves() -> None:
     """Five nozzles lack up to 40 % of their volume: 17 um too low and stripes in open loop, not so in closed loop."""
     inside = np.hypot(*np.meshgrid(np.arange(-5, 6), np.arange(-5, 6))) <= 4

@@ -38,7 +38,7 @@ def checked(build: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize(
-    "builds", [("sanitized", "without clones"), pytest.param(tuple(BUILDS), marks=pytest.mark.long)]
+    "builds", [("as shipped", "without clones"), pytest.param(tuple(BUILDS), marks=pytest.mark.long)]
 )
 def test_changes_are_exact_leave_no_trace_and_have_the_same_bits_by_every_set_of_instructions(
     builds: tuple[str, ...],

@@ -101,7 +101,12 @@ def test_wide_spot_is_found_and_leaves_the_part_as_good_as_without(spot: float) 
 
 
 @pytest.mark.parametrize(
-    "sensor", [Sensor(scatter=0.1), Sensor((0.25, 0.0), spot=0.5, noise=1e-6, dropout=0.1)], ids=["scatter", "all"]
+    "sensor",
+    [
+        pytest.param(Sensor(scatter=0.1), marks=pytest.mark.long),
+        Sensor((0.25, 0.0), spot=0.5, noise=1e-6, dropout=0.1),
+    ],
+    ids=["scatter", "all"],
 )
 @pytest.mark.system
 def test_shift_that_scatters_and_everything_at_once_do_little_harm(sensor: Sensor) -> None:
@@ -111,6 +116,7 @@ def test_shift_that_scatters_and_everything_at_once_do_little_harm(sensor: Senso
 
 
 @pytest.mark.system
+@pytest.mark.long
 def test_shift_that_is_not_looked_for_ruins_the_part_up_to_the_cap() -> None:
     """What the others would be without registration. The cap is where 20 full layers, one in reserve and five standard
     deviations of 20 droplets end; chance and what neighbours spill add to it."""
@@ -121,7 +127,11 @@ def test_shift_that_is_not_looked_for_ruins_the_part_up_to_the_cap() -> None:
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("sensor", [Sensor(), Sensor(noise=1e-6), Sensor(dropout=0.1)], ids=["exact", "noisy", "lost"])
+@pytest.mark.parametrize(
+    "sensor",
+    [Sensor(noise=1e-6), *(pytest.param(sensor, marks=pytest.mark.long) for sensor in (Sensor(), Sensor(dropout=0.1)))],
+    ids=["noisy", "exact", "lost"],
+)
 def test_sensor_in_register_prints_bit_by_bit_as_if_nothing_was_looked_for(sensor: Sensor) -> None:
     looked, not_looked = (printed(small_cylinder(), sensor, register_scans=asked, horizon=2) for asked in (True, False))
     np.testing.assert_array_equal(looked.error, not_looked.error)

@@ -106,6 +106,7 @@ class Remembering(HorizonProgram):
 
 
 @pytest.mark.parametrize("confidence", rest_is_long([0.95, 0.8], 1))
+@pytest.mark.long
 def test_sampled_bound_holds_as_often_as_it_claims(confidence: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Against the bound of all tiles, over 200 draws of 6 among 36; with a standard error of 2 to 3 %."""
     monkeypatch.setattr("inkloop_controller.program.certificate.HorizonProgram", Remembering)

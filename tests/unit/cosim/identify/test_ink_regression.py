@@ -85,6 +85,7 @@ def test_one_small_layer_of_the_laser_at_its_best_gives_2_3_and_10_percent() -> 
     assert (np.abs(errors).max(axis=0) < [0.02, 0.03, 0.10]).all()
 
 
+@pytest.mark.long
 def test_noise_of_the_scans_biases_plain_regression_but_not_ours() -> None:
     prints = [made_up(LU, random_layers(30, 30, 5, seed), 1e-6, seed) for seed in range(6)]
     plain = relative_errors(prints, 1e-6, correct=False).mean(axis=0)
