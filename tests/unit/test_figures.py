@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from tools.figures import cylinder_prints, gallery, house, scenario_quotes
+from tools.figures import cylinder_prints, gallery, house, scenario_quotes, the_papers
 from tools.figures.pages import filled, marks, read_json, table
 from tools.figures.writers import ALONE, WRITERS, writer
 
@@ -26,6 +26,14 @@ def test_every_mark_of_a_page_has_one_writer() -> None:
     ]
     found = [(path, mark) for path in PAGES for mark in marks(path.read_text(encoding="utf-8"))]
     assert sorted(found) == sorted(written)
+
+
+@pytest.mark.parametrize(
+    ("page", "words"), [("score-board.md", the_papers.SCORE_PAGE), ("the-papers.md", the_papers.PAPERS_PAGE)]
+)
+def test_page_that_is_written_as_a_whole_begins_with_the_words_of_its_writer(page: str, words: str) -> None:
+    """Else the next run takes back what somebody wrote into the page."""
+    assert (ROOT / "docs/reference" / page).read_text(encoding="utf-8").startswith(words)
 
 
 def test_altered_figure_is_put_right_and_the_rest_is_kept() -> None:
