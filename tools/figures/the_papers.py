@@ -47,8 +47,8 @@ controller assumes, the droplets and their variation, the sensor. Version 1 has 
 register; version 2 has scans that are shifted, blurred and incomplete. Every controller prints a plant with the same
 three seeds and therefore the same droplets. A version never changes and has a score of its own: the number after
 "plants" is a hash of its files; tables with the same hash can be compared. Your class is the same as [in a
-scenario](../how-to/bring-your-own-component.md), a policy that of [Learn a policy](../how-to/learn-a-policy.md); run the
-command in the folder of `module.py`.
+scenario](../how-to/bring-your-own-component.md), a policy that of [Learn a policy](../how-to/learn-a-policy.md);
+run the command in the folder of `module.py`.
 
 The run folder holds `score.md`, `score.tex` (with booktabs), `score.csv` (every print) and `score.png`. To cite, use
 the last line of the table, inkloop as given in [CITATION.cff](../../CITATION.cff), and the papers of the plants.
