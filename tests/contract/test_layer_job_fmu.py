@@ -29,13 +29,13 @@ OF_THE_CONTROLLER = (
     *("scan_shift_x", "scan_shift_y", "scan_spot_radius"),
 )
 CASES: dict[str, Any] = {
-    "four passes": ("four-passes", ("run.layers_max", 3)),
-    "two materials": ("two-materials", ("run.layers_max", 7)),
+    "four passes": ("four-passes", ("run.layers_max", 6)),
+    "two materials": ("two-materials", ("run.layers_max", 14)),
     "noisy sensor with delays": ("noisy-sensor", ("components.printer.layer_duration_s", 2.5), ("run.layers_max", 20)),
     "three heights learnt, lines of liquid": ("surface-tension", ("run.layers_max", 3)),
     "grey head": ("grey-head", ("run.layers_max", 6)),
-    "cylinder": ("cylinder", ("part.height_um", 30.0)),
-    "droplet after droplet": ("wu-chiu-plant", ("run.layers_max", 3)),
+    "cylinder": ("cylinder", ("part.height_um", 60.0)),
+    "droplet after droplet": ("wu-chiu-plant", ("run.layers_max", 6)),
     "caps": ("no-flow", ("run.layers_max", 6)),
     "uneven start": ("uneven-start", ("run.layers_max", 6)),
 }

@@ -84,6 +84,21 @@ def test_wheel_is_refused_for_a_part_that_is_missing_or_of_another_platform(tmp_
     assert "fmi3/A.fmu: has binaries for x86_64-linux, x86_64-linux; expected" in said
 
 
+def test_folder_with_files_of_others_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+    from tools.release.contents import SUMS, earlier_files
+
+    assert earlier_files(tmp_path / "new") == []
+    (tmp_path / "a.whl").write_bytes(b"wheel")
+    (tmp_path / SUMS).write_text("00  a.whl\n")
+    assert [path.name for path in earlier_files(tmp_path)] == [SUMS, "a.whl"]
+    (tmp_path / "thesis.tex").write_text("mine")
+    (tmp_path / "runs").mkdir()
+    with pytest.raises(Exception, match=r"holds runs, thesis\.tex, which no release wrote; name an empty folder"):
+        earlier_files(tmp_path)
+    with pytest.raises(Exception, match="is a file; name a folder"):
+        earlier_files(tmp_path / "a.whl")
+
+
 def built(out: Path) -> dict[str, str]:
     """The files of a release for this platform, built in a folder and with an object cache of its own: name -> sum."""
     environment = {**os.environ, "SOURCE_DATE_EPOCH": "1700000000"}

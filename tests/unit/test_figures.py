@@ -32,7 +32,7 @@ def test_every_mark_of_a_page_has_one_writer() -> None:
     ("page", "words"), [("score-board.md", the_papers.SCORE_PAGE), ("the-papers.md", the_papers.PAPERS_PAGE)]
 )
 def test_page_that_is_written_as_a_whole_begins_with_the_words_of_its_writer(page: str, words: str) -> None:
-    """Else the next run takes back what somebody wrote into the page."""
+    """Else the next run overwrites what was edited in the page."""
     assert (ROOT / "docs/reference" / page).read_text(encoding="utf-8").startswith(words)
 
 

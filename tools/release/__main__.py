@@ -15,7 +15,7 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from tools.release.contents import check_wheel
+from tools.release.contents import SUMS, check_wheel, earlier_files
 from tools.release.sbom import write_sbom
 from tools.release.sources import ROOT, build_sdist, source_epoch, unpacked
 from tools.release.wheels import build_wheel, compile_binaries
@@ -24,16 +24,15 @@ from inkloop.errors import InkloopError
 from inkloop.files import write_text
 from inkloop.fmu_writer.targets import ALL, targets_of
 
-SUMS = "SHA256SUMS"
-
 
 def release(platforms: Iterable[str], out: Path) -> list[Path]:
-    """Write the release into `out`, which holds nothing else afterwards; returns its files. Raises InkloopError.
+    """Write the release into `out`, in place of an earlier one; returns its files. Raises InkloopError.
 
     The FMUs in each wheel have binaries for all of the platforms.
     """
     targets = [target for each in targets_of(platforms, "3").values() for target in each]
     epoch = source_epoch(ROOT)
+    earlier = earlier_files(out)
     with tempfile.TemporaryDirectory(prefix="inkloop-release-") as name:
         work, made = Path(name), Path(name, "made")
         made.mkdir()
@@ -50,13 +49,13 @@ def release(platforms: Iterable[str], out: Path) -> list[Path]:
         sums = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(made.iterdir())}
         write_text(made / SUMS, "".join(f"{digest}  {name}\n" for name, digest in sums.items()))
         out.mkdir(parents=True, exist_ok=True)
-        for old in out.iterdir():
-            old.unlink()
+        for path in earlier:
+            path.unlink()
         return [Path(shutil.move(path, out / path.name)) for path in sorted(made.iterdir())]
 
 
 def say(text: str) -> None:
-    """Progress for whoever waits."""
+    """Show progress."""
     print(f"release: {text}", file=sys.stderr, flush=True)
 
 

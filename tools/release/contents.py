@@ -1,4 +1,4 @@
-"""What a wheel must hold: every compiled part, each for its platform, and FMUs with a binary for each platform."""
+"""What a release must hold: in each wheel every compiled part for its platform, and FMUs with a binary for each."""
 
 from __future__ import annotations
 
@@ -18,8 +18,27 @@ LIBRARIES = (
 """What Python loads: prefix and suffix differ by system."""
 EMULATOR = "inkloop_hardware/inkloop_bench_nodes"
 """It needs POSIX: there is none for Windows."""
+SUMS = "SHA256SUMS"
 FMU_FOLDERS = {"fmi2": "2", "fmi3": "3", "fmi3-fixed": "3"}
 FMU_SUFFIXES = (".fmu", ".template")
+
+
+def earlier_files(folder: Path) -> list[Path]:
+    """The files of an earlier release in a folder. Raises InkloopError if it holds anything else."""
+    if not folder.exists():
+        return []
+    if not folder.is_dir():
+        raise InkloopError(f"{folder} is a file; name a folder for the release")
+    sums = folder / SUMS
+    lines = sums.read_text("utf-8").splitlines() if sums.is_file() else []
+    named = {SUMS, *(line.partition("  ")[2] for line in lines)}
+    found = sorted(folder.iterdir())
+    if others := [path.name for path in found if path.name not in named or not path.is_file()]:
+        raise InkloopError(
+            f"{folder} holds {', '.join(others[:5])}{', ...' if len(others) > 5 else ''}, which no release wrote; "
+            "name an empty folder, or move this away"
+        )
+    return found
 
 
 def check_wheel(wheel: Path, target: Target, targets: Sequence[Target]) -> None:

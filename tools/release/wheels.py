@@ -33,7 +33,7 @@ def build_wheel(target: Target, source: Path, builds: Path, folder: Path, epoch:
         "wheel.reproducible": "true",
         **{f"cmake.define.{name}": value for name, value in defined.items()},
     }
-    # how scikit-build-core, like sysconfig, is told the platform of the Python that will load the wheel
+    # scikit-build-core, like sysconfig, reads from it the platform of the Python that will load the wheel
     environment = {"SOURCE_DATE_EPOCH": str(epoch), "_PYTHON_HOST_PLATFORM": target.wheel}
     call_backend("build_wheel", source, folder, settings, environment)
     found = list(folder.glob(f"*-py3-none-{target.wheel}.whl"))
@@ -43,7 +43,7 @@ def build_wheel(target: Target, source: Path, builds: Path, folder: Path, epoch:
 
 
 def definitions(target: Target, source: Path) -> dict[str, str]:
-    """What the toolchain file is told."""
+    """Variables that the toolchain file reads."""
     return {
         "CMAKE_TOOLCHAIN_FILE": str(source / "tools/release/zig.cmake"),
         "INKLOOP_ZIG": str(Path(ziglang.__file__).parent / "zig"),
