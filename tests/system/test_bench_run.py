@@ -5,6 +5,7 @@ What the devices ask of the nodes step by step is in `tests/unit/hardware/device
 
 from __future__ import annotations
 
+import json
 import re
 import signal
 import subprocess
@@ -147,9 +148,13 @@ def test_second_interrupt_ends_at_once_with_everything_off(tmp_path: Path, capsy
             time.sleep(0.3)
         output, _ = running.communicate(timeout=PATIENCE_S)
         assert running.returncode == 130, output
-        assert main(["device", str(path), "status", "--set", f"bench.channel={channel}"]) == 0
-        output = capsys.readouterr().out
-        assert "1 unknown, needs a person" in output
+        assert main(["device", str(path), "status", "--json", "--set", f"bench.channel={channel}"]) == 0
+        shown = capsys.readouterr()
+        assert "1 unknown, needs a person" in shown.err
+        head, *others = json.loads(shown.out)["nodes"]
+        assert (head["node"], head["layer"], head["passes"], head["done"], head["unknown"]) == ("head", 1, 4, 0, 1)
+        assert "needs a person to clear it" in head["conditions"]
+        assert [other["node"] for other in others] == ["stage", "cure", "profiler"]
         assert main(["resume", str(folder)]) == 1
         assert "pass 1 of layer 1" in capsys.readouterr().err
 
@@ -161,8 +166,8 @@ def test_person_stops_a_run_and_releases_it(tmp_path: Path, capsys: pytest.Captu
         words = ["--set", f"bench.channel={channel}"]
         running = started("run", str(path), "--out", str(folder), *words)
         wait_for_word(folder / "bench.log", "pass 1", running)
-        assert main(["device", str(path), "stop", *words]) == 0
-        assert "head: SAFE because of STOP_REQUEST" in capsys.readouterr().out
+        assert main(["device", str(path), "stop", "--json", *words]) == 0
+        assert "head: SAFE because of STOP_REQUEST" in json.loads(capsys.readouterr().out)["lines"]
         output, _ = running.communicate(timeout=PATIENCE_S)
         assert running.returncode == 1
         assert "stop request" in output

@@ -43,7 +43,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def replayed(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]:
-    """The command: its exit code, and its whole output in one line."""
+    """The command: its exit code, and its whole output, of both streams, in one line."""
 
     def replay(folder: Path, *words: str) -> tuple[int, str]:
         code = main(["replay", str(folder), *words])
@@ -61,8 +61,9 @@ def assert_same(run: Path, again: Path) -> None:
 
 
 def test_master_does_the_same_again_without_a_bus(run: Path, replayed: Callable[..., tuple[int, str]]) -> None:
-    code, output = replayed(run, "--out", str(run.parent / "again"))
+    code, output = replayed(run, "--json", "--out", str(run.parent / "again"))
     assert code == 0
+    assert output.startswith('{ "same": true, "differences": [] }')
     assert "3 layers replayed: every request of the master is that of" in output
     assert_same(run, run.parent / "again")
     log = (run.parent / "again" / "bench.log").read_text()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 from collections.abc import Iterable
+from dataclasses import asdict
 from typing import Any
 
 from inkloop.bench.emulation import Emulation, emulation_of
@@ -96,12 +97,14 @@ def act(scenario: Scenario, options: argparse.Namespace, console: Terminal) -> i
     return 0
 
 
-def _show(lines: Iterable[str], console: Terminal) -> None:
+def _show(found: Iterable[Any], console: Terminal) -> None:
+    """Show each line as it comes; as JSON also the fields of what is more than a line."""
     shown = []
-    for line in lines:
-        console.sentence(line)
-        shown.append(line)
-    console.result(lines=shown)
+    for each in found:
+        console.sentence(str(each))
+        shown.append(each)
+    nodes = [asdict(each) for each in shown if not isinstance(each, str)]
+    console.result(lines=[str(each) for each in shown], **({"nodes": nodes} if nodes else {}))
 
 
 def _other_channel(file: str, channel: str) -> str:

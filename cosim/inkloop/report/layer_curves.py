@@ -39,20 +39,20 @@ def cross_section(runs: Runs) -> Figure:
     errors = {name: error_of(run)[:, row] for name, run in runs.items()}
     near = [error for error in errors.values() if abs(np.nanmean(error)) < FAR_UM] or list(errors.values())
     limit = max(0.1, *(1.2 * float(np.nanmax(np.abs(error))) for error in near))
+    outside = []
     for number, (name, run) in enumerate(runs.items()):
         draw_line(whole, number, x, run.height[-1, :, row] * UM_PER_M, name, ends=False, drawstyle="steps-mid")
         part = np.flatnonzero(np.isfinite(errors[name]))
         draw_line(top, number, x[part], errors[name][part], ends=False, drawstyle="steps-mid")
         mean = float(np.nanmean(errors[name]))
         if abs(mean) > limit:
-            text = f"{name}: {abs(mean):.0f} µm {TOO_LOW if mean > 0 else TOO_HIGH}, outside the frame"
-            plate = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.85}
-            top.text(0.01, 0.9 if mean > 0 else 0.05, text, transform=top.transAxes, bbox=plate)
+            outside.append(f"{name}: {abs(mean):.0f} µm {TOO_LOW if mean > 0 else TOO_HIGH}, outside the frame")
     whole.set(ylabel="height [µm]", ylim=(0, None), title=f"cut at y = {float(first.y[row]) * MM_PER_M:.2f} mm")
     handles, labels = whole.get_legend_handles_labels()
     outside_legend(figure, handles, labels)
     top.axhline(0, color="black", linestyle="--", linewidth=1)
     top.set(xlabel="x [mm]", ylabel=ERROR_LABEL, ylim=(-limit, limit))
+    top.set_title("; ".join(outside), loc="left", fontsize="medium")
     return figure
 
 

@@ -44,6 +44,8 @@ DOTTED = "\n(dots)"
 """Said of the red end of a scale: red and blue are equally dark in grey print."""
 DOTS = 64
 """Along the longer side of a map, at most; on finer grids a dot marks a block of cells."""
+NEXT_LABEL = 0.1
+"""Of the length of a scale: labels that are nearer to each other overlap on a short one."""
 CLEARLY_RED, DARK = 0.2, 0.4
 """Red less blue, and brightness, from 0 to 1: from where on a colour is marked, and with a white dot."""
 ERROR_LABEL = f"error [µm]\n({SIGN})"
@@ -166,7 +168,9 @@ def add_scale(
     norm = colours.norm
     if isinstance(norm, AsinhNorm) and norm.vmax is not None:
         decades = 10.0 ** np.arange(math.ceil(math.log10(norm.linear_width)), math.floor(math.log10(norm.vmax)) + 1)
-        ticks = np.union1d(decades, _round_below(norm.vmax))
+        end = _round_below(norm.vmax)
+        is_apart = decades.size == 0 or norm(end) - norm(decades[-1]) > NEXT_LABEL
+        ticks = np.union1d(decades, end) if is_apart else decades
         bar.set_ticks([*-ticks[::-1], 0.0, *ticks], minor=False)
         bar.minorticks_off()
 

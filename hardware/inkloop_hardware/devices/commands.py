@@ -1,9 +1,10 @@
-"""Commands of a person to a bench without a print: status, clear, home, purge, a dry run. Each yields lines."""
+"""Commands of a person to a bench without a print: status, clear, home, purge, a dry run. Each yields what it shows."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,14 +19,51 @@ from inkloop_hardware.protocol.services import ClearOption, Key, Routine
 from inkloop_hardware.protocol.vocabulary import Fault, Node, State
 
 NODES = tuple(Node)
+CONDITIONS = {
+    Flags.NEEDS_OPERATOR: "needs a person to clear it",
+    Flags.STOPPED: "a stop request is active",
+    Flags.DRY_RUN: "in a dry run",
+    Flags.JOURNAL_DAMAGED: "its journal is damaged",
+    Flags.BY_WATCHDOG: "reset by its watchdog",
+}
+"""Flags of a node that a person must know, in words."""
 
 
-def status(rig: Rig) -> Iterator[str]:
-    """A line for each node: state, newest layer, what it needs."""
+@dataclass(frozen=True)
+class NodeReport:
+    """What a node does and remembers; as text one line for a person.
+
+    cause: why it is off, if it is; job, layer: of its open layer, with `passes` in all, `done` and `unknown`, 0 without
+    one; conditions: words for what a person must know.
+    """
+
+    node: str
+    state: str
+    cause: str | None
+    job: int
+    layer: int
+    passes: int
+    done: int
+    unknown: int
+    conditions: tuple[str, ...]
+    version: str
+
+    def __str__(self) -> str:
+        """`head     SAFE because of STOP_REQUEST, needs a person to clear it; inkloop 0.1.0`."""
+        found = [self.state + (f" because of {self.cause}" if self.cause else "")]
+        if self.passes:
+            found.append(f"layer {self.layer} of job {self.job}: {self.done} of {self.passes} passes done")
+        if self.unknown:
+            found.append(f"{self.unknown} unknown")
+        return f"{self.node:8s} {', '.join((*found, *self.conditions))}; {self.version}"
+
+
+def status(rig: Rig) -> Iterator[NodeReport]:
+    """A report of each node: state, newest layer, what it needs."""
     rig.wait_for(NODES)
     for node in NODES:
         link = rig.link(node)
-        yield f"{node.lower():8s} {_sentence(link.state())}; {link.version()}"
+        yield _report(node, link.state(), link.version())
 
 
 def clear_all(rig: Rig, *, give_up: bool = False) -> Iterator[str]:
@@ -70,19 +108,16 @@ def dry_run(rig: Rig, job: Job, *, cure_ms: int) -> Iterator[str]:
         yield f"its scan: {job.nx} x {job.ny} cells, {valid.mean():.0%} of them valid"
 
 
-def _sentence(state: NodeState) -> str:
-    found = state.state.name
-    if state.state in (State.SAFE, State.FAULT) and state.cause != Fault.NONE:
-        found += f" because of {state.cause.name}"
-    if state.passes:
-        found += f", layer {state.layer} of job {state.job}: {state.done.bit_count()} of {state.passes} passes done"
-    if state.unknown:
-        found += f", {state.unknown.bit_count()} unknown"
-    conditions = {
-        Flags.NEEDS_OPERATOR: "needs a person to clear it",
-        Flags.STOPPED: "a stop request is active",
-        Flags.DRY_RUN: "in a dry run",
-        Flags.JOURNAL_DAMAGED: "its journal is damaged",
-        Flags.BY_WATCHDOG: "reset by its watchdog",
-    }
-    return ", ".join([found, *(condition for flag, condition in conditions.items() if state.flags & flag)])
+def _report(node: Node, state: NodeState, version: str) -> NodeReport:
+    off = state.state in (State.SAFE, State.FAULT) and state.cause != Fault.NONE
+    return NodeReport(
+        node.lower(),
+        state.state.name,
+        state.cause.name if off else None,
+        *((state.job, state.layer) if state.passes else (0, 0)),
+        state.passes,
+        state.done.bit_count(),
+        state.unknown.bit_count(),
+        tuple(words for flag, words in CONDITIONS.items() if state.flags & flag),
+        version,
+    )

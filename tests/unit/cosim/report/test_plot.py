@@ -281,6 +281,7 @@ def test_picture_is_written_in_each_format_with_the_same_bytes_each_time(tmp_pat
     ("scales", "shown"),
     [
         ((0.3, 0.6), [-0.5, 0.0, 0.5]),
+        ((0.4, 26.0), [-10.0, -1.0, 0.0, 1.0, 10.0]),  # 20 is too near to 10
         ((0.4, 60.0), [-50.0, -10.0, -1.0, 0.0, 1.0, 10.0, 50.0]),
         ((150.0, 260.0), [-200.0, -100.0, 0.0, 100.0, 200.0]),
     ],
@@ -291,6 +292,20 @@ def test_scale_of_errors_of_several_sizes_has_ticks_besides_zero(scales: tuple[f
     axes = figure.subplots()
     plot.add_scale(figure, ScalarMappable(norm, plot.ERROR_COLOURS), ax=axes)
     assert figure.axes[1].get_yticks().tolist() == pytest.approx(shown, rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("error_um", "words"),
+    [
+        (0.2, ""),
+        (40.0, "open loop: 40 µm too low, outside the frame"),
+        (-30.0, "open loop: 30 µm too high, outside the frame"),
+    ],
+)
+def test_curve_outside_the_frame_is_named_above_it(error_um: float, words: str) -> None:
+    _, error = cross_section({"closed loop": printed(0.2), "open loop": printed(error_um)}).axes
+    assert error.get_title(loc="left") == words
+    assert not error.texts
 
 
 @pytest.mark.parametrize("count", [1, 5, 9])
