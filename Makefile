@@ -73,7 +73,7 @@ check: lint
 	INKLOOP_EXAMPLES_PERCENT=30 $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not long and not system and not compiled'
 
 test: lint
-	INKLOOP_EXAMPLES_PERCENT=50 $(BIN)/python -m pytest -n 2 --dist loadfile
+	INKLOOP_EXAMPLES_PERCENT=30 $(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: .venv/developer
 	$(BIN)/ruff check .

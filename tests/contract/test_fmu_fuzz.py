@@ -21,6 +21,7 @@ from support.fmus.fmu_driver import DEPOSITION_MODELS, DISCARD, ERROR, OK, Drive
 from support.fmus.fmu_library import NAMES
 from support.fmus.fmu_life import EVERY_FORM, EVERY_MODEL, PARAMETERS, act, started
 from support.fmus.fuzzed_calls import drawn, feed
+from support.long_proofs import rest_is_long
 
 needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
 
@@ -38,7 +39,7 @@ def calls(folder: Path) -> Path:
 @pytest.mark.compiled
 @needs_gcc
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("resizable", [True, False])
+@pytest.mark.parametrize("resizable", rest_is_long([True, False], 1))
 def test_calls_follow_the_standard_or_change_nothing(name, resizable, calls, folder) -> None:
     """And many of them print layers and are refused, so that the inputs mean something."""
     model, form = name.split("-")

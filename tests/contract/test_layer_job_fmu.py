@@ -51,7 +51,7 @@ def assert_like_run(fmu: Driver, run, layer: int) -> None:
 
 
 @pytest.mark.system
-@pytest.mark.parametrize(("case", "form"), rest_is_long(zip(CASES, cycle(FORMS), strict=False), 5))
+@pytest.mark.parametrize(("case", "form"), rest_is_long(zip(CASES, cycle(FORMS), strict=False), 3))
 def test_layers_are_those_of_a_run_bit_by_bit(case, form) -> None:
     run = printed(*CASES[case])
     with block(form, *CASES[case]) as fmu:
@@ -84,7 +84,7 @@ def test_every_scenario_prints_its_layers_or_is_refused_with_a_message(name) -> 
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("periods", [0.3, 1.0, 7.0])
+@pytest.mark.parametrize("periods", rest_is_long([0.3, 7.0, 1.0], 2))
 @SECOND_FORM_IS_LONG
 def test_steps_change_neither_layers_nor_times(form, periods) -> None:
     case = CASES["noisy sensor with delays"]

@@ -119,7 +119,7 @@ def test_random_volumes_are_those_of_the_fmu(kind) -> None:
 @pytest.mark.parametrize(
     "own",
     [
-        {},
+        pytest.param({}, marks=pytest.mark.long),
         pytest.param({"guard": True, "cap_radius": 120e-6}, marks=pytest.mark.long),
         {"seed": 5, "variation": 0.3, "nozzle_pitch": 3, "nozzle_variation": 0.2, "height_start": START},
     ],

@@ -36,6 +36,7 @@ def test_open_loop_ends_low_by_the_missing_ink(variation: float, mean_error: flo
         [(1, 0.4, 1.1, 1.35), (3, 0.2, 0.45, 0.60), (1, 0.2, 1.2, 1.45), (2, 0.2, 0.50, 0.65), (3, 0.4, 0.60, 0.76)], 1
     ),
 )
+@pytest.mark.long
 def test_longer_horizons_end_flatter(horizon: int, variation: float, mae: float, std: float) -> None:
     job = cylinder()
     prints = [
@@ -79,7 +80,7 @@ def test_ours_is_flatter_than_the_papers_search_on_the_same_plant() -> None:
 
 
 @pytest.mark.parametrize("alpha", rest_is_long([0.1, 1.0, 0.2, 0.3, 0.5], 1))
-@pytest.mark.parametrize("make", [THREE_AHEAD, StochasticGreedyController])
+@pytest.mark.parametrize("make", rest_is_long([THREE_AHEAD, StochasticGreedyController], 1))
 def test_no_alpha_runs_away(make: Callable[..., Component], alpha: float) -> None:
     """A small alpha trades height for evenness, but never by more than a layer (without the stop rule: 79 um)."""
     job = cylinder()

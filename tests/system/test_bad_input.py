@@ -167,6 +167,7 @@ def test_crash_in_a_step_ends_with_a_message(crash: tuple[str, Path, subprocess.
     assert list((path.parent / "unpacked").iterdir()) == []
 
 
+@pytest.mark.long
 def test_print_resumes_once_the_crashing_fmu_is_repaired(
     crash: tuple[str, Path, subprocess.CompletedProcess[str]], capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -289,6 +290,7 @@ def test_ctrl_c_of_an_isolated_print_keeps_its_layers(tmp_path: Path) -> None:
     assert main(["resume", str(folder)]) == 0
 
 
+@pytest.mark.long
 def test_isolated_run_is_the_same_run(fmus: Path, tmp_path: Path) -> None:
     path = fmus / "good.toml"
     path.write_text(CUBOID, encoding="utf-8")

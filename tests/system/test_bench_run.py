@@ -80,6 +80,7 @@ def test_uneven_substrate_is_under_the_bench_too(tmp_path: Path) -> None:
     assert_same_print(bench, printed_with_fmus(path, overrides))
 
 
+@pytest.mark.long
 def test_stock_tools_watch_a_run_and_read_a_journal_in_it(tmp_path: Path) -> None:
     """can.logger is another adapter on the bus, cantools decodes what it saw, udsoncan asks the head between layers."""
     path, seen, kinds = write(tmp_path), tmp_path / "seen.log", list[list[int]]()
@@ -176,6 +177,7 @@ def test_person_stops_a_run_and_releases_it(tmp_path: Path, capsys: pytest.Captu
         assert main(["device", str(path), "clear", *words]) == 0
 
 
+@pytest.mark.long
 def test_killed_run_resumes_where_it_was_once_a_person_has_looked(tmp_path: Path) -> None:
     """It is killed while the lamp is lit, so that nothing is jetted: the outcome of that cure is unknown."""
     path, folder = write(tmp_path, BLOCK.replace("cure_ms = 2", "cure_ms = 500")), tmp_path / "run"

@@ -12,6 +12,7 @@ import pytest
 from inkloop.cli import COMMANDS, main
 from inkloop.results.recorder import LayerRow
 from inkloop.results.result import Result
+from support.long_proofs import rest_is_long
 from support.prints import quick_cuboid
 
 CUBOID = str(quick_cuboid())
@@ -39,7 +40,7 @@ def test_report_makes_table_and_pictures_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("without_pictures")
-@pytest.mark.parametrize("kind", ["LayerMpc", "LayerController"])
+@pytest.mark.parametrize("kind", rest_is_long(["LayerMpc", "LayerController"], 1))
 def test_alpha_that_prints_nothing_is_an_error_that_names_one_that_prints(
     kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -60,6 +61,7 @@ def test_alpha_that_prints_nothing_is_an_error_that_names_one_that_prints(
     assert "nothing was printed" not in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_run_that_prints_nothing_ends_with_a_message_and_pictures(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -190,7 +192,7 @@ def test_completion_for_an_unknown_shell_names_the_known(capsys: pytest.CaptureF
     assert "expected one of bash, zsh" in usage_of("--print-completion", "nosh", capsys=capsys)
 
 
-@pytest.mark.parametrize("at_layer", [2, 4])
+@pytest.mark.parametrize("at_layer", rest_is_long([2, 4], 1))
 def test_ctrl_c_keeps_the_layers_that_are_printed(
     at_layer: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

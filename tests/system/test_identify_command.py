@@ -31,6 +31,7 @@ def ink_of(path: Path):
     return [tomlkit.parse(path.read_text()).unwrap()["a"][f"h{k}_um"] for k in (1, 2, 3)]
 
 
+@pytest.mark.long
 def test_experiments_on_a_scenario_give_an_ink_that_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """From a scenario whose printer has another ink than it states, to a print with the right one."""
     text = (ROOT / "scenarios" / "cuboid.toml").read_text()

@@ -74,7 +74,7 @@ def test_master_does_the_same_again_without_a_bus(run: Path, replayed: Callable[
 @pytest.mark.parametrize(
     ("text", "faults", "overrides"),
     [
-        (TWO_INKS, (), ['bench.traffic_log="traffic.asc"', "part.height_um=9.0"]),
+        pytest.param(TWO_INKS, (), ['bench.traffic_log="traffic.asc"', "part.height_um=9.0"], marks=pytest.mark.long),
         pytest.param(BLOCK, ("loss:probability=1e-2",), ["part.height_um=9.0"], marks=pytest.mark.long),
         (BLOCK, ("corruption:id=0x647,way=from-nodes,nth=9,byte=3",), ["part.height_um=9.0"]),
     ],

@@ -165,6 +165,7 @@ def test_cell_that_is_never_seen_makes_the_status_untrusted_while_the_print_cont
     assert statuses[-1] == Status.DONE
 
 
+@pytest.mark.long
 def test_restored_controller_continues_with_the_same_bits_on_noisy_scans() -> None:
     controller, resumed = started(LayerMpcController(JOB)), started(LayerMpcController(JOB))
     height, plant, rng = FLAT, LayerModel.of(JOB), np.random.default_rng(6)
@@ -185,7 +186,7 @@ def test_restored_controller_continues_with_the_same_bits_on_noisy_scans() -> No
     [
         pytest.param({"passes": 4, "pass_rotation": 1}, {}, marks=pytest.mark.long),
         ({"inks": (Ink(), Ink(3.9e-6, 0.55e-6, 0.15e-6)), "region": Below(20e-6)}, {"region_test": "either"}),
-        ({}, {"drop_levels": 3}),
+        pytest.param({}, {"drop_levels": 3}, marks=pytest.mark.long),
     ],
     ids=["four passes", "two inks", "grey"],
 )

@@ -14,6 +14,7 @@ import pytest
 
 from inkloop.contract import pass_colour
 from support.compiled import library
+from support.long_proofs import rest_is_long
 from support.places import ROOT
 
 CORE = ROOT / "controller" / "core"
@@ -188,7 +189,7 @@ def plain_bits(plain: Callable[[Case], list[Any]], seed: int) -> list[bytes]:
     return bits(plain(case(seed)))
 
 
-@pytest.mark.parametrize("build", BUILDS)
+@pytest.mark.parametrize("build", rest_is_long(BUILDS, 2))
 @pytest.mark.parametrize(
     ("calculated", "plain"), [(surfaces, plain_surfaces), (increments, plain_increments)], ids=["surface", "increments"]
 )

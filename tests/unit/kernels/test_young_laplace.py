@@ -220,7 +220,7 @@ def test_body_that_would_have_to_overhang_is_solved_linearly_and_counted() -> No
     assert tall.volume == pytest.approx(8 * 36 * VOLUME, rel=1e-12, abs=0.0)
 
 
-@pytest.mark.parametrize("per_pitch", [8, 16, 24, 32])
+@pytest.mark.parametrize("per_pitch", rest_is_long([8, 16, 24, 32], 3))
 def test_steep_bodies_of_a_second_layer_have_a_solution_on_any_grid(per_pitch) -> None:
     square = np.zeros((9, 9))
     square[2:-2, 2:-2] = 1.0

@@ -11,6 +11,7 @@ import pytest
 from inkloop.component import Ink
 from inkloop_controller.core import bindings
 from inkloop_controller.core.bindings import HorizonProblem, Moves, SearchProgress, SearchStatus
+from support.long_proofs import rest_is_long
 
 INK = Ink()
 ONE_MICROMETRE = 1e-6
@@ -234,7 +235,7 @@ def test_two_layers_that_made_a_surface_are_recovered() -> None:
         assert found.objective.value < 1e-9 * ONE_MICROMETRE
 
 
-@pytest.mark.parametrize("alpha", [0.5, 1.0])
+@pytest.mark.parametrize("alpha", rest_is_long([0.5, 1.0], 1))
 def test_two_layers_of_a_few_cells_are_as_good_as_they_can_be(alpha: float) -> None:
     """Against every plan of 2 x 3 cells in 2 layers."""
     for seed in range(6):

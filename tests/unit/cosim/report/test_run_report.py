@@ -15,6 +15,7 @@ from inkloop.report.remarks import remarks
 from inkloop.report.trust import untrusted_remarks
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
+from support.long_proofs import rest_is_long
 from support.places import SCENARIOS
 from support.prints import quick_cuboid
 
@@ -92,7 +93,7 @@ def test_scans_that_were_corrected_are_reported_with_what_to_do(
 @pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize(
     ("port", "value", "message"),
-    [("printer.pattern", "0", "dead cells: 2, "), ("profiler.valid", "false", "untrusted cells: 2, ")],
+    rest_is_long([("profiler.valid", "false", "untrusted cells: 2, "), ("printer.pattern", "0", "dead cells: 2, ")], 1),
 )
 def test_cells_that_cannot_be_printed_or_seen_are_reported_when_the_run_ends_and_by_info(
     port: str, value: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
