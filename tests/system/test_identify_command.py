@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -11,19 +12,24 @@ import tomlkit
 from inkloop.cli import main
 from inkloop.component import Ink
 from inkloop.errors import IdentificationError
-from inkloop.identify.candidates import candidates
-from inkloop.identify.cross_validation import compare
+from inkloop.identify.candidates import candidates, conserving
+from inkloop.identify.cross_validation import Comparison, compare
 from inkloop.identify.experiments import Plan, perform, plant_scenario
-from inkloop.identify.identification import identify
+from inkloop.identify.identification import Identification, identify
+from inkloop.identify.ink_regression import identify_ink
+from inkloop.identify.ink_writer import write_ink
 from inkloop.identify.print_record import PrintRecord
 from inkloop.identify.volume_area_coefficients import identify_volume_area
 from inkloop.models import LayerDeposition, VolumeAreaDeposition, YoungLaplaceDeposition
+from inkloop.models.layer_deposition import CELLS_OF_HEIGHTS
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
+from inkloop.studies.score.known_inks import surfaces
 from support.logged_print import log, made_up, random_layers
 from support.places import ROOT
 
 RIVALS = ("Lu, regression", "spherical caps", "Wu, Chiu, fitted", "Young-Laplace")
+TODAY = date(2026, 1, 1)
 SMALL = ["--samples", "6", "--layers", "3", "--side", "16"]
 
 
@@ -58,15 +64,37 @@ def test_experiments_on_a_scenario_give_an_ink_that_prints(tmp_path: Path, capsy
     assert ink_of(again) == pytest.approx([3.9, 0.5, 0.25], rel=1e-3, abs=0.0)
 
 
+def test_plant_of_a_wider_reach_prints_from_the_ink_file(tmp_path: Path) -> None:
+    """The printer of a scenario takes it from the file; the controller keeps its three heights."""
+    far = (4.0e-6, 0.6e-6, 0.2e-6, 0.15e-6, 0.1e-6, 0.05e-6)
+    record = made_up(LayerDeposition(), random_layers(14, 14, 3, 0, margin=3))
+    plant = Comparison(conserving(2), LayerDeposition((far,)), None, ())
+    ink = identify_ink([record], 0.0)
+    write_ink(Identification((record,), (record,), 0.0, ink, None, None, (plant,), (), 2), tmp_path / "far.toml", TODAY)
+    text = (ROOT / "scenarios" / "cuboid.toml").read_text().partition("[compare.")[0]
+    (tmp_path / "case.toml").write_text(f'{text}\n[ink]\nfile = "far.toml"\n')
+    scenario = Scenario.load(tmp_path / "case.toml", {"components.printer.variation": 0.0})
+    pattern = np.zeros((12, 12), np.int32)
+    pattern[6, 6] = 1
+    _, after = surfaces(scenario, [pattern])
+    assert after[6, 6:9] == pytest.approx([far[0], far[1], far[3]], rel=1e-6, abs=0.0)
+    assert after[8, 7:9] == pytest.approx([far[4], far[5]], rel=1e-6, abs=0.0)
+    assert scenario.job().inks[0].h1 == pytest.approx(4.4e-6, rel=1e-4, abs=0.0)
+
+
 @pytest.mark.long
 def test_logged_prints_are_pooled(tmp_path: Path) -> None:
     model = LayerDeposition()
     for number in range(2):
         log(tmp_path / f"p{number}", made_up(model, random_layers(16, 14, 2, number, margin=4), 0.2e-6, number))
     out = tmp_path / "ink.toml"
-    assert main(["identify", str(tmp_path / "p0"), str(tmp_path / "p1"), "--out", str(out)]) == 0
+    assert main(["identify", str(tmp_path / "p0"), str(tmp_path / "p1"), "--out", str(out), "--reach", "2"]) == 0
     assert ink_of(out) == pytest.approx([4.4, 0.6, 0.2], abs=0.1)
     table = tomlkit.parse(out.read_text()).unwrap()
+    plant = table["models"]["LayerDeposition"]
+    heights = [plant[f"h{k}_a_um"] for k in range(1, 7)]
+    assert np.dot(heights, CELLS_OF_HEIGHTS[:6]) == pytest.approx(7.6, rel=0.01, abs=0.0)
+    assert heights == pytest.approx([4.4, 0.6, 0.2, 0.0, 0.0, 0.0], abs=0.1)
     assert len(table["identified"]["prints"]) == 2
     assert table["identified"]["noise_um"] == pytest.approx(0.2, rel=0.15, abs=0.0)
 

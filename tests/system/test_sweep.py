@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,6 +29,8 @@ from inkloop.studies.sweep.plan import PointsPlan
 from inkloop.studies.sweep.report import sweep_of
 from inkloop.studies.sweep.study import Study
 from inkloop.studies.sweep.task import Order, perform
+from support.once_per_run import once
+from support.places import SCENARIOS
 from support.prints import quick_cuboid
 from support.sweeps import Shuffled
 
@@ -42,6 +45,18 @@ count = {seeds}
 [keep]
 {keep}
 """
+CYLINDERS = f"""
+scenario = "{SCENARIOS / "cylinder.toml"}"
+[vary]
+"components.controller.alpha" = [0.5, 0.6, 0.7, 0.8, 0.9]
+"components.controller.horizon" = [1]
+"components.controller.finish" = ["fast"]
+"part.height_um" = [100.0]   # 16 of the 72 layers: a print takes a third of a second
+[seeds]
+count = 40
+[keep]
+maps = "final"
+"""
 
 
 def study_file(folder: Path, seeds: int = 1, keep: str = "layers = true") -> Path:
@@ -53,7 +68,7 @@ def study_file(folder: Path, seeds: int = 1, keep: str = "layers = true") -> Pat
 def undisturbed(path: Path, folder: Path) -> xr.Dataset:
     """The study printed one by one in this process, in memory."""
     study = Study.load(path)
-    order = Order(study.scenario.text, study.scenario.source, None, False)
+    order = Order(study.scenario.text, study.scenario.source, None, study.tables.keep.maps == "final")
     return printed(path, folder, Shuffled(lambda task: perform(order, task), slots=1))
 
 
@@ -136,29 +151,56 @@ def test_study_whose_process_is_killed_in_a_print_resumes_to_the_same_file(tmp_p
     assert Result.load(out / "prints" / "00001-0000").run["resumed_after_layer"] >= 3
 
 
+def kill_and_resume(
+    words: list[str], out: Path, between: int, rng: np.random.Generator, workers: Callable[[Any], list[int]]
+) -> None:
+    """Kill a study KILLS times and let it end: in turns its own process, and two of its workers before it is stopped.
+
+    words: of the command; between: layers or records that are written from one kill to the next, at most.
+    """
+    for kill in range(KILLS):
+        with begun(*words, *(["--resume"] if kill else [])) as process:
+            wait_until((out / "study.json").is_file, process)
+            if kill % 2 == 0:
+                wait_for_changes(out, int(rng.integers(0, between)), process)
+                assert process.poll() is None
+                process.kill()
+                continue
+            for _ in range(2):
+                wait_for_changes(out, int(rng.integers(1, between // 2)), process)
+                for worker in workers(process)[: int(rng.integers(1, 3))]:
+                    end(worker)
+            process.send_signal(signal.SIGINT)
+            shown, errors = process.communicate()
+            assert process.returncode == 130, shown + errors
+            assert "continue with `inkloop sweep" in shown
+    with begun(*words, "--resume") as process:
+        shown, errors = process.communicate()
+        assert process.returncode in (0, 3), shown + errors
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("workers", [1, 2])
 def test_study_killed_at_random_moments_resumes_to_the_same_file(workers: int, tmp_path: Path) -> None:
     path, out, rng = study_file(tmp_path, seeds=10), tmp_path / "out", np.random.default_rng(workers)
-    expected = undisturbed(path, tmp_path / "undisturbed")
-    for kill in range(KILLS):
-        words = [str(path), "--out", str(out), "--workers", str(workers), *(["--resume"] if kill else [])]
-        with begun(*words) as process:
-            wait_until((out / "study.json").is_file, process)
-            if kill % 2 == 0:
-                wait_for_changes(out, int(rng.integers(0, 12)), process)
-                process.kill()
-                continue
-            for _ in range(2):
-                wait_for_changes(out, int(rng.integers(1, 6)), process)
-                for worker in workers_of(process)[:1]:
-                    end(worker)
-            process.send_signal(signal.SIGINT)
-            shown, _ = process.communicate()
-            assert process.returncode in (130, 3)
-            assert process.returncode == 3 or "continue with `inkloop sweep" in shown
-    assert main(["sweep", str(path), "--out", str(out), "--resume", "--no-pictures"]) == 3
-    assert_same(netcdf.read(out / "sweep.nc"), expected)
+    words = [str(path), "--out", str(out), "--workers", str(workers)]
+    kill_and_resume(words, out, 12, rng, workers_of)
+    found = netcdf.read(out / "sweep.nc")
+    assert np.isin(found["status"], [1, 5]).all()
+    assert_same(found, undisturbed(path, tmp_path / "undisturbed"))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("workers", [1, 2])
+def test_200_cylinders_killed_at_random_moments_are_those_of_a_study_left_alone(workers: int, tmp_path: Path) -> None:
+    """Five settings with 40 seeds each; layers are kept, so that prints continue where they were killed."""
+    path, out = tmp_path / "cylinders.toml", tmp_path / "out"
+    path.write_text(f"{CYLINDERS}layers = true\n")
+    words = [str(path), "--out", str(out), "--workers", str(workers)]
+    kill_and_resume(words, out, 270, np.random.default_rng(workers), workers_of)
+    expected, found = cylinders(), netcdf.read(out / "sweep.nc")
+    assert (expected["status"] == 1).all()
+    assert_same(found.assign_attrs(study=expected.attrs["study"]), expected)
 
 
 @pytest.mark.long
@@ -174,27 +216,61 @@ def test_any_number_of_workers_gives_the_same_file(workers: int, keep: str, tmp_
     assert_same(found, undisturbed(path, tmp_path / "undisturbed"))
 
 
+def cylinders() -> xr.Dataset:
+    """The study of 200 cylinders left alone, printed once for all tests."""
+    return netcdf.read(once(_print_cylinders) / "out" / dataset.SWEEP_FILE)
+
+
+def _print_cylinders(folder: Path) -> None:
+    (folder / "cylinders.toml").write_text(CYLINDERS)
+    undisturbed(folder / "cylinders.toml", folder / "out")
+
+
 @pytest.fixture
-def dask_workers(tmp_path: Path) -> Iterator[tuple[str, list[int]]]:
-    """Address and processes of a cluster of two workers that share no folder with this process."""
+def dask_workers(tmp_path: Path) -> Iterator[tuple[str, Callable[[Any], list[int]]]]:
+    """Address of a cluster of two workers that share no folder with this process, and what gives their processes."""
     distributed = pytest.importorskip("distributed", reason="inkloop[dask] is not installed")
+    dask = pytest.importorskip("dask")
     folder = tmp_path / "workers"
     options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "local_directory": str(folder)}
-    with distributed.LocalCluster(**options, dashboard_address=None, silence_logs=50) as cluster:
-        yield cluster.scheduler_address, [worker.process.pid for worker in cluster.workers.values()]
+    with (  # on a busy machine a worker takes longer to come back than the 15 s after which a cluster forgets it
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "10 minutes"}),
+        distributed.LocalCluster(**options, dashboard_address=None, silence_logs=50) as cluster,
+    ):
+        yield cluster.scheduler_address, lambda _: _registered(cluster)
+
+
+def _registered(cluster: Any) -> list[int]:
+    """Processes of the workers at work: a nanny whose worker is killed while it starts does not start another one."""
+    at_work = {each.nanny for each in cluster.scheduler.workers.values()}
+    nannies = [each for each in cluster.workers.values() if each.address in at_work and each.status.name == "running"]
+    return [each.process.pid for each in nannies if each.process and each.process.status.name == "running"]
 
 
 @pytest.mark.long
 def test_cluster_of_which_a_worker_is_killed_gives_the_same_file(
-    dask_workers: tuple[str, list[int]], tmp_path: Path
+    dask_workers: tuple[str, Callable[[Any], list[int]]], tmp_path: Path
 ) -> None:
     address, processes = dask_workers
     path, out = study_file(tmp_path, seeds=2, keep='maps = "none"'), tmp_path / "out"
     expected = undisturbed(path, tmp_path / "undisturbed")
     with begun(str(path), "--out", str(out), "--scheduler", address) as process:
         wait_until(lambda: (out / "records.jsonl").is_file() and (out / "records.jsonl").stat().st_size > 0, process)
-        end(processes[0])
+        end(processes(process)[0])
         shown, errors = process.communicate()
     assert process.returncode == 3, shown + errors
     assert_same(netcdf.read(out / "sweep.nc"), expected)
     assert list((tmp_path / "workers").rglob("cuboid.toml"))
+
+
+@pytest.mark.long
+def test_200_cylinders_on_a_cluster_killed_at_random_moments_are_those_of_a_study_left_alone(
+    dask_workers: tuple[str, Callable[[Any], list[int]]], tmp_path: Path
+) -> None:
+    address, processes = dask_workers
+    path, out = tmp_path / "cylinders.toml", tmp_path / "out"
+    path.write_text(CYLINDERS)
+    kill_and_resume(
+        [str(path), "--out", str(out), "--scheduler", address], out, 17, np.random.default_rng(3), processes
+    )
+    assert_same(netcdf.read(out / "sweep.nc"), cylinders())

@@ -22,6 +22,7 @@ WRITERS = (
     "height_maps",
     "modelica_library",
     "identified_ink",
+    "wider_stencil",
     "environment_times",
     "the_papers",
 )

@@ -30,6 +30,13 @@ def add_parser(commands: Any) -> argparse.ArgumentParser:
         "0.3 in experiments on an .fmu file or kind)",
     )
     parser.add_argument(
+        "--reach",
+        type=int,
+        default=1,
+        choices=(1, 2, 3),
+        help="2 or 3: also fit a plant whose droplets reach that many cells far and keep their volume (default: 1)",
+    )
+    parser.add_argument(
         "--samples", type=int, default=75, metavar="N", help="experiments: samples of each droplet motif (default: 75)"
     )
     parser.add_argument(

@@ -44,14 +44,17 @@ def candidates(
     noise_std: float,
     protocol: Sequence[float] | None = None,
     volume_area: VolumeAreaEstimate | None = None,
+    reach: int = 1,
 ) -> list[Candidate]:
     """All models; protocol: h1, h2, h3 [m] by single droplets, volume_area: coefficients by drops that fell alone, if
-    there are: these two are not fitted to the prints at hand.
+    there are: these two are not fitted to the prints at hand. reach: above 1 also `conserving` of that reach, whose
+    volume is that of the whole prints, also where its fit sees a part of their cells.
     """
 
-    def regression(reach: int = 1, correct: bool = True) -> Fit:
+    def regression(reach: int = 1, correct: bool = True, conserve: bool = False) -> Fit:
         def fit(records: Records, cells: Cells) -> Model:
-            found = identify_ink(records, noise_std, reach=reach, correct=correct, cells=cells).heights
+            options = {"correct": correct, "conserve": conserve}
+            found = identify_ink(records, noise_std, reach=reach, cells=cells, **options).heights
             return _layers(records, [tuple(float(h) for h in ink) for ink in found])
 
         return fit
@@ -68,10 +71,16 @@ def candidates(
         Candidate("Lu, plain regression", regression(correct=False)),
         Candidate("Lu, regression", regression()),
         Candidate("Lu, regression, reach 2", regression(reach=2)),
+        *([Candidate(conserving(reach), regression(reach=reach, conserve=True))] if reach > 1 else []),
         Candidate("spherical caps", _fit_caps),
         Candidate("Wu, Chiu, fitted", _fit_volume_area),
         Candidate("Young-Laplace", _fit_young_laplace),
     ]
+
+
+def conserving(reach: int) -> str:
+    """What the candidate of that reach is called whose heights add up to the measured volume of a droplet."""
+    return f"Lu, reach {reach}, volume kept"
 
 
 def words(model: Model) -> str:

@@ -43,7 +43,7 @@ def run(options: argparse.Namespace, overrides: Mapping[str, Any], console: Term
     with _progress(console) as show:
         records, nominal = _records(options, overrides, show)
         noise = None if options.noise_um is None else options.noise_um / UM_PER_M
-        found = identify(records, nominal, noise, options.seed, show)
+        found = identify(records, nominal, noise, options.seed, show, options.reach)
     for table in tables(found):
         console.print(table)
     for note in found.notes:

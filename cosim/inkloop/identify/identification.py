@@ -9,12 +9,13 @@ import numpy as np
 
 from inkloop.component import Ink
 from inkloop.errors import IdentificationError
-from inkloop.identify.candidates import candidates
+from inkloop.identify.candidates import candidates, conserving
 from inkloop.identify.cross_validation import Comparison, compare
 from inkloop.identify.droplet_protocol import ProtocolEstimate, identify_by_protocol
 from inkloop.identify.ink_regression import InkEstimate, identify_ink
 from inkloop.identify.print_record import PrintRecord, noise_of
 from inkloop.identify.volume_area_coefficients import VolumeAreaEstimate, identify_volume_area
+from inkloop.models import LayerDeposition
 from inkloop.units import UM_PER_M
 
 DENSE = 0.15  # of the touched cells are hit by a layer on average, else it is a print of motifs (assumed)
@@ -25,7 +26,8 @@ GROWTHS_COMPARED = 12_000  # of cells: more separate models no better, but take 
 @dataclass(frozen=True, eq=False)
 class Identification:
     """noise_std: of a reading [m]; ink: by regression over layers; protocol, volume_area: where the prints hold the
-    drops for it, else None with the reason in `notes`; comparisons: of all models over `compared`.
+    drops for it, else None with the reason in `notes`; comparisons: of all models over `compared`; reach: of the plant
+    asked for, 1 for none.
     """
 
     records: tuple[PrintRecord, ...]
@@ -36,6 +38,13 @@ class Identification:
     volume_area: VolumeAreaEstimate | None
     comparisons: tuple[Comparison, ...]
     notes: tuple[str, ...]
+    reach: int = 1
+
+    @property
+    def plant(self) -> LayerDeposition | None:
+        """The layer-to-layer model of the reach asked for, whose heights add up to the volume of a droplet."""
+        found = [one.model for one in self.comparisons if one.name == conserving(self.reach)]
+        return found[0] if found and isinstance(found[0], LayerDeposition) else None
 
     @property
     def best(self) -> Comparison:
@@ -49,12 +58,14 @@ def identify(
     noise_std: float | None = None,
     seed: int = 0,
     on_fit: Callable[[str, int, int], None] | None = None,
+    reach: int = 1,
 ) -> Identification:
     """The ink of prints on one grid spacing; on_fit: called with the current fit, fits done and all fits.
 
-    noise_std: of a reading [m], left out: what cells show that no droplet reached. Layers of many droplets give the ink
-    that is written down, if there are any: prints of motifs show what single droplets do, which is not the same on a
-    real plant. Raises IdentificationError.
+    reach: 2 or 3 also fits a plant whose droplets reach that many cells far. noise_std: of a reading [m], left out:
+    what cells show that no droplet reached. Layers of many droplets give the ink that is written down, if there are
+    any: prints of motifs show what single droplets do, which is not the same on a real plant. Raises
+    IdentificationError.
     """
     _check(records)
     noise = noise_of(list(records)) if noise_std is None else noise_std
@@ -79,10 +90,11 @@ def identify(
     compared = tuple(record.first(_layers_compared(dense)) for record in dense)
     if any(len(record.pattern) < len(whole.pattern) for record, whole in zip(compared, dense, strict=True)):
         notes.append(f"models are compared over the first {_layers_compared(dense)} layers of each print")
-    models = candidates(nominal, noise, None if protocol is None else protocol.heights, volume_area)
+    models = candidates(nominal, noise, None if protocol is None else protocol.heights, volume_area, reach)
     comparisons = tuple(compare(models, compared, noise, on_fit))
     notes += [f"{c.name}: {c.refusal}" for c in comparisons if c.refusal]
-    return Identification(tuple(records), compared, noise, ink, protocol, volume_area, comparisons, tuple(notes))
+    found = tuple(records), compared, noise, ink, protocol, volume_area, comparisons, tuple(notes)
+    return Identification(*found, reach)
 
 
 def _check(records: Sequence[PrintRecord]) -> None:

@@ -6,7 +6,8 @@ an estimate of the surface before the layer - a Kalman filter per cell over all 
 being identified, around a plane or a rough start surface - with the mean of the rates over what that surface may have
 been (`expected_increments`). The noise of the next scan is in neither, so the errors of the true heights have no mean
 whatever the patterns (prediction error method; Ljung 1999, "System identification", chapter 7). What a droplet's volume
-varies by follows from the size of the errors.
+varies by follows from the size of the errors. Where volume is to be conserved, h1 of each material is what the other
+heights leave of the volume that its droplets have added (`droplet_volumes`), and only the others are fitted.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from scipy.special import stdtrit
 
 from inkloop.component import BoolMap, FloatMap
 from inkloop.errors import IdentificationError
+from inkloop.identify.droplet_volume import Freedom, droplet_volumes
 from inkloop.identify.expected_increments import expected_rates
 from inkloop.identify.print_record import PrintRecord
 from inkloop.models.layer_deposition import HEIGHTS_BY_REACH
@@ -84,18 +86,22 @@ def identify_ink(
     *,
     reach: int = 1,
     correct: bool = True,
+    conserve: bool = False,
     cells: Sequence[BoolMap] | None = None,
 ) -> InkEstimate:
     """The heights whose predictions of the next scan err least (Gauss-Newton on the weighted prediction errors).
 
-    noise_std: of a reading [m]; correct: False predicts from the measured surface as it is, for comparison; cells: by
-    print (nx, ny), which growths count. Raises IdentificationError where the patterns do not separate the heights.
+    noise_std: of a reading [m]; correct: False predicts from the measured surface as it is, for comparison; conserve:
+    the heights add up to the volume of a droplet, which is measured over whole prints and taken as known; cells: by
+    print (nx, ny), which growths count. Raises IdentificationError where the patterns do not separate the heights, or
+    the scans do not show the volume.
     """
     materials, count = max(record.materials for record in records), HEIGHTS_BY_REACH[reach]
     counted = cells or [np.ones(record.shape, np.bool_) for record in records]
     guess = first_guess(records)
     heights = np.tile(guess * 0.1 ** np.minimum(np.arange(count), 2), (materials, 1))
     droplet_variance = DROPLET_STD_FIRST**2 if correct else 0.0
+    freedom = Freedom.of(heights.shape, droplet_volumes(records, materials, reach) if conserve else None)
 
     def errors_of(tried: NDArray[np.float64]) -> _Errors:
         parts = [
@@ -112,7 +118,7 @@ def identify_ink(
             1.0 / np.maximum(errors.variance, (ERROR_LEAST * guess) ** 2) if correct else np.ones(errors.error.size)
         )
         last, before = heights, droplet_variance
-        heights = _improved(sensitivity, weight, errors.error, heights)
+        heights = _improved(sensitivity, weight, errors.error, heights, freedom)
         if correct and errors.squares.any():
             surplus = float(np.sum(errors.error**2 - errors.variance) / np.sum(errors.squares))
             wanted = float(np.clip(before + surplus, before / 10.0, 10.0 * before))
@@ -120,7 +126,9 @@ def identify_ink(
         change = abs(droplet_variance - before)
         if np.abs(heights - last).max() <= AGREE * guess and change <= max(VARIANCE_AGREES * before, 1e-5):
             break
-    covariance, degrees = _covariance(sensitivity, weight, errors)
+    if (heights < 0.0).any():
+        raise IdentificationError(f"droplets add less than their neighbours get at a reach of {reach}; fit reach 1")
+    covariance, degrees = _covariance(sensitivity, weight, errors, freedom)
     return InkEstimate(heights, covariance, degrees, noise_std, float(np.sqrt(droplet_variance)), errors.error.size)
 
 
@@ -223,33 +231,38 @@ def _improved(
     weight: NDArray[np.float64],
     error: NDArray[np.float64],
     heights: NDArray[np.float64],
+    freedom: Freedom,
 ) -> NDArray[np.float64]:
     """Heights of at least 0 with the least weighted squares. Raises IdentificationError where one is not determined."""
     if error.size == 0:
         raise IdentificationError("no cell was measured after a layer whose surroundings had been measured before it")
-    total = float(weight.sum())
+    total, basis = float(weight.sum()), freedom.basis
     information = (sensitivity * weight) @ sensitivity.T / total
-    values, vectors = np.linalg.eigh(information)
+    reduced = basis.T @ information @ basis
+    values, vectors = np.linalg.eigh(reduced)
     if values[0] < SINGULAR * values[-1]:
         undetermined = vectors[:, values < SINGULAR * values[-1]]
-        mixed = np.flatnonzero((np.abs(undetermined) > 0.1).any(axis=1))
+        mixed = freedom.chosen[(np.abs(undetermined) > 0.1).any(axis=1)]
         named = ", ".join(f"h{k % heights.shape[1] + 1} of material {'AB'[k // heights.shape[1]]}" for k in mixed)
         raise IdentificationError(
             f"the patterns do not separate {named} from the others; print single droplets, stripes and "
             "checkerboards, or random patterns too"
         )
-    free = heights.ravel() + np.linalg.solve(information, (sensitivity * weight) @ error / total)
-    root = np.linalg.cholesky(information).T
-    return np.asarray(nnls(root, root @ free)[0]).reshape(heights.shape)
+    chosen = heights.ravel()[freedom.chosen]
+    away = heights.ravel() - freedom.heights(chosen)  # of the first guess, which need not conserve
+    free = chosen + np.linalg.solve(reduced, basis.T @ (information @ away + (sensitivity * weight) @ error / total))
+    root = np.linalg.cholesky(reduced).T
+    return freedom.heights(nnls(root, root @ free)[0]).reshape(heights.shape)
 
 
 def _covariance(
-    sensitivity: NDArray[np.float64], weight: NDArray[np.float64], errors: _Errors
+    sensitivity: NDArray[np.float64], weight: NDArray[np.float64], errors: _Errors, freedom: Freedom
 ) -> tuple[NDArray[np.float64], int]:
     """Of the heights, by blocks of cells over all layers of a print (sandwich estimate), and its degrees of freedom."""
-    inverse = np.linalg.inv((sensitivity * weight) @ sensitivity.T)
+    own = freedom.basis.T @ sensitivity
+    inverse = freedom.basis @ np.linalg.inv((own * weight) @ own.T)
     _, block = np.unique(errors.block, return_inverse=True)
     count = int(block.max()) + 1
-    scores = np.array([np.bincount(block, terms, count) for terms in sensitivity * weight * errors.error])
-    degrees = max(1, count - len(sensitivity))
-    return inverse @ (scores @ scores.T) @ inverse * count / degrees, degrees
+    scores = np.array([np.bincount(block, terms, count) for terms in own * weight * errors.error])
+    degrees = max(1, count - len(own))
+    return inverse @ (scores @ scores.T) @ inverse.T * count / degrees, degrees

@@ -56,6 +56,13 @@ def write_ink(found: Identification, path: Path, today: date) -> None:
 def _models(found: Identification) -> dict[str, dict[str, Any]]:
     """Options of the other deposition models, as a component of that kind has them."""
     tables: dict[str, dict[str, Any]] = {}
+    if found.plant is not None:
+        heights = {
+            f"h{k}_{m}_um": height * UM_PER_M
+            for m, ink in zip("ab", found.plant.heights, strict=False)
+            for k, height in enumerate(ink, start=1)
+        }
+        tables["LayerDeposition"] = heights
     scored = [one for one in found.comparisons if one.score]
     for comparison in sorted(scored, key=lambda one: one.score.rms if one.score else math.inf):
         model = comparison.model
@@ -74,6 +81,8 @@ def _models(found: Identification) -> dict[str, dict[str, Any]]:
                 {"cap_radius_um": model.cap_radius * UM_PER_M} if model.cap_radius else {}
             )
     rounded = {kind: {key: _rounded(value) for key, value in table.items()} for kind, table in tables.items()}
+    if "LayerDeposition" in rounded:
+        rounded["LayerDeposition"] = {"reach": found.reach, **rounded["LayerDeposition"]}
     if "VolumeAreaDeposition" in rounded:
         rounded["VolumeAreaDeposition"] |= {"guard": True, "limit_gains": True}
     return rounded

@@ -15,6 +15,8 @@ from inkloop.models.library import HEIGHT_COUNT, FarInkStruct, library
 
 HEIGHTS_BY_REACH = {1: 3, 2: 6, 3: 10}
 """Cells that a droplet reaches into on each side -> heights that describe it."""
+CELLS_OF_HEIGHTS = (1, 4, 4, 4, 8, 4, 4, 8, 8, 4)
+"""Cells that get h1, h2, ... h10 of a droplet on flat ground; with them the heights add up to its volume."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,7 +42,16 @@ class Terminal(Console):
     ) -> None:
         stream = file or (sys.stderr if as_json else sys.stdout)
         columns = width or (None if stream.isatty() else FILE_WIDTH)
-        super().__init__(file=stream, width=columns, quiet=quiet, markup=False, highlight=False, emoji=False)
+        super().__init__(
+            file=stream,
+            width=columns,
+            quiet=quiet,
+            markup=False,
+            highlight=False,
+            emoji=False,
+            force_terminal=None if file is None else file.isatty(),  # FORCE_COLOR puts no colours into a file
+            force_jupyter=False,  # in a notebook, rich would show in the cell what belongs in the file
+        )
         self.verbose, self.as_json = verbose, as_json
 
     def sentence(self, text: str, style: str | None = None) -> None:

@@ -53,14 +53,18 @@ def single_droplet(scenario: Scenario) -> Ink:
     return Ink(float(left[1, 1]), float(sides), float(corners))
 
 
-def identified(scenario: Scenario, seed: int = 1) -> Ink:
-    """The ink with which the layer-to-layer model predicts layers of a plant best, by least squares over the grid.
+def layers_of(scenario: Scenario, seed: int = 1) -> PrintRecord:
+    """Layers printed on top of each other, each with droplets on a random part of the part's cells, measured exactly.
 
-    Layers are printed on top of each other, each with droplets on a random part of the cells, and measured exactly.
+    Raises ScenarioError, ComponentError.
     """
     job, rng = scenario.job(), np.random.default_rng(seed)
     patterns = [(job.mask & (rng.random(job.mask.shape) < COVERAGE)).astype(np.int32) for _ in range(LAYERS)]
     measured = np.stack(list(surfaces(scenario, patterns)))
     order = {name: getattr(job, name) for name in ("passes", "pass_order", "pass_rotation")}
-    record = PrintRecord(scenario.tables.title, job.pitch, np.stack(patterns), measured, **order)
-    return Ink(*(float(h) for h in identify_ink([record], 0.0, correct=False).heights[0]))
+    return PrintRecord(scenario.tables.title, job.pitch, np.stack(patterns), measured, **order)
+
+
+def identified(scenario: Scenario, seed: int = 1) -> Ink:
+    """The ink with which the layer-to-layer model predicts `layers_of` a plant best, by least squares over the grid."""
+    return Ink(*(float(h) for h in identify_ink([layers_of(scenario, seed)], 0.0, correct=False).heights[0]))

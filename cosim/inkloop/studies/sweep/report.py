@@ -14,6 +14,7 @@ from inkloop.studies.sweep import dataset, summary
 from inkloop.studies.sweep.bundle import Bundle
 from inkloop.studies.sweep.journal import Journal
 from inkloop.studies.sweep.optimise import OptimisePlan
+from inkloop.studies.sweep.page import PAGE_FILE, page
 from inkloop.studies.sweep.plan import Plan
 from inkloop.studies.sweep.sensitivity import with_indices
 from inkloop.studies.sweep.study import Study
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 SUMMARY_FILE = "summary.txt"
 BEST_FOLDER = "best"
+PAGE_ROWS_MAX = 2000
+"""Points in the table of the page; of more, the best are shown."""
 
 
 def sweep_of(study: Study, journal: Journal, plan: Plan) -> xr.Dataset:
@@ -47,7 +50,14 @@ def report(
 ) -> int:
     """Show and write tables and pictures; how many prints failed."""
     points = summary.points(study, found)
-    table = summary.table_of_indices(study, found) if "first_order" in found else summary.table_of_points(study, points)
+    all_points = summary.table_of_points(study, points, PAGE_ROWS_MAX)
+    indices = [summary.table_of_indices(study, found)] if "first_order" in found else []
+    table = indices[0] if indices else summary.table_of_points(study, points)
+    errors = summary.errors_of(found)
+    status = found["status"].values
+    failing = [dataset.STATUSES.index(each) for each in dataset.FAILING]
+    failed = int(sum((status == code).sum() for code in failing))
+    prints = int((status > 0).sum())
     values = plan.values if isinstance(plan, OptimisePlan) else ()
     written = []
     try:
@@ -59,21 +69,19 @@ def report(
 
             for name, figure in pictures(study, points, found, values).items():
                 written += plot.save(figure, folder / name, formats)
+        size = f"{prints} of {plan.total} prints of {study.tables.scenario}; {failed or 'none'} failed."
+        write_text(folder / PAGE_FILE, page(study, size, [*indices, all_points], errors, written))
     except OSError as error:
         raise ResultError(f"{folder}: tables and pictures cannot be written: {reason_of(error)}") from error
     console.print(table)
-    errors = summary.errors_of(found)
     for text, count in errors[: summary.ERRORS_MAX]:
         console.sentence(f"{count} prints failed: {text}" if count > 1 else f"1 print failed: {text}")
-    files = ", ".join([dataset.SWEEP_FILE, SUMMARY_FILE, *(path.name for path in written)])
+    files = ", ".join([dataset.SWEEP_FILE, PAGE_FILE, SUMMARY_FILE, *(path.name for path in written)])
     console.sentence(f"{folder}/: {files}")
-    status = found["status"].values
-    failing = [dataset.STATUSES.index(each) for each in dataset.FAILING]
-    failed = int(sum((status == code).sum() for code in failing))
     console.result(
         folder=folder,
         interrupted=not is_whole,
-        prints=int((status > 0).sum()),
+        prints=prints,
         failed=failed,
         points=points,
         indices=_indices(found),

@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.table import Table
 
-from inkloop.report.terminal import number_table
+from inkloop.report.terminal import NumberTable, number_table
 from inkloop.studies.sweep.dataset import SEED, STATUSES
 from inkloop.studies.sweep.figures import METRICS, scaled
 from inkloop.studies.sweep.plan import standard_error
@@ -67,15 +66,15 @@ def points(study: Study, sweep: xr.Dataset) -> list[dict[str, Any]]:
     return found
 
 
-def table_of_points(study: Study, found: Sequence[Mapping[str, Any]]) -> Table:
+def table_of_points(study: Study, found: Sequence[Mapping[str, Any]], rows_max: int = ROWS_MAX) -> NumberTable:
     """A row for each point, with the mean over its seeds; the best of many."""
     names = short_names(keys_of(study))
     first = study.tables.metric
     metrics = [name for name in dict.fromkeys((first, *BESIDES)) if any(_label(name) in each for each in found)]
     shown, caption = list(found), "mean over the seeds, ± its standard error"
-    if len(shown) > ROWS_MAX:
+    if len(shown) > rows_max:
         known = [each for each in shown if each.get(_label(first)) is not None]
-        shown = sorted(known, key=lambda each: abs(each[_label(first)]))[:ROWS_MAX]
+        shown = sorted(known, key=lambda each: abs(each[_label(first)]))[:rows_max]
         caption += f"; the {len(shown)} points of {len(found)} with the smallest {first}"
     headings = [f"{name}\n{unit_words(name).strip()}" for name in metrics]
     table = number_table("point", *headings, "prints", title=study.title, caption=caption)
@@ -87,7 +86,7 @@ def table_of_points(study: Study, found: Sequence[Mapping[str, Any]]) -> Table:
     return table
 
 
-def table_of_indices(study: Study, sweep: xr.Dataset) -> Table:
+def table_of_indices(study: Study, sweep: xr.Dataset) -> NumberTable:
     """A row for each key: what share of the variance of the study's metric it explains."""
     metric, keys = study.tables.metric, [str(key) for key in sweep["key"].values]
     of_metric = sweep.sel(metric=metric)

@@ -11,7 +11,8 @@ from inkloop.identify.expected_increments import expected_rates, expected_share
 from inkloop.identify.ink_regression import InkEstimate, identify_ink, start_surface
 from inkloop.identify.print_record import noise_of
 from inkloop.identify.run_record import record_of
-from inkloop.models import LayerDeposition
+from inkloop.models import LayerDeposition, YoungLaplaceDeposition
+from inkloop.models.layer_deposition import CELLS_OF_HEIGHTS, HEIGHTS_BY_REACH
 from inkloop.printing.run import print_part
 from inkloop.scenario.file import Scenario
 from support.logged_print import made_up, random_layers
@@ -61,6 +62,39 @@ def test_exact_scans_give_the_ink_exactly() -> None:
 def test_exact_scans_give_the_ink_of_other_forms(model) -> None:
     found = identify_ink([made_up(model, random_layers(16, 14, 4, 1))], 0.0, reach=model.reach)
     assert found.heights[0] == pytest.approx(model.heights[0], rel=1e-5, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    "model", [LU, LayerDeposition((FAR,)), LayerDeposition(TWO)], ids=["Lu", "reach 2", "two inks"]
+)
+def test_conserved_volume_leaves_exact_inks_as_they_are(model) -> None:
+    """Two inks in one print: what each adds is told apart by the counts of their droplets."""
+    patterns = random_layers(16, 14, 5, 1, margin=3)
+    if len(model.heights) == 2:
+        patterns = [pattern * (1 + (k % 3 > 0)) for k, pattern in enumerate(patterns)]
+    found = identify_ink([made_up(model, patterns)], 0.0, reach=model.reach, conserve=True)
+    assert found.heights == pytest.approx(np.array(model.heights), rel=1e-5, abs=0.0)
+
+
+def test_conserved_volume_is_that_of_the_droplets_of_a_plant_of_another_kind() -> None:
+    """Left free, the heights take 3 % more ink from each droplet of this plant than it has."""
+    plant = YoungLaplaceDeposition(42.3e-6, 30e-15, np.radians(45.0), "linear", 4)
+    record, own = made_up(plant, random_layers(16, 16, 3, 0, margin=3)), 30e-15 / 42.3e-6**2
+    kept, free = (identify_ink([record], 0.0, correct=False, reach=2, conserve=conserve) for conserve in (True, False))
+    cells = np.array(CELLS_OF_HEIGHTS[: HEIGHTS_BY_REACH[2]])
+    assert cells @ kept.heights[0] == pytest.approx(own, rel=1e-3, abs=0.0)
+    assert cells @ free.heights[0] > 1.01 * own
+    assert cells @ kept.covariance @ cells == pytest.approx(0.0, abs=1e-9 * np.trace(kept.covariance))
+    assert kept.half_widths[0][0] > 0.0
+
+
+def test_volume_that_scans_do_not_show_is_refused_with_a_message() -> None:
+    with pytest.raises(IdentificationError, match=r"within 2 cells of the edge .*leave 2 empty cells"):
+        identify_ink([made_up(LU, random_layers(12, 12, 2, 0, margin=1))], 0.0, reach=2, conserve=True)
+    record = made_up(LU, random_layers(14, 14, 3, 0, margin=3))
+    record.measured[0, 7, 7] = np.nan
+    with pytest.raises(IdentificationError, match="takes scans of all cells that droplets reach"):
+        identify_ink([record], 0.0, conserve=True)
 
 
 @pytest.mark.system

@@ -44,6 +44,13 @@ def test_text_of_a_user_is_no_markup() -> None:
     assert text.getvalue().count(HOSTILE) == 3  # the sentence, the task and its note
 
 
+def test_file_has_the_same_text_in_a_notebook_which_asks_for_colours(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = shown(120)
+    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    assert shown(120) == expected
+
+
 def test_json_has_standard_output_for_itself(capsys: pytest.CaptureFixture[str]) -> None:
     terminal = Terminal(as_json=True)
     terminal.sentence("a sentence")

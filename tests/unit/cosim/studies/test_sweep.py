@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import scipy.stats
 import xarray as xr
 
 from inkloop.errors import ResultError, ScenarioError
+from inkloop.report.terminal import Terminal
 from inkloop.results import netcdf
 from inkloop.results.result import Result
 from inkloop.scenario.file import Scenario
@@ -20,6 +23,7 @@ from inkloop.studies.sweep.distributions import Distribution, distribution
 from inkloop.studies.sweep.figures import Expression
 from inkloop.studies.sweep.optimise import OptimisePlan
 from inkloop.studies.sweep.plan import standard_error
+from inkloop.studies.sweep.report import report
 from inkloop.studies.sweep.sensitivity import indices
 from inkloop.studies.sweep.study import Study
 from inkloop.studies.sweep.task import Order, Record, Task, failed, perform
@@ -185,6 +189,25 @@ def test_sweep_is_labelled_by_keys_and_failing_prints_are_rows_with_their_error(
         assert sweep["status"].attrs["flag_meanings"].split()[5] == "failed"
         assert sweep["std"].attrs["units"] == "m"
         assert sweep["seed"].values.tolist() == [7, 8, 9]
+
+
+def test_page_has_every_point_and_error_and_texts_of_users_are_no_html(tmp_path: Path) -> None:
+    own = study(tmp_path, f'title = "alpha <i> & finish"\n{TWO_KEYS}[seeds]\ncount = 3\n')
+    found, plan, _ = swept(own, tmp_path / "out", Shuffled(alpha_of))
+    assert report(own, found, plan, tmp_path / "out", ("png", "pdf"), Terminal(io.StringIO()), is_whole=True) == 3
+    text = (tmp_path / "out/study.html").read_text(encoding="utf-8")
+    assert "<h1>alpha &lt;i&gt; &amp; finish</h1>" in text
+    assert "<i>" not in text
+    assert "18 of 18 prints" in text
+    assert "3 failed" in text
+    assert "<li>3: controller: gave up</li>" in text
+    rows = re.findall(r"<tr><td>(.*?)</td><td>(.*?)</td>.*</tr>", text)
+    assert rows[0] == ("alpha 0.5, finish even", "2.50 ± 0.58")
+    assert len(rows) == 6
+    pictures = re.findall(r'<img src="(.*?)"', text)
+    assert pictures
+    assert all((tmp_path / "out" / name).is_file() for name in pictures)
+    assert "<caption>mean over the seeds, ± its standard error</caption>" in text
 
 
 def test_last_surfaces_are_kept_where_asked(tmp_path: Path) -> None:
