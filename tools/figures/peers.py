@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.protocol.vocabulary import Node
 from support.fmus.fmu_checkers import CHECKERS
 from support.fmus.fmu_driver import FORMS, MODELS
+from support.fmus.modelica_compilers import COMPILERS, FILES
+from support.fmus.modelica_compilers import MODELS as LIBRARY_MODELS
 from support.masters.loops import ONE_BLOCK, THREE_FMUS, Loop
 from support.masters.other_masters import MASTERS, Master, layers_by
 from support.masters.other_programs import CARINGCARIBOU, SCAPY
@@ -28,6 +31,7 @@ RECORD = PAGE.with_suffix(".json")
 HEADS = ("master", "version", "FMI", "algorithm", "starts from", *(f"step {step_s:g} s" for step_s in STEPS_S))
 CHECKER_HEADS = ("checker", "version", "FMUs", "found")
 FOUND_HEADS = ("services", "identifiers", "routines", "refusals", "wrong answers")
+COMPILER_HEADS = ("compiler", "version", "files read", "models compiled", "models run", "messages")
 SCAN_HEADS = ("scanner", "version", "node", "requests", *FOUND_HEADS)
 SCANNED_IDENTIFIERS = (*range(0x0200), *range(0xF180, 0xF1A0))
 SCANNED_ROUTINES = range(0x01FF, 0x020A)
@@ -96,6 +100,21 @@ def servers() -> Iterator[list[str]]:
             yield [CARINGCARIBOU.version, f"{request_id:03X}", f"{answer_id:03X}", *found]
 
 
+def compilers() -> Iterator[list[str]]:
+    """One row for each compiler of Modelica, on the library."""
+    for compiler in COMPILERS:
+        if absent := compiler.program.reason_it_is_absent():
+            yield [compiler.name, "-", "-", "-", "-", absent]
+            continue
+        print(f"the Modelica library by {compiler.name}", file=sys.stderr)
+        with tempfile.TemporaryDirectory() as folder:
+            found = compiler.read(Path(folder))
+        asked = ((found.files, FILES), (found.compiled, LIBRARY_MODELS), (found.run, LIBRARY_MODELS))
+        counts = ["-" if count is None else f"{count} of {len(of)}" for count, of in asked]
+        messages = "<br>".join(f"{text} ({count})" for text, count in Counter(found.messages).items())
+        yield [compiler.name, compiler.program.version, *counts, messages or "none"]
+
+
 def run(*parts: str) -> None:
     """Run everything, or these parts, and keep the outcomes."""
     record = read_json(RECORD)
@@ -120,6 +139,7 @@ def loops() -> dict[str, list[list[str]]]:
 PARTS: dict[str, Callable[[], dict[str, list[list[str]]]]] = {
     "loops": loops,
     "scapy": lambda: {"scanners": [list(SCAN_HEADS), *scans()]},
+    "modelica": lambda: {"compilers": [list(COMPILER_HEADS), *compilers()]},
     "caringcaribou": lambda: {"servers": [list(SERVER_HEADS), *servers()]},
 }
 
