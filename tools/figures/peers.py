@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from support.masters.uds_scanners import by_caringcaribou, by_scapy, servers_by_
 
 PAGE = DOCS / "reference" / "peers.md"
 RECORD = PAGE.with_suffix(".json")
+LOOPS = {"three FMUs": THREE_FMUS, "one block": ONE_BLOCK}
 HEADS = ("master", "version", "FMI", "algorithm", "starts from", *(f"step {step_s:g} s" for step_s in STEPS_S))
 CHECKER_HEADS = ("checker", "version", "FMUs", "found")
 FOUND_HEADS = ("services", "identifiers", "routines", "refusals", "wrong answers")
@@ -49,9 +50,9 @@ def outcome(master: Master, loop: Loop, fmi: str, algorithm: str, step_s: float,
     return difference(found, loop.layers_of(ours)) or "equal"
 
 
-def results(loop: Loop, ours: Any) -> Iterator[list[str]]:
+def results(loop: Loop, ours: Any, masters: Sequence[Master]) -> Iterator[list[str]]:
     """One row for each way of running a master; stderr names each as it runs, since some take minutes."""
-    for master in MASTERS:
+    for master in masters:
         absent = master.program.reason_it_is_absent()
         release = "-" if absent else master.program.version
         for fmi, algorithm in master.forms_of(loop):
@@ -116,11 +117,27 @@ def compilers() -> Iterator[list[str]]:
 
 
 def run(*parts: str) -> None:
-    """Run everything, or these parts, and keep the outcomes."""
+    """Run everything, or these parts, and keep the outcomes. A part may also be the name of a master."""
     record = read_json(RECORD)
     for part in parts or PARTS:
-        record |= PARTS[part]()
+        record |= PARTS[part]() if part in PARTS else rows_of_a_master(part, record)
     write_json(RECORD, record)
+
+
+def rows_of_a_master(name: str, record: Mapping[str, list[list[str]]]) -> dict[str, list[list[str]]]:
+    """The tables of the loops with new rows of one master. Raises ValueError for a name that none has."""
+    masters = [master for master in MASTERS if master.name == name]
+    if not masters:
+        raise ValueError(f"no part called {name}; there are {', '.join((*PARTS, *(each.name for each in MASTERS)))}")
+    order = [master.name for master in MASTERS]
+    with tempfile.TemporaryDirectory() as folder:
+        ours = our_run(Path(folder))
+    tables = {}
+    for shape, loop in LOOPS.items():
+        heads, *rows = record[shape]
+        kept = [row for row in rows if row[0] != name]
+        tables[shape] = [heads, *sorted([*kept, *results(loop, ours, masters)], key=lambda row: order.index(row[0]))]
+    return tables
 
 
 def loops() -> dict[str, list[list[str]]]:
@@ -131,8 +148,7 @@ def loops() -> dict[str, list[list[str]]]:
         for version in ("2", "3"):
             Path(folder, version).mkdir()
             ONE_BLOCK.system_of(scenario_in(Path(folder)), version, Path(folder, version))
-        shapes = {"three FMUs": THREE_FMUS, "one block": ONE_BLOCK}
-        found = {name: [list(HEADS), *results(loop, ours)] for name, loop in shapes.items()}
+        found = {name: [list(HEADS), *results(loop, ours, MASTERS)] for name, loop in LOOPS.items()}
         return found | {"checkers": [list(CHECKER_HEADS), *checks(blocks)]}
 
 

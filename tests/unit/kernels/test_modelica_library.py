@@ -16,6 +16,8 @@ import pymoca.parser
 import pytest
 import rumoca
 
+from support.fmus.modelica_compilers import JMODELICA
+from support.fmus.modelica_compilers import MODELS as RUNNING
 from support.fmus.modelica_library import (
     LIBRARY,
     REFERENCE_MODELS,
@@ -35,12 +37,6 @@ KINDS = (
     r"(?:package|partial package|class|partial class|model|partial model|block|partial block|record"
     r"|pure function|partial function|connector|type)"
 )
-RUNNING = [
-    f"{path.parent.name}.{path.stem}"
-    for name in ("Examples", "Validation")
-    for path in sorted((LIBRARY / name).glob("*.mo"))
-    if path.stem != "package"
-]
 EXAMPLES = rest_is_long(
     sorted((name for name in RUNNING if name.startswith("Examples.")), key=lambda name: "Cylinder" in name), 3
 )
@@ -270,6 +266,16 @@ def test_every_example_and_validation_has_as_many_equations_as_unknowns_and_no_l
     assert structure.is_balanced
     assert structure.is_matched
     assert structure.n_algebraic_loops == 0
+
+
+@pytest.mark.system
+@pytest.mark.long
+def test_another_compiler_sorts_every_model_and_finds_no_part_misused(tmp_path: Path) -> None:
+    if absent := JMODELICA.reason_it_is_absent():
+        pytest.skip(absent)
+    library = JMODELICA.copy_of_library(tmp_path)
+    messages = {message for model in RUNNING for message in JMODELICA.compile(library, model)}
+    assert messages <= {"Variable array index in equation can result in slow simulation time"}
 
 
 @pytest.mark.system
