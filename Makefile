@@ -4,7 +4,8 @@
 # make test-long  the proofs that take minutes, and the properties with random examples
 # make benchmarks measured comparisons, next to floors and peers, for docs/reference/performance.md
 # make benchmarks-hardware  a layer on the emulator, relative to the time of its frames on a real bus
-# make peers      docs/reference/peers.md: the loop in masters of other people
+# make peers      docs/reference/peers.md: the loop in masters of other people, the Modelica library in compilers of others;
+#                 with OMSimulator on the PATH and JModelica in JMODELICA_HOME, where there are any
 # make fuzz       twenty minutes of libFuzzer on the inputs of the firmware and the calls of the FMUs
 # make sanitize   all FMUs under sanitizers (about ten minutes)
 # make firmware-cortex-m  the emulator as an image for a Cortex-M3, with its size

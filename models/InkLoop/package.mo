@@ -4,6 +4,9 @@ package InkLoop "Closed-loop ink-jet 3D printing, layer by layer"
 
   annotation (
     version="0.1.0",
+    versionBuild=1,
+    versionDate="2026-11-23",
+    dateModified="2026-11-23 08:00:00Z",
     preferredView="info",
     Documentation(info="<html>
 <p>

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import tomllib
 
@@ -10,7 +11,7 @@ import pytest
 import rumoca
 
 from support.fmus.fmu_driver import OK, Driver, random_patterns
-from support.fmus.modelica_library import LIBRARY, compiled, literal, simulate_text
+from support.fmus.modelica_library import LIBRARY, compiled, literal, reference_file, simulate_text
 from support.long_proofs import rest_is_long
 from support.numpy.philox_numpy import normal, philox, uniforms
 
@@ -140,6 +141,48 @@ def test_volume_and_area_are_those_of_the_fmu(own) -> None:
                 surface, rel=0.0, abs=1e-12 * surface.max()
             )
             assert run.at("deposition.area", layer + 0.5, SHAPE) == pytest.approx(fmu.get("area"), rel=0.0, abs=1e-11)
+
+
+def on_disc(cells: int, radius: float) -> np.ndarray:
+    """1 on a disc in the middle of the grid, as `Functions.cylinder`."""
+    along = np.arange(cells) - 0.5 * (cells - 1)
+    return (np.hypot(*np.meshgrid(along, along)) <= radius).astype(int)
+
+
+PRINTED_EXAMPLES = {
+    "CuboidOpenLoop": ("LayerDeposition", np.ones((9, 9), int), 4, {}),
+    "CylinderOpenLoop": (
+        "LayerDeposition",
+        on_disc(11, 4.0),
+        6,
+        {"nozzle_pitch": 5, "nozzle_variation": 0.4, "seed": 1},
+    ),
+    "TwoMaterials": (
+        "LayerDeposition",
+        np.repeat([[1] * 4 + [2] * 4], 8, axis=0),
+        3,
+        {"h1_b": 3e-6, "h2_b": 0.9e-6, "h3_b": 0.3e-6, "passes": 4, "pass_order": 2, "pass_rotation": 1},
+    ),
+    "VolumeAreaSquare": ("VolumeAreaDeposition", np.pad(np.ones((5, 5), int), 2), 2, {"guard": True}),
+}
+
+
+@pytest.mark.parametrize("example", PRINTED_EXAMPLES)
+def test_reference_results_end_with_the_surface_of_the_fmu(example) -> None:
+    """Those of the examples in open loop, whose patterns are known; no Modelica tool takes part."""
+    model, pattern, layers, parameters = PRINTED_EXAMPLES[example]
+    with reference_file(f"Examples.{example}").open(newline="") as file:
+        last = list(csv.DictReader(file))[-1]
+    with Driver(model, "fmi3", *pattern.shape).start(parameters) as fmu:
+        for _ in range(layers):
+            surface = fmu.print_layer(pattern)
+        cells = [name for name in last if name.startswith("deposition.height[")]
+        assert len(cells) >= 6
+        for name in cells:
+            i, j = map(int, re.findall(r"\d+", name))
+            assert float(last[name]) == pytest.approx(surface[i - 1, j - 1], rel=0.0, abs=1e-12 * surface.max()), name
+        for name in ("height_mean", "droplets_a"):
+            assert float(last[f"deposition.{name}"]) == pytest.approx(fmu.get(name), rel=1e-12, abs=0.0)
 
 
 SET_UPS = [

@@ -19,6 +19,7 @@ from pydantic import BaseModel, ValidationError
 
 from inkloop.cli import main, parser
 from inkloop.components import catalog
+from inkloop.identify.log_folder import PrintTable
 from inkloop.results.result import Result
 from inkloop.studies.sweep.study import Study
 from inkloop.tables import schema
@@ -28,11 +29,11 @@ from inkloop_controller.estimation.height_estimator import HeightEstimator
 from inkloop_controller.layer_controller import LayerController
 from inkloop_controller.planning.horizon_planner import Finish, ending_of
 from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
+from support.page_commands import COMMANDS_BY_PAGE, PAGES
 from support.places import ROOT
 
 WHOLE_PRINTS = {"one-block-job-1"}
 """Blocks of pages that print for many seconds."""
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 
 
 def python_blocks() -> Iterator[object]:
@@ -115,40 +116,34 @@ def test_links_lead_to_a_file(page: Path) -> None:
     assert not missing
 
 
-COMMAND = re.compile(r"^    inkloop (.+)$", re.MULTILINE)
-SYNOPSIS = re.compile(r" \[--| \| ")
-
-
-def commands() -> list[tuple[str, str]]:
-    """The command lines of the pages, without those that show the form of a command."""
-    pages = [page for page in PAGES if page.parent != ROOT]
-    found = [(page.stem, line) for page in pages for line in COMMAND.findall(page.read_text(encoding="utf-8"))]
-    return [(page, line) for page, line in found if not SYNOPSIS.search(line)]
-
-
 def test_commands_of_the_pages_have_known_options_and_files(capsys: pytest.CaptureFixture[str]) -> None:
     whole = parser()
     refused = []
-    for page, line in commands():
+    commands = [(page, line) for page, lines in COMMANDS_BY_PAGE.items() for line in lines]
+    for page, line in commands:
         words = shlex.split(line, comments=True)
         try:
             whole.parse_args(words)
         except SystemExit:
             refused.append(f"{page}: {line}: {capsys.readouterr().err}")
         refused += [f"{page}: {word}" for word in words if word.startswith("scenarios/") and not (ROOT / word).exists()]
-    assert len(commands()) > 60
+    assert len(commands) > 60
     assert not refused
+
+
+TOML = re.compile(r"```toml\n(.*?)```", re.DOTALL)
 
 
 def toml_blocks(*pages: str) -> Iterator[object]:
     for page in pages:
         text = (ROOT / "docs" / page).read_text(encoding="utf-8")
-        for number, block in enumerate(re.findall(r"```toml\n(.*?)```", text, re.DOTALL)):
+        for number, block in enumerate(TOML.findall(text)):
             yield pytest.param(block, id=f"{Path(page).stem}-{number}")
 
 
 PARTS = (
     "how-to/bring-your-own-component.md",
+    "how-to/height-maps-from-files.md",
     "reference/bench-faults.md",
     "reference/peers.md",
     "reference/scenario.md",
@@ -164,6 +159,18 @@ def test_toml_of_the_pages_has_known_keys_and_valid_values(block: str) -> None:
     except ValidationError as error:
         errors = [each for each in error.errors() if each["type"] != "missing"]
     assert not errors
+
+
+def test_toml_of_an_identification_has_known_keys_and_valid_values() -> None:
+    log, ink = TOML.findall((ROOT / "docs/how-to/identify-an-ink.md").read_text(encoding="utf-8"))
+    PrintTable.model_validate(tomllib.loads(log))
+    assert set(tomllib.loads(ink)["ink"]) <= set(schema.ScenarioFile.model_fields["ink"].annotation.model_fields)
+
+
+def test_toml_of_every_page_is_in_one_of_these_tests() -> None:
+    checked = {*PARTS, "tutorial/your-own-plant.md", "how-to/identify-an-ink.md", "how-to/sweep-settings.md"}
+    checked.add("how-to/bind-your-own-dbc.md")  # the mapping that the tests of mapped rigs print with
+    assert {page.relative_to(ROOT / "docs").as_posix() for page in PAGES if TOML.search(page.read_text())} == checked
 
 
 @pytest.mark.parametrize("block", list(toml_blocks("how-to/sweep-settings.md")))

@@ -1,6 +1,9 @@
-"""Picture of use-the-modelica-library.md."""
+"""Picture of use-the-modelica-library.md, and the reference results of the library's examples."""
 
 from __future__ import annotations
+
+import csv
+from collections.abc import Callable
 
 import numpy as np
 import rumoca
@@ -9,8 +12,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from tools.figures.pages import DOCS, ROOT, Texts
 
+from inkloop.files import replaced
 from inkloop.report.plot import COLOURS, STYLE, WIDTH_IN, save
 from inkloop.units import UM_PER_M
+from support.fmus.modelica_library import (
+    REFERENCE_MODELS,
+    comparison_signals,
+    reference_file,
+    rows_of,
+    simulate,
+    stop_time,
+)
 
 FOLDER = DOCS / "how-to"
 LIBRARY = ROOT / "models/InkLoop/package.mo"
@@ -49,9 +61,34 @@ def picture() -> Figure:
         return figure
 
 
-def run() -> None:
-    """Draw the picture."""
-    save(picture(), FOLDER / "modelica-library.png")
+def write_reference_results(model: str) -> None:
+    """The comparison signals of an example as CSV, next to their names, in the form of the library projects.
+
+    Numbers are the shortest decimals that read back as the same number.
+    """
+    signals = comparison_signals(model)
+    with replaced(reference_file(model)) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n")
+        writer.writerow(signals)
+        writer.writerows(rows_of(simulate(model, stop_time(model)), signals))
+
+
+def references() -> None:
+    """The reference results of every model that names comparison signals."""
+    for model in REFERENCE_MODELS:
+        write_reference_results(model)
+
+
+def run(*parts: str) -> None:
+    """Draw the picture and write the reference results, or one of the two."""
+    for part in parts or PARTS:
+        PARTS[part]()
+
+
+PARTS: dict[str, Callable[[], None]] = {
+    "picture": lambda: save(picture(), FOLDER / "modelica-library.png"),
+    "references": references,
+}
 
 
 def texts() -> Texts:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ from inkloop_hardware.emulated_bench import EmulatedBench
 from inkloop_hardware.protocol.vocabulary import Node
 from support.fmus.fmu_checkers import CHECKERS
 from support.fmus.fmu_driver import FORMS, MODELS
+from support.fmus.modelica_compilers import COMPILERS, FILES
+from support.fmus.modelica_compilers import MODELS as LIBRARY_MODELS
 from support.masters.loops import ONE_BLOCK, THREE_FMUS, Loop
 from support.masters.other_masters import MASTERS, Master, layers_by
 from support.masters.other_programs import CARINGCARIBOU, SCAPY
@@ -25,9 +28,11 @@ from support.masters.uds_scanners import by_caringcaribou, by_scapy, servers_by_
 
 PAGE = DOCS / "reference" / "peers.md"
 RECORD = PAGE.with_suffix(".json")
+LOOPS = {"three FMUs": THREE_FMUS, "one block": ONE_BLOCK}
 HEADS = ("master", "version", "FMI", "algorithm", "starts from", *(f"step {step_s:g} s" for step_s in STEPS_S))
 CHECKER_HEADS = ("checker", "version", "FMUs", "found")
 FOUND_HEADS = ("services", "identifiers", "routines", "refusals", "wrong answers")
+COMPILER_HEADS = ("compiler", "version", "files read", "models compiled", "models run", "messages")
 SCAN_HEADS = ("scanner", "version", "node", "requests", *FOUND_HEADS)
 SCANNED_IDENTIFIERS = (*range(0x0200), *range(0xF180, 0xF1A0))
 SCANNED_ROUTINES = range(0x01FF, 0x020A)
@@ -45,9 +50,9 @@ def outcome(master: Master, loop: Loop, fmi: str, algorithm: str, step_s: float,
     return difference(found, loop.layers_of(ours)) or "equal"
 
 
-def results(loop: Loop, ours: Any) -> Iterator[list[str]]:
+def results(loop: Loop, ours: Any, masters: Sequence[Master]) -> Iterator[list[str]]:
     """One row for each way of running a master; stderr names each as it runs, since some take minutes."""
-    for master in MASTERS:
+    for master in masters:
         absent = master.program.reason_it_is_absent()
         release = "-" if absent else master.program.version
         for fmi, algorithm in master.forms_of(loop):
@@ -96,12 +101,43 @@ def servers() -> Iterator[list[str]]:
             yield [CARINGCARIBOU.version, f"{request_id:03X}", f"{answer_id:03X}", *found]
 
 
+def compilers() -> Iterator[list[str]]:
+    """One row for each compiler of Modelica, on the library."""
+    for compiler in COMPILERS:
+        if absent := compiler.program.reason_it_is_absent():
+            yield [compiler.name, "-", "-", "-", "-", absent]
+            continue
+        print(f"the Modelica library by {compiler.name}", file=sys.stderr)
+        with tempfile.TemporaryDirectory() as folder:
+            found = compiler.read(Path(folder))
+        asked = ((found.files, FILES), (found.compiled, LIBRARY_MODELS), (found.run, LIBRARY_MODELS))
+        counts = ["-" if count is None else f"{count} of {len(of)}" for count, of in asked]
+        messages = "<br>".join(f"{text} ({count})" for text, count in Counter(found.messages).items())
+        yield [compiler.name, compiler.program.version, *counts, messages or "none"]
+
+
 def run(*parts: str) -> None:
-    """Run everything, or these parts, and keep the outcomes."""
+    """Run everything, or these parts, and keep the outcomes. A part may also be the name of a master."""
     record = read_json(RECORD)
     for part in parts or PARTS:
-        record |= PARTS[part]()
+        record |= PARTS[part]() if part in PARTS else rows_of_a_master(part, record)
     write_json(RECORD, record)
+
+
+def rows_of_a_master(name: str, record: Mapping[str, list[list[str]]]) -> dict[str, list[list[str]]]:
+    """The tables of the loops with new rows of one master. Raises ValueError for a name that none has."""
+    masters = [master for master in MASTERS if master.name == name]
+    if not masters:
+        raise ValueError(f"no part called {name}; there are {', '.join((*PARTS, *(each.name for each in MASTERS)))}")
+    order = [master.name for master in MASTERS]
+    with tempfile.TemporaryDirectory() as folder:
+        ours = our_run(Path(folder))
+    tables = {}
+    for shape, loop in LOOPS.items():
+        heads, *rows = record[shape]
+        kept = [row for row in rows if row[0] != name]
+        tables[shape] = [heads, *sorted([*kept, *results(loop, ours, masters)], key=lambda row: order.index(row[0]))]
+    return tables
 
 
 def loops() -> dict[str, list[list[str]]]:
@@ -112,14 +148,14 @@ def loops() -> dict[str, list[list[str]]]:
         for version in ("2", "3"):
             Path(folder, version).mkdir()
             ONE_BLOCK.system_of(scenario_in(Path(folder)), version, Path(folder, version))
-        shapes = {"three FMUs": THREE_FMUS, "one block": ONE_BLOCK}
-        found = {name: [list(HEADS), *results(loop, ours)] for name, loop in shapes.items()}
+        found = {name: [list(HEADS), *results(loop, ours, MASTERS)] for name, loop in LOOPS.items()}
         return found | {"checkers": [list(CHECKER_HEADS), *checks(blocks)]}
 
 
 PARTS: dict[str, Callable[[], dict[str, list[list[str]]]]] = {
     "loops": loops,
     "scapy": lambda: {"scanners": [list(SCAN_HEADS), *scans()]},
+    "modelica": lambda: {"compilers": [list(COMPILER_HEADS), *compilers()]},
     "caringcaribou": lambda: {"servers": [list(SERVER_HEADS), *servers()]},
 }
 

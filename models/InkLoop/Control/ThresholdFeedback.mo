@@ -4,10 +4,10 @@ block ThresholdFeedback "A droplet wherever at least half a layer is missing"
 
   parameter Types.Pattern material[nx, ny] = fill(1, nx, ny) "Material of each cell of the part; 0 outside";
   parameter Types.Height target_height[nx, ny] = fill(0, nx, ny) "Height that the part shall have";
-  parameter Types.Height layer_height = 7.6e-6 "Height that a full layer adds in the interior";
+  parameter Types.Height layerHeight = 7.6e-6 "Height that a full layer adds in the interior";
 
 equation
-  next = {{if target_height[i, j] - measured_height[i, j] >= 0.5*layer_height then material[i, j] else 0
+  next = {{if target_height[i, j] - measured_height[i, j] >= 0.5*layerHeight then material[i, j] else 0
     for j in 1:ny} for i in 1:nx};
 
   annotation (

@@ -4,8 +4,17 @@ model CylinderOpenLoop "A cylinder in open loop, with nozzles that lack volume"
   extends BaseClasses.PrintLoop(
     nx=11,
     ny=11,
-    controller(layers_max=6, material=Functions.cylinder(nx, ny, 4)),
-    deposition(nozzle_pitch=5, nozzle_variation=0.4, seed=1),
+    redeclare Control.OpenLoop controller(
+      nx=nx,
+      ny=ny,
+      layers_max=6,
+      material=Functions.cylinder(nx, ny, 4)),
+    redeclare Deposition.LayerDeposition deposition(
+      nx=nx,
+      ny=ny,
+      nozzle_pitch=5,
+      nozzle_variation=0.4,
+      seed=1),
     sensor(scan_duration=1));
 
   annotation (

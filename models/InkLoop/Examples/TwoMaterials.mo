@@ -4,8 +4,18 @@ model TwoMaterials "Two materials side by side, each layer in four passes"
   extends BaseClasses.PrintLoop(
     nx=8,
     ny=8,
-    controller(layers_max=3, material={{if 2*j <= ny then 1 else 2 for j in 1:ny} for i in 1:nx}),
-    deposition(ink_b(h1=3e-6, h2=0.9e-6, h3=0.3e-6), passes=4, pass_order=Types.PassOrder.diagonal, pass_rotation=1),
+    redeclare Control.OpenLoop controller(
+      nx=nx,
+      ny=ny,
+      layers_max=3,
+      material={{if 2*j <= ny then 1 else 2 for j in 1:ny} for i in 1:nx}),
+    redeclare Deposition.LayerDeposition deposition(
+      nx=nx,
+      ny=ny,
+      ink_b(h1=3e-6, h2=0.9e-6, h3=0.3e-6),
+      passes=4,
+      pass_order=Types.PassOrder.diagonal,
+      pass_rotation=1),
     sensor(scan_duration=1));
 
   annotation (

@@ -2,9 +2,20 @@ within InkLoop.Examples;
 model VolumeAreaSquare "Two layers of a square by propagation of volume and area"
   extends Icons.Example;
   extends BaseClasses.PrintLoop(
-    redeclare Deposition.VolumeAreaDeposition deposition(nx=nx, ny=ny, guard=true),
-    controller(layers_max=2, material=Functions.cuboid(nx, ny, 2)),
-    sensor(pitch=90e-6, scan_duration=1));
+    redeclare Deposition.VolumeAreaDeposition deposition(
+      nx=nx,
+      ny=ny,
+      guard=true),
+    redeclare Control.OpenLoop controller(
+      nx=nx,
+      ny=ny,
+      layers_max=2,
+      material=Functions.cuboid(nx, ny, 2)),
+    redeclare Sensors.ProfileSensor sensor(
+      nx=nx,
+      ny=ny,
+      pitch=90e-6,
+      scan_duration=1));
 
   annotation (
     experiment(StopTime=4, Tolerance=1e-6, Interval=0.5),

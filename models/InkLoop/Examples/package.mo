@@ -1,6 +1,6 @@
 within InkLoop;
 package Examples "Prints in open and closed loop"
-  extends Icons.Package;
+  extends Icons.ExamplesPackage;
 
   annotation (Documentation(info="<html>
 <p>Complete models. The documentation of each names the variables to plot.</p>

@@ -8,24 +8,24 @@ pure function capShares "Shares of a drop on flat ground: volume and covered are
   output Types.Share share[2, 3] "Volume shares, then covered shares, of the cell that is hit, of a side and of a corner neighbour";
 
 protected
-  Types.Height cap_height = capHeight(height_scale*pitch^2, cap_radius) "Height of the drop";
+  Types.Height apex = capHeight(height_scale*pitch^2, cap_radius) "Height of the drop";
   Types.Length near[2] = {0, pitch/2} "Half of the cell that is hit";
   Types.Length far[2] = {pitch/2, 3*pitch/2} "The next cell";
   Types.Volume middle = 0 "Volume over a quarter of the cell that is hit";
   Types.Volume side = 0 "Volume over half a side neighbour";
   Types.Volume corner = 0 "Volume over a corner neighbour";
   Types.Volume whole = 0 "Volume over all nine cells";
-  Types.Area middle_area = 0 "Area covered in a quarter of the cell that is hit";
-  Types.Area side_area = 0 "Area covered in half a side neighbour";
-  Types.Area corner_area = 0 "Area covered in a corner neighbour";
+  Types.Area middleArea = 0 "Area covered in a quarter of the cell that is hit";
+  Types.Area sideArea = 0 "Area covered in half a side neighbour";
+  Types.Area cornerArea = 0 "Area covered in a corner neighbour";
 
 algorithm
-  (middle, middle_area) := capOverRectangle(cap_radius, cap_height, near, near);
-  (side, side_area) := capOverRectangle(cap_radius, cap_height, far, near);
-  (corner, corner_area) := capOverRectangle(cap_radius, cap_height, far, far);
+  (middle, middleArea) := capOverRectangle(cap_radius, apex, near, near);
+  (side, sideArea) := capOverRectangle(cap_radius, apex, far, near);
+  (corner, cornerArea) := capOverRectangle(cap_radius, apex, far, far);
   whole := 4*middle + 8*side + 4*corner;
   share := {{4*middle/whole, 2*side/whole, corner/whole},
-    {min(1, 4*middle_area/pitch^2), min(1, 2*side_area/pitch^2), min(1, corner_area/pitch^2)}};
+    {min(1, 4*middleArea/pitch^2), min(1, 2*sideArea/pitch^2), min(1, cornerArea/pitch^2)}};
 
   annotation (Documentation(info="<html>
 <p>

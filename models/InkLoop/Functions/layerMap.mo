@@ -7,7 +7,7 @@ pure function layerMap "Surface after one pass of droplets"
   input Types.VolumeFactor factor[size(height, 1), size(height, 2)] "Volumes of the droplets";
   input Types.Ink ink_a "Material A";
   input Types.Ink ink_b "Material B";
-  input Types.Height lost_before = 0 "Heights that have left the grid before";
+  input Types.Height lostBefore = 0 "Heights that have left the grid before";
   output Types.Height after[size(height, 1), size(height, 2)] "Surface after the pass";
   output Types.Height lost "Sum of the heights that have left the grid over its open edges";
 
@@ -17,7 +17,7 @@ protected
 
 algorithm
   after := height;
-  lost := lost_before;
+  lost := lostBefore;
   for i in 1:size(height, 1) loop
     for j in 1:size(height, 2) loop
       if pattern[i, j] > 0 then

@@ -1,6 +1,6 @@
 within InkLoop;
 package Functions "The maps behind the blocks, as functions of arrays"
-  extends Icons.Package;
+  extends Icons.FunctionsPackage;
 
   annotation (Documentation(info="<html>
 <p>

@@ -11,15 +11,15 @@ pure function printLayer "Surface after one layer, in one pass or in four"
   input Integer passes "Passes of a layer, 1 or 4";
   input Types.PassOrder pass_order "Order of the four passes";
   input Integer pass_rotation "Places by which the order moves from layer to layer";
-  input Types.Height lost_before "Heights that have left the grid before";
+  input Types.Height lostBefore "Heights that have left the grid before";
   output Types.Height after[size(height, 1), size(height, 2)] "Surface after the layer";
   output Types.Height lost "Sum of the heights that have left the grid";
 
 algorithm
   after := height;
-  lost := lost_before;
+  lost := lostBefore;
   if passes == 1 then
-    (after, lost) := layerMap(height, pattern, factor, ink_a, ink_b, lost_before);
+    (after, lost) := layerMap(height, pattern, factor, ink_a, ink_b, lostBefore);
   else
     for pass in 0:3 loop
       (after, lost) := layerMap(after, ofColour(pattern, passColour(pass, layer, pass_order, pass_rotation)),

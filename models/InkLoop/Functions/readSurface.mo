@@ -3,7 +3,7 @@ pure function readSurface "Readings of a profile sensor on a surface"
   extends Icons.Function;
 
   input Types.Height height[:, :] "Surface";
-  input Types.Height reading_before[size(height, 1), size(height, 2)] "Last valid readings";
+  input Types.Height readingBefore[size(height, 1), size(height, 2)] "Last valid readings";
   input Integer scan "Number of the scan, from 0";
   input Types.Length pitch "Distance of neighbouring cells";
   input Types.Length shift[2] "Shift of the scans along x and y";
@@ -24,7 +24,7 @@ pure function readSurface "Readings of a profile sensor on a surface"
 protected
   Types.Length scatter[2] = if shift_std > 0 then shift_std*{Random.normal(seed, Random.Stream.shift, 0, scan), Random.normal(seed, Random.Stream.shift, 1, scan)} else {0, 0} "Shift of this scan";
   Types.Height spot[size(height, 1), size(height, 2)] = displace(averageOverSpot(height, pitch, spot_radius), (shift + scatter)/pitch) "Mean over the spot";
-  Types.Number common = if noise_std > 0 then Random.normal(seed, Random.Stream.common_noise, 0, scan) else 0 "Noise of the scan";
+  Types.Number common = if noise_std > 0 then Random.normal(seed, Random.Stream.commonNoise, 0, scan) else 0 "Noise of the scan";
   Types.Number white = 0 "Noise of the cell";
   Integer cell = 0 "Number of the cell, from 0";
   Types.Slope slope = 0 "Slope at the cell";
@@ -32,13 +32,13 @@ protected
   Boolean lost = false "= true, if the reading is lost";
 
 algorithm
-  reading := reading_before;
+  reading := readingBefore;
   valid := fill(true, size(height, 1), size(height, 2));
   for i in 1:size(height, 1) loop
     for j in 1:size(height, 2) loop
       cell := (i - 1)*size(height, 2) + j - 1;
       slope := slopeAt(spot, i, j, pitch);
-      white := if noise_std > 0 then Random.normal(seed, Random.Stream.white_noise, cell, scan) else 0;
+      white := if noise_std > 0 then Random.normal(seed, Random.Stream.whiteNoise, cell, scan) else 0;
       value := spot[i, j] + slope_bias*2*slope/(1 + slope^2)
         + noise_std*(sqrt(noise_correlation)*common + sqrt(1 - noise_correlation)*white)
         + tilt[1]*pitch*(i - 0.5*(size(height, 1) + 1)) + tilt[2]*pitch*(j - 0.5*(size(height, 2) + 1)) + offset;

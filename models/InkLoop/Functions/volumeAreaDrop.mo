@@ -2,22 +2,22 @@ within InkLoop.Functions;
 pure function volumeAreaDrop "Surface and covered area after one drop"
   extends Icons.Function;
 
-  input Types.Height height_before[:, :] "Surface, mean over each cell";
-  input Types.Share area_before[size(height_before, 1), size(height_before, 2)] "Covered share of each cell";
-  input Types.Height substrate[size(height_before, 1), size(height_before, 2)] "Height of the bare ground";
+  input Types.Height heightBefore[:, :] "Surface, mean over each cell";
+  input Types.Share areaBefore[size(heightBefore, 1), size(heightBefore, 2)] "Covered share of each cell";
+  input Types.Height substrate[size(heightBefore, 1), size(heightBefore, 2)] "Height of the bare ground";
   input Integer i "Cell that is hit, along x";
   input Integer j "Cell that is hit, along y";
   input Types.Height drop "Volume of this drop over the area of a cell";
   input Types.InverseLength m[4] "Coefficients m_v+, m_v-, m_a+, m_a-";
   input Types.Share cap[2, 3] "Volume and covered shares on flat ground: middle, side, corner";
   input Boolean guard "= true, if a higher cell grows its area at constant height";
-  output Types.Height height[size(height_before, 1), size(height_before, 2)] "Surface after the drop";
-  output Types.Share area[size(height_before, 1), size(height_before, 2)] "Covered share after the drop";
+  output Types.Height height[size(heightBefore, 1), size(heightBefore, 2)] "Surface after the drop";
+  output Types.Share area[size(heightBefore, 1), size(heightBefore, 2)] "Covered share after the drop";
 
 protected
   constant Types.Height FLAT = 1e-15 "Height differences up to here are none";
-  Types.Height covered[size(height_before, 1), size(height_before, 2)] =
-    coveredHeight(height_before, area_before, substrate) "Heights of the covered parts";
+  Types.Height covered[size(heightBefore, 1), size(heightBefore, 2)] =
+    coveredHeight(heightBefore, areaBefore, substrate) "Heights of the covered parts";
   Types.Height difference[3, 3] = zeros(3, 3) "Height differences before the drop";
   Types.Height largest = 0 "Largest amount of them";
   Boolean flat = false "= true, if the ground is flat";
@@ -30,28 +30,28 @@ protected
 algorithm
   (difference, largest) := heightDifference(covered, i, j);
   flat := largest <= FLAT;
-  height := height_before;
-  area := area_before;
+  height := heightBefore;
+  area := areaBefore;
   for di in -1:1 loop
     for dj in -1:1 loop
       if (di <> 0 or dj <> 0) and isInside(i + di, j + dj, size(height, 1), size(height, 2)) then
         rise := difference[di + 2, dj + 2];
         gained := drop*(if flat then (if di == 0 or dj == 0 then cap[1, 2] else cap[1, 3])
           else (if rise > 0 then m[1] else m[2])*rise);
-        grown := area_before[i + di, j + dj] + (if flat then (if di == 0 or dj == 0 then cap[2, 2] else cap[2, 3])
+        grown := areaBefore[i + di, j + dj] + (if flat then (if di == 0 or dj == 0 then cap[2, 2] else cap[2, 3])
           else (if rise > 0 then m[3] else m[4])*rise);
-        ink := height_before[i + di, j + dj] - substrate[i + di, j + dj];
+        ink := heightBefore[i + di, j + dj] - substrate[i + di, j + dj];
         if guard and not flat and rise > 0 and ink > 0 and gained > 0 then
-          grown := max(grown, area_before[i + di, j + dj]*(1 + gained/ink));
+          grown := max(grown, areaBefore[i + di, j + dj]*(1 + gained/ink));
         end if;
-        height[i + di, j + dj] := height_before[i + di, j + dj] + gained;
+        height[i + di, j + dj] := heightBefore[i + di, j + dj] + gained;
         area[i + di, j + dj] := max(0, min(1, grown));
         left := left - gained;
       end if;
     end for;
   end for;
-  height[i, j] := height_before[i, j] + left;
-  area[i, j] := if flat then min(1, area_before[i, j] + cap[2, 1]) else 1;
+  height[i, j] := heightBefore[i, j] + left;
+  area[i, j] := if flat then min(1, areaBefore[i, j] + cap[2, 1]) else 1;
 
   annotation (Documentation(info="<html>
 <p>

@@ -2,23 +2,23 @@ within InkLoop.Functions;
 pure function volumeAreaLayer "Surface and covered area after one layer, drop by drop"
   extends Icons.Function;
 
-  input Types.Height height_before[:, :] "Surface, mean over each cell";
-  input Types.Share area_before[size(height_before, 1), size(height_before, 2)] "Covered share of each cell";
-  input Types.Height substrate[size(height_before, 1), size(height_before, 2)] "Height of the bare ground";
-  input Types.Pattern pattern[size(height_before, 1), size(height_before, 2)] "Pattern to jet";
-  input Types.VolumeFactor factor[size(height_before, 1), size(height_before, 2)] "Volumes of the drops";
+  input Types.Height heightBefore[:, :] "Surface, mean over each cell";
+  input Types.Share areaBefore[size(heightBefore, 1), size(heightBefore, 2)] "Covered share of each cell";
+  input Types.Height substrate[size(heightBefore, 1), size(heightBefore, 2)] "Height of the bare ground";
+  input Types.Pattern pattern[size(heightBefore, 1), size(heightBefore, 2)] "Pattern to jet";
+  input Types.VolumeFactor factor[size(heightBefore, 1), size(heightBefore, 2)] "Volumes of the drops";
   input Types.Height height_scale "Volume of a nominal drop over the area of a cell";
   input Types.InverseLength m[4] "Coefficients m_v+, m_v-, m_a+, m_a-";
   input Types.Share cap[2, 3] "Volume and covered shares on flat ground: middle, side, corner";
   input Boolean guard "= true, if a higher cell grows its area at constant height";
-  output Types.Height height[size(height_before, 1), size(height_before, 2)] "Surface after the layer";
-  output Types.Share area[size(height_before, 1), size(height_before, 2)] "Covered share after the layer";
+  output Types.Height height[size(heightBefore, 1), size(heightBefore, 2)] "Surface after the layer";
+  output Types.Share area[size(heightBefore, 1), size(heightBefore, 2)] "Covered share after the layer";
 
 algorithm
-  height := height_before;
-  area := area_before;
-  for i in 1:size(height_before, 1) loop
-    for j in 1:size(height_before, 2) loop
+  height := heightBefore;
+  area := areaBefore;
+  for i in 1:size(heightBefore, 1) loop
+    for j in 1:size(heightBefore, 2) loop
       if pattern[i, j] > 0 then
         (height, area) := volumeAreaDrop(height, area, substrate, i, j, factor[i, j]*height_scale, m, cap, guard);
       end if;

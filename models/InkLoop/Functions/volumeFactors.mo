@@ -14,7 +14,7 @@ pure function volumeFactors "Volumes of the droplets of a layer, over their nomi
 
 protected
   Integer cell = 0 "Number of the cell, counted from 0 along y first";
-  Types.VolumeFactor of_nozzle[nozzle_pitch] = ones(nozzle_pitch) "One factor for each nozzle";
+  Types.VolumeFactor nozzleFactor[nozzle_pitch] = ones(nozzle_pitch) "One factor for each nozzle";
 
 algorithm
   factor := fill(1.0, nx, ny);
@@ -36,10 +36,10 @@ algorithm
   end if;
   if nozzle_variation > 0 then
     for k in 1:nozzle_pitch loop
-      of_nozzle[k] := 1 - nozzle_variation*Random.uniform(seed, Random.Stream.nozzle, k - 1, 0);
+      nozzleFactor[k] := 1 - nozzle_variation*Random.uniform(seed, Random.Stream.nozzle, k - 1, 0);
     end for;
     for j in 1:ny loop
-      factor[:, j] := factor[:, j]*of_nozzle[mod(j - 1, nozzle_pitch) + 1];
+      factor[:, j] := factor[:, j]*nozzleFactor[mod(j - 1, nozzle_pitch) + 1];
     end for;
   end if;
 

@@ -18,7 +18,7 @@ partial block PartialController "Chooses the next pattern after each scan"
     annotation (Placement(transformation(extent={{100,50},{120,70}})));
   LayerOutput layer_command(start=0, fixed=true) "Layers commanded"
     annotation (Placement(transformation(extent={{100,-10},{120,10}})));
-  StatusOutput status(start=Types.Status.idle, fixed=true) "0 idle, 2 done: the print is finished"
+  StatusOutput status(start=Types.Status.idle, fixed=true) "idle, or done: the print is finished"
     annotation (Placement(transformation(extent={{100,-70},{120,-50}})));
 
 protected

@@ -16,7 +16,7 @@ partial block PartialDeposition "Takes commands and patterns, prints layers"
     annotation (Placement(transformation(extent={{100,50},{120,70}})));
   LayerOutput layers_printed(start=0, fixed=true) "Layers completed (jetted and cured)"
     annotation (Placement(transformation(extent={{100,-10},{120,10}})));
-  StatusOutput status(start=Types.Status.idle, fixed=true) "0 idle, 1 busy"
+  StatusOutput status(start=Types.Status.idle, fixed=true) "idle or busy"
     annotation (Placement(transformation(extent={{100,-70},{120,-50}})));
 
   Types.Height height_mean = sum(height)/(nx*ny) "Mean height over the whole grid";
@@ -26,26 +26,26 @@ partial block PartialDeposition "Takes commands and patterns, prints layers"
 protected
   Boolean commanded "= true, if a received command has not been taken";
   Boolean completed "= true, if the layer being printed is complete";
-  Boolean in_order(start=true, fixed=true) "= true, if the command taken last was one more than the one before";
+  Boolean inOrder(start=true, fixed=true) "= true, if the command taken last was one more than the one before";
   Boolean known(start=true, fixed=true) "= true, if the pattern taken last holds materials only";
   Types.Layer reference(start=0, fixed=true) "Command taken last";
   Types.Pattern captured[nx, ny](each start=0, each fixed=true) "Pattern of the layer being printed";
-  discrete Types.Duration ready_at(start=0, fixed=true) "Time at which the layer is complete";
+  discrete Types.Duration readyAt(start=0, fixed=true) "Time at which the layer is complete";
 
 equation
   commanded = pre(layer_command) <> pre(reference);
-  completed = pre(status) == Types.Status.busy and time >= pre(ready_at);
+  completed = pre(status) == Types.Status.busy and time >= pre(readyAt);
 
-  assert(in_order, "layer_command is out of order; expected one more than layers_printed, while status is 0 (idle)");
+  assert(inOrder, "layer_command is out of order; expected one more than layers_printed, while status is idle");
   assert(known, "pattern has a value that is no material; expected 0 (none), 1 (A) or 2 (B)");
 
 algorithm
   when commanded then
-    in_order := pre(layer_command) == pre(reference) + 1 and pre(status) == Types.Status.idle;
+    inOrder := pre(layer_command) == pre(reference) + 1 and pre(status) == Types.Status.idle;
     known := min(pre(pattern)) >= 0 and max(pre(pattern)) <= 2;
     reference := pre(layer_command);
     captured := pre(pattern);
-    ready_at := time + layer_duration;
+    readyAt := time + layer_duration;
     status := Types.Status.busy;
   elsewhen completed then
     layers_printed := pre(layers_printed) + 1;

@@ -16,29 +16,29 @@ partial block PartialSensor "Scans the surface after each layer"
     annotation (Placement(transformation(extent={{100,20},{120,40}})));
   LayerOutput layers_scanned(start=-1, fixed=true) "The layer that the last finished scan belongs to, -1 before the first"
     annotation (Placement(transformation(extent={{100,-40},{120,-20}})));
-  StatusOutput status(start=Types.Status.idle, fixed=true) "0 idle, 1 busy"
+  StatusOutput status(start=Types.Status.idle, fixed=true) "idle or busy"
     annotation (Placement(transformation(extent={{100,-80},{120,-60}})));
 
 protected
   Boolean begun "= true, if a layer waits for its scan and the sensor is idle";
   Boolean finished "= true, if the scan in progress is finished";
   discrete Types.Height captured[nx, ny](each start=0, each fixed=true) "Surface when the scan began";
-  Types.Layer layer_captured(start=-1, fixed=true) "Layer that is or was scanned last";
+  Types.Layer layerCaptured(start=-1, fixed=true) "Layer that is or was scanned last";
   Integer scans(start=0, fixed=true) "Finished scans";
-  discrete Types.Duration ready_at(start=0, fixed=true) "Time at which the scan is finished";
+  discrete Types.Duration readyAt(start=0, fixed=true) "Time at which the scan is finished";
 
 equation
-  begun = pre(status) == Types.Status.idle and layers_printed <> pre(layer_captured);
-  finished = pre(status) == Types.Status.busy and time >= pre(ready_at);
+  begun = pre(status) == Types.Status.idle and layers_printed <> pre(layerCaptured);
+  finished = pre(status) == Types.Status.busy and time >= pre(readyAt);
 
 algorithm
   when {initial(), begun} then
     captured := height;
-    layer_captured := layers_printed;
-    ready_at := time + scan_duration;
+    layerCaptured := layers_printed;
+    readyAt := time + scan_duration;
     status := Types.Status.busy;
   elsewhen finished then
-    layers_scanned := pre(layer_captured);
+    layers_scanned := pre(layerCaptured);
     scans := pre(scans) + 1;
     status := Types.Status.idle;
   end when;

@@ -1,6 +1,6 @@
 within InkLoop;
 package Interfaces "Connectors and partial blocks of the layer contract"
-  extends Icons.Package;
+  extends Icons.InterfacesPackage;
 
   annotation (Documentation(info="<html>
 <p>

@@ -1,6 +1,6 @@
 within InkLoop;
 package Sensors "Sensors: the surface as an instrument measures it"
-  extends Icons.Package;
+  extends Icons.SensorsPackage;
 
   annotation (Documentation(info="<html>
 <p>Blocks that keep the sensor's side of the <a href=\"modelica://InkLoop.UsersGuide.LayerContract\">layer contract</a>.</p>

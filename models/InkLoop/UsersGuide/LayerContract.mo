@@ -19,7 +19,7 @@ the simulation</td></tr>
 <tr><td><code>measured_height</code>, <code>valid</code></td><td>sensor</td><td>the last finished scan and its valid cells</td></tr>
 <tr><td><code>layers_scanned</code></td><td>sensor</td><td>the layer of that scan, <code>scan_duration</code> after <code>layers_printed</code> rose; -1 before the first,
 which is of layer 0, the start surface</td></tr>
-<tr><td><code>status</code></td><td>each</td><td>0 idle, 1 busy, 2 done (controller: print finished)</td></tr>
+<tr><td><code>status</code></td><td>each</td><td>idle, busy, done (controller: print finished)</td></tr>
 </table>
 <ol>
 <li>The controller commands layer k + 1 only when <code>layers_printed</code> = <code>layers_scanned</code> = k, once per scan.</li>

@@ -4,7 +4,7 @@ model HeightDifferences "Published height differences around a cell between two 
 
   parameter Types.Height published[3, 3] =
     1e-6*{{-1.50, -3.41, -1.55}, {6.24, -1.03, 6.12}, {-1.42, -3.77, -1.40}} "Equation (19)";
-  parameter Types.Height rms_max = 0.18e-6 "The measured differences of equal cells differ by up to 0.36 um";
+  parameter Types.Height rmsMax = 0.18e-6 "The measured differences of equal cells differ by up to 0.36 um";
   parameter Types.Height height_scale = 7.0751e-6 "Volume of a drop over the area of a cell";
   parameter Types.Length pitch = 90e-6 "Distance of neighbouring cells";
   parameter Types.Share cap[2, 3] = Functions.capShares(height_scale, 0.6*pitch, pitch) "Shares of a drop: middle, side, corner";
@@ -20,7 +20,7 @@ algorithm
 
 equation
   when time >= 0.75 then
-    assert(sqrt(sum((difference - published).^2)/9) < rms_max, "the height differences miss those of equation (19) by more than 0.18 um rms");
+    assert(sqrt(sum((difference - published).^2)/9) < rmsMax, "the height differences miss those of equation (19) by more than 0.18 um rms");
   end when;
 
   annotation (

@@ -16,7 +16,10 @@ dt=...)` keeps the moments before and after every event too. What it refuses or 
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +28,11 @@ import rumoca
 from support.places import ROOT
 
 LIBRARY = ROOT / "models/InkLoop"
+_REFERENCES = LIBRARY / "Resources/Reference/InkLoop"
+REFERENCE_MODELS = sorted(
+    ".".join(path.parent.relative_to(_REFERENCES).parts) for path in _REFERENCES.rglob("comparisonSignals.txt")
+)
+"""Models with reference results, by their names after `InkLoop.`."""
 
 
 class Simulation:
@@ -35,8 +43,8 @@ class Simulation:
         self.end = float(result.time[-1])
 
     def series(self, name: str) -> Any:
-        """A scalar at every point kept."""
-        return self._result[name]
+        """A scalar at every point kept, or the points themselves (`time`) [s]."""
+        return self._result.time if name == "time" else self._result[name]
 
     def at(self, name: str, time: float, shape: tuple[int, int] | None = None) -> Any:
         """A scalar, or a map of `shape`, at the last point kept up to a time [s]."""
@@ -45,6 +53,40 @@ class Simulation:
             return float(self._result[name][point])
         cells = [[self._result[f"{name}[{i + 1},{j + 1}]"][point] for j in range(shape[1])] for i in range(shape[0])]
         return np.array(cells)
+
+
+def reference_folder(model: str) -> Path:
+    """Where the reference results of a model lie, by its name after `InkLoop.`, as in the Modelica Standard Library."""
+    return _REFERENCES / model.replace(".", "/")
+
+
+def reference_file(model: str) -> Path:
+    """The reference results of a model."""
+    return reference_folder(model) / f"{model.rpartition('.')[2]}.csv"
+
+
+def stop_time(model: str) -> float:
+    """The stop time of a model [s]."""
+    text = (LIBRARY / f"{model.replace('.', '/')}.mo").read_text()
+    stop = re.search(r"experiment\(StopTime=([\d.]+), Tolerance=", text)
+    assert stop is not None
+    return float(stop[1])
+
+
+def comparison_signals(model: str) -> list[str]:
+    """The variables that tools are to compare, `time` first."""
+    return (reference_folder(model) / "comparisonSignals.txt").read_text().split()
+
+
+def rows_of(run: Simulation, signals: Sequence[str]) -> list[tuple[float, ...]]:
+    """The signals at every point kept, in two rows where they jump: before and after an event at the same time."""
+    times = run.series("time").round(9)  # an event lies apart from a point by the last bits
+    rows = np.column_stack([times, *(run.series(name) for name in signals[1:])])
+    last = np.flatnonzero(np.diff(times, append=np.inf))
+    first = np.concatenate([[0], last[:-1] + 1])
+    kept = np.stack([first, last], axis=1).ravel()
+    jumps = np.concatenate([[True], (rows[kept[1:]] != rows[kept[:-1]]).any(axis=1)])
+    return [tuple(row) for row in rows[kept[jumps]].tolist()]
 
 
 @cache

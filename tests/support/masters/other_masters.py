@@ -21,7 +21,8 @@ from support.masters.fmpy_masters import GAUSS_SEIDEL, by_calls, by_simulate_ssp
 from support.masters.java_programs import MAESTRO
 from support.masters.loops import THREE_FMUS, Loop
 from support.masters.maestro_master import by_maestro
-from support.masters.other_programs import ECOS, FMPY, FMUTOOL, LIBCOSIM, Program
+from support.masters.omsimulator_master import by_omsimulator
+from support.masters.other_programs import ECOS, FMPY, FMUTOOL, LIBCOSIM, OMSIMULATOR, Program
 from support.masters.six_by_six import LAYERS, TIME_MAX_S, scenario_in
 
 Step = tuple[int, Any]
@@ -120,4 +121,5 @@ MASTERS = (
     Master("libcosim", LIBCOSIM, "OspSystemStructure.xml", (("2", JACOBI),), ("2",), _libcosim),
     Master("Ecos", ECOS, "its Python calls", (("2", JACOBI),), ("2", "3"), _ecos),
     Master("Maestro", MAESTRO, "its two JSON files", (("2", JACOBI),), ("2",), by_maestro),
+    Master("OMSimulator", OMSIMULATOR, "an .ssp", (("2", JACOBI),), ("2",), by_omsimulator),
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
@@ -41,9 +43,27 @@ class PythonPackage:
         return ""
 
 
+@dataclass(frozen=True)
+class Executable:
+    """A program on the PATH that prints its version as `Name v1.2.3-...`."""
+
+    command: str
+
+    @property
+    def version(self) -> str:
+        """As it says. Raises OSError."""
+        output = subprocess.run([self.command, "--version"], capture_output=True, text=True, check=True).stdout
+        return output.split()[-1].lstrip("v").partition("-")[0]
+
+    def reason_it_is_absent(self) -> str:
+        """A sentence; "" where it is there."""
+        return "" if shutil.which(self.command) else f"{self.command} is not on the PATH, and in no package registry"
+
+
 FMPY = PythonPackage("fmpy", "fmpy")
 FMUTOOL = PythonPackage("fmu-manipulation-toolbox", "fmu_manipulation_toolbox")
 LIBCOSIM = PythonPackage("libcosimpy", "libcosimpy")
 ECOS = PythonPackage("ecospy", "ecospy")
 SCAPY = PythonPackage("scapy", "scapy.contrib.automotive.uds_scan")
+OMSIMULATOR = Executable("OMSimulator")
 CARINGCARIBOU = PythonPackage("caringcaribou", "caringcaribou.modules.uds")

@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import shutil
 import tomllib
+from collections.abc import Iterator
+from datetime import date, datetime
 from pathlib import Path
 
 import numpy as np
+import pymoca.ast
 import pymoca.parser
 import pytest
 import rumoca
 
-from support.fmus.modelica_library import LIBRARY, compiled, simulate
+from support.fmus.modelica_compilers import JMODELICA
+from support.fmus.modelica_compilers import MODELS as RUNNING
+from support.fmus.modelica_library import (
+    LIBRARY,
+    REFERENCE_MODELS,
+    comparison_signals,
+    compiled,
+    reference_file,
+    rows_of,
+    simulate,
+    stop_time,
+)
 from support.long_proofs import rest_is_long
 
 FILES = {path: path.read_text() for path in sorted(LIBRARY.rglob("*.mo"))}
@@ -22,16 +37,11 @@ KINDS = (
     r"(?:package|partial package|class|partial class|model|partial model|block|partial block|record"
     r"|pure function|partial function|connector|type)"
 )
-RUNNING = [
-    f"{path.parent.name}.{path.stem}"
-    for name in ("Examples", "Validation")
-    for path in sorted((LIBRARY / name).glob("*.mo"))
-    if path.stem != "package"
-]
 EXAMPLES = rest_is_long(
     sorted((name for name in RUNNING if name.startswith("Examples.")), key=lambda name: "Cylinder" in name), 3
 )
 VALIDATIONS = [name for name in RUNNING if name.startswith("Validation.")]
+DONE = 3  # Types.Status.done
 STRING = r'"(?:[^"\\]|\\.)*"'
 TYPES = r"(?:Real|Integer|Boolean|(?:\w+\.)*(?:[A-Z]\w*))"
 DECLARATION = re.compile(
@@ -50,7 +60,7 @@ def qualified(path: Path) -> str:
 def test_package_files_and_order_name_every_class_once() -> None:
     for folder in FOLDERS:
         present = {path.stem for path in folder.glob("*.mo")} - {"package"} | {
-            inner.name for inner in folder.iterdir() if inner.is_dir()
+            inner.name for inner in folder.iterdir() if inner.is_dir() and inner.name != "Resources"
         }
         ordered = (folder / "package.order").read_text().split()
         assert sorted(ordered) == sorted(present), folder
@@ -60,6 +70,16 @@ def test_the_library_has_the_version_of_the_project() -> None:
     project = tomllib.loads((LIBRARY.parents[1] / "pyproject.toml").read_text())["project"]
     assert f'version="{project["version"]}"' in (LIBRARY / "package.mo").read_text()
     assert f"<h4>Version {project['version']}</h4>" in (LIBRARY / "UsersGuide/ReleaseNotes.mo").read_text()
+
+
+def test_the_library_says_when_its_version_was_made() -> None:
+    """In the forms of MLS 18.8.2; the version is not older than the library as it stands."""
+    annotation = dict(
+        re.findall(r"^    (version\w*|dateModified)=\"?(.*?)\"?,$", FILES[LIBRARY / "package.mo"], re.MULTILINE)
+    )
+    assert annotation["versionBuild"].isdigit()
+    modified = datetime.strptime(annotation["dateModified"], "%Y-%m-%d %H:%M:%SZ")
+    assert date.fromisoformat(annotation["versionDate"]) <= modified.date()
 
 
 def shortcomings(path: Path, text: str) -> list[str]:
@@ -130,10 +150,95 @@ def test_links_of_the_documentation_lead_to_a_class() -> None:
     ]
 
 
+def names_of_the_fmus() -> set[str]:
+    """Variables, types and their values in the definitions of all FMUs."""
+
+    def words(part: object) -> set[str]:
+        if not isinstance(part, dict):
+            return set()
+        return set(part) | {word for value in part.values() for word in words(value)}
+
+    files = (LIBRARY.parents[1] / "fmus").glob("*/variables.toml")
+    return {word for file in files for word in words(tomllib.loads(file.read_text()))}
+
+
+def test_only_what_an_fmu_has_too_bears_a_name_with_underscores() -> None:
+    known = names_of_the_fmus() | {"ink_a", "ink_b"}  # records of h1_a, h2_a, h3_a and of those of b
+    code = {path: re.sub(STRING, "", text) for path, text in FILES.items()}
+    found = {name for text in code.values() for name in re.findall(r"\b[A-Za-z]\w*_\w*\b", text)}
+    assert len(found) > 30
+    assert sorted(found - known) == []
+
+
+def test_types_have_the_quantities_and_units_of_the_standard_library() -> None:
+    """Modelica.Units.SI 4.0: Length, Area, Volume, Time and Angle, so that variables of both connect."""
+    pairs = re.compile(r'final quantity="(\w+)", final unit="(\w+)"')
+    found = {pair for text in FILES.values() for pair in pairs.findall(text)}
+    assert found == {("Length", "m"), ("Area", "m2"), ("Volume", "m3"), ("Time", "s"), ("Angle", "rad")}
+
+
+def inherited_icon(path: Path) -> str:
+    """The class of Icons that a class extends."""
+    found = re.search(r"^  extends (?:Icons\.)?(\w+);", FILES[path], re.MULTILINE)
+    return found[1] if found else ""
+
+
+def test_packages_have_the_icons_by_which_browsers_distinguish_them() -> None:
+    """By the names of Modelica.Icons."""
+    icons = {
+        "Examples": "ExamplesPackage",
+        "Validation": "ExamplesPackage",
+        "Interfaces": "InterfacesPackage",
+        "Sensors": "SensorsPackage",
+        "Functions": "FunctionsPackage",
+        "Types": "TypesPackage",
+        "Icons": "IconsPackage",
+        "UsersGuide": "Information",
+        "Examples/BaseClasses": "BasesPackage",
+    }
+    assert {name: inherited_icon(LIBRARY / name / "package.mo") for name in icons} == icons
+
+
 def test_every_file_is_modelica() -> None:
     """For the parsers of two makers; the second raises ModelicaSyntaxError."""
     assert not [(qualified(path), found) for path in FILES for found in rumoca.validate(str(path))]
     assert not [qualified(path) for path, text in FILES.items() if pymoca.parser.parse(text) is None]
+
+
+def classes_of(tree: pymoca.ast.Class) -> Iterator[pymoca.ast.Class]:
+    """The classes of a parsed file, at any depth."""
+    for found in tree.classes.values():
+        yield found
+        yield from classes_of(found)
+
+
+def modified_parts(tree: pymoca.ast.Tree) -> Iterator[tuple[str, set[str]]]:
+    """Components that an `extends` modifies without replacing them: name, and the names that it sets in them."""
+    for each in classes_of(tree):
+        for extends in each.extends:
+            for argument in extends.class_modification.arguments:
+                changes = [
+                    change for change in getattr(argument.value, "modifications", []) if hasattr(change, "arguments")
+                ]
+                if changes:
+                    yield (
+                        argument.value.component.name,
+                        {one.value.component.name for change in changes for one in change.arguments},
+                    )
+
+
+def test_modifiers_of_a_replaceable_part_fit_whatever_replaces_it() -> None:
+    """MLS 7.3.2: what is not in the constraining class belongs to a redeclaration; strict compilers refuse the rest."""
+    replaceable = re.compile(r"^  replaceable [\w.]+ (\w+)\(.*?\) constrainedby ([\w.]+)", re.MULTILINE)
+    constraints = {found[1]: found[2].split(".") for text in FILES.values() for found in replaceable.finditer(text)}
+    assert set(constraints) == {"controller", "deposition", "sensor"}
+    trees = {path: pymoca.parser.parse(text) for path, text in FILES.items() if path.parent.name == "Examples"}
+    modified = [(path, *found) for path, tree in trees.items() for found in modified_parts(tree)]
+    assert len(modified) >= 4
+    for path, part, names in modified:
+        file = LIBRARY.joinpath(*constraints[part]).with_suffix(".mo")
+        (constraint,) = (found for found in classes_of(pymoca.parser.parse(FILES[file])) if found.name == file.stem)
+        assert sorted(names - set(constraint.symbols)) == [], f"{qualified(path)}.{part}"
 
 
 def test_every_class_is_reached_by_a_model_that_runs() -> None:
@@ -143,21 +248,15 @@ def test_every_class_is_reached_by_a_model_that_runs() -> None:
         for path, text in FILES.items()
         if path.stem != "package" and "UsersGuide" not in path.parts
     }
-    reached = {name.rpartition(".")[2] for name in RUNNING}
+    reached = {name.rpartition(".")[2] for name in RUNNING} | {
+        inherited_icon(path) for path in FILES if path.stem == "package"
+    }
     new = reached
     while new:
         words = {word for name in new for word in re.findall(r"\w+", classes[name])}
         new = (words & set(classes)) - reached
         reached = reached | new
-    assert sorted(set(classes) - reached - {"Package", "Information"}) == []
-
-
-def stop_time(model: str) -> float:
-    """The stop time of a model [s]."""
-    text = (LIBRARY / f"{model.replace('.', '/')}.mo").read_text()
-    stop = re.search(r"experiment\(StopTime=([\d.]+), Tolerance=", text)
-    assert stop is not None
-    return float(stop[1])
+    assert sorted(set(classes) - reached - {"Package"}) == []
 
 
 @pytest.mark.system
@@ -170,9 +269,35 @@ def test_every_example_and_validation_has_as_many_equations_as_unknowns_and_no_l
 
 
 @pytest.mark.system
+@pytest.mark.long
+def test_another_compiler_sorts_every_model_and_finds_no_part_misused(tmp_path: Path) -> None:
+    if absent := JMODELICA.reason_it_is_absent():
+        pytest.skip(absent)
+    library = JMODELICA.copy_of_library(tmp_path)
+    messages = {message for model in RUNNING for message in JMODELICA.compile(library, model)}
+    assert messages <= {"Variable array index in equation can result in slow simulation time"}
+
+
+@pytest.mark.system
 @pytest.mark.parametrize("model", [*EXAMPLES, *VALIDATIONS])
 def test_every_example_and_validation_runs_to_its_end(model: str) -> None:
     assert simulate(model, stop_time(model)).end == stop_time(model)
+
+
+def test_every_example_has_reference_results() -> None:
+    assert [name for name in RUNNING if name.startswith("Examples.")] == REFERENCE_MODELS
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("model", EXAMPLES)
+def test_an_example_gives_its_reference_results(model: str) -> None:
+    signals = comparison_signals(model)
+    with reference_file(model).open(newline="") as file:
+        heads, *reference = csv.reader(file)
+    assert heads == signals
+    assert signals[0] == "time"
+    rows = rows_of(simulate(model, stop_time(model)), signals)
+    assert np.array(rows) == pytest.approx(np.array(reference, dtype=float), rel=1e-12, abs=0.0)
 
 
 @pytest.mark.system
@@ -226,6 +351,6 @@ def test_threshold_feedback_evens_out_what_open_loop_leaves() -> None:
     examples = {"CylinderOpenLoop": 8.0, "CylinderThresholdFeedback": 14.0}
     runs = [simulate(f"Examples.{name}", stop) for name, stop in examples.items()]
     surfaces = [run.at("deposition.height", run.end, (11, 11))[inside] for run in runs]
-    assert [run.at("controller.status", run.end) for run in runs] == [2, 2]
+    assert [run.at("controller.status", run.end) for run in runs] == [DONE, DONE]
     assert [45.6e-6 - surface.mean() for surface in surfaces] == pytest.approx([17.3e-6, 2.1e-6], abs=0.1e-6)
     assert [surface.std() for surface in surfaces] == pytest.approx([2.79e-6, 1.03e-6], abs=0.02e-6)

@@ -1,6 +1,6 @@
 within InkLoop.Functions;
 package Random "Random numbers that depend only on their position"
-  extends Icons.Package;
+  extends Icons.FunctionsPackage;
 
   annotation (Documentation(info="<html>
 <p>

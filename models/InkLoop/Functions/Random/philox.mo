@@ -14,19 +14,19 @@ protected
   Word x1 = counter[2] "Second word";
   Word x2 = counter[3] "Third word";
   Word x3 = counter[4] "Fourth word";
-  Word left_high = 0 "Upper word of the first product";
-  Word left_low = 0 "Lower word of the first product";
-  Word right_high = 0 "Upper word of the second product";
-  Word right_low = 0 "Lower word of the second product";
+  Word leftHigh = 0 "Upper word of the first product";
+  Word leftLow = 0 "Lower word of the first product";
+  Word rightHigh = 0 "Upper word of the second product";
+  Word rightLow = 0 "Lower word of the second product";
 
 algorithm
   for round in 1:10 loop
-    (left_high, left_low) := wideProduct(3528531795.0, x0);
-    (right_high, right_low) := wideProduct(3449720151.0, x2);
-    x0 := exclusiveOr(right_high, x1, k0);
-    x1 := right_low;
-    x2 := exclusiveOr(left_high, x3, k1);
-    x3 := left_low;
+    (leftHigh, leftLow) := wideProduct(3528531795.0, x0);
+    (rightHigh, rightLow) := wideProduct(3449720151.0, x2);
+    x0 := exclusiveOr(rightHigh, x1, k0);
+    x1 := rightLow;
+    x2 := exclusiveOr(leftHigh, x3, k1);
+    x3 := leftLow;
     k0 := mod(k0 + 2654435769.0, WORD);
     k1 := mod(k1 + 3144134277.0, WORD);
   end for;
