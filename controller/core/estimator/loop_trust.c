@@ -9,6 +9,9 @@
 static const double GROUND_TOLERANCE = 0.5; /* of a layer: flatter ground is called flat (assumed) */
 static const double GROUND_DOUBT = 6.0;     /* standard errors of the plane (assumed) */
 static const double DEVIATION_MAX = 0.15;   /* droplets that vary by 40 % show 0.13; what is more is the model's */
+static const double MODEL_MAX = 0.3;        /* (by trial) */
+static const double FOREIGN = 5.0;          /* early residuals that are the model's: droplets that vary by 40 % show
+                                               2.8, caps of droplets 3.0, surface tension 7 to 10 (by trial) */
 static const double RESIDUALS_MAX = 9.0;    /* droplets that vary by 40 % show 3.3, surface tension 18 (by trial) */
 static const double FORGETTING = 0.8;       /* weight of a layer against the next, as of the ink */
 static const double MEDIAN_SQUARE = 0.4549; /* of a normal variable of variance 1 */
@@ -121,5 +124,7 @@ double droplet_misfit(const LoopTrust *trust) {
 
 double droplet_deviation(const LoopTrust *trust, double assumed) {
     const double found = assumed * sqrt(trust->residual * MEDIAN_SQUARE / UNIFORM_MEDIAN_SQUARE);
+    if (trust->early > FOREIGN) /* no longer uniform */
+        return fmin(assumed * sqrt(trust->early), MODEL_MAX);
     return trust->layers > 0 ? fmin(found, DEVIATION_MAX) : 0.0;
 }

@@ -5,11 +5,13 @@
 #include <string.h>
 
 #include "first_plans.h"
+#include "full_plan.h"
 #include "horizon_solver.h"
 #include "plan_starts.h"
 #include "stopwatch.h"
 
 static const double LEAST_REPAIR = 3.0; /* a surface, its evaluation at the end, and some time between (assumed) */
+static const double LEAST_GAIN = 5e-4;  /* of the objective, by a sweep of a large plan (by trial) */
 enum { ONE_LAYER_ANNEALING = 50 };      /* sweeps: these reach the proven optima of small grids (by trial) */
 enum { SMALL_LAYER = 20000 };           /* cells of a single layer up to which annealing is worth its time (assumed) */
 enum { SMALL_PLAN = 1000 };             /* values of a plan of several layers up to which it is (by trial) */
@@ -31,6 +33,7 @@ typedef struct {
     Objective best_value;
     Origin best_origin;
     int64_t sweeps;
+    double gain; /* of the best repair [m] */
     void *memory;
 } Planning;
 
@@ -106,6 +109,7 @@ static int32_t repair(Planning *planning, int start, int64_t annealing, double s
     const SearchOptions options = {.moves = MOVES_ALL,
                                    .annealing_sweeps = annealing,
                                    .sweeps_max = work->sweeps,
+                                   .least_gain = annealing_sweeps(planning) > 0 ? 0.0 : LEAST_GAIN,
                                    .seed = work->seed,
                                    .seconds_max = seconds,
                                    .threads = work->threads,
@@ -118,6 +122,7 @@ static int32_t repair(Planning *planning, int start, int64_t annealing, double s
         return CORE_NO_MEMORY;
     planning->sweeps += report.sweeps;
     planning->first.left_out |= found == CORE_TIME ? LEFT_REPAIR : 0;
+    planning->gain = fmax(planning->gain, planning->first.value[start].value - report.objective.value);
     const Origin origin = {start, annealing > 0, found};
     const int32_t status = consider(planning, planning->repaired, report.objective, origin);
     return status == CORE_DONE && found == CORE_STOPPED ? CORE_STOPPED : status;
@@ -141,13 +146,50 @@ static int32_t repair_starts(Planning *planning) {
     return status == CORE_STOPPED ? CORE_DONE : status;
 }
 
+/* Full layers, with what they and none reach, where nothing is better. */
+static int32_t take_full_layers(Planning *planning, bool *is_best) {
+    FirstPlans *first = &planning->first;
+    PlanSurface surface;
+    *is_best = fullest_plan(planning->problem, planning->best);
+    if (!*is_best)
+        return CORE_DONE;
+    if (!surface_open(&surface, planning->problem, planning->best))
+        return CORE_NO_MEMORY;
+    *is_best = is_fullest_best(&surface) && !is_empty(planning->best, planning->places);
+    if (*is_best) {
+        planning->best_value = surface_objective(&surface);
+        planning->best_origin = (Origin){START_FULL_LAYERS, 0, CORE_DONE};
+        memset(first->plan[START_NOTHING], 0, planning->places * sizeof(int32_t));
+        surface_set_plan(&surface, first->plan[START_NOTHING]);
+        surface_evaluate(&surface);
+        first->value[START_NOTHING] = surface_objective(&surface);
+        *is_best = planning->best_value.value < first->value[START_NOTHING].value;
+    }
+    surface_close(&surface);
+    return CORE_DONE;
+}
+
+/* Whether no start is so good that a repair can be expected to make a useful plan of it. */
+static bool is_useless(const Planning *planning) {
+    const PlanWork *work = planning->work;
+    int rank[STARTS];
+    rank_first_plans(&planning->first, rank);
+    return work->repair_gain > 0.0 && planning->first.value[rank[0]].value > work->useful + work->repair_gain;
+}
+
 static int32_t find_best(Planning *planning) {
     FirstPlans *first = &planning->first;
+    bool is_full;
+    const int32_t tried = take_full_layers(planning, &is_full);
+    if (tried != CORE_DONE || is_full)
+        return tried;
     if (make_first_plans(first) == CORE_NO_MEMORY)
         return CORE_NO_MEMORY;
     memcpy(planning->best, first->plan[START_NOTHING], planning->places * sizeof(int32_t));
     planning->best_value = first->value[START_NOTHING];
     planning->best_origin = (Origin){START_NOTHING, 0, UNREPAIRED};
+    if (is_useless(planning))
+        return CORE_DONE;
     if (repair_starts(planning) == CORE_NO_MEMORY)
         return CORE_NO_MEMORY;
     for (int k = START_NOTHING + 1; k < STARTS; k++) {
@@ -182,6 +224,7 @@ int32_t plan_horizon(const HorizonProblem *problem, const PlanWork *work, int32_
                                .sweeps = planning.sweeps,
                                .left_out = planning.first.left_out,
                                .objective = planning.best_value,
+                               .gain = planning.gain,
                                .nothing = planning.first.value[START_NOTHING],
                                .evaluation = planning.first.evaluation};
         memcpy(report->seconds, planning.first.seconds, sizeof report->seconds);

@@ -20,6 +20,8 @@ typedef struct {
     const int32_t *last;      /* the last plan, last_layers * nx * ny; NULL: none */
     size_t last_layers;       /* 1 or more */
     double layer_worth;       /* see shortest_plan.h; of no meaning for a single horizon */
+    double useful;            /* no repair where the best start is above this objective [m], ... */
+    double repair_gain;       /* ... even if a repair gains so much [m]; 0: whatever the start */
     int64_t sweeps;           /* of the repair of one start */
     int64_t annealing_sweeps; /* of one more start that is annealed first; below 0: by the size of the problem */
     int64_t iterations;       /* of the relaxation */

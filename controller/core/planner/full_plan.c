@@ -1,0 +1,63 @@
+#include "full_plan.h"
+
+#include <math.h>
+
+static const double SAME_SHAPE = 1e-9; /* inks whose parts differ by less, as shares, are drops of one ink (assumed) */
+
+static bool is_same_shape(const Ink *one, const Ink *other) {
+    const double scale = one->h1 / other->h1;
+    return fabs(scale * other->h2 - one->h2) <= SAME_SHAPE * one->h2 &&
+           fabs(scale * other->h3 - one->h3) <= SAME_SHAPE * one->h3;
+}
+
+/* 1 + the largest kind among the choices, 0 if there is none; false if none is the largest. */
+static bool largest_kind(const HorizonProblem *problem, uint16_t choices, int32_t *value) {
+    *value = 0;
+    for (size_t kind = 0; kind < problem->kinds; kind++) {
+        if (!(choices >> kind & 1))
+            continue;
+        if (*value && !is_same_shape(&problem->kind[kind], &problem->kind[*value - 1]))
+            return false;
+        if (!*value || problem->kind[kind].h1 > problem->kind[*value - 1].h1)
+            *value = 1 + (int32_t)kind;
+    }
+    return true;
+}
+
+bool fullest_plan(const HorizonProblem *problem, int32_t *plan) {
+    for (size_t kind = 0; kind < problem->kinds; kind++) {
+        const Droplet droplet = droplet_of(&problem->kind[kind]);
+        if (4.0 * (droplet.slope[SIDE] + droplet.slope[CORNER]) > 1.0)
+            return false;
+    }
+    for (size_t place = 0; place < problem->layers * problem->nx * problem->ny; place++)
+        if (!largest_kind(problem, problem->choices[place], &plan[place]))
+            return false;
+    return true;
+}
+
+/* What a lower surface may take from the squares of what is left to chance, as a height above the mean [m]: at most
+ * the w of a droplet left out, w^2 / 3 per height of that droplet, and w / 3 for what neighbours add to w. */
+static double chance_above_mean(const PlanSurface *surface) {
+    double largest = 0.0, smallest = INFINITY;
+    for (size_t cell = 0; cell < surface->framed; cell++)
+        largest = fmax(largest, surface->inside[cell] * surface->left_to_chance[cell]);
+    for (size_t kind = 0; kind < surface->problem->kinds; kind++)
+        smallest = fmin(smallest, surface->problem->kind[kind].h1);
+    return largest * largest / (3.0 * smallest) + surface->chance * largest / 3.0;
+}
+
+bool is_fullest_best(const PlanSurface *surface) {
+    const double *last = surface_height(surface, surface->steps), alpha = surface->weighting.alpha;
+    const double mean = surface->reference + surface->sums.height / surface->weighting.count;
+    const double spread = deviation(&surface->sums, &surface->weighting), chance = chance_above_mean(surface);
+    for (size_t cell = 0; cell < surface->framed; cell++) {
+        const double weight = surface->weight[cell], above = surface->inside[cell] * (last[cell] - mean + chance);
+        const double top = last[cell] + surface->left_to_chance[cell];
+        if (weight > 0.0 && (top > surface->target[cell] || (surface->ceiling && top > surface->ceiling[cell])))
+            return false;
+        if (alpha * weight * spread < (1.0 - alpha) * above)
+            return false;
+    }
+    return true;
+}
