@@ -109,7 +109,7 @@ def test_one_of_the_unit_is_so_many_of_the_display_unit(model, form) -> None:
     """FMI: display value = factor * value in the unit."""
     expected = {"um": 1e6, "1/um": 1e-6, "um3": 1e18, "deg": 180.0 / pi, "ms": 1e3}
     for unit in described(find_fmu(model, form)).iterfind("UnitDefinitions/*/DisplayUnit"):
-        assert float(unit.get("factor")) == pytest.approx(expected[unit.get("name")], rel=1e-12, abs=0.0)
+        assert float(unit.get("factor", "1")) == pytest.approx(expected[unit.get("name", "")], rel=1e-12, abs=0.0)
 
 
 @EVERY_MODEL
