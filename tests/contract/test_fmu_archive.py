@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import zipfile
+from math import pi
 from pathlib import Path
 
 import fmpy
@@ -100,6 +101,15 @@ def test_variables_have_descriptions_units_and_display_units(model, form) -> Non
     reals = [element for element in root.find("ModelVariables").iter() if element.get("unit")]
     assert len(reals) > 5
     assert all(element.get("unit") in units and element.get("displayUnit") for element in reals)
+
+
+@EVERY_FORM
+@EVERY_MODEL
+def test_one_of_the_unit_is_so_many_of_the_display_unit(model, form) -> None:
+    """FMI: display value = factor * value in the unit."""
+    expected = {"um": 1e6, "1/um": 1e-6, "um3": 1e18, "deg": 180.0 / pi, "ms": 1e3}
+    for unit in described(find_fmu(model, form)).iterfind("UnitDefinitions/*/DisplayUnit"):
+        assert float(unit.get("factor", "1")) == pytest.approx(expected[unit.get("name", "")], rel=1e-12, abs=0.0)
 
 
 @EVERY_MODEL

@@ -99,6 +99,15 @@ def test_folder_with_files_of_others_is_refused_and_left_as_it_is(tmp_path: Path
         earlier_files(tmp_path / "a.whl")
 
 
+def test_folder_of_the_name_of_a_release_file_is_refused(tmp_path: Path) -> None:
+    from tools.release.contents import SUMS, earlier_files
+
+    (tmp_path / SUMS).write_text("00  a.whl\n")
+    (tmp_path / "a.whl").mkdir()
+    with pytest.raises(Exception, match=r"holds a\.whl, which no release wrote"):
+        earlier_files(tmp_path)
+
+
 def built(out: Path) -> dict[str, str]:
     """The files of a release for this platform, built in a folder and with an object cache of its own: name -> sum."""
     environment = {**os.environ, "SOURCE_DATE_EPOCH": "1700000000"}

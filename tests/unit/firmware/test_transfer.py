@@ -232,6 +232,16 @@ def test_map_marks_invalid_cells_and_stands_on_a_datum_when_the_part_is_tall() -
         assert not found[~valid].any()
 
 
+def test_all_heights_are_in_a_map_that_spans_as_much_as_16_bits_hold() -> None:
+    with NodeBench() as bench:
+        bench.ready()
+        bench.surface[:] = np.linspace(0.0, 6.5e-3, 81).reshape(9, 9)
+        assert bench.scan(0) == DONE
+        found, valid = heights(bench.upload(0), 1e-7)
+        assert valid.all()
+        np.testing.assert_allclose(found, bench.surface, atol=0.51e-7)
+
+
 def test_map_before_any_scan_or_of_another_layer_is_refused(bench: NodeBench) -> None:
     request = pack(">BBBII", 0x35, 0, 0x44, 0, 185)
     assert bench.raw(request, PROFILER) == bytes((0x7F, 0x35, SEQUENCE))

@@ -124,6 +124,23 @@ def test_one_layer_is_not_enough_and_cells_without_a_command_give_no_information
     assert evidence[5] < DEAD_EVIDENCE
 
 
+def test_nozzle_that_jetted_well_for_long_is_found_as_soon_as_one_that_never_did() -> None:
+    job, seen = block(20, 20), np.ones((20, 20), np.bool_)
+    plant, estimator = LayerModel.of(job), HeightEstimator(job, sensor_noise_std=0.1e-6)
+    pattern, late, early = job.mask.astype(np.int32), (10, 10), (5, 5)
+    surface, found = np.zeros(seen.shape), dict[tuple[int, int], int]()
+    estimate = estimator.first(surface, seen)
+    for layer in range(1, 17):
+        factor = np.ones(seen.shape)
+        factor[early] = NOTHING
+        if layer > 10:
+            factor[late] = NOTHING
+        surface = plant.layer(surface, pattern, layer, factor)
+        estimate = estimator.next(estimate, pattern, layer, surface, seen)
+        found |= {cell: layer for cell in (late, early) if estimate.dead[cell] and cell not in found}
+    assert found[late] == 10 + found[early]
+
+
 def test_ink_that_runs_out_is_no_dead_nozzle_and_the_print_continues_when_it_is_back() -> None:
     job = cylinder()
     found = printed(job, 4, 0.2, 0.0, range(10, 20), line=slice(None))

@@ -100,6 +100,20 @@ def test_wide_spot_is_found_and_leaves_the_part_as_good_as_without(spot: float) 
     assert found.error.max() < 3e-6
 
 
+def test_invalid_reading_of_a_shifted_scan_leaves_that_cell_unseen_which_it_looks_at() -> None:
+    job, sensor, rng = small_cylinder(), Sensor((1.0, -2.0)), np.random.default_rng(0)
+    estimator, plant = HeightEstimator(job), LayerModel.of(job)
+    pattern, height, seen = job.mask.astype(np.int32), np.zeros((25, 25)), np.ones((25, 25), np.bool_)
+    estimate = estimator.first(height, seen)
+    for layer in range(1, 7):
+        height = plant.layer(height, pattern, layer)
+        valid = seen.copy()
+        valid[12, 8] = layer < 6
+        estimate = estimator.next(estimate, pattern, layer, sensor.scan(height, rng)[0], valid)
+    assert estimate.registration.is_applied
+    assert np.argwhere(estimate.unseen[5:20, 5:20]).tolist() == [[13 - 5, 6 - 5]]
+
+
 @pytest.mark.parametrize(
     "sensor",
     [

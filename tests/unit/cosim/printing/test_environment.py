@@ -115,6 +115,22 @@ def test_offset_moves_rim_and_inside_alone() -> None:
         env.step(np.array([2.0, 0.0]))
 
 
+def test_offset_begins_each_print_with_a_new_controller() -> None:
+    env = inkloop.LayerEnv(CUBOID, QUICK).offset_target("ErrorDiffusion")
+    heights = []
+    for _ in range(2):
+        env.reset(seed=1)
+        heights.append([env.step(np.zeros(2))[4]["height"] for _ in range(2)])
+    np.testing.assert_array_equal(heights[0], heights[1])
+
+
+def test_time_that_runs_out_cuts_the_print_off() -> None:
+    env = inkloop.LayerEnv(CUBOID, {"run.time_max_s": 2.0})
+    observation, _ = env.reset(seed=1)
+    _, _, terminated, truncated, info = env.step(observation["mask"])
+    assert (terminated, truncated, info["stop_reason"]) == (False, True, "time_max")
+
+
 def test_end_is_told_and_needs_a_reset() -> None:
     env = inkloop.LayerEnv(CUBOID, {"run.layers_max": 1}, render_mode="rgb_array")
     with pytest.raises(inkloop.InkloopError, match=r"call reset\(\)"):

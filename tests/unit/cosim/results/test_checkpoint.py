@@ -63,6 +63,14 @@ def test_large_state_is_written_for_a_tenth_of_the_time(tmp_path: Path, monkeypa
     assert [path.name for path in layer_files(tmp_path)] == [f"{layer:04d}.npz" for layer in range(7)]
 
 
+def test_files_of_layers_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    names = ["0002.npz", "0002_2.npz", "0002_10.npz", "9999.npz", "10000.npz", "10000_1.npz"]
+    (tmp_path / LAYERS_FOLDER).mkdir()
+    for name in names:
+        (tmp_path / LAYERS_FOLDER / name).touch()
+    assert [path.name for path in layer_files(tmp_path)] == names
+
+
 def test_one_state_at_a_time_is_in_memory(tmp_path: Path) -> None:
     size = 4_000_000
     parts: Any = {

@@ -89,6 +89,22 @@ def test_layers_that_were_jumped_over_are_empty() -> None:
     assert np.isfinite(run.mean_error).values.tolist() == [True, False, True, False, False, True]
 
 
+def test_component_may_write_each_layer_into_the_same_array() -> None:
+    job = toy_job(layers=6)
+    height, count = np.zeros((job.nx, job.ny)), np.zeros((), np.int32)
+
+    def grow(time_ns: int, step_ns: int, inputs: Values) -> Values:
+        height[...] += DROPLET
+        count[...] += 1
+        return {"height": height, "layers_printed": count}
+
+    ports = [Port("height", "m", (job.nx, job.ny)), Port("layers_printed", dtype="int32")]
+    printer = FunctionComponent(outputs=ports, step=grow)
+    recorder = Recorder(job, {"printer": printer})
+    Master({"printer": printer}, [], step_ns=1, observers=[recorder]).run(time_max_ns=3)
+    np.testing.assert_allclose(recorder.dataset().height[1:, 0, 0], DROPLET * np.arange(1, 4), rtol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("scans", "found"),
     [

@@ -52,6 +52,12 @@ def test_mismatch_is_the_share_that_is_too_much_or_lacking(boundary: float) -> N
     assert float(printed([10.0, 20.0], [1, 2], boundary).mismatch) == pytest.approx(2.0 / boundary, rel=1e-9, abs=0.0)
 
 
+def test_ink_a_above_the_target_is_too_much() -> None:
+    height = np.array([0.0, 13e-6])[:, None, None] * np.ones((2, 4, 4))
+    job = Job(4, 4, 263.256e-6, np.full((4, 4), 10e-6), np.ones((4, 4), np.bool_), INKS, Below(1.0))
+    assert mismatch(height, np.ones((2, 4, 4), np.int8), job) == pytest.approx(0.3, rel=1e-9, abs=0.0)
+
+
 @pytest.mark.parametrize("boundary", [16.0, 24.0])
 def test_error_of_ink_a_is_what_is_missing_or_too_much_at_its_top(boundary: float) -> None:
     run = printed([20.0, 40.0], [1, 2], boundary)

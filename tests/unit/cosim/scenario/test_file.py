@@ -82,6 +82,14 @@ def test_each_error_is_named_with_its_place(tmp_path: Path, old: str, new: str, 
     assert any(error in sentence for sentence in errors_of(tmp_path, GOOD.replace(old, new)))
 
 
+@pytest.mark.parametrize(("axis", "pitches"), [("x", 1.0), ("x", 7.0), ("y", 0.5), ("y", 6.5)])
+def test_part_may_reach_beyond_no_side_of_the_grid(axis: str, pitches: float, tmp_path: Path) -> None:
+    """The part is 5 x 4 cells, the grid 9 x 8: on that side a row of cells lies outside."""
+    text = GOOD.replace("height_um = 22.8", f"height_um = 22.8\ncenter_{axis}_um = {pitches * 263.256}")
+    (error,) = errors_of(tmp_path, text)
+    assert error.startswith("part reaches beyond the grid of 9 x 8 cells")
+
+
 def test_all_errors_of_a_file_are_reported_at_once(tmp_path: Path) -> None:
     text = GOOD.replace("nx = 9", "nx = 0").replace("height_um = 22.8", "").replace('"OpenLoop"', '"OpenLop"')
     found = "\n".join(errors_of(tmp_path, text.replace("scan_duration_s = 0.0", "noise_std_um = -1.0")))

@@ -7,6 +7,7 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -324,6 +325,27 @@ count = 2
     assert len(np.unique(alphas)) == 16
     assert plan.settings[plan.best]["components.controller.horizon"] == 2
     assert abs(alphas[plan.best] - 0.6) < 0.15
+
+
+@pytest.mark.parametrize(("aim", "best"), [("minimise", min), ("maximise", max)])
+def test_best_trial_is_the_one_that_the_study_asks_for(aim: str, best: Any, tmp_path: Path) -> None:
+    pytest.importorskip("optuna", reason="inkloop[optimise] is not installed")
+    text = f"""
+[optimise]
+{aim} = "layers"
+trials = 4
+[sample]
+"components.controller.alpha" = {{ uniform = [0.2, 1.0] }}
+"""
+
+    def slope(task: Task) -> Record:
+        return record(task, layers=10.0 * task.overrides["components.controller.alpha"])
+
+    _, plan, _ = swept(study(tmp_path, text), tmp_path / "made", Shuffled(slope))
+    assert isinstance(plan, OptimisePlan)
+    assert plan.best is not None
+    assert len(set(plan.values)) == 4
+    assert plan.values[plan.best] == best(plan.values)
 
 
 def test_scenario_with_its_files_is_the_same_in_another_folder(tmp_path: Path) -> None:

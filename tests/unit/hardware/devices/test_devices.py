@@ -185,6 +185,19 @@ def test_layer_finished_before_the_run_knew_is_not_printed_again() -> None:
         assert nodes.counted(node_bench.GATE_OPENINGS) == 4
 
 
+def test_later_layer_finished_before_the_run_knew_is_not_printed_again() -> None:
+    with bench() as nodes:
+        rig = NodeRig(nodes)
+        first = started(Printer(FOUR, rig, cure_ms=5))
+        print_layer(first, 1, full())
+        saved = first.save()
+        print_layer(first, 2, full())
+        second = started(Printer(FOUR, rig, cure_ms=5))
+        second.restore(saved)
+        assert print_layer(second, 2, full()) == 2
+        assert nodes.counted(node_bench.GATE_OPENINGS) == 8
+
+
 def test_rebooted_head_gets_its_pattern_again_and_continues_by_its_journal() -> None:
     with bench() as nodes:
         rig = NodeRig(nodes)

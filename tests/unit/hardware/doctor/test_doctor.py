@@ -114,6 +114,13 @@ def test_pause_that_would_stop_a_run_is_an_error() -> None:
     assert heard_errors(heard(cycle=0.2)) == {}, "only worth a note"
 
 
+@pytest.mark.parametrize("cycle", [0.05, 0.2])
+def test_status_that_comes_too_often_or_too_seldom_is_worth_a_note(cycle: float) -> None:
+    found = [finding for finding in judge(heard(cycle=cycle), CODEC) if finding.check == "heartbeat"]
+    assert [finding.grade for finding in found] == [Grade.WARNING] * len(Node)
+    assert f"a status every {cycle * 1e3:.0f} ms, the cycle is 100 ms" in found[0].found
+
+
 def test_pause_is_judged_by_the_patience_of_the_settings() -> None:
     patient = heard(cycle=0.4)
     patient.silence_s = 1.0

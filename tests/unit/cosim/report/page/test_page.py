@@ -102,6 +102,16 @@ def test_blocks_hold_the_means_of_their_cells_and_on_its_edge_those_of_the_part(
         assert abs(maps.droplets[2, i, j] - share) <= 0.5
 
 
+def test_layer_that_was_not_scanned_yet_gets_its_heights_with_the_next_one() -> None:
+    run = run_report.load_runs(run_folder()).popitem()[1].dataset.isel(layer=slice(0, 4))
+    so_far = run.isel(layer=slice(0, 3)).copy(deep=True)
+    so_far["height"][2] = np.nan
+    maps = LayerMaps(so_far, 1)
+    assert np.array_equal(maps.heights[2], maps.heights[1])
+    maps.extend(run)
+    assert np.array_equal(maps.heights, LayerMaps(run, 1).heights)
+
+
 def test_maps_that_take_too_much_become_means_of_blocks() -> None:
     runs = run_report.load_runs(run_folder())
     whole = page.bytes_of_maps(page.content_within(runs, 10_000_000))
