@@ -64,7 +64,8 @@ void add_residuals(const LayerGrowth *layer, double learnt, double *scratch, Loo
 double droplet_misfit(const LoopTrust *trust);
 
 /* Standard deviation of a droplet's volume, as a share of it, where it was taken to be `assumed`: what the residuals of
- * the layers show, the recent ones more. 0 before there are any. */
+ * the layers show, the recent ones more; where those until half of the part are more than droplets explain, what they
+ * show. 0 before there are any. */
 double droplet_deviation(const LoopTrust *trust, double assumed);
 
 #endif

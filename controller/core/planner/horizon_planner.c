@@ -146,11 +146,11 @@ static int32_t repair_starts(Planning *planning) {
     return status == CORE_STOPPED ? CORE_DONE : status;
 }
 
-/* Full layers, with what they and none reach, where nothing is better. */
+/* Full layers, with what they and none reach, where nothing is better; not looked at without any time. */
 static int32_t take_full_layers(Planning *planning, bool *is_best) {
     FirstPlans *first = &planning->first;
     PlanSurface surface;
-    *is_best = fullest_plan(planning->problem, planning->best);
+    *is_best = planning->work->seconds_max > 0.0 && fullest_plan(planning->problem, planning->best);
     if (!*is_best)
         return CORE_DONE;
     if (!surface_open(&surface, planning->problem, planning->best))

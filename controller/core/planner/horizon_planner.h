@@ -3,7 +3,8 @@
  * The relaxed problem is solved and rounded by ordered error diffusion; that start, the rest of the last plan, full
  * layers and none are repaired by flips, swaps and shifts: the best of them, or where annealing is worth its time all
  * of them and once more the best one, annealed. The best result is taken. It is compared with printing nothing:
- * otherwise a small alpha would trade height for evenness forever.
+ * otherwise a small alpha would trade height for evenness forever. Where full layers are proven best (full_plan.h)
+ * there is no search.
  *
  * A time limit leaves out stages; nothing, and the missing height rounded in equal shares, are always compared. */
 #ifndef INKLOOP_HORIZON_PLANNER_H

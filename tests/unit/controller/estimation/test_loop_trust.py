@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -101,6 +102,22 @@ def test_misfit_of_droplets_counts_until_the_part_is_half_built() -> None:
     assert counted in (4, 5)
     assert found[0] > 4.0
     assert len(set(found[counted - 1 :])) == 1
+
+
+@pytest.mark.parametrize(
+    ("scatter", "expected"),
+    [(0.5e-6, lambda trust: 0.1 * (trust.residual * 0.4549 / 0.75) ** 0.5),  # as droplets that vary
+     (1.1e-6, lambda trust: 0.1 * trust.early**0.5),  # more than droplets
+     (3e-6, lambda _: 0.3)],
+)  # fmt: skip
+def test_scatter_beyond_that_of_droplets_is_the_deviation_of_the_plant(
+    scatter: float, expected: Callable[[LoopTrust], float]
+) -> None:
+    rng, pattern = np.random.default_rng(2), JOB.mask.astype(np.int32)
+    estimator = HeightEstimator(JOB, adapt_ink="off", sensor_noise_std=0.0, register_scans=False)
+    scan = LayerModel.of(JOB).layer(np.zeros(SHAPE), pattern, 1) + JOB.mask * rng.normal(0.0, scatter, SHAPE)
+    trust = estimator.next(estimator.first(np.zeros(SHAPE), SEEN), pattern, 1, scan, SEEN).trust
+    assert trust.droplet_std == pytest.approx(expected(trust), rel=1e-9, abs=0.0)
 
 
 def prints(seed: int, variation: float, noise: float, surprise: float = 0.0) -> set[UntrustedReason]:
