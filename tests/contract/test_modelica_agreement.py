@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 import tomllib
+from typing import Any
 
 import numpy as np
 import pytest
@@ -149,7 +150,7 @@ def on_disc(cells: int, radius: float) -> np.ndarray:
     return (np.hypot(*np.meshgrid(along, along)) <= radius).astype(int)
 
 
-PRINTED_EXAMPLES = {
+PRINTED_EXAMPLES: dict[str, tuple[str, np.ndarray, int, dict[str, Any]]] = {
     "CuboidOpenLoop": ("LayerDeposition", np.ones((9, 9), int), 4, {}),
     "CylinderOpenLoop": (
         "LayerDeposition",

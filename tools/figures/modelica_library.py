@@ -85,7 +85,7 @@ def run(*parts: str) -> None:
         PARTS[part]()
 
 
-PARTS: dict[str, Callable[[], None]] = {
+PARTS: dict[str, Callable[[], object]] = {
     "picture": lambda: save(picture(), FOLDER / "modelica-library.png"),
     "references": references,
 }
