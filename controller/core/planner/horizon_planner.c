@@ -11,7 +11,6 @@
 #include "stopwatch.h"
 
 static const double LEAST_REPAIR = 3.0; /* a surface, its evaluation at the end, and some time between (assumed) */
-static const double LEAST_GAIN = 5e-4;  /* of the objective, by a sweep of a large plan (by trial) */
 enum { ONE_LAYER_ANNEALING = 50 };      /* sweeps: these reach the proven optima of small grids (by trial) */
 enum { SMALL_LAYER = 20000 };           /* cells of a single layer up to which annealing is worth its time (assumed) */
 enum { SMALL_PLAN = 1000 };             /* values of a plan of several layers up to which it is (by trial) */
@@ -109,7 +108,6 @@ static int32_t repair(Planning *planning, int start, int64_t annealing, double s
     const SearchOptions options = {.moves = MOVES_ALL,
                                    .annealing_sweeps = annealing,
                                    .sweeps_max = work->sweeps,
-                                   .least_gain = annealing_sweeps(planning) > 0 ? 0.0 : LEAST_GAIN,
                                    .seed = work->seed,
                                    .seconds_max = seconds,
                                    .threads = work->threads,

@@ -57,8 +57,6 @@ typedef struct {
     int32_t moves;            /* MOVE_... that the descent may make */
     int64_t annealing_sweeps; /* before the descent; 0: none */
     int64_t sweeps_max;       /* of the descent */
-    double least_gain;        /* share of the objective that a sweep, and a round of sweeps, must gain for one more to
-                                 follow; 0: any gain, and nothing else helps where it ends */
     uint64_t seed;            /* of the annealing */
     double seconds_max;       /* guard by the clock; infinite: none */
     int32_t threads;          /* 1 or more; the bits of the answer do not depend on it */

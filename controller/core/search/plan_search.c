@@ -1,6 +1,5 @@
 #include "plan_search.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -60,22 +59,10 @@ static int32_t anneal(Search *search) {
     return status;
 }
 
-static double value_of(const Search *search) {
-    return objective(&search->surface->sums, &search->surface->weighting);
-}
-
-/* Whether what was gained from `before` on is worth one more sweep. */
-static bool is_worthwhile(const Search *search, double before) {
-    const double least = search->options->least_gain, value = value_of(search);
-    return least == 0.0 || before - value > least * value;
-}
-
 /* Sweeps one move until none helps; *changed is set if one did. */
 static int32_t repeat(Search *search, int32_t move, int64_t *sweeps, bool *changed) {
     const Sweep wanted = {.move = move, .deadline = search->deadline};
-    double before = INFINITY;
-    for (int64_t changes = 1; changes > 0 && is_worthwhile(search, before);) {
-        before = value_of(search);
+    for (int64_t changes = 1; changes > 0;) {
         if ((*sweeps)++ == search->options->sweeps_max)
             return CORE_BUDGET;
         const int32_t status = sweep(search, &wanted, &changes);
@@ -97,7 +84,6 @@ static int32_t descend(Search *search) {
         wake_all(surface, search->tiling.awake);
         changed_since_all = false;
         for (bool changed = true; changed;) {
-            const double before = value_of(search);
             changed = false;
             for (size_t k = 0; k < sizeof ORDER / sizeof ORDER[0]; k++) {
                 if (!(search->options->moves & ORDER[k]))
@@ -106,8 +92,6 @@ static int32_t descend(Search *search) {
                 if (status != CORE_DONE)
                     return status;
             }
-            if (!is_worthwhile(search, before))
-                return CORE_DONE;
             changed_since_all = changed_since_all || (changed && !local);
         }
     }

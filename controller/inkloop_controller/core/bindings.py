@@ -103,7 +103,7 @@ def search(
     plan = _droplets(problem, start)
     report, asked = ReportStruct(), AfterSweep(after_sweep)
     options = SearchOptionsStruct(
-        int(moves), annealing_sweeps, sweeps_max, 0.0, seed, seconds_max, threads, asked.callback, None
+        int(moves), annealing_sweeps, sweeps_max, seed, seconds_max, threads, asked.callback, None
     )
     code = answered(library().inkloop_search(problem_struct(problem), options, pointer(plan), report))
     return _result(plan, report, code, asked.was_interrupted())

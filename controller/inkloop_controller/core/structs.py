@@ -80,7 +80,6 @@ class SearchOptionsStruct(ctypes.Structure):
         ("moves", ctypes.c_int32),
         ("annealing_sweeps", ctypes.c_int64),
         ("sweeps_max", ctypes.c_int64),
-        ("least_gain", ctypes.c_double),
         ("seed", ctypes.c_uint64),
         ("seconds_max", ctypes.c_double),
         ("threads", ctypes.c_int32),

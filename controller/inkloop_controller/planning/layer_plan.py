@@ -23,7 +23,7 @@ class PlanStatus(StrEnum):
     """How a plan came about."""
 
     OPTIMAL = "optimal"  # its objective is the bound: nothing can be better
-    REPAIRED = "repaired"  # no single change improves it, or a large plan by much
+    REPAIRED = "repaired"  # no single change improves it
     BUDGET = "budget"  # the work budget ended the repair
     TIME_LIMIT = "time limit"  # the clock ended the repair
     INTERRUPTED = "interrupted"  # Ctrl-C ended the repair
