@@ -138,12 +138,11 @@ def test_noise_of_the_sensor_is_filtered_out() -> None:
 
 
 @pytest.mark.long
-def test_controller_that_takes_scans_as_exact_fills_what_only_looks_low() -> None:
+def test_controller_that_takes_scans_as_exact_ends_uneven() -> None:
     """Also in tests/reference/test_noisy_cylinder.py, in a print of fewer layers ahead."""
     filtered, taken = (
         printed("noisy-sensor", 1, variant, as_shipped=True).metrics() for variant in ("", "scans taken as exact")
     )
-    assert taken["mean_error"] < 4 * -abs(filtered["mean_error"])
     assert taken["std"] > 2 * filtered["std"]
     assert taken["layers"] > filtered["layers"]
 

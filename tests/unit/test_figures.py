@@ -63,6 +63,14 @@ def test_record_of_the_gallery_holds_every_scenario_and_quoted_figure() -> None:
         assert (gallery.HERE / f"{name}.png").exists()
 
 
+def test_closed_loops_of_the_gallery_end_in_time() -> None:
+    """A search that gives up early puts the end of a print off, layer by layer, and all else looks well."""
+    for name, each in read_json(gallery.RECORD).items():
+        open_loop = each["runs"].get("open loop", {"layers": 53})["layers"]
+        late = [run for run, found in each["runs"].items() if found["layers"] > 3 * open_loop + 10]
+        assert not late, f"{name}: {late}"
+
+
 @pytest.mark.parametrize("name", COMMENTS)
 def test_comment_of_a_scenario_quotes_the_figures_of_its_runs(name: str) -> None:
     assert not scenario_quotes.errors(COMMENTS[name], read_json(gallery.RECORD)[name]["quoted"])

@@ -104,9 +104,8 @@ QUOTES: Mapping[str, Mapping[str, tuple[Quote, ...]]] = {
     },
     "noisy-sensor": {
         "flat to 0.4 µm": (uneven(),),
-        "ends 0.3 µm too high": (high("scans taken as exact"),),
         "0.9 µm uneven": (uneven("scans taken as exact"),),
-        "after 3 more layers": (beyond(layers("scans taken as exact"), layers()),),
+        "after 1 more layer": (beyond(layers("scans taken as exact"), layers()),),
     },
     "pipe-junction": {"Open loop it is 49 %": (mismatch(OPEN),), "mismatch is 3.6 %": (mismatch(),)},
     "roller": {
@@ -125,8 +124,8 @@ QUOTES: Mapping[str, Mapping[str, tuple[Quote, ...]]] = {
         "ends 28 µm uneven": (uneven(OPEN),),
         "up to 89 µm low": (lowest(OPEN),),
         "up to 29 µm high": (highest(OPEN),),
-        "missing: 1.0 µm high": (high(),),
-        "3.8 µm uneven": (uneven(),),
+        "missing: 0.1 µm high": (high(),),
+        "3.6 µm uneven": (uneven(),),
     },
     "tall-cylinder": {"125 µm after 132 layers": (low(OPEN), layers(OPEN))},
     "tilted-substrate": {
