@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import product
 from math import inf
+from typing import Any
 
 import numpy as np
 import pytest
@@ -86,7 +87,7 @@ def test_the_largest_drop_is_the_one_of_a_full_layer() -> None:
         {"kinds": (Ink(1e-6, 2e-6, 2e-6),)},  # more ink may lower a cell
     ],
 )
-def test_where_a_droplet_can_do_harm_the_plan_is_searched(near: dict[str, object]) -> None:
+def test_where_a_droplet_can_do_harm_the_plan_is_searched(near: dict[str, Any]) -> None:
     far = HorizonProblem(
         np.zeros((5, 5)), np.full((5, 5), 1e-4), np.ones((5, 5), np.bool_), np.ones((1, 5, 5), np.uint16), (INK,), 0.8
     )
