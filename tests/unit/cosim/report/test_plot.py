@@ -131,12 +131,6 @@ def test_dots_tell_too_high_from_too_low_in_grey_print() -> None:
     assert found.tolist() == [[10.0, 2.0], [10.0, 6.0], [14.0, 2.0], [14.0, 6.0]]
 
 
-@pytest.mark.parametrize(("error_um", "words"), [(40.0, "40 µm too low"), (-40.0, "40 µm too high")])
-def test_cut_names_a_run_outside_its_frame_with_its_sign(error_um: float, words: str) -> None:
-    found = texts(cross_section({"a": printed(0.3), "b": printed(error_um)}))
-    assert [text for text in found if "outside" in text] == [f"b: {words}, outside the frame"]
-
-
 def test_cut_has_the_mean_error_of_the_table() -> None:
     run = printed(4.0)
     figure = cross_section({"a": run})
