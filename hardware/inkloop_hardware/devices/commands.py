@@ -26,7 +26,7 @@ CONDITIONS = {
     Flags.JOURNAL_DAMAGED: "its journal is damaged",
     Flags.BY_WATCHDOG: "reset by its watchdog",
 }
-"""Flags of a node that a person must know, in words."""
+"""What each flag of a node means that a person must know."""
 
 
 @dataclass(frozen=True)
