@@ -1,24 +1,32 @@
-"""What the tests compile: every object, library and program once per test run, whatever number of workers asks for it.
+"""What the tests compile: every library and program once per test run, whatever number of workers asks for it.
 
-A test that uses it has the mark `compiled`.
+Objects are kept in build/ from run to run, by the text of their source and of all headers that it can include, the
+flags and the version of the compiler; `make clean` removes them. A test that uses it has the mark `compiled`.
 """
 
 from __future__ import annotations
 
 import ctypes
+import hashlib
+import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 from support import once_per_run
+from support.places import ROOT
 
 unmarked_test = ""
 """The test that runs, where it is not marked `compiled`; tests/conftest.py sets it."""
 Word = str | Path
+KEPT = ROOT / "build" / "test-objects"
+HEADERS_FOLLOW = ("-I", "-isystem")
 
 
 def once(make: Callable[..., object], *key: object) -> Path:
@@ -35,8 +43,43 @@ def run(command: Sequence[Word]) -> None:
         raise RuntimeError(f"{' '.join(map(str, command))} failed:\n{done.stderr}")
 
 
+@cache
+def _version(compiler: str) -> str:
+    return subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True).stdout
+
+
+@cache
+def _headers(folder: Path) -> str:
+    """What stands in the headers of a folder."""
+    texts = (f"{path.name}\0{path.read_text(encoding='utf-8')}\0" for path in sorted(folder.glob("*.h")))
+    return hashlib.sha256("".join(texts).encode()).hexdigest()
+
+
+def _contents(source: Path, flags: tuple[Word, ...]) -> Iterator[str]:
+    """All that an object depends on; a folder of headers counts by what they say, wherever it lies."""
+    yield source.name
+    yield source.read_text(encoding="utf-8")
+    yield _headers(source.parent)
+    for flag in map(str, flags):
+        (mark,) = [mark for mark in HEADERS_FOLLOW if flag.startswith(mark)] or [""]
+        yield f"{mark}{_headers(Path(flag.removeprefix(mark)))}" if mark else flag
+
+
+def compile_kept(source: Path, made: Path, flags: tuple[Word, ...], compiler: str) -> None:
+    """Compile a source to an object file, or copy that of an earlier run with the same contents."""
+    words = "\0".join([_version(compiler), *_contents(source, flags)])
+    kept = KEPT / f"{hashlib.sha256(words.encode()).hexdigest()}.o"
+    if not kept.exists():
+        run([compiler, *flags, "-c", source, "-o", made])
+        KEPT.mkdir(parents=True, exist_ok=True)
+        new = kept.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
+        shutil.copyfile(made, new)
+        new.replace(kept)
+    shutil.copyfile(kept, made)
+
+
 def _compile(folder: Path, source: Path, flags: tuple[Word, ...], compiler: str) -> None:
-    run([compiler, *flags, "-c", source, "-o", folder / f"{source.stem}.o"])
+    compile_kept(source, folder / f"{source.stem}.o", flags, compiler)
 
 
 def _link(folder: Path, name: str, objects: tuple[Path, ...], flags: tuple[Word, ...], compiler: str) -> None:

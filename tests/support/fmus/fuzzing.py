@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Self
 
 from support.benches.node_bench import CORE, FIRMWARE, PLACES, ROOT, WIRE, codec
-from support.compiled import run
+from support.compiled import compile_kept, run
 
 TARGETS = ("frames", "isotp", "services", "slcan")
 PARTS = ("asking", "board", "invariants", "requests", "wire")
@@ -54,14 +54,14 @@ def build(folder: Path, compiler: str = "gcc", *, fuzzer: bool = False) -> dict[
     """The program of every target: with libFuzzer in it, or with `replay.c`; RuntimeError with the compiler's words."""
     sanitizers = (f"{SANITIZERS},fuzzer-no-link" if fuzzer else SANITIZERS, "-fno-sanitize-recover=all")
     optimized = ("-O1",) if fuzzer else ("-O0",)  # a replay is compiled longer than it runs
-    flags = (compiler, *FLAGS, *optimized, *sanitizers, f"-I{FUZZ}", *PLACES, f"-isystem{codec()}")
+    flags = (*FLAGS, *optimized, *sanitizers, f"-I{FUZZ}", *PLACES, f"-isystem{codec()}")
     shared = [*CORE, *WIRE, codec() / "inkloop.c", *(FUZZ / f"{name}.c" for name in PARTS)]
     driver = () if fuzzer else (FUZZ / "replay.c",)
     own = [FUZZ / f"{target}.c" for target in TARGETS]
 
     def compiled(source: Path) -> Path:
         path = folder / f"{source.parent.name}-{source.stem}.o"
-        run((*flags, "-c", source, "-o", path))
+        compile_kept(source, path, flags, compiler)
         return path
 
     with ThreadPoolExecutor(2) as pool:
