@@ -200,7 +200,7 @@ SET_UPS = [
 ]
 
 
-@pytest.mark.parametrize("own", SET_UPS, ids=["set-up", "optics", "chance"])
+@pytest.mark.parametrize("own", rest_is_long(SET_UPS, 2), ids=["set-up", "optics", "chance"])
 def test_readings_are_those_of_the_fmu(own) -> None:
     modifiers = "".join(f", {name}={value!r}" for name, value in own.items())
     text, patterns = printed(lu(INKS), layers=1)

@@ -29,23 +29,28 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-def test_commands_of_the_tutorial_print_the_part(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(folder)
-    for command in foreign_plant.commands()[2:]:
-        words = command.split()[1:]
-        assert main([*words, "--no-isolate"] if words[0] == "run" else words) == 0
-    result = Result.load(folder / "runs" / "plant")
-    metrics = result.metrics()
+@pytest.fixture(scope="module")
+def tutorial(folder: Path) -> Result:
+    """What the other commands print."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for command in foreign_plant.commands()[2:]:
+            words = command.split()[1:]
+            assert main([*words, "--no-isolate"] if words[0] == "run" else words) == 0
+    return Result.load(folder / "runs" / "plant")
+
+
+def test_commands_of_the_tutorial_print_the_part(tutorial: Result) -> None:
+    metrics = tutorial.metrics()
     assert abs(metrics["mean_error"]) < 1.5e-6
     assert metrics["std"] < 2e-6
-    assert result.stop_reason == "done"
+    assert tutorial.stop_reason == "done"
 
 
-def test_plant_gets_what_the_disturbance_lets_through(folder: Path) -> None:
+def test_plant_gets_what_the_disturbance_lets_through(tutorial: Result) -> None:
     """A layer rises by its droplets times the share that comes out: gains, units and the order of steps are right."""
-    result = Print(Scenario.load(folder / "plant.toml")).run()
-    droplets = result.dataset["pattern"].values.sum(axis=(1, 2))[1:]
-    risen = np.diff(result.dataset["height"].values.sum(axis=(1, 2)))
+    droplets = tutorial.dataset["pattern"].values.sum(axis=(1, 2))[1:]
+    risen = np.diff(tutorial.dataset["height"].values.sum(axis=(1, 2)))
     shares = risen / (droplets * 527.0 / 69.3e6)
     assert 0.8 < shares.min() <= shares.max() <= 1.0 + 1e-9
     assert (np.diff(shares) < 1e-9).all()

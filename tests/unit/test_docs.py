@@ -32,8 +32,8 @@ from inkloop_controller.planning.layer_plan import LayerPlan, PlanStatus
 from support.page_commands import COMMANDS_BY_PAGE, PAGES
 from support.places import ROOT
 
-WHOLE_PRINTS = {"one-block-job-1"}
-"""Blocks of pages that print for many seconds."""
+WHOLE_PRINTS = {"one-block-job-0", "one-block-job-1", "use-the-controller-from-python-3", "use-the-fmus-2"}
+"""Blocks of pages that print for seconds."""
 
 
 def python_blocks() -> Iterator[object]:

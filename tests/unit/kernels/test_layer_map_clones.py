@@ -189,7 +189,7 @@ def plain_bits(plain: Callable[[Case], list[Any]], seed: int) -> list[bytes]:
     return bits(plain(case(seed)))
 
 
-@pytest.mark.parametrize("build", rest_is_long(BUILDS, 2))
+@pytest.mark.parametrize("build", rest_is_long(BUILDS, 1))
 @pytest.mark.parametrize(
     ("calculated", "plain"), [(surfaces, plain_surfaces), (increments, plain_increments)], ids=["surface", "increments"]
 )

@@ -14,6 +14,7 @@ from inkloop_controller.estimation.height_estimator import Estimate
 from inkloop_controller.model.layer_model import ink_maps
 from inkloop_controller.planning.layer_plan import PlanStatus
 from support.closed_loop import block, cylinder, print_part
+from support.long_proofs import rest_is_long
 
 INK = Ink()
 
@@ -83,7 +84,7 @@ def test_nothing_falls_where_nothing_is_lacking(make: Any) -> None:
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("make", [CohenLipsonController, ErrorDiffusionController])
+@pytest.mark.parametrize("make", rest_is_long([ErrorDiffusionController, CohenLipsonController], 1))
 def test_cylinder_ends_flatter_and_nearer_to_its_height_than_in_open_loop(make: Any) -> None:
     job = cylinder()
     blind = print_part(OpenLoopController(job), job, variation=0.2, seed=1).errors_um(job)
