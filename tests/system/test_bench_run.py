@@ -125,7 +125,7 @@ def test_stock_tools_watch_a_run_and_read_a_journal_in_it(tmp_path: Path) -> Non
 
 
 def test_first_interrupt_ends_after_the_layer_and_resume_continues(tmp_path: Path) -> None:
-    path, folder = write(tmp_path), tmp_path / "run"
+    path, folder = write(tmp_path, BLOCK.replace("height_um = 15.0", "height_um = 9.0")), tmp_path / "run"
     with emulated(path, pass_ms=50) as (_, channel):
         running = started("run", str(path), "--out", str(folder), "--set", f"bench.channel={channel}")
         wait_for_word(folder / "bench.log", "layer 2", running)

@@ -30,7 +30,7 @@ from support.toys import FunctionComponent
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
 CUBOID = quick_cuboid()
-SLOW = ["--set", "components.profiler.scan_duration_s=2.5", "--set", "part.height_um=60.0"]
+SLOW = ["--set", "components.profiler.scan_duration_s=2.5", "--set", "part.height_um=36.0"]
 KILLED = -signal.SIGKILL
 
 # A run that kills itself at its n-th look: before, within and after the writing of each file, and in each step.

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from inkloop.cli import main
 from inkloop.fmu_writer.export import find_fmu
 from support.places import SCENARIOS
 from support.prints import quick_cuboid
@@ -66,7 +65,7 @@ def test_heavy_libraries_are_seen_where_a_command_loads_them(tmp_path: Path) -> 
     assert packages >= {"matplotlib", "xarray"}
 
 
-def test_run_without_pictures_draws_nothing_until_report_does(tmp_path: Path) -> None:
+def test_run_without_pictures_draws_nothing(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     code, packages = loaded(tmp_path, "run", str(quick_cuboid()), "--out", str(folder), "--no-compare", "--no-pictures")
     assert code == 0
@@ -74,8 +73,6 @@ def test_run_without_pictures_draws_nothing_until_report_does(tmp_path: Path) ->
     assert "matplotlib" not in packages
     assert (folder / "summary.txt").is_file()
     assert not list(folder.glob("*.png"))
-    assert main(["report", str(folder)]) == 0
-    assert (folder / "surface.png").is_file()
 
 
 def test_layer_mpc_needs_casadi_only_for_its_engines() -> None:
