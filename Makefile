@@ -1,5 +1,5 @@
 # make            set everything up in .venv and print scenarios/cylinder.toml
-# make check      format, types, and every test that needs no compiler, process, bench or whole print: minutes
+# make check      format, types, and every unit test that needs no compiler, process, bench or whole print: minutes
 # make test       everything that continuous integration runs; names each test that is skipped
 # make test-long  the proofs that take minutes, and the properties with random examples
 # make benchmarks measured comparisons, next to floors and peers, for docs/reference/performance.md
@@ -71,7 +71,7 @@ $(BIN)/python:
 	@touch $@
 
 check: lint
-	INKLOOP_EXAMPLES_PERCENT=30 $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not long and not system and not compiled'
+	INKLOOP_EXAMPLES_PERCENT=30 $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not long and not system and not compiled' tests/unit
 
 test: lint
 	INKLOOP_EXAMPLES_PERCENT=30 $(BIN)/python -m pytest -n 2 --dist loadfile

@@ -181,6 +181,7 @@ def test_restored_controller_continues_with_the_same_bits_on_noisy_scans() -> No
         height = plant.layer(height, outputs["pattern"], layer + 1, np.full(height.shape, 0.9))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("fields", "options"),
     [

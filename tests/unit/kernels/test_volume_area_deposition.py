@@ -124,6 +124,7 @@ def test_columns_are_the_raster_of_the_transposed_print() -> None:
         assert one == pytest.approx(other.T, abs=1e-15)
 
 
+@pytest.mark.system
 def test_guard_keeps_200_random_prints_in_bounds_where_the_literal_equations_run_away() -> None:
     """Three layers can be three drops high where nothing flows; the literal area of a higher cell never grows."""
     highest: dict[str, list[float]] = {"literal": [], "guard": []}

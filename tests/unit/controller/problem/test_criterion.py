@@ -29,6 +29,7 @@ def test_ceiling_is_lower_where_the_prediction_is_less_sure() -> None:
     assert Criterion().ceiling(target, std, everywhere) is None
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("prints", rest_is_long([2, 12], 1))
 def test_chance_margin_of_two_keeps_the_limit_on_all_but_a_few_cells(prints: int) -> None:
     """A normal prediction is exceeded by 2.3 % of the cells at two standard deviations, by half of those at the limit

@@ -112,6 +112,7 @@ def test_two_inks_are_distinguished() -> None:
     assert found.heights * 1e6 == pytest.approx(np.array(TWO) * 1e6, abs=0.02)
 
 
+@pytest.mark.system
 def test_one_small_layer_of_the_laser_at_its_best_gives_2_3_and_10_percent() -> None:
     """20 x 20 cells, 0.3 um noise; the pattern is the first of the designed layers, over the whole grid."""
     patterns = designs.layers(20, 20, 1, margin=1)
@@ -129,6 +130,7 @@ def test_noise_of_the_scans_biases_plain_regression_but_not_ours() -> None:
     assert (np.abs(ours) < [0.006, 0.02, 0.05]).all()
 
 
+@pytest.mark.system
 def test_varied_droplets_give_the_mean_ink_with_intervals_that_hold() -> None:
     prints = [made_up(LU, random_layers(24, 24, 4, seed), 0.5e-6, seed, variation=0.4) for seed in range(8)]
     found = [identify_ink([one], 0.5e-6) for one in prints]

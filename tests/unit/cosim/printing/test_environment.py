@@ -74,6 +74,7 @@ def test_baseline_prints_the_bits_of_a_run(kind: str) -> None:
     assert total == pytest.approx(1e6 * (objective[0] - objective[-1]), rel=1e-9, abs=0.0)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", ["cuboid", "two-materials"])
 def test_checker_of_gymnasium_finds_nothing(name: str) -> None:
     from gymnasium.utils.env_checker import check_env

@@ -49,6 +49,7 @@ def test_holes_come_with_the_largest_first() -> None:
     assert len(sizes) == 3
 
 
+@pytest.mark.system
 def test_figures_of_a_file_agree_with_the_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

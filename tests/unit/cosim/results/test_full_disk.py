@@ -56,6 +56,7 @@ def largest(folder: Path) -> int:
     return max((path.stat().st_size for path in folder.rglob("*") if path.is_file()), default=0)
 
 
+@pytest.mark.system
 def test_disk_that_fills_at_any_file_is_named_and_the_run_resumes(scenario: Scenario, tmp_path: Path) -> None:
     """The limits are met by the first checkpoint, by the state after a layer, and by result.nc."""
     whole = Print(scenario).run()

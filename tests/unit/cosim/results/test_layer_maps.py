@@ -32,6 +32,7 @@ def random_maps(layers: int, seed: int = 3) -> Any:
     return (("height", layer, numbers.random((SIDE, SIDE))) for layer in range(layers))
 
 
+@pytest.mark.system
 def test_file_takes_the_memory_of_few_maps(tmp_path: Path) -> None:
     variables = {"height": (np.dtype(np.float64), {"units": "m"})}
     LayerMaps((LAYERS, SIDE, SIDE), variables, random_maps(2)).write(tmp_path / "first.nc", TABLE)  # imports
@@ -111,6 +112,7 @@ def test_chunk_of_a_file_holds_tiles_of_a_layer_or_layers_of_a_small_map(tmp_pat
     assert found == {(40, 12, 12): (40, 12, 12), (3, 1000, 700): (1, side, side)}
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("failing", rest_is_long([{2, 3}, {2}], 1))
 def test_state_that_cannot_be_saved_leaves_the_last_good_one(
     failing: set[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -190,6 +190,7 @@ def test_event_of_a_file_comes_in_the_unit_of_its_port_and_for_its_cells(tmp_pat
     np.testing.assert_allclose(np.diff(tilted.value, axis=1), 0.0, atol=1e-20)
 
 
+@pytest.mark.system
 def test_result_records_which_layers_were_modified_and_by_what(tmp_path: Path) -> None:
     event = 'action = "override"\nport = "printer.pattern"\nvalue = 0\nnozzles = [1]\n'
     end = 'action = "reset"\nport = "printer.pattern"\n'

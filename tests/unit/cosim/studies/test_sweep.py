@@ -192,6 +192,7 @@ def test_sweep_is_labelled_by_keys_and_failing_prints_are_rows_with_their_error(
         assert sweep["seed"].values.tolist() == [7, 8, 9]
 
 
+@pytest.mark.system
 def test_page_has_every_point_and_error_and_texts_of_users_are_no_html(tmp_path: Path) -> None:
     own = study(tmp_path, f'title = "alpha <i> & finish"\n{TWO_KEYS}[seeds]\ncount = 3\n')
     found, plan, _ = swept(own, tmp_path / "out", Shuffled(alpha_of))

@@ -86,6 +86,7 @@ def test_message_that_is_cut_off_is_the_end() -> None:
         assert read_message(io.BytesIO(stream.taken[:length])) is None
 
 
+@pytest.mark.system
 def test_slow_reader_is_not_waited_for_and_dropped_messages_are_counted() -> None:
     reading, writing = os.pipe()
     outbox = Outbox(io.FileIO(writing, "w"))

@@ -69,6 +69,7 @@ class Elements(HTMLParser):
             self.scripts[-1] += data
 
 
+@pytest.mark.system
 def test_maps_are_those_of_the_run_to_half_a_step() -> None:
     runs = run_report.load_runs(run_folder())
     shown = content_of(text())["runs"]
