@@ -74,6 +74,24 @@ def test_main_effects_are_means_over_all_other_keys(tmp_path: Path) -> None:
     assert effects["alpha"].get_ylabel() == "std [µm]"
 
 
+def test_error_of_a_mean_is_none_where_one_of_its_points_has_none(tmp_path: Path) -> None:
+    text = f'[vary]\n"{ALPHA}" = [0.5, 0.8]\n"{FINISH}" = ["even", "fast"]\n'
+    text += "".join(
+        f'"components.{key}" = [1, 2]\n' for key in ("controller.horizon", "printer.passes", "printer.seed")
+    )
+    found = [point(1.0, error=0.3, alpha=0.5), point(2.0, error=np.nan, alpha=0.5), point(3.0, error=0.4, alpha=0.8)]
+    for number, each in enumerate(found):
+        each["keys"] |= {FINISH: ("even", "fast", "even")[number], HORIZON: 1 + number % 2}
+        each["keys"] |= {f"components.printer.{key}": number for key in ("passes", "seed")}
+    figure = pictures(study(tmp_path, text), found, NONE)["main-effects"]
+    effects = panels(figure)
+    assert [high - low for low, high in _bars(effects["alpha"])] == pytest.approx([0.0, 0.8], rel=1e-9)
+    assert len(effects) == 5
+    rows = {axes.get_subplotspec().rowspan.start for axes in effects.values()}
+    assert rows == {0, 1}  # four in a row
+    assert figure.get_figheight() == pytest.approx(2 * 1.9 + 0.3, rel=1e-9)
+
+
 def _bars(axes: Any) -> list[tuple[float, float]]:
     """Lower and upper ends of the error bars."""
     segments = axes.containers[0].lines[2][0].get_segments()

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from inkloop.errors import ResultError, ScenarioError
+from inkloop.errors import ComponentError, ResultError, ScenarioError
 from inkloop.studies.sweep import bundle as bundles
 from inkloop.studies.sweep.bundle import Bundle
 from inkloop.studies.sweep.dataset import coordinate, dataset, unit_of
@@ -360,3 +360,47 @@ def test_manifest_and_folder_bring_what_they_name(tmp_path: Path) -> None:
     (tmp_path / "pack" / "inner.py").write_text("")
     found = Bundle.of('kind = "pack.inner:Plant"', tmp_path / "c.toml")
     assert sorted(found.files) == ["pack/__init__.py", "pack/inner.py"]
+
+
+@pytest.mark.parametrize(("keep", "stays"), [("layers = true", False), ('maps = "all"', True)])
+def test_run_folder_goes_with_its_record_unless_runs_are_kept(keep: str, stays: bool, tmp_path: Path) -> None:
+    own = study(tmp_path, f'[vary]\n"{ALPHA}" = [0.5, 0.8]\n[keep]\n{keep}\n')
+    place = tmp_path / "out" / "prints" / "00001-0000"
+    place.mkdir(parents=True)
+    with Journal(tmp_path / "out", own, Bundle.of(own.scenario.text, SCENARIO)) as journal:
+        journal.add(Record(1, 0, "interrupted"))
+        assert place.is_dir()
+        assert not journal.records
+        journal.add(Record(1, 0, "done"))
+        journal.add(Record(1, 0, "failed"))  # the first one counts
+        assert list(journal.records) == [(1, 0)]
+        assert journal.records[1, 0].status == "done"
+    assert place.is_dir() is stays
+    assert (tmp_path / "out" / "records.jsonl").read_text().count("\n") == 1
+
+
+@pytest.mark.parametrize("runs", [False, True])
+def test_error_of_a_print_is_the_message_of_its_cause(
+    runs: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run folder adds advice to the message, which names the folder: it differs from machine to machine."""
+
+    def broken(*_: object, **__: object) -> None:
+        try:
+            raise ComponentError("printer: out of ink")
+        except ComponentError as error:
+            raise ComponentError(f"printer: out of ink\nlayers 0 to 3 are in {tmp_path}") from error
+
+    monkeypatch.setattr("inkloop.studies.sweep.task.print_part", broken)
+    order = Order(SCENARIO.read_text(), str(SCENARIO), str(tmp_path) if runs else None, False)
+    found = perform(order, Task(0, 0, 5, {}))
+    assert found.status == "failed"
+    assert found.error.startswith("printer: out of ink")
+    assert ("layers 0 to 3" in found.error) is not runs
+    monkeypatch.setattr("inkloop.studies.sweep.task.print_part", _full)
+    with pytest.raises(ResultError, match="print 00000-0000: the disk is full"):
+        perform(order, Task(0, 0, 5, {}))
+
+
+def _full(*_: object, **__: object) -> None:
+    raise OSError(28, "No space left on device")
