@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import platform
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -113,6 +114,9 @@ def test_info_says_where_a_run_came_from_and_how_it_ended(tmp_path: Path, capsys
         f"standard deviation {STD_UM:.2f} µm",
         "event: layer 1: nozzle 5 is dead",
         "wall time: total 2.35 s, controller 1.50 s",
+        f"versions: python {platform.python_version()}, inkloop ",
+        f"numpy {np.__version__}",
+        f"platform: {platform.platform()}",
     ):
         assert words in lines
 

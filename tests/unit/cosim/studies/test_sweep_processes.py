@@ -144,6 +144,7 @@ def test_deaths_of_one_print_are_not_counted_for_another(workers: type[ScriptedW
         (6, 1, 6, ""),
         (2, 3, 2, ""),
         (7, 1, 6, "7 processes are more than 6 cores: 6 print"),
+        (4, 2, 3, "4 processes, 2 threads in each, are more than 6 cores: 3 print"),
         (3, 4, 1, "3 processes, 4 threads in each, are more than 6 cores: 1 prints"),
     ],
 )
