@@ -24,6 +24,11 @@ VARIED = f'[vary]\n"{ALPHA}" = [0.5, 0.8, 1.0]\n"{FINISH}" = ["even", "fast"]\n"
 NONE = xr.Dataset()
 
 
+@pytest.fixture(scope="module")
+def three_keys(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    return study(tmp_path_factory.mktemp("varied"), VARIED)
+
+
 def point(std: float | None, layers: float = 4.0, error: float = 0.3, **keys: Any) -> dict[str, Any]:
     """A point as `points` gives them; keys by the end of their name."""
     setting = {f"components.controller.{name}": value for name, value in keys.items()}
@@ -53,8 +58,8 @@ def texts(labels: Sequence[Any]) -> list[str]:
     return [label.get_text() for label in labels]
 
 
-def test_main_effects_are_means_over_all_other_keys(tmp_path: Path) -> None:
-    found = pictures(study(tmp_path, VARIED), varied(), NONE)
+def test_main_effects_are_means_over_all_other_keys(three_keys: Study) -> None:
+    found = pictures(three_keys, varied(), NONE)
     assert sorted(found) == ["front", "heat-map", "main-effects"]
     effects = panels(found["main-effects"])
     assert list(effects) == ["alpha", "finish", "horizon"]
@@ -113,8 +118,8 @@ def test_sampled_key_shows_its_points_and_the_means_of_eight_groups(tmp_path: Pa
     np.testing.assert_allclose([(high - low) / 2 for low, high in _bars(axes)], spread, rtol=1e-9)
 
 
-def test_cells_of_the_heat_map_are_the_means_under_their_labels(tmp_path: Path) -> None:
-    figure = pictures(study(tmp_path, VARIED), varied()[:-2], NONE)["heat-map"]  # alpha 1.0, "fast" is missing
+def test_cells_of_the_heat_map_are_the_means_under_their_labels(three_keys: Study) -> None:
+    figure = pictures(three_keys, varied()[:-2], NONE)["heat-map"]  # alpha 1.0, "fast" is missing
     axes, bar = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel(), bar.get_ylabel()) == ("alpha", "finish", "std [µm]")
     across, down = texts(axes.get_xticklabels()), texts(axes.get_yticklabels())
@@ -207,9 +212,8 @@ def test_search_shows_each_trial_and_the_best_so_far(aim: str, best: Sequence[fl
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("trial", "std_um")
 
 
-def test_points_that_failed_are_in_no_picture(tmp_path: Path) -> None:
-    own = study(tmp_path, VARIED)
-    assert pictures(own, [point(None, alpha=0.5, finish="even", horizon=1)], NONE) == {}
+def test_points_that_failed_are_in_no_picture(three_keys: Study) -> None:
+    assert pictures(three_keys, [point(None, alpha=0.5, finish="even", horizon=1)], NONE) == {}
 
 
 def sweep_of_two_seeds(own: Study) -> xr.Dataset:
