@@ -82,7 +82,7 @@ def distribution(table: dict[str, Any]) -> Distribution:
             raise ValueError(f"choice is {parameters!r}; expected a list of two values or more")
         return Distribution(kind, tuple(parameters))
     wrong = _error(kind, parameters)
-    if wrong:
+    if wrong is not None:
         raise ValueError(f"{kind} is {parameters!r}; expected {_form(kind)}{wrong}")
     return Distribution(kind, tuple(parameters))
 

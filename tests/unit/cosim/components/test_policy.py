@@ -76,3 +76,31 @@ def test_class_that_is_no_policy_is_named(module: str) -> None:
     assert not catalog.check(f"{module}:Rule", job, {}).errors
     with pytest.raises(ValueError, match="drop_levels is 256; needs 1 to 255"):
         PolicyController(job, np.zeros_like, 256)
+
+
+def test_state_of_another_grid_is_refused() -> None:
+    jobs = [Job(n, n, 1e-4, np.ones((n, n)), np.ones((n, n), np.bool_), (Ink(),)) for n in (3, 4)]
+    first, second = (PolicyController(job, np.zeros_like) for job in jobs)
+    with pytest.raises(inkloop.ComponentError, match=r"is of a grid \(3, 3\); needs \(4, 4\)"):
+        second.restore(first.save())
+    with pytest.raises(inkloop.ComponentError, match="is no state of its controller"):
+        second.restore(b"rubbish")
+    assert first.code.values == ActionCode((3, 3)).values == 2  # a droplet or none
+
+
+def test_policy_is_asked_once_for_each_scan_until_it_is_done() -> None:
+    job = Job(3, 3, 1e-4, np.ones((3, 3)), np.ones((3, 3), np.bool_), (Ink(),))
+    answers = iter([np.eye(3, dtype=int), np.eye(3, dtype=int), np.zeros((3, 3), int)])
+    controller = PolicyController(job, lambda observation: next(answers))
+
+    def step(scanned: int, printed: int) -> tuple[int, int]:
+        counts = {"layers_scanned": scanned, "layers_printed": printed}
+        maps = {"measured_height": np.zeros((3, 3)), "valid": np.ones((3, 3), np.bool_)}
+        found = controller.do_step(0, 1, {**maps, **{name: np.asarray(count) for name, count in counts.items()}})
+        return int(found["layer_command"]), int(found["status"])
+
+    controller.initialize(0, {"layers_printed": np.asarray(4)})
+    steps = [(-1, 4), (4, 4), (4, 4), (4, 5), (5, 5), (6, 6), (6, 6)]
+    assert [step(*each)[0] for each in steps] == [4, 5, 5, 5, 6, 6, 6]
+    assert step(6, 6)[1] == inkloop.Status.DONE
+    assert next(answers, None) is None

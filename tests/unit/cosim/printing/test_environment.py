@@ -132,6 +132,25 @@ def test_time_that_runs_out_cuts_the_print_off() -> None:
     assert (terminated, truncated, info["stop_reason"]) == (False, True, "time_max")
 
 
+@pytest.mark.parametrize(
+    ("name", "kind", "values"), [("cuboid", "MultiBinary", 2), ("two-materials", "MultiDiscrete", 3)]
+)
+def test_spaces_hold_what_is_observed_and_done(name: str, kind: str, values: int) -> None:
+    env = inkloop.LayerEnv(SCENARIOS / f"{name}.toml")
+    shape = (env.job.nx, env.job.ny)
+    space = env.observation_space
+    assert type(env.action_space).__name__ == kind
+    assert env.action_space.shape == shape
+    assert env.action_space.contains(np.full(shape, values - 1, env.action_space.dtype))
+    assert not env.action_space.contains(np.full(shape, values, env.action_space.dtype))
+    assert set(space) == {"measured_height", "valid", "target", "mask"}  # type: ignore[call-overload]
+    marks = {each: np.ones(shape, np.int8) for each in ("valid", "mask")}
+    heights = {each: np.full(shape, -1.0) for each in ("measured_height", "target")}
+    assert space.contains({**heights, **marks})
+    for wrong in ({"valid": 2 * marks["valid"]}, {"target": 1.01 * heights["target"]}, {"mask": marks["mask"][1:]}):
+        assert not space.contains({**heights, **marks, **wrong})
+
+
 def test_end_is_told_and_needs_a_reset() -> None:
     env = inkloop.LayerEnv(CUBOID, {"run.layers_max": 1}, render_mode="rgb_array")
     with pytest.raises(inkloop.InkloopError, match=r"call reset\(\)"):

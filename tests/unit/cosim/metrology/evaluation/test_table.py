@@ -1,0 +1,94 @@
+"""The table of parameters: names and units of the standards, and which of them are evaluated."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from inkloop.metrology.evaluation.definitions import DEFINITIONS, symbols
+from inkloop.metrology.evaluation.subject import Subject
+from inkloop.metrology.evaluation.table import Parameter, evaluate, found_on_profiles, parameters, rows
+from inkloop.metrology.evaluation.treatment import Evaluation, Treatment
+from support.evaluated import STEP, map_of, rough
+
+NAMES = {
+    "Sa": "arithmetical mean height", "Sq": "root mean square height", "Sz": "maximum height",
+    "Sp": "maximum peak height", "Sv": "maximum pit depth", "Ssk": "skewness", "Sku": "kurtosis",
+    "Sdq": "root mean square gradient", "Sdr": "developed interfacial area ratio", "Sk": "core height",
+    "Spk": "reduced peak height", "Svk": "reduced dale height", "Sal": "autocorrelation length",
+    "Str": "texture aspect ratio", "Vmp": "peak material volume per area", "Vvv": "pit void volume per area",
+}  # fmt: skip
+"""Of ISO 25178-2."""
+
+
+def test_symbols_have_the_names_and_units_of_the_standards() -> None:
+    assert {symbol: DEFINITIONS[symbol].name for symbol in NAMES} == NAMES
+    ratios = {symbol for symbol, each in DEFINITIONS.items() if each.unit == "1"}
+    assert ratios == {"Ssk", "Sku", "Sdq", "Sdr", "Smr1", "Smr2", "Str", "droplets"}
+    assert all(DEFINITIONS[symbol].shown == "1" for symbol in ratios)
+    angles = {symbol for symbol, each in DEFINITIONS.items() if each.unit == "rad"}
+    assert angles == {"Std", "wall_angle_ls", "wall_angle_mz"}
+    assert {symbol: DEFINITIONS[symbol].shown for symbol in symbols("volume")} == {
+        "volume_printed": "nl", "volume_target": "nl", "volume_error": "nl", "droplets": "1", "droplet_volume": "pl",
+    }  # fmt: skip
+    assert symbols("profile") == ("Pa", "Pq", "Pp", "Pv", "Pt", "Ra", "Rq", "Rp", "Rv", "Rz", "Rt")
+    assert DEFINITIONS["Rp"].name == "mean peak height of the roughness profile"
+    assert DEFINITIONS["Pv"].name == "pit depth of the primary profile"
+    for symbol, each in DEFINITIONS.items():
+        if symbol.endswith(("_ls", "_mz")):
+            assert each.name.endswith("least squares" if symbol.endswith("_ls") else "minimum zone")
+            assert each.name.startswith(symbol[:-3].replace("_", " "))
+
+
+@pytest.mark.parametrize(
+    ("symbol", "value", "key", "shown"),
+    [
+        ("Sa", 2e-6, "Sa_um", 2.0),
+        ("Ssk", 0.5, "Ssk", 0.5),
+        ("Std", math.pi / 6, "Std_deg", 30.0),
+        ("volume_error", -3e-12, "volume_error_nl", -3.0),
+        ("droplet_volume", 5e-14, "droplet_volume_pl", 50.0),
+    ],
+)
+def test_parameter_is_shown_in_the_unit_of_its_key(symbol: str, value: float, key: str, shown: float) -> None:
+    found = Parameter(symbol, DEFINITIONS[symbol].name, value, DEFINITIONS[symbol].unit)
+    assert found.key == key
+    assert found.shown == pytest.approx(shown, rel=1e-9, abs=0.0)
+
+
+def test_only_what_is_wanted_is_evaluated_in_the_order_of_the_definitions() -> None:
+    z = rough((60, 17))
+    subject = Subject(map_of(z), droplets=40)
+    found = evaluate(subject, Evaluation(("droplets", "Pq", "Sq"), Treatment("none"), axis="x"))
+    assert [row.symbol for row in found] == ["Sq", "Pq", "droplets"]
+    values = {row.symbol: row.value for row in found}
+    assert values["Sq"] == pytest.approx(z.std(), rel=1e-9, abs=0.0)
+    centred = z - z.mean(axis=0)
+    assert values["Pq"] == pytest.approx(np.sqrt((centred**2).mean(axis=0)).mean(), rel=1e-9, abs=0.0)
+    assert values["droplets"] == 40.0
+    assert evaluate(subject, Evaluation(("Pq",))) == ()  # along no axis
+    assert [row.symbol for row in rows({"Sq": 1.0, "Sa": 2.0}, ("Sq",))] == ["Sq"]
+
+
+def test_parameters_of_an_array_are_those_of_its_groups() -> None:
+    z = rough((24, 17))
+    target = np.zeros_like(z)
+    assert {row.symbol for row in parameters(z, None, STEP)} == set(symbols("areal"))
+    both = parameters(z, None, STEP, groups=("areal", "volume"), target=target, start=target, droplets=7)
+    values = {row.symbol: row.value for row in both}
+    assert values["volume_printed"] == pytest.approx(z.sum() * STEP**2, rel=1e-9, abs=0.0)
+    assert values["volume_error"] == pytest.approx(-z.sum() * STEP**2, rel=1e-9, abs=0.0)
+    assert values["droplet_volume"] == pytest.approx(z.sum() * STEP**2 / 7, rel=1e-9, abs=0.0)
+    refused = {row.symbol: row for row in parameters(z[:5, :5], None, STEP)}
+    assert math.isnan(refused["Sq"].value)
+    assert refused["Sq"].reason.startswith("25 cells have a height")
+
+
+def test_profiles_say_how_many_rows_and_sections_they_are() -> None:
+    subject = Subject(map_of(rough((60, 17))))
+    _, whole = found_on_profiles(subject, "y")
+    assert str(whole) == "60 of 60 rows along y, evaluation length 170 µm, primary profiles"
+    _, sections = found_on_profiles(subject, "x", Treatment(l_filter=2e-4))
+    assert str(sections) == "17 of 17 rows along x, evaluation length 600 µm, 3 section lengths"

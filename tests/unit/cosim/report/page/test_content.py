@@ -1,0 +1,124 @@
+"""The page as a file: its facts, its table of the surface, and the command that writes it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from inkloop.cli import main
+from inkloop.metrology.evaluation.table import parameters
+from inkloop.report.page.content import content
+from inkloop.report.page.maps import LayerMaps, final_errors, packed
+from inkloop.results.result import Result
+from support.pages import content_of, unpacked
+
+MASK = np.zeros((12, 9), np.bool_)
+MASK[2:10, 1:8] = True
+HEIGHT = np.where(MASK, 20e-6 + np.random.default_rng(3).normal(0.0, 1e-6, MASK.shape), 0.0)
+TARGET = np.where(MASK, 20e-6, 0.0)
+
+
+def printed(label: str = "closed loop", **more: Any) -> Result:
+    height = np.stack([np.zeros_like(HEIGHT), HEIGHT / 2, HEIGHT])
+    dataset = xr.Dataset(
+        {
+            "height": (("layer", "x", "y"), height),
+            "target_height": (("x", "y"), TARGET),
+            "mask": (("x", "y"), MASK),
+            "mean_error": ("layer", [20e-6, 10e-6, 1e-7]),
+            "std": ("layer", [0.0, 5e-7, 1e-6]),
+            **more,
+        },
+        {"layer": np.arange(3), "x": np.arange(12) * 1e-4, "y": np.arange(9) * 1e-4},
+        {"pitch": 1e-4},
+    )
+    return Result.of(
+        dataset, title="Plate", label=label, scenario_text="title = 'Plate'\n", seed=11, stop_reason="layers_max",
+        wall_s={"total": 2.345}, components={}, notes={"events": ["layer 1: nozzle 5 is dead"]},
+    )  # fmt: skip
+
+
+def shown(*runs: Result, **options: Any) -> dict[str, Any]:
+    named = {result.dataset.attrs["label"]: result for result in runs}
+    return content(named, [LayerMaps(result.dataset, 1) for result in runs], cells=1e6, **options)
+
+
+def test_page_has_the_facts_of_the_run_itself() -> None:
+    found = shown(printed(), printed("open"))
+    facts = dict(found["facts"])
+    assert (facts["seed"], facts["grid"]) == ("11", "12 x 9 cells of 100 µm")
+    assert (facts["wall time of total"], facts["event"]) == ("2.35 s", "layer 1: nozzle 5 is dead")
+    assert len(facts["SHA-256 of scenario"]) == 64
+    assert facts["version of numpy"] == np.__version__
+    assert (found["title"], found["scenario"]) == ("Plate", "title = 'Plate'\n")
+    assert found["state"] == "The print ended at `layers_max` of the scenario: 2 layers."
+    assert [run["name"] for run in found["runs"]] == ["closed loop", "open"]
+    assert [run["inks"] for run in found["runs"]] == [1, 1]
+    assert shown(printed(mismatch=0.25))["runs"][0]["inks"] == 2
+    assert "mean error" in found["table"]["headings"]
+    assert "too low +, too high -" in found["table"]["caption"]
+
+
+def test_page_evaluates_the_last_surface_of_the_part() -> None:
+    found = shown(printed())["metrology"]
+    expected = {row.symbol: row for row in parameters(HEIGHT, MASK, 1e-4, target=TARGET)}
+    rows = {symbol: (name, value) for symbol, name, value in found["rows"]}
+    assert rows["Sq"] == (expected["Sq"].name, f"{expected['Sq'].value * 1e6:.4g} µm")
+    assert rows["Ssk"][1] == f"{expected['Ssk'].value:.4g}"  # a ratio has no unit
+    assert set(rows) == {"Sa", "Sq", "Sp", "Sv", "Sz", "Ssk", "Sku", "Sdq", "Sdr"}
+    assert found["caption"] == "last layer, over the part; taken off: least-squares plane; no filter"
+
+
+def test_page_gets_only_the_layers_that_it_lacks() -> None:
+    later = shown(printed(), printed("open"), known=[2])["runs"]
+    assert [run["layers"]["first"] for run in later] == [1, 0]
+    steps = unpacked(later[0]["layers"]["heights"]).astype(np.int64)
+    np.testing.assert_allclose(steps[1] * later[0]["step_um"], HEIGHT * 0.5e6, atol=0.0101)
+    assert shown(printed(), known=[99])["runs"][0]["layers"]["first"] == 2
+    assert shown(printed(), known=[0])["runs"][0]["layers"]["first"] == 0
+
+
+def test_grid_and_final_errors_are_those_of_the_run() -> None:
+    (run,) = shown(printed())["runs"]
+    assert (run["grid"], run["block"], tuple(run["shape"]), run["pitch_mm"]) == ([12, 9], 1, (12, 9), 0.1)
+    errors = unpacked(run["final"]["errors"]) * run["step_um"]
+    np.testing.assert_allclose(errors, np.where(MASK, (TARGET - HEIGHT) * 1e6, 0.0), atol=0.0051)
+    coarse = final_errors(printed().dataset, 30)
+    assert (coarse["block"], tuple(coarse["shape"])) == (2, (6, 5))
+    part = unpacked(coarse["part"]).astype(bool)
+    np.testing.assert_array_equal(
+        part, [[MASK[2 * i : 2 * i + 2, 2 * j : 2 * j + 2].any() for j in range(5)] for i in range(6)]
+    )
+    corner = (TARGET - HEIGHT)[2:4, 1:2].mean() * 1e6  # of this block two cells are of the part
+    assert unpacked(coarse["errors"])[1, 0] * 0.01 == pytest.approx(corner, abs=0.0051)
+
+
+@pytest.mark.parametrize(
+    ("values", "name"), [([-128, 127], "int8"), ([-129, 0], "int16"), ([0, 128], "int16"), ([0, 40000], "int32")]
+)
+def test_numbers_take_the_smallest_type_that_holds_them(values: list[int], name: str) -> None:
+    found = packed(np.array([values], np.int64))
+    assert (found["type"], tuple(found["shape"])) == (name, (1, 2))
+    np.testing.assert_array_equal(unpacked(found), [values])
+
+
+def test_report_writes_one_file_and_says_where(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    printed().save(tmp_path)
+    assert main(["report", str(tmp_path), "--html", "--json"]) == 0
+    told = capsys.readouterr()
+    found = json.loads(told.out)
+    assert (found["folder"], found["file"]) == (str(tmp_path), str(tmp_path / "report.html"))
+    assert found["runs"]["closed loop"]["layers"] == 2
+    size = (tmp_path / "report.html").stat().st_size / 2**20
+    assert f"report.html: {size:.3g} MiB" in told.err
+    assert content_of((tmp_path / "report.html").read_text(encoding="utf-8"))["title"] == "Plate"
+    assert not (tmp_path / "summary.txt").exists()
+    assert main(["report", str(tmp_path), "--no-pictures", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert set(found) == {"folder", "runs"}
+    assert (tmp_path / "summary.txt").read_text(encoding="utf-8").startswith("Plate")
