@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 from inkloop.component import Ink
 from inkloop.components.port_tables import PortTable
 from inkloop.components.shadow.options import ShadowTable
+from inkloop.identify.log_folder import PrintTable
 from inkloop.tables import schema
 from inkloop.tables.bench_faults import FaultTable
 from inkloop.tables.ink_file import DropletTable
@@ -148,6 +149,14 @@ LIMITS: list[tuple[type[BaseModel], dict[str, Any], dict[str, tuple[list[Any], l
         | dict.fromkeys(("pitch_x_um", "pitch_y_um"), POSITIVE)
         | {"files": ([[FILE]], [[]]), "format_version": ([1], [0, 2])},
     ),
+    (
+        PrintTable,
+        {"pitch_um": 1.0},
+        dict.fromkeys(("pitch_um", "pixel_um", "count_scale", "inked_um"), POSITIVE)
+        | dict.fromkeys(("invalid_value", "offset_x_um", "offset_y_um", "rotation_deg"), FINITE)
+        | dict.fromkeys(("valid_share_min", "middle_share"), ([TINY, 1.0], [0.0, 1.0001, math.nan]))
+        | {"passes": ([1, 4], [0, 2, 5]), "pass_rotation": whole(0, 3)},
+    ),
     (ManifestFile, FILE, {"layer": COUNT, "file": (["a b.png"], ["", "a/b.png", "a\\b.png", "a\0"])}),
     (ManifestInk, {"layer_height_um": 1.0}, {"layer_height_um": POSITIVE}),
 ]
@@ -210,6 +219,16 @@ DEFAULTS: list[tuple[type[BaseModel], dict[str, Any], dict[str, Any]]] = [
         },
     ),
     (StackTable, STACK, {"rows_along": "x", "mirror": "none", "inks": {"0": "none", "1": "A", "2": "B"}}),
+    (
+        PrintTable,
+        {"pitch_um": 1.0},
+        {
+            "patterns": "pattern_{layer:04d}.csv", "maps": "layer_{layer:04d}.csv", "unit": None, "pixel_um": None,
+            "count_scale": None, "invalid_value": None, "rows_along": None, "offset_x_um": 0.0, "offset_y_um": 0.0,
+            "rotation_deg": 0.0, "mirror": "none", "valid_share_min": 0.5, "datum": "none", "middle_share": 1.0,
+            "inked_um": None, "passes": 1, "pass_order": "raster", "pass_rotation": 0,
+        },
+    ),
     (PortTable, {"variable": "x"}, {"unit": None, "gain": 1.0, "offset": 0.0, "first": 1}),
     (
         ShadowTable,
