@@ -285,6 +285,17 @@ def test_files_of_libcosim_state_gain_and_offset_of_each_element(amplified: Scen
     assert [(line.get("factor"), line.get("offset")) for line in lines] == [("2.5", "4e-06")] * 3
     assert len(root.findall(f"{begin}Connections/{begin}SignalConnection")) == 6
     assert len(root.findall(f"{begin}Connections/{begin}VariableConnection")) == 3
+    ways: dict[str, list[tuple[str, str, str]]] = {}
+    for connection in root.findall(f"{begin}Connections/{begin}SignalConnection"):
+        (variable,), (signal,) = (connection.findall(f"{begin}{kind}") for kind in ("Variable", "Signal"))
+        end = (signal.attrib["name"], variable.attrib["simulator"], variable.attrib["name"])
+        ways.setdefault(signal.attrib["function"], []).append(end)
+    assert set(ways) == {line.attrib["name"] for line in lines}
+    assert len({tuple(way) for way in ways.values()}) == 3
+    for (give, source, output), (take, target, port) in ways.values():
+        assert (give, take) == ("in", "out")
+        assert source != target
+        assert output.partition("[")[2] == port.partition("[")[2]
 
 
 def test_file_of_maestro_names_scalars_of_the_fmus(tmp_path: Path) -> None:

@@ -117,8 +117,8 @@ def test_numbers_of_a_print_are_those_of_its_numpy_statement() -> None:
         estimate = estimator.next(estimate, pattern, layer, surface, SEEN)
         trust = estimate.trust
         shown = (trust.residual, trust.early, trust.volume, trust.usual, trust.surprise)
-        expected = (residual, np.mean(early), volume, usual, residual**0.5)
-        np.testing.assert_allclose(shown, expected, rtol=1e-9, atol=0.0, err_msg=f"layer {layer}")
+        expected = (residual, float(np.mean(early)), volume, usual, residual**0.5)
+        assert shown == pytest.approx(expected, rel=1e-9, abs=0.0), layer
         np.testing.assert_allclose(estimate.reckoned, reckoned, rtol=0.0, atol=1e-15)
     assert 2 < len(early) < trust.layers == 8
 

@@ -227,7 +227,7 @@ def test_estimate_of_the_cuboid_is_that_of_its_parts(
     if MODEL in overrides:
         text = text.replace("variation = 0.2\n", "").replace('variation_kind = "per_droplet"\n', "")
     tables = inkloop.Scenario.of_text(text, "cuboid.toml", overrides).tables
-    found = Footprint.of(tables, tables.part.height_um * 1e-6)  # type: ignore[union-attr]
+    found = Footprint.of(tables, tables.part.height_um * 1e-6)
     assert (found.layers, found.memory_of_a_cell, found.disk_of_a_cell) == (layers, memory, disk)
     assert found.seconds_of_a_cell == pytest.approx(microseconds * 1e-6, rel=1e-9, abs=0.0)
     assert (found.memory, found.disk) == (144 * memory, 144 * disk)
@@ -255,7 +255,7 @@ def test_results_of_large_grids_are_rounded_and_take_less_disk() -> None:
     ],
 )
 def test_height_in_other_units_is_a_warning(height: float, layers_max: int, message: str) -> None:
-    tables = inkloop.load(CUBOID, {"run.layers_max": layers_max}).tables  # type: ignore[union-attr]
+    tables = inkloop.load(CUBOID, {"run.layers_max": layers_max}).tables
     warnings = list(Footprint.of(tables, height * 1e-6).warnings())
     assert len(warnings) == (message != "")
     assert all(message in warning for warning in warnings)
