@@ -59,7 +59,6 @@ def whole_wheel() -> dict[str, bytes]:
     }
 
 
-@HAS_TOOLS
 def test_wheel_is_refused_for_a_part_that_is_missing_or_of_another_platform(tmp_path: Path) -> None:
     from tools.release.contents import check_wheel
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
 from struct import pack
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 import pytest
 from e2e import p01
-from hypothesis import example, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from udsoncan import MemoryLocation
 
@@ -27,8 +27,10 @@ from inkloop_hardware.protocol.services import Key, Routine
 from inkloop_hardware.protocol.vocabulary import Node
 from support.benches.wire_library import IsotpEnd
 from support.examples import examples
+from support.verdicts import Verdicts
 
 CODEC = Codec()
+COUNTED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=examples(40))
 REQUEST, ANSWER = 0x640, 0x641
 PATIENCE_S, LOOKS_MAX = 300.0, 20_000
 """Of the injected clock, and looks at the wire: beyond them a call hangs."""
@@ -170,6 +172,14 @@ def fitting(request: bytes, reply: bytes) -> bytes:
     return bytes([0x7F, service, 0x78]) if reply[0] == 2 else reply
 
 
+@pytest.fixture
+def verdicts() -> Iterator[Verdicts]:
+    """Right answers are taken, whole or with a byte that does not matter, some others are refused."""
+    found = Verdicts()
+    yield found
+    found.check(1 / 20)
+
+
 KEY = Key(7, 1)
 CALLS: dict[str, Callable[[Link], object]] = {
     "state": Link.state,
@@ -183,17 +193,41 @@ CALLS: dict[str, Callable[[Link], object]] = {
     "download": lambda link: link.download(1, bytes(300)),
     "upload": lambda link: link.upload(1),
 }
+BLOCKS, BLOB, MAP = b"\0" + pack(">BH", 0x20, 4095), bytes(300), bytes(map_size(3, 5))
+RIGHT: dict[str, list[bytes]] = {
+    "state": [bytes(33)],
+    "times": [bytes(29)],
+    "limits": [bytes(31)],
+    "map size": [b"\0" + pack(">IHH", len(MAP), 3, 5)],
+    "journal": [b"\0"],
+    "version": [b"\0inkloop 0.1.0"],
+    "routine": [b"\0\0"],
+    "ask": [b"\0\1"],
+    "download": [BLOCKS, b"\0", b"\0" + pack(">I", crc32(BLOB))],
+    "upload": [b"\0" + pack(">IHH", len(MAP), 3, 5), BLOCKS, b"\0" + MAP, b"\0" + pack(">I", crc32(MAP))],
+}
+"""Answers of a node that works."""
 HEADS = st.sampled_from([b"\0", b"\0", b"\0", b"\1", b"\2", b""])
 REPLIES = st.builds(bytes.__add__, HEADS, st.binary(min_size=1, max_size=60))
 LENGTHS = st.sampled_from([pack(">BH", 0x20, most) for most in (0, 1, 2, 3, 64, 4095, 0xFFFF)]).map(b"\0".__add__)
 SIZES = st.sampled_from([pack(">IHH", size, 3, 5) for size in (0, 44, 45, 0xFFFFFFFF)]).map(b"\0".__add__)
 FRAMES = st.binary(max_size=8).map(lambda data: Frame(ANSWER, data))
+FLAWS = st.tuples(st.integers(0, 3), st.integers(0, 60))
+"""Number of an answer, and of the byte of it that is not as it should be, where there is one."""
+
+
+def flawed(answers: list[bytes], flaw: tuple[int, int]) -> list[bytes]:
+    number, at = flaw
+    return [
+        answer[:at] + bytes([answer[at] ^ 0x55]) + answer[at + 1 :] if k == number and at < len(answer) else answer
+        for k, answer in enumerate(answers)
+    ]
 
 
 @pytest.mark.compiled
 @pytest.mark.parametrize("name", CALLS)
-@settings(max_examples=examples(40))
-@given(replies=st.lists(REPLIES | LENGTHS | SIZES | FRAMES, min_size=1, max_size=6))
+@COUNTED
+@given(replies=st.lists(REPLIES | LENGTHS | SIZES | FRAMES, min_size=1, max_size=6) | FLAWS)
 @example(replies=[b"\2"])
 @example(replies=[b"\0"])
 @example(replies=[b"\0\0\0"])
@@ -201,9 +235,11 @@ FRAMES = st.binary(max_size=8).map(lambda data: Frame(ANSWER, data))
 @example(replies=[b"\0\x20\x00\x02", b"\0"])
 @example(replies=[b"\x7e\x05"])
 @example(replies=[b"\x7f"])
-def test_answers_of_any_bytes_to_a_link_end_with_a_message(name: str, replies: list[bytes | Frame]) -> None:
-    wire = ReplyingWire(replies)
-    with suppress(HardwareError):
+def test_answers_of_any_bytes_to_a_link_end_with_a_message(
+    name: str, replies: list[bytes | Frame] | tuple[int, int], verdicts: Verdicts
+) -> None:
+    wire = ReplyingWire(flawed(RIGHT[name], replies) if isinstance(replies, tuple) else replies)
+    with verdicts.count(HardwareError):
         CALLS[name](Link(Node.HEAD, CODEC, wire, "a wire"))
 
 
@@ -213,17 +249,25 @@ PEER_CALLS: dict[str, Callable[[Peer], object]] = {
     "download": lambda peer: peer.download(MemoryLocation(1, 300, 32, 32), bytes(300), True),
     "upload": lambda peer: peer.upload(MemoryLocation(1, 45, 32, 32), 45, True),
 }
+PEER_RIGHT: dict[str, list[bytes]] = {
+    "read": [b"\0\1\2"],
+    "routine": [b"\0\0"],
+    "download": [BLOCKS, b"\0"],
+    "upload": [BLOCKS, b"\0" + bytes(45), b"\0" + pack(">I", crc32(bytes(45)))],
+}
 
 
 @pytest.mark.compiled
 @pytest.mark.parametrize("name", PEER_CALLS)
-@settings(max_examples=examples(40))
-@given(replies=st.lists(REPLIES | LENGTHS | FRAMES, min_size=1, max_size=6))
+@COUNTED
+@given(replies=st.lists(REPLIES | LENGTHS | FRAMES, min_size=1, max_size=6) | FLAWS)
 @example(replies=[b"\2"])
 @example(replies=[b"\0"])
-def test_answers_of_any_bytes_to_a_peer_end_with_a_message(name: str, replies: list[bytes | Frame]) -> None:
-    wire = ReplyingWire(replies)
-    with suppress(HardwareError):
+def test_answers_of_any_bytes_to_a_peer_end_with_a_message(
+    name: str, replies: list[bytes | Frame] | tuple[int, int], verdicts: Verdicts
+) -> None:
+    wire = ReplyingWire(flawed(PEER_RIGHT[name], replies) if isinstance(replies, tuple) else replies)
+    with verdicts.count(HardwareError):
         PEER_CALLS[name](Peer("head", wire, REQUEST, ANSWER, 1.0))
 
 

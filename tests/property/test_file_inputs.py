@@ -5,7 +5,6 @@ from __future__ import annotations
 import tempfile
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager
 from copy import deepcopy
 from io import BytesIO
 from pathlib import Path
@@ -29,6 +28,7 @@ from inkloop_hardware.protocol.codec import Codec
 from support.benches import foreign_rig
 from support.examples import examples
 from support.places import ROOT
+from support.verdicts import Verdicts
 
 ONE_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=examples(60))
 JOB = small_job(6, 5)
@@ -51,36 +51,12 @@ BENCH = {
 """Values that the table of the bench takes; `x` is no key of it."""
 
 
-SHARE_TAKEN = 1 / 30
-"""Of the inputs, at least: twice as many as the simplest one of sixty."""
-
-
-class Verdicts:
-    """Counts what was taken and what was refused, so that a reader that refuses everything, or nothing, is found."""
-
-    def __init__(self) -> None:
-        self.taken = self.refused = 0
-
-    @contextmanager
-    def count(self, refusal: type[Exception]) -> Iterator[None]:
-        try:
-            yield
-        except refusal:
-            self.refused += 1
-        else:
-            self.taken += 1
-
-    def check(self) -> None:
-        """The simplest input, which is always tried, is the file as it should be; some altered ones are taken too."""
-        assert self.taken >= SHARE_TAKEN * (self.taken + self.refused), vars(self)
-        assert self.refused > 0, vars(self)
-
-
 @pytest.fixture
 def verdicts() -> Iterator[Verdicts]:
+    """Twice as many are taken, at least, as the simplest one of sixty; some are refused."""
     found = Verdicts()
     yield found
-    found.check()
+    found.check(1 / 30)
 
 
 def places(table: Any, at: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:

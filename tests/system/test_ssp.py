@@ -285,6 +285,17 @@ def test_files_of_libcosim_state_gain_and_offset_of_each_element(amplified: Scen
     assert [(line.get("factor"), line.get("offset")) for line in lines] == [("2.5", "4e-06")] * 3
     assert len(root.findall(f"{begin}Connections/{begin}SignalConnection")) == 6
     assert len(root.findall(f"{begin}Connections/{begin}VariableConnection")) == 3
+    ways: dict[str, list[tuple[str, str, str]]] = {}
+    for connection in root.findall(f"{begin}Connections/{begin}SignalConnection"):
+        (variable,), (signal,) = (connection.findall(f"{begin}{kind}") for kind in ("Variable", "Signal"))
+        end = (signal.attrib["name"], variable.attrib["simulator"], variable.attrib["name"])
+        ways.setdefault(signal.attrib["function"], []).append(end)
+    assert set(ways) == {line.attrib["name"] for line in lines}
+    assert len({tuple(way) for way in ways.values()}) == 3
+    for (give, source, output), (take, target, port) in ways.values():
+        assert (give, take) == ("in", "out")
+        assert source != target
+        assert output.partition("[")[2] == port.partition("[")[2]
 
 
 def test_file_of_maestro_names_scalars_of_the_fmus(tmp_path: Path) -> None:
@@ -373,3 +384,35 @@ def test_command_line_exports_and_runs_an_ssp(tmp_path: Path, capsys: pytest.Cap
     assert "--job goes with an .ssp" in capsys.readouterr().err
     assert main(["export-ssp", str(tmp_path / "block.toml"), "--fmi", "3"]) == 1
     assert "SSP 1.0 takes FMI 2 only; add --ssp 2.0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("scan_duration_s = 0.0", "scan_duration_s = 0.0", 34.0),
+        ("scan_duration_s = 0.0", "scan_duration_s = 2.5", 34.0 + 11 * 2.5),
+        ("variation = 0.2", "variation = 0.2\nlayer_duration_s = 0.5", 34.0 + 11 * 0.5),
+        ("[components.controller]", "run = { step_s = 0.5 }\n[components.controller]", 17.0),
+        ("[components.controller]", "run = { layers_max = 2 }\n[components.controller]", 7.0),
+        ("[components.controller]", "run = { time_max_s = 50.0 }\n[components.controller]", 50.0),
+    ],
+)
+def test_experiment_ends_when_a_print_ought_to_be_over(old: str, new: str, expected: float, tmp_path: Path) -> None:
+    """15.2 um are two layers; three times as many and five, in three steps each, and one step."""
+    path, _ = exported(tmp_path, "2.0", TEXT.replace(old, new))
+    with zipfile.ZipFile(path) as packed:
+        (experiment,) = ET.fromstring(packed.read("SystemStructure.ssd")).findall("{*}DefaultExperiment")
+    assert (float(experiment.attrib["startTime"]), float(experiment.attrib["stopTime"])) == (0.0, expected)
+
+
+def test_connectors_of_maps_have_the_dimensions_of_the_grid(tmp_path: Path) -> None:
+    path, _ = exported(tmp_path, "2.0")
+    with zipfile.ZipFile(path) as packed:
+        root = ET.fromstring(packed.read("SystemStructure.ssd"))
+    found = {
+        f"{part.attrib['name']}.{connector.attrib['name']}": [int(size.attrib["size"]) for size in connector[1:]]
+        for part in root.findall(".//{*}Component")
+        for connector in part.findall(".//{*}Connector")
+    }
+    assert found["printer.pattern"] == found["printer.height"] == found["profiler.valid"] == [6, 5]
+    assert found["printer.layer_command"] == found["profiler.layers_scanned"] == []

@@ -216,3 +216,36 @@ def test_controller_restored_after_every_layer_prints_the_same_bits(fields: Any,
         height = plant.layer(height, outputs["pattern"], layer + 1, factor)
     assert outputs["status"] == Status.DONE
     assert max(dead_cells) == 1
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_before_the_first_scan_nothing_is_known_and_nothing_is_jetted(make: Any) -> None:
+    found = dict(make(JOB).initialize(0, inputs_of(JOB, FLAT, 3)))
+    expected = dict.fromkeys(found, 0.0) | {
+        "layer_command": 3,
+        "drop_level": 1,
+        "bound": np.nan,
+        "gap": np.nan,
+        "bound_confidence": 1.0,
+        "volume_scale": 1.0,
+        "scan_surprise": 1.0,
+    }
+    for name, value in found.items():
+        np.testing.assert_array_equal(np.asarray(value, np.float64), np.full(value.shape, expected[name]), name)
+
+
+def test_outputs_report_cells_and_numbers_of_the_estimate() -> None:
+    """A cell 60 um higher than the target of its part, and one that was never seen."""
+    controller = started(LayerMpcController(JOB, register_scans=False, untrusted_layers=0))
+    height, valid = FLAT.copy(), np.ones(FLAT.shape, np.bool_)
+    i, j = (int(each[4]) for each in np.nonzero(JOB.mask))
+    height[i, j] = JOB.target_height[i, j] + 60e-6
+    valid[tuple(each[9] for each in np.nonzero(JOB.mask))] = False
+    found = answer(controller, height, 0, 0, valid)
+    assert (found["height_excess_i"], found["height_excess_j"]) == (i, j)
+    assert found["height_excess"] == pytest.approx(60e-6, rel=1e-9, abs=0.0)
+    assert found["untrusted_cells"] == 1
+    assert found["dead_cells"] == 0
+    assert found["status"] == Status.UNTRUSTED
+    assert not found["scan_corrected"]
+    np.testing.assert_array_equal(found["estimated_height"], np.where(valid, height, 0.0))

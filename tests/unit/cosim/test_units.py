@@ -6,10 +6,11 @@ import ast
 import re
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 
 from inkloop import units
-from inkloop.units import QUANTITIES, SUFFIXES, defined_unit, key_of, missing_suffix, spellings, unit_of
+from inkloop.units import QUANTITIES, SUFFIXES, UNITS, defined_unit, key_of, missing_suffix, spellings, unit_of
 from support.places import ROOT
 from support.source_tree import modules, parsed
 
@@ -160,3 +161,20 @@ def test_messages_and_tables_write_micrometres_as_they_are_printed() -> None:
     }
     assert found == {}
     assert prose_with_um('"""5 um."""\nerror = f"is {x:g} um high; write --pitch-um"') == [" um high; write "]
+
+
+def test_units_are_written_as_in_fmi_and_known_by_their_size() -> None:
+    """Sizes by the prefixes of SI; a litre is 1e-3 m3, a turn 360 deg."""
+    prefix = {"u": 1e-6, "m": 1e-3, "n": 1e-9}
+    expected = {"m": ("m", 1.0), "s": ("s", 1.0), "rad": ("rad", 1.0), "min": ("s", 60.0), "deg": ("rad", np.pi / 180)}
+    expected |= {f"{letter}m": ("m", size) for letter, size in prefix.items()}
+    expected |= {f"1/{letter}m": ("1/m", 1.0 / prefix[letter]) for letter in "um"} | {"1/m": ("1/m", 1.0)}
+    expected |= {f"{letter}m/s": ("m/s", prefix[letter]) for letter in "um"} | {"m/s": ("m/s", 1.0)}
+    for power in (2, 3):
+        expected |= {f"{letter}m{power}": (f"m{power}", prefix[letter] ** power) for letter in "um"}
+        expected[f"m{power}"] = (f"m{power}", 1.0)
+    expected |= {"pl": ("m3", 1e-12 * 1e-3), "nl": ("m3", 1e-9 * 1e-3), "mrad": ("rad", 1e-3)}
+    expected |= {"ms": ("s", 1e-3), "us": ("s", 1e-6)}
+    assert set(UNITS) == set(expected)
+    for unit, (si, factor) in expected.items():
+        assert UNITS[unit] == (si, pytest.approx(factor, rel=1e-12, abs=0.0)), unit

@@ -10,6 +10,7 @@ import pytest
 
 from inkloop.component import Ink, Job
 from inkloop_controller.estimation.height_estimator import Estimate, HeightEstimator
+from inkloop_controller.estimation.ink_identification import InkModel, ink_table
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import block, cylinder
 from support.numpy import estimator_numpy, lu_numpy
@@ -155,22 +156,40 @@ def test_cell_whose_droplets_never_come_follows_the_scan() -> None:
     assert estimate.height[10, 10] == pytest.approx(surface[10, 10], abs=1e-6)
 
 
-@pytest.mark.parametrize("passes", [1, 4])
-@pytest.mark.parametrize("noise_std", [0.5e-6, 0.0, None])
-def test_estimate_is_that_of_its_numpy_statement(noise_std: float | None, passes: int) -> None:
-    """Tilted scans of another ink on a rough substrate, cells that were not seen, and one whose droplets never come."""
-    job, rng = block(15, 14, passes=passes), np.random.default_rng(6)
+SECOND_INK = Ink(3.4e-6, 0.8e-6, 0.35e-6)
+
+
+@pytest.mark.parametrize(
+    ("model", "noise_std", "passes", "inks"),
+    [
+        ("scale", 0.5e-6, 1, (Ink(),)),
+        ("scale", 0.0, 4, (Ink(),)),
+        ("scale", None, 4, (Ink(),)),
+        ("scale", None, 1, (Ink(), SECOND_INK)),
+        ("full", 0.5e-6, 1, (Ink(),)),
+        ("full", None, 4, (Ink(),)),
+        ("full", 0.0, 1, (Ink(), SECOND_INK)),
+        ("full", 0.5e-6, 4, (Ink(), SECOND_INK)),
+        ("off", 0.5e-6, 1, (Ink(), SECOND_INK)),
+    ],
+)
+def test_estimate_is_that_of_its_numpy_statement(
+    model: InkModel, noise_std: float | None, passes: int, inks: tuple[Ink, ...]
+) -> None:
+    """Tilted scans of other inks on a rough substrate, cells that were not seen, and one whose droplets never come."""
+    job, rng = block(15, 14, passes=passes, inks=inks), np.random.default_rng(6)
     job.mask[:, :6] = False
-    ours = HeightEstimator(job, sensor_noise_std=noise_std, register_scans=False)
-    stated = estimator_numpy.Estimator(job, None if noise_std is None else noise_std**2)
-    plant, surface = LayerModel((Ink(3.9e-6, 0.5e-6, 0.15e-6),), passes), rng.uniform(0.0, 6e-6, job.mask.shape)
-    factor = 1.0 - 0.3 * rng.random(surface.shape)
+    ours = HeightEstimator(job, adapt_ink=model, sensor_noise_std=noise_std, register_scans=False)
+    stated = estimator_numpy.Estimator(job, None if noise_std is None else noise_std**2, model)
+    plant = LayerModel((Ink(3.9e-6, 0.5e-6, 0.15e-6), Ink(3.7e-6, 0.7e-6, 0.3e-6))[: len(inks)], passes)
+    surface, factor = rng.uniform(0.0, 6e-6, job.mask.shape), 1.0 - 0.3 * rng.random(job.mask.shape)
     factor[7, 9] = 1e-9
     i, j = np.indices(surface.shape)
     seen = rng.random(surface.shape) < 0.93
     estimate, state = ours.first(surface, seen), stated.first(surface, seen)
     for layer in range(1, 5):
-        pattern = (job.mask & (rng.random(surface.shape) < 0.7)).astype(np.int32)
+        drawn = rng.integers(1, len(inks) + 1, surface.shape)
+        pattern = np.where(job.mask & (rng.random(surface.shape) < 0.7), drawn, 0).astype(np.int32)
         surface, seen = plant.layer(surface, pattern, layer, factor), rng.random(surface.shape) < 0.93
         scan = surface + rng.normal(0.0, 0.4e-6, surface.shape) + layer * (1e-6 + 0.1e-6 * i - 0.2e-6 * j)
         scan[1, 1] += 20e-6  # soiled
@@ -179,9 +198,15 @@ def test_estimate_is_that_of_its_numpy_statement(noise_std: float | None, passes
         np.testing.assert_allclose(estimate.height, state.height, rtol=0.0, atol=1e-14)
         np.testing.assert_allclose(estimate.height_variance, state.variance, rtol=1e-9, atol=0.0)
         np.testing.assert_array_equal(estimate.unseen, state.unseen)
+        np.testing.assert_allclose(ink_table(estimate.inks), state.inks, rtol=1e-9, atol=0.0)
         assert estimate.noise_variance == pytest.approx(state.noise, rel=1e-9, abs=0.0)
-        assert estimate.ink_scale == pytest.approx(state.scale, rel=1e-9, abs=0.0)
-    assert 0.6 < state.scale < 0.95
+        assert estimate.ink_scale == pytest.approx(
+            stated.layer_height(state.inks) / stated.layer_height(stated.nominal), rel=1e-9, abs=0.0
+        )
+        if model == "full":
+            errors = [state.learnt[each].error for each in ("full", "scale")]
+            np.testing.assert_allclose(estimate.learnt.errors, errors, rtol=1e-9, atol=0.0)
+    assert (0.6 < estimate.ink_scale < 0.95) == (model != "off")
 
 
 def test_estimate_comes_back_from_arrays_bit_by_bit() -> None:

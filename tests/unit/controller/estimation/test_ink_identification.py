@@ -168,3 +168,13 @@ def test_nothing_is_learnt_where_little_is_printed(model: InkModel, droplets: in
 def test_nominal_ink_is_kept_on_request() -> None:
     bench = Bench(block(20, 20), (scaled(0.8),), "off")
     assert bench.print(bench.full_pattern()).inks == bench.job.inks
+
+
+@pytest.mark.parametrize(("droplets", "learns"), [(30, False), (90, True)])
+def test_layer_below_a_tenth_of_a_full_one_is_no_evidence(droplets: int, learns: bool) -> None:
+    """Of 676 cells; many more droplets than show an ink at all."""
+    bench = Bench(block(30, 30), (scaled(0.85),), "scale")
+    pattern = np.zeros(bench.height.shape, np.int32)
+    chosen = np.random.default_rng(3).permutation(np.argwhere(bench.job.mask))[:droplets]
+    pattern[tuple(chosen.T)] = 1
+    assert (bench.print(pattern).inks != bench.job.inks) == learns

@@ -16,6 +16,7 @@ from inkloop_controller.estimation.loop_trust import LoopTrust, UntrustedReason
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import SECOND, block, inputs_of
 from support.long_proofs import rest_is_long
+from support.numpy import estimator_numpy
 
 JOB = block(20, 18, height=60e-6)
 SHAPE = (JOB.nx, JOB.ny)
@@ -86,6 +87,40 @@ def test_residuals_are_medians_of_what_a_common_volume_does_not_explain() -> Non
     found = np.median((growth - volume * added) ** 2 / variance) / 0.4549
     assert trust.early == pytest.approx(found, rel=1e-9, abs=0.0)
     assert trust.residual == pytest.approx(0.8 + 0.2 * found, rel=1e-9, abs=0.0)
+
+
+def test_numbers_of_a_print_are_those_of_its_numpy_statement() -> None:
+    """Exact scans of layers that are dense, sparse, hardly there, or of ink that runs out, past half of the height."""
+    rng, estimator = np.random.default_rng(8), HeightEstimator(JOB, adapt_ink="off", sensor_noise_std=0.0)
+    stated, surface, usual = estimator_numpy.Estimator(JOB, 0.0, "off"), np.zeros(SHAPE), 1.0
+    residual, reckoned = 1.0, surface
+    early: list[float] = []
+    estimate = estimator.first(surface, SEEN)
+    dense, weak = (0.9, 0.3, 0.8, 0.02, 1.0, 1.0, 1.0, 0.7, 0.4), (0.9, 0.8, 0.4, 1.0, 1.1, 0.9, 0.9, 0.8, 1.0)
+    for layer, (share, volume) in enumerate(zip(dense, weak, strict=True), start=1):
+        pattern = (JOB.mask & (rng.random(SHAPE) < share)).astype(np.int32)
+        added, is_early = stated.printed(surface, pattern, stated.nominal) - surface, surface[JOB.mask].mean() < 30e-6
+        growth = volume * added * rng.uniform(0.9, 1.1, SHAPE)
+        hit = (pattern > 0) & (added > 0.0)
+        volume, enough = usual, hit.sum() >= 20
+        if enough:
+            middle = float(np.median(growth[hit] / added[hit]))
+            rest = growth[hit] - middle * added[hit]
+            variance = 0.1**2 * stated.squares(surface, pattern, stated.nominal)[hit]
+            found = float(np.median(rest**2 / variance)) / 0.4549
+            residual, early = 0.8 * residual + 0.2 * found, early + [found] * int(is_early)
+            if hit.sum() > 0.5 * JOB.mask.sum():
+                volume = middle
+                usual = 0.8 * usual + 0.2 * middle if middle > 0.5 else usual
+        reckoned = reckoned + volume * (stated.printed(reckoned, pattern, stated.nominal) - reckoned)
+        surface = surface + growth
+        estimate = estimator.next(estimate, pattern, layer, surface, SEEN)
+        trust = estimate.trust
+        shown = (trust.residual, trust.early, trust.volume, trust.usual, trust.surprise)
+        expected = (residual, float(np.mean(early)), volume, usual, residual**0.5)
+        assert shown == pytest.approx(expected, rel=1e-9, abs=0.0), layer
+        np.testing.assert_allclose(estimate.reckoned, reckoned, rtol=0.0, atol=1e-15)
+    assert 2 < len(early) < trust.layers == 8
 
 
 def test_misfit_of_droplets_counts_until_the_part_is_half_built() -> None:

@@ -220,3 +220,53 @@ def test_saved_estimate_is_restored_bit_by_bit() -> None:
     assert estimate.registration.has_shift
     for name, value in estimate.arrays().items():
         np.testing.assert_array_equal(restored.arrays()[name], value)
+
+
+def test_scans_of_a_flat_surface_show_no_displacement_and_leave_it_as_unsure_as_it_was() -> None:
+    """Half a cell, and the step from scan to scan: 0.03 cells of the shift, 0.001 cells^2 of the spot."""
+    job = block(14, 13, height=30e-6)
+    seen, nothing = np.ones(job.mask.shape, np.bool_), np.zeros(job.mask.shape, np.int32)
+    estimator = HeightEstimator(job, sensor_noise_std=0.3e-6)
+    estimate = estimator.first(np.zeros(seen.shape), seen)
+    for layer in range(4):
+        found = estimate.registration
+        np.testing.assert_array_equal(found.estimate, 0.0)
+        variances = [0.25 + layer * 0.03**2, 0.25 + layer * 0.03**2, 0.25 + layer * 0.001**2]
+        np.testing.assert_allclose(found.covariance, np.diag(variances), rtol=1e-12, atol=0.0)
+        assert found.steps_variance == pytest.approx(0.03**2, rel=1e-12, abs=0.0)
+        assert found.misfit == pytest.approx(0.05**2, rel=1e-12, abs=0.0)
+        assert found.scans == layer
+        assert not found.is_applied
+        shown = found.displacement
+        assert (shown.shift_x, shown.shift_y, shown.spot_radius) == (0.0, 0.0, 0.0)
+        assert shown.shift_std == pytest.approx(np.sqrt(variances[0]), rel=1e-12, abs=0.0)
+        estimate = estimator.next(estimate, nothing, layer + 1, np.zeros(seen.shape), seen)
+
+
+def test_errors_of_readings_at_walls_are_learnt_down_to_a_least_one() -> None:
+    """Scans that agree say 0.01 of the curvature, with a weight of 0.3 against what was known, 0.05 at first."""
+    job = block(14, 13, height=30e-6)
+    seen, nothing = np.ones(job.mask.shape, np.bool_), np.zeros(job.mask.shape, np.int32)
+    estimator, surface = HeightEstimator(job, sensor_noise_std=0.3e-6), np.where(job.mask, 100e-6, 0.0)
+    estimate, misfit = estimator.first(surface, seen), 0.05**2
+    for layer in range(1, 4):
+        estimate = estimator.next(estimate, nothing, layer, surface, seen)
+        misfit = 0.7 * misfit + 0.3 * 0.01**2
+        assert estimate.registration.misfit == pytest.approx(misfit, rel=1e-9, abs=0.0)
+        np.testing.assert_allclose(estimate.registration.estimate, 0.0, atol=1e-12)
+
+
+def test_shift_is_never_more_than_four_cells_and_no_response_is_kept_where_none_is_looked_for() -> None:
+    job = block(24, 23, height=60e-6)
+    seen, nothing = np.ones(job.mask.shape, np.bool_), np.zeros(job.mask.shape, np.int32)
+    surface = np.where(job.mask, 100e-6, 0.0)
+    estimator = HeightEstimator(job, sensor_noise_std=0.3e-6)
+    estimate = estimator.first(surface, seen)
+    for layer in range(1, 12):
+        estimate = estimator.next(estimate, nothing, layer, np.roll(surface, min(layer, 9), 0), seen)
+        assert np.abs(estimate.registration.estimate[:2]).max() <= 4.0
+        assert 0.0 <= estimate.registration.estimate[2] <= 16.0
+    without = HeightEstimator(job, register_scans=False)
+    estimate = without.first(surface, seen)
+    np.testing.assert_array_equal(estimate.response, 0.0)
+    np.testing.assert_array_equal(without.next(estimate, nothing, 1, surface, seen).response, 0.0)

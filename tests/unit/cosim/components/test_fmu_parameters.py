@@ -10,6 +10,7 @@ import pytest
 from inkloop.component import Job
 from inkloop.components import catalog, fmu_parameters
 from inkloop.fmu import FmuComponent, FmuDescription, Variable
+from inkloop.fmu_writer.export import find_fmu
 from support.fmus.amplifier import build
 from support.toys import toy_job
 
@@ -177,3 +178,14 @@ def test_what_only_the_python_controller_takes_is_answered_with_what_to_do(
 ) -> None:
     (error,) = catalog.check("LayerController", toy_job(), options).errors
     assert re.fullmatch(message, error)
+
+
+def test_fmu_of_a_file_names_what_is_wrong_with_the_job_s_parameters() -> None:
+    options = {"file": str(find_fmu("ProfileSensor", "fmi3"))}
+    assert not catalog.check("Fmu", toy_job(), options).errors
+    for asked in (True, False):
+        assert not catalog.check("Fmu", toy_job(), options | {"job_parameters": asked}).errors
+    found = catalog.check("Fmu", toy_job(), options | {"job_parameters": "no", "noise_std_um": -1.0}).errors
+    assert found[0] == "job_parameters is 'no'; expected true or false"
+    assert found[1].startswith("noise_std_um is -1")
+    assert list(catalog.check("Fmu", toy_job(), {}).errors) == ["file is missing; name the .fmu file"]

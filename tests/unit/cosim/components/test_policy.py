@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import inkloop
 from inkloop.component import Ink, Job
 from inkloop.components import catalog
 from inkloop.components.policy import ActionCode, PolicyController
+from inkloop.errors import ComponentError
 from inkloop.testing import RESUMABLE_CONTRACT_CHECKS
 from inkloop.testing import job as job_of_checks
 from support.places import SCENARIOS
@@ -104,3 +106,19 @@ def test_policy_is_asked_once_for_each_scan_until_it_is_done() -> None:
     assert [step(*each)[0] for each in steps] == [4, 5, 5, 5, 6, 6, 6]
     assert step(6, 6)[1] == inkloop.Status.DONE
     assert next(answers, None) is None
+
+
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        ([[0, 1, 5]], r"the action is 5 in cell \(0, 2\); needs 0 .. 4"),
+        ([[0, -1, 5]], r"the action is -1 in cell \(0, 1\); needs 0 .. 4"),
+        ([[0.0, 1.0, 2.0]], "the action is float64; needs whole numbers or booleans"),
+        ([0, 1, 2], r"the action has shape \(3,\); needs \(1, 3\)"),
+    ],
+)
+def test_action_that_is_none_is_named(action: list[Any], message: str) -> None:
+    code = ActionCode((1, 3), inks=2, drop_levels=2)
+    with pytest.raises(ComponentError, match=message):
+        code.split(np.array(action))
+    code.split(np.array([[0, 4, 1]]))

@@ -177,7 +177,8 @@ def test_event_of_a_file_comes_in_the_unit_of_its_port_and_for_its_cells(tmp_pat
     scenario = load(
         tmp_path,
         '\n[[events]]\nat_layer = 2\naction = "override"\nport = "printer.pattern"\nvalue = 0\nnozzles = [1]\n'
-        '\n[[events]]\nat_time_s = 0.5\naction = "bias"\nport = "printer.height"\nvalue_um = 3\ntilt_x = 0.01\n',
+        '\n[[events]]\nat_time_s = 0.5\naction = "bias"\nport = "printer.height"\n'
+        "value_um = 3\ntilt_x = 0.01\ntilt_y = -0.03\n",
     )
     dead, tilted = scenario.events
     assert dead.cells is not None
@@ -187,7 +188,7 @@ def test_event_of_a_file_comes_in_the_unit_of_its_port_and_for_its_cells(tmp_pat
     assert tilted.at_time_ns == SECOND // 2
     assert tilted.value.mean() == pytest.approx(3e-6, rel=1e-9, abs=0.0)
     np.testing.assert_allclose(np.diff(tilted.value, axis=0), 0.01 * 263.256e-6)
-    np.testing.assert_allclose(np.diff(tilted.value, axis=1), 0.0, atol=1e-20)
+    np.testing.assert_allclose(np.diff(tilted.value, axis=1), -0.03 * 263.256e-6)
 
 
 @pytest.mark.system

@@ -197,3 +197,65 @@ def test_large_scenarios_are_valid_on_a_small_grid(path: Path) -> None:
     """As they are, they take too long for a test."""
     small = {"grid.nx": 12, "grid.ny": 12, "part.size_x_um": 500.0, "part.size_y_um": 500.0}
     assert Scenario.load(path, small).footprint.layers == 10
+
+
+HORIZON, MODEL = "components.controller.horizon", "components.printer.kind"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "layers", "memory", "disk", "microseconds"),
+    [
+        # bytes of a cell: 33 of each layer and the start, the state of 165, and twice that or 21 a layer of results,
+        # and those of the open loop
+        ({}, 3, 500, 33 * 4 + 165 + 165 + 21 * 4, 3 * (105 + 5)),
+        ({HORIZON: 1}, 3, 500, 546, 3 * (15 + 5)),
+        ({HORIZON: 3}, 3, 500, 546, 3 * (25 + 5)),
+        ({HORIZON: 4}, 3, 500, 546, 3 * (45 + 5)),
+        ({"components.controller.finish": "fast"}, 3, 500, 546, 3 * (45 + 5)),
+        ({"part.height_um": 76.0}, 10, 500, 33 * 11 + 165 + 21 * 11 * 2, 10 * (105 + 5)),
+        ({"part.height_um": 76.1}, 11, 500, 33 * 12 + 165 + 21 * 12 * 2, 11 * (105 + 5)),
+        ({"part.height_um": 760.0, "run.layers_max": 10}, 10, 500, 33 * 11 + 165 + 21 * 11 * 2, 10 * (105 + 5)),
+        ({"part.height_um": 0.5}, 1, 500, 33 * 2 + 165 + 165 + 21 * 2, 1 * (105 + 5)),
+        ({MODEL: "YoungLaplaceDeposition"}, 3, 6200, 33 * 4 + 705 + 705 + 84, 3 * (405 + 305)),
+        ({"components.controller.kind": "LayerController"}, 3, 1500, 33 * 4 + 235 + 235 + 84, 3 * (105 + 5)),
+    ],
+)
+def test_estimate_of_the_cuboid_is_that_of_its_parts(
+    overrides: dict[str, object], layers: int, memory: int, disk: int, microseconds: float
+) -> None:
+    text = CUBOID.read_text(encoding="utf-8")
+    if MODEL in overrides:
+        text = text.replace("variation = 0.2\n", "").replace('variation_kind = "per_droplet"\n', "")
+    tables = inkloop.Scenario.of_text(text, "cuboid.toml", overrides).tables
+    found = Footprint.of(tables, tables.part.height_um * 1e-6)
+    assert (found.layers, found.memory_of_a_cell, found.disk_of_a_cell) == (layers, memory, disk)
+    assert found.seconds_of_a_cell == pytest.approx(microseconds * 1e-6, rel=1e-9, abs=0.0)
+    assert (found.memory, found.disk) == (144 * memory, 144 * disk)
+    assert found.seconds == pytest.approx(144 * microseconds * 1e-6, rel=1e-9, abs=0.0)
+
+
+def test_results_of_large_grids_are_rounded_and_take_less_disk() -> None:
+    tables = Scenario.load(CUBOID).tables
+
+    def disk(nx: int) -> int:
+        grid = tables.grid.model_copy(update={"nx": nx, "ny": 512})
+        return Footprint.of(tables.model_copy(update={"grid": grid}), 22.8e-6).disk_of_a_cell
+
+    assert (disk(512), disk(513)) == (546, 132 + 165 + 165 + 9 * 4)
+
+
+@pytest.mark.parametrize(
+    ("height", "layers_max", "message"),
+    [
+        (22.8, 1000, ""),
+        (0.31 * 7.6, 1000, ""),
+        (0.29 * 7.6, 1000, "the part is 0.29 of a layer high; a droplet is higher, and nothing may be printed; check"),
+        (7.6 * 99, 10, ""),
+        (7.6 * 101, 10, "the part is about 101 layers high; run.layers_max ends the print after 10; check the heights"),
+    ],
+)
+def test_height_in_other_units_is_a_warning(height: float, layers_max: int, message: str) -> None:
+    tables = inkloop.load(CUBOID, {"run.layers_max": layers_max}).tables
+    warnings = list(Footprint.of(tables, height * 1e-6).warnings())
+    assert len(warnings) == (message != "")
+    assert all(message in warning for warning in warnings)

@@ -14,6 +14,7 @@ from inkloop.cli import main
 from inkloop.components import catalog
 from inkloop.scenario import new
 from inkloop.scenario.json_schema import scenario_schema
+from inkloop.testing import job as small_job
 from support.places import SCENARIOS
 
 FOLDER = SCENARIOS
@@ -90,3 +91,32 @@ def test_command_writes_the_schema_or_prints_it(tmp_path: Path, capsys: pytest.C
     assert json.loads(capsys.readouterr().out) == SCHEMA
     assert main(["schema", "--out", str(tmp_path / "schema.json")]) == 0
     assert json.loads((tmp_path / "schema.json").read_text()) == SCHEMA
+
+
+def test_device_has_the_options_of_its_model_and_no_others() -> None:
+    document = cuboid()
+    document["components"]["profiler"] = {"kind": "hardware.profiler"}
+    for key, expected in {"drift_rate_um": 0, "drift_raet_um": 1}.items():
+        document["components"]["profiler"] = {"kind": "hardware.profiler", key: 1.0}
+        assert len(errors(document)) == expected, key
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "others"),
+    [
+        ("variation_kind", ["per_droplet", 1, "per_cell", 2], ["per_drop", 0, 9, 1.5]),
+        ("passes", [1, 4], [0, 5, 1.5, "one"]),
+        ("variation", [0.0, 1.0], [-0.001, 1.001, "0.2"]),
+        ("h1_a_um", [1e-3, 50.0], [-1.0, "4.4"]),
+        ("layer_duration_ms", [0.0, 5e3], [-1.0, True]),
+        ("seed", [0, 7], [-1, 0.5]),
+        ("fmi", ["fmi2", "fmi3", "fmi3-fixed"], ["fmi1", 2]),
+    ],
+)
+def test_option_of_a_model_takes_what_its_variable_takes(key: str, values: list[Any], others: list[Any]) -> None:
+    """The schema and the reader of scenarios, which share no code for it, agree on every value."""
+    for value in (*values, *others):
+        document = cuboid()
+        document["components"]["printer"][key] = value
+        checked = catalog.check("LayerDeposition", small_job(12, 12), {key: value})
+        assert bool(errors(document)) == bool(checked.errors) == (value in others and value not in values), value

@@ -209,3 +209,19 @@ def test_bad_height_map_is_refused_by_name(part: str, expected: str, tmp_path: P
     (error,) = errors_of(part, tmp_path)
     assert error.startswith("part")
     assert expected in error
+
+
+@pytest.mark.parametrize(("page", "place"), [(0, "all.tif"), (1, "all.tif, page 2"), (2, "all.tif, page 3")])
+def test_unknown_grey_value_is_named_with_page_row_and_column(page: int, place: str, tmp_path: Path) -> None:
+    pages = np.array([F] * 3)
+    pages[page, 2, 3] = pages[page, 4, 0] = 7
+    tifffile.imwrite(tmp_path / "all.tif", pages, photometric="minisblack")
+    (error,) = errors_of(STACK.format(files="all.tif"), tmp_path)
+    assert f"inks has no grey value 7, which {place} has first in row 2, column 3; 2 pixels of it have" in error
+    assert "known are 0, 1, 2" in error
+
+
+def test_unknown_grey_value_of_a_slice_is_named_with_its_file(tmp_path: Path) -> None:
+    write_stack(tmp_path, F, np.where(F == 1, 9, 0).astype(np.uint8))
+    (error,) = errors_of(BITS, tmp_path)
+    assert "inks has no grey value 9, which s_002.png has first in row 0, column 0; 11 pixels" in error

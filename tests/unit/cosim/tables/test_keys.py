@@ -1,0 +1,257 @@
+"""Every key of the tables takes the numbers between its limits and no others, and has the default of its page."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple
+from typing import Any
+
+import pytest
+from pydantic import BaseModel, ValidationError
+
+from inkloop.component import Ink
+from inkloop.components.port_tables import PortTable
+from inkloop.components.shadow.options import ShadowTable
+from inkloop.identify.log_folder import PrintTable
+from inkloop.tables import schema
+from inkloop.tables.bench_faults import FaultTable
+from inkloop.tables.ink_file import DropletTable
+from inkloop.tables.layer_manifest import Manifest, ManifestFile, ManifestInk
+from inkloop.tables.metrology import MetrologyTable
+from inkloop.tables.part_images import StackTable
+from inkloop.tables.part_mesh import MeshTable
+from inkloop.tables.shapes import CylinderTable, Grid, StaircaseTable
+
+TINY = 5e-324
+POSITIVE = ([TINY, 1e9], [0.0, -1.0, math.inf, math.nan])
+NOT_NEGATIVE = ([0.0, 1e9], [-TINY, math.inf, math.nan])
+FINITE = ([0.0, -1e9, 1e9], [math.inf, -math.inf, math.nan])
+COUNT = ([1, 10**6], [0, -1, 1.5, True])
+
+
+def whole(least: int, most: int) -> tuple[list[Any], list[Any]]:
+    return [least, most], [least - 1, most + 1, least + 0.5]
+
+
+GRID = {"nx": 1, "ny": 1}
+CYLINDER = {"shape": "cylinder", "radius_um": 1.0, "height_um": 1.0}
+STAIRS = {"shape": "staircase", "size_x_um": 1.0, "size_y_um": 1.0, "steps": 1, "height_um": 1.0}
+STACK = {"shape": "stack", "files": "x.tif", "layer_um": 1.0, "pixel_um": 1.0}
+MESH = {"shape": "mesh", "file": "x.stl"}
+EVENT = {"action": "reset", "port": "a.b"}
+FILE = {"file": "x.png", "layer": 1, "ink": "A", "sha256": ""}
+MANIFEST = {
+    "format": "inkloop layers", "format_version": 1, "width_pixels": 1, "height_pixels": 1, "pitch_x_um": 1.0,
+    "pitch_y_um": 1.0, "origin": "", "first_row": "", "first_column": "", "polarity": "", "drop_levels": 1,
+    "inks": {}, "files": [FILE],
+}  # fmt: skip
+LIMITS: list[tuple[type[BaseModel], dict[str, Any], dict[str, tuple[list[Any], list[Any]]]]] = [
+    (Grid, GRID, {"nx": COUNT, "ny": COUNT, "pitch_um": ([1.0, 1e4], [0.999, math.inf, math.nan])}),
+    (CylinderTable, CYLINDER, dict.fromkeys(("radius_um", "height_um"), POSITIVE) | {"center_x_um": FINITE}),
+    (StaircaseTable, STAIRS, {"size_x_um": POSITIVE, "size_y_um": POSITIVE, "steps": COUNT, "center_y_um": FINITE}),
+    (
+        StackTable,
+        STACK,
+        {
+            "layer_um": POSITIVE,
+            "pixel_um": POSITIVE,
+            "inks": ([{"0123456789": "A"}], [{"01234567890": "A"}, {"-1": "A"}, {"": "A"}, {"a": "A"}, {"1": "C"}]),
+        },
+    ),
+    (
+        MeshTable,
+        MESH,
+        {"rotate_deg": ([[0.0, 90.0, -1e3]], [[0.0] * 2, [0.0] * 4, [math.inf, 0.0, 0.0]]), "scale": POSITIVE},
+    ),
+    (
+        schema.SubstrateTable,
+        {},
+        dict.fromkeys(("tilt_x", "tilt_y", "step_um"), FINITE)
+        | dict.fromkeys(("wave_um", "roughness_um"), NOT_NEGATIVE)
+        | {"wavelength_um": POSITIVE},
+    ),
+    (schema.Support, {}, {"margin_cells": ([0, 9], [-1, 0.5])}),
+    (schema.InkTable, {}, {"h1_um": POSITIVE, "h2_um": NOT_NEGATIVE, "h3_um": NOT_NEGATIVE}),
+    (
+        DropletTable,
+        {"h1_um": 1.0, "h2_um": 1.0, "h3_um": 1.0},
+        {"h1_um": POSITIVE, "h2_um": NOT_NEGATIVE, "h3_um": NOT_NEGATIVE},
+    ),
+    (schema.Process, {}, {"passes": ([1, 4], [0, 2, 5]), "pass_rotation": whole(0, 3)}),
+    (
+        schema.BenchTable,
+        {},
+        {
+            "bitrate": whole(10_000, 1_000_000),
+            "data_bitrate": whole(10_000, 8_000_000),
+            "traffic_log": (["", "a.blf", "b.asc"], ["x/a.blf", "x\\a.blf", "a.log", ".blf"]),
+            "cure_ms": whole(1, 65534),
+            "loop_timeout_s": POSITIVE,
+            "grace_s": POSITIVE,
+            "answer_s": POSITIVE,
+            "silence_s": ([0.1, 60.0], [0.0999, 60.1, math.nan]),
+        },
+    ),
+    (
+        schema.RunTable,
+        {},
+        {
+            "step_s": ([1e-9, 1e9], [0.9e-9, math.inf, math.nan]),
+            "layers_max": COUNT,
+            "time_max_s": POSITIVE,
+            "real_time_factor": POSITIVE,
+        },
+    ),
+    (schema.ConnectionTable, {"source": "a.b", "target": "c.d"}, {"gain": FINITE}),
+    (
+        schema.EventTable,
+        EVENT,
+        {
+            "at_layer": COUNT,
+            "at_time_s": NOT_NEGATIVE,
+            "tilt_x": FINITE,
+            "tilt_y": FINITE,
+            "cells": ([[[0, 1]], []], [[[0]], [[0, 1, 2]], [0, 1]]),
+        },
+    ),
+    (
+        MetrologyTable,
+        {},
+        {
+            "parameters": ([["Sa"]], [[], ["Saa"]]),
+            "s_filter_um": POSITIVE,
+            "l_filter_um": POSITIVE,
+            "filter_order": ([0, 1], [2, -1]),
+        },
+    ),
+    (PortTable, {"variable": "x"}, {"gain": FINITE, "offset": FINITE, "first": ([0, 5], [-1, 0.5])}),
+    (ShadowTable, {}, {"alarm_um": POSITIVE, "stop_um": POSITIVE}),
+    (
+        FaultTable,
+        {"kind": "loss"},
+        {
+            "probability": ([TINY, 1.0], [0.0, 1.0001]),
+            "nth": whole(1, 2**32 - 1),
+            "count": whole(1, 2**32 - 1),
+            "frames": whole(1, 2**32 - 1),
+            "id": whole(0, 0x7FF),
+            "service": whole(0, 0xBF),
+            "byte": whole(0, 7),
+            "layer": whole(0, 65535),
+            "pass": whole(0, 3),
+            "seed": whole(0, 2**31 - 1),
+        },
+    ),
+    (
+        Manifest,
+        MANIFEST,
+        dict.fromkeys(("width_pixels", "height_pixels", "drop_levels"), COUNT)
+        | dict.fromkeys(("pitch_x_um", "pitch_y_um"), POSITIVE)
+        | {"files": ([[FILE]], [[]]), "format_version": ([1], [0, 2])},
+    ),
+    (
+        PrintTable,
+        {"pitch_um": 1.0},
+        dict.fromkeys(("pitch_um", "pixel_um", "count_scale", "inked_um"), POSITIVE)
+        | dict.fromkeys(("invalid_value", "offset_x_um", "offset_y_um", "rotation_deg"), FINITE)
+        | dict.fromkeys(("valid_share_min", "middle_share"), ([TINY, 1.0], [0.0, 1.0001, math.nan]))
+        | {"passes": ([1, 4], [0, 2, 5]), "pass_rotation": whole(0, 3)},
+    ),
+    (ManifestFile, FILE, {"layer": COUNT, "file": (["a b.png"], ["", "a/b.png", "a\\b.png", "a\0"])}),
+    (ManifestInk, {"layer_height_um": 1.0}, {"layer_height_um": POSITIVE}),
+]
+"""Table, the least that it needs, and of its keys values that are taken and values that are not."""
+
+
+@pytest.mark.parametrize(
+    ("model", "needed", "key", "taken", "refused"),
+    [(model, needed, key, *values) for model, needed, keys in LIMITS for key, values in keys.items()],
+    ids=[f"{model.__name__}.{key}" for model, _, keys in LIMITS for key in keys],
+)
+def test_key_takes_the_values_between_its_limits(
+    model: type[BaseModel], needed: dict[str, Any], key: str, taken: list[Any], refused: list[Any]
+) -> None:
+    for value in taken:
+        model.model_validate(needed | {key: value})
+    for value in refused:
+        with pytest.raises(ValidationError) as caught:
+            model.model_validate(needed | {key: value})
+        assert {detail["loc"][0] for detail in caught.value.errors() if detail["loc"]} == {key}, value
+
+
+DEFAULTS: list[tuple[type[BaseModel], dict[str, Any], dict[str, Any]]] = [
+    (Grid, GRID, {"pitch_um": 263.256}),
+    (CylinderTable, CYLINDER, {"center_x_um": None, "center_y_um": None}),
+    (
+        schema.SubstrateTable,
+        {},
+        {"tilt_x": 0.0, "tilt_y": 0.0, "step_um": 0.0, "wave_um": 0.0, "wavelength_um": 5000.0, "roughness_um": 0.0},
+    ),
+    (schema.Support, {}, {"kind": "around", "margin_cells": 2}),
+    (schema.InkTable, {}, {"h1_um": 4.4, "h2_um": 0.6, "h3_um": 0.2}),
+    (schema.Process, {}, {"passes": 1, "pass_order": "raster", "pass_rotation": 0}),
+    (
+        schema.BenchTable,
+        {},
+        {
+            "bitrate": None, "data_bitrate": None, "bit_rate_switch": False, "traffic_log": "traffic.blf",
+            "cure_ms": 100, "loop_timeout_s": 120.0, "grace_s": 0.5, "answer_s": 1.0, "silence_s": 0.3, "faults": [],
+        },
+    ),
+    (
+        schema.RunTable,
+        {},
+        {"step_s": 1.0, "algorithm": "gauss-seidel", "layers_max": 1000, "time_max_s": None, "real_time_factor": None},
+    ),
+    (schema.ConnectionTable, {"source": "a.b", "target": "c.d"}, {"gain": 1.0}),
+    (schema.EventTable, EVENT, {"tilt_x": 0.0, "tilt_y": 0.0, "cells": None, "nozzles": None}),
+    (
+        MetrologyTable,
+        {},
+        {"parameters": ["Sa", "Sq", "Sz"], "f_operation": "plane", "filter_order": 1, "every_layer": False},
+    ),
+    (
+        MeshTable,
+        MESH,
+        {
+            "unit": None, "place": "on-substrate", "rotate_deg": [0.0, 0.0, 0.0], "scale": 1.0, "mirror": "none",
+            "inks": None, "open_columns": "refuse",
+        },
+    ),
+    (StackTable, STACK, {"rows_along": "x", "mirror": "none", "inks": {"0": "none", "1": "A", "2": "B"}}),
+    (
+        PrintTable,
+        {"pitch_um": 1.0},
+        {
+            "patterns": "pattern_{layer:04d}.csv", "maps": "layer_{layer:04d}.csv", "unit": None, "pixel_um": None,
+            "count_scale": None, "invalid_value": None, "rows_along": None, "offset_x_um": 0.0, "offset_y_um": 0.0,
+            "rotation_deg": 0.0, "mirror": "none", "valid_share_min": 0.5, "datum": "none", "middle_share": 1.0,
+            "inked_um": None, "passes": 1, "pass_order": "raster", "pass_rotation": 0,
+        },
+    ),
+    (PortTable, {"variable": "x"}, {"unit": None, "gain": 1.0, "offset": 0.0, "first": 1}),
+    (
+        ShadowTable,
+        {},
+        {
+            "plant": "LayerDeposition", "alarm_um": 3.0, "stop_um": None, "pattern_input": "pattern",
+            "height_output": "height",
+        },
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("model", "needed", "expected"), DEFAULTS, ids=[each[0].__name__ for each in DEFAULTS])
+def test_key_that_is_left_out_has_its_default(
+    model: type[BaseModel], needed: dict[str, Any], expected: dict[str, Any]
+) -> None:
+    found = model.model_validate(needed)
+    assert {key: getattr(found, key) for key in expected} == expected
+
+
+def test_lengths_of_tables_become_metres() -> None:
+    assert schema.InkTable(h1_um=4.0, h2_um=0.5, h3_um=0.25).ink == Ink(4e-6, 0.5e-6, 0.25e-6)
+    table = schema.SubstrateTable(tilt_x=0.1, tilt_y=-0.2, step_um=3, wave_um=5, wavelength_um=700, roughness_um=2)
+    assert astuple(table.substrate) == pytest.approx((0.1, -0.2, 3e-6, 5e-6, 7e-4, 2e-6), rel=1e-12, abs=0.0)
+    treatment = MetrologyTable(s_filter_um=30, l_filter_um=800.0).evaluation.treatment
+    assert (treatment.s_filter, treatment.l_filter) == pytest.approx((30e-6, 8e-4), rel=1e-12, abs=0.0)
