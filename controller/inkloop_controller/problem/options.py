@@ -10,7 +10,7 @@ import inspect
 import typing
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import wraps
+from functools import cache, wraps
 from math import isinf
 from typing import Annotated, Any, TypeVar
 
@@ -57,8 +57,13 @@ class Keyword:
         return written * UNITS[self.option.unit][1] if self.option.unit else written
 
 
-def keywords(part: Callable[..., object]) -> Iterator[Keyword]:
+@cache
+def keywords(part: Callable[..., object]) -> tuple[Keyword, ...]:
     """The options of a class, in the order of its arguments."""
+    return tuple(_keywords(part))
+
+
+def _keywords(part: Callable[..., object]) -> Iterator[Keyword]:
     hints = typing.get_type_hints(part.__init__ if inspect.isclass(part) else part, include_extras=True)
     for name, parameter in inspect.signature(part).parameters.items():
         annotation: Any = hints.get(name)

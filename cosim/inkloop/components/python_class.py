@@ -14,6 +14,7 @@ import typing
 import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -115,6 +116,7 @@ class _Constructed:
         return made.component
 
 
+@lru_cache(maxsize=32)
 def options_table(factory: Callable[..., Any]) -> type[BaseModel]:
     """A table of the keyword-only options of a factory, with the types that it declares.
 

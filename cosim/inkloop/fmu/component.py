@@ -10,6 +10,7 @@ import hashlib
 import os
 import zipfile
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,6 +49,14 @@ def platform_error(description: FmuDescription) -> str | None:
 
 def archive_error(path: Path) -> str | None:
     """The reason why an FMU cannot be unpacked: it is damaged, or too large."""
+    try:
+        return _archive_error(path, path.stat().st_mtime_ns)
+    except OSError as error:
+        return f"cannot be read: {reason_of(error)}"
+
+
+@lru_cache(maxsize=32)
+def _archive_error(path: Path, changed_ns: int) -> str | None:
     try:
         with zipfile.ZipFile(path) as archive:
             if reason := unpacked_error(archive):
