@@ -27,7 +27,7 @@ from inkloop.scenario.overrides import apply_overrides
 from inkloop.scenario.validation import errors_of_invalid_file, part_errors
 from inkloop.suggest import OFFERED_MAX, nearest
 from inkloop.tables.html import html_table
-from inkloop.tables.ink_file import merge_ink_file
+from inkloop.tables.ink_file import merge_ink_file, names_ink_file
 from inkloop.tables.job import job_of, target_of
 from inkloop.tables.messages import sentence
 from inkloop.tables.schema import ComponentTable, ScenarioFile
@@ -78,7 +78,9 @@ class Scenario:
     def of_text(cls, text: str, source: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
         """The scenario of a text; files that it names are relative to `source`. Raises ScenarioError."""
         try:
-            toml_tables(text)
+            raw = toml_tables(text)
+            if not overrides and not names_ink_file(raw):
+                return cls._from_tables(source, text, raw, [])
             document = tomlkit.parse(text)
         except TomlError as error:
             raise ScenarioError(source, [str(error)]) from error

@@ -6,7 +6,7 @@ gives itself wins.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, MutableMapping
+from collections.abc import Iterator, Mapping, MutableMapping
 from pathlib import Path
 from typing import Any
 
@@ -39,11 +39,17 @@ class InkFile(Table):
     identified: dict[str, Any] = Field(default={}, description="for people")
 
 
+def names_ink_file(tables: Mapping[str, Any]) -> bool:
+    """Whether a scenario takes its inks from another file."""
+    ink = tables.get("ink")
+    return isinstance(ink, Mapping) and isinstance(ink.get("file"), str)
+
+
 def merge_ink_file(document: tomlkit.TOMLDocument, folder: Path) -> list[str]:
     """Replace `ink.file` of a scenario by the content of that file; returns the errors, one sentence each."""
-    ink = document.get("ink")
-    if not isinstance(ink, MutableMapping) or not isinstance(ink.get("file"), str):
+    if not names_ink_file(document):
         return []
+    ink = document["ink"]
     name = str(ink.pop("file"))
     found, errors = _read(folder / name)
     if found is None:
