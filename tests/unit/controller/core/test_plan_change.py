@@ -13,7 +13,7 @@ CORE = ROOT / "controller" / "core"
 FMUS = ROOT / "fmus"
 SOURCES = (
     C_SOURCES / "plan_change_invariants.c",
-    *(CORE / "search" / f"{name}.c" for name in ("one_step", "plan_change", "plan_surface")),
+    *(CORE / "search" / f"{name}.c" for name in ("change_bound", "near_flow", "one_step", "plan_change", "plan_surface")),
     *(CORE / "problem" / f"{name}.c" for name in ("map_memory", "objective")),
     FMUS / "layer_deposition" / "layer_map.c",
 )
