@@ -246,8 +246,10 @@ static INLINED void spread_changes(const PlanSurface *surface, const ChangeBound
     for (size_t number = first; number < surface->steps; number++) {
         const NearStep *step = &bound->step[number];
         const bool is_last = number + 1 == surface->steps;
-        if (spread->bottom > 0 && bound->rules.is_mixed)
-            carry(surface, bound, step, true, is_last, spread);
+        if (spread->bottom > 0 && bound->rules.is_mixed && is_last)
+            carry(surface, bound, step, true, true, spread);
+        else if (spread->bottom > 0 && bound->rules.is_mixed)
+            carry(surface, bound, step, true, false, spread);
         else if (spread->bottom > 0 && is_last)
             carry(surface, bound, step, false, true, spread);
         else if (spread->bottom > 0)
