@@ -1,9 +1,10 @@
-/* Invariants of plan_change.h on random problems; prints the first one that does not hold and ends with 1, or else the
- * bits of all that was calculated. */
+/* Invariants of plan_change.h and change_bound.h on random problems; prints the first one that does not hold and ends
+ * with 1, or else the bits of all that was calculated. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "change_bound.h"
 #include "counter_random.h"
 #include "plan_change.h"
 
@@ -20,7 +21,7 @@ static int32_t plan[HORIZON_MAX * CELLS];
 static HorizonProblem random_problem(uint64_t seed) {
     HorizonProblem problem = {.nx = NX,
                               .ny = NY,
-                              .layers = 1 + seed % 3,
+                              .layers = 1 + seed % HORIZON_MAX,
                               .height = height,
                               .target = target,
                               .ceiling = seed % 2 ? ceiling : NULL,
@@ -52,7 +53,8 @@ static HorizonProblem random_problem(uint64_t seed) {
     return problem;
 }
 
-static uint64_t bits = 1; /* of all sums and surfaces so far */
+static int64_t vain = 0, found_vain = 0; /* changes that the bound is for and that do not help; those it knows */
+static uint64_t bits = 1;                /* of all sums and surfaces so far */
 
 static void add_bits(const void *of, size_t bytes) {
     const uint8_t *byte = of;
@@ -95,8 +97,9 @@ static const char *broken_invariant(uint64_t seed) {
     const HorizonProblem problem = random_problem(seed);
     PlanSurface kept, changed, fresh;
     Window window;
+    ChangeBound bound;
     if (!surface_open(&kept, &problem, plan) || !surface_open(&changed, &problem, plan) ||
-        !window_open(&window, &changed))
+        !window_open(&window, &changed) || !bound_open(&bound, &changed))
         return "there is memory";
     const char *broken = distance_to_layer_map(&kept) < 1e-15 ? NULL : "the surface is that of the layer map";
     for (uint64_t draw = 0; !broken && draw < 6 * CHANGES; draw += 6) {
@@ -123,6 +126,8 @@ static const char *broken_invariant(uint64_t seed) {
             broken = "what a trial is worth is its cost";
         if (!same_surfaces(&kept, &changed))
             broken = "a trial leaves no trace";
+        bound_renew(&bound);
+        const double least = change_bound(&bound, &changed, i, j, change, count, &changed.sums);
         plan_apply(&changed, change, count, &window);
         surface_plan(&changed, plan);
         if (!surface_open(&fresh, &problem, plan))
@@ -133,6 +138,10 @@ static const char *broken_invariant(uint64_t seed) {
         const double found = objective_change(&kept.sums, &added, &kept.weighting);
         if (fabs(found - expected) > 1e-12 * objective(&kept.sums, &kept.weighting))
             broken = "a trial gives the change of the objective";
+        if (least > found)
+            broken = "no change does less to the objective than its bound";
+        vain += least > -INFINITY && found > 0.0;
+        found_vain += least > 0.0 && found > 0.0;
         add_bits(changed.height, (changed.steps + 1) * changed.framed * sizeof(double));
         add_bits(&fresh.sums, sizeof fresh.sums);
         surface_close(&fresh);
@@ -144,6 +153,7 @@ static const char *broken_invariant(uint64_t seed) {
         surface_evaluate(&kept);
         surface_evaluate(&changed);
     }
+    bound_close(&bound);
     window_close(&window);
     surface_close(&changed);
     surface_close(&kept);
@@ -157,6 +167,10 @@ int main(void) {
             printf("problem %d: does not hold: %s\n", (int)seed, broken);
             return 1;
         }
+    }
+    if (2 * found_vain < vain || vain < 500) {
+        printf("of %d changes in vain only %d are known by their bounds\n", (int)vain, (int)found_vain);
+        return 1;
     }
     printf("%016llx\n", (unsigned long long)bits);
     return 0;

@@ -12,12 +12,15 @@ static const int64_t WORK_BETWEEN_LOOKS = 20000;
  * 2 and a change alters those within 1. Over more steps a last sweep over all cells sees to the others (by trial). */
 enum { WAKE_REACH = 3 };
 
+static const double EXP_ROUNDED = 1.0 + 1e-12; /* more than any C library rounds an exponential by */
+
 typedef struct {
     PlanSurface *surface;
     uint8_t *awake;
     const Sweep *sweep;
     const Sums *before;
     Window *window;
+    ChangeBound *bound;
     Tally *tally;
     int64_t next_look;
 } Work;
@@ -30,11 +33,19 @@ typedef struct {
     double cost; /* what it does to the objective [m] */
 } Best;
 
+/* Whether the changes certainly do not lower the objective by more than `cost` does. */
+static bool is_in_vain(Work *work, const Change *change, size_t count, const Sums *sums, double cost) {
+    work->window->work += NEAR_ROWS;
+    return change_bound(work->bound, work->surface, change->i, change->j, change, count, sums) >= cost;
+}
+
 static void consider(Work *work, const Change *change, size_t count, Best *best) {
     const Sums sums = sums_after(work->before, &work->tally->change);
+    work->tally->evaluations++;
+    if (best->cost < 0.0 && is_in_vain(work, change, count, &sums, best->cost))
+        return;
     const Sums added = plan_trial_worth(work->surface, change, count, work->window);
     const double cost = objective_change(&sums, &added, &work->surface->weighting);
-    work->tally->evaluations++;
     if (cost >= best->cost)
         return;
     best->count = count;
@@ -60,6 +71,7 @@ static void make(Work *work, const Best *best) {
     const bool is_whole = !is_cost_enough(work->surface);
     const Sums added = is_whole ? best->worth : plan_trial(work->surface, best->change, best->count, work->window);
     plan_apply(work->surface, best->change, best->count, work->window);
+    bound_renew(work->bound);
     work->tally->change = sums_after(&work->tally->change, &added);
     for (size_t k = 0; k < best->count; k++)
         wake(work, best->change[k].i, best->change[k].j);
@@ -150,6 +162,16 @@ static bool draw_shift(const Work *work, size_t layer, size_t i, size_t j, uint6
            surface_allows(work->surface, other, i, j, change[1].value);
 }
 
+/* Whether annealing declines the changes with the number `drawn`, as is certain from the least that they cost. */
+static bool is_declined(Work *work, const Change *change, size_t count, double drawn) {
+    const Sums sums = sums_after(work->before, &work->tally->change);
+    const double least = change_bound(work->bound, work->surface, change->i, change->j, change, count, &sums);
+    const bool found = least > 0.0 && drawn > EXP_ROUNDED * exp(-least / work->sweep->temperature);
+    work->window->work += NEAR_ROWS;
+    work->tally->evaluations += found;
+    return found;
+}
+
 /* A random change of the cell in this layer, made if it helps and sometimes if it does not (Metropolis). With more
  * layers every second one is a shift: what layer a droplet falls in costs less than whether it falls. */
 static void anneal(Work *work, size_t layer, size_t i, size_t j) {
@@ -159,8 +181,11 @@ static void anneal(Work *work, size_t layer, size_t i, size_t j) {
     if (!(shifts ? draw_shift : draw_flip)(work, layer, i, j, draw + 1, change))
         return;
     Best best = {.cost = INFINITY};
+    const double drawn = random_unit(key, draw + 2);
+    if (is_declined(work, change, shifts ? 2 : 1, drawn))
+        return;
     consider(work, change, shifts ? 2 : 1, &best);
-    if (best.cost >= 0.0 && random_unit(key, draw + 2) >= exp(-best.cost / work->sweep->temperature))
+    if (best.cost >= 0.0 && drawn >= exp(-best.cost / work->sweep->temperature))
         return;
     make(work, &best);
     work->tally->flips += !shifts;
@@ -176,8 +201,9 @@ static bool is_out_of_time(Work *work) {
 }
 
 void tile_sweep(PlanSurface *surface, uint8_t *awake, const Tile *tile, const Sweep *sweep, const Sums *before,
-                Window *window, Tally *tally) {
-    Work work = {surface, awake, sweep, before, window, tally, window->work};
+                Window *window, ChangeBound *bound, Tally *tally) {
+    Work work = {surface, awake, sweep, before, window, bound, tally, window->work};
+    bound_renew(bound);
     for (size_t i = tile->top; i < tile->bottom; i++) {
         for (size_t j = tile->left; j < tile->right; j++) {
             uint8_t *own = &awake[surface_cell(surface, i, j)];

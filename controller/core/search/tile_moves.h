@@ -2,6 +2,7 @@
 #ifndef INKLOOP_TILE_MOVES_H
 #define INKLOOP_TILE_MOVES_H
 
+#include "change_bound.h"
 #include "plan_change.h"
 
 typedef struct {
@@ -28,7 +29,7 @@ typedef struct {
 /* `awake`: a map with the surface's frame; bit MOVE_... is set on cells where that move may have begun to help. The
  * tile begins with the sums `before` and leaves the surface's own alone: other tiles may be at work. */
 void tile_sweep(PlanSurface *surface, uint8_t *awake, const Tile *tile, const Sweep *sweep, const Sums *before,
-                Window *window, Tally *tally);
+                Window *window, ChangeBound *bound, Tally *tally);
 
 /* Sets all moves awake everywhere. */
 void wake_all(const PlanSurface *surface, uint8_t *awake);

@@ -25,10 +25,12 @@ bool tiling_open(Tiling *tiling, PlanSurface *surface, int32_t threads) {
     tiling->kept = malloc(surface->problem->layers * surface->framed);
     tiling->tally = malloc(rows * columns * sizeof(Tally));
     tiling->window = calloc(wanted, sizeof(Window));
-    bool complete = tiling->awake && tiling->kept && tiling->tally && tiling->window;
+    tiling->bound = calloc(wanted, sizeof(ChangeBound));
+    bool complete = tiling->awake && tiling->kept && tiling->tally && tiling->window && tiling->bound;
     while (complete && tiling->threads < wanted) {
         complete = window_open(&tiling->window[tiling->threads], surface);
-        tiling->threads += complete;
+        complete = bound_open(&tiling->bound[tiling->threads], surface) && complete;
+        tiling->threads++;
     }
     if (!complete)
         tiling_close(tiling);
@@ -36,8 +38,11 @@ bool tiling_open(Tiling *tiling, PlanSurface *surface, int32_t threads) {
 }
 
 void tiling_close(Tiling *tiling) {
-    for (size_t k = 0; k < tiling->threads; k++)
+    for (size_t k = 0; k < tiling->threads; k++) {
         window_close(&tiling->window[k]);
+        bound_close(&tiling->bound[k]);
+    }
+    free(tiling->bound);
     free(tiling->window);
     free(tiling->tally);
     free(tiling->kept);
@@ -60,10 +65,11 @@ static Tile tile_at(const Tiling *tiling, size_t index) {
     return (Tile){top, top + TILE < nx ? top + TILE : nx, left, left + TILE < ny ? left + TILE : ny};
 }
 
-static void sweep_one(Tiling *tiling, const Sweep *sweep, size_t index, const Sums *before, Window *window) {
+static void sweep_one(Tiling *tiling, const Sweep *sweep, size_t index, const Sums *before, size_t thread) {
     const Tile tile = tile_at(tiling, index);
     tiling->tally[index] = (Tally){0};
-    tile_sweep(tiling->surface, tiling->awake, &tile, sweep, before, window, &tiling->tally[index]);
+    tile_sweep(tiling->surface, tiling->awake, &tile, sweep, before, &tiling->window[thread], &tiling->bound[thread],
+               &tiling->tally[index]);
 }
 
 static void *sweep_share(void *handed) {
@@ -71,7 +77,7 @@ static void *sweep_share(void *handed) {
     const size_t tiles = tiles_of_colour(share->tiling, share->colour);
     for (size_t k = share->first; k < tiles; k += share->stride)
         sweep_one(share->tiling, share->sweep, tile_index(share->tiling, share->colour, k), &share->before,
-                  &share->tiling->window[share->first]);
+                  share->first);
     return NULL;
 }
 
@@ -104,7 +110,7 @@ static void sweep_in_turn(Tiling *tiling, const Sweep *sweep, size_t colour) {
     PlanSurface *surface = tiling->surface;
     for (size_t k = 0; k < tiles_of_colour(tiling, colour); k++) {
         const size_t index = tile_index(tiling, colour, k);
-        sweep_one(tiling, sweep, index, &surface->sums, &tiling->window[0]);
+        sweep_one(tiling, sweep, index, &surface->sums, 0);
         surface->sums = sums_after(&surface->sums, &tiling->tally[index].change);
     }
 }

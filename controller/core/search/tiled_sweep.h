@@ -16,7 +16,8 @@ typedef struct {
     size_t rows, columns; /* of tiles */
     Tally *tally;         /* one for each tile */
     size_t threads;
-    Window *window; /* one for each thread */
+    Window *window;     /* one for each thread */
+    ChangeBound *bound; /* one for each thread */
 } Tiling;
 
 /* False if there is no memory. */

@@ -11,9 +11,10 @@ from support.places import C_SOURCES, ROOT
 
 CORE = ROOT / "controller" / "core"
 FMUS = ROOT / "fmus"
+SEARCH = ("change_bound", "near_flow", "one_step", "plan_change", "plan_surface")
 SOURCES = (
     C_SOURCES / "plan_change_invariants.c",
-    *(CORE / "search" / f"{name}.c" for name in ("one_step", "plan_change", "plan_surface")),
+    *(CORE / "search" / f"{name}.c" for name in SEARCH),
     *(CORE / "problem" / f"{name}.c" for name in ("map_memory", "objective")),
     FMUS / "layer_deposition" / "layer_map.c",
 )
