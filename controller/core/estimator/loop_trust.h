@@ -48,9 +48,10 @@ typedef struct {
     size_t cells, part_cells;
     const uint8_t *used;    /* cells of the part whose growth was measured */
     const int32_t *pattern; /* only cells that were given a droplet count */
-    const double *growth;   /* that was measured [m] */
-    const double *added;    /* that was expected [m] */
-    const double *variance; /* of their difference [m^2] */
+    const double *before;    /* heights [m] */
+    const double *scan;      /* ... as measured afterwards */
+    const double *predicted; /* ... and as expected */
+    const double *variance;  /* of their difference [m^2] */
     bool is_early;          /* the part was less than half built */
 } LayerGrowth;
 

@@ -49,7 +49,8 @@ bool first_response(size_t nx, size_t ny, const double *scan, const uint8_t *val
     for (size_t cell = 0; cell < cells; cell++)
         unseen[cell] = !valid[cell];
     const DisplacedView view = displaced_view((Displacement){0.0, 0.0, 0.0});
-    displaced_scan_slopes(nx, ny, scan, &view, &whole, scratch, response);
+    double *const slopes[DISPLACEMENTS] = {response, response + cells, response + 2 * cells};
+    displaced_scan_slopes(nx, ny, scan, &view, &whole, &(Scratch){scratch, 0, nx}, slopes);
     for (size_t i = 0; i < nx; i++) {
         uint8_t *near = (uint8_t *)scratch; /* of the row */
         mark_near_row(unseen, nx, ny, i, near);
@@ -188,26 +189,29 @@ static void learn_misfit(size_t cells, const Room *room, Registration *registrat
 /* The scan as it would be in register: what the displacement that is applied changes in the predicted scan, taken off.
  */
 static void correct_scan(const ScanEvidence *evidence, const Registration *registration, const double x[UNKNOWNS],
-                         const double before[DISPLACEMENTS], const Room *room, const CorrectedMaps *maps) {
+                         const double before[DISPLACEMENTS], const Room *room) {
     const size_t nx = evidence->nx, ny = evidence->ny, cells = nx * ny;
     const Patch grid = {0, nx, 0, ny};
-    double moved[DISPLACEMENTS], whole[SHIFTS], *reading = room->scratch + 3 * cells;
+    const MovedMaps *maps = &room->moved;
+    const Scratch scratch = {maps->scratch, 0, nx};
+    const double *reading = scratch_map(&scratch, ny, SCRATCH_MAPS - 1).values;
+    double moved[DISPLACEMENTS], whole[SHIFTS], *surface = maps->surface;
     const DisplacedView left = displaced_view(split_displacement(registration->applied, whole));
     for (size_t k = 0; k < DISPLACEMENTS; k++)
         moved[k] = is_applied(registration, k) ? x[k] - before[k] : 0.0;
-    surface_by(evidence, moved, x[GROWTH], room->surface);
+    surface_by(evidence, moved, x[GROWTH], surface);
     for (size_t i = 0; i < nx; i++)
-        curvature_of_row(nx, ny, room->surface, i, room->curvature + i * ny);
-    displaced_scan(nx, ny, room->surface, &left, &grid, room->scratch, reading);
+        curvature_of_row(nx, ny, surface, i, room->curvature + i * ny);
+    displaced_scan(nx, ny, surface, &left, &grid, &scratch, scratch_map(&scratch, ny, SCRATCH_MAPS - 1));
     for (size_t cell = 0; cell < cells; cell++) {
         size_t scanned;
         maps->seen[cell] = scanned_cell(nx, ny, cell, whole, &scanned) && evidence->valid[scanned];
-        maps->scan[cell] = maps->seen[cell] ? evidence->scan[scanned] - reading[cell] + room->surface[cell] : 0.0;
+        maps->scan[cell] = maps->seen[cell] ? evidence->scan[scanned] - reading[cell] + surface[cell] : 0.0;
         maps->before[cell] = evidence->before[cell];
         for (size_t k = 0; k < DISPLACEMENTS; k++)
             maps->before[cell] += moved[k] * evidence->response[k * cells + cell];
         const double curvature = room->curvature[cell];
-        maps->variance[cell] = READING_STD * READING_STD + registration->misfit * curvature * curvature;
+        maps->misread[cell] = READING_STD * READING_STD + registration->misfit * curvature * curvature;
     }
 }
 
@@ -218,7 +222,7 @@ static void mark_clear(const ScanEvidence *evidence, const Registration *registr
     const double limit = evidence->unsure * evidence->unsure;
     for (size_t cell = 0; cell < cells; cell++) {
         const double error = displacement_variance(registration, registered->sensitivity, cells, cell);
-        clear[cell] = registered->seen[cell] && error + registered->variance[cell] < limit;
+        clear[cell] = registered->seen[cell] && error + registered->misread[cell] < limit;
     }
 }
 
@@ -226,10 +230,10 @@ bool is_displaced(const Registration *registration) {
     return registration->has_shift || registration->has_wide_spot;
 }
 
-void take_as_read(const ScanEvidence *evidence, const CorrectedMaps *maps, RegisteredScan *registered) {
+void take_as_read(const ScanEvidence *evidence, RegisteredScan *registered) {
     registered->before = evidence->before;
     registered->scan = evidence->scan;
-    registered->variance = maps->variance;
+    registered->misread = NULL;
     registered->seen = registered->clear = evidence->valid;
 }
 
@@ -253,6 +257,8 @@ static bool learn(const ScanEvidence *evidence, bool is_iterated, Room *room, do
                   Registration *registration, RegisteredScan *registered) {
     const size_t cells = evidence->nx * evidence->ny;
     double covariance[UNKNOWNS * UNKNOWNS];
+    if (is_iterated && !open_moved(room, cells))
+        return false;
     if (!likeliest_displacement(evidence, registration, is_iterated, room, x, covariance) ||
         !update(x, covariance, registration, registered))
         return false;
@@ -295,62 +301,62 @@ static void complete_slopes(size_t cells, const Room *room, const double *respon
             sensitivity[cell] = room->is_wall[cell] ? sensitivity[cell] : response[k * cells + cell];
     }
     for (size_t k = 0; k < SHIFTS; k++) {
-        double *restrict slopes = registered->slopes + k * cells;
+        double *restrict slopes = registered->slopes[k];
         for (size_t cell = 0; cell < cells; cell++)
             slopes[cell] = room->is_wall[cell] ? slopes[cell] : 0.0;
     }
 }
 
-bool register_scan(const ScanEvidence *evidence, const CorrectedMaps *maps, Room *room, Registration *registration,
-                   RegisteredScan *registered) {
+bool register_scan(const ScanEvidence *evidence, Room *room, Registration *registration, RegisteredScan *registered) {
     const size_t cells = evidence->nx * evidence->ny;
     const Registration before = *registration;
     double x[UNKNOWNS];
-    for (size_t cell = 0; cell < cells; cell++)
-        room->growth[cell] = evidence->predicted[cell] - evidence->before[cell];
     if (!learn_and_confirm(evidence, room, x, registration, registered))
-        return false; /* singular to rounding: with the prior in them these equations never are */
+        return false; /* no memory, or singular to rounding: with the prior in them these equations never are */
     registered->sensitivity = room->columns[0];
-    registered->slopes = room->columns[STEP];
+    for (size_t k = 0; k < SHIFTS; k++)
+        registered->slopes[k] = room->columns[STEP + k];
     complete_slopes(cells, room, evidence->response, registered);
     for (size_t k = 0; k < DISPLACEMENTS; k++)
         registration->applied[k] = is_applied(registration, k) ? registration->estimate[k] : 0.0;
     if (!is_displaced(registration)) {
-        take_as_read(evidence, maps, registered);
+        take_as_read(evidence, registered);
         return true;
     }
-    correct_scan(evidence, registration, x, before.applied, room, maps);
-    registered->before = maps->before;
-    registered->scan = maps->scan;
-    registered->variance = maps->variance;
-    registered->seen = maps->seen;
-    registered->clear = maps->clear;
-    mark_clear(evidence, registration, registered, maps->clear);
+    correct_scan(evidence, registration, x, before.applied, room);
+    registered->before = room->moved.before;
+    registered->scan = room->moved.scan;
+    registered->misread = room->moved.misread;
+    registered->seen = room->moved.seen;
+    registered->clear = room->moved.clear;
+    mark_clear(evidence, registration, registered, room->moved.clear);
     return true;
 }
 
-void carry_response(size_t cells, const RegisteredScan *registered, const double *before, const double *gain,
-                    double *restrict response, double *restrict variance) {
+void carry_response(size_t cells, size_t first, size_t count, const RegisteredScan *registered,
+                    const double *const slopes[SHIFTS], const double *before, const double *gain, double *response,
+                    double *variance) {
     const double *previous = registered->previous, *rest = registered->rest;
-    const double *sensitivity = registered->sensitivity, *slopes = registered->slopes;
-    double *restrict x = response, *restrict y = response + cells, *restrict spread = response + 2 * cells;
-    for (size_t cell = 0; cell < cells; cell++) {
-        const double share = gain[cell], step_x = -share * slopes[cell], step_y = -share * slopes[cells + cell];
-        const double left_x = before[cell] - share * sensitivity[cell] - step_x;
-        const double left_y = before[cells + cell] - share * sensitivity[cells + cell] - step_y;
-        const double left_spread = before[2 * cells + cell] - share * sensitivity[2 * cells + cell];
-        x[cell] = step_x + left_x * previous[0] + left_y * previous[3] + left_spread * previous[6];
-        y[cell] = step_y + left_x * previous[1] + left_y * previous[4] + left_spread * previous[7];
-        spread[cell] = 0.0 + left_x * previous[2] + left_y * previous[5] + left_spread * previous[8];
+    double left[DISPLACEMENTS][CARRIED], step[SHIFTS][CARRIED];
+    for (size_t k = 0; k < DISPLACEMENTS; k++) {
+        const double *known = before + k * cells + first, *sensitivity = registered->sensitivity + k * cells + first;
+        for (size_t c = 0; c < count; c++)
+            left[k][c] = known[c] - gain[c] * sensitivity[c];
     }
-    for (size_t cell = 0; variance && cell < cells; cell++) {
-        double left[DISPLACEMENTS];
-        for (size_t k = 0; k < DISPLACEMENTS; k++)
-            left[k] = before[k * cells + cell] - gain[cell] * sensitivity[k * cells + cell] +
-                      (k < SHIFTS ? gain[cell] * slopes[k * cells + cell] : 0.0);
+    for (size_t k = 0; k < SHIFTS; k++)
+        for (size_t c = 0; c < count; c++) {
+            step[k][c] = -gain[c] * slopes[k][c];
+            left[k][c] -= step[k][c];
+        }
+    for (size_t c = 0; variance && c < count; c++)
         for (size_t i = 0; i < DISPLACEMENTS; i++)
             for (size_t j = 0; j < DISPLACEMENTS; j++)
-                variance[cell] += left[i] * rest[i * DISPLACEMENTS + j] * left[j];
+                variance[c] += left[i][c] * rest[i * DISPLACEMENTS + j] * left[j][c];
+    for (size_t k = 0; k < DISPLACEMENTS; k++) {
+        double *carried = response + k * cells + first;
+        const double x = previous[k], y = previous[DISPLACEMENTS + k], spread = previous[2 * DISPLACEMENTS + k];
+        for (size_t c = 0; c < count; c++)
+            carried[c] = (k < SHIFTS ? step[k][c] : 0.0) + left[0][c] * x + left[1][c] * y + left[2][c] * spread;
     }
 }
 

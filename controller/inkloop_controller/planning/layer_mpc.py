@@ -88,7 +88,7 @@ class LayerMpc:
         has_bound = certified or relaxation == "highs"  # of the predicted surface
         self._droplet_std = 0.0 if has_bound else criterion.droplet_std  # None: as learnt
         self._after_sweep, self._model = after_sweep, LayerModel.of(job)
-        self._weight = criterion.weight(job.mask)
+        self._weight = criterion.weight(job.mask) if criterion.fringe_weight > 0.0 else None
         self._programs: dict[bool, HorizonProgram] = {}  # by whether alpha is 1, where the deviation falls out
         if certified:
             import_module("inkloop_controller.program.certificate")  # CasADi, loaded here and not within a time limit

@@ -21,6 +21,7 @@ def write_arrays(file: IO[bytes], arrays: Iterable[tuple[str, NDArray[Any]]]) ->
         for name, array in arrays:
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                 np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
+            del array  # it may be large, and the next one is made now
 
 
 def opened(path: Path) -> AbstractContextManager[Mapping[str, NDArray[Any]]]:

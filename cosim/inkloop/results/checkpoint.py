@@ -221,6 +221,7 @@ def _states(components: Mapping[str, Component]) -> Iterator[tuple[str, NDArray[
         except Exception as error:  # a third-party component may raise anything; the run continues without it
             raise _NoStateError(f"{name} cannot save its state: {error}") from error
         yield f"state/{name}", state
+        del state  # before the next one is made
 
 
 def _packed(checkpoint: Checkpoint) -> Iterator[tuple[str, NDArray[Any]]]:
