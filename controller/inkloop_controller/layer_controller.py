@@ -146,7 +146,9 @@ class LayerController:
         scanned = perf_counter()
         _check_finite(scan, measured, valid)
         if self._state.estimated < scan:  # where planning has failed it is begun again from the estimate
-            self._state = replace(self._state, estimate=self._estimate(scan, measured, valid, is_unknown), estimated=scan)
+            self._state = replace(
+                self._state, estimate=self._estimate(scan, measured, valid, is_unknown), estimated=scan
+            )
         before = self._state
         estimate = before.estimate
         plan = self._planner.plan(estimate, scan, before.plan, perf_counter() - scanned)
@@ -180,7 +182,8 @@ class LayerController:
             return self._estimator.first(measured, valid, scan)
         drops = before.drop_level.astype(np.float64) if (before.drop_level != 1).any() else None
         seen = (before.estimate, before.pattern, scan, measured, valid, drops)
-        return self._estimator.after_unknown(*seen) if is_unknown else self._estimator.next(*seen)
+        after = self._estimator.after_unknown if is_unknown else self._estimator.next
+        return after(*seen, in_place=True)
 
     def _outputs(self) -> Values:
         estimate, pitch, trust = self._state.estimate, self._job.pitch, self._state.estimate.trust

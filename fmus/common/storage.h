@@ -22,8 +22,8 @@ struct Instance {
     bool is_outdated;                         /* outputs must be calculated before they are read */
     uint64_t start_nx, start_ny, start_depth; /* of a new instance */
     uint64_t nx, ny, depth;                   /* of the block; depth: how many maps MAPS are */
-    unsigned char *block;     /* the variables but for the scratch ones */
-    unsigned char *workplace; /* the scratch variables; NULL: not there */
+    unsigned char *block;                     /* the variables but for the scratch ones */
+    unsigned char *workplace;                 /* the scratch variables; NULL: not there */
     size_t *offsets;          /* of the variables in both one after the other, 8-byte aligned, and their end */
     size_t *first_references; /* of the exposed variables, and the number of references */
     size_t saved_size;        /* bytes of the block */

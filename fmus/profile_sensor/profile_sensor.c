@@ -28,8 +28,8 @@ static void publish_scan(const ProfileSensorVariables *v, const double *surface)
                                    .dropout_slope = *v->dropout_slope,
                                    .dropout_rate = *v->dropout_rate,
                                    .seed = *v->seed};
-    read_surface(&instrument, surface, (size_t)*v->nx, (size_t)*v->ny, *v->scans, v->spot, v->lines,
-                 v->measured_height, v->valid);
+    read_surface(&instrument, surface, (size_t)*v->nx, (size_t)*v->ny, *v->scans, v->spot, v->lines, v->measured_height,
+                 v->valid);
     *v->layers_scanned = *v->captured_layer;
     *v->scans += 1;
     *v->status = IDLE;

@@ -67,10 +67,6 @@ DisplacedView displaced_view(Displacement displacement) {
     return (DisplacedView){displacement, spot_of(displacement.spread), spot_of(less), spot_of(wider), wider - less};
 }
 
-static double *row_of(Rows map, size_t ny, size_t i) {
-    return map.values + (i - map.top) * ny;
-}
-
 static void copy_patch(size_t ny, const double *map, const Patch *patch, Rows copy) {
     for (size_t i = patch->top; i < patch->bottom; i++)
         memcpy(row_of(copy, ny, i) + patch->left, map + i * ny + patch->left,
@@ -140,28 +136,29 @@ void displaced_scan(size_t nx, size_t ny, const double *height, const DisplacedV
     scan_with(nx, ny, height, &view->spot, view->displacement.x, view->displacement.y, patch, scratch, reading);
 }
 
-/* (more - less) / step in `less`, a whole map. */
-static void difference(size_t ny, Rows more, double step, const Patch *patch, double *less) {
+/* (more - less) / step in `less`. */
+static void difference(size_t ny, Rows more, double step, const Patch *patch, Rows less) {
     for (size_t i = patch->top; i < patch->bottom; i++) {
-        const double *row = row_of(more, ny, i);
+        const double *high = row_of(more, ny, i);
+        double *low = row_of(less, ny, i);
         for (size_t j = patch->left; j < patch->right; j++)
-            less[i * ny + j] = (row[j] - less[i * ny + j]) / step;
+            low[j] = (high[j] - low[j]) / step;
     }
 }
 
 void displaced_scan_slopes(size_t nx, size_t ny, const double *height, const DisplacedView *view, const Patch *patch,
-                           const Scratch *scratch, double *const slopes[3]) {
+                           const Scratch *scratch, const Rows slopes[3]) {
     const Rows mean = scratch_map(scratch, ny, 1), more = scratch_map(scratch, ny, 2);
     const double x = view->displacement.x, y = view->displacement.y;
     const Patch read = patch_moved(patch, nx, ny, x, y);
     average(nx, ny, height, &view->spot, &read, scratch_map(scratch, ny, 0), mean);
     move(nx, ny, mean, x + SHIFT_STEP, y, patch, more);
-    move(nx, ny, mean, x - SHIFT_STEP, y, patch, (Rows){slopes[0], 0});
+    move(nx, ny, mean, x - SHIFT_STEP, y, patch, slopes[0]);
     difference(ny, more, 2.0 * SHIFT_STEP, patch, slopes[0]);
     move(nx, ny, mean, x, y + SHIFT_STEP, patch, more);
-    move(nx, ny, mean, x, y - SHIFT_STEP, patch, (Rows){slopes[1], 0});
+    move(nx, ny, mean, x, y - SHIFT_STEP, patch, slopes[1]);
     difference(ny, more, 2.0 * SHIFT_STEP, patch, slopes[1]);
-    scan_with(nx, ny, height, &view->less, x, y, patch, scratch, (Rows){slopes[2], 0});
+    scan_with(nx, ny, height, &view->less, x, y, patch, scratch, slopes[2]);
     scan_with(nx, ny, height, &view->wider, x, y, patch, scratch, more);
     difference(ny, more, view->step, patch, slopes[2]);
 }

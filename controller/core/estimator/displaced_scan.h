@@ -53,6 +53,10 @@ typedef struct {
 
 enum { SCRATCH_MAPS = 4 };
 
+static inline double *row_of(Rows map, size_t ny, size_t i) {
+    return map.values + (i - map.top) * ny;
+}
+
 /* One of its maps; the last one is never used here. */
 static inline Rows scratch_map(const Scratch *scratch, size_t ny, size_t number) {
     return (Rows){scratch->values + number * scratch->rows * ny, scratch->top};
@@ -65,7 +69,7 @@ void displaced_scan(size_t nx, size_t ny, const double *height, const DisplacedV
 
 /* How a scan of `height` changes there with x, y [m per cell] and spread [m per cell^2]: a map each. */
 void displaced_scan_slopes(size_t nx, size_t ny, const double *height, const DisplacedView *view, const Patch *patch,
-                           const Scratch *scratch, double *const slopes[3]);
+                           const Scratch *scratch, const Rows slopes[3]);
 
 /* Standard deviation of the Gaussian spot [cells] whose weights over the cells have this variance [cells^2]. */
 double spot_radius(double spread);

@@ -120,18 +120,20 @@ static void weigh_readings(const ScanEvidence *evidence, const Registration *reg
 
 /* The columns of the displacement in a patch. */
 static void take_columns(const ScanEvidence *evidence, const DisplacedView *left, const Patch *patch,
-                         const Scratch *scratch, Room *room) {
+                         const Scratch *scratch, const Room *room, const Rows columns[DISPLACEMENTS],
+                         const Rows steps[SHIFTS]) {
     const size_t nx = evidence->nx, ny = evidence->ny, cells = nx * ny;
     const Rows moved = scratch_map(scratch, ny, SCRATCH_MAPS - 1);
-    displaced_scan_slopes(nx, ny, room->surface, left, patch, scratch, room->columns);
+    displaced_scan_slopes(nx, ny, room->surface, left, patch, scratch, columns);
     for (size_t k = 0; k < DISPLACEMENTS; k++) {
         displaced_scan(nx, ny, evidence->response + k * cells, left, patch, scratch, moved);
         for (size_t i = patch->top; i < patch->bottom; i++) {
-            const double *row = moved.values + (i - moved.top) * ny;
-            for (size_t j = patch->left, cell = i * ny + j; j < patch->right; j++, cell++) {
-                if (k < SHIFTS)
-                    room->columns[STEP + k][cell] = room->columns[k][cell];
-                room->columns[k][cell] += row[j];
+            double *own = row_of(columns[k], ny, i), *step = k < SHIFTS ? row_of(steps[k], ny, i) : NULL;
+            const double *row = row_of(moved, ny, i);
+            for (size_t j = patch->left; j < patch->right; j++) {
+                if (step)
+                    step[j] = own[j];
+                own[j] += row[j];
             }
         }
     }
@@ -146,17 +148,40 @@ static size_t next_wall(const Room *room, size_t ny, size_t i, size_t from) {
 /* Walls one after the other: what is read about them is little while the scan is not displaced. */
 static void take_columns_of_walls(const ScanEvidence *evidence, const DisplacedView *left, Room *room) {
     const size_t nx = evidence->nx, ny = evidence->ny;
+    size_t wall = 0;
     for (size_t i = 0; i < nx; i++) {
-        const Scratch strip = {room->strip, i > STRIP_REACH ? i - STRIP_REACH : 0, STRIP};
+        const size_t top = i > STRIP_REACH ? i - STRIP_REACH : 0;
+        const Scratch strip = {room->strip, top, STRIP};
+        Rows rows[GROWTH];
+        for (size_t k = 0; k < GROWTH; k++)
+            rows[k] = scratch_map(&strip, ny, SCRATCH_MAPS + k);
         for (size_t j = next_wall(room, ny, i, 0), end; j < ny; j = next_wall(room, ny, i, end)) {
             for (end = j + 1; end < ny && room->is_wall[i * ny + end];)
                 end++;
             const Patch run = {i, i + 1, j, end};
-            take_columns(evidence, left, &run, &strip, room);
+            take_columns(evidence, left, &run, &strip, room, rows, rows + STEP);
+            for (size_t k = 0; k < GROWTH; k++)
+                memcpy(room->columns.of[k] + wall, row_of(rows[k], ny, i) + j, (end - j) * sizeof(double));
+            wall += end - j;
             if (end == ny)
                 break;
         }
     }
+}
+
+/* Room for the columns of the walls. False if there is no memory. */
+static bool open_columns(Room *room, size_t cells) {
+    size_t walls = 0;
+    for (size_t cell = 0; cell < cells; cell++)
+        walls += room->is_wall[cell];
+    give_maps(room->packed);
+    room->packed = take_maps(walls, GROWTH * sizeof(double));
+    if (!room->packed)
+        return false;
+    room->columns = (WallColumns){.is_wall = room->is_wall, .is_packed = true};
+    for (size_t k = 0; k < GROWTH; k++)
+        room->columns.of[k] = room->packed + k * walls;
+    return true;
 }
 
 static bool has_wall(const Room *room, size_t ny, const Patch *patch) {
@@ -171,11 +196,15 @@ static void take_columns_of_patches(const ScanEvidence *evidence, const Displace
     enum { SIDE = 32 };
     const size_t nx = evidence->nx, ny = evidence->ny;
     const Scratch scratch = {room->moved.scratch, 0, nx};
+    Rows maps[GROWTH];
+    room->columns = (WallColumns){.is_wall = room->is_wall};
+    for (size_t k = 0; k < GROWTH; k++)
+        maps[k] = (Rows){room->columns.of[k] = room->moved.columns[k], 0};
     for (size_t i = 0; i < nx; i += SIDE)
         for (size_t j = 0; j < ny; j += SIDE) {
             const Patch patch = {i, i + SIDE < nx ? i + SIDE : nx, j, j + SIDE < ny ? j + SIDE : ny};
             if (has_wall(room, ny, &patch))
-                take_columns(evidence, left, &patch, &scratch, room);
+                take_columns(evidence, left, &patch, &scratch, room, maps, maps + STEP);
         }
 }
 
@@ -191,8 +220,9 @@ static const double *surface_at(const ScanEvidence *evidence, const double moved
     return room->moved.surface;
 }
 
-/* The scan linearised about `x`: columns, what is left of each reading, and its weight without that of outliers. */
-static void linearise(const ScanEvidence *evidence, const Registration *registration, const double x[UNKNOWNS],
+/* The scan linearised about `x`: columns, what is left of each reading, and its weight without that of outliers. False
+ * if there is no memory. */
+static bool linearise(const ScanEvidence *evidence, const Registration *registration, const double x[UNKNOWNS],
                       Room *room) {
     const size_t nx = evidence->nx, ny = evidence->ny;
     const Patch grid = {0, nx, 0, ny};
@@ -216,7 +246,10 @@ static void linearise(const ScanEvidence *evidence, const Registration *registra
     }
     take_readings(evidence, reading, whole, room);
     weigh_readings(evidence, registration, room);
+    if (!room->is_moved && !open_columns(room, nx * ny))
+        return false;
     (room->is_moved ? take_columns_of_patches : take_columns_of_walls)(evidence, &view, room);
+    return true;
 }
 
 /* How the readings of some cells go with the growth: in a map, or in `values`. */
@@ -230,12 +263,13 @@ static const double *growth_column(const ScanEvidence *evidence, const Room *roo
 }
 
 /* How the reading of a cell goes with the unknowns; returns the first one that it goes with. */
-static size_t columns_of_cell(const Room *room, size_t cell, double growth, double column[UNKNOWNS]) {
+static size_t columns_of_cell(const Room *room, size_t cell, double growth, size_t *wall, double column[UNKNOWNS]) {
+    const size_t place = column_place(&room->columns, cell, wall);
     column[GROWTH] = growth;
     if (!room->is_wall[cell])
         return GROWTH;
     for (size_t k = 0; k < GROWTH; k++)
-        column[k] = room->columns[k][cell];
+        column[k] = room->columns.of[k][place];
     return 0;
 }
 
@@ -247,9 +281,9 @@ static double robust_weight(double off, bool with_strange) {
 
 /* Adds a cell to the normal equations, with a robust weight after the move `last`. */
 static void add_cell(const Room *room, size_t cell, double growth, const double last[UNKNOWNS], bool with_strange,
-                     double *matrix, double side[UNKNOWNS]) {
+                     size_t *wall, double *matrix, double side[UNKNOWNS]) {
     double column[UNKNOWNS], left = room->rest[cell];
-    const size_t begin = columns_of_cell(room, cell, growth, column);
+    const size_t begin = columns_of_cell(room, cell, growth, wall, column);
     for (size_t k = begin; k < UNKNOWNS; k++)
         left -= last[k] * column[k];
     const double off = fabs(left) * sqrt(room->weight[cell]);
@@ -285,6 +319,7 @@ static void normal_equations(const ScanEvidence *evidence, const Room *room, con
                              bool with_strange, double *matrix, double side[UNKNOWNS]) {
     const size_t cells = evidence->nx * evidence->ny;
     double values[BLOCK];
+    size_t wall = 0;
     for (size_t first = 0; first < cells; first += BLOCK) {
         const size_t count = cells - first < BLOCK ? cells - first : BLOCK;
         const double *growth = growth_column(evidence, room, first, count, values);
@@ -294,7 +329,7 @@ static void normal_equations(const ScanEvidence *evidence, const Room *room, con
             continue;
         }
         for (size_t k = 0; k < count; k++)
-            add_cell(room, first + k, growth[k], last, with_strange, matrix, side);
+            add_cell(room, first + k, growth[k], last, with_strange, &wall, matrix, side);
     }
     for (size_t i = 0; i < UNKNOWNS; i++)
         for (size_t j = i + 1; j < UNKNOWNS; j++)
@@ -338,11 +373,12 @@ bool likeliest_displacement(const ScanEvidence *evidence, const Registration *re
         memcpy(x, registration->applied, sizeof registration->applied);
     const int rounds = evidence->is_unknown ? 0 : is_iterated ? ROUNDS : 1;
     memcpy(matrix, precision, sizeof matrix);
-    linearise(evidence, registration, x, room);
+    if (!linearise(evidence, registration, x, room))
+        return false;
     for (int round = 0; round < rounds; round++) {
         double move[UNKNOWNS] = {0.0}, largest = 0.0;
-        if (round > 0)
-            linearise(evidence, registration, x, room);
+        if (round > 0 && !linearise(evidence, registration, x, room))
+            return false;
         for (int weighing = 0; weighing < REWEIGHTINGS; weighing++) {
             double side[UNKNOWNS] = {0.0};
             memcpy(matrix, precision, sizeof matrix);
@@ -366,7 +402,7 @@ bool likeliest_displacement(const ScanEvidence *evidence, const Registration *re
 }
 
 bool open_moved(Room *room, size_t cells) {
-    enum { OTHER_MAPS = 6 };
+    enum { OTHER_MAPS = GROWTH + 6 };
     if (room->moved.memory)
         return true;
     double *next = take_maps(cells, (SCRATCH_MAPS + OTHER_MAPS) * sizeof(double) + 2);
@@ -374,16 +410,18 @@ bool open_moved(Room *room, size_t cells) {
         return false;
     room->moved = (MovedMaps){.memory = next, .scratch = next};
     next += SCRATCH_MAPS * cells;
-    double **single[OTHER_MAPS] = {&room->moved.surface, &room->moved.growth, &room->moved.displaced_growth,
-                                   &room->moved.before,  &room->moved.scan,   &room->moved.misread};
-    for (size_t k = 0; k < OTHER_MAPS; k++, next += cells)
+    double **single[] = {&room->moved.surface, &room->moved.growth, &room->moved.displaced_growth,
+                         &room->moved.before,  &room->moved.scan,   &room->moved.misread};
+    for (size_t k = 0; k < sizeof single / sizeof *single; k++, next += cells)
         *single[k] = next;
+    for (size_t k = 0; k < GROWTH; k++, next += cells)
+        room->moved.columns[k] = next;
     room->moved.seen = (uint8_t *)next;
     room->moved.clear = room->moved.seen + cells;
     return true;
 }
 
-void close_moved(Room *room) {
+void close_room(Room *room) {
     give_maps(room->moved.memory);
-    room->moved = (MovedMaps){.memory = NULL};
+    give_maps(room->packed);
 }

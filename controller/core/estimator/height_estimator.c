@@ -23,7 +23,7 @@ typedef struct {
     RegisteredScan registered;
     Room room;
     double *scratch; /* two maps, NULL for layers of one pass */
-    uint8_t *marks;  /* two maps */
+    uint8_t *marks;  /* two maps, and one of the registration behind them */
     void *memory;
 } Workspace;
 
@@ -34,40 +34,35 @@ static double *next_maps(double **next, size_t count, size_t cells) {
     return maps;
 }
 
-/* The registration comes before the ink: its maps stand where the increments will, and in the estimate. */
-static Room room_in(const Workspace *work, double *strip, size_t cells, const SurfaceEstimate *after) {
-    Room room = {.weight = work->increments.rates,
-                 .rest = work->increments.rates + cells,
-                 .curvature = work->increments.rates + 2 * cells,
-                 .is_wall = work->marks,
-                 .strip = strip};
-    for (size_t k = 0; k < DISPLACEMENTS; k++)
-        room.columns[k] = after->response + k * cells;
-    room.columns[STEP] = after->height;
-    room.columns[STEP + 1] = after->reckoned;
-    return room;
+/* The registration comes before the ink: its maps stand where the increments will. */
+static Room room_in(const Workspace *work, double *strip, size_t cells) {
+    return (Room){.weight = work->increments.rates,
+                  .rest = work->increments.rates + cells,
+                  .curvature = work->increments.rates + 2 * cells,
+                  .is_wall = work->marks + 2 * cells,
+                  .strip = strip};
 }
 
 static bool workspace_open(Workspace *work, const EstimatorOptions *options, int32_t passes,
                            const SurfaceEstimate *after) {
     const size_t cells = options->nx * options->ny, rates = options->ink.inks * ORDERS;
-    const size_t maps = 2 + rates + (passes > 1 ? 2 : 0), strip = SCRATCH_MAPS * STRIP * options->ny;
-    *work = (Workspace){.memory = take_maps(1, (maps * cells + strip) * sizeof(double) + 2 * cells)};
+    const size_t maps = rates + (passes > 1 ? 2 : 0), strip = (SCRATCH_MAPS + GROWTH) * STRIP * options->ny;
+    *work = (Workspace){.memory = take_maps(1, (maps * cells + strip) * sizeof(double) + 3 * cells)};
     double *next = work->memory;
     if (!next)
         return false;
-    work->scan = next_maps(&next, 1, cells);
-    work->predicted = next_maps(&next, 1, cells);
+    work->scan = after->height;
+    work->predicted = after->reckoned;
     work->increments = (DropletIncrements){next_maps(&next, rates, cells), after->variance, after->dead_evidence};
     work->scratch = passes > 1 ? next_maps(&next, 2, cells) : NULL;
     double *strips = next_maps(&next, 1, strip);
     work->marks = (uint8_t *)next;
-    work->room = room_in(work, strips, cells, after);
+    work->room = room_in(work, strips, cells);
     return true;
 }
 
 static void workspace_close(Workspace *work) {
-    close_moved(&work->room);
+    close_room(&work->room);
     give_maps(work->memory);
 }
 
@@ -113,7 +108,8 @@ static bool level_scan(const EstimatorOptions *options, const SurfaceEstimate *b
     const size_t nx = options->nx, ny = options->ny, cells = nx * ny;
     const double *known = before->height;
     double *rates = work->increments.rates;
-    double *const scratch[DRIFT_MAPS] = {rates, rates + cells, rates + 2 * cells, after->variance, after->height};
+    double *const scratch[DRIFT_MAPS] = {rates, rates + cells, rates + 2 * cells, after->variance,
+                                         after->dead_evidence};
     if (is_displaced(&before->registration)) { /* walls reach further in such a scan */
         const Patch grid = {0, nx, 0, ny};
         const DisplacedView view = displaced_view(expected_displacement(&before->registration));
@@ -194,9 +190,9 @@ static void take_ink(const EstimatorOptions *options, const SurfaceEstimate *bef
 
 /* Some cells of a scan, and what is known of them. */
 typedef struct {
-    const double *predicted, *scan, *misread; /* misread: NULL if there is none */
+    const double *predicted, *misread; /* misread: NULL if there is none */
     const uint8_t *seen;
-    double spread[CARRIED]; /* variance of the predictions [m^2] */
+    double scan[CARRIED], spread[CARRIED]; /* spread: variance of the predictions [m^2] */
 } CorrectedCells;
 
 /* Kalman correction of the cells that were seen; leaves their gains, 0 for the others. */
@@ -220,18 +216,17 @@ static void correct_cells(const EstimatorOptions *options, const SurfaceEstimate
                           SurfaceEstimate *after) {
     const size_t cells = options->nx * options->ny;
     const RegisteredScan *scan = &work->registered;
-    double gain[CARRIED], slopes[SHIFTS][CARRIED];
-    for (size_t first = 0; first < cells; first += CARRIED) {
+    double gain[CARRIED];
+    for (size_t first = 0, wall = 0; first < cells; first += CARRIED) {
         const size_t count = cells - first < CARRIED ? cells - first : CARRIED;
-        CorrectedCells some = {work->predicted + first, scan->scan + first,
-                               scan->misread ? scan->misread + first : NULL, scan->seen + first, {0.0}};
+        CorrectedCells some = {.predicted = work->predicted + first,
+                               .misread = scan->misread ? scan->misread + first : NULL,
+                               .seen = scan->seen + first};
+        memcpy(some.scan, scan->scan + first, count * sizeof(double)); /* the heights come in its place */
         predicted_variance(&work->variance, first, count, some.spread);
-        for (size_t k = 0; registers(options) && k < SHIFTS; k++)
-            memcpy(slopes[k], scan->slopes[k] + first, count * sizeof(double));
         correct(count, &some, work->variance.noise, gain, after->height + first, after->variance + first);
         if (registers(options))
-            carry_response(cells, first, count, scan, (const double *const[SHIFTS]){slopes[0], slopes[1]},
-                           before->response, gain, after->response,
+            carry_response(cells, first, count, scan, &wall, before->response, gain, after->response,
                            is_displaced(&after->registration) ? after->variance + first : NULL);
     }
     if (!registers(options))

@@ -34,9 +34,9 @@ typedef struct {
 typedef struct {
     const JettedLayer *layer;
     const uint8_t *part;
-    const uint8_t *seen;               /* cells whose growth was measured */
-    DropletIncrements increments;      /* of its droplets on the surface before */
-    const double *before, *scan;       /* heights, between which it was measured [m] */
+    const uint8_t *seen;                /* cells whose growth was measured */
+    DropletIncrements increments;       /* of its droplets on the surface before */
+    const double *before, *scan;        /* heights, between which it was measured [m] */
     const PredictionVariance *variance; /* with the noise of its reading */
 } ObservedLayer;
 

@@ -49,7 +49,7 @@ bool first_response(size_t nx, size_t ny, const double *scan, const uint8_t *val
     for (size_t cell = 0; cell < cells; cell++)
         unseen[cell] = !valid[cell];
     const DisplacedView view = displaced_view((Displacement){0.0, 0.0, 0.0});
-    double *const slopes[DISPLACEMENTS] = {response, response + cells, response + 2 * cells};
+    const Rows slopes[DISPLACEMENTS] = {{response, 0}, {response + cells, 0}, {response + 2 * cells, 0}};
     displaced_scan_slopes(nx, ny, scan, &view, &whole, &(Scratch){scratch, 0, nx}, slopes);
     for (size_t i = 0; i < nx; i++) {
         uint8_t *near = (uint8_t *)scratch; /* of the row */
@@ -100,12 +100,13 @@ static bool project(const double *with, const double *now, const double *covaria
  * more that counts. Where it explains them this is 1 or less. */
 static double unexplained(size_t cells, const Room *room, const double displacement[DISPLACEMENTS]) {
     double sum = 0.0, total = 0.0;
-    for (size_t cell = 0; cell < cells; cell++) {
+    for (size_t cell = 0, wall = 0; cell < cells; cell++) {
+        const size_t place = column_place(&room->columns, cell, &wall);
         double moved = 0.0;
         if (!room->is_wall[cell])
             continue;
         for (size_t k = 0; k < DISPLACEMENTS; k++)
-            moved += displacement[k] * room->columns[k][cell];
+            moved += displacement[k] * room->columns.of[k][place];
         const double weight = room->weight[cell] * moved * moved;
         sum += weight * room->weight[cell] * room->rest[cell] * room->rest[cell];
         total += weight;
@@ -115,10 +116,11 @@ static double unexplained(size_t cells, const Room *room, const double displacem
 
 /* Adds what a spot spreads beyond the reach of droplets; wider droplets look like a spot everywhere else. */
 static void look_far(const ScanEvidence *evidence, const Room *room, double spread, Registration *registration) {
-    for (size_t cell = 0; cell < evidence->nx * evidence->ny; cell++) {
+    for (size_t cell = 0, wall = 0; cell < evidence->nx * evidence->ny; cell++) {
+        const size_t place = column_place(&room->columns, cell, &wall);
         if (!room->is_wall[cell] || is_near_marked(evidence->part, evidence->nx, evidence->ny, cell))
             continue; /* away from walls the slope is 0 */
-        const double slope = room->columns[SPREAD][cell], rest = room->rest[cell] + spread * slope;
+        const double slope = room->columns.of[SPREAD][place], rest = room->rest[cell] + spread * slope;
         registration->far_product += room->weight[cell] * slope * rest;
         registration->far_information += room->weight[cell] * slope * slope;
     }
@@ -215,13 +217,23 @@ static void correct_scan(const ScanEvidence *evidence, const Registration *regis
     }
 }
 
+/* How the innovation of a cell goes with the displacement before. */
+static void sensitivity_of(const WallColumns *columns, const double *response, size_t cells, size_t cell, size_t *wall,
+                           double sensitivity[DISPLACEMENTS]) {
+    const size_t place = column_place(columns, cell, wall);
+    for (size_t k = 0; k < DISPLACEMENTS; k++)
+        sensitivity[k] = columns->is_wall[cell] ? columns->of[k][place] : response[k * cells + cell];
+}
+
 /* Marks the cells that were seen and whose growth the displacement leaves sure. */
 static void mark_clear(const ScanEvidence *evidence, const Registration *registration, const RegisteredScan *registered,
                        uint8_t *clear) {
     const size_t cells = evidence->nx * evidence->ny;
     const double limit = evidence->unsure * evidence->unsure;
-    for (size_t cell = 0; cell < cells; cell++) {
-        const double error = displacement_variance(registration, registered->sensitivity, cells, cell);
+    for (size_t cell = 0, wall = 0; cell < cells; cell++) {
+        double sensitivity[DISPLACEMENTS];
+        sensitivity_of(&registered->columns, evidence->response, cells, cell, &wall, sensitivity);
+        const double error = displacement_variance(registration, sensitivity);
         clear[cell] = registered->seen[cell] && error + registered->misread[cell] < limit;
     }
 }
@@ -293,30 +305,12 @@ static bool learn_and_confirm(const ScanEvidence *evidence, Room *room, double x
     return is_learnt;
 }
 
-/* Away from walls the innovations go with the displacement by the response alone. */
-static void complete_slopes(size_t cells, const Room *room, const double *response, RegisteredScan *registered) {
-    for (size_t k = 0; k < DISPLACEMENTS; k++) {
-        double *restrict sensitivity = registered->sensitivity + k * cells;
-        for (size_t cell = 0; cell < cells; cell++)
-            sensitivity[cell] = room->is_wall[cell] ? sensitivity[cell] : response[k * cells + cell];
-    }
-    for (size_t k = 0; k < SHIFTS; k++) {
-        double *restrict slopes = registered->slopes[k];
-        for (size_t cell = 0; cell < cells; cell++)
-            slopes[cell] = room->is_wall[cell] ? slopes[cell] : 0.0;
-    }
-}
-
 bool register_scan(const ScanEvidence *evidence, Room *room, Registration *registration, RegisteredScan *registered) {
-    const size_t cells = evidence->nx * evidence->ny;
     const Registration before = *registration;
     double x[UNKNOWNS];
     if (!learn_and_confirm(evidence, room, x, registration, registered))
         return false; /* no memory, or singular to rounding: with the prior in them these equations never are */
-    registered->sensitivity = room->columns[0];
-    for (size_t k = 0; k < SHIFTS; k++)
-        registered->slopes[k] = room->columns[STEP + k];
-    complete_slopes(cells, room, evidence->response, registered);
+    registered->columns = room->columns;
     for (size_t k = 0; k < DISPLACEMENTS; k++)
         registration->applied[k] = is_applied(registration, k) ? registration->estimate[k] : 0.0;
     if (!is_displaced(registration)) {
@@ -333,19 +327,37 @@ bool register_scan(const ScanEvidence *evidence, Room *room, Registration *regis
     return true;
 }
 
-void carry_response(size_t cells, size_t first, size_t count, const RegisteredScan *registered,
-                    const double *const slopes[SHIFTS], const double *before, const double *gain, double *response,
-                    double *variance) {
-    const double *previous = registered->previous, *rest = registered->rest;
-    double left[DISPLACEMENTS][CARRIED], step[SHIFTS][CARRIED];
-    for (size_t k = 0; k < DISPLACEMENTS; k++) {
-        const double *known = before + k * cells + first, *sensitivity = registered->sensitivity + k * cells + first;
+/* The same for some cells, and how it goes with the step of the shift. */
+static void slopes_of_cells(const WallColumns *columns, const double *response, size_t cells, size_t first,
+                            size_t count, size_t *wall, double sensitivity[DISPLACEMENTS][CARRIED],
+                            double step[SHIFTS][CARRIED]) {
+    for (size_t k = 0; k < DISPLACEMENTS; k++)
+        memcpy(sensitivity[k], response + k * cells + first, count * sizeof(double));
+    for (size_t k = 0; k < SHIFTS; k++)
         for (size_t c = 0; c < count; c++)
-            left[k][c] = known[c] - gain[c] * sensitivity[c];
+            step[k][c] = 0.0;
+    if (!memchr(columns->is_wall + first, 1, count))
+        return;
+    for (size_t c = 0; c < count; c++) {
+        const size_t place = column_place(columns, first + c, wall);
+        for (size_t k = 0; columns->is_wall[first + c] && k < DISPLACEMENTS; k++)
+            sensitivity[k][c] = columns->of[k][place];
+        for (size_t k = 0; columns->is_wall[first + c] && k < SHIFTS; k++)
+            step[k][c] = columns->of[STEP + k][place];
     }
+}
+
+void carry_response(size_t cells, size_t first, size_t count, const RegisteredScan *registered, size_t *wall,
+                    const double *before, const double *gain, double *response, double *variance) {
+    const double *previous = registered->previous, *rest = registered->rest;
+    double left[DISPLACEMENTS][CARRIED], sensitivity[DISPLACEMENTS][CARRIED], step[SHIFTS][CARRIED];
+    slopes_of_cells(&registered->columns, before, cells, first, count, wall, sensitivity, step);
+    for (size_t k = 0; k < DISPLACEMENTS; k++)
+        for (size_t c = 0; c < count; c++)
+            left[k][c] = before[k * cells + first + c] - gain[c] * sensitivity[k][c];
     for (size_t k = 0; k < SHIFTS; k++)
         for (size_t c = 0; c < count; c++) {
-            step[k][c] = -gain[c] * slopes[k][c];
+            step[k][c] = -gain[c] * step[k][c];
             left[k][c] -= step[k][c];
         }
     for (size_t c = 0; variance && c < count; c++)
@@ -360,11 +372,10 @@ void carry_response(size_t cells, size_t first, size_t count, const RegisteredSc
     }
 }
 
-double displacement_variance(const Registration *registration, const double *response, size_t cells, size_t cell) {
+double displacement_variance(const Registration *registration, const double response[DISPLACEMENTS]) {
     double sum = 0.0;
     for (size_t i = 0; i < DISPLACEMENTS; i++)
         for (size_t j = 0; j < DISPLACEMENTS; j++)
-            sum += response[i * cells + cell] * registration->covariance[i * DISPLACEMENTS + j] *
-                   response[j * cells + cell];
+            sum += response[i] * registration->covariance[i * DISPLACEMENTS + j] * response[j];
     return sum;
 }

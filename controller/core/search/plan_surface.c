@@ -16,7 +16,8 @@ static const double ABYSS = -1.0;
 
 static bool take_memory(PlanSurface *surface) {
     const HorizonProblem *problem = surface->problem;
-    const size_t maps = surface->steps + 5 + (problem->weight != NULL) + (problem->ceiling != NULL), length = surface->framed + MAP_MARGIN;
+    const size_t maps = surface->steps + 5 + (problem->weight != NULL) + (problem->ceiling != NULL),
+                 length = surface->framed + MAP_MARGIN;
     const size_t bytes = problem->layers * surface->framed;
     surface->memory = take_maps(1, maps * length * sizeof(double) + bytes);
     if (!surface->memory)
