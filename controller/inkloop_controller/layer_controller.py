@@ -107,9 +107,8 @@ class LayerController:
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Answer a new scan of the layer commanded last. Raises ComponentError for heights that are not finite."""
-        state = self._state
         scanned, printed = int(inputs[LAYERS_SCANNED]), int(inputs[LAYERS_PRINTED])
-        if state.status != Status.DONE and scanned == printed == state.layer_command and scanned > state.answered:
+        if self._is_new(scanned, printed):
             is_unknown = bool(inputs.get(LAYER_UNKNOWN, False))
             self._answer(scanned, inputs[MEASURED_HEIGHT], inputs[VALID], is_unknown)
         return self._outputs()
@@ -142,6 +141,12 @@ class LayerController:
             )
         self._state = state
 
+    def _is_new(self, scanned: int, printed: int) -> bool:
+        """Whether the scan is of the layer commanded last, and has not been answered."""
+        state = self._state
+        is_asked = state.status != Status.DONE and scanned == printed == state.layer_command
+        return is_asked and scanned > state.answered
+
     def _answer(self, scan: int, measured: FloatMap, valid: BoolMap, is_unknown: bool) -> None:
         scanned = perf_counter()
         _check_finite(scan, measured, valid)
@@ -149,7 +154,7 @@ class LayerController:
             self._state = replace(
                 self._state, estimate=self._estimate(scan, measured, valid, is_unknown), estimated=scan
             )
-        before = self._state
+        before = self._state  # that before the estimate is no longer in memory
         estimate = before.estimate
         plan = self._planner.plan(estimate, scan, before.plan, perf_counter() - scanned)
         done = plan.status is PlanStatus.DONE
