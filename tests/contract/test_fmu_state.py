@@ -34,8 +34,8 @@ def test_run_replays_from_a_saved_state_bit_by_bit(model, form, at) -> None:
 @pytest.mark.parametrize("model", ["LayerDeposition", "ProfileSensor"])
 def test_large_grid_replays_from_a_saved_state(model: str) -> None:
     """Its working memory is taken and given back in every step; a scan that takes time is kept until its end."""
-    sides = {"nx": 280, "ny": 260}
-    with Driver(model, **sides).start(PARAMETERS[model]) as fmu, Driver(model, **sides).start() as other:
+    large, other = (Driver(model, nx=280, ny=260) for _ in range(2))
+    with large.start(PARAMETERS[model]) as fmu, other.start():
         act(fmu, 0, 7)
         saved = fmu.save()
         act(fmu, 7, 14)
