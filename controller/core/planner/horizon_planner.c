@@ -28,7 +28,7 @@ typedef struct {
     const PlanWork *work;
     size_t places; /* values of a plan */
     FirstPlans first;
-    int32_t *repaired, *trial, *moved, *best; /* the first and the third where `droplets` were */
+    int32_t *repaired, *trial, *moved, *best; /* the first and the last where `droplets` were */
     Objective best_value;
     Origin best_origin;
     int64_t sweeps;
@@ -47,12 +47,12 @@ static bool planning_open(Planning *planning, const HorizonProblem *problem, con
         return false;
     planning->first.droplets = droplets; /* until the first plans are made */
     planning->repaired = (int32_t *)droplets;
-    planning->moved = planning->repaired + places;
-    int32_t *next = planning->moved + places;
+    planning->best = planning->repaired + places;
+    int32_t *next = planning->best + places;
     for (int k = 0; k < STARTS; k++, next += places)
         planning->first.plan[k] = next;
     planning->trial = planning->first.trial = next;
-    planning->best = next + places;
+    planning->moved = next + places; /* hardly ever touched */
     return true;
 }
 

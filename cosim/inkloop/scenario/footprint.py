@@ -20,9 +20,9 @@ from inkloop.limits import ROUNDED_CELLS, available_memory, duration_text, free_
 from inkloop.tables.schema import ComponentTable, ScenarioFile
 
 BYTES_OF_A_CELL = 175
-BYTES_OF_A_PLAN, BYTES_OF_A_LAYER_AHEAD = 45, 70
+BYTES_OF_A_PLAN, BYTES_OF_A_LAYER_AHEAD = 55, 70
 """Memory of a cell in addition where layers are planned: one ahead, and for each further one."""
-MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "LayerController": 210}
+MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "LayerController": 200}
 """Kind -> memory in addition, more than a hundred bytes a cell."""
 STATE_BYTES: Mapping[str, int] = {"YoungLaplaceDeposition": 540, "LayerController": 70}
 """Kind -> part of a saved state in addition to STATE_BYTES_OF_A_CELL."""

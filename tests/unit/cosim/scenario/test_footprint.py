@@ -82,7 +82,7 @@ def test_kinds_that_keep_more_count_and_layers_do_not(eight_gib: None) -> None:
 
     plain = memory()
     assert memory(part__height_um=1e9) == plain
-    assert memory(components__controller__kind="LayerController") == plain + 210
+    assert memory(components__controller__kind="LayerController") == plain + 200
     ahead = [memory(components__controller__horizon=horizon) for horizon in (1, 2, 3, 4, 5)]
     assert ahead == sorted(set(ahead))
     assert ahead[-1] == plain, "five layers, if no horizon is given"
