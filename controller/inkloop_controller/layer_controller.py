@@ -37,6 +37,7 @@ class _State:
     pattern: IntMap
     drop_level: IntMap
     layer_command: int
+    estimated: int  # number of the scan that the estimate is of; -1: none
     answered: int  # number of the scan that the last plan was made from; -1: none
     status: int
     objective: float
@@ -106,9 +107,8 @@ class LayerController:
 
     def do_step(self, time_ns: int, step_ns: int, inputs: Values) -> Values:
         """Answer a new scan of the layer commanded last. Raises ComponentError for heights that are not finite."""
-        state = self._state
         scanned, printed = int(inputs[LAYERS_SCANNED]), int(inputs[LAYERS_PRINTED])
-        if state.status != Status.DONE and scanned == printed == state.layer_command and scanned > state.answered:
+        if self._is_new(scanned, printed):
             is_unknown = bool(inputs.get(LAYER_UNKNOWN, False))
             self._answer(scanned, inputs[MEASURED_HEIGHT], inputs[VALID], is_unknown)
         return self._outputs()
@@ -128,9 +128,10 @@ class LayerController:
         try:
             with np.load(io.BytesIO(saved), allow_pickle=False) as arrays:
                 found = {name: arrays[name] if arrays[name].ndim else arrays[name].item() for name in arrays.files}
+            found.setdefault("estimated", found["answered"])  # by earlier versions no other scan was
             own = {field.name for field in fields(_State)}
             estimate = Estimate.of_arrays({name: found.pop(name) for name in found.keys() - own})
-            state = _State(**found, estimate=estimate)
+            state = _State(**found | {"drop_level": _lean(found["drop_level"])}, estimate=estimate)
         except (ValueError, TypeError, KeyError, OSError) as error:
             raise ComponentError(f"layer controller: what is to be restored is no state of it ({error})") from error
         if state.pattern.shape != self._state.pattern.shape:
@@ -140,17 +141,21 @@ class LayerController:
             )
         self._state = state
 
+    def _is_new(self, scanned: int, printed: int) -> bool:
+        """Whether the scan is of the layer commanded last, and has not been answered."""
+        state = self._state
+        is_asked = state.status != Status.DONE and scanned == printed == state.layer_command
+        return is_asked and scanned > state.answered
+
     def _answer(self, scan: int, measured: FloatMap, valid: BoolMap, is_unknown: bool) -> None:
         scanned = perf_counter()
         _check_finite(scan, measured, valid)
-        before = self._state
-        if before.answered < 0:
-            estimate = self._estimator.first(measured, valid, scan)
-        else:
-            is_plain = bool((before.drop_level == 1).all())
-            drops = None if is_plain else before.drop_level.astype(np.float64)
-            seen = (before.estimate, before.pattern, scan, measured, valid, drops)
-            estimate = self._estimator.after_unknown(*seen) if is_unknown else self._estimator.next(*seen)
+        if self._state.estimated < scan:  # where planning has failed it is begun again from the estimate
+            self._state = replace(
+                self._state, estimate=self._estimate(scan, measured, valid, is_unknown), estimated=scan
+            )
+        before = self._state  # that before the estimate is no longer in memory
+        estimate = before.estimate
         plan = self._planner.plan(estimate, scan, before.plan, perf_counter() - scanned)
         done = plan.status is PlanStatus.DONE
         self._state = replace(
@@ -158,7 +163,7 @@ class LayerController:
             estimate=estimate,
             plan=plan.plan,
             pattern=plan.pattern,
-            drop_level=np.maximum(plan.drop_level, 1),
+            drop_level=_lean(np.maximum(plan.drop_level, 1)),
             layer_command=before.layer_command if done else before.layer_command + 1,
             answered=scan,
             status=int(Status.DONE if done else Status.UNTRUSTED if estimate.trust.reasons else Status.IDLE),
@@ -174,6 +179,16 @@ class LayerController:
             sweeps=plan.sweeps,
             left_out=int(plan.left_out),
         )
+
+    def _estimate(self, scan: int, measured: FloatMap, valid: BoolMap, is_unknown: bool) -> Estimate:
+        """What is known after a scan."""
+        before = self._state
+        if before.estimated < 0:
+            return self._estimator.first(measured, valid, scan)
+        drops = before.drop_level.astype(np.float64) if (before.drop_level != 1).any() else None
+        seen = (before.estimate, before.pattern, scan, measured, valid, drops)
+        after = self._estimator.after_unknown if is_unknown else self._estimator.next
+        return after(*seen, in_place=True)
 
     def _outputs(self) -> Values:
         estimate, pitch, trust = self._state.estimate, self._job.pitch, self._state.estimate.trust
@@ -206,8 +221,9 @@ def _start(job: Job, layer_command: int) -> _State:
     return _State(
         plan=np.zeros((1, *shape), np.int32),
         pattern=np.zeros(shape, np.int32),
-        drop_level=np.ones(shape, np.int32),
+        drop_level=_lean(np.ones(shape, np.int32)),
         layer_command=layer_command,
+        estimated=-1,
         answered=-1,
         status=int(Status.IDLE),
         objective=0.0,
@@ -222,6 +238,11 @@ def _start(job: Job, layer_command: int) -> _State:
         sweeps=0,
         estimate=Estimate.exact(np.zeros(shape), job.inks),
     )
+
+
+def _lean(drop_level: IntMap) -> IntMap:
+    """The same drops per site; a map of ones without memory of its own."""
+    return np.broadcast_to(np.int32(1), drop_level.shape) if (drop_level == 1).all() else drop_level
 
 
 def _check_finite(scan: int, measured: FloatMap, valid: BoolMap) -> None:

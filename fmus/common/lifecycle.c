@@ -201,12 +201,17 @@ Outcome instance_do_step(Instance *instance, double start, double step) {
                       "the step begins at %.17g s, but the instance is at %.17g s already; restore a saved "
                       "state to go back",
                       start, now);
+    if (!storage_take_workplace(instance))
+        return refuse(instance, "no memory for a step on %llu x %llu cells", (unsigned long long)instance->nx,
+                      (unsigned long long)instance->ny);
     instance->is_before_step_kept = false;
     Outcome outcome = instance->model->do_step(instance, start, start + step);
     if (outcome == ACCEPTED && instance->is_before_step_kept)
         outcome = check_outputs(instance);
     if (outcome == ACCEPTED)
         *(double *)values_of(instance, TIME) = start + step;
+    storage_give_workplace(instance);
+    drop_values(instance);
     return outcome;
 }
 

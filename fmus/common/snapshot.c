@@ -6,6 +6,7 @@
 #include <string.h>
 
 enum { FINGERPRINT_SIZE = 16 };
+enum { LARGE_STATE = 1 << 20 }; /* bytes from which on values are not kept from step to step (assumed) */
 
 typedef struct {
     char fingerprint[FINGERPRINT_SIZE];
@@ -152,4 +153,11 @@ Outcome snapshot_from_bytes(Instance *instance, const void *bytes, size_t size, 
 bool keep_values(Instance *instance) {
     instance->is_before_step_kept = copy_state(instance, &instance->before) == ACCEPTED;
     return instance->is_before_step_kept;
+}
+
+void drop_values(Instance *instance) {
+    if (!instance->before || instance->before->size < LARGE_STATE)
+        return;
+    free(instance->before);
+    instance->before = NULL;
 }

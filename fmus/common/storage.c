@@ -8,6 +8,7 @@
 #include <string.h>
 
 enum { ALIGNMENT = 8 };
+enum { LARGE_WORKPLACE = 1 << 20 }; /* bytes from which on memory is taken for each step anew (assumed) */
 
 static void write_message(char message[MESSAGE_SIZE], const char *format, va_list arguments) {
     vsnprintf(message, MESSAGE_SIZE, format, arguments);
@@ -60,8 +61,15 @@ size_t value_count(const Instance *instance, size_t variable) {
     return shape == ONE_VALUE ? 1 : maps * (size_t)(instance->nx * instance->ny);
 }
 
+/* Where in memory an offset is; NULL for one of scratch variables that are not there. */
+static unsigned char *place_of(const Instance *instance, size_t offset) {
+    if (offset < instance->saved_size)
+        return instance->block + offset;
+    return instance->workplace ? instance->workplace + (offset - instance->saved_size) : NULL;
+}
+
 void *values_of(Instance *instance, size_t variable) {
-    return instance->block + instance->offsets[variable];
+    return place_of(instance, instance->offsets[variable]);
 }
 
 /* `*memory` with another size; NULL if that is 0, and NULL, nothing changed, if there is none. */
@@ -114,17 +122,41 @@ static void fill(Instance *instance, size_t variable) {
         break;
     }
     const size_t size = value_size(definition->type);
+    if (definition->start == 0.0)
+        return; /* the memory is clear, and is not touched before it is used */
     for (size_t k = 0; k < value_count(instance, variable); k++)
         memcpy(values + k * size, &start, size);
 }
 
 /* In sanitizer builds: no access between the end of a variable and the next one. */
-static void poison_red_zones(const Instance *instance, bool is_poisoned) {
+static void poison_red_zones(const Instance *instance, Causality causality, bool is_poisoned) {
     const VariableTable *table = instance->model->table;
     for (size_t k = 0; k < table->count; k++) {
-        const size_t end = instance->offsets[k] + value_count(instance, k) * value_size(table->variables[k].type);
-        set_red_zone(instance->block + end, instance->offsets[k + 1] - end, is_poisoned);
+        const size_t bytes = value_count(instance, k) * value_size(table->variables[k].type);
+        const size_t length = instance->offsets[k + 1] - instance->offsets[k];
+        if ((table->variables[k].causality == SCRATCH) == (causality == SCRATCH))
+            set_red_zone(place_of(instance, instance->offsets[k]) + bytes, length - bytes, is_poisoned);
     }
+}
+
+static size_t workplace_size(const Instance *instance) {
+    return instance->offsets[instance->model->table->count] - instance->saved_size;
+}
+
+bool storage_take_workplace(Instance *instance) {
+    if (instance->workplace || workplace_size(instance) == 0)
+        return true;
+    instance->workplace = calloc(workplace_size(instance), 1);
+    if (instance->workplace)
+        poison_red_zones(instance, SCRATCH, true);
+    return instance->workplace != NULL;
+}
+
+void storage_give_workplace(Instance *instance) {
+    if (workplace_size(instance) < LARGE_WORKPLACE)
+        return;
+    free(instance->workplace);
+    instance->workplace = NULL;
 }
 
 bool storage_allocate(Instance *instance, uint64_t nx, uint64_t ny, uint64_t depth) {
@@ -152,9 +184,11 @@ bool storage_allocate(Instance *instance, uint64_t nx, uint64_t ny, uint64_t dep
         }
         sized.offsets[table->count] = end;
         sized.first_references[table->exposed_count] = reference;
-        sized.block = calloc(end, 1);
+        sized.block = calloc(sized.saved_size, 1);
     }
-    if (!sized.block) {
+    sized.workplace = NULL;
+    if (!sized.block || (workplace_size(&sized) < LARGE_WORKPLACE && !storage_take_workplace(&sized))) {
+        free(sized.block);
         free(sized.offsets);
         free(sized.first_references);
         return false;
@@ -164,7 +198,7 @@ bool storage_allocate(Instance *instance, uint64_t nx, uint64_t ny, uint64_t dep
     sized.kept_size = sized.scratch_size = 0;
     sized.before = NULL;
     *instance = sized;
-    poison_red_zones(instance, true);
+    poison_red_zones(instance, STATE, true);
     for (size_t k = 0; k < table->count; k++)
         fill(instance, k);
     *(uint64_t *)values_of(instance, NX) = nx;
@@ -177,6 +211,7 @@ bool storage_allocate(Instance *instance, uint64_t nx, uint64_t ny, uint64_t dep
 
 void storage_release(Instance *instance) {
     free(instance->block);
+    free(instance->workplace);
     free(instance->offsets);
     free(instance->first_references);
     free(instance->kept);
@@ -193,13 +228,13 @@ bool is_possible_grid(uint64_t nx, uint64_t ny) {
 }
 
 void storage_save(const Instance *instance, void *bytes) {
-    poison_red_zones(instance, false);
+    poison_red_zones(instance, STATE, false);
     memcpy(bytes, instance->block, instance->saved_size);
-    poison_red_zones(instance, true);
+    poison_red_zones(instance, STATE, true);
 }
 
 void storage_load(Instance *instance, const void *bytes) {
-    poison_red_zones(instance, false);
+    poison_red_zones(instance, STATE, false);
     memcpy(instance->block, bytes, instance->saved_size);
-    poison_red_zones(instance, true);
+    poison_red_zones(instance, STATE, true);
 }

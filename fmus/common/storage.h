@@ -22,10 +22,11 @@ struct Instance {
     bool is_outdated;                         /* outputs must be calculated before they are read */
     uint64_t start_nx, start_ny, start_depth; /* of a new instance */
     uint64_t nx, ny, depth;                   /* of the block; depth: how many maps MAPS are */
-    unsigned char *block;
-    size_t *offsets;          /* of the variables in the block, 8-byte aligned, and its end */
+    unsigned char *block;                     /* the variables but for the scratch ones */
+    unsigned char *workplace;                 /* the scratch variables; NULL: not there */
+    size_t *offsets;          /* of the variables in both one after the other, 8-byte aligned, and their end */
     size_t *first_references; /* of the exposed variables, and the number of references */
-    size_t saved_size;        /* bytes of the block before the scratch variables */
+    size_t saved_size;        /* bytes of the block */
     size_t last_found;        /* variable of the last reference that was looked up */
     unsigned char *kept;      /* kept_memory and scratch_memory of the kernel */
     unsigned char *scratch;
@@ -45,7 +46,11 @@ bool has_depth(const VariableTable *table);
 bool storage_allocate(Instance *instance, uint64_t nx, uint64_t ny, uint64_t depth);
 void storage_release(Instance *instance);
 
-/* The first `saved_size` bytes of the block, with the states and without the scratch variables, out and in. */
+/* The scratch variables for a step; false if there is no memory. Afterwards those of a large grid are given back. */
+bool storage_take_workplace(Instance *instance);
+void storage_give_workplace(Instance *instance);
+
+/* The block, with the states and without the scratch variables, out and in. */
 void storage_save(const Instance *instance, void *bytes);
 void storage_load(Instance *instance, const void *bytes);
 

@@ -11,7 +11,7 @@ static size_t cell_count(const ProfileSensorVariables *v) {
     return (size_t)(*v->nx * *v->ny);
 }
 
-static void publish_scan(const ProfileSensorVariables *v) {
+static void publish_scan(const ProfileSensorVariables *v, const double *surface) {
     const Instrument instrument = {.pitch = *v->pitch,
                                    .noise_std = *v->noise_std,
                                    .noise_correlation = *v->noise_correlation,
@@ -28,15 +28,14 @@ static void publish_scan(const ProfileSensorVariables *v) {
                                    .dropout_slope = *v->dropout_slope,
                                    .dropout_rate = *v->dropout_rate,
                                    .seed = *v->seed};
-    read_surface(&instrument, v->captured, (size_t)*v->nx, (size_t)*v->ny, *v->scans, v->spot, v->lines,
-                 v->measured_height, v->valid);
+    read_surface(&instrument, surface, (size_t)*v->nx, (size_t)*v->ny, *v->scans, v->spot, v->lines, v->measured_height,
+                 v->valid);
     *v->layers_scanned = *v->captured_layer;
     *v->scans += 1;
     *v->status = IDLE;
 }
 
 static void begin_scan(const ProfileSensorVariables *v, double time) {
-    memcpy(v->captured, v->height, cell_count(v) * sizeof *v->height);
     *v->captured_layer = *v->layers_printed;
     *v->ready_at = time + *v->scan_duration;
     *v->status = BUSY;
@@ -70,8 +69,10 @@ static Outcome do_step(Instance *instance, double start, double end) {
         return refuse(instance, "no memory to keep the last scan until the next one is whole");
     if (begins)
         begin_scan(&v, start);
+    if (begins && !ends)
+        memcpy(v.captured, v.height, cell_count(&v) * sizeof *v.height);
     if (ends)
-        publish_scan(&v);
+        publish_scan(&v, begins ? v.height : v.captured);
     return ACCEPTED;
 }
 

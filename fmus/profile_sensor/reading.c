@@ -34,10 +34,13 @@ static double shift_of_scan(const Instrument *by, uint64_t axis, int32_t scan) {
 /* In the order of the hardware: shift, spot, slope, noise, drop-out, tilt, bias, steps. */
 void read_surface(const Instrument *by, const double *surface, size_t nx, size_t ny, int32_t scan, double *spot,
                   double *lines, double *reading, bool *valid) {
-    average_over_spot(surface, spot, lines, nx, ny, by->pitch, by->spot_radius);
-    const double shift_x = shift_of_scan(by, 0, scan), shift_y = shift_of_scan(by, 1, scan), *seen = spot;
+    const double shift_x = shift_of_scan(by, 0, scan), shift_y = shift_of_scan(by, 1, scan), *seen = surface;
+    if (by->spot_radius > 0.0) {
+        average_over_spot(surface, spot, lines, nx, ny, by->pitch, by->spot_radius);
+        seen = spot;
+    }
     if (shift_x != 0.0 || shift_y != 0.0) {
-        displace(spot, lines, nx, ny, by->pitch, shift_x, shift_y);
+        displace(seen, lines, nx, ny, by->pitch, shift_x, shift_y);
         seen = lines;
     }
     const double common = random_normal(by->seed, STREAM_COMMON_NOISE, 0, scan);

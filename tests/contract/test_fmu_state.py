@@ -31,6 +31,22 @@ def test_run_replays_from_a_saved_state_bit_by_bit(model, form, at) -> None:
             assert instance.save() == end
 
 
+@pytest.mark.parametrize("model", ["LayerDeposition", "ProfileSensor"])
+def test_large_grid_replays_from_a_saved_state(model: str) -> None:
+    """Its working memory is taken and given back in every step; a scan that takes time is kept until its end."""
+    large, other = (Driver(model, nx=280, ny=260) for _ in range(2))
+    with large.start(PARAMETERS[model]) as fmu, other.start():
+        act(fmu, 0, 7)
+        saved = fmu.save()
+        act(fmu, 7, 14)
+        end, outputs = fmu.save(), fmu.outputs()
+        assert saved != end
+        assert other.restore(saved) == OK
+        act(other, 7, 14)
+        assert other.save() == end
+        assert equal(other.outputs(), outputs)
+
+
 @EVERY_FORM
 @EVERY_MODEL
 def test_in_memory_state_survives_what_comes_after(model, form) -> None:

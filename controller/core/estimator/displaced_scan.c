@@ -67,15 +67,16 @@ DisplacedView displaced_view(Displacement displacement) {
     return (DisplacedView){displacement, spot_of(displacement.spread), spot_of(less), spot_of(wider), wider - less};
 }
 
-static void copy_patch(size_t ny, const double *map, const Patch *patch, double *copy) {
+static void copy_patch(size_t ny, const double *map, const Patch *patch, Rows copy) {
     for (size_t i = patch->top; i < patch->bottom; i++)
-        memcpy(copy + i * ny + patch->left, map + i * ny + patch->left, (patch->right - patch->left) * sizeof *copy);
+        memcpy(row_of(copy, ny, i) + patch->left, map + i * ny + patch->left,
+               (patch->right - patch->left) * sizeof *map);
 }
 
 /* The mean of the spot on the cells of `patch`, from `height`; what stands in `lines` and `mean` elsewhere is of no
  * account. */
-static void average(size_t nx, size_t ny, const double *height, const Spot *spot, const Patch *patch, double *lines,
-                    double *mean) {
+static void average(size_t nx, size_t ny, const double *height, const Spot *spot, const Patch *patch, Rows lines,
+                    Rows mean) {
     if (spot->reach == 0) {
         copy_patch(ny, height, patch, mean);
         return;
@@ -83,10 +84,11 @@ static void average(size_t nx, size_t ny, const double *height, const Spot *spot
     const Patch read = patch_widened(patch, nx, ny, spot->reach);
     for (size_t i = read.top; i < read.bottom; i++)
         for (size_t j = patch->left; j < patch->right; j++)
-            lines[i * ny + j] = line_mean(height + i * ny, ny, 1, j, spot->weights, spot->reach);
+            row_of(lines, ny, i)[j] = line_mean(height + i * ny, ny, 1, j, spot->weights, spot->reach);
     for (size_t i = patch->top; i < patch->bottom; i++)
         for (size_t j = patch->left; j < patch->right; j++)
-            mean[i * ny + j] = line_mean(lines + j, nx, ny, i, spot->weights, spot->reach);
+            row_of(mean, ny, i)[j] =
+                line_mean(lines.values + j, nx - lines.top, ny, i - lines.top, spot->weights, spot->reach);
 }
 
 /* The cell before a place on a line of `length` cells, and how far beyond it the place is. */
@@ -97,15 +99,16 @@ static size_t cell_before(double place, size_t length, double *beyond) {
     return cell;
 }
 
-static void move(size_t nx, size_t ny, const double *height, double x, double y, const Patch *patch, double *moved) {
+static void move(size_t nx, size_t ny, Rows height, double x, double y, const Patch *patch, Rows moved) {
     for (size_t i = patch->top; i < patch->bottom; i++) {
-        double right, up;
+        double right, up, *row_moved = row_of(moved, ny, i);
         const size_t row = cell_before((double)i + x, nx, &up), next_row = row + 1 < nx ? row + 1 : row;
+        const double *here = row_of(height, ny, row), *there = row_of(height, ny, next_row);
         for (size_t j = patch->left; j < patch->right; j++) {
             const size_t column = cell_before((double)j + y, ny, &right), next = column + 1 < ny ? column + 1 : column;
-            const double near = (1.0 - right) * height[row * ny + column] + right * height[row * ny + next];
-            const double far = (1.0 - right) * height[next_row * ny + column] + right * height[next_row * ny + next];
-            moved[i * ny + j] = (1.0 - up) * near + up * far;
+            const double near = (1.0 - right) * here[column] + right * here[next];
+            const double far = (1.0 - right) * there[column] + right * there[next];
+            row_moved[j] = (1.0 - up) * near + up * far;
         }
     }
 }
@@ -117,42 +120,45 @@ static Patch patch_moved(const Patch *patch, size_t nx, size_t ny, double x, dou
 }
 
 static void scan_with(size_t nx, size_t ny, const double *height, const Spot *spot, double x, double y,
-                      const Patch *patch, double *scratch, double *reading) {
+                      const Patch *patch, const Scratch *scratch, Rows reading) {
     const Patch read = patch_moved(patch, nx, ny, x, y);
+    const Rows lines = scratch_map(scratch, ny, 0), mean = scratch_map(scratch, ny, 1);
     if (x == 0.0 && y == 0.0) {
-        average(nx, ny, height, spot, patch, scratch, reading);
+        average(nx, ny, height, spot, patch, lines, reading);
         return;
     }
-    average(nx, ny, height, spot, &read, scratch, scratch + nx * ny);
-    move(nx, ny, scratch + nx * ny, x, y, patch, reading);
+    average(nx, ny, height, spot, &read, lines, mean);
+    move(nx, ny, mean, x, y, patch, reading);
 }
 
 void displaced_scan(size_t nx, size_t ny, const double *height, const DisplacedView *view, const Patch *patch,
-                    double *scratch, double *reading) {
+                    const Scratch *scratch, Rows reading) {
     scan_with(nx, ny, height, &view->spot, view->displacement.x, view->displacement.y, patch, scratch, reading);
 }
 
 /* (more - less) / step in `less`. */
-static void difference(size_t ny, const double *more, double step, const Patch *patch, double *less) {
-    for (size_t i = patch->top; i < patch->bottom; i++)
-        for (size_t cell = i * ny + patch->left; cell < i * ny + patch->right; cell++)
-            less[cell] = (more[cell] - less[cell]) / step;
+static void difference(size_t ny, Rows more, double step, const Patch *patch, Rows less) {
+    for (size_t i = patch->top; i < patch->bottom; i++) {
+        const double *high = row_of(more, ny, i);
+        double *low = row_of(less, ny, i);
+        for (size_t j = patch->left; j < patch->right; j++)
+            low[j] = (high[j] - low[j]) / step;
+    }
 }
 
 void displaced_scan_slopes(size_t nx, size_t ny, const double *height, const DisplacedView *view, const Patch *patch,
-                           double *scratch, double *slopes) {
-    const size_t cells = nx * ny;
-    double *mean = scratch + cells, *more = scratch + 2 * cells;
+                           const Scratch *scratch, const Rows slopes[3]) {
+    const Rows mean = scratch_map(scratch, ny, 1), more = scratch_map(scratch, ny, 2);
     const double x = view->displacement.x, y = view->displacement.y;
     const Patch read = patch_moved(patch, nx, ny, x, y);
-    average(nx, ny, height, &view->spot, &read, scratch, mean);
+    average(nx, ny, height, &view->spot, &read, scratch_map(scratch, ny, 0), mean);
     move(nx, ny, mean, x + SHIFT_STEP, y, patch, more);
-    move(nx, ny, mean, x - SHIFT_STEP, y, patch, slopes);
-    difference(ny, more, 2.0 * SHIFT_STEP, patch, slopes);
+    move(nx, ny, mean, x - SHIFT_STEP, y, patch, slopes[0]);
+    difference(ny, more, 2.0 * SHIFT_STEP, patch, slopes[0]);
     move(nx, ny, mean, x, y + SHIFT_STEP, patch, more);
-    move(nx, ny, mean, x, y - SHIFT_STEP, patch, slopes + cells);
-    difference(ny, more, 2.0 * SHIFT_STEP, patch, slopes + cells);
-    scan_with(nx, ny, height, &view->less, x, y, patch, scratch, slopes + 2 * cells);
+    move(nx, ny, mean, x, y - SHIFT_STEP, patch, slopes[1]);
+    difference(ny, more, 2.0 * SHIFT_STEP, patch, slopes[1]);
+    scan_with(nx, ny, height, &view->less, x, y, patch, scratch, slopes[2]);
     scan_with(nx, ny, height, &view->wider, x, y, patch, scratch, more);
-    difference(ny, more, view->step, patch, slopes + 2 * cells);
+    difference(ny, more, view->step, patch, slopes[2]);
 }

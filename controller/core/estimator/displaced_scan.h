@@ -39,15 +39,37 @@ typedef struct {
 
 DisplacedView displaced_view(Displacement displacement);
 
-/* The cells of `patch` of a scan of the surface `height` [m], maps of nx * ny cells in C order; beyond the border the
- * surface continues as it is there. `scratch` holds 2 * nx * ny. */
-void displaced_scan(size_t nx, size_t ny, const double *height, const DisplacedView *view, const Patch *patch,
-                    double *scratch, double *reading);
+/* Some rows of a map, from row `top` on. */
+typedef struct {
+    double *values;
+    size_t top;
+} Rows;
 
-/* How a scan of `height` changes there with x, y [m per cell] and spread [m per cell^2]: 3 * nx * ny. `scratch` holds
- * 3 * nx * ny. */
+/* Room for the rows that a patch reads, from row `top` on: SCRATCH_MAPS times `rows` of them. */
+typedef struct {
+    double *values;
+    size_t top, rows;
+} Scratch;
+
+enum { SCRATCH_MAPS = 4 };
+
+static inline double *row_of(Rows map, size_t ny, size_t i) {
+    return map.values + (i - map.top) * ny;
+}
+
+/* One of its maps; the last one is never used here. */
+static inline Rows scratch_map(const Scratch *scratch, size_t ny, size_t number) {
+    return (Rows){scratch->values + number * scratch->rows * ny, scratch->top};
+}
+
+/* The cells of `patch` of a scan of the surface `height` [m], maps of nx * ny cells in C order; beyond the border the
+ * surface continues as it is there. */
+void displaced_scan(size_t nx, size_t ny, const double *height, const DisplacedView *view, const Patch *patch,
+                    const Scratch *scratch, Rows reading);
+
+/* How a scan of `height` changes there with x, y [m per cell] and spread [m per cell^2]: a map each. */
 void displaced_scan_slopes(size_t nx, size_t ny, const double *height, const DisplacedView *view, const Patch *patch,
-                           double *scratch, double *slopes);
+                           const Scratch *scratch, const Rows slopes[3]);
 
 /* Standard deviation of the Gaussian spot [cells] whose weights over the cells have this variance [cells^2]. */
 double spot_radius(double spread);

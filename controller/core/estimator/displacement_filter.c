@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "map_memory.h"
 #include "small_algebra.h"
 
 /* Of the spread from scan to scan [cells^2]; of the predicted growth [1] before and after the ink is learnt (assumed).
@@ -98,32 +99,43 @@ static void weigh_readings(const ScanEvidence *evidence, const Registration *reg
     const double misfit = registration->misfit;
     for (size_t i = 0; i < nx; i++) {
         double *curved = room->curvature + i * ny, *restrict weight = room->weight + i * ny;
-        const double *spread = evidence->spread + i * ny, noise = evidence->noise_variance;
+        const double noise = evidence->noise_variance;
         uint8_t *restrict is_wall = room->is_wall + i * ny;
+        double sure[BLOCK];
         curvature_of_row(nx, ny, room->surface, i, curved);
-        for (size_t j = 0; j < ny; j++) {
-            const double sure = spread[j] + noise + READING_STD * READING_STD;
-            const double variance = sure + misfit * curved[j] * curved[j];
-            weight[j] = weight[j] == 0.0 ? 0.0 : 1.0 / variance;
+        for (size_t first = 0; first < ny; first += BLOCK) {
+            const size_t count = ny - first < BLOCK ? ny - first : BLOCK;
+            predicted_variance(&evidence->variance, i * ny + first, count, sure);
+            for (size_t k = 0; k < count; k++)
+                sure[k] = sure[k] + noise + READING_STD * READING_STD;
+            for (size_t k = 0; k < count; k++) {
+                const double curvature = curved[first + k], variance = sure[k] + misfit * curvature * curvature;
+                weight[first + k] = weight[first + k] == 0.0 ? 0.0 : 1.0 / variance;
+            }
+            for (size_t k = 0; k < count; k++)
+                is_wall[first + k] = curved[first + k] * curved[first + k] > WALL * WALL * sure[k];
         }
-        for (size_t j = 0; j < ny; j++)
-            is_wall[j] = curved[j] * curved[j] > WALL * WALL * (spread[j] + noise + READING_STD * READING_STD);
     }
 }
 
 /* The columns of the displacement in a patch. */
-static void take_columns(const ScanEvidence *evidence, const DisplacedView *left, const Patch *patch, Room *room) {
+static void take_columns(const ScanEvidence *evidence, const DisplacedView *left, const Patch *patch,
+                         const Scratch *scratch, const Room *room, const Rows columns[DISPLACEMENTS],
+                         const Rows steps[SHIFTS]) {
     const size_t nx = evidence->nx, ny = evidence->ny, cells = nx * ny;
-    double *moved = room->scratch + 3 * cells;
-    displaced_scan_slopes(nx, ny, room->surface, left, patch, room->scratch, room->columns[0]); /* side by side */
+    const Rows moved = scratch_map(scratch, ny, SCRATCH_MAPS - 1);
+    displaced_scan_slopes(nx, ny, room->surface, left, patch, scratch, columns);
     for (size_t k = 0; k < DISPLACEMENTS; k++) {
-        displaced_scan(nx, ny, evidence->response + k * cells, left, patch, room->scratch, moved);
-        for (size_t i = patch->top; i < patch->bottom; i++)
-            for (size_t cell = i * ny + patch->left; cell < i * ny + patch->right; cell++) {
-                if (k < SHIFTS)
-                    room->columns[STEP + k][cell] = room->columns[k][cell];
-                room->columns[k][cell] += moved[cell];
+        displaced_scan(nx, ny, evidence->response + k * cells, left, patch, scratch, moved);
+        for (size_t i = patch->top; i < patch->bottom; i++) {
+            double *own = row_of(columns[k], ny, i), *step = k < SHIFTS ? row_of(steps[k], ny, i) : NULL;
+            const double *row = row_of(moved, ny, i);
+            for (size_t j = patch->left; j < patch->right; j++) {
+                if (step)
+                    step[j] = own[j];
+                own[j] += row[j];
             }
+        }
     }
 }
 
@@ -136,15 +148,40 @@ static size_t next_wall(const Room *room, size_t ny, size_t i, size_t from) {
 /* Walls one after the other: what is read about them is little while the scan is not displaced. */
 static void take_columns_of_walls(const ScanEvidence *evidence, const DisplacedView *left, Room *room) {
     const size_t nx = evidence->nx, ny = evidence->ny;
-    for (size_t i = 0; i < nx; i++)
+    size_t wall = 0;
+    for (size_t i = 0; i < nx; i++) {
+        const size_t top = i > STRIP_REACH ? i - STRIP_REACH : 0;
+        const Scratch strip = {room->strip, top, STRIP};
+        Rows rows[GROWTH];
+        for (size_t k = 0; k < GROWTH; k++)
+            rows[k] = scratch_map(&strip, ny, SCRATCH_MAPS + k);
         for (size_t j = next_wall(room, ny, i, 0), end; j < ny; j = next_wall(room, ny, i, end)) {
             for (end = j + 1; end < ny && room->is_wall[i * ny + end];)
                 end++;
             const Patch run = {i, i + 1, j, end};
-            take_columns(evidence, left, &run, room);
+            take_columns(evidence, left, &run, &strip, room, rows, rows + STEP);
+            for (size_t k = 0; k < GROWTH; k++)
+                memcpy(room->columns.of[k] + wall, row_of(rows[k], ny, i) + j, (end - j) * sizeof(double));
+            wall += end - j;
             if (end == ny)
                 break;
         }
+    }
+}
+
+/* Room for the columns of the walls. False if there is no memory. */
+static bool open_columns(Room *room, size_t cells) {
+    size_t walls = 0;
+    for (size_t cell = 0; cell < cells; cell++)
+        walls += room->is_wall[cell];
+    give_maps(room->packed);
+    room->packed = take_maps(walls, GROWTH * sizeof(double));
+    if (!room->packed)
+        return false;
+    room->columns = (WallColumns){.is_wall = room->is_wall, .is_packed = true};
+    for (size_t k = 0; k < GROWTH; k++)
+        room->columns.of[k] = room->packed + k * walls;
+    return true;
 }
 
 static bool has_wall(const Room *room, size_t ny, const Patch *patch) {
@@ -158,16 +195,34 @@ static bool has_wall(const Room *room, size_t ny, const Patch *patch) {
 static void take_columns_of_patches(const ScanEvidence *evidence, const DisplacedView *left, Room *room) {
     enum { SIDE = 32 };
     const size_t nx = evidence->nx, ny = evidence->ny;
+    const Scratch scratch = {room->moved.scratch, 0, nx};
+    Rows maps[GROWTH];
+    room->columns = (WallColumns){.is_wall = room->is_wall};
+    for (size_t k = 0; k < GROWTH; k++)
+        maps[k] = (Rows){room->columns.of[k] = room->moved.columns[k], 0};
     for (size_t i = 0; i < nx; i += SIDE)
         for (size_t j = 0; j < ny; j += SIDE) {
             const Patch patch = {i, i + SIDE < nx ? i + SIDE : nx, j, j + SIDE < ny ? j + SIDE : ny};
             if (has_wall(room, ny, &patch))
-                take_columns(evidence, left, &patch, room);
+                take_columns(evidence, left, &patch, &scratch, room, maps, maps + STEP);
         }
 }
 
-/* The scan linearised about `x`: columns, what is left of each reading, and its weight without that of outliers. */
-static void linearise(const ScanEvidence *evidence, const Registration *registration, const double x[UNKNOWNS],
+/* Where the scan is linearised: the prediction itself if nothing moves it. */
+static const double *surface_at(const ScanEvidence *evidence, const double moved[DISPLACEMENTS], double growth,
+                                const Room *room) {
+    bool is_predicted = growth == 0.0;
+    for (size_t k = 0; k < DISPLACEMENTS; k++)
+        is_predicted = is_predicted && moved[k] == 0.0;
+    if (is_predicted)
+        return evidence->predicted;
+    surface_by(evidence, moved, growth, room->moved.surface);
+    return room->moved.surface;
+}
+
+/* The scan linearised about `x`: columns, what is left of each reading, and its weight without that of outliers. False
+ * if there is no memory. */
+static bool linearise(const ScanEvidence *evidence, const Registration *registration, const double x[UNKNOWNS],
                       Room *room) {
     const size_t nx = evidence->nx, ny = evidence->ny;
     const Patch grid = {0, nx, 0, ny};
@@ -175,28 +230,47 @@ static void linearise(const ScanEvidence *evidence, const Registration *registra
     displacement_now(x, now);
     const Displacement left = split_displacement(now, whole);
     const DisplacedView view = displaced_view(left);
-    const bool is_still = left.x == 0.0 && left.y == 0.0 && view.spot.reach == 0;
+    room->is_moved = left.x != 0.0 || left.y != 0.0 || view.spot.reach > 0;
     for (size_t k = 0; k < DISPLACEMENTS; k++)
         moved[k] = x[k] - registration->applied[k];
-    surface_by(evidence, moved, x[GROWTH], room->surface);
-    room->columns[GROWTH] = is_still ? room->growth : room->displaced_growth;
+    room->surface = surface_at(evidence, moved, x[GROWTH], room);
     const double *reading = room->surface;
-    if (!is_still) {
-        displaced_scan(nx, ny, room->growth, &view, &grid, room->scratch, room->displaced_growth);
-        displaced_scan(nx, ny, room->surface, &view, &grid, room->scratch, room->scratch + 3 * nx * ny);
-        reading = room->scratch + 3 * nx * ny;
+    if (room->is_moved) {
+        const Scratch scratch = {room->moved.scratch, 0, nx};
+        const Rows displaced = scratch_map(&scratch, ny, SCRATCH_MAPS - 1);
+        for (size_t cell = 0; cell < nx * ny; cell++)
+            room->moved.growth[cell] = evidence->predicted[cell] - evidence->before[cell];
+        displaced_scan(nx, ny, room->moved.growth, &view, &grid, &scratch, (Rows){room->moved.displaced_growth, 0});
+        displaced_scan(nx, ny, room->surface, &view, &grid, &scratch, displaced);
+        reading = displaced.values;
     }
     take_readings(evidence, reading, whole, room);
     weigh_readings(evidence, registration, room);
-    (is_still ? take_columns_of_walls : take_columns_of_patches)(evidence, &view, room);
+    if (!room->is_moved && !open_columns(room, nx * ny))
+        return false;
+    (room->is_moved ? take_columns_of_patches : take_columns_of_walls)(evidence, &view, room);
+    return true;
 }
 
-/* What a move of the unknowns leaves of the reading of a cell. */
-static double rest_after(const Room *room, const double move[UNKNOWNS], size_t cell) {
-    double rest = room->rest[cell];
-    for (size_t k = room->is_wall[cell] ? 0 : GROWTH; k < UNKNOWNS; k++)
-        rest -= move[k] * room->columns[k][cell];
-    return rest;
+/* How the readings of some cells go with the growth: in a map, or in `values`. */
+static const double *growth_column(const ScanEvidence *evidence, const Room *room, size_t first, size_t count,
+                                   double *restrict values) {
+    if (room->is_moved)
+        return room->moved.displaced_growth + first;
+    for (size_t k = 0; k < count; k++)
+        values[k] = evidence->predicted[first + k] - evidence->before[first + k];
+    return values;
+}
+
+/* How the reading of a cell goes with the unknowns; returns the first one that it goes with. */
+static size_t columns_of_cell(const Room *room, size_t cell, double growth, size_t *wall, double column[UNKNOWNS]) {
+    const size_t place = column_place(&room->columns, cell, wall);
+    column[GROWTH] = growth;
+    if (!room->is_wall[cell])
+        return GROWTH;
+    for (size_t k = 0; k < GROWTH; k++)
+        column[k] = room->columns.of[k][place];
+    return 0;
 }
 
 /* Weight of a reading that a move leaves so far off, in standard deviations. */
@@ -205,20 +279,27 @@ static double robust_weight(double off, bool with_strange) {
     return off > STRANGE && !with_strange ? 0.0 : kept;
 }
 
-/* Adds a cell to the normal equations. */
-static void add_cell(const Room *room, size_t cell, double weight, double *matrix, double side[UNKNOWNS]) {
-    for (size_t i = room->is_wall[cell] ? 0 : GROWTH; i < UNKNOWNS; i++) {
-        const double weighted = weight * room->columns[i][cell];
+/* Adds a cell to the normal equations, with a robust weight after the move `last`. */
+static void add_cell(const Room *room, size_t cell, double growth, const double last[UNKNOWNS], bool with_strange,
+                     size_t *wall, double *matrix, double side[UNKNOWNS]) {
+    double column[UNKNOWNS], left = room->rest[cell];
+    const size_t begin = columns_of_cell(room, cell, growth, wall, column);
+    for (size_t k = begin; k < UNKNOWNS; k++)
+        left -= last[k] * column[k];
+    const double off = fabs(left) * sqrt(room->weight[cell]);
+    const double weight = room->weight[cell] * robust_weight(off, with_strange);
+    for (size_t i = begin; i < UNKNOWNS; i++) {
+        const double weighted = weight * column[i];
         side[i] += weighted * room->rest[cell];
-        for (size_t j = room->is_wall[cell] ? 0 : GROWTH; j <= i; j++)
-            matrix[i * UNKNOWNS + j] += weighted * room->columns[j][cell];
+        for (size_t j = begin; j <= i; j++)
+            matrix[i * UNKNOWNS + j] += weighted * column[j];
     }
 }
 
 /* Adds cells that no displacement moves: their growth is the only unknown. */
-static void add_block(const Room *room, size_t first, size_t count, double move, bool with_strange, double *matrix,
-                      double *side) {
-    const double *growth = room->columns[GROWTH] + first, *rest = room->rest + first, *weights = room->weight + first;
+static void add_block(const Room *room, size_t first, size_t count, const double *growth, double move,
+                      bool with_strange, double *matrix, double *side) {
+    const double *rest = room->rest + first, *weights = room->weight + first;
     double off[BLOCK], product[BLOCK], square[BLOCK];
     for (size_t k = 0; k < count; k++)
         off[k] = fabs(rest[k] - move * growth[k]) * sqrt(weights[k]);
@@ -234,19 +315,21 @@ static void add_block(const Room *room, size_t first, size_t count, double move,
 }
 
 /* The normal equations of a move with robust weights after the move `last`. */
-static void normal_equations(size_t cells, const Room *room, const double last[UNKNOWNS], bool with_strange,
-                             double *matrix, double side[UNKNOWNS]) {
+static void normal_equations(const ScanEvidence *evidence, const Room *room, const double last[UNKNOWNS],
+                             bool with_strange, double *matrix, double side[UNKNOWNS]) {
+    const size_t cells = evidence->nx * evidence->ny;
+    double values[BLOCK];
+    size_t wall = 0;
     for (size_t first = 0; first < cells; first += BLOCK) {
         const size_t count = cells - first < BLOCK ? cells - first : BLOCK;
+        const double *growth = growth_column(evidence, room, first, count, values);
         if (!memchr(room->is_wall + first, 1, count)) {
-            add_block(room, first, count, last[GROWTH], with_strange, &matrix[GROWTH * UNKNOWNS + GROWTH],
+            add_block(room, first, count, growth, last[GROWTH], with_strange, &matrix[GROWTH * UNKNOWNS + GROWTH],
                       &side[GROWTH]);
             continue;
         }
-        for (size_t cell = first; cell < first + count; cell++) {
-            const double off = fabs(rest_after(room, last, cell)) * sqrt(room->weight[cell]);
-            add_cell(room, cell, room->weight[cell] * robust_weight(off, with_strange), matrix, side);
-        }
+        for (size_t k = 0; k < count; k++)
+            add_cell(room, first + k, growth[k], last, with_strange, &wall, matrix, side);
     }
     for (size_t i = 0; i < UNKNOWNS; i++)
         for (size_t j = i + 1; j < UNKNOWNS; j++)
@@ -290,18 +373,19 @@ bool likeliest_displacement(const ScanEvidence *evidence, const Registration *re
         memcpy(x, registration->applied, sizeof registration->applied);
     const int rounds = evidence->is_unknown ? 0 : is_iterated ? ROUNDS : 1;
     memcpy(matrix, precision, sizeof matrix);
-    linearise(evidence, registration, x, room);
+    if (!linearise(evidence, registration, x, room))
+        return false;
     for (int round = 0; round < rounds; round++) {
         double move[UNKNOWNS] = {0.0}, largest = 0.0;
-        if (round > 0)
-            linearise(evidence, registration, x, room);
+        if (round > 0 && !linearise(evidence, registration, x, room))
+            return false;
         for (int weighing = 0; weighing < REWEIGHTINGS; weighing++) {
             double side[UNKNOWNS] = {0.0};
             memcpy(matrix, precision, sizeof matrix);
             for (size_t i = 0; i < UNKNOWNS; i++)
                 for (size_t j = 0; j < UNKNOWNS; j++)
                     side[i] += precision[i * UNKNOWNS + j] * (before[j] - x[j]);
-            normal_equations(evidence->nx * evidence->ny, room, move, round < ROUNDS_WITH_OUTLIERS, matrix, side);
+            normal_equations(evidence, room, move, round < ROUNDS_WITH_OUTLIERS, matrix, side);
             if (!solve_definite(UNKNOWNS, matrix, side))
                 return false;
             memcpy(move, side, sizeof move);
@@ -315,4 +399,29 @@ bool likeliest_displacement(const ScanEvidence *evidence, const Registration *re
             break;
     }
     return invert_definite(UNKNOWNS, matrix, covariance);
+}
+
+bool open_moved(Room *room, size_t cells) {
+    enum { OTHER_MAPS = GROWTH + 6 };
+    if (room->moved.memory)
+        return true;
+    double *next = take_maps(cells, (SCRATCH_MAPS + OTHER_MAPS) * sizeof(double) + 2);
+    if (!next)
+        return false;
+    room->moved = (MovedMaps){.memory = next, .scratch = next};
+    next += SCRATCH_MAPS * cells;
+    double **single[] = {&room->moved.surface, &room->moved.growth, &room->moved.displaced_growth,
+                         &room->moved.before,  &room->moved.scan,   &room->moved.misread};
+    for (size_t k = 0; k < sizeof single / sizeof *single; k++, next += cells)
+        *single[k] = next;
+    for (size_t k = 0; k < GROWTH; k++, next += cells)
+        room->moved.columns[k] = next;
+    room->moved.seen = (uint8_t *)next;
+    room->moved.clear = room->moved.seen + cells;
+    return true;
+}
+
+void close_room(Room *room) {
+    give_maps(room->moved.memory);
+    give_maps(room->packed);
 }

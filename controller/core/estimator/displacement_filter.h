@@ -10,6 +10,7 @@
 #include <stdint.h>
 
 #include "displaced_scan.h"
+#include "prediction_variance.h"
 
 enum { SHIFT_X, SHIFT_Y, SPREAD, DISPLACEMENTS };
 
@@ -30,7 +31,7 @@ typedef struct {
 typedef struct {
     size_t nx, ny;
     const double *before, *predicted; /* heights before the layer and after it [m] */
-    const double *spread;             /* variance of the prediction [m^2] */
+    PredictionVariance variance;      /* of the prediction */
     const double *response;           /* DISPLACEMENTS maps [m per unit of the estimate] */
     const double *scan;               /* [m] */
     const uint8_t *valid;
@@ -49,15 +50,49 @@ enum { STEP = DISPLACEMENTS, SHIFTS = 2, GROWTH = STEP + SHIFTS, UNKNOWNS };
 
 enum { BLOCK = 64 }; /* cells that are looked at together, so that what is calculated of them stays in the cache */
 
-/* Maps of one registration, all of the caller. */
+/* Rows about a wall that its columns are taken from while the scan is not displaced. */
+enum { STRIP_REACH = 2, STRIP = 2 * STRIP_REACH + 1 };
+
+/* What only a registration that moves the scan needs, and a scan that is corrected; NULL before. */
 typedef struct {
-    double *surface, *growth;
-    double *columns[UNKNOWNS]; /* how the reading of each cell goes with each unknown: three maps side by side, two, and
-                                  one; away from walls only the last one is to be read: the others would be 0 */
-    double *displaced_growth, *weight, *rest, *curvature;
-    double *scratch;  /* 4 maps */
-    uint8_t *is_wall; /* cells that a displacement moves beyond their noise: 1 or 0 */
+    double *surface, *growth, *displaced_growth;
+    double *columns[GROWTH];
+    double *scratch;                 /* SCRATCH_MAPS maps */
+    double *before, *scan, *misread; /* the latter: variance of a reading beyond its noise [m^2] */
+    uint8_t *seen, *clear;
+    void *memory;
+} MovedMaps;
+
+/* How readings go with the unknowns but the growth, known at walls: elsewhere with the displacement as the heights do,
+ * with the step of the shift not at all. */
+typedef struct {
+    const uint8_t *is_wall; /* cells that a displacement moves beyond their noise: 1 or 0 */
+    double *of[GROWTH];
+    bool is_packed; /* the values of walls alone stand one after the other; else in maps */
+} WallColumns;
+
+/* Where the values of a cell are; `wall`: number of walls before it, which goes on to the next cell. */
+static inline size_t column_place(const WallColumns *columns, size_t cell, size_t *wall) {
+    const size_t place = columns->is_packed ? *wall : cell;
+    *wall += columns->is_wall[cell];
+    return place;
+}
+
+/* Maps of one registration, of the caller but for the columns and the moved ones. */
+typedef struct {
+    WallColumns columns;
+    double *weight, *rest, *curvature;
+    uint8_t *is_wall;
+    double *strip;         /* SCRATCH_MAPS + GROWTH times STRIP rows */
+    double *packed;        /* memory of the columns of walls */
+    const double *surface; /* that the scan is linearised about */
+    bool is_moved;         /* ... and whether displaced: else the growth goes into the readings as it is */
+    MovedMaps moved;
 } Room;
+
+/* Takes the memory of the moved maps, if it is not there. False if there is none. */
+bool open_moved(Room *room, size_t cells);
+void close_room(Room *room);
 
 /* Size of the second differences at the cells of row i [m]. */
 void curvature_of_row(size_t nx, size_t ny, const double *height, size_t i, double *curvature);

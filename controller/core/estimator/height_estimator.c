@@ -14,18 +14,16 @@ static const double SURPRISE = 5.0; /* standard deviations off the prediction fr
                                        wrong, not the scan (by trial) */
 static const double HALF = 0.5;     /* of the part */
 
-/* Maps of one layer, and room for what others do with them. */
+/* Maps of one layer. What is only needed until an estimate is written stands in the maps of that estimate. */
 typedef struct {
-    double *scan, *growth, *spread, *total; /* total: spread and noise of a reading */
-    double *predicted, *gain;
-    double *known_room;  /* a map for `known`, */
-    const double *known; /* which is often that of the estimate before: variance of its heights */
-    DropletIncrements increments, flat;
+    double *scan;
+    double *predicted; /* ... and other values between the registration and the end */
+    PredictionVariance variance;
+    DropletIncrements increments; /* rates: of the registration first; squares, own: in the estimate */
     RegisteredScan registered;
-    CorrectedMaps corrected;
     Room room;
-    double *scratch; /* DRIFT_MAPS maps */
-    uint8_t *marks;  /* two maps */
+    double *scratch; /* two maps, NULL for layers of one pass */
+    uint8_t *marks;  /* two maps, and one of the registration behind them */
     void *memory;
 } Workspace;
 
@@ -36,43 +34,36 @@ static double *next_maps(double **next, size_t count, size_t cells) {
     return maps;
 }
 
-/* The maps of the registration, by those whose turn comes after it; is_wall: a map. */
-static Room room_in(const Workspace *work, double *columns, uint8_t *is_wall, size_t cells) {
-    Room room = {.surface = work->total,
-                 .growth = work->growth,
-                 .displaced_growth = work->flat.rates,
-                 .weight = work->gain,
-                 .rest = work->flat.rates + cells,
-                 .curvature = work->flat.rates + 2 * cells,
-                 .scratch = work->scratch,
-                 .is_wall = is_wall};
-    for (size_t k = 0; k < GROWTH; k++)
-        room.columns[k] = columns + k * cells;
-    return room;
+/* The registration comes before the ink: its maps stand where the increments will. */
+static Room room_in(const Workspace *work, double *strip, size_t cells) {
+    return (Room){.weight = work->increments.rates,
+                  .rest = work->increments.rates + cells,
+                  .curvature = work->increments.rates + 2 * cells,
+                  .is_wall = work->marks + 2 * cells,
+                  .strip = strip};
 }
 
-static bool workspace_open(Workspace *work, size_t cells, size_t inks) {
-    const size_t rates = inks * ORDERS, maps = 10 + 2 * rates + 2 + GROWTH + DRIFT_MAPS;
-    double *next = take_maps(cells, maps * sizeof(double) + 5);
-    work->memory = next;
+static bool workspace_open(Workspace *work, const EstimatorOptions *options, int32_t passes,
+                           const SurfaceEstimate *after) {
+    const size_t cells = options->nx * options->ny, rates = options->ink.inks * ORDERS;
+    const size_t maps = rates + (passes > 1 ? 2 : 0), strip = (SCRATCH_MAPS + GROWTH) * STRIP * options->ny;
+    *work = (Workspace){.memory = take_maps(1, (maps * cells + strip) * sizeof(double) + 3 * cells)};
+    double *next = work->memory;
     if (!next)
         return false;
-    double **single[] = {
-        &work->scan, &work->growth,     &work->spread,           &work->total,          &work->predicted,
-        &work->gain, &work->known_room, &work->corrected.before, &work->corrected.scan, &work->corrected.variance};
-    for (size_t k = 0; k < sizeof single / sizeof *single; k++)
-        *single[k] = next_maps(&next, 1, cells);
-    work->increments.rates = next_maps(&next, rates, cells);
-    work->increments.squares = next_maps(&next, 1, cells);
-    work->increments.own = next_maps(&next, 1, cells);
-    work->flat.rates = next_maps(&next, rates, cells);
-    double *columns = next_maps(&next, GROWTH, cells);
-    work->scratch = next_maps(&next, DRIFT_MAPS, cells);
+    work->scan = after->height;
+    work->predicted = after->reckoned;
+    work->increments = (DropletIncrements){next_maps(&next, rates, cells), after->variance, after->dead_evidence};
+    work->scratch = passes > 1 ? next_maps(&next, 2, cells) : NULL;
+    double *strips = next_maps(&next, 1, strip);
     work->marks = (uint8_t *)next;
-    work->corrected.seen = work->marks + 2 * cells;
-    work->corrected.clear = work->marks + 3 * cells;
-    work->room = room_in(work, columns, work->marks + 4 * cells, cells);
+    work->room = room_in(work, strips, cells);
     return true;
+}
+
+static void workspace_close(Workspace *work) {
+    close_room(&work->room);
+    give_maps(work->memory);
 }
 
 static bool registers(const EstimatorOptions *options) {
@@ -111,20 +102,27 @@ static double reading_noise(const EstimatorOptions *options, const SurfaceEstima
     return fmax((1.0 - weight) * before->noise_variance + weight * of_reading, options->steps_variance);
 }
 
-/* Takes the drift out of the scan in `work`; returns the variance of its readings. */
-static double level_scan(const EstimatorOptions *options, const SurfaceEstimate *before, const uint8_t *valid,
-                         const Workspace *work) {
-    const size_t nx = options->nx, ny = options->ny;
+/* Takes the drift out of the scan in `work`, and the variance of its readings. False if there is no memory. */
+static bool level_scan(const EstimatorOptions *options, const SurfaceEstimate *before, const uint8_t *valid,
+                       Workspace *work, const SurfaceEstimate *after, double *noise) {
+    const size_t nx = options->nx, ny = options->ny, cells = nx * ny;
     const double *known = before->height;
+    double *rates = work->increments.rates;
+    double *const scratch[DRIFT_MAPS] = {rates, rates + cells, rates + 2 * cells, after->variance,
+                                         after->dead_evidence};
     if (is_displaced(&before->registration)) { /* walls reach further in such a scan */
         const Patch grid = {0, nx, 0, ny};
         const DisplacedView view = displaced_view(expected_displacement(&before->registration));
-        displaced_scan(nx, ny, work->predicted, &view, &grid, work->scratch, work->total);
-        known = work->total;
+        if (!open_moved(&work->room, cells))
+            return false;
+        displaced_scan(nx, ny, work->predicted, &view, &grid, &(Scratch){work->room.moved.scratch, 0, nx},
+                       (Rows){work->room.moved.surface, 0});
+        known = work->room.moved.surface;
     }
-    const ScanDrift drift = scan_drift(nx, ny, options->part, work->scan, known, valid, work->scratch);
+    const ScanDrift drift = scan_drift(nx, ny, options->part, work->scan, known, valid, scratch);
     take_drift_off(&drift, nx, ny, work->scan);
-    return reading_noise(options, before, drift.residual_variance);
+    *noise = reading_noise(options, before, drift.residual_variance);
+    return true;
 }
 
 /* The scan in register; `noise`: variance of its readings. False if there is no memory. */
@@ -136,17 +134,22 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
     for (size_t cell = 0; cell < cells; cell++)
         work->scan[cell] = valid[cell] ? measured[cell] : 0.0;
     layer_surface(layer, before->height, both, work->scratch, work->predicted);
-    *noise = options->take_as_read ? 0.0 : level_scan(options, before, valid, work);
-    const bool is_second = before->scans == 1 && options->noise_variance < 0.0;
-    work->known = is_second ? work->known_room : before->variance;
-    for (size_t cell = 0; is_second && cell < cells; cell++) /* it shows what the first was worth */
-        work->known_room[cell] = before->unseen[cell] == 0 ? *noise : before->variance[cell];
+    *noise = 0.0;
+    if (!options->take_as_read && !level_scan(options, before, valid, work, after, noise))
+        return false;
+    const bool is_second = before->scans == 1 && options->noise_variance < 0.0; /* it shows what the first was worth */
+    work->variance = (PredictionVariance){.before = before->variance,
+                                          .unseen = is_second ? before->unseen : NULL,
+                                          .first = *noise,
+                                          .squares = work->increments.squares,
+                                          .droplets = DROPLET_STD * DROPLET_STD,
+                                          .noise = *noise};
     after->registration = before->registration;
     const ScanEvidence evidence = {.nx = options->nx,
                                    .ny = options->ny,
                                    .before = before->height,
                                    .predicted = work->predicted,
-                                   .spread = work->spread,
+                                   .variance = work->variance,
                                    .response = before->response,
                                    .scan = work->scan,
                                    .valid = valid,
@@ -157,98 +160,130 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
                                    .is_unknown = is_unknown,
                                    .has_spot = options->ink.model != INK_FULL};
     if (!registers(options)) {
-        take_as_read(&evidence, &work->corrected, &work->registered);
+        take_as_read(&evidence, &work->registered);
         return true;
     }
     droplet_increments(layer, before->height, inks, before->ink, work->scratch, &work->increments);
-    for (size_t cell = 0; cell < cells; cell++)
-        work->spread[cell] = work->known[cell] + DROPLET_STD * DROPLET_STD * work->increments.squares[cell];
-    return register_scan(&evidence, &work->corrected, &work->room, &after->registration, &work->registered);
+    const bool is_done = register_scan(&evidence, &work->room, &after->registration, &work->registered);
+    work->variance.misread = work->registered.misread;
+    return is_done;
 }
 
 /* The ink after a scan; its increments are those of `widths`. */
 static void take_ink(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
-                     double noise, const Workspace *work, SurfaceEstimate *after, Ink widths[INKS_MAX]) {
+                     const Workspace *work, SurfaceEstimate *after, Ink widths[INKS_MAX]) {
     const RegisteredScan *scan = &work->registered;
-    for (size_t cell = 0; cell < options->nx * options->ny; cell++)
-        work->growth[cell] = scan->scan[cell] - scan->before[cell];
     Ink held[INKS_MAX] = {{0.0, 0.0, 0.0}};
-    if (registers(options) && !is_displaced(&after->registration)) /* the registration has taken them */
-        memcpy(held, before->ink, sizeof held);
     const LearntLayer learnt = {.layer = layer,
                                 .part = options->part,
                                 .clear = scan->clear,
                                 .before = scan->before,
                                 .scan = scan->scan,
-                                .growth = work->growth,
-                                .known = work->known,
-                                .noise = noise,
-                                .misread = scan->variance,
-                                .spread = work->spread,
-                                .total = work->total,
+                                .variance = &work->variance,
                                 .increments = work->increments,
-                                .flat = work->flat,
                                 .held = held,
                                 .scratch = work->scratch,
-                                .predicted = work->predicted,
+                                .values = work->predicted,
                                 .marks = work->marks};
-    learn_ink(&options->ink, &before->learnt, &learnt, DROPLET_STD, &after->learnt, after->ink, widths);
+    learn_ink(&options->ink, &before->learnt, &learnt, &after->learnt, after->ink, widths);
 }
 
+/* Some cells of a scan, and what is known of them. */
+typedef struct {
+    const double *predicted, *misread; /* misread: NULL if there is none */
+    const uint8_t *seen;
+    double scan[CARRIED], spread[CARRIED]; /* spread: variance of the predictions [m^2] */
+} CorrectedCells;
+
 /* Kalman correction of the cells that were seen; leaves their gains, 0 for the others. */
-static void correct(size_t cells, const double *predicted, const double *spread, const RegisteredScan *scan,
-                    double noise, double *restrict gains, double *restrict height, double *restrict variance) {
-    const double *reading = scan->scan, *misread = scan->variance;
-    const uint8_t *seen = scan->seen;
-    for (size_t cell = 0; cell < cells; cell++) {
-        const double off = reading[cell] - predicted[cell], surprise = off * off, error = noise + misread[cell];
-        const double known = spread[cell];
+static void correct(size_t count, const CorrectedCells *cells, double noise, double *restrict gains,
+                    double *restrict height, double *restrict variance) {
+    for (size_t k = 0; k < count; k++) {
+        const double predicted = cells->predicted[k], reading = cells->scan[k], known = cells->spread[k];
+        const double off = reading - predicted, surprise = off * off;
+        const double error = noise + (cells->misread ? cells->misread[k] : 0.0);
         const double wide = surprise > SURPRISE * SURPRISE * (known + error) ? surprise : known;
         const double share = wide / (wide + error), gain = error == 0.0 ? 1.0 : share;
-        const double corrected = predicted[cell] + gain * off, left = (1.0 - gain) * wide;
-        gains[cell] = seen[cell] ? gain : 0.0;
-        height[cell] = seen[cell] ? (error == 0.0 ? reading[cell] : corrected) : predicted[cell];
-        variance[cell] = seen[cell] ? (error == 0.0 ? 0.0 : left) : known;
+        const double corrected = predicted + gain * off, left = (1.0 - gain) * wide;
+        gains[k] = cells->seen[k] ? gain : 0.0;
+        height[k] = cells->seen[k] ? (error == 0.0 ? reading : corrected) : predicted;
+        variance[k] = cells->seen[k] ? (error == 0.0 ? 0.0 : left) : known;
     }
 }
 
-/* Which cells' droplets do not come, by the increments in the proportions of `ink`. */
+/* Corrects all cells, and carries what is known of their errors on. */
+static void correct_cells(const EstimatorOptions *options, const SurfaceEstimate *before, const Workspace *work,
+                          SurfaceEstimate *after) {
+    const size_t cells = options->nx * options->ny;
+    const RegisteredScan *scan = &work->registered;
+    double gain[CARRIED];
+    for (size_t first = 0, wall = 0; first < cells; first += CARRIED) {
+        const size_t count = cells - first < CARRIED ? cells - first : CARRIED;
+        CorrectedCells some = {.predicted = work->predicted + first,
+                               .misread = scan->misread ? scan->misread + first : NULL,
+                               .seen = scan->seen + first};
+        memcpy(some.scan, scan->scan + first, count * sizeof(double)); /* the heights come in its place */
+        predicted_variance(&work->variance, first, count, some.spread);
+        correct(count, &some, work->variance.noise, gain, after->height + first, after->variance + first);
+        if (registers(options))
+            carry_response(cells, first, count, scan, &wall, before->response, gain, after->response,
+                           is_displaced(&after->registration) ? after->variance + first : NULL);
+    }
+    if (!registers(options))
+        memset(after->response, 0, DISPLACEMENTS * cells * sizeof(double));
+    for (size_t cell = 0; cell < cells; cell++)
+        after->unseen[cell] = scan->seen[cell] ? 0 : before->unseen[cell] + 1;
+}
+
+/* Which cells' droplets do not come, by the increments in the proportions of `ink`; leaves the variances of the
+ * readings where the first rates were. */
 static void find_dead(const EstimatorOptions *options, const SurfaceEstimate *before, const Ink ink[],
                       const Workspace *work, SurfaceEstimate *after) {
     const size_t cells = options->nx * options->ny;
-    double *own = work->scratch, *grown = work->scratch + cells;
+    double *own = work->increments.own, *grown = work->predicted, variance[CARRIED];
     size_t part_cells = 0;
-    for (size_t cell = 0; cell < cells; cell++) {
-        const double added = added_height(&work->increments, cells, cell, options->ink.inks, ink);
-        own[cell] = work->registered.clear[cell] ? work->increments.own[cell] : 0.0;
-        grown[cell] = work->growth[cell] - added + work->increments.own[cell];
-        part_cells += options->part[cell] != 0;
+    for (size_t first = 0; first < cells; first += CARRIED) {
+        const size_t count = cells - first < CARRIED ? cells - first : CARRIED;
+        innovation_variance(&work->variance, first, count, variance);
+        for (size_t cell = first; cell < first + count; cell++) {
+            const double added = added_height(&work->increments, cells, cell, options->ink.inks, ink);
+            grown[cell] = work->registered.scan[cell] - work->registered.before[cell] - added + own[cell];
+            own[cell] = work->registered.clear[cell] ? own[cell] : 0.0;
+            part_cells += options->part[cell] != 0;
+        }
+        memcpy(work->increments.rates + first, variance, count * sizeof(double));
     }
-    dead_evidence(cells, before->dead_evidence, own, grown, work->total, part_cells, after->dead_evidence);
+    dead_evidence(cells, before->dead_evidence, own, grown, work->increments.rates, part_cells, after->dead_evidence);
 }
 
 /* How well the prediction explains what the cells of the part grew by. */
 static void look_at_growth(const EstimatorOptions *options, const JettedLayer *layer, const Workspace *work,
                            SurfaceEstimate *after) {
     const size_t cells = options->nx * options->ny;
-    double *added = work->scratch, built = 0.0, wanted = 0.0;
+    double built = 0.0, wanted = 0.0, *rates = work->increments.rates;
     size_t part_cells = 0;
     for (size_t cell = 0; cell < cells; cell++) {
         part_cells += options->part[cell] != 0;
-        added[cell] = work->predicted[cell] - work->registered.before[cell];
         work->marks[cell] = options->part[cell] && work->registered.clear[cell];
         built += options->part[cell] ? work->registered.before[cell] : 0.0;
         wanted += options->part[cell] ? options->target[cell] : 0.0;
     }
-    const LayerGrowth growth = {cells,        part_cells, work->marks, layer->pattern,
-                                work->growth, added,      work->total, built < HALF * wanted};
+    const LayerGrowth growth = {cells,
+                                part_cells,
+                                work->marks,
+                                layer->pattern,
+                                work->registered.before,
+                                work->registered.scan,
+                                work->predicted,
+                                rates,
+                                built < HALF * wanted};
     double learnt = 0.0, nominal = 0.0;
     for (size_t k = 0; k < options->ink.inks; k++) {
         learnt += full_layer_height(&after->ink[k]);
         nominal += full_layer_height(&options->ink.nominal[k]);
     }
     if (!options->take_as_read)
-        add_residuals(&growth, learnt / nominal, work->scratch + cells, &after->trust);
+        add_residuals(&growth, learnt / nominal, rates + cells, &after->trust);
 }
 
 /* is_unknown: the displacement of the scan is not learnt from, as the other things are not by the caller. */
@@ -258,29 +293,21 @@ static bool estimate_after(const EstimatorOptions *options, const SurfaceEstimat
     Workspace work;
     Ink widths[INKS_MAX];
     double noise;
-    if (!workspace_open(&work, cells, inks))
+    if (!workspace_open(&work, options, layer->passes, after))
         return false;
     if (!take_scan(options, before, layer, is_unknown, measured, valid, &work, after, &noise)) {
-        give_maps(work.memory);
+        workspace_close(&work);
         return false;
     }
-    const RegisteredScan *scan = &work.registered;
-    take_ink(options, before, layer, noise, &work, after, widths);
+    take_ink(options, before, layer, &work, after, widths);
     find_dead(options, before, widths, &work, after);
     const Ink both[2] = {after->ink[0], after->ink[inks - 1]};
-    layer_surface(layer, scan->before, both, work.scratch, work.predicted);
+    layer_surface(layer, work.registered.before, both, work.scratch, work.predicted);
     after->trust = before->trust;
     after->trust.volume = 1.0;
     if (!is_unknown)
         look_at_growth(options, layer, &work, after);
-    for (size_t cell = 0; cell < cells; cell++)
-        after->unseen[cell] = scan->seen[cell] ? 0 : before->unseen[cell] + 1;
-    correct(cells, work.predicted, work.spread, scan, noise, work.gain, after->height, after->variance);
-    if (registers(options))
-        carry_response(cells, scan, before->response, work.gain, after->response,
-                       is_displaced(&after->registration) ? after->variance : NULL);
-    else
-        memset(after->response, 0, DISPLACEMENTS * cells * sizeof(double));
+    correct_cells(options, before, &work, after);
     after->noise_variance = noise;
     after->scans = before->scans + 1;
     layer_surface(layer, before->reckoned, both, work.scratch, after->reckoned);
@@ -289,7 +316,7 @@ static bool estimate_after(const EstimatorOptions *options, const SurfaceEstimat
             before->reckoned[cell] + after->trust.volume * (after->reckoned[cell] - before->reckoned[cell]);
     forgive_dead(options, before, work.marks, after);
     look_at_cells(options, valid, after);
-    give_maps(work.memory);
+    workspace_close(&work);
     return true;
 }
 

@@ -18,7 +18,8 @@ bool estimate_first(const EstimatorOptions *options, int32_t layer, const double
                     SurfaceEstimate *estimate);
 
 /* `layer` was printed on what was known `before`, and scanned: `measured` [m] where `valid`. False if there is no
- * memory. The maps of `before` and `after` are different ones. */
+ * memory. The maps of `before` and `after` are different ones, but for the response: where that is the same one, it is
+ * only written when nothing can fail any longer. */
 bool estimate_next(const EstimatorOptions *options, const SurfaceEstimate *before, const JettedLayer *layer,
                    const double *measured, const uint8_t *valid, SurfaceEstimate *after);
 

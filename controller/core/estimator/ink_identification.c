@@ -29,7 +29,11 @@ static double direction(const InkPrior *prior, size_t share, size_t ink, size_t 
     return is_moved ? ink_height(&prior->nominal[ink], order) : 0.0;
 }
 
-enum { BLOCK = 64 }; /* cells, so that what is calculated of them stays in the cache */
+enum { BLOCK = FLAT_CELLS }; /* of a row, so that what is calculated of them stays in the cache */
+
+static size_t cells_of(const ObservedLayer *layer) {
+    return layer->layer->nx * layer->layer->ny;
+}
 
 /* Height that the droplets add to some cells [m]. */
 static void added_heights(const DropletIncrements *increments, size_t cells, size_t first, size_t count, size_t inks,
@@ -110,9 +114,9 @@ void likeliest_inks(const InkPrior *prior, const InkEvidence *evidence, Ink ink[
 static bool says_enough(const InkPrior *prior, const ObservedLayer *layer, const double *added) {
     size_t droplets = 0, counted = 0;
     double sum = 0.0, full = 0.0;
-    for (size_t cell = 0; cell < layer->cells; cell++) {
+    for (size_t cell = 0; cell < cells_of(layer); cell++) {
         const bool counts = layer->part[cell] && layer->seen[cell];
-        droplets += counts && layer->pattern[cell] > 0;
+        droplets += counts && layer->layer->pattern[cell] > 0;
         sum += counts ? added[cell] : 0.0;
         counted += counts;
     }
@@ -122,33 +126,43 @@ static bool says_enough(const InkPrior *prior, const ObservedLayer *layer, const
 }
 
 static bool is_hit(const ObservedLayer *layer, size_t cell) {
-    return (layer->part[cell] != 0) & (layer->seen[cell] != 0) & (layer->pattern[cell] > 0);
+    return (layer->part[cell] != 0) & (layer->seen[cell] != 0) & (layer->layer->pattern[cell] > 0);
 }
 
-/* What the hit cells grew by as a share of what was expected, in the middle. */
-static double usual_share(const ObservedLayer *layer, const double *added, double *values) {
+static double growth_at(const ObservedLayer *layer, size_t cell) {
+    return layer->scan[cell] - layer->before[cell];
+}
+
+/* What the hit cells grew by as a share of what was expected, in the middle; nothing is left of what was `added`. */
+static double usual_share(const ObservedLayer *layer, double *added) {
     size_t count = 0;
-    for (size_t cell = 0; cell < layer->cells; cell++)
+    for (size_t cell = 0; cell < cells_of(layer); cell++)
         if (is_hit(layer, cell))
-            values[count++] = layer->growth[cell] / added[cell];
-    return median(values, count);
+            added[count++] = growth_at(layer, cell) / added[cell];
+    return median(added, count);
 }
 
 /* Marks in `used` the cells of the part that were seen and grew as usual, with no strange neighbour; their number.
  */
 static size_t mark_usual(const ObservedLayer *layer, const double *added, double usual, uint8_t *restrict strange,
                          uint8_t *restrict used) {
-    const size_t ny = layer->ny;
+    const size_t nx = layer->layer->nx, ny = layer->layer->ny, cells = nx * ny;
+    double variance[BLOCK];
     size_t count = 0;
-    for (size_t cell = 0; cell < layer->cells; cell++) {
-        const double expected = usual * added[cell], far = STRANGE * fabs(expected);
-        const double noise = STRANGE_NOISE * sqrt(layer->variance[cell]), limit = far > noise ? far : noise;
-        strange[cell] = is_hit(layer, cell) & (fabs(layer->growth[cell] - expected) > limit);
+    for (size_t first = 0; first < cells; first += BLOCK) {
+        const size_t some = cells - first < BLOCK ? cells - first : BLOCK;
+        innovation_variance(layer->variance, first, some, variance);
+        for (size_t k = 0; k < some; k++) {
+            const size_t cell = first + k;
+            const double expected = usual * added[cell], far = STRANGE * fabs(expected);
+            const double noise = STRANGE_NOISE * sqrt(variance[k]), limit = far > noise ? far : noise;
+            strange[cell] = is_hit(layer, cell) & (fabs(growth_at(layer, cell) - expected) > limit);
+        }
     }
-    for (size_t i = 0; i < layer->cells / ny; i++) {
+    for (size_t i = 0; i < nx; i++) {
         const uint8_t *part = layer->part + i * ny, *seen = layer->seen + i * ny;
         uint8_t *row = used + i * ny;
-        mark_near_row(strange, layer->cells / ny, ny, i, row);
+        mark_near_row(strange, nx, ny, i, row);
         for (size_t j = 0; j < ny; j++) {
             row[j] = (part[j] != 0) & (seen[j] != 0) & (row[j] == 0);
             count += row[j];
@@ -157,67 +171,92 @@ static size_t mark_usual(const ObservedLayer *layer, const double *added, double
     return count;
 }
 
+/* Cells of a row. */
+typedef struct {
+    size_t row, column, first, count; /* first: cell of the map */
+} Piece;
+
+/* The piece after another one, in the order of the cells; false behind the last one. */
+static bool next_piece(const JettedLayer *layer, Piece *piece) {
+    piece->column += piece->count;
+    if (piece->column >= layer->ny) {
+        piece->row++;
+        piece->column = 0;
+    }
+    piece->first = piece->row * layer->ny + piece->column;
+    piece->count = layer->ny - piece->column < BLOCK ? layer->ny - piece->column : BLOCK;
+    return piece->row < layer->nx;
+}
+
+/* What share number `share` of the inks adds to a piece on a flat surface, by its rates there [m]. */
+static void share_adds_flat(const InkPrior *prior, double *rates, size_t count, size_t share, double *restrict adds) {
+    const DropletIncrements flat = {.rates = rates};
+    share_adds(prior, &flat, FLAT_CELLS, 0, count, share, adds);
+}
+
 /* Mean over the used cells and the shares: the instrument of volumes, for all cells that an ink reaches alike. */
 static double mean_instrument(const InkPrior *prior, const ObservedLayer *layer, const uint8_t *used, size_t count) {
     const size_t n = ink_shares(prior);
-    double sum = 0.0, adds[SHARES_MAX][BLOCK];
-    for (size_t first = 0; first < layer->cells; first += BLOCK) {
-        const size_t some = layer->cells - first < BLOCK ? layer->cells - first : BLOCK;
+    double sum = 0.0, adds[SHARES_MAX][BLOCK], flat[INKS_MAX * ORDERS * FLAT_CELLS];
+    for (Piece piece = {0}; next_piece(layer->layer, &piece);) {
+        flat_rates(layer->layer, prior->inks, piece.row, piece.column, piece.count, flat);
         for (size_t k = 0; k < n; k++) {
-            share_adds(prior, &layer->flat, layer->cells, first, some, k, adds[k]);
-            for (size_t c = 0; c < some; c++)
-                adds[k][c] = used[first + c] ? adds[k][c] : 0.0;
+            share_adds_flat(prior, flat, piece.count, k, adds[k]);
+            for (size_t c = 0; c < piece.count; c++)
+                adds[k][c] = used[piece.first + c] ? adds[k][c] : 0.0;
         }
-        for (size_t c = 0; c < some; c++)
+        for (size_t c = 0; c < piece.count; c++)
             for (size_t k = 0; k < n; k++)
                 sum += adds[k][c];
     }
     return sum / (double)(count * n);
 }
 
-/* What some cells show: what each share adds, its instrument, and the growth beyond the nominal. */
+/* What some cells show: what each share adds, its instrument, and the growth beyond the nominal with its variance. */
 typedef struct {
-    double adds[SHARES_MAX][BLOCK], instrument[SHARES_MAX][BLOCK], surplus[BLOCK];
+    double adds[SHARES_MAX][BLOCK], instrument[SHARES_MAX][BLOCK], surplus[BLOCK], variance[BLOCK];
 } CellEvidence;
 
-static void look_at(const InkPrior *prior, const ObservedLayer *layer, const uint8_t *used, double mean, size_t first,
-                    size_t count, CellEvidence *found) {
+static void look_at(const InkPrior *prior, const ObservedLayer *layer, const uint8_t *used, double mean,
+                    const Piece *piece, CellEvidence *found) {
+    const size_t cells = cells_of(layer), first = piece->first, count = piece->count;
+    double flat[INKS_MAX * ORDERS * FLAT_CELLS];
+    flat_rates(layer->layer, prior->inks, piece->row, piece->column, count, flat);
     for (size_t k = 0; k < ink_shares(prior); k++) {
         double *instrument = found->instrument[k];
-        share_adds(prior, &layer->increments, layer->cells, first, count, k, found->adds[k]);
-        share_adds(prior, &layer->flat, layer->cells, first, count, k, instrument);
+        share_adds(prior, &layer->increments, cells, first, count, k, found->adds[k]);
+        share_adds_flat(prior, flat, count, k, instrument);
         for (size_t c = 0; prior->model == INK_SCALE && c < count; c++) /* what flows from cell to cell cancels */
             instrument[c] = instrument[c] > 0.0 ? mean : 0.0;
         for (size_t c = 0; c < count; c++)
             instrument[c] = used[first + c] ? instrument[c] : 0.0;
     }
-    added_heights(&layer->increments, layer->cells, first, count, prior->inks, prior->nominal, found->surplus);
+    added_heights(&layer->increments, cells, first, count, prior->inks, prior->nominal, found->surplus);
     for (size_t c = 0; c < count; c++)
-        found->surplus[c] = layer->growth[first + c] - found->surplus[c];
+        found->surplus[c] = growth_at(layer, first + c) - found->surplus[c];
+    innovation_variance(layer->variance, first, count, found->variance);
 }
 
-static void add_cells(const ObservedLayer *layer, size_t n, const CellEvidence *found, size_t first, size_t count,
-                      InkEvidence *evidence) {
+static void add_cells(size_t n, const CellEvidence *found, size_t count, InkEvidence *evidence) {
     for (size_t c = 0; c < count; c++)
         for (size_t i = 0; i < n; i++) {
             const double instrument = found->instrument[i][c];
             evidence->surplus[i] += instrument * found->surplus[c];
             for (size_t j = 0; j < n; j++) {
                 evidence->response[i * n + j] += instrument * found->adds[j][c];
-                evidence->covariance[i * n + j] += instrument * layer->variance[first + c] * found->instrument[j][c];
+                evidence->covariance[i * n + j] += instrument * found->variance[c] * found->instrument[j][c];
             }
         }
 }
 
 /* The same for one share, whose sums stay in registers. */
-static void add_cells_of_one(const ObservedLayer *layer, const CellEvidence *found, size_t first, size_t count,
-                             InkEvidence *evidence) {
+static void add_cells_of_one(const CellEvidence *found, size_t count, InkEvidence *evidence) {
     double surplus = evidence->surplus[0], response = evidence->response[0], covariance = evidence->covariance[0];
     for (size_t c = 0; c < count; c++) {
         const double instrument = found->instrument[0][c];
         surplus += instrument * found->surplus[c];
         response += instrument * found->adds[0][c];
-        covariance += instrument * layer->variance[first + c] * instrument;
+        covariance += instrument * found->variance[c] * instrument;
     }
     evidence->surplus[0] = surplus;
     evidence->response[0] = response;
@@ -235,29 +274,31 @@ static void forget(size_t n, InkEvidence *evidence) {
 
 void add_ink_evidence(const InkPrior *prior, const ObservedLayer *layer, double *values, uint8_t *marks,
                       InkEvidence *evidence) {
-    const size_t n = ink_shares(prior), cells = layer->cells;
+    const size_t n = ink_shares(prior), cells = cells_of(layer);
     Ink ink[INKS_MAX];
     uint8_t *strange = marks, *used = marks + cells;
-    double *added = values + cells;
     CellEvidence found;
+    double usual = 1.0;
     likeliest_inks(prior, evidence, ink);
     if (prior->model == INK_OFF)
         return;
-    added_heights(&layer->increments, cells, 0, cells, prior->inks, ink, added);
-    if (!says_enough(prior, layer, added))
+    added_heights(&layer->increments, cells, 0, cells, prior->inks, ink, values);
+    if (!says_enough(prior, layer, values))
         return;
-    const double usual = is_empty(evidence->response, n * n) ? usual_share(layer, added, values) : 1.0;
-    const size_t count = mark_usual(layer, added, usual, strange, used);
+    if (is_empty(evidence->response, n * n)) {
+        usual = usual_share(layer, values);
+        added_heights(&layer->increments, cells, 0, cells, prior->inks, ink, values);
+    }
+    const size_t count = mark_usual(layer, values, usual, strange, used);
     if (count == 0)
         return;
     const double mean = prior->model == INK_SCALE ? mean_instrument(prior, layer, used, count) : 0.0;
     forget(n, evidence);
-    for (size_t first = 0; first < cells; first += BLOCK) {
-        const size_t some = cells - first < BLOCK ? cells - first : BLOCK;
-        look_at(prior, layer, used, mean, first, some, &found);
+    for (Piece piece = {0}; next_piece(layer->layer, &piece);) {
+        look_at(prior, layer, used, mean, &piece, &found);
         if (n == 1)
-            add_cells_of_one(layer, &found, first, some, evidence);
+            add_cells_of_one(&found, piece.count, evidence);
         else
-            add_cells(layer, n, &found, first, some, evidence);
+            add_cells(n, &found, piece.count, evidence);
     }
 }

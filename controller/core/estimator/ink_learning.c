@@ -39,24 +39,17 @@ static void take_increments(const LearntLayer *learnt, const Ink ink[], size_t i
 }
 
 /* The ink and the increments of the layer, by turns until they agree; the widths of saturation that were taken last. */
-static void learn(const InkPrior *prior, const InkEvidence *before, const LearntLayer *learnt, double droplet_std,
-                  InkEvidence *after, Ink ink[INKS_MAX], Ink widths[INKS_MAX]) {
-    const JettedLayer *layer = learnt->layer;
-    const size_t cells = layer->nx * layer->ny, inks = prior->inks;
-    const ObservedLayer observed = {cells,         layer->ny,      learnt->part,
-                                    learnt->clear, layer->pattern, learnt->increments,
-                                    learnt->flat,  learnt->growth, learnt->total};
+static void learn(const InkPrior *prior, const InkEvidence *before, const LearntLayer *learnt, InkEvidence *after,
+                  Ink ink[INKS_MAX], Ink widths[INKS_MAX]) {
+    const size_t inks = prior->inks;
+    const ObservedLayer observed = {learnt->layer,  learnt->part, learnt->clear,   learnt->increments,
+                                    learnt->before, learnt->scan, learnt->variance};
     likeliest_inks(prior, before, ink);
-    flat_rates(layer, inks, learnt->flat.rates);
     for (int round = 0; round < ROUNDS; round++) {
         memcpy(widths, ink, INKS_MAX * sizeof *ink);
         take_increments(learnt, widths, inks);
-        for (size_t cell = 0; cell < cells; cell++) {
-            learnt->spread[cell] = learnt->known[cell] + droplet_std * droplet_std * learnt->increments.squares[cell];
-            learnt->total[cell] = learnt->spread[cell] + learnt->noise + learnt->misread[cell];
-        }
         *after = *before;
-        add_ink_evidence(prior, &observed, learnt->scratch, learnt->marks, after);
+        add_ink_evidence(prior, &observed, learnt->values, learnt->marks, after);
         likeliest_inks(prior, after, ink);
         if (agree(ink, widths, inks))
             return;
@@ -71,9 +64,9 @@ static double prediction_error(const InkPrior *prior, const InkEvidence *evidenc
     size_t count = 0;
     likeliest_inks(prior, evidence, ink);
     const Ink both[2] = {ink[0], ink[prior->inks - 1]};
-    layer_surface(learnt->layer, learnt->before, both, learnt->scratch, learnt->predicted);
+    layer_surface(learnt->layer, learnt->before, both, learnt->scratch, learnt->values);
     for (size_t cell = 0; cell < cells; cell++) {
-        const double wrong = learnt->scan[cell] - learnt->predicted[cell];
+        const double wrong = learnt->scan[cell] - learnt->values[cell];
         if (!learnt->part[cell] || !learnt->clear[cell])
             continue;
         sum += wrong * wrong;
@@ -82,24 +75,26 @@ static double prediction_error(const InkPrior *prior, const InkEvidence *evidenc
     return count > 0 ? sum / (double)count : 0.0;
 }
 
-void learn_ink(const InkPrior *prior, const InkKnowledge *before, const LearntLayer *layer, double droplet_std,
-               InkKnowledge *after, Ink ink[INKS_MAX], Ink widths[INKS_MAX]) {
+void learn_ink(const InkPrior *prior, const InkKnowledge *before, const LearntLayer *layer, InkKnowledge *after,
+               Ink ink[INKS_MAX], Ink widths[INKS_MAX]) {
     *after = *before;
     if (prior->model != INK_FULL) {
-        learn(prior, &before->evidence, layer, droplet_std, &after->evidence, ink, widths);
+        learn(prior, &before->evidence, layer, &after->evidence, ink, widths);
         return;
     }
     InkPrior volumes = *prior;
     volumes.model = INK_SCALE;
-    learn(&volumes, &before->volumes, layer, droplet_std, &after->volumes, ink, widths);
+    learn(&volumes, &before->volumes, layer, &after->volumes, ink, widths);
     if (memcmp(&after->volumes, &before->volumes, sizeof after->volumes) != 0) { /* a layer of hardly any droplets
                                                                                     shows nothing */
         after->errors[FULL] = FORGETTING * before->errors[FULL] + prediction_error(prior, &before->evidence, layer);
         after->errors[SCALE] = FORGETTING * before->errors[SCALE] + prediction_error(&volumes, &before->volumes, layer);
     }
-    learn(prior, &before->evidence, layer, droplet_std, &after->evidence, ink, widths);
+    learn(prior, &before->evidence, layer, &after->evidence, ink, widths);
     if (after->errors[FULL] > after->errors[SCALE]) /* the last one learnt leaves the increments */
-        learn(&volumes, &before->volumes, layer, droplet_std, &after->volumes, ink, widths);
-    of_volumes(prior, ink, widths); /* what droplets spill is surer by the nominal proportions */
-    take_increments(layer, widths, prior->inks);
+        learn(&volumes, &before->volumes, layer, &after->volumes, ink, widths);
+    LearntLayer last = *layer;
+    last.increments.squares = layer->values; /* the variances stay those that the inks were learnt with */
+    of_volumes(prior, ink, widths);          /* what droplets spill is surer by the nominal proportions */
+    take_increments(&last, widths, prior->inks);
 }

@@ -19,20 +19,16 @@ typedef struct {
     const JettedLayer *layer;
     const uint8_t *part, *clear;        /* cells of the part; cells whose growth is sure */
     const double *before, *scan;        /* heights before the layer, and the scan [m] */
-    const double *growth;               /* of the scan over the former [m] */
-    const double *known;                /* variance of the heights before [m^2] */
-    double noise;                       /* of a reading [m^2], */
-    const double *misread;              /* and what a displacement of the scan adds to it [m^2] */
-    double *spread, *total;             /* out: variance of the prediction, and with that of its reading [m^2] */
-    DropletIncrements increments, flat; /* out: of the layer on the surface before, and on a flat one (rates only) */
-    Ink *held;                   /* the inks whose widths the increments on the surface before have; of no volume:
-                                    they are still to be taken */
-    double *scratch, *predicted; /* 2 maps, and one */
-    uint8_t *marks;              /* two maps */
+    const PredictionVariance *variance; /* of the prediction, by the squares of `increments` */
+    DropletIncrements increments;       /* out: of the layer on the surface before */
+    Ink *held;       /* the inks whose widths the increments have; of no volume: they are still to be taken */
+    double *scratch; /* as of droplet_increments */
+    double *values;  /* a map */
+    uint8_t *marks;  /* two maps */
 } LearntLayer;
 
 /* The ink after a layer, and the ink whose widths of saturation its increments were taken with. */
-void learn_ink(const InkPrior *prior, const InkKnowledge *before, const LearntLayer *layer, double droplet_std,
-               InkKnowledge *after, Ink ink[INKS_MAX], Ink widths[INKS_MAX]);
+void learn_ink(const InkPrior *prior, const InkKnowledge *before, const LearntLayer *layer, InkKnowledge *after,
+               Ink ink[INKS_MAX], Ink widths[INKS_MAX]);
 
 #endif

@@ -87,15 +87,24 @@ void compare_ground(size_t nx, size_t ny, const double *scan, const uint8_t *val
     trust->ground_wrong = corner > fmax(GROUND_TOLERANCE * layer, GROUND_DOUBT * error);
 }
 
+static double growth_at(const LayerGrowth *layer, size_t cell) {
+    return layer->scan[cell] - layer->before[cell];
+}
+
+/* What was expected. */
+static double added_at(const LayerGrowth *layer, size_t cell) {
+    return layer->predicted[cell] - layer->before[cell];
+}
+
 static bool counts(const LayerGrowth *layer, size_t cell) {
-    return layer->used[cell] && layer->pattern[cell] > 0 && layer->added[cell] > 0.0 && layer->variance[cell] > 0.0;
+    return layer->used[cell] && layer->pattern[cell] > 0 && added_at(layer, cell) > 0.0 && layer->variance[cell] > 0.0;
 }
 
 void add_residuals(const LayerGrowth *layer, double learnt, double *scratch, LoopTrust *trust) {
     size_t count = 0;
     for (size_t cell = 0; cell < layer->cells; cell++)
         if (counts(layer, cell))
-            scratch[count++] = layer->growth[cell] / layer->added[cell];
+            scratch[count++] = growth_at(layer, cell) / added_at(layer, cell);
     trust->volume = trust->usual / learnt;
     if (count < LEAST_DROPLETS)
         return;
@@ -108,7 +117,7 @@ void add_residuals(const LayerGrowth *layer, double learnt, double *scratch, Loo
     count = 0;
     for (size_t cell = 0; cell < layer->cells; cell++)
         if (counts(layer, cell)) {
-            const double rest = layer->growth[cell] - volume * layer->added[cell];
+            const double rest = growth_at(layer, cell) - volume * added_at(layer, cell);
             scratch[count++] = rest * rest / layer->variance[cell];
         }
     const double found = median(scratch, count) / MEDIAN_SQUARE;

@@ -46,12 +46,13 @@ void compare_ground(size_t nx, size_t ny, const double *scan, const uint8_t *val
 /* What a layer added to its cells, as arrays of `cells`. */
 typedef struct {
     size_t cells, part_cells;
-    const uint8_t *used;    /* cells of the part whose growth was measured */
-    const int32_t *pattern; /* only cells that were given a droplet count */
-    const double *growth;   /* that was measured [m] */
-    const double *added;    /* that was expected [m] */
-    const double *variance; /* of their difference [m^2] */
-    bool is_early;          /* the part was less than half built */
+    const uint8_t *used;     /* cells of the part whose growth was measured */
+    const int32_t *pattern;  /* only cells that were given a droplet count */
+    const double *before;    /* heights [m] */
+    const double *scan;      /* ... as measured afterwards */
+    const double *predicted; /* ... and as expected */
+    const double *variance;  /* of their difference [m^2] */
+    bool is_early;           /* the part was less than half built */
 } LayerGrowth;
 
 /* Adds a layer to the residuals. What it differs by as a whole is the volume of its droplets, not an error; where it

@@ -187,9 +187,8 @@ static void collect_row(size_t nx, size_t ny, size_t i, const uint8_t *part, con
 }
 
 ScanDrift scan_drift(size_t nx, size_t ny, const uint8_t *part, const double *scan, const double *known,
-                     const uint8_t *valid, double *scratch) {
-    const size_t count = nx * ny;
-    References cells = {0, scratch, scratch + count, scratch + 2 * count, scratch + 3 * count, scratch + 4 * count};
+                     const uint8_t *valid, double *const scratch[DRIFT_MAPS]) {
+    References cells = {0, scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]};
     for (size_t i = 0; i < nx; i++)
         collect_row(nx, ny, i, part, scan, known, valid, &cells);
     ScanDrift drift = {{0.0}, -1.0};

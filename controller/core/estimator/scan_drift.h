@@ -20,7 +20,7 @@ typedef struct {
 /* Drift in a `scan` of a surface that is `known` at the reference cells [m]; maps of nx * ny cells in C order.
  * `scratch` holds DRIFT_MAPS maps. */
 ScanDrift scan_drift(size_t nx, size_t ny, const uint8_t *part, const double *scan, const double *known,
-                     const uint8_t *valid, double *scratch);
+                     const uint8_t *valid, double *const scratch[DRIFT_MAPS]);
 
 /* Takes the drift off a scan [m]. */
 void take_drift_off(const ScanDrift *drift, size_t nx, size_t ny, double *scan);

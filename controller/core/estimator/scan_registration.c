@@ -49,7 +49,8 @@ bool first_response(size_t nx, size_t ny, const double *scan, const uint8_t *val
     for (size_t cell = 0; cell < cells; cell++)
         unseen[cell] = !valid[cell];
     const DisplacedView view = displaced_view((Displacement){0.0, 0.0, 0.0});
-    displaced_scan_slopes(nx, ny, scan, &view, &whole, scratch, response);
+    const Rows slopes[DISPLACEMENTS] = {{response, 0}, {response + cells, 0}, {response + 2 * cells, 0}};
+    displaced_scan_slopes(nx, ny, scan, &view, &whole, &(Scratch){scratch, 0, nx}, slopes);
     for (size_t i = 0; i < nx; i++) {
         uint8_t *near = (uint8_t *)scratch; /* of the row */
         mark_near_row(unseen, nx, ny, i, near);
@@ -99,12 +100,13 @@ static bool project(const double *with, const double *now, const double *covaria
  * more that counts. Where it explains them this is 1 or less. */
 static double unexplained(size_t cells, const Room *room, const double displacement[DISPLACEMENTS]) {
     double sum = 0.0, total = 0.0;
-    for (size_t cell = 0; cell < cells; cell++) {
+    for (size_t cell = 0, wall = 0; cell < cells; cell++) {
+        const size_t place = column_place(&room->columns, cell, &wall);
         double moved = 0.0;
         if (!room->is_wall[cell])
             continue;
         for (size_t k = 0; k < DISPLACEMENTS; k++)
-            moved += displacement[k] * room->columns[k][cell];
+            moved += displacement[k] * room->columns.of[k][place];
         const double weight = room->weight[cell] * moved * moved;
         sum += weight * room->weight[cell] * room->rest[cell] * room->rest[cell];
         total += weight;
@@ -114,10 +116,11 @@ static double unexplained(size_t cells, const Room *room, const double displacem
 
 /* Adds what a spot spreads beyond the reach of droplets; wider droplets look like a spot everywhere else. */
 static void look_far(const ScanEvidence *evidence, const Room *room, double spread, Registration *registration) {
-    for (size_t cell = 0; cell < evidence->nx * evidence->ny; cell++) {
+    for (size_t cell = 0, wall = 0; cell < evidence->nx * evidence->ny; cell++) {
+        const size_t place = column_place(&room->columns, cell, &wall);
         if (!room->is_wall[cell] || is_near_marked(evidence->part, evidence->nx, evidence->ny, cell))
             continue; /* away from walls the slope is 0 */
-        const double slope = room->columns[SPREAD][cell], rest = room->rest[cell] + spread * slope;
+        const double slope = room->columns.of[SPREAD][place], rest = room->rest[cell] + spread * slope;
         registration->far_product += room->weight[cell] * slope * rest;
         registration->far_information += room->weight[cell] * slope * slope;
     }
@@ -188,27 +191,38 @@ static void learn_misfit(size_t cells, const Room *room, Registration *registrat
 /* The scan as it would be in register: what the displacement that is applied changes in the predicted scan, taken off.
  */
 static void correct_scan(const ScanEvidence *evidence, const Registration *registration, const double x[UNKNOWNS],
-                         const double before[DISPLACEMENTS], const Room *room, const CorrectedMaps *maps) {
+                         const double before[DISPLACEMENTS], const Room *room) {
     const size_t nx = evidence->nx, ny = evidence->ny, cells = nx * ny;
     const Patch grid = {0, nx, 0, ny};
-    double moved[DISPLACEMENTS], whole[SHIFTS], *reading = room->scratch + 3 * cells;
+    const MovedMaps *maps = &room->moved;
+    const Scratch scratch = {maps->scratch, 0, nx};
+    const double *reading = scratch_map(&scratch, ny, SCRATCH_MAPS - 1).values;
+    double moved[DISPLACEMENTS], whole[SHIFTS], *surface = maps->surface;
     const DisplacedView left = displaced_view(split_displacement(registration->applied, whole));
     for (size_t k = 0; k < DISPLACEMENTS; k++)
         moved[k] = is_applied(registration, k) ? x[k] - before[k] : 0.0;
-    surface_by(evidence, moved, x[GROWTH], room->surface);
+    surface_by(evidence, moved, x[GROWTH], surface);
     for (size_t i = 0; i < nx; i++)
-        curvature_of_row(nx, ny, room->surface, i, room->curvature + i * ny);
-    displaced_scan(nx, ny, room->surface, &left, &grid, room->scratch, reading);
+        curvature_of_row(nx, ny, surface, i, room->curvature + i * ny);
+    displaced_scan(nx, ny, surface, &left, &grid, &scratch, scratch_map(&scratch, ny, SCRATCH_MAPS - 1));
     for (size_t cell = 0; cell < cells; cell++) {
         size_t scanned;
         maps->seen[cell] = scanned_cell(nx, ny, cell, whole, &scanned) && evidence->valid[scanned];
-        maps->scan[cell] = maps->seen[cell] ? evidence->scan[scanned] - reading[cell] + room->surface[cell] : 0.0;
+        maps->scan[cell] = maps->seen[cell] ? evidence->scan[scanned] - reading[cell] + surface[cell] : 0.0;
         maps->before[cell] = evidence->before[cell];
         for (size_t k = 0; k < DISPLACEMENTS; k++)
             maps->before[cell] += moved[k] * evidence->response[k * cells + cell];
         const double curvature = room->curvature[cell];
-        maps->variance[cell] = READING_STD * READING_STD + registration->misfit * curvature * curvature;
+        maps->misread[cell] = READING_STD * READING_STD + registration->misfit * curvature * curvature;
     }
+}
+
+/* How the innovation of a cell goes with the displacement before. */
+static void sensitivity_of(const WallColumns *columns, const double *response, size_t cells, size_t cell, size_t *wall,
+                           double sensitivity[DISPLACEMENTS]) {
+    const size_t place = column_place(columns, cell, wall);
+    for (size_t k = 0; k < DISPLACEMENTS; k++)
+        sensitivity[k] = columns->is_wall[cell] ? columns->of[k][place] : response[k * cells + cell];
 }
 
 /* Marks the cells that were seen and whose growth the displacement leaves sure. */
@@ -216,9 +230,11 @@ static void mark_clear(const ScanEvidence *evidence, const Registration *registr
                        uint8_t *clear) {
     const size_t cells = evidence->nx * evidence->ny;
     const double limit = evidence->unsure * evidence->unsure;
-    for (size_t cell = 0; cell < cells; cell++) {
-        const double error = displacement_variance(registration, registered->sensitivity, cells, cell);
-        clear[cell] = registered->seen[cell] && error + registered->variance[cell] < limit;
+    for (size_t cell = 0, wall = 0; cell < cells; cell++) {
+        double sensitivity[DISPLACEMENTS];
+        sensitivity_of(&registered->columns, evidence->response, cells, cell, &wall, sensitivity);
+        const double error = displacement_variance(registration, sensitivity);
+        clear[cell] = registered->seen[cell] && error + registered->misread[cell] < limit;
     }
 }
 
@@ -226,10 +242,10 @@ bool is_displaced(const Registration *registration) {
     return registration->has_shift || registration->has_wide_spot;
 }
 
-void take_as_read(const ScanEvidence *evidence, const CorrectedMaps *maps, RegisteredScan *registered) {
+void take_as_read(const ScanEvidence *evidence, RegisteredScan *registered) {
     registered->before = evidence->before;
     registered->scan = evidence->scan;
-    registered->variance = maps->variance;
+    registered->misread = NULL;
     registered->seen = registered->clear = evidence->valid;
 }
 
@@ -253,6 +269,8 @@ static bool learn(const ScanEvidence *evidence, bool is_iterated, Room *room, do
                   Registration *registration, RegisteredScan *registered) {
     const size_t cells = evidence->nx * evidence->ny;
     double covariance[UNKNOWNS * UNKNOWNS];
+    if (is_iterated && !open_moved(room, cells))
+        return false;
     if (!likeliest_displacement(evidence, registration, is_iterated, room, x, covariance) ||
         !update(x, covariance, registration, registered))
         return false;
@@ -287,78 +305,77 @@ static bool learn_and_confirm(const ScanEvidence *evidence, Room *room, double x
     return is_learnt;
 }
 
-/* Away from walls the innovations go with the displacement by the response alone. */
-static void complete_slopes(size_t cells, const Room *room, const double *response, RegisteredScan *registered) {
-    for (size_t k = 0; k < DISPLACEMENTS; k++) {
-        double *restrict sensitivity = registered->sensitivity + k * cells;
-        for (size_t cell = 0; cell < cells; cell++)
-            sensitivity[cell] = room->is_wall[cell] ? sensitivity[cell] : response[k * cells + cell];
-    }
-    for (size_t k = 0; k < SHIFTS; k++) {
-        double *restrict slopes = registered->slopes + k * cells;
-        for (size_t cell = 0; cell < cells; cell++)
-            slopes[cell] = room->is_wall[cell] ? slopes[cell] : 0.0;
-    }
-}
-
-bool register_scan(const ScanEvidence *evidence, const CorrectedMaps *maps, Room *room, Registration *registration,
-                   RegisteredScan *registered) {
-    const size_t cells = evidence->nx * evidence->ny;
+bool register_scan(const ScanEvidence *evidence, Room *room, Registration *registration, RegisteredScan *registered) {
     const Registration before = *registration;
     double x[UNKNOWNS];
-    for (size_t cell = 0; cell < cells; cell++)
-        room->growth[cell] = evidence->predicted[cell] - evidence->before[cell];
     if (!learn_and_confirm(evidence, room, x, registration, registered))
-        return false; /* singular to rounding: with the prior in them these equations never are */
-    registered->sensitivity = room->columns[0];
-    registered->slopes = room->columns[STEP];
-    complete_slopes(cells, room, evidence->response, registered);
+        return false; /* no memory, or singular to rounding: with the prior in them these equations never are */
+    registered->columns = room->columns;
     for (size_t k = 0; k < DISPLACEMENTS; k++)
         registration->applied[k] = is_applied(registration, k) ? registration->estimate[k] : 0.0;
     if (!is_displaced(registration)) {
-        take_as_read(evidence, maps, registered);
+        take_as_read(evidence, registered);
         return true;
     }
-    correct_scan(evidence, registration, x, before.applied, room, maps);
-    registered->before = maps->before;
-    registered->scan = maps->scan;
-    registered->variance = maps->variance;
-    registered->seen = maps->seen;
-    registered->clear = maps->clear;
-    mark_clear(evidence, registration, registered, maps->clear);
+    correct_scan(evidence, registration, x, before.applied, room);
+    registered->before = room->moved.before;
+    registered->scan = room->moved.scan;
+    registered->misread = room->moved.misread;
+    registered->seen = room->moved.seen;
+    registered->clear = room->moved.clear;
+    mark_clear(evidence, registration, registered, room->moved.clear);
     return true;
 }
 
-void carry_response(size_t cells, const RegisteredScan *registered, const double *before, const double *gain,
-                    double *restrict response, double *restrict variance) {
-    const double *previous = registered->previous, *rest = registered->rest;
-    const double *sensitivity = registered->sensitivity, *slopes = registered->slopes;
-    double *restrict x = response, *restrict y = response + cells, *restrict spread = response + 2 * cells;
-    for (size_t cell = 0; cell < cells; cell++) {
-        const double share = gain[cell], step_x = -share * slopes[cell], step_y = -share * slopes[cells + cell];
-        const double left_x = before[cell] - share * sensitivity[cell] - step_x;
-        const double left_y = before[cells + cell] - share * sensitivity[cells + cell] - step_y;
-        const double left_spread = before[2 * cells + cell] - share * sensitivity[2 * cells + cell];
-        x[cell] = step_x + left_x * previous[0] + left_y * previous[3] + left_spread * previous[6];
-        y[cell] = step_y + left_x * previous[1] + left_y * previous[4] + left_spread * previous[7];
-        spread[cell] = 0.0 + left_x * previous[2] + left_y * previous[5] + left_spread * previous[8];
-    }
-    for (size_t cell = 0; variance && cell < cells; cell++) {
-        double left[DISPLACEMENTS];
-        for (size_t k = 0; k < DISPLACEMENTS; k++)
-            left[k] = before[k * cells + cell] - gain[cell] * sensitivity[k * cells + cell] +
-                      (k < SHIFTS ? gain[cell] * slopes[k * cells + cell] : 0.0);
-        for (size_t i = 0; i < DISPLACEMENTS; i++)
-            for (size_t j = 0; j < DISPLACEMENTS; j++)
-                variance[cell] += left[i] * rest[i * DISPLACEMENTS + j] * left[j];
+/* The same for some cells, and how it goes with the step of the shift. */
+static void slopes_of_cells(const WallColumns *columns, const double *response, size_t cells, size_t first,
+                            size_t count, size_t *wall, double sensitivity[DISPLACEMENTS][CARRIED],
+                            double step[SHIFTS][CARRIED]) {
+    for (size_t k = 0; k < DISPLACEMENTS; k++)
+        memcpy(sensitivity[k], response + k * cells + first, count * sizeof(double));
+    for (size_t k = 0; k < SHIFTS; k++)
+        for (size_t c = 0; c < count; c++)
+            step[k][c] = 0.0;
+    if (!memchr(columns->is_wall + first, 1, count))
+        return;
+    for (size_t c = 0; c < count; c++) {
+        const size_t place = column_place(columns, first + c, wall);
+        for (size_t k = 0; columns->is_wall[first + c] && k < DISPLACEMENTS; k++)
+            sensitivity[k][c] = columns->of[k][place];
+        for (size_t k = 0; columns->is_wall[first + c] && k < SHIFTS; k++)
+            step[k][c] = columns->of[STEP + k][place];
     }
 }
 
-double displacement_variance(const Registration *registration, const double *response, size_t cells, size_t cell) {
+void carry_response(size_t cells, size_t first, size_t count, const RegisteredScan *registered, size_t *wall,
+                    const double *before, const double *gain, double *response, double *variance) {
+    const double *previous = registered->previous, *rest = registered->rest;
+    double left[DISPLACEMENTS][CARRIED], sensitivity[DISPLACEMENTS][CARRIED], step[SHIFTS][CARRIED];
+    slopes_of_cells(&registered->columns, before, cells, first, count, wall, sensitivity, step);
+    for (size_t k = 0; k < DISPLACEMENTS; k++)
+        for (size_t c = 0; c < count; c++)
+            left[k][c] = before[k * cells + first + c] - gain[c] * sensitivity[k][c];
+    for (size_t k = 0; k < SHIFTS; k++)
+        for (size_t c = 0; c < count; c++) {
+            step[k][c] = -gain[c] * step[k][c];
+            left[k][c] -= step[k][c];
+        }
+    for (size_t c = 0; variance && c < count; c++)
+        for (size_t i = 0; i < DISPLACEMENTS; i++)
+            for (size_t j = 0; j < DISPLACEMENTS; j++)
+                variance[c] += left[i][c] * rest[i * DISPLACEMENTS + j] * left[j][c];
+    for (size_t k = 0; k < DISPLACEMENTS; k++) {
+        double *carried = response + k * cells + first;
+        const double x = previous[k], y = previous[DISPLACEMENTS + k], spread = previous[2 * DISPLACEMENTS + k];
+        for (size_t c = 0; c < count; c++)
+            carried[c] = (k < SHIFTS ? step[k][c] : 0.0) + left[0][c] * x + left[1][c] * y + left[2][c] * spread;
+    }
+}
+
+double displacement_variance(const Registration *registration, const double response[DISPLACEMENTS]) {
     double sum = 0.0;
     for (size_t i = 0; i < DISPLACEMENTS; i++)
         for (size_t j = 0; j < DISPLACEMENTS; j++)
-            sum += response[i * cells + cell] * registration->covariance[i * DISPLACEMENTS + j] *
-                   response[j * cells + cell];
+            sum += response[i] * registration->covariance[i * DISPLACEMENTS + j] * response[j];
     return sum;
 }

@@ -30,23 +30,17 @@ typedef struct {
 /* The scan as a sensor in register would have read it, and the heights before the layer by what is known now. */
 typedef struct {
     const double *before, *scan; /* [m] */
-    const double *variance;      /* of a reading beyond its noise [m^2] */
+    const double *misread;       /* variance of a reading beyond its noise [m^2]; NULL: none */
     const uint8_t *seen;         /* cells that this scan has measured */
     const uint8_t *clear;        /* those of them whose growth the displacement leaves sure */
-    double *sensitivity;         /* DISPLACEMENTS maps: how its innovation goes with the displacement before */
-    double *slopes;              /* two maps: ... and with the step of the shift to this scan */
+    WallColumns columns;         /* how its innovation goes with the displacement before, and with the step of the shift
+                                    to this scan */
     double previous[DISPLACEMENTS * DISPLACEMENTS]; /* error of the displacement before per error of the one now */
     double rest[DISPLACEMENTS * DISPLACEMENTS];     /* covariance of what that leaves of the former */
 } RegisteredScan;
 
 /* Before the first scan. */
 Registration no_registration(void);
-
-/* Room for the maps of a scan that is corrected; `variance` is 0 at first, and stays so in one that is not. */
-typedef struct {
-    double *before, *scan, *variance;
-    uint8_t *seen, *clear;
-} CorrectedMaps;
 
 /* The displacement by which predicted scans are made before this one is read. */
 Displacement expected_displacement(const Registration *registration);
@@ -60,19 +54,21 @@ ScanDisplacement reported_displacement(const Registration *registration);
 bool is_displaced(const Registration *registration);
 
 /* The scan taken as it was read; it points to the maps of the evidence. */
-void take_as_read(const ScanEvidence *evidence, const CorrectedMaps *maps, RegisteredScan *registered);
+void take_as_read(const ScanEvidence *evidence, RegisteredScan *registered);
 
-/* Learns from a scan, and corrects it. `sensitivity` and `slopes` are the columns of `room`. False if the unknowns
- * cannot be solved for. */
-bool register_scan(const ScanEvidence *evidence, const CorrectedMaps *maps, Room *room, Registration *registration,
-                   RegisteredScan *registered);
+/* Learns from a scan, and corrects it; what is corrected stands in the moved maps of `room`, the columns in it. False
+ * if the unknowns cannot be solved for, or there is no memory. */
+bool register_scan(const ScanEvidence *evidence, Room *room, Registration *registration, RegisteredScan *registered);
 
-/* The response after the heights took the share `gain` of the innovation. What no displacement explains any longer is
- * added to their `variance` [m^2], if it is not NULL. */
-void carry_response(size_t cells, const RegisteredScan *registered, const double *before, const double *gain,
-                    double *response, double *variance);
+enum { CARRIED = 64 }; /* cells at most */
+
+/* The response of `count` cells from `first` on, after their heights took the shares `gain` of the innovation; `wall`:
+ * number of walls before them, which goes on. The response may stand where the one before did. What no displacement
+ * explains any longer is added to the `variance` of these cells [m^2], if it is not NULL. */
+void carry_response(size_t cells, size_t first, size_t count, const RegisteredScan *registered, size_t *wall,
+                    const double *before, const double *gain, double *response, double *variance);
 
 /* Variance of a height through the error of the displacement [m^2]. */
-double displacement_variance(const Registration *registration, const double *response, size_t cells, size_t cell);
+double displacement_variance(const Registration *registration, const double response[DISPLACEMENTS]);
 
 #endif

@@ -185,7 +185,7 @@ static WITH_AVX2 void add_pass_avx2(const IncrementPass *pass) {
 void droplet_increments(const JettedLayer *layer, const double *height, size_t inks, const Ink ink[], double *scratch,
                         const DropletIncrements *increments) {
     const size_t cells = layer->nx * layer->ny, bytes = cells * sizeof(double);
-    double *before = scratch, *after = scratch + cells;
+    double *before = scratch, *after = scratch ? scratch + cells : NULL;
     IncrementPass pass = {{layer->nx, layer->ny, height, layer->pattern, {ink[0], ink[inks - 1]}, layer->factor, 0},
                           inks,
                           increments,
@@ -222,24 +222,16 @@ static void load_volumes(const JettedLayer *layer, size_t row, size_t first, siz
         volumes[k] = volumes[k] == 0.0 ? 0.0 : factor[k - from];
 }
 
-void flat_rates(const JettedLayer *layer, size_t inks, double *rates) {
-    const size_t cells = layer->nx * layer->ny;
-    double rows[3][FRAMED_BAND];
-    for (size_t ink = 0; ink < inks; ink++, rates += ORDERS * cells)
-        for (size_t first = 0; first < layer->ny; first += BAND) {
-            const size_t count = layer->ny - first < BAND ? layer->ny - first : BAND;
-            for (size_t row = 0; row < 2; row++)
-                load_volumes(layer, row, first, count, (int32_t)ink + 1, rows[row]);
-            for (size_t i = 0; i < layer->nx; i++) {
-                const double *above = rows[i % 3], *here = rows[(i + 1) % 3], *below = rows[(i + 2) % 3];
-                double *restrict h1 = rates + i * layer->ny + first, *restrict h2 = h1 + cells,
-                                 *restrict h3 = h2 + cells;
-                load_volumes(layer, i + 2, first, count, (int32_t)ink + 1, rows[(i + 2) % 3]);
-                for (size_t k = 1; k <= count; k++) {
-                    h1[k - 1] = here[k];
-                    h2[k - 1] = above[k] + here[k - 1] + here[k + 1] + below[k];
-                    h3[k - 1] = above[k - 1] + above[k + 1] + below[k - 1] + below[k + 1];
-                }
-            }
+void flat_rates(const JettedLayer *layer, size_t inks, size_t row, size_t first, size_t count, double *rates) {
+    double rows[3][FLAT_CELLS + 2];
+    for (size_t ink = 0; ink < inks; ink++, rates += ORDERS * FLAT_CELLS) {
+        double *restrict h1 = rates, *restrict h2 = h1 + FLAT_CELLS, *restrict h3 = h2 + FLAT_CELLS;
+        for (size_t k = 0; k < 3; k++)
+            load_volumes(layer, row + k, first, count, (int32_t)ink + 1, rows[k]);
+        for (size_t k = 1; k <= count; k++) {
+            h1[k - 1] = rows[1][k];
+            h2[k - 1] = rows[0][k] + rows[1][k - 1] + rows[1][k + 1] + rows[2][k];
+            h3[k - 1] = rows[0][k - 1] + rows[0][k + 1] + rows[2][k - 1] + rows[2][k + 1];
         }
+    }
 }

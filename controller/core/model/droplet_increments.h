@@ -22,12 +22,15 @@ typedef struct {
 } DropletIncrements;
 
 /* The increments on the surface `height` [m] with the widths of saturation of `ink` (Lu, Zheng, Mishra 2015, eq. 3-7),
- * open edge. `scratch` holds 2 * nx * ny. */
+ * open edge. `scratch` holds 2 * nx * ny for layers of several passes, and may be NULL for one. */
 void droplet_increments(const JettedLayer *layer, const double *height, size_t inks, const Ink ink[], double *scratch,
                         const DropletIncrements *increments);
 
-/* The rates alone on a flat surface, all droplets at once: whatever the ink, every neighbour takes its full part. */
-void flat_rates(const JettedLayer *layer, size_t inks, double *rates);
+enum { FLAT_CELLS = 64 }; /* cells of a row that are looked at together */
+
+/* The rates alone on a flat surface, all droplets at once: whatever the ink, every neighbour takes its full part. Of
+ * `count` cells of a row from `first` on; each of the inks * ORDERS has FLAT_CELLS places. */
+void flat_rates(const JettedLayer *layer, size_t inks, size_t row, size_t first, size_t count, double *rates);
 
 /* Height that the droplets add to a cell [m] with the heights of `ink`. */
 static inline double added_height(const DropletIncrements *increments, size_t cells, size_t cell, size_t inks,

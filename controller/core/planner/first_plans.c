@@ -117,7 +117,6 @@ int32_t make_first_plans(FirstPlans *first) {
     set_droplets(first);
     if (!is_limited(first) && can_relax(first) && relax(first) == CORE_NO_MEMORY)
         return CORE_NO_MEMORY;
-    memset(first->plan[START_NOTHING], 0, first->places * sizeof(int32_t));
     if (!surface_open(&surface, first->problem, first->plan[START_NOTHING]))
         return CORE_NO_MEMORY;
     first->value[START_NOTHING] = surface_objective(&surface);

@@ -1,12 +1,12 @@
 #include "horizon_planner.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "first_plans.h"
 #include "full_plan.h"
 #include "horizon_solver.h"
+#include "map_memory.h"
 #include "plan_starts.h"
 #include "stopwatch.h"
 
@@ -28,7 +28,7 @@ typedef struct {
     const PlanWork *work;
     size_t places; /* values of a plan */
     FirstPlans first;
-    int32_t *repaired, *trial, *moved, *best;
+    int32_t *repaired, *trial, *moved, *best; /* the first and the last where `droplets` were */
     Objective best_value;
     Origin best_origin;
     int64_t sweeps;
@@ -41,18 +41,18 @@ static bool planning_open(Planning *planning, const HorizonProblem *problem, con
     *planning = (Planning){.problem = problem, .work = work, .places = places};
     planning->first = (FirstPlans){
         .problem = problem, .work = work, .places = places, .ends_at = stopwatch_seconds() + work->seconds_max};
-    double *real = malloc(places * (sizeof(double) + (STARTS + 4) * sizeof(int32_t)));
-    planning->memory = real;
-    if (!real)
+    double *droplets = take_maps(places, sizeof(double) + (STARTS + 2) * sizeof(int32_t));
+    planning->memory = droplets;
+    if (!droplets)
         return false;
-    planning->first.droplets = real;
-    int32_t *next = (int32_t *)(real + places);
+    planning->first.droplets = droplets; /* until the first plans are made */
+    planning->repaired = (int32_t *)droplets;
+    planning->best = planning->repaired + places;
+    int32_t *next = planning->best + places;
     for (int k = 0; k < STARTS; k++, next += places)
         planning->first.plan[k] = next;
-    planning->repaired = next;
-    planning->trial = planning->first.trial = next + places;
-    planning->moved = next + 2 * places;
-    planning->best = next + 3 * places;
+    planning->trial = planning->first.trial = next;
+    planning->moved = next + places; /* hardly ever touched */
     return true;
 }
 
@@ -157,7 +157,6 @@ static int32_t take_full_layers(Planning *planning, bool *is_best) {
     if (*is_best) {
         planning->best_value = surface_objective(&surface);
         planning->best_origin = (Origin){START_FULL_LAYERS, 0, CORE_DONE};
-        memset(first->plan[START_NOTHING], 0, planning->places * sizeof(int32_t));
         surface_set_plan(&surface, first->plan[START_NOTHING]);
         surface_evaluate(&surface);
         first->value[START_NOTHING] = surface_objective(&surface);
@@ -227,6 +226,6 @@ int32_t plan_horizon(const HorizonProblem *problem, const PlanWork *work, int32_
                                .evaluation = planning.first.evaluation};
         memcpy(report->seconds, planning.first.seconds, sizeof report->seconds);
     }
-    free(planning.memory);
+    give_maps(planning.memory);
     return status;
 }

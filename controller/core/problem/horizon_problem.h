@@ -20,7 +20,8 @@ typedef struct {
     const double *target;    /* for the surface after the last layer [m] */
     const double *ceiling;   /* what the last surface should not exceed [m]; NULL: none */
     const uint8_t *part;     /* cells whose standard deviation counts; at least one */
-    const double *weight;    /* of each cell's error: 1 in the part, less on a fringe around it, 0 where none counts */
+    const double *weight;    /* of each cell's error: 1 in the part, less on a fringe around it, 0 where none counts;
+                                NULL: no fringe */
     const uint16_t *choices; /* layers * nx * ny: bit k is set where a droplet of kind k may fall */
     size_t kinds;            /* 1 to KINDS_MAX */
     Ink kind[KINDS_MAX];     /* what a droplet of each kind adds */
@@ -32,6 +33,10 @@ typedef struct {
     int32_t passes;          /* 1, or 4 in a 2x2 colouring, each on the surface that the last one left */
     int32_t colours[HORIZON_MAX][4]; /* for 4 passes: the cell_colour of each pass of each layer */
 } HorizonProblem;
+
+static inline double cell_weight(const HorizonProblem *problem, size_t cell) {
+    return problem->weight ? problem->weight[cell] : problem->part[cell] ? 1.0 : 0.0;
+}
 
 /* Objective of a plan and what it is made of, over the cells of the surface after the last layer [m]:
  * value = alpha * (error + over_ceiling) + (1 - alpha) * deviation. */

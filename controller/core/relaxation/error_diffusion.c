@@ -1,5 +1,7 @@
 #include "error_diffusion.h"
 
+#include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -41,44 +43,60 @@ static double fill_layers(const HorizonProblem *problem, size_t cell, double amo
     return amount - left;
 }
 
+/* Two rows of cells: the one that is rounded, and the next one. */
+typedef struct {
+    double *wanted[2], *room[2]; /* droplets that are still to fall on a cell, and that may at most */
+} RollingRows;
+
+/* Takes row i of the droplets into the rows `wanted` and `room`; nothing behind the last one. */
+static void take_row(const HorizonProblem *problem, const double *droplets, size_t i, double *wanted, double *room) {
+    const size_t ny = problem->ny, cells = problem->nx * ny;
+    memset(wanted, 0, ny * sizeof *wanted);
+    memset(room, 0, ny * sizeof *room);
+    for (size_t layer = 0; i < problem->nx && layer < problem->layers; layer++) {
+        const size_t first = layer * cells + i * ny;
+        for (size_t j = 0; j < ny; j++) {
+            const double limit = drop_level_max(problem, problem->choices[first + j]);
+            room[j] += limit;
+            wanted[j] += fmin(limit, droplets[first + j]);
+        }
+    }
+}
+
 /* Passes `error` on to the later neighbours that may get droplets at all; `forward`: +1 or -1 along the row. */
-static void pass_on(const HorizonProblem *problem, const double *room, size_t i, size_t j, ptrdiff_t forward,
-                    double error, double *wanted) {
-    ptrdiff_t place[LATERS];
+static void pass_on(const HorizonProblem *problem, const RollingRows *rows, size_t i, size_t j, ptrdiff_t forward,
+                    double error) {
+    bool takes[LATERS];
     double share = 0.0;
     for (int k = 0; k < LATERS; k++) {
-        const ptrdiff_t row = (ptrdiff_t)i + LATER[k].rows, column = (ptrdiff_t)j + forward * LATER[k].ahead;
-        const bool inside = row < (ptrdiff_t)problem->nx && column >= 0 && column < (ptrdiff_t)problem->ny;
-        place[k] = inside ? row * (ptrdiff_t)problem->ny + column : -1;
-        if (inside && room[place[k]] == 0.0)
-            place[k] = -1;
-        share += place[k] >= 0 ? LATER[k].share : 0.0;
+        const ptrdiff_t column = (ptrdiff_t)j + forward * LATER[k].ahead;
+        takes[k] = i + (size_t)LATER[k].rows < problem->nx && column >= 0 && column < (ptrdiff_t)problem->ny &&
+                   rows->room[LATER[k].rows][column] > 0.0;
+        share += takes[k] ? LATER[k].share : 0.0;
     }
     for (int k = 0; k < LATERS; k++)
-        if (place[k] >= 0)
-            wanted[place[k]] += error * LATER[k].share / share;
+        if (takes[k])
+            rows->wanted[LATER[k].rows][(ptrdiff_t)j + forward * LATER[k].ahead] += error * LATER[k].share / share;
 }
 
 int32_t diffuse_droplets(const HorizonProblem *problem, const double *droplets, int32_t *plan) {
-    const size_t cells = problem->nx * problem->ny;
-    double *wanted = calloc(2 * cells, sizeof(double));
-    if (!wanted)
+    const size_t nx = problem->nx, ny = problem->ny;
+    double *memory = malloc(4 * ny * sizeof(double));
+    if (!memory)
         return CORE_NO_MEMORY;
-    double *room = wanted + cells;
-    for (size_t place = 0; place < problem->layers * cells; place++) {
-        const double limit = drop_level_max(problem, problem->choices[place]);
-        room[place % cells] += limit;
-        wanted[place % cells] += fmin(limit, droplets[place]);
-    }
-    for (size_t i = 0; i < problem->nx; i++) {
-        const bool backwards = i % 2;
-        for (size_t step = 0; step < problem->ny; step++) {
-            const size_t j = backwards ? problem->ny - 1 - step : step, cell = i * problem->ny + j;
-            const double whole = fmin(room[cell], fmax(0.0, floor(wanted[cell] + 0.5)));
-            const double fallen = fill_layers(problem, cell, whole, plan);
-            pass_on(problem, room, i, j, backwards ? -1 : 1, wanted[cell] - fallen, wanted);
+    take_row(problem, droplets, 0, memory, memory + 2 * ny);
+    for (size_t i = 0; i < nx; i++) {
+        const size_t own = i % 2, next = 1 - own;
+        const RollingRows rows = {{memory + own * ny, memory + next * ny},
+                                  {memory + (2 + own) * ny, memory + (2 + next) * ny}};
+        take_row(problem, droplets, i + 1, rows.wanted[1], rows.room[1]);
+        for (size_t step = 0; step < ny; step++) {
+            const size_t j = own ? ny - 1 - step : step; /* back on every other row */
+            const double whole = fmin(rows.room[0][j], fmax(0.0, floor(rows.wanted[0][j] + 0.5)));
+            const double fallen = fill_layers(problem, i * ny + j, whole, plan);
+            pass_on(problem, &rows, i, j, own ? -1 : 1, rows.wanted[0][j] - fallen);
         }
     }
-    free(wanted);
+    free(memory);
     return CORE_DONE;
 }

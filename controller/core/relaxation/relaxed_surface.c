@@ -162,7 +162,7 @@ double relaxed_value(RelaxedSurface *surface, const double *droplets, double smo
             double cost = positive_part(-above, smoothing) + problem->overshoot * positive_part(above, smoothing);
             if (problem->ceiling)
                 cost += problem->ceiling_cost * positive_part(reached - problem->ceiling[cell], smoothing);
-            error += problem->weight[cell] * cost;
+            error += cell_weight(problem, cell) * cost;
         }
     }
     return problem->alpha * error / surface->count + (1.0 - problem->alpha) * deviation;
@@ -184,7 +184,7 @@ static void seed_sensitivity(const RelaxedSurface *surface, double smoothing, do
             if (problem->ceiling)
                 slope +=
                     problem->ceiling_cost * positive_part_slope(height[framed] - problem->ceiling[cell], smoothing);
-            sensitivity[framed] = problem->alpha * problem->weight[cell] * slope / surface->count;
+            sensitivity[framed] = problem->alpha * cell_weight(problem, cell) * slope / surface->count;
             if (problem->part[cell] && deviation > 0.0)
                 sensitivity[framed] += (1.0 - problem->alpha) * (height[framed] - mean) / (surface->count * deviation);
         }

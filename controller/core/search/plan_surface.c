@@ -15,17 +15,23 @@ static const double UNIFORM_BOUND = 1.7320508075688772;
 static const double ABYSS = -1.0;
 
 static bool take_memory(PlanSurface *surface) {
-    const size_t maps = surface->steps + 7, length = surface->framed + MAP_MARGIN;
-    const size_t bytes = surface->problem->layers * surface->framed;
+    const HorizonProblem *problem = surface->problem;
+    const size_t maps = surface->steps + 5 + (problem->weight != NULL) + (problem->ceiling != NULL),
+                 length = surface->framed + MAP_MARGIN;
+    const size_t bytes = problem->layers * surface->framed;
     surface->memory = take_maps(1, maps * length * sizeof(double) + bytes);
     if (!surface->memory)
         return false;
     double *next = surface->memory;
-    double **single[] = {&surface->target, &surface->weight, &surface->inside, &surface->left_to_chance,
-                         &surface->cost};
+    double **single[] = {&surface->target, &surface->inside, &surface->left_to_chance, &surface->cost};
     for (size_t k = 0; k < sizeof single / sizeof *single; k++, next += length)
         *single[k] = next;
-    if (surface->problem->ceiling) {
+    surface->weight = surface->inside;
+    if (problem->weight) {
+        surface->weight = next;
+        next += length;
+    }
+    if (problem->ceiling) {
         surface->ceiling = next;
         next += length;
     }
@@ -49,7 +55,8 @@ static double copy_maps(PlanSurface *surface) {
     for (size_t i = 0; i < surface->nx; i++) {
         const size_t given = i * surface->ny, cell = surface_cell(surface, i, 0);
         memcpy(surface->target + cell, problem->target + given, surface->ny * sizeof(double));
-        memcpy(surface->weight + cell, problem->weight + given, surface->ny * sizeof(double));
+        if (problem->weight)
+            memcpy(surface->weight + cell, problem->weight + given, surface->ny * sizeof(double));
         if (surface->ceiling)
             memcpy(surface->ceiling + cell, problem->ceiling + given, surface->ny * sizeof(double));
         for (size_t j = 0; j < surface->ny; j++) {

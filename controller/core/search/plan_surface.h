@@ -27,7 +27,7 @@ typedef struct {
     Droplet droplet[1 + KINDS_MAX]; /* of each value of a plan */
     double *height;                 /* steps + 1 maps [m] */
     double *target, *weight;        /* maps: of the last surface [m]; of the cells' errors */
-    double *inside;                 /* a map: 1 in the part, 0 outside */
+    double *inside;                 /* a map: 1 in the part, 0 outside; without a fringe the same as `weight` */
     double *ceiling;                /* a map [m]; NULL: none */
     double *left_to_chance, *cost;  /* maps: w of each cell [m], and what its height after the last step costs [m] */
     uint8_t *plan;                  /* a map for each layer: 0 nothing, 1 + k a droplet of kind k */

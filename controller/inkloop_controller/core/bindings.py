@@ -195,7 +195,7 @@ def problem_struct(problem: HorizonProblem) -> ProblemStruct:
         pointer(problem.target),
         None if problem.ceiling is None else pointer(problem.ceiling),
         pointer(problem.part),
-        pointer(problem.weights),
+        None if problem.weight is None else pointer(problem.weight),
         pointer(problem.choices),
         len(kinds),
         (InkStruct * KINDS_MAX)(*kinds),

@@ -175,7 +175,7 @@ class HeightEstimator:
 
         A cell that was not measured counts as bare substrate, height 0, give or take a layer.
         """
-        after = _Maps.empty(self._part.shape)
+        after = _Maps.empty(self._part.shape, None)
         scan, seen = self._scan(measured, valid)
         struct = after.struct()
         answered(library().inkloop_estimate_first(self._options, layer, pointer(scan), pointer(seen), struct))
@@ -189,12 +189,16 @@ class HeightEstimator:
         measured: FloatMap,
         valid: BoolMap,
         factor: FloatMap | None = None,
+        *,
+        in_place: bool = False,
     ) -> Estimate:
         """Layer number `layer` (from 1) was printed as `pattern` and scanned: measured (nx, ny) [m], where valid.
 
-        factor: (nx, ny) volume of each droplet [1].
+        factor: (nx, ny) volume of each droplet [1]; in_place: the new response is written over the one before, which
+        nobody needs any longer. Where memory lacks, the estimate before is as it was.
         """
-        return self._after(library().inkloop_estimate_next, before, pattern, layer, measured, valid, factor)
+        called = library().inkloop_estimate_next
+        return self._after(called, before, pattern, layer, measured, valid, factor, in_place)
 
     def after_unknown(
         self,
@@ -204,9 +208,12 @@ class HeightEstimator:
         measured: FloatMap,
         valid: BoolMap,
         factor: FloatMap | None = None,
+        *,
+        in_place: bool = False,
     ) -> Estimate:
         """The estimate after a layer aborted at an unknown place: the scan counts, nothing is learnt."""
-        return self._after(library().inkloop_estimate_unknown, before, pattern, layer, measured, valid, factor)
+        called = library().inkloop_estimate_unknown
+        return self._after(called, before, pattern, layer, measured, valid, factor, in_place)
 
     def _after(
         self,
@@ -217,12 +224,14 @@ class HeightEstimator:
         measured: FloatMap,
         valid: BoolMap,
         factor: FloatMap | None,
+        in_place: bool,
     ) -> Estimate:
         shape = self._part.shape
         scan, seen = self._scan(measured, valid)
         jetted = checked("pattern", pattern, "i4", shape)
         volumes = None if factor is None else checked("factor", factor, "f8", shape)
-        known, after = _Maps.of(before), _Maps.empty(shape)
+        known = _Maps.of(before)
+        after = _Maps.empty(shape, known.response if in_place else None)
         struct = after.struct()
         code = estimate(
             self._options,
@@ -275,9 +284,11 @@ class _Maps:
     capped: BoolMap
 
     @classmethod
-    def empty(cls, shape: tuple[int, ...]) -> _Maps:
+    def empty(cls, shape: tuple[int, ...], response: FloatMap | None) -> _Maps:
+        """Maps to be written, the response over this one."""
         height, variance, dead_evidence, reckoned = (np.empty(shape) for _ in range(4))
-        unseen, response, capped = np.empty(shape, np.int32), np.empty((DISPLACEMENTS, *shape)), np.empty(shape, "?")
+        unseen, capped = np.empty(shape, np.int32), np.empty(shape, "?")
+        response = np.empty((DISPLACEMENTS, *shape)) if response is None else response
         return cls(height, variance, unseen, dead_evidence, response, reckoned, capped)
 
     @classmethod

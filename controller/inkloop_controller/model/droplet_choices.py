@@ -80,5 +80,7 @@ class DropletChoices:
         """A layer of a plan (nx, ny) as pattern (0 none, 1 material A, 2 material B) and drops per site (0 none)."""
         inks = len(self._job.inks)
         jetted = layer > 0
+        if self._drop_levels == 1:  # a layer is its own pattern: one map less
+            return layer, jetted.astype(np.int32)
         pattern = np.where(jetted, (layer - 1) % inks + 1, 0).astype(np.int32)
         return pattern, np.where(jetted, (layer - 1) // inks + 1, 0).astype(np.int32)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib import import_module
-from math import nan
+from math import inf, nan
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import numpy as np
 
-from inkloop.component import Job
+from inkloop.component import FloatMap, Job
 from inkloop_controller.estimation.height_estimator import Estimate, is_probe
 from inkloop_controller.model.droplet_choices import DropletChoices
 from inkloop_controller.model.layer_model import LayerModel
@@ -88,7 +88,7 @@ class LayerMpc:
         has_bound = certified or relaxation == "highs"  # of the predicted surface
         self._droplet_std = 0.0 if has_bound else criterion.droplet_std  # None: as learnt
         self._after_sweep, self._model = after_sweep, LayerModel.of(job)
-        self._weight = criterion.weight(job.mask)
+        self._weight = criterion.weight(job.mask) if criterion.fringe_weight > 0.0 else None
         self._programs: dict[bool, HorizonProgram] = {}  # by whether alpha is 1, where the deviation falls out
         if certified:
             import_module("inkloop_controller.program.certificate")  # CasADi, loaded here and not within a time limit
@@ -113,7 +113,7 @@ class LayerMpc:
             alpha=self._criterion.alpha_of(layer + 1),
             weight=self._weight,
             overshoot=self._criterion.overshoot_for(droplet_std),
-            ceiling=self._criterion.ceiling(job.target_height, np.sqrt(estimate.predicted_variance), job.mask),
+            ceiling=self._ceiling(estimate),
             ceiling_cost=CEILING_COST,
             droplet_std=droplet_std,
             colours=tuple(self._model.colours(number) for number in numbers) if job.passes > 1 else (),
@@ -152,6 +152,12 @@ class LayerMpc:
             seconds={**found.seconds, **watch.seconds},
             left_out=found.left_out | (LeftOut.CERTIFICATE if is_uncertified else LeftOut.NOTHING),
         )
+
+    def _ceiling(self, estimate: Estimate) -> FloatMap | None:
+        if self._criterion.overshoot_limit == inf:
+            return None
+        height_std = np.sqrt(estimate.predicted_variance)
+        return self._criterion.ceiling(self._job.target_height, height_std, self._job.mask)
 
     def _relaxed(self, problem: HorizonProblem, watch: Stopwatch) -> _Relaxed:
         """Where to round from; nowhere if there is no relaxation, or its engine has failed."""

@@ -62,7 +62,6 @@ class HorizonProblem:
             errors = [*self._errors_of_choices(), *self._errors_of_heights()]
         if errors:
             raise ValueError("; ".join(errors))
-        object.__setattr__(self, "weight", self.weights)
         for name in ("height", "target", "part", "choices", "weight", "ceiling"):
             array = getattr(self, name)
             object.__setattr__(self, name, None if array is None else np.ascontiguousarray(array))

@@ -21,12 +21,30 @@ def write_arrays(file: IO[bytes], arrays: Iterable[tuple[str, NDArray[Any]]]) ->
         for name, array in arrays:
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                 np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
+            del array  # it may be large, and the next one is made now
 
 
 def opened(path: Path) -> AbstractContextManager[Mapping[str, NDArray[Any]]]:
     """The arrays of a file, each read when it is asked for."""
     found: AbstractContextManager[Mapping[str, NDArray[Any]]] = np.load(path, allow_pickle=False)
     return found
+
+
+def bytes_of(path: Path, name: str) -> bytes:
+    """The content of an array, which is once in memory."""
+    with zipfile.ZipFile(path) as archive, archive.open(f"{name}.npy") as member:
+        version = np.lib.format.read_magic(member)
+        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        read_header(member)
+        return member.read()
+
+
+def check(path: Path) -> list[str]:
+    """The names of the arrays of a file, after all of it was read once. Raises what is in UNREADABLE."""
+    with zipfile.ZipFile(path) as archive:
+        if bad := archive.testzip():
+            raise zipfile.BadZipFile(f"bad CRC-32 of {bad}")
+        return [name.removesuffix(".npy") for name in archive.namelist()]
 
 
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:

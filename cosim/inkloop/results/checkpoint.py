@@ -27,6 +27,7 @@ from inkloop.files import reason_of, replaced, sync_folder
 from inkloop.results import array_file
 from inkloop.results.layer_maps import LayerMaps
 from inkloop.results.recorder import Recorder
+from inkloop.results.stored_point import StoredOutputs, StoredStates
 
 LAYERS_FOLDER, STATE_FILE = "layers", "state.npz"
 LARGE_STATE = 1 << 26
@@ -42,6 +43,8 @@ _NEW_PART = (
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
     """A communication point: `outputs` of all components as the others see them, `states` as they saved them.
+
+    Both may be in a file, and be read where they are used.
 
     layer: the last one printed by then; refusal: why no run can be resumed from here, empty if it can; file: the last
     file of layers by then, its layer and which one of that.
@@ -192,7 +195,7 @@ def last(run_folder: Path, advice: str = "") -> Checkpoint | None:
     """
     folder = run_folder / LAYERS_FOLDER
     try:
-        return _unpacked(array_file.read_arrays(folder / STATE_FILE)) if (folder / STATE_FILE).is_file() else None
+        return _stored(folder / STATE_FILE) if (folder / STATE_FILE).is_file() else None
     except array_file.UNREADABLE as error:
         raise _unreadable(folder, error, advice or f"`inkloop resume {run_folder}` says what can be done") from error
 
@@ -221,6 +224,7 @@ def _states(components: Mapping[str, Component]) -> Iterator[tuple[str, NDArray[
         except Exception as error:  # a third-party component may raise anything; the run continues without it
             raise _NoStateError(f"{name} cannot save its state: {error}") from error
         yield f"state/{name}", state
+        del state  # before the next one is made
 
 
 def _packed(checkpoint: Checkpoint) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -231,20 +235,24 @@ def _packed(checkpoint: Checkpoint) -> Iterator[tuple[str, NDArray[Any]]]:
         yield from ((f"output/{name}/{port}", np.asarray(value)) for port, value in values.items())
 
 
-def _unpacked(packed: Mapping[str, NDArray[Any]]) -> Checkpoint:
-    time_ns, layer, *file = (int(number) for number in packed["point"])
-    states: dict[str, bytes] = {}
-    outputs: dict[str, dict[str, NDArray[Any]]] = {}
-    for key, value in packed.items():
+def _stored(path: Path) -> Checkpoint:
+    """The checkpoint of a file. Raises what is in array_file.UNREADABLE."""
+    names = array_file.check(path)
+    states: list[str] = []
+    ports: dict[str, list[str]] = {}
+    for key in names:
         kind, _, rest = key.partition("/")
         if kind == "state":
-            states[rest] = value.tobytes()
-            outputs.setdefault(rest, {})  # a component may have none
+            states.append(rest)
+            ports.setdefault(rest, [])
         elif kind == "output":
             name, _, port = rest.partition("/")
-            value.flags.writeable = False  # consumers share it
-            outputs.setdefault(name, {})[port] = value
-    return Checkpoint(time_ns, layer, outputs, states, str(packed["refusal"]), (file[0], file[1]))
+            ports.setdefault(name, []).append(port)
+    with array_file.opened(path) as stored:
+        time_ns, layer, *file = (int(number) for number in stored["point"])
+        refusal = str(stored["refusal"])
+    place = (file[0], file[1])
+    return Checkpoint(time_ns, layer, StoredOutputs(path, ports), StoredStates(path, states), refusal, place)
 
 
 def _save(path: Path, arrays: Iterable[tuple[str, NDArray[Any]]], durable: bool) -> None:

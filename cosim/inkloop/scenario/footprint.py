@@ -1,9 +1,11 @@
 """What a print takes of the machine: memory, disk and computing, estimated before anything of its size exists.
 
-The figures are measured: the peak of a process that prints a part with rough droplets and noisy scans into a folder,
-from the slope between 600 x 600 and 1200 x 1200 cells; it does not grow with layers, which are on disk. What a class or
-an FMU of others takes is not in them. Computing is that of the shipped scenarios, on one core of x86_64 near 2.5 GHz;
-single ones take half or twice as much.
+The figures are measured on prints of parts with rough droplets and noisy scans into a folder. Memory and disk: ten
+layers of 6000 x 6000 cells planned one ahead; what more layers ahead and other kinds take by the slope between grids
+of 300 x 300 and 900 x 900. Memory does not grow with layers, which are on disk. What a class or an FMU of others takes
+is not in it. Computing is processor time on one core of x86_64 near 2.5 GHz, constants by layers ahead: of the print of
+6000 x 6000 and of ten layers of 400 x 400; on grids of up to SMALL_CELLS that of the shipped scenarios, of which single
+ones take half or twice as much.
 """
 
 from __future__ import annotations
@@ -17,8 +19,10 @@ from inkloop.errors import ResultError
 from inkloop.limits import ROUNDED_CELLS, available_memory, duration_text, free_disk, memory_error, size_text
 from inkloop.tables.schema import ComponentTable, ScenarioFile
 
-BYTES_OF_A_CELL = 500
-MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "LayerController": 1000}
+BYTES_OF_A_CELL = 175
+BYTES_OF_A_PLAN, BYTES_OF_A_LAYER_AHEAD = 55, 70
+"""Memory of a cell in addition where layers are planned: one ahead, and for each further one."""
+MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "LayerController": 200}
 """Kind -> memory in addition, more than a hundred bytes a cell."""
 STATE_BYTES: Mapping[str, int] = {"YoungLaplaceDeposition": 540, "LayerController": 70}
 """Kind -> part of a saved state in addition to STATE_BYTES_OF_A_CELL."""
@@ -27,6 +31,10 @@ SECONDS_OF_A_CELL_AND_LAYER = 5e-6
 """Processor time of a printed cell and a full layer: model, sensor, record, and a controller that plans no layer."""
 MORE_SECONDS: Mapping[int, float] = {1: 10e-6, 2: 10e-6, 3: 20e-6, 4: 40e-6, 5: 100e-6}
 """Layers ahead -> what planning adds."""
+SMALL_CELLS = 20_000
+LARGE_SECONDS_OF_A_CELL_AND_LAYER = 1.5e-6
+LARGE_MORE_SECONDS: Mapping[int, float] = {1: 0.5e-6, 2: 1.3e-6, 3: 5e-6, 4: 17e-6, 5: 60e-6}
+"""The same two on larger grids, where single layers are not annealed and what every layer takes hardly counts."""
 SECONDS_OF_A_MODEL: Mapping[str, float] = {"YoungLaplaceDeposition": 300e-6}
 """Kind -> what a model adds."""
 PLANNING = ("LayerMpc", "LayerController")
@@ -66,7 +74,10 @@ class Footprint:
         layers = _layers(tables, nominal)
         runs = [tables.components, *(tables.components | other.components for other in tables.compare.values())]
         kinds = [{name: table.kind for name, table in run.items()} for run in runs]
-        memory = [sum(MORE_BYTES_OF_A_CELL.get(kind, 0) for kind in run.values()) for run in kinds]
+        memory = [sum(map(_more_bytes, run.values())) for run in runs]
+        is_small = tables.grid.nx * tables.grid.ny <= SMALL_CELLS
+        base = SECONDS_OF_A_CELL_AND_LAYER if is_small else LARGE_SECONDS_OF_A_CELL_AND_LAYER
+        more = MORE_SECONDS if is_small else LARGE_MORE_SECONDS
         states = [sum(STATE_BYTES.get(kind, 0) for kind in run.values()) for run in kinds]
         return cls(
             tables.grid.nx,
@@ -75,7 +86,7 @@ class Footprint:
             nominal,
             BYTES_OF_A_CELL + max(memory),
             _disk(tables, layers, STATE_BYTES_OF_A_CELL + max(states), len(kinds)),
-            layers * sum(SECONDS_OF_A_CELL_AND_LAYER + sum(map(_seconds, run.values())) for run in runs),
+            layers * sum(base + sum(_seconds(table, more) for table in run.values()) for run in runs),
         )
 
     @property
@@ -141,12 +152,25 @@ def _disk(tables: ScenarioFile, layers: int, state: int, runs: int) -> int:
     return LAYER_BYTES * (layers + 1) + state + max(state, result) + result * (runs - 1)
 
 
-def _seconds(table: ComponentTable) -> float:
-    """Processor time that a component adds for each printed cell and layer."""
+def _more_bytes(table: ComponentTable) -> int:
+    """Memory of a cell that a component takes in addition."""
+    more = MORE_BYTES_OF_A_CELL.get(table.kind, 0)
+    if table.kind not in PLANNING:
+        return more
+    return more + BYTES_OF_A_PLAN + BYTES_OF_A_LAYER_AHEAD * ((_horizon(table) or 1) - 1)
+
+
+def _seconds(table: ComponentTable, more: Mapping[int, float]) -> float:
+    """Processor time that a component adds for each printed cell and layer; more: of planning, by layers ahead."""
     if table.kind not in PLANNING:
         return SECONDS_OF_A_MODEL.get(table.kind, 0.0)
+    return more.get(_horizon(table) or 0, 0.0)
+
+
+def _horizon(table: ComponentTable) -> int | None:
+    """Layers ahead of a controller that plans; None where its check reports another value."""
     horizon = table.options.get("horizon", HORIZONS.get(str(table.options.get("finish", "even"))))
-    return MORE_SECONDS[horizon] if horizon in [*MORE_SECONDS] else 0.0  # the check of the component reports others
+    return horizon if isinstance(horizon, int) and horizon in MORE_SECONDS else None
 
 
 def _layers(tables: ScenarioFile, nominal: float) -> int:

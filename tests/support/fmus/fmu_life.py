@@ -26,13 +26,13 @@ def started(model: str, form: str, seed: int = 1) -> Driver:
 
 def offer(fmu: Driver, layer: int) -> None:
     """Set the inputs with which the next step has something to do."""
-    surface = np.random.default_rng(layer).uniform(0.0, 1e-5, (5, 4))
+    surface = np.random.default_rng(layer).uniform(0.0, 1e-5, (fmu.nx, fmu.ny))
     if "measured_height" in fmu.references and fmu.roles["measured_height"] == "input":
         scanned = int(fmu.get("layer_command"))
         assert max(fmu.set("measured_height", surface), fmu.set("layers_scanned", scanned)) == OK
         assert fmu.set("layers_printed", scanned) == OK
     elif "pattern" in fmu.references:
-        assert fmu.set("pattern", random_patterns(5, 4, 1, seed=layer)[0]) == OK
+        assert fmu.set("pattern", random_patterns(fmu.nx, fmu.ny, 1, seed=layer)[0]) == OK
         assert fmu.set("layer_command", layer) == OK
     else:
         assert max(fmu.set("height", surface), fmu.set("layers_printed", layer)) == OK

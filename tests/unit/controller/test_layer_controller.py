@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,47 @@ def test_restored_controller_continues_with_the_same_bits() -> None:
     left, right = (answer(one, height, 3, 3) for one in (controller, resumed))
     for name in left.keys() - {"solve_time"}:
         np.testing.assert_array_equal(left[name], right[name], err_msg=name)
+
+
+class Watched:
+    """A planner that looks at what is in memory, and fails in the plans of these numbers."""
+
+    def __init__(self, *failing: int) -> None:
+        self._planner, self._failing = OpenLoop(JOB), failing
+        self.estimates: list[weakref.ref[Any]] = []
+        self.left: list[int] = []
+
+    def plan(self, estimate: Estimate, layer: int, last: IntPlan, elapsed: float = 0.0) -> LayerPlan:
+        self.estimates.append(weakref.ref(estimate))
+        self.left.append(sum(other() is not None for other in self.estimates))
+        if len(self.left) in self._failing:
+            raise MemoryError
+        return self._planner.plan(estimate, layer, last)
+
+
+def test_estimate_before_is_gone_when_a_layer_is_planned() -> None:
+    planner = Watched()
+    controller = started(LayerController(JOB, planner, HeightEstimator(JOB)))
+    for layer in range(3):
+        answer(controller, JOB.mask * layer * 7.6e-6, layer, layer)
+    assert planner.left == [1, 1, 1]
+
+
+def test_plan_that_failed_is_made_from_the_same_estimate() -> None:
+    """A scan that was taken in twice would count twice."""
+    failing, sound = (
+        started(LayerController(JOB, Watched(*plans), HeightEstimator(JOB, sensor_noise_std=1e-6)))
+        for plans in ([2, 3], [])
+    )
+    for layer in range(3):
+        scan = JOB.mask * layer * 7.4e-6
+        expected = answer(sound, scan, layer, layer)
+        for _ in range(2 if layer == 1 else 0):
+            with pytest.raises(MemoryError):
+                answer(failing, scan, layer, layer)
+        found = answer(failing, scan, layer, layer)
+        for name in expected.keys() - {"solve_time"}:
+            np.testing.assert_array_equal(found[name], expected[name], err_msg=name)
 
 
 def test_state_of_another_grid_is_refused() -> None:

@@ -53,6 +53,27 @@ def test_variance_measures_how_far_off_the_estimate_is() -> None:
     assert 0.6 < rms((estimate.height - height)[job.mask]) / claimed < 1.3
 
 
+@pytest.mark.parametrize("shift", [0.0, 0.4])
+def test_response_in_place_of_the_one_before_is_the_same(shift: float) -> None:
+    """With scans in register, and with displaced ones, which take other memory."""
+    job = cylinder()
+    estimator, rng, plant = HeightEstimator(job), np.random.default_rng(3), LayerModel.of(job)
+    seen, pattern, height = np.ones(job.mask.shape, np.bool_), job.mask.astype(np.int32), np.zeros(job.mask.shape)
+    estimate = kept = estimator.first(height + 3e-7 * rng.standard_normal(height.shape), seen)
+    kept = Estimate.of_arrays({name: np.copy(value) for name, value in kept.arrays().items()})
+    for layer in range(1, 13):
+        height = plant.layer(height, pattern, layer, 1.0 - 0.2 * rng.random(height.shape))
+        moved = (1.0 - shift) * height + shift * np.roll(height, -1, axis=0)
+        scan = moved + 3e-7 * rng.standard_normal(height.shape)
+        before = kept
+        kept = estimator.next(before, pattern, layer, scan, seen, in_place=True)
+        estimate = estimator.next(estimate, pattern, layer, scan, seen)
+        assert kept.response is before.response
+        for name, value in estimate.arrays().items():
+            np.testing.assert_array_equal(kept.arrays()[name], value, err_msg=f"{name} of layer {layer}")
+    assert kept.registration.is_applied == (shift > 0.0)
+
+
 def test_noise_is_learnt_from_unprinted_cells_and_none_means_that_scans_are_taken_as_they_are() -> None:
     job = cylinder()
     estimate, *_ = printed(job, HeightEstimator(job), 8, 1e-6)
