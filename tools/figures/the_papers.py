@@ -80,8 +80,7 @@ describes the plant, as on `volume-area` and `young-laplace`; by how much is the
 With a sensor in register no controller here leaves a larger rms error than printing open loop. With the scans of
 version 2 some do, and the highest cells show it first: superposition, error diffusion and the paper's search believe
 what they read, and pour ink on walls that are not where the scan shows them; where readings are lost but right
-(`lu-dropout`) they do little harm. "Learning" looks for no spot, which looks like wider droplets, and fails where there
-is one.
+(`lu-dropout`) they do little harm.
 """
 
 

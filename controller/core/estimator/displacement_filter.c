@@ -349,8 +349,6 @@ static bool prior_precision(const ScanEvidence *evidence, const Registration *re
             precision[i * UNKNOWNS + j] = inverse[i * DISPLACEMENTS + j];
     for (size_t k = STEP; k < GROWTH; k++)
         precision[k * UNKNOWNS + k] = 1.0 / registration->steps_variance;
-    if (!evidence->has_spot)
-        precision[SPREAD * UNKNOWNS + SPREAD] += 1.0 / (SPREAD_STEP_STD * SPREAD_STEP_STD);
     const double growth = evidence->is_first_layer ? INK_FIRST_STD : INK_STD;
     precision[GROWTH * UNKNOWNS + GROWTH] = 1.0 / (growth * growth);
     return true;

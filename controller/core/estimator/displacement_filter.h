@@ -40,7 +40,6 @@ typedef struct {
     double unsure;         /* error of a growth from which on it shows neither ink nor dead cells [m] */
     bool is_first_layer;   /* the ink is not known yet */
     bool is_unknown;       /* it is not known how much of the layer was jetted: nothing is learnt */
-    bool has_spot;         /* a spot is looked for: wider droplets would look alike */
 } ScanEvidence;
 
 /* Unknowns of a scan: displacement before, step of the shift since, growth beyond the predicted one. */

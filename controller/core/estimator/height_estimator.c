@@ -157,8 +157,7 @@ static bool take_scan(const EstimatorOptions *options, const SurfaceEstimate *be
                                    .noise_variance = *noise,
                                    .unsure = UNSURE * full_layer_height(&options->ink.nominal[0]),
                                    .is_first_layer = before->scans == 1,
-                                   .is_unknown = is_unknown,
-                                   .has_spot = options->ink.model != INK_FULL};
+                                   .is_unknown = is_unknown};
     if (!registers(options)) {
         take_as_read(&evidence, &work->registered);
         return true;

@@ -139,7 +139,7 @@ static bool shows_far(const Registration *registration, bool is_iterated) {
 /* What the evidence says beyond doubt. A shift that leaves readings unexplained (doubt above the least) is to say so
  * again in each scan: droplets that differ from the model look like a shift in one layer, and like another in the next.
  */
-static void decide(bool has_spot, bool is_iterated, double doubt, Registration *registration) {
+static void decide(bool is_iterated, double doubt, Registration *registration) {
     const double *shift = registration->estimate, *covariance = registration->covariance;
     double block[SHIFTS * SHIFTS], solved[SHIFTS] = {shift[0], shift[1]};
     for (size_t i = 0; i < SHIFTS; i++)
@@ -152,7 +152,7 @@ static void decide(bool has_spot, bool is_iterated, double doubt, Registration *
     if (!is_beyond && doubt > BEYOND_DOUBT && !registration->has_wide_spot)
         registration->has_shift = 0;
     const double spread = registration->estimate[SPREAD];
-    if (has_spot && shows_far(registration, is_iterated) && spread > SPREAD_VISIBLE &&
+    if (shows_far(registration, is_iterated) && spread > SPREAD_VISIBLE &&
         spread * spread > doubt * covariance[SPREAD * DISPLACEMENTS + SPREAD])
         registration->has_wide_spot = 1;
 }
@@ -279,7 +279,7 @@ static bool learn(const ScanEvidence *evidence, bool is_iterated, Room *room, do
     learn_steps(registration, x, covariance);
     look_far(evidence, room, is_iterated ? x[SPREAD] : 0.0, registration);
     const double unclear = is_iterated ? fmax(1.0, unexplained(cells, room, registration->estimate)) : 1.0;
-    decide(evidence->has_spot, is_iterated, BEYOND_DOUBT * unclear, registration);
+    decide(is_iterated, BEYOND_DOUBT * unclear, registration);
     learn_misfit(cells, room, registration);
     return true;
 }

@@ -120,10 +120,9 @@ class HeightEstimator:
     The method is described in controller/core/estimator/height_estimator.h. A reading has the variance
     sensor_noise_std^2 + sensor_resolution^2 / 12 [m^2]; without sensor_noise_std the noise is what the unprinted cells
     show. untrusted_layers: as many a cell may live on prediction alone; register_scans: scans are corrected for a shift
-    against the printer and for a wide spot, the spot only while the shape of droplets is not learnt (adapt_ink =
-    "full"), which looks alike; flat_ground: layer 0 is flat, of height 0 (None: where the job has no other start
-    surface); drop_levels: largest number of drops of a droplet; take_as_read: none of these is looked for, nor drift,
-    noise and doubts. Raises ValueError for invalid options.
+    against the printer and for a wide spot; flat_ground: layer 0 is flat, of height 0 (None: where the job has no other
+    start surface); drop_levels: largest number of drops of a droplet; take_as_read: none of these is looked for, nor
+    drift, noise and doubts. Raises ValueError for invalid options.
     """
 
     def __init__(

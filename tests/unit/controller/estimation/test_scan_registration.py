@@ -100,6 +100,16 @@ def test_wide_spot_is_found_and_leaves_the_part_as_good_as_without(spot: float) 
     assert found.error.max() < 3e-6
 
 
+@pytest.mark.system
+def test_droplets_whose_shape_is_learnt_are_not_taken_for_wide_ones_where_the_spot_is_wide() -> None:
+    """Wide droplets spread the growth of one layer, a wide spot the whole wall: without a look for it 8 um are left."""
+    job = small_cylinder()
+    found = printed(job, Sensor(spot=1.0), adapt_ink="full", horizon=2)
+    assert float(found.outputs[10]["scan_spot_radius"]) == pytest.approx(job.pitch, rel=0.1, abs=0.0)
+    assert np.abs(found.error).mean() < 1e-6
+    assert found.error.max() < 6e-6
+
+
 def test_invalid_reading_of_a_shifted_scan_leaves_that_cell_unseen_which_it_looks_at() -> None:
     job, sensor, rng = small_cylinder(), Sensor((1.0, -2.0)), np.random.default_rng(0)
     estimator, plant = HeightEstimator(job), LayerModel.of(job)
