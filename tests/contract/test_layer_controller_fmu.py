@@ -342,3 +342,20 @@ def test_commands_count_from_the_layers_that_are_printed() -> None:
     assert outputs["layer_command"] == 42
     with pytest.raises(ComponentError, match="measured_height"):
         controller.do_step(SECOND, SECOND, inputs_of(job, np.full((10, 9), np.nan), 42))
+
+
+def test_droplets_that_are_called_sure_leave_nothing_to_chance() -> None:
+    """With `droplet_std` 0 the objective is that of the predicted surface, however much droplets are seen to vary."""
+    job = block(12, 11, height=60e-6)
+    model, rng = LayerModel.of(job), np.random.default_rng(3)
+    controller = catalog.make("LayerController", job, {"horizon": 1, "adapt_ink": "off", "droplet_std": 0.0})
+    height = np.zeros((12, 11))
+    controller.initialize(0, inputs_of(job, height, 0))
+    for layer in range(5):
+        found = controller.do_step(layer * SECOND, SECOND, inputs_of(job, height, layer))
+        pattern = np.asarray(found["pattern"])
+        lack = (job.target_height - model.layer(found["estimated_height"], pattern, layer + 1))[job.mask]
+        expected = 0.8 * np.abs(lack).mean() + 0.2 * lack.std()
+        assert float(found["objective"]) == pytest.approx(expected, rel=1e-9, abs=0.0)
+        height = model.layer(height, pattern, layer + 1, 1.0 - 0.4 * rng.random(height.shape))
+    controller.terminate()

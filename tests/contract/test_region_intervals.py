@@ -257,3 +257,11 @@ def test_export_refuses_a_number_of_intervals_that_no_fmu_has(
 def test_limit_of_the_intervals_is_that_of_the_fmu() -> None:
     known = {v.name: v for v in read_definition(find_fmu("LayerController")).variables}
     assert known[INTERVALS].max == INTERVALS_MAX
+
+
+def test_refused_edge_of_an_interval_is_named_by_cell_and_map() -> None:
+    with Driver("LayerController", nx=5, ny=4) as fmu:
+        edges = np.zeros((2, 5, 4))
+        edges[1, 2, 3] = np.nan
+        assert fmu.set("region_bottom", edges) != OK
+        assert "region_bottom of cell (2, 3) in map 2 is nan" in fmu.messages[-1]

@@ -81,6 +81,10 @@ def test_wheel_is_refused_for_a_part_that_is_missing_or_of_another_platform(tmp_
     assert "libinkloop_core.so is for ['x86_64-darwin']; expected x86_64-linux" in said
     assert "fmi2/A.fmu: has binaries for x86_64-linux; expected x86_64-linux, x86_64-windows" in said
     assert "fmi3/A.fmu: has binaries for x86_64-linux, x86_64-linux; expected" in said
+    twice = {"binaries/x86_64-linux/A.so": ELF, "binaries/x86_64-linux/B.so": ELF, "binaries/x86_64-windows/A.dll": PE}
+    path.write_bytes(zipped(whole_wheel() | {"inkloop_fmus/fmi3/A.fmu": zipped(twice)}))
+    with pytest.raises(Exception, match="has binaries for x86_64-linux, x86_64-linux, x86_64-windows; expected"):
+        check_wheel(path, TARGETS[HERE], targets)
 
 
 def test_folder_with_files_of_others_is_refused_and_left_as_it_is(tmp_path: Path) -> None:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
 import pytest
-from tools.figures import cylinder_prints, gallery, house, scenario_quotes, the_papers
+from tools.figures import cylinder_prints, gallery, house, run_figures, scenario_quotes, the_papers
 from tools.figures.pages import filled, marks, read_json, table
 from tools.figures.writers import ALONE, WRITERS, writer
 
@@ -88,3 +92,12 @@ def test_circle_of_rooms_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(house, "rooms", lambda: {"cellar": set(), "hall": {"stairs", "cellar"}, "stairs": {"hall"}})
     with pytest.raises(ValueError, match="in a circle: hall and stairs; move what they share to a room below"):
         house.storeys()
+
+
+def test_dead_nozzle_is_found_so_many_layers_after_its_end() -> None:
+    """It fails with layer 4; layer 6 is the first whose scan shows it."""
+    run: Any = SimpleNamespace(
+        scenario_text="[[events]]\nat_layer = 4\n",
+        dataset=SimpleNamespace(dead_cells=SimpleNamespace(values=np.array([0, 0, 0, 0, 0, 0, 9, 9]))),
+    )
+    assert run_figures.found_after({"this run": run}) == 2.0

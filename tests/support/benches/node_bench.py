@@ -24,7 +24,7 @@ FIRMWARE = ROOT / "hardware" / "firmware"
 CORE = sorted((FIRMWARE / "node").glob("*.c"))
 WIRE = sorted((FIRMWARE / "can").glob("*.c"))
 FAULTS = sorted((FIRMWARE / "host" / "faults").glob("*.c"))
-HOST = [FIRMWARE / "host" / f"{name}.c" for name in ("bench", "board", "surface_file", "world")]
+HOST = [FIRMWARE / "host" / f"{name}.c" for name in ("bench", "board", "measurements", "surface_file", "world")]
 FMUS = ROOT / "fmus"
 KERNELS = [
     FMUS / "layer_deposition" / "layer_map.c",
@@ -392,6 +392,6 @@ def heights(blob: bytes, resolution: float) -> tuple[Any, Any]:
 
 def process() -> Path:
     """The emulator as a program, with the codec generated from the DBC."""
-    main = (FIRMWARE / "host" / f"{name}.c" for name in ("hub", "main", "measurements"))
+    main = (FIRMWARE / "host" / f"{name}.c" for name in ("hub", "main"))
     sources = (*CORE, *WIRE, *HOST, *FAULTS, *main, *KERNELS, codec() / "inkloop.c")
     return compiled.linked("bench_nodes", firmware_objects(sources), SANITIZERS)

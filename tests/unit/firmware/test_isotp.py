@@ -187,6 +187,13 @@ def test_waits_are_borne_twice_in_a_row_and_each_gives_a_new_second() -> None:
     patient.take(wait, 1800)
     patient.take(go, 2700)
     assert patient.next(2700) is not None
+    slow = IsotpEnd()  # a receiver that waits before each of its blocks
+    assert slow.send(payload(60))
+    assert slow.next(0) is not None
+    for now in range(1, 7):
+        slow.take(wait, now)
+        slow.take(Frame(REQUEST_ID, bytes.fromhex("300100")), now)
+        assert slow.next(now) is not None, now
     tired = IsotpEnd()
     assert tired.send(payload(20))
     assert tired.next(0) is not None

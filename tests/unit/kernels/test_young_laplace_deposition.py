@@ -133,6 +133,8 @@ def test_droplet_that_spreads_too_far_is_refused() -> None:
         assert fmu.save() == before
         assert max(fmu.set("drop_level", 13), fmu.step(0.0)) == OK
         assert fmu.get("layers_printed") == 1
+        assert max(fmu.set("volume_factor", 1.1), fmu.set("layer_command", 2)) == OK
+        assert fmu.step(1.0) == DISCARD, "13 drops of 1.1 each are more than 14"
     with Driver(MODEL, nx=5, ny=5) as fmu:
         assert max(fmu.set("pitch", 17e-6), fmu.enter()) == OK
         assert fmu.exit() == ERROR

@@ -2,7 +2,10 @@ from __future__ import annotations
 
 import re
 import zipfile
+from collections import deque
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -11,6 +14,7 @@ import pytest
 from inkloop.component import Component, Values
 from inkloop.errors import ComponentError, FmuError
 from inkloop.fmu import FmuComponent, describe
+from inkloop.fmu.binding import Binding
 from inkloop.fmu_writer.export import find_fmu
 from support.fmus.amplifier import altered, build
 
@@ -349,3 +353,18 @@ def test_description_for_a_person_lists_variables_below_their_causality() -> Non
     assert "  state      can be saved and restored" in lines
     assert "  step size  any" in lines
     assert "  licence    not stated" not in lines
+
+
+def test_step_that_returns_early_ends_where_it_was_to_end() -> None:
+    """An FMU that stops at 100 s and at 250 s on the way to 300 s."""
+    asked, stops = list[tuple[float, float]](), iter([100.0, 250.0])
+
+    def step(time: float, length: float) -> tuple[bool, bool, bool, float]:
+        asked.append((time, length))
+        reached = next(stops, time + length)
+        return False, False, reached < 300.0, reached
+
+    binding: Any = object.__new__(Binding)
+    binding._fmi, binding._messages, binding._fmu = 3, deque(), SimpleNamespace(doStep=step)
+    binding.do_step(0.0, 300.0)
+    assert asked == [(0.0, 300.0), (100.0, 200.0), (250.0, 50.0)]

@@ -176,3 +176,12 @@ def test_neighbours_fill_a_small_hole_and_refuse_a_large_one(tmp_path: Path) -> 
     assert changed.size == 0
     with pytest.raises(GeometryError, match=r"takes at most 0\.1%"):
         load(written(tmp_path, "c.stl", holed(TORUS, 200)), 300, 300, 2e-5, unit="mm", open_columns="neighbours")
+
+
+def test_part_is_turned_about_x_then_y_then_z() -> None:
+    """The y axis: about x it becomes z, about y then x, about z then y again."""
+    matrix = Placement(rotate_deg=(90.0, 90.0, 90.0)).matrix
+    assert (matrix @ [0.0, 1.0, 0.0]).tolist() == [0.0, 1.0, 0.0]
+    assert (matrix @ [1.0, 0.0, 0.0]).tolist() == [0.0, 0.0, -1.0]
+    two = Placement(rotate_deg=(90.0, 0.0, 90.0)).matrix
+    assert [(two @ axis).tolist() for axis in np.eye(3)] == [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]

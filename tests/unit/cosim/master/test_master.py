@@ -11,6 +11,7 @@ from inkloop.component import Port, Status, Values
 from inkloop.errors import ComponentError, ScenarioError
 from inkloop.master.master import Algorithm, Master
 from inkloop.master.wiring import Connection, contract_connections
+from inkloop.results.checkpoint import Checkpoint
 from inkloop.results.recorder import Recorder
 from support.toys import FunctionComponent, toy_job, toy_loop
 
@@ -91,6 +92,20 @@ def test_slow_component_steps_every_so_often_and_holds_in_between() -> None:
     Master({"slow": slow}, [], step_ns=10, every={"slow": 3}, observers=[trace]).run(time_max_ns=60)
     assert trace.values == [0, 0, 0, 1, 1, 1, 2]
     assert slow.log[1:-1] == ["do_step 0 30", "do_step 30 30"]
+
+
+class Resumable(FunctionComponent):
+    """Has no state."""
+
+    def restore(self, state: bytes) -> None:
+        assert state == b""
+
+
+def test_slow_component_of_a_resumed_run_steps_when_it_would_have() -> None:
+    slow = Resumable(outputs=[Port("y")])
+    point = Checkpoint(40, 0, {"slow": {"y": np.asarray(0.0)}}, {"slow": b""})
+    Master({"slow": slow}, [], step_ns=10, every={"slow": 3}).run(time_max_ns=90, resume=point)
+    assert slow.log[1:-1] == ["do_step 30 30", "do_step 60 30"]
 
 
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])

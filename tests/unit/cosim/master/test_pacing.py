@@ -54,13 +54,14 @@ def test_late_point_is_counted_and_caught_up_with() -> None:
     assert clock.now_ns - begin == 400 * MS
 
 
-def test_resumed_run_counts_from_where_it_stands() -> None:
+@pytest.mark.parametrize("factor", [0.5, 1.0, 4.0])
+def test_resumed_run_counts_from_where_it_stands(factor: float) -> None:
     clock = FakeClock()
     begin = clock.now_ns
-    pacing = Pacing(clock=clock, sleep=clock.sleep)
+    pacing = Pacing(factor, clock=clock, sleep=clock.sleep)
     pacing.start(1000 * MS)
     pacing.wait(1100 * MS)
-    assert clock.now_ns - begin == 100 * MS
+    assert clock.now_ns - begin == 100 * MS / factor
 
 
 def test_long_wait_is_given_up_when_cancelled() -> None:

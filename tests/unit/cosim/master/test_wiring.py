@@ -89,6 +89,11 @@ def test_input_is_fed_once() -> None:
     assert error.startswith("b.x is fed twice, by a.y and a.z")
 
 
+def test_gain_makes_no_length_of_a_time() -> None:
+    parts = {"a": FunctionComponent(outputs=[Port("y", "s")]), "b": FunctionComponent(inputs=[Port("x", "m")])}
+    assert check(parts, [Connection("a.y", "b.x", gain=2.0)]) == ["a.y gives [s], b.x takes [m]: same quantity needed"]
+
+
 def fed(connection: Connection, source: str, target: str, value: float) -> float:
     parts = {"a": FunctionComponent(outputs=[Port("y", source)]), "b": FunctionComponent(inputs=[Port("x", target)])}
     assert check(parts, [connection]) == []

@@ -14,7 +14,7 @@ from inkloop.errors import HeightMapError
 from inkloop.metrology.cell_means import cell_means
 from inkloop.metrology.datum import level, reference_cells
 from inkloop.metrology.height_map import HeightMap
-from inkloop.metrology.map_fit import fit_to_surface
+from inkloop.metrology.map_fit import _points, fit_to_surface
 from inkloop.metrology.registration import Registration, from_fiducials
 from inkloop.units import M_PER_UM
 from support.examples import examples
@@ -264,3 +264,12 @@ def test_datum_without_cells_to_stand_on_is_refused() -> None:
         level(height, np.ones((9, 9), np.bool_), "plane")
     with pytest.raises(HeightMapError, match="0 cells outside the part were measured, the offset needs 1"):
         level(np.full((9, 9), np.nan), np.ones((9, 9), np.bool_), "offset")
+
+
+def test_points_of_a_fit_lie_in_the_middle_of_their_tiles_whatever_the_pixels() -> None:
+    """Pixels of 2 x 5 um in tiles of 10 um: five along x, two along y."""
+    z = np.arange(60.0).reshape(10, 6)
+    x, y, mean = _points(HeightMap(z, 2e-6, 5e-6), 10e-6)
+    assert x.tolist() == pytest.approx([4e-6] * 3 + [14e-6] * 3, rel=1e-12, abs=0.0)
+    assert y.tolist() == pytest.approx([2.5e-6, 12.5e-6, 22.5e-6] * 2, rel=1e-12, abs=0.0)
+    assert mean.tolist() == z.reshape(2, 5, 3, 2).mean(axis=(1, 3)).ravel().tolist()

@@ -86,6 +86,10 @@ def test_kinds_that_keep_more_count_and_layers_do_not(eight_gib: None) -> None:
     ahead = [memory(components__controller__horizon=horizon) for horizon in (1, 2, 3, 4, 5)]
     assert ahead == sorted(set(ahead))
     assert ahead[-1] == plain, "five layers, if no horizon is given"
+    compared = {"compare.other.components.controller": {"kind": "LayerController"}}
+    loaded = inkloop.load(CUBOID, compared)
+    assert isinstance(loaded, Scenario)
+    assert loaded.footprint.memory_of_a_cell == plain + 200, "of the run that takes most"
 
 
 def test_run_that_the_disk_cannot_hold_is_refused_and_leaves_nothing(

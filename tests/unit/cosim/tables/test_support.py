@@ -168,3 +168,10 @@ class Cap(Mushroom):
     def intervals(self, x: Any, y: Any) -> Any:
         ((bottom, top),) = super().intervals(x, y)
         return ((np.maximum(bottom, 20e-6), top),)
+
+
+def test_block_around_the_part_leaves_the_margin_along_every_edge() -> None:
+    text = TEXT.replace("ny = 21", "ny = 25") + "[support]\nmargin_cells = 3\n"
+    expected = np.zeros((21, 25), np.bool_)
+    expected[3:18, 3:22] = True
+    np.testing.assert_array_equal(Scenario.of_text(text, "pipes.toml").job().mask, expected)

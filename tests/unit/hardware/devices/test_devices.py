@@ -20,6 +20,7 @@ from inkloop_hardware.devices.printer import Printer
 from inkloop_hardware.devices.profiler import Profiler
 from inkloop_hardware.devices.readiness import NotReady
 from inkloop_hardware.errors import HardwareError
+from inkloop_hardware.protocol.node_state import Flags
 from inkloop_hardware.protocol.pattern_bytes import PatternBytes
 from inkloop_hardware.protocol.services import Key, Routine, Station
 from inkloop_hardware.protocol.vocabulary import Node
@@ -294,6 +295,14 @@ def test_dry_run_enables_nothing_but_motion() -> None:
         assert set(rig.enables) == {0, MOTION}
         assert nodes.counted(node_bench.GATE_OPENINGS) == nodes.counted(node_bench.LAMP_PULSES) == 0
         assert not nodes.surface.any()
+
+
+def test_dry_run_is_over_in_every_node_when_it_has_ended() -> None:
+    with bench() as nodes:
+        rig = NodeRig(nodes)
+        rig.attach()
+        assert list(dry_run(rig, FOUR, cure_ms=5))
+        assert not any(rig.link(node).state().flags & Flags.DRY_RUN for node in Node)
 
 
 def test_dry_run_left_over_is_ended_before_a_real_layer() -> None:

@@ -122,3 +122,11 @@ def test_report_writes_one_file_and_says_where(tmp_path: Path, capsys: pytest.Ca
     found = json.loads(capsys.readouterr().out)
     assert set(found) == {"folder", "runs"}
     assert (tmp_path / "summary.txt").read_text(encoding="utf-8").startswith("Plate")
+
+
+def test_further_layers_count_from_the_last_one_that_the_page_has() -> None:
+    run = printed().dataset
+    maps = LayerMaps(run, 1)
+    steps = unpacked(maps.packed(2)["heights"]).astype(np.int64)
+    grown = (run.height[2] - run.height[1]).values
+    np.testing.assert_allclose(steps[0] * maps.step_um, grown * 1e6, rtol=0.0, atol=1.01 * maps.step_um)
