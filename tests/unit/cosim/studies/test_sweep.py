@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import math
 import re
 from dataclasses import replace
@@ -233,6 +234,7 @@ def test_record_that_a_kill_has_cut_short_is_printed_again(tmp_path: Path) -> No
     again, _, _ = swept(own, tmp_path / "out", engine)
     assert len(engine.begun) == 1
     xr.testing.assert_identical(whole, again)
+    assert [json.loads(line)["status"] for line in records.read_text().splitlines()] == ["done"] * 6
 
 
 def test_changed_study_is_refused_and_more_seeds_are_not(tmp_path: Path) -> None:
