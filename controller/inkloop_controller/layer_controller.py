@@ -131,7 +131,8 @@ class LayerController:
             found.setdefault("estimated", found["answered"])  # by earlier versions no other scan was
             own = {field.name for field in fields(_State)}
             estimate = Estimate.of_arrays({name: found.pop(name) for name in found.keys() - own})
-            state = _State(**found | {"drop_level": _lean(found["drop_level"])}, estimate=estimate)
+            whole = _State(**found, estimate=estimate)
+            state = replace(whole, drop_level=_lean(whole.drop_level))
         except (ValueError, TypeError, KeyError, OSError) as error:
             raise ComponentError(f"layer controller: what is to be restored is no state of it ({error})") from error
         if state.pattern.shape != self._state.pattern.shape:

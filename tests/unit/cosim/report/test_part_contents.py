@@ -50,11 +50,11 @@ def test_figures_of_a_part_in_two_inks(tmp_path: Path) -> None:
     assert "narrow         nothing: no wall, no gap below 200 µm" in lines
     assert report.size_line == "size           0.8 x 0.6 x 0.03 mm"
     data = report.data()
-    assert data["ink_nl"] == pytest.approx({"A": 4.8, "B": 4.8}, rel=1e-6)
+    assert data["ink_nl"] == pytest.approx({"A": 4.8, "B": 4.8}, rel=1e-6, abs=0.0)
     assert (data["cells_printed"], data["droplets"]) == (40, {"A": droplets[0], "B": droplets[1]})
-    assert data["height_mm"] == pytest.approx(0.03, rel=1e-6)
-    assert data["volume_mm3"] == pytest.approx(volume_mm3, rel=1e-6)
-    assert data["computing_s"] == pytest.approx(40 * report.scenario.footprint.seconds_of_a_cell, rel=1e-9)
+    assert data["height_mm"] == pytest.approx(0.03, rel=1e-6, abs=0.0)
+    assert data["volume_mm3"] == pytest.approx(volume_mm3, rel=1e-6, abs=0.0)
+    assert data["computing_s"] == pytest.approx(40 * report.scenario.footprint.seconds_of_a_cell, rel=1e-9, abs=0.0)
 
 
 def test_wall_of_one_cell_is_narrow_where_it_stands(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_time_is_that_of_layers_and_scans(options: str, seconds: float, tmp_path
     profiler = text.replace('kind = "ProfileSensor"\n', f'kind = "ProfileSensor"\n{options}\n')
     profiler = profiler.replace('kind = "LayerDeposition"\n', 'kind = "LayerDeposition"\nlayer_duration_s = 1.5\n')
     report = PartReport.of(type(with_part(TWO_INKS, tmp_path)).of_text(profiler, str(tmp_path / "part.toml")), None)
-    assert report.scan_time == pytest.approx(report.scenario.footprint.layers * (seconds + 1.5), rel=1e-9)
+    assert report.scan_time == pytest.approx(report.scenario.footprint.layers * (seconds + 1.5), rel=1e-9, abs=0.0)
 
 
 def test_mesh_is_described_with_its_holes() -> None:
@@ -106,7 +106,9 @@ def test_mesh_is_described_with_its_holes() -> None:
     data = many.data()
     assert (data["hole_count"], len(data["holes"]), data["watertight"]) == (12, 10, False)
     assert data["holes"][0] == {
-        "size_mm": pytest.approx(5.0), "center_mm": pytest.approx([1.0, 2.0, 3.0]), "edges": 4, "seam": False,
+        "size_mm": pytest.approx(5.0, rel=1e-9, abs=0.0),
+        "center_mm": pytest.approx([1.0, 2.0, 3.0], rel=1e-9, abs=0.0),
+        "edges": 4, "seam": False,
     }  # fmt: skip
     corners = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 2, 0]], [[0, 0, 0], [1, 0, 0], [0, 0, 3]]])
     found = MeshReport.of([Body(corners, name="a"), Body(corners + 1.0, material="b"), Body(corners, name="a")])
@@ -131,12 +133,12 @@ def test_picture_of_a_part_shows_top_narrow_cells_and_the_inks_of_its_cut(
     tops: Any = np.ma.filled(np.ma.asarray(above.get_images()[0].get_array()), np.nan)
     mask = report.scenario.job().mask
     np.testing.assert_array_equal(np.isfinite(tops), mask.T)
-    assert np.nanmax(tops) == np.nanmin(tops) == pytest.approx(30.0, rel=1e-6)
+    assert np.nanmax(tops) == np.nanmin(tops) == pytest.approx(30.0, rel=1e-6, abs=0.0)
     narrow: Any = np.ma.filled(np.ma.asarray(above.get_images()[1].get_array()), np.nan)
     np.testing.assert_array_equal(np.isfinite(narrow), report.narrow["walls"].cells.T)
     grid = report.scenario.tables.grid
     extent = (-0.05, grid.nx * 0.1 - 0.05, -0.05, grid.ny * 0.1 - 0.05)
-    assert [image.get_extent() for image in above.get_images()] == [pytest.approx(extent, rel=1e-9)] * 2
+    assert [image.get_extent() for image in above.get_images()] == [pytest.approx(extent, rel=1e-9, abs=0.0)] * 2
     legend: Any = above.get_legend()
     assert [text.get_text() for text in legend.get_texts()] == ["narrow"]
     (row,) = {float(y) * 10.0 for y in np.asarray(above.lines[0].get_ydata(), float)}
@@ -146,7 +148,7 @@ def test_picture_of_a_part_shows_top_narrow_cells_and_the_inks_of_its_cut(
     (image,) = cut.get_images()
     shown = np.asarray(image.get_array())
     np.testing.assert_array_equal(shown, np.broadcast_to(1.0 * mask[:, round(row)], shown.shape))
-    assert image.get_extent() == pytest.approx((*extent[:2], 0.0, 30.0), rel=1e-6)
+    assert image.get_extent() == pytest.approx((*extent[:2], 0.0, 30.0), rel=1e-6, abs=0.0)
     assert (cut.get_xlabel(), cut.get_ylabel()) == ("x [mm]", "z [µm]")
     assert figure.axes[3].get_ylabel() == "top [µm]"
 

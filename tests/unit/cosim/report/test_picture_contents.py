@@ -76,7 +76,7 @@ def test_error_map_has_places_in_millimetres_and_counts_every_cell() -> None:
     (image,) = plane.get_images()
     assert image.get_extent() == pytest.approx((-0.05, 0.65, -0.05, 0.45), rel=1e-9, abs=0.0)
     assert (plane.get_xlim(), plane.get_ylim()) == (
-        pytest.approx((-0.05, 0.65), rel=1e-9), pytest.approx((-0.05, 0.45), rel=1e-9),
+        pytest.approx((-0.05, 0.65), rel=1e-9, abs=0.0), pytest.approx((-0.05, 0.45), rel=1e-9, abs=0.0),
     )  # fmt: skip
     shown: Any = np.ma.filled(np.ma.asarray(image.get_array()), np.nan)
     assert shown.shape == (NY, NX)  # rows along y, from below
@@ -102,7 +102,9 @@ def test_comparison_has_one_scale_and_the_figures_of_each_run_above_its_map() ->
         mean_um, std_um = (float(run[each][-1]) * 1e6 for each in ("mean_error", "std"))
         assert axes.get_title() == f"{name}\nmean error {mean_um:.2f}\nstd {std_um:.2f} µm"
         (image,) = axes.get_images()
-        assert np.nanmean(np.ma.filled(np.ma.asarray(image.get_array()), np.nan)) == pytest.approx(mean_um, rel=1e-9)
+        assert np.nanmean(np.ma.filled(np.ma.asarray(image.get_array()), np.nan)) == pytest.approx(
+            mean_um, rel=1e-9, abs=0.0
+        )
     norms = [axes.get_images()[0].norm for axes in (first, second)]
     assert norms[0] is norms[1]
     assert isinstance(norms[0], AsinhNorm)
@@ -115,11 +117,11 @@ def test_comparison_has_one_scale_and_the_figures_of_each_run_above_its_map() ->
 
 def test_scale_reaches_the_largest_error_and_tells_the_smallest() -> None:
     one = plot.error_norm([np.array([[-4.0, 1.0], [np.nan, 2.0]])])
-    assert (one.vmin, one.vmax) == (pytest.approx(-4.0, rel=0.05), pytest.approx(4.0, rel=0.05))
+    assert (one.vmin, one.vmax) == (pytest.approx(-4.0, rel=0.05, abs=0.0), pytest.approx(4.0, rel=0.05, abs=0.0))
     assert type(one) is Normalize
     both = plot.error_norm([np.full((3, 3), 0.4), np.full((3, 3), -20.0)])
     assert isinstance(both, AsinhNorm)
-    assert (both.vmin, both.vmax, both.linear_width) == pytest.approx((-20.0, 20.0, 0.2), rel=1e-9)
+    assert (both.vmin, both.vmax, both.linear_width) == pytest.approx((-20.0, 20.0, 0.2), rel=1e-9, abs=0.0)
     assert plot.error_norm([np.zeros((2, 2))]).vmax == 1e-3
 
 
@@ -139,7 +141,7 @@ def test_cut_shows_layers_target_and_error_along_the_middle_of_the_part() -> Non
     assert whole.get_ylim()[0] == 0.0
     np.testing.assert_allclose(values(top.lines[0]), np.stack([x[1:5], [2.0] * 4]), rtol=1e-9)  # the part alone
     np.testing.assert_allclose(values(top.lines[1]), np.stack([x[1:5], [-3.0] * 4]), rtol=1e-9)
-    assert top.get_ylim() == pytest.approx((-3.6, 3.6), rel=1e-9)
+    assert top.get_ylim() == pytest.approx((-3.6, 3.6), rel=1e-9, abs=0.0)
 
 
 def test_cut_of_many_layers_shows_about_ten() -> None:
@@ -152,12 +154,12 @@ def test_cut_of_many_layers_shows_about_ten() -> None:
 
 def test_frame_of_the_cut_is_that_of_the_runs_that_are_near() -> None:
     _, top = cross_section({"closed": printed(2.0), "open": printed(15.0)}).axes
-    assert top.get_ylim() == pytest.approx((-2.4, 2.4), rel=1e-9)
+    assert top.get_ylim() == pytest.approx((-2.4, 2.4), rel=1e-9, abs=0.0)
     assert top.get_title(loc="left") == "open: 15 µm too low, outside the frame"
     _, alone = cross_section({"open": printed(15.0)}).axes
-    assert alone.get_ylim() == pytest.approx((-18.0, 18.0), rel=1e-9)
+    assert alone.get_ylim() == pytest.approx((-18.0, 18.0), rel=1e-9, abs=0.0)
     _, exact = cross_section({"exact": printed(0.0)}).axes
-    assert exact.get_ylim() == pytest.approx((-0.1, 0.1), rel=1e-9)
+    assert exact.get_ylim() == pytest.approx((-0.1, 0.1), rel=1e-9, abs=0.0)
 
 
 def test_layers_are_numbered_and_their_droplets_counted() -> None:
@@ -210,7 +212,7 @@ def test_surfaces_are_named_with_their_figures_and_on_one_height() -> None:
     high, low = printed(-3.0), printed(8.0)
     alone = surfaces({"a": high})
     assert alone.axes[0].get_zlabel() == "height [µm]"  # type: ignore[attr-defined]
-    assert alone.axes[0].get_zlim() == pytest.approx((0.0, 28.0 * 1.02), rel=0.03)  # type: ignore[attr-defined]
+    assert alone.axes[0].get_zlim() == pytest.approx((0.0, 28.0 * 1.02), rel=0.03, abs=0.0)  # type: ignore[attr-defined]
     title = f"a\nmean error {float(high.mean_error[-1]) * 1e6:.2f}, std {float(high['std'][-1]) * 1e6:.2f} µm"
     assert [text.get_text() for text in alone.texts] == [title, "heights in µm, stretched x 11"]  # 0.45 * 700 / 28
     pair = surfaces({"low": low, "high": high, "b": low, "fourth": low})
@@ -222,7 +224,9 @@ def test_surfaces_are_named_with_their_figures_and_on_one_height() -> None:
     assert lefts == sorted(lefts)
     assert np.diff([*lefts, pair.axes[3].get_position().x0]).min() > 0.25  # side by side, then the scale
     for axes, text in zip(panels, pair.texts, strict=False):
-        assert text.get_position()[0] == pytest.approx(axes.get_position().x0 + axes.get_position().width / 2, rel=1e-6)
+        assert text.get_position()[0] == pytest.approx(
+            axes.get_position().x0 + axes.get_position().width / 2, rel=1e-6, abs=0.0
+        )
     assert [(axes.get_xlabel(), axes.get_ylabel()) for axes in panels] == [("x [mm]", "y [mm]")] * 3
 
 
@@ -249,7 +253,7 @@ def test_hardware_is_compared_with_the_model_layer_by_layer() -> None:
         "rms of the layer's growth": found.growth,
         "worst cell": found.worst,
     }
-    assert lines == pytest.approx({name: 1e6 * value for name, value in expected.items()}, rel=1e-9)
+    assert lines == pytest.approx({name: 1e6 * value for name, value in expected.items()}, rel=1e-9, abs=0.0)
     np.testing.assert_array_equal(values(labelled(curves)["mean"])[0], np.arange(10))
     assert curves.get_ylabel() == "hardware minus model [µm]\n(hardware higher +, lower -)"
     assert curves.get_xlabel() == "layer"
@@ -279,13 +283,13 @@ def test_cut_in_two_inks_has_the_colour_of_each_ink_between_its_bounds() -> None
     assert same_color(colours[level, 3], legend["ink B"].get_facecolor())
     assert same_color(colours[3 * level, 2], legend["ink B"].get_facecolor())
     assert colours[level, 0, 3] == colours[level, 5, 3] == 0.0  # nothing there
-    assert image.get_extent() == pytest.approx((-0.05, 0.65, 0.0, 21.0), rel=1e-9)  # as whole steps
+    assert image.get_extent() == pytest.approx((-0.05, 0.65, 0.0, 21.0), rel=1e-9, abs=0.0)  # as whole steps
     bottom, top = (values(line)[1] for line in axes.lines)
     np.testing.assert_allclose(bottom, [np.nan, 0, 0, 0, 0, np.nan, np.nan], atol=1e-12)
     np.testing.assert_allclose(top, [np.nan, 12, 12, 12, 12, np.nan, np.nan], rtol=1e-9)
     assert axes.get_title() == "print: cut at y = 0.20 mm"
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [mm]", "height [µm]")
-    assert axes.get_ylim() == pytest.approx((0.0, 1.04 * 21.0), rel=1e-9)
+    assert axes.get_ylim() == pytest.approx((0.0, 1.04 * 21.0), rel=1e-9, abs=0.0)
 
 
 def test_run_has_the_pictures_that_it_has_data_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

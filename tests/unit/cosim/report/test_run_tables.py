@@ -96,7 +96,7 @@ def test_plain_values_are_those_of_the_run_in_units_of_people() -> None:
         "mean_error_um": 0.5, "mae_um": 2.5, "rms_um": 7.5**0.5, "std_um": STD_UM, "min_um": -4.0, "max_um": 3.0,
         "mismatch": 0.125, "layers": 2, "droplets": 5, "wall_s": 2.345,
     }  # fmt: skip
-    assert {name: found[name] for name in expected} == pytest.approx(expected, rel=1e-9)
+    assert {name: found[name] for name in expected} == pytest.approx(expected, rel=1e-9, abs=0.0)
     assert (found["stop_reason"], found["remarks"]) == ("done", [])
     assert set(found) == {*expected, "stop_reason", "remarks"}
 
@@ -140,10 +140,10 @@ def test_compared_runs_are_named_by_label_or_by_folder(tmp_path: Path) -> None:
         result.save(folder)
     table, found, written = run_report.compare(folders[:2], tmp_path / "both", ())
     assert (list(found), written) == (["closed loop", "open"], [])
-    assert [found[name]["mae_um"] for name in found] == pytest.approx([2.5, 5.0], rel=1e-9)
+    assert [found[name]["mae_um"] for name in found] == pytest.approx([2.5, 5.0], rel=1e-9, abs=0.0)
     assert [str(cell) for cell in table.columns[0].cells] == ["closed loop", "open"]  # nothing published
     found = run_report.compare(folders, tmp_path / "all", ())[1]
-    assert [found[str(folder)]["mae_um"] for folder in folders] == pytest.approx([2.5, 5.0, 7.5], rel=1e-9)
+    assert [found[str(folder)]["mae_um"] for folder in folders] == pytest.approx([2.5, 5.0, 7.5], rel=1e-9, abs=0.0)
 
 
 def shadowed(status: list[int], growth_um: list[float]) -> list[str]:
@@ -229,7 +229,7 @@ def test_bar_follows_the_height_that_is_built(monkeypatch: pytest.MonkeyPatch) -
     scenario: Any = SimpleNamespace(tables=SimpleNamespace(label="closed loop"))
     told: Any = Bar()
     print_part(scenario, told)
-    assert [each["completed"] for each in told.shown] == pytest.approx([0.0, 0.25, 0.75, 1.0, 1.0], rel=1e-9)
+    assert [each["completed"] for each in told.shown] == pytest.approx([0.0, 0.25, 0.75, 1.0, 1.0], rel=1e-9, abs=0.0)
     assert told.shown[1]["figures"] == "layer 1: mean error 30.00, std 1.50 µm"
     assert [each["solve"] for each in told.shown[:2]] == ["", "plan 12.3 ms"]
 

@@ -108,7 +108,7 @@ def test_scan_before_the_first_is_none() -> None:
     assert (recorder.take_rows(), rows) == ({}, [])
     recorder.stepped(SECOND, {"profiler": {"measured_height": flat(4.0), "layers_scanned": np.asarray(0)}})
     assert [(row.layer, row.time, row.mean_error * 1e6) for row in rows] == [
-        (0, 1.0, pytest.approx(mean_um(4.0), rel=1e-9))
+        (0, 1.0, pytest.approx(mean_um(4.0), rel=1e-9, abs=0.0))
     ]
 
 
@@ -147,7 +147,9 @@ def test_print_without_a_known_surface_is_judged_by_its_shadow() -> None:
     np.testing.assert_array_equal(run.shadow_status, [0, 4, 0])
     np.testing.assert_allclose(run.growth_divergence * 1e6, [2.0, 12.0, np.nan], rtol=1e-12)
     assert [row.layer for row in rows] == [0, 1, 2]
-    assert [row.mean_error * 1e6 for row in rows] == pytest.approx([mean_um(1), mean_um(11), mean_um(21)], rel=1e-9)
+    assert [row.mean_error * 1e6 for row in rows] == pytest.approx(
+        [mean_um(1), mean_um(11), mean_um(21)], rel=1e-9, abs=0.0
+    )
     assert [row.time for row in rows] == [0.0, 2.0, 4.0]
 
 
@@ -174,7 +176,7 @@ def test_surface_is_that_of_who_knows_best(has_height: bool, is_device: bool, ex
     )
     run = recorder.dataset()
     np.testing.assert_allclose(run.height[0] * 1e6, expected, rtol=1e-12)
-    assert [row.mean_error * 1e6 for row in rows] == pytest.approx([mean_um(expected)], rel=1e-9)
+    assert [row.mean_error * 1e6 for row in rows] == pytest.approx([mean_um(expected)], rel=1e-9, abs=0.0)
 
 
 def test_row_that_is_reported_has_all_figures_of_the_layer() -> None:

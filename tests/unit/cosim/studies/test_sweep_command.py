@@ -204,7 +204,10 @@ def test_best_scenario_of_a_search_is_one_that_prints_so(
     assert begun("--out", "out", "--json") == 0
     shown = capsys.readouterr()
     best = json.loads(shown.out)["best"]
-    assert (best["value"], best["keys"]) == (pytest.approx(0.8, rel=1e-12), {"components.controller.alpha": 0.8})
+    assert (best["value"], best["keys"]) == (
+        pytest.approx(0.8, rel=1e-12, abs=0.0),
+        {"components.controller.alpha": 0.8},
+    )
     scenario = Scenario.load(tmp_path / "out/best/cuboid.toml")
     assert scenario.tables.components["controller"].options["alpha"] == 0.8
     first = scenario.text.partition("\n")[0] if scenario.text.startswith("#") else ""

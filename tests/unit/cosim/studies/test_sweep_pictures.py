@@ -90,11 +90,11 @@ def test_error_of_a_mean_is_none_where_one_of_its_points_has_none(tmp_path: Path
         each["keys"] |= {f"components.printer.{key}": number for key in ("passes", "seed")}
     figure = pictures(study(tmp_path, text), found, NONE)["main-effects"]
     effects = panels(figure)
-    assert [high - low for low, high in _bars(effects["alpha"])] == pytest.approx([0.0, 0.8], rel=1e-9)
+    assert [high - low for low, high in _bars(effects["alpha"])] == pytest.approx([0.0, 0.8], rel=1e-9, abs=0.0)
     assert len(effects) == 5
     rows = {axes.get_subplotspec().rowspan.start for axes in effects.values()}
     assert rows == {0, 1}  # four in a row
-    assert figure.get_figheight() == pytest.approx(2 * 1.9 + 0.3, rel=1e-9)
+    assert figure.get_figheight() == pytest.approx(2 * 1.9 + 0.3, rel=1e-9, abs=0.0)
 
 
 def _bars(axes: Any) -> list[tuple[float, float]]:
@@ -145,7 +145,9 @@ def test_front_joins_the_points_that_no_other_beats(tmp_path: Path) -> None:
     np.testing.assert_array_equal(drawn(every).T, list(at.values()))
     np.testing.assert_array_equal(drawn(front).T, [at[0.1], at[0.3], at[0.5]])
     assert texts(axes.texts) == ["alpha 0.1", "alpha 0.3", "alpha 0.5"]
-    assert [text.xy for text in axes.texts] == [pytest.approx(at[alpha], rel=1e-12) for alpha in (0.1, 0.3, 0.5)]
+    assert [text.xy for text in axes.texts] == [
+        pytest.approx(at[alpha], rel=1e-12, abs=0.0) for alpha in (0.1, 0.3, 0.5)
+    ]
     assert [text.get_horizontalalignment() for text in axes.texts] == ["left", "left", "right"]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("layers", "std [µm]")
     assert texts(axes.get_legend().get_texts()) == ["points", "Pareto front"]

@@ -40,9 +40,9 @@ def test_curves_by_layer_are_distance_unevenness_and_droplets_under_their_headin
     figure = by_layer({"closed": printed(1.0, 2.0, 3.0), "open <b>": printed(1.0, 2.0, 3.0)})
     mean, std, droplets = figure["data"][:3]
     assert (mean["x"], mean["yaxis"]) == ([0, 1, 2, 3], "y")
-    assert mean["y"] == pytest.approx([50.0, 98 / 3, 46 / 3, 2.0], rel=1e-9)  # a distance has no sign
+    assert mean["y"] == pytest.approx([50.0, 98 / 3, 46 / 3, 2.0], rel=1e-9, abs=0.0)  # a distance has no sign
     assert (std["x"], std["yaxis"]) == ([1, 2, 3], "y2")
-    assert std["y"] == pytest.approx([4 / 3, 8 / 3, 4.0], rel=1e-9)
+    assert std["y"] == pytest.approx([4 / 3, 8 / 3, 4.0], rel=1e-9, abs=0.0)
     assert (droplets["x"], droplets["y"], droplets["yaxis"]) == ([1, 2, 3], [1, 2, 3], "y3")
     assert [trace["name"] for trace in figure["data"]] == ["closed"] * 3 + ["open &lt;b&gt;"] * 3
     assert [trace.get("showlegend", True) for trace in figure["data"]] == [True, False, False] * 2
@@ -71,7 +71,12 @@ def test_curves_by_layer_are_distance_unevenness_and_droplets_under_their_headin
 def test_line_has_gaps_where_a_logarithm_has_none() -> None:
     run = printed(1.0, 2.0)
     run["mean_error"] = ("layer", [0.0, np.nan, -1e-6, 2e-6])
-    assert by_layer({"a": run})["data"][0]["y"] == [None, None, pytest.approx(1.0), pytest.approx(2.0)]
+    assert by_layer({"a": run})["data"][0]["y"] == [
+        None,
+        None,
+        pytest.approx(1.0, rel=1e-9, abs=0.0),
+        pytest.approx(2.0, rel=1e-9, abs=0.0),
+    ]
     blank = by_layer({"a": printed(1.0, std_um=0.0).drop_vars("pattern")})
     assert len(blank["data"]) == 2
     assert "type" not in blank["layout"]["yaxis"]
@@ -90,14 +95,14 @@ def test_distribution_counts_the_cells_of_the_part() -> None:
     errors = [-1.0] * 3 + [0.5] * 5 + [2.0] * 2
     figure = distribution({"a": printed(*errors), "b": printed(*[1.0] * 9)})
     first, second = figure["data"]
-    assert sum(first["y"]) == pytest.approx(100.0, rel=1e-9)
+    assert sum(first["y"]) == pytest.approx(100.0, rel=1e-9, abs=0.0)
     x, y = np.array(first["x"]), np.array(first["y"])
     mean = float(x @ y) / 100.0
     assert mean == pytest.approx(float(np.mean(errors)), abs=0.05)
-    assert sorted(y[y > 0]) == pytest.approx([20.0, 30.0, 50.0], rel=1e-9)
-    assert y[np.abs(x + 1.0) < 0.05].sum() == pytest.approx(30.0, rel=1e-9)
+    assert sorted(y[y > 0]) == pytest.approx([20.0, 30.0, 50.0], rel=1e-9, abs=0.0)
+    assert y[np.abs(x + 1.0) < 0.05].sum() == pytest.approx(30.0, rel=1e-9, abs=0.0)
     assert second["x"][int(np.argmax(second["y"]))] == pytest.approx(1.0, abs=0.05)
-    assert max(second["y"]) == pytest.approx(100.0, rel=1e-9)
+    assert max(second["y"]) == pytest.approx(100.0, rel=1e-9, abs=0.0)
     assert (first.get("fill"), second.get("fill")) == ("tozeroy", None)
     title = figure["layout"]["xaxis"]["title"]["text"]
     assert title == "target - height [µm]<br>- too high, + too low"
