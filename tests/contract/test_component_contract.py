@@ -63,6 +63,10 @@ MAKERS: dict[str, Callable[[Path], Component]] = {
     **{kind: lambda _, kind=kind: catalog.make(kind, JOB, {}) for kind in CONTROLLERS},  # type: ignore[misc]
     "MapFolder": recorded_maps,
 }
+OURS = [
+    pytest.param(make, id=name, marks=[pytest.mark.long] if name.endswith("fixed") else [])
+    for name, make in MAKERS.items()
+]
 FOREIGN = [
     pytest.param(
         lambda folder, fmi=fmi: FmuComponent(build(folder, fmi)), id=f"foreign FMI {fmi}", marks=pytest.mark.compiled
@@ -86,7 +90,7 @@ def exported_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("check", RESUMABLE_CONTRACT_CHECKS)
-@pytest.mark.parametrize("maker", [*(pytest.param(make, id=name) for name, make in MAKERS.items()), *FOREIGN])
+@pytest.mark.parametrize("maker", [*OURS, *FOREIGN])
 def test_ours_keep(maker: Callable[[Path], Component], check: ContractCheck, tmp_path: Path) -> None:
     check(lambda: maker(tmp_path))
 

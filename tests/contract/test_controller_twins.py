@@ -15,14 +15,13 @@ from inkloop.components import catalog
 from inkloop_controller.model.layer_model import LayerModel
 from support import prints
 from support.closed_loop import SECOND, block, inputs_of
-from support.fmus.fmu_driver import FORMS, OK, Driver
+from support.fmus.fmu_driver import EVERY_FORM, OK, Driver
 from support.places import SCENARIOS
 
 FOLDER = SCENARIOS
 OF_PYTHON_ALONE = ["bound", "bound_confidence", "bound_valid", "gap", "solve_time"]
 QUICK = ("cuboid", "tilted-substrate", "two-materials")
 FIRST_LAYERS = ("pipe-junction", "surface-tension", "tilted-substrate", "two-materials")  # show as much
-EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 
 
 def planned_by_mpc(path: Path) -> bool:

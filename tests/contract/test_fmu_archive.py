@@ -18,10 +18,11 @@ from lxml import etree
 from inkloop.fmu_writer.export import export_fmu, find_fmu
 from support.fmus.fmu_driver import DEPOSITION_MODELS, FORMS, MODELS, Driver, random_patterns
 from support.fmus.fmu_library import HEADERS, described
-from support.fmus.fmu_life import EVERY_FORM, EVERY_MODEL
+from support.fmus.fmu_life import EVERY_MODEL
 from support.long_proofs import rest_is_long
 from support.source_tree import c_files
 
+EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 SHORT = ("LayerDeposition", "fmi2")
 COMPILED = [SHORT, *((m, form) for m in MODELS for form in ("fmi3", "fmi2") if (m, form) != SHORT)]
 """What is compiled again; the sources of the others are those of the build (below)."""

@@ -19,9 +19,9 @@ import pytest
 from fmpy import fmi2, fmi3
 from lxml import etree
 
-from support.fmus.fmu_driver import DISCARD, ERROR, FIXED_REALS, FORMS, MODELS, OK, Driver, callbacks
+from support.fmus.fmu_driver import DISCARD, ERROR, EVERY_FORM, FIXED_REALS, FORMS, MODELS, OK, Driver, callbacks
 from support.fmus.fmu_library import BAKED, HEADERS, JOB, archive_of, described
-from support.fmus.fmu_life import EVERY_FORM, EVERY_MODEL, offer, started
+from support.fmus.fmu_life import EVERY_MODEL, offer, started
 from support.fmus.layer_jobs import block
 
 SCHEMAS = {

@@ -17,9 +17,9 @@ import pytest
 
 from support.examples import examples
 from support.fmus import fmu_library, fuzzed_calls, fuzzing
-from support.fmus.fmu_driver import DEPOSITION_MODELS, DISCARD, ERROR, OK, Driver
+from support.fmus.fmu_driver import DEPOSITION_MODELS, DISCARD, ERROR, EVERY_FORM, OK, Driver
 from support.fmus.fmu_library import NAMES
-from support.fmus.fmu_life import EVERY_FORM, EVERY_MODEL, PARAMETERS, act, started
+from support.fmus.fmu_life import EVERY_MODEL, PARAMETERS, act, started
 from support.fmus.fuzzed_calls import drawn, feed
 from support.long_proofs import rest_is_long
 

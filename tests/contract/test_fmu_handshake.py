@@ -9,8 +9,8 @@ from support.fmus.fmu_driver import (
     DEPOSITION_MODELS,
     DISCARD,
     ERROR,
+    EVERY_FORM,
     FIXED_REALS,
-    FORMS,
     MODELS,
     OK,
     Driver,
@@ -18,7 +18,6 @@ from support.fmus.fmu_driver import (
     random_patterns,
 )
 
-EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 EVERY_MODEL = pytest.mark.parametrize("model", MODELS)
 EVERY_DEPOSITION = pytest.mark.parametrize("model", DEPOSITION_MODELS)
 

@@ -6,8 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from support.fmus.fmu_driver import ERROR, MODELS, OK, Driver, equal
-from support.fmus.fmu_life import EVERY_FORM, EVERY_MODEL, PARAMETERS, act, started
+from support.fmus.fmu_driver import ERROR, EVERY_FORM, MODELS, OK, Driver, equal
+from support.fmus.fmu_life import EVERY_MODEL, PARAMETERS, act, started
 
 HEAD = 48
 """Bytes of a state before its checksum: fingerprint, nx, ny, mode, bytes kept."""

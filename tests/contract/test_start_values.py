@@ -11,8 +11,7 @@ import fmpy
 import pytest
 
 from inkloop.fmu_writer.export import find_fmu
-from support.fmus.fmu_driver import DEPOSITION_MODELS, OK, Driver
-from support.fmus.fmu_life import EVERY_FORM
+from support.fmus.fmu_driver import DEPOSITION_MODELS, EVERY_FORM, OK, Driver
 
 SYSTEM = ("LayerController", "ProfileSensor")
 """What stands next to a deposition model; outputs and inputs of one name are connected."""

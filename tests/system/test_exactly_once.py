@@ -106,6 +106,6 @@ def test_killed_master_prints_every_pass_once(count: int, looks: Path, tmp_path:
     killed_masters(part(tmp_path, count), tmp_path, looks, count, with_nodes=False)
 
 
-@pytest.mark.parametrize("count", rest_is_long([6, 10], 1))
+@pytest.mark.parametrize("count", rest_is_long([3, 10], 1))
 def test_killed_master_and_nodes_print_every_pass_once(count: int, looks: Path, tmp_path: Path) -> None:
     killed_masters(part(tmp_path, count), tmp_path, looks, count, with_nodes=True)

@@ -12,6 +12,7 @@ from typing import Any, Self
 
 import fmpy
 import numpy as np
+import pytest
 from fmpy import fmi2, fmi3
 from fmpy.fmi1 import FMICallException
 
@@ -19,6 +20,8 @@ from inkloop.fmu_writer.export import export_fmu, find_fmu
 
 OK, DISCARD, ERROR = 0, 2, 3
 FORMS = ("fmi3", "fmi3-fixed", "fmi2")
+EVERY_FORM = pytest.mark.parametrize("form", ["fmi3", "fmi2", pytest.param("fmi3-fixed", marks=pytest.mark.long)])
+"""For what the binary does: that of fmi3-fixed is the one of fmi3."""
 DEPOSITION_MODELS = ("LayerDeposition", "SuperpositionDeposition", "VolumeAreaDeposition", "YoungLaplaceDeposition")
 MODELS = (*DEPOSITION_MODELS, "ProfileSensor", "LayerController")
 FIXED_REALS = {**dict.fromkeys(MODELS, "pitch"), "LayerController": "h1_a"}

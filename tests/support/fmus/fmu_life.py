@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from support.fmus.fmu_driver import FORMS, MODELS, OK, Driver, random_patterns
+from support.fmus.fmu_driver import MODELS, OK, Driver, random_patterns
 
-EVERY_FORM = pytest.mark.parametrize("form", FORMS)
 EVERY_MODEL = pytest.mark.parametrize("model", MODELS)
 PARAMETERS = {
     "LayerDeposition": {"variation": 0.3, "passes": 4, "pass_rotation": 1, "layer_duration": 2.5},

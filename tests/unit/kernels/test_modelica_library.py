@@ -38,7 +38,7 @@ KINDS = (
     r"|pure function|partial function|connector|type)"
 )
 EXAMPLES = rest_is_long(
-    sorted((name for name in RUNNING if name.startswith("Examples.")), key=lambda name: "Cylinder" in name), 3
+    sorted((name for name in RUNNING if name.startswith("Examples.")), key=lambda name: "Cylinder" in name), 2
 )
 VALIDATIONS = [name for name in RUNNING if name.startswith("Validation.")]
 DONE = 3  # Types.Status.done

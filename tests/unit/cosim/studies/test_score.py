@@ -140,12 +140,13 @@ class Threshold:
 def test_users_controller_stands_in_a_row_next_to_ours(tmp_path, monkeypatch, capsys) -> None:
     (tmp_path / "mine.py").write_text(RULE)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("inkloop.studies.score.command.AGAINST", (OPEN_LOOP, OURS))  # fewer prints
     arguments = ["score", "mine:Threshold", "--set", "share=0.4", "--plant", "caps", "--quick", "--out", "scores"]
     assert main(arguments) == 0
     assert "mine:Threshold" in capsys.readouterr().out
     lines = list(csv.DictReader((tmp_path / "scores/score.csv").read_text().splitlines()))
     rms = {line["controller"]: float(line["rms_um"]) for line in lines}
-    assert rms["mine:Threshold"] < rms["open loop"]
+    assert max(rms[OURS.name], rms["mine:Threshold"]) < rms["open loop"]
     assert {path.name for path in (tmp_path / "scores").iterdir()} == {
         f"score.{end}" for end in ("md", "tex", "csv", "png")
     }

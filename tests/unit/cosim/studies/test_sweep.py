@@ -197,7 +197,7 @@ def test_sweep_is_labelled_by_keys_and_failing_prints_are_rows_with_their_error(
 def test_page_has_every_point_and_error_and_texts_of_users_are_no_html(tmp_path: Path) -> None:
     own = study(tmp_path, f'title = "alpha <i> & finish"\n{TWO_KEYS}[seeds]\ncount = 3\n')
     found, plan, _ = swept(own, tmp_path / "out", Shuffled(alpha_of))
-    assert report(own, found, plan, tmp_path / "out", ("png", "pdf"), Terminal(io.StringIO()), is_whole=True) == 3
+    assert report(own, found, plan, tmp_path / "out", ("png",), Terminal(io.StringIO()), is_whole=True) == 3
     text = (tmp_path / "out/study.html").read_text(encoding="utf-8")
     assert "<h1>alpha &lt;i&gt; &amp; finish</h1>" in text
     assert "<i>" not in text
