@@ -19,7 +19,7 @@ from inkloop.errors import ResultError
 from inkloop.limits import ROUNDED_CELLS, available_memory, duration_text, free_disk, memory_error, size_text
 from inkloop.tables.schema import ComponentTable, ScenarioFile
 
-BYTES_OF_A_CELL = 175
+BYTES_OF_A_CELL = 185
 BYTES_OF_A_PLAN, BYTES_OF_A_LAYER_AHEAD = 55, 70
 """Memory of a cell in addition where layers are planned: one ahead, and for each further one."""
 MORE_BYTES_OF_A_CELL: Mapping[str, int] = {"YoungLaplaceDeposition": 5700, "LayerController": 200}
