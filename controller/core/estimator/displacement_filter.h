@@ -70,7 +70,7 @@ typedef struct {
     bool is_packed; /* the values of walls alone stand one after the other; else in maps */
 } WallColumns;
 
-/* Where the values of a cell are; `wall`: number of walls before it, which goes on to the next cell. */
+/* Where the values of a cell are; `wall`: number of walls before it, carried to the next cell. */
 static inline size_t column_place(const WallColumns *columns, size_t cell, size_t *wall) {
     const size_t place = columns->is_packed ? *wall : cell;
     *wall += columns->is_wall[cell];

@@ -63,7 +63,7 @@ bool register_scan(const ScanEvidence *evidence, Room *room, Registration *regis
 enum { CARRIED = 64 }; /* cells at most */
 
 /* The response of `count` cells from `first` on, after their heights took the shares `gain` of the innovation; `wall`:
- * number of walls before them, which goes on. The response may stand where the one before did. What no displacement
+ * number of walls before them, carried along. The response may stand where the one before did. What no displacement
  * explains any longer is added to the `variance` of these cells [m^2], if it is not NULL. */
 void carry_response(size_t cells, size_t first, size_t count, const RegisteredScan *registered, size_t *wall,
                     const double *before, const double *gain, double *response, double *variance);

@@ -194,7 +194,7 @@ class HeightEstimator:
         """Layer number `layer` (from 1) was printed as `pattern` and scanned: measured (nx, ny) [m], where valid.
 
         factor: (nx, ny) volume of each droplet [1]; in_place: the new response is written over the one before, which
-        nobody needs any longer. Where memory lacks, the estimate before is as it was.
+        nobody needs any longer. If memory runs out, the estimate before is as it was.
         """
         called = library().inkloop_estimate_next
         return self._after(called, before, pattern, layer, measured, valid, factor, in_place)
