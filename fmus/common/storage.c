@@ -8,7 +8,7 @@
 #include <string.h>
 
 enum { ALIGNMENT = 8 };
-enum { LARGE_WORKPLACE = 1 << 20 }; /* bytes from which on memory is taken for each step anew (assumed) */
+enum { LARGE_WORKPLACE = 1 << 20 }; /* bytes; a larger one is allocated anew for each step (assumed) */
 
 static void write_message(char message[MESSAGE_SIZE], const char *format, va_list arguments) {
     vsnprintf(message, MESSAGE_SIZE, format, arguments);

@@ -334,14 +334,14 @@ def test_wait_is_told_after_two_seconds_and_then_every_half_minute(
     monkeypatch.setattr(map_folder, "PATIENCE_S", 0.0)
     caplog.set_level(logging.INFO)
     part = profiler(tmp_path, timeout_s=70.0)
-    told = []
+    messages = []
     for now[0] in (0.0, 1.9, 2.0, 10.0, 31.9, 32.0, 33.0, 62.0, 70.0):
         before = len(caplog.records)
         scanned(part, 3)
-        told += [(now[0], record.getMessage()) for record in caplog.records[before:]]
-    assert [time for time, _ in told] == [2.0, 32.0, 62.0]
+        messages += [(now[0], record.getMessage()) for record in caplog.records[before:]]
+    assert [time for time, _ in messages] == [2.0, 32.0, 62.0]
     path = tmp_path / "3.npz"
-    assert told[1][1] == f"layer 3 is printed: waiting for {path} since 32 s (up to 70 s)"
+    assert messages[1][1] == f"layer 3 is printed: waiting for {path} since 32 s (up to 70 s)"
     now[0] = 70.1
     with pytest.raises(ComponentError, match=r"3\.npz did not come within 70 s"):
         scanned(part, 3)

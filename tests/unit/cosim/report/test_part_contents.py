@@ -17,16 +17,9 @@ from inkloop.report.mesh_holes import Hole
 from inkloop.report.model_difference import LayerDifference, ModelDifference
 from inkloop.report.part_report import MeshReport, PartReport
 from inkloop.results.result import Result
-from support.parts import with_part
+from support.parts import TWO_INKS, with_part
 from support.toys import toy_result
 
-TWO_INKS = """shape = "combine"
-op = "union"
-inks = ["A", "B"]
-parts = [
-    { shape = "cuboid", size_x_um = 400.0, size_y_um = 400.0, height_um = 30.0, center_x_um = 450.0 },
-    { shape = "cuboid", size_x_um = 400.0, size_y_um = 600.0, height_um = 20.0, center_x_um = 850.0 },
-]"""
 WALL = """shape = "combine"
 op = "union"
 parts = [

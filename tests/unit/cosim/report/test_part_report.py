@@ -15,7 +15,7 @@ from inkloop.geometry.body import Body
 from inkloop.report.mesh_holes import holes
 from inkloop.report.part_report import MeshReport, PartReport
 from inkloop.scenario.file import Scenario
-from support.parts import with_part
+from support.parts import TWO_INKS, with_part
 from support.places import SCENARIOS
 
 BRACKET = SCENARIOS / "parts" / "bracket.stl"
@@ -123,14 +123,7 @@ def test_bad_arguments_are_refused_by_name(
 
 
 def test_ink_of_two_inks_is_that_of_the_columns(tmp_path: Path) -> None:
-    part = """shape = "combine"
-op = "union"
-inks = ["A", "B"]
-parts = [
-    { shape = "cuboid", size_x_um = 400.0, size_y_um = 400.0, height_um = 30.0, center_x_um = 450.0 },
-    { shape = "cuboid", size_x_um = 400.0, size_y_um = 600.0, height_um = 20.0, center_x_um = 850.0 },
-]"""
-    volumes = PartReport.of(with_part(part, tmp_path), None).volumes
+    volumes = PartReport.of(with_part(TWO_INKS, tmp_path), None).volumes
     assert volumes["A"] * 1e18 == pytest.approx(4 * 4 * 100**2 * 30, rel=1e-6, abs=0.0)
     assert volumes["B"] * 1e18 == pytest.approx(4 * 6 * 100**2 * 20, rel=1e-6, abs=0.0)
 
