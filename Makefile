@@ -71,10 +71,10 @@ $(BIN)/python:
 	@touch $@
 
 check: lint
-	INKLOOP_EXAMPLES_PERCENT=30 $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not long and not system and not compiled' tests/unit
+	INKLOOP_EXAMPLES_PERCENT=20 $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not long and not system and not compiled' tests/unit
 
 test: lint
-	INKLOOP_EXAMPLES_PERCENT=30 $(BIN)/python -m pytest -n 2 --dist loadfile
+	INKLOOP_EXAMPLES_PERCENT=20 $(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: .venv/developer
 	$(BIN)/ruff check .

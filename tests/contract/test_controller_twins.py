@@ -20,7 +20,7 @@ from support.places import SCENARIOS
 
 FOLDER = SCENARIOS
 OF_PYTHON_ALONE = ["bound", "bound_confidence", "bound_valid", "gap", "solve_time"]
-QUICK = ("cuboid", "tilted-substrate", "two-materials")
+QUICK = ("tilted-substrate", "two-materials")
 FIRST_LAYERS = ("pipe-junction", "surface-tension", "tilted-substrate", "two-materials")  # show as much
 
 

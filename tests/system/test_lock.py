@@ -29,6 +29,7 @@ with sole_writer(Path(sys.argv[1])):
         os._exit(0)
     sys.stdin.read()
 """
+PLAIN = ("--no-compare", "--no-pictures")
 STANDING_STILL = """
 import sys
 from inkloop.cli import main
@@ -92,7 +93,7 @@ def test_resume_of_an_active_run_is_refused_and_changes_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "run"
-    with other_process(STANDING_STILL, "run", str(CUBOID), "--out", str(folder), "--no-compare") as process:
+    with other_process(STANDING_STILL, "run", str(CUBOID), "--out", str(folder), *PLAIN) as process:
         before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
         assert main(["resume", str(folder)]) == 1
         assert f"another run writes here, process {process.pid} since" in capsys.readouterr().err
@@ -107,7 +108,7 @@ def test_resume_of_an_active_run_is_refused_and_changes_nothing(
 
 def test_killed_run_is_resumed_without_cleaning_up(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    with other_process(STANDING_STILL, "run", str(CUBOID), "--out", str(folder), "--no-compare") as process:
+    with other_process(STANDING_STILL, "run", str(CUBOID), "--out", str(folder), *PLAIN) as process:
         process.kill()
     assert (folder / LOCK_FILE).exists()
     assert main(["resume", str(folder)]) == 0

@@ -55,7 +55,7 @@ def test_public_names_are_imported_when_they_are_used() -> None:
 @pytest.mark.system
 def test_run_in_memory_is_the_run_of_the_command_line(tmp_path: Path) -> None:
     words = ["--set", "components.controller.alpha=0.5", "--set", "seed=7", "--set", "run.layers_max=2"]
-    assert main(["run", str(CUBOID), "--no-compare", "--out", str(tmp_path / "run"), *words]) == 0
+    assert main(["run", str(CUBOID), "--no-compare", "--no-pictures", "--out", str(tmp_path / "run"), *words]) == 0
     ours = inkloop.run(str(CUBOID), {"components.controller.alpha": 0.5}, seed=7, run={"layers_max": 2})
     stored = inkloop.load(tmp_path / "run")
     assert isinstance(stored, inkloop.Result)
@@ -70,8 +70,8 @@ def test_run_folder_of_the_api_serves_the_commands(tmp_path: Path, capsys: pytes
     stored = inkloop.load(tmp_path / "run")
     assert isinstance(stored, inkloop.Result)
     np.testing.assert_array_equal(stored.final_height, result.final_height)
-    assert main(["report", str(tmp_path / "run")]) == 0
-    assert main(["resume", str(tmp_path / "run")]) == 0
+    assert main(["report", str(tmp_path / "run"), "--no-pictures"]) == 0
+    assert main(["resume", str(tmp_path / "run"), "--no-pictures"]) == 0
     assert "the run is finished (layers_max)" in " ".join(capsys.readouterr().out.split())
     with pytest.raises(inkloop.ResultError, match="is there already and not empty"):
         inkloop.run(CUBOID, SHORT, out=tmp_path / "run")

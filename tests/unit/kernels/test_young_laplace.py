@@ -150,11 +150,11 @@ def test_droplets_on_a_step_agree_with_the_twin(form) -> None:
 
 @FORMS
 def test_layers_on_top_of_each_other_agree_with_the_twin(form) -> None:
-    """Bodies of one to four droplets, three layers deep, resting on the solid in places."""
+    """Bodies of one to four droplets, two layers deep, resting on the solid in places."""
     generator = np.random.default_rng(5)
     ours = Print(4, 4, 5, form)
     twin = ours.height.copy()
-    for _ in range(3):
+    for _ in range(2):
         drops = generator.choice([0.0, 1.0, 1.0, 1.3], (4, 4))
         ours.layer(drops, [(0, 2), (1, 2)])
         for first in (0, 1):
