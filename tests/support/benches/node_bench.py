@@ -152,6 +152,7 @@ class NodeBench:
 
     def __init__(self, *, clock: int = 1000, folder: Path | None = None, **options: float) -> None:
         self.c = library()
+        options = {"nx": 9, "ny": 8, **options}
         chosen = self.c.probe_options()
         for name, value in options.items():
             assert self.c.bench_set(chosen, name.encode(), float(value)), name
@@ -160,7 +161,7 @@ class NodeBench:
         self.bench = ctypes.c_void_p(self.c.bench_create(ctypes.c_void_p(chosen), place, why, ctypes.c_size_t(200)))
         if not self.bench:
             raise ValueError(why.value.decode())
-        self.shape = (int(options.get("nx", 9)), int(options.get("ny", 9)))
+        self.shape = (int(options["nx"]), int(options["ny"]))
         self.count = 1 if options.get("one_node") else 4
         self.clock = clock
         self.master: MasterAlive | None = MasterAlive(LAMP | GATE | MOTION, 1, 7)

@@ -51,7 +51,7 @@ from support.benches.node_bench import (
     pattern_blob,
 )
 
-FULL = np.ones((9, 9), np.uint8)
+FULL = np.ones((9, 8), np.uint8)
 LONG = 5000
 ALIVE = 300  # ms without MasterAlive, in ticks of 5 ms; 350 ms are promised
 

@@ -40,8 +40,8 @@ from support.benches.node_bench import (
     pattern_blob,
 )
 
-FULL = np.ones((9, 9), np.uint8)
-SPARSE = np.eye(9, dtype=np.uint8)
+FULL = np.ones((9, 8), np.uint8)
+SPARSE = np.eye(9, 8, dtype=np.uint8)
 
 
 @pytest.fixture(params=[0, 1], ids=["four nodes", "one node"])

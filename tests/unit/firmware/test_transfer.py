@@ -62,8 +62,8 @@ def test_largest_pattern_goes_through(bits: int) -> None:
 
 
 def test_colours_share_a_layer_out(bench: NodeBench) -> None:
-    assert bench.download(pattern_blob(np.ones((9, 9))), 1) == 0
-    i, j = np.indices((9, 9))
+    assert bench.download(pattern_blob(np.ones((9, 8))), 1) == 0
+    i, j = np.indices((9, 8))
     for number, colour in enumerate((3, 1, 0, 2)):
         before = bench.surface.copy()
         assert bench.run(PASS, layer=1, which=number, option=bytes([colour])) == DONE
@@ -90,20 +90,20 @@ def test_pattern_that_this_head_cannot_print_is_refused(bench: NodeBench, head: 
 
 @pytest.mark.parametrize("change", [-1, 1])
 def test_pattern_of_another_length_than_its_header_states_is_refused(bench: NodeBench, change: int) -> None:
-    blob = pattern_blob(np.ones((9, 9)))
+    blob = pattern_blob(np.ones((9, 8)))
     assert bench.download(blob[:-1] if change < 0 else blob + b"\0", 1) == -RANGE
     assert bench.state().state == "IDLE"
 
 
 @pytest.mark.parametrize("begun", [b"\x05", b"\x90"], ids=["literal bytes", "a run"])
 def test_coded_pattern_that_ends_before_its_last_code_is_refused(bench: NodeBench, begun: bytes) -> None:
-    coded = run_length(pattern_blob(np.eye(9)))
+    coded = run_length(pattern_blob(np.eye(9, 8)))
     assert bench.download(coded + begun, 1, coded=0x10) == -RANGE
     assert bench.download(coded, 1, coded=0x10) == 0
 
 
 def test_material_that_does_not_exist_is_refused(bench: NodeBench) -> None:
-    assert bench.download(pattern_blob(np.full((9, 9), 3)), 1) == -RANGE
+    assert bench.download(pattern_blob(np.full((9, 8), 3)), 1) == -RANGE
 
 
 @settings(max_examples=100)
@@ -117,14 +117,14 @@ def test_no_bytes_overrun_the_memory_of_the_pattern(cells: bytes, coded: int) ->
 
 
 def test_altered_byte_is_found_and_the_pattern_can_be_sent_again(bench: NodeBench) -> None:
-    blob = pattern_blob(np.ones((9, 9)))
+    blob = pattern_blob(np.ones((9, 8)))
     assert bench.download(blob, 1, crc=zlib.crc32(blob) ^ 1) == -CHECKSUM
     assert not bench.state().pattern_loaded
     assert bench.download(blob, 1) == 0
 
 
 def test_block_is_taken_once_and_only_in_its_turn(bench: NodeBench) -> None:
-    blob = pattern_blob(np.ones((9, 9)))
+    blob = pattern_blob(np.ones((9, 8)))
     first, second = b"\x36\x01" + blob[:10], b"\x36\x02" + blob[10:]
     assert bench.raw(first) == bytes((0x7F, 0x36, SEQUENCE))
     assert bench.raw(begin(len(blob))) == bytes.fromhex("74200FFF")
@@ -138,7 +138,7 @@ def test_block_is_taken_once_and_only_in_its_turn(bench: NodeBench) -> None:
 
 
 def test_more_bytes_than_announced_end_the_transfer(bench: NodeBench) -> None:
-    blob = pattern_blob(np.ones((9, 9)))
+    blob = pattern_blob(np.ones((9, 8)))
     bench.raw(begin(len(blob)))
     assert bench.raw(b"\x36\x01" + blob + b"\0") == bytes((0x7F, 0x36, SUSPENDED))
     assert bench.state().state == "IDLE"
@@ -159,7 +159,7 @@ def test_counter_continues_with_0_after_255() -> None:
 
 
 def test_map_is_what_the_sensor_read(bench: NodeBench) -> None:
-    bench.print_layer(np.eye(9), 1)
+    bench.print_layer(np.eye(9, 8), 1)
     assert bench.scan(1) == DONE
     found, valid = heights(bench.upload(1), 1e-7)
     assert valid.all()
@@ -209,25 +209,25 @@ def test_all_blocks_of_a_map_are_of_one_scan(bench: NodeBench) -> None:
 
 def test_node_reports_how_far_a_transfer_has_come(bench: NodeBench) -> None:
     progress = Struct(">BBHIII")
-    blob = pattern_blob(np.ones((9, 9)))
+    blob = pattern_blob(np.ones((9, 8)))
     bench.raw(begin(len(blob), layer=1))
     assert progress.unpack(bench.raw(b"\x22\x01\x04")[3:]) == (1, 1, 1, 7, 0, len(blob))
     for _ in range(2):
         bench.raw(b"\x36\x01" + blob[:10])
         assert progress.unpack(bench.raw(b"\x22\x01\x04")[3:]) == (1, 2, 1, 7, 10, len(blob))
     assert bench.scan(0) == DONE
-    bench.raw(pack(">BBBII", 0x35, 0, 0x44, 0, 185), PROFILER)
+    bench.raw(pack(">BBBII", 0x35, 0, 0x44, 0, 165), PROFILER)
     bench.raw(b"\x36\x01", PROFILER, 100)
-    assert progress.unpack(bench.raw(b"\x22\x01\x04", PROFILER)[3:]) == (3, 2, 0, 7, 98, 185)
+    assert progress.unpack(bench.raw(b"\x22\x01\x04", PROFILER)[3:]) == (3, 2, 0, 7, 98, 165)
 
 
 def test_map_marks_invalid_cells_and_stands_on_a_datum_when_the_part_is_tall() -> None:
     with NodeBench(dropout_rate=0.3, sensor_seed=4) as bench:
         bench.ready()
-        bench.surface[:] = 5e-3 + 1e-6 * np.arange(81).reshape(9, 9)
+        bench.surface[:] = 5e-3 + 1e-6 * np.arange(72).reshape(9, 8)
         assert bench.scan(0) == DONE
         found, valid = heights(bench.upload(0), 1e-7)
-        assert 0 < valid.sum() < 81
+        assert 0 < valid.sum() < 72
         np.testing.assert_allclose(found[valid], bench.surface[valid], atol=0.51e-7)
         assert not found[~valid].any()
 
@@ -235,7 +235,7 @@ def test_map_marks_invalid_cells_and_stands_on_a_datum_when_the_part_is_tall() -
 def test_all_heights_are_in_a_map_that_spans_as_much_as_16_bits_hold() -> None:
     with NodeBench() as bench:
         bench.ready()
-        bench.surface[:] = np.linspace(0.0, 6.5e-3, 81).reshape(9, 9)
+        bench.surface[:] = np.linspace(0.0, 6.5e-3, 72).reshape(9, 8)
         assert bench.scan(0) == DONE
         found, valid = heights(bench.upload(0), 1e-7)
         assert valid.all()
@@ -243,12 +243,12 @@ def test_all_heights_are_in_a_map_that_spans_as_much_as_16_bits_hold() -> None:
 
 
 def test_map_before_any_scan_or_of_another_layer_is_refused(bench: NodeBench) -> None:
-    request = pack(">BBBII", 0x35, 0, 0x44, 0, 185)
+    request = pack(">BBBII", 0x35, 0, 0x44, 0, 165)
     assert bench.raw(request, PROFILER) == bytes((0x7F, 0x35, SEQUENCE))
     assert bench.scan(0) == DONE
     assert bench.raw(request, PROFILER)[0] == 0x75
-    assert bench.raw(pack(">BBBII", 0x35, 0, 0x44, 1, 185), PROFILER) == bytes((0x7F, 0x35, SEQUENCE))
-    assert bench.raw(pack(">BBBII", 0x35, 0, 0x44, 0, 184), PROFILER) == bytes((0x7F, 0x35, RANGE))
+    assert bench.raw(pack(">BBBII", 0x35, 0, 0x44, 1, 165), PROFILER) == bytes((0x7F, 0x35, SEQUENCE))
+    assert bench.raw(pack(">BBBII", 0x35, 0, 0x44, 0, 164), PROFILER) == bytes((0x7F, 0x35, RANGE))
 
 
 def test_large_map_is_whole() -> None:

@@ -17,6 +17,7 @@ from inkloop_controller.estimation.height_estimator import Estimate, HeightEstim
 from inkloop_controller.model.layer_model import LayerModel
 from support.closed_loop import SECOND, block, inputs_of
 from support.long_proofs import rest_is_long
+from support.numpy import registration_numpy
 
 LAYERS_MAX = 60
 
@@ -280,3 +281,46 @@ def test_shift_is_never_more_than_four_cells_and_no_response_is_kept_where_none_
     estimate = without.first(surface, seen)
     np.testing.assert_array_equal(estimate.response, 0.0)
     np.testing.assert_array_equal(without.next(estimate, nothing, 1, surface, seen).response, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("shift", "spot", "passes", "found"),
+    [
+        ((0.3, -0.15), 0.0, 1, (True, False)),
+        ((-0.7, 1.4), 0.0, 4, (True, False)),
+        ((0.2, 0.4), 0.7, 1, (True, True)),
+        ((0.0, 0.0), 0.8, 1, (False, False)),  # from one scan to the next a sensor's spot does not widen
+        ((0.0, 0.02), 0.0, 1, (False, False)),
+    ],
+    ids=["shift", "cells", "both", "spot", "little"],
+)
+def test_registration_is_that_of_its_numpy_statement(
+    shift: tuple[float, float], spot: float, passes: int, found: tuple[bool, bool]
+) -> None:
+    """Tilted, noisy scans of a rough block on an oblong grid beside an older one, shifted from the second scan on."""
+    job, rng = block(21, 26, passes=passes, inks=(Ink(4.1e-6, 0.7e-6, 0.3e-6),)), np.random.default_rng(4)
+    job.mask[:, :12] = False
+    ours = HeightEstimator(job, adapt_ink="off", sensor_noise_std=0.4e-6)
+    stated = registration_numpy.Estimator(job, 0.16e-12)
+    plant, (i, j) = LayerModel.of(job), np.indices(job.mask.shape)
+    surface = rng.uniform(2e-6, 5e-6, job.mask.shape) + np.where((abs(i - 10) < 6) & (abs(j - 5) < 3), 90e-6, 0.0)
+    surface[job.mask] += 40e-6
+    sensor = Sensor(shift, spot=spot, noise=0.4e-6, dropout=0.03)
+    scan, seen = Sensor(noise=0.4e-6, dropout=0.03).scan(surface, rng)
+    estimate, state = ours.first(scan, seen), stated.first(scan, seen)
+    np.testing.assert_allclose(estimate.response, state.response, rtol=1e-9, atol=1e-18)
+    for layer in range(1, 4):
+        pattern = (job.mask & (rng.random(job.mask.shape) < 0.8)).astype(np.int32)
+        surface = plant.layer(surface, pattern, layer, 1.0 - 0.2 * rng.random(job.mask.shape))
+        scan, seen = sensor.scan(surface, rng)
+        scan += layer * (1e-6 + 0.1e-6 * i - 0.05e-6 * j)
+        estimate, state = ours.next(estimate, pattern, layer, scan, seen), stated.next(state, pattern, scan, seen)
+        for name, value in vars(state.found).items():
+            np.testing.assert_allclose(
+                getattr(estimate.registration, name), value, rtol=1e-6, atol=1e-12, err_msg=f"{name} {layer}"
+            )
+        np.testing.assert_allclose(estimate.response, state.response, rtol=1e-6, atol=1e-14)
+        np.testing.assert_allclose(estimate.height, state.height, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(estimate.height_variance, state.variance, rtol=1e-6, atol=0.0)
+        np.testing.assert_array_equal(estimate.unseen, state.unseen)
+    assert (estimate.registration.has_shift, estimate.registration.has_wide_spot) == found
