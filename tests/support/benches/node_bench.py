@@ -210,6 +210,20 @@ class NodeBench:
         for node in range(self.count):
             self.c.probe_frame(node, ctypes.c_uint32(frame.arbitration_id), data, len(data), now)
 
+    def sent(self, node: int = HEAD) -> Frame | None:
+        """What a node on the bus sends next."""
+        number, data = ctypes.c_uint32(), ctypes.create_string_buffer(8)
+        length = self.c.probe_next(node, ctypes.c_uint32(self.clock), ctypes.byref(number), data)
+        return Frame(number.value, data.raw[:length]) if length else None
+
+    def measured(self, node: int, memory: Any, now: int) -> Frame | None:
+        """The measurement that an emulated node sends now; memory: of when it last did."""
+        number, data = ctypes.c_uint32(), ctypes.create_string_buffer(8)
+        length = self.c.probe_measurement(
+            self.bench, memory, node, ctypes.c_uint32(now), ctypes.byref(number), data
+        )
+        return Frame(number.value, data.raw[:length]) if length else None
+
     def stop(self, active: bool) -> None:
         for node in range(self.count):
             self.c.node_stop_request(self.node(node), ctypes.c_uint32(self.clock), ctypes.c_bool(active))
@@ -296,7 +310,8 @@ class NodeBench:
 
     def upload(self, layer: int, node: int = PROFILER, block: int = 4095) -> bytes:
         """The bytes of the height map; the checksum is checked."""
-        size, _nx, _ny = unpack(">IHH", self.raw(b"\x22\x01\x03", node)[3:])
+        size, *shape = unpack(">IHH", self.raw(b"\x22\x01\x03", node)[3:])
+        assert tuple(shape) == self.shape
         assert self.raw(pack(">BBBII", 0x35, 0, 0x44, layer, size), node)[0] == 0x75
         found, number = b"", 0
         while len(found) < size:

@@ -108,6 +108,25 @@ def test_gate_is_closed_300_ms_after_the_last_master_alive(bench: NodeBench) -> 
     assert ALIVE <= times.gate_closed - times.master_alive <= ALIVE + 5
 
 
+@pytest.mark.parametrize(("passed", "state"), [(ALIVE - 1, "CURING"), (ALIVE, "SAFE")])
+def test_master_counts_as_lost_in_the_very_millisecond(bench: NodeBench, passed: int, state: str) -> None:
+    begin_cure(bench)
+    bench.send_keep_alive()
+    bench.master = None
+    bench.tick(passed, step=1)
+    assert bench.state(CURE).state == state
+
+
+@pytest.mark.parametrize(("passed", "outcome"), [(ALIVE - 1, -NRC_CONDITIONS), (ALIVE, DONE)])
+def test_second_master_counts_as_silent_in_the_very_millisecond(bench: NodeBench, passed: int, outcome: int) -> None:
+    bench.send_keep_alive(MasterAlive(LAMP | GATE | MOTION, 2, 7))
+    for _ in range(passed):
+        bench.tick(1, step=1)
+        if bench.clock % 50 == 0:
+            bench.send_keep_alive()
+    assert bench.clear(CURE, 1) == outcome
+
+
 def test_all_nodes_go_safe_when_the_master_is_lost_and_idle_ones_resume_without_a_person(bench: NodeBench) -> None:
     kept, bench.master = bench.master, None
     bench.tick(400)
