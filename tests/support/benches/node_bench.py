@@ -219,9 +219,7 @@ class NodeBench:
     def measured(self, node: int, memory: Any, now: int) -> Frame | None:
         """The measurement that an emulated node sends now; memory: of when it last did."""
         number, data = ctypes.c_uint32(), ctypes.create_string_buffer(8)
-        length = self.c.probe_measurement(
-            self.bench, memory, node, ctypes.c_uint32(now), ctypes.byref(number), data
-        )
+        length = self.c.probe_measurement(self.bench, memory, node, ctypes.c_uint32(now), ctypes.byref(number), data)
         return Frame(number.value, data.raw[:length]) if length else None
 
     def stop(self, active: bool) -> None:

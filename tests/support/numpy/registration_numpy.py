@@ -28,19 +28,22 @@ def _weights(radius: float) -> Any:
 
 
 @cache
-def spot(spread: float) -> Any:
-    """Weights of the cells along a line whose variance is `spread` [cells^2]."""
+def radius(spread: float) -> float:
+    """Standard deviation of the Gaussian whose weights over the cells have this variance [cells^2] [cells]."""
     if spread < 1e-9:
-        return np.ones(1)
+        return 0.0
 
-    def variance(radius: float) -> float:
-        weights = _weights(radius)
+    def variance(tried: float) -> float:
+        weights = _weights(tried)
         places = np.arange(len(weights)) - len(weights) // 2
         return float(weights @ places**2 / weights.sum())
 
-    # where a cell more comes within reach the variance jumps: the radius is found between jumps
-    found = brentq(lambda radius: variance(radius) - spread, 0.05, 16.0, xtol=1e-15, rtol=1e-15)
-    return _weights(found)
+    return float(brentq(lambda tried: variance(tried) - spread, 0.05, 16.0, xtol=1e-15, rtol=1e-15))
+
+
+def spot(spread: float) -> Any:
+    """Weights of the cells along a line whose variance is `spread` [cells^2]."""
+    return _weights(radius(spread)) if spread >= 1e-9 else np.ones(1)
 
 
 def read(height: Any, x: float, y: float, spread: float) -> Any:
@@ -91,6 +94,13 @@ class Found:
     def mask(self) -> Any:
         """Which of the displacements are corrected."""
         return np.array([self.has_shift, self.has_shift, self.has_wide_spot])
+
+    @property
+    def displacement(self) -> tuple[float, ...]:
+        """Shift along x and y and the larger of its errors, radius of the spot and its error [cells]."""
+        spread = float(self.estimate[2]) if self.has_wide_spot else 0.0
+        error = radius(spread + float(np.sqrt(self.covariance[2, 2]))) - radius(spread)
+        return *self.estimate[:2], float(np.sqrt(np.diag(self.covariance)[:2].max())), radius(spread), error
 
 
 @dataclass(frozen=True)

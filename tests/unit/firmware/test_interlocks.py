@@ -11,6 +11,7 @@ from support.benches.node_bench import (
     CURE,
     CURE_ROUTINE,
     DONE,
+    DRY_RUN,
     ENABLE_DROPPED,
     GATE,
     GATE_NOT_CONFIRMED,
@@ -444,3 +445,50 @@ def test_pass_needs_motion_where_head_and_stage_are_one_node() -> None:
         bench.master = MasterAlive(GATE, 1, 7)
         assert off_after(bench, HEAD) == ("SAFE", ENABLE_DROPPED)
         assert bench.state().unknown == 1
+
+
+@pytest.mark.parametrize("one_node", [0, 1])
+def test_dry_run_needs_motion_alone(one_node: int) -> None:
+    """Neither lamp nor gate is switched; a stage moves."""
+    head, cure = (HEAD, HEAD) if one_node else (HEAD, CURE)
+    with NodeBench(one_node=one_node, pass_ms=LONG) as bench:
+        bench.ready()
+        for node in {head, cure}:
+            assert bench.run(DRY_RUN, node, option=b"\1") == DONE
+        bench.master = MasterAlive(MOTION, 1, 7)
+        bench.tick(100)
+        assert bench.download(pattern_blob(FULL, passes=1), 1) == 0
+        assert bench.raw(bench.routine(PASS, 1, option=b"\xff")) == b"\x7f\x31\x78"
+        bench.tick(LONG + 100)
+        assert bench.late()[4] == DONE
+        assert bench.raw(bench.routine(CURE_ROUTINE, 1, option=b"\x01\xf4"), cure) == b"\x7f\x31\x78"
+        bench.tick(1000)
+        assert bench.late(cure)[4] == DONE
+        assert bench.counted(GATE_OPENINGS) == bench.counted(LAMP_PULSES) == 0
+
+
+@pytest.mark.parametrize(
+    ("node", "milliseconds", "own", "others"), [(HEAD, 0, GATE, LAMP | MOTION), (CURE, LONG, LAMP, GATE | MOTION)]
+)
+def test_self_test_needs_the_enable_of_what_it_switches(node: int, milliseconds: int, own: int, others: int) -> None:
+    with NodeBench(gate_ms=300) as bench:
+        bench.ready()
+        request = bench.routine(SELF_TEST, option=milliseconds.to_bytes(2, "big"))
+        bench.master = MasterAlive(others, 1, 7)
+        bench.tick(100)
+        assert bench.raw(request, node)[:3] == bytes((0x7F, 0x31, NRC_CONDITIONS))
+        bench.master = MasterAlive(own, 1, 7)
+        bench.tick(100)
+        assert bench.raw(request, node) == b"\x7f\x31\x78"
+        bench.tick(200)
+        assert bench.state(node).state == "IDLE"
+        bench.master = MasterAlive(others, 1, 7)
+        assert off_after(bench, node) == ("SAFE", ENABLE_DROPPED)
+
+
+def test_lamp_node_that_switches_off_closes_the_gate_as_well(bench: NodeBench) -> None:
+    begin_pass(bench)
+    bench.c.node_supervision(bench.node(CURE), bench.clock, False)
+    bench.tick()
+    assert (bench.state().state, bench.state().cause) == ("FAULT", GATE_NOT_CONFIRMED)
+    assert bench.state(CURE).state == "SAFE"

@@ -153,7 +153,7 @@ def test_flags_of_the_state_are_told_apart(bench: NodeBench) -> None:
 
 
 def test_limits_and_times_of_a_session_are_those_of_the_page(bench: NodeBench) -> None:
-    """Bytes of a pattern (two bits for each cell), then alive, lamp, gate, pass, motion, scan [ms], bytes of a block."""
+    """Bytes of a pattern (two bits a cell), alive, lamp, gate, pass, motion, scan [ms], bytes of a block."""
     found = unpack(">7IH", bench.raw(b"\x22\x01\x02")[3:])
     assert found == (18, 300, 10_000, 500, 120_000, 30_000, 60_000, 4095)
     assert bench.raw(b"\x22\x01\x02", CURE)[3:7] == bytes(4), "it takes no pattern"
