@@ -492,3 +492,30 @@ def test_lamp_node_that_switches_off_closes_the_gate_as_well(bench: NodeBench) -
     bench.tick()
     assert (bench.state().state, bench.state().cause) == ("FAULT", GATE_NOT_CONFIRMED)
     assert bench.state(CURE).state == "SAFE"
+
+
+def test_second_master_asks_for_a_person(bench: NodeBench) -> None:
+    bench.send_keep_alive(MasterAlive(LAMP | GATE | MOTION, 2, 7))
+    bench.tick(400)
+    assert bench.clear(CURE) == -NRC_CONDITIONS
+    assert bench.clear(CURE, 1) == DONE
+
+
+def test_time_of_switching_off_is_that_of_the_first_cause(bench: NodeBench) -> None:
+    bench.stop(True)
+    first = bench.clock
+    bench.tick(100)
+    bench.stop(True)
+    bench.master = None
+    bench.tick(500)
+    assert bench.times(CURE).off == first
+
+
+def test_map_of_a_node_that_went_safe_is_scanned_again(bench: NodeBench) -> None:
+    assert bench.scan(0) == DONE
+    bench.stop(True)
+    bench.stop(False)
+    assert bench.clear(PROFILER, 1) == DONE
+    assert bench.raw(b"\x22\x01\x00", PROFILER)[6] & 16 == 0
+    assert bench.raw(bench.routine(SCAN, kind=3), PROFILER)[4] == 4, "never"
+    assert bench.raw(b"\x22\x01\x03", PROFILER)[3:7] == bytes(4)

@@ -268,3 +268,46 @@ def test_session_and_tester_present_answer_as_iso_14229_requires(bench: NodeBenc
     assert bench.raw(b"\x3e\x01") == b"\x7f\x3e\x12"
     assert bench.raw(b"\x99") == b"\x7f\x99\x11"
     assert bench.raw(b"\x22\x99\x99") == b"\x7f\x22\x31"
+
+
+@pytest.mark.parametrize(("size", "accepted"), [(8, False), (9, True), (44, True), (45, False)])
+def test_size_of_a_pattern_has_limits(bench: NodeBench, size: int, accepted: bool) -> None:
+    """More than its head, and at most twice the 18 bytes of the grid beside it."""
+    answer = bench.raw(begin(size, layer=1))
+    assert answer[0] == 0x74 if accepted else answer == bytes((0x7F, 0x34, RANGE))
+
+
+def test_reserved_byte_of_a_pattern_is_zero(bench: NodeBench) -> None:
+    blob = bytearray(pattern_blob(np.ones((9, 8))))
+    blob[7] = 1
+    assert bench.download(bytes(blob), 1) == -RANGE
+
+
+def test_map_of_an_earlier_layer_is_refused(bench: NodeBench) -> None:
+    assert bench.scan(0) == DONE
+    assert bench.scan(1) == DONE
+    assert bench.raw(pack(">BBBII", 0x35, 0, 0x44, 0, 165), PROFILER) == bytes((0x7F, 0x35, SEQUENCE))
+    assert bench.raw(pack(">BBBII", 0x35, 0, 0x44, 1, 165), PROFILER)[0] == 0x75
+
+
+def test_pattern_whose_successor_is_given_up_is_gone(bench: NodeBench) -> None:
+    blob = pattern_blob(np.ones((9, 8)))
+    assert bench.download(blob, 1) == 0
+    assert bench.state().state == "VERIFIED"
+    assert bench.download(blob, 1, crc=1) < 0
+    assert (bench.state().state, bench.state().pattern_loaded) == ("IDLE", False)
+
+
+@pytest.mark.parametrize("shape", [(9, 7), (8, 8), (8, 9)])
+def test_pattern_of_another_grid_is_not_jetted(bench: NodeBench, shape: tuple[int, int]) -> None:
+    assert bench.download(pattern_blob(np.ones(shape), passes=1), 1) == 0
+    assert bench.run(PASS, layer=1, option=b"\xff") < 0
+    assert not bench.surface.any()
+
+
+def test_map_far_below_the_datum_is_whole(bench: NodeBench) -> None:
+    bench.surface[:] = -5e-3 + 1e-6 * np.arange(72).reshape(9, 8)
+    assert bench.scan(0) == DONE
+    found, valid = heights(bench.upload(0), 1e-7)
+    assert valid.all()
+    np.testing.assert_allclose(found, bench.surface, atol=0.51e-7)
