@@ -185,6 +185,21 @@ def test_layer_that_was_abandoned_shows_no_displacement() -> None:
     assert registered(job, scan, 1).registration.has_shift
 
 
+@pytest.mark.parametrize("shift", [(0.02, -0.03), (0.3, 0.2)], ids=["too little", "corrected"])
+def test_layer_that_was_abandoned_makes_what_is_known_of_the_shift_older(shift: tuple[float, float]) -> None:
+    """By a step from scan to scan; nothing of it is forgotten, whether scans are corrected for it or not."""
+    job, rngs = block(20, 17), [np.random.default_rng(1) for _ in range(2)]
+    sensor = Sensor(shift, noise=0.2e-6)
+    before = registered(job, lambda height: sensor.scan(height, rngs[0])[0], 5).registration
+    after = registered(job, lambda height: sensor.scan(height, rngs[1])[0], 6, unknown=True).registration
+    assert np.abs(before.estimate[:2]).min() > 0.005
+    assert before.has_shift == after.has_shift == (shift == (0.3, 0.2))
+    np.testing.assert_allclose(after.estimate, before.estimate, rtol=1e-9, atol=0.0)
+    older = np.diag([before.steps_variance, before.steps_variance, 1e-6])
+    np.testing.assert_allclose(after.covariance, before.covariance + older, rtol=1e-6, atol=1e-12)
+    assert (after.scans, after.misfit) == (before.scans, before.misfit)
+
+
 def by_height_alone(sensor: Sensor, seed: int) -> tuple[list[bool], Any, Any]:
     """A cylinder on the plant of Wu and Chiu, whose droplets no ink describes; a droplet falls where one is missing.
 
