@@ -161,6 +161,15 @@ def test_reset_gives_back_the_grid_of_the_start() -> None:
         assert used.save() == new.save()
 
 
+@EVERY_MODEL
+def test_grid_that_is_turned_is_another_one_of_as_many_cells(model) -> None:
+    with Driver(model, nx=3, ny=4) as new, Driver(model, nx=4, ny=3) as turned:
+        assert turned.restore(new.save()) == ERROR
+        assert turned.resize(3, 4) == OK
+        assert turned.save() == new.save()
+        assert turned.restore(new.save()) == OK
+
+
 @EVERY_FORM
 @EVERY_MODEL
 def test_state_of_another_model_grid_or_length_is_refused(model, form) -> None:
