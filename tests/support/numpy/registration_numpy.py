@@ -118,7 +118,7 @@ class Evidence:
 
     def shifted(self, whole: Any) -> tuple[Any, Any]:
         """(scan, seen) on the cells of the plant, of a shift of whole cells."""
-        cells = np.stack(np.indices(self.scan.shape), axis=-1) - whole.astype(int)
+        cells = np.moveaxis(np.indices(self.scan.shape), 0, -1) - whole.astype(int)
         inside = np.all((cells >= 0) & (cells < self.scan.shape), axis=-1)
         at = tuple(np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0))
         return self.scan[at], inside & self.valid[at]

@@ -127,8 +127,9 @@ def test_fault_is_sent_at_once_then_every_second_until_it_is_over(bench: NodeBen
     assert times[:3] == [0, 1000, 2000]
     assert len(times) == 4
     assert 2300 <= times[3] < 2310
-    stopped = NodeFault(Node.HEAD, Fault.STOP_REQUEST, 1, 1, pytest.approx(began / 1e3, rel=1e-9, abs=0.0))
-    assert [fault for _, fault in faults[:3]] == [stopped] * 3
+    stopped = [(fault.node, fault.fault, fault.pass_, fault.layer) for _, fault in faults[:3]]
+    assert stopped == [(Node.HEAD, Fault.STOP_REQUEST, 1, 1)] * 3
+    assert {round(1e3 * fault.node_time, 6) for _, fault in faults[:3]} == {began}
     over = faults[3][1]
     assert (over.fault, over.layer) == (Fault.NONE, 1)
     assert over.node_time == pytest.approx((began + times[3]) / 1e3, rel=1e-9, abs=0.0)
